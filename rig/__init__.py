@@ -1,0 +1,1 @@
+"""Indentation rig controller: protocols, engine, drivers, data and reports."""

@@ -1,0 +1,1 @@
+"""Finite-element fingertip and virtual devices."""
