@@ -1,0 +1,69 @@
+"""The fingertip model's parameters: every number that the source leaves free, with its default and unit.
+
+Values marked [free] are not given by Raju (1998); `docs/model.md` says where each default comes from.
+"""
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class _Settings(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Geometry(_Settings):
+    """Shape of the finger where the 24 published points say nothing; lengths in mm. [free]"""
+
+    length_mm: float = Field(12.75, gt=10, lt=30)
+    proximal_apex_mm: float = Field(2.6, gt=0.5, lt=8, description="height of the top profile at z = 0")
+    proximal_half_width_mm: float = Field(3.4, gt=0.5, lt=10)
+    proximal_lean_mm: float = Field(-0.6, gt=-3, lt=3, description="lateral shift of the pulp at z = 0")
+    tip_radius_mm: float = Field(1.0, gt=0.2, lt=4, description="radius of the blunt section at the distal tip")
+    nail_depth_ratio: float = Field(0.75, gt=0.2, lt=2, description="depth of the nail side / height of the pulp")
+    stiffness_of_fit: float = Field(0.06, gt=0, lt=10, description="weight of the surface's second derivatives")
+
+
+class Tissue(_Settings):
+    """Layers from the outside in. Ratios of E and Poisson's ratio: Raju (1998, ch. 3); thicknesses [free]."""
+
+    epidermis_mm: float = Field(0.4, gt=0.05, lt=1.0)
+    dermis_mm: float = Field(0.8, gt=0.1, lt=2.0)
+    bone_fraction: float = Field(0.32, gt=0.05, lt=0.6, description="bone radius / section radius")
+    e_dermis: float = Field(0.1, gt=1e-6, le=10, description="E / E(epidermis)")
+    e_fat: float = Field(0.1, gt=1e-6, le=10, description="E / E(epidermis)")
+    e_bone: float = Field(1.0e4, ge=1, le=1e10, description="E / E(epidermis), for an elastic bone")
+    poisson: float = Field(0.48, ge=0, lt=0.5)
+    bone: Literal["rigid", "elastic"] = "rigid"
+    nail_arc_deg: float = Field(140.0, ge=0, le=200, description="dorsal arc whose skin nodes are fixed")
+    nail_from_z_mm: float = Field(5.0, ge=0, le=20)
+
+
+class MeshSpec(_Settings):
+    """Node spacing; mm. `patch_*` bound the nodes that an indentor may touch."""
+
+    spacing_mm: float = Field(0.17, gt=0.02, le=1.0, description="lateral and axial, on the pulp")
+    patch_x_mm: float = Field(3.3, gt=0.5, le=4.0)
+    patch_z_mm: float = Field(3.5, gt=0.5, le=4.5)
+    epidermis_elements: int = Field(2, ge=1, le=8)
+    dermis_spacing_mm: float = Field(0.2, gt=0.02, le=1.0)
+    dermis_fine_depth_mm: float = Field(1.2, gt=0.2, le=3.0)
+    growth: float = Field(1.2, gt=1.0, le=2.0)
+    near_spacing_mm: float = Field(0.5, gt=0.05, le=2.0, description="largest element just outside the patch")
+    near_width_mm: float = Field(1.5, gt=0, le=5.0)
+    far_spacing_mm: float = Field(1.5, gt=0.05, le=3.0)
+    element: Literal["bbar", "full"] = "bbar"
+
+
+class FingertipConfig(_Settings):
+    """Everything that makes a condensed fingertip model; its hash names the cached model."""
+
+    geometry: Geometry = Geometry()
+    tissue: Tissue = Tissue()
+    mesh: MeshSpec = MeshSpec()
+    receptor_plane_from_tip_mm: float = Field(5.857, gt=1, lt=12, description="Raju (1998): 5.86 from the tip")
+
+    @property
+    def receptor_plane_mm(self) -> float:
+        """Axial position of the receptor plane, mm from the proximal edge (6.893 by default)."""
+        return self.geometry.length_mm - self.receptor_plane_from_tip_mm

@@ -1,0 +1,1 @@
+"""Rigid frictionless contact on a condensed patch."""

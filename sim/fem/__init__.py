@@ -1,0 +1,1 @@
+"""Elements, assembly and condensation."""

@@ -1,0 +1,30 @@
+"""Sparse assembly of element matrices, 3×3 block by 3×3 block."""
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+def assemble_upper(stiffness: Array, hexes: Ints, n_nodes: int) -> sp.csr_array:
+    """Upper triangle of the (3 n_nodes, 3 n_nodes) stiffness from (n, 24, 24) element matrices."""
+    a, b = np.triu_indices(8)
+    rows, cols = hexes[:, a], hexes[:, b]
+    blocks = stiffness.reshape(-1, 8, 3, 8, 3).swapaxes(2, 3)[:, a, b]
+    below = rows > cols
+    blocks[below] = blocks[below].swapaxes(-1, -2)
+    key = np.where(below, cols * n_nodes + rows, rows * n_nodes + cols).ravel()
+    order = np.argsort(key, kind="stable")
+    starts = np.flatnonzero(np.concatenate([[True], np.diff(key[order]) > 0]))
+    summed = np.add.reduceat(blocks.reshape(-1, 9)[order], starts, axis=0).reshape(-1, 3, 3)
+    unique = key[order][starts]
+    indptr = np.searchsorted(unique // n_nodes, np.arange(n_nodes + 1))
+    shape = (3 * n_nodes, 3 * n_nodes)
+    return sp.triu(sp.bsr_array((summed, unique % n_nodes, indptr), shape=shape), format="csr")
+
+
+def symmetric(upper: sp.csr_array) -> sp.csr_array:
+    """The whole matrix of an upper triangle."""
+    return sp.csr_array(upper + sp.triu(upper, k=1).T)

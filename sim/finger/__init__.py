@@ -1,0 +1,1 @@
+"""Geometry and mesh of the fingertip."""

@@ -1,0 +1,208 @@
+"""Layered hexahedral mesh of the fingertip, graded away from the contact patch."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.config import FingertipConfig, MeshSpec, Tissue
+from sim.finger.surface import FingertipSurface
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+EPIDERMIS, DERMIS, FAT, BONE = range(4)
+
+
+class MeshError(ValueError):
+    """The geometry and the mesh settings do not make a valid mesh."""
+
+
+@dataclass(frozen=True)
+class FingerMesh:
+    """hex8 mesh on a grid (axial, circumferential, radial); radial index 0 is the skin."""
+
+    nodes: Array  # (n_nodes, 3) mm
+    hexes: Ints  # (n_elements, 8) VTK order
+    layer: Ints  # (n_elements,) EPIDERMIS, DERMIS, FAT or BONE
+    fixed: NDArray[np.bool_]  # (n_nodes,)
+    grid: tuple[int, int, int]  # nodes along z, φ and the radius
+    phi: Array  # (grid[1],) rad
+    z_mm: Array  # (grid[0],)
+    patch_nodes: Ints  # skin nodes that an indentor may touch
+    patch_shape: tuple[int, int]  # rows along z, columns along φ
+    patch_area_mm2: Array  # (n_patch,) tributary undeformed area
+    receptor_row: int  # row of the patch that lies in the receptor plane
+
+    @cached_property
+    def element_grid(self) -> Ints:
+        """Element numbers on the (axial, circumferential, radial) grid."""
+        return np.arange(len(self.hexes)).reshape(self.grid[0] - 1, self.grid[1], self.grid[2] - 1)
+
+
+def build_mesh(config: FingertipConfig, surface: FingertipSurface) -> FingerMesh:
+    """Mesh with element faces on the layer interfaces; raises MeshError when an element is folded."""
+    z_mm, z_fine = _axial_grid(config)
+    phi, phi_fine = _circumferential_grid(config, surface)
+    nodes, layers = _place_nodes(config, surface, phi, z_mm)
+    n_z, n_phi, n_r = nodes.shape[:3]
+    number = np.arange(n_z * n_phi * n_r).reshape(n_z, n_phi, n_r)
+    hexes = _connect(number)
+    flat = nodes.reshape(-1, 3)
+    _refuse_folded(flat, hexes)
+
+    fixed = np.zeros(number.shape, dtype=bool)
+    fixed[0] = True
+    if config.tissue.bone == "rigid":
+        fixed[:, :, -1] = True
+    nail = np.abs(_wrap(phi + np.pi / 2)) <= np.radians(config.tissue.nail_arc_deg / 2) + 1e-12
+    fixed[np.ix_(z_mm >= config.tissue.nail_from_z_mm, nail, [0])] = True
+
+    patch = number[z_fine][:, phi_fine, 0]
+    return FingerMesh(
+        nodes=flat,
+        hexes=hexes,
+        layer=np.broadcast_to(layers, (n_z - 1, n_phi, n_r - 1)).ravel(),
+        fixed=fixed.ravel(),
+        grid=(n_z, n_phi, n_r),
+        phi=phi,
+        z_mm=z_mm,
+        patch_nodes=patch.ravel(),
+        patch_shape=(patch.shape[0], patch.shape[1]),
+        patch_area_mm2=_skin_areas(nodes[:, :, 0])[z_fine][:, phi_fine].ravel(),
+        receptor_row=int(np.argmin(np.abs(z_mm[z_fine] - config.receptor_plane_mm))),
+    )
+
+
+def _axial_grid(config: FingertipConfig) -> tuple[Array, NDArray[np.bool_]]:
+    mesh, middle, length = config.mesh, config.receptor_plane_mm, config.geometry.length_mm
+    n = int(np.ceil(mesh.patch_z_mm / mesh.spacing_mm - 1e-9))
+    fine = middle + np.arange(-n, n + 1) * mesh.spacing_mm
+    if fine[0] < 0.5 or fine[-1] > length - 0.5:
+        raise MeshError(f"patch_z_mm = {mesh.patch_z_mm}: the patch leaves the finger, z 0 … {length} mm")
+    below = fine[0] - _graded(mesh, fine[0])
+    above = fine[-1] + _graded(mesh, length - fine[-1])
+    z = np.concatenate([below[::-1], fine, above])
+    is_fine = np.zeros(len(z), dtype=bool)
+    is_fine[len(below) : len(below) + len(fine)] = True
+    return z, is_fine
+
+
+def _circumferential_grid(config: FingertipConfig, surface: FingertipSurface) -> tuple[Array, NDArray[np.bool_]]:
+    """Angles spaced by arc length on the skin in the receptor plane, one of them at the pulp's apex."""
+    mesh = config.mesh
+    table = np.linspace(-np.pi / 2, 3 * np.pi / 2, 20001)
+    x, y = surface.section(table, config.receptor_plane_mm)
+    arc = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+    apex = float(np.interp(np.pi / 2, table, arc))
+    edges = np.interp(surface.angle_at(np.array([mesh.patch_x_mm, -mesh.patch_x_mm]), config.receptor_plane_mm), table, arc)
+    right = int(np.ceil((apex - edges[0]) / mesh.spacing_mm - 1e-9))
+    left = int(np.ceil((edges[1] - apex) / mesh.spacing_mm - 1e-9))
+    fine = apex + np.arange(-right, left + 1) * mesh.spacing_mm
+    towards_right = fine[0] - _graded(mesh, fine[0])
+    towards_left = fine[-1] + _graded(mesh, arc[-1] - fine[-1])
+    s = np.concatenate([towards_right[::-1], fine, towards_left])[:-1]  # both ends are the nail's middle
+    is_fine = np.zeros(len(s), dtype=bool)
+    is_fine[len(towards_right) : len(towards_right) + len(fine)] = True
+    return np.interp(s, arc, table), is_fine
+
+
+def _graded(mesh: MeshSpec, distance_mm: float) -> Array:
+    """Distances from the patch's edge of nodes that grow from the fine spacing to the far one."""
+    steps, x = [mesh.spacing_mm], mesh.spacing_mm
+    while x < distance_mm:
+        limit = mesh.near_spacing_mm if x < mesh.near_width_mm else mesh.far_spacing_mm
+        steps.append(min(steps[-1] * mesh.growth, limit))
+        x += steps[-1]
+    if len(steps) > 1 and x - distance_mm > distance_mm - (x - steps[-1]):
+        steps.pop()
+    return np.cumsum(steps) * (distance_mm / np.sum(steps))
+
+
+def _place_nodes(
+    config: FingertipConfig, surface: FingertipSurface, phi: Array, z_mm: Array
+) -> tuple[Array, Ints]:
+    """(n_z, n_phi, n_r, 3) nodes on rays from the bone's axis, and the layer of each radial element."""
+    tissue = config.tissue
+    p, z = np.meshgrid(phi, z_mm)
+    x, y = surface.section(p, z)
+    skin = np.stack([x, y, z], -1)
+    radius = np.hypot(x, y)
+    ray = np.stack([x, y, 0 * z], -1) / radius[..., None]
+    cosine = np.clip(np.einsum("zpk,zpk->zp", surface.normal(p, z), ray), 0.6, 1.0)
+    thickness = radius * (1 - tissue.bone_fraction)
+    stretch = np.minimum(1 / cosine, 0.7 * thickness / (tissue.epidermis_mm + tissue.dermis_mm))
+
+    # depths of the interfaces along each ray; the fractions between them are the same everywhere
+    apex_depth = float(thickness[np.argmin(np.abs(z_mm - config.receptor_plane_mm))].max())
+    fractions, layers = _radial_fractions(config.mesh, tissue, apex_depth)
+    knots = np.stack(
+        [0 * thickness, tissue.epidermis_mm * stretch, (tissue.epidermis_mm + tissue.dermis_mm) * stretch, thickness]
+    )
+    piece = np.minimum(fractions.astype(int), 2)
+    depth = knots[piece] + (knots[piece + 1] - knots[piece]) * (fractions - piece)[:, None, None]
+    nodes = skin[:, :, None] - np.moveaxis(depth, 0, -1)[..., None] * ray[:, :, None]
+    if tissue.bone == "elastic":
+        core = nodes[:, :, -1:] * [0.5, 0.5, 1.0]
+        nodes, layers = np.concatenate([nodes, core], axis=2), np.append(layers, BONE)
+    return nodes, layers
+
+
+def _radial_fractions(mesh: MeshSpec, tissue: Tissue, depth_mm: float) -> tuple[Array, Ints]:
+    """Node positions through the layers (0–1 epidermis, 1–2 dermis, 2–3 fat) and each element's layer."""
+    epidermis = np.linspace(0, 1, mesh.epidermis_elements + 1)
+    n_dermis = max(1, round(tissue.dermis_mm / mesh.dermis_spacing_mm))
+    dermis = 1 + np.linspace(0, 1, n_dermis + 1)[1:]
+    top = tissue.epidermis_mm + tissue.dermis_mm
+    below = depth_mm - top
+    if below <= 0:
+        raise MeshError(f"epidermis + dermis = {top} mm reach the bone, {depth_mm:.2f} mm below the skin")
+    steps, x = [], 0.0
+    step = mesh.dermis_spacing_mm
+    while x < below:
+        step = step if top + x < mesh.dermis_fine_depth_mm - 1e-9 else step * mesh.growth
+        steps.append(min(step, mesh.near_spacing_mm))
+        x += steps[-1]
+    fat = 2 + np.cumsum(steps) / np.sum(steps)
+    layers = np.repeat([EPIDERMIS, DERMIS, FAT], [mesh.epidermis_elements, n_dermis, len(steps)])
+    return np.concatenate([epidermis, dermis, fat]), layers
+
+
+def _connect(number: Ints) -> Ints:
+    """VTK-ordered hexahedra of the grid, closed along φ, with positive volume."""
+    here, turned = number[:, :, :], np.roll(number, -1, axis=1)
+    a, b = here[:-1, :, 1:], turned[:-1, :, 1:]  # deep
+    c, d = turned[:-1, :, :-1], here[:-1, :, :-1]  # towards the skin
+    e, f, g, h = here[1:, :, 1:], turned[1:, :, 1:], turned[1:, :, :-1], here[1:, :, :-1]
+    return np.stack([a, d, c, b, e, h, g, f], axis=-1).reshape(-1, 8)
+
+
+def _refuse_folded(nodes: Array, hexes: Ints) -> None:
+    """Raise MeshError naming the worst element when the Jacobian at one of its corners is not positive."""
+    corner = np.array([[0, 1, 3, 4], [1, 2, 0, 5], [2, 3, 1, 6], [3, 0, 2, 7], [4, 7, 5, 0], [5, 4, 6, 1], [6, 5, 7, 2], [7, 6, 4, 3]])
+    p = nodes[hexes]
+    edges = p[:, corner[:, 1:]] - p[:, corner[:, :1]]
+    jacobian = np.linalg.det(edges)
+    worst = np.unravel_index(np.argmin(jacobian), jacobian.shape)
+    if jacobian[worst] <= 0:
+        x, y, z = nodes[hexes[worst]]
+        raise MeshError(
+            f"element {worst[0]} is folded at ({x:.2f}, {y:.2f}, {z:.2f}) mm: corner volume {jacobian[worst]:.3g} mm³, expected > 0"
+        )
+
+
+def _skin_areas(skin: Array) -> Array:
+    """(n_z, n_phi) tributary areas in mm²: a quarter of each adjacent bilinear quadrilateral."""
+    turned = np.roll(skin, -1, axis=1)
+    d1, d2 = turned[1:] - skin[:-1], turned[:-1] - skin[1:]
+    quads = 0.125 * np.linalg.norm(np.cross(d1, d2), axis=-1)
+    quads = quads + np.roll(quads, 1, axis=1)
+    area = np.zeros(skin.shape[:2])
+    area[:-1] += quads
+    area[1:] += quads
+    return area
+
+
+def _wrap(angle: Array) -> Array:
+    return (angle + np.pi) % (2 * np.pi) - np.pi
