@@ -1,0 +1,96 @@
+"""Virtual time: nothing happens between events, so nothing is waited for."""
+
+import heapq
+import math
+from collections.abc import Callable
+from typing import Protocol
+
+
+class Handle(Protocol):
+    """A promise of a later call that can be taken back."""
+
+    def cancel(self) -> None: ...
+
+
+class Scheduler(Protocol):
+    """All that a virtual device knows of time, so that it runs on any clock."""
+
+    def monotonic_s(self) -> float: ...
+
+    def call_at(self, t_s: float, action: Callable[[], None]) -> Handle: ...
+
+
+class _Event:
+    __slots__ = ("action",)
+
+    def __init__(self, action: Callable[[], None]) -> None:
+        self.action: Callable[[], None] | None = action
+
+    def cancel(self) -> None:
+        self.action = None
+
+
+class VirtualClock:
+    """A clock that jumps from event to event: no threads, the same order every time.
+
+    Seconds since its creation; start_unix_s is the wall time it claims at zero.
+    """
+
+    def __init__(self, start_unix_s: float = 0.0) -> None:
+        self._start_unix_s = start_unix_s
+        self._now_s = 0.0
+        self._count = 0
+        self._queue: list[tuple[float, int, _Event]] = []
+
+    def monotonic_s(self) -> float:
+        return self._now_s
+
+    def unix_s(self) -> float:
+        return self._start_unix_s + self._now_s
+
+    def call_at(self, t_s: float, action: Callable[[], None]) -> Handle:
+        """Call action when the clock gets to t_s; a time already past means now. Ties run in this order."""
+        if not math.isfinite(t_s):
+            raise ValueError(f"an event needs a finite time, got {t_s}")
+        event = _Event(action)
+        self._count += 1
+        heapq.heappush(self._queue, (max(t_s, self._now_s), self._count, event))
+        return event
+
+    def wait_s(self, seconds: float) -> None:
+        """Run everything that happens in this many seconds."""
+        self.wait_until(_never, self._now_s + max(seconds, 0.0))
+
+    def wait_until(self, ready: Callable[[], bool], deadline_s: float) -> bool:
+        """Run event by event until ready() or deadline_s, and stop at exactly that instant.
+
+        Raises RuntimeError where nothing could ever end the wait.
+        """
+        if math.isnan(deadline_s):
+            raise ValueError("the deadline of a wait is not a number")
+        while not ready():
+            if not self._run_next(deadline_s):
+                return self._stand_at(deadline_s, ready)
+        return True
+
+    def _run_next(self, deadline_s: float) -> bool:
+        queue = self._queue
+        while queue and queue[0][0] <= deadline_s:
+            t_s, _, event = heapq.heappop(queue)
+            action = event.action
+            if action is not None:
+                self._now_s = t_s
+                event.action = None
+                action()
+                return True
+        return False
+
+    def _stand_at(self, deadline_s: float, ready: Callable[[], bool]) -> bool:
+        if math.isinf(deadline_s):
+            raise RuntimeError("waiting without a deadline for something that no event can bring")
+        self._now_s = max(self._now_s, deadline_s)
+        return ready()
+
+
+def _never() -> bool:
+    return False
