@@ -1,0 +1,61 @@
+"""The virtual serial cable between a host and a device."""
+
+from collections.abc import Callable
+
+from sim.clock import Scheduler
+
+BITS_PER_BYTE = 10
+
+
+class _OneWay:
+    """One direction: chunks follow each other, none arrives before its last bit."""
+
+    def __init__(self, scheduler: Scheduler, baud: float) -> None:
+        self._scheduler = scheduler
+        self._byte_s = BITS_PER_BYTE / baud
+        self._busy_until_s = 0.0
+
+    def send(self, data: bytes, deliver: Callable[[bytes], None]) -> None:
+        start_s = max(self._scheduler.monotonic_s(), self._busy_until_s)
+        self._busy_until_s = start_s + len(data) * self._byte_s
+        self._scheduler.call_at(self._busy_until_s, lambda: deliver(data))
+
+
+class SerialLine:
+    """A full-duplex 8N1 line: each chunk arrives, whole, when its last byte has been clocked over."""
+
+    def __init__(self, scheduler: Scheduler, baud: float) -> None:
+        if not baud > 0:
+            raise ValueError(f"baud must be positive, got {baud}")
+        self._to_device = _OneWay(scheduler, baud)
+        self._to_host = _OneWay(scheduler, baud)
+        self._arrived = bytearray()
+        self._on_bytes: Callable[[bytes], None] = _nobody
+
+    def host_write(self, data: bytes) -> None:
+        if data:
+            self._to_device.send(data, self._hand_over)
+
+    def host_read(self) -> bytes:
+        """Return and forget what has arrived at the host."""
+        data = bytes(self._arrived)
+        self._arrived.clear()
+        return data
+
+    def host_pending(self) -> bool:
+        return bool(self._arrived)
+
+    def connect(self, on_bytes: Callable[[bytes], None]) -> None:
+        """Attach the device: on_bytes gets each chunk at the instant it arrives."""
+        self._on_bytes = on_bytes
+
+    def device_write(self, data: bytes) -> None:
+        if data:
+            self._to_host.send(data, self._arrived.extend)
+
+    def _hand_over(self, data: bytes) -> None:
+        self._on_bytes(data)
+
+
+def _nobody(_data: bytes) -> None:
+    """Bytes sent to a line without a device are lost, as on a cable that ends nowhere."""
