@@ -1,0 +1,23 @@
+"""What moves: the stage, whatever controller drives it."""
+
+from rig.stage.base import (
+    Stage,
+    StageAlarm,
+    StageError,
+    StageRejected,
+    StageReset,
+    StageStatus,
+    StageTimeout,
+)
+from rig.stage.grbl import GrblStage
+
+__all__ = [
+    "GrblStage",
+    "Stage",
+    "StageAlarm",
+    "StageError",
+    "StageRejected",
+    "StageReset",
+    "StageStatus",
+    "StageTimeout",
+]

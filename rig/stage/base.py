@@ -1,0 +1,80 @@
+"""What the engine needs of a stage, and how a stage fails."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+
+class StageError(Exception):
+    """The stage did not do what it was told; position is to be trusted only if the driver says so."""
+
+
+class StageAlarm(StageError):  # noqa: N818
+    """The controller locked itself; code is the maker's number."""
+
+    def __init__(self, code: int, meaning: str) -> None:
+        super().__init__(f"stage alarm {code}: {meaning}")
+        self.code = code
+        self.meaning = meaning
+
+
+class StageReset(StageError):  # noqa: N818
+    """The controller started anew: its queue is gone and its position is no longer to be trusted."""
+
+
+class StageTimeout(StageError):  # noqa: N818
+    """No answer, or no arrival, within the time allowed."""
+
+
+class StageRejected(StageError):  # noqa: N818
+    """The controller refused one line; code is the maker's number."""
+
+    def __init__(self, code: int, line: str, meaning: str) -> None:
+        super().__init__(f"stage refused {line!r} with error {code}: {meaning}")
+        self.code = code
+        self.line = line
+        self.meaning = meaning
+
+
+@dataclass(frozen=True, slots=True)
+class StageStatus:
+    """State as the controller names it; machine coordinates in mm."""
+
+    state: str
+    x_mm: float
+    y_mm: float
+    z_mm: float
+
+
+class Stage(Protocol):
+    """Three axes in machine coordinates (mm): x lateral, y axial, z vertical, + up."""
+
+    def connect(self) -> str:
+        """Make contact; returns the controller's identity. Raises StageError."""
+        ...
+
+    def home(self) -> None:
+        """Find the home switches; afterwards the position is trusted. Raises StageError."""
+        ...
+
+    def move_to(
+        self,
+        *,
+        x_mm: float | None = None,
+        y_mm: float | None = None,
+        z_mm: float | None = None,
+        speed_mm_s: float,
+    ) -> None:
+        """Move in a straight line and return on arrival. Raises StageError, ValueError before any byte."""
+        ...
+
+    def status(self) -> StageStatus: ...
+
+    def stop(self) -> None:
+        """Stop now, past every queue; never waits. The position is not trusted afterwards."""
+        ...
+
+    def unlock(self) -> None:
+        """Clear an alarm without homing; the position stays untrusted. Raises StageError."""
+        ...
+
+    def close(self) -> None: ...

@@ -1,0 +1,190 @@
+"""A stage on a GRBL 1.1 or grblHAL board. Source: GRBL 1.1 interface wiki."""
+
+import math
+
+from rig.clock import Clock
+from rig.stage.base import StageAlarm, StageError, StageRejected, StageReset, StageStatus, StageTimeout
+from rig.stage.grbl_link import GrblLink
+from rig.stage.grbl_words import Xyz, parse_setting
+from rig.transport import Transport
+
+POLL_S = 0.02
+HOME_S = 180.0
+# A move may take this much longer than its length, speed and acceleration say.
+LATE_FACTOR, LATE_S = 1.5, 5.0
+ASK_FOR_OFFSET = 35
+HOLD_AND_RESET = b"!\x18"
+
+
+class GrblStage:
+    """Stage over a GRBL board, one move at a time.
+
+    poll_s: how often `?` asks whether a move is over, once it should be. tolerance_steps: how far from the
+    target an arrival may be; the board rounds to a step and prints 0.001 mm.
+    """
+
+    def __init__(
+        self, transport: Transport, clock: Clock, *, poll_s: float = POLL_S, tolerance_steps: float = 1.0
+    ) -> None:
+        self._transport = transport
+        self._clock = clock
+        self._link = GrblLink(transport, clock)
+        self._poll_s = poll_s
+        self._tolerance_steps = tolerance_steps
+        self._settings: dict[int, float] = {}
+        self._last: Xyz | None = None
+
+    @property
+    def homed(self) -> bool:
+        """Whether the position is to be trusted: homed, and no alarm, reset, timeout or stop since."""
+        return self._link.trusted
+
+    def connect(self) -> str:
+        """Return the board's identity. The banner may have been missed, so the board is asked, or reset.
+
+        Raises StageError, also where positions are reported in inches ($13).
+        """
+        try:
+            printed = self._link.hello()
+        except StageReset:
+            # Opening the port reset the board, and the question was lost with it.
+            printed = self._link.hello()
+        except (StageTimeout, StageRejected, StageAlarm):
+            self._link.reset()
+            printed = self._link.command("$I")
+        if self.settings().get(13):
+            raise StageError(f"{self._transport.name}: the board reports inches; set $13=0")
+        return " ".join(line for line in printed if line.startswith("[") and not line.startswith("[MSG"))
+
+    def settings(self) -> dict[int, float]:
+        """The board's `$$`, by number. Raises StageError."""
+        lines = self._link.command("$$")
+        self._settings = dict(pair for pair in map(parse_setting, lines) if pair)
+        return dict(self._settings)
+
+    def home(self) -> None:
+        self._link.recover()
+        self._link.command("$H", HOME_S)
+        self.status()
+        self._link.trusted = True
+
+    def unlock(self) -> None:
+        self._link.recover()
+        self._link.command("$X")
+
+    def status(self) -> StageStatus:
+        """Where the stage is now. Raises StageError."""
+        fields = self._link.ask_status()
+        asked = 0
+        while fields.machine is None and self._link.offset is None:
+            # Work coordinates ($10) mean nothing until the offset has come by.
+            asked += 1
+            if fields.work is None or asked > ASK_FOR_OFFSET:
+                raise StageError(f"{self._transport.name}: the status holds no machine position")
+            fields = self._link.ask_status()
+        self._last = fields.machine or _sum(fields.work, self._link.offset)
+        return StageStatus(fields.state, *self._last)
+
+    def move_to(
+        self,
+        *,
+        x_mm: float | None = None,
+        y_mm: float | None = None,
+        z_mm: float | None = None,
+        speed_mm_s: float,
+    ) -> None:
+        """Straight to machine coordinates (mm) at speed_mm_s; returns when the board says it is there.
+
+        Waits the expected travel time, then polls each poll_s. Raises StageError; ValueError before any byte.
+        """
+        target = {axis: mm for axis, mm in (("X", x_mm), ("Y", y_mm), ("Z", z_mm)) if mm is not None}
+        line = _move_line(target, speed_mm_s)
+        expected_s = self._expected_s(target, speed_mm_s)
+        self._link.command(line)
+        self._arrive(target, expected_s)
+
+    def stop(self) -> None:
+        """Feed hold and reset in one write: no queue, no lock, no waiting. Then home() or unlock()."""
+        self._link.send_now(HOLD_AND_RESET)
+        self._link.in_step = self._link.trusted = False
+
+    def hold(self) -> None:
+        """Slow down to a stop and stay there; resume() goes on, the position stays trusted."""
+        self._link.send_now(b"!")
+
+    def resume(self, timeout_s: float = 5.0) -> None:
+        """End a hold. A `~` that comes while the board still slows down is lost, so it is looked at again."""
+        deadline_s = self._clock.monotonic_s() + timeout_s
+        while self.status().state.startswith(("Hold", "Door")):
+            if self._clock.monotonic_s() >= deadline_s:
+                raise StageTimeout(f"{self._transport.name}: still held after {timeout_s:g} s")
+            self._link.send_now(b"~")
+            self._listen(self._poll_s)
+
+    def close(self) -> None:
+        self._transport.close()
+
+    def _listen(self, seconds: float) -> None:
+        self._link.listen_until(self._clock.monotonic_s() + seconds)
+
+    def _arrive(self, target: dict[str, float], expected_s: float) -> None:
+        deadline_s = self._clock.monotonic_s() + LATE_FACTOR * expected_s + LATE_S
+        self._listen(expected_s)
+        while (now := self.status()).state != "Idle":
+            if now.state.startswith(("Alarm", "Sleep", "Check")):
+                raise StageError(f"{self._transport.name}: {now.state} during a move")
+            if self._clock.monotonic_s() >= deadline_s:
+                raise StageTimeout(f"{self._transport.name}: move not over in time, state {now.state}")
+            self._listen(self._poll_s)
+        self._verify(target, now)
+
+    def _verify(self, target: dict[str, float], now: StageStatus) -> None:
+        for axis, is_mm in (("X", now.x_mm), ("Y", now.y_mm), ("Z", now.z_mm)):
+            if axis not in target:
+                continue
+            if abs(is_mm - target[axis]) * self._setting(100, axis) > self._tolerance_steps:
+                raise StageError(f"{self._transport.name}: {axis} is at {is_mm} mm, not at {target[axis]} mm")
+
+    def _expected_s(self, target: dict[str, float], speed_mm_s: float) -> float:
+        if self._last is None:
+            return 0.0
+        moves = {
+            axis: abs(target[axis] - was)
+            for axis, was in zip("XYZ", self._last, strict=True)
+            if target.get(axis, was) != was
+        }
+        length, accel = math.hypot(*moves.values()), math.inf
+        for axis, mm in moves.items():
+            most, steepest = (self._setting(first, axis) for first in (110, 120))
+            speed_mm_s = min(speed_mm_s, most / 60 * length / mm)
+            accel = min(accel, steepest * length / mm)
+        return _travel_s(length, speed_mm_s, accel)
+
+    def _setting(self, first: int, axis: str) -> float:
+        return self._settings.get(first + "XYZ".index(axis), math.inf)
+
+
+def _move_line(target: dict[str, float], speed_mm_s: float) -> str:
+    if not target:
+        raise ValueError("a move needs at least one of x_mm, y_mm, z_mm")
+    for name, value in (*target.items(), ("speed_mm_s", speed_mm_s)):
+        if not math.isfinite(value):
+            raise ValueError(f"{name} must be a finite number, got {value}")
+    feed = f"{60 * speed_mm_s:.3f}"
+    if speed_mm_s <= 0 or float(feed) == 0:
+        raise ValueError(f"speed_mm_s must be positive, got {speed_mm_s}")
+    words = "".join(f"{axis}{mm:.4f}" for axis, mm in target.items())
+    return f"G53G1G90G21{words}F{feed}"
+
+
+def _travel_s(mm: float, speed: float, accel: float) -> float:
+    ramp_mm = speed * speed / accel
+    if mm <= ramp_mm:
+        return 2 * math.sqrt(mm / accel)
+    return mm / speed + speed / accel
+
+
+def _sum(work: Xyz | None, offset: Xyz | None) -> Xyz:
+    assert work is not None
+    assert offset is not None
+    return (work[0] + offset[0], work[1] + offset[1], work[2] + offset[2])

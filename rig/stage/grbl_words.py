@@ -1,0 +1,87 @@
+"""What GRBL's lines mean. Source: GRBL 1.1 interface wiki; grblHAL differs in a few numbers."""
+
+import math
+import re
+from dataclasses import dataclass
+
+ALARMS = {
+    1: "hard limit",
+    2: "soft limit: the target lies outside the travel",
+    3: "reset while in motion: steps may be lost",
+    4: "probe not in the expected state",
+    5: "probe found nothing",
+    6: "homing: reset during the cycle",
+    7: "homing: door opened during the cycle",
+    8: "homing: pull-off did not clear the switch",
+    9: "homing: switch not found",
+}
+ERRORS = {
+    1: "a word begins with no letter",
+    2: "bad number",
+    3: "unknown $ command or setting",
+    4: "negative value",
+    5: "homing is switched off ($22)",
+    8: "not while the stage is busy",
+    9: "locked: home or unlock first",
+    10: "soft limits need homing ($22)",
+    11: "line too long",
+    15: "the jog target lies outside the travel",
+    16: "not allowed in a jog",
+    20: "unsupported command",
+    22: "no feed rate",
+    53: "unknown setting (grblHAL)",
+}
+_BANNER = re.compile(r"Grbl(HAL)? \d\S* \[")
+Xyz = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class StatusFields:
+    """One `<…>` line, as far as it went: mm; machine or work position, seldom the offset between them."""
+
+    state: str
+    machine: Xyz | None
+    work: Xyz | None
+    offset: Xyz | None
+
+
+def is_banner(line: str) -> bool:
+    """A banner, also with the half of another line before it."""
+    return "Grbl" in line and _BANNER.search(line) is not None
+
+
+def parse_status(line: str) -> StatusFields | None:
+    """Read whichever fields come; None if the line is garbled."""
+    if line[:1] != "<" or line[-1:] != ">" or "<" in line[1:]:
+        return None
+    state, *parts = line[1:-1].split("|")
+    fields = dict(part.partition(":")[::2] for part in parts)
+    try:
+        return StatusFields(
+            state, _xyz(fields.get("MPos")), _xyz(fields.get("WPos")), _xyz(fields.get("WCO"))
+        )
+    except ValueError:
+        return None
+
+
+def parse_setting(line: str) -> tuple[int, float] | None:
+    """Read `$n=v`; None for anything else, startup lines and text included."""
+    match = re.match(r"\$(\d+)=(-?[\d.]+)", line)
+    return (int(match[1]), float(match[2])) if match else None
+
+
+def number_after(line: str, prefix: str) -> int | None:
+    """The n of `prefix:n`, None if the line is something else; a garbled number counts as 0."""
+    if not line.startswith(prefix):
+        return None
+    digits = line[len(prefix) :].strip()
+    return int(digits) if digits.isdigit() else 0
+
+
+def _xyz(text: str | None) -> Xyz | None:
+    if text is None:
+        return None
+    x, y, z = map(float, text.split(",")[:3])
+    if not math.isfinite(x + y + z):
+        raise ValueError(text)
+    return (x, y, z)
