@@ -1,0 +1,56 @@
+"""What the engine needs of a force sensor, and how it fails."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+
+class ForceError(Exception):
+    """There is no force to be had: whoever presses must stop."""
+
+
+class ForceOverload(ForceError):  # noqa: N818
+    """More than the instrument can measure."""
+
+
+class ForceUnderload(ForceError):  # noqa: N818
+    """Less than the instrument can measure: lifted off its support, or broken."""
+
+
+class ForceBusy(ForceError):  # noqa: N818
+    """The instrument does something else, or found no stable value in its own time."""
+
+
+class ForceTimeout(ForceError):  # noqa: N818
+    """No answer within the time allowed."""
+
+
+@dataclass(frozen=True, slots=True)
+class ForceReading:
+    """A force in N, whether the instrument calls it stable, and the host's monotonic time when it came in."""
+
+    force_n: float
+    stable: bool
+    t_s: float
+
+
+class ForceSensor(Protocol):
+    """One axis of force, N; press on the sensor is positive."""
+
+    @property
+    def sample_period_s(self) -> float:
+        """How often the instrument has a new value."""
+        ...
+
+    def connect(self) -> str:
+        """Make contact; returns the instrument's identity. Raises ForceError."""
+        ...
+
+    def read(self) -> ForceReading:
+        """The latest value, stable or not. Raises ForceError."""
+        ...
+
+    def zero(self) -> None:
+        """Take the present load for zero. Raises ForceError."""
+        ...
+
+    def close(self) -> None: ...

@@ -1,0 +1,112 @@
+"""A balance that speaks MT-SICS level 0 and 1, as a force sensor.
+
+Source: MT-SICS reference manual. Answers are split on white space, never on columns. That `@` answers with
+the serial number is second-hand, so I4 stands in for it.
+"""
+
+import re
+
+from rig.clock import Clock
+from rig.force.base import ForceBusy, ForceError, ForceOverload, ForceReading, ForceTimeout, ForceUnderload
+from rig.transport import LineReader, Transport
+
+# Standard gravity: the balance counts gram-weights.
+NEWTON_PER_GRAM = 9.80665e-3
+REPLY_S = 0.5
+# Zero and tare wait in the balance for a stable load.
+SETTLE_S = 10.0
+
+_VALUE = re.compile(r"[+-]?\d+(\.\d*)?")
+_SYNTAX = {"ES": "does not know the command", "ET": "received garbled bytes", "EL": "cannot do that"}
+
+
+class MtSicsForce:
+    """ForceSensor over an MT-SICS balance set to grams; sample_period_s is that of the instrument."""
+
+    def __init__(self, transport: Transport, clock: Clock, *, sample_period_s: float = 0.05) -> None:
+        self.sample_period_s = sample_period_s
+        self._transport = transport
+        self._clock = clock
+        self._reader = LineReader(transport, clock)
+        self._in_step = False
+
+    def connect(self) -> str:
+        """Cancel whatever the balance was at; returns its serial number. Raises ForceError."""
+        return f"MT-SICS balance {self._cancel()}"
+
+    def read(self) -> ForceReading:
+        return self._weight("SI", REPLY_S)
+
+    def read_stable(self, timeout_s: float) -> ForceReading:
+        """Wait for a stable value, at most timeout_s. Raises ForceError."""
+        return self._weight("S", timeout_s)
+
+    def zero(self) -> None:
+        """Zero at the next stable load. Raises ForceError."""
+        if self._ask("Z", SETTLE_S)[1] != "A":
+            raise self._garbled("Z")
+
+    def tare(self) -> float:
+        """Take the next stable load for the container; returns it in N. Raises ForceError."""
+        return self._newton(self._ask("T", SETTLE_S), "T")
+
+    def close(self) -> None:
+        self._transport.close()
+
+    def _weight(self, command: str, timeout_s: float) -> ForceReading:
+        words = self._ask(command, timeout_s)
+        force_n = self._newton(words, "S")
+        return ForceReading(force_n, words[1] == "S", self._clock.monotonic_s())
+
+    def _newton(self, words: list[str], key: str) -> float:
+        if len(words) != 4 or words[0] != key or words[1] not in ("S", "D") or not _VALUE.fullmatch(words[2]):
+            raise self._garbled(" ".join(words))
+        if words[3] != "g":
+            raise ForceError(f"{self._transport.name}: the balance reports {words[3]}, it must be set to g")
+        return float(words[2]) * NEWTON_PER_GRAM
+
+    def _ask(self, command: str, timeout_s: float) -> list[str]:
+        if not self._in_step:
+            self._cancel()
+        self._reader.discard()
+        self._send(command)
+        line = self._reader.read_line(self._clock.monotonic_s() + timeout_s)
+        if line is None:
+            # The answer may still come: it must not be taken for that to the next question.
+            self._in_step = False
+            raise ForceTimeout(f"{self._transport.name}: no answer to {command} in {timeout_s:g} s")
+        words = line.split()
+        self._check(words, command)
+        return words
+
+    def _check(self, words: list[str], command: str) -> None:
+        name = self._transport.name
+        if words[0] in _SYNTAX:
+            raise ForceError(f"{name}: the balance {_SYNTAX[words[0]]} ({words[0]} to {command})")
+        if len(words) < 2 or words[0] != command[:1]:
+            raise self._garbled(" ".join(words))
+        if words[1] == "+":
+            raise ForceOverload(f"{name}: the balance is overloaded")
+        if words[1] == "-":
+            raise ForceUnderload(f"{name}: the balance is underloaded")
+        if words[1] == "I":
+            raise ForceBusy(f"{name}: the balance cannot answer {command} now, or found no stable value")
+
+    def _cancel(self) -> str:
+        self._in_step = False
+        self._reader.discard()
+        for command in ("@", "I4"):
+            self._send(command)
+            deadline_s = self._clock.monotonic_s() + REPLY_S
+            while (line := self._reader.read_line(deadline_s)) is not None:
+                if line.startswith("I4 A"):
+                    self._in_step = True
+                    return line[4:].strip(' "')
+        raise ForceTimeout(f"{self._transport.name}: no balance answers")
+
+    def _send(self, command: str) -> None:
+        self._transport.write(command.encode("ascii") + b"\r\n")
+
+    def _garbled(self, answer: str) -> ForceError:
+        self._in_step = False
+        return ForceError(f"{self._transport.name}: garbled answer {answer!r}")
