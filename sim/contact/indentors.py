@@ -37,13 +37,13 @@ class Profile(Protocol):
         """The shape as it is written on the command line."""
 
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
-        """Height h (mm; inf where there is no indentor), dh/ds and d²h/ds² (1/mm) at s."""
+        """Height h (mm), dh/ds and d²h/ds² (1/mm) at s."""
 
     def tangent(self, s_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
-        """As `evaluate`, but beside the profile the tangent at the point closest to a node at (s, y).
+        """As `evaluate`, but past an edge the tangent at the profile's point closest to a node at (s, y).
 
-        y is measured from the lowest point. A node that slid past an edge is thus still kept out of the
-        indentor; one above the edge, beside the wall, stays free (h = inf).
+        y is measured from the lowest point. Such planes keep a node that slid past the edge out of the
+        indentor without dragging one that is below the edge towards the flank.
         """
 
 
@@ -60,7 +60,7 @@ class Bar:
         return f"bar:{self.width_mm:g}"
 
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
-        """Height, slope and curvature; outside the bar nothing claims a node."""
+        """Height, slope and curvature."""
         r = self.edge_radius_mm
         return _arc(np.abs(s_mm) - (0.5 * self.width_mm - r), r, np.sign(s_mm))
 

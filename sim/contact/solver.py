@@ -36,7 +36,7 @@ class ContactState:
     multiplier: Array  # (n,) λ ≥ 0, force along (h', −1)
     displacement: Array  # (2, n) mm, x then y
     force: Array  # (2, n) per unit E(epidermis), on the skin, x then y
-    gap: Array  # (n,) mm, vertical; inf where there is no indentor
+    gap: Array  # (n,) mm, vertical
     residual: float
     passes: int
     linear_solves: int
@@ -81,39 +81,45 @@ class Indentation:
 def solve_contact(patch: Patch, pose: Indentation, start: ContactState | None = None) -> ContactState:
     """Equilibrium of the patch under a rigid profile held in a pose, from rest or from a nearby state."""
     n = len(patch)
-    ux = np.zeros(n) if start is None else start.displacement[0]
-    uy = np.zeros(n) if start is None else start.displacement[1]
-    near = pose.gap(patch, ux, uy, slice(None))[0] < _CANDIDATE_GAP_MM
-    held = np.zeros(n, dtype=bool)
-    if start is not None:
-        held = start.active & near
-        near |= start.active & np.isfinite(pose.gap(patch, ux, uy, slice(None))[0])
+    ux, uy = (np.zeros(n), None) if start is None else start.displacement
+    held = np.zeros(n, dtype=bool) if start is None else start.active
+    near = pose.gap(patch, ux, np.zeros(n) if uy is None else uy, slice(None))[0] < _CANDIDATE_GAP_MM
+    near |= held
     passes = solves = 0
     while True:
         nodes = np.flatnonzero(near)
         if not len(nodes):
             return _state(patch, pose, nodes, np.zeros(0), np.zeros(0), passes, solves)
-        iteration = _Iteration(patch, pose, nodes, ux[nodes], held[nodes])
+        iteration = _Iteration(patch, pose, nodes, ux[nodes], None if uy is None else uy[nodes], held[nodes])
         iteration.run()
         passes, solves = passes + iteration.passes, solves + iteration.solves
         state = _state(patch, pose, nodes, iteration.multiplier, iteration.slope, passes, solves)
         missed = ~near & (state.gap < 0)
         if not missed.any() or passes >= MAX_PASSES:
             return state
-        ux, held, near = state.displacement[0], state.active, near | (state.gap < _CANDIDATE_GAP_MM)
+        (ux, uy), held = state.displacement, state.active
+        near |= state.gap < _CANDIDATE_GAP_MM
 
 
 class _Iteration:
     """The passes over one fixed set of candidate nodes."""
 
-    def __init__(self, patch: Patch, pose: Indentation, nodes: Ints, ux: Array, held: NDArray[np.bool_]) -> None:
+    def __init__(
+        self,
+        patch: Patch,
+        pose: Indentation,
+        nodes: Ints,
+        ux: Array,
+        uy: Array | None,  # None at rest: first press down, lest a side wall claims a node from below
+        held: NDArray[np.bool_],
+    ) -> None:
         self.patch, self.pose, self.nodes = patch, pose, nodes
         k = self.k = len(nodes)
         both = np.concatenate([nodes, nodes + len(patch)])
         self.c = patch.compliance[both].take(both, axis=1)
         self.xx, self.xy, self.yy = self.c[:k, :k], self.c[:k, k:], self.c[k:, k:]
         self.ux = ux.copy()
-        self.uy = np.zeros(k)
+        self.uy = uy
         self.held = held
         self.multiplier = np.zeros(k)
         self.slope = np.zeros(k)
@@ -125,8 +131,7 @@ class _Iteration:
         merit, fallback = np.inf, None
         while self.passes < MAX_PASSES:
             self.passes += 1
-            at = self.pose.gap if self.passes == 1 else self.pose.tangent
-            gap, slope, curvature = at(self.patch, self.ux, self.uy, self.nodes)
+            gap, slope, curvature = self._planes()
             solution = self._frozen_normals(gap, slope)
             if solution is None:
                 if fallback is None:
@@ -156,10 +161,15 @@ class _Iteration:
                 self.ux[sliding] = before[sliding] + np.clip(ds, -trust, trust)
                 fallback = plain
 
+    def _planes(self) -> tuple[Array, Array, Array]:
+        """Height of the tangent plane over each undisplaced node, its slope and the profile's curvature."""
+        if self.uy is None:
+            return self.pose.gap(self.patch, self.ux, np.zeros(self.k), self.nodes)
+        return self.pose.tangent(self.patch, self.ux, self.uy, self.nodes)
+
     def _frozen_normals(self, gap: Array, slope: Array) -> LcpSolution | None:
         """Exact solution of the convex problem whose contact planes are tangent at the present ux."""
-        exists = np.isfinite(gap)
-        q = np.where(exists, gap - slope * self.ux, 1.0)
+        q = gap - slope * self.ux
 
         def submatrix(index: Ints) -> Array:
             n = slope[index]
@@ -169,9 +179,9 @@ class _Iteration:
 
         def apply(multipliers: Array) -> Array:
             u = self.c @ _forces(slope, multipliers)
-            return np.where(exists, slope * u[: self.k] - u[self.k :], 0.0)
+            return slope * u[: self.k] - u[self.k :]
 
-        start = (self.held if self.held.any() else q < 0) & exists
+        start = self.held if self.held.any() else q < 0
         solution = solve_lcp(q, submatrix, apply, start)
         self.solves += solution.pivots if solution else 0
         return solution

@@ -23,15 +23,13 @@ class SlabFactor:
         self._slabs = [slice(int(a), int(b)) for a, b in zip(bounds[:-1], bounds[1:], strict=True) if b > a]
         self._pivots: list[tuple[Array, bool]] = []
         self._couplings: list[sp.csr_array] = []
-        pivot = np.zeros((0, 0))
         for here, after in zip(self._slabs, [*self._slabs[1:], None], strict=True):
             block = upper[here, here].toarray()
             block += np.triu(block, 1).T
             if self._couplings:
                 coupling = self._couplings[-1]
                 block -= coupling.T @ cho_solve(self._pivots[-1], coupling.toarray(), check_finite=False)
-            pivot = cho_factor(block, lower=True, overwrite_a=True, check_finite=False)
-            self._pivots.append(pivot)
+            self._pivots.append(cho_factor(block, lower=True, overwrite_a=True, check_finite=False))
             if after is not None:
                 self._couplings.append(sp.csr_array(upper[here, after]))
         self.compliance = self._kept_inverse()

@@ -46,7 +46,7 @@ def build_mesh(config: FingertipConfig, surface: FingertipSurface) -> FingerMesh
     z_mm, z_fine = _axial_grid(config)
     phi, phi_fine = _circumferential_grid(config, surface)
     nodes, layers = _place_nodes(config, surface, phi, z_mm)
-    n_z, n_phi, n_r = nodes.shape[:3]
+    n_z, n_phi, n_r, _ = nodes.shape
     number = np.arange(n_z * n_phi * n_r).reshape(n_z, n_phi, n_r)
     hexes = _connect(number)
     flat = nodes.reshape(-1, 3)
@@ -57,7 +57,7 @@ def build_mesh(config: FingertipConfig, surface: FingertipSurface) -> FingerMesh
     if config.tissue.bone == "rigid":
         fixed[:, :, -1] = True
     nail = np.abs(_wrap(phi + np.pi / 2)) <= np.radians(config.tissue.nail_arc_deg / 2) + 1e-12
-    fixed[np.ix_(z_mm >= config.tissue.nail_from_z_mm, nail, [0])] = True
+    fixed[:, :, 0] |= (z_mm >= config.tissue.nail_from_z_mm)[:, None] & nail
 
     patch = number[z_fine][:, phi_fine, 0]
     return FingerMesh(
@@ -112,8 +112,9 @@ def _graded(mesh: MeshSpec, distance_mm: float) -> Array:
     """Distances from the patch's edge of nodes that grow from the fine spacing to the far one."""
     steps, x = [mesh.spacing_mm], mesh.spacing_mm
     while x < distance_mm:
-        limit = mesh.near_spacing_mm if x < mesh.near_width_mm else mesh.far_spacing_mm
-        steps.append(min(steps[-1] * mesh.growth, limit))
+        near = x < mesh.near_width_mm
+        growth, limit = (mesh.growth, mesh.near_spacing_mm) if near else (mesh.far_growth, mesh.far_spacing_mm)
+        steps.append(min(steps[-1] * growth, limit))
         x += steps[-1]
     if len(steps) > 1 and x - distance_mm > distance_mm - (x - steps[-1]):
         steps.pop()

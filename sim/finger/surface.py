@@ -8,7 +8,7 @@ from functools import cached_property
 from importlib.resources import files
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline, CubicSpline
 from scipy.optimize import least_squares
 
@@ -71,49 +71,49 @@ class FingertipSurface:
     def _splines(self) -> BSpline:
         return _spline(self.geometry, self.coefficients.T)
 
-    def parameters(self, z_mm: Array) -> Array:
+    def parameters(self, z_mm: ArrayLike) -> Array:
         """(3, …) half-width, height and lean in mm at axial positions z."""
         return np.moveaxis(self._splines(np.asarray(z_mm, dtype=float)), -1, 0)
 
-    def section(self, phi: Array, z_mm: Array) -> tuple[Array, Array]:
+    def section(self, phi: ArrayLike, z_mm: ArrayLike) -> tuple[Array, Array]:
         """x and y in mm at angle φ (rad) of the section at z (broadcast)."""
         a, b, lean = self.parameters(z_mm)
         s = np.sin(phi)
         n = self.geometry.nail_depth_ratio * b
         return a * np.cos(phi) + lean * (0.5 * (1 + s)) ** 2, 0.5 * (b + n) * s + 0.5 * (b - n) * s * s
 
-    def tangents(self, phi: Array, z_mm: Array) -> tuple[Array, Array]:
+    def tangents(self, phi: ArrayLike, z_mm: ArrayLike) -> tuple[Array, Array]:
         """(…, 3) derivatives of the position with respect to φ (mm/rad) and z (mm/mm)."""
-        phi, z_mm = np.broadcast_arrays(np.asarray(phi, float), np.asarray(z_mm, float))
-        a, b, lean = self.parameters(z_mm)
-        da, db, dlean = np.moveaxis(self._splines.derivative()(z_mm), -1, 0)
-        s, c, r = np.sin(phi), np.cos(phi), self.geometry.nail_depth_ratio
+        angle, z = np.broadcast_arrays(np.asarray(phi, float), np.asarray(z_mm, float))
+        a, b, lean = self.parameters(z)
+        da, db, dlean = np.moveaxis(self._splines.derivative()(z), -1, 0)
+        s, c, r = np.sin(angle), np.cos(angle), self.geometry.nail_depth_ratio
         height, width = 0.5 * (1 + r) * s + 0.5 * (1 - r) * s * s, (0.5 * (1 + s)) ** 2
         d_phi = np.stack([-a * s + 0.5 * lean * (1 + s) * c, b * c * (0.5 * (1 + r) + (1 - r) * s), 0 * a], -1)
         d_z = np.stack([da * c + dlean * width, db * height, 1 + 0 * a], -1)
         return d_phi, d_z
 
-    def normal(self, phi: Array, z_mm: Array) -> Array:
+    def normal(self, phi: ArrayLike, z_mm: ArrayLike) -> Array:
         """(…, 3) outward unit normal."""
         d_phi, d_z = self.tangents(phi, z_mm)
         n = np.cross(d_phi, d_z)
         return n / np.linalg.norm(n, axis=-1, keepdims=True)
 
-    def angle_at(self, x_mm: Array, z_mm: Array) -> Array:
+    def angle_at(self, x_mm: ArrayLike, z_mm: ArrayLike) -> Array:
         """φ (rad) in the pulp half of the section at z whose lateral position is x; x within the half-width."""
-        x_mm, z_mm = np.broadcast_arrays(np.asarray(x_mm, float), np.asarray(z_mm, float))
-        a, _, lean = self.parameters(z_mm)
-        phi = np.arccos(np.clip((x_mm - lean) / a, -0.98, 0.98))
+        x, z = np.broadcast_arrays(np.asarray(x_mm, float), np.asarray(z_mm, float))
+        a, _, lean = self.parameters(z)
+        phi = np.arccos(np.clip((x - lean) / a, -0.98, 0.98))
         for _ in range(20):
             s, c = np.sin(phi), np.cos(phi)
-            f = a * c + lean * (0.5 * (1 + s)) ** 2 - x_mm
+            f = a * c + lean * (0.5 * (1 + s)) ** 2 - x
             step = f / (-a * s + 0.5 * lean * (1 + s) * c)
             phi = np.clip(phi - step, 0.02, np.pi - 0.02)
             if np.abs(step).max() < 1e-14:
                 break
         return phi
 
-    def height(self, x_mm: Array, z_mm: Array) -> Array:
+    def height(self, x_mm: ArrayLike, z_mm: ArrayLike) -> Array:
         """y in mm of the pulp at (x, z)."""
         return self.section(self.angle_at(x_mm, z_mm), z_mm)[1]
 

@@ -1,0 +1,50 @@
+"""Prescribed force: the depth at which the monotone force–DOI curve reaches it."""
+
+from collections.abc import Callable
+
+from sim.contact.solver import ContactState
+
+_TOLERANCE = 1e-11
+_MAX_SOLVES = 40
+_EXPONENT = 1.5  # a point contact of a sphere; only the start and the scale of the secant depend on it
+
+
+class ForceNotReachedError(ValueError):
+    """The force lies beyond the deepest indentation allowed."""
+
+
+def solve_for_force(
+    force: float, first_guess_mm: float, deepest_mm: float, solve: Callable[[float, ContactState | None], ContactState]
+) -> tuple[float, ContactState]:
+    """DOI in mm and state at which `solve(doi, start)` carries the force, by a bracketed secant on F^(2/3).
+
+    The state is not converged when the force jumps across its target. Raises ForceNotReachedError.
+    """
+    goal = force ** (1 / _EXPONENT)
+    low, f_low = 0.0, 0.0
+    high, f_high = deepest_mm, None
+    doi, previous, state = min(first_guess_mm, deepest_mm), (0.0, 0.0), None
+    for _ in range(_MAX_SOLVES):
+        state = solve(doi, state)
+        reached = state.normal_force
+        if abs(reached - force) <= _TOLERANCE * force:
+            return doi, state
+        value = max(reached, 0.0) ** (1 / _EXPONENT)
+        if reached < force:
+            if doi >= deepest_mm:
+                raise ForceNotReachedError(f"the force is not reached at the deepest DOI allowed, {deepest_mm:g} mm")
+            low, f_low = doi, value
+        else:
+            high, f_high = doi, value
+        x, f = previous
+        previous = (doi, value)
+        guess = doi + (goal - value) * (doi - x) / (value - f) if value != f else high
+        if not low < guess < high:
+            guess = high if f_high is None else low + (high - low) * (goal - f_low) / (f_high - f_low)
+        if not low < guess < high and f_high is not None:
+            guess = 0.5 * (low + high)
+        if high - low <= 1e-15 * high:
+            break
+        doi = guess
+    assert state is not None
+    return doi, state

@@ -1,0 +1,311 @@
+"""The door to the simulator: a fingertip that can be indented."""
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController
+
+from sim.cache import cached_arrays, content_key
+from sim.calibration import E_EPIDERMIS_MPA
+from sim.config import FingertipConfig
+from sim.contact.control import ForceNotReachedError, solve_for_force
+from sim.contact.indentors import Profile, parse_shape
+from sim.contact.patch import Patch
+from sim.contact.solver import ContactState, Indentation, solve_contact
+from sim.contact.touch import first_touch
+from sim.finger.model import CondensedModel, build_model
+from sim.finger.surface import FingertipSurface
+from sim.measures.measures import Elastic, measures_from_strain
+from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorSet, place_receptors
+from sim.units import GWT_N, PSEUDO_E_EPIDERMIS
+
+Array = NDArray[np.float64]
+Reference = Literal["contact", "apex"]
+
+DEEPEST_DOI_MM = 2.0
+"""The small-displacement model is not asked beyond this depth; the source's deepest is 1.33 mm."""
+
+REGION_GAP_MM = 0.3
+"""Contact regions are separate when the free stretch between them is wider than this."""
+
+_FORCE_GUESS_MM = 0.3
+
+
+class ModelRangeError(ValueError):
+    """The scene asks for something outside what the model can answer."""
+
+
+@dataclass(frozen=True)
+class IndentationResult:
+    """One simulated indentation; pressures and stresses in pseudo-units (E(epidermis) = 10 000)."""
+
+    profile: Profile
+    x_mm: float
+    doi_mm: float
+    touch_height_mm: float
+    force_n: float
+    state: ContactState
+    model: CondensedModel
+    e_epidermis_mpa: float
+    contact_s: float
+
+    @property
+    def force_gwt(self) -> float:
+        """Force in gram-weight."""
+        return self.force_n / GWT_N
+
+    @cached_property
+    def nodal_pressure_pseudo(self) -> Array:
+        """(n_patch,) normal nodal force over tributary undeformed area."""
+        normal = np.linalg.norm(self.state.force, axis=0)
+        return PSEUDO_E_EPIDERMIS * normal / self.model.patch.area_mm2
+
+    @property
+    def peak_pressure_pseudo(self) -> float:
+        """Highest nodal pressure of the whole contact."""
+        return float(self.nodal_pressure_pseudo.max())
+
+    @property
+    def plane(self) -> slice:
+        """The patch nodes that lie in the receptor plane."""
+        columns = self.model.patch.shape[1]
+        return slice(self.model.receptor_row * columns, (self.model.receptor_row + 1) * columns)
+
+    @property
+    def pressure_profile(self) -> tuple[Array, Array]:
+        """Undeformed x (mm, ascending) and pressure (pseudo-units) in the receptor plane."""
+        x, p = self.model.patch.x[self.plane], self.nodal_pressure_pseudo[self.plane]
+        order = np.argsort(x)
+        return x[order], p[order]
+
+    @property
+    def skin_profile(self) -> tuple[Array, Array]:
+        """Deformed x and y (mm) of the skin in the receptor plane, in the order of `pressure_profile`."""
+        order = np.argsort(self.model.patch.x[self.plane])
+        moved = self.model.patch.position_mm[self.plane, :2] + self.state.displacement[:, self.plane].T
+        return moved[order, 0], moved[order, 1]
+
+    @property
+    def contact_regions_mm(self) -> list[tuple[float, float]]:
+        """[x0, x1] of the runs of active nodes in the receptor plane, undeformed."""
+        x, p = self.pressure_profile
+        touching = x[p > 0]
+        if not len(touching):
+            return []
+        ends = np.flatnonzero(np.diff(touching) > REGION_GAP_MM)
+        starts = np.concatenate([[0], ends + 1])
+        stops = np.concatenate([ends, [len(touching) - 1]])
+        return [(float(touching[a]), float(touching[b])) for a, b in zip(starts, stops, strict=True)]
+
+    @cached_property
+    def receptor_strain(self) -> Array:
+        """(n_receptors, 6) engineering strains e11 e22 e33 e12 e23 e13."""
+        return (self.model.strain_per_force @ self.state.force.ravel()).reshape(-1, 6)
+
+    @cached_property
+    def receptor_measures(self) -> dict[str, Array]:
+        """The 18 measures at the receptors; tension positive, stresses in pseudo-units."""
+        values: dict[str, Array] = {}
+        for ratio in np.unique(self.model.receptor_e):
+            here = self.model.receptor_e == ratio
+            material = Elastic(PSEUDO_E_EPIDERMIS * float(ratio), self.poisson)
+            for name, value in measures_from_strain(self.receptor_strain[here], material).items():
+                values.setdefault(name, np.empty(len(here)))[here] = value
+        return values
+
+    poisson: float = 0.48
+
+    def as_json(self) -> dict[str, Any]:
+        """What `rig indent --json` prints, without the model's build time."""
+        x, p = self.pressure_profile
+        return {
+            "force_n": self.force_n,
+            "force_gwt": self.force_gwt,
+            "doi_mm": self.doi_mm,
+            "peak_pressure_pseudo": self.peak_pressure_pseudo,
+            "contact_regions_mm": [list(region) for region in self.contact_regions_mm],
+            "pressure": {"x_mm": x.tolist(), "pseudo": p.tolist()},
+            "receptors": {
+                "x_mm": self.model.receptors.position_mm[:, 0].tolist(),
+                **{name: value.tolist() for name, value in self.receptor_measures.items()},
+            },
+            "solver": {
+                "model": "finger",
+                "nodes": self.model.nodes,
+                "iterations": self.state.passes,
+                "kkt_residual": self.state.residual,
+                "converged": self.state.converged,
+                "contact_s": self.contact_s,
+            },
+        }
+
+
+class Fingertip:
+    """A condensed 3-D fingertip; every indentation starts from rest and does not depend on earlier ones."""
+
+    def __init__(
+        self, config: FingertipConfig, model: CondensedModel, *, from_cache: bool, build_s: float
+    ) -> None:
+        self.config = config
+        self.model = model
+        self.from_cache = from_cache
+        self.build_s = build_s
+        self.e_epidermis_mpa = E_EPIDERMIS_MPA
+        self._threads = ThreadpoolController()
+
+    @classmethod
+    def load(
+        cls,
+        config: FingertipConfig | None = None,
+        *,
+        receptor_x_mm: Sequence[float] = DEFAULT_X_MM,
+        receptor_depth_mm: float = DEFAULT_DEPTH_MM,
+        solver: Literal["auto", "pardiso", "slabs"] = "auto",
+    ) -> "Fingertip":
+        """The fingertip of a configuration, from the cache or built (seconds).
+
+        Raises MeshError or ReceptorError when geometry, mesh or receptors do not go together.
+        """
+        start = time.perf_counter()
+        config = FingertipConfig() if config is None else config
+        surface = FingertipSurface.fit(config.geometry)
+        receptors = place_receptors(surface, np.array(receptor_x_mm), receptor_depth_mm, config.receptor_plane_mm)
+        key = content_key([config.model_dump(mode="json"), list(receptor_x_mm), receptor_depth_mm, solver])
+        built: list[CondensedModel] = []
+
+        def make() -> dict[str, NDArray[np.generic]]:
+            built.append(build_model(config, surface, receptors, solver))
+            return _to_arrays(built[0])
+
+        arrays, from_cache = cached_arrays(key, make)
+        model = _from_arrays(arrays, surface, receptors) if from_cache else built[0]
+        return cls(config, model, from_cache=from_cache, build_s=time.perf_counter() - start)
+
+    def touch_height_mm(self, indentor: Profile | str, x_mm: float, reference: Reference = "contact") -> float:
+        """Height of the indentor's lowest point where DOI is zero.
+
+        "contact" is first touch of the continuous skin at this x; "apex" the finger's topmost point.
+        """
+        return self._touch(_profile(indentor), x_mm, reference)[0]
+
+    def indent(
+        self,
+        indentor: Profile | str,
+        x_mm: float,
+        *,
+        doi_mm: float | None = None,
+        force_gwt: float | None = None,
+        reference: Reference = "contact",
+    ) -> IndentationResult:
+        """Press an indentor at x to a depth or to a force.
+
+        Raises ModelRangeError when the scene leaves the model: contact at the patch's rim, a depth or force
+        out of range.
+        """
+        profile = _profile(indentor)
+        if (doi_mm is None) == (force_gwt is None):
+            raise ModelRangeError("expected either a depth (doi_mm) or a force (force_gwt), not both")
+        if not math.isfinite(x_mm):
+            raise ModelRangeError(f"x = {x_mm} mm: expected a finite number")
+        touch, touch_x = self._touch(profile, x_mm, reference)
+        start = time.perf_counter()
+        with self._threads.limit(limits=1, user_api="blas"):
+            if doi_mm is not None:
+                if not 0 < doi_mm <= DEEPEST_DOI_MM:
+                    raise ModelRangeError(f"DOI {doi_mm:g} mm: expected 0 < DOI ≤ {DEEPEST_DOI_MM:g} mm")
+                doi, state = doi_mm, self._solve(profile, x_mm, touch, doi_mm, None)
+            else:
+                assert force_gwt is not None
+                doi, state = self._solve_force(profile, x_mm, touch, force_gwt)
+        self._refuse_rim(profile, x_mm, touch_x, touch - doi, state)
+        return IndentationResult(
+            profile=profile,
+            x_mm=x_mm,
+            doi_mm=doi,
+            touch_height_mm=touch,
+            force_n=state.normal_force * self.e_epidermis_mpa,
+            state=state,
+            model=self.model,
+            e_epidermis_mpa=self.e_epidermis_mpa,
+            contact_s=time.perf_counter() - start,
+            poisson=self.config.tissue.poisson,
+        )
+
+    def _touch(self, profile: Profile, x_mm: float, reference: Reference) -> tuple[float, float]:
+        ridge = self.model.surface.ridge
+        height, at = first_touch(profile, x_mm, ridge)
+        return (float(ridge(ridge.x).max()) if reference == "apex" else height), at
+
+    def _solve(
+        self, profile: Profile, x_mm: float, touch: float, doi: float, start: ContactState | None
+    ) -> ContactState:
+        return solve_contact(self.model.patch, Indentation(profile, x_mm, touch - doi, max(doi, 1e-3)), start)
+
+    def _solve_force(
+        self, profile: Profile, x_mm: float, touch: float, force_gwt: float
+    ) -> tuple[float, ContactState]:
+        if not (math.isfinite(force_gwt) and force_gwt > 0):
+            raise ModelRangeError(f"force {force_gwt:g} gwt: expected a positive number")
+        force = force_gwt * GWT_N / self.e_epidermis_mpa
+        try:
+            return solve_for_force(
+                force, _FORCE_GUESS_MM, DEEPEST_DOI_MM, lambda d, s: self._solve(profile, x_mm, touch, d, s)
+            )
+        except ForceNotReachedError as error:
+            raise ModelRangeError(f"force {force_gwt:g} gwt: {error}") from None
+
+    def _refuse_rim(self, profile: Profile, x_mm: float, touch_x: float, height: float, state: ContactState) -> None:
+        """Refuse an answer when the indentor touches skin that the patch does not hold."""
+        patch = self.model.patch
+        scene = f"{profile.name} at x = {x_mm:g} mm"
+        hint = "expected a smaller depth, a position nearer the pad's centre, or a wider mesh.patch_x_mm / patch_z_mm"
+        low, high = patch.x.min(), patch.x.max()
+        if not low < touch_x < high:
+            raise ModelRangeError(f"{scene}: touches the skin at x = {touch_x:.2f} mm, outside the patch; {hint}")
+        at_rim = np.flatnonzero(state.active & patch.rim)
+        beside, nearest = self.model.outside_mm, self.model.outside_neighbour
+        gap = height + profile.evaluate(beside[:, 0] - x_mm)[0] - beside[:, 1] - state.displacement[1][nearest]
+        if len(at_rim) or (gap < 0).any():
+            x, _, z = patch.position_mm[at_rim[0]] if len(at_rim) else beside[np.argmin(gap)]
+            raise ModelRangeError(f"{scene}: contact reaches the patch's rim at x = {x:.2f}, z = {z:.2f} mm; {hint}")
+
+
+def _profile(indentor: Profile | str) -> Profile:
+    return parse_shape(indentor) if isinstance(indentor, str) else indentor
+
+
+_PLAIN = ("receptor_e", "strain_per_force", "outside_mm", "outside_neighbour")
+
+
+def _to_arrays(model: CondensedModel) -> dict[str, NDArray[np.generic]]:
+    """What is stored on disk: surface and receptors are made again in milliseconds."""
+    patch = model.patch
+    return {
+        **{name: getattr(model, name) for name in _PLAIN},
+        "position_mm": patch.position_mm,
+        "area_mm2": patch.area_mm2,
+        "compliance": patch.compliance,
+        "shape": np.array(patch.shape),
+        "counts": np.array([model.receptor_row, model.nodes]),
+    }
+
+
+def _from_arrays(arrays: dict[str, Any], surface: FingertipSurface, receptors: ReceptorSet) -> CondensedModel:
+    shape = (int(arrays["shape"][0]), int(arrays["shape"][1]))
+    patch = Patch(arrays["position_mm"], arrays["area_mm2"], arrays["compliance"], shape)
+    row, nodes = (int(n) for n in arrays["counts"])
+    plain = {name: arrays[name] for name in _PLAIN}
+    return CondensedModel(surface, patch, row, nodes, receptors, **plain)
+
+
+def softened(finger: Fingertip, factor: float) -> Fingertip:
+    """The same fingertip with all of its stiffness multiplied by a factor."""
+    other = Fingertip(finger.config, replace(finger.model), from_cache=finger.from_cache, build_s=finger.build_s)
+    other.e_epidermis_mpa = finger.e_epidermis_mpa * factor
+    return other

@@ -1,0 +1,1 @@
+"""Strain and stress measures at the receptors."""

@@ -1,0 +1,54 @@
+"""The eighteen candidate measures of Raju (1998, ch. 5) from the six strains at a point."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+MEASURES = (
+    *("e11", "e22", "e33", "e12", "e23", "e13", "ep1", "ep2", "ep3"),
+    *("s11", "s22", "s33", "sp1", "sp2", "sp3", "mean", "sed", "third"),
+)
+"""Strains first, then stresses; shear strains are engineering ones (e12 = s12/G)."""
+
+PLOTTED_AS_MAGNITUDE = frozenset({"e22", "ep1", "s11", "s22", "s33", "sp1", "sp2", "sp3", "mean", "third"})
+"""Measures that are negative under every indentor here; profiles show their magnitude. e13 keeps its sign."""
+
+
+@dataclass(frozen=True)
+class Elastic:
+    """Isotropic material; E in the unit that the stresses shall have."""
+
+    young: float
+    poisson: float
+
+
+def stress_from_strain(strain: Array, material: Elastic) -> Array:
+    """(…, 6) stresses s11 s22 s33 s12 s23 s13 from (…, 6) engineering strains (Hooke)."""
+    mu = material.young / (2 * (1 + material.poisson))
+    lam = 2 * mu * material.poisson / (1 - 2 * material.poisson)
+    stress = mu * strain
+    stress[..., :3] = 2 * mu * strain[..., :3] + lam * strain[..., :3].sum(axis=-1, keepdims=True)
+    return stress
+
+
+def measures_from_strain(strain: Array, material: Elastic) -> dict[str, Array]:
+    """The 18 measures at points with (…, 6) engineering strains; tension positive, stresses in the unit of E.
+
+    ep1 ≤ ep2 ≤ ep3 and sp1 ≤ sp2 ≤ sp3, so that 1 is the most compressive; sed = ½ σ:ε; third = det σ.
+    """
+    stress = stress_from_strain(strain, material)
+    ep = np.linalg.eigvalsh(_tensor(strain, shear=0.5))
+    sp = np.linalg.eigvalsh(_tensor(stress, shear=1.0))
+    sed = 0.5 * np.einsum("...k,...k->...", stress, strain)
+    columns = [*np.moveaxis(strain, -1, 0), *np.moveaxis(ep, -1, 0), *np.moveaxis(stress[..., :3], -1, 0)]
+    columns += [*np.moveaxis(sp, -1, 0), stress[..., :3].mean(axis=-1), sed, np.prod(sp, axis=-1)]
+    return dict(zip(MEASURES, columns, strict=True))
+
+
+def _tensor(v: Array, shear: float) -> Array:
+    """(…, 3, 3) symmetric tensors from (…, 6) components 11 22 33 12 23 13."""
+    scaled = v * np.array([1, 1, 1, shear, shear, shear])
+    return scaled[..., [0, 3, 5, 3, 1, 4, 5, 4, 2]].reshape(*v.shape[:-1], 3, 3)
