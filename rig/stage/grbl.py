@@ -13,6 +13,8 @@ HOME_S = 180.0
 # A move may take this much longer than its length, speed and acceleration say.
 LATE_FACTOR, LATE_S = 1.5, 5.0
 ASK_FOR_OFFSET = 35
+# The firmware moves no slower than this, whatever F says.
+SLOWEST_MM_S = 1 / 60
 HOLD_AND_RESET = b"!\x18"
 
 
@@ -46,10 +48,7 @@ class GrblStage:
         """
         try:
             printed = self._link.hello()
-        except StageReset:
-            # Opening the port reset the board, and the question was lost with it.
-            printed = self._link.hello()
-        except (StageTimeout, StageRejected, StageAlarm):
+        except (StageTimeout, StageRejected, StageAlarm, StageReset):
             self._link.reset()
             printed = self._link.command("$I")
         if self.settings().get(13):
@@ -170,11 +169,10 @@ def _move_line(target: dict[str, float], speed_mm_s: float) -> str:
     for name, value in (*target.items(), ("speed_mm_s", speed_mm_s)):
         if not math.isfinite(value):
             raise ValueError(f"{name} must be a finite number, got {value}")
-    feed = f"{60 * speed_mm_s:.3f}"
-    if speed_mm_s <= 0 or float(feed) == 0:
-        raise ValueError(f"speed_mm_s must be positive, got {speed_mm_s}")
+    if speed_mm_s < SLOWEST_MM_S:
+        raise ValueError(f"speed_mm_s must be at least {SLOWEST_MM_S:.4f}, got {speed_mm_s}")
     words = "".join(f"{axis}{mm:.4f}" for axis, mm in target.items())
-    return f"G53G1G90G21{words}F{feed}"
+    return f"G53G1G90G21{words}F{60 * speed_mm_s:.3f}"
 
 
 def _travel_s(mm: float, speed: float, accel: float) -> float:

@@ -34,10 +34,10 @@ class GrblLink:
     def hello(self) -> list[str]:
         """Ask a board of unknown state who it is. Raises StageError."""
         self.trusted = False
-        self.in_step = True
         # A banner that lies in the buffer is just how the board says it is there.
         with suppress(StageReset):
             self.hear_pending()
+        self.in_step = True
         return self.command("$I")
 
     def recover(self) -> None:
@@ -70,8 +70,8 @@ class GrblLink:
 
     def ask_status(self) -> StatusFields:
         """Send `?` and return its answer; a garbled one is asked again. Raises StageError."""
-        self.hear_pending()
         for _ in range(ASK_TIMES):
+            self.hear_pending()
             self._transport.write(b"?")
             deadline_s = self._clock.monotonic_s() + STATUS_S
             while (heard := self._hear(deadline_s)) is not None:
@@ -126,8 +126,8 @@ class GrblLink:
 
     def _notice(self, line: str) -> None:
         if is_banner(line):
-            # Whatever was sent before is gone, so no late answer can come: in step again.
-            self.in_step, self.trusted, self.offset = True, False, None
+            # It may have crossed with a line on the wire: whether that line still gets an answer is unknown.
+            self.in_step, self.trusted, self.offset = False, False, None
             raise StageReset(f"{self._transport.name}: the board was reset ({line})")
         code = number_after(line, "ALARM:")
         if code is not None:

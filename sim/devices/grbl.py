@@ -9,9 +9,10 @@ import re
 from math import inf
 
 from sim.devices import grbl_report as report
-from sim.devices.grbl_core import GrblCore, Wait
+from sim.devices.grbl_core import Wait
 from sim.devices.grbl_gcode import GcodeError, parse
 from sim.devices.grbl_homing import homing_motion
+from sim.devices.grbl_realtime import GrblRealtime
 from sim.devices.grbl_settings import HOMING, SOFT_LIMITS
 from sim.devices.motion import Vec
 from sim.devices.planner import BLOCKS
@@ -22,7 +23,7 @@ SOFT_LIMIT = 2
 _SETTING = re.compile(r"\$(\d+\.?\d*)=([+-]?(?:\d+\.?\d*|\.\d+))$")
 
 
-class VirtualGrbl(GrblCore):
+class VirtualGrbl(GrblRealtime):
     """A board with three axes behind a serial line, switched on at once.
 
     VirtualGrbl(scheduler, line, *, settings, start_mm, work_offset_mm, slip_steps): settings change the rig's

@@ -18,6 +18,7 @@ RIG_DEFAULTS: Mapping[int, float] = {
     130: 60, 131: 30, 132: 40,
 }  # fmt: skip
 _DECIMAL = {11, 12, 24, 25, 27}
+_DIVISORS = {100, 101, 102, 110, 111, 112, 120, 121, 122}
 _SWITCHES = {4, 5, 6, 13, 20, 21, 22, 32}
 
 UNKNOWN_SETTING, NEGATIVE_VALUE, SHORT_PULSE, NO_HOMING = 3, 4, 6, 10
@@ -47,6 +48,9 @@ class GrblSettings:
             return UNKNOWN_SETTING
         if number == 0 and value < 3:
             return SHORT_PULSE
+        if value == 0 and number in _DIVISORS:
+            # The firmware takes these and then divides by them; a simulation cannot.
+            return NEGATIVE_VALUE
         if number == SOFT_LIMITS and value and not self.flag(HOMING):
             return NO_HOMING
         self._put(int(number), value)

@@ -9,6 +9,8 @@ from math import inf, sqrt
 from sim.devices.motion import Counts, Piece, Ramp, Track, Vec, trapezoid
 
 BLOCKS = 15
+# The firmware moves no slower than 1 mm/min, whatever F says.
+SLOWEST_MM_S = 1 / 60
 _STRAIGHT = 0.999999
 
 
@@ -152,7 +154,7 @@ def _block(limits: AxisLimits, start: Counts, target: Counts, speed: float) -> B
     length = sqrt(sum(d * d for d in mm))
     unit = (mm[0] / length, mm[1] / length, mm[2] / length)
     slope = (steps[0] / length, steps[1] / length, steps[2] / length)
-    cruise = min(speed, _along(limits.max_speed, unit))
+    cruise = max(min(speed, _along(limits.max_speed, unit)), SLOWEST_MM_S)
     return Block(start, target, length, unit, slope, cruise, _along(limits.accel, unit))
 
 
