@@ -1,0 +1,329 @@
+"""The GRBL driver as pairs of bytes."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from rig.stage import (
+    GrblStage,
+    Stage,
+    StageAlarm,
+    StageError,
+    StageRejected,
+    StageReset,
+    StageStatus,
+    StageTimeout,
+)
+from rig.stage.grbl_words import StatusFields, is_banner, parse_status
+from sim.clock import VirtualClock
+
+BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
+HELLO = (b"$I\n", b"[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n")
+SETTINGS = (b"$$\n", b"$13=0\r\n$100=400.000\r\n$110=600.000\r\n$120=50.000\r\nok\r\n")
+IDLE = b"<Idle|MPos:-1.000,-2.000,-3.000|FS:0,0>\r\n"
+Make = Callable[[list[Any]], GrblStage]
+
+
+@pytest.fixture
+def stage(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> Make:
+    """A driver that has said hello to the far end of this script."""
+
+    def make(script: list[Any]) -> GrblStage:
+        stage = GrblStage(scripted([HELLO, SETTINGS, *script]), clock)
+        assert stage.connect() == "[VER:1.1h.20190825:] [OPT:V,15,128]"
+        return stage
+
+    return make
+
+
+# --- connect ---
+
+
+def test_connect_after_the_banner(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
+    stage: Stage = GrblStage(scripted([(b"", BANNER), HELLO, SETTINGS]), clock)
+    assert stage.connect() == "[VER:1.1h.20190825:] [OPT:V,15,128]"
+
+
+def test_connect_resets_a_board_that_does_not_answer(
+    clock: VirtualClock, scripted: Callable[[list[Any]], Any]
+) -> None:
+    stage = GrblStage(scripted([(b"$I\n", b""), (b"\x18", BANNER), HELLO, SETTINGS]), clock)
+    assert stage.connect().startswith("[VER:1.1h")
+
+
+def test_connect_when_banner_and_question_cross(
+    clock: VirtualClock, scripted: Callable[[list[Any]], Any]
+) -> None:
+    """The answer to the first question must not be taken for the answer to the next."""
+    script = [(b"$I\n", BANNER + HELLO[1]), (b"\x18", BANNER), HELLO, SETTINGS]
+    assert GrblStage(scripted(script), clock).connect().startswith("[VER:1.1h")
+
+
+def test_connect_to_a_grblhal_board(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
+    banner = b"\r\nGrblHAL 1.1f ['$' or '$HELP' for help]\r\n"
+    hello = (b"$I\n", b"[VER:1.1f.20240101:]\r\n[OPT:VNM,35,1024]\r\n[FIRMWARE:grblHAL]\r\nok\r\n")
+    stage = GrblStage(scripted([(b"$I\n", b""), (b"\x18", banner), hello, SETTINGS]), clock)
+    assert stage.connect().endswith("[FIRMWARE:grblHAL]")
+
+
+def test_a_second_reset_where_the_first_is_lost(
+    clock: VirtualClock, scripted: Callable[[list[Any]], Any]
+) -> None:
+    script = [(b"$I\n", b""), (b"\x18", b"[MSG:Reset to continue]\r\n"), (b"\x18", BANNER), HELLO, SETTINGS]
+    assert GrblStage(scripted(script), clock).connect()
+
+
+def test_nobody_there(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
+    stage = GrblStage(scripted([(b"$I\n", b""), (b"\x18", b""), (b"\x18", b"")]), clock)
+    with pytest.raises(StageTimeout, match="no banner after a reset"):
+        stage.connect()
+    assert clock.monotonic_s() < 15.0
+
+
+def test_a_board_that_reports_inches_is_refused(
+    clock: VirtualClock, scripted: Callable[[list[Any]], Any]
+) -> None:
+    stage = GrblStage(scripted([HELLO, (b"$$\n", b"$13=1\r\nok\r\n")]), clock)
+    with pytest.raises(StageError, match=r"\$13=0"):
+        stage.connect()
+
+
+# --- lines and answers ---
+
+
+def test_settings_by_number(stage: Make) -> None:
+    board = stage([(b"$$\n", b"$0=10\r\n$N0=G21\r\n$100=400.000\r\n$120=50.5 (x accel)\r\nok\r\n")])
+    assert board.settings() == {0: 10.0, 100: 400.0, 120: 50.5}
+
+
+def test_push_messages_never_answer_a_line(stage: Make) -> None:
+    pushed = IDLE + b"[MSG:Caution: Unlocked]\r\n$100=400.000\r\n<Run|MP"
+    stage([(b"$X\n", [pushed, b"os:0,0,0>\r\n", b"ok\r\n"])]).unlock()
+
+
+def test_an_error_names_the_line(stage: Make) -> None:
+    with pytest.raises(StageRejected, match=r"refused '\$X' with error 9: locked") as caught:
+        stage([(b"$X\n", b"error:9\r\n")]).unlock()
+    assert (caught.value.code, caught.value.line) == (9, "$X")
+
+
+def test_no_answer_is_a_bounded_wait_and_then_only_a_reset_helps(stage: Make, clock: VirtualClock) -> None:
+    board = stage([(b"$$\n", b""), (b"\x18", b"ok\r\n" + BANNER), (b"$X\n", b"ok\r\n")])
+    with pytest.raises(StageTimeout, match=r"no answer to '\$\$' in 2 s"):
+        board.settings()
+    assert clock.monotonic_s() == pytest.approx(2.0)
+    with pytest.raises(StageError, match="must be reset"):
+        board.settings()
+    board.unlock()
+
+
+# --- status ---
+
+
+@pytest.mark.parametrize(
+    ("line", "fields"),
+    [
+        ("<Idle|MPos:0.000,1.000,-2.500|Bf:15,128|FS:0,0|Pn:XZ|WCO:1,2,3|Ov:100,100,100>",
+         StatusFields("Idle", (0.0, 1.0, -2.5), None, (1.0, 2.0, 3.0))),
+        ("<Hold:1|WPos:0,0,0|FS:0,0>", StatusFields("Hold:1", None, (0.0, 0.0, 0.0), None)),
+        ("<Run|MPos:0,0,0,7.5|FS:0,0>", StatusFields("Run", (0.0, 0.0, 0.0), None, None)),
+        ("<Alarm>", StatusFields("Alarm", None, None, None)),
+        ("<Idle|MPos:0.000,1.0", None), ("<Idle|MPos:0.000,1.000>", None), ("<Idle|MPos:a,b,c>", None),
+        ("<Idle|MPos:nan,0,0>", None), ("<Idle|MPos:0,0<Idle|MPos:0,0,0>", None), ("ok", None), ("", None),
+    ],
+)  # fmt: skip
+def test_status_fields_whichever_come(line: str, fields: StatusFields | None) -> None:
+    assert parse_status(line) == fields
+
+
+def test_banners() -> None:
+    assert is_banner("Grbl 1.1h ['$' for help]")
+    assert is_banner("GrblHAL 1.1f ['$' or '$HELP' for help]")
+    assert is_banner("<Idle|MPos:0.0Grbl 1.1h ['$' for help]")
+    assert not is_banner("[VER:1.1h.20190825:Grbl on the bench]")
+
+
+def test_status_split_into_pieces(stage: Make) -> None:
+    board = stage([(b"?", [b"<Id", b"le|MPos:-1.0", b"00,-2.000,-3.000|FS:0", b",0>\r", b"\n"])])
+    assert board.status() == StageStatus("Idle", -1.0, -2.0, -3.0)
+
+
+def test_a_garbled_status_is_asked_again(stage: Make) -> None:
+    board = stage([(b"?", b"<Idle|MPos:-1.0\xf3,-2\r\n"), (b"?", IDLE)])
+    assert board.status().z_mm == -3.0
+
+
+def test_no_status_is_a_bounded_wait(stage: Make, clock: VirtualClock) -> None:
+    board = stage([(b"?", b""), (b"?", b"[MSG:hm]\r\n"), (b"?", b"")])
+    with pytest.raises(StageTimeout, match=r"no answer to \?"):
+        board.status()
+    assert clock.monotonic_s() < 1.0
+
+
+def test_work_position_waits_for_the_offset_and_keeps_it(stage: Make) -> None:
+    work = b"<Idle|WPos:1.000,2.000,3.000|FS:0,0>\r\n"
+    with_offset = b"<Idle|WPos:1.000,2.000,3.000|FS:0,0|WCO:-10.000,0.000,0.500>\r\n"
+    board = stage([(b"?", work), (b"?", with_offset), (b"?", work)])
+    assert board.status() == StageStatus("Idle", -9.0, 2.0, 3.5)
+    assert board.status() == StageStatus("Idle", -9.0, 2.0, 3.5)
+
+
+def test_a_status_without_position_is_an_error(stage: Make) -> None:
+    with pytest.raises(StageError, match="no machine position"):
+        stage([(b"?", b"<Idle|FS:0,0>\r\n")]).status()
+
+
+# --- homing and moving ---
+
+
+def test_home_then_move(stage: Make, clock: VirtualClock) -> None:
+    board = stage(
+        [
+            (b"$H\n", b"ok\r\n"),
+            (b"?", IDLE),
+            (b"G53G1G90G21X-11.0000F60.000\n", b"ok\r\n"),
+            (b"?", b"<Run|MPos:-10.990,-2.000,-3.000|FS:60,0>\r\n"),
+            (b"?", b"<Idle|MPos:-11.000,-2.000,-3.000|FS:0,0>\r\n"),
+        ]
+    )
+    assert not board.homed
+    board.home()
+    assert board.homed
+    start_s = clock.monotonic_s()
+    board.move_to(x_mm=-11.0, speed_mm_s=1.0)
+    # 10 mm at 1 mm/s and 50 mm/s², then one poll interval.
+    assert clock.monotonic_s() - start_s == pytest.approx(10.0 + 1.0 / 50 + 0.02)
+
+
+def test_an_arrival_elsewhere_is_an_error(stage: Make) -> None:
+    board = stage([(b"G53G1G90G21Z-2.9000F60.000\n", b"ok\r\n"), (b"?", IDLE)])
+    with pytest.raises(StageError, match=r"Z is at -3\.0 mm, not at -2\.9 mm"):
+        board.move_to(z_mm=-2.9, speed_mm_s=1.0)
+
+
+def test_a_move_that_does_not_end_has_a_bounded_wait(clock: VirtualClock) -> None:
+    class Stuck:
+        name = "stuck"
+        answers = b""
+
+        def write(self, data: bytes) -> None:
+            self.answers += b"<Hold:0|MPos:0,0,0>\r\n" if data == b"?" else b"ok\r\n"
+
+        def read(self, timeout_s: float) -> bytes:
+            data, self.answers = self.answers, b""
+            if not data:
+                clock.wait_s(timeout_s)
+            return data
+
+        def close(self) -> None: ...
+
+    board = GrblStage(Stuck(), clock)
+    board.connect()
+    with pytest.raises(StageTimeout, match="not over in time, state Hold:0"):
+        board.move_to(x_mm=1.0, speed_mm_s=1.0)
+    with pytest.raises(StageTimeout, match="still held after 1 s"):
+        board.resume(1.0)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {"x_mm": math.nan, "speed_mm_s": 1.0}, {"z_mm": math.inf, "speed_mm_s": 1.0},
+        {"x_mm": 1.0, "speed_mm_s": math.nan}, {"x_mm": 1.0, "speed_mm_s": math.inf},
+        {"x_mm": 1.0, "speed_mm_s": 0.0}, {"x_mm": 1.0, "speed_mm_s": -1.0},
+        {"x_mm": 1.0, "speed_mm_s": 1e-9}, {"speed_mm_s": 1.0},
+    ],
+)  # fmt: skip
+def test_bad_arguments_are_refused_before_any_byte(stage: Make, arguments: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match=r"must be|needs at least"):
+        stage([]).move_to(**arguments)  # type: ignore[arg-type]
+
+
+def test_an_alarm_in_the_middle_of_a_move_is_heard_at_once(stage: Make, clock: VirtualClock) -> None:
+    board = stage([(b"?", IDLE), (b"G53G1G90G21X-20.0000F60.000\n", [b"ok\r\nALARM:1\r\n"])])
+    board.status()
+    with pytest.raises(StageAlarm, match="alarm 1: hard limit") as caught:
+        board.move_to(x_mm=-20.0, speed_mm_s=1.0)
+    assert caught.value.code == 1
+    assert clock.monotonic_s() < 1.0
+
+
+def test_an_alarm_state_ends_a_move(stage: Make) -> None:
+    board = stage([(b"G53G1G90G21X-20.0000F60.000\n", b"ok\r\n"), (b"?", b"<Alarm|MPos:0,0,0>\r\n")])
+    with pytest.raises(StageError, match="Alarm during a move"):
+        board.move_to(x_mm=-20.0, speed_mm_s=1.0)
+
+
+def test_unknown_alarms_are_alarms_too(stage: Make) -> None:
+    with pytest.raises(StageAlarm, match="alarm 14"):
+        stage([(b"?", b"ALARM:14\r\n")]).status()
+
+
+def test_a_banner_at_any_time_is_a_reset(stage: Make) -> None:
+    home = [(b"$H\n", b"ok\r\n"), (b"?", IDLE)]
+    board = stage([*home, (b"?", b"<Idle|MPos:-1.0" + BANNER)])
+    board.home()
+    with pytest.raises(StageReset, match=r"was reset \(Grbl 1\.1h"):
+        board.status()
+    assert not board.homed
+
+
+def test_a_banner_glued_to_half_a_line_is_a_reset(stage: Make) -> None:
+    with pytest.raises(StageReset):
+        stage([(b"$$\n", b"$100=40Grbl 1.1h ['$' for help]\r\n")]).settings()
+
+
+def test_an_alarm_that_came_between_is_raised_before_the_next_line(stage: Make, clock: VirtualClock) -> None:
+    board = stage([(b"?", IDLE + b"ALARM:1\r\n[MSG:Reset to continue]\r\n")])
+    board.status()
+    with pytest.raises(StageAlarm):
+        board.move_to(x_mm=-2.0, speed_mm_s=1.0)
+
+
+# --- stop, hold, unlock ---
+
+
+def test_stop_is_one_write_and_reads_nothing(stage: Make) -> None:
+    board = stage([(b"!\x18", b"ALARM:3\r\n" + BANNER)])
+    board.stop()
+    assert not board.homed
+    with pytest.raises(StageAlarm, match="reset while in motion"):
+        board.status()
+
+
+def test_home_after_a_stop_begins_with_a_reset(stage: Make) -> None:
+    board = stage(
+        [
+            (b"!\x18", b"ALARM:3\r\nok\r\n" + BANNER),
+            (b"\x18", BANNER + b"[MSG:'$H'|'$X' to unlock]\r\n"),
+            (b"$H\n", b"ok\r\n"),
+            (b"?", IDLE),
+        ]
+    )
+    board.stop()
+    board.home()
+    assert board.homed
+
+
+def test_a_resume_is_sent_again_until_it_is_seen(stage: Make) -> None:
+    held = b"|MPos:-1.000,-2.000,-3.000|FS:0,0>\r\n"
+    board = stage(
+        [
+            (b"!", b""),
+            (b"?", b"<Hold:1" + held),
+            (b"~", b""),
+            (b"?", b"<Hold:0" + held),
+            (b"~", b""),
+            (b"?", b"<Run" + held),
+        ]
+    )
+    board.hold()
+    board.resume()
+
+
+def test_close_closes_the_wire(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
+    wire = scripted([])
+    GrblStage(wire, clock).close()
+    assert wire.closed

@@ -1,0 +1,160 @@
+"""Transports: loopback, byte log, lines, and a serial port with a pseudo-terminal behind it."""
+
+import io
+import json
+import os
+from collections.abc import Iterator
+
+import pytest
+
+from rig.clock import WallClock
+from rig.transport import (
+    LineReader,
+    LoggedTransport,
+    LoopbackTransport,
+    SerialTransport,
+    Transport,
+    TransportError,
+    port_owner,
+)
+from sim.clock import VirtualClock
+from sim.devices import SerialLine
+
+pty = pytest.importorskip("pty", reason="needs pseudo-terminals")
+tty = pytest.importorskip("tty", reason="needs pseudo-terminals")
+
+
+# --- loopback and log ---
+
+
+def test_loopback_reads_as_soon_as_something_is_there(clock: VirtualClock) -> None:
+    line = SerialLine(clock, 1000)
+    wire: Transport = LoopbackTransport(line, clock, "near")
+    clock.call_at(0.5, lambda: line.device_write(b"ab"))
+    assert wire.read(0.1) == b""
+    assert clock.monotonic_s() == pytest.approx(0.1)
+    assert wire.read(5.0) == b"ab"
+    assert clock.monotonic_s() == pytest.approx(0.52)
+    assert wire.read(0.0) == b""
+
+
+def test_loopback_sends_to_the_device(clock: VirtualClock) -> None:
+    line = SerialLine(clock, 1000)
+    heard: list[bytes] = []
+    line.connect(heard.append)
+    wire = LoopbackTransport(line, clock)
+    wire.write(b"?")
+    clock.wait_s(0.01)
+    assert heard == [b"?"]
+    wire.close()
+    with pytest.raises(TransportError, match="loopback is closed"):
+        wire.write(b"?")
+
+
+def test_every_byte_is_logged_with_its_time(clock: VirtualClock) -> None:
+    line = SerialLine(clock, 1000)
+    line.connect(lambda data: line.device_write(data[::-1]))
+    sink = io.StringIO()
+    wire = LoggedTransport(LoopbackTransport(line, clock, 'a "port"'), clock, sink)
+    wire.write(b"\x18?")
+    assert wire.read(1.0) == b"?\x18"
+    assert wire.read(0.1) == b""
+    assert [json.loads(entry) for entry in sink.getvalue().splitlines()] == [
+        {"t_s": 0.0, "port": 'a "port"', "dir": "tx", "hex": "183f"},
+        {"t_s": 0.04, "port": 'a "port"', "dir": "rx", "hex": "3f18"},
+    ]
+
+
+def test_the_log_never_stands_before_the_bytes(clock: VirtualClock) -> None:
+    class FullDisk(io.StringIO):
+        def write(self, _text: str) -> int:
+            raise OSError("no space left")
+
+    line = SerialLine(clock, 1000)
+    heard: list[bytes] = []
+    line.connect(heard.append)
+    wire = LoggedTransport(LoopbackTransport(line, clock), clock, FullDisk())
+    with pytest.raises(OSError, match="no space"):
+        wire.write(b"!")
+    clock.wait_s(1.0)
+    assert heard == [b"!"]
+
+
+# --- lines ---
+
+
+def test_lines_out_of_any_pieces(clock: VirtualClock, scripted) -> None:  # type: ignore[no-untyped-def]
+    wire = scripted([(b"", [b"o", b"k\r", b"\nerr", b"or:9\r\n\r\n<Id", b"le>\n\xff\xfe\nrest"])])
+    reader = LineReader(wire, clock)
+    heard = [reader.read_line(1.0) for _ in range(4)]
+    assert heard == ["ok", "error:9", "<Idle>", "\ufffd\ufffd"]
+    assert reader.read_line(1.0) is None
+    assert clock.monotonic_s() == 1.0
+
+
+def test_a_stream_without_line_ends_is_an_error(clock: VirtualClock, scripted) -> None:  # type: ignore[no-untyped-def]
+    reader = LineReader(scripted([(b"", b"x" * 5000)]), clock)
+    with pytest.raises(TransportError, match="without an end of line"):
+        reader.read_line(1.0)
+
+
+def test_pending_and_discard(clock: VirtualClock, scripted) -> None:  # type: ignore[no-untyped-def]
+    wire = scripted([(b"", [b"one\r\ntwo\r\nthr", b"ee\r\nfo"])])
+    reader = LineReader(wire, clock)
+    assert [reader.next_pending() for _ in range(4)] == ["one", "two", "three", None]
+    reader.discard()
+    wire.chunks.append(b"ur\r\n")
+    assert reader.read_line(0.0) == "ur"
+
+
+# --- a serial port ---
+
+
+@pytest.fixture
+def port() -> Iterator[tuple[int, str]]:
+    """The far end's file descriptor and the name of a serial port."""
+    far, near = pty.openpty()
+    tty.setraw(near)
+    yield far, os.ttyname(near)
+    os.close(far)
+    os.close(near)
+
+
+def test_serial_port_both_ways(port: tuple[int, str]) -> None:
+    far, name = port
+    wire = SerialTransport(name)
+    wire.write(b"$I\n")
+    assert os.read(far, 10) == b"$I\n"
+    os.write(far, b"ok\r\n")
+    assert LineReader(wire, WallClock()).read_line(WallClock().monotonic_s() + 5.0) == "ok"
+    assert wire.read(0.001) == b""
+    wire.close()
+
+
+def test_one_owner_a_port(port: tuple[int, str]) -> None:
+    _, name = port
+    assert port_owner(name) is None
+    wire = SerialTransport(name)
+    assert port_owner(name) == os.getpid()
+    with pytest.raises(TransportError, match=rf"^{name} is already in use by process {os.getpid()}$"):
+        SerialTransport(name)
+    wire.close()
+    assert port_owner(name) is None
+    SerialTransport(name).close()
+
+
+def test_a_missing_port_is_named_in_one_line() -> None:
+    with pytest.raises(TransportError, match=r"^there is no port /dev/ttyNOWHERE7$"):
+        SerialTransport("/dev/ttyNOWHERE7")
+    with pytest.raises(TransportError, match=r"^there is no port /dev/ttyNOWHERE7$"):
+        SerialTransport("/dev/ttyNOWHERE7")
+
+
+def test_a_port_that_goes_away_is_an_error(port: tuple[int, str]) -> None:
+    _, name = port
+    wire = SerialTransport(name)
+    wire.close()
+    with pytest.raises(TransportError, match=f"cannot write to {name}"):
+        wire.write(b"?")
+    with pytest.raises(TransportError, match=f"cannot read from {name}"):
+        wire.read(0.0)

@@ -1,0 +1,227 @@
+"""The planner against closed form: times, stop distances, junctions, and no jumps."""
+
+import math
+from itertools import pairwise
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sim.devices.motion import Counts, Track, trapezoid
+from sim.devices.planner import AxisLimits, Planner
+
+PER_MM = 400
+LIMITS = AxisLimits((400.0, 400.0, 400.0), (10.0, 10.0, 5.0), (50.0, 50.0, 50.0), 0.01)
+HOME: Counts = (0, 0, 0)
+
+
+def planner(limits: AxisLimits = LIMITS) -> Planner:
+    return Planner(limits, HOME)
+
+
+def steps(x_mm: float, y_mm: float = 0.0, z_mm: float = 0.0) -> Counts:
+    return (round(x_mm * PER_MM), round(y_mm * PER_MM), round(z_mm * PER_MM))
+
+
+def queue_path(plan: Planner, points: list[Counts], speed: float, now_s: float = 0.0) -> None:
+    start = HOME
+    for point in points:
+        plan.queue(start, point, speed, now_s)
+        start = point
+
+
+@pytest.mark.parametrize(("mm", "speed"), [(10.0, 1.0), (10.0, 10.0), (0.05, 1.0), (2.0, 10.0), (1.0, 10.0)])
+def test_a_single_move_is_a_trapezoid_or_a_triangle(mm: float, speed: float) -> None:
+    plan = planner()
+    queue_path(plan, [steps(-mm)], speed)
+    ramp_mm = speed**2 / 50
+    expected_s = mm / speed + speed / 50 if mm > ramp_mm else 2 * math.sqrt(mm / 50)
+    assert plan.end_s == pytest.approx(expected_s, rel=1e-12)
+    assert plan.track.position_at(plan.end_s) == steps(-mm)
+
+
+def test_position_on_the_way_is_that_of_constant_acceleration() -> None:
+    plan = planner()
+    queue_path(plan, [steps(10.0)], 10.0)
+    for t_s, mm in ((0.1, 0.25), (0.2, 1.0), (0.5, 4.0), (1.0, 9.0), (1.1, 9.75)):
+        assert plan.track.position_at(t_s)[0] == pytest.approx(mm * PER_MM, abs=1e-9)
+    assert plan.track.speed_at(0.1) == pytest.approx(5.0)
+    assert plan.track.speed_at(0.5) == pytest.approx(10.0)
+
+
+def test_the_slowest_axis_limits_a_diagonal() -> None:
+    plan = planner()
+    queue_path(plan, [steps(3.0, 0.0, 4.0)], math.inf)
+    speed, accel = 5.0 / 0.8, 50.0 / 0.8
+    assert plan.end_s == pytest.approx(5.0 / speed + speed / accel, rel=1e-12)
+
+
+def test_collinear_blocks_do_not_stop() -> None:
+    one, many = planner(), planner()
+    queue_path(one, [steps(10.0)], 5.0)
+    queue_path(many, [steps(i) for i in range(1, 11)], 5.0)
+    assert many.end_s == pytest.approx(one.end_s, rel=1e-12)
+    for i in range(100):
+        t_s = i * one.end_s / 100
+        assert many.track.position_at(t_s) == pytest.approx(one.track.position_at(t_s), abs=1e-6)
+
+
+def test_a_collinear_block_that_comes_late_still_does_not_stop() -> None:
+    one, two = planner(), planner()
+    queue_path(one, [steps(2.0)], 5.0)
+    two.queue(HOME, steps(1.0), 5.0, 0.0)
+    two.queue(steps(1.0), steps(2.0), 5.0, 0.15)
+    assert two.end_s == pytest.approx(one.end_s, rel=1e-12)
+
+
+def test_a_block_that_comes_in_the_final_slowing_down_speeds_up_again() -> None:
+    plan = planner()
+    plan.queue(HOME, steps(1.0), 5.0, 0.0)
+    t_s = 0.28  # 0.02 s before the stop
+    speed = plan.track.speed_at(t_s)
+    plan.queue(steps(1.0), steps(2.0), 5.0, t_s)
+    assert speed == pytest.approx(1.0)
+    assert plan.track.speed_at(t_s + 0.01) == pytest.approx(1.5)
+
+
+def test_a_reversal_stops_and_a_corner_slows_to_the_junction_speed() -> None:
+    back, corner = planner(), planner()
+    queue_path(back, [steps(1.0), HOME], 5.0)
+    assert back.end_s == pytest.approx(2 * (1.0 / 5 + 5 / 50), rel=1e-12)
+    queue_path(corner, [steps(1.0), steps(1.0, 1.0)], 5.0)
+    # A right angle: v² = a·d·sin(θ/2)/(1 − sin(θ/2)), with the axes' a along the bisector.
+    sine = math.sqrt(0.5)
+    junction = math.sqrt(50 / sine * 0.01 * sine / (1 - sine))
+    half_s = (2 * 5 - junction) / 50 + (1 - (2 * 25 - junction**2) / 100) / 5
+    assert corner.end_s == pytest.approx(2 * half_s, rel=1e-12)
+
+
+def test_a_hold_stops_after_v_squared_over_2a() -> None:
+    plan = planner()
+    queue_path(plan, [steps(10.0)], 10.0)
+    at = plan.track.position_at(0.5)[0]
+    plan.hold(0.5)
+    assert plan.end_s == pytest.approx(0.5 + 10.0 / 50, rel=1e-12)
+    assert plan.track.position_at(9.0)[0] - at == pytest.approx(10.0**2 / (2 * 50) * PER_MM, rel=1e-12)
+
+
+def test_a_hold_runs_across_blocks_and_resumes_to_the_end() -> None:
+    plan = planner()
+    path = [steps(0.2 * i) for i in range(1, 15)]
+    queue_path(plan, path, 10.0)
+    plan.hold(0.22)
+    stop = plan.track.position_at(plan.end_s)[0] / PER_MM
+    speed = 50 * 0.22 if 50 * 0.22 < 10 else 10.0
+    assert stop == pytest.approx(speed * 0.22 - speed**2 / 100 + speed**2 / 100, abs=1e-9)
+    assert plan.resume(plan.end_s + 1.0)
+    assert plan.track.position_at(plan.end_s) == path[-1]
+
+
+def test_a_dead_stop_keeps_whole_steps_and_drops_the_queue() -> None:
+    plan = planner()
+    queue_path(plan, [steps(10.0), steps(10.0, 5.0)], 10.0)
+    before = plan.track.counts_at(0.5)
+    assert plan.halt(0.5) == (0, 0, 0)
+    assert plan.track.position_at(0.5) == before
+    assert plan.unfinished(0.5) == 0
+    assert not plan.resume(1.0)
+
+
+def test_a_dead_stop_may_slip() -> None:
+    plan = planner()
+    queue_path(plan, [steps(-10.0)], 10.0)
+    before = plan.track.counts_at(0.5)
+    assert plan.halt(0.5, slip_steps=3) == (-3, 0, 0)
+    assert plan.track.counts_at(0.6) == (before[0] - 3, 0, 0)
+
+
+def test_the_past_stays_exact_for_more_than_a_second() -> None:
+    plan = planner()
+    now_s, start = 0.0, HOME
+    seen: list[tuple[float, float]] = []
+    for i in range(400):
+        target = steps(0.05 * ((i % 20) + 1))
+        plan.queue(start, target, 1.0, now_s)
+        start, now_s = target, now_s + 0.03
+        seen.append((now_s, plan.track.position_at(now_s)[0]))
+        for t_s, position in seen[-30:]:
+            if t_s > now_s - 0.8:
+                assert plan.track.position_at(t_s) == (pytest.approx(position, abs=1e-9), 0, 0)
+    assert len(plan.track._pieces) < 1000
+
+
+def test_before_the_first_move_the_carriage_stood_where_it_began() -> None:
+    track = Track((1, 2, 3))
+    assert track.position_at(-1.0) == (1, 2, 3)
+    track.replace_from(5.0, [], (1, 2, 3))
+    assert track.position_at(0.0) == (1, 2, 3)
+
+
+@given(
+    mm=st.floats(1e-6, 100.0),
+    v0=st.floats(0.0, 10.0),
+    v1=st.floats(0.0, 10.0),
+    cruise=st.floats(0.01, 10.0),
+    accel=st.floats(1.0, 500.0),
+)
+@settings(max_examples=200, deadline=None)
+def test_a_trapezoid_covers_its_length(mm: float, v0: float, v1: float, cruise: float, accel: float) -> None:
+    v0, v1 = min(v0, cruise), min(v1, cruise)
+    if abs(v0 * v0 - v1 * v1) > 2 * accel * mm:
+        v1 = v0
+    ramps = trapezoid(mm, v0, v1, cruise, accel)
+    assert sum(ramp.mm for ramp in ramps) == pytest.approx(mm, rel=1e-9, abs=1e-9)
+    speed = v0
+    for ramp in ramps:
+        assert ramp.v0 == pytest.approx(speed, abs=1e-6)
+        assert abs(ramp.accel) <= accel * (1 + 1e-6)
+        speed = ramp.v0 + ramp.accel * ramp.duration_s
+    assert speed == pytest.approx(v1, abs=1e-5)
+
+
+EVENTS = st.lists(
+    st.tuples(
+        st.floats(0.0, 0.5),  # seconds until it happens
+        st.sampled_from(["move", "move", "move", "hold"]),
+        st.tuples(st.integers(-2000, 2000), st.integers(-2000, 2000), st.integers(-2000, 2000)),
+        st.floats(0.1, 10.0),
+    ),
+    min_size=1,
+    max_size=15,
+)
+
+
+@given(EVENTS)
+@settings(max_examples=80, deadline=None)
+def test_no_history_of_moves_and_holds_jumps_or_misses(
+    events: list[tuple[float, str, Counts, float]],
+) -> None:
+    plan = planner()
+    now_s, last = 0.0, HOME
+    for pause_s, kind, target, speed in events:
+        then_s = now_s + pause_s
+        _check_smooth(plan.track, now_s, then_s)
+        now_s = then_s
+        if kind == "move":
+            plan.queue(last, target, speed, now_s)
+            last = target
+        else:
+            plan.hold(now_s)
+            _check_smooth(plan.track, now_s, plan.end_s)
+            now_s = plan.end_s
+            plan.resume(now_s)
+    _check_smooth(plan.track, now_s, plan.end_s)
+    assert plan.track.position_at(plan.end_s) == last
+    assert plan.unfinished(plan.end_s) == 0
+
+
+def _check_smooth(track: Track, t0_s: float, t1_s: float) -> None:
+    """No axis may go faster than its limit between any two instants."""
+    count = 60
+    dt_s = (t1_s - t0_s) / count
+    if dt_s <= 1e-6:
+        return
+    at = [track.position_at(t0_s + i * dt_s) for i in range(count + 1)]
+    for axis, most in enumerate(LIMITS.max_speed):
+        for before, after in pairwise(at):
+            assert abs(after[axis] - before[axis]) <= most * PER_MM * dt_s * (1 + 1e-6) + 1e-6
