@@ -13,6 +13,8 @@ import serial
 from rig.transport.base import TransportError
 
 WRITE_TIMEOUT_S = 1.0
+# Somebody who only asks for the owner holds the lock for a moment.
+OWNER_S = 0.2
 
 
 class SerialTransport:
@@ -60,19 +62,21 @@ def port_owner(port: str) -> int | None:
     try:
         with filelock.FileLock(_lock_file(port), timeout=0):
             return None
-    except filelock.Timeout:
+    except (filelock.Timeout, OSError):
         return _noted_owner(port)
 
 
 def _own(port: str) -> filelock.BaseFileLock:
     # Not thread-local: a stop from another thread may close the port.
-    lock = filelock.FileLock(_lock_file(port), timeout=0, thread_local=False)
+    lock = filelock.FileLock(_lock_file(port), timeout=OWNER_S, thread_local=False)
     try:
         lock.acquire()
     except filelock.Timeout:
         owner = _noted_owner(port)
         by = f"process {owner}" if owner else "another program"
         raise TransportError(f"{port} is already in use by {by}") from None
+    except OSError as problem:
+        raise TransportError(f"cannot lock {port}: {problem}") from problem
     return lock
 
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 from sim.clock import Handle, Scheduler
 from sim.devices.line import SerialLine
+from sim.units import GWT_N
 
-NEWTON_PER_GRAM = 9.80665e-3
 _CACHE = 64
 
 
@@ -70,7 +70,7 @@ class VirtualBalance:
         if grams is None:
             if len(self._samples) >= _CACHE:
                 self._samples.clear()
-            grams = self._force_n(max(index, 0) * self._period_s) / NEWTON_PER_GRAM
+            grams = self._force_n(max(index, 0) * self._period_s) / GWT_N
             self._samples[index] = grams
         return grams
 
