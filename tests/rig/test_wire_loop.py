@@ -58,7 +58,7 @@ def test_connect_late_and_connect_early() -> None:
 def test_ten_millimetres_at_one_millimetre_a_second(bench: Bench) -> None:
     start_s, wall_s = bench.clock.monotonic_s(), time.perf_counter()
     bench.stage.move_to(z_mm=-11.0, speed_mm_s=1.0)
-    assert time.perf_counter() - wall_s < 0.05
+    assert time.perf_counter() - wall_s < 1.0
     assert bench.clock.monotonic_s() - start_s == pytest.approx(10.0 + 1.0 / 50, abs=0.02)
     assert bench.carriage_mm() == (-1.0, -1.0, -11.0)
 
