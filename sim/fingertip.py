@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
 
@@ -147,11 +147,9 @@ class IndentationResult:
 
 
 class Fingertip:
-    """A condensed 3-D fingertip; every indentation starts from rest and does not depend on earlier ones."""
+    """A condensed 3-D fingertip. It keeps no state: an indentation starts from rest unless told where from."""
 
-    def __init__(
-        self, config: FingertipConfig, model: CondensedModel, *, from_cache: bool, build_s: float
-    ) -> None:
+    def __init__(self, config: FingertipConfig, model: CondensedModel, *, from_cache: bool, build_s: float) -> None:
         self.config = config
         self.model = model
         self.from_cache = from_cache
@@ -187,6 +185,12 @@ class Fingertip:
         model = _from_arrays(arrays, surface, receptors) if from_cache else built[0]
         return cls(config, model, from_cache=from_cache, build_s=time.perf_counter() - start)
 
+    @cached_property
+    def apex_height_mm(self) -> float:
+        """Height of the skin's topmost point."""
+        ridge = self.model.surface.ridge
+        return float(ridge(ridge.x).max())
+
     def touch_height_mm(self, indentor: Profile | str, x_mm: float, reference: Reference = "contact") -> float:
         """Height of the indentor's lowest point where DOI is zero.
 
@@ -202,8 +206,9 @@ class Fingertip:
         doi_mm: float | None = None,
         force_gwt: float | None = None,
         reference: Reference = "contact",
+        start: ContactState | None = None,
     ) -> IndentationResult:
-        """Press an indentor at x to a depth or to a force.
+        """Press an indentor at x to a depth or to a force, from rest or on from a nearby state.
 
         Raises ModelRangeError when the scene leaves the model: contact at the patch's rim, a depth or force
         out of range.
@@ -214,12 +219,12 @@ class Fingertip:
         if not math.isfinite(x_mm):
             raise ModelRangeError(f"x = {x_mm} mm: expected a finite number")
         touch, touch_x = self._touch(profile, x_mm, reference)
-        start = time.perf_counter()
+        began = time.perf_counter()
         with self._threads.limit(limits=1, user_api="blas"):
             if doi_mm is not None:
                 if not 0 < doi_mm <= DEEPEST_DOI_MM:
                     raise ModelRangeError(f"DOI {doi_mm:g} mm: expected 0 < DOI ≤ {DEEPEST_DOI_MM:g} mm")
-                doi, state = doi_mm, self._solve(profile, x_mm, touch, doi_mm, None)
+                doi, state = doi_mm, self._solve(profile, x_mm, touch, doi_mm, start)
             else:
                 assert force_gwt is not None
                 doi, state = self._solve_force(profile, x_mm, touch, force_gwt)
@@ -233,14 +238,13 @@ class Fingertip:
             state=state,
             model=self.model,
             e_epidermis_mpa=self.e_epidermis_mpa,
-            contact_s=time.perf_counter() - start,
+            contact_s=time.perf_counter() - began,
             poisson=self.config.tissue.poisson,
         )
 
     def _touch(self, profile: Profile, x_mm: float, reference: Reference) -> tuple[float, float]:
-        ridge = self.model.surface.ridge
-        height, at = first_touch(profile, x_mm, ridge)
-        return (float(ridge(ridge.x).max()) if reference == "apex" else height), at
+        height, at = first_touch(profile, x_mm, self.model.surface.ridge)
+        return (self.apex_height_mm if reference == "apex" else height), at
 
     def _solve(
         self, profile: Profile, x_mm: float, touch: float, doi: float, start: ContactState | None
@@ -273,7 +277,8 @@ class Fingertip:
         gap = height + profile.evaluate(beside[:, 0] - x_mm)[0] - beside[:, 1] - state.displacement[1][nearest]
         if len(at_rim) or (gap < 0).any():
             x, _, z = patch.position_mm[at_rim[0]] if len(at_rim) else beside[np.argmin(gap)]
-            raise ModelRangeError(f"{scene}: contact reaches the patch's rim at x = {x:.2f}, z = {z:.2f} mm; {hint}")
+            where = f"x = {x:.2f}, z = {z:.2f} mm"
+            raise ModelRangeError(f"{scene}: contact reaches the patch's rim at {where}; {hint}")
 
 
 def _profile(indentor: Profile | str) -> Profile:
@@ -302,10 +307,3 @@ def _from_arrays(arrays: dict[str, Any], surface: FingertipSurface, receptors: R
     row, nodes = (int(n) for n in arrays["counts"])
     plain = {name: arrays[name] for name in _PLAIN}
     return CondensedModel(surface, patch, row, nodes, receptors, **plain)
-
-
-def softened(finger: Fingertip, factor: float) -> Fingertip:
-    """The same fingertip with all of its stiffness multiplied by a factor."""
-    other = Fingertip(finger.config, replace(finger.model), from_cache=finger.from_cache, build_s=finger.build_s)
-    other.e_epidermis_mpa = finger.e_epidermis_mpa * factor
-    return other

@@ -57,9 +57,7 @@ def parse_status(line: str) -> StatusFields | None:
     state, *parts = line[1:-1].split("|")
     fields = dict(part.partition(":")[::2] for part in parts)
     try:
-        return StatusFields(
-            state, _xyz(fields.get("MPos")), _xyz(fields.get("WPos")), _xyz(fields.get("WCO"))
-        )
+        return StatusFields(state, _xyz(fields.get("MPos")), _xyz(fields.get("WPos")), _xyz(fields.get("WCO")))
     except ValueError:
         return None
 

@@ -82,9 +82,7 @@ def _own(port: str) -> filelock.BaseFileLock:
 
 def _open(port: str, baud: int) -> Any:
     try:
-        return serial.serial_for_url(
-            port, baudrate=baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True
-        )
+        return serial.serial_for_url(port, baudrate=baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True)
     except (serial.SerialException, OSError, ValueError) as problem:
         raise TransportError(_why_not(port, problem)) from problem
 

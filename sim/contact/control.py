@@ -14,7 +14,10 @@ class ForceNotReachedError(ValueError):
 
 
 def solve_for_force(
-    force: float, first_guess_mm: float, deepest_mm: float, solve: Callable[[float, ContactState | None], ContactState]
+    force: float,
+    first_guess_mm: float,
+    deepest_mm: float,
+    solve: Callable[[float, ContactState | None], ContactState],
 ) -> tuple[float, ContactState]:
     """DOI in mm and state at which `solve(doi, start)` carries the force, by a bracketed secant on F^(2/3).
 

@@ -139,7 +139,9 @@ def parse_shape(text: str) -> Profile:
     """Indentor named as on the command line, e.g. "bar:3.0"; raises ShapeError with what was expected."""
     kind, _, argument = text.partition(":")
     if kind in NOT_BUILT:
-        raise ShapeError(f"shape {text!r}: {kind} is not built yet, expected bar:WIDTH, cylinder:DIAMETER or step:1|3|5")
+        raise ShapeError(
+            f"shape {text!r}: {kind} is not built yet, expected bar:WIDTH, cylinder:DIAMETER or step:1|3|5"
+        )
     if kind == "step":
         if argument not in STEP_HALF_WAVELENGTH_MM:
             raise ShapeError(f"shape {text!r}: expected step:1, step:3 or step:5")

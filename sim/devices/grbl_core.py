@@ -109,12 +109,7 @@ class GrblCore:
 
     def _busy(self) -> bool:
         """Whether lines have to wait in the receive buffer."""
-        return (
-            self._wait is not None
-            or self._deaf
-            or self._jog_cancelled
-            or self._state in ("Hold", "Door", "Sleep")
-        )
+        return self._wait is not None or self._deaf or self._jog_cancelled or self._state in ("Hold", "Door", "Sleep")
 
     def _settle(self, now_s: float) -> None:
         """Notice what has come to rest since the last byte."""

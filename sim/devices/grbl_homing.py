@@ -22,9 +22,7 @@ class _Cycle:
     pieces: list[Piece]
 
 
-def homing_motion(
-    settings: GrblSettings, carriage: Counts, now_s: float
-) -> tuple[list[Piece], float, Counts]:
+def homing_motion(settings: GrblSettings, carriage: Counts, now_s: float) -> tuple[list[Piece], float, Counts]:
     """Return the motion from `carriage` (steps), when the cycle is over, and where the carriage then is."""
     cycle = _Cycle(settings, list(carriage), now_s, [])
     for axes in CYCLES:

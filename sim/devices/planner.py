@@ -124,9 +124,7 @@ class Planner:
         rest = self.track.position_at(now_s)
         t_s, entry_sq = now_s, speed * speed
         for block, exit_sq in zip(self._blocks, _exit_speeds_sq(self._blocks, entry_sq), strict=True):
-            ramps = trapezoid(
-                block.mm - block.done_mm, sqrt(entry_sq), sqrt(exit_sq), block.cruise, block.accel
-            )
+            ramps = trapezoid(block.mm - block.done_mm, sqrt(entry_sq), sqrt(exit_sq), block.cruise, block.accel)
             t_s = _lay(block, ramps, t_s, pieces)
             block.end_s, rest, entry_sq = t_s, block.target, exit_sq
         self.track.replace_from(now_s, pieces, rest)

@@ -10,7 +10,8 @@ Ints = NDArray[np.int64]
 Element = Literal["bbar", "full"]
 
 _CORNERS = np.array(
-    [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]], float
+    [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]],
+    float,
 )
 _CHUNK = 2048  # elements whose gradients stay in the second-level cache
 
@@ -70,14 +71,17 @@ def hex8_centroid_strain(nodes: Array, hexes: Ints) -> Array:
 def _gradients(corners: Array, points: Array) -> tuple[Array, Array]:
     """(n, g, 8, 3) shape-function gradients in 1/mm and (n, g) det J at local points, for unit weights."""
     one = 1 + points[:, None] * _CORNERS[None]
-    local = np.stack(
-        [
-            _CORNERS[:, 0] * one[..., 1] * one[..., 2],
-            _CORNERS[:, 1] * one[..., 0] * one[..., 2],
-            _CORNERS[:, 2] * one[..., 0] * one[..., 1],
-        ],
-        axis=-1,
-    ) * 0.125
+    local = (
+        np.stack(
+            [
+                _CORNERS[:, 0] * one[..., 1] * one[..., 2],
+                _CORNERS[:, 1] * one[..., 0] * one[..., 2],
+                _CORNERS[:, 2] * one[..., 0] * one[..., 1],
+            ],
+            axis=-1,
+        )
+        * 0.125
+    )
     jacobian = np.einsum("gak,nai->ngki", local, corners, optimize=True)
     inverse_t, det = _inverse3(jacobian)
     return np.asarray(np.matmul(local[None], inverse_t)), det
@@ -86,7 +90,11 @@ def _gradients(corners: Array, points: Array) -> tuple[Array, Array]:
 def _inverse3(m: Array) -> tuple[Array, Array]:
     """(…, 3, 3) inverse transposed by cofactors, and the determinant."""
     cofactor = np.stack(
-        [np.cross(m[..., 1, :], m[..., 2, :]), np.cross(m[..., 2, :], m[..., 0, :]), np.cross(m[..., 0, :], m[..., 1, :])],
+        [
+            np.cross(m[..., 1, :], m[..., 2, :]),
+            np.cross(m[..., 2, :], m[..., 0, :]),
+            np.cross(m[..., 0, :], m[..., 1, :]),
+        ],
         axis=-2,
     )
     det = np.einsum("...k,...k->...", m[..., 0, :], cofactor[..., 0, :])

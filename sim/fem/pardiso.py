@@ -50,7 +50,12 @@ class PardisoFactor:
         self._perm[kept] = 1
         self._pt = np.zeros(64, np.int64)
         self._iparm = np.zeros(64, np.int32)
-        self._iparm[[0, 1, 34, 35]] = 1, 2, 1, 2  # own settings, METIS, zero-based, Schur with the factor kept
+        self._iparm[[0, 1, 34, 35]] = (
+            1,
+            2,
+            1,
+            2,
+        )  # own settings, METIS, zero-based, Schur with the factor kept
         self._iparm[23] = 1  # two-level parallel factorisation
         schur = np.zeros((len(kept), len(kept)))
         self._call(_ANALYSE_FACTORISE, np.zeros(self._n), schur)

@@ -96,7 +96,9 @@ def _circumferential_grid(config: FingertipConfig, surface: FingertipSurface) ->
     x, y = surface.section(table, config.receptor_plane_mm)
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     apex = float(np.interp(np.pi / 2, table, arc))
-    edges = np.interp(surface.angle_at(np.array([mesh.patch_x_mm, -mesh.patch_x_mm]), config.receptor_plane_mm), table, arc)
+    edges = np.interp(
+        surface.angle_at(np.array([mesh.patch_x_mm, -mesh.patch_x_mm]), config.receptor_plane_mm), table, arc
+    )
     right = int(np.ceil((apex - edges[0]) / mesh.spacing_mm - 1e-9))
     left = int(np.ceil((edges[1] - apex) / mesh.spacing_mm - 1e-9))
     fine = apex + np.arange(-right, left + 1) * mesh.spacing_mm
@@ -121,9 +123,7 @@ def _graded(mesh: MeshSpec, distance_mm: float) -> Array:
     return np.cumsum(steps) * (distance_mm / np.sum(steps))
 
 
-def _place_nodes(
-    config: FingertipConfig, surface: FingertipSurface, phi: Array, z_mm: Array
-) -> tuple[Array, Ints]:
+def _place_nodes(config: FingertipConfig, surface: FingertipSurface, phi: Array, z_mm: Array) -> tuple[Array, Ints]:
     """(n_z, n_phi, n_r, 3) nodes on rays from the bone's axis, and the layer of each radial element."""
     tissue = config.tissue
     p, z = np.meshgrid(phi, z_mm)
@@ -139,7 +139,12 @@ def _place_nodes(
     apex_depth = float(thickness[np.argmin(np.abs(z_mm - config.receptor_plane_mm))].max())
     fractions, layers = _radial_fractions(config.mesh, tissue, apex_depth)
     knots = np.stack(
-        [0 * thickness, tissue.epidermis_mm * stretch, (tissue.epidermis_mm + tissue.dermis_mm) * stretch, thickness]
+        [
+            0 * thickness,
+            tissue.epidermis_mm * stretch,
+            (tissue.epidermis_mm + tissue.dermis_mm) * stretch,
+            thickness,
+        ]
     )
     piece = np.minimum(fractions.astype(int), 2)
     depth = knots[piece] + (knots[piece + 1] - knots[piece]) * (fractions - piece)[:, None, None]
@@ -181,7 +186,18 @@ def _connect(number: Ints) -> Ints:
 
 def _refuse_folded(nodes: Array, hexes: Ints) -> None:
     """Raise MeshError naming the worst element when the Jacobian at one of its corners is not positive."""
-    corner = np.array([[0, 1, 3, 4], [1, 2, 0, 5], [2, 3, 1, 6], [3, 0, 2, 7], [4, 7, 5, 0], [5, 4, 6, 1], [6, 5, 7, 2], [7, 6, 4, 3]])
+    corner = np.array(
+        [
+            [0, 1, 3, 4],
+            [1, 2, 0, 5],
+            [2, 3, 1, 6],
+            [3, 0, 2, 7],
+            [4, 7, 5, 0],
+            [5, 4, 6, 1],
+            [6, 5, 7, 2],
+            [7, 6, 4, 3],
+        ]
+    )
     p = nodes[hexes]
     edges = p[:, corner[:, 1:]] - p[:, corner[:, :1]]
     jacobian = np.linalg.det(edges)

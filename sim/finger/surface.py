@@ -46,15 +46,17 @@ class FingertipSurface:
         """Least-squares fit through (n, 3) points in mm, the published ones by default."""
         xyz = published_points()[1] if points is None else points
         n_basis = len(_KNOTS_MM) + 4
-        start = np.concatenate(
-            [np.full(2 * n_basis, 4.4), np.zeros(n_basis), np.arctan2(xyz[:, 1], xyz[:, 0])]
-        )
+        start = np.concatenate([np.full(2 * n_basis, 4.4), np.zeros(n_basis), np.arctan2(xyz[:, 1], xyz[:, 0])])
         z_mm = np.linspace(0.0, geometry.length_mm, 60)
         bend = np.sqrt(z_mm[1]) * geometry.stiffness_of_fit * _spline(geometry, np.eye(n_basis)).derivative(2)(z_mm)
         ends = np.array([0.0, geometry.length_mm])
         tip = geometry.tip_radius_mm
         targets = np.array(
-            [[geometry.proximal_half_width_mm, tip], [geometry.proximal_apex_mm, tip], [geometry.proximal_lean_mm, 0]]
+            [
+                [geometry.proximal_half_width_mm, tip],
+                [geometry.proximal_apex_mm, tip],
+                [geometry.proximal_lean_mm, 0],
+            ]
         )
 
         def residual(v: Array) -> Array:

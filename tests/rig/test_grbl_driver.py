@@ -53,9 +53,7 @@ def test_connect_resets_a_board_that_does_not_answer(
     assert stage.connect().startswith("[VER:1.1h")
 
 
-def test_connect_when_banner_and_question_cross(
-    clock: VirtualClock, scripted: Callable[[list[Any]], Any]
-) -> None:
+def test_connect_when_banner_and_question_cross(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
     """The answer to the first question must not be taken for the answer to the next."""
     script = [(b"$I\n", BANNER + HELLO[1]), (b"\x18", BANNER), HELLO, SETTINGS]
     assert GrblStage(scripted(script), clock).connect().startswith("[VER:1.1h")
@@ -68,9 +66,7 @@ def test_connect_to_a_grblhal_board(clock: VirtualClock, scripted: Callable[[lis
     assert stage.connect().endswith("[FIRMWARE:grblHAL]")
 
 
-def test_a_second_reset_where_the_first_is_lost(
-    clock: VirtualClock, scripted: Callable[[list[Any]], Any]
-) -> None:
+def test_a_second_reset_where_the_first_is_lost(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
     script = [(b"$I\n", b""), (b"\x18", b"[MSG:Reset to continue]\r\n"), (b"\x18", BANNER), HELLO, SETTINGS]
     assert GrblStage(scripted(script), clock).connect()
 
@@ -82,9 +78,7 @@ def test_nobody_there(clock: VirtualClock, scripted: Callable[[list[Any]], Any])
     assert clock.monotonic_s() < 15.0
 
 
-def test_a_board_that_reports_inches_is_refused(
-    clock: VirtualClock, scripted: Callable[[list[Any]], Any]
-) -> None:
+def test_a_board_that_reports_inches_is_refused(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
     stage = GrblStage(scripted([HELLO, (b"$$\n", b"$13=1\r\nok\r\n")]), clock)
     with pytest.raises(StageError, match=r"\$13=0"):
         stage.connect()

@@ -71,9 +71,7 @@ def test_the_unit_must_be_grams(balance: Make) -> None:
 
 
 def test_a_late_answer_is_never_taken_for_the_next(balance: Make) -> None:
-    force = balance(
-        [(b"SI\r\n", b""), (b"@\r\n", b"S S 9.99 g\r\n" + HELLO[1]), (b"SI\r\n", b"S S 1.00 g\r\n")]
-    )
+    force = balance([(b"SI\r\n", b""), (b"@\r\n", b"S S 9.99 g\r\n" + HELLO[1]), (b"SI\r\n", b"S S 1.00 g\r\n")])
     with pytest.raises(ForceTimeout, match=r"no answer to SI in 0\.5 s"):
         force.read()
     assert force.read().force_n == pytest.approx(9.80665e-3)

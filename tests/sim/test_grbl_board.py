@@ -160,9 +160,7 @@ def test_soft_limits_need_homing(bench: Bench) -> None:
 
 def test_settings_and_identity_only_at_rest(bench: Bench) -> None:
     bench.say(b"G53G1X-20F600\n", 0.5)
-    assert bench.say(b"$$\n$I\n$120=10\n$H\n$#\n$G\n").startswith(
-        b"error:8\r\n" * 5 + b"[GC:G1 G54 G17 G21 G90"
-    )
+    assert bench.say(b"$$\n$I\n$120=10\n$H\n$#\n$G\n").startswith(b"error:8\r\n" * 5 + b"[GC:G1 G54 G17 G21 G90")
 
 
 def test_parameters(bench: Bench) -> None:

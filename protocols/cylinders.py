@@ -1,0 +1,31 @@
+"""A cylinder, its axis along the finger, pressed on the pad's centre to a series of depths."""
+
+from typing import Literal
+
+from rig.protocol import Field, ProtocolParameters, Rig
+
+METADATA = {
+    "title": "Cylinder on the pad's centre",
+    "source": "Raju 1998, ch. 4: cylinders 3 and 9 mm in diameter at DOI 0.33, 1.0 and 1.33",
+}
+
+DEPTHS_MM = (0.33, 1.0, 1.33)
+
+
+class Parameters(ProtocolParameters):
+    """What `--set` may change."""
+
+    diameter_mm: Literal["3", "9"] = "9"
+    x_mm: float = Field(0.0, ge=-3, le=3)
+    hold_s: float = Field(1.0, ge=0, le=60)
+
+
+def run(rig: Rig) -> None:
+    """Mount, home, zero; then one indentation for each depth."""
+    p = rig.parameters
+    rig.mount(f"cylinder:{p.diameter_mm}")
+    rig.home()
+    rig.zero()
+    rig.move_to(x_mm=p.x_mm)
+    for doi_mm in DEPTHS_MM:
+        rig.indent(doi_mm=doi_mm, hold_s=p.hold_s)

@@ -1,0 +1,60 @@
+"""The journal as tables: data.h5 and one tidy CSV a stream, each put in place by one rename."""
+
+import csv
+import io
+import os
+from typing import Any
+
+import h5py
+import numpy as np
+
+from rig.data.folder import replace_text
+from rig.data.reader import Run
+
+
+def export_run(run: Run) -> None:
+    """Write data.h5 (units as attributes) and STREAM.csv beside the journal."""
+    tables = {name: _columns(run, name) for name in run.units if run.stream(name)}
+    _write_hdf5(run, tables)
+    for name, columns in tables.items():
+        replace_text(run.folder.path / f"{name}.csv", _as_csv(columns))
+
+
+def _columns(run: Run, stream: str) -> dict[str, list[Any]]:
+    """t_s and every described key, None where an event lacks it."""
+    keys = ["t_s", *run.units[stream]]
+    return {key: [event.get(key) for event in run.stream(stream)] for key in keys}
+
+
+def _write_hdf5(run: Run, tables: dict[str, dict[str, list[Any]]]) -> None:
+    partial = run.folder.data.with_suffix(".h5.part")
+    with h5py.File(partial, "w") as file:
+        for key in ("protocol", "title", "planned_indentations"):
+            file.attrs[key] = run.start[key]
+        file.attrs["complete"] = run.complete
+        for stream, columns in tables.items():
+            group = file.create_group(stream)
+            for key, values in columns.items():
+                dataset = group.create_dataset(key, data=_as_array(values))
+                dataset.attrs["unit"] = "s" if key == "t_s" else run.units[stream][key]
+    with partial.open("rb+") as stream_file:
+        os.fsync(stream_file.fileno())
+    partial.replace(run.folder.data)
+
+
+def _as_array(values: list[Any]) -> Any:
+    """Numbers as float64 (NaN where absent), booleans as they are, text as UTF-8."""
+    present = [value for value in values if value is not None]
+    if present and all(isinstance(value, bool) for value in present) and len(present) == len(values):
+        return np.array(values)
+    if all(isinstance(value, int | float) for value in present):
+        return np.array([np.nan if value is None else float(value) for value in values])
+    return np.array(["" if value is None else str(value) for value in values], dtype=h5py.string_dtype())
+
+
+def _as_csv(columns: dict[str, list[Any]]) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(zip(*columns.values(), strict=True))
+    return text.getvalue()

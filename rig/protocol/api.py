@@ -1,0 +1,50 @@
+"""What a protocol script sees: typed parameters and the verbs of a bench notebook."""
+
+from typing import Any, Protocol
+
+from pydantic import BaseModel, ConfigDict
+
+from rig.run.records import Indentation
+
+
+class ProtocolParameters(BaseModel):
+    """Base of a script's `Parameters`: typed, with defaults; unknown keys and NaN are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Rig(Protocol):
+    """The verbs. A script is run twice: once to be checked, nothing moving, and once for real."""
+
+    @property
+    def parameters(self) -> Any:
+        """The script's own `Parameters`, with what `--set` changed."""
+
+    def mount(self, indentor: str) -> None:
+        """Have an indentor put on, e.g. "bar:3.0", "cylinder:9", "step:1"."""
+
+    def home(self) -> None:
+        """Find the home switches; nothing moves before."""
+
+    def zero(self) -> None:
+        """Zero the force sensor, the indentor in the air."""
+
+    def move_to(self, *, x_mm: float) -> None:
+        """Step sideways at clearance, to x from the centre of the finger pad."""
+
+    def indent(
+        self,
+        *,
+        doi_mm: float | None = None,
+        force_gwt: float | None = None,
+        increments: int = 1,
+        speed_mm_s: float | None = None,
+        hold_s: float = 1.0,
+    ) -> Indentation:
+        """Touch off, press to a depth or a force in equal increments, hold after each, lift to clearance."""
+
+    def retract(self) -> None:
+        """Lift to clearance."""
+
+    def note(self, text: str) -> None:
+        """Write a line into the journal."""

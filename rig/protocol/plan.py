@@ -1,0 +1,178 @@
+"""The check before anything moves: a script is walked through against the limits and the finger model."""
+
+import math
+from dataclasses import dataclass, field
+
+from rig.protocol.api import ProtocolParameters, Rig
+from rig.protocol.config import Config
+from rig.protocol.errors import BadInputError
+from rig.protocol.script import Script, where_in_script
+from rig.run.records import Hold, Indentation, Target
+from sim.contact.indentors import ShapeError, parse_shape
+from sim.fingertip import Fingertip, ModelRangeError
+
+_MAX_INCREMENTS = 100
+_MAX_HOLD_S = 3600.0
+
+
+@dataclass(frozen=True)
+class PlannedIndentation:
+    """One indentation of the script and what the model expects of it."""
+
+    indentor: str
+    x_mm: float
+    target: Target
+    increments: int
+    hold_s: float
+    predicted_doi_mm: float
+    predicted_force_gwt: float
+    predicted_peak_pressure_pseudo: float
+
+
+@dataclass
+class Plan:
+    """What the script will do."""
+
+    indentations: list[PlannedIndentation] = field(default_factory=list)
+
+    @property
+    def peak_force_gwt(self) -> float:
+        """Highest force the model predicts."""
+        return max((step.predicted_force_gwt for step in self.indentations), default=0.0)
+
+
+def make_plan(script: Script, config: Config, finger: Fingertip) -> Plan:
+    """Walk through the script; raises BadInputError at the first step that cannot be done."""
+    rig = _PlanningRig(script.parameters, config, finger)
+    try:
+        script.run(rig)
+    except (BadInputError, ShapeError, ModelRangeError) as error:
+        raise BadInputError(f"{where_in_script(script.path, error)}: {error}") from None
+    except Exception as error:
+        place = where_in_script(script.path, error)
+        raise BadInputError(f"{place}: {type(error).__name__}: {error}") from None
+    return rig.plan
+
+
+def checked_target(doi_mm: float | None, force_gwt: float | None) -> Target:
+    """The one target that was given; raises BadInputError."""
+    if (doi_mm is None) == (force_gwt is None):
+        raise BadInputError("indent: expected either doi_mm or force_gwt")
+    target = Target("force_gwt", force_gwt) if doi_mm is None else Target("doi_mm", doi_mm)  # type: ignore[arg-type]
+    if not (math.isfinite(target.value) and target.value > 0):
+        raise BadInputError(f"indent: {target.kind} = {target.value}: expected a positive number")
+    return target
+
+
+class _PlanningRig(Rig):
+    """Carries out nothing; answers with the model's prediction."""
+
+    def __init__(self, parameters: ProtocolParameters, config: Config, finger: Fingertip) -> None:
+        self._parameters = parameters
+        self._config, self._finger = config, finger
+        self._indentor: str | None = None
+        self._x_mm = math.nan
+        self._homed = self._zeroed = False
+        self.plan = Plan()
+
+    @property
+    def parameters(self) -> ProtocolParameters:
+        return self._parameters
+
+    def mount(self, indentor: str) -> None:
+        parse_shape(indentor)
+        self._indentor = indentor
+
+    def home(self) -> None:
+        self._homed = True
+
+    def zero(self) -> None:
+        self._need(self._homed, "zero", "home()")
+        self._zeroed = True
+
+    def move_to(self, *, x_mm: float) -> None:
+        self._need(self._homed, "move_to", "home()")
+        low, high = self._config.limits.x_mm
+        if not low <= x_mm <= high:
+            raise BadInputError(f"move_to: x_mm = {x_mm:g} is outside limits.x_mm = {low:g} … {high:g}")
+        self._within_travel("x", self._config.frame.pad_centre_x_mm + x_mm, self._config.stage.travel_mm[0])
+        self._x_mm = x_mm
+
+    def indent(
+        self,
+        *,
+        doi_mm: float | None = None,
+        force_gwt: float | None = None,
+        increments: int = 1,
+        speed_mm_s: float | None = None,
+        hold_s: float = 1.0,
+    ) -> Indentation:
+        target = checked_target(doi_mm, force_gwt)
+        self._need(self._indentor is not None, "indent", "mount()")
+        self._need(self._zeroed, "indent", "zero()")
+        self._need(math.isfinite(self._x_mm), "indent", "move_to()")
+        self._check_manner(increments, speed_mm_s, hold_s)
+        assert self._indentor is not None
+        result = self._finger.indent(self._indentor, self._x_mm, **{target.kind: target.value})  # type: ignore[arg-type]
+        self._check_reach(target, result.doi_mm, result.force_gwt)
+        self.plan.indentations.append(
+            PlannedIndentation(
+                self._indentor,
+                self._x_mm,
+                target,
+                increments,
+                hold_s,
+                result.doi_mm,
+                result.force_gwt,
+                result.peak_pressure_pseudo,
+            )
+        )
+        holds = tuple(
+            Hold(target.part(k, increments), result.doi_mm * k / increments, result.force_gwt * k / increments, 0.0)
+            for k in range(1, increments + 1)
+        )
+        return Indentation(len(self.plan.indentations) - 1, self._x_mm, holds)
+
+    def retract(self) -> None:
+        self._need(self._homed, "retract", "home()")
+
+    def note(self, text: str) -> None:
+        if not isinstance(text, str):
+            raise BadInputError(f"note: expected text, got {text!r}")
+
+    def _need(self, condition: bool, verb: str, before: str) -> None:
+        if not condition:
+            raise BadInputError(f"{verb}: {before} must come first")
+
+    def _check_manner(self, increments: int, speed_mm_s: float | None, hold_s: float) -> None:
+        if not (isinstance(increments, int) and 1 <= increments <= _MAX_INCREMENTS):
+            raise BadInputError(
+                f"indent: increments = {increments!r}: expected a whole number, 1 … {_MAX_INCREMENTS}"
+            )
+        if not 0 <= hold_s <= _MAX_HOLD_S:
+            raise BadInputError(f"indent: hold_s = {hold_s!r}: expected 0 … {_MAX_HOLD_S:g} s")
+        fastest = type(self._config.habits).model_fields["press_speed_mm_s"].metadata[1].le
+        if speed_mm_s is not None and not 0 < speed_mm_s <= fastest:
+            raise BadInputError(f"indent: speed_mm_s = {speed_mm_s!r}: expected 0 … {fastest:g} mm/s")
+
+    def _check_reach(self, target: Target, doi_mm: float, force_gwt: float) -> None:
+        limits = self._config.limits
+        if doi_mm > limits.max_doi_mm:
+            raise BadInputError(
+                f"indent: {target.kind} = {target.value:g} at x = {self._x_mm:g} mm means a DOI of {doi_mm:.3g} mm, "
+                f"beyond limits.max_doi_mm = {limits.max_doi_mm:g}"
+            )
+        if force_gwt > limits.max_force_gwt:
+            raise BadInputError(
+                f"indent: {target.kind} = {target.value:g} at x = {self._x_mm:g} mm means a force of "
+                f"{force_gwt:.3g} gwt, beyond limits.max_force_gwt = {limits.max_force_gwt:g}"
+            )
+        assert self._indentor is not None
+        touch = self._finger.touch_height_mm(self._indentor, self._x_mm) - self._finger.apex_height_mm
+        self._within_travel("z", self._config.frame.apex_z_mm + touch - doi_mm, self._config.stage.travel_mm[2])
+
+    def _within_travel(self, axis: str, machine_mm: float, travel_mm: float) -> None:
+        if not -travel_mm <= machine_mm <= 0:
+            raise BadInputError(
+                f"machine {axis} = {machine_mm:.3f} mm is outside the stage's travel, {-travel_mm:g} … 0 mm"
+            )

@@ -1,0 +1,103 @@
+"""Protocol scripts: found, loaded and given their parameters."""
+
+import importlib.util
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from pydantic import ValidationError
+
+import rig
+from rig.protocol.api import ProtocolParameters, Rig
+from rig.protocol.errors import BadInputError, first_problem
+
+
+@dataclass(frozen=True)
+class Script:
+    """A loaded protocol: its metadata, its parameters and `run`."""
+
+    path: Path
+    title: str
+    source: str
+    parameters: ProtocolParameters
+    run: Callable[[Rig], None]
+
+    @property
+    def name(self) -> str:
+        """The file's stem."""
+        return self.path.stem
+
+
+def shipped_protocols() -> Path:
+    """Folder of the scripts that come with the program."""
+    package = Path(rig.__file__).parent
+    installed = package / "shipped_protocols"
+    return installed if installed.is_dir() else package.parent / "protocols"
+
+
+def find_script(name: str) -> Path:
+    """A path, or the name of a shipped script. Raises BadInputError."""
+    path = Path(name)
+    if path.is_file():
+        return path
+    shipped = shipped_protocols() / f"{path.stem}.py"
+    if path.parent == Path() and shipped.is_file():
+        return shipped
+    known = ", ".join(sorted(p.stem for p in shipped_protocols().glob("*.py")))
+    raise BadInputError(f"protocol {name!r}: no such file, and not a shipped one ({known})")
+
+
+def load_script(name: str, assignments: Sequence[str] = ()) -> Script:
+    """Load a protocol and set its parameters from "key=value" strings. Raises BadInputError."""
+    path = find_script(name)
+    module = _import(path)
+    run = getattr(module, "run", None)
+    if not callable(run):
+        raise BadInputError(f"protocol {path}: has no run(rig)")
+    kind = getattr(module, "Parameters", ProtocolParameters)
+    if not (isinstance(kind, type) and issubclass(kind, ProtocolParameters)):
+        raise BadInputError(f"protocol {path}: Parameters must be a subclass of rig.protocol.ProtocolParameters")
+    try:
+        parameters = kind.model_validate(_assigned(assignments))
+    except ValidationError as error:
+        known = ", ".join(kind.model_fields) or "none"
+        raise BadInputError(f"{first_problem('--set', error)} (parameters of {path.name}: {known})") from None
+    metadata = getattr(module, "METADATA", {})
+    title = str(metadata.get("title", path.stem)) if isinstance(metadata, Mapping) else path.stem
+    source = str(metadata.get("source", "")) if isinstance(metadata, Mapping) else ""
+    return Script(path, title, source, parameters, run)
+
+
+def where_in_script(path: Path, error: BaseException) -> str:
+    """ "file.py, line N" of the script's own innermost frame."""
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if Path(f.filename) == path]
+    return f"{path}, line {frames[-1].lineno}" if frames else str(path)
+
+
+def _import(path: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(f"protocol_{path.stem}", path)
+    if spec is None or spec.loader is None:
+        raise BadInputError(f"protocol {path}: not a Python file")
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except SyntaxError as error:
+        raise BadInputError(f"protocol {path}, line {error.lineno}: {error.msg}") from None
+    except Exception as error:
+        raise BadInputError(f"protocol {where_in_script(path, error)}: {type(error).__name__}: {error}") from None
+    return module
+
+
+def _assigned(assignments: Sequence[str]) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for text in assignments:
+        key, equals, value = text.partition("=")
+        if not (key and equals and value):
+            raise BadInputError(f"--set {text!r}: expected KEY=VALUE")
+        if key in values:
+            raise BadInputError(f"--set {text!r}: {key} is given twice")
+        values[key] = value
+    return values

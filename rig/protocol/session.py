@@ -1,0 +1,133 @@
+"""A dry-run from script to finished run folder."""
+
+import platform
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from rig.clock import WallClock
+from rig.data import RunFolder, export_run, new_run_folder, read_run
+from rig.protocol.config import Config
+from rig.protocol.live import LiveRig
+from rig.protocol.plan import Plan
+from rig.protocol.script import Script
+from rig.protocol.virtual_bench import VirtualBench, virtual_bench
+from rig.run import Engine, Journal
+from rig.run.streams import STREAMS
+from rig.units import GWT_N
+from sim.fingertip import Fingertip
+
+_SOFT_TRIP_OVER_PREDICTED = 2.0
+_SMALLEST_SOFT_TRIP_N = 0.02
+
+Watch = Callable[[str, Mapping[str, Any]], None]
+
+
+@dataclass(frozen=True)
+class DryRun:
+    """A finished dry-run."""
+
+    folder: RunFolder
+    complete: bool
+    indentations: int
+    duration_s: float
+    wall_s: float
+
+
+def dry_run(
+    script: Script,
+    config: Config,
+    finger: Fingertip,
+    plan: Plan,
+    out: Path,
+    *,
+    interrupted: Callable[[], bool],
+    watch: Watch = lambda stream, data: None,
+    speed: float | None = None,
+) -> DryRun:
+    """Run a checked script on the virtual bench; `speed` limits virtual seconds per real second.
+
+    Raises what the engine raises; the journal then ends with the reason, and the folder is exported all the same.
+    """
+    began = time.perf_counter()
+    now = datetime.now(UTC)
+    folder = new_run_folder(
+        out, script.name, now, script.path, config.as_toml(), _provenance(script, finger, config, now)
+    )
+    try:
+        with folder.bytes_log.open("w", encoding="ascii") as byte_log:
+            bench = virtual_bench(config, finger, byte_log, now.timestamp())
+            _carry_out(script, config, plan, folder, bench, interrupted, _paced(watch, bench, speed))
+    finally:
+        run = read_run(folder.path)
+        export_run(run)
+        folder.write_checksums()
+    return DryRun(
+        folder, run.complete, len(run.stream("indentation_end")), run.duration_s, time.perf_counter() - began
+    )
+
+
+def _carry_out(
+    script: Script,
+    config: Config,
+    plan: Plan,
+    folder: RunFolder,
+    bench: VirtualBench,
+    interrupted: Callable[[], bool],
+    watch: Watch,
+) -> None:
+    with Journal(folder.events, bench.clock, STREAMS, watch) as journal:
+        journal.start(
+            {
+                "protocol": script.name,
+                "title": script.title,
+                "source": script.source,
+                "parameters": script.parameters.model_dump(mode="json"),
+                "planned_indentations": len(plan.indentations),
+                "virtual": True,
+            }
+        )
+        soft_trip = max(_SOFT_TRIP_OVER_PREDICTED * plan.peak_force_gwt * GWT_N, _SMALLEST_SOFT_TRIP_N)
+        engine = Engine(
+            config, bench.clock, bench.stage, bench.force, journal, bench, interrupted, soft_trip_n=soft_trip
+        )
+        script.run(LiveRig(engine, script.parameters))
+        journal.stop("done")
+
+
+def _paced(watch: Watch, bench: VirtualBench, speed: float | None) -> Watch:
+    """`watch`, waiting where the virtual clock has run ahead of `speed` times real time."""
+    if speed is None:
+        return watch
+    wall = WallClock()
+    start_s = wall.monotonic_s()
+
+    def paced(stream: str, data: Mapping[str, Any]) -> None:
+        wall.wait_s(start_s + bench.clock.monotonic_s() / speed - wall.monotonic_s())
+        watch(stream, data)
+
+    return paced
+
+
+def _provenance(script: Script, finger: Fingertip, config: Config, now: datetime) -> dict[str, Any]:
+    packages = ("indentation-rig", "numpy", "scipy", "h5py", "pydantic", "matplotlib")
+    return {
+        "started_utc": now.isoformat(timespec="seconds"),
+        "command": ["rig", *sys.argv[1:]],
+        "protocol": script.path.name,
+        "parameters": script.parameters.model_dump(mode="json"),
+        "python": platform.python_version(),
+        "platform": f"{platform.system()} {platform.machine()}",
+        "versions": {name: version(name) for name in packages},
+        "model": {
+            "nodes": finger.model.nodes,
+            "e_epidermis_mpa": finger.e_epidermis_mpa,
+            "from_cache": finger.from_cache,
+        },
+        "devices": {"stage": f"virtual {config.stage.kind}", "force": f"virtual {config.force.kind}"},
+    }

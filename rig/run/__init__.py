@@ -1,0 +1,22 @@
+"""The engine: it moves the stage one safe increment at a time, reads the force and journals what happens."""
+
+from rig.run.engine import Engine, Operator
+from rig.run.errors import EngineError, LimitError, NotReadyError, RunAborted, TripError
+from rig.run.indent import indent
+from rig.run.journal import Journal
+from rig.run.records import Hold, Indentation, Target
+
+__all__ = [
+    "Engine",
+    "EngineError",
+    "Hold",
+    "Indentation",
+    "Journal",
+    "LimitError",
+    "NotReadyError",
+    "Operator",
+    "RunAborted",
+    "Target",
+    "TripError",
+    "indent",
+]

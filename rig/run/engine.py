@@ -1,0 +1,208 @@
+"""The engine: states, single safe moves, readings and trips. Every verb of a protocol ends here."""
+
+import math
+from collections.abc import Callable, Mapping
+from enum import Enum
+from typing import Any, Protocol, TypeVar
+
+from rig.clock import Clock
+from rig.force.base import ForceError, ForceSensor
+from rig.run.errors import LimitError, NotReadyError, RunAborted, TripError
+from rig.run.journal import Journal
+from rig.settings import RigSettings
+from rig.stage.base import Stage, StageError
+from rig.units import GWT_N
+
+_T = TypeVar("_T")
+
+_AT_MM = 0.02  # heights closer than this are the same place
+
+
+class State(Enum):
+    """What the engine may do next."""
+
+    UNHOMED = "unhomed"
+    READY = "ready"
+    IN_CONTACT = "in contact"  # anywhere below clearance
+    TRIPPED = "tripped"
+
+
+class Operator(Protocol):
+    """Whoever stands at the bench: a person, or the virtual plant of a dry-run."""
+
+    def mount(self, indentor: str) -> None:
+        """Put this indentor on the carriage; returns when it is there."""
+
+    def true_pose(self) -> tuple[float, float] | None:
+        """True x and DOI in mm where they can be known (a virtual bench), else None."""
+
+
+class Engine:
+    """Moves one stage under one force sensor; positions are x and height above the pad's nominal apex, in mm."""
+
+    def __init__(
+        self,
+        settings: RigSettings,
+        clock: Clock,
+        stage: Stage,
+        force: ForceSensor,
+        journal: Journal,
+        operator: Operator,
+        interrupted: Callable[[], bool] = lambda: False,
+        soft_trip_n: float | None = None,
+    ) -> None:
+        self.settings, self.clock, self.operator = settings, clock, operator
+        self.state = State.UNHOMED
+        self.indentor: str | None = None
+        self.x_mm = math.nan
+        self.height_mm = math.nan
+        self.indentations = 0
+        self._stage, self._force, self._journal = stage, force, journal
+        self._interrupted = interrupted
+        self._zeroed = False
+        limit = settings.limits.soft_trip_n
+        self.soft_trip_gwt = (limit if soft_trip_n is None else min(limit, soft_trip_n)) / GWT_N
+
+    # verbs
+
+    def mount(self, indentor: str) -> None:
+        """Have an indentor mounted; the finger must be clear of it."""
+        if self.state is State.IN_CONTACT:
+            raise NotReadyError("mount: the indentor is below clearance, retract first")
+        self.operator.mount(indentor)
+        self.indentor = indentor
+        self.record("mount", {"indentor": indentor})
+
+    def home(self) -> None:
+        """Find the switches; from then on the position is trusted."""
+        if self.state is State.TRIPPED:
+            raise NotReadyError("home: the rig has tripped, an operator must reset it")
+        controller = self._guarded(self._stage.connect)
+        self._guarded(self._stage.home)
+        at = self._guarded(self._stage.status)
+        self.x_mm = at.x_mm - self.settings.frame.pad_centre_x_mm
+        self.height_mm = at.z_mm - self.settings.frame.apex_z_mm
+        self.state = State.READY
+        self.record("home", {"controller": controller})
+
+    def zero(self) -> None:
+        """Zero the force sensor with the indentor in the air."""
+        self._require_clear("zero")
+        name = self._guarded(self._force.connect)
+        self.clock.wait_s(self._settle_s)
+        self._guarded(self._force.zero)
+        self._zeroed = True
+        self.record("zero", {"sensor": name})
+
+    def move_to(self, x_mm: float) -> None:
+        """Go to a lateral position, at clearance."""
+        self._require_clear("move_to")
+        low, high = self.settings.limits.x_mm
+        if not low <= x_mm <= high:
+            raise LimitError(f"move_to: x = {x_mm:g} mm is outside the limits {low:g} … {high:g} mm")
+        self.safe_point()
+        frame, speed = self.settings.frame, self.settings.habits.travel_speed_mm_s
+        self._guarded(
+            lambda: self._stage.move_to(x_mm=frame.pad_centre_x_mm + x_mm, y_mm=frame.pad_y_mm, speed_mm_s=speed)
+        )
+        self.x_mm = x_mm
+        self.go_to_height(self.settings.habits.clearance_mm, speed)
+        self.record("move", {"x_mm": x_mm, "height_mm": self.height_mm})
+
+    def retract(self) -> None:
+        """Lift to clearance, straight up."""
+        if self.state not in (State.READY, State.IN_CONTACT):
+            raise NotReadyError(f"retract: not allowed while {self.state.value}")
+        clearance = self.settings.habits.clearance_mm
+        if self.height_mm < clearance - _AT_MM:
+            self.go_to_height(clearance, self.settings.habits.travel_speed_mm_s)
+        self.state = State.READY
+        self.record("retract", {"height_mm": self.height_mm})
+
+    def note(self, text: str) -> None:
+        """Write a line into the journal."""
+        self.record("note", {"text": text})
+
+    # what an indentation is made of
+
+    def ready_to_indent(self) -> None:
+        """Raise NotReadyError unless homed, zeroed, mounted and clear."""
+        self._require_clear("indent")
+        if self.indentor is None:
+            raise NotReadyError("indent: no indentor is mounted")
+        if not self._zeroed:
+            raise NotReadyError("indent: the force sensor has not been zeroed")
+
+    def go_to_height(self, height_mm: float, speed_mm_s: float) -> None:
+        """One vertical move; below clearance never down by more than one increment."""
+        habits = self.settings.habits
+        lowest = min(self.height_mm, habits.clearance_mm) - habits.increment_mm
+        if height_mm < lowest - 1e-9:
+            raise LimitError(f"a move down to {height_mm:.3f} mm is longer than one increment below clearance")
+        if height_mm < habits.clearance_mm - _AT_MM:
+            self.state = State.IN_CONTACT
+        z = self.settings.frame.apex_z_mm + height_mm
+        self._guarded(lambda: self._stage.move_to(z_mm=z, speed_mm_s=speed_mm_s))
+        self.height_mm = height_mm
+
+    def read_force_gwt(self, index: int, phase: str, contact_height_mm: float | None = None) -> float:
+        """A reading taken after the last move ended, journalled; trips when it is above the soft trip."""
+        self.clock.wait_s(self._settle_s)
+        reading = self._guarded(self._force.read)
+        force = reading.force_n / GWT_N
+        doi = None if contact_height_mm is None else contact_height_mm - self.height_mm
+        self.record(
+            "sample",
+            {
+                "index": index,
+                "phase": phase,
+                "x_mm": self.x_mm,
+                "height_mm": round(self.height_mm, 6),
+                "doi_mm": None if doi is None else round(doi, 6),
+                "force_gwt": round(force, 6),
+                "stable": reading.stable,
+            },
+        )
+        if not force <= self.soft_trip_gwt:
+            self._trip(f"force {force:.2f} gwt above the soft trip {self.soft_trip_gwt:.2f} gwt", force)
+        return force
+
+    def safe_point(self) -> None:
+        """Where an operator's interrupt takes effect: lift, journal, raise RunAborted."""
+        if self._interrupted():
+            if self.state is State.IN_CONTACT:
+                self.retract()
+            self.record("paused", {"reason": "operator"})
+            raise RunAborted("stopped by the operator at a safe point; the indentor is lifted")
+
+    def record(self, stream: str, data: Mapping[str, Any]) -> None:
+        """Journal an event; it is on disk when this returns."""
+        self._journal.event(stream, data)
+
+    def stop(self) -> None:
+        """Quick stop past every queue; the position is not trusted afterwards."""
+        self._stage.stop()
+        self.state = State.UNHOMED
+
+    @property
+    def _settle_s(self) -> float:
+        return self.settings.habits.settle_readings * self._force.sample_period_s
+
+    def _require_clear(self, verb: str) -> None:
+        if self.state is not State.READY:
+            raise NotReadyError(f"{verb}: not allowed while {self.state.value}")
+
+    def _guarded(self, action: Callable[[], _T]) -> _T:
+        """Run a device call; a device error stops the stage before it is passed on."""
+        try:
+            return action()
+        except (StageError, ForceError):
+            self.stop()
+            raise
+
+    def _trip(self, reason: str, force_gwt: float) -> None:
+        """The stage is at rest between increments, so its position is trusted: lift, then latch."""
+        self.record("trip", {"reason": reason, "force_gwt": force_gwt})
+        self.go_to_height(self.settings.habits.clearance_mm, self.settings.habits.travel_speed_mm_s)
+        self.state = State.TRIPPED
+        raise TripError(reason)

@@ -1,0 +1,21 @@
+"""How a run ends before its end."""
+
+
+class EngineError(Exception):
+    """The engine did not do what it was told."""
+
+
+class LimitError(EngineError):
+    """A step lies beyond a limit; nothing was moved for it."""
+
+
+class NotReadyError(EngineError):
+    """The verb is not allowed in the present state."""
+
+
+class TripError(EngineError):
+    """A reading passed a trip: the stage was stopped and stays stopped until an operator resets it."""
+
+
+class RunAborted(EngineError):  # noqa: N818
+    """The operator asked to stop; the indentor was lifted at the next safe point."""

@@ -1,0 +1,100 @@
+"""The truth about a run while it is running: one JSON document a line, on disk before it counts.
+
+Documents: start, descriptor (the keys and units of a stream), event, stop. A missing stop means a crash; a torn
+last line is dropped by the reader.
+"""
+
+import json
+import os
+import uuid
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from rig.clock import Clock
+
+Document = dict[str, Any]
+
+
+class JournalError(Exception):
+    """A line that is not the last one cannot be read."""
+
+
+class Journal:
+    """Writes events.jsonl; every document is flushed to the disk before the call returns."""
+
+    def __init__(
+        self,
+        path: Path,
+        clock: Clock,
+        streams: Mapping[str, Mapping[str, str]],
+        watch: Callable[[str, Mapping[str, Any]], None] = lambda stream, data: None,
+    ) -> None:
+        """`streams` gives each stream's keys and their units ("" for text); `watch` sees what is on disk."""
+        self._watch = watch
+        self._clock = clock
+        self._streams = streams
+        self._described: set[str] = set()
+        self._seq = 0
+        self._file = path.open("a", encoding="utf-8")
+        self._stopped = False
+
+    def start(self, about: Mapping[str, Any]) -> None:
+        """The first document: what is run, with what."""
+        self._write("start", about)
+
+    def event(self, stream: str, data: Mapping[str, Any]) -> None:
+        """One event of a stream; the stream's descriptor precedes its first event."""
+        keys = self._streams[stream]
+        unknown = set(data) - set(keys)
+        if unknown:
+            raise KeyError(f"stream {stream!r} has no {sorted(unknown)}")
+        if stream not in self._described:
+            self._described.add(stream)
+            self._write("descriptor", {"stream": stream, "units": dict(keys)})
+        self._write("event", {"stream": stream, "data": dict(data)})
+        self._watch(stream, data)
+
+    def stop(self, status: str, reason: str = "") -> None:
+        """The last document; status is done, aborted, tripped or failed."""
+        self._write("stop", {"status": status, "reason": reason})
+        self._stopped = True
+
+    def _write(self, kind: str, body: Mapping[str, Any]) -> None:
+        document = {
+            "doc": kind,
+            "uid": uuid.uuid4().hex,
+            "seq": self._seq,
+            "t_s": round(self._clock.monotonic_s(), 6),
+            "unix_s": round(self._clock.unix_s(), 6),
+            **body,
+        }
+        self._file.write(json.dumps(document, allow_nan=False) + "\n")
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        self._seq += 1
+
+    def __enter__(self) -> "Journal":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if not self._stopped and error is not None:
+            self.stop("failed", f"{type(error).__name__}: {error}")
+        self._file.close()
+
+
+def read_journal(path: Path) -> Iterator[Document]:
+    """The documents of a journal in order; a torn last line is dropped. Raises JournalError."""
+    lines = path.read_text(encoding="utf-8").split("\n")
+    for number, line in enumerate(lines, 1):
+        if not line:
+            continue
+        try:
+            yield json.loads(line)
+        except json.JSONDecodeError:
+            if number == len(lines):
+                return
+            raise JournalError(f"{path}, line {number}: not a journal document") from None

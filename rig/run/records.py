@@ -1,0 +1,50 @@
+"""What an indentation is asked to do and what it did."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True)
+class Target:
+    """A depth in mm past first contact, or a force in gwt."""
+
+    kind: Literal["doi_mm", "force_gwt"]
+    value: float
+
+    def part(self, hold: int, increments: int) -> "Target":
+        """The target of one of several equal increments, the first being 1."""
+        return Target(self.kind, self.value * hold / increments)
+
+
+@dataclass(frozen=True)
+class Touch:
+    """Where contact was found: heights above the nominal apex in mm, forces in gwt."""
+
+    threshold_gwt: float
+    height_at_threshold_mm: float
+    contact_height_mm: float
+    fit_points: int
+
+    @property
+    def doi_bias_mm(self) -> float:
+        """DOI already reached when the threshold was crossed."""
+        return self.contact_height_mm - self.height_at_threshold_mm
+
+
+@dataclass(frozen=True)
+class Hold:
+    """A finished hold: mean force and depth as delivered."""
+
+    target: Target
+    doi_mm: float
+    force_gwt: float
+    force_sd_gwt: float
+
+
+@dataclass(frozen=True)
+class Indentation:
+    """A finished indentation."""
+
+    index: int
+    x_mm: float
+    holds: tuple[Hold, ...]
