@@ -1,0 +1,60 @@
+"""`rig doctor`: what this installation has and where things are."""
+
+import os
+import platform
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from serial.tools import list_ports
+
+from rig.cli.output import out, print_json, told_in_one_line
+from rig.protocol.config import load_config
+from rig.protocol.script import shipped_protocols
+from sim.cache import cache_dir
+from sim.fem import pardiso
+
+_PACKAGES = ("indentation-rig", "numpy", "scipy", "h5py", "pydantic", "pyserial", "matplotlib")
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("doctor", help="Ports, versions, limits, solver and cache of this installation.")(command)
+
+
+def command(
+    config: Annotated[Path | None, typer.Option(metavar="TOML", help="Configuration to look at.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
+) -> None:
+    """Print what a bug report should say."""
+    with told_in_one_line(as_json=as_json):
+        found = _examine(config)
+        if as_json:
+            print_json(found)
+            return
+        for name, value in found.items():
+            if isinstance(value, dict):
+                value = ", ".join(f"{k} {v}" for k, v in value.items())
+            elif isinstance(value, list):
+                value = ", ".join(str(v) for v in value) or "none"
+            out.print(f"{name:<12}{value}")
+
+
+def _examine(config: Path | None) -> dict[str, Any]:
+    settings = load_config(config)
+    folder = cache_dir()
+    stored = sorted(folder.glob("*.npz")) if folder.is_dir() else []
+    return {
+        "python": f"{platform.python_version()} on {platform.system()} {platform.machine()}, {os.cpu_count()} cores",
+        "versions": {name: version(name) for name in _PACKAGES},
+        "ports": [f"{port.device} ({port.description})" for port in list_ports.comports()],
+        "configured": {
+            "stage": f"{settings.stage.kind} on {settings.stage.port}",
+            "force": f"{settings.force.kind} on {settings.force.port}",
+        },
+        "limits": settings.limits.model_dump(),
+        "solver": "MKL PARDISO" if pardiso.available() else "slabs (portable; MKL PARDISO is not to be had here)",
+        "cache": f"{folder}, {len(stored)} models, {sum(p.stat().st_size for p in stored) / 1e6:.0f} MB",
+        "protocols": [path.stem for path in sorted(shipped_protocols().glob("*.py"))],
+    }

@@ -1,0 +1,61 @@
+"""What goes to standard output and what to standard error, and how a command ends."""
+
+import json
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from enum import IntEnum
+from typing import Any, NoReturn
+
+from rich.console import Console
+
+from rig.force.base import ForceError
+from rig.protocol.errors import BadInputError
+from rig.run import EngineError, RunAborted
+from rig.stage.base import StageError
+from rig.transport.base import TransportError
+from sim.contact.indentors import ShapeError
+from sim.finger.mesh import MeshError
+from sim.fingertip import ModelRangeError
+from sim.measures.receptors import ReceptorError
+
+err = Console(stderr=True, highlight=False, soft_wrap=True)
+out = Console(highlight=False, soft_wrap=True)
+
+
+class ExitCode(IntEnum):
+    """How a command ended."""
+
+    DONE = 0
+    STOPPED = 1
+    BAD_INPUT = 2
+    ABORTED = 130
+
+
+def print_json(result: Mapping[str, Any]) -> None:
+    """One JSON object on standard output; NaN never leaves the program."""
+    print(json.dumps(result, allow_nan=False))
+
+
+def fail(message: str, code: ExitCode, *, as_json: bool) -> NoReturn:
+    """One line on standard error (and as JSON on standard output if that was asked for), and out."""
+    line = " ".join(message.split())
+    print(f"rig: {line}", file=sys.stderr)
+    if as_json:
+        print_json({"error": line, "exit_code": int(code)})
+    sys.exit(code)
+
+
+@contextmanager
+def told_in_one_line(*, as_json: bool) -> Iterator[None]:
+    """Turn what can go wrong into one line and the right exit code."""
+    try:
+        yield
+    except (BadInputError, ShapeError, ModelRangeError, MeshError, ReceptorError) as error:
+        fail(str(error), ExitCode.BAD_INPUT, as_json=as_json)
+    except RunAborted as error:
+        fail(str(error), ExitCode.ABORTED, as_json=as_json)
+    except (EngineError, StageError, ForceError, TransportError) as error:
+        fail(f"stopped: {error}", ExitCode.STOPPED, as_json=as_json)
+    except OSError as error:
+        fail(f"{error.filename or 'file'}: {error.strerror or error}", ExitCode.BAD_INPUT, as_json=as_json)

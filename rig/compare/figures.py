@@ -1,0 +1,155 @@
+"""Figures of a run as SVG: labelled, with units, in colours that survive colour blindness and print."""
+
+import io
+from collections.abc import Callable
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from rig.compare.responses import Response, population
+from rig.data import Run
+from sim.measures.measures import PLOTTED_AS_MAGNITUDE
+
+BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"  # Okabe & Ito
+_POSITIONS = mpl.colormaps["cividis"]
+_STYLE: dict[Any, Any] = {
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "svg.hashsalt": "rig",
+    "svg.fonttype": "path",
+    "legend.frameon": False,
+}
+_UNIT = {"ep1": "strain", "sed": "pseudo-units"}
+_LABEL = {"ep1": "|ep1|, maximum compressive strain", "sed": "strain energy density"}
+
+
+def force_doi(run: Run) -> str:
+    """Force against depth while pressing, one line for each indentation."""
+    return _svg((6.6, 3.6), lambda figure: _force_doi(figure, run))
+
+
+def contact_panels(found: list[Response]) -> str:
+    """For each position: indentor over deformed skin with the contact regions, and the pressure below."""
+    columns = 3
+    rows = -(-len(found) // columns)
+    return _svg((10.2, 2.5 * rows), lambda figure: _contact_panels(figure, found, rows, columns))
+
+
+def population_responses(found: list[Response]) -> str:
+    """ep1 and SED at all receptors, one line for each indentor position."""
+    return _svg((9.6, 3.6), lambda figure: _population(figure, found))
+
+
+def ssrps(found: list[Response], measure: str) -> str:
+    """The measure at each receptor against the indentor's position."""
+    return _svg((10.2, 4.6), lambda figure: _ssrps(figure, found, measure))
+
+
+def _svg(size: tuple[float, float], draw: Callable[[Figure], None]) -> str:
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=size, layout="constrained")
+        draw(figure)
+        text = io.StringIO()
+        figure.savefig(text, format="svg", metadata={"Date": None})
+    return text.getvalue()
+
+
+def _colour(found: list[float], value: float) -> Any:
+    low, high = min(found), max(found)
+    return _POSITIONS(0.9 * (value - low) / (high - low) if high > low else 0.3)
+
+
+def _force_doi(figure: Figure, run: Run) -> None:
+    axes = figure.subplots()
+    samples = [s for s in run.stream("sample") if s["doi_mm"] is not None]
+    starts = {e["index"]: e["x_mm"] for e in run.stream("indentation_start")}
+    xs = list(starts.values())
+    for index, x in starts.items():
+        mine = [s for s in samples if s["index"] == index]
+        doi, force = [s["doi_mm"] for s in mine], [s["force_gwt"] for s in mine]
+        axes.plot(doi, force, "-o", ms=2, lw=1, color=_colour(xs, x))
+    axes.set(xlabel="depth of indentation from fitted contact (mm)", ylabel="force (gwt)")
+    _position_bar(figure, axes, xs)
+
+
+def _contact_panels(figure: Figure, found: list[Response], rows: int, columns: int) -> None:
+    panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    top = max(float(r.result.pressure_profile[1].max()) for r in found) or 1.0
+    for axes in panels.ravel()[len(found) :]:
+        axes.set_visible(False)
+    for axes, response in zip(panels.ravel(), found, strict=False):
+        _contact_panel(axes, response, top)
+    for axes in panels[:, 0]:
+        axes.set_ylabel("height y (mm)")
+    for axes in panels[-1]:
+        axes.set_xlabel("lateral x (mm)")
+
+
+def _contact_panel(axes: Axes, response: Response, top: float) -> None:
+    """Skin and indentor against the left axis; pressure, scaled to the run's highest, against the right one."""
+    result = response.result
+    x, y = result.skin_profile
+    undeformed, pressure = result.pressure_profile
+    axes.plot(x, y, color=GREY, lw=1)
+    s = np.linspace(-3.6, 3.6, 1441)
+    h = result.profile.evaluate(s - result.x_mm)[0]
+    height = result.touch_height_mm - result.doi_mm + np.minimum(h, 1.3)
+    axes.plot(s, np.where(h < 1.3, height, np.nan), color="black", lw=1.2)
+    touching = pressure > 0
+    for low, high in result.contact_regions_mm:
+        part = touching & (undeformed >= low) & (undeformed <= high)
+        axes.plot(x[part], y[part], color=ORANGE, lw=4, solid_capstyle="round", alpha=0.8)
+    axes.set_ylim(1.7, 6.1)
+    pressures = axes.twinx()
+    pressures.fill_between(undeformed, pressure, color=BLUE, alpha=0.35, lw=0)
+    pressures.set_ylim(0, 2.4 * top)
+    pressures.set_yticks([0, round(top, -2) or top])
+    pressures.tick_params(axis="y", colors=BLUE, labelsize=7)
+    pressures.spines["right"].set_visible(True)
+    pressures.spines["right"].set_color(BLUE)
+    title = f"x = {result.x_mm:.2f} mm   {result.force_gwt:.2f} gwt   DOI {result.doi_mm:.3f} mm"
+    axes.set_title(title, fontsize=8)
+
+
+def _population(figure: Figure, found: list[Response]) -> None:
+    receptor_x = found[0].result.model.receptors.position_mm[:, 0]
+    panels = figure.subplots(1, 2)
+    for axes, measure in zip(panels, ("ep1", "sed"), strict=True):
+        positions, values = population(found, measure)
+        for x, row in zip(positions, _shown(measure, values), strict=True):
+            axes.plot(receptor_x, row, "-o", ms=2.5, lw=1, color=_colour(list(positions), x))
+        axes.set(xlabel="receptor x (mm)", ylabel=f"{_LABEL[measure]} ({_UNIT[measure]})")
+    _position_bar(figure, panels, list(positions))
+
+
+def _ssrps(figure: Figure, found: list[Response], measure: str) -> None:
+    receptor_x = found[0].result.model.receptors.position_mm[:, 0]
+    positions, values = population(found, measure)
+    order = np.argsort(positions)
+    shown = _shown(measure, values)
+    panels = figure.subplots(2, -(-len(receptor_x) // 2), sharex=True, sharey=True, squeeze=False)
+    for axes, x, column in zip(panels.ravel(), receptor_x, shown.T, strict=False):
+        axes.plot(positions[order], column[order], "-o", ms=2.5, lw=1, color=BLUE)
+        axes.axvline(x, color=GREY, lw=0.6, ls=":")
+        axes.set_title(f"receptor at {x:.2f} mm", fontsize=8)
+    for axes in panels[-1]:
+        axes.set_xlabel("indentor x (mm)")
+    for axes in panels[:, 0]:
+        axes.set_ylabel(f"{_LABEL[measure].split(',')[0]} ({_UNIT[measure]})")
+
+
+def _shown(measure: str, values: Any) -> Any:
+    return np.abs(values) if measure in PLOTTED_AS_MAGNITUDE else values
+
+
+def _position_bar(figure: Figure, axes: Any, positions: list[float]) -> None:
+    low, high = min(positions), max(positions)
+    scale = mpl.cm.ScalarMappable(
+        mpl.colors.Normalize(low, high if high > low else low + 1e-9),
+        mpl.colors.ListedColormap([_POSITIONS(0.9 * k / 255) for k in range(256)]),
+    )
+    figure.colorbar(scale, ax=axes, label="indentor x (mm)")

@@ -1,0 +1,104 @@
+"""One self-contained HTML file for a run."""
+
+import base64
+import json
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, StrictUndefined
+
+from rig.compare import figures
+from rig.compare.responses import Response, responses
+from rig.data import Run
+from rig.data.folder import replace_text
+from sim.fingertip import Fingertip
+
+
+@dataclass(frozen=True)
+class _Figure:
+    title: str
+    svg: str
+    caption: str
+
+    @property
+    def uri(self) -> str:
+        return "data:image/svg+xml;base64," + base64.b64encode(self.svg.encode()).decode()
+
+
+def write_report(run: Run, finger: Fingertip, wall_s: float | None = None) -> Path:
+    """Write report.html into the run's folder; a run without a finished indentation gets its tables only."""
+    found = responses(run, finger)
+    template = (files("rig.compare") / "templates" / "report.html.j2").read_text(encoding="utf-8")
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    text = environment.from_string(template).render(
+        run=run,
+        found=found,
+        figures=_figures(run, found) if found else [],
+        phases=_phase_durations(run),
+        provenance=json.loads(run.folder.provenance.read_text(encoding="utf-8")),
+        checksums=_checksums(run),
+        finger=finger,
+        wall_s=wall_s,
+    )
+    replace_text(run.folder.report, text)
+    return run.folder.report
+
+
+def _figures(run: Run, found: list[Response]) -> list[_Figure]:
+    return [
+        _Figure(
+            "Force against depth",
+            figures.force_doi(run),
+            "As read by the force sensor against the depth from the contact fitted at each touch-off. "
+            "One line for each indentation, coloured by the indentor's position.",
+        ),
+        _Figure(
+            "Contact at each position",
+            figures.contact_panels(found),
+            "Black: the indentor. Grey: the deformed skin in the receptor plane. Orange: contact regions. "
+            "Blue, right axis: nodal pressure against undeformed x, unfiltered, in pseudo-units "
+            "(E of the epidermis = 10 000). The last hold of each indentation.",
+        ),
+        _Figure(
+            "Population responses",
+            figures.population_responses(found),
+            "ep1 (its magnitude; compression is negative) and strain energy density at the receptors, "
+            "0.76 mm below the skin, one line for each indentor position.",
+        ),
+        _Figure(
+            "SSRP of ep1",
+            figures.ssrps(found, "ep1"),
+            "Simulated spatial response profiles: the magnitude of ep1 at one receptor against the "
+            "indentor's position. Dotted: the receptor's own x.",
+        ),
+        _Figure(
+            "SSRP of strain energy density",
+            figures.ssrps(found, "sed"),
+            "As above, for the strain energy density in pseudo-units.",
+        ),
+    ]
+
+
+def _phase_durations(run: Run) -> list[tuple[str, float]]:
+    """Seconds of the run's clock between the samples of each phase, and the rest."""
+    totals: dict[str, float] = {}
+    last = run.start["t_s"]
+    events = sorted(
+        ((e["t_s"], e["phase"]) for e in run.stream("sample")), key=lambda pair: pair[0]
+    )  # a sample closes the stretch that led to it
+    names = {"approach": "approach and moves", "touch": "touch-off", "press": "press and seek", "hold": "hold"}
+    for t_s, phase in events:
+        totals[names[phase]] = totals.get(names[phase], 0.0) + t_s - last
+        last = t_s
+    rest = run.start["t_s"] + run.duration_s - last
+    return [*totals.items(), ("end", rest)]
+
+
+def _checksums(run: Run) -> list[tuple[str, str]]:
+    path: Any = run.folder.path / "SHA256SUMS"
+    if not path.exists():
+        return []
+    pairs = [line.split("  ", 1) for line in path.read_text(encoding="utf-8").splitlines()]
+    return [(name, digest) for digest, name in pairs if name != "report.html"]
