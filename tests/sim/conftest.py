@@ -1,0 +1,46 @@
+"""A coarse finger for the algebra, and the default mesh."""
+
+import pytest
+
+from sim.config import FingertipConfig, Geometry, MeshSpec
+from sim.finger.mesh import FingerMesh, build_mesh
+from sim.finger.model import FiniteElements, discretise
+from sim.finger.surface import FingertipSurface
+
+
+@pytest.fixture(scope="session")
+def skin() -> FingertipSurface:
+    """The default surface through the published points."""
+    return FingertipSurface.fit(Geometry())
+
+
+@pytest.fixture(scope="session")
+def coarse_config() -> FingertipConfig:
+    """Some 2 000 nodes: for algebra, not for mechanics."""
+    return FingertipConfig(
+        mesh=MeshSpec(
+            spacing_mm=0.5,
+            patch_x_mm=1.5,
+            patch_z_mm=1.5,
+            epidermis_elements=1,
+            dermis_spacing_mm=0.4,
+            dermis_fine_depth_mm=0.5,
+            growth=1.5,
+            far_growth=2.0,
+            near_spacing_mm=1.5,
+            near_width_mm=0.5,
+            far_spacing_mm=2.0,
+        )
+    )
+
+
+@pytest.fixture(scope="session")
+def coarse_problem(coarse_config: FingertipConfig, skin: FingertipSurface) -> FiniteElements:
+    """The coarse finger's stiffness, not condensed."""
+    return discretise(coarse_config, build_mesh(coarse_config, skin))
+
+
+@pytest.fixture(scope="session")
+def default_mesh(skin: FingertipSurface) -> FingerMesh:
+    """The mesh of the default fingertip."""
+    return build_mesh(FingertipConfig(), skin)

@@ -1,0 +1,129 @@
+"""Both condensations against a direct solution, and against each other."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.linalg import splu
+
+from sim.fem import pardiso
+from sim.fem.assembly import symmetric
+from sim.fem.dense import inverse_spd
+from sim.fem.pardiso import PardisoFactor
+from sim.fem.slabs import SlabFactor
+from sim.finger.model import FiniteElements, factorise
+
+Factor = PardisoFactor | SlabFactor
+
+KINDS = [
+    pytest.param(
+        "pardiso", marks=pytest.mark.skipif(not pardiso.available(), reason="MKL PARDISO exists for x86-64 only")
+    ),
+    "slabs",
+]
+
+
+def block_tridiagonal() -> tuple[sp.csr_array, NDArray[np.int64], NDArray[np.int64]]:
+    """A well-conditioned SPD matrix with unequal slabs, one of them empty; kept unknowns; slab starts."""
+    rng = np.random.default_rng(3)
+    sizes = [4, 7, 0, 5, 9, 3]
+    slab = np.repeat(np.arange(6), sizes)
+    order = np.cumsum(np.array(sizes) > 0)[slab]  # the empty slab does not part its neighbours
+    band = np.abs(order[:, None] - order[None]) <= 1
+    lower = np.tril(rng.normal(size=(28, 28)) * band)
+    a = lower + lower.T
+    a += np.diag(np.abs(a).sum(axis=1))
+    kept = np.sort(rng.choice(28, 9, replace=False))
+    return sp.csr_array(np.triu(a)), kept, np.concatenate([[0], np.cumsum(sizes)[:-1]])
+
+
+def make(kind: str, upper: sp.csr_array, kept: NDArray[np.int64], slabs: NDArray[np.int64]) -> Factor:
+    return PardisoFactor(upper, kept) if kind == "pardiso" else SlabFactor(upper, kept, slabs)
+
+
+def against_direct(factor: Factor, upper: sp.csr_array, kept: NDArray[np.int64], rtol: float) -> None:
+    """Against SuperLU of the whole matrix, which knows nothing of condensation or symmetry."""
+    n = upper.shape[0]
+    direct = splu(sp.csc_array(symmetric(upper)))
+    unit = np.zeros((n, len(kept)))
+    unit[kept, np.arange(len(kept))] = 1.0
+    compliance = direct.solve(unit)[kept]
+    np.testing.assert_allclose(factor.compliance, compliance, rtol=0, atol=rtol * np.abs(compliance).max())
+    np.testing.assert_array_equal(factor.compliance, factor.compliance.T)
+    loads = np.random.default_rng(5).normal(size=(4, n))
+    exact = direct.solve(loads.T).T
+    np.testing.assert_allclose(factor.solve(loads), exact, rtol=0, atol=rtol * np.abs(exact).max())
+    here = exact[:, kept]
+    np.testing.assert_allclose(factor.kept_response(loads), here, rtol=0, atol=rtol * np.abs(here).max())
+    single = factor.solve(loads[:1])
+    np.testing.assert_allclose(single, exact[:1], rtol=0, atol=rtol * np.abs(exact).max())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_small_matrix_is_condensed_exactly(kind: str) -> None:
+    # Diagonally dominant, condition < 1e2: round-off 1e-14; 1e-12 leaves room for the order of sums.
+    upper, kept, slabs = block_tridiagonal()
+    with make(kind, upper, kept, slabs) as factor:
+        against_direct(factor, upper, kept, 1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_finger_is_condensed_exactly(kind: str, coarse_problem: FiniteElements) -> None:
+    # The condition of the coarse finger is 8e4: a direct solution itself is good to ~1e-11.
+    with factorise(coarse_problem, kind) as factor:
+        against_direct(factor, coarse_problem.upper, coarse_problem.kept, 1e-10)
+
+
+@pytest.mark.skipif(not pardiso.available(), reason="MKL PARDISO exists for x86-64 only")
+def test_the_two_condensations_agree(coarse_problem: FiniteElements) -> None:
+    loads = np.random.default_rng(7).normal(size=(3, len(coarse_problem.free)))
+    with factorise(coarse_problem, "pardiso") as one, factorise(coarse_problem, "slabs") as other:
+        for a, b in (
+            (one.compliance, other.compliance),
+            (one.kept_response(loads), other.kept_response(loads)),
+            (one.solve(loads), other.solve(loads)),
+        ):
+            np.testing.assert_allclose(a, b, rtol=0, atol=1e-9 * np.abs(b).max())
+
+
+def test_slabs_start_where_an_axial_layer_starts(coarse_problem: FiniteElements) -> None:
+    # The portable solver is right only if nothing couples beyond neighbouring slabs.
+    upper = sp.coo_array(coarse_problem.upper)
+    slab = np.searchsorted(coarse_problem.slabs, np.arange(upper.shape[0]), side="right")
+    assert np.abs(slab[upper.row] - slab[upper.col]).max() == 1
+
+
+@pytest.mark.skipif(not pardiso.available(), reason="MKL PARDISO exists for x86-64 only")
+def test_a_closed_factor_can_be_closed_again() -> None:
+    upper, kept, _ = block_tridiagonal()
+    factor = PardisoFactor(upper, kept)
+    factor.close()
+    factor.close()
+
+
+@pytest.mark.skipif(not pardiso.available(), reason="MKL PARDISO exists for x86-64 only")
+def test_an_indefinite_matrix_is_refused_by_pardiso() -> None:
+    upper, kept, _ = block_tridiagonal()
+    bad = upper.toarray()
+    interior = np.setdiff1d(np.arange(28), kept)[3]
+    bad[interior, interior] *= -1
+    with pytest.raises((pardiso.PardisoError, ValueError), match=r"PARDISO phase 12|not positive definite"):
+        PardisoFactor(sp.csr_array(bad), kept)
+
+
+def test_inverse_of_a_definite_matrix() -> None:
+    # 700 > one tile of the mirrored triangle. Condition ~ 10, so round-off stays below 1e-13.
+    rng = np.random.default_rng(11)
+    m = rng.normal(size=(700, 700)) / np.sqrt(700)
+    a = m @ m.T + np.eye(700)
+    kept = a.copy()
+    inverse = inverse_spd(a)
+    np.testing.assert_allclose(inverse @ a, np.eye(700), rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(inverse, inverse.T)
+    np.testing.assert_array_equal(a, kept)
+
+
+@pytest.mark.parametrize("diagonal", [[1.0, -1.0, 1.0], [1.0, 1.0, 0.0]])
+def test_an_indefinite_matrix_has_no_inverse_here(diagonal: list[float]) -> None:
+    with pytest.raises(ValueError, match="not positive definite"):
+        inverse_spd(np.diag(diagonal))
