@@ -17,7 +17,8 @@ from rig.protocol.config import load_config
 from rig.protocol.errors import BadInputError
 from rig.protocol.plan import make_plan
 from rig.protocol.script import load_script
-from rig.protocol.session import Watch, dry_run
+from rig.protocol.session import DryRun, Watch, dry_run
+from rig.run import RunAborted
 from sim.fingertip import Fingertip
 
 
@@ -52,22 +53,33 @@ def command(
             done = dry_run(script, settings, finger, plan, out_dir, interrupted=interrupted, watch=watch, speed=pace)
         report = write_report(read_run(done.folder.path), finger, done.wall_s)
         done.folder.write_checksums()
-        result = {
-            "run": str(done.folder.path),
-            "complete": done.complete,
-            "indentations": done.indentations,
-            "duration_s": done.duration_s,
-            "wall_s": time.perf_counter() - began,
-            "report": str(report),
-        }
-        if as_json:
-            print_json(result)
-        else:
-            out.print(
-                f"{done.indentations} indentations, {done.duration_s:.0f} s of bench time in {result['wall_s']:.1f} s"
-            )
-            out.print(f"run     {done.folder.path}\nreport  {report}")
-    raise typer.Exit(ExitCode.DONE if done.complete else ExitCode.STOPPED)
+        _print(done, report, time.perf_counter() - began, as_json=as_json)
+    if done.problem is not None:
+        err.print(f"rig: stopped: {done.problem}")
+    raise typer.Exit(_exit_code(done))
+
+
+def _print(done: DryRun, report: Path, wall_s: float, *, as_json: bool) -> None:
+    if as_json:
+        print_json(
+            {
+                "run": str(done.folder.path),
+                "complete": done.complete,
+                "indentations": done.indentations,
+                "duration_s": done.duration_s,
+                "wall_s": wall_s,
+                "report": str(report),
+            }
+        )
+    else:
+        out.print(f"{done.indentations} indentations, {done.duration_s:.0f} s of bench time in {wall_s:.1f} s")
+        out.print(f"run     {done.folder.path}\nreport  {report}")
+
+
+def _exit_code(done: DryRun) -> ExitCode:
+    if done.complete:
+        return ExitCode.DONE
+    return ExitCode.ABORTED if isinstance(done.problem, RunAborted) else ExitCode.STOPPED
 
 
 def _pace(text: str) -> float | None:

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from rig.force.base import ForceError
 from rig.protocol.errors import BadInputError
-from rig.run import EngineError, RunAborted
+from rig.run import EngineError
 from rig.stage.base import StageError
 from rig.transport.base import TransportError
 from sim.contact.indentors import ShapeError
@@ -53,8 +53,8 @@ def told_in_one_line(*, as_json: bool) -> Iterator[None]:
         yield
     except (BadInputError, ShapeError, ModelRangeError, MeshError, ReceptorError) as error:
         fail(str(error), ExitCode.BAD_INPUT, as_json=as_json)
-    except RunAborted as error:
-        fail(str(error), ExitCode.ABORTED, as_json=as_json)
+    except KeyboardInterrupt:
+        fail("stopped at once by the operator", ExitCode.ABORTED, as_json=as_json)
     except (EngineError, StageError, ForceError, TransportError) as error:
         fail(f"stopped: {error}", ExitCode.STOPPED, as_json=as_json)
     except OSError as error:

@@ -14,7 +14,7 @@ from rig.data import Run
 from sim.measures.measures import PLOTTED_AS_MAGNITUDE
 
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"  # Okabe & Ito
-_POSITIONS = mpl.colormaps["cividis"]
+_POSITIONS = mpl.colormaps["viridis"]
 _STYLE: dict[Any, Any] = {
     "font.size": 9,
     "axes.spines.top": False,
@@ -24,7 +24,7 @@ _STYLE: dict[Any, Any] = {
     "legend.frameon": False,
 }
 _UNIT = {"ep1": "strain", "sed": "pseudo-units"}
-_LABEL = {"ep1": "|ep1|, maximum compressive strain", "sed": "strain energy density"}
+_LABEL = {"ep1": "|ep1|", "sed": "SED"}
 
 
 def force_doi(run: Run) -> str:
@@ -60,7 +60,7 @@ def _svg(size: tuple[float, float], draw: Callable[[Figure], None]) -> str:
 
 def _colour(found: list[float], value: float) -> Any:
     low, high = min(found), max(found)
-    return _POSITIONS(0.9 * (value - low) / (high - low) if high > low else 0.3)
+    return _POSITIONS(0.92 * (value - low) / (high - low) if high > low else 0.3)
 
 
 def _force_doi(figure: Figure, run: Run) -> None:
@@ -81,15 +81,17 @@ def _contact_panels(figure: Figure, found: list[Response], rows: int, columns: i
     top = max(float(r.result.pressure_profile[1].max()) for r in found) or 1.0
     for axes in panels.ravel()[len(found) :]:
         axes.set_visible(False)
-    for axes, response in zip(panels.ravel(), found, strict=False):
-        _contact_panel(axes, response, top)
+    for k, (axes, response) in enumerate(zip(panels.ravel(), found, strict=False)):
+        pressures = _contact_panel(axes, response, top)
+        if k % columns == columns - 1 or k == len(found) - 1:
+            pressures.set_ylabel("pressure (pseudo-units)", color=BLUE, fontsize=7)
     for axes in panels[:, 0]:
         axes.set_ylabel("height y (mm)")
     for axes in panels[-1]:
         axes.set_xlabel("lateral x (mm)")
 
 
-def _contact_panel(axes: Axes, response: Response, top: float) -> None:
+def _contact_panel(axes: Axes, response: Response, top: float) -> Axes:
     """Skin and indentor against the left axis; pressure, scaled to the run's highest, against the right one."""
     result = response.result
     x, y = result.skin_profile
@@ -103,7 +105,7 @@ def _contact_panel(axes: Axes, response: Response, top: float) -> None:
     for low, high in result.contact_regions_mm:
         part = touching & (undeformed >= low) & (undeformed <= high)
         axes.plot(x[part], y[part], color=ORANGE, lw=4, solid_capstyle="round", alpha=0.8)
-    axes.set_ylim(1.7, 6.1)
+    axes.set_ylim(1.9, 5.7)
     pressures = axes.twinx()
     pressures.fill_between(undeformed, pressure, color=BLUE, alpha=0.35, lw=0)
     pressures.set_ylim(0, 2.4 * top)
@@ -111,8 +113,9 @@ def _contact_panel(axes: Axes, response: Response, top: float) -> None:
     pressures.tick_params(axis="y", colors=BLUE, labelsize=7)
     pressures.spines["right"].set_visible(True)
     pressures.spines["right"].set_color(BLUE)
-    title = f"x = {result.x_mm:.2f} mm   {result.force_gwt:.2f} gwt   DOI {result.doi_mm:.3f} mm"
+    title = f"x = {_signed(result.x_mm)} mm   {result.force_gwt:.2f} gwt   DOI {result.doi_mm:.3f} mm"
     axes.set_title(title, fontsize=8)
+    return pressures
 
 
 def _population(figure: Figure, found: list[Response]) -> None:
@@ -135,21 +138,26 @@ def _ssrps(figure: Figure, found: list[Response], measure: str) -> None:
     for axes, x, column in zip(panels.ravel(), receptor_x, shown.T, strict=False):
         axes.plot(positions[order], column[order], "-o", ms=2.5, lw=1, color=BLUE)
         axes.axvline(x, color=GREY, lw=0.6, ls=":")
-        axes.set_title(f"receptor at {x:.2f} mm", fontsize=8)
+        axes.set_title(f"receptor at {_signed(x)} mm", fontsize=8)
     for axes in panels[-1]:
         axes.set_xlabel("indentor x (mm)")
     for axes in panels[:, 0]:
-        axes.set_ylabel(f"{_LABEL[measure].split(',')[0]} ({_UNIT[measure]})")
+        axes.set_ylabel(f"{_LABEL[measure]} ({_UNIT[measure]})")
 
 
 def _shown(measure: str, values: Any) -> Any:
     return np.abs(values) if measure in PLOTTED_AS_MAGNITUDE else values
 
 
+def _signed(x_mm: float) -> str:
+    """Two decimals with a typographic minus and no negative zero."""
+    return f"{round(x_mm, 2) + 0.0:.2f}".replace("-", "−")
+
+
 def _position_bar(figure: Figure, axes: Any, positions: list[float]) -> None:
     low, high = min(positions), max(positions)
     scale = mpl.cm.ScalarMappable(
         mpl.colors.Normalize(low, high if high > low else low + 1e-9),
-        mpl.colors.ListedColormap([_POSITIONS(0.9 * k / 255) for k in range(256)]),
+        mpl.colors.ListedColormap([_POSITIONS(0.92 * k / 255) for k in range(256)]),
     )
     figure.colorbar(scale, ax=axes, label="indentor x (mm)")

@@ -47,6 +47,12 @@ def write_report(run: Run, finger: Fingertip, wall_s: float | None = None) -> Pa
 
 
 def _figures(run: Run, found: list[Response]) -> list[_Figure]:
+    shown = _contact_figures(run, found)
+    moved = len({response.hold["x_mm"] for response in found}) > 1
+    return [*shown, *_ssrp_figures(found)] if moved else shown
+
+
+def _contact_figures(run: Run, found: list[Response]) -> list[_Figure]:
     return [
         _Figure(
             "Force against depth",
@@ -67,6 +73,11 @@ def _figures(run: Run, found: list[Response]) -> list[_Figure]:
             "ep1 (its magnitude; compression is negative) and strain energy density at the receptors, "
             "0.76 mm below the skin, one line for each indentor position.",
         ),
+    ]
+
+
+def _ssrp_figures(found: list[Response]) -> list[_Figure]:
+    return [
         _Figure(
             "SSRP of ep1",
             figures.ssrps(found, "ep1"),
@@ -82,18 +93,24 @@ def _figures(run: Run, found: list[Response]) -> list[_Figure]:
 
 
 def _phase_durations(run: Run) -> list[tuple[str, float]]:
-    """Seconds of the run's clock between the samples of each phase, and the rest."""
-    totals: dict[str, float] = {}
+    """Seconds of the run's clock that led to each kind of event, summed over the run."""
+    leads_to = {
+        **dict.fromkeys(("mount", "home", "zero", "note", "paused", "trip"), "homing, zero and notes"),
+        "move": "lateral moves",
+        "approach": "approach",
+        "touch": "touch-off",
+        "press": "press and seek",
+        "hold": "hold",
+        "retract": "lift",
+    }
+    stamps = [(e["t_s"], stream) for stream, events in run.events.items() for e in events if stream in leads_to]
+    stamps += [(e["t_s"], e["phase"]) for e in run.stream("sample")]
+    totals = dict.fromkeys(leads_to.values(), 0.0)
     last = run.start["t_s"]
-    events = sorted(
-        ((e["t_s"], e["phase"]) for e in run.stream("sample")), key=lambda pair: pair[0]
-    )  # a sample closes the stretch that led to it
-    names = {"approach": "approach and moves", "touch": "touch-off", "press": "press and seek", "hold": "hold"}
-    for t_s, phase in events:
-        totals[names[phase]] = totals.get(names[phase], 0.0) + t_s - last
+    for t_s, kind in sorted(stamps):
+        totals[leads_to[kind]] += t_s - last
         last = t_s
-    rest = run.start["t_s"] + run.duration_s - last
-    return [*totals.items(), ("end", rest)]
+    return list(totals.items())
 
 
 def _checksums(run: Run) -> list[tuple[str, str]]:

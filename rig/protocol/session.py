@@ -12,18 +12,23 @@ from typing import Any
 
 from rig.clock import WallClock
 from rig.data import RunFolder, export_run, new_run_folder, read_run
+from rig.force.base import ForceError
 from rig.protocol.config import Config
 from rig.protocol.live import LiveRig
 from rig.protocol.plan import Plan
-from rig.protocol.script import Script
+from rig.protocol.script import Script, where_in_script
 from rig.protocol.virtual_bench import VirtualBench, virtual_bench
-from rig.run import Engine, Journal
+from rig.run import Engine, EngineError, Journal, ScriptError
 from rig.run.streams import STREAMS
+from rig.stage.base import StageError
 from rig.units import GWT_N
 from sim.fingertip import Fingertip
 
 _SOFT_TRIP_OVER_PREDICTED = 2.0
 _SMALLEST_SOFT_TRIP_N = 0.02
+
+# The engine has lifted or stopped before it raises these.
+_ENDINGS = (EngineError, StageError, ForceError)
 
 Watch = Callable[[str, Mapping[str, Any]], None]
 
@@ -37,6 +42,7 @@ class DryRun:
     indentations: int
     duration_s: float
     wall_s: float
+    problem: Exception | None  # what ended it before its end
 
 
 def dry_run(
@@ -52,23 +58,29 @@ def dry_run(
 ) -> DryRun:
     """Run a checked script on the virtual bench; `speed` limits virtual seconds per real second.
 
-    Raises what the engine raises; the journal then ends with the reason, and the folder is exported all the same.
+    A run that ends before its end has the reason in its journal and in `problem`, and is exported all the same.
     """
     began = time.perf_counter()
     now = datetime.now(UTC)
     folder = new_run_folder(
         out, script.name, now, script.path, config.as_toml(), _provenance(script, finger, config, now)
     )
-    try:
-        with folder.bytes_log.open("w", encoding="ascii") as byte_log:
-            bench = virtual_bench(config, finger, byte_log, now.timestamp())
+    problem = None
+    with folder.bytes_log.open("w", encoding="ascii") as byte_log:
+        bench = virtual_bench(config, finger, byte_log, now.timestamp())
+        try:
             _carry_out(script, config, plan, folder, bench, interrupted, _paced(watch, bench, speed))
-    finally:
-        run = read_run(folder.path)
-        export_run(run)
-        folder.write_checksums()
+        except _ENDINGS as error:
+            problem = error
+    run = read_run(folder.path)
+    export_run(run)
     return DryRun(
-        folder, run.complete, len(run.stream("indentation_end")), run.duration_s, time.perf_counter() - began
+        folder=folder,
+        complete=run.complete,
+        indentations=len(run.stream("indentation_end")),
+        duration_s=run.duration_s,
+        wall_s=time.perf_counter() - began,
+        problem=problem,
     )
 
 
@@ -96,8 +108,23 @@ def _carry_out(
         engine = Engine(
             config, bench.clock, bench.stage, bench.force, journal, bench, interrupted, soft_trip_n=soft_trip
         )
-        script.run(LiveRig(engine, script.parameters))
+        _run_script(script, engine)
         journal.stop("done")
+
+
+def _run_script(script: Script, engine: Engine) -> None:
+    """Run it; whatever the engine did not bring to a safe end itself stops the stage."""
+    try:
+        script.run(LiveRig(engine, script.parameters))
+    except _ENDINGS:
+        raise
+    except Exception as error:
+        engine.stop()
+        place = where_in_script(script.path, error)
+        raise ScriptError(f"{place}: {type(error).__name__}: {error}") from error
+    except BaseException:
+        engine.stop()
+        raise
 
 
 def _paced(watch: Watch, bench: VirtualBench, speed: float | None) -> Watch:

@@ -19,3 +19,7 @@ class TripError(EngineError):
 
 class RunAborted(EngineError):  # noqa: N818
     """The operator asked to stop; the indentor was lifted at the next safe point."""
+
+
+class ScriptError(EngineError):
+    """The protocol script itself failed while it was carried out."""

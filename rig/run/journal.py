@@ -13,8 +13,11 @@ from types import TracebackType
 from typing import Any
 
 from rig.clock import Clock
+from rig.run.errors import LimitError, RunAborted, TripError
 
 Document = dict[str, Any]
+
+_STATUS = {RunAborted: "aborted", KeyboardInterrupt: "aborted", TripError: "tripped", LimitError: "limited"}
 
 
 class JournalError(Exception):
@@ -57,7 +60,7 @@ class Journal:
         self._watch(stream, data)
 
     def stop(self, status: str, reason: str = "") -> None:
-        """The last document; status is done, aborted, tripped or failed."""
+        """The last document; status is done, aborted, tripped, limited or failed."""
         self._write("stop", {"status": status, "reason": reason})
         self._stopped = True
 
@@ -81,9 +84,12 @@ class Journal:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if not self._stopped and error is not None:
-            self.stop("failed", f"{type(error).__name__}: {error}")
-        self._file.close()
+        try:
+            if not self._stopped and error is not None:
+                status = next((name for known, name in _STATUS.items() if isinstance(error, known)), "failed")
+                self.stop(status, str(error) or type(error).__name__)
+        finally:
+            self._file.close()
 
 
 def read_journal(path: Path) -> Iterator[Document]:

@@ -4,6 +4,7 @@ Source: oneMKL Developer Reference, PARDISO, iparm(36) and phases 331/333.
 """
 
 import ctypes
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -57,9 +58,13 @@ class PardisoFactor:
             2,
         )  # own settings, METIS, zero-based, Schur with the factor kept
         self._iparm[23] = 1  # two-level parallel factorisation
-        schur = np.zeros((len(kept), len(kept)))
-        self._call(_ANALYSE_FACTORISE, np.zeros(self._n), schur)
-        self.compliance = inverse_spd(schur)
+        self._schur = np.zeros((len(kept), len(kept)))
+        self._call(_ANALYSE_FACTORISE, np.zeros(self._n), self._schur)
+
+    @cached_property
+    def compliance(self) -> Array:
+        """(n_kept, n_kept) inverse of the Schur complement."""
+        return inverse_spd(self._schur)
 
     def kept_response(self, loads: Array) -> Array:
         """(k, n_kept) displacements of the kept unknowns under (k, n) loads."""

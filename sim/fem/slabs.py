@@ -4,6 +4,9 @@ The matrix couples a slab only with its neighbours, so it is block tridiagonal. 
 same to round-off; used where MKL does not exist.
 """
 
+from functools import cached_property
+from itertools import pairwise
+
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
@@ -11,6 +14,8 @@ from scipy.linalg import cho_factor, cho_solve
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+_COLUMNS = 512  # unit loads at once
 
 
 class SlabFactor:
@@ -20,7 +25,7 @@ class SlabFactor:
         """Upper triangle (n, n), ascending numbers of the kept unknowns, and the first unknown of each slab."""
         self.kept = kept
         bounds = np.append(slabs, upper.shape[0])
-        self._slabs = [slice(int(a), int(b)) for a, b in zip(bounds[:-1], bounds[1:], strict=True) if b > a]
+        self._slabs = [slice(int(a), int(b)) for a, b in pairwise(bounds) if b > a]
         self._pivots: list[tuple[Array, bool]] = []
         self._couplings: list[sp.csr_array] = []
         for here, after in zip(self._slabs, [*self._slabs[1:], None], strict=True):
@@ -32,7 +37,6 @@ class SlabFactor:
             self._pivots.append(cho_factor(block, lower=True, overwrite_a=True, check_finite=False))
             if after is not None:
                 self._couplings.append(sp.csr_array(upper[here, after]))
-        self.compliance = self._kept_inverse()
 
     def solve(self, loads: Array) -> Array:
         """(k, n) displacements under (k, n) loads."""
@@ -50,13 +54,15 @@ class SlabFactor:
         """(k, n_kept) displacements of the kept unknowns under (k, n) loads."""
         return np.asarray(self.solve(loads)[:, self.kept])
 
-    def _kept_inverse(self, columns: int = 512) -> Array:
+    @cached_property
+    def compliance(self) -> Array:
+        """(n_kept, n_kept) displacements of the kept unknowns under unit loads on them."""
         out = np.empty((len(self.kept), len(self.kept)))
-        for start in range(0, len(self.kept), columns):
-            part = self.kept[start : start + columns]
+        for start in range(0, len(self.kept), _COLUMNS):
+            part = self.kept[start : start + _COLUMNS]
             loads = np.zeros((len(part), self._slabs[-1].stop))
             loads[np.arange(len(part)), part] = 1.0
-            out[start : start + columns] = self.kept_response(loads)
+            out[start : start + _COLUMNS] = self.kept_response(loads)
         return 0.5 * (out + out.T)
 
     def close(self) -> None:

@@ -205,7 +205,8 @@ def _refuse_folded(nodes: Array, hexes: Ints) -> None:
     if jacobian[worst] <= 0:
         x, y, z = nodes[hexes[worst]]
         raise MeshError(
-            f"element {worst[0]} is folded at ({x:.2f}, {y:.2f}, {z:.2f}) mm: corner volume {jacobian[worst]:.3g} mm³, expected > 0"
+            f"element {worst[0]} is folded at ({x:.2f}, {y:.2f}, {z:.2f}) mm: "
+            f"corner volume {jacobian[worst]:.3g} mm³, expected > 0"
         )
 
 

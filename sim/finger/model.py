@@ -87,9 +87,10 @@ def build_model(
     clock.lap("assembly")
     with factorise(problem, solver) as factor:
         clock.lap("condensation")
+        compliance = factor.compliance
+        clock.lap("inverse")
         operator, layers = strain_operator(mesh, receptors)
         strain = factor.kept_response(operator.tocsc()[:, problem.free].toarray())
-        compliance = factor.compliance
     clock.lap("receptors")
     xy = np.concatenate([np.arange(0, len(compliance), 2), np.arange(1, len(compliance), 2)])
     patch = Patch(

@@ -80,7 +80,7 @@ def strain_operator(mesh: FingerMesh, receptors: ReceptorSet) -> tuple[sp.csr_ar
 def _neighbours(mesh: FingerMesh, element: int) -> Ints:
     """Numbers of the 3 × 3 × 3 elements around one, shifted to stay within its layer and the grid."""
     grid = mesh.element_grid
-    n_z, n_phi, n_r = grid.shape
+    n_z, n_phi, _ = grid.shape
     k, j, i = np.unravel_index(element, grid.shape)
     if not 1 <= k < n_z - 1:
         raise ReceptorError(f"receptor in element {element} lies at an end of the finger")
