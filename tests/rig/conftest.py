@@ -1,11 +1,25 @@
-"""A wire whose other end is a list of bytes: [(sent, reply), ...]."""
+"""A wire whose other end is a list of bytes: [(sent, reply), ...], and a bench whose finger is a spring."""
 
+import io
+import json
+import re
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
 
 import pytest
 
+from rig.force import MtSicsForce
+from rig.run import Engine, Journal
+from rig.run.streams import STREAMS
+from rig.settings import RigSettings
+from rig.stage import GrblStage
+from rig.transport import LoopbackTransport
+from rig.transport.byte_log import LoggedTransport
+from rig.units import GWT_N
 from sim.clock import VirtualClock
+from sim.devices import SerialLine, VirtualBalance, VirtualGrbl
 
 Pair = tuple[bytes, bytes | list[bytes]]
 
@@ -68,3 +82,103 @@ def scripted(clock: VirtualClock) -> Iterator[Callable[[list[Pair]], ScriptedTra
     yield make
     for transport in made:
         assert not transport.script, f"never sent: {transport.script[0][0]!r}"
+
+
+class SpringBench:
+    """Engine, drivers, wire and virtual devices; the finger is F = k d^1.5 below contact_mm, so it costs nothing.
+
+    contact_mm is the height of first contact above the nominal apex. `on_event` sees every event once it is on
+    disk; `interrupt` is what the engine asks at its safe points.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        settings: RigSettings | None = None,
+        k_gwt: float = 6.0,
+        contact_mm: float = -0.3,
+        soft_trip_n: float | None = None,
+    ) -> None:
+        self.settings = RigSettings() if settings is None else settings
+        self.k_gwt, self.contact_mm = k_gwt, contact_mm
+        self.clock = VirtualClock(1.7e9)
+        self.stage_line, self.force_line = SerialLine(self.clock, 115200), SerialLine(self.clock, 9600)
+        self.board = VirtualGrbl(self.clock, self.stage_line)
+        self.balance = VirtualBalance(self.clock, self.force_line, self.force_n)
+        self.wire = io.StringIO()
+        self.events: list[tuple[str, dict[str, Any]]] = []
+        self.on_event: Callable[[str, Mapping[str, Any]], None] = lambda stream, data: None
+        self.interrupt: Callable[[], bool] = lambda: False
+        self.mounted: str | None = None
+        self.journal_path = folder / "events.jsonl"
+        self.journal = Journal(self.journal_path, self.clock, STREAMS, self._watch)
+        stage = GrblStage(self._logged(self.stage_line, "stage"), self.clock)
+        force = MtSicsForce(self._logged(self.force_line, "force"), self.clock)
+        self.engine = Engine(
+            self.settings, self.clock, stage, force, self.journal, self, lambda: self.interrupt(), soft_trip_n
+        )
+
+    def mount(self, indentor: str) -> None:
+        self.mounted = indentor
+
+    def true_pose(self) -> tuple[float, float]:
+        x, _, z = self.board.carriage_steps_at(self.clock.monotonic_s())
+        frame = self.settings.frame
+        return x / 400 - frame.pad_centre_x_mm, self.contact_mm - (z / 400 - frame.apex_z_mm)
+
+    def force_n(self, t_s: float) -> float:
+        height = self.board.carriage_steps_at(t_s)[2] / 400 - self.settings.frame.apex_z_mm
+        return float(self.k_gwt * max(self.contact_mm - height, 0.0) ** 1.5 * GWT_N)
+
+    def ready(self, x_mm: float = 0.0) -> Engine:
+        """Mounted, homed, zeroed and over x."""
+        self.engine.mount("bar:3.0")
+        self.engine.home()
+        self.engine.zero()
+        self.engine.move_to(x_mm)
+        return self.engine
+
+    def of(self, stream: str) -> list[dict[str, Any]]:
+        """The events of one stream so far."""
+        return [data for name, data in self.events if name == stream]
+
+    def sent(self, port: str) -> list[tuple[float, bytes]]:
+        """What the host wrote to one port, with the time."""
+        chunks = map(json.loads, self.wire.getvalue().splitlines())
+        return [(c["t_s"], bytes.fromhex(c["hex"])) for c in chunks if c["port"] == port and c["dir"] == "tx"]
+
+    def moves(self) -> list[dict[str, float]]:
+        """Every move that the board was told, as axis words in machine mm."""
+        lines = [data.decode() for _, data in self.sent("stage") if data.startswith(b"G53")]
+        return [{axis: float(mm) for axis, mm in re.findall(r"([XYZF])(-?[\d.]+)", line)} for line in lines]
+
+    @property
+    def height_mm(self) -> float:
+        """Where the carriage really is."""
+        z = self.board.carriage_steps_at(self.clock.monotonic_s())[2] / 400
+        return z - self.settings.frame.apex_z_mm
+
+    def _watch(self, stream: str, data: Mapping[str, Any]) -> None:
+        self.events.append((stream, dict(data)))
+        self.on_event(stream, data)
+
+    def _logged(self, line: SerialLine, name: str) -> LoggedTransport:
+        return LoggedTransport(LoopbackTransport(line, self.clock, name), self.clock, self.wire)
+
+
+@pytest.fixture
+def spring(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., SpringBench]]:
+    """Make a spring bench; its journal skips the disk's flush, which test_journal.py looks at."""
+    monkeypatch.setattr("rig.run.journal.os.fsync", lambda fd: None)
+    made: list[SpringBench] = []
+
+    def make(**options: Any) -> SpringBench:
+        folder = tmp_path / f"bench{len(made)}"
+        folder.mkdir()
+        made.append(SpringBench(folder, **options))
+        return made[-1]
+
+    yield make
+    for bench in made:
+        bench.journal._file.close()

@@ -1,0 +1,286 @@
+"""What the engine lets each verb do, and how it stops."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.force import ForceOverload, ForceTimeout
+from rig.run import LimitError, NotReadyError, RunAborted, Target, TripError, indent
+from rig.run.engine import State
+from rig.run.journal import read_journal
+from rig.settings import RigSettings
+from rig.stage import StageAlarm, StageReset
+
+STOP = b"!\x18"
+Make = Callable[..., Any]
+FORCE = Target("force_gwt", 2.33)
+
+
+def _press(engine: Any, target: Target = FORCE, **manner: Any) -> Any:
+    return indent(engine, target, **{"hold_s": 0.2, **manner})
+
+
+# --- which verb is allowed when ---
+
+
+def test_nothing_moves_unhomed(spring: Make) -> None:
+    bench = spring()
+    engine = bench.engine
+    engine.mount("bar:3.0")
+    for verb, act in (
+        ("zero", engine.zero),
+        ("move_to", lambda: engine.move_to(0.0)),
+        ("indent", lambda: _press(engine)),
+        ("retract", engine.retract),
+    ):
+        with pytest.raises(NotReadyError, match=f"{verb}: not allowed while unhomed"):
+            act()
+    assert bench.sent("stage") == []
+    assert [stream for stream, _ in bench.events] == ["mount"]
+
+
+def test_no_indentation_without_zero_or_indentor(spring: Make) -> None:
+    engine = spring().engine
+    engine.home()
+    engine.move_to(0.0)
+    with pytest.raises(NotReadyError, match="no indentor is mounted"):
+        _press(engine)
+    engine.mount("bar:3.0")
+    with pytest.raises(NotReadyError, match="has not been zeroed"):
+        _press(engine)
+    engine.zero()
+    assert _press(engine).index == 0
+
+
+def test_nothing_but_lifting_and_homing_in_contact(spring: Make) -> None:
+    bench = spring()
+    engine = bench.ready()
+    engine.go_to_height(1.96, 0.5)
+    assert engine.state is State.IN_CONTACT
+    for verb, act in (
+        ("zero", engine.zero),
+        ("move_to", lambda: engine.move_to(1.0)),
+        ("indent", lambda: _press(engine)),
+    ):
+        with pytest.raises(NotReadyError, match=f"{verb}: not allowed while in contact"):
+            act()
+    with pytest.raises(NotReadyError, match="mount: the indentor is below clearance, retract first"):
+        engine.mount("step:1")
+    engine.retract()
+    assert engine.state is State.READY
+    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
+    engine.move_to(1.0)
+
+
+@pytest.mark.parametrize("x_mm", [-6.01, 6.01, float("nan"), float("inf")])
+def test_lateral_limits(spring: Make, x_mm: float) -> None:
+    bench = spring()
+    engine = bench.ready()
+    before = len(bench.moves())
+    with pytest.raises(LimitError, match="outside the limits -6 … 6 mm"):
+        engine.move_to(x_mm)
+    assert len(bench.moves()) == before
+    assert engine.state is State.READY
+
+
+def test_a_long_move_down_below_clearance_is_refused_unsent(spring: Make) -> None:
+    bench = spring()
+    engine = bench.ready()
+    before = len(bench.moves())
+    for height in (1.9, 0.0, -1.0):
+        with pytest.raises(LimitError, match="longer than one increment below clearance"):
+            engine.go_to_height(height, 0.5)
+    assert len(bench.moves()) == before
+
+
+def test_each_verb_is_journalled(spring: Make) -> None:
+    bench = spring()
+    engine = bench.ready(0.5)
+    engine.note("a word")
+    engine.retract()
+    assert bench.mounted == "bar:3.0"
+    assert [stream for stream, _ in bench.events] == ["mount", "home", "zero", "move", "note", "retract"]
+    assert bench.of("home")[0]["controller"].startswith("[VER:1.1h")
+    assert bench.of("zero")[0]["sensor"] == "MT-SICS balance 0123456789"
+    assert bench.of("move")[0] == {"x_mm": 0.5, "height_mm": 2.0}
+    documents = list(read_journal(bench.journal_path))
+    assert [d["stream"] for d in documents if d["doc"] == "event"] == [stream for stream, _ in bench.events]
+
+
+def test_a_reading_is_of_after_the_move(spring: Make) -> None:
+    """The balance samples on its own grid: what is read must be a sample taken at rest."""
+    bench = spring(contact_mm=1.99)
+    engine = bench.ready()
+    for n in range(20):
+        engine.go_to_height(engine.height_mm - 0.0213, 0.5)
+        read = engine.read_force_gwt(0, "touch")
+        depth = bench.contact_mm - bench.height_mm
+        assert read == pytest.approx(6.0 * max(depth, 0.0) ** 1.5, abs=0.005 + 1e-6), n
+
+
+# --- trips ---
+
+
+def test_a_trip_lifts_latches_and_is_journalled(spring: Make) -> None:
+    """A finger much stiffer than predicted."""
+    bench = spring(k_gwt=4000.0, soft_trip_n=0.02)
+    engine = bench.ready()
+    with pytest.raises(TripError, match=r"force \d+\.\d\d gwt above the soft trip 2\.04 gwt"):
+        _press(engine)
+    assert engine.state is State.TRIPPED
+    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
+    assert bench.force_n(bench.clock.monotonic_s()) == 0.0
+    last_sample, trip = bench.events[-2:]
+    assert (last_sample[0], trip[0]) == ("sample", "trip")
+    assert trip[1]["force_gwt"] == pytest.approx(last_sample[1]["force_gwt"], abs=1e-6)
+    assert "soft trip" in trip[1]["reason"]
+    for act in (engine.zero, engine.home, engine.retract, lambda: engine.move_to(0.0), lambda: _press(engine)):
+        with pytest.raises(NotReadyError, match="tripped"):
+            act()
+
+
+def test_the_soft_trip_is_the_lower_of_limit_and_prediction(spring: Make) -> None:
+    assert spring(soft_trip_n=0.5).engine.soft_trip_gwt == pytest.approx(50.986, abs=1e-3)
+    assert spring(soft_trip_n=50.0).engine.soft_trip_gwt == pytest.approx(203.943, abs=1e-3)
+    assert spring().engine.soft_trip_gwt == pytest.approx(203.943, abs=1e-3)
+
+
+def test_a_finger_that_stiffens_in_the_hold_trips(spring: Make) -> None:
+    bench = spring(soft_trip_n=0.05)
+    engine = bench.ready()
+
+    def stiffen(stream: str, data: Mapping[str, Any]) -> None:
+        if stream == "sample" and data["phase"] == "hold":
+            bench.k_gwt = 60.0
+
+    bench.on_event = stiffen
+    with pytest.raises(TripError):
+        _press(engine, hold_s=1.0)
+    assert bench.of("sample")[-1]["phase"] == "hold"
+    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
+    assert bench.of("hold_end") == []
+
+
+# --- an operator's stop ---
+
+
+@pytest.mark.parametrize("phase", ["approach", "touch", "press"])
+def test_an_interrupt_lifts_journals_and_ends_the_run(spring: Make, phase: str) -> None:
+    bench = spring()
+    engine = bench.ready()
+    bench.interrupt = lambda: any(e["phase"] == phase for e in bench.of("sample"))
+    with pytest.raises(RunAborted, match="stopped by the operator at a safe point; the indentor is lifted"):
+        _press(engine)
+    assert [stream for stream, _ in bench.events[-3:]] == ["sample", "retract", "paused"]
+    assert bench.of("sample")[-1]["phase"] == phase
+    assert bench.of("paused") == [{"reason": "operator"}]
+    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
+    assert engine.state is State.READY
+
+
+def test_an_interrupt_between_indentations_moves_nothing(spring: Make) -> None:
+    bench = spring()
+    engine = bench.ready()
+    before = len(bench.moves())
+    bench.interrupt = lambda: True
+    with pytest.raises(RunAborted):
+        engine.move_to(1.0)
+    with pytest.raises(RunAborted):
+        _press(engine)
+    assert len(bench.moves()) == before
+    assert bench.of("indentation_start") == []
+
+
+# --- devices that fail ---
+
+
+def _at_first(bench: Any, phase: str, act: Callable[[], None]) -> None:
+    """Do something once, when the first sample of a phase is on disk."""
+    left = [act]
+
+    def look(stream: str, data: Mapping[str, Any]) -> None:
+        if left and stream == "sample" and data["phase"] == phase:
+            left.pop()()
+
+    bench.on_event = look
+
+
+@pytest.mark.parametrize("phase", ["approach", "touch", "press", "hold"])
+def test_a_silent_balance_stops_the_stage(spring: Make, phase: str) -> None:
+    bench = spring()
+    engine = bench.ready()
+    _at_first(bench, phase, lambda: setattr(bench.balance, "mute", True))
+    with pytest.raises(ForceTimeout, match="force: no answer to SI"):
+        _press(engine)
+    assert bench.sent("stage")[-1][1] == STOP
+    asked_s = [t for t, data in bench.sent("force") if data == b"SI\r\n"][-1]
+    assert bench.sent("stage")[-1][0] == pytest.approx(asked_s + 0.5, abs=1e-6)
+    assert engine.state is State.UNHOMED
+    with pytest.raises(NotReadyError, match="not allowed while unhomed"):
+        _press(engine)
+
+
+def test_an_overloaded_balance_stops_the_stage(spring: Make) -> None:
+    bench = spring()
+    engine = bench.ready()
+    _at_first(bench, "press", lambda: setattr(bench, "k_gwt", 1e5))
+    with pytest.raises(ForceOverload):
+        _press(engine)
+    assert bench.sent("stage")[-1][1] == STOP
+    assert engine.state is State.UNHOMED
+
+
+@pytest.mark.parametrize("phase", ["approach", "touch", "press"])
+def test_an_alarm_stops_the_stage(spring: Make, phase: str) -> None:
+    bench = spring()
+    engine = bench.ready()
+    _at_first(bench, phase, lambda: bench.stage_line.device_write(b"ALARM:1\r\n"))
+    with pytest.raises(StageAlarm, match="alarm 1"):
+        _press(engine)
+    assert bench.sent("stage")[-1][1] == STOP
+    assert engine.state is State.UNHOMED
+
+
+def test_a_board_that_restarts_in_a_move_stops_the_run_and_homing_mends_it(spring: Make) -> None:
+    bench = spring()
+    engine = bench.ready()
+    _at_first(bench, "press", lambda: bench.clock.call_at(bench.clock.monotonic_s() + 0.06, bench.board.power_cycle))
+    with pytest.raises(StageReset):
+        _press(engine)
+    assert engine.state is State.UNHOMED
+    bench.clock.wait_s(1.0)
+    engine.home()
+    engine.zero()
+    engine.move_to(0.0)
+    assert _press(engine).holds[0].force_gwt == pytest.approx(2.33, abs=0.05)
+
+
+def test_stop_goes_out_in_one_write_and_trusts_nothing_after(spring: Make) -> None:
+    bench = spring()
+    engine = bench.ready()
+    engine.stop()
+    assert bench.sent("stage")[-1][1] == STOP
+    assert engine.state is State.UNHOMED
+    with pytest.raises(NotReadyError):
+        engine.retract()
+
+
+def test_a_frame_of_its_own(spring: Make) -> None:
+    """Machine coordinates are the frame's; the finger's do not change."""
+    settings = RigSettings.model_validate(
+        {"frame": {"pad_centre_x_mm": -20.0, "pad_y_mm": -10.0, "apex_z_mm": -15.0}}
+    )
+    bench = spring(settings=settings)
+    engine = bench.ready(1.0)
+    assert bench.true_pose() == pytest.approx((1.0, -2.3), abs=0.002)
+    assert bench.moves()[0] == pytest.approx({"X": -19.0, "Y": -10.0, "F": 300.0})
+    assert _press(engine).holds[0].force_gwt == pytest.approx(2.33, abs=0.05)
+
+
+def test_the_journal_of_a_bench_lies_where_it_was_put(spring: Make, tmp_path: Path) -> None:
+    bench = spring()
+    bench.ready()
+    assert bench.journal_path.is_relative_to(tmp_path)
+    assert len(list(read_journal(bench.journal_path))) == 8

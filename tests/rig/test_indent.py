@@ -1,0 +1,209 @@
+"""One indentation on a spring: approach, touch off, press, hold, lift."""
+
+import itertools
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
+
+from rig.run import LimitError, Target, indent
+from rig.run.engine import State
+from rig.settings import RigSettings
+
+Make = Callable[..., Any]
+
+
+def _tolerance(gwt: float) -> float:
+    return max(0.05, 0.01 * gwt)
+
+
+def _drops_below_clearance(bench: Any) -> list[float]:
+    """How far each move went down below clearance, from the bytes."""
+    clearance_z = bench.settings.frame.apex_z_mm + bench.settings.habits.clearance_mm
+    heights = [move["Z"] for move in bench.moves() if "Z" in move]
+    return [min(before, clearance_z) - after for before, after in itertools.pairwise(heights) if after < before]
+
+
+@pytest.mark.parametrize(
+    ("k_gwt", "force_gwt"),
+    [(1.5, 0.5), (1.5, 2.33), (6.0, 0.5), (6.0, 2.33), (6.0, 8.0), (14.0, 8.0), (14.0, 25.0), (40.0, 50.0)],
+)
+def test_a_force_is_reached_within_tolerance(spring: Make, force_gwt: float, k_gwt: float) -> None:
+    bench = spring(k_gwt=k_gwt)
+    done = indent(bench.ready(), Target("force_gwt", force_gwt), hold_s=0.2)
+    assert done.holds[0].force_gwt == pytest.approx(force_gwt, abs=_tolerance(force_gwt))
+    end = bench.of("hold_end")[0]
+    assert end["force_gwt"] == pytest.approx(force_gwt, abs=_tolerance(force_gwt))
+    assert end["force_sd_gwt"] == 0.0
+    true_n = k_gwt * end["true_doi_mm"] ** 1.5
+    assert true_n == pytest.approx(force_gwt, abs=_tolerance(force_gwt) + 0.005)
+
+
+@pytest.mark.parametrize("doi_mm", [0.1, 0.33, 1.0, 1.5])
+def test_a_depth_is_reached_to_a_step(spring: Make, doi_mm: float) -> None:
+    bench = spring()
+    done = indent(bench.ready(), Target("doi_mm", doi_mm), hold_s=0.2)
+    assert done.holds[0].doi_mm == pytest.approx(doi_mm, abs=0.0025)
+    end, touch = bench.of("hold_end")[0], bench.of("touch")[0]
+    # The true depth differs by what the touch-off missed, and by the step that the board rounds to.
+    assert end["true_doi_mm"] - end["doi_mm"] == pytest.approx(touch["true_doi_bias_mm"], abs=0.0025)
+    assert abs(touch["true_doi_bias_mm"]) < 0.012
+    assert end["force_gwt"] == pytest.approx(6.0 * end["true_doi_mm"] ** 1.5, abs=0.006)
+
+
+def test_events_of_one_indentation_in_order(spring: Make) -> None:
+    bench = spring()
+    engine = bench.ready(0.5)
+    first = len(bench.events)
+    done = indent(engine, Target("force_gwt", 2.33), hold_s=0.5)
+    streams = [key for key, _ in itertools.groupby(stream for stream, _ in bench.events[first:])]
+    assert streams == [
+        "indentation_start", "sample", "touch", "sample", "hold_start", "sample", "hold_end", "retract",
+        "indentation_end",
+    ]  # fmt: skip
+    phases = [key for key, _ in itertools.groupby(e["phase"] for e in bench.of("sample"))]
+    assert phases == ["approach", "touch", "press", "hold"]
+    assert bench.of("indentation_start")[0] == {
+        "index": 0, "indentor": "bar:3.0", "x_mm": 0.5, "target": "force_gwt", "value": 2.33, "increments": 1,
+    }  # fmt: skip
+    assert (done.index, done.x_mm, engine.indentations) == (0, 0.5, 1)
+    assert engine.state is State.READY
+    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
+
+
+def test_four_increments_give_four_holds(spring: Make) -> None:
+    bench = spring()
+    done = indent(bench.ready(), Target("doi_mm", 1.0), increments=4, hold_s=0.2)
+    assert [hold.doi_mm for hold in done.holds] == pytest.approx([0.25, 0.5, 0.75, 1.0], abs=0.0025)
+    assert [e["commanded"] for e in bench.of("hold_start")] == [0.25, 0.5, 0.75, 1.0]
+    assert [e["hold"] for e in bench.of("hold_end")] == [1, 2, 3, 4]
+    assert len(bench.of("touch")) == len(bench.of("indentation_end")) == 1
+    forces = [hold.force_gwt for hold in done.holds]
+    assert forces == sorted(forces)
+
+
+def test_force_in_increments(spring: Make) -> None:
+    done = indent(spring().ready(), Target("force_gwt", 8.0), increments=4, hold_s=0.1)
+    for hold, asked in zip(done.holds, (2.0, 4.0, 6.0, 8.0), strict=True):
+        assert hold.force_gwt == pytest.approx(asked, abs=_tolerance(asked))
+
+
+@pytest.mark.parametrize("hold_s", [0.0, 0.05, 1.0, 2.5])
+def test_a_hold_lasts_as_long_as_was_asked(spring: Make, hold_s: float) -> None:
+    bench = spring()
+    indent(bench.ready(), Target("doi_mm", 0.5), hold_s=hold_s)
+    end = bench.of("hold_end")[0]
+    # At least as long, and not by more than one reading over the line.
+    assert hold_s <= end["hold_s"] <= hold_s + 0.1
+    assert end["readings"] == sum(e["phase"] == "hold" for e in bench.of("sample")) >= 1
+
+
+def test_no_move_down_below_clearance_is_longer_than_an_increment(spring: Make) -> None:
+    bench = spring()
+    engine = bench.ready()
+    for target in (Target("force_gwt", 8.0), Target("doi_mm", 1.4)):
+        indent(engine, target, increments=2, hold_s=0.1)
+    drops = _drops_below_clearance(bench)
+    assert max(drops) == pytest.approx(0.05, abs=1e-4)
+    assert sum(drops) > 4.0
+
+
+def test_the_touch_increments_are_fine(spring: Make) -> None:
+    bench = spring()
+    indent(bench.ready(), Target("doi_mm", 0.5), hold_s=0.1)
+    heights = [e["height_mm"] for e in bench.of("sample") if e["phase"] == "touch"]
+    assert [a - b for a, b in itertools.pairwise(heights)] == pytest.approx([0.01] * (len(heights) - 1))
+
+
+def test_lateral_moves_only_at_clearance(spring: Make) -> None:
+    bench = spring()
+    engine = bench.ready()
+    for x_mm in (0.5, -0.5):
+        engine.move_to(x_mm)
+        indent(engine, Target("force_gwt", 2.33), hold_s=0.1)
+    clearance_z = bench.settings.frame.apex_z_mm + bench.settings.habits.clearance_mm
+    z = 0.0
+    for move in bench.moves():
+        assert "Z" not in move or not {"X", "Y"} & set(move)
+        if {"X", "Y"} & set(move):
+            assert z >= clearance_z - 0.02
+        z = move.get("Z", z)
+
+
+def test_speeds_are_the_habits_or_what_was_asked(spring: Make) -> None:
+    bench = spring()
+    engine = bench.ready()
+    indent(engine, Target("doi_mm", 0.5), hold_s=0.1)
+    first = {move["F"] for move in bench.moves() if "Z" in move}
+    assert first == {300.0, 30.0, 60.0}
+    before = len(bench.moves())
+    indent(engine, Target("doi_mm", 0.5), hold_s=0.1, speed_mm_s=0.2)
+    assert {move["F"] for move in bench.moves()[before:] if "Z" in move} == {300.0, 30.0, 12.0}
+
+
+def test_no_finger_in_place(spring: Make) -> None:
+    bench = spring(contact_mm=-50.0)
+    engine = bench.ready(0.25)
+    with pytest.raises(LimitError, match=r"no contact down to 3 mm below .* x = 0\.25 mm.*frame\.apex_z_mm"):
+        indent(engine, Target("force_gwt", 2.33))
+    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
+    assert min(e["height_mm"] for e in bench.of("sample")) >= -3.0 - 1e-9
+    assert engine.state is State.READY
+    assert bench.of("indentation_end") == []
+    assert bench.events[-1][0] == "retract"
+
+
+def test_a_finger_too_soft_for_the_force_stops_at_the_deepest_doi(spring: Make) -> None:
+    bench = spring(k_gwt=0.5)
+    engine = bench.ready()
+    with pytest.raises(LimitError, match=r"would pass limits\.max_doi_mm = 1\.5"):
+        indent(engine, Target("force_gwt", 2.33))
+    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
+    assert max(e["doi_mm"] or 0.0 for e in bench.of("sample")) <= 1.5 + 1e-6
+    assert (engine.state, engine.indentations) == (State.READY, 0)
+
+
+def test_a_depth_beyond_the_limit_is_not_pressed(spring: Make) -> None:
+    bench = spring(settings=RigSettings.model_validate({"limits": {"max_doi_mm": 0.5}}))
+    with pytest.raises(LimitError, match=r"limits\.max_doi_mm = 0\.5"):
+        indent(bench.ready(), Target("doi_mm", 0.7))
+    assert max(e["doi_mm"] or 0.0 for e in bench.of("sample")) <= 0.5 + 1e-6
+    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
+
+
+def test_steps_shrink_before_the_soft_trip(spring: Make) -> None:
+    """Close under the trip no step may pass it at the stiffness last measured."""
+    bench = spring(k_gwt=30.0, soft_trip_n=0.1)  # 10.2 gwt
+    done = indent(bench.ready(), Target("force_gwt", 10.0), hold_s=0.1)
+    assert done.holds[0].force_gwt == pytest.approx(10.0, abs=0.1)
+    assert bench.of("trip") == []
+
+
+@pytest.mark.parametrize("contact_mm", [1.5, 0.0, -0.3, -2.5])
+def test_contact_is_found_wherever_the_finger_is(spring: Make, contact_mm: float) -> None:
+    bench = spring(contact_mm=contact_mm)
+    indent(bench.ready(), Target("doi_mm", 0.4), hold_s=0.1)
+    touch = bench.of("touch")[0]
+    assert touch["contact_height_mm"] == pytest.approx(contact_mm, abs=0.012)
+    assert touch["height_at_threshold_mm"] < touch["contact_height_mm"]
+    assert touch["doi_bias_mm"] == pytest.approx(
+        touch["contact_height_mm"] - touch["height_at_threshold_mm"], abs=2e-6
+    )
+
+
+@given(
+    k_gwt=st.floats(2.0, 30.0),
+    contact_mm=st.floats(-1.0, 1.0),
+    force_gwt=st.floats(0.2, 5.0),
+)
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_any_spring_any_force(spring: Make, k_gwt: float, contact_mm: float, force_gwt: float) -> None:
+    depth_mm = (force_gwt / k_gwt) ** (2 / 3)
+    # Within reach, and not so stiff that one step of the stage is more than the tolerance is wide.
+    assume(depth_mm < 1.4 and 1.5 * force_gwt / depth_mm * 0.0025 < 0.03)
+    bench = spring(k_gwt=k_gwt, contact_mm=contact_mm)
+    done = indent(bench.ready(), Target("force_gwt", force_gwt), hold_s=0.1)
+    assert done.holds[0].force_gwt == pytest.approx(force_gwt, abs=_tolerance(force_gwt))
+    assert max(_drops_below_clearance(bench)) <= 0.05 + 1e-4

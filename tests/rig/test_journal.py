@@ -1,0 +1,197 @@
+"""The journal: on disk before it counts, and readable after a crash."""
+
+import json
+import math
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.run import LimitError, NotReadyError, RunAborted, TripError
+from rig.run.journal import Journal, JournalError, read_journal
+from rig.run.streams import STREAMS
+from sim.clock import VirtualClock
+
+SOME = {"note": {"text": ""}, "move": {"x_mm": "mm", "height_mm": "mm"}}
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "events.jsonl"
+
+
+def _write(path: Path, clock: VirtualClock, **options: Any) -> None:
+    with Journal(path, clock, SOME, **options) as journal:
+        journal.start({"protocol": "steps"})
+        clock.wait_s(1.5)
+        journal.event("note", {"text": "Zürich, 3 µm"})
+        journal.event("move", {"x_mm": 0.17, "height_mm": 2.0})
+        journal.event("note", {"text": "again"})
+        journal.stop("done")
+
+
+def test_documents_in_order_with_time_and_units(path: Path) -> None:
+    _write(path, VirtualClock(1e9))
+    documents = list(read_journal(path))
+    assert [d["doc"] for d in documents] == ["start", *["descriptor", "event"] * 2, "event", "stop"]
+    assert [d["seq"] for d in documents] == list(range(7))
+    assert len({d["uid"] for d in documents}) == 7
+    assert documents[0]["protocol"] == "steps"
+    assert (documents[2]["t_s"], documents[2]["unix_s"]) == (1.5, 1e9 + 1.5)
+    assert documents[1]["units"] == {"text": ""}
+    assert documents[2]["data"] == {"text": "Zürich, 3 µm"}
+    assert documents[3] | {"stream": "move", "units": {"x_mm": "mm", "height_mm": "mm"}} == documents[3]
+    assert documents[-1]["status"] == "done"
+
+
+def test_every_document_is_on_disk_before_the_call_returns(
+    path: Path, clock: VirtualClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[tuple[str, int]] = []
+    fsync = os.fsync
+
+    def noted(fd: int) -> None:
+        fsync(fd)
+        done.append(("fsync", path.read_bytes().count(b"\n")))
+
+    monkeypatch.setattr("rig.run.journal.os.fsync", noted)
+
+    def seen(stream: str, data: object) -> None:
+        done.append((f"seen {stream}", path.read_bytes().count(b"\n")))
+
+    with Journal(path, clock, SOME, seen) as journal:
+        for number, write in enumerate(_calls(journal)):
+            write()
+            done.append((f"returned {number}", path.read_bytes().count(b"\n")))
+    assert done == [
+        ("fsync", 1),
+        ("returned 0", 1),
+        ("fsync", 2),
+        ("fsync", 3),
+        ("seen note", 3),
+        ("returned 1", 3),
+        ("fsync", 4),
+        ("seen note", 4),
+        ("returned 2", 4),
+        ("fsync", 5),
+        ("returned 3", 5),
+    ]
+
+
+def _calls(journal: Journal) -> list[Callable[[], None]]:
+    return [
+        lambda: journal.start({}),
+        lambda: journal.event("note", {"text": "a"}),
+        lambda: journal.event("note", {"text": "b"}),
+        lambda: journal.stop("done"),
+    ]
+
+
+@pytest.mark.parametrize("left", range(1, 60, 7))
+def test_a_torn_last_line_is_dropped(path: Path, clock: VirtualClock, left: int) -> None:
+    _write(path, clock)
+    whole = list(read_journal(path))
+    data = path.read_bytes()
+    last = data.rindex(b"\n", 0, -1) + 1
+    path.write_bytes(data[: last + left])
+    assert list(read_journal(path)) == whole[:-1]
+
+
+def test_garbage_before_the_end_is_refused_by_file_and_line(path: Path, clock: VirtualClock) -> None:
+    _write(path, clock)
+    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    lines[3] = "\x00\x00 {\n"
+    path.write_text("".join(lines), encoding="utf-8")
+    with pytest.raises(JournalError, match=r"events\.jsonl, line 4: not a journal document"):
+        list(read_journal(path))
+
+
+def test_nothing_is_lost_with_the_program(path: Path, clock: VirtualClock) -> None:
+    journal = Journal(path, clock, SOME)
+    journal.start({})
+    journal.event("note", {"text": "the last words"})
+    # No stop, no close: what a kill leaves behind.
+    documents = list(read_journal(path))
+    assert [d["doc"] for d in documents] == ["start", "descriptor", "event"]
+    journal._file.close()
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "reason"),
+    [
+        (RunAborted("by the operator"), "aborted", "by the operator"),
+        (KeyboardInterrupt(), "aborted", "KeyboardInterrupt"),
+        (TripError("force 3 gwt"), "tripped", "force 3 gwt"),
+        (LimitError("too deep"), "limited", "too deep"),
+        (NotReadyError("unhomed"), "failed", "unhomed"),
+        (ZeroDivisionError(), "failed", "ZeroDivisionError"),
+    ],
+)
+def test_the_stop_says_how_it_came_to_it(
+    path: Path, clock: VirtualClock, error: BaseException, status: str, reason: str
+) -> None:
+    def fail() -> None:
+        with Journal(path, clock, SOME) as journal:
+            journal.start({})
+            raise error
+
+    with pytest.raises(type(error)):
+        fail()
+    last = list(read_journal(path))[-1]
+    assert (last["doc"], last["status"], last["reason"]) == ("stop", status, reason)
+
+
+def test_an_error_after_the_stop_adds_nothing(path: Path, clock: VirtualClock) -> None:
+    def fail() -> None:
+        with Journal(path, clock, SOME) as journal:
+            journal.start({})
+            journal.stop("done")
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    assert [d["doc"] for d in read_journal(path)] == ["start", "stop"]
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_what_is_not_a_number_is_refused_and_not_half_written(path: Path, clock: VirtualClock, value: float) -> None:
+    with Journal(path, clock, SOME) as journal:
+        journal.start({})
+        journal.event("move", {"x_mm": 0.0})
+        before = path.read_bytes()
+        with pytest.raises(ValueError, match="JSON compliant"):
+            journal.event("move", {"x_mm": value})
+        assert path.read_bytes() == before
+        journal.event("move", {"x_mm": 1.0})
+        journal.stop("done")
+    assert [d["seq"] for d in read_journal(path)] == list(range(5))
+
+
+def test_unknown_keys_and_streams_are_refused(path: Path, clock: VirtualClock) -> None:
+    with Journal(path, clock, SOME) as journal:
+        with pytest.raises(KeyError, match="speed"):
+            journal.event("move", {"x_mm": 0.0, "speed": 1.0})
+        with pytest.raises(KeyError, match="dance"):
+            journal.event("dance", {})
+    assert path.read_bytes() == b""
+
+
+def test_the_file_is_only_appended_to(path: Path, clock: VirtualClock) -> None:
+    _write(path, clock)
+    before = path.read_bytes()
+    _write(path, clock)
+    assert path.read_bytes().startswith(before)
+    assert len(path.read_bytes()) > len(before)
+    assert not [line for line in path.read_text(encoding="utf-8").splitlines() if not json.loads(line)]
+
+
+def test_every_stream_of_a_run_says_its_units() -> None:
+    for keys in STREAMS.values():
+        for key, unit in keys.items():
+            suffix = key.rsplit("_", 1)[-1]
+            if suffix in ("mm", "gwt", "s") and "_" in key:
+                assert unit == suffix, key
+            else:
+                assert unit == "", key

@@ -1,0 +1,83 @@
+"""Contact fitted to the readings of a touch-off."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rig.run.touch import fit_contact
+
+THRESHOLD_GWT = 0.05
+STEP_MM = 0.01
+
+
+def _readings(contact_mm: float, k_gwt: float, start_mm: float, division_gwt: float) -> list[tuple[float, float]]:
+    """Down from start in touch increments until the threshold is read, on a balance with this division."""
+    readings = []
+    for n in range(1, 2000):
+        height = round(start_mm - n * STEP_MM, 9)
+        force = k_gwt * max(contact_mm - height, 0.0) ** 1.5
+        shown = round(force / division_gwt) * division_gwt if division_gwt else force
+        readings.append((height, shown))
+        if shown >= THRESHOLD_GWT:
+            return readings
+    raise AssertionError("never touched")
+
+
+@pytest.mark.parametrize(("k_gwt", "contact_mm"), [(6.0, -0.3), (2.0, 0.0), (9.0, 0.1234), (3.0, -1.987)])
+def test_exact_on_the_law_it_assumes(k_gwt: float, contact_mm: float) -> None:
+    readings = _readings(contact_mm, k_gwt, contact_mm + 0.1, 0.0)
+    touch = fit_contact(readings, THRESHOLD_GWT)
+    assert touch.contact_height_mm == pytest.approx(contact_mm, abs=1e-9)
+    assert touch.height_at_threshold_mm == readings[-1][0]
+    assert touch.doi_bias_mm == pytest.approx(contact_mm - readings[-1][0], abs=1e-9)
+    assert touch.threshold_gwt == THRESHOLD_GWT
+    assert touch.fit_points >= 2
+
+
+@given(
+    contact_mm=st.floats(-2.0, 1.0),
+    k_gwt=st.floats(0.5, 40.0),
+    above_mm=st.floats(0.03, 0.2),
+)
+@settings(max_examples=60, deadline=None)
+def test_a_balance_of_a_hundredth_of_a_gram_costs_less_than_the_first_force_shown(
+    contact_mm: float, k_gwt: float, above_mm: float
+) -> None:
+    readings = _readings(contact_mm, k_gwt, contact_mm + above_mm, 0.01)
+    touch = fit_contact(readings, THRESHOLD_GWT)
+    # Half a division hides the contact until k d^1.5 reaches it; then up to one increment passes unread.
+    hidden_mm = (0.005 / k_gwt) ** (2 / 3)
+    assert abs(touch.contact_height_mm - contact_mm) <= hidden_mm + STEP_MM + 1e-9
+
+
+@given(
+    forces=st.lists(st.sampled_from([-0.01, 0.0, 0.01, 0.02, 0.03, 0.04]), max_size=12),
+    last=st.floats(0.05, 3.0),
+    step_mm=st.sampled_from([0.01, 0.05]),
+)
+@settings(max_examples=100, deadline=None)
+def test_never_outside_the_step_in_which_force_first_showed(forces: list[float], last: float, step_mm: float) -> None:
+    readings = [(-n * step_mm, force) for n, force in enumerate([*forces, last], 1)]
+    touch = fit_contact(readings, THRESHOLD_GWT)
+    first = next(n for n, (_, force) in enumerate(readings) if force > 0.005)
+    above = readings[max(first - 1, 0)][0] + step_mm
+    assert readings[first][0] <= touch.contact_height_mm <= above + 1e-12
+
+
+@pytest.mark.parametrize(
+    "readings",
+    [
+        [(1.0, 0.3)],
+        [(1.0, 0.0), (0.99, 0.0), (0.98, 0.3)],
+    ],
+)
+def test_with_a_single_reading_contact_is_where_it_was_read(readings: list[tuple[float, float]]) -> None:
+    touch = fit_contact(readings, THRESHOLD_GWT)
+    assert touch.contact_height_mm == readings[-1][0]
+    assert touch.doi_bias_mm == 0.0
+    assert touch.fit_points == 1
+
+
+def test_force_that_falls_on_the_way_down_is_not_followed_up() -> None:
+    touch = fit_contact([(1.0, 0.0), (0.99, 0.04), (0.98, 0.01)], THRESHOLD_GWT)
+    assert touch.contact_height_mm == 0.99
