@@ -1,0 +1,102 @@
+"""Configuration files: every key known, every value checked, and written back as they were read."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from rig.protocol.config import Config, load_config
+from rig.protocol.errors import BadInputError
+
+
+@pytest.fixture
+def toml(tmp_path: Path) -> Path:
+    return tmp_path / "rig.toml"
+
+
+def _complaint(path: Path) -> str:
+    with pytest.raises(BadInputError) as caught:
+        load_config(path)
+    text = str(caught.value)
+    assert "\n" not in text
+    assert text.startswith(f"config {path}: ")
+    return text.removeprefix(f"config {path}: ")
+
+
+def test_no_file_means_the_defaults() -> None:
+    assert load_config(None) == Config()
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("[limits]\nmax_dio_mm = 1.0\n", "limits.max_dio_mm: there is no such key"),
+        ("[limit]\nmax_doi_mm = 1.0\n", "limit: there is no such key"),
+        ("[finger.mesh]\nspacing = 0.2\n", "finger.mesh.spacing: there is no such key"),
+        ('[habits]\nclearance_mm = "high"\n', "habits.clearance_mm = 'high': input should be a valid number"),
+        ("[limits]\nmax_force_gwt = nan\n", "limits.max_force_gwt = nan: input should be a finite number"),
+        ("[limits]\nsoft_trip_n = inf\n", "limits.soft_trip_n = inf: input should be"),
+        ("[limits]\nmax_doi_mm = 3.0\n", "limits.max_doi_mm = 3.0: input should be less than or equal to 2"),
+        ("[habits]\nincrement_mm = 0.1\n", "habits.increment_mm = 0.1: input should be less than or equal to 0.05"),
+        ('[stage]\nkind = "rack"\n', "stage.kind = 'rack': input should be 'grbl'"),
+        ("[limits]\nx_mm = [-6.0]\n", "limits.x_mm.1"),
+        ("[virtual]\nz_screw_steps_per_mm = 0\n", "virtual.z_screw_steps_per_mm = 0: input should be greater than 1"),
+    ],
+)
+def test_what_where_and_what_was_expected(toml: Path, text: str, complaint: str) -> None:
+    toml.write_text(text, encoding="utf-8")
+    assert complaint in _complaint(toml)
+
+
+def test_not_toml(toml: Path) -> None:
+    toml.write_text("[limits\nmax_doi_mm 1.0\n", encoding="utf-8")
+    assert _complaint(toml).startswith("not valid TOML: ")
+    assert "line 1" in _complaint(toml)
+
+
+def test_not_text(toml: Path) -> None:
+    toml.write_bytes(b"\xff\xfe\x00")
+    assert _complaint(toml).startswith("not valid TOML: ")
+
+
+def test_a_key_given_twice(toml: Path) -> None:
+    toml.write_text("[limits]\nmax_doi_mm = 1.0\nmax_doi_mm = 1.2\n", encoding="utf-8")
+    assert _complaint(toml).startswith("not valid TOML: ")
+
+
+def test_no_such_file_and_a_folder(toml: Path) -> None:
+    assert _complaint(toml) == "No such file or directory"
+    toml.mkdir()
+    assert _complaint(toml) == "Is a directory"
+
+
+def test_a_file_changes_only_what_it_names(toml: Path) -> None:
+    toml.write_text("[limits]\nmax_doi_mm = 1.0\n[virtual]\nz_screw_steps_per_mm = 408\n", encoding="utf-8")
+    config = load_config(toml)
+    assert config.limits.max_doi_mm == 1.0
+    assert config.virtual.z_screw_steps_per_mm == 408.0
+    assert config.limits.max_force_gwt == Config().limits.max_force_gwt
+    assert config.finger == Config().finger
+
+
+NUMBERS = {
+    ("limits", "max_doi_mm"): (0.001, 2.0),
+    ("limits", "max_force_gwt"): (0.001, 500.0),
+    ("habits", "clearance_mm"): (0.21, 20.0),
+    ("frame", "apex_z_mm"): (-40.0, 0.0),
+    ("virtual", "finger_z_offset_mm"): (-2.0, 2.0),
+    ("virtual", "x_screw_steps_per_mm"): (1.1, 9e5),
+}
+CHANGES = st.fixed_dictionaries({}, optional={place: st.floats(*ends) for place, ends in NUMBERS.items()})
+
+
+@given(changes=CHANGES, port=st.text(st.characters(codec="ascii"), max_size=20).filter(lambda s: "\x7f" not in s))
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_what_is_written_reads_back_the_same(toml: Path, changes: dict[tuple[str, str], float], port: str) -> None:
+    tables: dict[str, dict[str, object]] = {"stage": {"port": port}, "finger": {"tissue": {"e_bone": 1e9}}}
+    for (table, key), value in changes.items():
+        tables.setdefault(table, {})[key] = value
+    config = Config.model_validate(tables)
+    toml.write_text(config.as_toml(), encoding="utf-8")
+    assert load_config(toml) == config

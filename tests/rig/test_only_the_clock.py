@@ -1,0 +1,43 @@
+"""Drivers, engine and tools hold a clock: nobody else waits or asks for the time of day."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import rig
+
+PACKAGE = Path(rig.__file__).parent
+FORBIDDEN = {"sleep", "time", "time_ns"}
+
+
+def _uses(tree: ast.AST) -> list[str]:
+    """Every use of time.sleep, time.time or time.time_ns, however it was imported."""
+    modules, found = set(), []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            modules |= {alias.asname or alias.name for alias in node.names if alias.name == "time"}
+        elif isinstance(node, ast.ImportFrom) and node.module == "time":
+            found += [f"line {node.lineno}: {a.name}" for a in node.names if a.name in FORBIDDEN | {"*"}]
+    for node in ast.walk(tree):
+        if not (isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)):
+            continue
+        if node.value.id in modules and node.attr in FORBIDDEN:
+            found.append(f"line {node.lineno}: {node.value.id}.{node.attr}")
+    return found
+
+
+@pytest.mark.parametrize(
+    "source", ["import time as t\nt.sleep(1)", "from time import time", "import time\ntime.time()"]
+)
+def test_the_walk_finds_them(source: str) -> None:
+    assert len(_uses(ast.parse(source))) == 1
+
+
+def test_only_the_clock_sleeps_or_asks_for_the_time() -> None:
+    found = {
+        path.relative_to(PACKAGE).as_posix(): uses
+        for path in sorted(PACKAGE.rglob("*.py"))
+        if (uses := _uses(ast.parse(path.read_text(encoding="utf-8"))))
+    }
+    assert set(found) == {"clock.py"}, found
