@@ -1,0 +1,207 @@
+"""A run folder: read back, exported, hashed; also after a crash."""
+
+import csv
+import hashlib
+import json
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import h5py
+import pytest
+
+from rig.compare import write_report
+from rig.data import RunError, RunFolder, export_run, new_run_folder, read_run
+from rig.protocol.config import Config
+from rig.run import Target, indent
+from rig.run.streams import STREAMS
+from sim.fingertip import Fingertip
+
+START = {
+    "protocol": "mine",
+    "title": "Two presses <on> a spring",
+    "source": "",
+    "parameters": {"depth_mm": 0.3},
+    "planned_indentations": 2,
+    "virtual": True,
+}
+PROVENANCE = {
+    "started_utc": "2026-01-01T00:00:00+00:00",
+    "command": ["rig"],
+    "protocol": "mine.py",
+    "python": "3",
+    "platform": "here",
+    "versions": {},
+    "model": {"nodes": 1, "e_epidermis_mpa": 0.01, "from_cache": True},
+    "devices": {"stage": "virtual grbl"},
+}
+
+
+@pytest.fixture
+def folder(tmp_path: Path, spring: Callable[..., Any]) -> RunFolder:
+    """Two indentations on a spring, the second in two increments; the journal has its stop."""
+    bench = spring()
+    bench.journal.start(START)
+    engine = bench.ready(0.5)
+    engine.note('a "word", and µ')
+    indent(engine, Target("doi_mm", 0.3), hold_s=0.2)
+    indent(engine, Target("doi_mm", 0.4), increments=2, hold_s=0.2)
+    bench.journal.stop("done")
+    script = tmp_path / "mine.py"
+    script.write_text("def run(rig): pass\n", encoding="utf-8")
+    when = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
+    folder = new_run_folder(tmp_path / "runs", "mine", when, script, Config().as_toml(), PROVENANCE)
+    folder.events.write_bytes(bench.journal_path.read_bytes())
+    return folder
+
+
+def _crashed(folder: RunFolder, keep: int, torn: bytes = b'{"doc": "event", "uid"') -> RunFolder:
+    lines = folder.events.read_bytes().splitlines(keepends=True)
+    folder.events.write_bytes(b"".join(lines[:keep]) + torn)
+    return folder
+
+
+def test_the_folder_is_named_by_time_and_script_and_is_new(folder: RunFolder, tmp_path: Path) -> None:
+    assert folder.path.name.startswith("20260102T030405-mine-")
+    assert folder.path.parent == tmp_path / "runs"
+    assert (folder.path / "protocol.py").read_text(encoding="utf-8") == "def run(rig): pass\n"
+    assert (folder.path / "config.toml").read_text(encoding="utf-8") == Config().as_toml()
+    assert json.loads(folder.provenance.read_text(encoding="utf-8")) == PROVENANCE
+    when = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
+    again = new_run_folder(tmp_path / "runs", "mine", when, tmp_path / "mine.py", "", {})
+    assert again.path != folder.path
+
+
+def test_a_run_is_read_back(folder: RunFolder) -> None:
+    run = read_run(folder.path)
+    assert run.complete
+    assert run.start["title"] == START["title"]
+    assert run.stop is not None
+    assert run.stop["status"] == "done"
+    assert [e["index"] for e in run.stream("indentation_end")] == [0, 1]
+    assert [e["hold"] for e in run.stream("hold_end")] == [1, 1, 2]
+    assert run.stream("trip") == []
+    assert run.duration_s > 10
+    assert run.units["touch"] == STREAMS["touch"]
+    times = [e["t_s"] for e in run.stream("sample")]
+    assert times == sorted(times)
+
+
+def test_hdf5_holds_every_event_with_its_unit(folder: RunFolder) -> None:
+    run = read_run(folder.path)
+    export_run(run)
+    with h5py.File(folder.data) as file:
+        assert set(file) == {name for name in STREAMS if run.stream(name)}
+        assert (file.attrs["protocol"], file.attrs["planned_indentations"]) == ("mine", 2)
+        assert bool(file.attrs["complete"])
+        for stream, group in file.items():
+            assert set(group) == {"t_s", *STREAMS[stream]}
+            assert group["t_s"].attrs["unit"] == "s"
+            for key, unit in STREAMS[stream].items():
+                assert group[key].attrs["unit"] == unit
+                assert group[key].shape == (len(run.stream(stream)),)
+        sample = file["sample"]
+        assert sample["force_gwt"][:].tolist() == [e["force_gwt"] for e in run.stream("sample")]
+        assert sample["stable"].dtype == bool
+        assert sample["phase"].asstr()[0] == "approach"
+        # No DOI before contact is found.
+        assert [d != d for d in sample["doi_mm"][:]] == [e["doi_mm"] is None for e in run.stream("sample")]
+        assert file["note/text"].asstr()[0] == 'a "word", and µ'
+
+
+def test_csv_is_tidy(folder: RunFolder) -> None:
+    run = read_run(folder.path)
+    export_run(run)
+    assert {p.stem for p in folder.path.glob("*.csv")} == {name for name in STREAMS if run.stream(name)}
+    for stream in ("sample", "hold_end", "note"):
+        with (folder.path / f"{stream}.csv").open(encoding="utf-8", newline="") as text:
+            rows = list(csv.DictReader(text))
+        assert list(rows[0]) == ["t_s", *STREAMS[stream]]
+        assert len(rows) == len(run.stream(stream))
+        for row, event in zip(rows, run.stream(stream), strict=True):
+            assert row == {k: "" if event[k] is None else str(event[k]) for k in row}
+
+
+def test_nothing_half_written_is_left_and_an_export_can_be_done_again(folder: RunFolder) -> None:
+    export_run(read_run(folder.path))
+    first = (folder.path / "sample.csv").read_bytes()
+    export_run(read_run(folder.path))
+    assert (folder.path / "sample.csv").read_bytes() == first
+    assert not list(folder.path.glob("*.part"))
+
+
+def test_an_export_that_fails_leaves_the_old_one(folder: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:
+    export_run(read_run(folder.path))
+    before = {p.name: p.read_bytes() for p in folder.path.iterdir()}
+
+    def full(fd: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("rig.data.export.os.fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        export_run(read_run(folder.path))
+    assert {p.name: p.read_bytes() for p in folder.path.iterdir() if p.suffix != ".part"} == before
+
+
+def test_checksums_verify(folder: RunFolder) -> None:
+    export_run(read_run(folder.path))
+    folder.write_checksums()
+    lines = (folder.path / "SHA256SUMS").read_text(encoding="utf-8").splitlines()
+    listed = dict(reversed(line.split("  ", 1)) for line in lines)
+    assert set(listed) == {p.name for p in folder.path.iterdir()} - {"SHA256SUMS"}
+    assert {"events.jsonl", "data.h5", "protocol.py", "config.toml", "provenance.json"} <= set(listed)
+    for name, digest in listed.items():
+        assert hashlib.sha256((folder.path / name).read_bytes()).hexdigest() == digest
+
+
+# --- after a crash ---
+
+
+def test_a_crashed_run_is_read_and_exported(folder: RunFolder) -> None:
+    documents = [json.loads(line) for line in folder.events.read_text(encoding="utf-8").splitlines()]
+    ended = next(n for n, d in enumerate(documents) if d.get("stream") == "indentation_end" and d["doc"] == "event")
+    run = read_run(_crashed(folder, ended + 1).path)
+    assert run.stop is None
+    assert not run.complete
+    assert len(run.stream("indentation_end")) == 1
+    export_run(run)
+    with h5py.File(folder.data) as file:
+        assert not file.attrs["complete"]
+        assert len(file["indentation_end/t_s"]) == 1
+        assert "trip" not in file
+
+
+@pytest.mark.parametrize("keep", [1, 2, 5, 40])
+def test_a_crash_at_any_time_is_readable_and_reported(folder: RunFolder, finger: Fingertip, keep: int) -> None:
+    run = read_run(_crashed(folder, keep).path)
+    export_run(run)
+    text = write_report(run, finger).read_text(encoding="utf-8")
+    assert "The journal has no end: the program was killed." in text
+    assert "Not complete:" in text
+    assert "Two presses &lt;on&gt; a spring" in text
+
+
+def test_all_done_but_no_stop_is_not_complete(folder: RunFolder) -> None:
+    lines = len(folder.events.read_text(encoding="utf-8").splitlines())
+    run = read_run(_crashed(folder, lines - 1, b"").path)
+    assert len(run.stream("indentation_end")) == 2
+    assert not run.complete
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        (None, "events.jsonl: No such file or directory"),
+        (b"", "events.jsonl does not begin with a start document"),
+        (b'{"doc": "st', "events.jsonl does not begin with a start document"),
+        (b'{"doc": "event", "stream": "note"}\n', "does not begin with a start document"),
+        (b'{"doc": "start"}\nrubbish\n{"doc": "stop"}\n', "line 2: not a journal document"),
+    ],
+)
+def test_a_folder_without_a_run(tmp_path: Path, content: bytes | None, complaint: str) -> None:
+    if content is not None:
+        (tmp_path / "events.jsonl").write_bytes(content)
+    with pytest.raises(RunError, match=r"^run ") as caught:
+        read_run(tmp_path)
+    assert complaint in str(caught.value)
