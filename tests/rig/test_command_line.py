@@ -1,0 +1,367 @@
+"""The commands people script against: exit codes, one JSON object, one clear line."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.cli import main
+from rig.cli.not_built import COMMANDS
+from rig.run.journal import read_journal
+from sim.fingertip import Fingertip
+
+INDENT_KEYS = {
+    "force_n", "force_gwt", "doi_mm", "peak_pressure_pseudo", "contact_regions_mm", "pressure", "receptors", "solver",
+}  # fmt: skip
+MEASURES = {
+    "e11", "e22", "e33", "e12", "e23", "e13", "ep1", "ep2", "ep3",
+    "s11", "s22", "s33", "sp1", "sp2", "sp3", "mean", "sed", "third",
+}  # fmt: skip
+DRY_RUN_KEYS = {"run", "complete", "indentations", "duration_s", "wall_s", "report"}
+
+SCRIPT = """\
+from rig.protocol import Field, ProtocolParameters, Rig
+
+class Parameters(ProtocolParameters):
+    depth_mm: float = Field(0.3, gt=0, le=1.5)
+    times: int = Field(1, ge=1, le=50)
+
+def run(rig: Rig) -> None:
+    rig.mount("bar:3.0")
+    rig.home()
+    rig.zero()
+    for n in range(rig.parameters.times):
+        rig.move_to(x_mm=0.1 * n)
+        rig.indent(doi_mm=rig.parameters.depth_mm, hold_s=0.5)
+"""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a command ended and what it printed."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> dict[str, Any]:
+        """Standard output, which must be one object and nothing else."""
+        assert self.out.count("\n") == 1
+        return json.loads(self.out, parse_constant=_no_constant)
+
+    @property
+    def complaint(self) -> str:
+        """The one line on standard error."""
+        lines = self.err.strip().splitlines()
+        assert len(lines) == 1, self.err
+        assert lines[0].startswith("rig: ")
+        return lines[0].removeprefix("rig: ")
+
+
+def _no_constant(name: str) -> None:
+    raise AssertionError(f"{name} in JSON")
+
+
+Rig = Callable[..., Ended]
+
+
+@pytest.fixture
+def rig(
+    finger: Fingertip, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> Rig:
+    """Run the program in this process, in a folder of its own."""
+    assert finger is not None  # in the cache from here on
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: object) -> Ended:
+        monkeypatch.setattr(sys, "argv", ["rig", *map(str, arguments)])
+        with pytest.raises(SystemExit) as caught:
+            main()
+        printed = capsys.readouterr()
+        return Ended(int(caught.value.code or 0), printed.out, printed.err)
+
+    return run
+
+
+@pytest.fixture
+def script(tmp_path: Path) -> Path:
+    path = tmp_path / "mine.py"
+    path.write_text(SCRIPT, encoding="utf-8")
+    return path
+
+
+# --- indent ---
+
+
+def test_indent_json(rig: Rig, finger: Fingertip) -> None:
+    ended = rig("indent", "--shape", "step:1", "--x-mm", "-0.5", "--force-gwt", "2.33", "--json")
+    assert (ended.code, ended.err) == (0, "")
+    answer = ended.json
+    assert set(answer) >= INDENT_KEYS
+    assert answer["force_gwt"] == pytest.approx(2.33, rel=1e-3)
+    assert answer["force_n"] == pytest.approx(answer["force_gwt"] * 9.80665e-3, rel=1e-9)
+    expected = finger.indent("step:1", -0.5, force_gwt=2.33)
+    assert answer["doi_mm"] == pytest.approx(expected.doi_mm, rel=1e-9)
+    n = len(answer["receptors"]["x_mm"])
+    assert set(answer["receptors"]) >= {"x_mm", *MEASURES}
+    assert {len(values) for values in answer["receptors"].values()} == {n}
+    assert answer["receptors"]["ep3"] == pytest.approx(expected.receptor_measures["ep3"].tolist())
+    x = answer["pressure"]["x_mm"]
+    assert x == sorted(x)
+    assert len(x) == len(answer["pressure"]["pseudo"])
+    assert max(answer["pressure"]["pseudo"]) <= answer["peak_pressure_pseudo"]
+    assert all(a < b for a, b in answer["contact_regions_mm"])
+    assert set(answer["solver"]) >= {
+        "model", "nodes", "iterations", "kkt_residual", "converged", "build_s", "contact_s",
+    }  # fmt: skip
+    assert (answer["solver"]["model"], answer["solver"]["converged"]) == ("finger", True)
+
+
+def test_indent_to_a_depth_for_people(rig: Rig) -> None:
+    ended = rig("indent", "--shape", "bar:3.0", "--x-mm", "0", "--doi-mm", "0.5")
+    assert ended.code == 0
+    assert "DOI            0.5000 mm" in ended.out
+    assert re.search(r"force +0\.\d{5} N = \d+\.\d{4} gwt", ended.out)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        ("--shape sphere:3 --x-mm 0 --doi-mm 0.5", "shape 'sphere:3': sphere is not built yet, expected bar:WIDTH"),
+        ("--shape tube:3 --x-mm 0 --doi-mm 0.5", "shape 'tube:3': no such indentor, expected bar:WIDTH"),
+        ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --model section", "--model section: not built yet, expected finger"),
+        ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --model fem", "--model 'fem': expected one of finger, section"),
+        ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --reference top", "--reference 'top': expected contact or apex"),
+        ("--shape bar:3.0 --x-mm 0", "expected either a depth (doi_mm) or a force (force_gwt)"),
+        ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --force-gwt 2", "expected either a depth (doi_mm) or a force"),
+        ("--shape bar:3.0 --x-mm 0 --doi-mm 2.5", "DOI 2.5 mm: expected 0 < DOI ≤ 2 mm"),
+        ("--shape bar:3.0 --x-mm 0 --doi-mm nan", "DOI nan mm: expected 0 < DOI ≤ 2 mm"),
+        ("--shape bar:3.0 --x-mm nan --doi-mm 0.5", "x = nan mm: expected a finite number"),
+        ("--shape bar:3.0 --x-mm 5 --doi-mm 0.5", "bar:3 at x = 5 mm: "),
+        ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --receptor-depth-mm 9", "--receptor-depth-mm 9: expected 0.1 … 3.0"),
+        ("--shape bar:3.0 --x-mm left --doi-mm 0.5", "Invalid value for '--x-mm': "),
+        ("--shape bar:3.0 --doi-mm 0.5", "Missing option '--x-mm'."),
+        ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --config no.toml", "config no.toml: No such file or directory"),
+        ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --depth 3", "No such option: --depth"),
+    ],
+)
+def test_indent_refuses_in_one_line(rig: Rig, arguments: str, complaint: str) -> None:
+    ended = rig("indent", *arguments.split())
+    assert ended.code == 2
+    assert ended.complaint.startswith(complaint)
+    assert ended.out == ""
+
+
+def test_a_refusal_is_json_too_where_json_was_asked_for(rig: Rig) -> None:
+    for arguments in (("indent", "--shape", "tube:3", "--x-mm", 0, "--doi-mm", 1), ("indent", "--x-mm", "left")):
+        ended = rig(*arguments, "--json")
+        assert ended.code == 2
+        assert ended.json == {"error": ended.complaint, "exit_code": 2}
+
+
+# --- what is not built ---
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_that_is_not_built_says_so(rig: Rig, name: str) -> None:
+    ended = rig(name, "thing", "--some-option", "3")
+    assert (ended.code, ended.out) == (2, "")
+    assert ended.complaint.startswith(f"{name}: not built yet, expected one of")
+    assert rig(name, "--json").json["exit_code"] == 2
+
+
+def test_a_command_that_does_not_exist(rig: Rig) -> None:
+    ended = rig("dance")
+    assert ended.code == 2
+    assert ended.complaint.startswith("No such command 'dance'")
+
+
+def test_help_is_help(rig: Rig) -> None:
+    ended = rig("--help")
+    assert ended.code == 0
+    assert "dry-run" in ended.out
+    assert rig("dry-run", "--help").code == 0
+
+
+# --- dry-run ---
+
+
+def test_dry_run_json(rig: Rig, script: Path) -> None:
+    ended = rig("dry-run", script, "--out", "here", "--json")
+    assert ended.code == 0
+    answer = ended.json
+    assert set(answer) >= DRY_RUN_KEYS
+    assert (answer["complete"], answer["indentations"]) == (True, 1)
+    run = Path(answer["run"])
+    assert run.parent == Path("here")
+    assert Path(answer["report"]).parent == run
+    assert {"events.jsonl", "bytes.jsonl", "data.h5", "report.html", "SHA256SUMS"} <= {p.name for p in run.iterdir()}
+    assert 5 < answer["duration_s"] < 200
+    assert answer["wall_s"] > 0
+    sums = (run / "SHA256SUMS").read_text(encoding="utf-8")
+    assert "  report.html\n" in sums
+
+
+def test_dry_run_for_people_and_the_default_folder(rig: Rig, script: Path) -> None:
+    ended = rig("dry-run", script)
+    assert ended.code == 0
+    assert "1 indentations" in ended.out
+    assert len(list(Path("runs").iterdir())) == 1
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        ("--set", "depth_mm=0.2", "times=2"),
+        ("--set", "depth_mm=0.2", "--set", "times=2"),
+        ("--set", "depth_mm=0.2", "--json", "--set", "times=2"),
+    ],
+)
+def test_settings_in_either_form(rig: Rig, script: Path, form: tuple[str, ...]) -> None:
+    answer = rig("dry-run", script, *form, *([] if "--json" in form else ["--json"])).json
+    assert (answer["complete"], answer["indentations"]) == (True, 2)
+    start = next(read_journal(Path(answer["run"]) / "events.jsonl"))
+    assert start["parameters"] == {"depth_mm": 0.2, "times": 2}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("no-such-script",), "protocol 'no-such-script': no such file, and not a shipped one"),
+        (("mine.py", "--set", "depth_mm=9"), "--set: depth_mm = '9': input should be less than or equal to 1.5"),
+        (("mine.py", "depth_mm"), "--set 'depth_mm': expected KEY=VALUE"),
+        (("mine.py", "--set", "times=2", "times=3"), "--set 'times=3': times is given twice"),
+        (("mine.py", "--speed", "fast"), "--speed 'fast': expected max or a positive number"),
+        (("mine.py", "--speed", "0"), "--speed '0': expected max or a positive number"),
+        (("mine.py", "--speed", "nan"), "--speed 'nan': expected max or a positive number"),
+        (("mine.py", "--config", "no.toml"), "config no.toml: No such file or directory"),
+        (("mine.py", "--out", "mine.py"), "mine.py"),
+        ((), "Missing argument "),
+    ],
+)
+def test_dry_run_refuses_in_one_line_and_leaves_nothing(
+    rig: Rig, script: Path, arguments: tuple[str, ...], complaint: str
+) -> None:
+    ended = rig("dry-run", *arguments)
+    assert ended.code == 2
+    assert ended.complaint.startswith(complaint)
+    assert ended.out == ""
+    assert not Path("runs").exists()
+    assert script.read_text(encoding="utf-8") == SCRIPT
+
+
+def test_a_plan_beyond_the_limits_makes_no_folder(rig: Rig, script: Path) -> None:
+    Path("rig.toml").write_text("[limits]\nmax_doi_mm = 0.25\n", encoding="utf-8")
+    ended = rig("dry-run", script, "--config", "rig.toml")
+    assert ended.code == 2
+    assert ended.complaint.startswith(f"{script}, line 13: indent: doi_mm = 0.3 at x = 0 mm")
+    assert not Path("runs").exists()
+
+
+def test_a_run_stopped_by_a_limit(rig: Rig, script: Path) -> None:
+    """A screw so wrong that the indentor does not get to the skin."""
+    Path("rig.toml").write_text("[virtual]\nz_screw_steps_per_mm = 460\n", encoding="utf-8")
+    ended = rig("dry-run", script, "--config", "rig.toml", "--json")
+    assert ended.code == 1
+    assert ended.complaint.startswith("stopped: no contact down to 3 mm")
+    answer = ended.json
+    assert set(answer) >= DRY_RUN_KEYS
+    assert (answer["complete"], answer["indentations"]) == (False, 0)
+    assert list(read_journal(Path(answer["run"]) / "events.jsonl"))[-1]["status"] == "limited"
+    assert Path(answer["report"]).exists()
+
+
+def test_a_script_that_fails_only_when_it_is_carried_out(rig: Rig, script: Path) -> None:
+    script.write_text(SCRIPT + "    if type(rig).__name__ == 'LiveRig':\n        1 / 0\n", encoding="utf-8")
+    ended = rig("dry-run", script, "--json")
+    assert ended.code == 1
+    assert ended.complaint == f"stopped: {script}, line 15: ZeroDivisionError: division by zero"
+    assert ended.json["complete"] is False
+    assert list(read_journal(Path(ended.json["run"]) / "events.jsonl"))[-1]["status"] == "failed"
+
+
+# --- Ctrl-C ---
+
+
+class Running:
+    """A dry-run at a limited speed in a process of its own."""
+
+    def __init__(self, script: Path, out: Path, *options: str) -> None:
+        command = [sys.executable, "-c", "from rig.cli import main; main()", "dry-run", str(script)]
+        self.out = out
+        self.process = subprocess.Popen(
+            [*command, "--out", str(out), "--json", *options],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "COLUMNS": "200"},
+        )
+
+    def wait_for(self, needle: str) -> None:
+        """Until the journal says so."""
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline and self.process.poll() is None:
+            if any(needle in p.read_text(encoding="utf-8") for p in self.out.glob("*/events.jsonl")):
+                return
+            time.sleep(0.02)
+        raise AssertionError(f"{needle!r} never came: {self.process.communicate()}")
+
+    def end(self) -> Ended:
+        out, err = self.process.communicate(timeout=60)
+        return Ended(self.process.returncode, out, err)
+
+
+@pytest.fixture
+def running(script: Path, tmp_path: Path) -> Any:
+    started: list[Running] = []
+
+    def start(*options: str) -> Running:
+        started.append(Running(script, tmp_path / "out", *options))
+        return started[-1]
+
+    yield start
+    for one in started:
+        if one.process.poll() is None:
+            one.process.kill()
+            one.process.communicate()
+
+
+def test_ctrl_c_stops_at_a_safe_point(finger: Fingertip, running: Any) -> None:
+    run = running("--speed", "40", "--set", "times=30")
+    run.wait_for('"phase": "press"')
+    run.process.send_signal(signal.SIGINT)
+    ended = run.end()
+    assert ended.code == 130
+    assert "stopping at the next safe point" in ended.err
+    answer = ended.json
+    assert set(answer) >= DRY_RUN_KEYS
+    assert answer["complete"] is False
+    folder = Path(answer["run"])
+    documents = list(read_journal(folder / "events.jsonl"))
+    paused, stop = [d for d in documents if d["doc"] != "descriptor"][-2:]
+    assert (paused["stream"], paused["data"]) == ("paused", {"reason": "operator"})
+    assert (stop["doc"], stop["status"]) == ("stop", "aborted")
+    heights = [d["data"]["height_mm"] for d in documents if d["doc"] == "event" and "height_mm" in d["data"]]
+    assert heights[-1] == pytest.approx(2.0, abs=0.02)
+    assert {"data.h5", "sample.csv", "report.html", "SHA256SUMS"} <= {p.name for p in folder.iterdir()}
+
+
+def test_a_killed_run_leaves_a_readable_journal(finger: Fingertip, running: Any) -> None:
+    run = running("--speed", "40", "--set", "times=30")
+    run.wait_for('"phase": "press"')
+    run.process.kill()
+    assert run.end().code == -signal.SIGKILL
+    (journal,) = run.out.glob("*/events.jsonl")
+    documents = list(read_journal(journal))
+    assert documents[0]["doc"] == "start"
+    assert documents[-1]["doc"] == "event"
