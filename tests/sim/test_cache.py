@@ -1,0 +1,119 @@
+"""Models on disk: damaged files are made anew, never trusted."""
+
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sim.cache import Arrays, cache_dir, cached_arrays, content_key
+from sim.config import FingertipConfig
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A cache of its own for each test."""
+    monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path / "models"))
+    return tmp_path / "models"
+
+
+class Maker:
+    """Makes the same arrays each time and counts."""
+
+    def __init__(self, n: int = 5) -> None:
+        self.made = 0
+        self.arrays: Arrays = {"a": np.arange(float(n)), "b": np.arange(6).reshape(2, 3)}
+
+    def __call__(self) -> Arrays:
+        self.made += 1
+        return {name: value.copy() for name, value in self.arrays.items()}
+
+    def get(self, key: str = "k") -> tuple[Arrays, bool]:
+        found, from_disk = cached_arrays(key, self)
+        assert set(found) == set(self.arrays)
+        for name, value in self.arrays.items():
+            np.testing.assert_array_equal(found[name], value, strict=True)
+        return found, from_disk
+
+
+def test_made_once_then_read(folder: Path) -> None:
+    make = Maker()
+    assert make.get()[1] is False
+    assert make.get()[1] is True
+    assert make.made == 1
+    assert cache_dir() == folder
+    assert sorted(p.name for p in folder.iterdir() if p.suffix != ".lock") == ["k.npz"]
+
+
+@pytest.mark.parametrize("damage", ["empty", "text", "flipped data byte", "other key"])
+def test_damaged_files_are_rebuilt(folder: Path, damage: str) -> None:
+    make = Maker(5000)
+    make.get()
+    path = folder / "k.npz"
+    good = path.read_bytes()
+    if damage == "other key":
+        make.get("other")
+        shutil.copy(folder / "other.npz", path)
+        make.made -= 1
+    else:
+        middle = len(good) // 2
+        flipped = good[:middle] + bytes([good[middle] ^ 1]) + good[middle + 1 :]
+        path.write_bytes(
+            {
+                "empty": b"",
+                "text": b"not a model",
+                "flipped data byte": flipped,
+            }[damage]
+        )
+    assert make.get()[1] is False
+    assert make.made == 2
+    assert make.get()[1] is True
+
+
+def test_a_failed_making_leaves_nothing(folder: Path) -> None:
+    def fail() -> Arrays:
+        raise RuntimeError("no model today")
+
+    with pytest.raises(RuntimeError, match="no model today"):
+        cached_arrays("k", fail)
+    assert [p.name for p in folder.iterdir() if p.suffix != ".lock"] == []
+    assert Maker().get()[1] is False
+
+
+def leaves(tree: dict[str, Any], path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    for name, value in tree.items():
+        if isinstance(value, dict):
+            yield from leaves(value, (*path, name))
+        else:
+            yield (*path, name), value
+
+
+def another(value: str | float) -> str | float:
+    """A slightly different value that the settings still allow."""
+    if isinstance(value, str):
+        return {"bbar": "full", "rigid": "elastic"}[value]
+    return value + 1 if isinstance(value, int) else value * 1.0001
+
+
+def test_the_key_changes_with_every_parameter() -> None:
+    default = FingertipConfig().model_dump(mode="json")
+    keys = {content_key(default)}
+    names = list(leaves(default))
+    assert len(names) > 25
+    for path, value in names:
+        changed = json.loads(json.dumps(default))
+        inner = changed
+        for name in path[:-1]:
+            inner = inner[name]
+        inner[path[-1]] = another(value)
+        FingertipConfig.model_validate(changed)
+        keys.add(content_key(changed))
+    assert len(keys) == len(names) + 1
+
+
+def test_the_key_is_of_values_not_of_their_order() -> None:
+    assert content_key({"a": 1, "b": 2.5}) == content_key({"b": 2.5, "a": 1})
+    assert content_key({"a": 1, "b": 2.5}) != content_key({"a": 1, "b": 2.5000000001})

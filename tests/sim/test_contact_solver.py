@@ -1,0 +1,207 @@
+"""Contact on the condensed patch: first touch, and a residual that is what it says."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from sim.contact import solver
+from sim.contact.control import ForceNotReachedError, solve_for_force
+from sim.contact.indentors import parse_shape
+from sim.contact.solver import ContactState, Indentation, solve_contact
+from sim.contact.touch import first_touch
+from sim.finger.surface import FingertipSurface
+from sim.fingertip import Fingertip, IndentationResult
+
+Array = NDArray[np.float64]
+
+
+def pose_of(result: IndentationResult) -> Indentation:
+    """The pose of a result."""
+    height = result.touch_height_mm - result.doi_mm
+    return Indentation(result.profile, result.x_mm, height, max(result.doi_mm, 1e-3))
+
+
+def residual_by_definition(finger: Fingertip, pose: Indentation, state: ContactState) -> float:
+    """Largest of mismatch of u, penetration, complementarity |min(λN / max λN, g / (N D))| and tension / peak.
+
+    D = max(DOI, 1 µm), N = √(1 + h′²): g / N and λN are along the unit normal. Everything at the final u and over
+    all patch nodes.
+    """
+    patch = finger.model.patch
+    x, y, _ = patch.position_mm.T
+    ux, uy = state.displacement
+    h, slope, _ = pose.profile.evaluate(x + ux - pose.x_mm)
+    gap = pose.height_mm + h - (y + uy)
+    norm, depth, force = np.sqrt(1 + slope**2), pose.scale_mm, state.multiplier
+    n = len(x)
+    c = patch.compliance
+    fx, fy = slope * force, -force
+    mismatch = max(
+        np.abs(c[:n, :n] @ fx + c[:n, n:] @ fy - ux).max(), np.abs(c[n:, :n] @ fx + c[n:, n:] @ fy - uy).max()
+    )
+    normal = force * norm
+    peak = normal.max()
+    complementarity = np.abs(np.minimum(normal / peak, gap / (norm * depth))).max()
+    penetration = np.maximum(0.0, -gap / norm).max()
+    tension = np.maximum(0.0, -normal).max()
+    return float(max(mismatch / depth, penetration / depth, complementarity, tension / peak))
+
+
+SCENES = [
+    ("step:1", -1.63, 0.73),
+    ("step:1", -0.75, 0.4),
+    ("step:3", -1.0, 0.6),
+    ("step:5", -1.2, 0.9),
+    ("bar:3.0", 0.0, 1.33),
+    ("bar:1.5", 0.3, 0.67),
+    ("cylinder:3", -0.4, 1.0),
+    ("cylinder:9", 0.0, 0.33),
+]
+
+
+@pytest.mark.parametrize(("shape", "x", "doi"), SCENES)
+def test_residual_is_the_one_defined(finger: Fingertip, shape: str, x: float, doi: float) -> None:
+    # Both are the same sums in another order: 1e-13 is their round-off (u / D of order one, 2 000 terms).
+    result = finger.indent(shape, x, doi_mm=doi)
+    again = residual_by_definition(finger, pose_of(result), result.state)
+    assert result.state.residual == pytest.approx(again, rel=1e-6, abs=1e-13)
+    assert result.state.converged
+    assert (result.state.multiplier >= 0).all()
+
+
+def test_an_unfinished_solve_says_so(finger: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
+    # This scene takes some 30 passes: after one the residual is large and equals the definition, not a wish.
+    monkeypatch.setattr(solver, "MAX_PASSES", 1)
+    height = finger.touch_height_mm("bar:3.0", 0.0) - 1.33
+    done = Indentation(parse_shape("bar:3.0"), 0.0, height, 1.33)
+    state = solve_contact(finger.model.patch, done)
+    assert state.passes == 1
+    assert not state.converged
+    assert state.residual > 1e-6
+    assert state.residual == pytest.approx(residual_by_definition(finger, done, state), rel=1e-9)
+
+
+@pytest.mark.parametrize("factor", [0.99, 1.001, 1.0 + 1e-6])
+def test_a_perturbed_multiplier_has_a_large_residual(finger: Fingertip, factor: float) -> None:
+    # One force off by δ moves its node by δ times its own compliance: seen at once by the mismatch of u.
+    result = finger.indent("step:1", -1.63, doi_mm=0.73)
+    state, pose = result.state, pose_of(result)
+    nodes = np.flatnonzero(state.active)
+    multiplier = state.multiplier[nodes].copy()
+    multiplier[np.argmax(multiplier)] *= factor
+    _, slope, _ = pose.gap(finger.model.patch, *state.displacement[:, nodes], nodes)
+    wrong = solver._state(finger.model.patch, pose, nodes, multiplier, slope, 1, 1)
+    expected = 1e-3 * abs(factor - 1)
+    assert wrong.residual > max(expected, 2e-9)
+    assert wrong.residual == pytest.approx(residual_by_definition(finger, pose, wrong), rel=1e-6, abs=1e-13)
+    assert not wrong.converged or abs(factor - 1) < 1e-5
+    stale = replace(state, multiplier=state.multiplier * factor)
+    assert residual_by_definition(finger, pose, stale) > 1e-3 * abs(factor - 1)
+
+
+def test_forces_balance_and_point_into_the_skin(finger: Fingertip) -> None:
+    result = finger.indent("step:1", -1.63, doi_mm=0.73)
+    state = result.state
+    fx, fy = state.force
+    assert (fy <= 0).all()
+    assert state.normal_force == pytest.approx(-fy.sum(), rel=1e-15)
+    _, slope, _ = pose_of(result).gap(finger.model.patch, *state.displacement, slice(None))
+    np.testing.assert_allclose(fx, -slope * fy, rtol=0, atol=1e-8 * np.abs(fy).max())  # frictionless: along (h′, −1)
+    assert (fx[state.active] >= -1e-12 * np.abs(fy).max()).all()  # the flank faces +x: its skin is pushed to +x
+
+
+def test_no_contact_above_the_skin(finger: Fingertip) -> None:
+    height = finger.touch_height_mm("bar:3.0", 0.0)
+    state = solve_contact(finger.model.patch, Indentation(parse_shape("bar:3.0"), 0.0, height + 0.01, 1e-3))
+    assert state.normal_force == 0.0
+    assert state.converged
+    assert not state.displacement.any()
+
+
+def test_warm_and_cold_agree_on_a_smooth_shape(finger: Fingertip) -> None:
+    # A cylinder of 9 mm has no corner, hence one equilibrium: both residuals ≤ 1e-10 leave 1e-9 in force.
+    start = finger.indent("cylinder:9", 0.2, doi_mm=0.60).state
+    warm = finger.indent("cylinder:9", 0.2, doi_mm=0.65, start=start)
+    cold = finger.indent("cylinder:9", 0.2, doi_mm=0.65)
+    assert warm.force_n == pytest.approx(cold.force_n, rel=1e-9)
+
+
+def test_force_grows_with_depth(finger: Fingertip) -> None:
+    # F(DOI) of a linear solid under a rigid shape is monotone; a jump between branches at a corner is below 1.5 %.
+    for shape, x in (("step:1", -1.63), ("bar:1.5", 0.0)):
+        force = np.array([finger.indent(shape, x, doi_mm=d).force_gwt for d in np.arange(0.05, 1.01, 0.05)])
+        assert (np.diff(force) > 0).all(), (shape, force)
+
+
+@pytest.fixture(scope="module")
+def sampled_skin(skin: FingertipSurface) -> tuple[Array, Array]:
+    """Highest skin over a fine grid of z, at x 2 µm apart."""
+    x = np.arange(-3.6, 3.6, 0.002)
+    z = np.arange(5.5, 8.5, 0.005)
+    return x, np.max([skin.height(x, at) for at in z], axis=0)
+
+
+@pytest.mark.parametrize("shape", ["bar:3.0", "bar:1.5", "cylinder:3", "cylinder:9", "step:1", "step:3", "step:5"])
+def test_first_touch_is_the_lowest_of_all_points(
+    skin: FingertipSurface, sampled_skin: tuple[Array, Array], shape: str
+) -> None:
+    # Sampling misses the true touch by h″ dx² / 8, 6e-6 mm on step 1 (h″ = 12/mm) and 1e-5 on a bar's edge
+    # (h″ = 20 … 60/mm there), and the skin by 1e-6: brute force is lower by at most 3e-5 and never higher than 1e-6.
+    x, top = sampled_skin
+    profile = parse_shape(shape)
+    for position in (-2.4, -1.63, -0.333, 0.0, 0.111, 1.0, 2.0):
+        brute = float((top - profile.evaluate(x - position)[0]).max())
+        height, at = first_touch(profile, position, skin.ridge)
+        assert brute - 1e-6 <= height <= brute + 3e-5
+        where = float(skin.ridge(at) - profile.evaluate(np.array([at - position]))[0][0])
+        assert where == pytest.approx(height, abs=1e-12)
+
+
+def test_depth_zero_is_the_continuous_skin(finger: Fingertip) -> None:
+    # A flat shape over the apex touches at the ridge's top, not at a node. 1.5e-5 mm: the apex is the highest of
+    # samples 0.02 mm apart on a radius of 3.5 mm.
+    assert finger.touch_height_mm("bar:3.0", 0.0) == pytest.approx(finger.apex_height_mm, abs=1.5e-5)
+    assert finger.touch_height_mm("step:1", 3.0) == pytest.approx(finger.apex_height_mm, abs=1.5e-5)
+    assert finger.touch_height_mm("step:1", -3.0) == pytest.approx(finger.apex_height_mm - 0.5, abs=1.5e-5)
+    assert finger.touch_height_mm("bar:3.0", 2.0, "apex") == finger.apex_height_mm
+    lower = finger.touch_height_mm("bar:3.0", 2.0)
+    assert 0 < finger.apex_height_mm - lower < 0.3  # Raju (1998) measures from the topmost point: up to 0.3 mm apart
+
+
+class Spring:
+    """F = k d^p, and a count of what it was asked."""
+
+    def __init__(self, exponent: float, jump_at: float = np.inf) -> None:
+        self.exponent, self.jump_at, self.asked = exponent, jump_at, 0
+
+    def __call__(self, doi: float, _: ContactState | None) -> ContactState:
+        self.asked += 1
+        force = 3.0 * doi**self.exponent * (1.0 if doi < self.jump_at else 1.1)
+        empty = np.zeros(0)
+        return ContactState(empty, empty, np.array([[0.0], [-force]]), empty, 0.0, 1, 1)
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.5, 2.2])
+@pytest.mark.parametrize("depth", [0.001, 0.31, 1.999])
+def test_depth_of_a_prescribed_force(exponent: float, depth: float) -> None:
+    spring = Spring(exponent)
+    doi, state = solve_for_force(3.0 * depth**exponent, 0.3, 2.0, spring)
+    assert doi == pytest.approx(depth, rel=1e-10)  # 1e-11 in force
+    assert state.normal_force == pytest.approx(3.0 * depth**exponent, rel=1.01e-11)
+    assert spring.asked <= 20
+
+
+def test_a_force_beyond_the_deepest_is_refused() -> None:
+    with pytest.raises(ForceNotReachedError, match=r"not reached at the deepest DOI allowed, 2 mm"):
+        solve_for_force(100.0, 0.3, 2.0, Spring(1.5))
+
+
+def test_a_force_that_is_jumped_over_ends_at_the_jump() -> None:
+    # The target lies inside the jump at 0.5 mm: the search must end, at the jump.
+    spring = Spring(1.5, jump_at=0.5)
+    doi, state = solve_for_force(3.0 * 0.5**1.5 * 1.05, 0.3, 2.0, spring)
+    assert doi == pytest.approx(0.5, abs=1e-3)
+    assert abs(state.normal_force / (3.0 * 0.5**1.5 * 1.05) - 1) < 0.06
+    assert spring.asked <= 40

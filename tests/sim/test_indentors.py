@@ -1,0 +1,160 @@
+"""Profiles of the indentors: heights the source gives, derivatives, refusals."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from sim.contact.indentors import BAR_EDGE_RADIUS_MM, NOT_BUILT, STEEPEST_SLOPE, Bar, ShapeError, Step, parse_shape
+
+Array = NDArray[np.float64]
+
+SHAPES = ("bar:3.0", "bar:1.5", "cylinder:3", "cylinder:9", "step:1", "step:3", "step:5")
+
+
+def height(shape: str, s: float) -> float:
+    return float(parse_shape(shape).evaluate(np.array([s]))[0][0])
+
+
+@pytest.mark.parametrize(
+    ("shape", "s", "expected"),
+    [
+        # Raju (1998, ch. 4): step 0.5 mm high, half a cosine of 0.450 mm (step 1) and 3.134 mm (step 5)
+        ("step:1", -5.0, 0.0),
+        ("step:1", 0.0, 0.0),
+        ("step:1", 0.225, 0.25),
+        ("step:1", 0.15, 0.25 * (1 - np.cos(np.pi / 3))),
+        ("step:1", 0.450, 0.5),
+        ("step:1", 4.0, 0.5),
+        ("step:5", 3.134 / 2, 0.25),
+        ("step:5", 3.134, 0.5),
+        ("step:5", 1.0, 0.25 * (1 - np.cos(np.pi / 3.134))),
+        # bars 3.0 and 1.5 mm wide, flat, the edge's quarter circle (ours: radius 0.05 mm) ends at the half-width
+        ("bar:3.0", 0.0, 0.0),
+        ("bar:3.0", 1.45, 0.0),
+        ("bar:3.0", -1.48, 0.05 - np.sqrt(0.05**2 - 0.03**2)),
+        ("bar:1.5", 0.70, 0.0),
+        ("bar:1.5", 0.74, 0.05 - np.sqrt(0.05**2 - 0.04**2)),
+        # cylinders by diameter
+        ("cylinder:3", 1.0, 1.5 - np.sqrt(1.5**2 - 1)),
+        ("cylinder:9", -1.0, 4.5 - np.sqrt(4.5**2 - 1)),
+    ],
+)
+def test_heights_of_the_source(shape: str, s: float, expected: float) -> None:
+    assert height(shape, s) == pytest.approx(expected, abs=1e-12)
+
+
+def test_step_three_lies_between_one_and_five() -> None:
+    s = np.linspace(0.05, 0.4, 8)
+    one, three, five = (Step(n).evaluate(s)[0] for n in ("1", "3", "5"))
+    assert (one > three).all()
+    assert (three > five).all()
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_derivatives_against_finite_differences(shape: str) -> None:
+    # Central differences, away from the joints of arcs, flats and flanks. h = 1e-5 mm: truncation h² h'''' / 6 stays
+    # below 1e-6 of slopes and curvatures on the bar's 0.05 mm edge to 60°, round-off of h'' is 2e-16 / h² = 2e-6.
+    profile = parse_shape(shape)
+    h = 1e-5
+    if isinstance(profile, Bar):
+        edge = 0.5 * profile.width_mm - BAR_EDGE_RADIUS_MM
+        s = np.concatenate(
+            [np.linspace(0.01, edge - 0.01, 9), edge + BAR_EDGE_RADIUS_MM * np.linspace(0.05, 0.86, 15)]
+        )
+    else:
+        s = np.linspace(0.013, 0.437, 21)
+    s = np.concatenate([-s[::-1], s])
+    low, mid, high = (profile.evaluate(s + d)[0] for d in (-h, 0.0, h))
+    _, slope, curvature = profile.evaluate(s)
+    np.testing.assert_allclose((high - low) / (2 * h), slope, rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose((high - 2 * mid + low) / h**2, curvature, rtol=1e-5, atol=1e-4)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_height_and_slope_are_continuous(shape: str) -> None:
+    # No jump at any joint: between samples 1 µm apart neither changes by more than its derivative allows.
+    profile = parse_shape(shape)
+    s = np.arange(-1.2, 1.2, 1e-6 if "bar" in shape else 1e-4)
+    if isinstance(profile, Bar):
+        s = 0.5 * profile.width_mm - 0.055 + np.arange(0, 0.054, 1e-6)  # up to 0.06 of the radius before the flank
+    height_mm, slope, curvature = profile.evaluate(s)
+    step = s[1] - s[0]
+    assert (
+        np.abs(np.diff(height_mm)) <= 1.01 * step * np.maximum(np.abs(slope[1:]), np.abs(slope[:-1])) + 1e-12
+    ).all()
+    steepest = np.maximum(np.abs(curvature[1:]), np.abs(curvature[:-1]))
+    assert (np.abs(np.diff(slope)) <= 1.01 * step * steepest + 1e-9).all()
+
+
+@pytest.mark.parametrize("shape", ["bar:3.0", "cylinder:3"])
+def test_symmetry_and_steep_sides(shape: str) -> None:
+    profile = parse_shape(shape)
+    s = np.linspace(0, 1.6, 400)
+    right, left = profile.evaluate(s), profile.evaluate(-s)
+    np.testing.assert_array_equal(right[0], left[0])
+    np.testing.assert_array_equal(right[1], -left[1])
+    assert height(shape, 1.51) > 5.0  # beyond the side nothing claims a node
+    assert abs(float(profile.evaluate(np.array([1.51]))[1][0])) == STEEPEST_SLOPE
+
+
+@pytest.mark.parametrize("shape", ["bar:3.0", "bar:1.5", "cylinder:3"])
+def test_tangents_past_the_edge_touch_the_profile(shape: str) -> None:
+    # A node beside the edge and below the circle's centre gets the tangent plane at the closest point of the circle:
+    # its distance to the plane is its distance to the circle.
+    profile = parse_shape(shape)
+    r = profile.edge_radius_mm if isinstance(profile, Bar) else 1.5
+    half = 0.5 * profile.width_mm if isinstance(profile, Bar) else 1.5
+    for out, y in ((0.01, 0.2 * r), (0.1, -0.1), (0.3, -0.5)):
+        s = half + out
+        h, slope, _ = profile.tangent(np.array([s]), np.array([y]))
+        distance = float((h[0] - y) / np.hypot(1, slope[0]))
+        assert distance == pytest.approx(np.hypot(s - (half - r), y - r) - r, rel=1e-9)
+        left = profile.tangent(np.array([-s]), np.array([y]))
+        assert left[0][0] == h[0]
+        assert left[1][0] == -slope[0]
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_tangent_is_the_profile_within_the_edges(shape: str) -> None:
+    profile = parse_shape(shape)
+    s = np.linspace(-0.7, 0.7, 57)
+    for a, b in zip(profile.evaluate(s), profile.tangent(s, 0 * s), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("shape", ["bar:3", "bar:1.5", "cylinder:9", "step:1", "step:3", "step:5"])
+def test_names_are_what_is_written(shape: str) -> None:
+    assert parse_shape(shape).name == shape
+    assert parse_shape(parse_shape(shape).name) == parse_shape(shape)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", "no such indentor, expected bar:WIDTH, cylinder:DIAMETER or step:1|3|5"),
+        ("Bar:3", "no such indentor"),
+        ("bar", "expected a width in mm after the colon"),
+        ("bar:", "expected a width in mm after the colon"),
+        ("bar:wide", "expected a width in mm after the colon"),
+        ("bar:0", r"width 0 mm is outside 0.2 … 20 mm"),
+        ("bar:-3", r"width -3 mm is outside 0.2 … 20 mm"),
+        ("bar:nan", r"width nan mm is outside 0.2 … 20 mm"),
+        ("bar:inf", r"width inf mm is outside 0.2 … 20 mm"),
+        ("cylinder:1000", r"diameter 1000 mm is outside 0.5 … 50 mm"),
+        ("cylinder:x", "expected a diameter in mm after the colon"),
+        ("step:2", "expected step:1, step:3 or step:5"),
+        ("step", "expected step:1, step:3 or step:5"),
+        ("step:1.0", "expected step:1, step:3 or step:5"),
+    ],
+)
+def test_refusals_say_what_was_expected(text: str, expected: str) -> None:
+    with pytest.raises(ShapeError, match=expected) as error:
+        parse_shape(text)
+    assert repr(text) in str(error.value)
+    assert isinstance(error.value, ValueError)
+
+
+@pytest.mark.parametrize("kind", NOT_BUILT)
+def test_shapes_of_the_future_are_refused_by_name(kind: str) -> None:
+    with pytest.raises(ShapeError, match="is not built yet, expected bar:WIDTH"):
+        parse_shape(f"{kind}:1")

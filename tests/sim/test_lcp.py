@@ -1,0 +1,99 @@
+"""Linear complementarity: q + Wλ ≥ 0 ⟂ λ ≥ 0."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from sim.contact.lcp import LcpSolution, solve_lcp
+
+Array = NDArray[np.float64]
+
+
+def solve(w: Array, q: Array, start: NDArray[np.bool_]) -> LcpSolution | None:
+    return solve_lcp(q, lambda index: np.asfortranarray(w[np.ix_(index, index)]), lambda x: w @ x, start)
+
+
+def check(w: Array, q: Array, solution: LcpSolution | None) -> None:
+    """The three conditions; 1e-10 of their scale is round-off times the condition of W (≤ 1e4 here)."""
+    assert solution is not None
+    x = solution.multipliers
+    slack = q + w @ x
+    scale = np.abs(q).max() + 1e-300
+    assert (x >= 0).all()
+    assert slack.min() >= -1e-10 * scale
+    assert np.abs(x * slack).max() <= 1e-10 * scale * max(x.max(), 1e-300)
+    active = np.zeros(len(q), dtype=bool)
+    active[solution.active] = True
+    assert (x[~active] == 0).all()
+    lower = np.tril(solution.factor)
+    np.testing.assert_allclose(lower @ lower.T, w[np.ix_(active, active)], rtol=0, atol=1e-12 * np.abs(w).max())
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.integers(1, 30), st.integers(0, 2**32 - 1), st.floats(0.01, 1.0), st.booleans())
+def test_random_definite_problems(n: int, seed: int, shift: float, warm: bool) -> None:
+    rng = np.random.default_rng(seed)
+    m = rng.normal(size=(n, n))
+    w = m @ m.T / n + shift * np.eye(n)
+    q = rng.normal(size=n)
+    check(w, q, solve(w, q, rng.random(n) < 0.5 if warm else q < 0))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(1, 7), st.integers(0, 2**32 - 1))
+def test_the_solution_is_the_one_of_all_active_sets(n: int, seed: int) -> None:
+    # A definite W has exactly one solution: found here by trying all 2ⁿ sets.
+    rng = np.random.default_rng(seed)
+    m = rng.normal(size=(n, n))
+    w, q = m @ m.T + 0.1 * np.eye(n), rng.normal(size=n)
+    found = []
+    for mask in itertools.product([False, True], repeat=n):
+        a = np.array(mask)
+        x = np.zeros(n)
+        if a.any():
+            x[a] = np.linalg.solve(w[np.ix_(a, a)], -q[a])
+        if (x >= 0).all() and ((q + w @ x)[~a] >= 0).all():
+            found.append(x)
+    solution = solve(w, q, q < 0)
+    assert len(found) == 1
+    assert solution is not None
+    np.testing.assert_allclose(solution.multipliers, found[0], rtol=0, atol=1e-9 * max(np.abs(found[0]).max(), 1e-9))
+
+
+def test_a_smooth_kernel_of_contact_size() -> None:
+    # A membrane's compliance, off-diagonals of one sign and slow decay, as in a contact: 300 nodes under a sphere.
+    s = np.linspace(-1, 1, 300)
+    w = np.exp(-np.abs(s[:, None] - s[None]) / 0.3) + 1e-3 * np.eye(300)
+    q = 0.5 * s**2 - 0.05
+    solution = solve(w, q, q < 0)
+    check(w, q, solution)
+    assert solution is not None
+    np.testing.assert_allclose(solution.multipliers, solution.multipliers[::-1], rtol=0, atol=1e-9)
+    assert np.ptp(np.flatnonzero(solution.multipliers)) + 1 == len(solution.active)  # one run
+
+
+def test_nothing_to_do_and_everything_active() -> None:
+    w = np.array([[2.0, 1.0], [1.0, 2.0]])
+    open_gap = solve(w, np.array([1.0, 0.5]), np.array([True, True]))
+    assert open_gap is not None
+    np.testing.assert_array_equal(open_gap.multipliers, [0.0, 0.0])
+    closed = solve(w, np.array([-3.0, -3.0]), np.array([False, False]))
+    assert closed is not None
+    np.testing.assert_allclose(closed.multipliers, [1.0, 1.0], rtol=1e-15)
+
+
+def test_a_matrix_that_is_not_definite_has_no_answer() -> None:
+    w = np.array([[1.0, 2.0], [2.0, 1.0]])
+    assert solve(w, np.array([-1.0, -1.0]), np.array([True, True])) is None
+
+
+@pytest.mark.parametrize("start", list(itertools.product([False, True], repeat=3)))
+def test_murty_example_from_every_start(start: tuple[bool, ...]) -> None:
+    # The triangle of ones and twos on which Murty (1978) makes pivoting exponential, here squared to be definite.
+    m = np.array([[1.0, 0, 0], [2, 1, 0], [2, 2, 1]])
+    w, q = m @ m.T, np.array([-1.0, -1.0, -1.0])
+    check(w, q, solve(w, q, np.array(start)))

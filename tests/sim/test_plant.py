@@ -1,0 +1,141 @@
+"""The bench's physics behind the virtual devices: steps and screws in, force out."""
+
+import pytest
+
+from sim.contact.indentors import ShapeError
+from sim.fingertip import Fingertip, ModelRangeError
+from sim.plant import Placement, Plant, Screws
+
+PLACE = Placement(pad_centre_x_mm=-30.0, apex_z_mm=-25.0)
+
+
+class Carriage:
+    """Steps that a test sets by hand; 400 steps make one commanded millimetre."""
+
+    def __init__(self) -> None:
+        self.steps = (0, 0, 0)
+
+    def command(self, x_mm: float, z_mm: float) -> None:
+        self.steps = (round(400 * x_mm), 0, round(400 * z_mm))
+
+    def __call__(self, t_s: float) -> tuple[int, int, int]:
+        return self.steps
+
+
+@pytest.fixture
+def carriage() -> Carriage:
+    return Carriage()
+
+
+def plant_of(finger: Fingertip, carriage: Carriage, screws: Screws | None = None) -> Plant:
+    plant = Plant(finger, carriage, screws, PLACE)
+    plant.mount("step:5")
+    return plant
+
+
+def test_pose_in_the_fingers_frame(finger: Fingertip, carriage: Carriage) -> None:
+    plant = plant_of(finger, carriage)
+    carriage.command(-31.0, -25.5)
+    pose = plant.pose_at(0.0)
+    assert pose.x_mm == pytest.approx(-1.0, abs=1e-12)
+    assert pose.height_mm == pytest.approx(finger.apex_height_mm - 0.5, abs=1e-12)
+    assert pose.doi_mm == pytest.approx(finger.touch_height_mm("step:5", -1.0) - pose.height_mm, abs=1e-12)
+
+
+def test_no_force_above_the_skin_and_none_is_computed(finger: Fingertip, carriage: Carriage) -> None:
+    plant = plant_of(finger, carriage)
+    for z in (0.0, -20.0, -24.9):
+        carriage.command(-30.0, z)
+        assert plant.pose_at(0.0).doi_mm < 0
+        assert plant.force_n(0.0) == 0.0
+    assert plant.contact_solves == 0
+
+
+def test_no_force_without_an_indentor(finger: Fingertip, carriage: Carriage) -> None:
+    plant = Plant(finger, carriage, None, PLACE)
+    carriage.command(-30.0, -26.0)
+    assert plant.force_n(0.0) == 0.0
+    assert plant.pose_at(0.0).doi_mm == float("-inf")
+
+
+def test_force_is_that_of_the_model_at_the_true_pose(finger: Fingertip, carriage: Carriage) -> None:
+    plant = plant_of(finger, carriage)
+    carriage.command(-31.0, -25.5)
+    pose = plant.pose_at(0.0)
+    assert pose.doi_mm > 0.2
+    assert plant.force_n(0.0) == finger.indent("step:5", pose.x_mm, doi_mm=pose.doi_mm).force_n
+
+
+def test_whole_steps_not_commanded_millimetres(finger: Fingertip, carriage: Carriage) -> None:
+    # 1 µm is 0.4 of a step: commands that round to the same step are one pose and one force.
+    plant = plant_of(finger, carriage)
+    forces = []
+    for z in (-25.5000, -25.5010, -25.5025):
+        carriage.command(-31.0, z)
+        forces.append(plant.force_n(0.0))
+    assert forces[0] == forces[1]
+    assert plant.contact_solves == 2
+    deeper = finger.indent("step:5", -1.0, doi_mm=plant.pose_at(0.0).doi_mm).force_n
+    assert forces[2] == pytest.approx(deeper, rel=1e-8)
+    assert forces[2] > forces[0]
+
+
+def test_a_screw_two_percent_off(finger: Fingertip, carriage: Carriage) -> None:
+    # A screw that travels 2 % more for each step: x and z are 1.02 of what was commanded, from the switches. 30.5 mm
+    # commanded are 31.11 mm; the finger stays where it is.
+    true, wrong = plant_of(finger, carriage), plant_of(finger, carriage, Screws(400 / 1.02, 400 / 1.02))
+    carriage.command(-30.5, -24.8)
+    good, bad = true.pose_at(0.0), wrong.pose_at(0.0)
+    assert good.x_mm == pytest.approx(-0.5, abs=1e-12)
+    assert bad.x_mm == pytest.approx(30.0 - 1.02 * 30.5, abs=1e-12)
+    assert bad.height_mm - good.height_mm == pytest.approx(-0.02 * 24.8, abs=1e-12)
+    lower = finger.touch_height_mm("step:5", bad.x_mm) - finger.touch_height_mm("step:5", good.x_mm)
+    assert bad.doi_mm - good.doi_mm == pytest.approx(0.02 * 24.8 + lower, abs=1e-12)
+    assert good.doi_mm < 0 < bad.doi_mm
+    assert true.force_n(0.0) == 0.0
+    assert wrong.force_n(0.0) == finger.indent("step:5", bad.x_mm, doi_mm=bad.doi_mm).force_n > 0
+
+
+def test_only_the_wrong_axis_is_wrong(finger: Fingertip, carriage: Carriage) -> None:
+    plant = plant_of(finger, carriage, Screws(x_steps_per_mm=400 / 1.02))
+    carriage.command(-30.5, -25.4)
+    pose = plant.pose_at(0.0)
+    assert pose.x_mm == pytest.approx(30.0 - 1.02 * 30.5, abs=1e-12)
+    assert pose.height_mm == pytest.approx(finger.apex_height_mm - 0.4, abs=1e-12)
+
+
+def test_pressing_in_steps_is_pressing_at_once(finger: Fingertip, carriage: Carriage) -> None:
+    # Step 5 has no sharp corner: the branch by continuation is that from rest, to the solver's residual.
+    plant = plant_of(finger, carriage)
+    for n in range(1, 11):
+        carriage.command(-31.0, -25.0 - 0.05 * n)
+        force = plant.force_n(0.0)
+    pose = plant.pose_at(0.0)
+    assert force == pytest.approx(finger.indent("step:5", pose.x_mm, doi_mm=pose.doi_mm).force_n, rel=1e-8)
+    assert plant.contact_solves <= 10
+
+
+def test_an_unchanged_pose_is_not_solved_again(finger: Fingertip, carriage: Carriage) -> None:
+    plant = plant_of(finger, carriage)
+    carriage.command(-31.0, -25.4)
+    assert plant.force_n(0.0) == plant.force_n(1.0)
+    assert plant.contact_solves == 1
+
+
+def test_another_indentor_is_another_force(finger: Fingertip, carriage: Carriage) -> None:
+    plant = plant_of(finger, carriage)
+    carriage.command(-30.0, -25.4)
+    step = plant.force_n(0.0)
+    plant.mount("bar:1.5")
+    bar = plant.force_n(0.0)
+    assert bar != step
+    assert bar == finger.indent("bar:1.5", 0.0, doi_mm=plant.pose_at(0.0).doi_mm).force_n
+    with pytest.raises(ShapeError, match="no such indentor"):
+        plant.mount("spoon")
+
+
+def test_too_deep_is_refused_not_guessed(finger: Fingertip, carriage: Carriage) -> None:
+    plant = plant_of(finger, carriage)
+    carriage.command(-30.0, -28.0)
+    with pytest.raises(ModelRangeError, match="expected 0 < DOI ≤ 2 mm"):
+        plant.force_n(0.0)

@@ -1,0 +1,130 @@
+"""Receptors 0.76 mm under the skin, and strain recovery at them."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from sim.finger.mesh import DERMIS, FingerMesh
+from sim.finger.surface import FingertipSurface
+from sim.fingertip import Fingertip
+from sim.measures import receptors as receptors_module
+from sim.measures.receptors import (
+    DEFAULT_DEPTH_MM,
+    DEFAULT_X_MM,
+    ReceptorError,
+    ReceptorSet,
+    place_receptors,
+    strain_operator,
+)
+
+Array = NDArray[np.float64]
+PLANE_MM = 6.893
+
+
+@pytest.fixture(scope="module")
+def placed(skin: FingertipSurface) -> ReceptorSet:
+    return place_receptors(skin, np.array(DEFAULT_X_MM), DEFAULT_DEPTH_MM, PLANE_MM)
+
+
+def test_ten_receptors_760_micrometres_deep(skin: FingertipSurface, placed: ReceptorSet) -> None:
+    # Raju (1998, ch. 5): ten receptors, 760 µm below the skin, in the plane 5.86 mm from the tip. The perpendicular
+    # distance is found here by search over the surface; 1e-7 mm is what a search on squares resolves.
+    assert DEFAULT_X_MM == (-2.0, -1.5, -1.25, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0)
+    assert DEFAULT_DEPTH_MM == 0.76
+    np.testing.assert_allclose(placed.position_mm[:, 0], DEFAULT_X_MM, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(placed.position_mm[:, 2], PLANE_MM, rtol=0, atol=1e-12)
+    for point in placed.position_mm:
+
+        def squared(v: Array, point: Array = point) -> float:
+            x, y = skin.section(v[0], v[1])
+            return float((x - point[0]) ** 2 + (y - point[1]) ** 2 + (v[1] - point[2]) ** 2)
+
+        angles, z = np.meshgrid(np.linspace(0.2, 3.0, 57), np.linspace(5.5, 8.5, 31))
+        x, y = skin.section(angles, z)
+        distance = (x - point[0]) ** 2 + (y - point[1]) ** 2 + (z - point[2]) ** 2
+        k = np.unravel_index(np.argmin(distance), distance.shape)
+        start = [angles[k], z[k]]
+        found = minimize(squared, start, method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-16})
+        assert np.sqrt(found.fun) == pytest.approx(0.76, abs=1e-7)
+        assert point[1] < skin.height(point[0], PLANE_MM)
+
+
+def test_vertical_depth_is_larger_off_the_apex(skin: FingertipSurface, placed: ReceptorSet) -> None:
+    # On a slope the vertical depth is about 0.76 / cos: nearly the same at the apex, several percent more at ± 2 mm.
+    x, y, z = placed.position_mm.T
+    vertical = skin.height(x, z) - y
+    assert (vertical >= 0.76 - 1e-9).all()
+    assert vertical[DEFAULT_X_MM.index(0.0)] == pytest.approx(0.76, abs=0.002)
+    assert vertical[0] > 0.80
+    assert vertical[-1] > 0.80
+
+
+def test_a_receptor_beside_the_finger_is_refused(skin: FingertipSurface) -> None:
+    with pytest.raises(ReceptorError, match=r"no receptor at x = 9 mm, 0.76 mm below the skin"):
+        place_receptors(skin, np.array([9.0]), 0.76, PLANE_MM)
+
+
+def test_receptors_lie_in_the_dermis(default_mesh: FingerMesh, placed: ReceptorSet) -> None:
+    # Between 0.4 and 1.2 mm of depth.
+    assert set(strain_operator(default_mesh, placed)[1]) == {DERMIS}
+
+
+def test_a_linear_field_gives_its_strain(default_mesh: FingerMesh, placed: ReceptorSet) -> None:
+    # e11 e22 e33 e12 e23 e13, shears engineering; exact but for round-off of 27 weights of order one.
+    g = 1e-3 * np.array([[3.0, -1.0, 2.0], [0.5, -4.0, 1.0], [0.2, 0.7, 1.5]])
+    operator, _ = strain_operator(default_mesh, placed)
+    strain = (operator @ (default_mesh.nodes @ g.T).ravel()).reshape(-1, 6)
+    expected = [g[0, 0], g[1, 1], g[2, 2], g[0, 1] + g[1, 0], g[1, 2] + g[2, 1], g[0, 2] + g[2, 0]]
+    np.testing.assert_allclose(strain, np.tile(expected, (10, 1)), rtol=0, atol=1e-14)
+
+
+def test_a_quadratic_strain_field_is_recovered(
+    default_mesh: FingerMesh, placed: ReceptorSet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Strains given at the centroids (each element's matrix returns them for u = 1) by a full quadratic, which the
+    # fit through 27 centroids must return at the receptor itself. 1e-9: condition of the fit.
+    rng = np.random.default_rng(2)
+    coefficient = rng.normal(size=(10, 6))
+    centre = placed.position_mm.mean(axis=0)
+
+    def field(p: Array) -> Array:
+        x, y, z = (p - centre).T
+        return np.stack([1 + 0 * x, x, y, z, x * x, y * y, z * z, x * y, y * z, x * z], axis=1) @ coefficient
+
+    def given(nodes: Array, hexes: NDArray[np.int64]) -> Array:
+        strain = field(nodes[hexes].mean(axis=1))
+        return np.repeat(strain[:, :, None] / 24, 24, axis=2)
+
+    monkeypatch.setattr(receptors_module, "hex8_centroid_strain", given)
+    operator, _ = strain_operator(default_mesh, placed)
+    found = (operator @ np.ones(default_mesh.nodes.size)).reshape(-1, 6)
+    np.testing.assert_allclose(found, field(placed.position_mm), rtol=0, atol=1e-9)
+
+
+def test_strain_of_a_bent_field_converges_to_the_exact_one(default_mesh: FingerMesh, placed: ReceptorSet) -> None:
+    # u = quadratic in x, y, z: strains vary linearly. The elements' centroid strain is second order in the size
+    # (0.2 mm) over the scale of the field (1 mm): within 1 % of the largest strain.
+    x, y, z = default_mesh.nodes.T
+    u = np.stack([0.01 * x * y, 0.01 * (y - 4) ** 2, 0.01 * (z - 7) * (y - 4)], axis=1)
+    operator, _ = strain_operator(default_mesh, placed)
+    strain = (operator @ u.ravel()).reshape(-1, 6)
+    px, py, pz = placed.position_mm.T
+    zero = 0 * px
+    exact = np.stack([0.01 * py, 0.02 * (py - 4), 0.01 * (py - 4), 0.01 * px, 0.01 * (pz - 7), zero], axis=1)
+    np.testing.assert_allclose(strain, exact, rtol=0, atol=0.01 * np.abs(exact).max())
+
+
+def test_a_receptor_at_an_end_of_the_finger_is_refused(default_mesh: FingerMesh) -> None:
+    with pytest.raises(ReceptorError, match="lies at an end of the finger"):
+        strain_operator(default_mesh, ReceptorSet(np.array([[0.0, 1.5, 0.01]]), 0.76))
+
+
+def test_measures_take_the_layer_of_each_receptor(finger: Fingertip) -> None:
+    # Dermis: E = 1 000 pseudo-units (Raju 1998: 10⁴ : 10³), ν = 0.48, so s12 = G e12 … and mean = κ tr ε.
+    result = finger.indent("cylinder:9", 0.0, doi_mm=0.5)
+    m = result.receptor_measures
+    trace = m["e11"] + m["e22"] + m["e33"]
+    np.testing.assert_allclose(m["mean"], 1_000 / (3 * 0.04) * trace, rtol=1e-9)
+    np.testing.assert_allclose(m["s22"] - m["s11"], 1_000 / 1.48 * (m["e22"] - m["e11"]), rtol=1e-9)
+    np.testing.assert_array_equal(result.receptor_strain[:, 3], m["e12"])
