@@ -12,7 +12,8 @@ import numpy as np
 
 from sim.config import FingertipConfig, MeshSpec, Tissue
 from sim.contact.indentors import BAR_EDGE_RADIUS_MM, Bar
-from sim.fingertip import Fingertip, IndentationResult
+from sim.fingertip import Fingertip
+from sim.result import IndentationResult
 
 SPACING_MM = 0.17
 STEP_POSITIONS_MM = (2.0, 1.5, 1.0, 0.5, *np.arange(0.17, -2.6, -0.17).round(2), -2.75, -3.0, -3.25, -3.5, -3.69)
@@ -79,8 +80,9 @@ def row(name: str, f: Facts) -> str:
 
 def main() -> None:
     """Print the table."""
-    print("| model | bar 3.0 edges at DOI 0.33, 0.67, 1.0, 1.33 | step 1 peak at x (filtered) | step 1 two regions, x |"
-          " flat before, after | step 5 peak, regions |")  # fmt: skip
+    columns = ("model", "bar 3.0 edges at DOI 0.33, 0.67, 1.0, 1.33", "step 1 peak at x (filtered)",
+               "step 1 two regions, x", "flat before, after", "step 5 peak, regions")  # fmt: skip
+    print(f"| {' | '.join(columns)} |")
     print("|---|---|---|---|---|---|")
     default = Fingertip.load()
     print(row("default", collect(default)), flush=True)

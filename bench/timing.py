@@ -20,9 +20,9 @@ from sim.config import FingertipConfig
 from sim.fem import pardiso
 from sim.fem.pardiso import PardisoFactor
 from sim.finger.mesh import build_mesh
-from sim.finger.model import discretise, factorise
 from sim.finger.surface import FingertipSurface
 from sim.fingertip import Fingertip
+from sim.model import discretise, factorise
 
 SCENES = [
     ("bar 3.0, DOI 0.2–1.0", "bar:3.0", (-0.3, 0.0, 0.25), (0.2, 0.4, 0.6, 0.8, 1.0)),
@@ -58,7 +58,7 @@ def cold() -> Fingertip:
         finger = Fingertip.load()
         whole = time.perf_counter() - start
         warm = seconds(Fingertip.load, 3)
-        size = sum(p.stat().st_size for p in cache_dir().glob("*.npz"))
+        size = sum(p.stat().st_size for p in cache_dir().glob("*.model"))
         del os.environ["RIG_CACHE_DIR"]
     n_patch = 2 * len(finger.model.patch)
     laps = finger.model.timing_s
@@ -88,8 +88,9 @@ def sparse_factor_s() -> str:
 
 def indentations(finger: Fingertip) -> None:
     """Median and 95th percentile by DOI and by force, from rest, one BLAS thread."""
-    print("\n| scene | active nodes | by DOI, median / p95 (ms) | by force 2.33 gwt, median (ms) | passes, median / max |"
-          " residual, max | dense Cholesky of the active set (ms) |\n|---|---|---|---|---|---|---|")  # fmt: skip
+    columns = ("scene", "active nodes", "by DOI, median / p95 (ms)", "by force 2.33 gwt, median (ms)",
+               "passes, median / max", "residual, max", "dense Cholesky of the active set (ms)")  # fmt: skip
+    print(f"\n| {' | '.join(columns)} |\n|{'---|' * len(columns)}")
     everything = []
     for name, shape, xs, dois in SCENES:
         results = [finger.indent(shape, x, doi_mm=doi) for x in xs for doi in dois]

@@ -2,9 +2,9 @@
 
 import contextlib
 import hashlib
+import io
 import json
 import os
-import zipfile
 from collections.abc import Callable, Iterator
 from importlib.resources import files
 from pathlib import Path
@@ -16,7 +16,8 @@ from platformdirs import user_cache_path
 
 Arrays = dict[str, NDArray[np.generic]]
 
-_CODE_ROOMS = ("finger", "fem", "measures", "config.py", "contact/patch.py")
+_SEAL_BYTES = hashlib.sha256().digest_size
+_CODE_ROOMS = ("finger", "fem", "measures", "config.py", "model.py", "contact/patch.py")
 
 
 def cache_dir() -> Path:
@@ -42,11 +43,12 @@ def content_key(parameters: object) -> str:
 def cached_arrays(key: str, make: Callable[[], Arrays]) -> tuple[Arrays, bool]:
     """The arrays stored under the key, and whether they were on disk; made and stored when absent or damaged.
 
-    Every array's checksum (CRC-32, zip) is verified on reading. One process at a time makes a model.
+    A file is believed only if it is whole: it begins with the SHA-256 of the key and of all that follows. One process
+    at a time makes a model.
     """
     folder = cache_dir()
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / f"{key}.npz"
+    path = folder / f"{key}.model"
     found = _read(path, key)
     if found is not None:
         return found, True
@@ -55,19 +57,36 @@ def cached_arrays(key: str, make: Callable[[], Arrays]) -> tuple[Arrays, bool]:
         if found is not None:
             return found, True
         made = make()
+        content = _packed(made)
         with _replacing(path) as partial, partial.open("wb") as stream:
-            np.savez(stream, key=np.array(key), **made)  # type: ignore[arg-type]
+            stream.write(_seal(key, content))
+            stream.write(content)
     return made, False
 
 
 def _read(path: Path, key: str) -> Arrays | None:
     """The stored arrays, or None when there are none or they are not to be trusted."""
     try:
-        with np.load(path) as stored:
-            arrays = {name: stored[name] for name in stored.files}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        stored = memoryview(path.read_bytes())
+    except OSError:
         return None
-    return arrays if str(arrays.pop("key", "")) == key else None
+    seal, content = stored[:_SEAL_BYTES], stored[_SEAL_BYTES:]
+    if bytes(seal) != _seal(key, content):
+        return None
+    with np.load(io.BytesIO(content)) as arrays:
+        return {name: arrays[name] for name in arrays.files}
+
+
+def _packed(arrays: Arrays) -> memoryview:
+    stream = io.BytesIO()
+    np.savez(stream, **arrays)  # type: ignore[arg-type]
+    return stream.getbuffer()
+
+
+def _seal(key: str, content: memoryview) -> bytes:
+    digest = hashlib.sha256(key.encode())
+    digest.update(content)
+    return digest.digest()
 
 
 @contextlib.contextmanager

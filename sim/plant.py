@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 from sim.contact.indentors import Profile, parse_shape
 from sim.contact.solver import ContactState
-from sim.fingertip import Fingertip, IndentationResult
+from sim.fingertip import Fingertip
+from sim.result import IndentationResult
 
 _WARM_MOVE_MM = 0.1
 

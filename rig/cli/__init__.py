@@ -29,5 +29,8 @@ def main() -> None:
     except Exception as error:
         if not isinstance(error, _ClickException):
             raise
-        fail(getattr(error, "format_message", error.__str__)(), ExitCode.BAD_INPUT, as_json="--json" in sys.argv)
+        message = getattr(error, "format_message", error.__str__)()
+        if not message:  # the help was asked for by giving nothing
+            sys.exit(ExitCode.BAD_INPUT)
+        fail(message, ExitCode.BAD_INPUT, as_json="--json" in sys.argv)
     sys.exit(code if isinstance(code, int) else 0)

@@ -44,7 +44,7 @@ def command(
 def _examine(config: Path | None) -> dict[str, Any]:
     settings = load_config(config)
     folder = cache_dir()
-    stored = sorted(folder.glob("*.npz")) if folder.is_dir() else []
+    stored = sorted(folder.glob("*.model")) if folder.is_dir() else []
     return {
         "python": f"{platform.python_version()} on {platform.system()} {platform.machine()}, {os.cpu_count()} cores",
         "versions": {name: version(name) for name in _PACKAGES},

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.data import Run
-from sim.fingertip import Fingertip, IndentationResult
+from sim.fingertip import Fingertip
+from sim.result import IndentationResult
 
 Array = NDArray[np.float64]
 

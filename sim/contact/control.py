@@ -1,6 +1,7 @@
 """Prescribed force: the depth at which the monotone force–DOI curve reaches it."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from sim.contact.solver import ContactState
 
@@ -21,7 +22,7 @@ def solve_for_force(
 ) -> tuple[float, ContactState]:
     """DOI in mm and state at which `solve(doi, start)` carries the force, by a bracketed secant on F^(2/3).
 
-    The state is not converged when the force jumps across its target. Raises ForceNotReachedError.
+    Where the force jumps across its target the distance left counts as residual. Raises ForceNotReachedError.
     """
     goal = force ** (1 / _EXPONENT)
     low, f_low = 0.0, 0.0
@@ -50,4 +51,5 @@ def solve_for_force(
             break
         doi = guess
     assert state is not None
-    return doi, state
+    missed = abs(state.normal_force - force) / force
+    return doi, replace(state, residual=max(state.residual, missed))

@@ -54,12 +54,12 @@ class ContactState:
     @property
     def normal_force(self) -> float:
         """Downward force on the skin per unit E(epidermis)."""
-        return float(-self.force[1].sum())
+        return float(np.abs(self.force[1]).sum())
 
 
 @dataclass(frozen=True)
-class Indentation:
-    """A pose: the profile, its reference x, the height of its lowest point and the length that scales errors."""
+class Pose:
+    """Where the profile is: its reference x, the height of its lowest point and the length that scales errors."""
 
     profile: Profile
     x_mm: float
@@ -78,7 +78,7 @@ class Indentation:
         return self.height_mm + h - patch.y[nodes], slope, curvature
 
 
-def solve_contact(patch: Patch, pose: Indentation, start: ContactState | None = None) -> ContactState:
+def solve_contact(patch: Patch, pose: Pose, start: ContactState | None = None) -> ContactState:
     """Equilibrium of the patch under a rigid profile held in a pose, from rest or from a nearby state."""
     n = len(patch)
     ux, uy = (np.zeros(n), None) if start is None else start.displacement
@@ -107,7 +107,7 @@ class _Iteration:
     def __init__(
         self,
         patch: Patch,
-        pose: Indentation,
+        pose: Pose,
         nodes: Ints,
         ux: Array,
         uy: Array | None,  # None at rest: first press down, lest a side wall claims a node from below
@@ -252,7 +252,7 @@ def _residual(mismatch: Array, gap: Array, slope: Array, multipliers: Array, sca
 
 
 def _state(
-    patch: Patch, pose: Indentation, nodes: Ints, multiplier: Array, slope: Array, passes: int, solves: int
+    patch: Patch, pose: Pose, nodes: Ints, multiplier: Array, slope: Array, passes: int, solves: int
 ) -> ContactState:
     """The whole patch's state and its residual, from the forces on the candidate nodes."""
     n = len(patch)

@@ -15,6 +15,8 @@ def assemble_upper(stiffness: Array, hexes: Ints, n_nodes: int) -> sp.csr_array:
     blocks = stiffness.reshape(-1, 8, 3, 8, 3).swapaxes(2, 3)[:, a, b]
     below = rows > cols
     blocks[below] = blocks[below].swapaxes(-1, -2)
+    folded = (rows == cols) & (a != b)  # both triangles of a wedge's coinciding nodes fall on one block
+    blocks[folded] += blocks[folded].swapaxes(-1, -2)
     key = np.where(below, cols * n_nodes + rows, rows * n_nodes + cols).ravel()
     order = np.argsort(key, kind="stable")
     starts = np.flatnonzero(np.concatenate([[True], np.diff(key[order]) > 0]))

@@ -4,8 +4,8 @@ import pytest
 
 from sim.config import FingertipConfig, Geometry, MeshSpec
 from sim.finger.mesh import FingerMesh, build_mesh
-from sim.finger.model import FiniteElements, discretise
 from sim.finger.surface import FingertipSurface
+from sim.model import FiniteElements, discretise
 
 
 @pytest.fixture(scope="session")

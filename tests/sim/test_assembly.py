@@ -5,7 +5,7 @@ from scipy.sparse.linalg import eigsh
 
 from sim.fem.assembly import assemble_upper, symmetric
 from sim.fem.elements import hex8_stiffness
-from sim.finger.model import FiniteElements
+from sim.model import FiniteElements
 
 
 def test_assembly_is_the_dense_loop() -> None:
@@ -49,3 +49,14 @@ def test_a_rigid_motion_needs_no_force(coarse_problem: FiniteElements) -> None:
     for motion in motions:
         u = np.stack(motion, -1).ravel()
         assert np.abs(k @ u).max() <= 1e-12 * abs(k).max() * np.abs(u).max()
+
+
+def test_a_wedge_by_collapsed_hexahedron_is_assembled() -> None:
+    # The blocks of coinciding nodes fall on the diagonal, both triangles of them.
+    cube = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], float)
+    wedge = np.array([[0, 1, 2, 2, 4, 5, 6, 6]])
+    k = hex8_stiffness(cube, wedge, np.ones(1), 0.3, "bbar")
+    expected = np.zeros((24, 24))
+    dof = (3 * wedge[0][:, None] + np.arange(3)).ravel()
+    np.add.at(expected, np.ix_(dof, dof), k[0])
+    np.testing.assert_allclose(symmetric(assemble_upper(k, wedge, 8)).toarray(), expected, rtol=0, atol=1e-14)

@@ -45,18 +45,18 @@ def test_made_once_then_read(folder: Path) -> None:
     assert make.get()[1] is True
     assert make.made == 1
     assert cache_dir() == folder
-    assert sorted(p.name for p in folder.iterdir() if p.suffix != ".lock") == ["k.npz"]
+    assert sorted(p.name for p in folder.iterdir() if p.suffix != ".lock") == ["k.model"]
 
 
-@pytest.mark.parametrize("damage", ["empty", "text", "flipped data byte", "other key"])
+@pytest.mark.parametrize("damage", ["empty", "text", "half", "one byte short", "flipped data byte", "other key"])
 def test_damaged_files_are_rebuilt(folder: Path, damage: str) -> None:
     make = Maker(5000)
     make.get()
-    path = folder / "k.npz"
+    path = folder / "k.model"
     good = path.read_bytes()
     if damage == "other key":
         make.get("other")
-        shutil.copy(folder / "other.npz", path)
+        shutil.copy(folder / "other.model", path)
         make.made -= 1
     else:
         middle = len(good) // 2
@@ -65,12 +65,25 @@ def test_damaged_files_are_rebuilt(folder: Path, damage: str) -> None:
             {
                 "empty": b"",
                 "text": b"not a model",
+                "half": good[:middle],
+                "one byte short": good[:-1],
                 "flipped data byte": flipped,
             }[damage]
         )
     assert make.get()[1] is False
     assert make.made == 2
     assert make.get()[1] is True
+
+
+def test_any_single_flipped_bit_is_seen(folder: Path) -> None:
+    # One bit of every byte of a small file in turn, headers, directory and seal included.
+    make = Maker()
+    make.get()
+    path = folder / "k.model"
+    good = path.read_bytes()
+    for position in range(len(good)):
+        path.write_bytes(good[:position] + bytes([good[position] ^ (1 << position % 8)]) + good[position + 1 :])
+        assert make.get()[1] is False, f"byte {position}"
 
 
 def test_a_failed_making_leaves_nothing(folder: Path) -> None:

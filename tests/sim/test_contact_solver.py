@@ -9,21 +9,22 @@ from numpy.typing import NDArray
 from sim.contact import solver
 from sim.contact.control import ForceNotReachedError, solve_for_force
 from sim.contact.indentors import parse_shape
-from sim.contact.solver import ContactState, Indentation, solve_contact
+from sim.contact.solver import ContactState, Pose, solve_contact
 from sim.contact.touch import first_touch
 from sim.finger.surface import FingertipSurface
-from sim.fingertip import Fingertip, IndentationResult
+from sim.fingertip import Fingertip
+from sim.result import IndentationResult
 
 Array = NDArray[np.float64]
 
 
-def pose_of(result: IndentationResult) -> Indentation:
+def pose_of(result: IndentationResult) -> Pose:
     """The pose of a result."""
     height = result.touch_height_mm - result.doi_mm
-    return Indentation(result.profile, result.x_mm, height, max(result.doi_mm, 1e-3))
+    return Pose(result.profile, result.x_mm, height, max(result.doi_mm, 1e-3))
 
 
-def residual_by_definition(finger: Fingertip, pose: Indentation, state: ContactState) -> float:
+def residual_by_definition(finger: Fingertip, pose: Pose, state: ContactState) -> float:
     """Largest of mismatch of u, penetration, complementarity |min(λN / max λN, g / (N D))| and tension / peak.
 
     D = max(DOI, 1 µm), N = √(1 + h′²): g / N and λN are along the unit normal. Everything at the final u and over
@@ -75,7 +76,7 @@ def test_an_unfinished_solve_says_so(finger: Fingertip, monkeypatch: pytest.Monk
     # This scene takes some 30 passes: after one the residual is large and equals the definition, not a wish.
     monkeypatch.setattr(solver, "MAX_PASSES", 1)
     height = finger.touch_height_mm("bar:3.0", 0.0) - 1.33
-    done = Indentation(parse_shape("bar:3.0"), 0.0, height, 1.33)
+    done = Pose(parse_shape("bar:3.0"), 0.0, height, 1.33)
     state = solve_contact(finger.model.patch, done)
     assert state.passes == 1
     assert not state.converged
@@ -114,7 +115,7 @@ def test_forces_balance_and_point_into_the_skin(finger: Fingertip) -> None:
 
 def test_no_contact_above_the_skin(finger: Fingertip) -> None:
     height = finger.touch_height_mm("bar:3.0", 0.0)
-    state = solve_contact(finger.model.patch, Indentation(parse_shape("bar:3.0"), 0.0, height + 0.01, 1e-3))
+    state = solve_contact(finger.model.patch, Pose(parse_shape("bar:3.0"), 0.0, height + 0.01, 1e-3))
     assert state.normal_force == 0.0
     assert state.converged
     assert not state.displacement.any()
@@ -204,4 +205,5 @@ def test_a_force_that_is_jumped_over_ends_at_the_jump() -> None:
     doi, state = solve_for_force(3.0 * 0.5**1.5 * 1.05, 0.3, 2.0, spring)
     assert doi == pytest.approx(0.5, abs=1e-3)
     assert abs(state.normal_force / (3.0 * 0.5**1.5 * 1.05) - 1) < 0.06
+    assert not state.converged
     assert spring.asked <= 40

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from sim.config import MeshSpec
 from sim.contact.indentors import BAR_EDGE_RADIUS_MM, STEP_HALF_WAVELENGTH_MM
-from sim.fingertip import Fingertip, IndentationResult
+from sim.fingertip import Fingertip
+from sim.result import IndentationResult
 
 Array = NDArray[np.float64]
 

@@ -10,9 +10,10 @@ from sim.config import FingertipConfig
 from sim.fem import pardiso
 from sim.fem.assembly import symmetric
 from sim.finger.mesh import FingerMesh
-from sim.finger.model import discretise, factorise
-from sim.fingertip import Fingertip, IndentationResult
+from sim.fingertip import Fingertip
 from sim.measures.receptors import strain_operator
+from sim.model import discretise, factorise
+from sim.result import IndentationResult
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,123 @@
+"""One simulated indentation and everything that is read from it."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.contact.indentors import Profile
+from sim.contact.solver import ContactState
+from sim.measures.measures import Elastic, measures_from_strain
+from sim.model import CondensedModel
+from sim.units import GWT_N, PSEUDO_E_EPIDERMIS
+
+Array = NDArray[np.float64]
+
+REGION_GAP_MM = 0.3
+"""Contact regions are separate when the free stretch between them is wider than this."""
+
+
+@dataclass(frozen=True)
+class IndentationResult:
+    """One simulated indentation; pressures and stresses in pseudo-units (E(epidermis) = 10 000)."""
+
+    profile: Profile
+    x_mm: float
+    doi_mm: float
+    touch_height_mm: float
+    force_n: float
+    state: ContactState
+    model: CondensedModel
+    e_epidermis_mpa: float
+    contact_s: float
+    poisson: float
+
+    @property
+    def force_gwt(self) -> float:
+        """Force in gram-weight."""
+        return self.force_n / GWT_N
+
+    @cached_property
+    def nodal_pressure_pseudo(self) -> Array:
+        """(n_patch,) normal nodal force over tributary undeformed area."""
+        normal = np.linalg.norm(self.state.force, axis=0)
+        return PSEUDO_E_EPIDERMIS * normal / self.model.patch.area_mm2
+
+    @property
+    def peak_pressure_pseudo(self) -> float:
+        """Highest nodal pressure of the whole contact."""
+        return float(self.nodal_pressure_pseudo.max())
+
+    @property
+    def plane(self) -> slice:
+        """The patch nodes that lie in the receptor plane."""
+        columns = self.model.patch.shape[1]
+        return slice(self.model.receptor_row * columns, (self.model.receptor_row + 1) * columns)
+
+    @property
+    def pressure_profile(self) -> tuple[Array, Array]:
+        """Undeformed x (mm, ascending) and pressure (pseudo-units) in the receptor plane."""
+        x, p = self.model.patch.x[self.plane], self.nodal_pressure_pseudo[self.plane]
+        order = np.argsort(x)
+        return x[order], p[order]
+
+    @property
+    def skin_profile(self) -> tuple[Array, Array]:
+        """Deformed x and y (mm) of the skin in the receptor plane, in the order of `pressure_profile`."""
+        order = np.argsort(self.model.patch.x[self.plane])
+        moved = self.model.patch.position_mm[self.plane, :2] + self.state.displacement[:, self.plane].T
+        return moved[order, 0], moved[order, 1]
+
+    @property
+    def contact_regions_mm(self) -> list[tuple[float, float]]:
+        """[x0, x1] of the runs of active nodes in the receptor plane, undeformed."""
+        x, p = self.pressure_profile
+        touching = x[p > 0]
+        if not len(touching):
+            return []
+        ends = np.flatnonzero(np.diff(touching) > REGION_GAP_MM)
+        starts = np.concatenate([[0], ends + 1])
+        stops = np.concatenate([ends, [len(touching) - 1]])
+        return [(float(touching[a]), float(touching[b])) for a, b in zip(starts, stops, strict=True)]
+
+    @cached_property
+    def receptor_strain(self) -> Array:
+        """(n_receptors, 6) engineering strains e11 e22 e33 e12 e23 e13."""
+        return (self.model.strain_per_force @ self.state.force.ravel()).reshape(-1, 6)
+
+    @cached_property
+    def receptor_measures(self) -> dict[str, Array]:
+        """The 18 measures at the receptors; tension positive, stresses in pseudo-units."""
+        values: dict[str, Array] = {}
+        for ratio in np.unique(self.model.receptor_e):
+            here = self.model.receptor_e == ratio
+            material = Elastic(PSEUDO_E_EPIDERMIS * float(ratio), self.poisson)
+            for name, value in measures_from_strain(self.receptor_strain[here], material).items():
+                values.setdefault(name, np.empty(len(here)))[here] = value
+        return values
+
+    def as_json(self) -> dict[str, Any]:
+        """What `rig indent --json` prints, without the model's build time."""
+        x, p = self.pressure_profile
+        return {
+            "force_n": self.force_n,
+            "force_gwt": self.force_gwt,
+            "doi_mm": self.doi_mm,
+            "peak_pressure_pseudo": self.peak_pressure_pseudo,
+            "contact_regions_mm": [list(region) for region in self.contact_regions_mm],
+            "pressure": {"x_mm": x.tolist(), "pseudo": p.tolist()},
+            "receptors": {
+                "x_mm": self.model.receptors.position_mm[:, 0].tolist(),
+                **{name: value.tolist() for name, value in self.receptor_measures.items()},
+            },
+            "solver": {
+                "model": "finger",
+                "nodes": self.model.nodes,
+                "iterations": self.state.passes,
+                "kkt_residual": self.state.residual,
+                "converged": self.state.converged,
+                "contact_s": self.contact_s,
+            },
+        }
