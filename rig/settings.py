@@ -1,8 +1,10 @@
 """What the rig must know of itself: ports, frame, limits and habits. Unknown keys are errors."""
 
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, model_validator
+
+FASTEST_PRESS_MM_S = 5.0
 
 
 class Settings(BaseModel):
@@ -17,7 +19,8 @@ class StageSettings(Settings):
     kind: Literal["grbl"] = "grbl"
     port: str = "/dev/ttyUSB0"
     baud: int = Field(115200, ge=300, le=1_000_000)
-    travel_mm: tuple[float, float, float] = (60.0, 30.0, 40.0)
+    travel_mm: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = (60.0, 30.0, 40.0)
+    resolution_mm: float = Field(0.0025, gt=0, le=0.05, description="one step of the vertical axis")
 
 
 class ForceSettings(Settings):
@@ -45,18 +48,30 @@ class LimitSettings(Settings):
     soft_trip_n: float = Field(2.0, gt=0, le=5.0, description="cap; lowered to twice the predicted peak")
     x_mm: tuple[float, float] = (-6.0, 6.0)
 
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if not self.x_mm[0] < self.x_mm[1]:
+            raise ValueError("x_mm: expected the lower limit before the upper one")
+        return self
+
 
 class HabitSettings(Settings):
     """Speeds (mm/s), increments (mm) and thresholds of an indentation."""
 
     travel_speed_mm_s: float = Field(5.0, gt=0, le=10)
     approach_speed_mm_s: float = Field(0.5, gt=0, le=2)
-    press_speed_mm_s: float = Field(1.0, gt=0, le=5)
+    press_speed_mm_s: float = Field(1.0, gt=0, le=FASTEST_PRESS_MM_S)
     clearance_mm: float = Field(2.0, gt=0.2, le=20)
     increment_mm: float = Field(0.05, gt=0, le=0.05, description="the longest move below clearance")
     touch_increment_mm: float = Field(0.01, gt=0, le=0.05)
     touch_force_gwt: float = Field(0.05, gt=0, le=1)
     settle_readings: int = Field(1, ge=1, le=20, description="sensor periods between a move and its reading")
+
+    @model_validator(mode="after")
+    def _fine_within_coarse(self) -> Self:
+        if self.touch_increment_mm > self.increment_mm:
+            raise ValueError("touch_increment_mm: expected no more than increment_mm")
+        return self
 
 
 class RigSettings(Settings):

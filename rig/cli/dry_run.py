@@ -96,7 +96,7 @@ def _pace(text: str) -> float | None:
 
 @contextmanager
 def _interruptible() -> Iterator[Callable[[], bool]]:
-    """Ctrl-C once asks for a stop at the next safe point; twice stops the program at once."""
+    """Ctrl-C (or SIGTERM) once asks for a stop at the next safe point; twice stops the program at once."""
     asked: list[bool] = []
 
     def ask(*_: object) -> None:
@@ -104,11 +104,12 @@ def _interruptible() -> Iterator[Callable[[], bool]]:
         signal.signal(signal.SIGINT, signal.default_int_handler)
         err.print("stopping at the next safe point; Ctrl-C again stops now")
 
-    before = signal.signal(signal.SIGINT, ask)
+    before = [(number, signal.signal(number, ask)) for number in (signal.SIGINT, signal.SIGTERM)]
     try:
         yield lambda: bool(asked)
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before:
+            signal.signal(number, handler)
 
 
 @contextmanager

@@ -96,8 +96,9 @@ def _phase_durations(run: Run) -> list[tuple[str, float]]:
     """Seconds of the run's clock that led to each kind of event, summed over the run."""
     leads_to = {
         **dict.fromkeys(("mount", "home", "zero", "note", "paused", "trip"), "homing, zero and notes"),
-        "move": "lateral moves",
+        **dict.fromkeys(("clearance", "move"), "lateral moves"),
         "approach": "approach",
+        "back off": "touch-off",
         "touch": "touch-off",
         "press": "press and seek",
         "hold": "hold",

@@ -10,7 +10,7 @@ from rig.run.records import Indentation
 class ProtocolParameters(BaseModel):
     """Base of a script's `Parameters`: typed, with defaults; unknown keys and NaN are errors."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, validate_default=True)
 
 
 class Rig(Protocol):

@@ -36,7 +36,7 @@ class Config(RigSettings):
 def _toml_tables(values: dict[str, Any], prefix: str = "") -> Iterator[str]:
     for key, value in values.items():
         if not isinstance(value, dict):
-            yield f"{key} = {json.dumps(value)}"
+            yield f"{key} = {json.dumps(value, ensure_ascii=False)}".replace("\x7f", "\\u007f")
     for key, value in values.items():
         if isinstance(value, dict):
             yield f"\n[{prefix}{key}]"

@@ -8,6 +8,8 @@ from rig.protocol.config import Config
 from rig.protocol.errors import BadInputError
 from rig.protocol.script import Script, where_in_script
 from rig.run.records import Hold, Indentation, Target
+from rig.settings import FASTEST_PRESS_MM_S
+from rig.stage.grbl import SLOWEST_MM_S
 from sim.contact.indentors import ShapeError, parse_shape
 from sim.fingertip import Fingertip, ModelRangeError
 
@@ -48,7 +50,7 @@ def make_plan(script: Script, config: Config, finger: Fingertip) -> Plan:
         script.run(rig)
     except (BadInputError, ShapeError, ModelRangeError) as error:
         raise BadInputError(f"{where_in_script(script.path, error)}: {error}") from None
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         place = where_in_script(script.path, error)
         raise BadInputError(f"{place}: {type(error).__name__}: {error}") from None
     return rig.plan
@@ -59,9 +61,15 @@ def checked_target(doi_mm: float | None, force_gwt: float | None) -> Target:
     if (doi_mm is None) == (force_gwt is None):
         raise BadInputError("indent: expected either doi_mm or force_gwt")
     target = Target("force_gwt", force_gwt) if doi_mm is None else Target("doi_mm", doi_mm)  # type: ignore[arg-type]
+    _number("indent", target.kind, target.value)
     if not (math.isfinite(target.value) and target.value > 0):
         raise BadInputError(f"indent: {target.kind} = {target.value}: expected a positive number")
     return target
+
+
+def _number(verb: str, name: str, value: object) -> None:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise BadInputError(f"{verb}: {name} = {value!r}: expected a number")
 
 
 class _PlanningRig(Rig):
@@ -80,11 +88,13 @@ class _PlanningRig(Rig):
         return self._parameters
 
     def mount(self, indentor: str) -> None:
+        if not isinstance(indentor, str):
+            raise BadInputError(f"mount: expected the name of an indentor, got {indentor!r}")
         parse_shape(indentor)
         self._indentor = indentor
 
     def home(self) -> None:
-        self._homed = True
+        self._homed, self._x_mm = True, math.nan
 
     def zero(self) -> None:
         self._need(self._homed, "zero", "home()")
@@ -92,10 +102,14 @@ class _PlanningRig(Rig):
 
     def move_to(self, *, x_mm: float) -> None:
         self._need(self._homed, "move_to", "home()")
+        _number("move_to", "x_mm", x_mm)
         low, high = self._config.limits.x_mm
         if not low <= x_mm <= high:
             raise BadInputError(f"move_to: x_mm = {x_mm:g} is outside limits.x_mm = {low:g} … {high:g}")
-        self._within_travel("x", self._config.frame.pad_centre_x_mm + x_mm, self._config.stage.travel_mm[0])
+        frame, travel = self._config.frame, self._config.stage.travel_mm
+        self._within_travel("x", frame.pad_centre_x_mm + x_mm, travel[0])
+        self._within_travel("y", frame.pad_y_mm, travel[1])
+        self._within_travel("z", frame.apex_z_mm + self._config.habits.clearance_mm, travel[2])
         self._x_mm = x_mm
 
     def indent(
@@ -145,15 +159,19 @@ class _PlanningRig(Rig):
             raise BadInputError(f"{verb}: {before} must come first")
 
     def _check_manner(self, increments: int, speed_mm_s: float | None, hold_s: float) -> None:
-        if not (isinstance(increments, int) and 1 <= increments <= _MAX_INCREMENTS):
+        if not (type(increments) is int and 1 <= increments <= _MAX_INCREMENTS):
             raise BadInputError(
                 f"indent: increments = {increments!r}: expected a whole number, 1 … {_MAX_INCREMENTS}"
             )
+        _number("indent", "hold_s", hold_s)
         if not 0 <= hold_s <= _MAX_HOLD_S:
             raise BadInputError(f"indent: hold_s = {hold_s!r}: expected 0 … {_MAX_HOLD_S:g} s")
-        fastest = type(self._config.habits).model_fields["press_speed_mm_s"].metadata[1].le
-        if speed_mm_s is not None and not 0 < speed_mm_s <= fastest:
-            raise BadInputError(f"indent: speed_mm_s = {speed_mm_s!r}: expected 0 … {fastest:g} mm/s")
+        if speed_mm_s is None:
+            return
+        _number("indent", "speed_mm_s", speed_mm_s)
+        if not SLOWEST_MM_S <= speed_mm_s <= FASTEST_PRESS_MM_S:
+            expected = f"{SLOWEST_MM_S:.2g} … {FASTEST_PRESS_MM_S:g} mm/s"
+            raise BadInputError(f"indent: speed_mm_s = {speed_mm_s!r}: expected {expected}")
 
     def _check_reach(self, target: Target, doi_mm: float, force_gwt: float) -> None:
         limits = self._config.limits

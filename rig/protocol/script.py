@@ -1,6 +1,7 @@
 """Protocol scripts: found, loaded and given their parameters."""
 
 import importlib.util
+import sys
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -42,7 +43,7 @@ def find_script(name: str) -> Path:
     """A path, or the name of a shipped script. Raises BadInputError."""
     path = Path(name)
     if path.is_file():
-        return path
+        return path.resolve()
     shipped = shipped_protocols() / f"{path.stem}.py"
     if path.parent == Path() and shipped.is_file():
         return shipped
@@ -82,11 +83,12 @@ def _import(path: Path) -> ModuleType:
     if spec is None or spec.loader is None:
         raise BadInputError(f"protocol {path}: not a Python file")
     module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # pydantic looks postponed annotations up there
     try:
         spec.loader.exec_module(module)
     except SyntaxError as error:
-        raise BadInputError(f"protocol {path}, line {error.lineno}: {error.msg}") from None
-    except Exception as error:
+        raise BadInputError(f"protocol {path}, line {error.lineno or 1}: {error.msg}") from None
+    except (Exception, SystemExit) as error:
         raise BadInputError(f"protocol {where_in_script(path, error)}: {type(error).__name__}: {error}") from None
     return module
 

@@ -21,6 +21,7 @@ from rig.protocol.virtual_bench import VirtualBench, virtual_bench
 from rig.run import Engine, EngineError, Journal, ScriptError
 from rig.run.streams import STREAMS
 from rig.stage.base import StageError
+from rig.transport.base import TransportError
 from rig.units import GWT_N
 from sim.fingertip import Fingertip
 
@@ -28,7 +29,7 @@ _SOFT_TRIP_OVER_PREDICTED = 2.0
 _SMALLEST_SOFT_TRIP_N = 0.02
 
 # The engine has lifted or stopped before it raises these.
-_ENDINGS = (EngineError, StageError, ForceError)
+_ENDINGS = (EngineError, StageError, ForceError, TransportError)
 
 Watch = Callable[[str, Mapping[str, Any]], None]
 

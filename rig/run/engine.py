@@ -1,9 +1,10 @@
 """The engine: states, single safe moves, readings and trips. Every verb of a protocol ends here."""
 
+import contextlib
 import math
 from collections.abc import Callable, Mapping
 from enum import Enum
-from typing import Any, Protocol, TypeVar
+from typing import Any, NoReturn, Protocol, TypeVar
 
 from rig.clock import Clock
 from rig.force.base import ForceError, ForceSensor
@@ -11,6 +12,7 @@ from rig.run.errors import LimitError, NotReadyError, RunAborted, TripError
 from rig.run.journal import Journal
 from rig.settings import RigSettings
 from rig.stage.base import Stage, StageError
+from rig.transport.base import TransportError
 from rig.units import GWT_N
 
 _T = TypeVar("_T")
@@ -56,7 +58,9 @@ class Engine:
         self.indentor: str | None = None
         self.x_mm = math.nan
         self.height_mm = math.nan
-        self.indentations = 0
+        self._next_index = 0
+        self._placed = False
+        self._may_touch = False  # below clearance since the last lift or homing
         self._stage, self._force, self._journal = stage, force, journal
         self._interrupted = interrupted
         self._zeroed = False
@@ -67,8 +71,8 @@ class Engine:
 
     def mount(self, indentor: str) -> None:
         """Have an indentor mounted; the finger must be clear of it."""
-        if self.state is State.IN_CONTACT:
-            raise NotReadyError("mount: the indentor is below clearance, retract first")
+        if self._may_touch or self.state is State.TRIPPED:
+            raise NotReadyError(f"mount: not allowed while {self.state.value}, the finger may be touched; lift first")
         self.operator.mount(indentor)
         self.indentor = indentor
         self.record("mount", {"indentor": indentor})
@@ -82,15 +86,15 @@ class Engine:
         at = self._guarded(self._stage.status)
         self.x_mm = at.x_mm - self.settings.frame.pad_centre_x_mm
         self.height_mm = at.z_mm - self.settings.frame.apex_z_mm
-        self.state = State.READY
+        self.state, self._placed, self._may_touch = State.READY, False, False
         self.record("home", {"controller": controller})
 
     def zero(self) -> None:
         """Zero the force sensor with the indentor in the air."""
         self._require_clear("zero")
-        name = self._guarded(self._force.connect)
+        name = self._force.connect()
         self.clock.wait_s(self._settle_s)
-        self._guarded(self._force.zero)
+        self._force.zero()
         self._zeroed = True
         self.record("zero", {"sensor": name})
 
@@ -107,6 +111,9 @@ class Engine:
         )
         self.x_mm = x_mm
         self.go_to_height(self.settings.habits.clearance_mm, speed)
+        self._placed = True
+        if self._zeroed:
+            self._refuse_contact_at_clearance()
         self.record("move", {"x_mm": x_mm, "height_mm": self.height_mm})
 
     def retract(self) -> None:
@@ -116,7 +123,7 @@ class Engine:
         clearance = self.settings.habits.clearance_mm
         if self.height_mm < clearance - _AT_MM:
             self.go_to_height(clearance, self.settings.habits.travel_speed_mm_s)
-        self.state = State.READY
+        self.state, self._may_touch = State.READY, False
         self.record("retract", {"height_mm": self.height_mm})
 
     def note(self, text: str) -> None:
@@ -126,12 +133,19 @@ class Engine:
     # what an indentation is made of
 
     def ready_to_indent(self) -> None:
-        """Raise NotReadyError unless homed, zeroed, mounted and clear."""
+        """Raise NotReadyError unless homed, zeroed, mounted, placed and clear."""
         self._require_clear("indent")
         if self.indentor is None:
             raise NotReadyError("indent: no indentor is mounted")
         if not self._zeroed:
             raise NotReadyError("indent: the force sensor has not been zeroed")
+        if not self._placed:
+            raise NotReadyError("indent: the indentor has not been moved to a position since homing")
+
+    def next_index(self) -> int:
+        """The number of the indentation that begins now; never given twice in a run."""
+        self._next_index += 1
+        return self._next_index - 1
 
     def go_to_height(self, height_mm: float, speed_mm_s: float) -> None:
         """One vertical move; below clearance never down by more than one increment."""
@@ -140,16 +154,21 @@ class Engine:
         if height_mm < lowest - 1e-9:
             raise LimitError(f"a move down to {height_mm:.3f} mm is longer than one increment below clearance")
         if height_mm < habits.clearance_mm - _AT_MM:
-            self.state = State.IN_CONTACT
+            self.state, self._may_touch = State.IN_CONTACT, True
         z = self.settings.frame.apex_z_mm + height_mm
         self._guarded(lambda: self._stage.move_to(z_mm=z, speed_mm_s=speed_mm_s))
         self.height_mm = height_mm
 
     def read_force_gwt(self, index: int, phase: str, contact_height_mm: float | None = None) -> float:
-        """A reading taken after the last move ended, journalled; trips when it is above the soft trip."""
+        """A reading taken after the last move ended, journalled. No reading, or one above the soft trip, trips."""
         self.clock.wait_s(self._settle_s)
-        reading = self._guarded(self._force.read)
+        try:
+            reading = self._force.read()
+        except (ForceError, TransportError) as error:
+            self._trip(f"no force reading: {error}", None)
         force = reading.force_n / GWT_N
+        if not math.isfinite(force):
+            self._trip(f"the force reading is {force}, not a number", None)
         doi = None if contact_height_mm is None else contact_height_mm - self.height_mm
         self.record(
             "sample",
@@ -163,7 +182,7 @@ class Engine:
                 "stable": reading.stable,
             },
         )
-        if not force <= self.soft_trip_gwt:
+        if force > self.soft_trip_gwt:
             self._trip(f"force {force:.2f} gwt above the soft trip {self.soft_trip_gwt:.2f} gwt", force)
         return force
 
@@ -180,9 +199,11 @@ class Engine:
         self._journal.event(stream, data)
 
     def stop(self) -> None:
-        """Quick stop past every queue; the position is not trusted afterwards."""
-        self._stage.stop()
-        self.state = State.UNHOMED
+        """Quick stop past every queue; the position is not trusted afterwards, a trip stays latched."""
+        if self.state is not State.TRIPPED:
+            self.state = State.UNHOMED
+        with contextlib.suppress(StageError, TransportError):  # whoever calls has the first error to report
+            self._stage.stop()
 
     @property
     def _settle_s(self) -> float:
@@ -193,16 +214,25 @@ class Engine:
             raise NotReadyError(f"{verb}: not allowed while {self.state.value}")
 
     def _guarded(self, action: Callable[[], _T]) -> _T:
-        """Run a device call; a device error stops the stage before it is passed on."""
+        """Run a call to the stage; its failure stops the stage before it is passed on."""
         try:
             return action()
-        except (StageError, ForceError):
+        except (StageError, TransportError):
             self.stop()
             raise
 
-    def _trip(self, reason: str, force_gwt: float) -> None:
-        """The stage is at rest between increments, so its position is trusted: lift, then latch."""
-        self.record("trip", {"reason": reason, "force_gwt": force_gwt})
-        self.go_to_height(self.settings.habits.clearance_mm, self.settings.habits.travel_speed_mm_s)
+    def _refuse_contact_at_clearance(self) -> None:
+        force = self.read_force_gwt(-1, "clearance")
+        if abs(force) >= self.settings.habits.touch_force_gwt:
+            self._trip(f"{force:.2f} gwt at clearance: is frame.apex_z_mm right, and the sensor zeroed?", force)
+
+    def _trip(self, reason: str, force_gwt: float | None) -> NoReturn:
+        """Latch, lift (the stage is at rest between increments, so its position is trusted), journal."""
         self.state = State.TRIPPED
+        try:
+            if self.height_mm < self.settings.habits.clearance_mm:
+                self.go_to_height(self.settings.habits.clearance_mm, self.settings.habits.travel_speed_mm_s)
+        finally:
+            self.state = State.TRIPPED
+            self.record("trip", {"reason": reason, "force_gwt": force_gwt})
         raise TripError(reason)

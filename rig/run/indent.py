@@ -1,5 +1,6 @@
 """One indentation: approach, touch off, press, hold, lift."""
 
+import math
 import statistics
 
 from rig.run.engine import Engine
@@ -7,12 +8,12 @@ from rig.run.errors import LimitError
 from rig.run.records import Hold, Indentation, Target, Touch
 from rig.run.touch import fit_contact
 
-_BACK_OFF_INCREMENTS = 2
 _SEARCH_BELOW_APEX_MM = 3.0
 _MAX_SEEK_MOVES = 400
 _FORCE_TOLERANCE_GWT, _FORCE_TOLERANCE = 0.05, 0.01
-_SMALLEST_MOVE_MM = 0.0025
+_NO_FORCE_GWT = 0.01
 _EXPONENT = 1.5
+_TRIP_MARGIN = 0.9
 
 
 def indent(
@@ -29,7 +30,7 @@ def indent(
     """
     engine.ready_to_indent()
     engine.safe_point()
-    index, start_s = engine.indentations, engine.clock.monotonic_s()
+    index, start_s = engine.next_index(), engine.clock.monotonic_s()
     engine.record(
         "indentation_start",
         {
@@ -52,7 +53,6 @@ def indent(
         engine.retract()
         raise
     engine.retract()
-    engine.indentations += 1
     duration = engine.clock.monotonic_s() - start_s
     engine.record("indentation_end", {"index": index, "duration_s": round(duration, 6)})
     return Indentation(index, engine.x_mm, holds)
@@ -64,6 +64,7 @@ class _Press:
     def __init__(self, engine: Engine, index: int, speed_mm_s: float) -> None:
         self._engine, self._index, self._speed = engine, index, speed_mm_s
         self._habits = engine.settings.habits
+        self._smallest_mm = engine.settings.stage.resolution_mm
         self._contact_mm: float | None = None
         self._force_gwt = 0.0
 
@@ -74,14 +75,22 @@ class _Press:
 
     def touch_off(self) -> None:
         """Find contact coarsely, back off, and find it again in fine increments."""
-        habits, engine = self._habits, self._engine
+        habits = self._habits
         self._descend(habits.increment_mm, "approach")
-        up = engine.height_mm + _BACK_OFF_INCREMENTS * habits.increment_mm
-        engine.go_to_height(up, habits.approach_speed_mm_s)
+        self._back_off()
         readings = self._descend(habits.touch_increment_mm, "touch")
         touch = fit_contact(readings, habits.touch_force_gwt)
         self._contact_mm, self._force_gwt = touch.contact_height_mm, readings[-1][1]
         self._record_touch(touch)
+
+    def _back_off(self) -> None:
+        """Up by whole increments until no force shows or clearance is reached, and one more."""
+        engine, habits = self._engine, self._habits
+        force = math.inf
+        while force >= _NO_FORCE_GWT and engine.height_mm < habits.clearance_mm:
+            engine.go_to_height(engine.height_mm + habits.increment_mm, habits.approach_speed_mm_s)
+            force = engine.read_force_gwt(self._index, "back off")
+        engine.go_to_height(engine.height_mm + habits.increment_mm, habits.approach_speed_mm_s)
 
     def _descend(self, step_mm: float, phase: str) -> list[tuple[float, float]]:
         """(height, force) readings down to the touch threshold."""
@@ -124,30 +133,49 @@ class _Press:
         return self._hold(target, hold, hold_s)
 
     def _press_to_doi(self, doi_mm: float) -> None:
-        while doi_mm - self._doi_mm > 0.5 * _SMALLEST_MOVE_MM:
+        while abs(doi_mm - self._doi_mm) > 0.5 * self._smallest_mm:
             self._press_by(doi_mm - self._doi_mm)
 
     def _seek_force(self, target_gwt: float) -> None:
-        """Steps along F ∝ d^1.5 through the present reading, until within half the tolerance."""
+        """Steps along F ∝ d^1.5 through the present reading, until within half the tolerance.
+
+        Where one step of the stage is more than that, the full tolerance will do; LimitError if it cannot be met.
+        """
         tolerance = max(_FORCE_TOLERANCE_GWT, _FORCE_TOLERANCE * target_gwt)
+        smallest_before = 0.0
         for _ in range(_MAX_SEEK_MOVES):
-            if abs(self._force_gwt - target_gwt) <= 0.5 * tolerance:
+            error = abs(self._force_gwt - target_gwt)
+            if error <= 0.5 * tolerance:
                 return
-            force = max(self._force_gwt, 0.5 * self._habits.touch_force_gwt)
-            depth = max(self._doi_mm, _SMALLEST_MOVE_MM)
-            step = depth * ((target_gwt / force) ** (1 / _EXPONENT) - 1)
-            if abs(step) < _SMALLEST_MOVE_MM:
-                step = _SMALLEST_MOVE_MM if step > 0 else -_SMALLEST_MOVE_MM
+            step = self._to_force(target_gwt)
+            if abs(step) < self._smallest_mm:
+                if error <= tolerance:
+                    return
+                step = math.copysign(self._smallest_mm, step)
+                if step * smallest_before < 0:
+                    raise LimitError(
+                        f"force {target_gwt:g} gwt: one step of the stage, {self._smallest_mm:g} mm, "
+                        f"passes over the tolerance of ± {tolerance:.3g} gwt"
+                    )
+                smallest_before = step
             self._press_by(step)
         raise LimitError(f"force {target_gwt:g} gwt not settled within {_MAX_SEEK_MOVES} moves")
+
+    def _to_force(self, force_gwt: float) -> float:
+        """Move in mm that would reach a force on F ∝ d^1.5 through the present reading."""
+        present = max(self._force_gwt, 0.5 * self._habits.touch_force_gwt)
+        return max(self._doi_mm, self._smallest_mm) * ((force_gwt / present) ** (1 / _EXPONENT) - 1)
 
     def _press_by(self, step_mm: float) -> None:
         """One safe move in contact: at most an increment, and not past the soft trip at the present stiffness."""
         engine = self._engine
         engine.safe_point()
-        stiffness = _EXPONENT * max(self._force_gwt, 1e-3) / max(self._doi_mm, _SMALLEST_MOVE_MM)
-        room = max((engine.soft_trip_gwt - self._force_gwt) / stiffness, _SMALLEST_MOVE_MM)
-        step = min(step_mm, self._habits.increment_mm, room)
+        room = _TRIP_MARGIN * self._to_force(engine.soft_trip_gwt)
+        if room < min(step_mm, self._smallest_mm):
+            raise LimitError(
+                f"the next move at x = {engine.x_mm:g} mm would pass the soft trip, {engine.soft_trip_gwt:.2f} gwt"
+            )
+        step = max(min(step_mm, self._habits.increment_mm, room), -self._habits.increment_mm)
         deepest = engine.settings.limits.max_doi_mm
         if self._doi_mm + step > deepest + 1e-9:
             raise LimitError(
@@ -174,6 +202,7 @@ class _Press:
         start = clock.monotonic_s()
         readings: list[float] = []
         while not readings or clock.monotonic_s() - start < hold_s:
+            engine.safe_point()
             readings.append(engine.read_force_gwt(self._index, "hold", self._contact_mm))
         mean, sd = statistics.fmean(readings), statistics.pstdev(readings)
         data = {

@@ -17,6 +17,12 @@ from rig.run.errors import LimitError, RunAborted, TripError
 
 Document = dict[str, Any]
 
+_NEEDED: dict[str, set[str]] = {
+    "start": {"t_s"},
+    "descriptor": {"t_s", "stream", "units"},
+    "event": {"t_s", "stream", "data"},
+    "stop": {"t_s", "status"},
+}
 _STATUS = {RunAborted: "aborted", KeyboardInterrupt: "aborted", TripError: "tripped", LimitError: "limited"}
 
 
@@ -94,13 +100,23 @@ class Journal:
 
 def read_journal(path: Path) -> Iterator[Document]:
     """The documents of a journal in order; a torn last line is dropped. Raises JournalError."""
-    lines = path.read_text(encoding="utf-8").split("\n")
+    lines = path.read_bytes().split(b"\n")
     for number, line in enumerate(lines, 1):
         if not line:
             continue
-        try:
-            yield json.loads(line)
-        except json.JSONDecodeError:
-            if number == len(lines):
-                return
-            raise JournalError(f"{path}, line {number}: not a journal document") from None
+        document = _document(line)
+        if document is not None:
+            yield document
+        elif number < len(lines):
+            raise JournalError(f"{path}, line {number}: not a journal document")
+
+
+def _document(line: bytes) -> Document | None:
+    """The document on a line, or None where there is none."""
+    try:
+        found = json.loads(line)
+    except ValueError:  # neither JSON nor UTF-8
+        return None
+    if not isinstance(found, dict) or found.get("doc") not in _NEEDED:
+        return None
+    return found if _NEEDED[found["doc"]] <= set(found) else None

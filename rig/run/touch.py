@@ -13,18 +13,20 @@ _NOISE_GWT = 0.005  # half a division of a 0.01 g balance
 def fit_contact(readings: Sequence[tuple[float, float]], threshold_gwt: float) -> Touch:
     """Contact height from (height mm, force gwt) readings that descend to the threshold.
 
-    F^(2/3) is linear in the height; its weighted least-squares line is followed back to zero. The answer is kept
-    within the step in which force first showed, and is that height where fewer than two readings show any.
+    F^(2/3) is linear in the height; its weighted least-squares line is followed back to zero. The answer lies
+    above the first reading with force by no more than the step to it and what the line needs to reach the noise; it is
+    that reading's height where fewer than two show any.
     """
     height, force = np.array(readings).T
     shown = force > _NOISE_GWT
     first = int(np.argmax(shown))
     before = height[first - 1] if first else height[first]
-    contact = height[first]
+    contact = highest = height[first]
     if shown.sum() >= 2:
         root = force[shown] ** (1 / _EXPONENT)
         slope, intercept = np.polyfit(height[shown], root, 1, w=force[shown] ** (1 - 1 / _EXPONENT))
         if slope < 0:
             contact = -intercept / slope
-    contact = float(np.clip(contact, height[first], before + (before - height[first])))
+            highest = before + _NOISE_GWT ** (1 / _EXPONENT) / -slope
+    contact = float(np.clip(contact, height[first], highest))
     return Touch(threshold_gwt, float(height[-1]), contact, int(shown.sum()))

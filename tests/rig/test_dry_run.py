@@ -103,7 +103,7 @@ def test_the_bytes_of_the_indentation(step: DryRun) -> None:
         for direction in ("tx", "rx")
     }
     moves = re.findall(rb"G53G1G90G21Z(-\d+\.\d{4})F\d+\.\d{3}\n", told["stage", "tx"])
-    samples = run.stream("sample")
+    samples = [s for s in run.stream("sample") if start_s <= s["t_s"] <= end_s]
     assert len(moves) >= len({s["height_mm"] for s in samples})
     assert told["stage", "tx"].count(b"?") >= len(moves)
     assert told["stage", "rx"].count(b"ok\r\n") == len(moves)

@@ -181,8 +181,8 @@ def _plan_complaint(folder: Path, finger: Fingertip, body: str, **tables: object
         (READY + "rig.indent(doi_mm=0.5, increments=2.5)", "indent: increments = 2.5: expected a whole number"),
         (READY + "rig.indent(doi_mm=0.5, hold_s=-1)", "indent: hold_s = -1: expected 0 … 3600 s"),
         (READY + "rig.indent(doi_mm=0.5, hold_s=float('nan'))", "indent: hold_s = nan: expected 0 … 3600 s"),
-        (READY + "rig.indent(doi_mm=0.5, speed_mm_s=6)", "indent: speed_mm_s = 6: expected 0 … 5 mm/s"),
-        (READY + "rig.indent(doi_mm=0.5, speed_mm_s=0)", "indent: speed_mm_s = 0: expected 0 … 5 mm/s"),
+        (READY + "rig.indent(doi_mm=0.5, speed_mm_s=6)", "indent: speed_mm_s = 6: expected 0.017 … 5 mm/s"),
+        (READY + "rig.indent(doi_mm=0.5, speed_mm_s=0)", "indent: speed_mm_s = 0: expected 0.017 … 5 mm/s"),
         (
             READY + "rig.indent(doi_mm=1.6)",
             "indent: doi_mm = 1.6 at x = 0 mm means a DOI of 1.6 mm, beyond limits.max_doi_mm = 1.5",

@@ -104,7 +104,7 @@ def test_hdf5_holds_every_event_with_its_unit(folder: RunFolder) -> None:
         sample = file["sample"]
         assert sample["force_gwt"][:].tolist() == [e["force_gwt"] for e in run.stream("sample")]
         assert sample["stable"].dtype == bool
-        assert sample["phase"].asstr()[0] == "approach"
+        assert sample["phase"].asstr()[0] == "clearance"
         # No DOI before contact is found.
         assert [d != d for d in sample["doi_mm"][:]] == [e["doi_mm"] is None for e in run.stream("sample")]
         assert file["note/text"].asstr()[0] == 'a "word", and µ'
@@ -195,8 +195,11 @@ def test_all_done_but_no_stop_is_not_complete(folder: RunFolder) -> None:
         (None, "events.jsonl: No such file or directory"),
         (b"", "events.jsonl does not begin with a start document"),
         (b'{"doc": "st', "events.jsonl does not begin with a start document"),
-        (b'{"doc": "event", "stream": "note"}\n', "does not begin with a start document"),
-        (b'{"doc": "start"}\nrubbish\n{"doc": "stop"}\n', "line 2: not a journal document"),
+        (b'{"doc": "event", "t_s": 0, "stream": "note", "data": {}}\n', "does not begin with a start document"),
+        (
+            b'{"doc": "start", "t_s": 0}\nrubbish\n{"doc": "stop", "t_s": 1, "status": "done"}\n',
+            "line 2: not a journal document",
+        ),
     ],
 )
 def test_a_folder_without_a_run(tmp_path: Path, content: bytes | None, complaint: str) -> None:
