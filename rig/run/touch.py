@@ -14,8 +14,8 @@ def fit_contact(readings: Sequence[tuple[float, float]], threshold_gwt: float) -
     """Contact height from (height mm, force gwt) readings that descend to the threshold.
 
     F^(2/3) is linear in the height; its weighted least-squares line is followed back to zero. The answer lies
-    above the first reading with force by no more than the step to it and what the line needs to reach the noise; it
-    is that reading's height where fewer than two show any.
+    above the first reading with force by no more than the step to it and what the line needs to reach the noise (at
+    most the descent it was fitted over); it is that reading's height where fewer than two show any.
     """
     height, force = np.array(readings).T
     shown = force > _NOISE_GWT
@@ -27,6 +27,7 @@ def fit_contact(readings: Sequence[tuple[float, float]], threshold_gwt: float) -
         slope, intercept = np.polyfit(height[shown], root, 1, w=force[shown] ** (1 - 1 / _EXPONENT))
         if slope < 0:
             contact = -intercept / slope
-            highest = before + _NOISE_GWT ** (1 / _EXPONENT) / -slope
+            unseen = _NOISE_GWT ** (1 / _EXPONENT) / -slope
+            highest = before + min(unseen, height[first] - height[-1])
     contact = float(np.clip(contact, height[first], highest))
     return Touch(threshold_gwt, float(height[-1]), contact, int(shown.sum()))

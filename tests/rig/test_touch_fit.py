@@ -60,9 +60,7 @@ def test_never_far_from_where_force_first_showed(forces: list[float], last: floa
     readings = [(-n * step_mm, force) for n, force in enumerate([*forces, last], 1)]
     touch = fit_contact(readings, THRESHOLD_GWT)
     first = next(n for n, (_, force) in enumerate(readings) if force > 0.005)
-    # Above it by at most the step to it and what the line needs to reach half a division: less than the descent that
-    # the line was fitted over, since it rises through that half division within it.
-    above = readings[max(first - 1, 0)][0] + len(readings) * step_mm
+    above = readings[max(first - 1, 0)][0] + readings[first][0] - readings[-1][0]
     assert readings[first][0] <= touch.contact_height_mm <= above + 1e-12
 
 
