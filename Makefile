@@ -2,7 +2,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 export OMP_NUM_THREADS ?= 2
 
-.PHONY: setup demo test check clean
+.PHONY: setup demo test check bench clean
 
 setup: .venv/.ready
 
@@ -27,6 +27,10 @@ check: .venv/.ready-dev
 
 test: check
 	$(BIN)/pytest -n 2 --dist loadgroup
+
+bench: setup
+	$(BIN)/python bench/timing.py
+	$(BIN)/python bench/facts.py
 
 clean:
 	rm -rf .venv runs build dist
