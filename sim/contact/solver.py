@@ -21,11 +21,11 @@ Ints = NDArray[np.int64]
 
 TARGET_RESIDUAL = 1e-10
 REQUIRED_RESIDUAL = 1e-8
-MAX_PASSES = 60
+MAX_PASSES = 120
 
 _CANDIDATE_GAP_MM = 0.15
 _FIRST_TRUST_MM = 0.1
-_TRUST_SHRINK = 0.4
+_TRUST_SHRINK, _TRUST_GROWTH = 0.4, 2.0
 _COARSE_FLOOR, _FINE_FLOOR = 0.05, 1e-5
 
 
@@ -150,6 +150,8 @@ class _Iteration:
                 trust *= _TRUST_SHRINK
                 self.ux, fallback = fallback, None
                 continue
+            if fallback is not None:
+                trust = min(_TRUST_GROWTH * trust, _FIRST_TRUST_MM)
             merit = new_merit
             self.held = solution.multipliers > 0
             step = self._predictor(solution, slope, curvature, un, residual)
