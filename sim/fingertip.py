@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, Literal
 
@@ -13,9 +14,10 @@ from threadpoolctl import ThreadpoolController
 from sim.cache import cached_arrays, content_key
 from sim.config import FingertipConfig
 from sim.contact.control import ForceNotReachedError, solve_for_force
-from sim.contact.indentors import Profile, parse_shape
+from sim.contact.indentors import Profile
 from sim.contact.patch import Patch
-from sim.contact.solver import ContactState, Pose, solve_contact
+from sim.contact.shapes import parse_shape
+from sim.contact.solver import TARGET_RESIDUAL, ContactState, Pose, solve_contact
 from sim.contact.touch import first_touch
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorSet, place_receptors
@@ -31,6 +33,7 @@ DEEPEST_DOI_MM = 2.0
 """The small-displacement model is not asked beyond this depth; the source's deepest is 1.33 mm."""
 
 _FORCE_GUESS_MM = 0.3
+_PRESS_IN_MM = 0.05
 
 
 class ModelRangeError(ValueError):
@@ -140,7 +143,20 @@ class Fingertip:
     def _solve(
         self, profile: Profile, x_mm: float, touch: float, doi: float, start: ContactState | None
     ) -> ContactState:
-        return solve_contact(self.model.patch, Pose(profile, x_mm, touch - doi, max(doi, 1e-3)), start)
+        """At once; where that misses the target, by pressing in from first touch."""
+
+        def at(depth: float, near: ContactState | None) -> ContactState:
+            return solve_contact(self.model.patch, Pose(profile, x_mm, touch - depth, max(depth, 1e-3)), near)
+
+        state = at(doi, start)
+        if state.residual <= TARGET_RESIDUAL:
+            return state
+        pressed = None
+        for depth in np.linspace(0.0, doi, math.ceil(doi / _PRESS_IN_MM) + 1)[1:]:
+            pressed = at(float(depth), pressed)
+        assert pressed is not None
+        better = min((state, pressed), key=lambda s: s.residual)
+        return replace(better, passes=state.passes + pressed.passes)
 
     def _solve_force(
         self, profile: Profile, x_mm: float, touch: float, force_gwt: float

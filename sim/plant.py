@@ -3,7 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sim.contact.indentors import Profile, parse_shape
+from sim.contact.indentors import Profile
+from sim.contact.shapes import parse_shape
 from sim.contact.solver import ContactState
 from sim.fingertip import Fingertip
 from sim.result import IndentationResult

@@ -9,7 +9,7 @@ from rich.table import Table
 from rig.cli.output import err, out, print_json, told_in_one_line
 from rig.protocol.config import load_config
 from rig.protocol.errors import BadInputError
-from sim.contact.indentors import parse_shape
+from sim.contact.shapes import parse_shape
 from sim.fingertip import Fingertip
 from sim.measures.receptors import DEFAULT_DEPTH_MM
 from sim.result import IndentationResult

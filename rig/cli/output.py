@@ -14,7 +14,7 @@ from rig.protocol.errors import BadInputError
 from rig.run import EngineError
 from rig.stage.base import StageError
 from rig.transport.base import TransportError
-from sim.contact.indentors import ShapeError
+from sim.contact.shapes import ShapeError
 from sim.finger.mesh import MeshError
 from sim.fingertip import ModelRangeError
 from sim.measures.receptors import ReceptorError

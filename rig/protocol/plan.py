@@ -10,7 +10,7 @@ from rig.protocol.script import Script, where_in_script
 from rig.run.records import Hold, Indentation, Target
 from rig.settings import FASTEST_PRESS_MM_S
 from rig.stage.grbl import SLOWEST_MM_S
-from sim.contact.indentors import ShapeError, parse_shape
+from sim.contact.shapes import ShapeError, parse_shape
 from sim.fingertip import Fingertip, ModelRangeError
 
 _MAX_INCREMENTS = 100

@@ -18,15 +18,12 @@ STEP_HEIGHT_MM = 0.5
 STEP_HALF_WAVELENGTH_MM = {"1": 0.450, "3": 1.3, "5": 3.134}
 """Raju (1998, ch. 4) for steps 1 and 5; step 3 lies in between. [free]"""
 
-NOT_BUILT = ("grating", "sphere", "flat", "cone", "wedge", "line", "point", "profile")
-
+GROOVE_DEPTH_MM = 0.5
+WEDGE_TIP_RADIUS_MM = 0.05
+"""A wedge's edge is rounded like a bar's. [free]"""
 
 STEEPEST_SLOPE = 1000.0
 """Slope of the flanks of bars and cylinders: 0.06 degrees off the vertical, so that a profile is a function of x."""
-
-
-class ShapeError(ValueError):
-    """The name of an indentor is not understood, or its dimension is out of range."""
 
 
 class Profile(Protocol):
@@ -62,12 +59,12 @@ class Bar:
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
         """Height, slope and curvature."""
         r = self.edge_radius_mm
-        return _arc(np.abs(s_mm) - (0.5 * self.width_mm - r), r, np.sign(s_mm))
+        return arc(np.abs(s_mm) - (0.5 * self.width_mm - r), r, np.sign(s_mm))
 
     def tangent(self, s_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
         """As `evaluate`; past an edge, the tangent of the quarter circle closest to the node."""
         r = self.edge_radius_mm
-        return _arc_tangent(np.abs(s_mm) - (0.5 * self.width_mm - r), y_mm, r, np.sign(s_mm))
+        return arc_tangent(np.abs(s_mm) - (0.5 * self.width_mm - r), y_mm, r, np.sign(s_mm))
 
 
 @dataclass(frozen=True)
@@ -83,11 +80,11 @@ class Cylinder:
 
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
         """Height, slope and curvature of the lower half."""
-        return _arc(np.abs(s_mm), 0.5 * self.diameter_mm, np.sign(s_mm))
+        return arc(np.abs(s_mm), 0.5 * self.diameter_mm, np.sign(s_mm))
 
     def tangent(self, s_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
         """As `evaluate`; beyond the radius, the tangent closest to the node."""
-        return _arc_tangent(np.abs(s_mm), y_mm, 0.5 * self.diameter_mm, np.sign(s_mm))
+        return arc_tangent(np.abs(s_mm), y_mm, 0.5 * self.diameter_mm, np.sign(s_mm))
 
 
 @dataclass(frozen=True)
@@ -114,50 +111,79 @@ class Step:
         return self.evaluate(s_mm)
 
 
-def _arc(t: Array, radius: float, side: Array) -> tuple[Array, Array, Array]:
-    """A circle's lower quarter at distance t from its lowest point, then the flank; flat at t < 0."""
-    end = radius * STEEPEST_SLOPE / np.hypot(1.0, STEEPEST_SLOPE)
+@dataclass(frozen=True)
+class Wedge:
+    """Wedge with its edge along z, rounded at the tip."""
+
+    half_angle_deg: float
+    tip_radius_mm: float = WEDGE_TIP_RADIUS_MM
+
+    @property
+    def name(self) -> str:
+        """The shape as it is written on the command line."""
+        return f"wedge:{self.half_angle_deg:g}"
+
+    def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
+        """Height, slope and curvature: a circle up to the flank's slope, then the flank."""
+        steepest = 1.0 / np.tan(np.radians(self.half_angle_deg))
+        return arc(np.abs(s_mm), self.tip_radius_mm, np.sign(s_mm), steepest)
+
+    def tangent(self, s_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
+        """As `evaluate`: a wedge has no sides."""
+        return self.evaluate(s_mm)
+
+
+@dataclass(frozen=True)
+class Grating:
+    """Ridges without end, 0.5 mm high, their edges rounded as a bar's; the reference is the centre of a ridge."""
+
+    ridge_mm: float
+    pitch_mm: float
+    edge_radius_mm: float = BAR_EDGE_RADIUS_MM
+
+    @property
+    def name(self) -> str:
+        """The shape as it is written on the command line."""
+        return f"grating:{self.ridge_mm:g},{self.pitch_mm:g}"
+
+    def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
+        """Height, slope and curvature; the groove's floor where the flank would rise above it."""
+        t, side = self._into_edge(s_mm)
+        return self._floored(arc(t, self.edge_radius_mm, side), s_mm)
+
+    def tangent(self, s_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
+        """As `evaluate`; in a groove, the closer of the nearest edge's tangent and the floor."""
+        t, side = self._into_edge(s_mm)
+        height, slope, curvature = arc_tangent(t, y_mm, self.edge_radius_mm, side)
+        to_edge = (height - y_mm) / np.hypot(1.0, slope)
+        floor = (t > self.edge_radius_mm) & (GROOVE_DEPTH_MM - y_mm < to_edge)
+        return np.where(floor, GROOVE_DEPTH_MM, height), np.where(floor, 0.0, slope), np.where(floor, 0.0, curvature)
+
+    def _into_edge(self, s_mm: Array) -> tuple[Array, Array]:
+        nearest = s_mm - self.pitch_mm * np.round(s_mm / self.pitch_mm)
+        return np.abs(nearest) - (0.5 * self.ridge_mm - self.edge_radius_mm), np.sign(nearest)
+
+    def _floored(self, profile: tuple[Array, Array, Array], s_mm: Array) -> tuple[Array, Array, Array]:
+        height, slope, curvature = profile
+        floor = height > GROOVE_DEPTH_MM
+        return np.where(floor, GROOVE_DEPTH_MM, height), np.where(floor, 0.0, slope), np.where(floor, 0.0, curvature)
+
+
+def arc(t: Array, radius: float, side: Array, steepest: float = STEEPEST_SLOPE) -> tuple[Array, Array, Array]:
+    """A circle's lower part at distance t from its lowest point, then a flank at its steepest; flat at t < 0."""
+    end = radius * steepest / np.hypot(1.0, steepest)
     on_arc = (t >= 0) & (t <= end) & (radius > 0)
     cosine = np.sqrt(radius * radius - np.clip(t, 0.0, end) ** 2)
-    slope = np.where(on_arc, t / np.where(on_arc, cosine, 1.0), np.where(t > end, STEEPEST_SLOPE, 0.0))
-    height = radius - cosine + STEEPEST_SLOPE * np.maximum(t - end, 0.0)
+    slope = np.where(on_arc, t / np.where(on_arc, cosine, 1.0), np.where(t > end, steepest, 0.0))
+    height = radius - cosine + steepest * np.maximum(t - end, 0.0)
     return height, side * slope, np.where(on_arc, radius**2 / np.where(on_arc, cosine, 1.0) ** 3, 0.0)
 
 
-def _arc_tangent(t: Array, y_mm: Array, radius: float, side: Array) -> tuple[Array, Array, Array]:
-    """As `_arc`, but past the end of the arc the tangent that is closest to the node."""
-    height, slope, curvature = _arc(t, radius, side)
-    end = radius * STEEPEST_SLOPE / np.hypot(1.0, STEEPEST_SLOPE)
-    past = t > end
+def arc_tangent(t: Array, y_mm: Array, radius: float, side: Array) -> tuple[Array, Array, Array]:
+    """As `arc`, but past the end of the arc the tangent that is closest to the node at height y."""
+    height, slope, curvature = arc(t, radius, side)
+    past = t > radius * STEEPEST_SLOPE / np.hypot(1.0, STEEPEST_SLOPE)
     below = np.maximum(radius - y_mm, 1e-12)
     steepness = np.where(past, np.minimum(t / below, STEEPEST_SLOPE), 0.0)
     tangent = radius - radius * np.hypot(1.0, steepness) + steepness * t
     return np.where(past, tangent, height), np.where(past, side * steepness, slope), curvature
-
-
-def parse_shape(text: str) -> Profile:
-    """Indentor named as on the command line, e.g. "bar:3.0"; raises ShapeError with what was expected."""
-    kind, _, argument = text.partition(":")
-    if kind in NOT_BUILT:
-        raise ShapeError(
-            f"shape {text!r}: {kind} is not built yet, expected bar:WIDTH, cylinder:DIAMETER or step:1|3|5"
-        )
-    if kind == "step":
-        if argument not in STEP_HALF_WAVELENGTH_MM:
-            raise ShapeError(f"shape {text!r}: expected step:1, step:3 or step:5")
-        return Step(argument)
-    if kind == "bar":
-        return Bar(_dimension(text, argument, "width", 0.2, 20.0))
-    if kind == "cylinder":
-        return Cylinder(_dimension(text, argument, "diameter", 0.5, 50.0))
-    raise ShapeError(f"shape {text!r}: no such indentor, expected bar:WIDTH, cylinder:DIAMETER or step:1|3|5")
-
-
-def _dimension(text: str, argument: str, what: str, low: float, high: float) -> float:
-    try:
-        value = float(argument)
-    except ValueError:
-        raise ShapeError(f"shape {text!r}: expected a {what} in mm after the colon") from None
-    if not low <= value <= high:
-        raise ShapeError(f"shape {text!r}: {what} {value:g} mm is outside {low:g} … {high:g} mm")
-    return value

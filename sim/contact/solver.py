@@ -25,6 +25,7 @@ MAX_PASSES = 120
 
 _CANDIDATE_GAP_MM = 0.15
 _FIRST_TRUST_MM = 0.1
+_FULL_TURN = 1.0  # rad that a normal may turn in one step at full trust
 _TRUST_SHRINK, _TRUST_GROWTH = 0.4, 2.0
 _COARSE_FLOOR, _FINE_FLOOR = 0.05, 1e-5
 
@@ -160,7 +161,9 @@ class _Iteration:
             self.ux, fallback = plain.copy(), None
             if step is not None:
                 sliding, ds = step
-                self.ux[sliding] = before[sliding] + np.clip(ds, -trust, trust)
+                turn = np.abs(curvature[sliding]) / (1 + slope[sliding] ** 2)  # of the normal, rad/mm
+                longest = trust * np.minimum(1.0, _FULL_TURN / (_FIRST_TRUST_MM * turn))
+                self.ux[sliding] = before[sliding] + np.clip(ds, -longest, longest)
                 fallback = plain
 
     def _planes(self) -> tuple[Array, Array, Array]:

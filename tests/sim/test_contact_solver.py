@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from sim.contact import solver
 from sim.contact.control import ForceNotReachedError, solve_for_force
-from sim.contact.indentors import parse_shape
+from sim.contact.shapes import parse_shape
 from sim.contact.solver import ContactState, Pose, solve_contact
 from sim.contact.touch import first_touch
 from sim.finger.surface import FingertipSurface

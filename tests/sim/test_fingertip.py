@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sim.config import FingertipConfig, MeshSpec
-from sim.contact.indentors import ShapeError
+from sim.contact.shapes import ShapeError
 from sim.fingertip import DEEPEST_DOI_MM, Fingertip, ModelRangeError
 from sim.stiffness import E_EPIDERMIS_MPA
 from sim.units import GWT_N

@@ -1,14 +1,17 @@
 """Profiles of the indentors: heights the source gives, derivatives, refusals."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim.contact.indentors import BAR_EDGE_RADIUS_MM, NOT_BUILT, STEEPEST_SLOPE, Bar, ShapeError, Step, parse_shape
+from sim.contact.indentors import BAR_EDGE_RADIUS_MM, STEEPEST_SLOPE, Bar, Step
+from sim.contact.shapes import NOT_BUILT, ShapeError, parse_shape
 
 Array = NDArray[np.float64]
 
-SHAPES = ("bar:3.0", "bar:1.5", "cylinder:3", "cylinder:9", "step:1", "step:3", "step:5")
+SHAPES = ("bar:3.0", "bar:1.5", "cylinder:3", "cylinder:9", "step:1", "step:3", "step:5", "wedge:60")
 
 
 def height(shape: str, s: float) -> float:
@@ -37,6 +40,16 @@ def height(shape: str, s: float) -> float:
         # cylinders by diameter
         ("cylinder:3", 1.0, 1.5 - np.sqrt(1.5**2 - 1)),
         ("cylinder:9", -1.0, 4.5 - np.sqrt(4.5**2 - 1)),
+        # a wedge of half-angle 45° from its axis rises 1 mm a millimetre; the circle at its tip (0.05 mm) takes
+        # away r (√2 − 1) from where the flanks would meet
+        ("wedge:45", 0.0, 0.0),
+        ("wedge:45", 1.0, 1.0 - 0.05 * (np.sqrt(2) - 1)),
+        # grating: ridges 0.5 mm wide, 1.2 mm apart, grooves 0.5 mm deep, edges as a bar's
+        ("grating:0.5,1.2", 0.0, 0.0),
+        ("grating:0.5,1.2", 0.23, 0.05 - np.sqrt(0.05**2 - 0.03**2)),
+        ("grating:0.5,1.2", 0.6, 0.5),
+        ("grating:0.5,1.2", -1.2, 0.0),
+        ("grating:0.5,1.2", 12.0 - 0.23, 0.05 - np.sqrt(0.05**2 - 0.03**2)),
     ],
 )
 def test_heights_of_the_source(shape: str, s: float, expected: float) -> None:
@@ -131,7 +144,7 @@ def test_names_are_what_is_written(shape: str) -> None:
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("", "no such indentor, expected bar:WIDTH, cylinder:DIAMETER or step:1|3|5"),
+        ("", "no such indentor, expected bar:WIDTH, cylinder:DIAMETER, step:1"),
         ("Bar:3", "no such indentor"),
         ("bar", "expected a width in mm after the colon"),
         ("bar:", "expected a width in mm after the colon"),
@@ -158,3 +171,53 @@ def test_refusals_say_what_was_expected(text: str, expected: str) -> None:
 def test_shapes_of_the_future_are_refused_by_name(kind: str) -> None:
     with pytest.raises(ShapeError, match="is not built yet, expected bar:WIDTH"):
         parse_shape(f"{kind}:1")
+
+
+def write(path: Path, *lines: str) -> str:
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return str(path)
+
+
+def test_a_profile_goes_through_its_points(tmp_path: Path) -> None:
+    file = write(tmp_path / "mine.csv", "x_mm,height_mm", "-1,0.7", "0,0.2", "0.5,0.3", "2,1.2")
+    profile = parse_shape(f"profile:{file}")
+    h, slope, _ = profile.evaluate(np.array([-1.0, 0.0, 0.5, 2.0]))
+    np.testing.assert_allclose(h, [0.5, 0.0, 0.1, 1.0], atol=1e-15)  # above the lowest point
+    assert slope[1] == 0.0  # PCHIP: no overshoot below the lowest point
+    s = np.linspace(-0.99, 1.99, 300)
+    low, high = profile.evaluate(s - 1e-6)[0], profile.evaluate(s + 1e-6)[0]
+    np.testing.assert_allclose((high - low) / 2e-6, profile.evaluate(s)[1], atol=2e-5)
+    assert (profile.evaluate(s)[0] >= 0).all()
+
+
+def test_beyond_its_ends_a_profile_is_a_wall(tmp_path: Path) -> None:
+    file = write(tmp_path / "mine.csv", "x_mm,height_mm", "-1,0", "1,0.2")
+    profile = parse_shape(f"profile:{file}")
+    assert profile.evaluate(np.array([1.01]))[0][0] == pytest.approx(0.2 + 0.01 * STEEPEST_SLOPE)
+    # below the end and beside it: the plane through the end point, square to the way there
+    h, slope, _ = profile.tangent(np.array([1.3]), np.array([0.2 - 0.4]))
+    assert slope[0] == pytest.approx(0.75)
+    assert (h[0] + 0.2) / np.hypot(1, slope[0]) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("lines", "expected"),
+    [
+        (("x_mm,height_mm", "0,0", "1,high"), r"line 3, height_mm: expected a number, got 'high'"),
+        (("x_mm,height_mm", "0,0", "nan,1"), r"line 3, x_mm: expected a number, got 'nan'"),
+        (("x_mm,height_mm", "0,0", "1"), r"line 3: expected 2 numbers, got 1"),
+        (("x_mm,height_mm", "0,0", "1,1", "0.5,2"), r"expected x_mm to rise, it does not after 1 mm"),
+        (("x_mm,height_mm", "0,0"), r"expected at least two points, got 1"),
+        (("x,h", "0,0", "1,1"), r"line 1: expected the columns x_mm,height_mm"),
+    ],
+)
+def test_profiles_are_refused_by_line(tmp_path: Path, lines: tuple[str, ...], expected: str) -> None:
+    file = write(tmp_path / "mine.csv", *lines)
+    with pytest.raises(ShapeError, match=expected) as caught:
+        parse_shape(f"profile:{file}")
+    assert "mine.csv" in str(caught.value)
+
+
+def test_a_profile_that_is_not_there() -> None:
+    with pytest.raises(ShapeError, match=r"profile nowhere.csv: No such file or directory"):
+        parse_shape("profile:nowhere.csv")

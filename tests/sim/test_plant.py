@@ -2,7 +2,7 @@
 
 import pytest
 
-from sim.contact.indentors import ShapeError
+from sim.contact.shapes import ShapeError
 from sim.fingertip import Fingertip, ModelRangeError
 from sim.plant import Placement, Plant, Screws
 

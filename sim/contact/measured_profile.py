@@ -1,0 +1,102 @@
+"""A user's own profile, prismatic along z, from a CSV file."""
+
+import csv
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+from sim.contact.indentors import STEEPEST_SLOPE, arc_tangent
+
+Array = NDArray[np.float64]
+
+COLUMNS = ("x_mm", "height_mm")
+
+
+class ProfileError(ValueError):
+    """The file holds no usable profile; the message names file, line and what was expected."""
+
+
+@dataclass(frozen=True)
+class MeasuredProfile:
+    """Points joined by a C¹ monotone cubic (PCHIP), flanks beyond the first and last; concave parts are allowed."""
+
+    path: str
+    x_mm: tuple[float, ...]  # ascending, zero at the reference point
+    height_mm: tuple[float, ...]  # above the lowest point
+
+    @property
+    def name(self) -> str:
+        """The shape as it is written on the command line."""
+        return f"profile:{self.path}"
+
+    @cached_property
+    def _curves(self) -> tuple[PchipInterpolator, PchipInterpolator, PchipInterpolator]:
+        curve = PchipInterpolator(self.x_mm, self.height_mm)
+        return curve, curve.derivative(), curve.derivative(2)
+
+    def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
+        """Height, slope and curvature."""
+        beyond, side, clipped = self._beyond(s_mm)
+        height, slope, curvature = (np.asarray(curve(clipped)) for curve in self._curves)
+        inside = beyond <= 0
+        return (
+            height + STEEPEST_SLOPE * np.maximum(beyond, 0.0),
+            np.where(inside, slope, side * STEEPEST_SLOPE),
+            np.where(inside, curvature, 0.0),
+        )
+
+    def tangent(self, s_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
+        """As `evaluate`; beyond an end, the plane through that end that is closest to the node."""
+        beyond, side, clipped = self._beyond(s_mm)
+        end_height = self._curves[0](clipped)
+        height, slope, _ = arc_tangent(beyond, y_mm - end_height, 0.0, side)
+        profile = self.evaluate(s_mm)
+        inside = beyond <= 0
+        return (
+            np.where(inside, profile[0], end_height + height),
+            np.where(inside, profile[1], slope),
+            profile[2],
+        )
+
+    def _beyond(self, s_mm: Array) -> tuple[Array, Array, Array]:
+        """Distance beyond the nearer end (negative inside), its side, and s clipped to the profile."""
+        first, last = self.x_mm[0], self.x_mm[-1]
+        return np.maximum(s_mm - last, first - s_mm), np.sign(s_mm - 0.5 * (first + last)), np.clip(s_mm, first, last)
+
+
+def read_profile(path: str) -> MeasuredProfile:
+    """Read a CSV with the columns x_mm, height_mm; raises ProfileError naming the line and what was expected."""
+    try:
+        with Path(path).open(newline="", encoding="utf-8-sig") as stream:
+            rows = list(csv.reader(stream))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ProfileError(f"profile {path}: {getattr(error, 'strerror', None) or error}") from None
+    if not rows or tuple(cell.strip() for cell in rows[0]) != COLUMNS:
+        raise ProfileError(f"profile {path}, line 1: expected the columns {','.join(COLUMNS)}")
+    points = np.array([_point(path, n, row) for n, row in enumerate(rows[1:], 2) if row]).reshape(-1, 2)
+    if len(points) < 2:
+        raise ProfileError(f"profile {path}: expected at least two points, got {len(points)}")
+    backwards = np.flatnonzero(np.diff(points[:, 0]) <= 0)
+    if len(backwards):
+        raise ProfileError(f"profile {path}: expected x_mm to rise, it does not after {points[backwards[0], 0]:g} mm")
+    heights = points[:, 1] - points[:, 1].min()
+    return MeasuredProfile(path, tuple(points[:, 0].tolist()), tuple(heights.tolist()))
+
+
+def _point(path: str, line: int, row: list[str]) -> list[float]:
+    if len(row) != len(COLUMNS):
+        raise ProfileError(f"profile {path}, line {line}: expected {len(COLUMNS)} numbers, got {len(row)}")
+    values = []
+    for name, cell in zip(COLUMNS, row, strict=True):
+        try:
+            value = float(cell)
+        except ValueError:
+            value = float("nan")
+        if not np.isfinite(value):
+            raise ProfileError(f"profile {path}, line {line}, {name}: expected a number, got {cell.strip()!r}")
+        values.append(value)
+    return values
