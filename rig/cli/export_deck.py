@@ -1,0 +1,50 @@
+"""`rig export-deck`: a scene as a CalculiX input deck."""
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from rig.cli.output import err, out, told_in_one_line
+from rig.protocol.config import load_config
+from rig.protocol.errors import BadInputError
+from sim.contact.shapes import parse_shape
+from sim.deck import Scene, write_contact_deck, write_load_deck
+from sim.finger.mesh import build_mesh
+from sim.fingertip import Fingertip
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("export-deck", help="Write a scene as a CalculiX input deck.")(command)
+
+
+def command(
+    shape: Annotated[str, typer.Option(metavar="S", help="As for `rig indent`.")],
+    x_mm: Annotated[float, typer.Option(metavar="X", help="Indentor's reference point from the pad's centre.")],
+    doi_mm: Annotated[float, typer.Option(metavar="D", help="Depth past first contact.")],
+    out_file: Annotated[Path, typer.Option("--out", metavar="FILE.inp", help="The deck to write.")],
+    loads: Annotated[
+        bool, typer.Option("--loads", help="Our contact forces as loads, instead of a contact job.")
+    ] = False,
+    config: Annotated[Path | None, typer.Option(metavar="TOML", help="Configuration of the finger.")] = None,
+) -> None:
+    """Solve the scene here, write it for CalculiX, and say what its answer should be compared with."""
+    with told_in_one_line(as_json=False):
+        if out_file.exists():
+            raise BadInputError(f"--out {out_file}: exists already, expected a new file")
+        settings = load_config(config).finger
+        finger = Fingertip.load(settings)
+        result = finger.indent(parse_shape(shape), x_mm, doi_mm=doi_mm)
+        scene = Scene(settings, build_mesh(settings, finger.model.surface), finger.e_epidermis_mpa)
+        if loads:
+            active = result.state.active
+            force = np.zeros((int(active.sum()), 3))
+            force[:, :2] = result.state.force[:, active].T * finger.e_epidermis_mpa
+            write_load_deck(out_file, scene, scene.mesh.patch_nodes[active], force)
+        else:
+            write_contact_deck(out_file, scene, result.profile, x_mm, result.touch_height_mm, doi_mm)
+        if settings.mesh.element != "full":
+            err.print('rig: CalculiX\'s C3D8 is fully integrated: compare with mesh.element = "full"')
+        out.print(f"{out_file}: expect a total reaction of {-result.force_n:.6g} N along y")

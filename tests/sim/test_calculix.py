@@ -1,0 +1,62 @@
+"""The same scene in another program: CalculiX (Debian: apt-get install calculix-ccx)."""
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim.config import FingertipConfig, MeshSpec
+from sim.deck import Scene, write_contact_deck, write_load_deck
+from sim.finger.mesh import build_mesh
+from sim.fingertip import Fingertip
+from sim.result import IndentationResult
+
+pytestmark = [
+    pytest.mark.skipif(shutil.which("ccx") is None, reason="no ccx (Debian package calculix-ccx)"),
+    pytest.mark.xdist_group("calculix"),
+]
+
+# Like with like: CalculiX's C3D8 is fully integrated. Coarse, so that its contact job takes seconds.
+CONFIG = FingertipConfig(
+    mesh=MeshSpec(spacing_mm=0.5, element="full", epidermis_elements=1, dermis_spacing_mm=0.4, growth=1.5)
+)
+DOI_MM = 0.8
+
+
+@pytest.fixture(scope="module")
+def pressed() -> tuple[Scene, IndentationResult]:
+    finger = Fingertip.load(CONFIG)
+    scene = Scene(CONFIG, build_mesh(CONFIG, finger.model.surface), finger.e_epidermis_mpa)
+    return scene, finger.indent("bar:3.0", 0.0, doi_mm=DOI_MM)
+
+
+def run_ccx(folder: Path, job: str) -> str:
+    ended = subprocess.run(["ccx", "-i", job], cwd=folder, capture_output=True, text=True, timeout=160, check=False)
+    assert "Job finished" in ended.stdout, ended.stdout[-500:]
+    return (folder / f"{job}.dat").read_text()
+
+
+def test_our_forces_move_its_nodes_as_ours(tmp_path: Path, pressed: tuple[Scene, IndentationResult]) -> None:
+    scene, result = pressed
+    mesh, active = scene.mesh, result.state.active
+    force = np.zeros((int(active.sum()), 3))
+    force[:, :2] = result.state.force[:, active].T * scene.e_epidermis_mpa
+    write_load_deck(tmp_path / "load.inp", scene, mesh.patch_nodes[active], force)
+    rows = [line.split() for line in run_ccx(tmp_path, "load").splitlines()]
+    u = np.array([[float(v) for v in row[1:]] for row in rows if len(row) == 4 and row[0].isdigit()])
+    assert u.shape == mesh.nodes.shape
+    # 1e-6 of the largest displacement: CalculiX prints seven digits.
+    ours = result.state.displacement.T
+    np.testing.assert_allclose(u[mesh.patch_nodes, :2], ours, rtol=0, atol=1e-6 * np.abs(ours).max())
+
+
+def test_its_contact_carries_the_same_force(tmp_path: Path, pressed: tuple[Scene, IndentationResult]) -> None:
+    # Node to surface with a penalty of 2000 MPa/mm; reactions are compared, never pressures: those depend on it.
+    scene, result = pressed
+    write_contact_deck(tmp_path / "contact.inp", scene, result.profile, 0.0, result.touch_height_mm, DOI_MM)
+    printed = run_ccx(tmp_path, "contact")
+    totals = re.findall(r"total force.*?\n\s*\n\s*(\S+)\s+(\S+)\s+(\S+)", printed)
+    assert float(totals[-1][1]) == pytest.approx(-result.force_n, rel=0.005)
