@@ -5,6 +5,7 @@ from typing import Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, model_validator
 
 FASTEST_PRESS_MM_S = 5.0
+SLOWEST_MM_S = 1 / 60  # GRBL moves no slower, whatever F says
 
 
 class Settings(BaseModel):
@@ -29,7 +30,7 @@ class ForceSettings(Settings):
     kind: Literal["mtsics"] = "mtsics"
     port: str = "/dev/ttyUSB1"
     baud: int = Field(9600, ge=300, le=1_000_000)
-    sample_period_s: float = Field(0.05, gt=0, le=10)
+    sample_period_s: float = Field(0.05, ge=0.01, le=10)
 
 
 class FrameSettings(Settings):
@@ -45,6 +46,7 @@ class LimitSettings(Settings):
 
     max_doi_mm: float = Field(1.5, gt=0, le=2.0)
     max_force_gwt: float = Field(100.0, gt=0, le=500)
+    search_mm: float = Field(0.5, gt=0, le=1.5, description="below the expected contact; then the sensor is dead")
     soft_trip_n: float = Field(2.0, gt=0, le=5.0, description="cap; lowered to twice the predicted peak")
     x_mm: tuple[float, float] = (-6.0, 6.0)
 
@@ -58,9 +60,9 @@ class LimitSettings(Settings):
 class HabitSettings(Settings):
     """Speeds (mm/s), increments (mm) and thresholds of an indentation."""
 
-    travel_speed_mm_s: float = Field(5.0, gt=0, le=10)
-    approach_speed_mm_s: float = Field(0.5, gt=0, le=2)
-    press_speed_mm_s: float = Field(1.0, gt=0, le=FASTEST_PRESS_MM_S)
+    travel_speed_mm_s: float = Field(5.0, ge=SLOWEST_MM_S, le=10)
+    approach_speed_mm_s: float = Field(0.5, ge=SLOWEST_MM_S, le=2)
+    press_speed_mm_s: float = Field(1.0, ge=SLOWEST_MM_S, le=FASTEST_PRESS_MM_S)
     clearance_mm: float = Field(2.0, gt=0.2, le=20)
     increment_mm: float = Field(0.05, gt=0, le=0.05, description="the longest move below clearance")
     touch_increment_mm: float = Field(0.01, gt=0, le=0.05)

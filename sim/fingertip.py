@@ -5,7 +5,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +15,12 @@ from sim.cache import cached_arrays, content_key
 from sim.config import FingertipConfig
 from sim.contact.control import ForceNotReachedError, solve_for_force
 from sim.contact.indentors import Profile
-from sim.contact.patch import Patch
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import TARGET_RESIDUAL, ContactState, Pose, solve_contact
 from sim.contact.touch import first_touch
 from sim.finger.surface import FingertipSurface
-from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorSet, place_receptors
-from sim.model import CondensedModel, build_model
+from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, place_receptors
+from sim.model import CondensedModel, build_model, from_arrays, to_arrays
 from sim.result import IndentationResult
 from sim.stiffness import E_EPIDERMIS_MPA
 from sim.units import GWT_N
@@ -31,6 +30,9 @@ Reference = Literal["contact", "apex"]
 
 DEEPEST_DOI_MM = 2.0
 """The small-displacement model is not asked beyond this depth; the source's deepest is 1.33 mm."""
+
+FARTHEST_X_MM = 20.0
+"""Beyond this no part of a shape is over the pad."""
 
 _FORCE_GUESS_MM = 0.3
 _PRESS_IN_MM = 0.05
@@ -73,10 +75,10 @@ class Fingertip:
 
         def make() -> dict[str, NDArray[np.generic]]:
             built.append(build_model(config, surface, receptors, solver))
-            return _to_arrays(built[0])
+            return to_arrays(built[0])
 
         arrays, from_cache = cached_arrays(key, make)
-        model = _from_arrays(arrays, surface, receptors) if from_cache else built[0]
+        model = from_arrays(arrays, surface, receptors) if from_cache else built[0]
         return cls(config, model, from_cache=from_cache, build_s=time.perf_counter() - start)
 
     @cached_property
@@ -110,8 +112,8 @@ class Fingertip:
         profile = _profile(indentor)
         if (doi_mm is None) == (force_gwt is None):
             raise ModelRangeError("expected exactly one of a depth (doi_mm) and a force (force_gwt)")
-        if not math.isfinite(x_mm):
-            raise ModelRangeError(f"x = {x_mm} mm: expected a finite number")
+        if not abs(x_mm) <= FARTHEST_X_MM:
+            raise ModelRangeError(f"x = {x_mm} mm: expected a finite number within ± {FARTHEST_X_MM:g} mm")
         touch, touch_x = self._touch(profile, x_mm, reference)
         began = time.perf_counter()
         with self._threads.limit(limits=1, user_api="blas"):
@@ -190,27 +192,3 @@ class Fingertip:
 
 def _profile(indentor: Profile | str) -> Profile:
     return parse_shape(indentor) if isinstance(indentor, str) else indentor
-
-
-_PLAIN = ("receptor_e", "strain_per_force", "outside_mm", "outside_neighbour")
-
-
-def _to_arrays(model: CondensedModel) -> dict[str, NDArray[np.generic]]:
-    """What is stored on disk: surface and receptors are made again in milliseconds."""
-    patch = model.patch
-    return {
-        **{name: getattr(model, name) for name in _PLAIN},
-        "position_mm": patch.position_mm,
-        "area_mm2": patch.area_mm2,
-        "compliance": patch.compliance,
-        "shape": np.array(patch.shape),
-        "counts": np.array([model.receptor_row, model.nodes]),
-    }
-
-
-def _from_arrays(arrays: dict[str, Any], surface: FingertipSurface, receptors: ReceptorSet) -> CondensedModel:
-    shape = (int(arrays["shape"][0]), int(arrays["shape"][1]))
-    patch = Patch(arrays["position_mm"], arrays["area_mm2"], arrays["compliance"], shape)
-    row, nodes = (int(n) for n in arrays["counts"])
-    plain = {name: arrays[name] for name in _PLAIN}
-    return CondensedModel(surface, patch, row, nodes, receptors, **plain)

@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -123,6 +124,31 @@ def _skin_beside(mesh: FingerMesh, patch: Patch) -> tuple[Array, Ints]:
     rim = np.flatnonzero(patch.rim)
     distance = ((position[:, None] - patch.position_mm[rim][None]) ** 2).sum(axis=-1)
     return position, rim[np.argmin(distance, axis=1)]
+
+
+_PLAIN = ("receptor_e", "strain_per_force", "outside_mm", "outside_neighbour")
+
+
+def to_arrays(model: CondensedModel) -> dict[str, NDArray[np.generic]]:
+    """What is stored on disk: surface and receptors are made again in milliseconds."""
+    patch = model.patch
+    return {
+        **{name: getattr(model, name) for name in _PLAIN},
+        "position_mm": patch.position_mm,
+        "area_mm2": patch.area_mm2,
+        "compliance": patch.compliance,
+        "shape": np.array(patch.shape),
+        "counts": np.array([model.receptor_row, model.nodes]),
+    }
+
+
+def from_arrays(arrays: dict[str, Any], surface: FingertipSurface, receptors: ReceptorSet) -> CondensedModel:
+    """The model that `to_arrays` stored."""
+    shape = (int(arrays["shape"][0]), int(arrays["shape"][1]))
+    patch = Patch(arrays["position_mm"], arrays["area_mm2"], arrays["compliance"], shape)
+    row, nodes = (int(n) for n in arrays["counts"])
+    plain = {name: arrays[name] for name in _PLAIN}
+    return CondensedModel(surface, patch, row, nodes, receptors, **plain)
 
 
 class _Stopwatch:

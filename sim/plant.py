@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from sim.contact.indentors import Profile
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import ContactState
-from sim.fingertip import Fingertip
+from sim.fingertip import Fingertip, ModelRangeError
 from sim.result import IndentationResult
 
 _WARM_MOVE_MM = 0.1
@@ -89,7 +89,13 @@ class Plant:
             before, _, state = self._last
             near = before.x_mm == pose.x_mm and abs(before.doi_mm - pose.doi_mm) <= _WARM_MOVE_MM
             start = state if near else None
-        return self._finger.indent(self._profile, pose.x_mm, doi_mm=pose.doi_mm, start=start)
+        result = self._finger.indent(self._profile, pose.x_mm, doi_mm=pose.doi_mm, start=start)
+        if not result.state.converged:
+            raise ModelRangeError(
+                f"the virtual finger has no answer for {self._profile.name} at x = {pose.x_mm:g} mm, DOI "
+                f"{pose.doi_mm:g} mm: residual {result.state.residual:.0e}"
+            )
+        return result
 
     def _touch_height_mm(self, x_mm: float) -> float:
         if self._profile is None:

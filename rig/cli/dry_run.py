@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from rig.cli.output import ExitCode, err, out, print_json, told_in_one_line
+from rig.cli.output import ExitCode, complain, err, out, print_json, told_in_one_line
 from rig.compare import write_report
 from rig.data import read_run
 from rig.protocol.config import load_config
@@ -51,11 +51,12 @@ def command(
         began = time.perf_counter()
         with _interruptible() as interrupted, _progress(len(plan.indentations)) as watch:
             done = dry_run(script, settings, finger, plan, out_dir, interrupted=interrupted, watch=watch, speed=pace)
+        done.folder.write_checksums()
         report = write_report(read_run(done.folder.path), finger, done.wall_s)
         done.folder.write_checksums()
         _print(done, report, time.perf_counter() - began, as_json=as_json)
     if done.problem is not None:
-        err.print(f"rig: stopped: {done.problem}")
+        complain(f"stopped: {done.problem}")
     raise typer.Exit(_exit_code(done))
 
 
@@ -115,7 +116,7 @@ def _interruptible() -> Iterator[Callable[[], bool]]:
 @contextmanager
 def _progress(total: int) -> Iterator[Watch]:
     """A bar on standard error, one tick an indentation, with the time left."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, TextColumn("left"), TimeRemainingColumn(), console=err, transient=True) as bar:
         task = bar.add_task("starting", total=total)
 

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import typer
 from rich.table import Table
 
-from rig.cli.output import err, out, print_json, told_in_one_line
+from rig.cli.output import ExitCode, complain, err, out, print_json, told_in_one_line
 from rig.protocol.config import load_config
 from rig.protocol.errors import BadInputError
 from sim.contact.shapes import parse_shape
@@ -27,6 +27,7 @@ def command(
     x_mm: Annotated[float, typer.Option(metavar="X", help="Indentor's reference point from the pad's centre.")],
     doi_mm: Annotated[float | None, typer.Option(metavar="D", help="Depth past first contact.")] = None,
     force_gwt: Annotated[float | None, typer.Option(metavar="F", help="Force instead of a depth.")] = None,
+    z_mm: Annotated[float | None, typer.Option(hidden=True)] = None,
     model: Annotated[str, typer.Option(metavar="M", help="finger")] = "finger",
     receptor_depth_mm: Annotated[float, typer.Option(metavar="D", help="Below the skin.")] = DEFAULT_DEPTH_MM,
     reference: Annotated[str, typer.Option(metavar="contact|apex", help="Where DOI is zero.")] = "contact",
@@ -36,6 +37,8 @@ def command(
     """Press once and print force, contact and receptor measures."""
     with told_in_one_line(as_json=as_json):
         _refuse_model(model)
+        if z_mm is not None:
+            raise BadInputError("--z-mm: shapes placed by z (line) are not built yet")
         settings = load_config(config)
         profile = parse_shape(shape)
         if not 0.1 <= receptor_depth_mm <= 3.0:
@@ -43,14 +46,15 @@ def command(
         with err.status("fingertip: from the cache, or built in about 15 s …"):
             finger = Fingertip.load(settings.finger, receptor_depth_mm=receptor_depth_mm)
         result = finger.indent(profile, x_mm, doi_mm=doi_mm, force_gwt=force_gwt, reference=_reference(reference))
-        if not result.state.converged:
-            err.print(f"rig: not converged, residual {result.state.residual:.1e}")
         if as_json:
             answer = result.as_json()
             answer["solver"]["build_s"] = finger.build_s
             print_json(answer)
         else:
             _print(result, finger.build_s)
+        if not result.state.converged:
+            complain(f"not converged, residual {result.state.residual:.1e}")
+            raise typer.Exit(ExitCode.STOPPED)
 
 
 def _refuse_model(model: str) -> None:

@@ -19,8 +19,8 @@ from sim.finger.mesh import MeshError
 from sim.fingertip import ModelRangeError
 from sim.measures.receptors import ReceptorError
 
-err = Console(stderr=True, highlight=False, soft_wrap=True)
-out = Console(highlight=False, soft_wrap=True)
+err = Console(stderr=True, highlight=False, soft_wrap=True, markup=False)
+out = Console(highlight=False, soft_wrap=True, markup=False)
 
 
 class ExitCode(IntEnum):
@@ -37,10 +37,16 @@ def print_json(result: Mapping[str, Any]) -> None:
     print(json.dumps(result, allow_nan=False))
 
 
-def fail(message: str, code: ExitCode, *, as_json: bool) -> NoReturn:
-    """One line on standard error (and as JSON on standard output if that was asked for), and out."""
+def complain(message: str) -> str:
+    """One line on standard error, whatever line breaks the message has; returns it."""
     line = " ".join(message.split())
     print(f"rig: {line}", file=sys.stderr)
+    return line
+
+
+def fail(message: str, code: ExitCode, *, as_json: bool) -> NoReturn:
+    """One line on standard error (and as JSON on standard output if that was asked for), and out."""
+    line = complain(message)
     if as_json:
         print_json({"error": line, "exit_code": int(code)})
     sys.exit(code)

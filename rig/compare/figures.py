@@ -9,12 +9,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rig.compare.responses import Response, population
+from rig.compare.responses import Response, by_group, measured
 from rig.data import Run
 from sim.measures.measures import PLOTTED_AS_MAGNITUDE
 
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"  # Okabe & Ito
-_POSITIONS = mpl.colormaps["viridis"]
+_ORDERED = mpl.colormaps["viridis"]
 _STYLE: dict[Any, Any] = {
     "font.size": 9,
     "axes.spines.top": False,
@@ -33,7 +33,8 @@ def force_doi(run: Run) -> str:
 
 
 def contact_panels(found: list[Response]) -> str:
-    """For each position: indentor over deformed skin with the contact regions, and the pressure below."""
+    """The last hold of each indentation: indentor over deformed skin with the contact regions, and the pressure below."""
+    found = [response for response in found if response.last]
     columns = 3
     rows = -(-len(found) // columns)
     return _svg((10.2, 2.5 * rows), lambda figure: _contact_panels(figure, found, rows, columns))
@@ -58,9 +59,14 @@ def _svg(size: tuple[float, float], draw: Callable[[Figure], None]) -> str:
     return text.getvalue()
 
 
-def _colour(found: list[float], value: float) -> Any:
-    low, high = min(found), max(found)
-    return _POSITIONS(0.92 * (value - low) / (high - low) if high > low else 0.3)
+def _shade(k: int, n: int) -> Any:
+    """The k-th of n colours in order."""
+    return _ORDERED(0.92 * k / (n - 1) if n > 1 else 0.3)
+
+
+def _shade_of(value: float, values: list[float]) -> Any:
+    low, high = min(values), max(values)
+    return _ORDERED(0.92 * (value - low) / (high - low) if high > low else 0.3)
 
 
 def _force_doi(figure: Figure, run: Run) -> None:
@@ -71,7 +77,7 @@ def _force_doi(figure: Figure, run: Run) -> None:
     for index, x in starts.items():
         mine = [s for s in samples if s["index"] == index]
         doi, force = [s["doi_mm"] for s in mine], [s["force_gwt"] for s in mine]
-        axes.plot(doi, force, "-o", ms=2, lw=1, color=_colour(xs, x))
+        axes.plot(doi, force, "-o", ms=2, lw=1, color=_shade_of(x, xs))
     axes.set(xlabel="depth of indentation from fitted contact (mm)", ylabel="force (gwt)")
     _position_bar(figure, axes, xs)
 
@@ -113,36 +119,53 @@ def _contact_panel(axes: Axes, response: Response, top: float) -> Axes:
     pressures.tick_params(axis="y", colors=BLUE, labelsize=7)
     pressures.spines["right"].set_visible(True)
     pressures.spines["right"].set_color(BLUE)
-    title = f"x = {_signed(result.x_mm)} mm   {result.force_gwt:.2f} gwt   DOI {result.doi_mm:.3f} mm"
+    title = f"{response.indentor}  x = {_signed(result.x_mm)}  {result.force_gwt:.2f} gwt  DOI {result.doi_mm:.3f} mm"
     axes.set_title(title, fontsize=8)
     return pressures
 
 
 def _population(figure: Figure, found: list[Response]) -> None:
+    """Coloured by position where one thing was moved, by what was commanded where one place was pressed."""
     receptor_x = found[0].result.model.receptors.position_mm[:, 0]
     panels = figure.subplots(1, 2)
+    groups = by_group(found)
+    xs = [response.hold["x_mm"] for response in found]
+    moved = len(set(xs)) > 1
+    name, chosen = list(groups.items())[-1]
+    lines = [(r.hold["x_mm"], r) for r in chosen] if moved else [(k, m[0]) for k, m in enumerate(groups.values())]
+    shades = [value for value, _ in lines]
     for axes, measure in zip(panels, ("ep1", "sed"), strict=True):
-        positions, values = population(found, measure)
-        for x, row in zip(positions, _shown(measure, values), strict=True):
-            axes.plot(receptor_x, row, "-o", ms=2.5, lw=1, color=_colour(list(positions), x))
-        axes.set(xlabel="receptor x (mm)", ylabel=f"{_LABEL[measure]} ({_UNIT[measure]})")
-    _position_bar(figure, panels, list(positions))
+        for value, response in lines:
+            row = _shown(measure, measured([response], measure)[1][0])
+            label = None if moved else response.group
+            axes.plot(receptor_x, row, "-o", ms=2.5, lw=1, color=_shade_of(value, shades), label=label)
+        axes.set(
+            xlabel="receptor x (mm)", ylabel=f"{_LABEL[measure]} ({_UNIT[measure]})", title=name if moved else ""
+        )
+    if moved:
+        _position_bar(figure, panels, xs)
+    else:
+        panels[0].legend(fontsize=7)
 
 
 def _ssrps(figure: Figure, found: list[Response], measure: str) -> None:
+    """One line for each thing that was moved: the same indentor pressed to the same depth or force."""
     receptor_x = found[0].result.model.receptors.position_mm[:, 0]
-    positions, values = population(found, measure)
-    order = np.argsort(positions)
-    shown = _shown(measure, values)
+    groups = {name: members for name, members in by_group(found).items() if len(members) > 1}
     panels = figure.subplots(2, -(-len(receptor_x) // 2), sharex=True, sharey=True, squeeze=False)
-    for axes, x, column in zip(panels.ravel(), receptor_x, shown.T, strict=False):
-        axes.plot(positions[order], column[order], "-o", ms=2.5, lw=1, color=BLUE)
+    for k, (name, members) in enumerate(groups.items()):
+        positions, values = measured(members, measure)
+        for axes, column in zip(panels.ravel(), _shown(measure, values).T, strict=False):
+            axes.plot(positions, column, "-o", ms=2, lw=1, color=_shade(k, len(groups)), label=name)
+    for axes, x in zip(panels.ravel(), receptor_x, strict=False):
         axes.axvline(x, color=GREY, lw=0.6, ls=":")
         axes.set_title(f"receptor at {_signed(x)} mm", fontsize=8)
     for axes in panels[-1]:
         axes.set_xlabel("indentor x (mm)")
     for axes in panels[:, 0]:
         axes.set_ylabel(f"{_LABEL[measure]} ({_UNIT[measure]})")
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=8)
 
 
 def _shown(measure: str, values: Any) -> Any:
@@ -156,8 +179,10 @@ def _signed(x_mm: float) -> str:
 
 def _position_bar(figure: Figure, axes: Any, positions: list[float]) -> None:
     low, high = min(positions), max(positions)
+    if high == low:
+        return
     scale = mpl.cm.ScalarMappable(
-        mpl.colors.Normalize(low, high if high > low else low + 1e-9),
-        mpl.colors.ListedColormap([_POSITIONS(0.92 * k / 255) for k in range(256)]),
+        mpl.colors.Normalize(low, high),
+        mpl.colors.ListedColormap([_ORDERED(0.92 * k / 255) for k in range(256)]),
     )
     figure.colorbar(scale, ax=axes, label="indentor x (mm)")

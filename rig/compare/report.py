@@ -10,7 +10,7 @@ from typing import Any
 from jinja2 import Environment, StrictUndefined
 
 from rig.compare import figures
-from rig.compare.responses import Response, responses
+from rig.compare.responses import Response, by_group, responses
 from rig.data import Run
 from rig.data.folder import replace_text
 from sim.fingertip import Fingertip
@@ -48,7 +48,7 @@ def write_report(run: Run, finger: Fingertip, wall_s: float | None = None) -> Pa
 
 def _figures(run: Run, found: list[Response]) -> list[_Figure]:
     shown = _contact_figures(run, found)
-    moved = len({response.hold["x_mm"] for response in found}) > 1
+    moved = any(len(members) > 1 for members in by_group(found).values())
     return [*shown, *_ssrp_figures(found)] if moved else shown
 
 
@@ -71,7 +71,8 @@ def _contact_figures(run: Run, found: list[Response]) -> list[_Figure]:
             "Population responses",
             figures.population_responses(found),
             "ep1 (its magnitude; compression is negative) and strain energy density at the receptors, "
-            "0.76 mm below the skin, one line for each indentor position.",
+            f"{found[0].result.model.receptors.depth_mm:g} mm below the skin: one line for each position of the title's "
+            "indentor, or, where one place was pressed, for each depth or force.",
         ),
     ]
 
@@ -81,8 +82,8 @@ def _ssrp_figures(found: list[Response]) -> list[_Figure]:
         _Figure(
             "SSRP of ep1",
             figures.ssrps(found, "ep1"),
-            "Simulated spatial response profiles: the magnitude of ep1 at one receptor against the "
-            "indentor's position. Dotted: the receptor's own x.",
+            "Simulated spatial response profiles: the magnitude of ep1 at one receptor against the indentor's "
+            "position, one line for each depth or force. Dotted: the receptor's own x.",
         ),
         _Figure(
             "SSRP of strain energy density",

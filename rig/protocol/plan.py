@@ -1,15 +1,18 @@
 """The check before anything moves: a script is walked through against the limits and the finger model."""
 
+import inspect
 import math
 from dataclasses import dataclass, field
+from numbers import Integral, Real
+from typing import Literal
 
 from rig.protocol.api import ProtocolParameters, Rig
 from rig.protocol.config import Config
 from rig.protocol.errors import BadInputError
 from rig.protocol.script import Script, where_in_script
 from rig.run.records import Hold, Indentation, Target
-from rig.settings import FASTEST_PRESS_MM_S
-from rig.stage.grbl import SLOWEST_MM_S
+from rig.settings import FASTEST_PRESS_MM_S, SLOWEST_MM_S
+from rig.units import GWT_N
 from sim.contact.shapes import ShapeError, parse_shape
 from sim.fingertip import Fingertip, ModelRangeError
 
@@ -26,6 +29,7 @@ class PlannedIndentation:
     target: Target
     increments: int
     hold_s: float
+    expected_contact_mm: float  # height of the indentor at first touch, from the nominal apex
     predicted_doi_mm: float
     predicted_force_gwt: float
     predicted_peak_pressure_pseudo: float
@@ -45,7 +49,9 @@ class Plan:
 
 def make_plan(script: Script, config: Config, finger: Fingertip) -> Plan:
     """Walk through the script; raises BadInputError at the first step that cannot be done."""
-    rig = _PlanningRig(script.parameters, config, finger)
+    rig = CheckingRig(script.parameters, config, finger)
+    if inspect.iscoroutinefunction(script.run):
+        raise BadInputError(f"protocol {script.path}: run(rig) is asynchronous, expected an ordinary function")
     try:
         script.run(rig)
     except (BadInputError, ShapeError, ModelRangeError) as error:
@@ -53,6 +59,8 @@ def make_plan(script: Script, config: Config, finger: Fingertip) -> Plan:
     except (Exception, SystemExit) as error:
         place = where_in_script(script.path, error)
         raise BadInputError(f"{place}: {type(error).__name__}: {error}") from None
+    if not rig.plan.indentations:
+        raise BadInputError(f"protocol {script.path}: run(rig) indents nowhere")
     return rig.plan
 
 
@@ -60,20 +68,26 @@ def checked_target(doi_mm: float | None, force_gwt: float | None) -> Target:
     """The one target that was given; raises BadInputError."""
     if (doi_mm is None) == (force_gwt is None):
         raise BadInputError("indent: expected either doi_mm or force_gwt")
-    target = Target("force_gwt", force_gwt) if doi_mm is None else Target("doi_mm", doi_mm)  # type: ignore[arg-type]
-    _number("indent", target.kind, target.value)
+    kind: Literal["doi_mm", "force_gwt"] = "force_gwt" if doi_mm is None else "doi_mm"
+    value = force_gwt if doi_mm is None else doi_mm
+    _number("indent", kind, value)
+    target = Target(kind, float(value))  # type: ignore[arg-type]
     if not (math.isfinite(target.value) and target.value > 0):
         raise BadInputError(f"indent: {target.kind} = {target.value}: expected a positive number")
     return target
 
 
 def _number(verb: str, name: str, value: object) -> None:
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    if isinstance(value, bool) or not isinstance(value, Real):
         raise BadInputError(f"{verb}: {name} = {value!r}: expected a number")
 
 
-class _PlanningRig(Rig):
-    """Carries out nothing; answers with the model's prediction."""
+def _is_whole(value: object) -> bool:
+    return isinstance(value, Integral) and not isinstance(value, bool)
+
+
+class CheckingRig(Rig):
+    """Carries out nothing: refuses what cannot be done, and answers with the model's prediction."""
 
     def __init__(self, parameters: ProtocolParameters, config: Config, finger: Fingertip) -> None:
         self._parameters = parameters
@@ -128,7 +142,10 @@ class _PlanningRig(Rig):
         self._check_manner(increments, speed_mm_s, hold_s)
         assert self._indentor is not None
         result = self._finger.indent(self._indentor, self._x_mm, **{target.kind: target.value})  # type: ignore[arg-type]
-        self._check_reach(target, result.doi_mm, result.force_gwt)
+        if not result.state.converged:
+            raise BadInputError(f"indent: the model does not converge here (residual {result.state.residual:.0e})")
+        contact_mm = result.touch_height_mm - self._finger.apex_height_mm
+        self._check_reach(target, contact_mm, result.doi_mm, result.force_gwt)
         self.plan.indentations.append(
             PlannedIndentation(
                 self._indentor,
@@ -136,6 +153,7 @@ class _PlanningRig(Rig):
                 target,
                 increments,
                 hold_s,
+                contact_mm,
                 result.doi_mm,
                 result.force_gwt,
                 result.peak_pressure_pseudo,
@@ -159,10 +177,9 @@ class _PlanningRig(Rig):
             raise BadInputError(f"{verb}: {before} must come first")
 
     def _check_manner(self, increments: int, speed_mm_s: float | None, hold_s: float) -> None:
-        if not (type(increments) is int and 1 <= increments <= _MAX_INCREMENTS):
-            raise BadInputError(
-                f"indent: increments = {increments!r}: expected a whole number, 1 … {_MAX_INCREMENTS}"
-            )
+        if not (_is_whole(increments) and 1 <= increments <= _MAX_INCREMENTS):
+            expected = f"expected a whole number, 1 … {_MAX_INCREMENTS}"
+            raise BadInputError(f"indent: increments = {increments!r}: {expected}")
         _number("indent", "hold_s", hold_s)
         if not 0 <= hold_s <= _MAX_HOLD_S:
             raise BadInputError(f"indent: hold_s = {hold_s!r}: expected 0 … {_MAX_HOLD_S:g} s")
@@ -173,7 +190,7 @@ class _PlanningRig(Rig):
             expected = f"{SLOWEST_MM_S:.2g} … {FASTEST_PRESS_MM_S:g} mm/s"
             raise BadInputError(f"indent: speed_mm_s = {speed_mm_s!r}: expected {expected}")
 
-    def _check_reach(self, target: Target, doi_mm: float, force_gwt: float) -> None:
+    def _check_reach(self, target: Target, contact_mm: float, doi_mm: float, force_gwt: float) -> None:
         limits = self._config.limits
         if doi_mm > limits.max_doi_mm:
             raise BadInputError(
@@ -185,9 +202,13 @@ class _PlanningRig(Rig):
                 f"indent: {target.kind} = {target.value:g} at x = {self._x_mm:g} mm means a force of "
                 f"{force_gwt:.3g} gwt, beyond limits.max_force_gwt = {limits.max_force_gwt:g}"
             )
-        assert self._indentor is not None
-        touch = self._finger.touch_height_mm(self._indentor, self._x_mm) - self._finger.apex_height_mm
-        self._within_travel("z", self._config.frame.apex_z_mm + touch - doi_mm, self._config.stage.travel_mm[2])
+        if force_gwt * GWT_N > limits.soft_trip_n:
+            raise BadInputError(
+                f"indent: {target.kind} = {target.value:g} at x = {self._x_mm:g} mm means {force_gwt * GWT_N:.3g} N, "
+                f"beyond limits.soft_trip_n = {limits.soft_trip_n:g}"
+            )
+        lowest = self._config.frame.apex_z_mm + contact_mm - max(doi_mm, limits.search_mm)
+        self._within_travel("z", lowest, self._config.stage.travel_mm[2])
 
     def _within_travel(self, axis: str, machine_mm: float, travel_mm: float) -> None:
         if not -travel_mm <= machine_mm <= 0:

@@ -15,7 +15,7 @@ from rig.data import RunFolder, export_run, new_run_folder, read_run
 from rig.force.base import ForceError
 from rig.protocol.config import Config
 from rig.protocol.live import LiveRig
-from rig.protocol.plan import Plan
+from rig.protocol.plan import CheckingRig, Plan
 from rig.protocol.script import Script, where_in_script
 from rig.protocol.virtual_bench import VirtualBench, virtual_bench
 from rig.run import Engine, EngineError, Journal, ScriptError
@@ -70,7 +70,9 @@ def dry_run(
     with folder.bytes_log.open("w", encoding="ascii") as byte_log:
         bench = virtual_bench(config, finger, byte_log, now.timestamp())
         try:
-            _carry_out(script, config, plan, folder, bench, interrupted, _paced(watch, bench, speed))
+            _carry_out(
+                script, config, finger, plan, folder, bench, interrupted, _paced(watch, bench, speed, interrupted)
+            )
         except _ENDINGS as error:
             problem = error
     run = read_run(folder.path)
@@ -88,6 +90,7 @@ def dry_run(
 def _carry_out(
     script: Script,
     config: Config,
+    finger: Fingertip,
     plan: Plan,
     folder: RunFolder,
     bench: VirtualBench,
@@ -109,26 +112,28 @@ def _carry_out(
         engine = Engine(
             config, bench.clock, bench.stage, bench.force, journal, bench, interrupted, soft_trip_n=soft_trip
         )
-        _run_script(script, engine)
+        _run_script(script, engine, CheckingRig(script.parameters, config, finger))
         journal.stop("done")
 
 
-def _run_script(script: Script, engine: Engine) -> None:
-    """Run it; whatever the engine did not bring to a safe end itself stops the stage."""
+def _run_script(script: Script, engine: Engine, check: CheckingRig) -> None:
+    """Run it; a failure elsewhere than in the engine lifts the indentor, and no swallowed trip ends well."""
     try:
-        script.run(LiveRig(engine, script.parameters))
+        script.run(LiveRig(engine, check))
     except _ENDINGS:
         raise
-    except Exception as error:
-        engine.stop()
+    except (Exception, SystemExit) as error:
+        engine.make_safe()
         place = where_in_script(script.path, error)
         raise ScriptError(f"{place}: {type(error).__name__}: {error}") from error
     except BaseException:
         engine.stop()
         raise
+    if engine.problem is not None:
+        raise engine.problem
 
 
-def _paced(watch: Watch, bench: VirtualBench, speed: float | None) -> Watch:
+def _paced(watch: Watch, bench: VirtualBench, speed: float | None, interrupted: Callable[[], bool]) -> Watch:
     """`watch`, waiting where the virtual clock has run ahead of `speed` times real time."""
     if speed is None:
         return watch
@@ -136,7 +141,7 @@ def _paced(watch: Watch, bench: VirtualBench, speed: float | None) -> Watch:
     start_s = wall.monotonic_s()
 
     def paced(stream: str, data: Mapping[str, Any]) -> None:
-        wall.wait_s(start_s + bench.clock.monotonic_s() / speed - wall.monotonic_s())
+        wall.wait_until(interrupted, start_s + bench.clock.monotonic_s() / speed)
         watch(stream, data)
 
     return paced

@@ -49,7 +49,7 @@ def virtual_bench(config: Config, finger: Fingertip, byte_log: TextIO, start_uni
         Screws(virtual.x_screw_steps_per_mm, virtual.z_screw_steps_per_mm),
         Placement(frame.pad_centre_x_mm + virtual.finger_x_offset_mm, frame.apex_z_mm + virtual.finger_z_offset_mm),
     )
-    VirtualBalance(clock, force_line, plant.force_n)
+    VirtualBalance(clock, force_line, plant.force_n, sample_period_s=config.force.sample_period_s)
     stage_port = LoggedTransport(LoopbackTransport(stage_line, clock, name="stage"), clock, byte_log)
     force_port = LoggedTransport(LoopbackTransport(force_line, clock, name="force"), clock, byte_log)
     return VirtualBench(

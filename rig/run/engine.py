@@ -10,7 +10,7 @@ from rig.clock import Clock
 from rig.force.base import ForceError, ForceSensor
 from rig.run.errors import LimitError, NotReadyError, RunAborted, TripError
 from rig.run.journal import Journal
-from rig.settings import RigSettings
+from rig.settings import FASTEST_PRESS_MM_S, RigSettings
 from rig.stage.base import Stage, StageError
 from rig.transport.base import TransportError
 from rig.units import GWT_N
@@ -58,6 +58,7 @@ class Engine:
         self.indentor: str | None = None
         self.x_mm = math.nan
         self.height_mm = math.nan
+        self.problem: Exception | None = None  # the first trip or failure; a run does not end well after it
         self._next_index = 0
         self._placed = False
         self._may_touch = False  # below clearance since the last lift or homing
@@ -153,6 +154,10 @@ class Engine:
         lowest = min(self.height_mm, habits.clearance_mm) - habits.increment_mm
         if height_mm < lowest - 1e-9:
             raise LimitError(f"a move down to {height_mm:.3f} mm is longer than one increment below clearance")
+        if height_mm < min(self.height_mm, habits.clearance_mm) and speed_mm_s > FASTEST_PRESS_MM_S:
+            raise LimitError(
+                f"a move down below clearance at {speed_mm_s:g} mm/s is faster than {FASTEST_PRESS_MM_S:g}"
+            )
         if height_mm < habits.clearance_mm - _AT_MM:
             self.state, self._may_touch = State.IN_CONTACT, True
         z = self.settings.frame.apex_z_mm + height_mm
@@ -165,10 +170,10 @@ class Engine:
         try:
             reading = self._force.read()
         except (ForceError, TransportError) as error:
-            self._trip(f"no force reading: {error}", None)
+            self.trip(f"no force reading: {error}")
         force = reading.force_n / GWT_N
         if not math.isfinite(force):
-            self._trip(f"the force reading is {force}, not a number", None)
+            self.trip(f"the force reading is {force}, not a number")
         doi = None if contact_height_mm is None else contact_height_mm - self.height_mm
         self.record(
             "sample",
@@ -182,8 +187,8 @@ class Engine:
                 "stable": reading.stable,
             },
         )
-        if force > self.soft_trip_gwt:
-            self._trip(f"force {force:.2f} gwt above the soft trip {self.soft_trip_gwt:.2f} gwt", force)
+        if abs(force) > self.soft_trip_gwt:
+            self.trip(f"force {force:.2f} gwt above the soft trip {self.soft_trip_gwt:.2f} gwt", force)
         return force
 
     def safe_point(self) -> None:
@@ -193,6 +198,30 @@ class Engine:
                 self.retract()
             self.record("paused", {"reason": "operator"})
             raise RunAborted("stopped by the operator at a safe point; the indentor is lifted")
+
+    def trip(self, reason: str, force_gwt: float | None = None) -> NoReturn:
+        """Latch, lift (the stage is at rest between increments, so its position is trusted), journal, raise."""
+        self.state, self.problem = State.TRIPPED, TripError(reason)
+        try:
+            self._lift()
+        except (StageError, TransportError) as error:
+            reason = f"{reason}; and the lift failed: {error}"
+        self.state, self.problem = State.TRIPPED, TripError(reason)
+        self.record("trip", {"reason": reason, "force_gwt": force_gwt})
+        raise self.problem
+
+    def make_safe(self) -> None:
+        """After a failure elsewhere: lift where the stage is at rest and trusted, stop it where that fails."""
+        if self.state is State.IN_CONTACT:
+            try:
+                self._lift()
+                self.state, self._may_touch = State.READY, False
+            except (StageError, TransportError):
+                self.stop()
+
+    def _lift(self) -> None:
+        if self.height_mm < self.settings.habits.clearance_mm:
+            self.go_to_height(self.settings.habits.clearance_mm, self.settings.habits.travel_speed_mm_s)
 
     def record(self, stream: str, data: Mapping[str, Any]) -> None:
         """Journal an event; it is on disk when this returns."""
@@ -217,22 +246,12 @@ class Engine:
         """Run a call to the stage; its failure stops the stage before it is passed on."""
         try:
             return action()
-        except (StageError, TransportError):
+        except (StageError, TransportError) as error:
+            self.problem = self.problem or error
             self.stop()
             raise
 
     def _refuse_contact_at_clearance(self) -> None:
         force = self.read_force_gwt(-1, "clearance")
         if abs(force) >= self.settings.habits.touch_force_gwt:
-            self._trip(f"{force:.2f} gwt at clearance: is frame.apex_z_mm right, and the sensor zeroed?", force)
-
-    def _trip(self, reason: str, force_gwt: float | None) -> NoReturn:
-        """Latch, lift (the stage is at rest between increments, so its position is trusted), journal."""
-        self.state = State.TRIPPED
-        try:
-            if self.height_mm < self.settings.habits.clearance_mm:
-                self.go_to_height(self.settings.habits.clearance_mm, self.settings.habits.travel_speed_mm_s)
-        finally:
-            self.state = State.TRIPPED
-            self.record("trip", {"reason": reason, "force_gwt": force_gwt})
-        raise TripError(reason)
+            self.trip(f"{force:.2f} gwt at clearance: is frame.apex_z_mm right, and the sensor zeroed?", force)

@@ -8,7 +8,6 @@ from rig.run.errors import LimitError
 from rig.run.records import Hold, Indentation, Target, Touch
 from rig.run.touch import fit_contact
 
-_SEARCH_BELOW_APEX_MM = 3.0
 _MAX_SEEK_MOVES = 400
 _FORCE_TOLERANCE_GWT, _FORCE_TOLERANCE = 0.05, 0.01
 _NO_FORCE_GWT = 0.01
@@ -23,10 +22,13 @@ def indent(
     increments: int = 1,
     speed_mm_s: float | None = None,
     hold_s: float = 1.0,
+    expected_contact_mm: float = 0.0,
 ) -> Indentation:
     """Touch off at the present x, press in equal increments with a hold after each, end lifted to clearance.
 
-    Raises LimitError when the target is not reached within the deepest DOI allowed; the indentor is then lifted.
+    Contact is searched down to limits.search_mm below the height where it is expected (mm from the nominal apex);
+    none there trips, since a dead sensor looks the same. Raises LimitError when the target is not reached within
+    the deepest DOI allowed; the indentor is then lifted.
     """
     engine.ready_to_indent()
     engine.safe_point()
@@ -43,7 +45,7 @@ def indent(
         },
     )
     speed = engine.settings.habits.press_speed_mm_s if speed_mm_s is None else speed_mm_s
-    press = _Press(engine, index, speed)
+    press = _Press(engine, index, speed, expected_contact_mm - engine.settings.limits.search_mm)
     try:
         press.touch_off()
         holds = tuple(
@@ -61,8 +63,8 @@ def indent(
 class _Press:
     """The descent of one indentation."""
 
-    def __init__(self, engine: Engine, index: int, speed_mm_s: float) -> None:
-        self._engine, self._index, self._speed = engine, index, speed_mm_s
+    def __init__(self, engine: Engine, index: int, speed_mm_s: float, lowest_mm: float) -> None:
+        self._engine, self._index, self._speed, self._lowest_mm = engine, index, speed_mm_s, lowest_mm
         self._habits = engine.settings.habits
         self._smallest_mm = engine.settings.stage.resolution_mm
         self._contact_mm: float | None = None
@@ -99,14 +101,16 @@ class _Press:
         while True:
             engine.safe_point()
             below = engine.height_mm - step_mm
-            if below < -_SEARCH_BELOW_APEX_MM:
-                raise LimitError(
-                    f"no contact down to {_SEARCH_BELOW_APEX_MM:g} mm below the pad's nominal apex at "
-                    f"x = {engine.x_mm:g} mm; is the finger in place and frame.apex_z_mm right?"
+            if below < self._lowest_mm - 1e-9:
+                engine.trip(
+                    f"no contact at x = {engine.x_mm:g} mm down to {self._lowest_mm:.3f} mm from the nominal apex: "
+                    "is the sensor alive, the finger in place, frame.apex_z_mm right?"
                 )
             engine.go_to_height(below, self._habits.approach_speed_mm_s)
             force = engine.read_force_gwt(self._index, phase)
             readings.append((engine.height_mm, force))
+            if force <= -self._habits.touch_force_gwt:
+                engine.trip(f"{force:.2f} gwt while descending: does the sensor read backwards?", force)
             if force >= self._habits.touch_force_gwt:
                 return readings
 

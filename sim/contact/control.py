@@ -52,4 +52,4 @@ def solve_for_force(
         doi = guess
     assert state is not None
     missed = abs(state.normal_force - force) / force
-    return doi, replace(state, residual=max(state.residual, missed))
+    return previous[0], replace(state, residual=max(state.residual, missed))

@@ -268,16 +268,16 @@ def test_a_plan_beyond_the_limits_makes_no_folder(rig: Rig, script: Path) -> Non
     assert not Path("runs").exists()
 
 
-def test_a_run_stopped_by_a_limit(rig: Rig, script: Path) -> None:
+def test_a_run_stopped_by_a_trip(rig: Rig, script: Path) -> None:
     """A screw so wrong that the indentor does not get to the skin."""
     Path("rig.toml").write_text("[virtual]\nz_screw_steps_per_mm = 460\n", encoding="utf-8")
     ended = rig("dry-run", script, "--config", "rig.toml", "--json")
     assert ended.code == 1
-    assert ended.complaint.startswith("stopped: no contact down to 3 mm")
+    assert ended.complaint.startswith("stopped: no contact at x = 0 mm down to -0.500 mm")
     answer = ended.json
     assert set(answer) >= DRY_RUN_KEYS
     assert (answer["complete"], answer["indentations"]) == (False, 0)
-    assert list(read_journal(Path(answer["run"]) / "events.jsonl"))[-1]["status"] == "limited"
+    assert list(read_journal(Path(answer["run"]) / "events.jsonl"))[-1]["status"] == "tripped"
     assert Path(answer["report"]).exists()
 
 

@@ -16,7 +16,7 @@ from rig.protocol.config import Config
 from rig.protocol.plan import make_plan
 from rig.protocol.script import load_script
 from rig.protocol.session import DryRun, dry_run
-from rig.run import LimitError, RunAborted
+from rig.run import RunAborted, TripError
 from rig.run.journal import read_journal
 from sim.fingertip import Fingertip
 
@@ -165,7 +165,9 @@ def test_a_wrong_screw_shows_in_depth_and_force_but_not_on_the_board(
     bar: Run, finger: Fingertip, tmp_path: Path
 ) -> None:
     """The vertical screw has 408 steps/mm where the board believes 400."""
-    wrong = read_run(_run(tmp_path, finger, BAR, virtual={"z_screw_steps_per_mm": 408.0}).folder.path)
+    wrong = read_run(
+        _run(tmp_path, finger, BAR, virtual={"z_screw_steps_per_mm": 408.0}, limits={"search_mm": 1.0}).folder.path
+    )
     (hold,) = wrong.stream("hold_end")
     height = [s["height_mm"] for s in wrong.stream("sample") if s["phase"] == "hold"][-1]
     commanded_z = -25.0 + height
@@ -217,17 +219,16 @@ def test_a_finger_beside_its_place_is_pressed_beside_its_place(finger: Fingertip
     assert (hold["x_mm"], hold["true_x_mm"]) == (0.0, pytest.approx(-0.4, abs=0.5 / 400))
 
 
-def test_a_finger_out_of_reach_ends_the_run_at_the_limit(finger: Fingertip, tmp_path: Path) -> None:
-    """A screw so wrong that 3 mm below where the apex should be is still above the skin."""
+def test_a_finger_out_of_reach_trips(finger: Fingertip, tmp_path: Path) -> None:
+    """A screw so wrong that half a millimetre below where contact is expected is still above the skin."""
     done = _run(tmp_path, finger, BAR, virtual={"z_screw_steps_per_mm": 460.0})
-    assert isinstance(done.problem, LimitError)
+    assert isinstance(done.problem, TripError)
     assert not done.complete
     run = read_run(done.folder.path)
     assert run.stop is not None
-    assert run.stop["status"] == "limited"
-    assert "no contact down to 3 mm" in run.stop["reason"]
-    assert run.stream("retract")[-1]["height_mm"] == 2.0
-    assert "no contact down to 3 mm" in write_report(run, finger).read_text(encoding="utf-8")
+    assert run.stop["status"] == "tripped"
+    assert "is the sensor alive" in run.stop["reason"]
+    assert "is the sensor alive" in write_report(run, finger).read_text(encoding="utf-8")
 
 
 # --- many holds, and an operator ---

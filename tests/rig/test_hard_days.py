@@ -147,7 +147,7 @@ def test_no_step_past_the_soft_trip_at_the_stiffness_last_measured(spring: Make)
 # 10
 @pytest.mark.parametrize(("k_gwt", "touch_force_gwt"), [(14.0, 1.0), (0.5, 0.05)])
 def test_the_fine_descent_starts_in_the_air(spring: Make, k_gwt: float, touch_force_gwt: float) -> None:
-    settings = Config.model_validate({"habits": {"touch_force_gwt": touch_force_gwt}})
+    settings = Config.model_validate({"habits": {"touch_force_gwt": touch_force_gwt}, "limits": {"search_mm": 1.0}})
     bench = spring(settings=settings, k_gwt=k_gwt)
     indent(bench.ready(), Target("doi_mm", 0.5), hold_s=0.1)
     fine = [e for e in bench.of("sample") if e["phase"] == "touch"]

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from rig.run import LimitError, Target, indent
+from rig.run import LimitError, Target, TripError, indent
 from rig.run.engine import State
 from rig.settings import RigSettings
 
@@ -146,17 +146,36 @@ def test_speeds_are_the_habits_or_what_was_asked(spring: Make) -> None:
 def test_no_finger_in_place(spring: Make) -> None:
     bench = spring(contact_mm=-50.0)
     engine = bench.ready(0.25)
-    with pytest.raises(LimitError, match=r"no contact down to 3 mm below .* x = 0\.25 mm.*frame\.apex_z_mm"):
+    with pytest.raises(TripError, match=r"no contact at x = 0\.25 mm down to -0\.500 mm .* is the sensor alive"):
         indent(engine, Target("force_gwt", 2.33))
     assert bench.height_mm == pytest.approx(2.0, abs=0.002)
-    assert min(e["height_mm"] for e in bench.of("sample")) >= -3.0 - 1e-9
-    assert engine.state is State.READY
+    assert min(e["height_mm"] for e in bench.of("sample")) >= -0.5 - 1e-9
+    assert engine.state is State.TRIPPED
     assert bench.of("indentation_end") == []
-    assert bench.events[-1][0] == "retract"
+    assert bench.events[-1][0] == "trip"
+
+
+def test_a_dead_sensor_over_a_finger_trips_before_it_hurts(spring: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = spring(contact_mm=-0.1)
+    engine = bench.ready()
+    monkeypatch.setattr(bench, "k_gwt", 0.0)
+    with pytest.raises(TripError, match="is the sensor alive"):
+        indent(engine, Target("force_gwt", 2.33), expected_contact_mm=-0.1)
+    # 0.5 mm below where contact was expected, whatever the limits of depth are
+    assert min(e["height_mm"] for e in bench.of("sample")) == pytest.approx(-0.6, abs=1e-9)
+
+
+def test_a_sensor_that_reads_backwards_trips(spring: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = spring()
+    engine = bench.ready()
+    monkeypatch.setattr(bench, "k_gwt", -10.0)
+    with pytest.raises(TripError, match="does the sensor read backwards"):
+        indent(engine, Target("force_gwt", 2.33))
+    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
 
 
 def test_a_finger_too_soft_for_the_force_stops_at_the_deepest_doi(spring: Make) -> None:
-    bench = spring(k_gwt=0.5)
+    bench = spring(k_gwt=0.5, contact_mm=0.0)
     engine = bench.ready()
     with pytest.raises(LimitError, match=r"would pass limits\.max_doi_mm = 1\.5"):
         indent(engine, Target("force_gwt", 2.33))
@@ -185,7 +204,7 @@ def test_steps_shrink_before_the_soft_trip(spring: Make) -> None:
 @pytest.mark.parametrize("contact_mm", [1.5, 0.0, -0.3, -2.5])
 def test_contact_is_found_wherever_the_finger_is(spring: Make, contact_mm: float) -> None:
     bench = spring(contact_mm=contact_mm)
-    indent(bench.ready(), Target("doi_mm", 0.4), hold_s=0.1)
+    indent(bench.ready(), Target("doi_mm", 0.4), hold_s=0.1, expected_contact_mm=contact_mm + 0.2)
     touch = bench.of("touch")[0]
     assert touch["contact_height_mm"] == pytest.approx(contact_mm, abs=0.012)
     assert touch["height_at_threshold_mm"] < touch["contact_height_mm"]
@@ -205,6 +224,6 @@ def test_any_spring_any_force(spring: Make, k_gwt: float, contact_mm: float, for
     # Within reach, and not so stiff that one step of the stage is more than the tolerance is wide.
     assume(depth_mm < 1.4 and 1.5 * force_gwt / depth_mm * 0.0025 < 0.03)
     bench = spring(k_gwt=k_gwt, contact_mm=contact_mm)
-    done = indent(bench.ready(), Target("force_gwt", force_gwt), hold_s=0.1)
+    done = indent(bench.ready(), Target("force_gwt", force_gwt), hold_s=0.1, expected_contact_mm=contact_mm)
     assert done.holds[0].force_gwt == pytest.approx(force_gwt, abs=_tolerance(force_gwt))
     assert max(_drops_below_clearance(bench)) <= 0.05 + 1e-4

@@ -189,7 +189,7 @@ def _plan_complaint(folder: Path, finger: Fingertip, body: str, **tables: object
         ),
         (READY + "rig.indent(doi_mm=2.5)", "DOI 2.5 mm: expected 0 < DOI ≤ 2 mm"),
         (READY + "rig.indent(force_gwt=1e4)", "force 10000 gwt: "),
-        (READY + "rig.jump()", "AttributeError: '_PlanningRig' object has no attribute 'jump'"),
+        (READY + "rig.jump()", "AttributeError: 'CheckingRig' object has no attribute 'jump'"),
     ],
 )
 def test_a_step_that_cannot_be_done_is_named(tmp_path: Path, finger: Fingertip, body: str, complaint: str) -> None:
