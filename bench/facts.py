@@ -13,7 +13,7 @@ import numpy as np
 from sim.config import FingertipConfig, MeshSpec, Tissue
 from sim.contact.indentors import BAR_EDGE_RADIUS_MM, Bar
 from sim.fingertip import Fingertip
-from sim.result import IndentationResult
+from sim.result import IndentationResult, median_of_four
 
 SPACING_MM = 0.17
 STEP_POSITIONS_MM = (2.0, 1.5, 1.0, 0.5, *np.arange(0.17, -2.6, -0.17).round(2), -2.75, -3.0, -3.25, -3.5, -3.69)
@@ -30,12 +30,6 @@ class Facts:
     step1_start_end: tuple[float, float]  # peak on the flat, before and after
     step5_peak: float
     step5_regions: int
-
-
-def median_of_four(x: np.ndarray, pressure: np.ndarray) -> np.ndarray:
-    """The source's smoothing: the mean of the middle two of four neighbours 170 µm apart."""
-    even = np.interp(np.arange(x[0], x[-1], SPACING_MM), x, pressure)
-    return np.sort(np.lib.stride_tricks.sliding_window_view(even, 4), axis=1)[:, 1:3].mean(axis=1)
 
 
 def edges_touched(result: IndentationResult, half_width_mm: float) -> str:

@@ -33,7 +33,7 @@ def force_doi(run: Run) -> str:
 
 
 def contact_panels(found: list[Response]) -> str:
-    """The last hold of each indentation: indentor over deformed skin with the contact regions, and the pressure below."""
+    """The last hold of each indentation: indentor over deformed skin, contact regions, and the pressure below."""
     found = [response for response in found if response.last]
     columns = 3
     rows = -(-len(found) // columns)

@@ -71,8 +71,8 @@ def _contact_figures(run: Run, found: list[Response]) -> list[_Figure]:
             "Population responses",
             figures.population_responses(found),
             "ep1 (its magnitude; compression is negative) and strain energy density at the receptors, "
-            f"{found[0].result.model.receptors.depth_mm:g} mm below the skin: one line for each position of the title's "
-            "indentor, or, where one place was pressed, for each depth or force.",
+            f"{found[0].result.model.receptors.depth_mm:g} mm below the skin: one line for each position of what the "
+            "titles name, or, where one place was pressed, for each depth or force.",
         ),
     ]
 

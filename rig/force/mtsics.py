@@ -9,9 +9,8 @@ import re
 from rig.clock import Clock
 from rig.force.base import ForceBusy, ForceError, ForceOverload, ForceReading, ForceTimeout, ForceUnderload
 from rig.transport import LineReader, Transport
+from rig.units import GWT_N
 
-# Standard gravity: the balance counts gram-weights.
-NEWTON_PER_GRAM = 9.80665e-3
 REPLY_S = 0.5
 # Zero and tare wait in the balance for a stable load.
 SETTLE_S = 10.0
@@ -63,7 +62,7 @@ class MtSicsForce:
             raise self._garbled(" ".join(words))
         if words[3] != "g":
             raise ForceError(f"{self._transport.name}: the balance reports {words[3]}, it must be set to g")
-        return float(words[2]) * NEWTON_PER_GRAM
+        return float(words[2]) * GWT_N
 
     def _ask(self, command: str, timeout_s: float) -> list[str]:
         if not self._in_step:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sim.config import MeshSpec
 from sim.contact.indentors import BAR_EDGE_RADIUS_MM, STEP_HALF_WAVELENGTH_MM
 from sim.fingertip import Fingertip
-from sim.result import IndentationResult
+from sim.result import IndentationResult, median_of_four
 
 Array = NDArray[np.float64]
 
@@ -37,13 +37,6 @@ class InPlane:
         """Highest nodal pressure within one node of a place on the indentor."""
         close = np.abs(self.s_mm - s_mm) <= SPACING_MM
         return float(self.pressure[close].max(initial=0.0))
-
-
-def median_4x1(x: Array, p: Array) -> Array:
-    """The source's display filter: mean of the middle two of four, on values resampled to 170 µm."""
-    even = np.interp(np.arange(x[0], x[-1], 0.17), x, p)
-    four = np.sort(np.lib.stride_tricks.sliding_window_view(even, 4), axis=1)
-    return np.asarray(0.5 * (four[:, 1] + four[:, 2]))
 
 
 # ------------------------------------------------------------------------------------------------- fact 1
@@ -90,7 +83,7 @@ def test_bar_at_100_touches_left_fully_and_right_slightly(bar: dict[float, InPla
     # source's own display, after the filter, it does not yet stand out while the left one does.
     left, right, shown = edges(bar[1.0])
     assert left > right > 1.0, shown
-    filtered = median_4x1(bar[1.0].x_mm, bar[1.0].pressure)
+    filtered = median_of_four(bar[1.0].x_mm, bar[1.0].pressure)
     half = len(filtered) // 2
     middle = float(np.interp(0.0, bar[1.0].s_mm, bar[1.0].pressure))
     shown += f", filtered {np.round(filtered)}"
@@ -103,7 +96,7 @@ def test_bar_at_133_has_sharp_peaks_at_both_edges(bar: dict[float, InPlane]) -> 
     left, right, shown = edges(bar[1.33])
     assert left > 2, shown
     assert right > 2, shown
-    filtered = median_4x1(bar[1.33].x_mm, bar[1.33].pressure)
+    filtered = median_of_four(bar[1.33].x_mm, bar[1.33].pressure)
     half = len(filtered) // 2
     middle = float(np.interp(0.0, bar[1.33].s_mm, bar[1.33].pressure))
     shown += f", filtered {np.round(filtered)}"
