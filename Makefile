@@ -31,6 +31,7 @@ test: check
 bench: setup
 	$(BIN)/python bench/timing.py
 	$(BIN)/python bench/facts.py
+	$(BIN)/python bench/random_poses.py
 
 clean:
 	rm -rf .venv runs build dist

@@ -20,6 +20,10 @@ _SEAL_BYTES = hashlib.sha256().digest_size
 _CODE_ROOMS = ("finger", "fem", "measures", "config.py", "model.py", "contact/patch.py")
 
 
+class CacheError(ValueError):
+    """Models cannot be stored where they should be."""
+
+
 def cache_dir() -> Path:
     """Folder of cached models: RIG_CACHE_DIR, or the user's cache folder."""
     chosen = os.environ.get("RIG_CACHE_DIR")
@@ -47,7 +51,10 @@ def cached_arrays(key: str, make: Callable[[], Arrays]) -> tuple[Arrays, bool]:
     at a time makes a model.
     """
     folder = cache_dir()
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CacheError(f"cache folder {folder} (RIG_CACHE_DIR): {error.strerror}") from None
     path = folder / f"{key}.model"
     found = _read(path, key)
     if found is not None:

@@ -14,6 +14,7 @@ from rig.protocol.errors import BadInputError
 from rig.run import EngineError
 from rig.stage.base import StageError
 from rig.transport.base import TransportError
+from sim.cache import CacheError
 from sim.contact.shapes import ShapeError
 from sim.finger.mesh import MeshError
 from sim.fingertip import ModelRangeError
@@ -57,7 +58,7 @@ def told_in_one_line(*, as_json: bool) -> Iterator[None]:
     """Turn what can go wrong into one line and the right exit code."""
     try:
         yield
-    except (BadInputError, ShapeError, ModelRangeError, MeshError, ReceptorError) as error:
+    except (BadInputError, ShapeError, ModelRangeError, MeshError, ReceptorError, CacheError) as error:
         fail(str(error), ExitCode.BAD_INPUT, as_json=as_json)
     except KeyboardInterrupt:
         fail("stopped at once by the operator", ExitCode.ABORTED, as_json=as_json)

@@ -20,7 +20,10 @@ def assemble_upper(stiffness: Array, hexes: Ints, n_nodes: int) -> sp.csr_array:
     key = np.where(below, cols * n_nodes + rows, rows * n_nodes + cols).ravel()
     order = np.argsort(key, kind="stable")
     starts = np.flatnonzero(np.concatenate([[True], np.diff(key[order]) > 0]))
-    summed = np.add.reduceat(blocks.reshape(-1, 9)[order], starts, axis=0).reshape(-1, 3, 3)
+    gather = sp.csr_array(
+        (np.ones(len(order)), order, np.append(starts, len(order))), shape=(len(starts), len(order))
+    )
+    summed = (gather @ blocks.reshape(-1, 9)).reshape(-1, 3, 3)
     unique = key[order][starts]
     indptr = np.searchsorted(unique // n_nodes, np.arange(n_nodes + 1))
     shape = (3 * n_nodes, 3 * n_nodes)

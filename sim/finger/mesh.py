@@ -15,6 +15,10 @@ Ints = NDArray[np.int64]
 EPIDERMIS, DERMIS, FAT, BONE = range(4)
 
 
+MOST_PATCH_NODES = 6000
+"""Their compliance alone is 1.2 GB; more would not fit beside its factor."""
+
+
 class MeshError(ValueError):
     """The geometry and the mesh settings do not make a valid mesh."""
 
@@ -45,6 +49,11 @@ def build_mesh(config: FingertipConfig, surface: FingertipSurface) -> FingerMesh
     """Mesh with element faces on the layer interfaces; raises MeshError when an element is folded."""
     z_mm, z_fine = _axial_grid(config)
     phi, phi_fine = _circumferential_grid(config, surface)
+    n_patch = int(z_fine.sum() * phi_fine.sum())
+    if n_patch > MOST_PATCH_NODES:
+        raise MeshError(
+            f"a patch of {n_patch} nodes: expected at most {MOST_PATCH_NODES}; coarser, or a smaller patch"
+        )
     nodes, layers = _place_nodes(config, surface, phi, z_mm)
     n_z, n_phi, n_r, _ = nodes.shape
     number = np.arange(n_z * n_phi * n_r).reshape(n_z, n_phi, n_r)

@@ -1,12 +1,14 @@
 """A small part of the draw of bench/random_poses.py: every contact converges, whatever the shape."""
 
 import importlib.util
+import sys
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 
+from sim.contact.indentors import Bar, Grating, Profile
 from sim.fingertip import Fingertip
 
 POSES = 120
@@ -19,8 +21,6 @@ def bench() -> ModuleType:
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    import sys
-
     sys.modules["random_poses"] = module
     spec.loader.exec_module(module)
     return module
@@ -35,3 +35,15 @@ def test_every_random_pose_converges(finger: Fingertip, bench: ModuleType) -> No
     assert (active >= 20).mean() >= 0.8
     assert np.mean([bench.touches_an_edge(r) for _, r in solved]) >= 0.25
     assert {scene.family for scene, _ in solved} == set(bench.FAMILIES)
+
+
+@pytest.mark.parametrize(
+    ("profile", "x_mm", "doi_mm"),
+    [
+        (Bar(3.0), -0.6759254842383955, 0.7679173323734516),  # ran out of passes while the trust could only shrink
+        (Bar(0.5819619459771768, 0.2), -0.1727, 0.8871),  # the same
+        (Grating(1.3028907650456942, 1.8551575955394137), 0.3836285968378259, 0.8542953737583466),  # turned normals
+    ],
+)
+def test_poses_that_once_did_not_converge(finger: Fingertip, profile: Profile, x_mm: float, doi_mm: float) -> None:
+    assert finger.indent(profile, x_mm, doi_mm=doi_mm).state.residual <= 1e-10
