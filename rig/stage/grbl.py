@@ -3,6 +3,7 @@
 import math
 
 from rig.clock import Clock
+from rig.settings import SLOWEST_MM_S
 from rig.stage.base import StageAlarm, StageError, StageRejected, StageReset, StageStatus, StageTimeout
 from rig.stage.grbl_link import GrblLink
 from rig.stage.grbl_words import Xyz, parse_setting
@@ -13,8 +14,6 @@ HOME_S = 180.0
 # A move may take this much longer than its length, speed and acceleration say.
 LATE_FACTOR, LATE_S = 1.5, 5.0
 ASK_FOR_OFFSET = 35
-# The firmware moves no slower than this, whatever F says.
-SLOWEST_MM_S = 1 / 60
 HOLD_AND_RESET = b"!\x18"
 
 

@@ -15,12 +15,11 @@ _MAX_PIVOTS = 400
 
 
 class LcpSolution(NamedTuple):
-    """Multipliers (n,), their active set, its Cholesky factor (lower) and the pivots spent."""
+    """Multipliers (n,), their active set and its Cholesky factor (lower)."""
 
     multipliers: Array
     active: Ints
     factor: Array
-    pivots: int
 
 
 def solve_lcp(
@@ -34,7 +33,7 @@ def solve_lcp(
     active = start.copy()
     best, patience = len(q) + 1, _PATIENCE
     scale = float(np.abs(q).max(initial=1e-300))
-    for pivots in range(1, _MAX_PIVOTS + 1):
+    for _ in range(_MAX_PIVOTS):
         index = np.flatnonzero(active)
         factor, info = lapack.dpotrf(submatrix(index), lower=1, clean=0, overwrite_a=1)
         if info:
@@ -47,7 +46,7 @@ def solve_lcp(
         wrong = np.where(active, multipliers < 0, slack < -1e-15 * scale)
         n_wrong = int(wrong.sum())
         if n_wrong == 0:
-            return LcpSolution(multipliers, index, factor, pivots)
+            return LcpSolution(multipliers, index, factor)
         if n_wrong < best:
             best, patience = n_wrong, _PATIENCE
         else:

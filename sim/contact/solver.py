@@ -40,7 +40,6 @@ class ContactState:
     gap: Array  # (n,) mm, vertical
     residual: float
     passes: int
-    linear_solves: int
 
     @property
     def converged(self) -> bool:
@@ -86,15 +85,15 @@ def solve_contact(patch: Patch, pose: Pose, start: ContactState | None = None) -
     held = np.zeros(n, dtype=bool) if start is None else start.active
     near = pose.gap(patch, ux, np.zeros(n) if uy is None else uy, slice(None))[0] < _CANDIDATE_GAP_MM
     near |= held
-    passes = solves = 0
+    passes = 0
     while True:
         nodes = np.flatnonzero(near)
         if not len(nodes):
-            return _state(patch, pose, nodes, np.zeros(0), np.zeros(0), passes, solves)
+            return _state(patch, pose, nodes, np.zeros(0), np.zeros(0), passes)
         iteration = _Iteration(patch, pose, nodes, ux[nodes], None if uy is None else uy[nodes], held[nodes])
         iteration.run()
-        passes, solves = passes + iteration.passes, solves + iteration.solves
-        state = _state(patch, pose, nodes, iteration.multiplier, iteration.slope, passes, solves)
+        passes += iteration.passes
+        state = _state(patch, pose, nodes, iteration.multiplier, iteration.slope, passes)
         missed = ~near & (state.gap < 0)
         if not missed.any() or passes >= MAX_PASSES:
             return state
@@ -124,7 +123,7 @@ class _Iteration:
         self.held = held
         self.multiplier = np.zeros(k)
         self.slope = np.zeros(k)
-        self.passes = self.solves = 0
+        self.passes = 0
 
     def run(self) -> None:
         """Passes until the residual meets the target, keeping the best state seen."""
@@ -187,9 +186,7 @@ class _Iteration:
             return slope * u[: self.k] - u[self.k :]
 
         start = self.held if self.held.any() else q < 0
-        solution = solve_lcp(q, submatrix, apply, start)
-        self.solves += solution.pivots if solution else 0
-        return solution
+        return solve_lcp(q, submatrix, apply, start)
 
     def _residual(self, u: Array, multipliers: Array) -> float:
         k = self.k
@@ -256,9 +253,7 @@ def _residual(mismatch: Array, gap: Array, slope: Array, multipliers: Array, sca
     )
 
 
-def _state(
-    patch: Patch, pose: Pose, nodes: Ints, multiplier: Array, slope: Array, passes: int, solves: int
-) -> ContactState:
+def _state(patch: Patch, pose: Pose, nodes: Ints, multiplier: Array, slope: Array, passes: int) -> ContactState:
     """The whole patch's state and its residual, from the forces on the candidate nodes."""
     n = len(patch)
     active = multiplier > 0
@@ -272,4 +267,4 @@ def _state(
     residual = _residual(again - u.ravel(), gap, final_slope, full, pose.scale_mm)
     force = np.zeros((2, n))
     force[:, at] = push
-    return ContactState(full, u, force, gap, residual, passes, solves)
+    return ContactState(full, u, force, gap, residual, passes)

@@ -93,7 +93,7 @@ def test_a_perturbed_multiplier_has_a_large_residual(finger: Fingertip, factor: 
     multiplier = state.multiplier[nodes].copy()
     multiplier[np.argmax(multiplier)] *= factor
     _, slope, _ = pose.gap(finger.model.patch, *state.displacement[:, nodes], nodes)
-    wrong = solver._state(finger.model.patch, pose, nodes, multiplier, slope, 1, 1)
+    wrong = solver._state(finger.model.patch, pose, nodes, multiplier, slope, 1)
     expected = 1e-3 * abs(factor - 1)
     assert wrong.residual > max(expected, 2e-9)
     assert wrong.residual == pytest.approx(residual_by_definition(finger, pose, wrong), rel=1e-6, abs=1e-13)
@@ -181,7 +181,7 @@ class Spring:
         self.asked += 1
         force = 3.0 * doi**self.exponent * (1.0 if doi < self.jump_at else 1.1)
         empty = np.zeros(0)
-        return ContactState(empty, empty, np.array([[0.0], [-force]]), empty, 0.0, 1, 1)
+        return ContactState(empty, empty, np.array([[0.0], [-force]]), empty, 0.0, 1)
 
 
 @pytest.mark.parametrize("exponent", [1.0, 1.5, 2.2])
