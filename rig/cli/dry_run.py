@@ -12,7 +12,6 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from rig.cli.output import ExitCode, complain, err, out, print_json, told_in_one_line
 from rig.compare import write_report
-from rig.data import read_run
 from rig.protocol.config import load_config
 from rig.protocol.errors import BadInputError
 from rig.protocol.plan import make_plan
@@ -52,7 +51,7 @@ def command(
         with _interruptible() as interrupted, _progress(len(plan.indentations)) as watch:
             done = dry_run(script, settings, finger, plan, out_dir, interrupted=interrupted, watch=watch, speed=pace)
         done.folder.write_checksums()
-        report = write_report(read_run(done.folder.path), finger, done.wall_s)
+        report = write_report(done.run, finger, done.wall_s)
         done.folder.write_checksums()
         _print(done, report, time.perf_counter() - began, as_json=as_json)
     if done.problem is not None:

@@ -30,9 +30,7 @@ class PlannedIndentation:
     increments: int
     hold_s: float
     expected_contact_mm: float  # height of the indentor at first touch, from the nominal apex
-    predicted_doi_mm: float
     predicted_force_gwt: float
-    predicted_peak_pressure_pseudo: float
 
 
 @dataclass
@@ -154,9 +152,7 @@ class CheckingRig(Rig):
                 increments,
                 hold_s,
                 contact_mm,
-                result.doi_mm,
                 result.force_gwt,
-                result.peak_pressure_pseudo,
             )
         )
         holds = tuple(

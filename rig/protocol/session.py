@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.clock import WallClock
-from rig.data import RunFolder, export_run, new_run_folder, read_run
+from rig.data import Run, RunFolder, export_run, new_run_folder, read_run
 from rig.force.base import ForceError
 from rig.protocol.config import Config
 from rig.protocol.live import LiveRig
@@ -36,14 +36,31 @@ Watch = Callable[[str, Mapping[str, Any]], None]
 
 @dataclass(frozen=True)
 class DryRun:
-    """A finished dry-run."""
+    """A finished dry-run, as its journal tells it."""
 
-    folder: RunFolder
-    complete: bool
-    indentations: int
-    duration_s: float
+    run: Run
     wall_s: float
     problem: Exception | None  # what ended it before its end
+
+    @property
+    def folder(self) -> RunFolder:
+        """Where it lies."""
+        return self.run.folder
+
+    @property
+    def complete(self) -> bool:
+        """Whether every planned indentation was done."""
+        return self.run.complete
+
+    @property
+    def indentations(self) -> int:
+        """How many were finished."""
+        return len(self.run.stream("indentation_end"))
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds of the run's clock."""
+        return self.run.duration_s
 
 
 def dry_run(
@@ -77,14 +94,7 @@ def dry_run(
             problem = error
     run = read_run(folder.path)
     export_run(run)
-    return DryRun(
-        folder=folder,
-        complete=run.complete,
-        indentations=len(run.stream("indentation_end")),
-        duration_s=run.duration_s,
-        wall_s=time.perf_counter() - began,
-        problem=problem,
-    )
+    return DryRun(run, time.perf_counter() - began, problem)
 
 
 def _carry_out(

@@ -121,9 +121,7 @@ class Engine:
         """Lift to clearance, straight up."""
         if self.state not in (State.READY, State.IN_CONTACT):
             raise NotReadyError(f"retract: not allowed while {self.state.value}")
-        clearance = self.settings.habits.clearance_mm
-        if self.height_mm < clearance - _AT_MM:
-            self.go_to_height(clearance, self.settings.habits.travel_speed_mm_s)
+        self._lift()
         self.state, self._may_touch = State.READY, False
         self.record("retract", {"height_mm": self.height_mm})
 
@@ -219,10 +217,6 @@ class Engine:
             except (StageError, TransportError):
                 self.stop()
 
-    def _lift(self) -> None:
-        if self.height_mm < self.settings.habits.clearance_mm:
-            self.go_to_height(self.settings.habits.clearance_mm, self.settings.habits.travel_speed_mm_s)
-
     def record(self, stream: str, data: Mapping[str, Any]) -> None:
         """Journal an event; it is on disk when this returns."""
         self._journal.event(stream, data)
@@ -233,6 +227,11 @@ class Engine:
             self.state = State.UNHOMED
         with contextlib.suppress(StageError, TransportError):  # whoever calls has the first error to report
             self._stage.stop()
+
+    def _lift(self) -> None:
+        clearance = self.settings.habits.clearance_mm
+        if self.height_mm < clearance - _AT_MM:
+            self.go_to_height(clearance, self.settings.habits.travel_speed_mm_s)
 
     @property
     def _settle_s(self) -> float:

@@ -6,12 +6,11 @@ import statistics
 from rig.run.engine import Engine
 from rig.run.errors import LimitError
 from rig.run.records import Hold, Indentation, Target, Touch
-from rig.run.touch import fit_contact
+from rig.run.touch import CONTACT_EXPONENT, fit_contact
 
 _MAX_SEEK_MOVES = 400
 _FORCE_TOLERANCE_GWT, _FORCE_TOLERANCE = 0.05, 0.01
 _NO_FORCE_GWT = 0.01
-_EXPONENT = 1.5
 _TRIP_MARGIN = 0.9
 
 
@@ -168,7 +167,7 @@ class _Press:
     def _to_force(self, force_gwt: float) -> float:
         """Move in mm that would reach a force on F ∝ d^1.5 through the present reading."""
         present = max(self._force_gwt, 0.5 * self._habits.touch_force_gwt)
-        return max(self._doi_mm, self._smallest_mm) * ((force_gwt / present) ** (1 / _EXPONENT) - 1)
+        return max(self._doi_mm, self._smallest_mm) * ((force_gwt / present) ** (1 / CONTACT_EXPONENT) - 1)
 
     def _press_by(self, step_mm: float) -> None:
         """One safe move in contact: at most an increment, and not past the soft trip at the present stiffness."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from rig.run.records import Touch
 
-_EXPONENT = 1.5  # F ∝ d^1.5, a sphere pressed on an elastic solid (Hertz)
+CONTACT_EXPONENT = 1.5  # F ∝ d^1.5, a sphere pressed on an elastic solid (Hertz)
 _NOISE_GWT = 0.005  # half a division of a 0.01 g balance
 
 
@@ -23,11 +23,11 @@ def fit_contact(readings: Sequence[tuple[float, float]], threshold_gwt: float) -
     before = height[first - 1] if first else height[first]
     contact = highest = height[first]
     if shown.sum() >= 2:
-        root = force[shown] ** (1 / _EXPONENT)
-        slope, intercept = np.polyfit(height[shown], root, 1, w=force[shown] ** (1 - 1 / _EXPONENT))
+        root = force[shown] ** (1 / CONTACT_EXPONENT)
+        slope, intercept = np.polyfit(height[shown], root, 1, w=force[shown] ** (1 - 1 / CONTACT_EXPONENT))
         if slope < 0:
             contact = -intercept / slope
-            unseen = _NOISE_GWT ** (1 / _EXPONENT) / -slope
+            unseen = _NOISE_GWT ** (1 / CONTACT_EXPONENT) / -slope
             highest = before + min(unseen, height[first] - height[-1])
     contact = float(np.clip(contact, height[first], highest))
     return Touch(threshold_gwt, float(height[-1]), contact, int(shown.sum()))

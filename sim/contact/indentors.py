@@ -40,8 +40,9 @@ class Profile(Protocol):
         """As `evaluate`, but past an edge the tangent at the profile's point closest to a node at (s, y).
 
         y is measured from the lowest point. Such planes keep a node that slid past the edge out of the
-        indentor without dragging one that is below the edge towards the flank.
+        indentor without dragging one that is below the edge towards the flank. A shape without sides has none.
         """
+        return self.evaluate(s_mm)
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ class Cylinder:
 
 
 @dataclass(frozen=True)
-class Step:
+class Step(Profile):
     """Sinusoidal step: the lower flat at s < 0, the upper one 0.5 mm higher at s > half-wavelength."""
 
     number: str
@@ -106,13 +107,9 @@ class Step:
         t = np.clip(k * s_mm, 0.0, np.pi)
         return half * (1 - np.cos(t)), half * k * np.sin(t), np.where(flank, half * k * k * np.cos(t), 0.0)
 
-    def tangent(self, s_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
-        """As `evaluate`: a step has no sides."""
-        return self.evaluate(s_mm)
-
 
 @dataclass(frozen=True)
-class Wedge:
+class Wedge(Profile):
     """Wedge with its edge along z, rounded at the tip."""
 
     half_angle_deg: float
@@ -127,10 +124,6 @@ class Wedge:
         """Height, slope and curvature: a circle up to the flank's slope, then the flank."""
         steepest = 1.0 / np.tan(np.radians(self.half_angle_deg))
         return arc(np.abs(s_mm), self.tip_radius_mm, np.sign(s_mm), steepest)
-
-    def tangent(self, s_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
-        """As `evaluate`: a wedge has no sides."""
-        return self.evaluate(s_mm)
 
 
 @dataclass(frozen=True)
@@ -149,24 +142,25 @@ class Grating:
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
         """Height, slope and curvature; the groove's floor where the flank would rise above it."""
         t, side = self._into_edge(s_mm)
-        return self._floored(arc(t, self.edge_radius_mm, side), s_mm)
+        profile = arc(t, self.edge_radius_mm, side)
+        return _floored(profile, profile[0] > GROOVE_DEPTH_MM)
 
     def tangent(self, s_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
         """As `evaluate`; in a groove, the closer of the nearest edge's tangent and the floor."""
         t, side = self._into_edge(s_mm)
-        height, slope, curvature = arc_tangent(t, y_mm, self.edge_radius_mm, side)
-        to_edge = (height - y_mm) / np.hypot(1.0, slope)
-        floor = (t > self.edge_radius_mm) & (GROOVE_DEPTH_MM - y_mm < to_edge)
-        return np.where(floor, GROOVE_DEPTH_MM, height), np.where(floor, 0.0, slope), np.where(floor, 0.0, curvature)
+        tangent = arc_tangent(t, y_mm, self.edge_radius_mm, side)
+        to_edge = (tangent[0] - y_mm) / np.hypot(1.0, tangent[1])
+        return _floored(tangent, (t > self.edge_radius_mm) & (GROOVE_DEPTH_MM - y_mm < to_edge))
 
     def _into_edge(self, s_mm: Array) -> tuple[Array, Array]:
         nearest = s_mm - self.pitch_mm * np.round(s_mm / self.pitch_mm)
         return np.abs(nearest) - (0.5 * self.ridge_mm - self.edge_radius_mm), np.sign(nearest)
 
-    def _floored(self, profile: tuple[Array, Array, Array], s_mm: Array) -> tuple[Array, Array, Array]:
-        height, slope, curvature = profile
-        floor = height > GROOVE_DEPTH_MM
-        return np.where(floor, GROOVE_DEPTH_MM, height), np.where(floor, 0.0, slope), np.where(floor, 0.0, curvature)
+
+def _floored(profile: tuple[Array, Array, Array], floor: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
+    """`profile`, replaced by the groove's floor where told."""
+    height, slope, curvature = profile
+    return np.where(floor, GROOVE_DEPTH_MM, height), np.where(floor, 0.0, slope), np.where(floor, 0.0, curvature)
 
 
 def arc(t: Array, radius: float, side: Array, steepest: float = STEEPEST_SLOPE) -> tuple[Array, Array, Array]:
