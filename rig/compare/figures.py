@@ -110,7 +110,7 @@ def _contact_panel(axes: Axes, response: Response, top: float) -> Axes:
     touching = pressure > 0
     for low, high in result.contact_regions_mm:
         part = touching & (undeformed >= low) & (undeformed <= high)
-        axes.plot(x[part], y[part], color=ORANGE, lw=4, solid_capstyle="round", alpha=0.8)
+        axes.plot(x[part], y[part], color=ORANGE, lw=4, marker="o", ms=3.5, solid_capstyle="round", alpha=0.8)
     axes.set_ylim(1.9, 5.7)
     pressures = axes.twinx()
     pressures.fill_between(undeformed, pressure, color=BLUE, alpha=0.35, lw=0)
