@@ -45,6 +45,9 @@ class MeshSpec(_Settings):
     spacing_mm: float = Field(0.17, gt=0.02, le=1.0, description="lateral and axial, on the pulp")
     patch_x_mm: float = Field(3.3, gt=0.5, le=4.0)
     patch_z_mm: float = Field(3.5, gt=0.5, le=4.5)
+    round_patch_mm: float = Field(
+        2.5, gt=0.3, le=4.5, description="half-width of the nodes that a sphere, a cone or a round punch may touch"
+    )
     epidermis_elements: int = Field(2, ge=1, le=8)
     dermis_spacing_mm: float = Field(0.2, gt=0.02, le=1.0)
     dermis_fine_depth_mm: float = Field(1.2, gt=0.2, le=3.0)
@@ -56,12 +59,19 @@ class MeshSpec(_Settings):
     element: Literal["bbar", "full"] = "bbar"
 
 
+class Contact(_Settings):
+    """Where contact is enforced."""
+
+    between_nodes: bool = Field(True, description="under sharp corners also at points between nodes")
+
+
 class FingertipConfig(_Settings):
-    """Everything that makes a condensed fingertip model; its hash names the cached model."""
+    """A fingertip: what its condensed model is made of, and how it is touched."""
 
     geometry: Geometry = Geometry()
     tissue: Tissue = Tissue()
     mesh: MeshSpec = MeshSpec()
+    contact: Contact = Contact()
     receptor_plane_from_tip_mm: float = Field(5.857, gt=1, lt=12, description="Raju (1998): 5.86 from the tip")
 
     @property

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sim.contact.indentors import Profile
+from sim.contact.indentor import Indentor
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import ContactState
 from sim.fingertip import Fingertip, ModelRangeError
@@ -51,14 +51,14 @@ class Plant:
         self._steps_at = carriage_steps_at
         self._screws = Screws() if screws is None else screws
         self._placement = Placement() if placement is None else placement
-        self._profile: Profile | None = None
+        self._indentor: Indentor | None = None
         self._touch: dict[float, float] = {}
         self._last: tuple[TruePose, float, ContactState | None] | None = None
         self.contact_solves = 0
 
     def mount(self, indentor: str) -> None:
         """Put an indentor on the carriage; raises ShapeError."""
-        self._profile = parse_shape(indentor)
+        self._indentor = parse_shape(indentor)
         self._touch.clear()
         self._last = None
 
@@ -73,7 +73,7 @@ class Plant:
     def force_n(self, t_s: float) -> float:
         """Downward force on the finger at an instant, N. Raises ModelRangeError."""
         pose = self.pose_at(t_s)
-        if pose.doi_mm <= 0 or self._profile is None:
+        if pose.doi_mm <= 0 or self._indentor is None:
             return 0.0
         if self._last is None or self._last[0] != pose:
             result = self._press(pose)
@@ -82,24 +82,24 @@ class Plant:
 
     def _press(self, pose: TruePose) -> IndentationResult:
         """Continue from the last state when it is near: the branch reached by pressing in."""
-        assert self._profile is not None
+        assert self._indentor is not None
         self.contact_solves += 1
         start = None
         if self._last is not None:
             before, _, state = self._last
             near = before.x_mm == pose.x_mm and abs(before.doi_mm - pose.doi_mm) <= _WARM_MOVE_MM
             start = state if near else None
-        result = self._finger.indent(self._profile, pose.x_mm, doi_mm=pose.doi_mm, start=start)
+        result = self._finger.indent(self._indentor, pose.x_mm, doi_mm=pose.doi_mm, start=start)
         if not result.state.converged:
             raise ModelRangeError(
-                f"the virtual finger has no answer for {self._profile.name} at x = {pose.x_mm:g} mm, DOI "
+                f"the virtual finger has no answer for {self._indentor.name} at x = {pose.x_mm:g} mm, DOI "
                 f"{pose.doi_mm:g} mm: residual {result.state.residual:.0e}"
             )
         return result
 
     def _touch_height_mm(self, x_mm: float) -> float:
-        if self._profile is None:
+        if self._indentor is None:
             return float("-inf")
         if x_mm not in self._touch:
-            self._touch[x_mm] = self._finger.touch_height_mm(self._profile, x_mm)
+            self._touch[x_mm] = self._finger.touch_height_mm(self._indentor, x_mm)
         return self._touch[x_mm]

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.contact.indentors import Profile
+from sim.contact.indentor import Indentor
+from sim.contact.patch import X
 from sim.contact.solver import ContactState
 from sim.measures.measures import Elastic, measures_from_strain
 from sim.model import CondensedModel
@@ -34,8 +35,9 @@ def median_of_four(x_mm: Array, pressure: Array) -> Array:
 class IndentationResult:
     """One simulated indentation; pressures and stresses in pseudo-units (E(epidermis) = 10 000)."""
 
-    profile: Profile
+    indentor: Indentor
     x_mm: float
+    z_mm: float
     doi_mm: float
     touch_height_mm: float
     force_n: float
@@ -77,15 +79,34 @@ class IndentationResult:
     @property
     def skin_profile(self) -> tuple[Array, Array]:
         """Deformed x and y (mm) of the skin in the receptor plane, in the order of `pressure_profile`."""
-        order = np.argsort(self.model.patch.x[self.plane])
-        moved = self.model.patch.position_mm[self.plane, :2] + self.state.displacement[:, self.plane].T
-        return moved[order, 0], moved[order, 1]
+        patch, u = self.model.patch, self.state.displacement[:, self.plane]
+        order = np.argsort(patch.x[self.plane])
+        x = patch.x[self.plane] + (u[0] if patch.axes[0] == X else 0.0)
+        return x[order], (patch.y[self.plane] + u[-1])[order]
+
+    @property
+    def axial_profile(self) -> tuple[Array, Array]:
+        """Undeformed z and downward deflection (mm) of the skin along the pad's centre line."""
+        columns = self.model.patch.shape[1]
+        centre = int(np.argmin(np.abs(self.model.patch.x[self.plane])))
+        line = slice(centre, None, columns)
+        return self.model.patch.position_mm[line, 2], -self.state.displacement[-1][line]
+
+    @cached_property
+    def touching_mm(self) -> tuple[Array, Array]:
+        """Undeformed (ascending) and deformed x of the places in the receptor plane that carry force; mm."""
+        patch, held = self.model.patch, self.state.held
+        at = held.weights(patch)
+        in_plane = np.flatnonzero(at[:, self.plane].sum(axis=1) > 1 - 1e-12)
+        x = at[in_plane] @ patch.x
+        moved = x + (at[in_plane] @ self.state.displacement[0] if patch.axes[0] == X else 0.0)
+        order = np.argsort(x)
+        return x[order], moved[order]
 
     @property
     def contact_regions_mm(self) -> list[tuple[float, float]]:
-        """[x0, x1] of the runs of active nodes in the receptor plane, undeformed."""
-        x, p = self.pressure_profile
-        touching = x[p > 0]
+        """[x0, x1] of the runs of places that carry force in the receptor plane, undeformed."""
+        touching, _ = self.touching_mm
         if not len(touching):
             return []
         ends = np.flatnonzero(np.diff(touching) > REGION_GAP_MM)

@@ -73,7 +73,7 @@ def _reference(text: str) -> Literal["contact", "apex"]:
 def _print(result: IndentationResult, build_s: float) -> None:
     state = result.state
     regions = ", ".join(f"[{a:.2f}, {b:.2f}]" for a, b in result.contact_regions_mm) or "none in the receptor plane"
-    out.print(f"{result.profile.name} at x = {result.x_mm:g} mm")
+    out.print(f"{result.indentor.name} at x = {result.x_mm:g} mm")
     out.print(f"  force          {result.force_n:.5f} N = {result.force_gwt:.4f} gwt")
     out.print(f"  DOI            {result.doi_mm:.4f} mm")
     out.print(f"  peak pressure  {result.peak_pressure_pseudo:.0f} pseudo-units")

@@ -66,10 +66,6 @@ class PardisoFactor:
         """(n_kept, n_kept) inverse of the Schur complement."""
         return inverse_spd(self._schur)
 
-    def kept_response(self, loads: Array) -> Array:
-        """(k, n_kept) displacements of the kept unknowns under (k, n) loads."""
-        return np.asarray(self._reduce(loads)[:, self.kept] @ self.compliance)
-
     def solve(self, loads: Array) -> Array:
         """(k, n) displacements under (k, n) loads."""
         reduced = self._reduce(loads)

@@ -1,6 +1,6 @@
 """Layered hexahedral mesh of the fingertip, graded away from the contact patch."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -81,6 +81,22 @@ def build_mesh(config: FingertipConfig, surface: FingertipSurface) -> FingerMesh
         patch_shape=(patch.shape[0], patch.shape[1]),
         patch_area_mm2=_skin_areas(nodes[:, :, 0])[z_fine][:, phi_fine].ravel(),
         receptor_row=int(np.argmin(np.abs(z_mm[z_fine] - config.receptor_plane_mm))),
+    )
+
+
+def narrowed(mesh: FingerMesh, half_mm: float, plane_mm: float) -> FingerMesh:
+    """The mesh with a smaller patch: nodes within a half-width of the pad's centre and of an axial plane."""
+    grid = mesh.patch_nodes.reshape(mesh.patch_shape)
+    position = mesh.nodes[grid]
+    rows = np.flatnonzero(np.abs(position[:, 0, 2] - plane_mm) <= half_mm + 1e-9)
+    columns = np.flatnonzero(np.abs(position[mesh.receptor_row, :, 0]) <= half_mm + 1e-9)
+    block = np.ix_(rows, columns)
+    return replace(
+        mesh,
+        patch_nodes=grid[block].ravel(),
+        patch_shape=(len(rows), len(columns)),
+        patch_area_mm2=mesh.patch_area_mm2.reshape(mesh.patch_shape)[block].ravel(),
+        receptor_row=mesh.receptor_row - int(rows[0]),
     )
 
 

@@ -122,16 +122,24 @@ class FingertipSurface:
     @cached_property
     def ridge(self) -> CubicSpline:
         """Highest y in mm over all z as a function of x: what a shape prismatic along z can touch first."""
+        x_mm, _, y = self._pulp
+        return CubicSpline(x_mm, _summit(y), extrapolate=False)
+
+    @cached_property
+    def crest(self) -> CubicSpline:
+        """Highest y in mm over all x as a function of z: what a shape prismatic along x can touch first."""
+        _, z_mm, y = self._pulp
+        return CubicSpline(z_mm, _summit(y.T), extrapolate=False)
+
+    @cached_property
+    def _pulp(self) -> tuple[Array, Array, Array]:
+        """x and z in mm and the (n_x, n_z) heights of the pulp there, −inf beside it."""
         z_mm = np.linspace(2.0, 11.0, 451)
         half = 0.93 * self.parameters(np.array([7.0]))[0, 0]
         x_mm = np.arange(-half, half, _RIDGE_STEP_MM)
-        a = self.parameters(z_mm)[0]
-        inside = np.abs(x_mm[:, None]) < 0.95 * a[None]
+        inside = np.abs(x_mm[:, None]) < 0.95 * self.parameters(z_mm)[0][None]
         y = np.where(inside, self.height(np.where(inside, x_mm[:, None], 0.0), z_mm[None]), -np.inf)
-        k = np.clip(np.argmax(y, axis=1), 1, len(z_mm) - 2)
-        rows = np.arange(len(x_mm))
-        left, mid, right = y[rows, k - 1], y[rows, k], y[rows, k + 1]
-        return CubicSpline(x_mm, mid + (left - right) ** 2 / (8 * (2 * mid - left - right)), extrapolate=False)
+        return x_mm, z_mm, y
 
     def residuals_mm(self, points: Array | None = None) -> Array:
         """Distance in mm, within its section, of each point from the surface."""
@@ -139,6 +147,14 @@ class FingertipSurface:
         phi = np.linspace(0, np.pi, 20001)
         x, y = self.section(phi[None], xyz[:, 2:])
         return np.asarray(np.hypot(x - xyz[:, :1], y - xyz[:, 1:2]).min(axis=1))
+
+
+def _summit(y: Array) -> Array:
+    """(n,) highest value of each row, by a parabola through the highest sample and its neighbours."""
+    k = np.clip(np.argmax(y, axis=1), 1, y.shape[1] - 2)
+    rows = np.arange(len(y))
+    left, mid, right = y[rows, k - 1], y[rows, k], y[rows, k + 1]
+    return mid + (left - right) ** 2 / (8 * (2 * mid - left - right))
 
 
 def _spline(geometry: Geometry, coefficients: Array) -> BSpline:

@@ -112,7 +112,7 @@ def another(value: str | float) -> str | float:
 
 
 def test_the_key_changes_with_every_parameter() -> None:
-    default = FingertipConfig().model_dump(mode="json")
+    default = FingertipConfig().model_dump(mode="json", exclude={"contact"})  # how it is touched changes no model
     keys = {content_key(default)}
     names = list(leaves(default))
     assert len(names) > 25
