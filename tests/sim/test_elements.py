@@ -212,8 +212,8 @@ def test_nearly_incompressible_bbar_does_not_lock_where_full_does() -> None:
 
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_wedges_lock_where_hexahedra_of_bbar_do_not(element: Element) -> None:
-    # In plane strain a wedge is a triangle of constant strain: its mean dilatation is its dilatation, and B-bar changes
-    # nothing. Measured 0.903 of the exact displacement at ν = 0.3, 0.574 at 0.48, 0.047 at 0.4999, in both kinds; 1 % of
+    # In plane strain a wedge is a triangle of constant strain: its mean dilatation is its dilatation, B-bar changes
+    # nothing. Measured 0.903 of the exact displacement at ν = 0.3, 0.574 at 0.48, 0.047 at 0.4999, in both; 1 % of
     # it tells them from anything else. Wedges are right in the limit (patch test) but of no use in nearly
     # incompressible tissue: the finger's mesh has none.
     assert thick_cylinder(element, 0.3, wedges=True) == pytest.approx(0.903, rel=0.01)
