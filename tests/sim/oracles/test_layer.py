@@ -3,15 +3,9 @@
 import numpy as np
 import pytest
 
-from verification.layer import Layer, compliance, layers_compliance, one_layer_compliance
+from verification.layer import TISSUE, Layer, compliance, layers_compliance, one_layer_compliance
 
 SIXTEEN_ROWS = (Layer(1.0, 1.0, 16),)
-TISSUE = (Layer(0.4, 1.0, 1), Layer(0.8, 0.1, 2), Layer(1.8, 0.1, 4))
-"""Epidermis, dermis and fat of the finger, on bone; rows for a spacing of 0.4 mm, refined below."""
-
-
-def refined(layers: tuple[Layer, ...], by: int) -> tuple[Layer, ...]:
-    return tuple(Layer(c.thickness_mm, c.young, c.rows * by) for c in layers)
 
 
 @pytest.mark.parametrize("poisson", [0.3, 0.48, 0.4999])
@@ -58,7 +52,7 @@ def test_skin_on_dermis_converges(wavelength_mm: float) -> None:
     # 1 %: the shortest wave has 28 elements of the finest mesh (measured 0.64 %).
     k = 2 * np.pi / wavelength_mm
     exact = layers_compliance(k, TISSUE, 0.48)
-    errors = [abs(compliance(k, refined(TISSUE, n), 0.48, 0.4 / n) / exact - 1) for n in (2, 4, 8)]
+    errors = [abs(compliance(k, tuple(c.refined(n) for c in TISSUE), 0.48, 0.4 / n) / exact - 1) for n in (2, 4, 8)]
     assert errors[2] < 0.01, errors
     assert errors[1] < 0.4 * errors[0] or errors[0] < 1e-3, errors
     assert errors[2] < 0.4 * errors[1] or errors[1] < 1e-3, errors
