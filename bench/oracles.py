@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from sim.fem.elements import Element
-from verification import contact, contrast, halfspace, layer, membrane
+from verification import contact, contrast, halfspace, layer, line_contact, membrane
 
 ELEMENTS: tuple[Element, ...] = ("bbar", "full")
 
@@ -98,12 +98,12 @@ def line_contact() -> None:
     """Hertz, wedge, Westergaard."""
     rows = []
     for n in (4, 8, 16, 32, 64):
-        patch, cell = contact.half_space(n, 40), contact.wave_cell(n)
+        patch, cell = line_contact.half_space(n, 40), line_contact.wave_cell(n)
         problems = (
-            ("cylinder", patch, contact.cylinder()),
-            ("wedge", patch, contact.wedge()),
-            ("wave, half closed", cell, contact.wave(1.0)),
-            ("wave, 85 % closed", cell, contact.wave(1.5)),
+            ("cylinder", patch, line_contact.cylinder()),
+            ("wedge", patch, line_contact.wedge()),
+            ("wave, half closed", cell, line_contact.wave(1.0)),
+            ("wave, 85 % closed", cell, line_contact.wave(1.5)),
         )
         for name, on, exact in problems:
             errors = contact.contact_errors(on, exact)
@@ -117,10 +117,11 @@ def line_contact() -> None:
 def flat_punch() -> None:
     """Singular: orders of convergence."""
     meshes = (8, 16, 32, 64, 128)
-    patches = [contact.half_space(n, 20) for n in meshes]
-    force = np.array([contact.punch_force(p) for p in patches])
-    edge = np.array([contact.punch_edge_pressure(p) for p in patches])
-    inside = [contact.contact_errors(p, contact.flat_punch()).inside for p in patches]
+    patches = [line_contact.half_space(n, 20) for n in meshes]
+    states = [line_contact.punched(p) for p in patches]
+    force = np.array([s.normal_force for s in states])
+    edge = np.array([line_contact.punch_edge_pressure(p, s) for p, s in zip(patches, states, strict=True)])
+    inside = [line_contact.punch_errors(p, s).inside for p, s in zip(patches, states, strict=True)]
     limit = 2 * force[-1] - force[-2]
     order = ["–", *(f"{np.log2((force[i] - limit) / (force[i + 1] - limit)):.2f}" for i in range(3)), "–"]
     growth = ["–", *(f"{v:.3f}" for v in np.log2(edge[1:] / edge[:-1]))]
@@ -132,7 +133,7 @@ def flat_punch() -> None:
 def truncation() -> None:
     """Line contact in boxes of growing size."""
     sizes = (5, 10, 20, 40, 80)
-    errors = [contact.contact_errors(contact.half_space(16, s), contact.cylinder()).spread for s in sizes]
+    errors = [contact.contact_errors(line_contact.half_space(16, s), line_contact.cylinder()).spread for s in sizes]
     extrapolated = ["–", *(percent(b + (b - a) / 3) for a, b in pairwise(errors))]
     rows = zip(sizes, map(percent, errors), extrapolated, strict=True)
     table(
@@ -146,7 +147,10 @@ def incompressible() -> None:
     """Towards ν = ½."""
     rows = []
     for nu in (0.48, 0.49, 0.499, 0.4999):
-        found = [contact.contact_errors(contact.half_space(16, 40, nu, e), contact.cylinder(nu)) for e in ELEMENTS]
+        found = [
+            contact.contact_errors(line_contact.half_space(16, 40, nu, e), line_contact.cylinder(nu))
+            for e in ELEMENTS
+        ]
         strain = [halfspace.largest_error(*halfspace.line_load(0.085, 40.0, e, nu)) for e in ELEMENTS]
         cells = (percent(v) for f, s in zip(found, strain, strict=True) for v in (f.spread, f.inside, s))
         rows.append((f"{nu:g}", *cells))
