@@ -13,7 +13,8 @@ from itertools import pairwise
 import numpy as np
 
 from sim.fem.elements import Element
-from verification import contact, contrast, halfspace, layer, line_contact, membrane
+from verification import contrast, halfspace, layer, line_contact, membrane
+from verification.contact import contact_errors
 
 ELEMENTS: tuple[Element, ...] = ("bbar", "full")
 
@@ -94,7 +95,7 @@ def layers() -> None:
     table("Epidermis on dermis on bone, surface compliance", columns, rows)
 
 
-def line_contact() -> None:
+def smooth_lines() -> None:
     """Hertz, wedge, Westergaard."""
     rows = []
     for n in (4, 8, 16, 32, 64):
@@ -106,7 +107,7 @@ def line_contact() -> None:
             ("wave, 85 % closed", cell, line_contact.wave(1.5)),
         )
         for name, on, exact in problems:
-            errors = contact.contact_errors(on, exact)
+            errors = contact_errors(on, exact)
             rows.append((name, n, percent(errors.half_width), percent(errors.spread), percent(errors.inside)))
     columns = "shape | elements a mm | half-width | spread of pressure | pressure inside"
     table(
@@ -133,7 +134,7 @@ def flat_punch() -> None:
 def truncation() -> None:
     """Line contact in boxes of growing size."""
     sizes = (5, 10, 20, 40, 80)
-    errors = [contact.contact_errors(line_contact.half_space(16, s), line_contact.cylinder()).spread for s in sizes]
+    errors = [contact_errors(line_contact.half_space(16, s), line_contact.cylinder()).spread for s in sizes]
     extrapolated = ["–", *(percent(b + (b - a) / 3) for a, b in pairwise(errors))]
     rows = zip(sizes, map(percent, errors), extrapolated, strict=True)
     table(
@@ -147,10 +148,8 @@ def incompressible() -> None:
     """Towards ν = ½."""
     rows = []
     for nu in (0.48, 0.49, 0.499, 0.4999):
-        found = [
-            contact.contact_errors(line_contact.half_space(16, 40, nu, e), line_contact.cylinder(nu))
-            for e in ELEMENTS
-        ]
+        cylinder = line_contact.cylinder(nu)
+        found = [contact_errors(line_contact.half_space(16, 40, nu, e), cylinder) for e in ELEMENTS]
         strain = [halfspace.largest_error(*halfspace.line_load(0.085, 40.0, e, nu)) for e in ELEMENTS]
         cells = (percent(v) for f, s in zip(found, strain, strict=True) for v in (f.spread, f.inside, s))
         rows.append((f"{nu:g}", *cells))
@@ -194,7 +193,7 @@ def main() -> None:
         cook,
         interior,
         layers,
-        line_contact,
+        smooth_lines,
         flat_punch,
         truncation,
         incompressible,
