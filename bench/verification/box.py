@@ -1,10 +1,9 @@
 """Boxes of hexahedra: meshed, held, solved and condensed by the simulator's own parts.
 
-x is lateral, y up with the top at 0, z along. Symmetry planes are held by `Hold`; a plane-strain slab is one element
-of 1 mm thick whose two faces move alike and whose w is 0, so that forces are per millimetre.
+x is lateral, y up with the top at 0, z along. A plane-strain slab is one element of 1 mm thick, whose two faces move
+alike and do not move along z, so that forces are per millimetre.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -21,7 +20,7 @@ from sim.fem.slabs import SlabFactor
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Young = Callable[[Array], Array]
+Bools = NDArray[np.bool_]
 
 SLAB = np.array([0.0, 1.0])
 """z of a plane-strain slab."""
@@ -81,56 +80,41 @@ class Box:
         return len(self.z) == 2
 
 
-@dataclass(frozen=True)
-class Hold:
-    """What is held: the base wholly or in y alone, the sides in their normal direction or not at all."""
+def on_rigid_base(box: Box) -> Bools:
+    """(n, 3) held components: the base wholly, each side in its normal direction.
 
-    bonded: bool = True
-    far_sides: bool = True
-
-    def held(self, box: Box) -> NDArray[np.bool_]:
-        """(n, 3) held components: the planes x = 0 and, in three dimensions, z = 0 are planes of symmetry."""
-        held = np.zeros((*box.number.shape, 3), dtype=bool)
-        held[0, ..., 0] = True
-        held[-1, ..., 0] = self.far_sides
-        held[:, 0, :, 1] = True
-        held[:, 0] |= self.bonded
-        if box.plane:
-            held[..., 2] = True
-        else:
-            held[:, :, 0, 2] = True
-            held[:, :, -1, 2] |= self.far_sides
-        return held.reshape(-1, 3)
+    The sides x = 0 and z = 0 are thereby planes of symmetry, and w of a slab is 0.
+    """
+    held = np.zeros((*box.number.shape, 3), dtype=bool)
+    held[:, 0] = True
+    held[[0, -1], ..., 0] = True
+    held[:, :, [0, -1], 2] = True
+    return held.reshape(-1, 3)
 
 
 class Body:
-    """A held elastic body on any hexahedral mesh, ready to be solved or condensed."""
+    """A held elastic body, ready to be solved or condensed."""
 
     def __init__(
-        self, nodes: Array, hexes: Ints, young: Array, poisson: float, element: Element, unknown: Ints, slabs: Ints
+        self,
+        box: Box,
+        young: Array,
+        poisson: float,
+        element: Element = "bbar",
+        *,
+        nodes: Array | None = None,
+        held: Bools | None = None,
     ) -> None:
-        """`unknown` (n, 3) numbers each displacement's unknown, −1 where it is held; E of each element in MPa."""
-        self.nodes, self.hexes, self.unknown, self._slabs = nodes, hexes, unknown, slabs
-        stiffness = hex8_stiffness(nodes, hexes, young, poisson, element)
-        dof = np.flatnonzero(unknown.ravel() >= 0)
-        shape = (3 * len(nodes), int(unknown.max()) + 1)
-        self._spread = sp.csr_array((np.ones(len(dof)), (dof, unknown.ravel()[dof])), shape=shape)
-        whole = symmetric(assemble_upper(stiffness, hexes, len(nodes)))
+        """E of each element in MPa; other places for the box's nodes and other supports than a rigid base, if any."""
+        self.nodes, self.hexes = box.nodes if nodes is None else nodes, box.hexes
+        free = ~(on_rigid_base(box) if held is None else held)
+        self.unknown, self._slabs = _numbered(box, free)
+        stiffness = hex8_stiffness(self.nodes, self.hexes, young, poisson, element)
+        dof = np.flatnonzero(self.unknown.ravel() >= 0)
+        shape = (self.nodes.size, int(self.unknown.max()) + 1)
+        self._spread = sp.csr_array((np.ones(len(dof)), (dof, self.unknown.ravel()[dof])), shape=shape)
+        whole = symmetric(assemble_upper(stiffness, self.hexes, len(self.nodes)))
         self.stiffness = sp.csr_array(self._spread.T @ whole @ self._spread)
-
-    @classmethod
-    def of_box(
-        cls, box: Box, young: Array, poisson: float, element: Element = "bbar", hold: Hold | None = None
-    ) -> "Body":
-        """A box on its supports; E of each element in MPa."""
-        free = ~(hold or Hold()).held(box)
-        if box.plane:
-            free[box.number[..., 1].ravel()] = False
-        unknown = np.where(free.ravel(), np.cumsum(free) - 1, -1).reshape(-1, 3)
-        if box.plane:
-            unknown[box.number[..., 1].ravel()] = unknown[box.number[..., 0].ravel()]
-        slabs = np.cumsum(np.append(0, free.reshape(len(box.x), -1).sum(axis=1)))[:-1]
-        return cls(box.nodes, box.hexes, young, poisson, element, unknown, slabs)
 
     def factor(self, kept: Ints) -> PardisoFactor | SlabFactor:
         """Factor condensed onto some unknowns."""
@@ -155,6 +139,17 @@ class Body:
         """(k, 6) engineering strain e11 e22 e33 e12 e23 e13 at the centroids of some elements, u (n, 3)."""
         hexes = self.hexes[elements]
         return np.einsum("nrk,nk->nr", hex8_centroid_strain(self.nodes, hexes), u[hexes].reshape(-1, 24))
+
+
+def _numbered(box: Box, free: Bools) -> tuple[Ints, Ints]:
+    """(n, 3) unknown of each displacement, −1 where it is held, and the first unknown of each slab of equal x."""
+    own = free.copy()
+    if box.plane:
+        own[box.number[..., 1].ravel()] = False
+    unknown = np.where(own.ravel(), np.cumsum(own) - 1, -1).reshape(-1, 3)
+    if box.plane:
+        unknown[box.number[..., 1].ravel()] = unknown[box.number[..., 0].ravel()]
+    return unknown, np.cumsum(np.append(0, own.reshape(len(box.x), -1).sum(axis=1)))[:-1]
 
 
 def condense(box: Box, body: Body, reach_mm: float) -> Patch:

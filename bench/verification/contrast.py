@@ -32,7 +32,7 @@ def condensed(ratio: float, stiff: Literal["bone", "skin"]) -> Condensed:
     box = Box(x, np.linspace(-3, 0, 13), x)
     y = box.centroids[:, 1]
     young = np.where((y < -2) if stiff == "bone" else (y > -0.5), ratio, 1.0)
-    body = Body.of_box(box, young, POISSON)
+    body = Body(box, young, POISSON)
     patch = condense(box, body, 1.5)
     nodes = np.arange(len(patch))
     force = np.stack([np.zeros(len(patch)), -patch.area_mm2])

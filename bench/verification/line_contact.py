@@ -27,7 +27,7 @@ def half_space(per_half_width: int, size: float, poisson: float = POISSON, eleme
     """Half of a plane-strain box of `size` × `size` contact half-widths, so many elements across one of them."""
     x = graded(REACH, 1 / per_half_width, size, growth=1.1)
     box = Box(x, -x[::-1], SLAB)
-    body = Body.of_box(box, np.ones(len(box.hexes)), poisson, element)
+    body = Body(box, np.ones(len(box.hexes)), poisson, element)
     return condense(box, body, REACH)
 
 
@@ -102,4 +102,4 @@ def wave_cell(per_mm: int, poisson: float = POISSON) -> Patch:
     """Half a wavelength between planes of symmetry, two wavelengths deep: the rest of depth feels only the mean."""
     x = np.linspace(0, WAVELENGTH_MM / 2, round(per_mm * WAVELENGTH_MM / 2) + 1)
     box = Box(x, -graded(REACH, 1 / per_mm, 2 * WAVELENGTH_MM, growth=1.1)[::-1], SLAB)
-    return condense(box, Body.of_box(box, np.ones(len(box.hexes)), poisson), WAVELENGTH_MM / 2)
+    return condense(box, Body(box, np.ones(len(box.hexes)), poisson), WAVELENGTH_MM / 2)

@@ -31,14 +31,10 @@ def tip_deflection(n: int, element: Element) -> float:
     unit = np.linspace(0, 1, n + 1)
     box = Box(unit, unit, SLAB)
     nodes = np.column_stack([*panel(box.nodes[:, 0], box.nodes[:, 1]), box.nodes[:, 2]])
-    free = np.ones((len(nodes), 3), dtype=bool)
-    free[:, 2] = False
-    free[box.number[0].ravel()] = False
-    free[box.number[..., 1].ravel()] = False
-    unknown = np.where(free.ravel(), np.cumsum(free) - 1, -1).reshape(-1, 3)
-    unknown[box.number[..., 1].ravel()] = unknown[box.number[..., 0].ravel()]
-    slabs = np.append(0, 2 * (n + 1) * np.arange(n))
-    body = Body(nodes, box.hexes, np.full(n * n, YOUNG), POISSON, element, unknown, slabs)
+    held = np.zeros((*box.number.shape, 3), dtype=bool)
+    held[0] = True
+    held[..., 2] = True
+    body = Body(box, np.full(n * n, YOUNG), POISSON, element, nodes=nodes, held=held.reshape(-1, 3))
     loads = np.zeros((1, len(nodes), 3))
     share = np.full(n + 1, LOAD / n)
     share[[0, -1]] /= 2
