@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from sim.fem.elements import Element
-from verification import contrast, halfspace, layer, line_contact, membrane
+from verification import contrast, halfspace, layer, line_contact, membrane, round_contact
 from verification.contact import contact_errors
 
 ELEMENTS: tuple[Element, ...] = ("bbar", "full")
@@ -144,6 +144,22 @@ def truncation() -> None:
     )
 
 
+def round_shapes() -> None:
+    """Sphere, cone and flat punch in three dimensions."""
+    rows = []
+    shapes = {"sphere": round_contact.sphere(), "cone": round_contact.cone(), "flat punch": round_contact.flat()}
+    for n in (4, 8, 16):
+        small, large = (round_contact.quarter_space(n, size) for size in (10, 20))
+        for name, shape in shapes.items():
+            doi = [round_contact.doi_error(patch, shape) for patch in (small, large)]
+            doi.append(round_contact.extrapolated(*doi))
+            errors = contact_errors(large, shape)
+            radius = "–" if name == "flat punch" else percent(errors.half_width)
+            rows.append((name, n, radius, *map(percent, (errors.spread, errors.inside, *doi))))
+    columns = "shape | elements a radius | radius | spread | pressure inside | DOI, box 10 a | 20 a | extrapolated"
+    table("Round contact at given force, radius 1 mm", columns, sorted(rows, key=lambda r: r[0]))
+
+
 def incompressible() -> None:
     """Towards ν = ½."""
     rows = []
@@ -196,6 +212,7 @@ def main() -> None:
         smooth_lines,
         flat_punch,
         truncation,
+        round_shapes,
         incompressible,
         unlike_layers,
         flat_elements,

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from sim.contact.patch import Patch
+from sim.contact.patch import Patch, X, Y, Z
 from sim.fem import pardiso
 from sim.fem.assembly import assemble_upper, symmetric
 from sim.fem.elements import Element, hex8_centroid_strain, hex8_stiffness
@@ -159,11 +159,12 @@ def condense(box: Box, body: Body, reach_mm: float) -> Patch:
     across = np.ones(1) if box.plane else tributary(box.z)
     nodes = box.number[:n_x, -1, :n_z].T.ravel()
     area = np.outer(across[:n_z], tributary(box.x)[:n_x]).ravel()
-    unknown = body.unknown[nodes, :2].T.ravel()
+    axes = (X, Y) if box.plane else (X, Z, Y)
+    unknown = body.unknown[nodes][:, axes].T.ravel()
     moves = np.flatnonzero(unknown >= 0)
     kept = np.sort(unknown[moves])
     with body.factor(kept) as factor:
         at = np.searchsorted(kept, unknown[moves])
         compliance = np.zeros((len(unknown), len(unknown)))
         compliance[np.ix_(moves, moves)] = factor.compliance[np.ix_(at, at)]
-    return Patch(box.nodes[nodes], area, compliance, (n_z, n_x))
+    return Patch(box.nodes[nodes], area, compliance, (n_z, n_x), axes)

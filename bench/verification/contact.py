@@ -9,11 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from sim.contact.indentor import ALONG, ROUND, Indentor
+from sim.contact.points import Pose
+from sim.contact.profiles import Profile
 
 from sim.contact.control import solve_for_force
-from sim.contact.indentors import Profile
 from sim.contact.patch import Patch
-from sim.contact.solver import ContactState, Pose, solve_contact
+from sim.contact.solver import ContactState, solve_contact
 
 Array = NDArray[np.float64]
 
@@ -27,8 +29,12 @@ def plane_modulus(poisson: float) -> float:
 
 
 def press(patch: Patch, profile: Profile, doi_mm: float, start: ContactState | None = None) -> ContactState:
-    """The profile above the axis of a patch whose top is at 0, its lowest point pressed in by so much."""
-    return solve_contact(patch, Pose(profile, 0.0, -doi_mm, max(doi_mm, 1e-3)), start)
+    """The profile above the axis of a patch whose top is at 0, its lowest point pressed in by so much.
+
+    It is prismatic on a slab and turned about the axis on a quarter.
+    """
+    indentor = Indentor(profile.name, profile, ALONG if len(patch.axes) == 2 else ROUND)
+    return solve_contact(patch, Pose(indentor, (0.0,) * len(indentor.axes), -doi_mm, max(doi_mm, 1e-3)), start)
 
 
 def press_to_force(patch: Patch, profile: Profile, force: float) -> tuple[float, ContactState]:
@@ -87,7 +93,7 @@ def contact_errors(patch: Patch, exact: Pressed) -> ContactErrors:
 
 def compared(patch: Patch, state: ContactState, exact: Pressed) -> ContactErrors:
     """A state that carries the force of the closed form, against it."""
-    x = np.hypot(patch.position_mm[:, 0], patch.position_mm[:, 2]) if exact.round else patch.x
+    x = np.hypot(*patch.tangential_mm) if exact.round else patch.x
     pressure = -state.force[-1] / patch.area_mm2
     inside = (x > 0.1 * exact.half_width_mm) & (x < 0.8 * exact.half_width_mm)
     off = pressure[inside] - exact.pressure(x[inside])

@@ -21,7 +21,7 @@ POISSON = 0.48
 class Condensed:
     """What the condensed body answers, and how well that satisfies the whole one."""
 
-    displacement: Array  # (2 n_patch,) mm under unit downward forces
+    displacement: Array  # (3, n_patch) mm under a unit pressure
     imbalance: float  # ‖K u − f‖ / ‖f‖ with everything free
     mismatch: float  # condensed against whole displacement, relative to the largest
 
@@ -35,11 +35,12 @@ def condensed(ratio: float, stiff: Literal["bone", "skin"]) -> Condensed:
     body = Body(box, young, POISSON)
     patch = condense(box, body, 1.5)
     nodes = np.arange(len(patch))
-    force = np.stack([np.zeros(len(patch)), -patch.area_mm2])
+    force = np.zeros((len(patch.axes), len(patch)))
+    force[-1] = -patch.area_mm2
     u = patch.displacement(force, nodes)
     loads = np.zeros((1, len(box.nodes), 3))
     on = box.number[: patch.shape[1], -1, : patch.shape[0]].T.ravel()
-    loads[0, on, :2] = force.T
+    loads[0, on, 1] = force[-1]
     whole = body.solve(loads)[0]
-    mismatch = np.abs(whole[on, :2].T.ravel() - u).max() / np.abs(u).max()
+    mismatch = np.abs(whole[on][:, patch.axes].T - u).max() / np.abs(u).max()
     return Condensed(u, body.imbalance(whole, loads[0]), float(mismatch))

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from sim.contact.profiles import Bar, Cylinder, Profile, Wedge
 
-from sim.contact.indentors import Bar, Cylinder, Profile, Wedge
 from sim.contact.patch import Patch
 from sim.contact.solver import ContactState
 from sim.fem.elements import Element
@@ -38,6 +38,7 @@ class Wave(Profile):
     wavelength_mm: float
     amplitude_mm: float
     name = "wave"
+    sharpest_radius_mm = np.inf  # the mesh resolves it
 
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
         """Height, slope and curvature."""
