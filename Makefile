@@ -28,10 +28,11 @@ check: .venv/.ready-dev
 test: check
 	$(BIN)/pytest -n 2 --dist loadgroup
 
-bench: setup
+bench: .venv/.ready-dev
 	$(BIN)/python bench/timing.py
 	$(BIN)/python bench/facts.py
 	$(BIN)/python bench/random_poses.py
+	$(BIN)/python bench/oracles.py
 
 clean:
 	rm -rf .venv runs build dist

@@ -91,6 +91,14 @@ def test_slabs_start_where_an_axial_layer_starts(coarse_problem: FiniteElements)
 
 
 @pytest.mark.skipif(not pardiso.available(), reason="MKL PARDISO exists for x86-64 only")
+def test_the_disc_is_searched_for_mkl_but_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    upper, kept, slabs = block_tridiagonal()
+    make("pardiso", upper, kept, slabs).close()
+    monkeypatch.setattr("sys.prefix", "/nowhere")  # where pypardiso searches
+    make("pardiso", upper, kept, slabs).close()
+
+
+@pytest.mark.skipif(not pardiso.available(), reason="MKL PARDISO exists for x86-64 only")
 def test_a_closed_factor_can_be_closed_again() -> None:
     upper, kept, _ = block_tridiagonal()
     factor = PardisoFactor(upper, kept)
