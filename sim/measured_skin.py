@@ -1,4 +1,4 @@
-"""What a user measured of a finger's skin: a point cloud of the pulp, or a table of sections; and whether it will do."""
+"""What a user measured of a finger's skin: points of the pulp or a table of sections, and whether it will do."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -75,10 +75,9 @@ def check_sections(sections: Sequence[Row], length_mm: float) -> None:
         raise ValueError(f"z_mm ends at {z[-1]:g}: expected millimetres")
     if abs(z[0]) > 1e-6 * length_mm or abs(z[-1] - length_mm) > 1e-6 * length_mm:
         raise ValueError(
-            f"z_mm {z[0]:g} … {z[-1]:g}: expected sections from z = 0, the proximal edge, to length_mm = {length_mm:g}"
+            f"z_mm {z[0]:g} … {z[-1]:g}: expected z = 0, the proximal edge, to length_mm = {length_mm:g}"
         )
     for name, values in (("half_width_mm", half_width), ("height_mm", height)):
         if (values <= 0).any():
             k = int(np.argmax(values <= 0))
             raise ValueError(f"{name} = {values[k]:g} at z_mm = {z[k]:g}: expected more than 0")
-

@@ -4,7 +4,9 @@ from reprlib import Repr
 
 from pydantic import ValidationError
 
-_SHORT = Repr(maxlist=3, maxtuple=3, maxlevel=2, maxstring=200, maxother=200)
+_SHORT = Repr()
+_SHORT.maxlist = _SHORT.maxdict = 3
+_SHORT.maxstring = _SHORT.maxother = 200
 
 
 class BadInputError(Exception):

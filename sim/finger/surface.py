@@ -13,6 +13,7 @@ from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 from scipy.optimize import least_squares
 
 from sim.config import Geometry
+from sim.finger import section
 
 Array = NDArray[np.float64]
 
@@ -47,9 +48,8 @@ class Apex:
 class FingertipSurface:
     """Sections at constant z, each a second-order Fourier curve in the angle φ, smooth (C²) along z.
 
-    x = a cos φ + s ((1 + sin φ)/2)²,  y = ½(b + n) sin φ + ½(b − n) sin² φ,  n = nail_depth_ratio · b,
-    so that φ = π/2 is the pulp's apex at (s, b) and φ = −π/2 the nail at (0, −n). The half-width a, the
-    height b and the lean s are cubic splines of z.
+    φ = π/2 is the pulp's apex at (lean, height), φ = −π/2 the nail at (0, −nail_depth_ratio · height); half-width,
+    height and lean are cubic splines of z. `sim/finger/section.py` has the curve.
     """
 
     geometry: Geometry
@@ -84,20 +84,15 @@ class FingertipSurface:
 
     def section(self, phi: ArrayLike, z_mm: ArrayLike) -> tuple[Array, Array]:
         """x and y in mm at angle φ (rad) of the section at z (broadcast)."""
-        a, b, lean = self.parameters(z_mm)
-        cosine, rise, shift = _shape(phi, self.geometry)
-        return a * cosine + lean * shift, b * rise
+        return section.position(phi, self.parameters(z_mm), self.geometry.nail_depth_ratio)
 
     def tangents(self, phi: ArrayLike, z_mm: ArrayLike) -> tuple[Array, Array]:
         """(…, 3) derivatives of the position with respect to φ (mm/rad) and z (mm/mm)."""
         angle, z = np.broadcast_arrays(np.asarray(phi, float), np.asarray(z_mm, float))
-        a, b, lean = self.parameters(z)
-        da, db, dlean = np.moveaxis(self._slopes(z), -1, 0)
-        s, c, r = np.sin(angle), np.cos(angle), self.geometry.nail_depth_ratio
-        cosine, rise, shift = _shape(angle, self.geometry)
-        d_phi = np.stack([-a * s + 0.5 * lean * (1 + s) * c, b * c * (0.5 * (1 + r) + (1 - r) * s), 0 * a], -1)
-        d_z = np.stack([da * cosine + dlean * shift, db * rise, 1 + 0 * a], -1)
-        return d_phi, d_z
+        slopes, ratio = np.moveaxis(self._slopes(z), -1, 0), self.geometry.nail_depth_ratio
+        d_phi = section.first_derivative(angle, self.parameters(z), ratio)
+        d_z = section.position(angle, slopes, ratio)  # the section is linear in its parameters
+        return np.stack([*d_phi, np.zeros(z.shape)], -1), np.stack([*d_z, np.ones(z.shape)], -1)
 
     def normal(self, phi: ArrayLike, z_mm: ArrayLike) -> Array:
         """(…, 3) outward unit normal."""
@@ -131,7 +126,8 @@ class FingertipSurface:
     @cached_property
     def ridge(self) -> CubicSpline:
         """Highest y in mm over all z as a function of x: what a shape prismatic along z can touch first."""
-        z_mm = np.linspace(*_TOUCHABLE * self.geometry.length_mm, 451)
+        low, high = _TOUCHABLE * self.geometry.length_mm
+        z_mm = np.linspace(low, high, 451)
         a = self.parameters(z_mm)[0]
         half = 0.93 * a.max()
         x_mm = np.arange(-half, half, _RIDGE_STEP_MM)
@@ -157,23 +153,8 @@ class FingertipSurface:
 
     def foot(self, points: Array) -> Array:
         """(n,) angles of the skin's points closest to (n, 3) points in mm, each within its section."""
-        z = points[:, 2]
-        a, b, lean = self.parameters(z)
-        r = self.geometry.nail_depth_ratio
-        phi = np.arctan2(points[:, 1] / b, (points[:, 0] - lean) / a)
-        for _ in range(50):  # Newton, with a bound below the curvature where the point is far inside
-            s, c = np.sin(phi), np.cos(phi)
-            off = np.stack(self.section(phi, z), -1) - points[:, :2]
-            first = self.tangents(phi, z)[0][:, :2]
-            bend_x = -a * c + 0.5 * lean * (c * c - s * (1 + s))
-            bend_y = b * ((1 - r) * (c * c - s * s) - 0.5 * (1 + r) * s)
-            speed2 = (first**2).sum(axis=-1)
-            curvature = np.maximum(speed2 + off[:, 0] * bend_x + off[:, 1] * bend_y, 0.5 * speed2)
-            step = (off * first).sum(axis=-1) / curvature
-            phi = phi - step
-            if np.abs(step).max() < 1e-13:
-                break
-        return phi
+        x, y, z = points.T
+        return section.nearest_angle(x, y, self.parameters(z), self.geometry.nail_depth_ratio)
 
     def residuals_mm(self, points: Array | None = None) -> Array:
         """(n,) distances in mm, within its section, of each point from the skin; of those it was fitted to."""
@@ -220,19 +201,14 @@ def _closest_to_points(geometry: Geometry) -> FingertipSurface:
         surface = unpacked(v)
         phi = surface.foot(xyz)
         n_x, n_y = surface.section_normal(phi, xyz[:, 2]).T
-        cosine, rise, shift = _shape(phi, geometry)
-        moved = np.concatenate([(f * g)[:, None] * at_points for f, g in ((n_x, cosine), (n_y, rise), (n_x, shift))], 1)
+        across, up, sideways = section.shape(phi, geometry.nail_depth_ratio)
+        moves = np.stack([n_x * across, n_y * up, n_x * sideways], -1)
+        moved = (moves[:, :, None] * at_points[:, None, :]).reshape(len(xyz), -1)
         return np.concatenate([moved, prior])
 
     start = np.repeat([xyz[:, 1].max(), xyz[:, 1].max(), 0.0], n_basis)
     found = least_squares(residual, start, jacobian, method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14)
     return unpacked(found.x)
-
-
-def _shape(phi: ArrayLike, geometry: Geometry) -> tuple[Array, Array, Array]:
-    """What half-width, height and lean are multiplied by at angle φ."""
-    s, r = np.sin(phi), geometry.nail_depth_ratio
-    return np.cos(phi), 0.5 * (1 + r) * s + 0.5 * (1 - r) * s * s, (0.5 * (1 + s)) ** 2
 
 
 def _refuse_unusable(surface: FingertipSurface) -> None:
