@@ -64,7 +64,7 @@ class Fingertip:
     ) -> "Fingertip":
         """The fingertip of a configuration, from the cache or built (seconds).
 
-        Raises MeshError or ReceptorError when geometry, mesh or receptors do not go together.
+        Raises SurfaceError, MeshError or ReceptorError when geometry, mesh or receptors do not go together.
         """
         start = time.perf_counter()
         config = FingertipConfig() if config is None else config

@@ -13,8 +13,8 @@ from sim.finger.surface import FingertipSurface
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+LAYERS = ("epidermis", "dermis", "fat", "bone")
 EPIDERMIS, DERMIS, FAT, BONE = range(4)
-
 
 MOST_PATCH_NODES = 6000
 """Their compliance alone is 1.2 GB; more would not fit beside its factor."""
@@ -48,6 +48,11 @@ class FingerMesh:
     def element_grid(self) -> Ints:
         """Element numbers on the (axial, circumferential, radial) grid."""
         return np.arange(len(self.hexes)).reshape(self.grid[0] - 1, self.grid[1], self.grid[2] - 1)
+
+    def column_at(self, phi: float, z_mm: float) -> Array:
+        """(n_r, 3) positions in mm of the nodes from the skin inwards on the ray nearest to φ (rad) and z."""
+        k, j = np.argmin(np.abs(self.z_mm - z_mm)), np.argmin(np.abs(_wrap(self.phi - phi)))
+        return np.asarray(self.nodes.reshape(*self.grid, 3)[k, j])
 
 
 def build_mesh(config: FingertipConfig, surface: FingertipSurface) -> FingerMesh:

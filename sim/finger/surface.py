@@ -42,6 +42,7 @@ class Apex:
     position_mm: tuple[float, float, float]
     lateral_radius_mm: float
     axial_radius_mm: float  # infinite or negative where the skin does not fall to both sides
+    inside: bool  # false where the skin still rises at an end of the part that can be touched
 
 
 @dataclass(frozen=True)
@@ -149,7 +150,8 @@ class FingertipSurface:
         _, _, d_lean = self._slopes(z)
         fall = b * (1.5 - 0.5 * self.geometry.nail_depth_ratio)  # −∂²y/∂φ²
         axial = fall * (d_lean / a) ** 2 - self.curves.derivative(2)(z)[1]
-        return Apex((float(lean), float(b), float(z)), float(a**2 / fall), float(1 / axial) if axial else np.inf)
+        radius = float(1 / axial) if axial else np.inf
+        return Apex((float(lean), float(b), float(z)), float(a**2 / fall), radius, inside=bool(low < z < high))
 
     def foot(self, points: Array) -> Array:
         """(n,) angles of the skin's points closest to (n, 3) points in mm, each within its section."""
