@@ -18,32 +18,42 @@ def read_columns(path: Path, columns: Sequence[str]) -> tuple[Row, ...]:
     The first line names the columns, in any order; others are ignored. Empty lines and lines that begin with # are
     skipped. Raises TableError.
     """
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            lines = [(n, row) for n, row in enumerate(csv.reader(stream), 1) if any(row) and row[0][:1] != "#"]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise TableError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
+    lines = _lines(path)
     if not lines:
         raise TableError(f"{path}: no table, expected the columns {','.join(columns)}")
     (first, header), *rows = lines
-    names = [cell.strip() for cell in header]
-    for name in columns:
-        if names.count(name) != 1:
-            raise TableError(
-                f"{path}, line {first}: {names.count(name)} columns {name}, expected the columns {','.join(columns)}"
-            )
-    place = [names.index(name) for name in columns]
+    place = _places(f"{path}, line {first}", [cell.strip() for cell in header], columns)
+    for n, row in rows:
+        if len(row) != len(header):
+            raise TableError(f"{path}, line {n}: {len(row)} cells, expected {len(header)}, as in line {first}")
     return tuple(
-        tuple(_number(path, n, name, row, k) for name, k in zip(columns, place, strict=True)) for n, row in rows
+        tuple(_number(f"{path}, line {n}, {name}", row[k]) for name, k in zip(columns, place, strict=True))
+        for n, row in rows
     )
 
 
-def _number(path: Path, line: int, name: str, row: list[str], column: int) -> float:
-    cell = row[column].strip() if column < len(row) else ""
+def _lines(path: Path) -> list[tuple[int, list[str]]]:
+    """The lines that count, with their numbers."""
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            reader = csv.reader(stream)
+            return [(reader.line_num, row) for row in reader if any(row) and not row[0].startswith("#")]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise TableError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
+
+
+def _places(where: str, names: list[str], columns: Sequence[str]) -> list[int]:
+    for name in columns:
+        if names.count(name) != 1:
+            raise TableError(f"{where}: {names.count(name)} columns {name}, expected the columns {','.join(columns)}")
+    return [names.index(name) for name in columns]
+
+
+def _number(where: str, cell: str) -> float:
     try:
         value = float(cell)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise TableError(f"{path}, line {line}, {name}: expected a number, got {cell!r}")
+        raise TableError(f"{where}: expected a number, got {cell.strip()!r}")
     return value

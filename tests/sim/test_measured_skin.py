@@ -54,7 +54,7 @@ def test_columns_are_found_by_name() -> None:
 
 
 def test_comments_empty_lines_spaces_and_a_byte_order_mark(write: Write) -> None:
-    path = write("\ufeff# mine\n\nb , a\n 2.5 ,1\n\n# more\n-3e-1,4,\n")
+    path = write("\ufeff# mine\n\nb , a\n 2.5 ,1\n\n# more\n-3e-1,4\n")
     assert read_columns(Path(path), ("a", "b")) == ((1.0, 2.5), (4.0, -0.3))
 
 
@@ -66,7 +66,9 @@ def test_comments_empty_lines_spaces_and_a_byte_order_mark(write: Write) -> None
         ("a,c\n1,2\n", "mine.csv, line 1: 0 columns b, expected the columns a,b"),
         ("#\na,b,b\n1,2,3\n", "mine.csv, line 2: 2 columns b, expected the columns a,b"),
         ("a,b\n1,2\n1,two\n", "mine.csv, line 3, b: expected a number, got 'two'"),
-        ("a,b\n1\n", "mine.csv, line 2, b: expected a number, got ''"),
+        ("a,b\n1,\n", "mine.csv, line 2, b: expected a number, got ''"),
+        ("a,b\n1\n", "mine.csv, line 2: 1 cells, expected 2, as in line 1"),
+        ("#\na,b\n1,2\n1,5,2,5\n", "mine.csv, line 4: 4 cells, expected 2, as in line 2"),  # decimal commas
         ("a,b\n1,2\n\nnan,2\n", "mine.csv, line 4, a: expected a number, got 'nan'"),
         ("a,b\n1,inf\n", "mine.csv, line 2, b: expected a number, got 'inf'"),
         ("a;b\n1;2\n", "mine.csv, line 1: 0 columns a, expected the columns a,b"),
