@@ -40,6 +40,12 @@ def second_derivative(phi: ArrayLike, parameters: Array, ratio: float) -> tuple[
     )
 
 
+def normal(phi: ArrayLike, parameters: Array, ratio: float) -> Array:
+    """(…, 2) outward unit normal within the plane of the section."""
+    d_x, d_y = first_derivative(phi, parameters, ratio)
+    return np.stack([d_y, -d_x], -1) / np.hypot(d_x, d_y)[..., None]
+
+
 def nearest_angle(x: Array, y: Array, parameters: Array, ratio: float) -> Array:
     """(n,) angles of the points closest to (n,) x and y in mm, each on its own section."""
     a, b, lean = parameters

@@ -10,16 +10,14 @@ from importlib.resources import files
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
-from scipy.optimize import least_squares
 
 from sim.config import Geometry
 from sim.finger import section
+from sim.finger.fit import fit_curves
 
 Array = NDArray[np.float64]
 
-_KNOTS = np.array([3.0, 5.0, 7.0, 9.0, 11.0]) / 12.75  # of the finger's length
 _TOUCHABLE = np.array([2.0, 11.0]) / 12.75  # of the finger's length: beyond, it ends or is steep
-_ANCHOR_MM = 0.5  # how far the surface may stay off a free anchor for the price of 0.02 mm off a point
 _RIDGE_STEP_MM = 0.02
 
 
@@ -66,7 +64,7 @@ class FingertipSurface:
             z_mm, *parameters = np.array(geometry.sections).T
             surface = cls(geometry, make_interp_spline(z_mm, np.stack(parameters, -1), 3))
         else:
-            surface = _closest_to_points(geometry)
+            surface = cls(geometry, fit_curves(geometry, _points(geometry)))
         _refuse_unusable(surface)
         return surface
 
@@ -101,11 +99,6 @@ class FingertipSurface:
         n = np.cross(d_phi, d_z)
         return n / np.linalg.norm(n, axis=-1, keepdims=True)
 
-    def section_normal(self, phi: ArrayLike, z_mm: ArrayLike) -> Array:
-        """(…, 2) outward unit normal of the section within its plane."""
-        t = self.tangents(phi, z_mm)[0]
-        return np.stack([t[..., 1], -t[..., 0]], -1) / np.linalg.norm(t, axis=-1, keepdims=True)
-
     def angle_at(self, x_mm: ArrayLike, z_mm: ArrayLike) -> Array:
         """φ (rad) in the pulp half of the section at z whose lateral position is x; x within the half-width."""
         x, z = np.broadcast_arrays(np.asarray(x_mm, float), np.asarray(z_mm, float))
@@ -134,16 +127,14 @@ class FingertipSurface:
         x_mm = np.arange(-half, half, _RIDGE_STEP_MM)
         inside = np.abs(x_mm[:, None]) < 0.95 * a[None]
         y = np.where(inside, self.height(np.where(inside, x_mm[:, None], 0.0), z_mm[None]), -np.inf)
-        k = np.clip(np.argmax(y, axis=1), 1, len(z_mm) - 2)
-        rows = np.arange(len(x_mm))
-        left, mid, right = y[rows, k - 1], y[rows, k], y[rows, k + 1]
-        return CubicSpline(x_mm, mid + (left - right) ** 2 / (8 * (2 * mid - left - right)), extrapolate=False)
+        return CubicSpline(x_mm, _largest(y), extrapolate=False)
 
     @cached_property
     def apex(self) -> Apex:
         """The topmost point of the part that can be touched; radii from the parametrisation at φ = π/2."""
         low, high = _TOUCHABLE * self.geometry.length_mm
-        height = CubicSpline(table := np.linspace(low, high, 2001), self.parameters(table)[1])
+        table = np.linspace(low, high, 2001)
+        height = CubicSpline(table, self.parameters(table)[1])
         level = height.derivative().roots(extrapolate=False)
         z = max([low, high, *level], key=height)
         a, b, lean = self.parameters(z)
@@ -153,64 +144,25 @@ class FingertipSurface:
         radius = float(1 / axial) if axial else np.inf
         return Apex((float(lean), float(b), float(z)), float(a**2 / fall), radius, inside=bool(low < z < high))
 
-    def foot(self, points: Array) -> Array:
-        """(n,) angles of the skin's points closest to (n, 3) points in mm, each within its section."""
-        x, y, z = points.T
-        return section.nearest_angle(x, y, self.parameters(z), self.geometry.nail_depth_ratio)
-
     def residuals_mm(self, points: Array | None = None) -> Array:
         """(n,) distances in mm, within its section, of each point from the skin; of those it was fitted to."""
-        xyz = self.points_mm if points is None else points
-        x, y = self.section(self.foot(xyz), xyz[:, 2])
-        return np.hypot(x - xyz[:, 0], y - xyz[:, 1])
+        x, y, z = (self.points_mm if points is None else points).T
+        parameters, ratio = self.parameters(z), self.geometry.nail_depth_ratio
+        at_x, at_y = section.position(section.nearest_angle(x, y, parameters, ratio), parameters, ratio)
+        return np.hypot(at_x - x, at_y - y)
 
 
 def _points(geometry: Geometry) -> Array:
     return np.array(geometry.points) if geometry.points else published_points()[1]
 
 
-def _closest_to_points(geometry: Geometry) -> FingertipSurface:
-    """Least squares of the distances within the sections, with weak anchors at both ends and a bending penalty."""
-    xyz = _points(geometry)
-    knots = np.concatenate([np.zeros(4), _KNOTS * geometry.length_mm, np.full(4, geometry.length_mm)])
-    n_basis = len(knots) - 4
-    basis = BSpline(knots, np.eye(n_basis), 3)
-    z_mm = np.linspace(0.0, geometry.length_mm, 60)
-    bend = np.sqrt(z_mm[1]) * geometry.stiffness_of_fit * basis.derivative(2)(z_mm)
-    tip = geometry.tip_radius_mm
-    targets = np.array(
-        [
-            [geometry.proximal_half_width_mm, tip],
-            [geometry.proximal_apex_mm, tip],
-            [geometry.proximal_lean_mm, 0],
-        ]
-    )
-    anchor = basis(np.array([0.0, geometry.length_mm])) * (0.02 / _ANCHOR_MM)
-    at_points = basis(xyz[:, 2])
-    prior = np.kron(np.eye(3), np.concatenate([anchor, bend]))
-    wanted = np.concatenate([targets * (0.02 / _ANCHOR_MM), np.zeros((3, len(bend)))], axis=1).ravel()
-
-    def unpacked(v: Array) -> FingertipSurface:
-        return FingertipSurface(geometry, BSpline(knots, v.reshape(3, n_basis).T, 3))
-
-    def residual(v: Array) -> Array:
-        surface = unpacked(v)
-        phi = surface.foot(xyz)
-        off = np.stack(surface.section(phi, xyz[:, 2]), -1) - xyz[:, :2]
-        return np.concatenate([(off * surface.section_normal(phi, xyz[:, 2])).sum(axis=-1), prior @ v - wanted])
-
-    def jacobian(v: Array) -> Array:
-        surface = unpacked(v)
-        phi = surface.foot(xyz)
-        n_x, n_y = surface.section_normal(phi, xyz[:, 2]).T
-        across, up, sideways = section.shape(phi, geometry.nail_depth_ratio)
-        moves = np.stack([n_x * across, n_y * up, n_x * sideways], -1)
-        moved = (moves[:, :, None] * at_points[:, None, :]).reshape(len(xyz), -1)
-        return np.concatenate([moved, prior])
-
-    start = np.repeat([xyz[:, 1].max(), xyz[:, 1].max(), 0.0], n_basis)
-    found = least_squares(residual, start, jacobian, method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14)
-    return unpacked(found.x)
+def _largest(y: Array) -> Array:
+    """(n,) maxima of (n, m) equally spaced samples, refined by a parabola where both neighbours are finite."""
+    rows, k = np.arange(len(y)), np.argmax(y, axis=1)
+    mid, left, right = y[rows, k], y[rows, np.maximum(k - 1, 0)], y[rows, np.minimum(k + 1, y.shape[1] - 1)]
+    inner = (k > 0) & (k < y.shape[1] - 1) & np.isfinite(left) & np.isfinite(right) & (left + right < 2 * mid)
+    left, right = np.where(inner, left, mid - 1.0), np.where(inner, right, mid - 1.0)
+    return np.asarray(mid + (left - right) ** 2 / (8 * (2 * mid - left - right)))
 
 
 def _refuse_unusable(surface: FingertipSurface) -> None:

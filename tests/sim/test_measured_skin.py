@@ -221,7 +221,22 @@ def test_apex_and_radii_against_differences(skin: FingertipSurface) -> None:
 
 def test_a_finger_that_rises_to_its_proximal_end_has_no_apex_inside() -> None:
     rows = [[z, 4.4, 5.0 - 0.2 * z, 0.0] for z in np.linspace(0, 12.75, 6)]
-    assert not FingertipSurface.fit(Geometry(sections=rows)).apex.inside
+    surface = FingertipSurface.fit(Geometry(sections=rows))
+    assert not surface.apex.inside
+    # What can be touched ends at z = 2: there is its highest skin, at every x.
+    for x in (-3.0, 0.0, 2.0):
+        assert float(surface.ridge(x)) == pytest.approx(float(surface.height(x, 2.0)), abs=1e-6)
+
+
+def test_the_ridge_of_a_finger_that_is_highest_where_it_is_narrow() -> None:
+    # Near its widest x this finger is highest at the rim of the sections that reach so far. There the table of z,
+    # every 0.02 mm, is as good as it is dense: 0.02 mm times the slope along z, here below 1.
+    rows = [[z, 3.0 + 0.15 * z, 6.0 - 0.3 * z, 0.0] for z in np.linspace(0, 12.75, 6)]
+    surface = FingertipSurface.fit(Geometry(sections=rows))
+    z = np.arange(2.0, 11.0, 0.001)
+    for x in (-3.8, -3.0, 0.5, 3.9):
+        inside = z[abs(x) < 0.95 * surface.parameters(z)[0]]
+        assert float(surface.ridge(x)) == pytest.approx(surface.height(x, inside).max(), abs=0.02)
 
 
 # --- the key of the cached model ---
