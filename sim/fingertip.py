@@ -79,7 +79,7 @@ class Fingertip:
     ) -> "Fingertip":
         """The fingertip of a configuration, its model for shapes that slope so read or built (seconds).
 
-        Raises MeshError or ReceptorError when geometry, mesh or receptors do not go together.
+        Raises SurfaceError, MeshError or ReceptorError when geometry, mesh or receptors do not go together.
         """
         config = FingertipConfig() if config is None else config
         surface = FingertipSurface.fit(config.geometry)

@@ -20,7 +20,7 @@ def register(app: typer.Typer) -> None:
 
 def _say_so(context: typer.Context) -> None:
     fail(
-        f"{context.info_name}: not built yet, expected one of dry-run, indent, doctor, export-deck",
+        f"{context.info_name}: not built yet, expected one of dry-run, indent, finger, doctor, export-deck",
         ExitCode.BAD_INPUT,
         as_json="--json" in context.args,
     )

@@ -17,6 +17,7 @@ from rig.transport.base import TransportError
 from sim.cache import CacheError
 from sim.contact.shapes import ShapeError
 from sim.finger.mesh import MeshError
+from sim.finger.surface import SurfaceError
 from sim.fingertip import ModelRangeError
 from sim.measures.receptors import ReceptorError
 
@@ -58,7 +59,7 @@ def told_in_one_line(*, as_json: bool) -> Iterator[None]:
     """Turn what can go wrong into one line and the right exit code."""
     try:
         yield
-    except (BadInputError, ShapeError, ModelRangeError, MeshError, ReceptorError, CacheError) as error:
+    except (BadInputError, ShapeError, ModelRangeError, SurfaceError, MeshError, ReceptorError, CacheError) as error:
         fail(str(error), ExitCode.BAD_INPUT, as_json=as_json)
     except KeyboardInterrupt:
         fail("stopped at once by the operator", ExitCode.ABORTED, as_json=as_json)

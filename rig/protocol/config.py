@@ -44,7 +44,10 @@ def _toml_tables(values: dict[str, Any], prefix: str = "") -> Iterator[str]:
 
 
 def load_config(path: Path | None) -> Config:
-    """The configuration in a TOML file, or the defaults. Raises BadInputError."""
+    """The configuration in a TOML file, or the defaults. Raises BadInputError.
+
+    Paths in it are relative to the file's folder.
+    """
     if path is None:
         return Config()
     try:
@@ -54,6 +57,6 @@ def load_config(path: Path | None) -> Config:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise BadInputError(f"config {path}: not valid TOML: {error}") from None
     try:
-        return Config.model_validate(tables)
+        return Config.model_validate(tables, context={"folder": path.parent})
     except ValidationError as error:
         raise first_problem(f"config {path}", error) from None
