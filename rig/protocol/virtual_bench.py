@@ -33,6 +33,9 @@ class VirtualBench:
         pose = self.plant.pose_at(self.clock.monotonic_s())
         return pose.x_mm, pose.doi_mm
 
+    def close(self) -> None:
+        """There is nothing to give back."""
+
 
 def virtual_bench(config: Config, finger: Fingertip, byte_log: TextIO, start_unix_s: float) -> VirtualBench:
     """Devices as configured, with the fingertip under the indentor; the bytes go to `byte_log`."""
