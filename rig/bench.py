@@ -1,6 +1,6 @@
-"""The devices of a real bench, by the names of their kinds, on the ports of the configuration.
+"""Drivers by the names of their kinds, and the devices of a real bench on the ports of the configuration.
 
-A new device is one function here and one line in STAGES or FORCES.
+A new driver is one function here and one line in _STAGES or _FORCES.
 """
 
 from collections.abc import Callable
@@ -17,31 +17,37 @@ from rig.stage.grbl_settings import expected_settings
 from rig.transport import LoggedTransport, Transport, open_port
 
 
-def _grbl(port: Transport, clock: Clock, settings: RigSettings) -> GrblStage:
-    return GrblStage(port, clock, expected=expected_settings(settings))
+def _grbl(port: Transport, clock: Clock, settings: RigSettings) -> Stage:
+    return GrblStage(port, clock, expected=expected_settings(settings), output=settings.sync.output)
 
 
-def _mtsics(port: Transport, clock: Clock, settings: RigSettings) -> MtSicsForce:
+def _mtsics(port: Transport, clock: Clock, settings: RigSettings) -> ForceSensor:
     scale = settings.calibration.value("force_scale", 1.0)
     return MtSicsForce(port, clock, sample_period_s=settings.force.sample_period_s, scale=scale)
 
 
-STAGES: dict[str, Callable[[Transport, Clock, RigSettings], Stage]] = {"grbl": _grbl}
-FORCES: dict[str, Callable[[Transport, Clock, RigSettings], ForceSensor]] = {"mtsics": _mtsics}
+_STAGES: dict[str, Callable[[Transport, Clock, RigSettings], Stage]] = {"grbl": _grbl}
+_FORCES: dict[str, Callable[[Transport, Clock, RigSettings], ForceSensor]] = {"mtsics": _mtsics}
+
+
+def stage_driver(port: Transport, clock: Clock, settings: RigSettings) -> Stage:
+    """The driver for the configured kind of stage, on any wire and any clock."""
+    return _STAGES[settings.stage.kind](port, clock, settings)
+
+
+def force_driver(port: Transport, clock: Clock, settings: RigSettings) -> ForceSensor:
+    """The driver for the configured kind of force sensor, on any wire and any clock."""
+    return _FORCES[settings.force.kind](port, clock, settings)
 
 
 def open_stage(settings: RigSettings, clock: Clock, byte_log: TextIO | None = None) -> Stage:
     """The stage on its port, not yet spoken to. Raises TransportError."""
-    return STAGES[settings.stage.kind](
-        _open(settings.stage.port, settings.stage.baud, clock, byte_log), clock, settings
-    )
+    return stage_driver(_open(settings.stage.port, settings.stage.baud, clock, byte_log), clock, settings)
 
 
 def open_force(settings: RigSettings, clock: Clock, byte_log: TextIO | None = None) -> ForceSensor:
     """The force sensor on its port, not yet spoken to. Raises TransportError."""
-    return FORCES[settings.force.kind](
-        _open(settings.force.port, settings.force.baud, clock, byte_log), clock, settings
-    )
+    return force_driver(_open(settings.force.port, settings.force.baud, clock, byte_log), clock, settings)
 
 
 def _open(port: str, baud: int, clock: Clock, byte_log: TextIO | None) -> Transport:

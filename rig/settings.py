@@ -96,6 +96,13 @@ class ForceSettings(Settings):
     sample_period_s: float = Field(0.05, ge=0.01, le=10)
 
 
+class SyncSettings(Settings):
+    """A pulse for the recording amplifier at contact, hold start and hold end; off by default."""
+
+    output: Literal["off", "coolant", "spindle"] = Field("off", description="of a GRBL board: M8/M9 or M3/M5")
+    width_s: float = Field(0.01, ge=0.001, le=1)
+
+
 class FrameSettings(Settings):
     """The finger's frame in machine coordinates (mm)."""
 
@@ -144,6 +151,7 @@ class RigSettings(Settings):
 
     stage: StageSettings = StageSettings()
     force: ForceSettings = ForceSettings()
+    sync: SyncSettings = SyncSettings()
     frame: FrameSettings = FrameSettings()
     limits: LimitSettings = LimitSettings()
     habits: HabitSettings = HabitSettings()
