@@ -18,7 +18,10 @@ from rig.transport import LoggedTransport, Transport, open_port
 
 
 def _grbl(port: Transport, clock: Clock, settings: RigSettings) -> Stage:
-    return GrblStage(port, clock, expected=expected_settings(settings), output=settings.sync.output)
+    x, y, z = (settings.calibration.value(f"{axis}_backlash_mm", 0.0) for axis in "xyz")
+    return GrblStage(
+        port, clock, expected=expected_settings(settings), output=settings.sync.output, backlash_mm=(x, y, z)
+    )
 
 
 def _mtsics(port: Transport, clock: Clock, settings: RigSettings) -> ForceSensor:

@@ -41,6 +41,7 @@ class GrblStage:
         tolerance_steps: float = 1.0,
         expected: Mapping[int, float] = MappingProxyType({INCHES: 0}),
         output: Literal["off", "coolant", "spindle"] = "off",
+        backlash_mm: Xyz = (0.0, 0.0, 0.0),
     ) -> None:
         self._transport = transport
         self._clock = clock
@@ -49,6 +50,7 @@ class GrblStage:
         self._tolerance_steps = tolerance_steps
         self._expected = expected
         self._output = output
+        self._backlash_mm = backlash_mm
         self._settings: dict[int, float] = {}
         self._last: Xyz | None = None
 
@@ -113,9 +115,27 @@ class GrblStage:
     ) -> None:
         """Straight to machine coordinates (mm) at speed_mm_s; returns when the board says it is there.
 
-        Waits the expected travel time, then polls each poll_s. Raises StageError; ValueError before any byte.
+        Waits the expected travel time, then polls each poll_s. Where an axis has backlash it always arrives in its
+        negative direction: down, for Z. Raises StageError; ValueError before any byte.
         """
         target = {axis: mm for axis, mm in (("X", x_mm), ("Y", y_mm), ("Z", z_mm)) if mm is not None}
+        beyond = self._beyond(target)
+        if beyond != target:
+            self._go(beyond, speed_mm_s)
+        self._go(target, speed_mm_s)
+
+    def _beyond(self, target: dict[str, float]) -> dict[str, float]:
+        """The target, overrun by twice the backlash on the axes that would get there in their positive direction."""
+        if self._last is None:
+            return target
+        slack = {
+            axis: 2 * backlash
+            for axis, backlash, was in zip("XYZ", self._backlash_mm, self._last, strict=True)
+            if target.get(axis, was) > was
+        }
+        return {axis: min(mm + slack.get(axis, 0.0), 0.0) if slack.get(axis) else mm for axis, mm in target.items()}
+
+    def _go(self, target: dict[str, float], speed_mm_s: float) -> None:
         line = "G53G1G90G21" + _words(target, speed_mm_s)
         expected_s = self._expected_s(target, speed_mm_s)
         self._link.command(line)
