@@ -1,6 +1,5 @@
 """What `rig dry-run` and `rig run` share: interrupts, progress, and how a finished run is told."""
 
-import signal
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -10,6 +9,7 @@ from typing import Any, NoReturn
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from rig.cli.interrupts import at_a_safe_point
 from rig.cli.output import ExitCode, complain, err, out, print_json
 from rig.compare import write_report
 from rig.protocol.config import Config
@@ -28,7 +28,7 @@ def carry_out(
         finger = Fingertip.load(config.finger)
     plan = make_plan(script, config, finger)
     began = time.perf_counter()
-    with _interruptible() as interrupted, _progress(len(plan.indentations)) as watch:
+    with at_a_safe_point() as interrupted, _progress(len(plan.indentations)) as watch:
         done = how(Session(script, config, finger, plan, out_dir, interrupted, watch))
     done.folder.write_checksums()
     report = write_report(done.run, finger, done.wall_s)
@@ -65,24 +65,6 @@ def _exit_code(done: FinishedRun) -> ExitCode:
     if done.complete:
         return ExitCode.DONE
     return ExitCode.ABORTED if isinstance(done.problem, RunAborted) else ExitCode.STOPPED
-
-
-@contextmanager
-def _interruptible() -> Iterator[Callable[[], bool]]:
-    """Ctrl-C (or SIGTERM) once asks for a stop at the next safe point; twice stops the program at once."""
-    asked: list[bool] = []
-
-    def ask(*_: object) -> None:
-        asked.append(True)
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        err.print("stopping at the next safe point; Ctrl-C again stops now")
-
-    before = [(number, signal.signal(number, ask)) for number in (signal.SIGINT, signal.SIGTERM)]
-    try:
-        yield lambda: bool(asked)
-    finally:
-        for number, handler in before:
-            signal.signal(number, handler)
 
 
 @contextmanager
