@@ -10,7 +10,7 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from rig.cli.interrupts import at_a_safe_point
-from rig.cli.output import ExitCode, complain, err, out, print_json
+from rig.cli.output import ExitCode, complain, err, loading_the_finger, out, print_json
 from rig.compare import write_report
 from rig.protocol.config import Config
 from rig.protocol.plan import make_plan
@@ -24,7 +24,7 @@ def carry_out(
     script: Script, config: Config, out_dir: Path, how: Callable[[Session], FinishedRun], *, as_json: bool
 ) -> FinishedRun:
     """Check the script, carry it out, write its report, and say where it is."""
-    with err.status("fingertip: from the cache, or built in about 15 s …"):
+    with loading_the_finger():
         finger = Fingertip.load(config.finger)
     plan = make_plan(script, config, finger)
     began = time.perf_counter()
@@ -71,7 +71,9 @@ def _exit_code(done: FinishedRun) -> ExitCode:
 def _progress(total: int) -> Iterator[Watch]:
     """A bar on standard error, one tick an indentation, with the time left."""
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, TextColumn("left"), TimeRemainingColumn(), console=err, transient=True) as bar:
+    with Progress(
+        *columns, TextColumn("left"), TimeRemainingColumn(), console=err, transient=True, disable=not err.is_terminal
+    ) as bar:
         task = bar.add_task("starting", total=total)
 
         def watch(stream: str, data: Mapping[str, Any]) -> None:
