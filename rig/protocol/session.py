@@ -15,8 +15,8 @@ from rig.bench import open_bench
 from rig.clock import Clock, WallClock
 from rig.data import Run, RunFolder, export_run, new_run_folder, read_run
 from rig.force.base import ForceError, ForceSensor
+from rig.protocol.calibration import refuse_expired
 from rig.protocol.config import Config
-from rig.protocol.errors import BadInputError
 from rig.protocol.live import LiveRig
 from rig.protocol.plan import CheckingRig, Plan
 from rig.protocol.script import Script, where_in_script
@@ -111,14 +111,6 @@ def real_run(session: Session, ask_to_mount: Callable[[str], None]) -> FinishedR
         return open_bench(session.config, ask_to_mount, byte_log)
 
     return _run_session(session, open_real_bench, virtual=False)
-
-
-def refuse_expired(config: Config) -> None:
-    """Raises BadInputError for a calibration that may no longer be used."""
-    today = datetime.fromtimestamp(WallClock().unix_s()).date()
-    for name in config.calibration.expired(today):
-        expires = getattr(config.calibration, name).expires
-        raise BadInputError(f"calibration.{name}: expired on {expires}, expected a newer measurement")
 
 
 def _run_session(
