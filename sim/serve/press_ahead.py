@@ -83,12 +83,16 @@ class PressAhead:
         return self._forces.get(self._carriage.pose_at(t_s))
 
     def _tick(self) -> None:
-        index = self._index()
-        known = self._known_at(index * self._period_s)
-        if known is not None:
-            self._last_n, self._last_s = known, index * self._period_s
+        self._note_last()
         self._ask_next()
-        self._scheduler.call_at((index + 1) * self._period_s, self._tick)
+        self._scheduler.call_at((self._index() + 1) * self._period_s, self._tick)
+
+    def _note_last(self) -> None:
+        """Keep the force of the sample instant just past, if it is known."""
+        t_s = self._index() * self._period_s
+        known = self._known_at(t_s)
+        if known is not None:
+            self._last_n, self._last_s = known, t_s
 
     def _index(self) -> int:
         return math.floor(self._scheduler.monotonic_s() / self._period_s + 1e-6)
@@ -116,6 +120,7 @@ class PressAhead:
             self._scheduler.stop()
             return
         self._learn(answer)
+        self._note_last()
         self._ask_next()
 
     def _ask_and_wait(self, pose: Pose) -> PressAnswer:

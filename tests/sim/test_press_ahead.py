@@ -115,7 +115,7 @@ def test_a_finger_whose_process_dies_stops_the_loop_and_is_told_once(bench: Benc
     bench.run(0.3)
     assert bench.press.ended
     assert bench.complaints == ["the process of the virtual finger has ended"]
-    bench.plan = lambda t_s: -0.1234
+    bench.plan = lambda t_s: -0.777  # where it has not been
     assert math.isnan(bench.press.force_n(bench.scheduler.monotonic_s() + 2 * STALE_S))
 
 
