@@ -11,7 +11,7 @@ from sim.config import FingertipConfig
 from sim.fingertip import Fingertip
 from sim.plant import Carriage, Placement, Screws
 from sim.serve.press_ahead import STALE_S, PressAhead
-from sim.serve.press_process import PressProcess
+from sim.serve.press_process import FingerNotLoadedError, PressProcess
 from sim.wall_clock import WallScheduler
 
 PERIOD_S = 0.05
@@ -120,5 +120,5 @@ def test_a_finger_whose_process_dies_stops_the_loop_and_is_told_once(bench: Benc
 
 
 def test_a_finger_that_cannot_be_loaded_is_an_error_and_not_a_wait() -> None:
-    with pytest.raises(RuntimeError, match="ShapeError: shape 'spoon'"):
+    with pytest.raises(FingerNotLoadedError, match="^virtual finger: ShapeError: shape 'spoon'"):
         PressProcess(FingertipConfig(), "spoon")
