@@ -120,5 +120,5 @@ def test_a_finger_whose_process_dies_stops_the_loop_and_is_told_once(bench: Benc
 
 
 def test_a_finger_that_cannot_be_loaded_is_an_error_and_not_a_wait() -> None:
-    with pytest.raises(FingerNotLoadedError, match="^virtual finger: ShapeError: shape 'spoon'"):
+    with pytest.raises(FingerNotLoadedError, match=r"^virtual finger: ShapeError: shape 'spoon'"):
         PressProcess(FingertipConfig(), "spoon")
