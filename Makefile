@@ -33,6 +33,7 @@ bench: .venv/.ready-dev
 	$(BIN)/python bench/facts.py
 	$(BIN)/python bench/random_poses.py
 	$(BIN)/python bench/oracles.py
+	$(BIN)/python bench/serve_latency.py
 
 clean:
 	rm -rf .venv runs build dist

@@ -1,8 +1,10 @@
 """What the rig must know of itself: ports, frame, limits and habits. Unknown keys are errors."""
 
-from typing import Literal, Self
+import datetime
+from collections.abc import Callable, Iterator
+from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PositiveFloat, model_validator
 
 FASTEST_PRESS_MM_S = 5.0
 SLOWEST_MM_S = 1 / 60  # GRBL moves no slower, whatever F says
@@ -12,6 +14,67 @@ class Settings(BaseModel):
     """A table of the configuration file; every value is checked, none may be NaN."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Calibration(Settings):
+    """A number measured on this rig, the day it was measured, and the last day it may be used."""
+
+    value: float
+    date: datetime.date
+    expires: datetime.date
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.expires < self.date:
+            raise ValueError("expires: expected a day not before date")
+        return self
+
+
+def _measured(allowed: Callable[[float], bool], expected: str) -> AfterValidator:
+    def check(calibration: Calibration) -> Calibration:
+        if not allowed(calibration.value):
+            raise ValueError(f"value = {calibration.value:g}: expected {expected}")
+        return calibration
+
+    return AfterValidator(check)
+
+
+_StepsPerMm = Annotated[Calibration, _measured(lambda value: value != 0, "a number other than zero")]
+_Length = Annotated[Calibration, _measured(lambda value: value >= 0, "a number ≥ 0")]
+_Scale = Annotated[Calibration, _measured(lambda value: value > 0, "a positive number")]
+
+
+class CalibrationSettings(Settings):
+    """What was measured on this rig; a line that is absent was not.
+
+    steps_per_mm of each axis (pulses of a drive), negative where the motor runs against the axis; backlash_mm;
+    force_scale, true force over the force read; compliance_mm_per_n, how far the rig itself gives under a force.
+    """
+
+    x_steps_per_mm: _StepsPerMm | None = None
+    y_steps_per_mm: _StepsPerMm | None = None
+    z_steps_per_mm: _StepsPerMm | None = None
+    x_backlash_mm: _Length | None = None
+    y_backlash_mm: _Length | None = None
+    z_backlash_mm: _Length | None = None
+    force_scale: _Scale | None = None
+    compliance_mm_per_n: _Length | None = None
+
+    def measured(self) -> Iterator[tuple[str, Calibration]]:
+        """Every calibration there is, by name."""
+        for name in type(self).model_fields:
+            calibration = getattr(self, name)
+            if calibration is not None:
+                yield name, calibration
+
+    def value(self, name: str, otherwise: float) -> float:
+        """The measured number, or another where nothing was measured."""
+        calibration: Calibration | None = getattr(self, name)
+        return otherwise if calibration is None else calibration.value
+
+    def expired(self, day: datetime.date) -> list[str]:
+        """Names of those that may no longer be used on this day."""
+        return [name for name, calibration in self.measured() if calibration.expires < day]
 
 
 class StageSettings(Settings):
@@ -31,6 +94,13 @@ class ForceSettings(Settings):
     port: str = "/dev/ttyUSB1"
     baud: int = Field(9600, ge=300, le=1_000_000)
     sample_period_s: float = Field(0.05, ge=0.01, le=10)
+
+
+class SyncSettings(Settings):
+    """A pulse for the recording amplifier at contact, hold start and hold end; off by default."""
+
+    output: Literal["off", "coolant", "spindle"] = Field("off", description="of a GRBL board: M8/M9 or M3/M5")
+    width_s: float = Field(0.01, ge=0.001, le=1)
 
 
 class FrameSettings(Settings):
@@ -81,6 +151,8 @@ class RigSettings(Settings):
 
     stage: StageSettings = StageSettings()
     force: ForceSettings = ForceSettings()
+    sync: SyncSettings = SyncSettings()
     frame: FrameSettings = FrameSettings()
     limits: LimitSettings = LimitSettings()
     habits: HabitSettings = HabitSettings()
+    calibration: CalibrationSettings = CalibrationSettings()

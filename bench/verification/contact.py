@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from sim.contact.indentor import ALONG, ROUND, Indentor
-from sim.contact.points import Pose
-from sim.contact.profiles import Profile
 
 from sim.contact.control import solve_for_force
+from sim.contact.indentor import ALONG, ROUND, Indentor
 from sim.contact.patch import Patch
+from sim.contact.points import Pose
+from sim.contact.profiles import Profile
 from sim.contact.solver import ContactState, solve_contact
 
 Array = NDArray[np.float64]

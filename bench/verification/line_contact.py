@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from sim.contact.profiles import Bar, Cylinder, Profile, Wedge
 
 from sim.contact.patch import Patch
+from sim.contact.profiles import Bar, Cylinder, Profile, Wedge
 from sim.contact.solver import ContactState
 from sim.fem.elements import Element
 from verification.box import SLAB, Body, Box, condense, graded

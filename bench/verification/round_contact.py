@@ -5,9 +5,9 @@ for the cone and the punch. E = 1 MPa, contact radius 1 mm, slopes of at most 1/
 """
 
 import numpy as np
-from sim.contact.profiles import Bar, Cylinder, Wedge
 
 from sim.contact.patch import Patch
+from sim.contact.profiles import Bar, Cylinder, Wedge
 from verification.box import Body, Box, condense, graded
 from verification.contact import POISSON, SLOPE, Pressed, plane_modulus, press_to_force
 

@@ -25,6 +25,16 @@ err = Console(stderr=True, highlight=False, soft_wrap=True, markup=False)
 out = Console(highlight=False, soft_wrap=True, markup=False)
 
 
+@contextmanager
+def loading_the_finger() -> Iterator[None]:
+    """Something to look at meanwhile, where somebody looks."""
+    if not err.is_terminal:
+        yield
+        return
+    with err.status("fingertip: from the cache, or built in about 15 s …"):
+        yield
+
+
 class ExitCode(IntEnum):
     """How a command ended."""
 
@@ -36,7 +46,7 @@ class ExitCode(IntEnum):
 
 def print_json(result: Mapping[str, Any]) -> None:
     """One JSON object on standard output; NaN never leaves the program."""
-    print(json.dumps(result, allow_nan=False))
+    print(json.dumps(result, allow_nan=False), flush=True)
 
 
 def complain(message: str) -> str:

@@ -1,6 +1,7 @@
 """What moves: the stage, whatever controller drives it."""
 
 from rig.stage.base import (
+    Axis,
     Stage,
     StageAlarm,
     StageError,
@@ -12,6 +13,7 @@ from rig.stage.base import (
 from rig.stage.grbl import GrblStage
 
 __all__ = [
+    "Axis",
     "GrblStage",
     "Stage",
     "StageAlarm",

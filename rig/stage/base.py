@@ -1,7 +1,9 @@
 """What the engine needs of a stage, and how a stage fails."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
+
+Axis = Literal["x", "y", "z"]
 
 
 class StageError(Exception):
@@ -68,6 +70,26 @@ class Stage(Protocol):
         ...
 
     def status(self) -> StageStatus: ...
+
+    def look(self) -> StageStatus:
+        """Where a stage is that has not been spoken to; changes nothing. Raises StageError."""
+        ...
+
+    def steps_per_mm(self, axis: Axis) -> float:
+        """What the controller takes for a millimetre, negative where the motor runs against the axis."""
+        ...
+
+    def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
+        """Go on by so much and no farther, even if nothing is heard again; returns at once. Raises StageError."""
+        ...
+
+    def end_jog(self) -> None:
+        """Stop jogging and return at rest; the position stays trusted. Raises StageError."""
+        ...
+
+    def set_output(self, on: bool) -> None:
+        """Raise or lower the output that tells a recording amplifier; returns when it is done. Raises StageError."""
+        ...
 
     def stop(self) -> None:
         """Stop now, past every queue; never waits. The position is not trusted afterwards."""

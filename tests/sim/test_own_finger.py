@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim.config import FingertipConfig, Geometry, MeshSpec, Tissue
-from sim.contact.indentors import Profile
+from sim.contact.profiles import Profile
 from sim.contact.shapes import parse_shape
 from sim.finger.mesh import MeshError, build_mesh
 from sim.finger.quality import mesh_quality
