@@ -30,7 +30,7 @@ class Config(RigSettings):
 
     def as_toml(self) -> str:
         """Every table and value, as a configuration file that gives this configuration."""
-        return "\n".join(_toml_tables(self.model_dump(mode="json"))) + "\n"
+        return "\n".join(_toml_tables(self.model_dump(mode="json", exclude_none=True))) + "\n"
 
 
 def _toml_tables(values: dict[str, Any], prefix: str = "") -> Iterator[str]:

@@ -5,7 +5,6 @@ Sources: Modbus application protocol V1.1b3; Modbus over serial line V1.02, §2.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Literal
 
 from pymodbus.exceptions import ModbusException
 from pymodbus.framer import FramerRTU, FramerSocket
@@ -17,9 +16,8 @@ from pymodbus.pdu.register_message import (
 )
 
 from rig.clock import Clock
+from rig.settings import Framing
 from rig.transport.base import Transport
-
-Framing = Literal["rtu", "tcp"]
 
 REPLY_S = 0.2
 READ_TRIES = 3

@@ -1,5 +1,6 @@
 """Configuration files: every key known, every value checked, and written back as they were read."""
 
+from datetime import date
 from pathlib import Path
 
 import pytest
@@ -46,6 +47,45 @@ def test_no_file_means_the_defaults() -> None:
 )
 def test_what_where_and_what_was_expected(toml: Path, text: str, complaint: str) -> None:
     toml.write_text(text, encoding="utf-8")
+    assert complaint in _complaint(toml)
+
+
+CALIBRATED = """
+[calibration.z_steps_per_mm]
+value = -401.3
+date = 2026-03-01
+expires = 2027-03-01
+
+[calibration.force_scale]
+value = 1.004
+date = "2026-03-02"
+expires = "2026-09-02"
+"""
+
+
+def test_calibrations_have_a_date_and_an_end(toml: Path) -> None:
+    toml.write_text(CALIBRATED, encoding="utf-8")
+    calibration = load_config(toml).calibration
+    assert [name for name, _ in calibration.measured()] == ["z_steps_per_mm", "force_scale"]
+    assert calibration.value("z_steps_per_mm", 400.0) == -401.3
+    assert calibration.value("x_steps_per_mm", 400.0) == 400.0
+    assert calibration.expired(date(2026, 9, 2)) == []
+    assert calibration.expired(date(2026, 9, 3)) == ["force_scale"]
+    toml.write_text(load_config(toml).as_toml(), encoding="utf-8")
+    assert load_config(toml).calibration == calibration
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        (("-401.3", "0"), "value = 0: expected a number other than zero"),
+        (("1.004", "-1.0"), "value = -1: expected a positive number"),
+        (("2027-03-01", "2025-03-01"), "expires: expected a day not before date"),
+        (("expires = 2027-03-01\n", ""), "calibration.z_steps_per_mm.expires"),
+    ],
+)
+def test_a_calibration_that_cannot_be(toml: Path, change: tuple[str, str], complaint: str) -> None:
+    toml.write_text(CALIBRATED.replace(*change), encoding="utf-8")
     assert complaint in _complaint(toml)
 
 
