@@ -80,7 +80,7 @@ class CalibrationSettings(Settings):
 
 
 class DriveSettings(Settings):
-    """One Leadshine drive. What is marked second-hand is from memory or from other people's code: look it up first."""
+    """One Leadshine drive. Second-hand: not from the maker's manual, to be looked up before the drive moves."""
 
     device_id: int = Field(ge=1, le=31)
     port: str | None = Field(None, description="its own, where it does not share the stage's")

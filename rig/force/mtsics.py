@@ -20,10 +20,12 @@ _SYNTAX = {"ES": "does not know the command", "ET": "received garbled bytes", "E
 
 
 class MtSicsForce:
-    """ForceSensor over an MT-SICS balance set to grams; sample_period_s is that of the instrument."""
+    """ForceSensor over an MT-SICS balance set to grams; sample_period_s and resolution_gwt are the instrument's."""
 
-    def __init__(self, transport: Transport, clock: Clock, *, sample_period_s: float = 0.05) -> None:
-        self.sample_period_s = sample_period_s
+    def __init__(
+        self, transport: Transport, clock: Clock, *, sample_period_s: float = 0.05, resolution_gwt: float = 0.01
+    ) -> None:
+        self.sample_period_s, self.resolution_gwt = sample_period_s, resolution_gwt
         self._transport = transport
         self._clock = clock
         self._reader = LineReader(transport, clock)

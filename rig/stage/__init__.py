@@ -10,9 +10,13 @@ from rig.stage.base import (
     StageTimeout,
 )
 from rig.stage.grbl import GrblStage
+from rig.stage.leadshine import LeadshineStage
+from rig.stage.leadshine_drive import LeadshineDrive
 
 __all__ = [
     "GrblStage",
+    "LeadshineDrive",
+    "LeadshineStage",
     "Stage",
     "StageAlarm",
     "StageError",
