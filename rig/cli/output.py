@@ -35,7 +35,7 @@ class ExitCode(IntEnum):
 
 def print_json(result: Mapping[str, Any]) -> None:
     """One JSON object on standard output; NaN never leaves the program."""
-    print(json.dumps(result, allow_nan=False))
+    print(json.dumps(result, allow_nan=False), flush=True)
 
 
 def complain(message: str) -> str:

@@ -1,11 +1,14 @@
 """A stage on a GRBL 1.1 or grblHAL board. Source: GRBL 1.1 interface wiki."""
 
 import math
+from collections.abc import Mapping
+from types import MappingProxyType
 
 from rig.clock import Clock
 from rig.settings import SLOWEST_MM_S
 from rig.stage.base import StageAlarm, StageError, StageRejected, StageReset, StageStatus, StageTimeout
 from rig.stage.grbl_link import GrblLink
+from rig.stage.grbl_settings import INCHES, differences
 from rig.stage.grbl_words import Xyz, parse_setting
 from rig.transport import Transport
 
@@ -21,17 +24,25 @@ class GrblStage:
     """Stage over a GRBL board, one move at a time.
 
     poll_s: how often `?` asks whether a move is over, once it should be. tolerance_steps: how far from the
-    target an arrival may be; the board rounds to a step and prints 0.001 mm.
+    target an arrival may be; the board rounds to a step and prints 0.001 mm. expected: settings, by number, without
+    which connect() refuses the board.
     """
 
     def __init__(
-        self, transport: Transport, clock: Clock, *, poll_s: float = POLL_S, tolerance_steps: float = 1.0
+        self,
+        transport: Transport,
+        clock: Clock,
+        *,
+        poll_s: float = POLL_S,
+        tolerance_steps: float = 1.0,
+        expected: Mapping[int, float] = MappingProxyType({INCHES: 0}),
     ) -> None:
         self._transport = transport
         self._clock = clock
         self._link = GrblLink(transport, clock)
         self._poll_s = poll_s
         self._tolerance_steps = tolerance_steps
+        self._expected = expected
         self._settings: dict[int, float] = {}
         self._last: Xyz | None = None
 
@@ -43,15 +54,18 @@ class GrblStage:
     def connect(self) -> str:
         """Return the board's identity. The banner may have been missed, so the board is asked, or reset.
 
-        Raises StageError, also where positions are reported in inches ($13).
+        Raises StageError, also where a setting of the board is not the expected one.
         """
         try:
             printed = self._link.hello()
         except (StageTimeout, StageRejected, StageAlarm, StageReset):
             self._link.reset()
             printed = self._link.command("$I")
-        if self.settings().get(13):
-            raise StageError(f"{self._transport.name}: the board reports inches; set $13=0")
+        wrong = differences(self.settings(), self._expected)
+        if wrong:
+            raise StageError(
+                f"{self._transport.name}: the board is not set as configured, expected {', '.join(wrong)}"
+            )
         return " ".join(line for line in printed if line.startswith("[") and not line.startswith("[MSG"))
 
     def settings(self) -> dict[int, float]:
