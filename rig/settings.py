@@ -10,6 +10,7 @@ FASTEST_PRESS_MM_S = 5.0
 SLOWEST_MM_S = 1 / 60  # GRBL moves no slower, whatever F says
 
 Framing = Literal["rtu", "tcp"]
+NOMINAL_STEPS_PER_MM = 400.0
 
 
 class Settings(BaseModel):
@@ -102,6 +103,12 @@ class DrivesSettings(Settings):
     x: DriveSettings = DriveSettings(device_id=1)
     z: DriveSettings = DriveSettings(device_id=2)
 
+    @model_validator(mode="after")
+    def _told_apart(self) -> Self:
+        if (self.x.port, self.x.device_id) == (self.z.port, self.z.device_id):
+            raise ValueError("x and z: expected different device ids on one port")
+        return self
+
 
 class StageSettings(Settings):
     """The motorised stage; framing and drives are read for leadshine only."""
@@ -111,7 +118,7 @@ class StageSettings(Settings):
     baud: int = Field(115200, ge=300, le=1_000_000)
     travel_mm: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = (60.0, 30.0, 40.0)
     resolution_mm: float = Field(0.0025, gt=0, le=0.05, description="one step of the vertical axis")
-    framing: Framing = "rtu"
+    framing: Framing | None = Field(None, description="of Modbus; absent: tcp on a tcp:// port, rtu elsewhere")
     drives: DrivesSettings = DrivesSettings()
 
 
@@ -152,7 +159,7 @@ class ForceSettings(Settings):
     baud: int = Field(9600, ge=300, le=1_000_000)
     sample_period_s: float = Field(0.05, ge=0.01, le=10)
     resolution_gwt: float = Field(0.01, gt=0, le=1, description="one step of what the sensor shows")
-    framing: Framing = "rtu"
+    framing: Framing | None = Field(None, description="of Modbus; absent: tcp on a tcp:// port, rtu elsewhere")
     laumas: LaumasSettings = LaumasSettings()
 
 

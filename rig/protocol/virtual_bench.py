@@ -3,10 +3,11 @@
 from dataclasses import dataclass
 from typing import TextIO
 
-from rig.force.mtsics import MtSicsForce
+from rig import bench as real
+from rig.force.base import ForceSensor
 from rig.protocol.config import Config
 from rig.protocol.virtual_devices import FORCES, STAGES, Load, load_on_sensor, true_carriage
-from rig.stage.grbl import GrblStage
+from rig.stage.base import Stage
 from rig.transport.byte_log import LoggedTransport
 from rig.transport.loopback import LoopbackTransport
 from sim.clock import VirtualClock
@@ -20,8 +21,8 @@ class VirtualBench:
     """What the engine needs, and the plant behind the wire. It is its own operator."""
 
     clock: VirtualClock
-    stage: GrblStage
-    force: MtSicsForce
+    stage: Stage
+    force: ForceSensor
     plant: Plant
 
     def mount(self, indentor: str) -> None:
@@ -50,7 +51,7 @@ def virtual_bench(config: Config, finger: Fingertip, byte_log: TextIO, start_uni
     force_port = LoggedTransport(LoopbackTransport(force_line, clock, name="force"), clock, byte_log)
     return VirtualBench(
         clock,
-        GrblStage(stage_port, clock),
-        MtSicsForce(force_port, clock, sample_period_s=config.force.sample_period_s),
+        real.STAGES[config.stage.kind](lambda _port: stage_port, clock, config),
+        real.FORCES[config.force.kind](lambda _port: force_port, clock, config),
         plant,
     )

@@ -6,6 +6,7 @@ numbers. The command numbers and the coding of register 13 are second-hand and s
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Literal
 
 from sim.clock import Scheduler
 from sim.devices.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, RegisterFault, words
@@ -16,6 +17,7 @@ CELL, ADC, OVER_MAX, OVER_SCALE, GROSS_OUT, NET_OUT = (1 << bit for bit in range
 GROSS_MINUS, NET_MINUS, PEAK_MINUS, NET_SHOWN, STABLE, ZERO = (1 << bit for bit in range(7, 13))
 MOST_REGISTERS = 32
 _WIDEST = 999_999
+_STABLE_SAMPLES = 3
 _CACHE = 256
 
 
@@ -23,8 +25,9 @@ class VirtualLaumas:
     """Samples force_n (N at a time in s) every sample_period_s, and only those instants that somebody asks about.
 
     A weight is the mean of the last filter_samples samples, rounded to division_g and told in counts of count_g. It
-    is stable when those samples lie within a division. max_g is the maximum weight, full_scale_g the cell's. `broken`
-    holds the status bits that a cut wire or a dead converter would set.
+    is stable when those samples, at least three, lie within a division and are fresh (known, not just the last one
+    before). max_g is the maximum weight, full_scale_g the cell's. signs says where a minus is told: in the status
+    word, or in the registers too. `broken` holds the status bits that a cut wire or a dead converter would set.
     """
 
     functions = frozenset({0x03, 0x10})
@@ -42,9 +45,11 @@ class VirtualLaumas:
         full_scale_g: float = 300.0,
         identity: Sequence[int] = (0x0105, 30, 2024, 1234, 1),
         units_word: int = 0x010C,
+        signs: Literal["status", "registers"] = "status",
         tare_command: int = 7,
         zero_command: int = 8,
         gross_command: int = 9,
+        fresh: Callable[[float], bool] = lambda t_s: True,
     ) -> None:
         self._scheduler, self._force_n = scheduler, force_n
         self._period_s, self._filter_samples = sample_period_s, filter_samples
@@ -58,6 +63,7 @@ class VirtualLaumas:
         }
         self._zero_g = self._tare_g = self._peak_g = 0.0
         self._net_shown = False
+        self._signs, self._fresh = signs, fresh
         self._samples: dict[int, float] = {}
         self.broken = 0
 
@@ -88,7 +94,7 @@ class VirtualLaumas:
         self._peak_g = max(self._peak_g, gross)
         weights = (gross, net, self._peak_g)
         status = broken | self._status(gross, net) | STABLE * stable
-        pairs = [words(min(abs(round(weight / self._count_g)), _WIDEST)) for weight in weights]
+        pairs = [self._pair(weight) for weight in weights]
         return [*self._identity, 0, status, *(word for pair in pairs for word in pair), self._units_word]
 
     def _status(self, gross: float, net: float) -> int:
@@ -104,6 +110,10 @@ class VirtualLaumas:
             | ZERO * (abs(gross) < 0.25 * self._division_g)
         )
 
+    def _pair(self, grams: float) -> list[int]:
+        counts = min(max(round(grams / self._count_g), -_WIDEST), _WIDEST)
+        return words(counts if self._signs == "registers" else abs(counts))
+
     def _rounded(self, grams: float) -> float:
         return round(grams / self._division_g) * self._division_g
 
@@ -112,8 +122,11 @@ class VirtualLaumas:
     def _filtered(self) -> tuple[float, bool]:
         """Mean of the last samples in g, and whether they lie within a division; not a number from a dead cell."""
         index = math.floor(self._scheduler.monotonic_s() / self._period_s + 1e-6)
-        recent = [self._sample_g(index - k) for k in range(self._filter_samples)]
-        return sum(recent) / len(recent), max(recent) - min(recent) <= self._division_g
+        indices = range(index, index - max(self._filter_samples, _STABLE_SAMPLES), -1)
+        recent = [self._sample_g(k) for k in indices]
+        fresh = all(self._fresh(max(k, 0) * self._period_s) for k in indices)
+        mean = sum(recent[: self._filter_samples]) / self._filter_samples
+        return mean, fresh and max(recent) - min(recent) <= self._division_g
 
     def _sample_g(self, index: int) -> float:
         grams = self._samples.get(index)

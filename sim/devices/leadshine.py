@@ -197,3 +197,14 @@ class VirtualDrive:
             return -_NO_LIMIT, _NO_LIMIT
         low, high = (signed(self._held[n], self._held[n + 1]) for n in (NEGATIVE_LIMIT, POSITIVE_LIMIT))
         return low, high
+
+
+class DrivePair:
+    """Two drives as a stage: x lateral, z vertical, y set by hand."""
+
+    def __init__(self, x: VirtualDrive, z: VirtualDrive) -> None:
+        self.x, self.z = x, z
+
+    def carriage_steps_at(self, t_s: float) -> tuple[int, int, int]:
+        """Where the carriage really is, pulses from the home switches (x, y, z)."""
+        return self.x.carriage_at(t_s), 0, self.z.carriage_at(t_s)

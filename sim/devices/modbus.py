@@ -4,7 +4,7 @@ Sources: Modbus application protocol V1.1b3; Modbus over serial line V1.02. Fram
 Behind a TCP gateway the line's baud is that of the gateway's serial side.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal, Protocol
 
 from pymodbus.exceptions import ModbusException
@@ -60,7 +60,7 @@ class ModbusBus:
         self,
         scheduler: Scheduler,
         line: SerialLine,
-        devices: dict[int, Registers],
+        devices: Mapping[int, Registers],
         *,
         framing: Literal["rtu", "tcp"] = "rtu",
         turnaround_s: float = 2e-3,
