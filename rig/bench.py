@@ -1,6 +1,6 @@
-"""The devices of a real bench, by the names of their kinds, on the ports of the configuration.
+"""Drivers by the names of their kinds, and the devices of a real bench on the ports of the configuration.
 
-A new device is one function here and one line in STAGES or FORCES.
+A new driver is one function here and one line in _STAGES or _FORCES.
 """
 
 from collections.abc import Callable
@@ -24,11 +24,18 @@ from rig.transport.tcp import SCHEME
 Opener = Callable[[str], Transport]
 
 
-def _grbl(opener: Opener, clock: Clock, settings: RigSettings) -> GrblStage:
-    return GrblStage(opener(settings.stage.port), clock, expected=expected_settings(settings))
+def _grbl(opener: Opener, clock: Clock, settings: RigSettings) -> Stage:
+    x, y, z = (settings.calibration.value(f"{axis}_backlash_mm", 0.0) for axis in "xyz")
+    return GrblStage(
+        opener(settings.stage.port),
+        clock,
+        expected=expected_settings(settings),
+        output=settings.sync.output,
+        backlash_mm=(x, y, z),
+    )
 
 
-def _leadshine(opener: Opener, clock: Clock, settings: RigSettings) -> LeadshineStage:
+def _leadshine(opener: Opener, clock: Clock, settings: RigSettings) -> Stage:
     drives = {"x": settings.stage.drives.x, "z": settings.stage.drives.z}
     buses: dict[str, ModbusMaster] = {}
     try:
@@ -58,7 +65,7 @@ def _drive(
     )
 
 
-def _mtsics(opener: Opener, clock: Clock, settings: RigSettings) -> MtSicsForce:
+def _mtsics(opener: Opener, clock: Clock, settings: RigSettings) -> ForceSensor:
     return MtSicsForce(
         opener(settings.force.port),
         clock,
@@ -68,7 +75,7 @@ def _mtsics(opener: Opener, clock: Clock, settings: RigSettings) -> MtSicsForce:
     )
 
 
-def _laumas(opener: Opener, clock: Clock, settings: RigSettings) -> LaumasForce:
+def _laumas(opener: Opener, clock: Clock, settings: RigSettings) -> ForceSensor:
     force = settings.force
     return LaumasForce(
         _master(opener(force.port), clock, force.port, force.framing, force.baud),
@@ -85,20 +92,30 @@ def _master(transport: Transport, clock: Clock, port: str, framing: Framing | No
     return ModbusMaster(transport, clock, framing=framing or by_port, baud=baud)
 
 
-STAGES: dict[str, Callable[[Opener, Clock, RigSettings], Stage]] = {"grbl": _grbl, "leadshine": _leadshine}
-FORCES: dict[str, Callable[[Opener, Clock, RigSettings], ForceSensor]] = {"mtsics": _mtsics, "laumas": _laumas}
+_STAGES: dict[str, Callable[[Opener, Clock, RigSettings], Stage]] = {"grbl": _grbl, "leadshine": _leadshine}
+_FORCES: dict[str, Callable[[Opener, Clock, RigSettings], ForceSensor]] = {"mtsics": _mtsics, "laumas": _laumas}
+
+
+def stage_driver(opener: Opener, clock: Clock, settings: RigSettings) -> Stage:
+    """The driver for the configured kind of stage, on any wires and any clock. Raises what the opener raises."""
+    return _STAGES[settings.stage.kind](opener, clock, settings)
+
+
+def force_driver(opener: Opener, clock: Clock, settings: RigSettings) -> ForceSensor:
+    """The driver for the configured kind of sensor, on any wire and any clock. Raises what the opener raises."""
+    return _FORCES[settings.force.kind](opener, clock, settings)
 
 
 def open_stage(settings: RigSettings, clock: Clock, byte_log: TextIO | None = None) -> Stage:
     """The stage on its port, not yet spoken to. Raises TransportError."""
     opener = partial(_open, baud=settings.stage.baud, clock=clock, byte_log=byte_log)
-    return STAGES[settings.stage.kind](opener, clock, settings)
+    return stage_driver(opener, clock, settings)
 
 
 def open_force(settings: RigSettings, clock: Clock, byte_log: TextIO | None = None) -> ForceSensor:
     """The force sensor on its port, not yet spoken to. Raises TransportError."""
     opener = partial(_open, baud=settings.force.baud, clock=clock, byte_log=byte_log)
-    return FORCES[settings.force.kind](opener, clock, settings)
+    return force_driver(opener, clock, settings)
 
 
 def _open(port: str, *, baud: int, clock: Clock, byte_log: TextIO | None) -> Transport:

@@ -93,7 +93,6 @@ class DriveSettings(Settings):
     homing_high_rpm: int = Field(300, ge=1, le=600)
     homing_low_rpm: int = Field(25, ge=1, le=100)
     homing_ramp_ms: int = Field(333, ge=1, le=10_000)
-    jog_rpm: int = Field(60, ge=1, le=300)
     jog_rpm_register: int = Field(0x01E1, ge=0, le=0xFFFF, description="second-hand")
 
 
@@ -163,6 +162,13 @@ class ForceSettings(Settings):
     laumas: LaumasSettings = LaumasSettings()
 
 
+class SyncSettings(Settings):
+    """A pulse for the recording amplifier at contact, hold start and hold end; off by default."""
+
+    output: Literal["off", "coolant", "spindle"] = Field("off", description="of a GRBL board: M8/M9 or M3/M5")
+    width_s: float = Field(0.01, ge=0.001, le=1)
+
+
 class FrameSettings(Settings):
     """The finger's frame in machine coordinates (mm)."""
 
@@ -211,6 +217,7 @@ class RigSettings(Settings):
 
     stage: StageSettings = StageSettings()
     force: ForceSettings = ForceSettings()
+    sync: SyncSettings = SyncSettings()
     frame: FrameSettings = FrameSettings()
     limits: LimitSettings = LimitSettings()
     habits: HabitSettings = HabitSettings()

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import TextIO
 
-from rig import bench as real
+from rig.bench import force_driver, stage_driver
 from rig.force.base import ForceSensor
 from rig.protocol.config import Config
 from rig.protocol.virtual_devices import FORCES, STAGES, Load, load_on_sensor, true_carriage
@@ -51,7 +51,7 @@ def virtual_bench(config: Config, finger: Fingertip, byte_log: TextIO, start_uni
     force_port = LoggedTransport(LoopbackTransport(force_line, clock, name="force"), clock, byte_log)
     return VirtualBench(
         clock,
-        real.STAGES[config.stage.kind](lambda _port: stage_port, clock, config),
-        real.FORCES[config.force.kind](lambda _port: force_port, clock, config),
+        stage_driver(lambda _port: stage_port, clock, config),
+        force_driver(lambda _port: force_port, clock, config),
         plant,
     )

@@ -9,7 +9,7 @@ from typing import Protocol
 
 from rig.protocol.config import Config
 from rig.protocol.errors import BadInputError
-from rig.settings import NOMINAL_STEPS_PER_MM, DriveSettings
+from rig.settings import NOMINAL_STEPS_PER_MM, DriveSettings, Framing
 from rig.units import GWT_N
 from sim.clock import Scheduler
 from sim.devices.balance import VirtualBalance
@@ -106,6 +106,13 @@ FORCES: dict[str, Callable[[Scheduler, SerialLine, Config, Load], None]] = {"mts
 
 def _steps_per_mm(config: Config, axis: str) -> float:
     return config.calibration.value(f"{axis}_steps_per_mm", NOMINAL_STEPS_PER_MM)
+
+
+def with_framing(config: Config, framing: Framing) -> Config:
+    """The configuration, Modbus framed like this where it does not say."""
+    stage = config.stage.model_copy(update={"framing": config.stage.framing or framing})
+    force = config.force.model_copy(update={"framing": config.force.framing or framing})
+    return config.model_copy(update={"stage": stage, "force": force})
 
 
 def checked_kind(option: str, kind: str, table: dict[str, object]) -> str:

@@ -71,7 +71,7 @@ class _Press:
     @property
     def _doi_mm(self) -> float:
         assert self._contact_mm is not None
-        return self._contact_mm - self._engine.height_mm
+        return self._engine.doi_mm(self._contact_mm, self._force_gwt)
 
     def touch_off(self) -> None:
         """Find contact coarsely, back off, and find it again in fine increments."""
@@ -81,6 +81,7 @@ class _Press:
         readings = self._descend(habits.touch_increment_mm, "touch")
         touch = fit_contact(readings, habits.touch_force_gwt, self._engine.resolution_gwt)
         self._contact_mm, self._force_gwt = touch.contact_height_mm, readings[-1][1]
+        self._engine.pulse(self._index, "touch")
         self._record_touch(touch)
 
     def _back_off(self) -> None:
@@ -191,6 +192,7 @@ class _Press:
         engine, clock = self._engine, self._engine.clock
         about = {"index": self._index, "hold": hold}
         doi = round(self._doi_mm, 6)
+        engine.pulse(self._index, "hold_start")
         engine.record(
             "hold_start",
             {
@@ -206,6 +208,8 @@ class _Press:
         while not readings or clock.monotonic_s() - start < hold_s:
             engine.safe_point()
             readings.append(engine.read_force_gwt(self._index, "hold", self._contact_mm))
+        lasted_s = clock.monotonic_s() - start
+        engine.pulse(self._index, "hold_end")
         mean, sd = statistics.fmean(readings), statistics.pstdev(readings)
         data = {
             **about,
@@ -214,7 +218,7 @@ class _Press:
             "force_gwt": round(mean, 6),
             "force_sd_gwt": round(sd, 6),
             "readings": len(readings),
-            "hold_s": round(clock.monotonic_s() - start, 6),
+            "hold_s": round(lasted_s, 6),
         }
         true = engine.operator.true_pose()
         if true is not None:

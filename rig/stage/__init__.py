@@ -1,6 +1,7 @@
 """What moves: the stage, whatever controller drives it."""
 
 from rig.stage.base import (
+    Axis,
     Stage,
     StageAlarm,
     StageError,
@@ -14,6 +15,7 @@ from rig.stage.leadshine import LeadshineStage
 from rig.stage.leadshine_drive import LeadshineDrive
 
 __all__ = [
+    "Axis",
     "GrblStage",
     "LeadshineDrive",
     "LeadshineStage",

@@ -2,11 +2,10 @@
 
 import math
 from collections.abc import Callable
-from typing import Literal
 
 from rig.settings import SLOWEST_MM_S
 from rig.stage import leadshine_words as reg
-from rig.stage.base import StageError, StageStatus
+from rig.stage.base import Axis, StageError, StageStatus
 from rig.stage.leadshine_drive import LeadshineDrive
 from rig.stage.leadshine_words import Status
 from rig.transport.modbus import ModbusMaster
@@ -17,9 +16,8 @@ _SAME_PLACE_MM = 1e-6
 class LeadshineStage:
     """Stage over two drives, one axis at a time: two drives cannot keep a straight line between them.
 
-    y_mm: where the stage was set by hand along the finger; it cannot change that. Backlash is taken up by coming to
-    every place from the same side, z from above and x from below: a move the other way goes backlash_mm further and
-    returns.
+    y_mm: where the stage was set by hand along the finger; it cannot change that. An axis with backlash always
+    arrives in its negative direction (down, for z): a move the other way goes twice the backlash further and returns.
     """
 
     def __init__(
@@ -32,8 +30,7 @@ class LeadshineStage:
         z_backlash_mm: float = 0.0,
     ) -> None:
         self._drives = {"x": x, "z": z}
-        # Signed: past the target on that side, before coming to it.
-        self._overrun_mm = {"x": -x_backlash_mm, "z": z_backlash_mm}
+        self._overrun_mm = {"x": 2 * x_backlash_mm, "z": 2 * z_backlash_mm}
         self._y_mm = y_mm
         self._trusted = False
 
@@ -93,9 +90,30 @@ class LeadshineStage:
             self._trusted = False
             raise
 
-    def jog(self, axis: Literal["x", "z"], direction: Literal[1, -1], held: Callable[[], bool]) -> None:
-        """Run an axis as long as held() says so; when this program dies the drive stops. Raises StageError."""
-        self._drives[axis].jog(direction, held)
+    def look(self) -> StageStatus:
+        return self.status()
+
+    def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
+        """Go on by so much from where the axis is going to; the position stays trusted, homed or not.
+
+        Raises StageError; ValueError before any byte.
+        """
+        self._drive(axis).go_on(by_mm, speed_mm_s)
+
+    def jog_while(self, axis: Axis, sign: int, held: Callable[[], bool], speed_mm_s: float) -> None:
+        """Run an axis as long as held() says so; 50 ms after this program or its wire dies the drive stops.
+
+        Returns at rest. Raises StageError; ValueError before any byte.
+        """
+        self._drive(axis).jog(sign, held, speed_mm_s)
+
+    def end_jog(self) -> None:
+        for drive in self._up_first():
+            drive.confirm_stopped()
+
+    def set_output(self, on: bool) -> None:
+        """Raises StageError: which register switches a drive's output is not known here."""
+        raise StageError("a Leadshine drive has no output that this driver knows; set sync.output to off")
 
     def stop(self) -> None:
         """Quick stop of both drives, past everything that is being waited for; then make sure of it.
@@ -119,6 +137,11 @@ class LeadshineStage:
         z, x = self._up_first()
         return [z.bus] if x.bus is z.bus else [z.bus, x.bus]
 
+    def _drive(self, axis: Axis) -> LeadshineDrive:
+        if axis not in self._drives:
+            raise ValueError(f"axis must be one of {', '.join(self._drives)}, got {axis}")
+        return self._drives[axis]
+
     def _up_first(self) -> tuple[LeadshineDrive, LeadshineDrive]:
         return self._drives["z"], self._drives["x"]
 
@@ -140,9 +163,7 @@ class LeadshineStage:
     def _stops(self, axis: str, from_mm: float, to_mm: float) -> list[float]:
         """The places to go to in turn: one, or two where backlash is to be taken up."""
         overrun = self._overrun_mm[axis]
-        if (to_mm - from_mm) * overrun <= 0:
-            return [to_mm]
-        return [min(max(to_mm + overrun, -self._drives[axis].travel_mm), 0.0), to_mm]
+        return [min(to_mm + overrun, 0.0), to_mm] if overrun and to_mm > from_mm else [to_mm]
 
 
 def _state(words: list[Status]) -> str:

@@ -47,6 +47,7 @@ class LeadshineDrive:
         self._clock, self._settings = clock, settings
         self.travel_mm = travel_mm
         self._pulses_per_mm, self._tolerance_mm = pulses_per_mm, tolerance_mm
+        self._going_to: int | None = None
 
     # --- settings ---
 
@@ -103,15 +104,28 @@ class LeadshineDrive:
         if abs(at - mm) > self._tolerance_mm:
             raise StageError(f"{self._name} is at {at:.4f} mm, not at {mm:g} mm")
 
-    def jog(self, direction: int, held: Callable[[], bool]) -> None:
-        """Run in a direction, +1 or −1, as long as held() says so.
+    def go_on(self, by_mm: float, speed_mm_s: float) -> None:
+        """Go by so much from where the drive is going to, and return at once. Raises StageError; ValueError."""
+        if not math.isfinite(by_mm):
+            raise ValueError(f"by_mm must be a finite number, got {by_mm}")
+        rpm, status = self.rpm(speed_mm_s), self.status()
+        self._refuse(status)
+        if Status.RUNNING not in status or self._going_to is None:
+            self._going_to = self._commanded()
+        self._going_to += self._pulses(by_mm)
+        with self._errors():
+            self.bus.write(self.device_id, reg.PR0, reg.path(self._going_to, rpm, self._settings.ramp_ms))
+
+    def jog(self, sign: int, held: Callable[[], bool], speed_mm_s: float) -> None:
+        """Run one way, sign +1 or −1, as long as held() says so, and return at rest.
 
         A dead-man in the drive: the word is rewritten every 20 ms, and 50 ms after the last one, whatever the reason,
-        the drive stops. Raises StageError.
+        the drive stops. Raises StageError; ValueError before any byte.
         """
+        rpm = self.rpm(speed_mm_s)
         self.refuse_fault()
-        self._set("jog speed", self._settings.jog_rpm_register, [self._settings.jog_rpm])
-        word = reg.JOG_POSITIVE if direction * self._pulses_per_mm > 0 else reg.JOG_NEGATIVE
+        self._set("jog speed", self._settings.jog_rpm_register, [rpm])
+        word = reg.JOG_POSITIVE if sign * self._pulses_per_mm > 0 else reg.JOG_NEGATIVE
         while held():
             written_s = self._clock.monotonic_s()
             self._write(reg.CONTROL, word)

@@ -32,10 +32,14 @@ class DriveAxis:
         return t_s < self._track.end_s
 
     def go(self, targets: list[tuple[float, float]], up: float, down: float, now_s: float) -> None:
-        """Brake if need be, then run to each (position, speed) in turn, at rest in each."""
-        path = self._braked(down, now_s)
+        """Run to each (position, speed) in turn, at rest in each; brake first if the first is behind or too near."""
+        velocity = self.velocity_at(now_s)
+        path = _Path(self._track.position_at(now_s)[0], now_s)
+        if (targets[0][0] - path.position) * velocity < 0.5 * abs(velocity) ** 3 / down:
+            path, velocity = self._braked(down, now_s), 0.0
         for position, speed in targets:
-            path.run(position - path.position, trapeze(abs(position - path.position), 0.0, speed, up, down))
+            path.run(position - path.position, trapeze(abs(position - path.position), abs(velocity), speed, up, down))
+            velocity = 0.0
         self._follow(path, now_s)
 
     def keep_going(self, velocity: float, up: float, down: float, for_s: float, room: float, now_s: float) -> None:

@@ -10,11 +10,10 @@ from typing import Any
 
 import pytest
 
-from rig.force import MtSicsForce
+from rig.bench import force_driver, stage_driver
 from rig.run import Engine, Journal
 from rig.run.streams import STREAMS
 from rig.settings import RigSettings
-from rig.stage import GrblStage
 from rig.transport import LoopbackTransport
 from rig.transport.byte_log import LoggedTransport
 from rig.units import GWT_N
@@ -113,8 +112,8 @@ class SpringBench:
         self.mounted: str | None = None
         self.journal_path = folder / "events.jsonl"
         self.journal = Journal(self.journal_path, self.clock, STREAMS, self._watch)
-        stage = GrblStage(self._logged(self.stage_line, "stage"), self.clock)
-        force = MtSicsForce(self._logged(self.force_line, "force"), self.clock)
+        stage = stage_driver(lambda _: self._logged(self.stage_line, "stage"), self.clock, self.settings)
+        force = force_driver(lambda _: self._logged(self.force_line, "force"), self.clock, self.settings)
         self.engine = Engine(
             self.settings, self.clock, stage, force, self.journal, self, lambda: self.interrupt(), soft_trip_n
         )

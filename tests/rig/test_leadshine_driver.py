@@ -304,7 +304,7 @@ def move(device: int, start: str, target: str, rpm: str) -> list[Pair]:
 
 
 def test_backlash_is_taken_up_from_above(homed: Make) -> None:
-    """Up to −2 mm: 0.05 mm further, then down to it; down to −3 mm: straight."""
+    """Up to −2 mm: twice 0.025 mm further, then down to it; down to −3 mm: straight."""
     there = homed(
         [
             feedback(2, "FF FF FB 50"),
@@ -313,7 +313,7 @@ def test_backlash_is_taken_up_from_above(homed: Make) -> None:
             feedback(2, "FF FF FC E0"),
             *move(2, "FF FF FC E0", "FF FF FB 50", "00 3C"),
         ],
-        z_backlash_mm=0.05,
+        z_backlash_mm=0.025,
     )
     there.move_to(z_mm=-2.0, speed_mm_s=1.0)
     there.move_to(z_mm=-3.0, speed_mm_s=1.0)
@@ -374,7 +374,7 @@ def test_jog_is_rewritten_in_time_and_ends_with_the_key(stage: Make, clock: Virt
         pressed_s.append(clock.monotonic_s())
         return len(pressed_s) <= 5
 
-    there.jog("z", 1, held)
+    there.jog_while("z", 1, held, 1.0)
     assert all(0 < b - a < 0.05 for a, b in pairwise(pressed_s))
 
 
@@ -388,7 +388,7 @@ def test_jog_the_other_way(stage: Make) -> None:
             echoed("01 06 18 01 40 02"),
             status(1, AT_REST),
         ]
-    ).jog("x", -1, lambda: next(once))
+    ).jog_while("x", -1, lambda: next(once), 1.0)
 
 
 def test_a_jog_ends_with_the_link(stage: Make) -> None:
@@ -400,4 +400,4 @@ def test_a_jog_ends_with_the_link(stage: Make) -> None:
                 ("01 03 01 E1 00 01", "01 03 02 00 3C"),
                 ("01 06 18 01 40 01", ""),
             ]
-        ).jog("x", 1, lambda: True)
+        ).jog_while("x", 1, lambda: True, 1.0)

@@ -227,9 +227,8 @@ def test_a_jog_dies_50_ms_after_its_last_word(bench: Bench, rtu: Rtu, word: str,
     assert bench.say(rtu(STATUS), 0.01)[4] == 0x06
     bench.clock.wait_s(0.06)
     assert bench.say(rtu(STATUS))[4] & 0x04 == 0
-    assert sign * (bench.drive.carriage_at(bench.clock.monotonic_s()) + 4000) == pytest.approx(
-        20 + 49 * 16 + 20, abs=2
-    )
+    moved = sign * (bench.drive.carriage_at(bench.clock.monotonic_s()) + 4000)
+    assert moved == pytest.approx(20 + 49 * 16 + 20, abs=2)
 
 
 def test_an_alarm_stops_and_stays_until_cleared(bench: Bench, rtu: Rtu) -> None:
