@@ -80,13 +80,13 @@ class LeadshineDrive:
         self._write(reg.TRIGGER, reg.HOME)
         self._until(lambda status: Status.HOMED in status and self._commanded() == 0, HOME_S, START_S, "homing")
 
-    def move_to(self, mm: float, speed_mm_s: float, keep_on: Callable[[], bool]) -> None:
-        """To a position in mm at up to speed_mm_s, and return on arrival.
+    def move_to(self, to_mm: float, speed_mm_s: float, keep_on: Callable[[], bool]) -> None:
+        """To a position at up to speed_mm_s, and return on arrival.
 
         keep_on says whether to go on waiting. Raises StageError; ValueError before any byte where the drive cannot
         be so slow.
         """
-        target, rpm = self._pulses(mm), self.rpm(speed_mm_s)
+        target, rpm = self._pulses(to_mm), self.rpm(speed_mm_s)
         status, start = self.status(), self._commanded()
         self._refuse(status)
         with self._errors():
@@ -99,10 +99,10 @@ class LeadshineDrive:
                 raise StageError(f"{self._name}: stopped")
             return Status.PATH_DONE in status and self._commanded() == target
 
-        self._until(there, late_s, expected_s, f"the move to {mm:g} mm")
+        self._until(there, late_s, expected_s, f"the move to {to_mm:g} mm")
         at = self.position_mm()
-        if abs(at - mm) > self._tolerance_mm:
-            raise StageError(f"{self._name} is at {at:.4f} mm, not at {mm:g} mm")
+        if abs(at - to_mm) > self._tolerance_mm:
+            raise StageError(f"{self._name} is at {at:.4f} mm, not at {to_mm:g} mm")
 
     def go_on(self, by_mm: float, speed_mm_s: float) -> None:
         """Go by so much from where the drive is going to, and return at once. Raises StageError; ValueError."""
@@ -157,7 +157,7 @@ class LeadshineDrive:
         return reg.number(self._read(reg.FEEDBACK, 2)) / self._pulses_per_mm
 
     def refuse_fault(self) -> None:
-        """Raise StageAlarm if the drive has an alarm, StageError if it is not enabled."""
+        """Look before anything moves. Raises StageAlarm for an alarm, StageError for a drive that is not enabled."""
         self._refuse(self.status())
 
     def clear_alarm(self) -> None:

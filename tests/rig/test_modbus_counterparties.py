@@ -25,6 +25,7 @@ minimalmodbus = pytest.importorskip("minimalmodbus", reason=FROM_DEV)
 defines = pytest.importorskip("modbus_tk.defines", reason=FROM_DEV)
 modbus_rtu = pytest.importorskip("modbus_tk.modbus_rtu", reason=FROM_DEV)
 modbus_tcp = pytest.importorskip("modbus_tk.modbus_tcp", reason=FROM_DEV)
+modbus_errors = pytest.importorskip("modbus_tk.exceptions", reason=FROM_DEV)
 MBPOLL = shutil.which("mbpoll")
 needs_mbpoll = pytest.mark.skipif(MBPOLL is None, reason="mbpoll is not installed (Debian package mbpoll)")
 BAUD = 115200
@@ -140,10 +141,10 @@ def test_modbus_tk_over_tcp(drives_on_tcp: tuple[str, int]) -> None:
     try:
         assert master.execute(2, defines.READ_HOLDING_REGISTERS, 0x1003, 1) == (0x32,)
         assert master.execute(2, defines.WRITE_SINGLE_REGISTER, 0x1801, output_value=0x2244) == (0x1801, 0x2244)
-        with pytest.raises(modbus_tcp.ModbusError) as caught:
+        with pytest.raises(modbus_errors.ModbusError) as caught:
             master.execute(2, defines.READ_HOLDING_REGISTERS, 0x1234, 1)
         assert caught.value.get_exception_code() == defines.ILLEGAL_DATA_ADDRESS
-        with pytest.raises(modbus_tcp.ModbusError) as caught:
+        with pytest.raises(modbus_errors.ModbusError) as caught:
             master.execute(2, defines.READ_COILS, 0, 1)
         assert caught.value.get_exception_code() == defines.ILLEGAL_FUNCTION
     finally:
