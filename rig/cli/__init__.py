@@ -4,7 +4,7 @@ import sys
 
 import typer
 
-from rig.cli import doctor, dry_run, export_deck, indent, not_built, run, serve
+from rig.cli import bench, doctor, dry_run, export_deck, indent, jog, not_built, run, serve
 from rig.cli.output import ExitCode, fail
 
 # typer carries its own copy of click in some versions: its exceptions are reached through a public one.
@@ -22,6 +22,8 @@ doctor.register(app)
 export_deck.register(app)
 run.register(app)
 serve.register(app)
+bench.register(app)
+jog.register(app)
 not_built.register(app)
 
 

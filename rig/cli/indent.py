@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import typer
 from rich.table import Table
 
-from rig.cli.output import ExitCode, complain, err, out, print_json, told_in_one_line
+from rig.cli.output import ExitCode, complain, loading_the_finger, out, print_json, told_in_one_line
 from rig.protocol.config import load_config
 from rig.protocol.errors import BadInputError
 from sim.contact.shapes import parse_shape
@@ -43,7 +43,7 @@ def command(
         profile = parse_shape(shape)
         if not 0.1 <= receptor_depth_mm <= 3.0:
             raise BadInputError(f"--receptor-depth-mm {receptor_depth_mm:g}: expected 0.1 … 3.0")
-        with err.status("fingertip: from the cache, or built in about 15 s …"):
+        with loading_the_finger():
             finger = Fingertip.load(settings.finger, receptor_depth_mm=receptor_depth_mm)
         result = finger.indent(profile, x_mm, doi_mm=doi_mm, force_gwt=force_gwt, reference=_reference(reference))
         if as_json:

@@ -6,7 +6,7 @@ from rig.cli.output import ExitCode, fail
 
 COMMANDS = (
     *("check", "resume", "compare", "shift-invariance", "impulse", "decode", "bench"),
-    *("home", "jog", "zero", "status", "stop", "export"),
+    "export",
 )
 
 
@@ -20,7 +20,7 @@ def register(app: typer.Typer) -> None:
 
 def _say_so(context: typer.Context) -> None:
     fail(
-        f"{context.info_name}: not built yet, expected one of dry-run, run, indent, serve, doctor, export-deck",
+        f"{context.info_name}: not built yet, expected one that rig --help lists",
         ExitCode.BAD_INPUT,
         as_json="--json" in context.args,
     )

@@ -24,6 +24,16 @@ err = Console(stderr=True, highlight=False, soft_wrap=True, markup=False)
 out = Console(highlight=False, soft_wrap=True, markup=False)
 
 
+@contextmanager
+def loading_the_finger() -> Iterator[None]:
+    """Something to look at meanwhile, where somebody looks."""
+    if not err.is_terminal:
+        yield
+        return
+    with err.status("fingertip: from the cache, or built in about 15 s …"):
+        yield
+
+
 class ExitCode(IntEnum):
     """How a command ended."""
 

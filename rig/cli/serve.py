@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from rig.cli.output import complain, err, print_json, told_in_one_line
+from rig.cli.output import complain, err, loading_the_finger, print_json, told_in_one_line
 from rig.protocol.config import Config, load_config
 from rig.protocol.errors import BadInputError
 from rig.protocol.served_bench import ServedBench
@@ -37,7 +37,7 @@ def command(
         if tcp is not None and not 0 <= tcp <= 65534:
             raise BadInputError(f"--tcp {tcp}: expected 0 … 65534")
         both = stage is None and force is None
-        with err.status("fingertip: from the cache, or built in about 15 s …"):
+        with loading_the_finger():
             bench = ServedBench(
                 settings,
                 stage=_kind("--stage", stage, settings.stage.kind if both else None, dict(STAGES)),

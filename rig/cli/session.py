@@ -1,6 +1,5 @@
 """What `rig dry-run` and `rig run` share: interrupts, progress, and how a finished run is told."""
 
-import signal
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -10,7 +9,8 @@ from typing import Any, NoReturn
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from rig.cli.output import ExitCode, complain, err, out, print_json
+from rig.cli.interrupts import at_a_safe_point
+from rig.cli.output import ExitCode, complain, err, loading_the_finger, out, print_json
 from rig.compare import write_report
 from rig.protocol.config import Config
 from rig.protocol.plan import make_plan
@@ -24,11 +24,11 @@ def carry_out(
     script: Script, config: Config, out_dir: Path, how: Callable[[Session], FinishedRun], *, as_json: bool
 ) -> FinishedRun:
     """Check the script, carry it out, write its report, and say where it is."""
-    with err.status("fingertip: from the cache, or built in about 15 s …"):
+    with loading_the_finger():
         finger = Fingertip.load(config.finger)
     plan = make_plan(script, config, finger)
     began = time.perf_counter()
-    with _interruptible() as interrupted, _progress(len(plan.indentations)) as watch:
+    with at_a_safe_point() as interrupted, _progress(len(plan.indentations)) as watch:
         done = how(Session(script, config, finger, plan, out_dir, interrupted, watch))
     done.folder.write_checksums()
     report = write_report(done.run, finger, done.wall_s)
@@ -68,28 +68,12 @@ def _exit_code(done: FinishedRun) -> ExitCode:
 
 
 @contextmanager
-def _interruptible() -> Iterator[Callable[[], bool]]:
-    """Ctrl-C (or SIGTERM) once asks for a stop at the next safe point; twice stops the program at once."""
-    asked: list[bool] = []
-
-    def ask(*_: object) -> None:
-        asked.append(True)
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        err.print("stopping at the next safe point; Ctrl-C again stops now")
-
-    before = [(number, signal.signal(number, ask)) for number in (signal.SIGINT, signal.SIGTERM)]
-    try:
-        yield lambda: bool(asked)
-    finally:
-        for number, handler in before:
-            signal.signal(number, handler)
-
-
-@contextmanager
 def _progress(total: int) -> Iterator[Watch]:
     """A bar on standard error, one tick an indentation, with the time left."""
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, TextColumn("left"), TimeRemainingColumn(), console=err, transient=True) as bar:
+    with Progress(
+        *columns, TextColumn("left"), TimeRemainingColumn(), console=err, transient=True, disable=not err.is_terminal
+    ) as bar:
         task = bar.add_task("starting", total=total)
 
         def watch(stream: str, data: Mapping[str, Any]) -> None:

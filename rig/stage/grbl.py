@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping
-from contextlib import suppress
 from types import MappingProxyType
 from typing import Literal
 
@@ -19,6 +18,8 @@ HOME_S = 180.0
 # A move may take this much longer than its length, speed and acceleration say.
 LATE_FACTOR, LATE_S = 1.5, 5.0
 ASK_FOR_OFFSET = 35
+# An alarm, the banner after it, and one more of each.
+NEWS = 4
 HOLD_AND_RESET = b"!\x18"
 JOG_CANCEL = b"\x85"
 OUTPUT_WORDS = {"coolant": ("M9", "M8"), "spindle": ("M5", "M3S1000")}
@@ -163,9 +164,12 @@ class GrblStage:
             self._listen(self._poll_s)
 
     def look(self) -> StageStatus:
-        # Opening the port may have reset the board: its banner is not an answer.
-        with suppress(StageReset):
-            self._link.hear_pending()
+        # Opening the port may have reset the board, or somebody stopped it: what that prints is not an answer.
+        for _ in range(NEWS):
+            try:
+                return self.status()
+            except (StageReset, StageAlarm):
+                continue
         return self.status()
 
     def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:

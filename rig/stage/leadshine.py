@@ -139,7 +139,7 @@ class LeadshineStage:
 
     def _drive(self, axis: Axis) -> LeadshineDrive:
         if axis not in self._drives:
-            raise ValueError(f"axis must be one of {', '.join(self._drives)}, got {axis}")
+            raise StageError(f"there is no drive for {axis}; it is set by hand")
         return self._drives[axis]
 
     def _up_first(self) -> tuple[LeadshineDrive, LeadshineDrive]:

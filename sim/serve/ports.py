@@ -64,7 +64,7 @@ class TcpPort:
         try:
             self._server = socket.create_server((HOST, port))
         except OSError as problem:
-            raise PortBusyError(f"TCP port {port}: {(problem.strerror or str(problem)).lower()}") from None
+            raise PortBusyError(f"TCP port {port}: {os.strerror(problem.errno or 0).lower()}") from None
         self._server.setblocking(False)
         self.name = f"tcp://{HOST}:{self._server.getsockname()[1]}"
         line.forward(self._to_client)

@@ -3,6 +3,7 @@
 import io
 import json
 import re
+import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -11,6 +12,8 @@ from typing import Any
 import pytest
 
 from rig.bench import force_driver, stage_driver
+from rig.protocol.config import Config
+from rig.protocol.served_bench import ServedBench
 from rig.run import Engine, Journal
 from rig.run.streams import STREAMS
 from rig.settings import RigSettings
@@ -181,3 +184,23 @@ def spring(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable
     yield make
     for bench in made:
         bench.journal._file.close()
+
+
+@pytest.fixture
+def served() -> Iterator[Callable[..., ServedBench]]:
+    """Serve virtual devices in real time, from a thread: make(config, stage=, force=, tcp=)."""
+    running: list[tuple[ServedBench, threading.Thread]] = []
+
+    def make(config: Config | None = None, **options: Any) -> ServedBench:
+        bench = ServedBench(config or Config(), **{"stage": None, "force": None, **options})
+        thread = threading.Thread(target=bench.run)
+        thread.start()
+        running.append((bench, thread))
+        return bench
+
+    yield make
+    for bench, thread in running:
+        bench.stop()
+        thread.join(5.0)
+        assert not thread.is_alive()
+        bench.close()

@@ -176,7 +176,7 @@ def test_a_refusal_is_json_too_where_json_was_asked_for(rig: Rig) -> None:
 def test_a_command_that_is_not_built_says_so(rig: Rig, name: str) -> None:
     ended = rig(name, "thing", "--some-option", "3")
     assert (ended.code, ended.out) == (2, "")
-    assert ended.complaint.startswith(f"{name}: not built yet, expected one of")
+    assert ended.complaint.startswith(f"{name}: not built yet, expected one that rig --help lists")
     assert rig(name, "--json").json["exit_code"] == 2
 
 

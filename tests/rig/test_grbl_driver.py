@@ -359,7 +359,8 @@ def test_without_an_output_there_is_no_pulse(stage: Make) -> None:
 def test_a_look_takes_no_banner_for_an_answer_and_resets_nothing(
     clock: VirtualClock, scripted: Callable[[list[Any]], Any]
 ) -> None:
-    board = GrblStage(scripted([(b"", BANNER), (b"?", b"<Alarm|MPos:0.000,0.000,0.000|FS:0,0>\r\n")]), clock)
+    locked = b"<Alarm|MPos:0.000,0.000,0.000|FS:0,0>\r\n"
+    board = GrblStage(scripted([(b"", BANNER), (b"?", b"ALARM:3\r\n" + BANNER), (b"?", locked)]), clock)
     assert board.look().state == "Alarm"
 
 
