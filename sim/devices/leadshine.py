@@ -52,6 +52,7 @@ class VirtualDrive:
         self._held = dict.fromkeys((*range(0x6000, 0x6015), *range(PR0, PR0_TRIGGER + 1), CONTROL), 0)
         self._held |= {pulses_per_rev_register: pulses_per_rev, jog_rpm_register: 60}
         self._held |= {HOMING_HIGH: 200, HOMING_LOW: 50, HOMING_RAMP_UP: 100, HOMING_RAMP_DOWN: 100}
+        self._stopped_s = -1.0  # end of the last quick stop: one that is under way is not begun again
         self.eeprom_saves = 0
         self.power_cycle()
 
@@ -177,8 +178,9 @@ class VirtualDrive:
         now_s = self._scheduler.monotonic_s()
         speed = abs(self._axis.velocity_at(now_s))
         self._homing = self._done = False
-        if speed:
+        if speed and self._stopped_s != self._axis.end_s:
             self._axis.brake(speed / QUICK_STOP_S, now_s)
+            self._stopped_s = self._axis.end_s
 
     # --- units ---
 
