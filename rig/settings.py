@@ -102,12 +102,6 @@ class DrivesSettings(Settings):
     x: DriveSettings = DriveSettings(device_id=1)
     z: DriveSettings = DriveSettings(device_id=2)
 
-    @model_validator(mode="after")
-    def _told_apart(self) -> Self:
-        if (self.x.port, self.x.device_id) == (self.z.port, self.z.device_id):
-            raise ValueError("x and z: expected different device ids on one port")
-        return self
-
 
 class StageSettings(Settings):
     """The motorised stage; framing and drives are read for leadshine only."""
@@ -119,6 +113,13 @@ class StageSettings(Settings):
     resolution_mm: float = Field(0.0025, gt=0, le=0.05, description="one step of the vertical axis")
     framing: Framing | None = Field(None, description="of Modbus; absent: tcp on a tcp:// port, rtu elsewhere")
     drives: DrivesSettings = DrivesSettings()
+
+    @model_validator(mode="after")
+    def _told_apart(self) -> Self:
+        x, z = self.drives.x, self.drives.z
+        if x.device_id == z.device_id and (x.port or self.port) == (z.port or self.port):
+            raise ValueError("drives.x and drives.z: expected different device ids on one port")
+        return self
 
 
 class StatusBits(Settings):
@@ -222,3 +223,9 @@ class RigSettings(Settings):
     limits: LimitSettings = LimitSettings()
     habits: HabitSettings = HabitSettings()
     calibration: CalibrationSettings = CalibrationSettings()
+
+    @model_validator(mode="after")
+    def _output_there(self) -> Self:
+        if self.stage.kind == "leadshine" and self.sync.output != "off":
+            raise ValueError("sync.output: expected off, only a GRBL board has such an output")
+        return self

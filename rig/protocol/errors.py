@@ -13,4 +13,7 @@ def first_problem(where: str, error: ValidationError) -> BadInputError:
     place = ".".join(str(part) for part in problem["loc"])
     if problem["type"] == "extra_forbidden":
         return BadInputError(f"{where}: {place}: there is no such key")
-    return BadInputError(f"{where}: {place} = {problem['input']!r}: {problem['msg'].lower()}")
+    message = problem["msg"].removeprefix("Value error, ")
+    if isinstance(problem["input"], dict):  # about a whole table: the message says which keys
+        return BadInputError(": ".join(part for part in (where, place, message) if part))
+    return BadInputError(f"{where}: {place} = {problem['input']!r}: {message.lower()}")

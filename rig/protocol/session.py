@@ -113,12 +113,19 @@ def real_run(session: Session, ask_to_mount: Callable[[str], None]) -> FinishedR
     return _run_session(session, open_real_bench, virtual=False)
 
 
+def expired_calibrations(config: Config) -> list[str]:
+    """One line for each calibration that may no longer be used: refused on hardware, a warning in a dry-run."""
+    today = datetime.fromtimestamp(WallClock().unix_s()).date()
+    return [
+        f"calibration.{name}: expired on {getattr(config.calibration, name).expires}, expected a newer measurement"
+        for name in config.calibration.expired(today)
+    ]
+
+
 def refuse_expired(config: Config) -> None:
     """Raises BadInputError for a calibration that may no longer be used."""
-    today = datetime.fromtimestamp(WallClock().unix_s()).date()
-    for name in config.calibration.expired(today):
-        expires = getattr(config.calibration, name).expires
-        raise BadInputError(f"calibration.{name}: expired on {expires}, expected a newer measurement")
+    for problem in expired_calibrations(config):
+        raise BadInputError(problem)
 
 
 def _run_session(
@@ -135,7 +142,7 @@ def _run_session(
     with folder.bytes_log.open("w", encoding="ascii") as byte_log:
         try:
             bench = open_bench(byte_log, now.timestamp())
-        except TransportError:
+        except (TransportError, BadInputError):
             shutil.rmtree(folder.path)  # nothing has happened
             raise
         try:

@@ -204,7 +204,7 @@ def test_a_silent_drive_stops_the_run(make: Make) -> None:
     bench = make()
     engine = bench.ready()
     bench.at_first("press", lambda: bench.stage_line.connect(lambda data: None))
-    with pytest.raises(StageTimeout, match="z axis: stage: device 2, .*no answer"):
+    with pytest.raises(StageTimeout, match=r"z axis: stage: device 2, .*no answer"):
         indent(engine, Target("force_gwt", 2.33))
     assert engine.state is State.UNHOMED
 

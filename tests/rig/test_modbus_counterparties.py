@@ -9,16 +9,18 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from typing import Any
 
 import pytest
 import serial
 
-from rig.bench import open_stage
+from rig.bench import open_force, open_stage
 from rig.clock import WallClock
 from rig.protocol.config import Config
 from rig.protocol.served_bench import ServedBench
+from rig.units import GWT_N
+from sim.fingertip import Fingertip
 
 FROM_DEV = "comes with the dev extra"
 minimalmodbus = pytest.importorskip("minimalmodbus", reason=FROM_DEV)
@@ -37,14 +39,19 @@ PR0_MINUS_100000 = [0x0001, 0xFFFE, 0x7960, 600, 100, 100, 0, 0]
 def _served(kind: str, tcp: int | None) -> Iterator[str]:
     """The port of one virtual device, served from a thread of this process."""
     stage, force = (kind, None) if kind == "leadshine" else (None, kind)
-    with ServedBench(CONFIG, stage=stage, force=force, tcp=tcp) as bench:
-        thread = threading.Thread(target=bench.run)
-        thread.start()
-        try:
-            yield next(iter(bench.ports.values()))
-        finally:
-            bench.stop()
-            thread.join(5.0)
+    with ServedBench(CONFIG, stage=stage, force=force, tcp=tcp) as bench, _running(bench):
+        yield next(iter(bench.ports.values()))
+
+
+@contextmanager
+def _running(bench: ServedBench) -> Iterator[None]:
+    thread = threading.Thread(target=bench.run)
+    thread.start()
+    try:
+        yield
+    finally:
+        bench.stop()
+        thread.join(5.0)
 
 
 @pytest.fixture
@@ -227,3 +234,40 @@ def test_our_driver_homes_moves_and_stops_in_real_time(tcp: int | None) -> None:
             assert stage.status().state == "Idle"
         finally:
             stage.close()
+
+
+NEAR = {
+    "frame": {"pad_centre_x_mm": -1.0, "apex_z_mm": -2.0},
+    "habits": {"clearance_mm": 0.5},
+    "stage": {
+        "kind": "leadshine",
+        "drives": {
+            axis: {"device_id": n, "homing_high_rpm": 600, "homing_low_rpm": 100, "homing_ramp_ms": 100}
+            for n, axis in ((1, "x"), (2, "z"))
+        },
+    },
+    "force": {"kind": "laumas", "baud": BAUD},
+}
+
+
+@pytest.mark.parametrize("tcp", [None, 0], ids=["rtu on ptys", "tcp"])
+def test_pressing_the_virtual_finger_in_real_time(finger: Fingertip, tcp: int | None) -> None:
+    """Drives and transmitter on wires of their own, the finger between them: the force is the model's, to a count."""
+    config = Config.model_validate(NEAR)
+    with ServedBench(config, stage="leadshine", force="laumas", tcp=tcp) as bench, _running(bench):
+        tables = config.model_dump(mode="json", exclude_none=True)
+        for name, port in bench.ports.items():
+            tables[name]["port"] = port
+        ours, clock = Config.model_validate(tables), WallClock()
+        with closing(open_stage(ours, clock)) as stage, closing(open_force(ours, clock)) as force:
+            stage.connect()
+            stage.home()
+            force.connect()
+            force.zero()
+            stage.move_to(x_mm=-1.0, speed_mm_s=5.0)
+            stage.move_to(z_mm=-2.3, speed_mm_s=5.0)
+            readings = [force.read()]
+            _until(lambda: readings.append(force.read()) or readings[-1].stable)
+    touch_mm = finger.touch_height_mm("bar:3.0", 0.0) - finger.apex_height_mm
+    model = finger.indent("bar:3.0", 0.0, doi_mm=touch_mm + 0.3)
+    assert readings[-1].force_n / GWT_N == pytest.approx(model.force_gwt, abs=0.0051)
