@@ -1,6 +1,7 @@
 """Drivers and virtual Modbus devices on one virtual clock: moves, stops, jogs, trips; the finger is a spring."""
 
 import io
+import json
 from collections.abc import Callable, Iterator, Mapping
 from itertools import pairwise
 from pathlib import Path
@@ -17,10 +18,10 @@ from rig.run.engine import State
 from rig.run.jog import Direction, dead_man_jog
 from rig.run.streams import STREAMS
 from rig.stage import LeadshineStage, StageAlarm, StageError, StageTimeout
-from rig.transport import LoggedTransport, LoopbackTransport
+from rig.transport import LoggedTransport, LoopbackTransport, TransportError
 from rig.units import GWT_N
 from sim.clock import VirtualClock
-from sim.devices import SerialLine
+from sim.devices import ModbusBus, SerialLine, VirtualDrive
 from sim.devices.leadshine import DrivePair
 
 Make = Callable[..., "Bench"]
@@ -314,3 +315,48 @@ def test_a_filter_is_waited_out(make: Make) -> None:
     for sample in pressed:
         depth = -0.3 - sample["height_mm"]
         assert sample["force_gwt"] == pytest.approx(6.0 * max(depth, 0.0) ** 1.5, abs=0.02)
+
+
+# --- a port for each drive ---
+
+
+def test_two_drives_on_two_ports_are_stopped_without_waiting_for_each_other(clock: VirtualClock) -> None:
+    """Both are device 1; each port gets its own frame at the same instant."""
+    drives = {"x": {"device_id": 1, "port": "/dev/x"}, "z": {"device_id": 1, "port": "/dev/z"}}
+    config = Config.model_validate({"stage": {"kind": "leadshine", "drives": drives}})
+    wire = io.StringIO()
+    virtual = {port: VirtualDrive(clock) for port in ("/dev/x", "/dev/z")}
+
+    def opener(port: str) -> LoggedTransport:
+        line = SerialLine(clock, 115200)
+        ModbusBus(clock, line, {1: virtual[port]})
+        return LoggedTransport(LoopbackTransport(line, clock, port), clock, wire)
+
+    stage = stage_driver(opener, clock, config)
+    stage.connect()
+    stage.home()
+    stage.move_to(z_mm=-1.0, speed_mm_s=5.0)
+    assert [drive.carriage_at(clock.monotonic_s()) for drive in virtual.values()] == [0, -400]
+    before = len(wire.getvalue().splitlines())
+    now_s = clock.monotonic_s()
+    stage.stop()
+    sent = [json.loads(line) for line in wire.getvalue().splitlines()[before:]]
+    first = [(c["port"], c["hex"][:12]) for c in sent if c["t_s"] == pytest.approx(now_s, abs=1e-6)]
+    assert first == [("/dev/z", "010660020040"), ("/dev/x", "010660020040")]
+
+
+def test_a_port_that_is_not_there_gives_the_other_one_back(clock: VirtualClock) -> None:
+    drives = {"x": {"device_id": 1}, "z": {"device_id": 2, "port": "/dev/z"}}
+    config = Config.model_validate({"stage": {"kind": "leadshine", "port": "/dev/x", "drives": drives}})
+    opened: list[LoopbackTransport] = []
+
+    def opener(port: str) -> LoopbackTransport:
+        if port == "/dev/z":
+            raise TransportError("there is no port /dev/z")
+        opened.append(LoopbackTransport(SerialLine(clock, 115200), clock, port))
+        return opened[-1]
+
+    with pytest.raises(TransportError, match="no port /dev/z"):
+        stage_driver(opener, clock, config)
+    with pytest.raises(TransportError, match="/dev/x is closed"):
+        opened[0].write(b"?")
