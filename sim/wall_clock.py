@@ -1,5 +1,6 @@
 """Real time for the virtual devices: one thread, one loop over timers and open files."""
 
+import math
 import selectors
 import socket
 import time
@@ -49,10 +50,14 @@ class WallScheduler:
     def run(self) -> None:
         """Until stop()."""
         while not self._stopped:
-            self._run_due()
-            left_s = max(self._queue.next_s() - self.monotonic_s(), 0.0)
-            for key, _ in self._selector.select(None if left_s == float("inf") else left_s):
-                key.data()
+            self.run_once()
+
+    def run_once(self, until_s: float = math.inf) -> None:
+        """What is due, then whatever comes first: something to read, the next timer, or until_s."""
+        self._run_due()
+        left_s = max(min(self._queue.next_s(), until_s) - self.monotonic_s(), 0.0)
+        for key, _ in self._selector.select(None if left_s == math.inf else left_s):
+            key.data()
 
     def stop(self) -> None:
         """End run(), also from a signal handler or another thread."""

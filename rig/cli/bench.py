@@ -10,11 +10,11 @@ import typer
 
 from rig.bench import open_force, open_stage
 from rig.cli.interrupts import STOP_SIGNAL, at_once
+from rig.cli.looking import look, position
 from rig.cli.output import ExitCode, complain, out, print_json, told_in_one_line
 from rig.clock import WallClock
-from rig.force.base import ForceError
 from rig.protocol.config import Config, load_config
-from rig.stage.base import Stage, StageError, StageStatus
+from rig.stage.base import Stage
 from rig.transport import TransportError, port_owner
 
 ConfigOption = Annotated[Path, typer.Option("--config", metavar="TOML", help="Configuration of the rig.")]
@@ -59,7 +59,7 @@ def zero(config: ConfigOption, as_json: JsonOption = False) -> None:
             name = force.connect()
             force.zero()
             clock.wait_s(2 * force.sample_period_s)
-            tell({"sensor": name, "force_n": force.read().force_n}, as_json=as_json)
+            tell({"identity": name, "force_n": force.read().force_n}, as_json=as_json)
 
 
 def status(config: ConfigOption, as_json: JsonOption = False) -> None:
@@ -86,19 +86,6 @@ def stop(config: ConfigOption, as_json: JsonOption = False) -> None:
         tell({"stopped": port, "owner": owner}, as_json=as_json)
 
 
-def look(settings: Config) -> dict[str, dict[str, Any]]:
-    """Stage and force as they are: kind, port, and either owner, what they say, or the problem."""
-    return {
-        "stage": {"kind": settings.stage.kind, "port": settings.stage.port, **_look_at_stage(settings)},
-        "force": {"kind": settings.force.kind, "port": settings.force.port, **_look_at_force(settings)},
-    }
-
-
-def position(at: StageStatus) -> dict[str, Any]:
-    """A status as JSON: machine coordinates in mm."""
-    return {"state": at.state, "x_mm": at.x_mm, "y_mm": at.y_mm, "z_mm": at.z_mm}
-
-
 def tell(found: dict[str, Any], *, as_json: bool) -> None:
     """As one JSON object, or a line for each entry."""
     if as_json:
@@ -108,30 +95,6 @@ def tell(found: dict[str, Any], *, as_json: bool) -> None:
         if isinstance(value, dict):
             value = ", ".join(f"{k} {v}" for k, v in value.items())
         out.print(f"{name:<12}{value}")
-
-
-def _look_at_stage(settings: Config) -> dict[str, Any]:
-    owner = port_owner(settings.stage.port)
-    if owner is not None:
-        return {"owner": owner}
-    try:
-        with closing(open_stage(settings, WallClock())) as stage:
-            return position(stage.look())
-    except (StageError, TransportError) as error:
-        return {"problem": str(error)}
-
-
-def _look_at_force(settings: Config) -> dict[str, Any]:
-    owner = port_owner(settings.force.port)
-    if owner is not None:
-        return {"owner": owner}
-    try:
-        with closing(open_force(settings, WallClock())) as force:
-            name = force.connect()
-            reading = force.read()
-            return {"sensor": name, "force_n": reading.force_n, "stable": reading.stable}
-    except (ForceError, TransportError) as error:
-        return {"problem": str(error)}
 
 
 def _have_it_let_go(port: str, owner: int) -> None:

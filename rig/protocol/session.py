@@ -15,6 +15,7 @@ from rig.bench import open_bench
 from rig.clock import Clock, WallClock
 from rig.data import Run, RunFolder, export_run, new_run_folder, read_run
 from rig.force.base import ForceError, ForceSensor
+from rig.protocol.calibration import refuse_expired
 from rig.protocol.config import Config
 from rig.protocol.errors import BadInputError
 from rig.protocol.live import LiveRig
@@ -111,21 +112,6 @@ def real_run(session: Session, ask_to_mount: Callable[[str], None]) -> FinishedR
         return open_bench(session.config, ask_to_mount, byte_log)
 
     return _run_session(session, open_real_bench, virtual=False)
-
-
-def expired_calibrations(config: Config) -> list[str]:
-    """One line for each calibration that may no longer be used: refused on hardware, a warning in a dry-run."""
-    today = datetime.fromtimestamp(WallClock().unix_s()).date()
-    return [
-        f"calibration.{name}: expired on {getattr(config.calibration, name).expires}, expected a newer measurement"
-        for name in config.calibration.expired(today)
-    ]
-
-
-def refuse_expired(config: Config) -> None:
-    """Raises BadInputError for a calibration that may no longer be used."""
-    for problem in expired_calibrations(config):
-        raise BadInputError(problem)
 
 
 def _run_session(

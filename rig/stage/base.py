@@ -78,6 +78,10 @@ class Stage(Protocol):
         """Where a stage is that has not been spoken to; changes nothing. Raises StageError."""
         ...
 
+    def steps_per_mm(self, axis: Axis) -> float:
+        """What the controller takes for a millimetre, negative where the motor runs against the axis."""
+        ...
+
     def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
         """Go on by so much and no farther, even if nothing is heard again; returns at once. Raises StageError."""
         ...

@@ -9,7 +9,7 @@ from rig.clock import Clock
 from rig.settings import SLOWEST_MM_S
 from rig.stage.base import Axis, StageAlarm, StageError, StageRejected, StageReset, StageStatus, StageTimeout
 from rig.stage.grbl_link import GrblLink
-from rig.stage.grbl_settings import INCHES, differences
+from rig.stage.grbl_settings import INCHES, STEP_DIRECTION, STEPS_PER_MM, differences
 from rig.stage.grbl_words import Xyz, parse_setting
 from rig.transport import Transport
 
@@ -171,6 +171,12 @@ class GrblStage:
             except (StageReset, StageAlarm):
                 continue
         return self.status()
+
+    def steps_per_mm(self, axis: Axis) -> float:
+        """`$100` … `$102`, with the sign of `$3`; known once connected."""
+        reversed_axes = int(self._settings.get(STEP_DIRECTION, 0.0))
+        sign = -1.0 if reversed_axes >> "xyz".index(axis) & 1 else 1.0
+        return sign * self._settings[STEPS_PER_MM + "xyz".index(axis)]
 
     def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
         """`$J=`: needs a board that is idle or jogging. Raises StageError; ValueError before any byte."""

@@ -93,6 +93,10 @@ class LeadshineStage:
     def look(self) -> StageStatus:
         return self.status()
 
+    def steps_per_mm(self, axis: Axis) -> float:
+        """Pulses in a millimetre, as configured; a drive itself knows turns only. Raises StageError for y."""
+        return self._drive(axis).pulses_per_mm
+
     def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
         """Go on by so much from where the axis is going to; the position stays trusted, homed or not.
 

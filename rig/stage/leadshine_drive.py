@@ -46,7 +46,7 @@ class LeadshineDrive:
         self.bus, self.axis, self.device_id = bus, axis, settings.device_id
         self._clock, self._settings = clock, settings
         self.travel_mm = travel_mm
-        self._pulses_per_mm, self._tolerance_mm = pulses_per_mm, tolerance_mm
+        self.pulses_per_mm, self._tolerance_mm = pulses_per_mm, tolerance_mm
         self._going_to: int | None = None
 
     # --- settings ---
@@ -125,7 +125,7 @@ class LeadshineDrive:
         rpm = self.rpm(speed_mm_s)
         self.refuse_fault()
         self._set("jog speed", self._settings.jog_rpm_register, [rpm])
-        word = reg.JOG_POSITIVE if sign * self._pulses_per_mm > 0 else reg.JOG_NEGATIVE
+        word = reg.JOG_POSITIVE if sign * self.pulses_per_mm > 0 else reg.JOG_NEGATIVE
         while held():
             written_s = self._clock.monotonic_s()
             self._write(reg.CONTROL, word)
@@ -154,7 +154,7 @@ class LeadshineDrive:
 
     def position_mm(self) -> float:
         """Where the feedback says it is. Raises StageError."""
-        return reg.number(self._read(reg.FEEDBACK, 2)) / self._pulses_per_mm
+        return reg.number(self._read(reg.FEEDBACK, 2)) / self.pulses_per_mm
 
     def refuse_fault(self) -> None:
         """Look before anything moves. Raises StageAlarm for an alarm, StageError for a drive that is not enabled."""
@@ -167,10 +167,10 @@ class LeadshineDrive:
 
     def rpm(self, speed_mm_s: float) -> int:
         """Whole turns a minute, never faster than asked for. Raises ValueError below one."""
-        pulses_s = abs(self._pulses_per_mm) * speed_mm_s
+        pulses_s = abs(self.pulses_per_mm) * speed_mm_s
         rpm = math.floor(60 * pulses_s / self._settings.pulses_per_rev + 1e-9)
         if rpm < 1:
-            slowest = self._settings.pulses_per_rev / 60 / abs(self._pulses_per_mm)
+            slowest = self._settings.pulses_per_rev / 60 / abs(self.pulses_per_mm)
             raise ValueError(f"speed_mm_s must be at least {slowest:.4f}, got {speed_mm_s}")
         return rpm
 
@@ -206,7 +206,7 @@ class LeadshineDrive:
         return reg.number(self._read(reg.COMMANDED, 2))
 
     def _pulses(self, mm: float) -> int:
-        return round(mm * self._pulses_per_mm)
+        return round(mm * self.pulses_per_mm)
 
     def _set(self, name: str, register: int, values: list[int]) -> None:
         with self._errors():

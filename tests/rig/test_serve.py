@@ -7,7 +7,9 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
+import tomllib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +25,10 @@ from rig.protocol.config import Config
 from rig.protocol.served_bench import ServedBench
 from rig.stage import GrblStage
 from rig.transport import open_port
+from sim.devices import SerialLine, VirtualBalance
 from sim.fingertip import Fingertip
+from sim.serve.ports import PtyPort
+from sim.wall_clock import WallScheduler
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 
@@ -104,9 +109,9 @@ Rig = Callable[..., Ended]
 def rig(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Rig:
     """Run the program in this process, with what is typed to it."""
 
-    def run(*arguments: object, typed: str = "") -> Ended:
+    def run(*arguments: object, typed: str | io.StringIO = "") -> Ended:
         monkeypatch.setattr(sys, "argv", ["rig", *map(str, arguments)])
-        monkeypatch.setattr(sys, "stdin", io.StringIO(typed))
+        monkeypatch.setattr(sys, "stdin", io.StringIO(typed) if isinstance(typed, str) else typed)
         with pytest.raises(SystemExit) as caught:
             main()
         printed = capsys.readouterr()
@@ -291,7 +296,10 @@ def test_home_status_and_zero(rig: Rig, served: Callable[..., ServedBench], tmp_
     assert homed.code == 0, homed.err
     at = {"state": "Idle", "x_mm": -1.0, "y_mm": -1.0, "z_mm": -1.0}
     assert homed.json == at
-    assert rig("zero", "--config", config, "--json").json == {"sensor": "MT-SICS balance 0123456789", "force_n": 0.0}
+    assert rig("zero", "--config", config, "--json").json == {
+        "identity": "MT-SICS balance 0123456789",
+        "force_n": 0.0,
+    }
     after = rig("status", "--config", config, "--json").json
     assert after["stage"] == {"kind": "grbl", "port": stage, **at}
     assert (after["force"]["force_n"], after["force"]["stable"]) == (0.0, True)
@@ -327,6 +335,78 @@ def test_stop_on_a_port_that_nobody_owns(rig: Rig, served: Callable[..., ServedB
     look = GrblStage(open_port(bench.ports["stage"], 115200), WallClock())
     assert look.look().state == "Alarm"
     look.close()
+
+
+def test_doctor_looks_at_the_devices_of_a_configuration(
+    rig: Rig, served: Callable[..., ServedBench], tmp_path: Path
+) -> None:
+    stage, force = served(stage="grbl").ports["stage"], served(force="mtsics").ports["force"]
+    config = tmp_path / "rig.toml"
+    config.write_text(
+        f'[stage]\nport = "{stage}"\ntravel_mm = [60, 30, 50]\n[force]\nport = "{force}"\n'
+        "[calibration.force_scale]\nvalue = 1.02\ndate = 2019-01-01\nexpires = 2020-01-01\n",
+        encoding="utf-8",
+    )
+    found = rig("doctor", "--config", config, "--json").json
+    assert found["stage"]["state"] == "Alarm"
+    assert "expected $132=50 (it has 40)" in found["stage"]["problem"]
+    assert found["force"]["identity"] == "MT-SICS balance 0123456789"
+    assert found["calibrated"] == {"force_scale": "1.02, expired 2020-01-01"}
+    assert "calibrated" not in rig("doctor", "--json").json
+
+
+# --- calibration ---
+
+
+def test_steps_per_mm_with_a_caliper(rig: Rig, free_stage: tuple[Callable[[], float], Path]) -> None:
+    """The board says 2 mm, the caliper 1.96: it takes 2 % more steps for a millimetre than it believes."""
+    steps = ("calibrate", "steps", "--config", free_stage[1], "--axis", "x", "--by-mm", "-2", "--speed-mm-s", "5")
+    ended = rig(*steps, "--json", typed="1.96\n")
+    assert ended.code == 0, ended.err
+    assert "the board says 2.000 mm; how many did you measure" in ended.err
+    assert ended.json["name"] == "x_steps_per_mm"
+    assert ended.json["value"] == pytest.approx(400 * 2 / 1.96, rel=1e-6)
+    table = tomllib.loads(ended.json["toml"])["calibration"]["x_steps_per_mm"]
+    assert (table["expires"] - table["date"]).days == 365
+    assert Config.model_validate({"calibration": {"x_steps_per_mm": table}})
+    for typed, complaint in (
+        ("0.2\n", "expected a difference of 20 % at most"),
+        ("two\n", "expected a number"),
+        ("", "nobody"),
+    ):
+        ended = rig(*steps, typed=typed)
+        assert (ended.code, ended.out) == (2, "")
+        assert complaint in ended.err
+
+
+def test_force_scale_with_a_known_mass(rig: Rig, tmp_path: Path) -> None:
+    """50 g that the sensor takes for 49 g; then nothing on it, which is missed and said."""
+    load_n, scheduler = [0.0], WallScheduler()
+    line = SerialLine(scheduler, 115200)
+    VirtualBalance(scheduler, line, lambda t_s: load_n[0])
+    port = PtyPort(scheduler, line)
+    loop = threading.Thread(target=scheduler.run)
+    loop.start()
+    config = tmp_path / "rig.toml"
+    config.write_text(f'[force]\nport = "{port.name}"\nbaud = 115200\n', encoding="utf-8")
+
+    class Hand(io.StringIO):
+        def readline(self, _size: int | None = -1, /) -> str:
+            load_n[0] = 49 * 9.80665e-3
+            return "\n"
+
+    weigh = ("calibrate", "force", "--config", config, "--mass-g", "50", "--json")
+    try:
+        weighed, missed = rig(*weigh, typed=Hand()), rig(*weigh, typed="\n")
+    finally:
+        scheduler.stop()
+        loop.join(5.0)
+        port.close()
+        scheduler.close()
+    assert (weighed.code, weighed.json["name"]) == (0, "force_scale")
+    assert weighed.json["value"] == pytest.approx(50 / 49, rel=1e-3)
+    assert missed.code == 2
+    assert "expected a difference of 20 % at most" in missed.err
 
 
 # --- jogging ---
