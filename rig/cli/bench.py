@@ -27,7 +27,7 @@ def register(app: typer.Typer) -> None:
     """Add the commands."""
     app.command("home", help="Find the home switches.")(home)
     app.command("zero", help="Zero the force sensor, with nothing on it.")(zero)
-    app.command("status", help="Where the stage is and what the sensor feels; moves and resets nothing.")(status)
+    app.command("status", help="Where the stage is and what the sensor feels; moves nothing.")(status)
     app.command("stop", help="Stop the stage now, whoever moves it.")(stop)
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from rig.clock import Clock, WallClock
 from rig.protocol.served_bench import ServedBench
-from rig.stage import GrblStage, StageError, StageRejected
+from rig.stage import GrblStage, StageAlarm, StageError, StageRejected
 from rig.transport import LineReader, LoopbackTransport, SerialTransport, Transport
 from sim.clock import VirtualClock
 from sim.devices import SerialLine, VirtualGrbl
@@ -127,13 +127,18 @@ def test_a_stop_in_motion_is_an_alarm_that_an_unlock_clears(stage: GrblStage, wi
     assert abs(after.x_mm - before.x_mm) < 20.0
 
 
-def test_what_is_out_of_travel_is_refused_and_nothing_moves(stage: GrblStage) -> None:
+def test_out_of_travel_a_jog_is_refused_and_a_move_is_an_alarm_with_a_way_back(stage: GrblStage) -> None:
     if not stage.settings()[20]:
         pytest.skip("the board's soft limits ($20) are off")
     before = stage.status()
     with pytest.raises(StageRejected, match="outside the travel"):
         stage.jog("x", -5000.0, 5.0)
     assert stage.status() == before
+    with pytest.raises(StageAlarm) as caught:
+        stage.move_to(x_mm=-5000.0, speed_mm_s=1.0)
+    assert caught.value.code == 2
+    stage.unlock()
+    assert stage.status().state == "Idle"
 
 
 def _wait_until_it_moves(stage: GrblStage, clock: Clock) -> None:
