@@ -100,9 +100,9 @@ class LeadshineDrive:
             return Status.PATH_DONE in status and self._commanded() == target
 
         self._until(there, late_s, expected_s, f"the move to {to_mm:g} mm")
-        at = self.position_mm()
-        if abs(at - to_mm) > self._tolerance_mm:
-            raise StageError(f"{self._name} is at {at:.4f} mm, not at {to_mm:g} mm")
+        at_mm = self.position_mm()
+        if abs(at_mm - target / self.pulses_per_mm) > self._tolerance_mm:
+            raise StageError(f"{self._name} is at {at_mm:.4f} mm, not at {to_mm:g} mm")
 
     def go_on(self, by_mm: float, speed_mm_s: float) -> None:
         """Go by so much from where the drive is going to, and return at once. Raises StageError; ValueError."""

@@ -51,6 +51,16 @@ def test_the_golden_save_is_echoed(bench: Bench) -> None:
     assert bench.drive.eeprom_saves == 1
 
 
+def test_parameters_are_saved_only_when_told(bench: Bench, rtu: Rtu) -> None:
+    """Stall time and current are 6013 and 6014; 2211 hex saves."""
+    write = rtu("01 10 60 13 00 02 04 00 05 00 64")
+    assert bench.say(write) == rtu("01 10 60 13 00 02")
+    assert bench.say(rtu("01 03 60 13 00 02")) == rtu("01 03 04 00 05 00 64")
+    assert bench.drive.eeprom_saves == 0
+    assert bench.say(rtu("01 06 18 01 22 11")) == rtu("01 06 18 01 22 11")
+    assert bench.drive.eeprom_saves == 1
+
+
 def test_an_answer_comes_after_the_frame_and_the_turnaround(bench: Bench) -> None:
     bench.line.host_write(GOLDEN_SAVE)
     answered_s = 8 * 10 / 115200 + 2e-3 + 8 * 10 / 115200
