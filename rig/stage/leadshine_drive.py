@@ -14,7 +14,7 @@ from rig.stage.base import StageAlarm, StageError, StageTimeout
 from rig.stage.leadshine_words import Status
 from rig.transport.modbus import ModbusError, ModbusMaster, ModbusTimeout
 
-POLL_S = 0.02
+POLL_S, LOOK_S = 0.02, 0.25
 HOME_S = 180.0
 # Until a trigger shows in the status word.
 START_S = 0.05
@@ -177,16 +177,17 @@ class LeadshineDrive:
     # --- words ---
 
     def _until(self, done: Callable[[Status], bool], most_s: float, first_s: float, what: str) -> None:
-        deadline_s = self._clock.monotonic_s() + most_s
-        self._clock.wait_s(first_s)
+        """Poll until it stands and done() says so: now and then in the first first_s, for an alarm, then steadily."""
+        start_s = self._clock.monotonic_s()
         while True:
+            left_s = start_s + first_s - self._clock.monotonic_s()
+            self._clock.wait_s(min(left_s, LOOK_S) if left_s > 0 else POLL_S)
             status = self.status()
             self._refuse(status)
-            if Status.RUNNING not in status and done(status):
+            if done(status) and Status.RUNNING not in status:
                 return
-            if self._clock.monotonic_s() >= deadline_s:
+            if self._clock.monotonic_s() >= start_s + most_s:
                 raise StageTimeout(f"{self._name}: {what} is not over after {most_s:.1f} s, status {status!r}")
-            self._clock.wait_s(POLL_S)
 
     def _refuse(self, status: Status) -> None:
         if Status.FAULT in status:

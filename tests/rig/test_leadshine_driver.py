@@ -177,7 +177,7 @@ def test_a_move_is_one_frame_and_arrival_is_seen(homed: Make, clock: VirtualCloc
             status(2, HOMED),
             commanded(2, "00 00 00 00"),
             written("02 10 62 00 00 08 10 00 01 FF FF FC 18 00 1E 01 4D 01 4D 00 00 00 10"),
-            status(2, RUNNING),
+            *[status(2, RUNNING)] * 21,
             status(2, HOMED),
             commanded(2, "FF FF FC 18"),
             feedback(2, "FF FF FC 18"),
@@ -185,7 +185,7 @@ def test_a_move_is_one_frame_and_arrival_is_seen(homed: Make, clock: VirtualCloc
     )
     start_s = clock.monotonic_s()
     there.move_to(z_mm=-2.5, speed_mm_s=0.5)
-    # 5 s of way and 10 ms of ramp, then one poll that still finds it running.
+    # 5 s of way and 10 ms of ramp, with a look each 0.25 s; then one poll that still finds it running.
     assert clock.monotonic_s() - start_s == pytest.approx(5.01 + 0.02, abs=0.03)
 
 

@@ -188,6 +188,18 @@ def test_a_stop_from_elsewhere_ends_a_move_within_milliseconds(make: Make) -> No
     bench.stage.move_to(z_mm=-1.0, speed_mm_s=5.0)
 
 
+def test_an_alarm_in_a_long_move_is_noticed_soon(make: Make) -> None:
+    bench = make()
+    bench.stage.connect()
+    bench.stage.home()
+    at_s = bench.clock.monotonic_s() + 1.0
+    bench.clock.call_at(at_s, lambda: bench.drives.x.fault(0xC0))
+    with pytest.raises(StageAlarm, match="x axis, drive 1: over-voltage"):
+        bench.stage.move_to(x_mm=-50.0, speed_mm_s=5.0)
+    assert bench.clock.monotonic_s() - at_s < 0.3
+    assert not bench.stage.homed
+
+
 def test_an_alarm_in_contact_stops_the_run_and_is_left_alone(make: Make) -> None:
     bench = make()
     engine = bench.ready()
