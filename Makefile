@@ -32,6 +32,7 @@ bench: setup
 	$(BIN)/python bench/timing.py
 	$(BIN)/python bench/facts.py
 	$(BIN)/python bench/random_poses.py
+	$(BIN)/python bench/serve_latency.py
 
 clean:
 	rm -rf .venv runs build dist

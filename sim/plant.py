@@ -1,5 +1,6 @@
 """The bench's physics: where the screws have really put the indentor, and the force that answers."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -71,15 +72,15 @@ class Press:
         self._finger = finger
         self._profile: Profile = parse_shape(indentor)
         self._stiffness = stiffness
-        self._touch: dict[float, float] = {}
+        self._touch_mm = (math.nan, math.nan)  # height of first touch at the last x
         self._last: tuple[Pose, float, ContactState | None] | None = None
         self.contact_solves = 0
 
     def doi_mm(self, pose: Pose) -> float:
         """Depth past first contact; negative above the skin."""
-        if pose.x_mm not in self._touch:
-            self._touch[pose.x_mm] = self._finger.touch_height_mm(self._profile, pose.x_mm)
-        return self._touch[pose.x_mm] - (pose.above_apex_mm + self._finger.apex_height_mm)
+        if self._touch_mm[0] != pose.x_mm:
+            self._touch_mm = (pose.x_mm, self._finger.touch_height_mm(self._profile, pose.x_mm))
+        return self._touch_mm[1] - (pose.above_apex_mm + self._finger.apex_height_mm)
 
     def force_n(self, pose: Pose) -> float:
         """Downward force on the finger, N. Raises ModelRangeError."""
@@ -97,7 +98,7 @@ class Press:
         start = None
         if self._last is not None:
             before, _, state = self._last
-            by_mm = abs(self.doi_mm(before) - doi_mm)
+            by_mm = abs(before.above_apex_mm - pose.above_apex_mm)
             start = state if before.x_mm == pose.x_mm and by_mm <= _WARM_MOVE_MM else None
         result = self._finger.indent(self._profile, pose.x_mm, doi_mm=doi_mm, start=start)
         if not result.state.converged:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from rig.cli.output import complain, err, loading_the_finger, print_json, told_in_one_line
+from rig.cli.output import ExitCode, complain, err, loading_the_finger, print_json, told_in_one_line
 from rig.protocol.config import Config, load_config
 from rig.protocol.errors import BadInputError
 from rig.protocol.served_bench import ServedBench
@@ -52,6 +52,8 @@ def command(
             bench.run()
             if bench.statistics is not None:
                 err.print(_told(bench.statistics))
+            if bench.press is not None and bench.press.ended:
+                raise typer.Exit(ExitCode.STOPPED)
 
 
 def _kind(option: str, given: str | None, otherwise: str | None, table: dict[str, object]) -> str | None:

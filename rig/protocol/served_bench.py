@@ -19,7 +19,7 @@ from sim.devices.line import SerialLine
 from sim.plant import Carriage
 from sim.serve.ports import PortBusyError, PtyPort, TcpPort
 from sim.serve.press_ahead import PressAhead, PressStatistics
-from sim.serve.press_process import PressProcess
+from sim.serve.press_process import FingerNotLoadedError, PressProcess
 from sim.wall_clock import WallScheduler
 
 
@@ -51,7 +51,7 @@ class ServedBench:
         self._closing.callback(self.scheduler.close)
         try:
             self._build(config, stage, force, complain)
-        except PortBusyError as error:
+        except (PortBusyError, FingerNotLoadedError) as error:
             self.close()
             raise BadInputError(str(error)) from None
         except BaseException:

@@ -5,6 +5,7 @@ is there. A plan that changes (a stop, a hold) makes an answer late for a sample
 it is not called fresh, and it is counted; after STALE_S it is no answer at all.
 """
 
+import contextlib
 import math
 from collections import OrderedDict
 from collections.abc import Callable
@@ -48,8 +49,9 @@ class PressAhead:
         self._period_s, self._complain = period_s, complain
         self._forces: OrderedDict[Pose, float] = OrderedDict()
         self._asked: Pose | None = None
-        self._last_n, self._last_s = 0.0, -math.inf
+        self._last_n, self._last_s = math.nan, -math.inf
         self.statistics = PressStatistics()
+        self.ended = False  # there is no finger any more; the scheduler has been stopped
         self._learn(self._ask_and_wait(carriage.pose_at(scheduler.monotonic_s())))
         scheduler.watch(press, self._on_answer)
         self._tick()
@@ -57,11 +59,10 @@ class PressAhead:
     def force_n(self, t_s: float) -> float:
         """Force at an instant, N; the last one known where that is not solved yet, NaN where it is too old."""
         self.statistics.asked += 1
-        pose = self._carriage.pose_at(t_s)
-        if pose in self._forces:
-            self._last_n, self._last_s = self._forces[pose], t_s
-            return self._last_n
-        stale_s = t_s - self._last_s
+        known = self._known_at(t_s)
+        if known is not None:
+            return known
+        stale_s = max(t_s - self._last_s, 0.0)
         self.statistics.late += 1
         self.statistics.stalest_s = max(self.statistics.stalest_s, stale_s)
         if stale_s <= STALE_S:
@@ -71,37 +72,55 @@ class PressAhead:
 
     def fresh(self, t_s: float) -> bool:
         """Whether the force of this instant is known, and not just the last one before it."""
-        return self._carriage.pose_at(t_s) in self._forces
+        return self._known_at(t_s) is not None
 
     def close(self) -> None:
-        self._scheduler.unwatch(self._press)
+        if not self.ended:
+            self._scheduler.unwatch(self._press)
         self._press.close()
 
+    def _known_at(self, t_s: float) -> float | None:
+        return self._forces.get(self._carriage.pose_at(t_s))
+
     def _tick(self) -> None:
+        self._note_last()
         self._ask_next()
-        index = math.floor(self._scheduler.monotonic_s() / self._period_s + 1e-6)
-        self._scheduler.call_at((index + 1) * self._period_s, self._tick)
+        self._scheduler.call_at((self._index() + 1) * self._period_s, self._tick)
+
+    def _note_last(self) -> None:
+        """Keep the force of the sample instant just past, if it is known."""
+        t_s = self._index() * self._period_s
+        known = self._known_at(t_s)
+        if known is not None:
+            self._last_n, self._last_s = known, t_s
+
+    def _index(self) -> int:
+        return math.floor(self._scheduler.monotonic_s() / self._period_s + 1e-6)
 
     def _ask_next(self) -> None:
         """The first unsolved pose from the last sample instant on; instants long past are not made up for."""
-        if self._asked is not None:
+        if self._asked is not None or self.ended:
             return
-        index = math.floor(self._scheduler.monotonic_s() / self._period_s + 1e-6)
+        index = self._index()
         for k in range(_AHEAD + 1):
             pose = self._carriage.pose_at((index + k) * self._period_s)
             if pose not in self._forces:
                 self._asked = pose
-                self._press.ask(pose)
+                with contextlib.suppress(OSError):  # a process that has just died is noticed at its pipe
+                    self._press.ask(pose)
                 return
 
     def _on_answer(self) -> None:
         try:
             answer = self._press.answer()
         except (EOFError, OSError):
+            self._scheduler.unwatch(self._press)
+            self.ended = True
             self._complain("the process of the virtual finger has ended")
             self._scheduler.stop()
             return
         self._learn(answer)
+        self._note_last()
         self._ask_next()
 
     def _ask_and_wait(self, pose: Pose) -> PressAnswer:

@@ -24,19 +24,27 @@ class PressAnswer:
     problem: str = ""
 
 
+class FingerNotLoadedError(Exception):
+    """The process of the finger has no finger; the message is one line."""
+
+
 class PressProcess:
     """Answers poses with forces, one at a time, in the order they are sent."""
 
     def __init__(self, config: FingertipConfig, indentor: str, stiffness: float = 1.0) -> None:
-        """Returns when the finger is loaded. Raises RuntimeError where it cannot be."""
+        """Returns when the finger is loaded. Raises FingerNotLoadedError where it cannot be."""
         context = multiprocessing.get_context("spawn")
         self._near, far = context.Pipe()
         self._process = context.Process(target=_serve, args=(far, config, indentor, stiffness), daemon=True)
         self._process.start()
         far.close()
-        problem = self._near.recv() if self._near.poll(_READY_S) else "the finger took too long to load"
+        try:
+            problem = self._near.recv() if self._near.poll(_READY_S) else f"not loaded within {_READY_S:g} s"
+        except EOFError:
+            problem = "its process ended while it was loaded"
         if problem:
-            raise RuntimeError(problem)
+            self.close()
+            raise FingerNotLoadedError(f"virtual finger: {problem}")
 
     def fileno(self) -> int:
         return self._near.fileno()

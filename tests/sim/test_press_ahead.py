@@ -1,6 +1,7 @@
 """The finger in a process of its own: forces that are there before they are asked for."""
 
 import math
+import multiprocessing
 import time
 from collections.abc import Iterator
 
@@ -10,7 +11,7 @@ from sim.config import FingertipConfig
 from sim.fingertip import Fingertip
 from sim.plant import Carriage, Placement, Screws
 from sim.serve.press_ahead import STALE_S, PressAhead
-from sim.serve.press_process import PressProcess
+from sim.serve.press_process import FingerNotLoadedError, PressProcess
 from sim.wall_clock import WallScheduler
 
 PERIOD_S = 0.05
@@ -105,6 +106,19 @@ def test_a_depth_beyond_the_model_is_no_force_and_one_complaint(bench: Bench) ->
     assert bench.press.force_n(bench.scheduler.monotonic_s()) == 0.0
 
 
+def test_a_finger_whose_process_dies_stops_the_loop_and_is_told_once(bench: Bench) -> None:
+    """The last test of this bench."""
+    (process,) = multiprocessing.active_children()
+    process.kill()
+    process.join(5.0)
+    bench.complaints.clear()
+    bench.run(0.3)
+    assert bench.press.ended
+    assert bench.complaints == ["the process of the virtual finger has ended"]
+    bench.plan = lambda t_s: -0.777  # where it has not been
+    assert math.isnan(bench.press.force_n(bench.scheduler.monotonic_s() + 2 * STALE_S))
+
+
 def test_a_finger_that_cannot_be_loaded_is_an_error_and_not_a_wait() -> None:
-    with pytest.raises(RuntimeError, match="ShapeError: shape 'spoon'"):
+    with pytest.raises(FingerNotLoadedError, match=r"^virtual finger: ShapeError: shape 'spoon'"):
         PressProcess(FingertipConfig(), "spoon")
