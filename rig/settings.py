@@ -9,6 +9,9 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PositiveFloat
 FASTEST_PRESS_MM_S = 5.0
 SLOWEST_MM_S = 1 / 60  # GRBL moves no slower, whatever F says
 
+Framing = Literal["rtu", "tcp"]
+NOMINAL_STEPS_PER_MM = 400.0
+
 
 class Settings(BaseModel):
     """A table of the configuration file; every value is checked, none may be NaN."""
@@ -77,23 +80,87 @@ class CalibrationSettings(Settings):
         return [name for name, calibration in self.measured() if calibration.expires < day]
 
 
-class StageSettings(Settings):
-    """The motorised stage."""
+class DriveSettings(Settings):
+    """One Leadshine drive. Second-hand: not from the maker's manual, to be looked up before the drive moves."""
 
-    kind: Literal["grbl"] = "grbl"
+    device_id: int = Field(ge=1, le=31)
+    port: str | None = Field(None, description="its own, where it does not share the stage's")
+    pulses_per_rev: int = Field(400, ge=200, le=51200, description="must be what the drive says")
+    pulses_per_rev_register: int = Field(0x0001, ge=0, le=0xFFFF, description="second-hand")
+    ramp_ms: int = Field(333, ge=1, le=10_000, description="acceleration and deceleration as the drive takes them")
+    ramp_rpm: float = Field(1000.0, gt=0, description="a ramp is told in ms for this many rpm; second-hand")
+    homing_mode: int = Field(0x0001, ge=0, le=0xFFFF, description="as in the drive's manual; second-hand")
+    homing_high_rpm: int = Field(300, ge=1, le=600)
+    homing_low_rpm: int = Field(25, ge=1, le=100)
+    homing_ramp_ms: int = Field(333, ge=1, le=10_000)
+    jog_rpm_register: int = Field(0x01E1, ge=0, le=0xFFFF, description="second-hand")
+
+
+class DrivesSettings(Settings):
+    """The drives of a stage without a board: x lateral and z vertical; y stays where it was set by hand."""
+
+    x: DriveSettings = DriveSettings(device_id=1)
+    z: DriveSettings = DriveSettings(device_id=2)
+
+
+class StageSettings(Settings):
+    """The motorised stage; framing and drives are read for leadshine only."""
+
+    kind: Literal["grbl", "leadshine"] = "grbl"
     port: str = "/dev/ttyUSB0"
     baud: int = Field(115200, ge=300, le=1_000_000)
     travel_mm: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = (60.0, 30.0, 40.0)
     resolution_mm: float = Field(0.0025, gt=0, le=0.05, description="one step of the vertical axis")
+    framing: Framing | None = Field(None, description="of Modbus; absent: tcp on a tcp:// port, rtu elsewhere")
+    drives: DrivesSettings = DrivesSettings()
+
+    @model_validator(mode="after")
+    def _told_apart(self) -> Self:
+        x, z = self.drives.x, self.drives.z
+        if x.device_id == z.device_id and (x.port or self.port) == (z.port or self.port):
+            raise ValueError("drives.x and drives.z: expected different device ids on one port")
+        return self
+
+
+class StatusBits(Settings):
+    """Bits of a Laumas status word; second-hand for TLB and TLU, as printed in the manual of the LCB."""
+
+    cell_error: int = Field(0, ge=0, le=15)
+    converter_error: int = Field(1, ge=0, le=15)
+    over_max: int = Field(2, ge=0, le=15)
+    over_full_scale: int = Field(3, ge=0, le=15)
+    gross_out_of_range: int = Field(4, ge=0, le=15)
+    net_out_of_range: int = Field(5, ge=0, le=15)
+    gross_negative: int = Field(7, ge=0, le=15)
+    net_negative: int = Field(8, ge=0, le=15)
+    stable: int = Field(11, ge=0, le=15)
+
+
+class LaumasSettings(Settings):
+    """A Laumas load-cell transmitter. Second-hand: all of the status bits, the commands and the units word."""
+
+    device_id: int = Field(1, ge=1, le=99)
+    weight: Literal["gross", "net"] = "gross"
+    count_g: float = Field(0.01, gt=0, le=10, description="one count of a weight register")
+    units_word: int = Field(0x010C, ge=0, le=0xFFFF, description="what register 13 says when count_g is right")
+    signs: Literal["status", "registers"] = Field("status", description="where the sign of a weight is told")
+    filter_samples: int = Field(1, ge=1, le=64, description="samples that the instrument's filter averages")
+    tare_command: int = Field(7, ge=0, le=0xFFFF)
+    zero_command: int = Field(8, ge=0, le=0xFFFF)
+    gross_command: int = Field(9, ge=0, le=0xFFFF)
+    bits: StatusBits = StatusBits()
 
 
 class ForceSettings(Settings):
-    """The force sensor."""
+    """The force sensor; framing and laumas are read for laumas only."""
 
-    kind: Literal["mtsics"] = "mtsics"
+    kind: Literal["mtsics", "laumas"] = "mtsics"
     port: str = "/dev/ttyUSB1"
     baud: int = Field(9600, ge=300, le=1_000_000)
     sample_period_s: float = Field(0.05, ge=0.01, le=10)
+    resolution_gwt: float = Field(0.01, gt=0, le=1, description="one step of what the sensor shows")
+    framing: Framing | None = Field(None, description="of Modbus; absent: tcp on a tcp:// port, rtu elsewhere")
+    laumas: LaumasSettings = LaumasSettings()
 
 
 class SyncSettings(Settings):
@@ -156,3 +223,9 @@ class RigSettings(Settings):
     limits: LimitSettings = LimitSettings()
     habits: HabitSettings = HabitSettings()
     calibration: CalibrationSettings = CalibrationSettings()
+
+    @model_validator(mode="after")
+    def _output_there(self) -> Self:
+        if self.stage.kind == "leadshine" and self.sync.output != "off":
+            raise ValueError("sync.output: expected off, only a GRBL board has such an output")
+        return self

@@ -17,7 +17,7 @@ from rig.protocol.script import shipped_protocols
 from sim.cache import cache_dir
 from sim.fem import pardiso
 
-_PACKAGES = ("indentation-rig", "numpy", "scipy", "h5py", "pydantic", "pyserial", "matplotlib")
+_PACKAGES = ("indentation-rig", "numpy", "scipy", "h5py", "pydantic", "pyserial", "pymodbus", "matplotlib")
 
 
 def register(app: typer.Typer) -> None:

@@ -5,8 +5,9 @@ from typing import Annotated
 
 import typer
 
-from rig.cli.output import told_in_one_line
+from rig.cli.output import complain, told_in_one_line
 from rig.cli.session import carry_out, leave
+from rig.protocol.calibration import expired_calibrations
 from rig.protocol.config import load_config
 from rig.protocol.errors import BadInputError
 from rig.protocol.script import load_script
@@ -34,6 +35,8 @@ def command(
     """Check the script, run it on the virtual bench, write the run folder and its report."""
     with told_in_one_line(as_json=as_json):
         settings = load_config(config)
+        for problem in expired_calibrations(settings):
+            complain(f"warning: {problem}; `rig run` would refuse")
         script = load_script(protocol, [*(set_ or []), *(more or [])])
         pace = _pace(speed)
         done = carry_out(script, settings, out_dir, lambda session: dry_run(session, pace), as_json=as_json)

@@ -22,13 +22,19 @@ _SYNTAX = {"ES": "does not know the command", "ET": "received garbled bytes", "E
 class MtSicsForce:
     """ForceSensor over an MT-SICS balance set to grams.
 
-    sample_period_s is that of the instrument; scale is the true force over the one it shows.
+    sample_period_s and resolution_gwt are those of the instrument; scale is the true force over the one it shows.
     """
 
     def __init__(
-        self, transport: Transport, clock: Clock, *, sample_period_s: float = 0.05, scale: float = 1.0
+        self,
+        transport: Transport,
+        clock: Clock,
+        *,
+        sample_period_s: float = 0.05,
+        resolution_gwt: float = 0.01,
+        scale: float = 1.0,
     ) -> None:
-        self.sample_period_s = sample_period_s
+        self.sample_period_s, self.resolution_gwt = sample_period_s, scale * resolution_gwt
         self._scale = scale
         self._transport = transport
         self._clock = clock

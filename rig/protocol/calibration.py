@@ -12,11 +12,18 @@ def today() -> datetime.date:
     return datetime.datetime.fromtimestamp(WallClock().unix_s()).date()
 
 
+def expired_calibrations(config: Config) -> list[str]:
+    """One line for each calibration that may no longer be used: refused on hardware, a warning in a dry-run."""
+    return [
+        f"calibration.{name}: expired on {getattr(config.calibration, name).expires}, expected a newer measurement"
+        for name in config.calibration.expired(today())
+    ]
+
+
 def refuse_expired(config: Config) -> None:
     """Raises BadInputError for a calibration that may no longer be used."""
-    for name in config.calibration.expired(today()):
-        expires = getattr(config.calibration, name).expires
-        raise BadInputError(f"calibration.{name}: expired on {expires}, expected a newer measurement")
+    for problem in expired_calibrations(config):
+        raise BadInputError(problem)
 
 
 def as_table(name: str, value: float, valid_days: int) -> str:

@@ -20,4 +20,6 @@ def first_problem(where: str, error: ValidationError) -> BadInputError:
     if problem["type"] == "extra_forbidden":
         return BadInputError(f"{where}: {place}: there is no such key")
     what = str(problem["ctx"]["error"]) if problem["type"] == "value_error" else problem["msg"].lower()
+    if isinstance(problem["input"], dict):  # about a whole table: the message says which keys
+        return BadInputError(": ".join(part for part in (where, place, what) if part))
     return BadInputError(f"{where}: {place} = {_SHORT.repr(problem['input'])}: {what}")

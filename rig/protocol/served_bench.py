@@ -5,7 +5,15 @@ from contextlib import ExitStack
 
 from rig.protocol.config import Config
 from rig.protocol.errors import BadInputError
-from rig.protocol.virtual_devices import FORCES, STAGES, Load, VirtualStage, load_on_sensor, true_carriage
+from rig.protocol.virtual_devices import (
+    FORCES,
+    STAGES,
+    Load,
+    VirtualStage,
+    load_on_sensor,
+    true_carriage,
+    with_framing,
+)
 from sim.contact.shapes import parse_shape
 from sim.devices.line import SerialLine
 from sim.plant import Carriage
@@ -38,6 +46,7 @@ class ServedBench:
         self.ports: dict[str, str] = {}
         self.press: PressAhead | None = None
         self._tcp = tcp
+        config = with_framing(config, "rtu" if tcp is None else "tcp")
         self._closing = ExitStack()
         self._closing.callback(self.scheduler.close)
         try:

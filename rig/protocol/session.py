@@ -17,6 +17,7 @@ from rig.data import Run, RunFolder, export_run, new_run_folder, read_run
 from rig.force.base import ForceError, ForceSensor
 from rig.protocol.calibration import refuse_expired
 from rig.protocol.config import Config
+from rig.protocol.errors import BadInputError
 from rig.protocol.live import LiveRig
 from rig.protocol.plan import CheckingRig, Plan
 from rig.protocol.script import Script, where_in_script
@@ -127,7 +128,7 @@ def _run_session(
     with folder.bytes_log.open("w", encoding="ascii") as byte_log:
         try:
             bench = open_bench(byte_log, now.timestamp())
-        except TransportError:
+        except (TransportError, BadInputError):
             shutil.rmtree(folder.path)  # nothing has happened
             raise
         try:

@@ -50,5 +50,8 @@ def virtual_bench(config: Config, finger: Fingertip, byte_log: TextIO, start_uni
     stage_port = LoggedTransport(LoopbackTransport(stage_line, clock, name="stage"), clock, byte_log)
     force_port = LoggedTransport(LoopbackTransport(force_line, clock, name="force"), clock, byte_log)
     return VirtualBench(
-        clock, stage_driver(stage_port, clock, config), force_driver(force_port, clock, config), plant
+        clock,
+        stage_driver(lambda _port: stage_port, clock, config),
+        force_driver(lambda _port: force_port, clock, config),
+        plant,
     )

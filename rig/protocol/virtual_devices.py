@@ -9,16 +9,21 @@ from typing import Protocol
 
 from rig.protocol.config import Config
 from rig.protocol.errors import BadInputError
+from rig.settings import NOMINAL_STEPS_PER_MM, DriveSettings, Framing
 from rig.units import GWT_N
 from sim.clock import Scheduler
 from sim.devices.balance import VirtualBalance
 from sim.devices.cell import load_cell
 from sim.devices.grbl import VirtualGrbl
+from sim.devices.laumas import VirtualLaumas
+from sim.devices.leadshine import DrivePair, VirtualDrive
 from sim.devices.line import SerialLine
+from sim.devices.modbus import ModbusBus
 from sim.plant import Carriage, Placement, Screws
 from sim.relaxation import PronyTerm, RelaxingForce
 
-STEPS_PER_MM = 400.0
+# Ids that clients may believe in: a transmitter is alone on its port, and answers to them too.
+_USUAL_IDS = (1, 2)
 
 
 class VirtualStage(Protocol):
@@ -37,10 +42,31 @@ class Load:
 
 def _grbl(scheduler: Scheduler, line: SerialLine, config: Config) -> VirtualStage:
     x, y, z = config.stage.travel_mm
-    steps = [config.calibration.value(f"{axis}_steps_per_mm", STEPS_PER_MM) for axis in "xyz"]
+    steps = [_steps_per_mm(config, axis) for axis in "xyz"]
     reversed_axes = sum(1 << i for i, per_mm in enumerate(steps) if per_mm < 0)
     settings = {3: reversed_axes, 130: x, 131: y, 132: z, **{100 + i: abs(v) for i, v in enumerate(steps)}}
     return VirtualGrbl(scheduler, line, settings=settings)
+
+
+def _leadshine(scheduler: Scheduler, line: SerialLine, config: Config) -> VirtualStage:
+    drives = config.stage.drives
+    if drives.x.device_id == drives.z.device_id:
+        raise BadInputError("stage.drives: the virtual drives share one port, expected different device ids")
+    x, z = (_drive(scheduler, config, axis, drive) for axis, drive in (("x", drives.x), ("z", drives.z)))
+    devices = {drives.x.device_id: x, drives.z.device_id: z}
+    ModbusBus(scheduler, line, devices, framing=config.stage.framing or "rtu")
+    return DrivePair(x, z)
+
+
+def _drive(scheduler: Scheduler, config: Config, axis: str, drive: DriveSettings) -> VirtualDrive:
+    return VirtualDrive(
+        scheduler,
+        pulses_per_rev=drive.pulses_per_rev,
+        inverted=_steps_per_mm(config, axis) < 0,
+        ramp_rpm=drive.ramp_rpm,
+        pulses_per_rev_register=drive.pulses_per_rev_register,
+        jog_rpm_register=drive.jog_rpm_register,
+    )
 
 
 def _mtsics(scheduler: Scheduler, line: SerialLine, config: Config, load: Load) -> None:
@@ -54,17 +80,46 @@ def _mtsics(scheduler: Scheduler, line: SerialLine, config: Config, load: Load) 
     )
 
 
-STAGES: dict[str, Callable[[Scheduler, SerialLine, Config], VirtualStage]] = {"grbl": _grbl}
-FORCES: dict[str, Callable[[Scheduler, SerialLine, Config, Load], None]] = {"mtsics": _mtsics}
-_PROMISED = {"leadshine", "laumas"}
+def _laumas(scheduler: Scheduler, line: SerialLine, config: Config, load: Load) -> None:
+    settings = config.force.laumas
+    transmitter = VirtualLaumas(
+        scheduler,
+        load.force_n,
+        sample_period_s=config.force.sample_period_s,
+        filter_samples=settings.filter_samples,
+        count_g=settings.count_g,
+        division_g=config.virtual.cell_resolution_gwt,
+        units_word=settings.units_word,
+        signs=settings.signs,
+        tare_command=settings.tare_command,
+        zero_command=settings.zero_command,
+        gross_command=settings.gross_command,
+        fresh=load.fresh,
+    )
+    devices = dict.fromkeys((*_USUAL_IDS, settings.device_id), transmitter)
+    ModbusBus(scheduler, line, devices, framing=config.force.framing or "rtu")
+
+
+STAGES: dict[str, Callable[[Scheduler, SerialLine, Config], VirtualStage]] = {"grbl": _grbl, "leadshine": _leadshine}
+FORCES: dict[str, Callable[[Scheduler, SerialLine, Config, Load], None]] = {"mtsics": _mtsics, "laumas": _laumas}
+
+
+def _steps_per_mm(config: Config, axis: str) -> float:
+    return config.calibration.value(f"{axis}_steps_per_mm", NOMINAL_STEPS_PER_MM)
+
+
+def with_framing(config: Config, framing: Framing) -> Config:
+    """The configuration, Modbus framed like this where it does not say."""
+    stage = config.stage.model_copy(update={"framing": config.stage.framing or framing})
+    force = config.force.model_copy(update={"framing": config.force.framing or framing})
+    return config.model_copy(update={"stage": stage, "force": force})
 
 
 def checked_kind(option: str, kind: str, table: dict[str, object]) -> str:
     """The kind, if it is in a table; raises BadInputError."""
     if kind in table:
         return kind
-    problem = "not built yet" if kind in _PROMISED else "no such device"
-    raise BadInputError(f"{option} {kind}: {problem}, expected {' or '.join(table)}")
+    raise BadInputError(f"{option} {kind}: no such device, expected {' or '.join(table)}")
 
 
 def true_carriage(stage: VirtualStage, config: Config) -> Carriage:
@@ -73,8 +128,8 @@ def true_carriage(stage: VirtualStage, config: Config) -> Carriage:
     return Carriage(
         stage.carriage_steps_at,
         Screws(
-            virtual.x_screw_steps_per_mm or abs(config.calibration.value("x_steps_per_mm", STEPS_PER_MM)),
-            virtual.z_screw_steps_per_mm or abs(config.calibration.value("z_steps_per_mm", STEPS_PER_MM)),
+            virtual.x_screw_steps_per_mm or abs(_steps_per_mm(config, "x")),
+            virtual.z_screw_steps_per_mm or abs(_steps_per_mm(config, "z")),
         ),
         Placement(frame.pad_centre_x_mm + virtual.finger_x_offset_mm, frame.apex_z_mm + virtual.finger_z_offset_mm),
     )

@@ -68,6 +68,11 @@ class Engine:
         limit = settings.limits.soft_trip_n
         self.soft_trip_gwt = (limit if soft_trip_n is None else min(limit, soft_trip_n)) / GWT_N
 
+    @property
+    def resolution_gwt(self) -> float:
+        """One step of what the force sensor shows."""
+        return self._force.resolution_gwt
+
     # verbs
 
     def mount(self, indentor: str) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from rig.clock import Clock
-from rig.stage.base import Axis, Stage, StageError, StageStatus
+from rig.stage.base import Axis, DeadManStage, Stage, StageError, StageStatus
 from rig.transport.base import TransportError
 
 SLICE_S = 0.1
@@ -25,13 +25,17 @@ def dead_man_jog(
 ) -> StageStatus:
     """Jog while held() keeps its first answer, by_mm at most; returns where the stage has then come to rest.
 
-    The stage is told of no more than two slices of SLICE_S ahead of where it is: if this process dies, or its wire is
-    cut, it stops by itself within 2 · speed_mm_s · SLICE_S. Raises StageError.
+    A controller with a dead man's switch of its own is left to it, unless the way is limited. Otherwise the stage is
+    told of no more than two slices of SLICE_S ahead of where it is: if this process dies, or its wire is cut, it
+    stops by itself within 2 · speed_mm_s · SLICE_S. Raises StageError.
     """
     start, direction = stage.status(), held()
     if direction is None:
         return start
     try:
+        if by_mm is None and isinstance(stage, DeadManStage):
+            stage.jog_while(direction.axis, direction.sign, lambda: held() == direction, speed_mm_s)
+            return stage.status()
         return _jog(stage, clock, direction, held, speed_mm_s, start, by_mm)
     except BaseException:
         _end(stage)

@@ -148,11 +148,14 @@ class GrblStage:
         self._link.in_step = self._link.trusted = False
 
     def hold(self) -> None:
-        """Slow down to a stop and stay there; resume() goes on, the position stays trusted."""
+        """Slow down to a stop and stay there; resume() goes on, the position stays trusted. Raises TransportError."""
         self._link.send_now(b"!")
 
     def resume(self, timeout_s: float = 5.0) -> None:
-        """End a hold. A `~` that comes while the board still slows down is lost, so it is looked at again."""
+        """End a hold. A `~` that comes while the board still slows down is lost, so it is looked at again.
+
+        Raises StageError.
+        """
         deadline_s = self._clock.monotonic_s() + timeout_s
         while self.status().state.startswith(("Hold", "Door")):
             if self._clock.monotonic_s() >= deadline_s:

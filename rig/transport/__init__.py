@@ -1,9 +1,16 @@
-"""Bytes in and out: serial port, TCP or in-process loopback, with a log of the wire."""
+"""Bytes in and out: serial port, TCP or in-process loopback, with a log of the wire; Modbus frames over them."""
 
 from rig.transport.base import Transport, TransportError
 from rig.transport.byte_log import LoggedTransport
 from rig.transport.lines import LineReader
 from rig.transport.loopback import LoopbackTransport
+from rig.transport.modbus import (
+    ModbusError,
+    ModbusGarbled,
+    ModbusMaster,
+    ModbusRefused,
+    ModbusTimeout,
+)
 from rig.transport.opening import open_port
 from rig.transport.ownership import port_owner
 from rig.transport.serial_port import SerialTransport
@@ -13,6 +20,11 @@ __all__ = [
     "LineReader",
     "LoggedTransport",
     "LoopbackTransport",
+    "ModbusError",
+    "ModbusGarbled",
+    "ModbusMaster",
+    "ModbusRefused",
+    "ModbusTimeout",
     "SerialTransport",
     "TcpTransport",
     "Transport",

@@ -115,8 +115,8 @@ class SpringBench:
         self.mounted: str | None = None
         self.journal_path = folder / "events.jsonl"
         self.journal = Journal(self.journal_path, self.clock, STREAMS, self._watch)
-        stage = stage_driver(self._logged(self.stage_line, "stage"), self.clock, self.settings)
-        force = force_driver(self._logged(self.force_line, "force"), self.clock, self.settings)
+        stage = stage_driver(lambda _: self._logged(self.stage_line, "stage"), self.clock, self.settings)
+        force = force_driver(lambda _: self._logged(self.force_line, "force"), self.clock, self.settings)
         self.engine = Engine(
             self.settings, self.clock, stage, force, self.journal, self, lambda: self.interrupt(), soft_trip_n
         )

@@ -268,6 +268,18 @@ def test_a_plan_beyond_the_limits_makes_no_folder(rig: Rig, script: Path) -> Non
     assert not Path("runs").exists()
 
 
+def test_a_calibration_out_of_date_warns_in_a_dry_run(rig: Rig, script: Path) -> None:
+    """`rig run` refuses it: nothing real may move by it."""
+    Path("rig.toml").write_text(
+        "[calibration.force_scale]\nvalue = 1.0\ndate = 2019-01-01\nexpires = 2020-01-01\n", encoding="utf-8"
+    )
+    ended = rig("dry-run", script, "--config", "rig.toml", "--json")
+    assert ended.code == 0
+    assert ended.json["complete"]
+    warning = "rig: warning: calibration.force_scale: expired on 2020-01-01, expected a newer measurement"
+    assert f"{warning}; `rig run` would refuse" in ended.err
+
+
 def test_a_run_stopped_by_a_trip(rig: Rig, script: Path) -> None:
     """A screw so wrong that the indentor does not get to the skin."""
     Path("rig.toml").write_text("[virtual]\nz_screw_steps_per_mm = 460\n", encoding="utf-8")
