@@ -4,7 +4,7 @@ import sys
 
 import typer
 
-from rig.cli import doctor, dry_run, export_deck, indent, not_built
+from rig.cli import compare, doctor, dry_run, export_deck, indent, not_built
 from rig.cli.output import ExitCode, fail
 
 # typer carries its own copy of click in some versions: its exceptions are reached through a public one.
@@ -19,6 +19,7 @@ app = typer.Typer(
 dry_run.register(app)
 indent.register(app)
 doctor.register(app)
+compare.register(app)
 export_deck.register(app)
 not_built.register(app)
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import groupby
+from itertools import groupby, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rig.compare.fit import Fit
 from rig.compare.recorded import Recording
 from rig.compare.shape_test import THRESHOLD, shape_test
-from rig.compare.statistics import Flags, Interval, correlation, fit_all, indistinguishable, interval
+from rig.compare.statistics import Flags, Interval, correlation, fit_all, in_play, indistinguishable, interval
 from rig.compare.stimuli import FAMILIES, Stimulus
 from sim.measures.measures import MEASURES
 
@@ -19,6 +19,10 @@ Array = NDArray[np.float64]
 
 NEAR_CENTRE_MM = 0.25
 """Bars must pass at a receptor this near to x = 0."""
+
+
+class ComparisonError(ValueError):
+    """The runs and recordings do not go together."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +89,11 @@ class Joint:
             n = known.sum(axis=1)
             total = np.nansum(y * y, axis=1) - np.nansum(y, axis=1) ** 2 / n
             return np.asarray(1 - self.fit.rss / total)
+
+    @cached_property
+    def in_play(self) -> Flags:
+        """(receptors,) those whose SSRPs cover enough of the recordings."""
+        return in_play(self.eps)
 
     @cached_property
     def indistinguishable(self) -> Flags | None:
@@ -154,13 +163,29 @@ def compare(
 ) -> Comparison:
     """Pair each recording, by its shape's canonical name, with every stimulus of that shape.
 
-    `normalise` divides rates by the largest mean rate of their family.
+    `normalise` divides rates by the largest mean rate of their family. Raises ComparisonError where two runs pressed
+    the same shape to the same target, or no run pressed a recorded shape.
     """
     if normalise:
         recordings = _normalised(recordings)
-    ordered = tuple(sorted(stimuli, key=lambda s: (*_group(s), s.shape, s.run)))
+    ordered = tuple(sorted(stimuli, key=lambda s: (*_group(s), s.shape)))
+    _refuse_twins(ordered)
+    _refuse_strays(ordered, recordings)
     pairings = tuple(Pairing(s, recordings[s.shape]) for s in ordered if s.shape in recordings)
     return Comparison(ordered, pairings)
+
+
+def _refuse_twins(ordered: Sequence[Stimulus]) -> None:
+    for one, other in pairwise(ordered):
+        if (_group(one), one.shape) == (_group(other), other.shape):
+            raise ComparisonError(f"runs {one.run} and {other.run}: both hold {one.title}, expected one of them")
+
+
+def _refuse_strays(ordered: Sequence[Stimulus], recordings: Mapping[str, Recording]) -> None:
+    held = {stimulus.shape for stimulus in ordered}
+    for shape in recordings:
+        if shape not in held:
+            raise ComparisonError(f"--recorded {shape}: no such shape in the runs, expected one of {sorted(held)}")
 
 
 def _normalised(recordings: Mapping[str, Recording]) -> dict[str, Recording]:

@@ -35,6 +35,7 @@ class Recording:
     repeats: tuple[Array, ...]
     sd: Array
     changes: tuple[str, ...] = ()  # what was done to the file's numbers, for every plot
+    sha256: str = ""  # of the file
 
     @property
     def rate(self) -> Array:
@@ -99,24 +100,34 @@ def csv_rows(
     path: Path, required: tuple[str, ...], optional: tuple[str, ...] = ()
 ) -> Iterator[tuple[int, dict[str, str]]]:
     """Row numbers and stripped cells of a CSV whose header has the required columns and no unknown ones."""
+    lines = _lines(path)
+    expected = ",".join(required) + "".join(f"[,{name}]" for name in optional)
+    header = lines[0] if lines else []
+    problem = next((f"no column {name}" for name in required if name not in header), None)
+    unknown = [name for name in header if name not in (*required, *optional) or header.count(name) > 1]
+    if problem or unknown:
+        raise RecordingError(f"{path}, row 1: {problem or f'column {unknown[0]!r}'}, expected {expected}")
+    for number, cells in enumerate(lines[1:], 2):
+        if not any(cells):
+            continue
+        if len(cells) != len(header):
+            raise RecordingError(f"{path}, row {number}: {len(cells)} cells, expected {len(header)}")
+        yield number, dict(zip(header, cells, strict=True))
+
+
+def csv_header(path: Path) -> list[str]:
+    """The names of the columns; none of an empty file."""
+    return (_lines(path) or [[]])[0]
+
+
+def _lines(path: Path) -> list[list[str]]:
     try:
         lines = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
     except OSError as error:
         raise RecordingError(f"{path}: {error.strerror or error}") from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise RecordingError(f"{path}: not a CSV file in UTF-8: {error}") from None
-    expected = ",".join(required) + "".join(f"[,{name}]" for name in optional)
-    header = [cell.strip() for cell in lines[0]] if lines else []
-    problem = next((f"no column {name}" for name in required if name not in header), None)
-    unknown = [name for name in header if name not in (*required, *optional) or header.count(name) > 1]
-    if problem or unknown:
-        raise RecordingError(f"{path}, row 1: {problem or f'column {unknown[0]!r}'}, expected {expected}")
-    for number, cells in enumerate(lines[1:], 2):
-        if not any(cell.strip() for cell in cells):
-            continue
-        if len(cells) != len(header):
-            raise RecordingError(f"{path}, row {number}: {len(cells)} cells, expected {len(header)}")
-        yield number, dict(zip(header, (cell.strip() for cell in cells), strict=True))
+    return [[cell.strip() for cell in cells] for cells in lines]
 
 
 def csv_number(text: str, where: str, column: str, least: float = -math.inf) -> float:

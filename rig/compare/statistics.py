@@ -119,23 +119,27 @@ def _limits(values: Array, best: float = 0.0, stretch: float = 1.0) -> tuple[flo
 def indistinguishable(eps: Array, rate: Array) -> Flags | None:
     """(18, receptors) flags of the pairs whose fit is not worse than the best one's; None with too few positions.
 
-    Vuong's test (1989) on squared residuals at the positions that all receptors in play cover; a receptor is in play
-    when it covers 80 % of the recording. eps is (18, p, receptors), rate (p,).
+    Vuong's test (1989) on squared residuals at the positions that all receptors in play cover. eps is
+    (18, p, receptors), rate (p,).
     """
-    covered = ~np.isnan(eps[0])
-    receptors = covered.mean(axis=0) >= _COVERED_ENOUGH
-    common = covered[:, receptors].all(axis=1)
+    receptors = in_play(eps)
+    common = ~np.isnan(eps[0][:, receptors]).any(axis=1)
     if not receptors.any() or common.sum() < FEWEST_POSITIONS:
         return None
-    in_play = eps[:, common][:, :, receptors]
-    residual = _squared_residuals(in_play, rate[common])
-    best = np.unravel_index(np.argmin(residual.sum(axis=1)), (len(eps), in_play.shape[2]))
+    compared = eps[:, common][:, :, receptors]
+    residual = _squared_residuals(compared, rate[common])
+    best = np.unravel_index(np.argmin(residual.sum(axis=1)), (len(eps), compared.shape[2]))
     worse = residual - residual[best[0], :, best[1]][:, None]
     n = int(common.sum())
     spread = worse.std(axis=1, ddof=1) / np.sqrt(n)
     flags = np.zeros((len(eps), len(receptors)), dtype=bool)
     flags[:, receptors] = worse.mean(axis=1) <= student.ppf(1 - SET_LEVEL, n - 1) * spread
     return flags
+
+
+def in_play(eps: Array) -> Flags:
+    """(receptors,) those that cover 80 % of the recorded positions."""
+    return np.asarray((~np.isnan(eps[0])).mean(axis=0) >= _COVERED_ENOUGH)
 
 
 def _squared_residuals(eps: Array, rate: Array) -> Array:

@@ -95,8 +95,9 @@ class Stimulus:
 
 
 _ROUNDING = 1e-9
+_EXACT_DECIMALS = 6
 _SAME_PLACE_DECIMALS = 3
-_CACHED_AS = 1  # to be raised when what is stored changes its meaning
+_CACHED_AS = 2  # to be raised when what is stored changes its meaning
 _PER_POSITION = ("x_mm", "doi_mm", "force_gwt", "measures", "pressure")
 
 
@@ -143,7 +144,7 @@ def _table(found: list[Response]) -> Arrays:
         "measures": np.array([[shown(name, r.receptor_measures[name]) for name in MEASURES] for r in results]),
         "pressure": np.array([result.pressure_profile[1] for result in results]),
         "skin_mm": results[0].pressure_profile[0],
-        "receptor_mm": results[0].model.receptors.position_mm[:, 0],
+        "receptor_mm": results[0].model.receptors.position_mm[:, 0].round(_EXACT_DECIMALS) + 0.0,
     }
 
 
