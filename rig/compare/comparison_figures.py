@@ -148,8 +148,7 @@ def _overlays(figure: Figure, joint: Joint, pairs: list[Pair], rows: int, column
     for axes, (pairing, pair) in zip(panels.ravel(), shown, strict=True):
         _overlay(axes, pairing, joint.fit, pair)
         axes.set_title(f"{pairing.stimulus.title}: {_named(pairing.stimulus, pair)}", fontsize=8)
-    for axes in panels[:, 0]:
-        axes.set_ylabel(_RATE)
+    figure.supylabel(_RATE, fontsize=9)
     for axes in panels[-1]:
         axes.set_xlabel("position from field centre (mm)")
     handles = [
@@ -186,7 +185,7 @@ def _scatter(figure: Figure, joint: Joint, pairs: list[Pair]) -> None:
         r2 = f"R² = {joint.explained[measure, receptor]:.3f}"
         axes.set_title(f"{_named(stimulus, (measure, receptor))}\n{r2}, k = {k:.3g}, ε₀ = {eps0:.3g}", fontsize=8)
         axes.set_xlabel(f"{label(name)} ({unit(name)})")
-    panels[0].set_ylabel(_RATE)
+    figure.supylabel(_RATE, fontsize=9)
     panels[0].legend(fontsize=7)
 
 

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -23,15 +24,27 @@ _SHOWN_FIRST = ("ep1", "ep3", "sed")  # the source's survivors
 _MOST_SHOWN = 3
 
 
+@dataclass(frozen=True)
+class Section:
+    """A further table of a report, with figures below it."""
+
+    title: str
+    text: str
+    header: tuple[str, ...] = ()
+    rows: tuple[tuple[str, ...], ...] = ()
+    figures: tuple[Figure, ...] = ()
+
+
 def write_comparison(
     path: Path,
     comparison: Comparison,
     runs: Sequence[Run],
     finger: Fingertip,
     command: str,
-    extra: Sequence[Any] = (),
+    extra: Sequence[Section] = (),
+    title: str = "Which measure explains the response?",
 ) -> None:
-    """Write the report; `extra` are further sections with title and rows of a table, put after the verdicts."""
+    """Write the report; `extra` sections come after the verdicts, `command` is what makes the report again."""
     text = render(
         "comparison.html.j2",
         comparison=comparison,
@@ -40,6 +53,7 @@ def write_comparison(
         judged=[s.title for s in comparison.stimuli if comparison.passes(s) is not None],
         sets=[(joint.title, indistinguishable_rows(joint)) for joint in comparison.joints],
         figures=_figures(comparison),
+        title=title,
         extra=extra,
         finger=finger,
         runs=[(run, _sha256(run.folder.events), _sha256(run.folder.path / "config.toml")) for run in runs],
@@ -158,8 +172,14 @@ def _pressures(moved: tuple[Stimulus, ...]) -> Figure:
 
 
 def _number(value: float | None, digits: int = 3) -> str:
-    """A number for a table, with a typographic minus; a dash where there is none."""
-    return "–" if value is None else f"{value:.{digits}g}".replace("-", "−")
+    """A number for a table with a typographic minus; a dash where there is none."""
+    if value is None:
+        return "–"
+    plain = f"{float(f'{value:.{digits}g}'):.12g}" if abs(value) < _WIDEST_PLAIN else f"{value:.{digits}g}"
+    return plain.replace("-", "−")
+
+
+_WIDEST_PLAIN = 1e5
 
 
 def _positions(values: Iterable[float]) -> str:

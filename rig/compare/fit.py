@@ -59,11 +59,12 @@ def _rising(eps: Array, rate: Array, weight: Array) -> Fit:
     n, se, sy = (np.cumsum(v, axis=-1) for v in (w, w * e, w * y))
     see, sey, syy = (np.cumsum(v, axis=-1) for v in (w * e * e, w * e * y, w * y * y))
     determinant = n * see - se * se
+    flat = _TOLERANCE * y.max(axis=-1, keepdims=True)  # a slope below this is round-off
     next_e = np.append(e[1:], -np.inf)
     with np.errstate(divide="ignore", invalid="ignore"):
         k = np.where(determinant > _TOLERANCE * n * n, (n * sey - se * sy) / determinant, np.nan)
         eps0 = (se - sy / k) / n
-        good = (k > 0) & (eps0 <= e + _TOLERANCE) & (eps0 >= next_e - _TOLERANCE)
+        good = (k > flat) & (eps0 <= e + _TOLERANCE) & (eps0 >= next_e - _TOLERANCE)
         rss = np.where(good, syy[..., -1:] - k * (sey - eps0 * sy), np.inf)
     best = np.argmin(rss, axis=-1)[..., None]
     k, eps0, rss = (np.take_along_axis(v, best, axis=-1)[..., 0] for v in (k, eps0, rss))
