@@ -4,7 +4,7 @@ import sys
 
 import typer
 
-from rig.cli import compare, doctor, dry_run, export_deck, indent, not_built
+from rig.cli import compare, doctor, dry_run, export, export_deck, indent, not_built
 from rig.cli.output import ExitCode, fail
 
 # typer carries its own copy of click in some versions: its exceptions are reached through a public one.
@@ -21,6 +21,7 @@ indent.register(app)
 doctor.register(app)
 compare.register(app)
 export_deck.register(app)
+export.register(app)
 not_built.register(app)
 
 

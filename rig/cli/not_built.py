@@ -6,7 +6,7 @@ from rig.cli.output import ExitCode, fail
 
 COMMANDS = (
     *("run", "check", "resume", "shift-invariance", "impulse", "decode", "bench", "serve"),
-    *("home", "jog", "zero", "status", "stop", "export"),
+    *("home", "jog", "zero", "status", "stop"),
 )
 
 
@@ -20,7 +20,7 @@ def register(app: typer.Typer) -> None:
 
 def _say_so(context: typer.Context) -> None:
     fail(
-        f"{context.info_name}: not built yet, expected one of dry-run, compare, indent, doctor, export-deck",
+        f"{context.info_name}: not built yet, expected one of dry-run, compare, export, indent, doctor, export-deck",
         ExitCode.BAD_INPUT,
         as_json="--json" in context.args,
     )

@@ -237,6 +237,9 @@ def test_the_plan_predicts(tmp_path: Path, finger: Fingertip) -> None:
         ("bars", "width_mm=3.0", 34),
         ("cylinders", "diameter_mm=3", 3),
         ("cylinders", "diameter_mm=9", 3),
+        ("cylinders", "force_gwt=20", 1),
+        ("gratings", "periods=1", 10),
+        ("paired_forces", "hold_s=1", 8),
     ],
 )
 def test_the_shipped_scripts_can_be_done(finger: Fingertip, name: str, settings: str, steps: int) -> None:
