@@ -54,18 +54,18 @@ class Done:
 
 
 def carry_out(words: tuple[str, ...], finger: Fingertip, folder: Path) -> Done:
-    """One protocol on the virtual bench, as `rig dry-run` does it."""
+    """One protocol on the virtual bench, as `rig dry-run` does it; what stops early is kept as far as it got."""
     began = time.perf_counter()
     config = load_config(None)
     script = load_script(words[0], words[1:])
     done = dry_run(script, config, finger, make_plan(script, config, finger), folder, interrupted=lambda: False)
-    if done.problem is not None:
-        raise done.problem
     write_report(done.run, finger)
     done.folder.write_checksums()
     taken = time.perf_counter() - began
     n = len(done.run.stream("hold_end"))
-    print(f"{' '.join(words):<34} {n:>4} indentations {taken:6.1f} s, {taken / n:.2f} s each", flush=True)
+    print(f"{' '.join(words):<34} {n:>4} holds {taken:6.1f} s, {taken / max(n, 1):.2f} s each", flush=True)
+    if done.problem is not None:
+        print(f"  stopped: {done.problem}", flush=True)
     return Done(done.run, words, taken)
 
 

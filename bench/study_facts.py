@@ -19,7 +19,8 @@ Array = NDArray[np.float64]
 DEPTHS_MM = (0.75, 1.5)
 """Where SED is looked at below the skin: the source's 0.75 mm, and a deeper one of ours."""
 
-FINE_X_MM = tuple(float(x) for x in np.arange(-2.4, 2.41, 0.1).round(2))
+FINE_X_MM = tuple(float(x) for x in (0.17 * np.arange(-14, 15)).round(2))
+"""One receptor an element (170 µm, as the source's mesh and ours)."""
 
 _COUNTS = 0.05  # a maximum counts when it stands out by this part of the range
 _LOW_GWT, _TABLE_X_MM = 2.33, -1.63
@@ -121,6 +122,8 @@ def _ssrps(stimulus: Stimulus) -> Iterator[Fact]:
         verdict = shape_test(stimulus.indentor, stimulus.x_mm, stimulus.ssrp("ep1", k))
         assert verdict is not None
         p, q = verdict.judged_by["peak"], verdict.judged_by["dip"]
+        if source == "only a dip":  # it comes before the highest value where there is no peak
+            q = verdict.judged_by["baseline"] - float(stimulus.ssrp("ep1", k).min())
         agrees = {
             "passes": verdict.passed,
             "no dip": q < _COUNTS * p,

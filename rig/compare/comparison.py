@@ -52,8 +52,7 @@ class Joint:
     @property
     def title(self) -> str:
         """For example "step:1, step:3, step:5 at 8 gwt"."""
-        stimuli = [pairing.stimulus for pairing in self.pairings]
-        return f"{', '.join(s.indentor for s in stimuli)} at {stimuli[0].condition}"
+        return _conditions([pairing.stimulus for pairing in self.pairings])
 
     @cached_property
     def eps(self) -> Array:
@@ -123,6 +122,12 @@ class Comparison:
         ordered = sorted(self.pairings, key=lambda p: _group(p.stimulus))
         return tuple(Joint(tuple(group)) for _, group in groupby(ordered, key=lambda p: _group(p.stimulus)))
 
+    @property
+    def judged(self) -> list[Stimulus]:
+        """The stimuli of which there is something to say: a shape test is defined, or there is a recording."""
+        recorded = [pairing.stimulus for pairing in self.pairings]
+        return [s for s in self.stimuli if s in recorded or self.passes(s) is not None]
+
     def passes(self, stimulus: Stimulus, threshold: float = THRESHOLD) -> Flags | None:
         """(18, receptors) verdicts of the shape test, None where none is defined."""
         verdicts = [
@@ -146,6 +151,15 @@ class Comparison:
         if not asked:
             return []
         return [name for name, passed in zip(MEASURES, np.logical_and.reduce(asked), strict=True) if passed]
+
+    def candidates_by_condition(self, threshold: float = THRESHOLD) -> list[tuple[str, list[str]]]:
+        """The same for the stimuli of each condition of a family alone, and for every pair of steps and bars."""
+        judged = [stimulus for stimulus in self.stimuli if stimulus.family in FAMILIES]
+        groups = [list(group) for _, group in groupby(judged, key=_group)]
+        steps, bars = ([g for g in groups if g[0].family == family] for family in FAMILIES)
+        named = [(_conditions(group), group) for group in (*steps, *bars)]
+        named += [(f"{_conditions(a)} and {_conditions(b)}", [*a, *b]) for a in steps for b in bars]
+        return [(name, self.candidates(threshold, group)) for name, group in named]
 
     def _passing(self, family: str, threshold: float, stimuli: Sequence[Stimulus]) -> Flags | None:
         """(18,) measures that some receptor passes under every stimulus of a family."""
@@ -200,6 +214,11 @@ def _group(stimulus: Stimulus) -> tuple[str, str, float]:
     """Stimuli with the same are judged together."""
     family = stimulus.family if stimulus.family in FAMILIES else stimulus.shape
     return family, stimulus.kind, stimulus.commanded
+
+
+def _conditions(group: Sequence[Stimulus]) -> str:
+    """For example "step:1, step:3, step:5 at 8 gwt"."""
+    return f"{', '.join(stimulus.indentor for stimulus in group)} at {group[0].condition}"
 
 
 def _receptors(stimulus: Stimulus) -> range:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
@@ -49,12 +50,10 @@ def ssrps(stimulus: Stimulus, measures: list[str]) -> str:
 
 def correlations(comparison: Comparison) -> str:
     """18 measures × receptors for each stimulus: Pearson's r in colour, a dot where the shape test is passed."""
-    n = len(comparison.stimuli)
-    columns = min(n, 4)
-    rows = -(-n // columns)
-    return svg(
-        (1.0 + 2.5 * columns, 0.9 + 3.9 * rows), lambda figure: _correlations(figure, comparison, rows, columns)
-    )
+    columns = min(len(comparison.judged), 4)
+    rows = -(-len(comparison.judged) // columns)
+    size = (1.0 + 2.5 * columns, 0.9 + 3.9 * rows)
+    return svg(size, lambda figure: _correlations(figure, comparison, rows, columns))
 
 
 def overlays(joint: Joint, pairs: list[Pair]) -> str:
@@ -117,28 +116,32 @@ def _one_ssrp(axes: Axes, stimulus: Stimulus, profile: Array, k: int) -> None:
 
 def _correlations(figure: Figure, comparison: Comparison, rows: int, columns: int) -> None:
     panels = figure.subplots(rows, columns, squeeze=False, sharey=True).ravel()
-    recorded = {id(pairing.stimulus): pairing.r for pairing in comparison.pairings}
+    recorded = {pairing.stimulus: pairing.r for pairing in comparison.pairings}
     image = None
-    for axes in panels[len(comparison.stimuli) :]:
+    for axes in panels[len(comparison.judged) :]:
         axes.set_visible(False)
-    for axes, stimulus in zip(panels, comparison.stimuli, strict=False):
-        n = len(stimulus.receptor_mm)
-        r = recorded.get(id(stimulus), np.full((len(MEASURES), n), np.nan))
-        drawn = axes.imshow(r, cmap="PuOr_r", vmin=-1, vmax=1, aspect="auto", interpolation="nearest")
-        image = drawn if id(stimulus) in recorded else image
-        passed = comparison.passes(stimulus)
-        if passed is not None:
-            measure, receptor = np.nonzero(passed)
-            axes.plot(receptor, measure, "o", ms=4, mfc="black", mec="white", mew=0.6)
-        axes.set_xticks(range(n), [signed(x) for x in stimulus.receptor_mm], fontsize=6.5, rotation=90)
-        axes.set_yticks(range(len(MEASURES)), [label(m) for m in MEASURES], fontsize=7)
-        axes.set_title(stimulus.title + ("" if passed is not None else "\nno shape test"), fontsize=8)
-        axes.set_xlabel("receptor x (mm)", fontsize=8)
-        for side in axes.spines.values():
-            side.set_visible(True)
+    for axes, stimulus in zip(panels, comparison.judged, strict=False):
+        drawn = _heat_map(axes, stimulus, recorded.get(stimulus), comparison.passes(stimulus))
+        image = drawn if stimulus in recorded else image
     if image is not None:
         figure.colorbar(image, ax=panels.tolist(), label="Pearson's r", shrink=0.6)
         figure.suptitle(frame(comparison.pairings), fontsize=7, color=GREY)
+
+
+def _heat_map(axes: Axes, stimulus: Stimulus, r: Array | None, passed: NDArray[np.bool_] | None) -> AxesImage:
+    n = len(stimulus.receptor_mm)
+    shown = np.full((len(MEASURES), n), np.nan) if r is None else r
+    image = axes.imshow(shown, cmap="PuOr_r", vmin=-1, vmax=1, aspect="auto", interpolation="nearest")
+    if passed is not None:
+        measure, receptor = np.nonzero(passed)
+        axes.plot(receptor, measure, "o", ms=4, mfc="black", mec="white", mew=0.6)
+    axes.set_xticks(range(n), [signed(x) for x in stimulus.receptor_mm], fontsize=6.5, rotation=90)
+    axes.set_yticks(range(len(MEASURES)), [label(m) for m in MEASURES], fontsize=7)
+    axes.set_title(stimulus.title + ("" if passed is not None else "\nno shape test"), fontsize=8)
+    axes.set_xlabel("receptor x (mm)", fontsize=8)
+    for side in axes.spines.values():
+        side.set_visible(True)
+    return image
 
 
 def _overlays(figure: Figure, joint: Joint, pairs: list[Pair], rows: int, columns: int) -> None:

@@ -50,6 +50,7 @@ def write_comparison(
         comparison=comparison,
         verdicts=verdict_rows(comparison),
         thresholds=threshold_rows(comparison),
+        conditions=comparison.candidates_by_condition(),
         judged=[s.title for s in comparison.stimuli if comparison.passes(s) is not None],
         sets=[(joint.title, indistinguishable_rows(joint)) for joint in comparison.joints],
         figures=_figures(comparison),
@@ -96,7 +97,7 @@ def _figures(comparison: Comparison) -> list[Figure]:
     measures = _shown(comparison)
     moved = tuple(stimulus for stimulus in comparison.stimuli if len(stimulus.x_mm) > 1)
     found = [figure for joint in comparison.joints for figure in _fits(joint, measures)]
-    found.append(_heat_map(comparison))
+    found += [_heat_map(comparison)] if comparison.judged else []
     found += [_profiles(stimulus, measures) for stimulus in moved]
     found += [_population(stimulus, measures) for stimulus in moved]
     return [*found, _pressures(moved)] if moved else found

@@ -27,7 +27,7 @@ FAMILIES = ("step", "bar")
 """Shapes that are judged together."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Stimulus:
     """One indentor pressed to one depth or force at a row of positions.
 

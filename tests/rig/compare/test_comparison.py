@@ -77,6 +77,20 @@ def test_and_near_the_centre_under_every_bar(steps: list[Stimulus], bars: list[S
     assert compare([*steps, *bars], {}).candidates() == ["ep1"]
 
 
+def test_each_condition_is_also_judged_alone(
+    steps: list[Stimulus], bars: list[Stimulus], make_stimulus: Make
+) -> None:
+    harder = make_stimulus("step:1", X, RECEPTORS, {"e11": at(GOOD, GOOD, GOOD)}, commanded=8.0)
+    found = dict(compare([*steps, *bars, harder], {}).candidates_by_condition())
+    assert found == {
+        "step:1, step:3, step:5 at 2.33 gwt": ["ep1"],
+        "step:1 at 8 gwt": ["e11"],
+        "bar:1.5, bar:3.0 at 1 mm": ["ep1", "sed"],
+        "step:1, step:3, step:5 at 2.33 gwt and bar:1.5, bar:3.0 at 1 mm": ["ep1"],
+        "step:1 at 8 gwt and bar:1.5, bar:3.0 at 1 mm": [],
+    }
+
+
 def test_without_steps_and_bars_there_are_no_candidates(make_stimulus: Make) -> None:
     comparison = compare([make_stimulus("cylinder:9", X, RECEPTORS, {"ep1": at(GOOD, GOOD, GOOD)})], {})
     assert comparison.candidates() == []
