@@ -50,8 +50,7 @@ def ssrps(stimulus: Stimulus, measures: list[str]) -> str:
 
 def correlations(comparison: Comparison) -> str:
     """18 measures × receptors for each stimulus: Pearson's r in colour, a dot where the shape test is passed."""
-    columns = min(len(comparison.judged), 4)
-    rows = -(-len(comparison.judged) // columns)
+    rows, columns = _grid(len(comparison.judged), 4)
     size = (1.0 + 2.5 * columns, 0.9 + 3.9 * rows)
     return svg(size, lambda figure: _correlations(figure, comparison, rows, columns))
 
@@ -74,9 +73,14 @@ def populations(stimulus: Stimulus, measures: list[str]) -> str:
 
 def pressure_maps(stimuli: tuple[Stimulus, ...]) -> str:
     """Pressure in the receptor plane for each position of each schedule, and the ends of the contact regions."""
-    columns = min(len(stimuli), 3)
-    rows = -(-len(stimuli) // columns)
+    rows, columns = _grid(len(stimuli), 3)
     return svg((0.4 + 3.4 * columns, 0.4 + 2.8 * rows), lambda figure: _pressure_maps(figure, stimuli, rows, columns))
+
+
+def _grid(panels: int, widest: int) -> tuple[int, int]:
+    """Rows and columns that leave few places empty."""
+    rows = -(-panels // widest)
+    return rows, -(-panels // rows)
 
 
 def _ssrps(figure: Figure, stimulus: Stimulus, measures: list[str]) -> None:
@@ -155,7 +159,7 @@ def _overlays(figure: Figure, joint: Joint, pairs: list[Pair], rows: int, column
     for axes in panels[-1]:
         axes.set_xlabel("position from field centre (mm)")
     handles = [
-        Line2D([], [], color="black", marker="o", ms=3, ls="", label="recorded (bars: ± 1 sd)"),
+        Line2D([], [], color="black", marker="o", ms=3, ls="", label="recorded, ± 1 sd"),
         Line2D([], [], color=BLUE, label="predicted by the joint line"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=2, fontsize=8)
@@ -197,9 +201,15 @@ def _populations(figure: Figure, stimulus: Stimulus, measures: list[str]) -> Non
     positions = [float(x) for x in stimulus.x_mm]
     for axes, measure in zip(panels, measures, strict=True):
         for x, row in zip(positions, stimulus.measures[MEASURES.index(measure)], strict=True):
-            axes.plot(stimulus.receptor_mm, row, "-o", ms=2, lw=0.9, color=shade_of(x, positions))
+            axes.plot(stimulus.receptor_mm, row, "-o", ms=2, lw=0.9, color=shade_of(x, positions), label=signed(x))
         axes.set(xlabel="receptor x (mm)", ylabel=f"{label(measure)} ({unit(measure)})")
-    position_bar(figure, panels.tolist(), positions)
+    if len(positions) <= _FEW:
+        panels[0].legend(fontsize=7, title="indentor x (mm)", title_fontsize=7)
+    else:
+        position_bar(figure, panels.tolist(), positions)
+
+
+_FEW = 6
 
 
 def _pressure_maps(figure: Figure, stimuli: tuple[Stimulus, ...], rows: int, columns: int) -> None:

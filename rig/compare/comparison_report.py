@@ -98,7 +98,7 @@ def _figures(comparison: Comparison) -> list[Figure]:
     moved = tuple(stimulus for stimulus in comparison.stimuli if len(stimulus.x_mm) > 1)
     found = [figure for joint in comparison.joints for figure in _fits(joint, measures)]
     found += [_heat_map(comparison)] if comparison.judged else []
-    found += [_profiles(stimulus, measures) for stimulus in moved]
+    found += [_profiles(s, measures, tested=comparison.passes(s) is not None) for s in moved]
     found += [_population(stimulus, measures) for stimulus in moved]
     return [*found, _pressures(moved)] if moved else found
 
@@ -145,14 +145,18 @@ def _heat_map(comparison: Comparison) -> Figure:
     )
 
 
-def _profiles(stimulus: Stimulus, measures: list[str]) -> Figure:
-    return Figure(
-        f"SSRPs and shape test: {stimulus.title}",
-        figures.ssrps(stimulus, measures),
-        f"One profile a receptor, shifted upwards; blue profiles pass. Orange: the least dip (steps) or prominence "
-        f"(bars) that counts, {100 * THRESHOLD:g} % of the peak or of the range. Dotted: the mean of the two ends; "
-        "black tick: the receptor's own x.",
+def _profiles(stimulus: Stimulus, measures: list[str], *, tested: bool) -> Figure:
+    caption = (
+        "One profile a receptor, shifted upwards. Dotted: the mean of the two ends; black tick: the receptor's own x."
     )
+    test = (
+        f" Blue profiles pass the shape test. Orange: the least dip (steps) or prominence (bars) that counts, "
+        f"{100 * THRESHOLD:g} % of the peak or of the range."
+    )
+    drawn = figures.ssrps(stimulus, measures)
+    if tested:
+        return Figure(f"SSRPs and shape test: {stimulus.title}", drawn, caption + test)
+    return Figure(f"SSRPs: {stimulus.title}", drawn, caption)
 
 
 def _population(stimulus: Stimulus, measures: list[str]) -> Figure:
