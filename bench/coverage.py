@@ -3,7 +3,7 @@
     .venv/bin/python bench/coverage.py [DRAWS]    # default 200; the tables of docs/comparison.md, about ten minutes
 
 Runs are simulated here directly, without the bench: SSRPs of steps 1, 3, 5 at 2.33 gwt and of both bars at DOI 1.0.
-The last table fits recordings made on a finger whose epidermis is a quarter thicker.
+The later tables fit recordings that were made on other fingers than the one that is fitted.
 """
 
 import sys
@@ -31,6 +31,11 @@ NOISES = ((60.0, 1.0, 5), (60.0, 0.5, 2), (20.0, 0.5, 2))
 TRUTHS = {"steps": (("ep1", -1.0), ("sed", -1.0), ("e13", -1.0), ("e22", -1.0)),
           "step 1 alone": (("ep1", -1.0), ("sed", -1.0)),
           "bars": (("ep1", 0.0), ("ep3", 0.0), ("sed", 0.0))}  # fmt: skip
+
+OTHERS = {
+    "epidermis + 25 %": Tissue(epidermis_mm=1.25 * Tissue().epidermis_mm),
+    "bone + 20 %": Tissue(bone_fraction=1.2 * Tissue().bone_fraction),
+}
 
 
 def stimulus(finger: Fingertip, indentor: str, x_mm: Array, kind: str, value: float) -> Stimulus:
@@ -65,6 +70,7 @@ class Tally:
     eps0_positions: int = 0
     members: int = 0
     measures: int = 0
+    measure_in_set: int = 0
 
     def add(self, joint: Joint, without_repeats: Joint, truth: Afferent) -> None:
         """Judge one draw."""
@@ -72,6 +78,7 @@ class Tally:
         chosen = joint.indistinguishable
         assert chosen is not None
         self.in_set += int(chosen[pair])
+        self.measure_in_set += int(chosen[pair[0]].any())
         self.members += int(chosen.sum())
         self.measures += int(chosen.any(axis=1).sum())
         for found, names in ((joint, ("k", "eps0")), (without_repeats, ("k_positions", "eps0_positions"))):
@@ -109,7 +116,14 @@ def cases(made: dict[str, list[Stimulus]], fitted: dict[str, list[Stimulus]], dr
                     tally.add(
                         joint(fitted[family], found), joint(fitted[family], [means_only(r) for r in found]), truth
                     )
-                parts = [tally.in_set, tally.k, tally.eps0, tally.k_positions, tally.eps0_positions]
+                parts = [
+                    tally.in_set,
+                    tally.measure_in_set,
+                    tally.k,
+                    tally.eps0,
+                    tally.k_positions,
+                    tally.eps0_positions,
+                ]
                 shares = " | ".join(f"{100 * n / draws:.0f}" for n in parts)
                 yield (
                     f"| {family} | {measure} at {x_mm:g} | {peak:g}, {window_s:g}, {repeats} | {shares} | "
@@ -119,8 +133,8 @@ def cases(made: dict[str, list[Stimulus]], fitted: dict[str, list[Stimulus]], dr
 
 def table(title: str, lines: Iterator[str]) -> None:
     """Print as it comes."""
-    columns = ("family", "truth", "peak rate (/s), window (s), repeats", "in the set (%)", "k (%)", "ε₀ (%)",
-               "k, over positions (%)", "ε₀, over positions (%)", "pairs / measures in the set")  # fmt: skip
+    columns = ("family", "truth", "peak rate (/s), window (s), repeats", "pair in the set (%)", "measure (%)",
+               "k (%)", "ε₀ (%)", "k, over positions (%)", "ε₀, over positions (%)", "pairs / measures in the set")  # fmt: skip
     print(f"\n{title}\n\n| {' | '.join(columns)} |\n|{'---|' * len(columns)}", flush=True)
     for line in lines:
         print(line, flush=True)
@@ -130,11 +144,11 @@ def main() -> None:
     """Print the tables."""
     draws = int(sys.argv[1]) if len(sys.argv) > 1 else 200
     default = families(Fingertip.load())
-    thick = Tissue(epidermis_mm=1.25 * Tissue().epidermis_mm)
-    other = families(Fingertip.load(FingertipConfig(tissue=thick)))
     print(f"{draws} draws a line, nominal 95 %")
     table("The finger that is fitted:", cases(default, default, draws))
-    table("Another finger (epidermis + 25 %) than the one that is fitted:", cases(other, default, draws))
+    for name, tissue in OTHERS.items():
+        other = families(Fingertip.load(FingertipConfig(tissue=tissue)))
+        table(f"Recorded on another finger ({name}):", cases(other, default, draws))
 
 
 if __name__ == "__main__":
