@@ -134,7 +134,8 @@ def cases(made: dict[str, list[Stimulus]], fitted: dict[str, list[Stimulus]], dr
 def table(title: str, lines: Iterator[str]) -> None:
     """Print as it comes."""
     columns = ("family", "truth", "peak rate (/s), window (s), repeats", "pair in the set (%)", "measure (%)",
-               "k (%)", "ε₀ (%)", "k, over positions (%)", "ε₀, over positions (%)", "pairs / measures in the set")  # fmt: skip
+               "k (%)", "ε₀ (%)", "k, over positions (%)", "ε₀, over positions (%)",
+               "pairs / measures in the set")  # fmt: skip
     print(f"\n{title}\n\n| {' | '.join(columns)} |\n|{'---|' * len(columns)}", flush=True)
     for line in lines:
         print(line, flush=True)
