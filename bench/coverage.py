@@ -11,22 +11,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from simulated import bars, steps
 
 from rig.compare.comparison import Comparison, Joint, compare
 from rig.compare.recorded import Recording, recording
-from rig.compare.shape_test import shown
 from rig.compare.stimuli import Stimulus
 from rig.compare.synthetic import Afferent, afferent_for, record
 from sim.config import FingertipConfig, Tissue
 from sim.fingertip import Fingertip
 from sim.measures.measures import MEASURES
 
-Array = NDArray[np.float64]
-
 POSITIONS_MM = np.arange(-2.0, 2.01, 0.2)
-SPACING_MM = 0.17
-STEP_X_MM = np.arange(-4.4, 2.5, SPACING_MM)
 NOISES = ((60.0, 1.0, 5), (60.0, 0.5, 2), (20.0, 0.5, 2))
 TRUTHS = {"steps": (("ep1", -1.0), ("sed", -1.0), ("e13", -1.0), ("e22", -1.0)),
           "step 1 alone": (("ep1", -1.0), ("sed", -1.0)),
@@ -38,25 +33,10 @@ OTHERS = {
 }
 
 
-def stimulus(finger: Fingertip, indentor: str, x_mm: Array, kind: str, value: float) -> Stimulus:
-    """What a run of these indentations would give."""
-    results = [finger.indent(indentor, float(x), **{kind: value}) for x in x_mm]
-    measures = np.array([[shown(name, r.receptor_measures[name]) for r in results] for name in MEASURES])
-    doi, force = (np.array([getattr(r, name) for r in results]) for name in ("doi_mm", "force_gwt"))
-    skin, _ = results[0].pressure_profile
-    pressure = np.array([r.pressure_profile[1] for r in results])
-    receptors = finger.model.receptors.position_mm[:, 0].round(6) + 0.0
-    return Stimulus("simulated", indentor, kind, value, x_mm, doi, force, measures, receptors, skin, pressure)
-
-
 def families(finger: Fingertip) -> dict[str, list[Stimulus]]:
     """The stimuli of both families."""
-    steps = [stimulus(finger, f"step:{n}", STEP_X_MM, "force_gwt", 2.33) for n in "135"]
-    bars = [
-        stimulus(finger, f"bar:{w}", SPACING_MM * (np.arange(n) - 0.5 * (n - 1)), "doi_mm", 1.0)
-        for w, n in (("1.5", 25), ("3.0", 34))
-    ]
-    return {"steps": steps, "step 1 alone": steps[:1], "bars": bars}
+    three = steps(finger, 2.33)
+    return {"steps": three, "step 1 alone": three[:1], "bars": bars(finger)}
 
 
 @dataclass

@@ -99,7 +99,7 @@ def _figures(comparison: Comparison) -> list[Figure]:
     found = [figure for joint in comparison.joints for figure in _fits(joint, measures)]
     found += [_heat_map(comparison)] if comparison.judged else []
     found += [_profiles(s, measures, tested=comparison.passes(s) is not None) for s in moved]
-    found += [_population(stimulus, measures) for stimulus in moved]
+    found += [_population(stimulus, measures) for stimulus in comparison.stimuli]
     return [*found, _pressures(moved)] if moved else found
 
 
