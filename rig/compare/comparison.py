@@ -7,6 +7,7 @@ from itertools import groupby, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 
 from rig.compare.fit import Fit
 from rig.compare.recorded import Recording
@@ -16,6 +17,9 @@ from rig.compare.stimuli import FAMILIES, Stimulus
 from sim.measures.measures import MEASURES
 
 Array = NDArray[np.float64]
+
+COLLINEAR = 0.98
+"""|r| from which two measures are called nearly collinear."""
 
 NEAR_CENTRE_MM = 0.25
 """Bars must pass at a receptor this near to x = 0."""
@@ -154,12 +158,21 @@ class Comparison:
 
     def candidates_by_condition(self, threshold: float = THRESHOLD) -> list[tuple[str, list[str]]]:
         """The same for the stimuli of each condition of a family alone, and for every pair of steps and bars."""
-        judged = [stimulus for stimulus in self.stimuli if stimulus.family in FAMILIES]
-        groups = [list(group) for _, group in groupby(judged, key=_group)]
-        steps, bars = ([g for g in groups if g[0].family == family] for family in FAMILIES)
+        steps, bars = ([g for g in self._groups if g[0].family == family] for family in FAMILIES)
         named = [(_conditions(group), group) for group in (*steps, *bars)]
         named += [(f"{_conditions(a)} and {_conditions(b)}", [*a, *b]) for a in steps for b in bars]
         return [(name, self.candidates(threshold, group)) for name, group in named]
+
+    def collinear(self) -> list[tuple[str, list[list[str]]]]:
+        """For each family and condition the groups of measures that go together whatever is recorded.
+
+        Measures are linked when |r| over all positions and receptors is `COLLINEAR` or more.
+        """
+        return [(_conditions(group), _collinear(group)) for group in self._groups]
+
+    @cached_property
+    def _groups(self) -> list[list[Stimulus]]:
+        return [list(group) for _, group in groupby(self.stimuli, key=_group)]
 
     def _passing(self, family: str, threshold: float, stimuli: Sequence[Stimulus]) -> Flags | None:
         """(18,) measures that some receptor passes under every stimulus of a family."""
@@ -214,6 +227,15 @@ def _group(stimulus: Stimulus) -> tuple[str, str, float]:
     """Stimuli with the same are judged together."""
     family = stimulus.family if stimulus.family in FAMILIES else stimulus.shape
     return family, stimulus.kind, stimulus.commanded
+
+
+def _collinear(group: Sequence[Stimulus]) -> list[list[str]]:
+    values = np.concatenate([stimulus.measures.reshape(len(MEASURES), -1) for stimulus in group], axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):  # a measure that does not vary goes with none
+        linked = np.abs(np.corrcoef(values)) >= COLLINEAR
+    _, number = connected_components(linked, directed=False)
+    groups = [[name for name, mine in zip(MEASURES, number, strict=True) if mine == k] for k in np.unique(number)]
+    return [names for names in groups if len(names) > 1]
 
 
 def _conditions(group: Sequence[Stimulus]) -> str:

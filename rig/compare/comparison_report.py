@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rig.compare import comparison_figures as figures
-from rig.compare.comparison import Comparison, Joint
+from rig.compare.comparison import COLLINEAR, Comparison, Joint
 from rig.compare.html import Figure, render
 from rig.compare.shape_test import THRESHOLD
 from rig.compare.stimuli import Stimulus
@@ -50,6 +50,8 @@ def write_comparison(
         comparison=comparison,
         verdicts=verdict_rows(comparison),
         thresholds=threshold_rows(comparison),
+        collinear=[(name, groups) for name, groups in comparison.collinear() if groups],
+        collinear_from=COLLINEAR,
         conditions=comparison.candidates_by_condition(),
         judged=[s.title for s in comparison.stimuli if comparison.passes(s) is not None],
         sets=[(joint.title, indistinguishable_rows(joint)) for joint in comparison.joints],

@@ -20,6 +20,7 @@ def as_json(comparison: Comparison, report: str) -> dict[str, Any]:
         "rows": [row for stimulus in comparison.stimuli for row in _rows(comparison, stimulus)],
         "candidates": comparison.candidates(),
         "candidates_by_condition": dict(comparison.candidates_by_condition()),
+        "collinear": dict(comparison.collinear()),
         "joint": [row for joint in comparison.joints for row in _joint_rows(joint)],
         "indistinguishable": [indistinguishable_rows(joint) for joint in comparison.joints],
         "report": report,

@@ -156,6 +156,14 @@ def test_conditions_and_families_are_fitted_apart(
     assert titles == ["bar:1.5, bar:3.0 at 1 mm", "step:1, step:3, step:5 at 2.33 gwt", "step:1 at 8 gwt"]
 
 
+def test_measures_that_go_together_are_named(make_stimulus: Make) -> None:
+    rng = np.random.default_rng(0)
+    ep1, e13 = rng.normal(size=(2, len(X), 3))
+    profiles = {"ep1": ep1, "ep3": 0.5 - 2 * ep1, "sed": ep1 + 0.05 * rng.normal(size=ep1.shape), "e13": e13}
+    (found,) = compare([make_stimulus("step:1", X, RECEPTORS, profiles)], {}).collinear()
+    assert found == ("step:1 at 2.33 gwt", [["ep1", "ep3", "sed"]])
+
+
 def test_rates_over_their_family_s_largest(steps: list[Stimulus]) -> None:
     afferent = Afferent("ep1", 1, k=20.0, eps0=1.1)
     plain, normalised = fitted(steps, afferent), fitted(steps, afferent, normalise=True)
