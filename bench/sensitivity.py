@@ -12,7 +12,7 @@ from sim.config import FingertipConfig, Tissue
 from sim.fingertip import Fingertip
 from sim.measures.receptors import DEFAULT_DEPTH_MM
 
-# The source's schedule for steps 1 and 3 to within 30 µm, continued for step 5.
+# As close as the source's schedules, up to 0.1 mm beside them; one row of positions for all three steps.
 POSITIONS_MM = np.array(
     [-5.7, -5.2, -4.7, -4.2, -3.69, -3.25, -2.75, -2.25, *np.arange(-1.97, 0.2, 0.17), 0.5, 1, 1.5, 2]
 )
