@@ -31,10 +31,12 @@ check: .venv/.ready-dev
 test: check
 	$(BIN)/pytest -n 2 --dist loadgroup
 
-bench: setup
+bench: .venv/.ready-dev
 	$(BIN)/python bench/timing.py
 	$(BIN)/python bench/facts.py
 	$(BIN)/python bench/random_poses.py
+	$(BIN)/python bench/oracles.py
+	$(BIN)/python bench/serve_latency.py
 
 clean:
 	rm -rf .venv runs study build dist

@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from simulated import bars, steps
 
 from rig.compare.comparison import Comparison, Joint, compare
 from rig.compare.recorded import Recording, recording
@@ -20,6 +19,7 @@ from rig.compare.synthetic import Afferent, afferent_for, record
 from sim.config import FingertipConfig, Tissue
 from sim.fingertip import Fingertip
 from sim.measures.measures import MEASURES
+from simulated import bars, steps
 
 POSITIONS_MM = np.arange(-2.0, 2.01, 0.2)
 NOISES = ((60.0, 1.0, 5), (60.0, 0.5, 2), (20.0, 0.5, 2))

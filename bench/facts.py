@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.config import FingertipConfig, MeshSpec, Tissue
-from sim.contact.indentors import BAR_EDGE_RADIUS_MM, Bar
+from sim.contact.profiles import BAR_EDGE_RADIUS_MM, Bar
 from sim.fingertip import Fingertip
 from sim.result import IndentationResult, median_of_four
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.contact.indentors import Bar, Cylinder, Grating, Profile, Step, Wedge
 from sim.contact.measured_profile import MeasuredProfile
+from sim.contact.profiles import Bar, Cylinder, Grating, Profile, Step, Wedge
 from sim.contact.solver import TARGET_RESIDUAL
 from sim.fingertip import Fingertip, ModelRangeError
 from sim.result import IndentationResult
@@ -81,7 +81,7 @@ def touches_an_edge(result: IndentationResult) -> bool:
     """Whether a node is held on a curved or steep part, or there are two regions in the receptor plane."""
     patch, state = result.model.patch, result.state
     s = patch.x[state.active] + state.displacement[0][state.active] - result.x_mm
-    slope = np.abs(result.profile.evaluate(s)[1])
+    slope = np.abs(result.indentor.profile.evaluate(s)[1])
     return bool((slope > 0.2).any()) or len(result.contact_regions_mm) > 1
 
 

@@ -4,13 +4,13 @@
 """
 
 import numpy as np
-from simulated import bars, steps
 
 from rig.compare.comparison import compare
 from rig.compare.table_5_2 import agreement, source_flags
 from sim.config import FingertipConfig, Tissue
 from sim.fingertip import Fingertip
 from sim.measures.receptors import DEFAULT_DEPTH_MM
+from simulated import bars, steps
 
 # As close as the source's schedules, up to 0.1 mm beside them; one row of positions for all three steps.
 POSITIONS_MM = np.array(

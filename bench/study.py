@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from study_facts import DEPTHS_MM, FINE_X_MM, all_facts
-from study_figures import shapes_side_by_side
 
 from rig.compare import write_report
 from rig.compare.comparison import Comparison, compare
@@ -30,6 +28,8 @@ from rig.protocol.script import load_script
 from rig.protocol.session import dry_run
 from sim.fingertip import Fingertip
 from sim.measures.measures import MEASURES
+from study_facts import DEPTHS_MM, FINE_X_MM, all_facts
+from study_figures import shapes_side_by_side
 
 LOW_GWT, HIGH_GWT = 2.33, 8.0
 SCHEDULES = (

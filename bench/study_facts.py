@@ -4,13 +4,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from facts import BAR_DOIS_MM, edges_touched
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
+from sim.contact.indentors import STEP_HALF_WAVELENGTH_MM
 
+from facts import BAR_DOIS_MM, edges_touched
 from rig.compare.shape_test import shape_test, shown
 from rig.compare.stimuli import Stimulus
-from sim.contact.indentors import STEP_HALF_WAVELENGTH_MM
 from sim.fingertip import Fingertip
 from sim.result import IndentationResult, median_of_four
 

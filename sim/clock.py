@@ -1,4 +1,4 @@
-"""Virtual time: nothing happens between events, so nothing is waited for."""
+"""What devices know of time, and virtual time: nothing happens between events, so nothing is waited for."""
 
 import heapq
 import math
@@ -30,6 +30,36 @@ class _Event:
         self.action = None
 
 
+class EventQueue:
+    """Calls to come, in the order of their times; ties in the order they were made."""
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._heap: list[tuple[float, int, _Event]] = []
+
+    def push(self, t_s: float, action: Callable[[], None]) -> Handle:
+        """Raises ValueError unless t_s is finite."""
+        if not math.isfinite(t_s):
+            raise ValueError(f"an event needs a finite time, got {t_s}")
+        event = _Event(action)
+        self._count += 1
+        heapq.heappush(self._heap, (t_s, self._count, event))
+        return event
+
+    def next_s(self) -> float:
+        """When the next call is due; inf if there is none."""
+        while self._heap and self._heap[0][2].action is None:
+            heapq.heappop(self._heap)
+        return self._heap[0][0] if self._heap else math.inf
+
+    def pop(self) -> Callable[[], None]:
+        """The next call, which next_s() has just found."""
+        _, _, event = heapq.heappop(self._heap)
+        action, event.action = event.action, None
+        assert action is not None
+        return action
+
+
 class VirtualClock:
     """A clock that jumps from event to event: no threads, the same order every time.
 
@@ -39,8 +69,7 @@ class VirtualClock:
     def __init__(self, start_unix_s: float = 0.0) -> None:
         self._start_unix_s = start_unix_s
         self._now_s = 0.0
-        self._count = 0
-        self._queue: list[tuple[float, int, _Event]] = []
+        self._queue = EventQueue()
 
     def monotonic_s(self) -> float:
         return self._now_s
@@ -50,12 +79,7 @@ class VirtualClock:
 
     def call_at(self, t_s: float, action: Callable[[], None]) -> Handle:
         """Call action when the clock gets to t_s; a time already past means now. Ties run in this order."""
-        if not math.isfinite(t_s):
-            raise ValueError(f"an event needs a finite time, got {t_s}")
-        event = _Event(action)
-        self._count += 1
-        heapq.heappush(self._queue, (max(t_s, self._now_s), self._count, event))
-        return event
+        return self._queue.push(max(t_s, self._now_s), action)
 
     def wait_s(self, seconds: float) -> None:
         """Run everything that happens in this many seconds."""
@@ -74,16 +98,12 @@ class VirtualClock:
         return True
 
     def _run_next(self, deadline_s: float) -> bool:
-        queue = self._queue
-        while queue and queue[0][0] <= deadline_s:
-            t_s, _, event = heapq.heappop(queue)
-            action = event.action
-            if action is not None:
-                self._now_s = t_s
-                event.action = None
-                action()
-                return True
-        return False
+        t_s = self._queue.next_s()
+        if t_s == math.inf or t_s > deadline_s:
+            return False
+        self._now_s = t_s
+        self._queue.pop()()
+        return True
 
     def _stand_at(self, deadline_s: float, ready: Callable[[], bool]) -> bool:
         if math.isinf(deadline_s):

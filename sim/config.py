@@ -3,9 +3,12 @@
 Values marked [free] are not given by Raju (1998); `docs/model.md` says where each default comes from.
 """
 
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
+
+from sim.measured_skin import POINT_COLUMNS, SECTION_COLUMNS, check_points, check_sections, rows_from
 
 
 class _Settings(BaseModel):
@@ -13,7 +16,11 @@ class _Settings(BaseModel):
 
 
 class Geometry(_Settings):
-    """Shape of the finger where the 24 published points say nothing; lengths in mm. [free]"""
+    """Shape of the finger; lengths in mm. [free], and all that the 24 published points say nothing about.
+
+    `points` or `sections` replace the published points. Each is a list of rows, or the path of a CSV file, relative
+    to the validation context's `folder`; only the numbers are kept.
+    """
 
     length_mm: float = Field(12.75, gt=10, lt=30)
     proximal_apex_mm: float = Field(2.6, gt=0.5, lt=8, description="height of the top profile at z = 0")
@@ -22,6 +29,23 @@ class Geometry(_Settings):
     tip_radius_mm: float = Field(1.0, gt=0.2, lt=4, description="radius of the blunt section at the distal tip")
     nail_depth_ratio: float = Field(0.75, gt=0.2, lt=2, description="depth of the nail side / height of the pulp")
     stiffness_of_fit: float = Field(0.06, gt=0, lt=10, description="weight of the surface's second derivatives")
+    points: tuple[tuple[float, float, float], ...] = Field((), description="x, y, z of the pulp's skin")
+    sections: tuple[tuple[float, float, float, float], ...] = Field((), description="z, half-width, height, lean")
+
+    @field_validator("points", "sections", mode="before")
+    @classmethod
+    def _numbers(cls, value: object, info: ValidationInfo) -> object:
+        folder = Path((info.context or {}).get("folder", "."))
+        return rows_from(value, POINT_COLUMNS if info.field_name == "points" else SECTION_COLUMNS, folder)
+
+    @field_validator("points", "sections")
+    @classmethod
+    def _usable(cls, rows: tuple[Any, ...], info: ValidationInfo) -> tuple[Any, ...]:
+        if rows and info.data.get("points"):
+            raise ValueError("expected either points or sections, not both")
+        if rows and "length_mm" in info.data:
+            (check_points if info.field_name == "points" else check_sections)(rows, info.data["length_mm"])
+        return rows
 
 
 class Tissue(_Settings):
@@ -45,6 +69,9 @@ class MeshSpec(_Settings):
     spacing_mm: float = Field(0.17, gt=0.02, le=1.0, description="lateral and axial, on the pulp")
     patch_x_mm: float = Field(3.3, gt=0.5, le=4.0)
     patch_z_mm: float = Field(3.5, gt=0.5, le=4.5)
+    round_patch_mm: float = Field(
+        2.5, gt=0.3, le=4.5, description="half-width of the nodes that a sphere, a cone or a round punch may touch"
+    )
     epidermis_elements: int = Field(2, ge=1, le=8)
     dermis_spacing_mm: float = Field(0.2, gt=0.02, le=1.0)
     dermis_fine_depth_mm: float = Field(1.2, gt=0.2, le=3.0)
@@ -56,12 +83,19 @@ class MeshSpec(_Settings):
     element: Literal["bbar", "full"] = "bbar"
 
 
+class Contact(_Settings):
+    """Where contact is enforced."""
+
+    between_nodes: bool = Field(True, description="under sharp corners also at points between nodes")
+
+
 class FingertipConfig(_Settings):
-    """Everything that makes a condensed fingertip model; its hash names the cached model."""
+    """A fingertip: what its condensed model is made of, and how it is touched."""
 
     geometry: Geometry = Geometry()
     tissue: Tissue = Tissue()
     mesh: MeshSpec = MeshSpec()
+    contact: Contact = Contact()
     receptor_plane_from_tip_mm: float = Field(5.857, gt=1, lt=12, description="Raju (1998): 5.86 from the tip")
 
     @property

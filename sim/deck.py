@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.config import FingertipConfig
-from sim.contact.indentors import Profile
+from sim.contact.profiles import Profile
 from sim.finger.mesh import FingerMesh
 from sim.model import young_ratios
 

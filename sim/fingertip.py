@@ -2,8 +2,8 @@
 
 import math
 import time
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -13,20 +13,24 @@ from threadpoolctl import ThreadpoolController
 
 from sim.cache import cached_arrays, content_key
 from sim.config import FingertipConfig
-from sim.contact.control import ForceNotReachedError, solve_for_force
-from sim.contact.indentors import Profile
+from sim.contact.control import ForceNotReachedError, TooDeepError, solve_for_force
+from sim.contact.indentor import ALONG, Indentor
+from sim.contact.patch import X, Y, Z
+from sim.contact.points import Pose
+from sim.contact.profiles import Profile
 from sim.contact.shapes import parse_shape
-from sim.contact.solver import TARGET_RESIDUAL, ContactState, Pose, solve_contact
-from sim.contact.touch import first_touch
+from sim.contact.solver import TARGET_RESIDUAL, ContactState, solve_contact
+from sim.contact.touch import Touch, first_touch
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, place_receptors
 from sim.model import CondensedModel, build_model, from_arrays, to_arrays
-from sim.result import IndentationResult
+from sim.result import IndentationResult, PointLoadResult
 from sim.stiffness import E_EPIDERMIS_MPA
 from sim.units import GWT_N
 
 Array = NDArray[np.float64]
 Reference = Literal["contact", "apex"]
+ModelLoader = Callable[[tuple[int, ...]], tuple[CondensedModel, bool]]
 
 DEEPEST_DOI_MM = 2.0
 """The small-displacement model is not asked beyond this depth; the source's deepest is 1.33 mm."""
@@ -35,22 +39,33 @@ FARTHEST_X_MM = 20.0
 """Beyond this no part of a shape is over the pad."""
 
 _FORCE_GUESS_MM = 0.3
-_PRESS_IN_MM = 0.05
+_PRESS_IN_MM, _PRESS_IN_FINE_MM = 0.2, 0.05
+_SIDE_RAD = 0.05  # of the section's widest places; below them the skin is no function of x
+_AXIS_NAMES = {X: "x", Z: "z"}
 
 
 class ModelRangeError(ValueError):
     """The scene asks for something outside what the model can answer."""
 
 
-class Fingertip:
-    """A condensed 3-D fingertip. It keeps no state: an indentation starts from rest unless told where from."""
+class _RimError(ModelRangeError, TooDeepError):
+    """The indentor would touch skin that the patch does not hold."""
 
-    def __init__(self, config: FingertipConfig, model: CondensedModel, *, from_cache: bool, build_s: float) -> None:
+
+class Fingertip:
+    """A condensed 3-D fingertip. It keeps no state: an indentation starts from rest unless told where from.
+
+    A model is condensed for indentors that slope along some axes, when one is first needed.
+    """
+
+    def __init__(self, config: FingertipConfig, surface: FingertipSurface, load_model: ModelLoader) -> None:
         self.config = config
-        self.model = model
-        self.from_cache = from_cache
-        self.build_s = build_s
+        self.surface = surface
         self.e_epidermis_mpa = E_EPIDERMIS_MPA
+        self.from_cache = True
+        self.build_s = 0.0
+        self._load_model = load_model
+        self._models: dict[tuple[int, ...], CondensedModel] = {}
         self._threads = ThreadpoolController()
 
     @classmethod
@@ -58,137 +73,221 @@ class Fingertip:
         cls,
         config: FingertipConfig | None = None,
         *,
+        slopes: tuple[int, ...] = ALONG,
         receptor_x_mm: Sequence[float] = DEFAULT_X_MM,
         receptor_depth_mm: float = DEFAULT_DEPTH_MM,
         solver: Literal["auto", "pardiso", "slabs"] = "auto",
     ) -> "Fingertip":
-        """The fingertip of a configuration, from the cache or built (seconds).
+        """The fingertip of a configuration, its model for shapes that slope so read or built (seconds).
 
-        Raises MeshError or ReceptorError when geometry, mesh or receptors do not go together.
+        Raises SurfaceError, MeshError or ReceptorError when geometry, mesh or receptors do not go together.
         """
-        start = time.perf_counter()
         config = FingertipConfig() if config is None else config
         surface = FingertipSurface.fit(config.geometry)
         receptors = place_receptors(surface, np.array(receptor_x_mm), receptor_depth_mm, config.receptor_plane_mm)
-        key = content_key([config.model_dump(mode="json"), list(receptor_x_mm), receptor_depth_mm, solver])
-        built: list[CondensedModel] = []
+        described = config.model_dump(mode="json", exclude={"contact"})
 
-        def make() -> dict[str, NDArray[np.generic]]:
-            built.append(build_model(config, surface, receptors, solver))
-            return to_arrays(built[0])
+        def load_model(slopes: tuple[int, ...]) -> tuple[CondensedModel, bool]:
+            key = content_key([described, list(receptor_x_mm), receptor_depth_mm, solver, list(slopes)])
+            built: list[CondensedModel] = []
 
-        arrays, from_cache = cached_arrays(key, make)
-        model = from_arrays(arrays, surface, receptors) if from_cache else built[0]
-        return cls(config, model, from_cache=from_cache, build_s=time.perf_counter() - start)
+            def make() -> dict[str, NDArray[np.generic]]:
+                built.append(build_model(config, surface, receptors, slopes, solver))
+                return to_arrays(built[0])
+
+            arrays, from_cache = cached_arrays(key, make)
+            return (from_arrays(arrays, surface, receptors) if from_cache else built[0]), from_cache
+
+        finger = cls(config, surface, load_model)
+        finger.model_for(slopes)
+        return finger
+
+    def model_for(self, slopes: tuple[int, ...]) -> CondensedModel:
+        """The model condensed for indentors that slope along some axes, from the cache or built (seconds)."""
+        if slopes not in self._models:
+            start = time.perf_counter()
+            self._models[slopes], from_cache = self._load_model(slopes)
+            self.from_cache = self.from_cache and from_cache
+            self.build_s += time.perf_counter() - start
+        return self._models[slopes]
+
+    @property
+    def model(self) -> CondensedModel:
+        """The model for shapes prismatic along the finger."""
+        return self.model_for(ALONG)
 
     @cached_property
     def apex_height_mm(self) -> float:
         """Height of the skin's topmost point."""
-        ridge = self.model.surface.ridge
+        ridge = self.surface.ridge
         return float(ridge(ridge.derivative().roots(extrapolate=False)).max())
 
-    def touch_height_mm(self, indentor: Profile | str, x_mm: float, reference: Reference = "contact") -> float:
+    def touch_height_mm(
+        self,
+        indentor: Indentor | Profile | str,
+        x_mm: float,
+        reference: Reference = "contact",
+        z_mm: float | None = None,
+    ) -> float:
         """Height of the indentor's lowest point where DOI is zero.
 
-        "contact" is first touch of the continuous skin at this x; "apex" the finger's topmost point.
+        "contact" is first touch of the continuous skin at this place; "apex" the finger's topmost point.
         """
-        return self._touch(_profile(indentor), x_mm, reference)[0]
+        shape = _indentor(indentor)
+        place = self._place(shape, x_mm, z_mm)
+        return self.apex_height_mm if reference == "apex" else first_touch(shape, place, self.surface).height_mm
 
     def indent(
         self,
-        indentor: Profile | str,
-        x_mm: float,
+        indentor: Indentor | Profile | str,
+        x_mm: float = 0.0,
         *,
+        z_mm: float | None = None,
         doi_mm: float | None = None,
         force_gwt: float | None = None,
         reference: Reference = "contact",
         start: ContactState | None = None,
     ) -> IndentationResult:
-        """Press an indentor at x to a depth or to a force, from rest or on from a nearby state.
+        """Press an indentor to a depth or to a force, from rest or on from a nearby state.
 
-        Raises ModelRangeError when the scene leaves the model: contact at the patch's rim, a depth or force
-        out of range.
+        Shapes prismatic along the finger are placed by x, the line by z (default: the receptor plane), round shapes
+        by both. Raises ModelRangeError when the scene leaves the model: contact at the patch's rim, a place, depth
+        or force out of range.
         """
-        profile = _profile(indentor)
+        shape = _indentor(indentor)
         if (doi_mm is None) == (force_gwt is None):
             raise ModelRangeError("expected exactly one of a depth (doi_mm) and a force (force_gwt)")
-        if not abs(x_mm) <= FARTHEST_X_MM:
-            raise ModelRangeError(f"x = {x_mm} mm: expected a finite number within ± {FARTHEST_X_MM:g} mm")
-        touch, touch_x = self._touch(profile, x_mm, reference)
+        place = self._place(shape, x_mm, z_mm)
+        touch = first_touch(shape, place, self.surface)
+        height = self.apex_height_mm if reference == "apex" else touch.height_mm
+        between_nodes = self.config.contact.between_nodes and shape.sharp
+        scene = _Scene(shape, place, height, touch, self.model_for(shape.axes), between_nodes)
+        scene.refuse_touch_outside()
         began = time.perf_counter()
         with self._threads.limit(limits=1, user_api="blas"):
             if doi_mm is not None:
                 if not 0 < doi_mm <= DEEPEST_DOI_MM:
                     raise ModelRangeError(f"DOI {doi_mm:g} mm: expected 0 < DOI ≤ {DEEPEST_DOI_MM:g} mm")
-                doi, state = doi_mm, self._solve(profile, x_mm, touch, doi_mm, start)
+                doi, state = doi_mm, scene.solve(doi_mm, start)
             else:
                 assert force_gwt is not None
-                doi, state = self._solve_force(profile, x_mm, touch, force_gwt)
-        self._refuse_rim(profile, x_mm, touch_x, touch - doi, state)
+                doi, state = self._solve_force(scene, force_gwt)
         return IndentationResult(
-            profile=profile,
+            indentor=shape,
             x_mm=x_mm,
+            z_mm=self.config.receptor_plane_mm if z_mm is None else z_mm,
             doi_mm=doi,
-            touch_height_mm=touch,
+            touch_height_mm=height,
             force_n=state.normal_force * self.e_epidermis_mpa,
             state=state,
-            model=self.model,
+            model=self.model_for(shape.axes),
             e_epidermis_mpa=self.e_epidermis_mpa,
             contact_s=time.perf_counter() - began,
             poisson=self.config.tissue.poisson,
         )
 
-    def _touch(self, profile: Profile, x_mm: float, reference: Reference) -> tuple[float, float]:
-        height, at = first_touch(profile, x_mm, self.model.surface.ridge)
-        return (self.apex_height_mm if reference == "apex" else height), at
+    def point_load(self, x_mm: float, force_gwt: float, *, z_mm: float | None = None) -> PointLoadResult:
+        """Press on one point of the pulp's skin, along its inward normal. Raises ModelRangeError beside the pulp."""
+        z = self.config.receptor_plane_mm if z_mm is None else z_mm
+        if not 0 < z < self.config.geometry.length_mm:
+            raise ModelRangeError(f"z = {z} mm: expected 0 … {self.config.geometry.length_mm:g} mm along the finger")
+        left, right = (float(self.surface.section(phi, z)[0]) for phi in (math.pi - _SIDE_RAD, _SIDE_RAD))
+        if not left < x_mm < right:
+            raise ModelRangeError(f"x = {x_mm} mm: expected {left:.2f} … {right:.2f} mm, the pulp at z = {z:g} mm")
+        force_n = _positive(force_gwt) * GWT_N
+        model = next(iter(self._models.values()))
+        strain = model.point_load(x_mm, z) * (force_n / self.e_epidermis_mpa)
+        return PointLoadResult(x_mm, z, force_n, strain.reshape(-1, 6), model, self.config.tissue.poisson)
 
-    def _solve(
-        self, profile: Profile, x_mm: float, touch: float, doi: float, start: ContactState | None
-    ) -> ContactState:
-        """At once; where that misses the target, by pressing in from first touch."""
+    def _place(self, shape: Indentor, x_mm: float, z_mm: float | None) -> tuple[float, ...]:
+        """Where the reference point is, along the indentor's axes."""
+        z = self.config.receptor_plane_mm if z_mm is None else z_mm
+        if not abs(x_mm) <= FARTHEST_X_MM:
+            raise ModelRangeError(f"x = {x_mm} mm: expected a finite number within ± {FARTHEST_X_MM:g} mm")
+        if not 0 <= z <= self.config.geometry.length_mm:
+            raise ModelRangeError(f"z = {z} mm: expected 0 … {self.config.geometry.length_mm:g} mm along the finger")
+        return tuple({X: x_mm, Z: z}[axis] for axis in shape.axes)
 
-        def at(depth: float, near: ContactState | None) -> ContactState:
-            return solve_contact(self.model.patch, Pose(profile, x_mm, touch - depth, max(depth, 1e-3)), near)
-
-        state = at(doi, start)
-        if state.residual <= TARGET_RESIDUAL:
-            return state
-        pressed = None
-        for depth in np.linspace(0.0, doi, math.ceil(doi / _PRESS_IN_MM) + 1)[1:]:
-            pressed = at(float(depth), pressed)
-        assert pressed is not None
-        better = min((state, pressed), key=lambda s: s.residual)
-        return replace(better, passes=state.passes + pressed.passes)
-
-    def _solve_force(
-        self, profile: Profile, x_mm: float, touch: float, force_gwt: float
-    ) -> tuple[float, ContactState]:
-        if not (math.isfinite(force_gwt) and force_gwt > 0):
-            raise ModelRangeError(f"force {force_gwt:g} gwt: expected a positive number")
-        force = force_gwt * GWT_N / self.e_epidermis_mpa
+    def _solve_force(self, scene: "_Scene", force_gwt: float) -> tuple[float, ContactState]:
+        force = _positive(force_gwt) * GWT_N / self.e_epidermis_mpa
         try:
-            return solve_for_force(
-                force, _FORCE_GUESS_MM, DEEPEST_DOI_MM, lambda d, s: self._solve(profile, x_mm, touch, d, s)
-            )
+            return solve_for_force(force, _FORCE_GUESS_MM, DEEPEST_DOI_MM, scene.solve)
         except ForceNotReachedError as error:
             raise ModelRangeError(f"force {force_gwt:g} gwt: {error}") from None
 
-    def _refuse_rim(self, profile: Profile, x_mm: float, touch_x: float, height: float, state: ContactState) -> None:
+
+@dataclass(frozen=True)
+class _Scene:
+    """An indentor over a model's patch, ready to be pressed."""
+
+    indentor: Indentor
+    place: tuple[float, ...]
+    zero_mm: float  # height of the indentor's lowest point where DOI is zero
+    touch: Touch
+    model: CondensedModel
+    between_nodes: bool
+
+    def solve(self, doi_mm: float, start: ContactState | None) -> ContactState:
+        """At once from a start or for a smooth shape, else pressed in from first touch, finely if that misses."""
+        if start is not None or not self.indentor.sharp:
+            state = self._at(doi_mm, start)
+        else:
+            state = self._pressed(doi_mm, _PRESS_IN_MM)
+        if state.residual <= TARGET_RESIDUAL:
+            return state
+        finer = self._pressed(doi_mm, _PRESS_IN_FINE_MM)
+        better = min((state, finer), key=lambda s: s.residual)
+        return replace(better, passes=state.passes + finer.passes)
+
+    def _pressed(self, doi_mm: float, step_mm: float) -> ContactState:
+        """Through depths that are multiples of a step past first touch."""
+        state, passes = None, 0
+        first = self.zero_mm - self.touch.height_mm
+        for depth in (*np.arange(first + step_mm, doi_mm - 1e-9, step_mm), doi_mm):
+            state = self._at(float(depth), state)
+            passes += state.passes
+        assert state is not None
+        return replace(state, passes=passes)
+
+    def _at(self, doi_mm: float, start: ContactState | None) -> ContactState:
+        pose = Pose(self.indentor, self.place, self.zero_mm - doi_mm, max(doi_mm, 1e-3))
+        state = solve_contact(self.model.patch, pose, start, between_nodes=self.between_nodes)
+        self._refuse_rim(pose, state)
+        return state
+
+    def refuse_touch_outside(self) -> None:
+        """Refuse a scene in which the indentor first touches skin beside the patch."""
+        for axis, at, nodes in zip(self.indentor.axes, self.touch.at_mm, self.model.patch.tangential_mm, strict=True):
+            if not nodes.min() < at < nodes.max():
+                self._refuse(f"touches the skin at {_AXIS_NAMES[axis]} = {at:.2f} mm, outside the patch")
+
+    def _refuse_rim(self, pose: Pose, state: ContactState) -> None:
         """Refuse an answer when the indentor touches skin that the patch does not hold."""
-        patch = self.model.patch
-        scene = f"{profile.name} at x = {x_mm:g} mm"
-        hint = "expected a smaller depth, a position nearer the pad's centre, or a wider mesh.patch_x_mm / patch_z_mm"
-        low, high = patch.x.min(), patch.x.max()
-        if not low < touch_x < high:
-            raise ModelRangeError(f"{scene}: touches the skin at x = {touch_x:.2f} mm, outside the patch; {hint}")
+        patch, beside = self.model.patch, self.model.outside_mm
         at_rim = np.flatnonzero(state.active & patch.rim)
-        beside, nearest = self.model.outside_mm, self.model.outside_neighbour
-        gap = height + profile.evaluate(beside[:, 0] - x_mm)[0] - beside[:, 1] - state.displacement[1][nearest]
+        y = beside[:, Y] + state.displacement[-1][self.model.outside_neighbour]
+        gap = pose.gap(beside[:, list(self.indentor.axes)].T, y).height_mm
         if len(at_rim) or (gap < 0).any():
             x, _, z = patch.position_mm[at_rim[0]] if len(at_rim) else beside[np.argmin(gap)]
-            where = f"x = {x:.2f}, z = {z:.2f} mm"
-            raise ModelRangeError(f"{scene}: contact reaches the patch's rim at {where}; {hint}")
+            self._refuse(f"contact reaches the patch's rim at x = {x:.2f}, z = {z:.2f} mm")
+
+    def _refuse(self, what: str) -> None:
+        names = [_AXIS_NAMES[axis] for axis in self.indentor.axes]
+        where = ", ".join(f"{name} = {at:g}" for name, at in zip(names, self.place, strict=True))
+        size = "mesh.round_patch_mm" if len(names) > 1 else "mesh.patch_x_mm / patch_z_mm"
+        raise _RimError(
+            f"{self.indentor.name} at {where} mm: {what}; expected a smaller depth, a position nearer the pad's "
+            f"centre, or a wider {size}"
+        )
 
 
-def _profile(indentor: Profile | str) -> Profile:
-    return parse_shape(indentor) if isinstance(indentor, str) else indentor
+def _positive(force_gwt: float) -> float:
+    if not (math.isfinite(force_gwt) and force_gwt > 0):
+        raise ModelRangeError(f"force {force_gwt:g} gwt: expected a positive number")
+    return force_gwt
+
+
+def _indentor(shape: Indentor | Profile | str) -> Indentor:
+    if isinstance(shape, Indentor):
+        return shape
+    return parse_shape(shape) if isinstance(shape, str) else Indentor.along(shape)

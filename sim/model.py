@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -9,13 +10,13 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sim.config import FingertipConfig, Tissue
-from sim.contact.patch import Patch
+from sim.contact.patch import Patch, X, Y
 from sim.fem import pardiso
 from sim.fem.assembly import assemble_upper
 from sim.fem.elements import hex8_stiffness
 from sim.fem.pardiso import PardisoFactor
 from sim.fem.slabs import SlabFactor
-from sim.finger.mesh import FingerMesh, build_mesh
+from sim.finger.mesh import FingerMesh, build_mesh, narrowed
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorSet, strain_operator
 
@@ -25,7 +26,7 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class CondensedModel:
-    """The patch, and receptors whose strain is linear in the patch's forces. E(epidermis) = 1 MPa."""
+    """The patch, and receptors whose strain is linear in the forces on the skin. E(epidermis) = 1 MPa."""
 
     surface: FingertipSurface
     patch: Patch
@@ -33,10 +34,32 @@ class CondensedModel:
     nodes: int
     receptors: ReceptorSet
     receptor_e: Array  # (n_receptors,) E / E(epidermis)
-    strain_per_force: Array  # (6 n_receptors, 2 n_patch) 1/N
+    strain_per_skin_force: Array  # (6 n_receptors, n_z, n_phi, 3) 1/N, forces on all skin nodes
+    skin_z_mm: Array  # (n_z,)
+    skin_phi: Array  # (n_phi,) rad
+    patch_in_skin: Ints  # (n_patch,) numbers of the patch's nodes on that grid
     outside_mm: Array  # (n_outside, 3) skin nodes beside the patch
     outside_neighbour: Ints  # (n_outside,) the rim node each is nearest to
     timing_s: dict[str, float] = field(default_factory=dict, compare=False)
+
+    @cached_property
+    def strain_per_force(self) -> Array:
+        """(6 n_receptors, m n_patch) 1/N, forces on the patch along its axes."""
+        by_node = self.strain_per_skin_force.reshape(len(self.strain_per_skin_force), -1, 3)
+        on_patch = by_node[:, self.patch_in_skin][:, :, list(self.patch.axes)]
+        return np.ascontiguousarray(on_patch.swapaxes(1, 2)).reshape(len(by_node), -1)
+
+    def point_load(self, x_mm: float, z_mm: float) -> Array:
+        """(6 n_receptors,) strain per N of an inward force along the skin's normal at (x, z).
+
+        The force is shared between the four skin nodes around the place, by their bilinear shape functions.
+        """
+        phi = float(self.surface.angle_at(x_mm, z_mm))
+        k, across = _cell(self.skin_z_mm, z_mm)
+        j, around = _cell(self.skin_phi, phi)
+        weights = np.outer([1 - across, across], [1 - around, around])
+        corners = self.strain_per_skin_force[:, k : k + 2, j : j + 2]
+        return np.einsum("rzpi,zp,i->r", corners, weights, -self.surface.normal(phi, z_mm))
 
 
 @dataclass(frozen=True)
@@ -46,7 +69,7 @@ class FiniteElements:
     mesh: FingerMesh
     upper: sp.csr_array  # (n_free, n_free) N/mm per MPa of E(epidermis)
     free: Ints  # (n_free,) degree of freedom 3·node + component
-    kept: Ints  # ascending positions in `free` of the patch's x and y
+    kept: Ints  # ascending positions in `free` of the patch's displacements along its axes
 
     @property
     def slabs(self) -> Ints:
@@ -60,13 +83,19 @@ def young_ratios(tissue: Tissue) -> Array:
     return np.array([1.0, tissue.e_dermis, tissue.e_fat, tissue.e_bone])
 
 
-def discretise(config: FingertipConfig, mesh: FingerMesh) -> FiniteElements:
-    """Assemble the stiffness of the free degrees of freedom for E(epidermis) = 1 MPa."""
+def _cell(grid: Array, value: float) -> tuple[int, float]:
+    """The interval of an ascending grid that holds a value, and how far along it."""
+    k = int(np.clip(np.searchsorted(grid, value) - 1, 0, len(grid) - 2))
+    return k, float((value - grid[k]) / (grid[k + 1] - grid[k]))
+
+
+def discretise(config: FingertipConfig, mesh: FingerMesh, axes: tuple[int, ...] = (X, Y)) -> FiniteElements:
+    """Assemble the stiffness of the free degrees of freedom for E(epidermis) = 1 MPa, to keep the patch's `axes`."""
     young = young_ratios(config.tissue)[mesh.layer]
     stiffness = hex8_stiffness(mesh.nodes, mesh.hexes, young, config.tissue.poisson, config.mesh.element)
     upper = assemble_upper(stiffness, mesh.hexes, len(mesh.nodes))
     free = np.flatnonzero(np.repeat(~mesh.fixed, 3))
-    patch = np.sort(np.concatenate([3 * mesh.patch_nodes, 3 * mesh.patch_nodes + 1]))
+    patch = np.sort((3 * mesh.patch_nodes + np.array(axes)[:, None]).ravel())
     return FiniteElements(mesh, upper[free][:, free], free, np.searchsorted(free, patch))
 
 
@@ -78,27 +107,39 @@ def factorise(problem: FiniteElements, solver: str = "auto") -> PardisoFactor | 
 
 
 def build_model(
-    config: FingertipConfig, surface: FingertipSurface, receptors: ReceptorSet, solver: str = "auto"
+    config: FingertipConfig,
+    surface: FingertipSurface,
+    receptors: ReceptorSet,
+    slopes: tuple[int, ...] = (X,),
+    solver: str = "auto",
 ) -> CondensedModel:
-    """Mesh, assemble, condense; `timing_s` says how long each took."""
+    """Mesh, assemble, condense for indentors that slope along some axes; `timing_s` says how long each took."""
     clock = _Stopwatch()
     mesh = build_mesh(config, surface)
+    if len(slopes) > 1:
+        mesh = narrowed(mesh, config.mesh.round_patch_mm, config.receptor_plane_mm)
     clock.lap("mesh")
-    problem = discretise(config, mesh)
+    axes = (*slopes, Y)
+    problem = discretise(config, mesh, axes)
     clock.lap("assembly")
     with factorise(problem, solver) as factor:
         clock.lap("condensation")
         compliance = factor.compliance
         clock.lap("inverse")
         operator, layers = strain_operator(mesh, receptors)
-        strain = factor.kept_response(operator.tocsc()[:, problem.free].toarray())
+        strain = factor.solve(operator.tocsc()[:, problem.free].toarray())
     clock.lap("receptors")
-    xy = np.concatenate([np.arange(0, len(compliance), 2), np.arange(1, len(compliance), 2)])
+    n_z, n_phi, _ = mesh.grid
+    skin = np.arange(len(mesh.nodes)).reshape(mesh.grid)[:, :, 0].ravel()
+    everywhere = np.zeros((len(strain), 3 * len(mesh.nodes)))
+    everywhere[:, problem.free] = strain
+    order = _by_axis(axes, len(mesh.patch_nodes))
     patch = Patch(
         position_mm=mesh.nodes[mesh.patch_nodes],
         area_mm2=mesh.patch_area_mm2,
-        compliance=compliance[xy].take(xy, axis=1),
+        compliance=compliance[order].take(order, axis=1),
         shape=mesh.patch_shape,
+        axes=axes,
     )
     outside, neighbour = _skin_beside(mesh, patch)
     clock.lap("ordering")
@@ -109,11 +150,20 @@ def build_model(
         nodes=len(mesh.nodes),
         receptors=receptors,
         receptor_e=young_ratios(config.tissue)[layers],
-        strain_per_force=strain[:, xy],
+        strain_per_skin_force=everywhere.reshape(len(strain), -1, 3)[:, skin].reshape(-1, n_z, n_phi, 3),
+        skin_z_mm=mesh.z_mm,
+        skin_phi=mesh.phi,
+        patch_in_skin=np.searchsorted(skin, mesh.patch_nodes),
         outside_mm=outside,
         outside_neighbour=neighbour,
         timing_s=clock.laps,
     )
+
+
+def _by_axis(axes: tuple[int, ...], n: int) -> Ints:
+    """Kept unknowns, node by node with ascending components, in the order axis by axis."""
+    rank = np.argsort(np.argsort(axes))
+    return (len(axes) * np.arange(n) + rank[:, None]).ravel()
 
 
 def _skin_beside(mesh: FingerMesh, patch: Patch) -> tuple[Array, Ints]:
@@ -126,7 +176,10 @@ def _skin_beside(mesh: FingerMesh, patch: Patch) -> tuple[Array, Ints]:
     return position, rim[np.argmin(distance, axis=1)]
 
 
-_PLAIN = ("receptor_e", "strain_per_force", "outside_mm", "outside_neighbour")
+_PLAIN = (
+    *("receptor_e", "strain_per_skin_force", "skin_z_mm", "skin_phi", "patch_in_skin"),
+    *("outside_mm", "outside_neighbour"),
+)
 
 
 def to_arrays(model: CondensedModel) -> dict[str, NDArray[np.generic]]:
@@ -138,6 +191,7 @@ def to_arrays(model: CondensedModel) -> dict[str, NDArray[np.generic]]:
         "area_mm2": patch.area_mm2,
         "compliance": patch.compliance,
         "shape": np.array(patch.shape),
+        "axes": np.array(patch.axes),
         "counts": np.array([model.receptor_row, model.nodes]),
     }
 
@@ -145,7 +199,8 @@ def to_arrays(model: CondensedModel) -> dict[str, NDArray[np.generic]]:
 def from_arrays(arrays: dict[str, Any], surface: FingertipSurface, receptors: ReceptorSet) -> CondensedModel:
     """The model that `to_arrays` stored."""
     shape = (int(arrays["shape"][0]), int(arrays["shape"][1]))
-    patch = Patch(arrays["position_mm"], arrays["area_mm2"], arrays["compliance"], shape)
+    axes = tuple(int(axis) for axis in arrays["axes"])
+    patch = Patch(arrays["position_mm"], arrays["area_mm2"], arrays["compliance"], shape, axes)
     row, nodes = (int(n) for n in arrays["counts"])
     plain = {name: arrays[name] for name in _PLAIN}
     return CondensedModel(surface, patch, row, nodes, receptors, **plain)

@@ -1,15 +1,17 @@
 """The bench's physics: where the screws have really put the indentor, and the force that answers."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sim.contact.indentors import Profile
+from sim.contact.indentor import Indentor
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import ContactState
 from sim.fingertip import Fingertip, ModelRangeError
-from sim.result import IndentationResult
 
 _WARM_MOVE_MM = 0.1
+
+StepsAt = Callable[[float], tuple[int, int, int]]
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,14 @@ class Placement:
 
 
 @dataclass(frozen=True)
+class Pose:
+    """Where the indentor really is: x from the pad's centre, its lowest point above the apex, mm."""
+
+    x_mm: float
+    above_apex_mm: float
+
+
+@dataclass(frozen=True)
 class TruePose:
     """What no instrument of the rig can see; mm in the finger's frame."""
 
@@ -37,69 +47,90 @@ class TruePose:
     doi_mm: float  # negative above the skin
 
 
-class Plant:
-    """A fingertip under a stage. Nothing is computed until somebody asks for a force."""
+@dataclass(frozen=True)
+class Carriage:
+    """From the steps a stage has really made to the pose of the indentor."""
 
-    def __init__(
-        self,
-        finger: Fingertip,
-        carriage_steps_at: Callable[[float], tuple[int, int, int]],
-        screws: Screws | None = None,
-        placement: Placement | None = None,
-    ) -> None:
+    steps_at: StepsAt
+    screws: Screws = Screws()
+    placement: Placement = Placement()
+
+    def pose_at(self, t_s: float) -> Pose:
+        """The indentor's true pose at an instant."""
+        x, _, z = self.steps_at(t_s)
+        return Pose(
+            x / self.screws.x_steps_per_mm - self.placement.pad_centre_x_mm,
+            z / self.screws.z_steps_per_mm - self.placement.apex_z_mm,
+        )
+
+
+class Press:
+    """A finger under an indentor: the force at one pose after another."""
+
+    def __init__(self, finger: Fingertip, indentor: str, stiffness: float = 1.0) -> None:
+        """stiffness multiplies every force. Raises ShapeError."""
         self._finger = finger
-        self._steps_at = carriage_steps_at
-        self._screws = Screws() if screws is None else screws
-        self._placement = Placement() if placement is None else placement
-        self._profile: Profile | None = None
-        self._touch: dict[float, float] = {}
-        self._last: tuple[TruePose, float, ContactState | None] | None = None
+        self._indentor: Indentor = parse_shape(indentor)
+        self._stiffness = stiffness
+        self._touch_mm = (math.nan, math.nan)  # height of first touch at the last x
+        self._last: tuple[Pose, float, ContactState | None] | None = None
         self.contact_solves = 0
 
-    def mount(self, indentor: str) -> None:
-        """Put an indentor on the carriage; raises ShapeError."""
-        self._profile = parse_shape(indentor)
-        self._touch.clear()
-        self._last = None
+    def doi_mm(self, pose: Pose) -> float:
+        """Depth past first contact; negative above the skin."""
+        if self._touch_mm[0] != pose.x_mm:
+            self._touch_mm = (pose.x_mm, self._finger.touch_height_mm(self._indentor, pose.x_mm))
+        return self._touch_mm[1] - (pose.above_apex_mm + self._finger.apex_height_mm)
 
-    def pose_at(self, t_s: float) -> TruePose:
-        """The indentor's true pose at an instant."""
-        steps = self._steps_at(t_s)
-        x = steps[0] / self._screws.x_steps_per_mm - self._placement.pad_centre_x_mm
-        above_apex = steps[2] / self._screws.z_steps_per_mm - self._placement.apex_z_mm
-        height = above_apex + self._finger.apex_height_mm
-        return TruePose(x, height, self._touch_height_mm(x) - height)
-
-    def force_n(self, t_s: float) -> float:
-        """Downward force on the finger at an instant, N. Raises ModelRangeError."""
-        pose = self.pose_at(t_s)
-        if pose.doi_mm <= 0 or self._profile is None:
+    def force_n(self, pose: Pose) -> float:
+        """Downward force on the finger, N. Raises ModelRangeError."""
+        doi = self.doi_mm(pose)
+        if doi <= 0:
             return 0.0
         if self._last is None or self._last[0] != pose:
-            result = self._press(pose)
-            self._last = (pose, result.force_n, result.state)
-        return self._last[1]
+            force, state = self._solve(pose, doi)
+            self._last = (pose, force, state)
+        return self._stiffness * self._last[1]
 
-    def _press(self, pose: TruePose) -> IndentationResult:
+    def _solve(self, pose: Pose, doi_mm: float) -> tuple[float, ContactState]:
         """Continue from the last state when it is near: the branch reached by pressing in."""
-        assert self._profile is not None
         self.contact_solves += 1
         start = None
         if self._last is not None:
             before, _, state = self._last
-            near = before.x_mm == pose.x_mm and abs(before.doi_mm - pose.doi_mm) <= _WARM_MOVE_MM
-            start = state if near else None
-        result = self._finger.indent(self._profile, pose.x_mm, doi_mm=pose.doi_mm, start=start)
+            by_mm = abs(before.above_apex_mm - pose.above_apex_mm)
+            start = state if before.x_mm == pose.x_mm and by_mm <= _WARM_MOVE_MM else None
+        result = self._finger.indent(self._indentor, pose.x_mm, doi_mm=doi_mm, start=start)
         if not result.state.converged:
             raise ModelRangeError(
-                f"the virtual finger has no answer for {self._profile.name} at x = {pose.x_mm:g} mm, DOI "
-                f"{pose.doi_mm:g} mm: residual {result.state.residual:.0e}"
+                f"the virtual finger has no answer for {self._indentor.name} at x = {pose.x_mm:g} mm, DOI "
+                f"{doi_mm:g} mm: residual {result.state.residual:.0e}"
             )
-        return result
+        return result.force_n, result.state
 
-    def _touch_height_mm(self, x_mm: float) -> float:
-        if self._profile is None:
-            return float("-inf")
-        if x_mm not in self._touch:
-            self._touch[x_mm] = self._finger.touch_height_mm(self._profile, x_mm)
-        return self._touch[x_mm]
+
+class Plant:
+    """A fingertip under a stage. Nothing is computed until somebody asks for a force."""
+
+    def __init__(self, finger: Fingertip, carriage: Carriage, stiffness: float = 1.0) -> None:
+        self._finger, self._carriage, self._stiffness = finger, carriage, stiffness
+        self._press: Press | None = None
+
+    @property
+    def contact_solves(self) -> int:
+        """How often the contact was solved for the indentor that is on."""
+        return 0 if self._press is None else self._press.contact_solves
+
+    def mount(self, indentor: str) -> None:
+        """Put an indentor on the carriage; raises ShapeError."""
+        self._press = Press(self._finger, indentor, self._stiffness)
+
+    def pose_at(self, t_s: float) -> TruePose:
+        """The indentor's true pose at an instant."""
+        pose = self._carriage.pose_at(t_s)
+        doi = float("-inf") if self._press is None else self._press.doi_mm(pose)
+        return TruePose(pose.x_mm, pose.above_apex_mm + self._finger.apex_height_mm, doi)
+
+    def force_n(self, t_s: float) -> float:
+        """Downward force on the finger at an instant, N. Raises ModelRangeError."""
+        return 0.0 if self._press is None else self._press.force_n(self._carriage.pose_at(t_s))

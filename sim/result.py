@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.contact.indentors import Profile
+from sim.contact.indentor import Indentor
+from sim.contact.patch import X
 from sim.contact.solver import ContactState
 from sim.measures.measures import Elastic, measures_from_strain
 from sim.model import CondensedModel
@@ -34,8 +35,9 @@ def median_of_four(x_mm: Array, pressure: Array) -> Array:
 class IndentationResult:
     """One simulated indentation; pressures and stresses in pseudo-units (E(epidermis) = 10 000)."""
 
-    profile: Profile
+    indentor: Indentor
     x_mm: float
+    z_mm: float
     doi_mm: float
     touch_height_mm: float
     force_n: float
@@ -77,15 +79,38 @@ class IndentationResult:
     @property
     def skin_profile(self) -> tuple[Array, Array]:
         """Deformed x and y (mm) of the skin in the receptor plane, in the order of `pressure_profile`."""
-        order = np.argsort(self.model.patch.x[self.plane])
-        moved = self.model.patch.position_mm[self.plane, :2] + self.state.displacement[:, self.plane].T
-        return moved[order, 0], moved[order, 1]
+        patch, u = self.model.patch, self.state.displacement[:, self.plane]
+        order = np.argsort(patch.x[self.plane])
+        x = patch.x[self.plane] + (u[0] if patch.axes[0] == X else 0.0)
+        return x[order], (patch.y[self.plane] + u[-1])[order]
+
+    @property
+    def axial_profile(self) -> tuple[Array, Array]:
+        """Undeformed z and downward deflection (mm) of the skin along the pad's centre line."""
+        columns = self.model.patch.shape[1]
+        centre = int(np.argmin(np.abs(self.model.patch.x[self.plane])))
+        line = slice(centre, None, columns)
+        return self.model.patch.position_mm[line, 2], -self.state.displacement[-1][line]
+
+    @cached_property
+    def touching_mm(self) -> tuple[Array, Array]:
+        """Undeformed (ascending) and deformed x of the places in the receptor plane that carry force; mm.
+
+        Of a shape that lies across the finger, all places.
+        """
+        patch = self.model.patch
+        at = self.state.held.weights(patch)
+        if patch.axes[0] == X:
+            at = at[np.flatnonzero(at[:, self.plane].sum(axis=1) > 1 - 1e-12)]
+        x = at @ patch.x
+        moved = x + (at @ self.state.displacement[0] if patch.axes[0] == X else 0.0)
+        order = np.argsort(x)
+        return x[order], moved[order]
 
     @property
     def contact_regions_mm(self) -> list[tuple[float, float]]:
-        """[x0, x1] of the runs of active nodes in the receptor plane, undeformed."""
-        x, p = self.pressure_profile
-        touching = x[p > 0]
+        """[x0, x1] of the runs of places that carry force in the receptor plane, undeformed."""
+        touching, _ = self.touching_mm
         if not len(touching):
             return []
         ends = np.flatnonzero(np.diff(touching) > REGION_GAP_MM)
@@ -101,13 +126,7 @@ class IndentationResult:
     @cached_property
     def receptor_measures(self) -> dict[str, Array]:
         """The 18 measures at the receptors; tension positive, stresses in pseudo-units."""
-        values: dict[str, Array] = {}
-        for ratio in np.unique(self.model.receptor_e):
-            here = self.model.receptor_e == ratio
-            material = Elastic(PSEUDO_E_EPIDERMIS * float(ratio), self.poisson)
-            for name, value in measures_from_strain(self.receptor_strain[here], material).items():
-                values.setdefault(name, np.empty(len(here)))[here] = value
-        return values
+        return _measures(self.receptor_strain, self.model, self.poisson)
 
     def as_json(self) -> dict[str, Any]:
         """What `rig indent --json` prints, without the model's build time."""
@@ -119,10 +138,7 @@ class IndentationResult:
             "peak_pressure_pseudo": self.peak_pressure_pseudo,
             "contact_regions_mm": [list(region) for region in self.contact_regions_mm],
             "pressure": {"x_mm": x.tolist(), "pseudo": p.tolist()},
-            "receptors": {
-                "x_mm": self.model.receptors.position_mm[:, 0].tolist(),
-                **{name: value.tolist() for name, value in self.receptor_measures.items()},
-            },
+            "receptors": _receptors_as_json(self.model, self.receptor_measures),
             "solver": {
                 "model": "finger",
                 "nodes": self.model.nodes,
@@ -132,3 +148,63 @@ class IndentationResult:
                 "contact_s": self.contact_s,
             },
         }
+
+
+@dataclass(frozen=True)
+class PointLoadResult:
+    """A force on one point of the skin, along its inward normal; there is no contact, and no depth is defined."""
+
+    x_mm: float
+    z_mm: float
+    force_n: float
+    receptor_strain: Array  # (n_receptors, 6) engineering
+    model: CondensedModel
+    poisson: float
+
+    @property
+    def force_gwt(self) -> float:
+        """Force in gram-weight."""
+        return self.force_n / GWT_N
+
+    @cached_property
+    def receptor_measures(self) -> dict[str, Array]:
+        """The 18 measures at the receptors; tension positive, stresses in pseudo-units."""
+        return _measures(self.receptor_strain, self.model, self.poisson)
+
+    def as_json(self) -> dict[str, Any]:
+        """As of an indentation; what a point load does not have is null or empty."""
+        return {
+            "force_n": self.force_n,
+            "force_gwt": self.force_gwt,
+            "doi_mm": None,
+            "peak_pressure_pseudo": None,
+            "contact_regions_mm": [],
+            "pressure": {"x_mm": [], "pseudo": []},
+            "receptors": _receptors_as_json(self.model, self.receptor_measures),
+            "solver": {
+                "model": "finger",
+                "nodes": self.model.nodes,
+                "iterations": 0,
+                "kkt_residual": 0.0,
+                "converged": True,
+                "contact_s": 0.0,
+            },
+        }
+
+
+def _measures(strain: Array, model: CondensedModel, poisson: float) -> dict[str, Array]:
+    """The 18 measures from (n_receptors, 6) strains, each with its own layer's stiffness in pseudo-units."""
+    values: dict[str, Array] = {}
+    for ratio in np.unique(model.receptor_e):
+        here = model.receptor_e == ratio
+        material = Elastic(PSEUDO_E_EPIDERMIS * float(ratio), poisson)
+        for name, value in measures_from_strain(strain[here], material).items():
+            values.setdefault(name, np.empty(len(here)))[here] = value
+    return values
+
+
+def _receptors_as_json(model: CondensedModel, measures: dict[str, Array]) -> dict[str, list[float]]:
+    return {
+        "x_mm": model.receptors.position_mm[:, 0].tolist(),
+        **{name: value.tolist() for name, value in measures.items()},
+    }

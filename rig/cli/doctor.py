@@ -9,13 +9,15 @@ from typing import Annotated, Any
 import typer
 from serial.tools import list_ports
 
+from rig.cli.looking import look
 from rig.cli.output import out, print_json, told_in_one_line
-from rig.protocol.config import load_config
+from rig.protocol.calibration import today
+from rig.protocol.config import Config, load_config
 from rig.protocol.script import shipped_protocols
 from sim.cache import cache_dir
 from sim.fem import pardiso
 
-_PACKAGES = ("indentation-rig", "numpy", "scipy", "h5py", "pydantic", "pyserial", "matplotlib")
+_PACKAGES = ("indentation-rig", "numpy", "scipy", "h5py", "pydantic", "pyserial", "pymodbus", "matplotlib")
 
 
 def register(app: typer.Typer) -> None:
@@ -24,7 +26,7 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
-    config: Annotated[Path | None, typer.Option(metavar="TOML", help="Configuration to look at.")] = None,
+    config: Annotated[Path | None, typer.Option(metavar="TOML", help="Also look at the devices it names.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
 ) -> None:
     """Print what a bug report should say."""
@@ -43,6 +45,21 @@ def command(
 
 def _examine(config: Path | None) -> dict[str, Any]:
     settings = load_config(config)
+    return _installation(settings) | ({} if config is None else _bench(settings))
+
+
+def _bench(settings: Config) -> dict[str, Any]:
+    """What is on the ports, and how long the calibrations hold."""
+    expired = settings.calibration.expired(today())
+    return look(settings, closely=True) | {
+        "calibrated": {
+            name: f"{one.value:g}, {'expired' if name in expired else 'until'} {one.expires}"
+            for name, one in settings.calibration.measured()
+        }
+    }
+
+
+def _installation(settings: Config) -> dict[str, Any]:
     folder = cache_dir()
     stored = sorted(folder.glob("*.model")) if folder.is_dir() else []
     return {

@@ -9,6 +9,7 @@ import typer
 from rig.cli.output import err, out, told_in_one_line
 from rig.protocol.config import load_config
 from rig.protocol.errors import BadInputError
+from sim.config import Contact
 from sim.contact.shapes import parse_shape
 from sim.deck import Scene, write_contact_deck, write_load_deck
 from sim.finger.mesh import build_mesh
@@ -34,7 +35,7 @@ def command(
     with told_in_one_line(as_json=False):
         if out_file.exists():
             raise BadInputError(f"--out {out_file}: exists already, expected a new file")
-        settings = load_config(config).finger
+        settings = load_config(config).finger.model_copy(update={"contact": Contact(between_nodes=False)})
         finger = Fingertip.load(settings)
         result = finger.indent(parse_shape(shape), x_mm, doi_mm=doi_mm)
         scene = Scene(settings, build_mesh(settings, finger.model.surface), finger.e_epidermis_mpa)
@@ -44,7 +45,7 @@ def command(
             force[:, :2] = result.state.force[:, active].T * finger.e_epidermis_mpa
             write_load_deck(out_file, scene, scene.mesh.patch_nodes[active], force)
         else:
-            write_contact_deck(out_file, scene, result.profile, x_mm, result.touch_height_mm, doi_mm)
+            write_contact_deck(out_file, scene, result.indentor.profile, x_mm, result.touch_height_mm, doi_mm)
         if settings.mesh.element != "full":
             err.print('rig: CalculiX\'s C3D8 is fully integrated: compare with mesh.element = "full"')
         out.print(f"{out_file}: expect a total reaction of {-result.force_n:.6g} N along y")

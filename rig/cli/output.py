@@ -20,11 +20,22 @@ from rig.transport.base import TransportError
 from sim.cache import CacheError
 from sim.contact.shapes import ShapeError
 from sim.finger.mesh import MeshError
+from sim.finger.surface import SurfaceError
 from sim.fingertip import ModelRangeError
 from sim.measures.receptors import ReceptorError
 
 err = Console(stderr=True, highlight=False, soft_wrap=True, markup=False)
 out = Console(highlight=False, soft_wrap=True, markup=False)
+
+
+@contextmanager
+def loading_the_finger() -> Iterator[None]:
+    """Something to look at meanwhile, where somebody looks."""
+    if not err.is_terminal:
+        yield
+        return
+    with err.status("fingertip: from the cache, or built in about 15 s …"):
+        yield
 
 
 class ExitCode(IntEnum):
@@ -38,7 +49,7 @@ class ExitCode(IntEnum):
 
 def print_json(result: Mapping[str, Any]) -> None:
     """One JSON object on standard output; NaN never leaves the program."""
-    print(json.dumps(result, allow_nan=False))
+    print(json.dumps(result, allow_nan=False), flush=True)
 
 
 def complain(message: str) -> str:
@@ -68,6 +79,7 @@ def told_in_one_line(*, as_json: bool) -> Iterator[None]:
         ComparisonError,
         ShapeError,
         ModelRangeError,
+        SurfaceError,
         MeshError,
         ReceptorError,
         CacheError,

@@ -71,7 +71,7 @@ def _contact_panel(axes: Axes, response: Response, top: float) -> Axes:
     undeformed, pressure = result.pressure_profile
     axes.plot(x, y, color=GREY, lw=1)
     s = np.linspace(-3.6, 3.6, 1441)
-    h = result.profile.evaluate(s - result.x_mm)[0]
+    h = result.indentor.profile.evaluate(s - result.x_mm)[0]
     height = result.touch_height_mm - result.doi_mm + np.minimum(h, 1.3)
     axes.plot(s, np.where(h < 1.3, height, np.nan), color="black", lw=1.2)
     touching = pressure > 0

@@ -1,6 +1,7 @@
 """What feels: the force sensor, whatever instrument it is."""
 
 from rig.force.base import (
+    ForceBroken,
     ForceBusy,
     ForceError,
     ForceOverload,
@@ -9,9 +10,11 @@ from rig.force.base import (
     ForceTimeout,
     ForceUnderload,
 )
+from rig.force.laumas import LaumasForce
 from rig.force.mtsics import MtSicsForce
 
 __all__ = [
+    "ForceBroken",
     "ForceBusy",
     "ForceError",
     "ForceOverload",
@@ -19,5 +22,6 @@ __all__ = [
     "ForceSensor",
     "ForceTimeout",
     "ForceUnderload",
+    "LaumasForce",
     "MtSicsForce",
 ]

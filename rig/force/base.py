@@ -20,6 +20,10 @@ class ForceBusy(ForceError):  # noqa: N818
     """The instrument does something else, or found no stable value in its own time."""
 
 
+class ForceBroken(ForceError):  # noqa: N818
+    """The cell or its converter is broken, or its cable."""
+
+
 class ForceTimeout(ForceError):  # noqa: N818
     """No answer within the time allowed."""
 
@@ -38,7 +42,12 @@ class ForceSensor(Protocol):
 
     @property
     def sample_period_s(self) -> float:
-        """How often the instrument has a new value."""
+        """How often the instrument has a value that is made of new samples only."""
+        ...
+
+    @property
+    def resolution_gwt(self) -> float:
+        """One step of what the instrument shows, gwt: less than that it cannot tell from nothing."""
         ...
 
     def connect(self) -> str:
@@ -53,4 +62,6 @@ class ForceSensor(Protocol):
         """Take the present load for zero. Raises ForceError."""
         ...
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """Give the port back."""
+        ...

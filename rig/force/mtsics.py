@@ -20,10 +20,22 @@ _SYNTAX = {"ES": "does not know the command", "ET": "received garbled bytes", "E
 
 
 class MtSicsForce:
-    """ForceSensor over an MT-SICS balance set to grams; sample_period_s is that of the instrument."""
+    """ForceSensor over an MT-SICS balance set to grams.
 
-    def __init__(self, transport: Transport, clock: Clock, *, sample_period_s: float = 0.05) -> None:
-        self.sample_period_s = sample_period_s
+    sample_period_s and resolution_gwt are those of the instrument; scale is the true force over the one it shows.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        clock: Clock,
+        *,
+        sample_period_s: float = 0.05,
+        resolution_gwt: float = 0.01,
+        scale: float = 1.0,
+    ) -> None:
+        self.sample_period_s, self.resolution_gwt = sample_period_s, scale * resolution_gwt
+        self._scale = scale
         self._transport = transport
         self._clock = clock
         self._reader = LineReader(transport, clock)
@@ -62,7 +74,7 @@ class MtSicsForce:
             raise self._garbled(" ".join(words))
         if words[3] != "g":
             raise ForceError(f"{self._transport.name}: the balance reports {words[3]}, it must be set to g")
-        return float(words[2]) * GWT_N
+        return float(words[2]) * GWT_N * self._scale
 
     def _ask(self, command: str, timeout_s: float) -> list[str]:
         if not self._in_step:

@@ -4,9 +4,9 @@ import json
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, model_validator
 
 from rig.protocol.errors import BadInputError, first_problem
 from rig.settings import RigSettings, Settings
@@ -14,12 +14,28 @@ from sim.config import FingertipConfig
 
 
 class VirtualSettings(Settings):
-    """How the virtual bench differs from what the rig believes; all zero differences by default."""
+    """How the virtual bench differs from what the rig believes; by default in nothing."""
 
-    x_screw_steps_per_mm: float = Field(400.0, gt=1, lt=1e6)
-    z_screw_steps_per_mm: float = Field(400.0, gt=1, lt=1e6)
+    x_screw_steps_per_mm: float | None = Field(None, gt=1, lt=1e6, description="of the true screw; none: as believed")
+    z_screw_steps_per_mm: float | None = Field(None, gt=1, lt=1e6)
     finger_x_offset_mm: float = Field(0.0, ge=-5, le=5, description="true pad centre − frame.pad_centre_x_mm")
     finger_z_offset_mm: float = Field(0.0, ge=-2, le=2, description="true apex − frame.apex_z_mm")
+    stiffness: float = Field(1.0, gt=0, le=100, description="true force over the predicted one")
+    relaxation: tuple[tuple[float, float], ...] = Field(
+        (), description="Prony series of the force: [share, time constant in s], shares sum to less than 1"
+    )
+    cell_noise_gwt: float = Field(0.0, ge=0, le=10, description="standard deviation of each sample")
+    cell_latency_s: float = Field(0.0, ge=0, le=1)
+    cell_resolution_gwt: float = Field(0.01, ge=0.001, le=10)
+    noise_seed: int = Field(0, ge=0)
+    indentor: str = Field("bar:3.0", description="on the carriage of `rig serve`")
+
+    @model_validator(mode="after")
+    def _relaxes(self) -> Self:
+        shares = [share for share, _ in self.relaxation]
+        if any(not (share > 0 and tau_s > 0) for share, tau_s in self.relaxation) or sum(shares) >= 1:
+            raise ValueError("relaxation: expected shares > 0 that sum to less than 1 and time constants > 0")
+        return self
 
 
 class Config(RigSettings):
@@ -30,7 +46,7 @@ class Config(RigSettings):
 
     def as_toml(self) -> str:
         """Every table and value, as a configuration file that gives this configuration."""
-        return "\n".join(_toml_tables(self.model_dump(mode="json"))) + "\n"
+        return "\n".join(_toml_tables(self.model_dump(mode="json", exclude_none=True))) + "\n"
 
 
 def _toml_tables(values: dict[str, Any], prefix: str = "") -> Iterator[str]:
@@ -44,7 +60,10 @@ def _toml_tables(values: dict[str, Any], prefix: str = "") -> Iterator[str]:
 
 
 def load_config(path: Path | None) -> Config:
-    """The configuration in a TOML file, or the defaults. Raises BadInputError."""
+    """The configuration in a TOML file, or the defaults. Raises BadInputError.
+
+    Paths in it are relative to the file's folder.
+    """
     if path is None:
         return Config()
     try:
@@ -54,6 +73,6 @@ def load_config(path: Path | None) -> Config:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise BadInputError(f"config {path}: not valid TOML: {error}") from None
     try:
-        return Config.model_validate(tables)
+        return Config.model_validate(tables, context={"folder": path.parent})
     except ValidationError as error:
         raise first_problem(f"config {path}", error) from None

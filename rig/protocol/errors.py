@@ -1,6 +1,12 @@
 """Bad input, told in one line: what, where, and what was expected."""
 
+from reprlib import Repr
+
 from pydantic import ValidationError
+
+_SHORT = Repr()
+_SHORT.maxlist = _SHORT.maxdict = 3
+_SHORT.maxstring = _SHORT.maxother = 200
 
 
 class BadInputError(Exception):
@@ -13,4 +19,7 @@ def first_problem(where: str, error: ValidationError) -> BadInputError:
     place = ".".join(str(part) for part in problem["loc"])
     if problem["type"] == "extra_forbidden":
         return BadInputError(f"{where}: {place}: there is no such key")
-    return BadInputError(f"{where}: {place} = {problem['input']!r}: {problem['msg'].lower()}")
+    what = str(problem["ctx"]["error"]) if problem["type"] == "value_error" else problem["msg"].lower()
+    if isinstance(problem["input"], dict):  # about a whole table: the message says which keys
+        return BadInputError(": ".join(part for part in (where, place, what) if part))
+    return BadInputError(f"{where}: {place} = {_SHORT.repr(problem['input'])}: {what}")

@@ -1,6 +1,7 @@
-"""A dry-run from script to finished run folder."""
+"""A script carried out, on the virtual bench or on real ports, from its check to a finished run folder."""
 
 import platform
+import shutil
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -8,19 +9,22 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TextIO
 
-from rig.clock import WallClock
+from rig.bench import open_bench
+from rig.clock import Clock, WallClock
 from rig.data import Run, RunFolder, export_run, new_run_folder, read_run
-from rig.force.base import ForceError
+from rig.force.base import ForceError, ForceSensor
+from rig.protocol.calibration import refuse_expired
 from rig.protocol.config import Config
+from rig.protocol.errors import BadInputError
 from rig.protocol.live import LiveRig
 from rig.protocol.plan import CheckingRig, Plan
 from rig.protocol.script import Script, where_in_script
-from rig.protocol.virtual_bench import VirtualBench, virtual_bench
-from rig.run import Engine, EngineError, Journal, ScriptError
+from rig.protocol.virtual_bench import virtual_bench
+from rig.run import Engine, EngineError, Journal, Operator, ScriptError
 from rig.run.streams import STREAMS
-from rig.stage.base import StageError
+from rig.stage.base import Stage, StageError
 from rig.transport.base import TransportError
 from rig.units import GWT_N
 from sim.fingertip import Fingertip
@@ -35,8 +39,8 @@ Watch = Callable[[str, Mapping[str, Any]], None]
 
 
 @dataclass(frozen=True)
-class DryRun:
-    """A finished dry-run, as its journal tells it."""
+class FinishedRun:
+    """A finished run, as its journal tells it."""
 
     run: Run
     wall_s: float
@@ -63,50 +67,83 @@ class DryRun:
         return self.run.duration_s
 
 
-def dry_run(
-    script: Script,
-    config: Config,
-    finger: Fingertip,
-    plan: Plan,
-    out: Path,
-    *,
-    interrupted: Callable[[], bool],
-    watch: Watch = lambda stream, data: None,
-    speed: float | None = None,
-) -> DryRun:
-    """Run a checked script on the virtual bench; `speed` limits virtual seconds per real second.
+class Bench(Operator, Protocol):
+    """Where a script is carried out: clock, devices, and whoever mounts the indentors."""
 
-    A run that ends before its end has the reason in its journal and in `problem`, and is exported all the same.
-    """
+    @property
+    def clock(self) -> Clock: ...
+
+    @property
+    def stage(self) -> Stage: ...
+
+    @property
+    def force(self) -> ForceSensor: ...
+
+    def close(self) -> None: ...
+
+
+@dataclass(frozen=True)
+class Session:
+    """One checked script with everything it needs to be carried out; `out` is the parent of the run's folder."""
+
+    script: Script
+    config: Config
+    finger: Fingertip
+    plan: Plan
+    out: Path
+    interrupted: Callable[[], bool]
+    watch: Watch = lambda stream, data: None
+
+
+def dry_run(session: Session, speed: float | None = None) -> FinishedRun:
+    """Carry it out on the virtual bench; `speed` limits virtual seconds per real second."""
+
+    def open_bench(byte_log: TextIO, start_unix_s: float) -> Bench:
+        return virtual_bench(session.config, session.finger, byte_log, start_unix_s)
+
+    return _run_session(session, open_bench, virtual=True, speed=speed)
+
+
+def real_run(session: Session, ask_to_mount: Callable[[str], None]) -> FinishedRun:
+    """Carry it out on the ports of the configuration. Raises BadInputError for a calibration out of date."""
+    refuse_expired(session.config)
+
+    def open_real_bench(byte_log: TextIO, _start_unix_s: float) -> Bench:
+        return open_bench(session.config, ask_to_mount, byte_log)
+
+    return _run_session(session, open_real_bench, virtual=False)
+
+
+def _run_session(
+    session: Session, open_bench: Callable[[TextIO, float], Bench], *, virtual: bool, speed: float | None = None
+) -> FinishedRun:
+    """A run that ends before its end has the reason in its journal and in `problem`, and is exported all the same."""
     began = time.perf_counter()
     now = datetime.now(UTC)
+    provenance = _provenance(session, now, virtual=virtual)
     folder = new_run_folder(
-        out, script.name, now, script.path, config.as_toml(), _provenance(script, finger, config, now)
+        session.out, session.script.name, now, session.script.path, session.config.as_toml(), provenance
     )
     problem = None
     with folder.bytes_log.open("w", encoding="ascii") as byte_log:
-        bench = virtual_bench(config, finger, byte_log, now.timestamp())
         try:
-            _carry_out(
-                script, config, finger, plan, folder, bench, interrupted, _paced(watch, bench, speed, interrupted)
-            )
+            bench = open_bench(byte_log, now.timestamp())
+        except (TransportError, BadInputError):
+            shutil.rmtree(folder.path)  # nothing has happened
+            raise
+        try:
+            _carry_out(session, folder, bench, _paced(session, bench.clock, speed), virtual=virtual)
         except _ENDINGS as error:
             problem = error
+        finally:
+            bench.close()
     run = read_run(folder.path)
     export_run(run)
-    return DryRun(run, time.perf_counter() - began, problem)
+    return FinishedRun(run, time.perf_counter() - began, problem)
 
 
-def _carry_out(
-    script: Script,
-    config: Config,
-    finger: Fingertip,
-    plan: Plan,
-    folder: RunFolder,
-    bench: VirtualBench,
-    interrupted: Callable[[], bool],
-    watch: Watch,
-) -> None:
+def _carry_out(session: Session, folder: RunFolder, bench: Bench, watch: Watch, *, virtual: bool) -> None:
+    script, config, plan = session.script, session.config, session.plan
     with Journal(folder.events, bench.clock, STREAMS, watch) as journal:
         journal.start(
             {
@@ -115,14 +152,14 @@ def _carry_out(
                 "source": script.source,
                 "parameters": script.parameters.model_dump(mode="json"),
                 "planned_indentations": len(plan.indentations),
-                "virtual": True,
+                "virtual": virtual,
             }
         )
         soft_trip = max(_SOFT_TRIP_OVER_PREDICTED * plan.peak_force_gwt * GWT_N, _SMALLEST_SOFT_TRIP_N)
         engine = Engine(
-            config, bench.clock, bench.stage, bench.force, journal, bench, interrupted, soft_trip_n=soft_trip
+            config, bench.clock, bench.stage, bench.force, journal, bench, session.interrupted, soft_trip_n=soft_trip
         )
-        _run_script(script, engine, CheckingRig(script.parameters, config, finger))
+        _run_script(script, engine, CheckingRig(script.parameters, config, session.finger))
         journal.stop("done")
 
 
@@ -143,34 +180,36 @@ def _run_script(script: Script, engine: Engine, check: CheckingRig) -> None:
         raise engine.problem
 
 
-def _paced(watch: Watch, bench: VirtualBench, speed: float | None, interrupted: Callable[[], bool]) -> Watch:
-    """`watch`, waiting where the virtual clock has run ahead of `speed` times real time."""
+def _paced(session: Session, clock: Clock, speed: float | None) -> Watch:
+    """The session's watch, waiting where the virtual clock has run ahead of `speed` times real time."""
     if speed is None:
-        return watch
+        return session.watch
     wall = WallClock()
     start_s = wall.monotonic_s()
 
     def paced(stream: str, data: Mapping[str, Any]) -> None:
-        wall.wait_until(interrupted, start_s + bench.clock.monotonic_s() / speed)
-        watch(stream, data)
+        wall.wait_until(session.interrupted, start_s + clock.monotonic_s() / speed)
+        session.watch(stream, data)
 
     return paced
 
 
-def _provenance(script: Script, finger: Fingertip, config: Config, now: datetime) -> dict[str, Any]:
+def _provenance(session: Session, now: datetime, *, virtual: bool) -> dict[str, Any]:
     packages = ("indentation-rig", "numpy", "scipy", "h5py", "pydantic", "matplotlib")
+    config, model = session.config, session.finger.model
+    prefix = "virtual " if virtual else ""
     return {
         "started_utc": now.isoformat(timespec="seconds"),
         "command": ["rig", *sys.argv[1:]],
-        "protocol": script.path.name,
-        "parameters": script.parameters.model_dump(mode="json"),
+        "protocol": session.script.path.name,
+        "parameters": session.script.parameters.model_dump(mode="json"),
         "python": platform.python_version(),
         "platform": f"{platform.system()} {platform.machine()}",
         "versions": {name: version(name) for name in packages},
         "model": {
-            "nodes": finger.model.nodes,
-            "e_epidermis_mpa": finger.e_epidermis_mpa,
-            "from_cache": finger.from_cache,
+            "nodes": model.nodes,
+            "e_epidermis_mpa": session.finger.e_epidermis_mpa,
+            "from_cache": session.finger.from_cache,
         },
-        "devices": {"stage": f"virtual {config.stage.kind}", "force": f"virtual {config.force.kind}"},
+        "devices": {"stage": f"{prefix}{config.stage.kind}", "force": f"{prefix}{config.force.kind}"},
     }

@@ -3,17 +3,17 @@
 from dataclasses import dataclass
 from typing import TextIO
 
-from rig.force.mtsics import MtSicsForce
+from rig.bench import force_driver, stage_driver
+from rig.force.base import ForceSensor
 from rig.protocol.config import Config
-from rig.stage.grbl import GrblStage
+from rig.protocol.virtual_devices import FORCES, STAGES, Load, load_on_sensor, true_carriage
+from rig.stage.base import Stage
 from rig.transport.byte_log import LoggedTransport
 from rig.transport.loopback import LoopbackTransport
 from sim.clock import VirtualClock
-from sim.devices.balance import VirtualBalance
-from sim.devices.grbl import VirtualGrbl
 from sim.devices.line import SerialLine
 from sim.fingertip import Fingertip
-from sim.plant import Placement, Plant, Screws
+from sim.plant import Plant
 
 
 @dataclass(frozen=True)
@@ -21,8 +21,8 @@ class VirtualBench:
     """What the engine needs, and the plant behind the wire. It is its own operator."""
 
     clock: VirtualClock
-    stage: GrblStage
-    force: MtSicsForce
+    stage: Stage
+    force: ForceSensor
     plant: Plant
 
     def mount(self, indentor: str) -> None:
@@ -34,27 +34,24 @@ class VirtualBench:
         pose = self.plant.pose_at(self.clock.monotonic_s())
         return pose.x_mm, pose.doi_mm
 
+    def close(self) -> None:
+        """There is nothing to give back."""
+
 
 def virtual_bench(config: Config, finger: Fingertip, byte_log: TextIO, start_unix_s: float) -> VirtualBench:
     """Devices as configured, with the fingertip under the indentor; the bytes go to `byte_log`."""
     clock = VirtualClock(start_unix_s)
     stage_line = SerialLine(clock, config.stage.baud)
     force_line = SerialLine(clock, config.force.baud)
-    x, y, z = config.stage.travel_mm
-    board = VirtualGrbl(clock, stage_line, settings={130: x, 131: y, 132: z})
-    virtual, frame = config.virtual, config.frame
-    plant = Plant(
-        finger,
-        board.carriage_steps_at,
-        Screws(virtual.x_screw_steps_per_mm, virtual.z_screw_steps_per_mm),
-        Placement(frame.pad_centre_x_mm + virtual.finger_x_offset_mm, frame.apex_z_mm + virtual.finger_z_offset_mm),
-    )
-    VirtualBalance(clock, force_line, plant.force_n, sample_period_s=config.force.sample_period_s)
+    board = STAGES[config.stage.kind](clock, stage_line, config)
+    plant = Plant(finger, true_carriage(board, config), config.virtual.stiffness)
+    load = load_on_sensor(clock, Load(plant.force_n), config)
+    FORCES[config.force.kind](clock, force_line, config, load)
     stage_port = LoggedTransport(LoopbackTransport(stage_line, clock, name="stage"), clock, byte_log)
     force_port = LoggedTransport(LoopbackTransport(force_line, clock, name="force"), clock, byte_log)
     return VirtualBench(
         clock,
-        GrblStage(stage_port, clock),
-        MtSicsForce(force_port, clock, sample_period_s=config.force.sample_period_s),
+        stage_driver(lambda _port: stage_port, clock, config),
+        force_driver(lambda _port: force_port, clock, config),
         plant,
     )

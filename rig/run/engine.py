@@ -68,6 +68,11 @@ class Engine:
         limit = settings.limits.soft_trip_n
         self.soft_trip_gwt = (limit if soft_trip_n is None else min(limit, soft_trip_n)) / GWT_N
 
+    @property
+    def resolution_gwt(self) -> float:
+        """One step of what the force sensor shows."""
+        return self._force.resolution_gwt
+
     # verbs
 
     def mount(self, indentor: str) -> None:
@@ -172,7 +177,7 @@ class Engine:
         force = reading.force_n / GWT_N
         if not math.isfinite(force):
             self.trip(f"the force reading is {force}, not a number")
-        doi = None if contact_height_mm is None else contact_height_mm - self.height_mm
+        doi = None if contact_height_mm is None else self.doi_mm(contact_height_mm, force)
         self.record(
             "sample",
             {
@@ -188,6 +193,36 @@ class Engine:
         if abs(force) > self.soft_trip_gwt:
             self.trip(f"force {force:.2f} gwt above the soft trip {self.soft_trip_gwt:.2f} gwt", force)
         return force
+
+    def doi_mm(self, contact_height_mm: float, force_gwt: float) -> float:
+        """Depth past contact: how far the stage has gone, less what the rig itself gives under the force."""
+        given_mm = self.settings.calibration.value("compliance_mm_per_n", 0.0) * force_gwt * GWT_N
+        return contact_height_mm - self.height_mm - given_mm
+
+    def pulse(self, index: int, at: str) -> None:
+        """Tell the recording amplifier that this is the instant, where an output is configured for it.
+
+        rise_s is when the device had confirmed the rise, uncertainty_s how long before that it may have been.
+        """
+        sync = self.settings.sync
+        if sync.output == "off":
+            return
+        asked_s = self.clock.monotonic_s()
+        self._guarded(lambda: self._stage.set_output(True))
+        rise_s = self.clock.monotonic_s()
+        self.clock.wait_s(sync.width_s)
+        self._guarded(lambda: self._stage.set_output(False))
+        width_s = self.clock.monotonic_s() - rise_s
+        self.record(
+            "sync",
+            {
+                "index": index,
+                "at": at,
+                "rise_s": round(rise_s, 6),
+                "uncertainty_s": round(rise_s - asked_s, 6),
+                "width_s": round(width_s, 6),
+            },
+        )
 
     def safe_point(self) -> None:
         """Where an operator's interrupt takes effect: lift, journal, raise RunAborted."""

@@ -10,7 +10,6 @@ from rig.run.touch import CONTACT_EXPONENT, fit_contact
 
 _MAX_SEEK_MOVES = 400
 _FORCE_TOLERANCE_GWT, _FORCE_TOLERANCE = 0.05, 0.01
-_NO_FORCE_GWT = 0.01
 _TRIP_MARGIN = 0.9
 
 
@@ -72,7 +71,7 @@ class _Press:
     @property
     def _doi_mm(self) -> float:
         assert self._contact_mm is not None
-        return self._contact_mm - self._engine.height_mm
+        return self._engine.doi_mm(self._contact_mm, self._force_gwt)
 
     def touch_off(self) -> None:
         """Find contact coarsely, back off, and find it again in fine increments."""
@@ -80,15 +79,16 @@ class _Press:
         self._descend(habits.increment_mm, "approach")
         self._back_off()
         readings = self._descend(habits.touch_increment_mm, "touch")
-        touch = fit_contact(readings, habits.touch_force_gwt)
+        touch = fit_contact(readings, habits.touch_force_gwt, self._engine.resolution_gwt)
         self._contact_mm, self._force_gwt = touch.contact_height_mm, readings[-1][1]
+        self._engine.pulse(self._index, "touch")
         self._record_touch(touch)
 
     def _back_off(self) -> None:
         """Up by whole increments until no force shows or clearance is reached, and one more."""
         engine, habits = self._engine, self._habits
         force = math.inf
-        while force >= _NO_FORCE_GWT and engine.height_mm < habits.clearance_mm:
+        while force > 0.5 * engine.resolution_gwt and engine.height_mm < habits.clearance_mm:
             engine.go_to_height(engine.height_mm + habits.increment_mm, habits.approach_speed_mm_s)
             force = engine.read_force_gwt(self._index, "back off")
         engine.go_to_height(engine.height_mm + habits.increment_mm, habits.approach_speed_mm_s)
@@ -144,7 +144,7 @@ class _Press:
 
         Where one step of the stage is more than that, the full tolerance will do; LimitError if it cannot be met.
         """
-        tolerance = max(_FORCE_TOLERANCE_GWT, _FORCE_TOLERANCE * target_gwt)
+        tolerance = max(_FORCE_TOLERANCE_GWT, _FORCE_TOLERANCE * target_gwt, self._engine.resolution_gwt)
         smallest_before = 0.0
         for _ in range(_MAX_SEEK_MOVES):
             error = abs(self._force_gwt - target_gwt)
@@ -192,6 +192,7 @@ class _Press:
         engine, clock = self._engine, self._engine.clock
         about = {"index": self._index, "hold": hold}
         doi = round(self._doi_mm, 6)
+        engine.pulse(self._index, "hold_start")
         engine.record(
             "hold_start",
             {
@@ -207,6 +208,8 @@ class _Press:
         while not readings or clock.monotonic_s() - start < hold_s:
             engine.safe_point()
             readings.append(engine.read_force_gwt(self._index, "hold", self._contact_mm))
+        lasted_s = clock.monotonic_s() - start
+        engine.pulse(self._index, "hold_end")
         mean, sd = statistics.fmean(readings), statistics.pstdev(readings)
         data = {
             **about,
@@ -215,7 +218,7 @@ class _Press:
             "force_gwt": round(mean, 6),
             "force_sd_gwt": round(sd, 6),
             "readings": len(readings),
-            "hold_s": round(clock.monotonic_s() - start, 6),
+            "hold_s": round(lasted_s, 6),
         }
         true = engine.operator.true_pose()
         if true is not None:

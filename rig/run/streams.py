@@ -18,6 +18,7 @@ STREAMS = {
         "index": "", "hold": "", "x_mm": "mm", "doi_mm": "mm", "force_gwt": "gwt", "force_sd_gwt": "gwt",
         "readings": "", "hold_s": "s", "true_x_mm": "mm", "true_doi_mm": "mm",
     },
+    "sync": {"index": "", "at": "", "rise_s": "s", "uncertainty_s": "s", "width_s": "s"},
     "indentation_end": {"index": "", "duration_s": "s"},
     "retract": {"height_mm": "mm"},
     "note": {"text": ""},

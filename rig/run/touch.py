@@ -7,18 +7,20 @@ import numpy as np
 from rig.run.records import Touch
 
 CONTACT_EXPONENT = 1.5  # F ∝ d^1.5, a sphere pressed on an elastic solid (Hertz)
-_NOISE_GWT = 0.005  # half a division of a 0.01 g balance
 
 
-def fit_contact(readings: Sequence[tuple[float, float]], threshold_gwt: float) -> Touch:
+def fit_contact(readings: Sequence[tuple[float, float]], threshold_gwt: float, resolution_gwt: float) -> Touch:
     """Contact height from (height mm, force gwt) readings that descend to the threshold.
+
+    What is less than half a step of the sensor, resolution_gwt, counts as no force.
 
     F^(2/3) is linear in the height; its weighted least-squares line is followed back to zero. The answer lies
     above the first reading with force by no more than the step to it and what the line needs to reach the noise (at
     most the descent it was fitted over); it is that reading's height where fewer than two show any.
     """
+    noise_gwt = 0.5 * resolution_gwt
     height, force = np.array(readings).T
-    shown = force > _NOISE_GWT
+    shown = force > noise_gwt
     first = int(np.argmax(shown))
     before = height[first - 1] if first else height[first]
     contact = highest = height[first]
@@ -27,7 +29,7 @@ def fit_contact(readings: Sequence[tuple[float, float]], threshold_gwt: float) -
         slope, intercept = np.polyfit(height[shown], root, 1, w=force[shown] ** (1 - 1 / CONTACT_EXPONENT))
         if slope < 0:
             contact = -intercept / slope
-            unseen = _NOISE_GWT ** (1 / CONTACT_EXPONENT) / -slope
+            unseen = noise_gwt ** (1 / CONTACT_EXPONENT) / -slope
             highest = before + min(unseen, height[first] - height[-1])
     contact = float(np.clip(contact, height[first], highest))
     return Touch(threshold_gwt, float(height[-1]), contact, int(shown.sum()))

@@ -1,7 +1,10 @@
 """What the engine needs of a stage, and how a stage fails."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol, runtime_checkable
+
+Axis = Literal["x", "y", "z"]
 
 
 class StageError(Exception):
@@ -67,14 +70,50 @@ class Stage(Protocol):
         """Move in a straight line and return on arrival. Raises StageError, ValueError before any byte."""
         ...
 
-    def status(self) -> StageStatus: ...
+    def status(self) -> StageStatus:
+        """State and position now. Raises StageError."""
+        ...
+
+    def look(self) -> StageStatus:
+        """Where a stage is that has not been spoken to; changes nothing. Raises StageError."""
+        ...
+
+    def steps_per_mm(self, axis: Axis) -> float:
+        """What the controller takes for a millimetre, negative where the motor runs against the axis."""
+        ...
+
+    def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
+        """Go on by so much and no farther, even if nothing is heard again; returns at once. Raises StageError."""
+        ...
+
+    def end_jog(self) -> None:
+        """Stop jogging and return at rest; the position stays trusted. Raises StageError."""
+        ...
+
+    def set_output(self, on: bool) -> None:
+        """Raise or lower the output that tells a recording amplifier; returns when it is done. Raises StageError."""
+        ...
 
     def stop(self) -> None:
-        """Stop now, past every queue; never waits. The position is not trusted afterwards."""
+        """Stop now, past every queue and every wait; a driver may then make sure of it, for a second at most.
+
+        The position is not trusted afterwards. Raises StageError, TransportError.
+        """
         ...
 
     def unlock(self) -> None:
         """Clear an alarm without homing; the position stays untrusted. Raises StageError."""
         ...
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """Give the port back."""
+        ...
+
+
+@runtime_checkable
+class DeadManStage(Protocol):
+    """A stage whose controller stops by itself as soon as nothing is heard."""
+
+    def jog_while(self, axis: Axis, sign: int, held: Callable[[], bool], speed_mm_s: float) -> None:
+        """Run one way as long as held() says so, and return at rest. Raises StageError."""
+        ...

@@ -1,17 +1,34 @@
-"""Bytes in and out: serial port or in-process loopback, with a log of the wire."""
+"""Bytes in and out: serial port, TCP or in-process loopback, with a log of the wire; Modbus frames over them."""
 
 from rig.transport.base import Transport, TransportError
 from rig.transport.byte_log import LoggedTransport
 from rig.transport.lines import LineReader
 from rig.transport.loopback import LoopbackTransport
-from rig.transport.serial_port import SerialTransport, port_owner
+from rig.transport.modbus import (
+    ModbusError,
+    ModbusGarbled,
+    ModbusMaster,
+    ModbusRefused,
+    ModbusTimeout,
+)
+from rig.transport.opening import open_port
+from rig.transport.ownership import port_owner
+from rig.transport.serial_port import SerialTransport
+from rig.transport.tcp import TcpTransport
 
 __all__ = [
     "LineReader",
     "LoggedTransport",
     "LoopbackTransport",
+    "ModbusError",
+    "ModbusGarbled",
+    "ModbusMaster",
+    "ModbusRefused",
+    "ModbusTimeout",
     "SerialTransport",
+    "TcpTransport",
     "Transport",
     "TransportError",
+    "open_port",
     "port_owner",
 ]

@@ -7,11 +7,16 @@ from sim.contact.solver import ContactState
 
 _TOLERANCE = 1e-11
 _MAX_SOLVES = 40
+_NO_CLOSER_MM = 1e-3
 _EXPONENT = 1.5  # a point contact of a sphere; only the start and the scale of the secant depend on it
 
 
 class ForceNotReachedError(ValueError):
     """The force lies beyond the deepest indentation allowed."""
+
+
+class TooDeepError(ValueError):
+    """There is no answer at this depth; there may be one at a smaller depth."""
 
 
 def solve_for_force(
@@ -22,14 +27,22 @@ def solve_for_force(
 ) -> tuple[float, ContactState]:
     """DOI in mm and state at which `solve(doi, start)` carries the force, by a bracketed secant on F^(2/3).
 
-    Where the force jumps across its target the distance left counts as residual. Raises ForceNotReachedError.
+    Where the force jumps across its target the distance left counts as residual. Raises ForceNotReachedError, or the
+    TooDeepError of a solve when the force is not reached before it.
     """
     goal = force ** (1 / _EXPONENT)
     low, f_low = 0.0, 0.0
     high, f_high = deepest_mm, None
     doi, previous, state = min(first_guess_mm, deepest_mm), (0.0, 0.0), None
     for _ in range(_MAX_SOLVES):
-        state = solve(doi, state)
+        try:
+            state = solve(doi, state)
+        except TooDeepError:
+            if doi - low < _NO_CLOSER_MM:
+                raise
+            high, f_high = doi, None
+            doi = 0.5 * (low + high)
+            continue
         reached = state.normal_force
         if abs(reached - force) <= _TOLERANCE * force:
             return doi, state

@@ -1,6 +1,5 @@
-"""Linear complementarity with a symmetric positive definite matrix: block principal pivoting."""
+"""Linear complementarity with a symmetric positive definite matrix."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -9,9 +8,12 @@ from scipy.linalg import lapack
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 _PATIENCE = 8
-_MAX_PIVOTS = 400
+_MOST_ENTRIES = 4000
+_LIFT = 1e-11
+_TOLERANCE = 1e-15
 
 
 class LcpSolution(NamedTuple):
@@ -22,38 +24,75 @@ class LcpSolution(NamedTuple):
     factor: Array
 
 
-def solve_lcp(
-    q: Array, submatrix: Callable[[Ints], Array], apply: Callable[[Array], Array], start: NDArray[np.bool_]
-) -> LcpSolution | None:
-    """λ ≥ 0 with q + Wλ ≥ 0 and λ·(q + Wλ) = 0, or None when the pivoting does not end.
+def solve_lcp(q: Array, w: Array, start: Bools) -> LcpSolution | None:
+    """λ ≥ 0 with q + Wλ ≥ 0 and λ·(q + Wλ) = 0, or None when W is not positive definite.
 
-    `submatrix(A)` gives W[A, A], `apply(λ)` gives Wλ. All infeasible indices are exchanged at once; when their
-    number has not fallen for 8 passes, only the last one is (Murty), which is finite. Source: Júdice & Pires (1994).
+    Block principal pivoting: all infeasible indices are exchanged at once (Júdice & Pires 1994). Where their number
+    has not fallen for 8 exchanges, one index enters at a time and λ stays feasible (Lawson & Hanson 1974), which is
+    finite. W's diagonal counts as raised by 1e-11, so that points that cannot be told apart share a load.
     """
+    lifted = w.copy()
+    np.einsum("ii->i", lifted)[:] *= 1 + _LIFT
+    return _by_blocks(q, lifted, start) or _one_by_one(q, lifted, start)
+
+
+def _by_blocks(q: Array, w: Array, start: Bools) -> LcpSolution | None:
     active = start.copy()
     best, patience = len(q) + 1, _PATIENCE
-    scale = float(np.abs(q).max(initial=1e-300))
-    for _ in range(_MAX_PIVOTS):
-        index = np.flatnonzero(active)
-        factor, info = lapack.dpotrf(submatrix(index), lower=1, clean=0, overwrite_a=1)
-        if info:
+    tiny = _TOLERANCE * np.abs(q).max(initial=1e-300)
+    while patience >= 0:
+        solution = _held(q, w, np.flatnonzero(active))
+        if solution is None:
             return None
-        multipliers = np.zeros(len(q))
-        if len(index):
-            multipliers[index] = lapack.dpotrs(factor, -q[index], lower=1)[0]
-        slack = q + apply(multipliers)
-        slack[index] = 0.0
-        wrong = np.where(active, multipliers < 0, slack < -1e-15 * scale)
+        wrong = np.where(active, solution.multipliers < 0, _slack(q, w, solution) < -tiny)
         n_wrong = int(wrong.sum())
         if n_wrong == 0:
-            return LcpSolution(multipliers, index, factor)
-        if n_wrong < best:
-            best, patience = n_wrong, _PATIENCE
-        else:
-            patience -= 1
-        if patience >= 0:
-            active ^= wrong
-        else:
-            last = int(np.flatnonzero(wrong)[-1])
-            active[last] = not active[last]
+            return solution
+        best, patience = (n_wrong, _PATIENCE) if n_wrong < best else (best, patience - 1)
+        active ^= wrong
     return None
+
+
+def _one_by_one(q: Array, w: Array, start: Bools) -> LcpSolution | None:
+    solution = _feasible(q, w, np.flatnonzero(start), np.zeros(len(q)))
+    tiny = _TOLERANCE * np.abs(q).max(initial=1e-300)
+    for _ in range(_MOST_ENTRIES):
+        if solution is None:
+            return None
+        slack = _slack(q, w, solution)
+        entering = int(np.argmin(slack))
+        if slack[entering] >= -tiny:
+            return solution
+        solution = _feasible(q, w, np.append(solution.active, entering), solution.multipliers)
+    return None
+
+
+def _feasible(q: Array, w: Array, active: Ints, before: Array) -> LcpSolution | None:
+    """The solution with some indices held, or fewer: those that would pull are let go on the way from `before`."""
+    while True:
+        solution = _held(q, w, active)
+        if solution is None:
+            return None
+        new, old = solution.multipliers[active], before[active]
+        pulling = new < 0
+        if not pulling.any():
+            return solution
+        share = np.where(pulling, old / np.where(pulling, old - new, 1.0), np.inf)
+        before = before + share.min() * (solution.multipliers - before)
+        active = active[share > share.min()]
+
+
+def _held(q: Array, w: Array, active: Ints) -> LcpSolution | None:
+    factor, info = lapack.dpotrf(np.asfortranarray(w[np.ix_(active, active)]), lower=1, clean=0, overwrite_a=1)
+    if info:
+        return None
+    multipliers = np.zeros(len(q))
+    if len(active):
+        multipliers[active] = lapack.dpotrs(factor, -q[active], lower=1)[0]
+    return LcpSolution(multipliers, active, factor)
+
+
+def _slack(q: Array, w: Array, solution: LcpSolution) -> Array:
+    slack = q + solution.multipliers[solution.active] @ w[solution.active]
+    slack[solution.active] = 0.0
+    return slack

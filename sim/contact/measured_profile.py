@@ -1,19 +1,24 @@
 """A user's own profile, prismatic along z, from a CSV file."""
 
 import csv
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
+from scipy.interpolate import BSpline, PchipInterpolator, make_interp_spline
 
-from sim.contact.indentors import STEEPEST_SLOPE, arc_tangent
+from sim.contact.profiles import STEEPEST_SLOPE, arc_tangent
 
 Array = NDArray[np.float64]
 
+Curve = Callable[[Array], Array]
+
 COLUMNS = ("x_mm", "height_mm")
+LINEAR = ",linear"
+_FILLET_MM = 0.02
 
 
 class ProfileError(ValueError):
@@ -22,20 +27,29 @@ class ProfileError(ValueError):
 
 @dataclass(frozen=True)
 class MeasuredProfile:
-    """Points joined by a C¹ monotone cubic (PCHIP), flanks beyond the first and last; concave parts are allowed."""
+    """Points joined by a C¹ monotone cubic (PCHIP) or by straight lines, flanks beyond the first and last.
+
+    Concave parts are allowed. Straight lines have fillets of ± 0.02 mm about the points.
+    """
 
     path: str
     x_mm: tuple[float, ...]  # ascending, zero at the reference point
     height_mm: tuple[float, ...]  # above the lowest point
+    linear: bool = False
 
     @property
     def name(self) -> str:
         """The shape as it is written on the command line."""
-        return f"profile:{self.path}"
+        return f"profile:{self.path}{LINEAR if self.linear else ''}"
+
+    @property
+    def sharpest_radius_mm(self) -> float:
+        """Smallest radius of curvature: 0, it ends in edges."""
+        return 0.0
 
     @cached_property
-    def _curves(self) -> tuple[PchipInterpolator, PchipInterpolator, PchipInterpolator]:
-        curve = PchipInterpolator(self.x_mm, self.height_mm)
+    def _curves(self) -> tuple[Curve, Curve, Curve]:
+        curve = _filleted(self.x_mm, self.height_mm) if self.linear else PchipInterpolator(self.x_mm, self.height_mm)
         return curve, curve.derivative(), curve.derivative(2)
 
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
@@ -68,7 +82,17 @@ class MeasuredProfile:
         return np.maximum(s_mm - last, first - s_mm), np.sign(s_mm - 0.5 * (first + last)), np.clip(s_mm, first, last)
 
 
-def read_profile(path: str) -> MeasuredProfile:
+def _filleted(x_mm: tuple[float, ...], height_mm: tuple[float, ...]) -> BSpline:
+    """Straight lines whose slope changes linearly about each point."""
+    x, height = np.array(x_mm), np.array(height_mm)
+    slope, half = np.diff(height) / np.diff(x), np.minimum(_FILLET_MM, 0.4 * np.diff(x))
+    reach = np.minimum(half[:-1], half[1:])
+    knots = np.concatenate([x[:1], np.stack([x[1:-1] - reach, x[1:-1] + reach], axis=1).ravel(), x[-1:]])
+    curve = make_interp_spline(knots, np.repeat(slope, 2), k=1).antiderivative()
+    return BSpline(curve.t, curve.c + height[0], curve.k)
+
+
+def read_profile(path: str, *, linear: bool = False) -> MeasuredProfile:
     """Read a CSV with the columns x_mm, height_mm; raises ProfileError naming the line and what was expected."""
     try:
         with Path(path).open(newline="", encoding="utf-8-sig") as stream:
@@ -84,7 +108,7 @@ def read_profile(path: str) -> MeasuredProfile:
     if len(backwards):
         raise ProfileError(f"profile {path}: expected x_mm to rise, it does not after {points[backwards[0], 0]:g} mm")
     heights = points[:, 1] - points[:, 1].min()
-    return MeasuredProfile(path, tuple(points[:, 0].tolist()), tuple(heights.tolist()))
+    return MeasuredProfile(path, tuple(points[:, 0].tolist()), tuple(heights.tolist()), linear)
 
 
 def _point(path: str, line: int, row: list[str]) -> list[float]:

@@ -1,4 +1,4 @@
-"""The condensed skin: nodes that an indentor may touch, and their compliance."""
+"""The condensed skin: nodes that an indentor may touch, the points between them, and their compliance."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,19 +7,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+X, Y, Z = range(3)
 
 
 @dataclass(frozen=True)
 class Patch:
-    """Skin nodes on a (rows along z, columns along φ) grid with their lateral and vertical compliance.
+    """Skin nodes on a (rows along z, columns along φ) grid with their compliance along some axes.
 
     Forces and pressures are per unit of E(epidermis) = 1 MPa: N and MPa for a finger that stiff.
     """
 
     position_mm: Array  # (n, 3) undeformed
     area_mm2: Array  # (n,) tributary, undeformed
-    compliance: Array  # (2n, 2n) mm/N, all x displacements first, then all y
+    compliance: Array  # (m n, m n) mm/N, all displacements along the first axis, then along the next
     shape: tuple[int, int]
+    axes: tuple[int, ...] = (X, Y)  # those along which an indentor's surface may slope, then the vertical
 
     def __len__(self) -> int:
         return len(self.position_mm)
@@ -27,12 +31,17 @@ class Patch:
     @property
     def x(self) -> Array:
         """(n,) undeformed lateral positions in mm."""
-        return self.position_mm[:, 0]
+        return self.position_mm[:, X]
 
     @property
     def y(self) -> Array:
         """(n,) undeformed heights in mm."""
-        return self.position_mm[:, 1]
+        return self.position_mm[:, Y]
+
+    @cached_property
+    def tangential_mm(self) -> Array:
+        """(m − 1, n) undeformed positions along the axes in which indentors slope."""
+        return np.ascontiguousarray(self.position_mm[:, list(self.axes[:-1])].T)
 
     @cached_property
     def rim(self) -> NDArray[np.bool_]:
@@ -41,8 +50,17 @@ class Patch:
         rim[1:-1, 1:-1] = False
         return rim.ravel()
 
-    def displacement(self, force: Array, nodes: NDArray[np.int64]) -> Array:
-        """(2n,) displacements in mm of all nodes under (2, k) forces at k nodes."""
+    @cached_property
+    def segments(self) -> Ints:
+        """(n_segments, 2) nodes joined along the one axis of slope; none where there are two."""
+        number = np.arange(len(self)).reshape(self.shape)
+        if len(self.axes) > 2:
+            return np.empty((0, 2), dtype=np.int64)
+        first, second = (number[:, :-1], number[:, 1:]) if self.axes[0] == X else (number[:-1], number[1:])
+        return np.stack([first.ravel(), second.ravel()], axis=1)
+
+    def displacement(self, force: Array, nodes: Ints) -> Array:
+        """(m, n) displacements in mm of all nodes under (m, k) forces at k nodes."""
         n = len(self)
-        rows = np.concatenate([nodes, nodes + n])
-        return np.asarray(force.ravel() @ self.compliance[rows])
+        rows = (n * np.arange(len(self.axes))[:, None] + nodes).ravel()
+        return np.asarray(force.ravel() @ self.compliance[rows]).reshape(-1, n)

@@ -2,67 +2,97 @@
 
 from collections.abc import Callable
 
-from sim.contact.indentors import STEP_HALF_WAVELENGTH_MM, Bar, Cylinder, Grating, Profile, Step, Wedge
-from sim.contact.measured_profile import ProfileError, read_profile
+from sim.contact.indentor import ACROSS, ROUND, Indentor
+from sim.contact.measured_profile import LINEAR, ProfileError, read_profile
+from sim.contact.profiles import STEP_HALF_WAVELENGTH_MM, Bar, Cylinder, Grating, Step, Wedge
 
-EXPECTED = "bar:WIDTH, cylinder:DIAMETER, step:1|3|5, grating:RIDGE,PITCH, wedge:ANGLE or profile:FILE.csv"
-NOT_BUILT = ("sphere", "flat", "cone", "line", "point")
+EXPECTED = (
+    "bar:WIDTH, cylinder:DIAMETER, step:1|3|5, grating:RIDGE,PITCH, wedge:ANGLE, profile:FILE.csv[,linear], "
+    "sphere:RADIUS, flat:RADIUS, cone:ANGLE or line"
+)
+LINE_THICKNESS_MM = 0.2
+"""The line load is the rounded edge of a plate this thick. [free]"""
 
 
 class ShapeError(ValueError):
     """The name of an indentor is not understood, or its dimension is out of range."""
 
 
-def parse_shape(text: str) -> Profile:
+def parse_shape(text: str) -> Indentor:
     """Indentor named as on the command line, e.g. "bar:3.0"; raises ShapeError with what was expected."""
     kind, _, argument = text.partition(":")
-    if kind in NOT_BUILT:
-        raise ShapeError(f"shape {text!r}: {kind} is not built yet, expected {EXPECTED}")
+    if kind == "point":
+        raise ShapeError(f"shape {text!r}: a point load is no contact, expected {EXPECTED}")
     if kind not in _KINDS:
         raise ShapeError(f"shape {text!r}: no such indentor, expected {EXPECTED}")
     return _KINDS[kind](text, argument)
 
 
-def _step(text: str, argument: str) -> Profile:
+def _step(text: str, argument: str) -> Indentor:
     if argument not in STEP_HALF_WAVELENGTH_MM:
         raise ShapeError(f"shape {text!r}: expected step:1, step:3 or step:5")
-    return Step(argument)
+    return Indentor.along(Step(argument))
 
 
-def _bar(text: str, argument: str) -> Profile:
-    return Bar(_number(text, argument, "width", "mm", 0.2, 20.0))
+def _bar(text: str, argument: str) -> Indentor:
+    return Indentor.along(Bar(_number(text, argument, "width", "mm", 0.2, 20.0)))
 
 
-def _cylinder(text: str, argument: str) -> Profile:
-    return Cylinder(_number(text, argument, "diameter", "mm", 0.5, 50.0))
+def _cylinder(text: str, argument: str) -> Indentor:
+    return Indentor.along(Cylinder(_number(text, argument, "diameter", "mm", 0.5, 50.0)))
 
 
-def _wedge(text: str, argument: str) -> Profile:
-    return Wedge(_number(text, argument, "half-angle", "degrees", 5.0, 89.0))
+def _wedge(text: str, argument: str) -> Indentor:
+    return Indentor.along(Wedge(_number(text, argument, "half-angle", "degrees", 5.0, 89.0)))
 
 
-def _grating(text: str, argument: str) -> Profile:
+def _grating(text: str, argument: str) -> Indentor:
     ridge, comma, pitch = argument.partition(",")
     if not comma:
         raise ShapeError(f"shape {text!r}: expected grating:RIDGE,PITCH in mm")
     ridge_mm = _number(text, ridge, "ridge", "mm", 0.15, 10.0)
-    return Grating(ridge_mm, _number(text, pitch, "pitch", "mm", ridge_mm + 0.05, 20.0))
+    return Indentor.along(Grating(ridge_mm, _number(text, pitch, "pitch", "mm", ridge_mm + 0.05, 20.0)))
 
 
-def _profile(text: str, argument: str) -> Profile:
+def _profile(text: str, argument: str) -> Indentor:
     try:
-        return read_profile(argument)
+        return Indentor.along(read_profile(argument.removesuffix(LINEAR), linear=argument.endswith(LINEAR)))
     except ProfileError as error:
         raise ShapeError(str(error)) from None
 
 
-_KINDS: dict[str, Callable[[str, str], Profile]] = {
+def _sphere(text: str, argument: str) -> Indentor:
+    radius = _number(text, argument, "radius", "mm", 0.25, 25.0)
+    return Indentor(f"sphere:{radius:g}", Cylinder(2 * radius), ROUND)
+
+
+def _flat(text: str, argument: str) -> Indentor:
+    radius = _number(text, argument, "radius", "mm", 0.1, 10.0)
+    return Indentor(f"flat:{radius:g}", Bar(2 * radius), ROUND)
+
+
+def _cone(text: str, argument: str) -> Indentor:
+    angle = _number(text, argument, "half-angle", "degrees", 5.0, 89.0)
+    return Indentor(f"cone:{angle:g}", Wedge(angle), ROUND)
+
+
+def _line(text: str, argument: str) -> Indentor:
+    if argument:
+        raise ShapeError(f"shape {text!r}: expected line, placed by its z")
+    return Indentor("line", Bar(LINE_THICKNESS_MM, 0.5 * LINE_THICKNESS_MM), ACROSS)
+
+
+_KINDS: dict[str, Callable[[str, str], Indentor]] = {
     "bar": _bar,
     "cylinder": _cylinder,
     "step": _step,
     "grating": _grating,
     "wedge": _wedge,
     "profile": _profile,
+    "sphere": _sphere,
+    "flat": _flat,
+    "cone": _cone,
+    "line": _line,
 }
 
 

@@ -1,270 +1,302 @@
-"""Unilateral frictionless contact of a rigid profile with a condensed elastic patch.
+"""Unilateral frictionless contact of a rigid indentor with a condensed elastic patch.
 
-Majorise–minimise with a modified-Newton predictor. Each pass freezes the profile's tangent planes at the
-displaced nodes and solves the resulting convex problem exactly; for a convex profile these planes lie inside
+Majorise–minimise with a modified-Newton predictor. Each pass freezes the indentor's tangent planes at the
+displaced points and solves the resulting convex problem exactly; for a convex shape these planes lie inside
 the feasible set, so an undamped pass never raises the energy. The predictor removes the slow modes, in which
-the nodes slide along a curved flank; it is taken back when the merit function rises.
+nodes slide along a curved flank; it is taken back when the merit function rises.
+
+Contact is enforced at the nodes and, where asked, at points between them: under a corner sharper than the mesh.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.linalg import eigh, lapack, solve_triangular
 
-from sim.contact.indentors import Profile
+from sim.contact.indentor import Surface
 from sim.contact.lcp import LcpSolution, solve_lcp
 from sim.contact.patch import Patch
+from sim.contact.points import ContactPoints, Pose, displaced_gap, near, norm, penetrated
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 TARGET_RESIDUAL = 1e-10
 REQUIRED_RESIDUAL = 1e-8
 MAX_PASSES = 120
 
-_CANDIDATE_GAP_MM = 0.15
+_CANDIDATE_GAP_MM = 0.03
 _FIRST_TRUST_MM = 0.1
 _FULL_TURN = 1.0  # rad that a normal may turn in one step at full trust
 _TRUST_SHRINK, _TRUST_GROWTH = 0.4, 2.0
 _COARSE_FLOOR, _FINE_FLOOR = 0.05, 1e-5
+_JITTER = 1e-10
 
 
 @dataclass(frozen=True)
 class ContactState:
     """Forces and displacements of the patch in contact; `converged` means residual ≤ 1e-8."""
 
-    multiplier: Array  # (n,) λ ≥ 0, force along (h', −1)
-    displacement: Array  # (2, n) mm, x then y
-    force: Array  # (2, n) per unit E(epidermis), on the skin, x then y
+    points: ContactPoints
+    multiplier: Array  # (k,) λ ≥ 0 at the points, force along (∇h, −1)
+    displacement: Array  # (m, n) mm along the patch's axes, the last one vertical
+    force: Array  # (m, n) per unit E(epidermis), on the skin
     gap: Array  # (n,) mm, vertical
     residual: float
     passes: int
 
     @property
     def converged(self) -> bool:
-        """Whether the residual, over all patch nodes, is at most 1e-8."""
+        """Whether the residual, over all places where contact is enforced, is at most 1e-8."""
         return bool(self.residual <= REQUIRED_RESIDUAL)
 
     @property
-    def active(self) -> NDArray[np.bool_]:
+    def held(self) -> ContactPoints:
+        """The points that carry force."""
+        return self.points.chosen(self.multiplier > 0)
+
+    @property
+    def active(self) -> Bools:
         """(n,) nodes that carry force."""
-        return self.multiplier > 0
+        return self.force[-1] != 0
 
     @property
     def normal_force(self) -> float:
         """Downward force on the skin per unit E(epidermis)."""
-        return float(np.abs(self.force[1]).sum())
+        return float(np.abs(self.force[-1]).sum())
 
 
-@dataclass(frozen=True)
-class Pose:
-    """Where the profile is: its reference x, the height of its lowest point and the length that scales errors."""
+def solve_contact(
+    patch: Patch, pose: Pose, start: ContactState | None = None, *, between_nodes: bool
+) -> ContactState:
+    """Equilibrium of the patch under a rigid indentor held in a pose, from rest or from a nearby state.
 
-    profile: Profile
-    x_mm: float
-    height_mm: float
-    scale_mm: float  # D = max(DOI, 1 µm)
-
-    def gap(self, patch: Patch, ux: Array, uy: Array, nodes: Ints | slice) -> tuple[Array, Array, Array]:
-        """Vertical gap (mm), slope and curvature of the profile at displaced nodes."""
-        h, slope, curvature = self.profile.evaluate(patch.x[nodes] + ux - self.x_mm)
-        return self.height_mm + h - patch.y[nodes] - uy, slope, curvature
-
-    def tangent(self, patch: Patch, ux: Array, uy: Array, nodes: Ints) -> tuple[Array, Array, Array]:
-        """Gap (mm) a node at (x + ux, y) would have to the profile's tangent nearest to (x + ux, y + uy)."""
-        s = patch.x[nodes] + ux - self.x_mm
-        h, slope, curvature = self.profile.tangent(s, patch.y[nodes] + uy - self.height_mm)
-        return self.height_mm + h - patch.y[nodes], slope, curvature
-
-
-def solve_contact(patch: Patch, pose: Pose, start: ContactState | None = None) -> ContactState:
-    """Equilibrium of the patch under a rigid profile held in a pose, from rest or from a nearby state."""
-    n = len(patch)
-    ux, uy = (np.zeros(n), None) if start is None else start.displacement
-    held = np.zeros(n, dtype=bool) if start is None else start.active
-    near = pose.gap(patch, ux, np.zeros(n) if uy is None else uy, slice(None))[0] < _CANDIDATE_GAP_MM
-    near |= held
-    passes = 0
+    Contact is enforced at the nodes, and with `between_nodes` also at points between them.
+    """
+    if start is None:
+        nothing = np.zeros((len(patch.axes), len(patch)))
+        start = ContactState(ContactPoints.none(), np.zeros(0), nothing, nothing, np.zeros(0), np.inf, 0)
+    state, passes = start, 0
+    candidates = near(pose, patch, start.displacement, _CANDIDATE_GAP_MM, between=between_nodes).joined(start.held)
     while True:
-        nodes = np.flatnonzero(near)
-        if not len(nodes):
-            return _state(patch, pose, nodes, np.zeros(0), np.zeros(0), passes)
-        iteration = _Iteration(patch, pose, nodes, ux[nodes], None if uy is None else uy[nodes], held[nodes])
+        iteration = _Iteration(pose, _Region(patch, candidates), state, MAX_PASSES - passes)
         iteration.run()
         passes += iteration.passes
-        state = _state(patch, pose, nodes, iteration.multiplier, iteration.slope, passes)
-        missed = ~near & (state.gap < 0)
-        if not missed.any() or passes >= MAX_PASSES:
+        state, missed = _assessed(pose, patch, between_nodes, iteration, passes)
+        if passes >= MAX_PASSES or missed.among(candidates).all():
             return state
-        (ux, uy), held = state.displacement, state.active
-        near |= state.gap < _CANDIDATE_GAP_MM
+        candidates = candidates.joined(missed)
+        candidates = candidates.joined(
+            near(pose, patch, state.displacement, _CANDIDATE_GAP_MM, between=between_nodes)
+        )
+
+
+class _Region:
+    """The part of a patch that takes part: points that may be touched, and the nodes that carry them."""
+
+    def __init__(self, patch: Patch, candidates: ContactPoints) -> None:
+        self.segment_numbers = np.unique(candidates.segments)
+        ends = patch.segments[self.segment_numbers]
+        self.nodes = np.union1d(candidates.nodes, ends.ravel())
+        self.segments = np.searchsorted(self.nodes, ends)
+        self.points = self.from_patch(candidates)
+        self.tangential_mm, self.y = patch.tangential_mm[:, self.nodes], patch.y[self.nodes]
+        rows = (len(patch) * np.arange(len(patch.axes))[:, None] + self.nodes).ravel()
+        self.compliance = patch.compliance[rows].take(rows, axis=1)
+        self.weights = self.points.weights(self)
+
+    def from_patch(self, points: ContactPoints) -> ContactPoints:
+        """A patch's points by the numbers here."""
+        nodes = np.zeros(int(max(self.nodes.max(initial=-1), points.nodes.max(initial=-1))) + 1, dtype=np.int64)
+        nodes[self.nodes] = np.arange(len(self.nodes))
+        last = int(max(self.segment_numbers.max(initial=-1), points.segments.max(initial=-1)))
+        segments = np.zeros(last + 1, dtype=np.int64)
+        segments[self.segment_numbers] = np.arange(len(self.segment_numbers))
+        return points.renumbered(nodes, segments)
 
 
 class _Iteration:
-    """The passes over one fixed set of candidate nodes."""
+    """The passes over one region."""
 
-    def __init__(
-        self,
-        patch: Patch,
-        pose: Pose,
-        nodes: Ints,
-        ux: Array,
-        uy: Array | None,  # None at rest: first press down, lest a side wall claims a node from below
-        held: NDArray[np.bool_],
-    ) -> None:
-        self.patch, self.pose, self.nodes = patch, pose, nodes
-        k = self.k = len(nodes)
-        both = np.concatenate([nodes, nodes + len(patch)])
-        self.c = patch.compliance[both].take(both, axis=1)
-        self.xx, self.xy, self.yy = self.c[:k, :k], self.c[:k, k:], self.c[k:, k:]
-        self.ux = ux.copy()
-        self.uy = uy
-        self.held = held
-        self.multiplier = np.zeros(k)
-        self.slope = np.zeros(k)
+    def __init__(self, pose: Pose, region: _Region, start: ContactState, most_passes: int) -> None:
+        self.pose, self.region, self.most_passes = pose, region, most_passes
+        self.u = start.displacement[:, region.nodes].copy()
+        self.held = region.points.among(region.from_patch(start.held))
+        # From rest no plane closest to a point is taken: first press down, lest a side wall claims it from below.
+        self.pressed = bool(self.held.any())
+        self.multiplier = np.zeros(len(region.points))
+        self.slope = np.zeros((len(self.u) - 1, len(region.points)))
         self.passes = 0
 
     def run(self) -> None:
         """Passes until the residual meets the target, keeping the best state seen."""
         trust, penalty, best = _FIRST_TRUST_MM, 0.0, np.inf
         merit, fallback = np.inf, None
-        while self.passes < MAX_PASSES:
+        while self.passes < self.most_passes and len(self.held):
             self.passes += 1
-            gap, slope, curvature = self._planes()
-            solution = self._frozen_normals(gap, slope)
+            planes = _FrozenPlanes(self.pose, self.region, self.u, self.pressed)
+            solution = planes.solve(self.held)
             if solution is None:
                 if fallback is None:
                     return
-                self.ux, fallback = fallback, None
+                self.u, fallback = fallback, None
                 continue
-            un = self.c @ _forces(slope, solution.multipliers)
-            residual = self._residual(un, solution.multipliers)
+            un = planes.displacement(solution)
+            residual, depth = self._residual(un, solution.multipliers)
             if residual < best:
-                best, self.multiplier, self.slope = residual, solution.multipliers, slope
+                best, self.multiplier, self.slope = residual, solution.multipliers, planes.slope
             if residual < TARGET_RESIDUAL:
                 return
             penalty = max(penalty, 2 * float(solution.multipliers.max(initial=0.0)))
-            new_merit = self._merit(un, solution.multipliers, slope, penalty)
+            new_merit = planes.energy(solution, un) + penalty * depth
             if fallback is not None and new_merit > merit:
                 trust *= _TRUST_SHRINK
-                self.ux, fallback = fallback, None
+                self.u, fallback = fallback, None
                 continue
             if fallback is not None:
                 trust = min(_TRUST_GROWTH * trust, _FIRST_TRUST_MM)
             merit = new_merit
             self.held = solution.multipliers > 0
-            step = self._predictor(solution, slope, curvature, un, residual)
-            plain, before = un[: self.k], self.ux
-            self.uy = un[self.k :]
-            self.ux, fallback = plain.copy(), None
-            if step is not None:
-                sliding, ds = step
-                turn = np.abs(curvature[sliding]) / (1 + slope[sliding] ** 2)  # of the normal, rad/mm
-                longest = trust * np.minimum(1.0, _FULL_TURN / (_FIRST_TRUST_MM * turn))
-                self.ux[sliding] = before[sliding] + np.clip(ds, -longest, longest)
-                fallback = plain
+            predicted = planes.predictor(solution, un, residual, trust)
+            self.u, self.pressed, fallback = un, True, None
+            if predicted is not None:
+                self.u, fallback = predicted, un
 
-    def _planes(self) -> tuple[Array, Array, Array]:
-        """Height of the tangent plane over each undisplaced node, its slope and the profile's curvature."""
-        if self.uy is None:
-            return self.pose.gap(self.patch, self.ux, np.zeros(self.k), self.nodes)
-        return self.pose.tangent(self.patch, self.ux, self.uy, self.nodes)
+    def _residual(self, u: Array, multipliers: Array) -> tuple[float, float]:
+        """The residual over the region's points, and the sum of their depths (mm) within the indentor."""
+        here = displaced_gap(self.pose, self.region, u, self.region.points)
+        active = np.flatnonzero(multipliers)
+        force = multipliers[active] @ _to_normal(self.region.weights[active], here.slope[:, active])
+        mismatch = self.region.compliance @ force - u.ravel()
+        depth = np.maximum(0.0, -here.height_mm) / norm(here.slope)
+        return _residual(mismatch, here, multipliers, self.pose.scale_mm), float(depth.sum())
 
-    def _frozen_normals(self, gap: Array, slope: Array) -> LcpSolution | None:
-        """Exact solution of the convex problem whose contact planes are tangent at the present ux."""
-        q = gap - slope * self.ux
 
-        def submatrix(index: Ints) -> Array:
-            n = slope[index]
-            block = np.ix_(index, index)
-            coupling = n[:, None] * self.xy[block]
-            return np.asfortranarray((n[:, None] * n) * self.xx[block] - coupling - coupling.T + self.yy[block])
+class _FrozenPlanes:
+    """The convex problem whose contact planes are tangent to the indentor at one displacement."""
 
-        def apply(multipliers: Array) -> Array:
-            u = self.c @ _forces(slope, multipliers)
-            return slope * u[: self.k] - u[self.k :]
+    def __init__(self, pose: Pose, region: _Region, u: Array, pressed: bool) -> None:
+        self.region, self.u = region, u
+        at = u if pressed else np.concatenate([u[:-1], np.zeros_like(u[-1:])])
+        position = (region.weights @ (region.tangential_mm + at[:-1]).T).T, region.weights @ (region.y + at[-1])
+        planes = pose.plane(*position) if pressed else pose.gap(*position)
+        self.slope, self.curvature = planes.slope, planes.curvature
+        self.normal = _to_normal(region.weights, planes.slope)
+        self.gap_mm = planes.height_mm - self.normal @ at.ravel()
+        self.response = self.normal @ region.compliance  # (k, m n) of all nodes per unit multiplier
 
-        start = self.held if self.held.any() else q < 0
-        return solve_lcp(q, submatrix, apply, start)
+    def solve(self, held: Bools) -> LcpSolution | None:
+        """Multipliers λ ≥ 0 with gap + Wλ ≥ 0 complementary to them."""
+        entered = (self.gap_mm < 0) & (np.arange(len(held)) < len(self.region.points.nodes))
+        return solve_lcp(self.gap_mm, self.normal @ self.response.T, held if held.any() else entered)
 
-    def _residual(self, u: Array, multipliers: Array) -> float:
-        k = self.k
-        gap, slope, _ = self.pose.gap(self.patch, u[:k], u[k:], self.nodes)
-        mismatch = self.c @ _forces(slope, multipliers) - u
-        return _residual(mismatch, gap, slope, multipliers, self.pose.scale_mm)
-
-    def _merit(self, u: Array, multipliers: Array, slope: Array, penalty: float) -> float:
-        gap, at_u, _ = self.pose.gap(self.patch, u[: self.k], u[self.k :], self.nodes)
-        depth = np.maximum(0.0, -gap) / np.sqrt(1 + at_u**2)
-        energy = 0.5 * float(_forces(slope, multipliers) @ u)
-        return energy + penalty * float(depth.sum())
-
-    def _predictor(
-        self, solution: LcpSolution, slope: Array, curvature: Array, un: Array, residual: float
-    ) -> tuple[Ints, Array] | None:
-        """Extra lateral slip (mm) of the active nodes on curved parts, by Newton with positive eigenvalues."""
+    def displacement(self, solution: LcpSolution) -> Array:
+        """(m, n) displacements in mm."""
         active = solution.active
-        sliding = active[(curvature[active] != 0) & (solution.multipliers[active] > 0)]
-        if not len(sliding):
+        return np.asarray(solution.multipliers[active] @ self.response[active]).reshape(self.u.shape)
+
+    def energy(self, solution: LcpSolution, u: Array) -> float:
+        """Elastic energy of the displacements u that the multipliers cause."""
+        return 0.5 * float(solution.multipliers @ (self.normal @ u.ravel()))
+
+    def predictor(self, solution: LcpSolution, un: Array, residual: float, trust: float) -> Array | None:
+        """Displacements with more slip of the active points on curved parts, by Newton with positive eigenvalues."""
+        curved = (self.curvature != 0).any(axis=(0, 1)) & (solution.multipliers > 0)
+        if not curved.any():
             return None
-        r = slope[active, None] * self.xx[np.ix_(active, sliding)] - self.xy[np.ix_(sliding, active)].T
-        half = solve_triangular(solution.factor, r, lower=True, check_finite=False)
-        lower, info = lapack.dpotrf(self.xx[np.ix_(sliding, sliding)] - half.T @ half, lower=1, clean=1)
+        slots, bending = self._bending(solution.multipliers, np.flatnonzero(curved))
+        active = solution.active
+        half = solve_triangular(solution.factor, self.response[active][:, slots], lower=True, check_finite=False)
+        free = self.region.compliance[np.ix_(slots, slots)] - half.T @ half
+        free[np.diag_indices_from(free)] *= 1 + _JITTER
+        lower, info = lapack.dpotrf(free, lower=1, clean=1)
         if info:
             return None
-        weight = solution.multipliers[sliding] * curvature[sliding]
-        stiffness = np.eye(len(sliding)) - lower.T @ (weight[:, None] * lower)
-        target = solve_triangular(lower, (un[: self.k] - self.ux)[sliding], lower=True, check_finite=False)
+        move = (un - self.u).ravel()[slots]
         floor = _COARSE_FLOOR if residual > 1e-3 else _FINE_FLOOR
-        return sliding, lower @ _solve_positive(stiffness, target, floor)
+        turned = lower.T @ bending
+        step = move - lower @ _solve_positive(np.eye(len(slots)) + turned @ lower, turned @ move, floor)
+        predicted = un.copy()
+        predicted.ravel()[slots] = self.u.ravel()[slots] + step * self._shortened(step, slots, trust)
+        return predicted
+
+    def _bending(self, multipliers: Array, curved: Ints) -> tuple[Ints, Array]:
+        """Lateral displacements in which planes turn, and the stiffness that gives: −λ ∇²h, (slots, slots)."""
+        m = len(self.slope)
+        weights = self.region.weights[curved]
+        nodes = np.unique(weights.indices)
+        weights = weights[:, nodes].toarray()
+        turn = -multipliers[curved] * self.curvature[:, :, curved]
+        blocks = np.einsum("stk,ki,kj->sitj", turn, weights, weights, optimize=True)
+        slots = (self.u.shape[1] * np.arange(m)[:, None] + nodes).ravel()
+        return slots, blocks.reshape(m * len(nodes), m * len(nodes))
+
+    def _shortened(self, step: Array, slots: Ints, trust: float) -> Array:
+        """Factors ≤ 1 that keep each step within the trust and within what turns a node's own normal by a radian."""
+        bend = np.sqrt((self.curvature**2).sum(axis=(0, 1))) / norm(self.slope) ** 2  # of the normal, rad/mm
+        turn = (self.region.weights.T.multiply(bend)).max(axis=1).toarray().ravel()
+        turn = np.tile(turn, len(self.slope))[slots]
+        longest = trust * np.minimum(1.0, _FULL_TURN / (_FIRST_TRUST_MM * np.maximum(turn, 1e-300)))
+        return np.minimum(1.0, longest / np.maximum(np.abs(step), 1e-300))
 
 
 def _solve_positive(matrix: Array, right: Array, floor: float) -> Array:
-    """matrix⁻¹ right with each eigenvalue e replaced by max(|e|, floor), floor coarse if one is negative."""
+    """z = M⁻¹ r of the Newton step y − Lz; eigenvalues e of M count as max(|e|, floor), coarse if one is negative.
+
+    r = (M − 1) L⁻¹ y, so that along an eigenvector the step is y / e.
+    """
     shifted = matrix - floor * np.eye(len(matrix))
     if lapack.dpotrf(shifted, lower=1, clean=0)[1] == 0:
         return np.asarray(lapack.dposv(matrix, right, lower=1)[1])
     values, vectors = eigh(matrix, check_finite=False, driver="evd")
     if values[0] < 0:
         floor = _COARSE_FLOOR
-    return np.asarray(vectors @ ((vectors.T @ right) / np.maximum(np.abs(values), floor)))
+    raised = np.maximum(np.abs(values), floor)
+    share = np.where(values >= floor, 1 / raised, (1 - 1 / raised) / np.minimum(values - 1, -1e-3))
+    return np.asarray(vectors @ ((vectors.T @ right) * share))
 
 
-def _forces(slope: Array, multipliers: Array) -> Array:
-    """(2k,) nodal forces on the skin, x then y, along (h', −1)."""
-    return np.concatenate([slope * multipliers, -multipliers])
+def _to_normal(weights: sp.csr_array, slope: Array) -> sp.csr_array:
+    """(k, (m + 1) n) motion of points along (∇h, −1) from displacements of the nodes, axis by axis."""
+    parts = [sp.diags_array(part) @ weights for part in (*slope, np.full(slope.shape[1], -1.0))]
+    return sp.csr_array(sp.hstack(parts))
 
 
-def _residual(mismatch: Array, gap: Array, slope: Array, multipliers: Array, scale_mm: float) -> float:
+def _residual(mismatch: Array, here: Surface, multipliers: Array, scale_mm: float) -> float:
     """Largest of mismatch of u, penetration, complementarity and tension, as ratios."""
-    norm = np.sqrt(1 + slope**2)
-    push = multipliers * norm
+    along = norm(here.slope)
+    push = multipliers * along
     peak = float(push.max(initial=0.0))
     push = push / peak if peak > 0 else push
-    opening = gap / (norm * scale_mm)
-    complementarity = np.abs(np.minimum(push, opening))
-    return float(
-        max(
-            np.abs(mismatch).max(initial=0.0) / scale_mm,
-            complementarity.max(initial=0.0),
-            -push.min(initial=0.0),
-        )
-    )
+    complementarity = np.abs(np.minimum(push, here.height_mm / (along * scale_mm)))
+    mismatch_ratio = float(np.abs(mismatch).max(initial=0.0)) / scale_mm
+    return float(max(mismatch_ratio, complementarity.max(initial=0.0), -push.min(initial=0.0)))
 
 
-def _state(patch: Patch, pose: Pose, nodes: Ints, multiplier: Array, slope: Array, passes: int) -> ContactState:
-    """The whole patch's state and its residual, from the forces on the candidate nodes."""
-    n = len(patch)
-    active = multiplier > 0
-    at = nodes[active]
-    push = _forces(slope[active], multiplier[active]).reshape(2, -1)
-    u = patch.displacement(push, at).reshape(2, n)
-    full = np.zeros(n)
-    full[at] = multiplier[active]
-    gap, final_slope, _ = pose.gap(patch, u[0], u[1], slice(None))
-    again = patch.displacement(_forces(final_slope[at], full[at]).reshape(2, -1), at)
-    residual = _residual(again - u.ravel(), gap, final_slope, full, pose.scale_mm)
-    force = np.zeros((2, n))
-    force[:, at] = push
-    return ContactState(full, u, force, gap, residual, passes)
+def _assessed(
+    pose: Pose, patch: Patch, between_nodes: bool, iteration: _Iteration, passes: int
+) -> tuple[ContactState, ContactPoints]:
+    """The whole patch under the forces found in a region, its residual, and the points that it penetrates."""
+    region, multiplier = iteration.region, iteration.multiplier
+    points = region.points.renumbered(region.nodes, region.segment_numbers)
+    weights = points.weights(patch)
+
+    def forces(slope: Array) -> Array:
+        return np.asarray(multiplier @ _to_normal(weights, slope)).reshape(len(patch.axes), -1)
+
+    force = forces(iteration.slope)
+    u = _displacement(patch, force)
+    here = displaced_gap(pose, patch, u, points)
+    missed, depth = penetrated(pose, patch, u, between=between_nodes)
+    residual = _residual(_displacement(patch, forces(here.slope)) - u, here, multiplier, pose.scale_mm)
+    residual = max(residual, float(depth.max(initial=0.0)) / pose.scale_mm)
+    gap = pose.gap(patch.tangential_mm + u[:-1], patch.y + u[-1]).height_mm
+    return ContactState(points, multiplier, u, force, gap, residual, passes), missed
+
+
+def _displacement(patch: Patch, force: Array) -> Array:
+    loaded = np.flatnonzero((force != 0).any(axis=0))
+    return patch.displacement(force[:, loaded], loaded)

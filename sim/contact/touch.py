@@ -1,29 +1,88 @@
-"""Where a profile first touches the undeformed, continuous skin: the zero of DOI."""
+"""Where an indentor first touches the undeformed, continuous skin: the zero of DOI."""
+
+from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 
-from sim.contact.indentors import Profile
+from sim.contact.indentor import ACROSS, ALONG, Indentor
 
 Array = NDArray[np.float64]
 
 _GRID_MM = 0.004
+_ROUND_GRID_MM = 0.1
 
 
-def first_touch(profile: Profile, x_mm: float, ridge: CubicSpline) -> tuple[float, float]:
-    """Height of the profile's lowest point at first touch and the x of the point touched; mm.
+class Skin(Protocol):
+    """The undeformed skin, continuous."""
 
-    `ridge` is the highest skin over all z as a function of x.
-    """
-    low, high = ridge.x[0], ridge.x[-1]
-    x = np.linspace(low, high, int((high - low) / _GRID_MM) + 1)
-    best = int(np.argmax(ridge(x) - profile.evaluate(x - x_mm)[0]))
-    bounds = (x[max(best - 1, 0)], x[min(best + 1, len(x) - 1)])
+    @property
+    def ridge(self) -> CubicSpline:
+        """Highest y over all z as a function of x; mm."""
+
+    @property
+    def crest(self) -> CubicSpline:
+        """Highest y over all x as a function of z; mm."""
+
+    def height(self, x_mm: ArrayLike, z_mm: ArrayLike) -> Array:
+        """y at (x, z); mm."""
+
+
+class Touch(NamedTuple):
+    """Height of the indentor's lowest point at first touch and the point touched, along its axes; mm."""
+
+    height_mm: float
+    at_mm: tuple[float, ...]
+
+
+def first_touch(indentor: Indentor, at_mm: tuple[float, ...], skin: Skin) -> Touch:
+    """Lower an indentor with its reference point at a place until it touches the skin."""
+    if indentor.axes == ALONG:
+        return _prismatic(indentor, at_mm[0], skin.ridge)
+    if indentor.axes == ACROSS:
+        return _prismatic(indentor, at_mm[0], skin.crest)
+    return _round(indentor, at_mm, skin)
+
+
+def _prismatic(indentor: Indentor, at_mm: float, top: CubicSpline) -> Touch:
+    low, high = top.x[0], top.x[-1]
+    s = np.linspace(low, high, int((high - low) / _GRID_MM) + 1)
+    gaps = indentor.profile.evaluate(s - at_mm)[0] - top(s)
+    best = int(np.argmin(gaps))
+    bounds = (s[max(best - 1, 0)], s[min(best + 1, len(s) - 1)])
 
     def gap(at: float) -> float:
-        return float(profile.evaluate(np.array([at - x_mm]))[0][0] - ridge(at))
+        return float(indentor.profile.evaluate(np.array([at - at_mm]))[0][0] - top(at))
 
     found = minimize_scalar(gap, bounds=bounds, method="bounded", options={"xatol": 1e-12})
-    return (-float(found.fun), float(found.x)) if found.fun < gap(x[best]) else (-gap(x[best]), float(x[best]))
+    return _lower(gap(float(s[best])), (float(s[best]),), float(found.fun), (float(found.x),))
+
+
+def _round(indentor: Indentor, at_mm: tuple[float, ...], skin: Skin) -> Touch:
+    centre = np.array(at_mm)
+    ends = np.array([skin.ridge.x[[0, -1]], skin.crest.x[[0, -1]]])
+
+    def gap(point: Array) -> Array:
+        inside = np.clip(point.T, ends[:, 0], ends[:, 1]).T
+        return np.asarray(indentor.evaluate(inside - centre[:, None]).height_mm - skin.height(*inside))
+
+    sides = [np.arange(low, high, _ROUND_GRID_MM) for low, high in ends]
+    grid = np.stack([side.ravel() for side in np.meshgrid(*sides, indexing="ij")])
+    gaps = gap(grid)
+    best = grid[:, int(np.argmin(gaps))]
+    simplex = best + 0.5 * _ROUND_GRID_MM * np.array([[0, 0], [1, 0], [0, 1]])
+    found = minimize(
+        lambda point: float(gap(np.array(point)[:, None])[0]),
+        best,
+        method="Nelder-Mead",
+        options={"initial_simplex": simplex, "xatol": 1e-10, "fatol": 1e-14, "maxfev": 600},
+    )
+    return _lower(
+        float(gaps.min()), (float(best[0]), float(best[1])), float(found.fun), (float(found.x[0]), float(found.x[1]))
+    )
+
+
+def _lower(gap: float, at: tuple[float, ...], other_gap: float, other_at: tuple[float, ...]) -> Touch:
+    return Touch(-gap, at) if gap < other_gap else Touch(-other_gap, other_at)

@@ -2,6 +2,9 @@
 
 from sim.devices.balance import VirtualBalance
 from sim.devices.grbl import VirtualGrbl
+from sim.devices.laumas import VirtualLaumas
+from sim.devices.leadshine import VirtualDrive
 from sim.devices.line import SerialLine
+from sim.devices.modbus import ModbusBus
 
-__all__ = ["SerialLine", "VirtualBalance", "VirtualGrbl"]
+__all__ = ["ModbusBus", "SerialLine", "VirtualBalance", "VirtualDrive", "VirtualGrbl", "VirtualLaumas"]

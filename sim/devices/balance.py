@@ -28,7 +28,8 @@ class VirtualBalance:
     """Samples force_n (N at a time in s) on a fixed grid, and only those instants that somebody asks about.
 
     range_g and resolution_g of the display; a load is stable when the last stable_samples samples lie within
-    stable_band_g; S, Z and T give up after patience_s; below underload_g the answer is underload.
+    stable_band_g and are fresh, which is whether the force of that instant is known and not just the last one before
+    it; S, Z and T give up after patience_s; below underload_g the answer is underload.
     """
 
     def __init__(
@@ -45,12 +46,13 @@ class VirtualBalance:
         patience_s: float = 3.0,
         underload_g: float = -20.0,
         serial_number: str = "0123456789",
+        fresh: Callable[[float], bool] = lambda t_s: True,
     ) -> None:
         self._scheduler, self._wire, self._force_n = scheduler, line, force_n
         self._range_g, self._resolution_g, self._underload_g = range_g, resolution_g, underload_g
         self._period_s, self._patience_s = sample_period_s, patience_s
         self._stable_samples, self._stable_band_g = stable_samples, stable_band_g
-        self._serial_number = serial_number
+        self._serial_number, self._fresh = serial_number, fresh
         self._decimals = max(0, round(-math.log10(resolution_g)))
         self._zero_g = self._tare_g = 0.0
         self._samples: dict[int, float] = {}
@@ -75,7 +77,10 @@ class VirtualBalance:
         return grams
 
     def _stable(self, index: int) -> bool:
-        recent = [self._gross_g(index - k) for k in range(self._stable_samples)]
+        indices = range(index - self._stable_samples + 1, index + 1)
+        if not all(self._fresh(max(k, 0) * self._period_s) for k in indices):
+            return False
+        recent = [self._gross_g(k) for k in indices]
         return max(recent) - min(recent) <= self._stable_band_g
 
     def _load(self, index: int) -> float | str:

@@ -1,8 +1,8 @@
 """A virtual GRBL 1.1h board: the same bytes, the same waiting, the same ways to go deaf.
 
 Source: GRBL 1.1 interface wiki and the behaviour of the 1.1h firmware. Nothing ticks: the board works when
-a byte arrives and at the few instants it waits for. Not simulated: overrides, spindle, probe, hard limits,
-check mode.
+a byte arrives and at the few instants it waits for. Spindle and coolant are outputs and nothing more. Not simulated:
+overrides, probe, hard limits, check mode.
 """
 
 import re
@@ -10,7 +10,7 @@ from math import inf
 
 from sim.devices import grbl_report as report
 from sim.devices.grbl_core import Wait
-from sim.devices.grbl_gcode import GcodeError, parse
+from sim.devices.grbl_gcode import Command, GcodeError, parse
 from sim.devices.grbl_homing import homing_motion
 from sim.devices.grbl_realtime import GrblRealtime
 from sim.devices.grbl_settings import HOMING, SOFT_LIMITS
@@ -42,6 +42,18 @@ class VirtualGrbl(GrblRealtime):
             command = parse(line, self._modal, self._parser_mm, self._offset_mm)
         except GcodeError as problem:
             return problem.code
+        if command.modal.outputs != self._modal.outputs:
+            self._wait_for(Wait(lambda: self._planner.end_s, lambda then_s: self._switch(command, then_s)))
+            return None
+        return self._proceed(command, now_s)
+
+    def _switch(self, command: Command, now_s: float) -> None:
+        """Outputs change once the stage is at rest, before the rest of their line."""
+        self._switch_outputs(command.modal, now_s)
+        self._reports.show_overrides()
+        self._reply(self._proceed(command, now_s))
+
+    def _proceed(self, command: Command, now_s: float) -> int | None:
         self._modal = command.modal
         if command.dwell_s is not None:
             self._dwell(command.dwell_s)

@@ -18,6 +18,7 @@ from sim.devices.motion import Counts, Vec
 from sim.devices.planner import Planner
 
 OVERFLOW = 11
+_OUTPUTS_KEPT = 1000
 
 
 @dataclass
@@ -53,7 +54,9 @@ class GrblCore:
         self._wait: Wait | None = None
         self._alarm_clock: Handle | None = None
         self._lines = LineAssembler()
+        self._modal = Modal()
         self._realtime: dict[int, Callable[[float], None]] = {}
+        self.outputs: deque[tuple[float, str]] = deque(maxlen=_OUTPUTS_KEPT)  # every switching: s, M word
         line.connect(self._on_bytes)
         self.power_cycle()
 
@@ -126,12 +129,17 @@ class GrblCore:
         self._rx.clear()
         self._lines.clear()
         self._reports.start_over()
+        self._switch_outputs(Modal(), now_s)
         self._modal = Modal()
         self._deaf = self._dead = self._owes_ok = self._jog_cancelled = self._asked_in_homing = False
         self._after_jog = "Idle"
         self._state = "Alarm" if locked else "Idle"
         self._sync(now_s)
         self._send(report.BANNER, *([report.UNLOCK] if locked else []))
+
+    def _switch_outputs(self, to: Modal, now_s: float) -> None:
+        changed = [f"M{new}" for new, old in zip(to.outputs, self._modal.outputs, strict=True) if new != old]
+        self.outputs.extend((now_s, word) for word in changed)
 
     def _sync(self, now_s: float) -> None:
         """Let parser and planner start from where the board believes the carriage is."""

@@ -1,7 +1,7 @@
 """The part of GRBL's g-code that a rig needs: G0 G1 G4 G20 G21 G53 G90 G91, F, and the same inside `$J=`.
 
-Source: GRBL 1.1 wiki (supported g-codes, error codes). Everything else is error:20, arcs, offsets (G10,
-G92), probing and M words included.
+Also the outputs: M3 M4 M5 with S, M8 M9. Source: GRBL 1.1 wiki (supported g-codes, error codes). Everything else is
+error:20, arcs, offsets (G10, G92), probing and other M words included.
 """
 
 import re
@@ -12,10 +12,12 @@ from sim.devices.motion import Vec
 
 MM_PER_INCH = 25.4
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)")
-_WORDS = "FGNPXYZ"
+_WORDS = "FGMNPSXYZ"
 _MOTION, _DISTANCE, _UNITS, _ONCE = "motion", "distance", "units", "once"
 _GROUPS = {0.0: _MOTION, 1.0: _MOTION, 4.0: _ONCE, 53.0: _ONCE, 20.0: _UNITS, 21.0: _UNITS,
            90.0: _DISTANCE, 91.0: _DISTANCE, 17.0: "plane", 54.0: "system", 94.0: "feed mode"}  # fmt: skip
+_SPINDLE, _COOLANT = "spindle", "coolant"
+_M_GROUPS = {3.0: _SPINDLE, 4.0: _SPINDLE, 5.0: _SPINDLE, 8.0: _COOLANT, 9.0: _COOLANT}
 _IN_JOG = {20.0, 21.0, 53.0, 90.0, 91.0}
 
 NO_LETTER, BAD_NUMBER, INVALID_STATEMENT, NEGATIVE_VALUE = 1, 2, 3, 4
@@ -33,12 +35,20 @@ class GcodeError(Exception):
 
 @dataclass(frozen=True)
 class Modal:
-    """What one line leaves behind for the next; feed in mm/min."""
+    """What one line leaves behind for the next; feed in mm/min, speed of the spindle in rpm."""
 
     rapid: bool = True
     absolute: bool = True
     metric: bool = True
     feed: float = 0.0
+    spindle: int = 5
+    coolant: int = 9
+    speed: float = 0.0
+
+    @property
+    def outputs(self) -> tuple[int, int]:
+        """The M words in force, spindle and coolant."""
+        return (self.spindle, self.coolant)
 
 
 @dataclass(frozen=True)
@@ -94,20 +104,21 @@ def _read(text: str, jog: bool) -> _Line:
 def _add_word(line: _Line, letter: str, value: float, jog: bool) -> None:
     if letter not in _WORDS:
         raise GcodeError(UNSUPPORTED)
-    if letter in "FNP" and value < 0:
+    if letter in "FNPS" and value < 0:
         raise GcodeError(NEGATIVE_VALUE)
-    if letter != "G":
+    if letter not in "GM":
         if letter in line.values:
             raise GcodeError(REPEATED_WORD)
         line.values[letter] = value
-    elif value not in _GROUPS:
+        return
+    group = (_GROUPS if letter == "G" else _M_GROUPS).get(value)
+    if group is None:
         raise GcodeError(UNSUPPORTED)
-    elif jog and value not in _IN_JOG:
+    if jog and (letter == "M" or value not in _IN_JOG):
         raise GcodeError(INVALID_JOG)
-    elif _GROUPS[value] in line.codes:
+    if group in line.codes:
         raise GcodeError(GROUP_TWICE)
-    else:
-        line.codes[_GROUPS[value]] = value
+    line.codes[group] = value
 
 
 def _modes(line: _Line, modal: Modal) -> Modal:
@@ -117,6 +128,9 @@ def _modes(line: _Line, modal: Modal) -> Modal:
         rapid=codes[_MOTION] == 0 if _MOTION in codes else modal.rapid,
         absolute=codes[_DISTANCE] == 90 if _DISTANCE in codes else modal.absolute,
         metric=codes[_UNITS] == 21 if _UNITS in codes else modal.metric,
+        spindle=int(codes.get(_SPINDLE, modal.spindle)),
+        coolant=int(codes.get(_COOLANT, modal.coolant)),
+        speed=line.values.get("S", modal.speed),
     )
     return replace(modal, feed=line.values["F"] * _unit(modal)) if "F" in line.values else modal
 

@@ -57,6 +57,7 @@ class GrblRealtime(GrblCore):
             blocks_free=BLOCKS - self._planner.unfinished(now_s),
             bytes_free=report.RX_BYTES - len(self._rx),
             pins="".join(axis for axis, steps in zip("XYZ", carriage, strict=True) if steps >= 0),
+            modal=self._modal,
         )
 
     def _state_text(self, now_s: float) -> str:

@@ -14,6 +14,7 @@ RX_BYTES = 128
 
 _WCO_EVERY = {True: 30, False: 10}
 _OV_EVERY = {True: 20, False: 10}
+_SPINDLE_LETTER = {3: "S", 4: "C", 5: ""}
 
 
 @dataclass
@@ -26,6 +27,7 @@ class Snapshot:
     blocks_free: int
     bytes_free: int
     pins: str
+    modal: Modal
 
 
 class StatusReports:
@@ -40,16 +42,20 @@ class StatusReports:
     def start_over(self) -> None:
         self._wco_in = self._ov_in = 0
 
+    def show_overrides(self) -> None:
+        """Outputs were switched: Ov, and with it A, comes as soon as it can."""
+        self._ov_in = 0
+
     def line(self, at: Snapshot) -> str:
         mask = int(self._settings[10])
         inches = self._settings.flag(13)
         parts = [at.state, self._position(at.machine_mm, bool(mask & 1), inches)]
         if mask & 2:
             parts.append(f"Bf:{at.blocks_free},{at.bytes_free}")
-        parts.append(f"FS:{at.feed / (MM_PER_INCH if inches else 1):.0f},0")
+        parts.append(f"FS:{at.feed / (MM_PER_INCH if inches else 1):.0f},{_rpm(at.modal):.0f}")
         if at.pins:
             parts.append(f"Pn:{at.pins}")
-        return f"<{'|'.join(parts + self._now_and_then(at.state not in ('Idle', 'Alarm'), inches))}>"
+        return f"<{'|'.join(parts + self._now_and_then(at, inches))}>"
 
     def _position(self, machine_mm: Vec, as_machine: bool, inches: bool) -> str:
         if as_machine:
@@ -57,7 +63,8 @@ class StatusReports:
         (x, y, z), (i, j, k) = machine_mm, self._offset_mm
         return "WPos:" + coordinates((x - i, y - j, z - k), inches)
 
-    def _now_and_then(self, busy: bool, inches: bool) -> list[str]:
+    def _now_and_then(self, at: Snapshot, inches: bool) -> list[str]:
+        busy = at.state not in ("Idle", "Alarm")
         parts = []
         if self._wco_in > 0:
             self._wco_in -= 1
@@ -71,7 +78,13 @@ class StatusReports:
         else:
             self._ov_in = _OV_EVERY[busy] - 1
             parts.append("Ov:100,100,100")
+            accessories = _SPINDLE_LETTER[at.modal.spindle] + ("F" if at.modal.coolant == 8 else "")
+            parts += [f"A:{accessories}"] if accessories else []
         return parts
+
+
+def _rpm(modal: Modal) -> float:
+    return 0.0 if modal.spindle == 5 else modal.speed
 
 
 def coordinates(mm: Vec, inches: bool = False) -> str:
@@ -85,7 +98,8 @@ def parser_state(modal: Modal) -> str:
     """The answer to `$G`."""
     motion, units = 0 if modal.rapid else 1, 21 if modal.metric else 20
     distance = 90 if modal.absolute else 91
-    return f"[GC:G{motion} G54 G17 G{units} G{distance} G94 M5 M9 T0 F{modal.feed:.0f} S0]"
+    outputs = f"M{modal.spindle} M{modal.coolant}"
+    return f"[GC:G{motion} G54 G17 G{units} G{distance} G94 {outputs} T0 F{modal.feed:.0f} S{modal.speed:.0f}]"
 
 
 def parameters(offset_mm: Vec) -> list[str]:

@@ -31,6 +31,7 @@ class SerialLine:
         self._to_host = _OneWay(scheduler, baud)
         self._arrived = bytearray()
         self._on_bytes: Callable[[bytes], None] = _nobody
+        self._on_host_bytes: Callable[[bytes], object] = self._arrived.extend
 
     def host_write(self, data: bytes) -> None:
         if data:
@@ -45,13 +46,20 @@ class SerialLine:
     def host_pending(self) -> bool:
         return bool(self._arrived)
 
+    def forward(self, on_host_bytes: Callable[[bytes], object]) -> None:
+        """From now on on_host_bytes gets what arrives at the host, at the instant it arrives."""
+        self._on_host_bytes = on_host_bytes
+
     def connect(self, on_bytes: Callable[[bytes], None]) -> None:
         """Attach the device: on_bytes gets each chunk at the instant it arrives."""
         self._on_bytes = on_bytes
 
     def device_write(self, data: bytes) -> None:
         if data:
-            self._to_host.send(data, self._arrived.extend)
+            self._to_host.send(data, self._hand_to_host)
+
+    def _hand_to_host(self, data: bytes) -> None:
+        self._on_host_bytes(data)
 
     def _hand_over(self, data: bytes) -> None:
         self._on_bytes(data)

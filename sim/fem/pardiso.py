@@ -4,7 +4,8 @@ Source: oneMKL Developer Reference, PARDISO, iparm(36) and phases 331/333.
 """
 
 import ctypes
-from functools import cached_property
+from collections.abc import Callable
+from functools import cache, cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,12 +20,18 @@ _ANALYSE_FACTORISE, _FORWARD, _BACKWARD, _RELEASE = 12, 331, 333, -1
 _SYMMETRIC_POSITIVE_DEFINITE = 2
 
 
+@cache
+def _routine() -> Callable[..., None]:
+    """MKL's `pardiso`; pypardiso searches the disc for it, which takes a quarter of a second each time."""
+    import pypardiso
+
+    return pypardiso.PyPardisoSolver()._mkl_pardiso
+
+
 def available() -> bool:
     """Whether MKL can be loaded here."""
     try:
-        import pypardiso
-
-        pypardiso.PyPardisoSolver()
+        _routine()
     except (ImportError, OSError):
         return False
     return True
@@ -39,9 +46,7 @@ class PardisoFactor:
 
     def __init__(self, upper: sp.csr_array, kept: Ints) -> None:
         """Upper triangle (n, n) in CSR and the ascending numbers of the unknowns to keep."""
-        import pypardiso
-
-        self._lib = pypardiso.PyPardisoSolver()._mkl_pardiso
+        self._routine = _routine()
         self._n = upper.shape[0]
         self.kept = kept
         upper.sort_indices()
@@ -65,10 +70,6 @@ class PardisoFactor:
     def compliance(self) -> Array:
         """(n_kept, n_kept) inverse of the Schur complement."""
         return inverse_spd(self._schur)
-
-    def kept_response(self, loads: Array) -> Array:
-        """(k, n_kept) displacements of the kept unknowns under (k, n) loads."""
-        return np.asarray(self._reduce(loads)[:, self.kept] @ self.compliance)
 
     def solve(self, loads: Array) -> Array:
         """(k, n) displacements under (k, n) loads."""
@@ -100,7 +101,7 @@ class PardisoFactor:
     def _call(self, phase: int, b: Array, x: Array) -> None:
         n_loads = b.shape[0] if b.ndim == 2 else 1
         error = ctypes.c_int32(0)
-        self._lib(
+        self._routine(
             self._pt.ctypes.data_as(ctypes.POINTER(ctypes.c_int64)),
             _int(1),
             _int(1),

@@ -50,10 +50,6 @@ class SlabFactor:
             x[self._slabs[k]] = cho_solve(self._pivots[k], right, check_finite=False)
         return x.T
 
-    def kept_response(self, loads: Array) -> Array:
-        """(k, n_kept) displacements of the kept unknowns under (k, n) loads."""
-        return np.asarray(self.solve(loads)[:, self.kept])
-
     @cached_property
     def compliance(self) -> Array:
         """(n_kept, n_kept) displacements of the kept unknowns under unit loads on them."""
@@ -62,7 +58,7 @@ class SlabFactor:
             part = self.kept[start : start + _COLUMNS]
             loads = np.zeros((len(part), self._slabs[-1].stop))
             loads[np.arange(len(part)), part] = 1.0
-            out[start : start + _COLUMNS] = self.kept_response(loads)
+            out[start : start + _COLUMNS] = self.solve(loads)[:, self.kept]
         return 0.5 * (out + out.T)
 
     def close(self) -> None:

@@ -1,22 +1,27 @@
 """Layered hexahedral mesh of the fingertip, graded away from the contact patch."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim.config import FingertipConfig, MeshSpec, Tissue
+from sim.finger.quality import corner_edges
 from sim.finger.surface import FingertipSurface
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+LAYERS = ("epidermis", "dermis", "fat", "bone")
 EPIDERMIS, DERMIS, FAT, BONE = range(4)
-
 
 MOST_PATCH_NODES = 6000
 """Their compliance alone is 1.2 GB; more would not fit beside its factor."""
+
+
+_DEEPEST_DERMIS = 0.7
+"""Lower face of the dermis: at most this part of the way to the bone, so that the fat's elements do not vanish."""
 
 
 class MeshError(ValueError):
@@ -43,6 +48,11 @@ class FingerMesh:
     def element_grid(self) -> Ints:
         """Element numbers on the (axial, circumferential, radial) grid."""
         return np.arange(len(self.hexes)).reshape(self.grid[0] - 1, self.grid[1], self.grid[2] - 1)
+
+    def column_at(self, phi: float, z_mm: float) -> Array:
+        """(n_r, 3) positions in mm of the nodes from the skin inwards on the ray nearest to φ (rad) and z."""
+        k, j = np.argmin(np.abs(self.z_mm - z_mm)), np.argmin(np.abs(_wrap(self.phi - phi)))
+        return np.asarray(self.nodes.reshape(*self.grid, 3)[k, j])
 
 
 def build_mesh(config: FingertipConfig, surface: FingertipSurface) -> FingerMesh:
@@ -84,6 +94,22 @@ def build_mesh(config: FingertipConfig, surface: FingertipSurface) -> FingerMesh
     )
 
 
+def narrowed(mesh: FingerMesh, half_mm: float, plane_mm: float) -> FingerMesh:
+    """The mesh with a smaller patch: nodes within a half-width of the pad's centre and of an axial plane."""
+    grid = mesh.patch_nodes.reshape(mesh.patch_shape)
+    position = mesh.nodes[grid]
+    rows = np.flatnonzero(np.abs(position[:, 0, 2] - plane_mm) <= half_mm + 1e-9)
+    columns = np.flatnonzero(np.abs(position[mesh.receptor_row, :, 0]) <= half_mm + 1e-9)
+    block = np.ix_(rows, columns)
+    return replace(
+        mesh,
+        patch_nodes=grid[block].ravel(),
+        patch_shape=(len(rows), len(columns)),
+        patch_area_mm2=mesh.patch_area_mm2.reshape(mesh.patch_shape)[block].ravel(),
+        receptor_row=mesh.receptor_row - int(rows[0]),
+    )
+
+
 def _axial_grid(config: FingertipConfig) -> tuple[Array, NDArray[np.bool_]]:
     mesh, middle, length = config.mesh, config.receptor_plane_mm, config.geometry.length_mm
     n = int(np.ceil(mesh.patch_z_mm / mesh.spacing_mm - 1e-9))
@@ -105,9 +131,14 @@ def _circumferential_grid(config: FingertipConfig, surface: FingertipSurface) ->
     x, y = surface.section(table, config.receptor_plane_mm)
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     apex = float(np.interp(np.pi / 2, table, arc))
-    edges = np.interp(
-        surface.angle_at(np.array([mesh.patch_x_mm, -mesh.patch_x_mm]), config.receptor_plane_mm), table, arc
-    )
+    sides = np.array([mesh.patch_x_mm, -mesh.patch_x_mm])
+    angles = surface.angle_at(sides, config.receptor_plane_mm)
+    if np.abs(surface.section(angles, config.receptor_plane_mm)[0] - sides).max() > 1e-6:
+        raise MeshError(
+            f"patch_x_mm = {mesh.patch_x_mm}: the patch leaves the pulp, which is x {x.min():.2f} … {x.max():.2f} mm "
+            f"in the receptor plane, z = {config.receptor_plane_mm:.2f} mm"
+        )
+    edges = np.interp(angles, table, arc)
     right = int(np.ceil((apex - edges[0]) / mesh.spacing_mm - 1e-9))
     left = int(np.ceil((edges[1] - apex) / mesh.spacing_mm - 1e-9))
     fine = apex + np.arange(-right, left + 1) * mesh.spacing_mm
@@ -142,7 +173,7 @@ def _place_nodes(config: FingertipConfig, surface: FingertipSurface, phi: Array,
     ray = np.stack([x, y, 0 * z], -1) / radius[..., None]
     cosine = np.clip(np.einsum("zpk,zpk->zp", surface.normal(p, z), ray), 0.6, 1.0)
     thickness = radius * (1 - tissue.bone_fraction)
-    stretch = np.minimum(1 / cosine, 0.7 * thickness / (tissue.epidermis_mm + tissue.dermis_mm))
+    stretch = np.minimum(1 / cosine, _DEEPEST_DERMIS * thickness / (tissue.epidermis_mm + tissue.dermis_mm))
 
     # depths of the interfaces along each ray; the fractions between them are the same everywhere
     apex_depth = float(thickness[np.argmin(np.abs(z_mm - config.receptor_plane_mm))].max())
@@ -171,8 +202,11 @@ def _radial_fractions(mesh: MeshSpec, tissue: Tissue, depth_mm: float) -> tuple[
     dermis = 1 + np.linspace(0, 1, n_dermis + 1)[1:]
     top = tissue.epidermis_mm + tissue.dermis_mm
     below = depth_mm - top
-    if below <= 0:
-        raise MeshError(f"epidermis + dermis = {top} mm reach the bone, {depth_mm:.2f} mm below the skin")
+    if top > _DEEPEST_DERMIS * depth_mm:
+        raise MeshError(
+            f"epidermis + dermis = {top:.2f} mm reach the bone, {depth_mm:.2f} mm below the skin, or nearly: "
+            f"expected at most {_DEEPEST_DERMIS * depth_mm:.2f} mm, so that fat is left"
+        )
     steps, x = [], 0.0
     step = mesh.dermis_spacing_mm
     while x < below:
@@ -195,21 +229,7 @@ def _connect(number: Ints) -> Ints:
 
 def _refuse_folded(nodes: Array, hexes: Ints) -> None:
     """Raise MeshError naming the worst element when the Jacobian at one of its corners is not positive."""
-    corner = np.array(
-        [
-            [0, 1, 3, 4],
-            [1, 2, 0, 5],
-            [2, 3, 1, 6],
-            [3, 0, 2, 7],
-            [4, 7, 5, 0],
-            [5, 4, 6, 1],
-            [6, 5, 7, 2],
-            [7, 6, 4, 3],
-        ]
-    )
-    p = nodes[hexes]
-    edges = p[:, corner[:, 1:]] - p[:, corner[:, :1]]
-    jacobian = np.linalg.det(edges)
+    jacobian = np.linalg.det(corner_edges(nodes, hexes))
     worst = np.unravel_index(np.argmin(jacobian), jacobian.shape)
     if jacobian[worst] <= 0:
         x, y, z = nodes[hexes[worst]]

@@ -1,6 +1,6 @@
-"""The skin: a smooth parametric surface fitted through the published points.
+"""The skin: a smooth parametric surface through the published points, a user's own points, or a user's sections.
 
-Source of the points: Raju (1998), Figure 6-3, copied into `sim/data/fingertip_surface_points.csv`.
+Source of the published points: Raju (1998), Figure 6-3, copied into `sim/data/fingertip_surface_points.csv`.
 """
 
 from dataclasses import dataclass
@@ -9,16 +9,20 @@ from importlib.resources import files
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import BSpline, CubicSpline
-from scipy.optimize import least_squares
+from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 
 from sim.config import Geometry
+from sim.finger import section
+from sim.finger.fit import fit_curves
 
 Array = NDArray[np.float64]
 
-_KNOTS_MM = (3.0, 5.0, 7.0, 9.0, 11.0)
-_ANCHOR_MM = 0.5  # how far the surface may stay off a free anchor for the price of 0.02 mm off a point
+_TOUCHABLE = np.array([2.0, 11.0]) / 12.75  # of the finger's length: beyond, it ends or is steep
 _RIDGE_STEP_MM = 0.02
+
+
+class SurfaceError(ValueError):
+    """What was measured does not make the skin of a finger."""
 
 
 def published_points() -> tuple[NDArray[np.int64], Array, list[str]]:
@@ -30,70 +34,64 @@ def published_points() -> tuple[NDArray[np.int64], Array, list[str]]:
 
 
 @dataclass(frozen=True)
+class Apex:
+    """The skin's topmost point, and its radii of curvature across and along the finger; mm."""
+
+    position_mm: tuple[float, float, float]
+    lateral_radius_mm: float
+    axial_radius_mm: float  # infinite or negative where the skin does not fall to both sides
+    inside: bool  # false where the skin still rises at an end of the part that can be touched
+
+
+@dataclass(frozen=True)
 class FingertipSurface:
     """Sections at constant z, each a second-order Fourier curve in the angle φ, smooth (C²) along z.
 
-    x = a cos φ + s ((1 + sin φ)/2)²,  y = ½(b + n) sin φ + ½(b − n) sin² φ,  n = nail_depth_ratio · b,
-    so that φ = π/2 is the pulp's apex at (s, b) and φ = −π/2 the nail at (0, −n). The half-width a, the
-    height b and the lean s are cubic B-splines of z.
+    φ = π/2 is the pulp's apex at (lean, height), φ = −π/2 the nail at (0, −nail_depth_ratio · height); half-width,
+    height and lean are cubic splines of z. `sim/finger/section.py` has the curve.
     """
 
     geometry: Geometry
-    coefficients: Array  # (3, n_basis) mm, rows a, b, s
+    curves: BSpline  # of z in mm: half-width, height, lean in mm
 
     @classmethod
-    def fit(cls, geometry: Geometry, points: Array | None = None) -> "FingertipSurface":
-        """Least-squares fit through (n, 3) points in mm, the published ones by default."""
-        xyz = published_points()[1] if points is None else points
-        n_basis = len(_KNOTS_MM) + 4
-        start = np.concatenate([np.full(2 * n_basis, 4.4), np.zeros(n_basis), np.arctan2(xyz[:, 1], xyz[:, 0])])
-        z_mm = np.linspace(0.0, geometry.length_mm, 60)
-        bend = np.sqrt(z_mm[1]) * geometry.stiffness_of_fit * _spline(geometry, np.eye(n_basis)).derivative(2)(z_mm)
-        ends = np.array([0.0, geometry.length_mm])
-        tip = geometry.tip_radius_mm
-        targets = np.array(
-            [
-                [geometry.proximal_half_width_mm, tip],
-                [geometry.proximal_apex_mm, tip],
-                [geometry.proximal_lean_mm, 0],
-            ]
-        )
+    def fit(cls, geometry: Geometry) -> "FingertipSurface":
+        """The skin through a geometry's sections, or closest to its points, the published ones by default.
 
-        def residual(v: Array) -> Array:
-            surface = cls(geometry, v[: 3 * n_basis].reshape(3, n_basis))
-            x, y = surface.section(v[3 * n_basis :], xyz[:, 2])
-            anchors = (surface.parameters(ends) - targets) * (0.02 / _ANCHOR_MM)
-            bending = bend @ surface.coefficients.T
-            return np.concatenate([x - xyz[:, 0], y - xyz[:, 1], anchors.ravel(), bending.ravel()])
-
-        solution = least_squares(residual, start, method="lm")
-        return cls(geometry, solution.x[: 3 * n_basis].reshape(3, n_basis))
+        Raises SurfaceError when it does not enclose the bone's axis everywhere.
+        """
+        if geometry.sections:
+            z_mm, *parameters = np.array(geometry.sections).T
+            surface = cls(geometry, make_interp_spline(z_mm, np.stack(parameters, -1), 3))
+        else:
+            surface = cls(geometry, fit_curves(geometry, _points(geometry)))
+        _refuse_unusable(surface)
+        return surface
 
     @cached_property
-    def _splines(self) -> BSpline:
-        return _spline(self.geometry, self.coefficients.T)
+    def points_mm(self) -> Array:
+        """(n, 3) points that the skin was fitted to; none for a table of sections."""
+        return np.zeros((0, 3)) if self.geometry.sections else _points(self.geometry)
+
+    @cached_property
+    def _slopes(self) -> BSpline:
+        return self.curves.derivative()
 
     def parameters(self, z_mm: ArrayLike) -> Array:
         """(3, …) half-width, height and lean in mm at axial positions z."""
-        return np.moveaxis(self._splines(np.asarray(z_mm, dtype=float)), -1, 0)
+        return np.moveaxis(self.curves(np.asarray(z_mm, dtype=float)), -1, 0)
 
     def section(self, phi: ArrayLike, z_mm: ArrayLike) -> tuple[Array, Array]:
         """x and y in mm at angle φ (rad) of the section at z (broadcast)."""
-        a, b, lean = self.parameters(z_mm)
-        s = np.sin(phi)
-        n = self.geometry.nail_depth_ratio * b
-        return a * np.cos(phi) + lean * (0.5 * (1 + s)) ** 2, 0.5 * (b + n) * s + 0.5 * (b - n) * s * s
+        return section.position(phi, self.parameters(z_mm), self.geometry.nail_depth_ratio)
 
     def tangents(self, phi: ArrayLike, z_mm: ArrayLike) -> tuple[Array, Array]:
         """(…, 3) derivatives of the position with respect to φ (mm/rad) and z (mm/mm)."""
         angle, z = np.broadcast_arrays(np.asarray(phi, float), np.asarray(z_mm, float))
-        a, b, lean = self.parameters(z)
-        da, db, dlean = np.moveaxis(self._splines.derivative()(z), -1, 0)
-        s, c, r = np.sin(angle), np.cos(angle), self.geometry.nail_depth_ratio
-        height, width = 0.5 * (1 + r) * s + 0.5 * (1 - r) * s * s, (0.5 * (1 + s)) ** 2
-        d_phi = np.stack([-a * s + 0.5 * lean * (1 + s) * c, b * c * (0.5 * (1 + r) + (1 - r) * s), 0 * a], -1)
-        d_z = np.stack([da * c + dlean * width, db * height, 1 + 0 * a], -1)
-        return d_phi, d_z
+        slopes, ratio = np.moveaxis(self._slopes(z), -1, 0), self.geometry.nail_depth_ratio
+        d_phi = section.first_derivative(angle, self.parameters(z), ratio)
+        d_z = section.position(angle, slopes, ratio)  # the section is linear in its parameters
+        return np.stack([*d_phi, np.zeros(z.shape)], -1), np.stack([*d_z, np.ones(z.shape)], -1)
 
     def normal(self, phi: ArrayLike, z_mm: ArrayLike) -> Array:
         """(…, 3) outward unit normal."""
@@ -122,25 +120,75 @@ class FingertipSurface:
     @cached_property
     def ridge(self) -> CubicSpline:
         """Highest y in mm over all z as a function of x: what a shape prismatic along z can touch first."""
-        z_mm = np.linspace(2.0, 11.0, 451)
-        half = 0.93 * self.parameters(np.array([7.0]))[0, 0]
-        x_mm = np.arange(-half, half, _RIDGE_STEP_MM)
+        x_mm, _, y = self._pulp
+        return CubicSpline(x_mm, _largest(y), extrapolate=False)
+
+    @cached_property
+    def crest(self) -> CubicSpline:
+        """Highest y in mm over all x as a function of z: what a shape prismatic along x can touch first."""
+        _, z_mm, y = self._pulp
+        return CubicSpline(z_mm, _largest(y.T), extrapolate=False)
+
+    @cached_property
+    def _pulp(self) -> tuple[Array, Array, Array]:
+        """x and z in mm and the (n_x, n_z) heights of the pulp there, −inf beside it."""
+        low, high = _TOUCHABLE * self.geometry.length_mm
+        z_mm = np.linspace(low, high, 451)
         a = self.parameters(z_mm)[0]
+        half = 0.93 * a.max()
+        x_mm = np.arange(-half, half, _RIDGE_STEP_MM)
         inside = np.abs(x_mm[:, None]) < 0.95 * a[None]
         y = np.where(inside, self.height(np.where(inside, x_mm[:, None], 0.0), z_mm[None]), -np.inf)
-        k = np.clip(np.argmax(y, axis=1), 1, len(z_mm) - 2)
-        rows = np.arange(len(x_mm))
-        left, mid, right = y[rows, k - 1], y[rows, k], y[rows, k + 1]
-        return CubicSpline(x_mm, mid + (left - right) ** 2 / (8 * (2 * mid - left - right)), extrapolate=False)
+        return x_mm, z_mm, y
+
+    @cached_property
+    def apex(self) -> Apex:
+        """The topmost point of the part that can be touched; radii from the parametrisation at φ = π/2."""
+        low, high = _TOUCHABLE * self.geometry.length_mm
+        table = np.linspace(low, high, 2001)
+        height = CubicSpline(table, self.parameters(table)[1])
+        level = height.derivative().roots(extrapolate=False)
+        z = max([low, high, *level], key=height)
+        a, b, lean = self.parameters(z)
+        _, _, d_lean = self._slopes(z)
+        fall = b * (1.5 - 0.5 * self.geometry.nail_depth_ratio)  # −∂²y/∂φ²
+        axial = fall * (d_lean / a) ** 2 - self.curves.derivative(2)(z)[1]
+        radius = float(1 / axial) if axial else np.inf
+        return Apex((float(lean), float(b), float(z)), float(a**2 / fall), radius, inside=bool(low < z < high))
 
     def residuals_mm(self, points: Array | None = None) -> Array:
-        """Distance in mm, within its section, of each point from the surface."""
-        xyz = published_points()[1] if points is None else points
-        phi = np.linspace(0, np.pi, 20001)
-        x, y = self.section(phi[None], xyz[:, 2:])
-        return np.asarray(np.hypot(x - xyz[:, :1], y - xyz[:, 1:2]).min(axis=1))
+        """(n,) distances in mm, within its section, of each point from the skin; of those it was fitted to."""
+        x, y, z = (self.points_mm if points is None else points).T
+        parameters, ratio = self.parameters(z), self.geometry.nail_depth_ratio
+        at_x, at_y = section.position(section.nearest_angle(x, y, parameters, ratio), parameters, ratio)
+        return np.hypot(at_x - x, at_y - y)
 
 
-def _spline(geometry: Geometry, coefficients: Array) -> BSpline:
-    knots = np.concatenate([np.zeros(4), _KNOTS_MM, np.full(4, geometry.length_mm)])
-    return BSpline(knots, coefficients, 3)
+def _points(geometry: Geometry) -> Array:
+    return np.array(geometry.points) if geometry.points else published_points()[1]
+
+
+def _largest(y: Array) -> Array:
+    """(n,) maxima of (n, m) equally spaced samples, refined by a parabola where both neighbours are finite."""
+    rows, k = np.arange(len(y)), np.argmax(y, axis=1)
+    mid, left, right = y[rows, k], y[rows, np.maximum(k - 1, 0)], y[rows, np.minimum(k + 1, y.shape[1] - 1)]
+    inner = (k > 0) & (k < y.shape[1] - 1) & np.isfinite(left) & np.isfinite(right) & (left + right < 2 * mid)
+    left, right = np.where(inner, left, mid - 1.0), np.where(inner, right, mid - 1.0)
+    return np.asarray(mid + (left - right) ** 2 / (8 * (2 * mid - left - right)))
+
+
+def _refuse_unusable(surface: FingertipSurface) -> None:
+    """Raise SurfaceError where a section does not go once around the bone's axis, seen from it, at any angle."""
+    z_mm = np.linspace(0.0, surface.geometry.length_mm, 301)
+    phi = np.linspace(-np.pi, np.pi, 181)
+    x, y = surface.section(phi[None], z_mm[:, None])
+    t_x, t_y, _ = np.moveaxis(surface.tangents(phi[None], z_mm[:, None])[0], -1, 0)
+    turning = (x * t_y - y * t_x).min(axis=1)
+    a, b, lean = surface.parameters(z_mm)
+    bad = np.flatnonzero((turning <= 0) | (a <= 0) | (b <= 0))
+    if len(bad):
+        k = bad[0]
+        raise SurfaceError(
+            f"the skin crosses the bone's axis at z = {z_mm[k]:.2f} mm (half-width {a[k]:.2f}, height {b[k]:.2f}, "
+            f"lean {lean[k]:.2f} mm): expected sections around x = y = 0"
+        )

@@ -3,6 +3,7 @@
 import io
 import json
 import re
+import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -10,11 +11,12 @@ from typing import Any
 
 import pytest
 
-from rig.force import MtSicsForce
+from rig.bench import force_driver, stage_driver
+from rig.protocol.config import Config
+from rig.protocol.served_bench import ServedBench
 from rig.run import Engine, Journal
 from rig.run.streams import STREAMS
 from rig.settings import RigSettings
-from rig.stage import GrblStage
 from rig.transport import LoopbackTransport
 from rig.transport.byte_log import LoggedTransport
 from rig.units import GWT_N
@@ -113,8 +115,8 @@ class SpringBench:
         self.mounted: str | None = None
         self.journal_path = folder / "events.jsonl"
         self.journal = Journal(self.journal_path, self.clock, STREAMS, self._watch)
-        stage = GrblStage(self._logged(self.stage_line, "stage"), self.clock)
-        force = MtSicsForce(self._logged(self.force_line, "force"), self.clock)
+        stage = stage_driver(lambda _: self._logged(self.stage_line, "stage"), self.clock, self.settings)
+        force = force_driver(lambda _: self._logged(self.force_line, "force"), self.clock, self.settings)
         self.engine = Engine(
             self.settings, self.clock, stage, force, self.journal, self, lambda: self.interrupt(), soft_trip_n
         )
@@ -182,3 +184,23 @@ def spring(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable
     yield make
     for bench in made:
         bench.journal._file.close()
+
+
+@pytest.fixture
+def served() -> Iterator[Callable[..., ServedBench]]:
+    """Serve virtual devices in real time, from a thread: make(config, stage=, force=, tcp=)."""
+    running: list[tuple[ServedBench, threading.Thread]] = []
+
+    def make(config: Config | None = None, **options: Any) -> ServedBench:
+        bench = ServedBench(config or Config(), **{"stage": None, "force": None, **options})
+        thread = threading.Thread(target=bench.run)
+        thread.start()
+        running.append((bench, thread))
+        return bench
+
+    yield make
+    for bench, thread in running:
+        bench.stop()
+        thread.join(5.0)
+        assert not thread.is_alive()
+        bench.close()

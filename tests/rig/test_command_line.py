@@ -176,7 +176,7 @@ def test_a_refusal_is_json_too_where_json_was_asked_for(rig: Rig) -> None:
 def test_a_command_that_is_not_built_says_so(rig: Rig, name: str) -> None:
     ended = rig(name, "thing", "--some-option", "3")
     assert (ended.code, ended.out) == (2, "")
-    assert ended.complaint.startswith(f"{name}: not built yet, expected one of")
+    assert ended.complaint.startswith(f"{name}: not built yet, expected one that rig --help lists")
     assert rig(name, "--json").json["exit_code"] == 2
 
 
@@ -266,6 +266,18 @@ def test_a_plan_beyond_the_limits_makes_no_folder(rig: Rig, script: Path) -> Non
     assert ended.code == 2
     assert ended.complaint.startswith(f"{script}, line 13: indent: doi_mm = 0.3 at x = 0 mm")
     assert not Path("runs").exists()
+
+
+def test_a_calibration_out_of_date_warns_in_a_dry_run(rig: Rig, script: Path) -> None:
+    """`rig run` refuses it: nothing real may move by it."""
+    Path("rig.toml").write_text(
+        "[calibration.force_scale]\nvalue = 1.0\ndate = 2019-01-01\nexpires = 2020-01-01\n", encoding="utf-8"
+    )
+    ended = rig("dry-run", script, "--config", "rig.toml", "--json")
+    assert ended.code == 0
+    assert ended.json["complete"]
+    warning = "rig: warning: calibration.force_scale: expired on 2020-01-01, expected a newer measurement"
+    assert f"{warning}; `rig run` would refuse" in ended.err
 
 
 def test_a_run_stopped_by_a_trip(rig: Rig, script: Path) -> None:

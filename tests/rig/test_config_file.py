@@ -1,5 +1,6 @@
 """Configuration files: every key known, every value checked, and written back as they were read."""
 
+from datetime import date
 from pathlib import Path
 
 import pytest
@@ -39,13 +40,62 @@ def test_no_file_means_the_defaults() -> None:
         ("[limits]\nsoft_trip_n = inf\n", "limits.soft_trip_n = inf: input should be"),
         ("[limits]\nmax_doi_mm = 3.0\n", "limits.max_doi_mm = 3.0: input should be less than or equal to 2"),
         ("[habits]\nincrement_mm = 0.1\n", "habits.increment_mm = 0.1: input should be less than or equal to 0.05"),
-        ('[stage]\nkind = "rack"\n', "stage.kind = 'rack': input should be 'grbl'"),
+        ('[stage]\nkind = "rack"\n', "stage.kind = 'rack': input should be 'grbl' or 'leadshine'"),
+        ('[force]\nkind = "scale"\n', "force.kind = 'scale': input should be 'mtsics' or 'laumas'"),
+        ('[stage]\nframing = "ascii"\n', "stage.framing = 'ascii': input should be 'rtu' or 'tcp'"),
+        ("[stage.drives.x]\npulses_per_rev = 400\n", "stage.drives.x.device_id: Field required"),
+        ("[stage.drives.x]\ndevice_id = 2\n", "stage: drives.x and drives.z: expected different device ids"),
+        (
+            "[stage.drives.x]\ndevice_id = 32\n",
+            "stage.drives.x.device_id = 32: input should be less than or equal to 31",
+        ),
+        ("[force.laumas]\ncount_g = 0\n", "force.laumas.count_g = 0: input should be greater than 0"),
+        ('[stage]\nkind = "leadshine"\n[sync]\noutput = "coolant"\n', "sync.output: expected off, only a GRBL board"),
         ("[limits]\nx_mm = [-6.0]\n", "limits.x_mm.1"),
         ("[virtual]\nz_screw_steps_per_mm = 0\n", "virtual.z_screw_steps_per_mm = 0: input should be greater than 1"),
     ],
 )
 def test_what_where_and_what_was_expected(toml: Path, text: str, complaint: str) -> None:
     toml.write_text(text, encoding="utf-8")
+    assert complaint in _complaint(toml)
+
+
+CALIBRATED = """
+[calibration.z_steps_per_mm]
+value = -401.3
+date = 2026-03-01
+expires = 2027-03-01
+
+[calibration.force_scale]
+value = 1.004
+date = "2026-03-02"
+expires = "2026-09-02"
+"""
+
+
+def test_calibrations_have_a_date_and_an_end(toml: Path) -> None:
+    toml.write_text(CALIBRATED, encoding="utf-8")
+    calibration = load_config(toml).calibration
+    assert [name for name, _ in calibration.measured()] == ["z_steps_per_mm", "force_scale"]
+    assert calibration.value("z_steps_per_mm", 400.0) == -401.3
+    assert calibration.value("x_steps_per_mm", 400.0) == 400.0
+    assert calibration.expired(date(2026, 9, 2)) == []
+    assert calibration.expired(date(2026, 9, 3)) == ["force_scale"]
+    toml.write_text(load_config(toml).as_toml(), encoding="utf-8")
+    assert load_config(toml).calibration == calibration
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        (("-401.3", "0"), "value = 0: expected a number other than zero"),
+        (("1.004", "-1.0"), "value = -1: expected a positive number"),
+        (("2027-03-01", "2025-03-01"), "expires: expected a day not before date"),
+        (("expires = 2027-03-01\n", ""), "calibration.z_steps_per_mm.expires"),
+    ],
+)
+def test_a_calibration_that_cannot_be(toml: Path, change: tuple[str, str], complaint: str) -> None:
+    toml.write_text(CALIBRATED.replace(*change), encoding="utf-8")
     assert complaint in _complaint(toml)
 
 
@@ -78,6 +128,22 @@ def test_a_file_changes_only_what_it_names(toml: Path) -> None:
     assert config.virtual.z_screw_steps_per_mm == 408.0
     assert config.limits.max_force_gwt == Config().limits.max_force_gwt
     assert config.finger == Config().finger
+
+
+def test_modbus_devices_read_back_the_same(toml: Path) -> None:
+    toml.write_text(
+        '[stage]\nkind = "leadshine"\nport = "tcp://10.0.0.7:502"\n'
+        '[stage.drives.x]\ndevice_id = 5\nport = "/dev/ttyUSB3"\npulses_per_rev_register = 0x0001\n'
+        '[force]\nkind = "laumas"\nframing = "rtu"\n'
+        "[force.laumas]\nunits_word = 0x010C\n[force.laumas.bits]\nstable = 12\n",
+        encoding="utf-8",
+    )
+    config = load_config(toml)
+    assert (config.stage.framing, config.force.framing) == (None, "rtu")
+    assert (config.stage.drives.x.device_id, config.stage.drives.z.device_id) == (5, 2)
+    assert config.force.laumas.bits.stable == 12
+    toml.write_text(config.as_toml(), encoding="utf-8")
+    assert load_config(toml) == config
 
 
 NUMBERS = {

@@ -15,7 +15,7 @@ from rig.data import Run, read_run
 from rig.protocol.config import Config
 from rig.protocol.plan import make_plan
 from rig.protocol.script import load_script
-from rig.protocol.session import DryRun, dry_run
+from rig.protocol.session import FinishedRun, Session, dry_run
 from rig.run import RunAborted, TripError
 from rig.run.journal import read_journal
 from sim.fingertip import Fingertip
@@ -33,19 +33,19 @@ def run(rig: Rig) -> None:
 """
 STEP = {"shape": "step:1", "xs": (-0.51,), "how": "force_gwt=2.33, hold_s=0.5"}
 BAR = {"shape": "bar:3.0", "xs": (0.0,), "how": "doi_mm=0.5, hold_s=0.2"}
-Runner = Callable[..., DryRun]
+Runner = Callable[..., FinishedRun]
 
 
-def _run(folder: Path, finger: Fingertip, what: dict[str, Any], **tables: Any) -> DryRun:
+def _run(folder: Path, finger: Fingertip, what: dict[str, Any], **tables: Any) -> FinishedRun:
     path = folder / "press.py"
     path.write_text(PRESS.format(**what), encoding="utf-8")
     script, config = load_script(str(path)), Config.model_validate(tables)
     plan = make_plan(script, config, finger)
-    return dry_run(script, config, finger, plan, folder / "runs", interrupted=lambda: False)
+    return dry_run(Session(script, config, finger, plan, folder / "runs", interrupted=lambda: False))
 
 
 @pytest.fixture(scope="module")
-def step(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> DryRun:
+def step(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> FinishedRun:
     """Step 1 pressed to 2.33 gwt at one position."""
     return _run(tmp_path_factory.mktemp("step"), finger, STEP)
 
@@ -63,7 +63,7 @@ def _wire(run: Run) -> list[dict[str, Any]]:
 # --- one position ---
 
 
-def test_one_position_is_complete_and_within_tolerance(step: DryRun, finger: Fingertip) -> None:
+def test_one_position_is_complete_and_within_tolerance(step: FinishedRun, finger: Fingertip) -> None:
     assert step.complete
     assert step.indentations == 1
     assert step.problem is None
@@ -78,7 +78,7 @@ def test_one_position_is_complete_and_within_tolerance(step: DryRun, finger: Fin
     assert 15 < step.duration_s < 120
 
 
-def test_the_run_folder_has_everything(step: DryRun) -> None:
+def test_the_run_folder_has_everything(step: FinishedRun) -> None:
     names = {path.name for path in step.folder.path.iterdir()}
     assert {"events.jsonl", "bytes.jsonl", "data.h5", "protocol.py", "config.toml", "provenance.json"} <= names
     assert {"sample.csv", "hold_end.csv", "touch.csv"} <= names
@@ -88,7 +88,7 @@ def test_the_run_folder_has_everything(step: DryRun) -> None:
     assert provenance["model"]["nodes"] > 10_000
 
 
-def test_the_bytes_of_the_indentation(step: DryRun) -> None:
+def test_the_bytes_of_the_indentation(step: FinishedRun) -> None:
     """Moves, polls and weights went over the wire, between the two ends of the indentation in the journal."""
     run = read_run(step.folder.path)
     start_s, end_s = run.stream("indentation_start")[0]["t_s"], run.stream("indentation_end")[0]["t_s"]
@@ -116,7 +116,7 @@ def test_the_bytes_of_the_indentation(step: DryRun) -> None:
     assert [float(w) for w in weights] == pytest.approx([s["force_gwt"] for s in samples], abs=1e-6)
 
 
-def test_each_reading_was_on_the_wire_just_before_it_was_in_the_journal(step: DryRun) -> None:
+def test_each_reading_was_on_the_wire_just_before_it_was_in_the_journal(step: FinishedRun) -> None:
     run = read_run(step.folder.path)
     weights = iter([c for c in _wire(run) if c["port"] == "force" and c["dir"] == "rx"])
     for sample in run.stream("sample"):
@@ -129,7 +129,7 @@ def test_each_reading_was_on_the_wire_just_before_it_was_in_the_journal(step: Dr
         assert last["t_s"] == pytest.approx(sample["t_s"], abs=1e-5)
 
 
-def test_the_report_needs_nothing_else(step: DryRun, finger: Fingertip) -> None:
+def test_the_report_needs_nothing_else(step: FinishedRun, finger: Fingertip) -> None:
     text = write_report(read_run(step.folder.path), finger, step.wall_s).read_text(encoding="utf-8")
     outside = re.findall(r"""(?:src|href|url)\s*[=(]\s*["']?(?!data:|\#)([^"')\s>]+)""", text)
     assert outside == []
@@ -148,10 +148,10 @@ def test_the_report_needs_nothing_else(step: DryRun, finger: Fingertip) -> None:
     assert anchors <= set(re.findall(r'id="([^"]+)"', text))
 
 
-def test_two_dry_runs_are_the_same(step: DryRun, finger: Fingertip, tmp_path: Path) -> None:
+def test_two_dry_runs_are_the_same(step: FinishedRun, finger: Fingertip, tmp_path: Path) -> None:
     again = _run(tmp_path, finger, STEP)
 
-    def timeless(done: DryRun) -> list[dict[str, Any]]:
+    def timeless(done: FinishedRun) -> list[dict[str, Any]]:
         return [{k: v for k, v in d.items() if k not in ("uid", "unix_s")} for d in read_journal(done.folder.events)]
 
     assert timeless(again) == timeless(step)
@@ -254,7 +254,7 @@ def test_an_operators_stop_ends_the_run_lifted(finger: Fingertip, tmp_path: Path
     script, config = load_script(str(path)), Config()
     plan = make_plan(script, config, finger)
     seen: list[str] = []
-    done = dry_run(
+    session = Session(
         script,
         config,
         finger,
@@ -263,6 +263,7 @@ def test_an_operators_stop_ends_the_run_lifted(finger: Fingertip, tmp_path: Path
         interrupted=lambda: "touch" in seen,
         watch=lambda stream, data: seen.append(stream),
     )
+    done = dry_run(session)
     assert isinstance(done.problem, RunAborted)
     run = read_run(done.folder.path)
     assert run.stop is not None

@@ -1,33 +1,49 @@
-"""The same conversation with the virtual board and, where RIG_GRBL_PORT names one, with real firmware."""
+"""One conversation with the virtual board, on either clock, and with real firmware where RIG_GRBL_PORT names a port.
+
+Real firmware answers at its own pace, may read its input line by line, and need not have switches to home on: what is
+asserted is order, states and end points, never timing.
+"""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 
 from rig.clock import Clock, WallClock
-from rig.stage import GrblStage
+from rig.protocol.served_bench import ServedBench
+from rig.stage import GrblStage, StageAlarm, StageError, StageRejected
 from rig.transport import LineReader, LoopbackTransport, SerialTransport, Transport
 from sim.clock import VirtualClock
 from sim.devices import SerialLine, VirtualGrbl
 
 PORT = os.environ.get("RIG_GRBL_PORT")
 Wire = tuple[Transport, Clock]
+STATES_OF_A_HOLD = {"Hold:1", "Hold:0"}
 
 
 @pytest.fixture(
-    params=["virtual", pytest.param("real", marks=pytest.mark.skipif(not PORT, reason="no RIG_GRBL_PORT"))]
+    params=["virtual", "served", pytest.param("real", marks=pytest.mark.skipif(not PORT, reason="no RIG_GRBL_PORT"))]
 )
-def wire(request: pytest.FixtureRequest) -> Iterator[Wire]:
-    if request.param == "real":
-        transport: Transport = SerialTransport(str(PORT))
-        yield transport, WallClock()
-        transport.close()
-    else:
+def wire(request: pytest.FixtureRequest, served: Callable[..., ServedBench]) -> Iterator[Wire]:
+    if request.param == "virtual":
         clock = VirtualClock()
         line = SerialLine(clock, 115200)
         VirtualGrbl(clock, line)
         yield LoopbackTransport(line, clock), clock
+        return
+    port = str(PORT) if request.param == "real" else served(stage="grbl").ports["stage"]
+    transport = SerialTransport(port)
+    yield transport, WallClock()
+    transport.close()
+
+
+@pytest.fixture
+def stage(wire: Wire) -> GrblStage:
+    """Connected, unlocked and idle."""
+    stage = GrblStage(*wire)
+    stage.connect()
+    stage.unlock()
+    return stage
 
 
 def test_the_driver_finds_its_way_in(wire: Wire) -> None:
@@ -43,12 +59,99 @@ def test_the_driver_finds_its_way_in(wire: Wire) -> None:
     [
         (b"G90\n", "ok"), (b"\n", "ok"), (b"G999\n", "error:20"), (b"$999=1\n", "error:3"),
         (b"G1X0F0\n", "error:22"), (b"$J=G91X1\n", "error:22"), (b"N1" + b"0" * 80 + b"\n", "error:11"),
+        (b"M8\n", "ok"), (b"M9\n", "ok"), (b"M3S1000\n", "ok"), (b"M5\n", "ok"), (b"M8M9\n", "error:21"),
+        (b"$J=G91X-1F60M8\n", "error:16"),
     ],
 )  # fmt: skip
-def test_answers(wire: Wire, sent: bytes, answer: str) -> None:
+def test_answers(wire: Wire, stage: GrblStage, sent: bytes, answer: str) -> None:
     transport, clock = wire
-    stage = GrblStage(transport, clock)
-    stage.connect()
-    stage.unlock()
     transport.write(sent)
     assert LineReader(transport, clock).read_line(clock.monotonic_s() + 2.0) == answer
+
+
+def test_a_jog_ends_where_it_was_sent(stage: GrblStage, wire: Wire) -> None:
+    before = stage.status()
+    stage.jog("x", -0.5, 5.0)
+    _until(stage, wire[1], lambda state: state == "Idle")
+    after = stage.status()
+    assert after.x_mm - before.x_mm == pytest.approx(-0.5, abs=0.0051)
+    assert (after.y_mm, after.z_mm) == (before.y_mm, before.z_mm)
+
+
+def test_a_cancelled_jog_stops_on_its_way_and_another_can_follow(stage: GrblStage, wire: Wire) -> None:
+    before = stage.status()
+    stage.jog("x", -20.0, 2.0)
+    _wait_until_it_moves(stage, wire[1])
+    assert stage.status().state == "Jog"
+    stage.end_jog()
+    after = stage.status()
+    assert after.state == "Idle"
+    assert -20.0 < after.x_mm - before.x_mm < 0.0
+    stage.jog("x", -0.1, 5.0)
+    _until(stage, wire[1], lambda state: state == "Idle")
+    assert stage.status().x_mm - after.x_mm == pytest.approx(-0.1, abs=0.0051)
+
+
+def test_hold_and_resume_end_where_the_move_was_sent(stage: GrblStage, wire: Wire) -> None:
+    transport, clock = wire
+    before = stage.status()
+    transport.write(b"G91G1X-2F120\n")
+    assert LineReader(transport, clock).read_line(clock.monotonic_s() + 2.0) == "ok"
+    _wait_until_it_moves(stage, clock)
+    stage.hold()
+    states = _until(stage, clock, lambda state: state == "Hold:0")
+    assert states[-1] == "Hold:0"
+    assert set(states) <= {"Run", *STATES_OF_A_HOLD}
+    held = stage.status()
+    assert -2.0 < held.x_mm - before.x_mm < 0.0
+    assert stage.status().x_mm == held.x_mm, "it stands"
+    stage.resume()
+    states = _until(stage, clock, lambda state: state == "Idle")
+    assert set(states) <= {"Run", "Idle"}
+    assert stage.status().x_mm - before.x_mm == pytest.approx(-2.0, abs=0.0051)
+
+
+def test_a_stop_in_motion_is_an_alarm_that_an_unlock_clears(stage: GrblStage, wire: Wire) -> None:
+    transport, clock = wire
+    before = stage.status()
+    transport.write(b"G91G1X-20F120\n")
+    assert LineReader(transport, clock).read_line(clock.monotonic_s() + 2.0) == "ok"
+    _wait_until_it_moves(stage, clock)
+    stage.stop()
+    assert not stage.homed
+    with pytest.raises(StageError):
+        stage.move_to(x_mm=0.0, speed_mm_s=1.0)
+    stage.unlock()
+    after = stage.status()
+    assert after.state == "Idle"
+    assert abs(after.x_mm - before.x_mm) < 20.0
+
+
+def test_out_of_travel_a_jog_is_refused_and_a_move_is_an_alarm_with_a_way_back(stage: GrblStage) -> None:
+    if not stage.settings()[20]:
+        pytest.skip("the board's soft limits ($20) are off")
+    before = stage.status()
+    with pytest.raises(StageRejected, match="outside the travel"):
+        stage.jog("x", -5000.0, 5.0)
+    assert stage.status() == before
+    with pytest.raises(StageAlarm) as caught:
+        stage.move_to(x_mm=-5000.0, speed_mm_s=1.0)
+    assert caught.value.code == 2
+    stage.unlock()
+    assert stage.status().state == "Idle"
+
+
+def _wait_until_it_moves(stage: GrblStage, clock: Clock) -> None:
+    start_mm = stage.status().x_mm
+    _until(stage, clock, lambda _state: stage.status().x_mm != start_mm)
+
+
+def _until(stage: GrblStage, clock: Clock, over: Callable[[str], bool]) -> list[str]:
+    """The states that were seen until it was over; bounded."""
+    seen: list[str] = []
+    deadline_s = clock.monotonic_s() + 30.0
+    while not (seen and over(seen[-1])):
+        assert clock.monotonic_s() < deadline_s, seen
+        seen.append(stage.status().state)
+        clock.wait_s(0.01)
+    return seen

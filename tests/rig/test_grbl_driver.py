@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from rig.settings import RigSettings
 from rig.stage import (
     GrblStage,
     Stage,
@@ -16,6 +17,7 @@ from rig.stage import (
     StageStatus,
     StageTimeout,
 )
+from rig.stage.grbl_settings import expected_settings
 from rig.stage.grbl_words import StatusFields, is_banner, parse_status
 from sim.clock import VirtualClock
 
@@ -23,15 +25,15 @@ BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
 HELLO = (b"$I\n", b"[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n")
 SETTINGS = (b"$$\n", b"$13=0\r\n$100=400.000\r\n$110=600.000\r\n$120=50.000\r\nok\r\n")
 IDLE = b"<Idle|MPos:-1.000,-2.000,-3.000|FS:0,0>\r\n"
-Make = Callable[[list[Any]], GrblStage]
+Make = Callable[..., GrblStage]
 
 
 @pytest.fixture
 def stage(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> Make:
     """A driver that has said hello to the far end of this script."""
 
-    def make(script: list[Any]) -> GrblStage:
-        stage = GrblStage(scripted([HELLO, SETTINGS, *script]), clock)
+    def make(script: list[Any], **options: Any) -> GrblStage:
+        stage = GrblStage(scripted([HELLO, SETTINGS, *script]), clock, **options)
         assert stage.connect() == "[VER:1.1h.20190825:] [OPT:V,15,128]"
         return stage
 
@@ -82,6 +84,34 @@ def test_a_board_that_reports_inches_is_refused(clock: VirtualClock, scripted: C
     stage = GrblStage(scripted([HELLO, (b"$$\n", b"$13=1\r\nok\r\n")]), clock)
     with pytest.raises(StageError, match=r"\$13=0"):
         stage.connect()
+
+
+@pytest.mark.parametrize(
+    ("board", "complaint"),
+    [
+        (b"$20=1\r\n$22=1\r\n$130=60.000\r\n", r"expected \$131=30 \(it has 0\), \$132=40 \(it has 0\)$"),
+        (b"$20=0\r\n$22=1\r\n$130=60.000\r\n$131=30.000\r\n$132=40.000\r\n", r"expected \$20=1 \(it has 0\)$"),
+    ],
+)
+def test_a_board_that_is_not_set_as_configured_is_refused(
+    clock: VirtualClock, scripted: Callable[[list[Any]], Any], board: bytes, complaint: str
+) -> None:
+    stage = GrblStage(
+        scripted([HELLO, (b"$$\n", board + b"ok\r\n")]), clock, expected=expected_settings(RigSettings())
+    )
+    with pytest.raises(StageError, match=complaint):
+        stage.connect()
+
+
+def test_what_was_calibrated_is_expected_of_the_board() -> None:
+    day = {"date": "2026-01-01", "expires": "2027-01-01"}
+    steps = {
+        f"{axis}_steps_per_mm": {"value": value, **day}
+        for axis, value in zip("xyz", (400, -401.5, -800), strict=True)
+    }
+    expected = expected_settings(RigSettings.model_validate({"calibration": steps}))
+    assert {100: 400.0, 101: 401.5, 102: 800.0, 3: 0b110}.items() <= expected.items()
+    assert 3 not in expected_settings(RigSettings()), "a direction that nobody measured is not compared"
 
 
 # --- lines and answers ---
@@ -274,6 +304,64 @@ def test_an_alarm_that_came_between_is_raised_before_the_next_line(stage: Make, 
     board.status()
     with pytest.raises(StageAlarm):
         board.move_to(x_mm=-2.0, speed_mm_s=1.0)
+
+
+def test_with_backlash_every_arrival_is_in_the_negative_direction(stage: Make) -> None:
+    """10 µm of it in Z, none in X: up by way of 20 µm more, down straight."""
+    board = stage(
+        [
+            (b"?", IDLE),
+            (b"G53G1G90G21X-1.5000Z-2.8800F60.000\n", b"ok\r\n"),
+            (b"?", b"<Idle|MPos:-1.500,-2.000,-2.880|FS:0,0>\r\n"),
+            (b"G53G1G90G21X-1.5000Z-2.9000F60.000\n", b"ok\r\n"),
+            (b"?", b"<Idle|MPos:-1.500,-2.000,-2.900|FS:0,0>\r\n"),
+            (b"G53G1G90G21Z-3.0000F60.000\n", b"ok\r\n"),
+            (b"?", b"<Idle|MPos:-1.500,-2.000,-3.000|FS:0,0>\r\n"),
+        ],
+        backlash_mm=(0.0, 0.0, 0.01),
+    )
+    board.status()
+    board.move_to(x_mm=-1.5, z_mm=-2.9, speed_mm_s=1.0)
+    board.move_to(z_mm=-3.0, speed_mm_s=1.0)
+
+
+# --- jogging and outputs ---
+
+
+def test_a_jog_is_queued_and_not_waited_for(stage: Make, clock: VirtualClock) -> None:
+    start_s = clock.monotonic_s()
+    stage([(b"$J=G91G21Z-0.1000F60.000\n", b"ok\r\n")]).jog("z", -0.1, 1.0)
+    assert clock.monotonic_s() == start_s
+
+
+def test_a_jog_beyond_the_travel_is_refused_by_the_board(stage: Make) -> None:
+    with pytest.raises(StageRejected, match="error 15: the jog target lies outside the travel"):
+        stage([(b"$J=G91G21X99.0000F60.000\n", b"error:15\r\n")]).jog("x", 99.0, 1.0)
+
+
+def test_a_jog_cancel_is_sent_until_the_board_is_at_rest(stage: Make) -> None:
+    jogging = b"<Jog|MPos:-1.000,-2.000,-3.000|FS:60,0>\r\n"
+    stage([(b"\x85", b""), (b"?", jogging), (b"\x85", b""), (b"?", IDLE)]).end_jog()
+
+
+@pytest.mark.parametrize(("output", "words"), [("coolant", (b"M8\n", b"M9\n")), ("spindle", (b"M3S1000\n", b"M5\n"))])
+def test_the_output_for_a_recording_amplifier(stage: Make, output: str, words: tuple[bytes, bytes]) -> None:
+    board = stage([(word, b"ok\r\n") for word in words], output=output)
+    board.set_output(True)
+    board.set_output(False)
+
+
+def test_without_an_output_there_is_no_pulse(stage: Make) -> None:
+    with pytest.raises(StageError, match=r"see sync\.output"):
+        stage([]).set_output(True)
+
+
+def test_a_look_takes_no_banner_for_an_answer_and_resets_nothing(
+    clock: VirtualClock, scripted: Callable[[list[Any]], Any]
+) -> None:
+    locked = b"<Alarm|MPos:0.000,0.000,0.000|FS:0,0>\r\n"
+    board = GrblStage(scripted([(b"", BANNER), (b"?", b"ALARM:3\r\n" + BANNER), (b"?", locked)]), clock)
+    assert board.look().state == "Alarm"
 
 
 # --- stop, hold, unlock ---

@@ -227,3 +227,41 @@ def test_any_spring_any_force(spring: Make, k_gwt: float, contact_mm: float, for
     done = indent(bench.ready(), Target("force_gwt", force_gwt), hold_s=0.1, expected_contact_mm=contact_mm)
     assert done.holds[0].force_gwt == pytest.approx(force_gwt, abs=_tolerance(force_gwt))
     assert max(_drops_below_clearance(bench)) <= 0.05 + 1e-4
+
+
+# --- the recording amplifier, and a rig that gives ---
+
+
+@pytest.mark.parametrize(("output", "on", "off"), [("coolant", "M8", "M9"), ("spindle", "M3", "M5")])
+def test_sync_pulses_at_contact_hold_start_and_hold_end(spring: Make, output: str, on: str, off: str) -> None:
+    bench = spring(settings=RigSettings.model_validate({"sync": {"output": output, "width_s": 0.02}}))
+    indent(bench.ready(), Target("force_gwt", 2.0), increments=2, hold_s=0.2)
+    pulses = bench.of("sync")
+    assert [p["at"] for p in pulses] == ["touch", "hold_start", "hold_end", "hold_start", "hold_end"]
+    switched = list(bench.board.outputs)
+    assert [word for _, word in switched] == [on, off] * 5
+    for pulse, (rise_s, _), (fall_s, _) in zip(pulses, switched[::2], switched[1::2], strict=True):
+        assert pulse["rise_s"] - pulse["uncertainty_s"] <= rise_s <= pulse["rise_s"]
+        assert pulse["uncertainty_s"] < 0.005
+        assert fall_s - rise_s == pytest.approx(0.02, abs=0.005)
+        assert pulse["width_s"] == pytest.approx(0.02, abs=0.005)
+
+
+def test_no_pulses_unless_asked_for(spring: Make) -> None:
+    bench = spring()
+    indent(bench.ready(), Target("force_gwt", 2.0), hold_s=0.2)
+    assert not bench.of("sync")
+    assert not bench.board.outputs
+
+
+def test_a_rig_that_gives_presses_that_much_farther(spring: Make) -> None:
+    """0.5 mm/N: at some 2.5 gwt, 25 mN, the stage goes 12 µm farther for the same depth."""
+    given = {"value": 0.5, "date": "2026-01-01", "expires": "2027-01-01"}
+    bench = spring(settings=RigSettings.model_validate({"calibration": {"compliance_mm_per_n": given}}))
+    indent(bench.ready(), Target("doi_mm", 0.5), hold_s=0.2)
+    end = bench.of("hold_end")[0]
+    last = [s for s in bench.of("sample") if s["phase"] == "hold"][-1]
+    travel_mm = bench.of("touch")[0]["contact_height_mm"] - last["height_mm"]
+    assert end["doi_mm"] == pytest.approx(0.5, abs=0.00125 + 1e-6)
+    assert travel_mm - end["doi_mm"] == pytest.approx(0.5 * end["force_gwt"] * 9.80665e-3, abs=1e-6)
+    assert travel_mm - end["doi_mm"] > 0.01

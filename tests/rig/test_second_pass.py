@@ -8,14 +8,14 @@ from rig.data import read_run
 from rig.protocol.config import Config
 from rig.protocol.plan import make_plan
 from rig.protocol.script import load_script
-from rig.protocol.session import DryRun, dry_run
+from rig.protocol.session import FinishedRun, Session, dry_run
 from rig.run import ScriptError, TripError
 from sim.fingertip import Fingertip
 
 READY = "rig.mount('bar:3.0'); rig.home(); rig.zero(); rig.move_to(x_mm=0.0)"
 
 
-def carried_out(folder: Path, finger: Fingertip, live: str, **tables: object) -> DryRun:
+def carried_out(folder: Path, finger: Fingertip, live: str, **tables: object) -> FinishedRun:
     """A script that indents once when checked and does something else when carried out."""
     path = folder / "sly.py"
     path.write_text(
@@ -25,7 +25,7 @@ def carried_out(folder: Path, finger: Fingertip, live: str, **tables: object) ->
     )
     script, config = load_script(str(path)), Config.model_validate(tables)
     plan = make_plan(script, config, finger)
-    return dry_run(script, config, finger, plan, folder / "runs", interrupted=lambda: False)
+    return dry_run(Session(script, config, finger, plan, folder / "runs", interrupted=lambda: False))
 
 
 @pytest.mark.parametrize(

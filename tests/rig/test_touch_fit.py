@@ -26,7 +26,7 @@ def _readings(contact_mm: float, k_gwt: float, start_mm: float, division_gwt: fl
 @pytest.mark.parametrize(("k_gwt", "contact_mm"), [(6.0, -0.3), (2.0, 0.0), (9.0, 0.1234), (3.0, -1.987)])
 def test_exact_on_the_law_it_assumes(k_gwt: float, contact_mm: float) -> None:
     readings = _readings(contact_mm, k_gwt, contact_mm + 0.1, 0.0)
-    touch = fit_contact(readings, THRESHOLD_GWT)
+    touch = fit_contact(readings, THRESHOLD_GWT, 0.01)
     assert touch.contact_height_mm == pytest.approx(contact_mm, abs=1e-9)
     assert touch.height_at_threshold_mm == readings[-1][0]
     assert touch.doi_bias_mm == pytest.approx(contact_mm - readings[-1][0], abs=1e-9)
@@ -44,7 +44,7 @@ def test_a_balance_of_a_hundredth_of_a_gram_costs_less_than_the_first_force_show
     contact_mm: float, k_gwt: float, above_mm: float
 ) -> None:
     readings = _readings(contact_mm, k_gwt, contact_mm + above_mm, 0.01)
-    touch = fit_contact(readings, THRESHOLD_GWT)
+    touch = fit_contact(readings, THRESHOLD_GWT, 0.01)
     # Half a division hides the contact until k d^1.5 reaches it; then up to one increment passes unread.
     hidden_mm = (0.005 / k_gwt) ** (2 / 3)
     assert abs(touch.contact_height_mm - contact_mm) <= hidden_mm + STEP_MM + 1e-9
@@ -58,7 +58,7 @@ def test_a_balance_of_a_hundredth_of_a_gram_costs_less_than_the_first_force_show
 @settings(max_examples=100, deadline=None)
 def test_never_far_from_where_force_first_showed(forces: list[float], last: float, step_mm: float) -> None:
     readings = [(-n * step_mm, force) for n, force in enumerate([*forces, last], 1)]
-    touch = fit_contact(readings, THRESHOLD_GWT)
+    touch = fit_contact(readings, THRESHOLD_GWT, 0.01)
     first = next(n for n, (_, force) in enumerate(readings) if force > 0.005)
     above = readings[max(first - 1, 0)][0] + readings[first][0] - readings[-1][0]
     assert readings[first][0] <= touch.contact_height_mm <= above + 1e-12
@@ -72,12 +72,12 @@ def test_never_far_from_where_force_first_showed(forces: list[float], last: floa
     ],
 )
 def test_with_a_single_reading_contact_is_where_it_was_read(readings: list[tuple[float, float]]) -> None:
-    touch = fit_contact(readings, THRESHOLD_GWT)
+    touch = fit_contact(readings, THRESHOLD_GWT, 0.01)
     assert touch.contact_height_mm == readings[-1][0]
     assert touch.doi_bias_mm == 0.0
     assert touch.fit_points == 1
 
 
 def test_force_that_falls_on_the_way_down_is_not_followed_up() -> None:
-    touch = fit_contact([(1.0, 0.0), (0.99, 0.04), (0.98, 0.01)], THRESHOLD_GWT)
+    touch = fit_contact([(1.0, 0.0), (0.99, 0.04), (0.98, 0.01)], THRESHOLD_GWT, 0.01)
     assert touch.contact_height_mm == 0.99

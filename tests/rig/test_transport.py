@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import socket
 from collections.abc import Iterator
 
 import pytest
@@ -13,8 +14,10 @@ from rig.transport import (
     LoggedTransport,
     LoopbackTransport,
     SerialTransport,
+    TcpTransport,
     Transport,
     TransportError,
+    open_port,
     port_owner,
 )
 from sim.clock import VirtualClock
@@ -158,3 +161,52 @@ def test_a_port_that_goes_away_is_an_error(port: tuple[int, str]) -> None:
         wire.write(b"?")
     with pytest.raises(TransportError, match=f"cannot read from {name}"):
         wire.read(0.0)
+
+
+# --- TCP ---
+
+
+@pytest.fixture
+def listener() -> Iterator[tuple[socket.socket, str]]:
+    """A listening socket and the name of its port."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(5.0)
+        yield server, f"tcp://127.0.0.1:{server.getsockname()[1]}"
+
+
+def test_tcp_both_ways_and_one_owner(listener: tuple[socket.socket, str]) -> None:
+    server, name = listener
+    wire = open_port(name, 9600, name="force")
+    assert (type(wire), wire.name) == (TcpTransport, "force")
+    far, _ = server.accept()
+    with far:
+        wire.write(b"SI\r\n")
+        assert far.recv(10) == b"SI\r\n"
+        assert wire.read(0.001) == b""
+        far.sendall(b"S S 1.00 g\r\n")
+        assert LineReader(wire, WallClock()).read_line(WallClock().monotonic_s() + 5.0) == "S S 1.00 g"
+        assert port_owner(name) == os.getpid()
+        with pytest.raises(TransportError, match=rf"^{name} is already in use by process {os.getpid()}$"):
+            TcpTransport(name)
+    with pytest.raises(TransportError, match=rf"^cannot read from {name}: the other side closed"):
+        wire.read(5.0)
+    wire.close()
+    assert port_owner(name) is None
+    with pytest.raises(TransportError, match=f"cannot read from {name}"):
+        wire.read(0.0)
+    with pytest.raises(TransportError, match=f"cannot write to {name}"):
+        wire.write(b"?")
+
+
+def test_nobody_listens(listener: tuple[socket.socket, str]) -> None:
+    server, name = listener
+    server.close()
+    with pytest.raises(TransportError, match=rf"^cannot open {name}: connection refused$"):
+        TcpTransport(name)
+    assert port_owner(name) is None
+
+
+@pytest.mark.parametrize("port", ["tcp://", "tcp://host", "tcp://:80", "tcp://host:port", "tcp://host:70000"])
+def test_what_a_tcp_port_looks_like(port: str) -> None:
+    with pytest.raises(TransportError, match=r"expected tcp://HOST:PORT$"):
+        open_port(port, 9600)

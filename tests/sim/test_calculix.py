@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.config import FingertipConfig, MeshSpec
+from sim.config import Contact, FingertipConfig, MeshSpec
 from sim.deck import Scene, write_contact_deck, write_load_deck
 from sim.finger.mesh import build_mesh
 from sim.fingertip import Fingertip
@@ -19,9 +19,10 @@ pytestmark = [
     pytest.mark.xdist_group("calculix"),
 ]
 
-# Like with like: CalculiX's C3D8 is fully integrated. Coarse, so that its contact job takes seconds.
+# Like with like: CalculiX's C3D8 is fully integrated, its contact is at nodes. Coarse, so that its job takes seconds.
 CONFIG = FingertipConfig(
-    mesh=MeshSpec(spacing_mm=0.5, element="full", epidermis_elements=1, dermis_spacing_mm=0.4, growth=1.5)
+    contact=Contact(between_nodes=False),
+    mesh=MeshSpec(spacing_mm=0.5, element="full", epidermis_elements=1, dermis_spacing_mm=0.4, growth=1.5),
 )
 DOI_MM = 0.8
 
@@ -56,7 +57,7 @@ def test_our_forces_move_its_nodes_as_ours(tmp_path: Path, pressed: tuple[Scene,
 def test_its_contact_carries_the_same_force(tmp_path: Path, pressed: tuple[Scene, IndentationResult]) -> None:
     # Node to surface with a penalty of 2000 MPa/mm; reactions are compared, never pressures: those depend on it.
     scene, result = pressed
-    write_contact_deck(tmp_path / "contact.inp", scene, result.profile, 0.0, result.touch_height_mm, DOI_MM)
+    write_contact_deck(tmp_path / "contact.inp", scene, result.indentor.profile, 0.0, result.touch_height_mm, DOI_MM)
     printed = run_ccx(tmp_path, "contact")
     totals = re.findall(r"total force.*?\n\s*\n\s*(\S+)\s+(\S+)\s+(\S+)", printed)
     assert float(totals[-1][1]) == pytest.approx(-result.force_n, rel=0.005)

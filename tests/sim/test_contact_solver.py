@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from sim.contact import solver
 from sim.contact.control import ForceNotReachedError, solve_for_force
+from sim.contact.points import ContactPoints, Pose, displaced_gap
 from sim.contact.shapes import parse_shape
-from sim.contact.solver import ContactState, Pose, solve_contact
+from sim.contact.solver import ContactState, solve_contact
 from sim.contact.touch import first_touch
 from sim.finger.surface import FingertipSurface
 from sim.fingertip import Fingertip
@@ -21,31 +22,32 @@ Array = NDArray[np.float64]
 def pose_of(result: IndentationResult) -> Pose:
     """The pose of a result."""
     height = result.touch_height_mm - result.doi_mm
-    return Pose(result.profile, result.x_mm, height, max(result.doi_mm, 1e-3))
+    return Pose(result.indentor, (result.x_mm,), height, max(result.doi_mm, 1e-3))
 
 
 def residual_by_definition(finger: Fingertip, pose: Pose, state: ContactState) -> float:
     """Largest of mismatch of u, penetration, complementarity |min(λN / max λN, g / (N D))| and tension / peak.
 
-    D = max(DOI, 1 µm), N = √(1 + h′²): g / N and λN are along the unit normal. Everything at the final u and over
-    all patch nodes.
+    D = max(DOI, 1 µm), N = √(1 + h′²): g / N and λN are along the unit normal. Everything at the final u, over all
+    patch nodes and the points between nodes that carry force.
     """
-    patch = finger.model.patch
-    x, y, _ = patch.position_mm.T
-    ux, uy = state.displacement
-    h, slope, _ = pose.profile.evaluate(x + ux - pose.x_mm)
-    gap = pose.height_mm + h - (y + uy)
-    norm, depth, force = np.sqrt(1 + slope**2), pose.scale_mm, state.multiplier
-    n = len(x)
-    c = patch.compliance
-    fx, fy = slope * force, -force
+    patch, points = finger.model.patch, state.points
+    n = len(patch)
+    at = points.weights(patch).toarray()
+    h, slope, _ = pose.indentor.profile.evaluate(at @ (patch.x + state.displacement[0]) - pose.at_mm[0])
+    gap = pose.height_mm + h - at @ (patch.y + state.displacement[1])
+    norm, depth = np.sqrt(1 + slope**2), pose.scale_mm
+    fx, fy = at.T @ (slope * state.multiplier), -at.T @ state.multiplier
+    c, (ux, uy) = patch.compliance, state.displacement
     mismatch = max(
         np.abs(c[:n, :n] @ fx + c[:n, n:] @ fy - ux).max(), np.abs(c[n:, :n] @ fx + c[n:, n:] @ fy - uy).max()
     )
-    normal = force * norm
+    normal = state.multiplier * norm
     peak = normal.max()
     complementarity = np.abs(np.minimum(normal / peak, gap / (norm * depth))).max()
-    penetration = np.maximum(0.0, -gap / norm).max()
+    h, slope, _ = pose.indentor.profile.evaluate(patch.x + ux - pose.at_mm[0])
+    everywhere = (pose.height_mm + h - patch.y - uy) / np.sqrt(1 + slope**2)
+    penetration = np.maximum(0.0, -everywhere).max()
     tension = np.maximum(0.0, -normal).max()
     return float(max(mismatch / depth, penetration / depth, complementarity, tension / peak))
 
@@ -76,8 +78,8 @@ def test_an_unfinished_solve_says_so(finger: Fingertip, monkeypatch: pytest.Monk
     # This scene takes some 30 passes: after one the residual is large and equals the definition, not a wish.
     monkeypatch.setattr(solver, "MAX_PASSES", 1)
     height = finger.touch_height_mm("bar:3.0", 0.0) - 1.33
-    done = Pose(parse_shape("bar:3.0"), 0.0, height, 1.33)
-    state = solve_contact(finger.model.patch, done)
+    done = Pose(parse_shape("bar:3.0"), (0.0,), height, 1.33)
+    state = solve_contact(finger.model.patch, done, between_nodes=False)
     assert state.passes == 1
     assert not state.converged
     assert state.residual > 1e-6
@@ -88,18 +90,10 @@ def test_an_unfinished_solve_says_so(finger: Fingertip, monkeypatch: pytest.Monk
 def test_a_perturbed_multiplier_has_a_large_residual(finger: Fingertip, factor: float) -> None:
     # One force off by δ moves its node by δ times its own compliance: seen at once by the mismatch of u.
     result = finger.indent("step:1", -1.63, doi_mm=0.73)
-    state, pose = result.state, pose_of(result)
-    nodes = np.flatnonzero(state.active)
-    multiplier = state.multiplier[nodes].copy()
+    multiplier = result.state.multiplier.copy()
     multiplier[np.argmax(multiplier)] *= factor
-    _, slope, _ = pose.gap(finger.model.patch, *state.displacement[:, nodes], nodes)
-    wrong = solver._state(finger.model.patch, pose, nodes, multiplier, slope, 1)
-    expected = 1e-3 * abs(factor - 1)
-    assert wrong.residual > max(expected, 2e-9)
-    assert wrong.residual == pytest.approx(residual_by_definition(finger, pose, wrong), rel=1e-6, abs=1e-13)
-    assert not wrong.converged or abs(factor - 1) < 1e-5
-    stale = replace(state, multiplier=state.multiplier * factor)
-    assert residual_by_definition(finger, pose, stale) > 1e-3 * abs(factor - 1)
+    wrong = replace(result.state, multiplier=multiplier)
+    assert residual_by_definition(finger, pose_of(result), wrong) > max(1e-3 * abs(factor - 1), 2e-10)
 
 
 def test_forces_balance_and_point_into_the_skin(finger: Fingertip) -> None:
@@ -108,14 +102,17 @@ def test_forces_balance_and_point_into_the_skin(finger: Fingertip) -> None:
     fx, fy = state.force
     assert (fy <= 0).all()
     assert state.normal_force == pytest.approx(-fy.sum(), rel=1e-15)
-    _, slope, _ = pose_of(result).gap(finger.model.patch, *state.displacement, slice(None))
-    np.testing.assert_allclose(fx, -slope * fy, rtol=0, atol=1e-8 * np.abs(fy).max())  # frictionless: along (h′, −1)
+    slope = displaced_gap(pose_of(result), finger.model.patch, state.displacement, state.points).slope[0]
+    across = (slope * state.multiplier) @ state.points.weights(finger.model.patch)
+    np.testing.assert_allclose(fx, across, rtol=0, atol=1e-8 * np.abs(fy).max())  # frictionless: along (h′, −1)
     assert (fx[state.active] >= -1e-12 * np.abs(fy).max()).all()  # the flank faces +x: its skin is pushed to +x
 
 
 def test_no_contact_above_the_skin(finger: Fingertip) -> None:
     height = finger.touch_height_mm("bar:3.0", 0.0)
-    state = solve_contact(finger.model.patch, Pose(parse_shape("bar:3.0"), 0.0, height + 0.01, 1e-3))
+    state = solve_contact(
+        finger.model.patch, Pose(parse_shape("bar:3.0"), (0.0,), height + 0.01, 1e-3), between_nodes=True
+    )
     assert state.normal_force == 0.0
     assert state.converged
     assert not state.displacement.any()
@@ -151,10 +148,11 @@ def test_first_touch_is_the_lowest_of_all_points(
     # Sampling misses the true touch by h″ dx² / 8, 6e-6 mm on step 1 (h″ = 12/mm) and 1e-5 on a bar's edge
     # (h″ = 20 … 60/mm there), and the skin by 1e-6: brute force is lower by at most 3e-5 and never higher than 1e-6.
     x, top = sampled_skin
-    profile = parse_shape(shape)
+    indentor = parse_shape(shape)
+    profile = indentor.profile
     for position in (-2.4, -1.63, -0.333, 0.0, 0.111, 1.0, 2.0):
         brute = float((top - profile.evaluate(x - position)[0]).max())
-        height, at = first_touch(profile, position, skin.ridge)
+        height, (at,) = first_touch(indentor, (position,), skin)
         assert brute - 1e-6 <= height <= brute + 3e-5
         where = float(skin.ridge(at) - profile.evaluate(np.array([at - position]))[0][0])
         assert where == pytest.approx(height, abs=1e-12)
@@ -181,7 +179,7 @@ class Spring:
         self.asked += 1
         force = 3.0 * doi**self.exponent * (1.0 if doi < self.jump_at else 1.1)
         empty = np.zeros(0)
-        return ContactState(empty, empty, np.array([[0.0], [-force]]), empty, 0.0, 1)
+        return ContactState(ContactPoints.none(), empty, empty, np.array([[0.0], [-force]]), empty, 0.0, 1)
 
 
 @pytest.mark.parametrize("exponent", [1.0, 1.5, 2.2])

@@ -125,7 +125,8 @@ def test_79_characters_are_a_line_and_80_are_too_many(bench: Bench) -> None:
 @pytest.mark.parametrize(
     ("line", "code"),
     [
-        (b"G92X0", 20), (b"G10L2P1X0", 20), (b"M3", 20), (b"G2X1Y1R1F100", 20),
+        (b"G92X0", 20), (b"G10L2P1X0", 20), (b"M7", 20), (b"M8M9", 21), (b"$J=M8X1F100", 16), (b"S-1", 4),
+        (b"G2X1Y1R1F100", 20),
         (b"G38.2Z-1F10", 20), (b"A1", 20), (b"G1X-2", 22), (b"G1X-2F0", 22),
         (b"G1X-2F-3", 4), (b"G0G1X-2", 21), (b"X-2X-3", 25), (b"G4", 28),
         (b"G4P-1", 4), (b"=", 1), (b"GX", 2), (b"G0X-2P1", 36),
@@ -494,6 +495,38 @@ def test_door_in_homing_is_alarm_7(locked: Bench) -> None:
     locked.hear()
     locked.say(b"$H\n", 1.0)
     assert locked.say(b"\x84", 1.0) == b"ALARM:7\r\nok\r\n" + BANNER + UNLOCK
+
+
+# --- outputs ---
+
+
+def test_coolant_and_spindle_are_switched_and_reported(bench: Bench) -> None:
+    assert bench.say(b"M8\n") == b"ok\r\n"
+    assert b"|Ov:100,100,100|A:F>" in bench.say(b"?")
+    assert bench.say(b"M3 S500\n") == b"ok\r\n"
+    status = bench.say(b"?")
+    assert b"|FS:0,500|" in status
+    assert b"|A:SF>" in status
+    assert b"M3 M8 T0 F0 S500]" in bench.say(b"$G\n")
+    assert bench.say(b"M5M9\n") == b"ok\r\n"
+    assert b"A:" not in bench.say(b"?")
+    assert [word for _, word in bench.board.outputs] == ["M8", "M3", "M5", "M9"]
+
+
+def test_an_output_waits_for_the_motion_before_it(bench: Bench) -> None:
+    bench.say(b"G53G1X-2F60\n")
+    assert bench.say(b"M8\n", 0.5) == b""
+    assert bench.hear(1.0) == b"ok\r\n"
+    ((t_s, word),) = bench.board.outputs
+    # 1 mm at 1 mm/s and 50 mm/s²
+    assert (word, t_s) == ("M8", pytest.approx(bench.clock.monotonic_s() - 1.51 + 1.01, abs=0.011))
+
+
+def test_a_reset_switches_outputs_off(bench: Bench) -> None:
+    bench.say(b"M8\n")
+    bench.say(b"\x18")
+    assert [word for _, word in bench.board.outputs] == ["M8", "M9"]
+    assert b"M5 M9" in bench.say(b"$G\n")
 
 
 # --- g-code ---

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim.contact.indentors import BAR_EDGE_RADIUS_MM, STEEPEST_SLOPE, Bar, Step
-from sim.contact.shapes import NOT_BUILT, ShapeError, parse_shape
+from sim.contact.profiles import BAR_EDGE_RADIUS_MM, STEEPEST_SLOPE, Bar, Step
+from sim.contact.shapes import ShapeError, parse_shape
 
 Array = NDArray[np.float64]
 
@@ -15,7 +15,7 @@ SHAPES = ("bar:3.0", "bar:1.5", "cylinder:3", "cylinder:9", "step:1", "step:3", 
 
 
 def height(shape: str, s: float) -> float:
-    return float(parse_shape(shape).evaluate(np.array([s]))[0][0])
+    return float(parse_shape(shape).profile.evaluate(np.array([s]))[0][0])
 
 
 @pytest.mark.parametrize(
@@ -67,7 +67,7 @@ def test_step_three_lies_between_one_and_five() -> None:
 def test_derivatives_against_finite_differences(shape: str) -> None:
     # Central differences, away from the joints of arcs, flats and flanks. h = 1e-5 mm: truncation h² h'''' / 6 stays
     # below 1e-6 of slopes and curvatures on the bar's 0.05 mm edge to 60°, round-off of h'' is 2e-16 / h² = 2e-6.
-    profile = parse_shape(shape)
+    profile = parse_shape(shape).profile
     h = 1e-5
     if isinstance(profile, Bar):
         edge = 0.5 * profile.width_mm - BAR_EDGE_RADIUS_MM
@@ -86,7 +86,7 @@ def test_derivatives_against_finite_differences(shape: str) -> None:
 @pytest.mark.parametrize("shape", SHAPES)
 def test_height_and_slope_are_continuous(shape: str) -> None:
     # No jump at any joint: between samples 1 µm apart neither changes by more than its derivative allows.
-    profile = parse_shape(shape)
+    profile = parse_shape(shape).profile
     s = np.arange(-1.2, 1.2, 1e-6 if "bar" in shape else 1e-4)
     if isinstance(profile, Bar):
         s = 0.5 * profile.width_mm - 0.055 + np.arange(0, 0.054, 1e-6)  # up to 0.06 of the radius before the flank
@@ -101,7 +101,7 @@ def test_height_and_slope_are_continuous(shape: str) -> None:
 
 @pytest.mark.parametrize("shape", ["bar:3.0", "cylinder:3"])
 def test_symmetry_and_steep_sides(shape: str) -> None:
-    profile = parse_shape(shape)
+    profile = parse_shape(shape).profile
     s = np.linspace(0, 1.6, 400)
     right, left = profile.evaluate(s), profile.evaluate(-s)
     np.testing.assert_array_equal(right[0], left[0])
@@ -114,7 +114,7 @@ def test_symmetry_and_steep_sides(shape: str) -> None:
 def test_tangents_past_the_edge_touch_the_profile(shape: str) -> None:
     # A node beside the edge and below the circle's centre gets the tangent plane at the closest point of the circle:
     # its distance to the plane is its distance to the circle.
-    profile = parse_shape(shape)
+    profile = parse_shape(shape).profile
     r = profile.edge_radius_mm if isinstance(profile, Bar) else 1.5
     half = 0.5 * profile.width_mm if isinstance(profile, Bar) else 1.5
     for out, y in ((0.01, 0.2 * r), (0.1, -0.1), (0.3, -0.5)):
@@ -129,7 +129,7 @@ def test_tangents_past_the_edge_touch_the_profile(shape: str) -> None:
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_tangent_is_the_profile_within_the_edges(shape: str) -> None:
-    profile = parse_shape(shape)
+    profile = parse_shape(shape).profile
     s = np.linspace(-0.7, 0.7, 57)
     for a, b in zip(profile.evaluate(s), profile.tangent(s, 0 * s), strict=True):
         np.testing.assert_array_equal(a, b)
@@ -167,10 +167,33 @@ def test_refusals_say_what_was_expected(text: str, expected: str) -> None:
     assert isinstance(error.value, ValueError)
 
 
-@pytest.mark.parametrize("kind", NOT_BUILT)
-def test_shapes_of_the_future_are_refused_by_name(kind: str) -> None:
-    with pytest.raises(ShapeError, match="is not built yet, expected bar:WIDTH"):
-        parse_shape(f"{kind}:1")
+def test_a_point_load_is_no_indentor() -> None:
+    with pytest.raises(ShapeError, match="a point load is no contact, expected bar:WIDTH"):
+        parse_shape("point")
+
+
+@pytest.mark.parametrize("shape", ["sphere:3", "cone:60", "flat:1.5"])
+def test_round_shapes_turn_their_profile(shape: str) -> None:
+    # Central differences of the height give slope and curvature in both directions; h = 1e-5 mm as above. Off the
+    # axis by a few hundredths and more: a cone's tip is round to 0.05 mm.
+    indentor = parse_shape(shape)
+    rng = np.random.default_rng(3)
+    at = rng.uniform(0.1, 0.9, size=(2, 40)) * rng.choice([-1, 1], size=(2, 40))
+    height_mm, slope, curvature = indentor.evaluate(at)
+    np.testing.assert_allclose(height_mm, indentor.profile.evaluate(np.hypot(*at))[0])
+    h = 1e-5
+    for axis in (0, 1):
+        step = h * np.eye(2)[:, axis : axis + 1]
+        low, high = indentor.evaluate(at - step), indentor.evaluate(at + step)
+        np.testing.assert_allclose((high.height_mm - low.height_mm) / (2 * h), slope[axis], rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose((high.slope - low.slope) / (2 * h), curvature[:, axis], rtol=1e-5, atol=1e-8)
+
+
+def test_a_sphere_is_round_at_its_pole() -> None:
+    pole = parse_shape("sphere:2").evaluate(np.zeros((2, 1)))
+    assert pole.height_mm[0] == 0.0
+    assert not pole.slope.any()
+    np.testing.assert_allclose(pole.curvature[:, :, 0], 0.5 * np.eye(2))
 
 
 def write(path: Path, *lines: str) -> str:
@@ -180,7 +203,7 @@ def write(path: Path, *lines: str) -> str:
 
 def test_a_profile_goes_through_its_points(tmp_path: Path) -> None:
     file = write(tmp_path / "mine.csv", "x_mm,height_mm", "-1,0.7", "0,0.2", "0.5,0.3", "2,1.2")
-    profile = parse_shape(f"profile:{file}")
+    profile = parse_shape(f"profile:{file}").profile
     h, slope, _ = profile.evaluate(np.array([-1.0, 0.0, 0.5, 2.0]))
     np.testing.assert_allclose(h, [0.5, 0.0, 0.1, 1.0], atol=1e-15)  # above the lowest point
     assert slope[1] == 0.0  # PCHIP: no overshoot below the lowest point
@@ -190,9 +213,18 @@ def test_a_profile_goes_through_its_points(tmp_path: Path) -> None:
     assert (profile.evaluate(s)[0] >= 0).all()
 
 
+def test_straight_lines_between_points_have_small_fillets(tmp_path: Path) -> None:
+    # A fillet of ± w about a kink lies w |Δm| / 4 inside it at most: w = 0.02 mm, slopes −1 and 0.5.
+    file = write(tmp_path / "mine.csv", "x_mm,height_mm", "-1,1", "0,0", "2,1")
+    profile = parse_shape(f"profile:{file},linear").profile
+    h, slope, _ = profile.evaluate(np.array([-0.5, -0.02, 0.0, 0.02, 1.0]))
+    np.testing.assert_allclose(h, [0.5, 0.02, 0.02 * 1.5 / 4, 0.01, 0.5], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(slope, [-1, -1, -0.25, 0.5, 0.5], rtol=0, atol=1e-12)
+
+
 def test_beyond_its_ends_a_profile_is_a_wall(tmp_path: Path) -> None:
     file = write(tmp_path / "mine.csv", "x_mm,height_mm", "-1,0", "1,0.2")
-    profile = parse_shape(f"profile:{file}")
+    profile = parse_shape(f"profile:{file}").profile
     assert profile.evaluate(np.array([1.01]))[0][0] == pytest.approx(0.2 + 0.01 * STEEPEST_SLOPE)
     # below the end and beside it: the plane through the end point, square to the way there
     h, slope, _ = profile.tangent(np.array([1.3]), np.array([0.2 - 0.4]))

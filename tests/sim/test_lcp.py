@@ -14,12 +14,18 @@ Array = NDArray[np.float64]
 
 
 def solve(w: Array, q: Array, start: NDArray[np.bool_]) -> LcpSolution | None:
-    return solve_lcp(q, lambda index: np.asfortranarray(w[np.ix_(index, index)]), lambda x: w @ x, start)
+    return solve_lcp(q, w, start)
+
+
+def raised(w: Array) -> Array:
+    """W as the solver takes it: its diagonal raised by 1e-11, so that equal rows can be told apart."""
+    return w + 1e-11 * np.diag(np.diag(w))
 
 
 def check(w: Array, q: Array, solution: LcpSolution | None) -> None:
     """The three conditions; 1e-10 of their scale is round-off times the condition of W (≤ 1e4 here)."""
     assert solution is not None
+    w = raised(w)
     x = solution.multipliers
     slack = q + w @ x
     scale = np.abs(q).max() + 1e-300
@@ -30,7 +36,9 @@ def check(w: Array, q: Array, solution: LcpSolution | None) -> None:
     active[solution.active] = True
     assert (x[~active] == 0).all()
     lower = np.tril(solution.factor)
-    np.testing.assert_allclose(lower @ lower.T, w[np.ix_(active, active)], rtol=0, atol=1e-12 * np.abs(w).max())
+    np.testing.assert_allclose(
+        lower @ lower.T, w[np.ix_(solution.active, solution.active)], rtol=0, atol=1e-12 * np.abs(w).max()
+    )
 
 
 @settings(max_examples=150, deadline=None)
@@ -49,7 +57,7 @@ def test_the_solution_is_the_one_of_all_active_sets(n: int, seed: int) -> None:
     # A definite W has exactly one solution: found here by trying all 2ⁿ sets.
     rng = np.random.default_rng(seed)
     m = rng.normal(size=(n, n))
-    w, q = m @ m.T + 0.1 * np.eye(n), rng.normal(size=n)
+    w, q = raised(m @ m.T + 0.1 * np.eye(n)), rng.normal(size=n)
     found = []
     for mask in itertools.product([False, True], repeat=n):
         a = np.array(mask)
@@ -83,7 +91,31 @@ def test_nothing_to_do_and_everything_active() -> None:
     np.testing.assert_array_equal(open_gap.multipliers, [0.0, 0.0])
     closed = solve(w, np.array([-3.0, -3.0]), np.array([False, False]))
     assert closed is not None
-    np.testing.assert_allclose(closed.multipliers, [1.0, 1.0], rtol=1e-15)
+    np.testing.assert_allclose(closed.multipliers, [1.0, 1.0], rtol=2e-11)  # the diagonal is raised by 1e-11
+
+
+def test_points_that_cannot_be_told_apart_share_a_load() -> None:
+    # The middle of a straight, stiff segment and its two ends: the third row is the mean of the others.
+    ends = np.array([[1.0, 0.0], [0.0, 1.0], [0.5, 0.5]])
+    w, q = ends @ np.array([[2.0, 0.5], [0.5, 2.0]]) @ ends.T, ends @ np.array([-1.0, -1.0])
+    for start in itertools.product([False, True], repeat=3):
+        solution = solve(w, q, np.array(start))
+        check(w, q, solution)
+        assert solution is not None
+        # forces on the two ends are unique: (2 + 0.5) f = 1
+        np.testing.assert_allclose(ends.T @ solution.multipliers, [0.4, 0.4], rtol=0, atol=1e-9)
+
+
+def test_more_points_than_the_skin_has_freedoms() -> None:
+    # 60 points on a chain of 11 nodes under an arc: exchanging all at once cycles, one by one it ends.
+    along = np.linspace(0, 10, 60)
+    hat = np.maximum(0.0, 1 - np.abs(along[:, None] - np.arange(11)))
+    stiff = np.exp(-np.abs(np.subtract.outer(np.arange(11), np.arange(11))) / 2.0)
+    w, q = hat @ stiff @ hat.T, 0.02 * (along - 4.3) ** 2 - 0.2
+    solution = solve(w, q, q < 0)
+    check(w, q, solution)
+    assert solution is not None
+    assert len(solution.active) <= 11
 
 
 def test_a_matrix_that_is_not_definite_has_no_answer() -> None:

@@ -4,12 +4,12 @@ import pytest
 
 from sim.contact.shapes import ShapeError
 from sim.fingertip import Fingertip, ModelRangeError
-from sim.plant import Placement, Plant, Screws
+from sim.plant import Carriage, Placement, Plant, Screws
 
 PLACE = Placement(pad_centre_x_mm=-30.0, apex_z_mm=-25.0)
 
 
-class Carriage:
+class Steps:
     """Steps that a test sets by hand; 400 steps make one commanded millimetre."""
 
     def __init__(self) -> None:
@@ -23,17 +23,17 @@ class Carriage:
 
 
 @pytest.fixture
-def carriage() -> Carriage:
-    return Carriage()
+def carriage() -> Steps:
+    return Steps()
 
 
-def plant_of(finger: Fingertip, carriage: Carriage, screws: Screws | None = None) -> Plant:
-    plant = Plant(finger, carriage, screws, PLACE)
+def plant_of(finger: Fingertip, carriage: Steps, screws: Screws | None = None) -> Plant:
+    plant = Plant(finger, Carriage(carriage, screws or Screws(), PLACE))
     plant.mount("step:5")
     return plant
 
 
-def test_pose_in_the_fingers_frame(finger: Fingertip, carriage: Carriage) -> None:
+def test_pose_in_the_fingers_frame(finger: Fingertip, carriage: Steps) -> None:
     plant = plant_of(finger, carriage)
     carriage.command(-31.0, -25.5)
     pose = plant.pose_at(0.0)
@@ -42,7 +42,7 @@ def test_pose_in_the_fingers_frame(finger: Fingertip, carriage: Carriage) -> Non
     assert pose.doi_mm == pytest.approx(finger.touch_height_mm("step:5", -1.0) - pose.height_mm, abs=1e-12)
 
 
-def test_no_force_above_the_skin_and_none_is_computed(finger: Fingertip, carriage: Carriage) -> None:
+def test_no_force_above_the_skin_and_none_is_computed(finger: Fingertip, carriage: Steps) -> None:
     plant = plant_of(finger, carriage)
     for z in (0.0, -20.0, -24.9):
         carriage.command(-30.0, z)
@@ -51,14 +51,14 @@ def test_no_force_above_the_skin_and_none_is_computed(finger: Fingertip, carriag
     assert plant.contact_solves == 0
 
 
-def test_no_force_without_an_indentor(finger: Fingertip, carriage: Carriage) -> None:
-    plant = Plant(finger, carriage, None, PLACE)
+def test_no_force_without_an_indentor(finger: Fingertip, carriage: Steps) -> None:
+    plant = Plant(finger, Carriage(carriage, Screws(), PLACE))
     carriage.command(-30.0, -26.0)
     assert plant.force_n(0.0) == 0.0
     assert plant.pose_at(0.0).doi_mm == float("-inf")
 
 
-def test_force_is_that_of_the_model_at_the_true_pose(finger: Fingertip, carriage: Carriage) -> None:
+def test_force_is_that_of_the_model_at_the_true_pose(finger: Fingertip, carriage: Steps) -> None:
     plant = plant_of(finger, carriage)
     carriage.command(-31.0, -25.5)
     pose = plant.pose_at(0.0)
@@ -66,7 +66,7 @@ def test_force_is_that_of_the_model_at_the_true_pose(finger: Fingertip, carriage
     assert plant.force_n(0.0) == finger.indent("step:5", pose.x_mm, doi_mm=pose.doi_mm).force_n
 
 
-def test_whole_steps_not_commanded_millimetres(finger: Fingertip, carriage: Carriage) -> None:
+def test_whole_steps_not_commanded_millimetres(finger: Fingertip, carriage: Steps) -> None:
     # 1 µm is 0.4 of a step: commands that round to the same step are one pose and one force.
     plant = plant_of(finger, carriage)
     forces = []
@@ -80,7 +80,7 @@ def test_whole_steps_not_commanded_millimetres(finger: Fingertip, carriage: Carr
     assert forces[2] > forces[0]
 
 
-def test_a_screw_two_percent_off(finger: Fingertip, carriage: Carriage) -> None:
+def test_a_screw_two_percent_off(finger: Fingertip, carriage: Steps) -> None:
     # A screw that travels 2 % more for each step: x and z are 1.02 of what was commanded, from the switches. 30.5 mm
     # commanded are 31.11 mm; the finger stays where it is.
     true, wrong = plant_of(finger, carriage), plant_of(finger, carriage, Screws(400 / 1.02, 400 / 1.02))
@@ -96,7 +96,7 @@ def test_a_screw_two_percent_off(finger: Fingertip, carriage: Carriage) -> None:
     assert wrong.force_n(0.0) == finger.indent("step:5", bad.x_mm, doi_mm=bad.doi_mm).force_n > 0
 
 
-def test_only_the_wrong_axis_is_wrong(finger: Fingertip, carriage: Carriage) -> None:
+def test_only_the_wrong_axis_is_wrong(finger: Fingertip, carriage: Steps) -> None:
     plant = plant_of(finger, carriage, Screws(x_steps_per_mm=400 / 1.02))
     carriage.command(-30.5, -25.4)
     pose = plant.pose_at(0.0)
@@ -104,7 +104,7 @@ def test_only_the_wrong_axis_is_wrong(finger: Fingertip, carriage: Carriage) -> 
     assert pose.height_mm == pytest.approx(finger.apex_height_mm - 0.4, abs=1e-12)
 
 
-def test_pressing_in_steps_is_pressing_at_once(finger: Fingertip, carriage: Carriage) -> None:
+def test_pressing_in_steps_is_pressing_at_once(finger: Fingertip, carriage: Steps) -> None:
     # Step 5 has no sharp corner: the branch by continuation is that from rest, to the solver's residual.
     plant = plant_of(finger, carriage)
     for n in range(1, 11):
@@ -115,14 +115,14 @@ def test_pressing_in_steps_is_pressing_at_once(finger: Fingertip, carriage: Carr
     assert plant.contact_solves <= 10
 
 
-def test_an_unchanged_pose_is_not_solved_again(finger: Fingertip, carriage: Carriage) -> None:
+def test_an_unchanged_pose_is_not_solved_again(finger: Fingertip, carriage: Steps) -> None:
     plant = plant_of(finger, carriage)
     carriage.command(-31.0, -25.4)
     assert plant.force_n(0.0) == plant.force_n(1.0)
     assert plant.contact_solves == 1
 
 
-def test_another_indentor_is_another_force(finger: Fingertip, carriage: Carriage) -> None:
+def test_another_indentor_is_another_force(finger: Fingertip, carriage: Steps) -> None:
     plant = plant_of(finger, carriage)
     carriage.command(-30.0, -25.4)
     step = plant.force_n(0.0)
@@ -134,7 +134,7 @@ def test_another_indentor_is_another_force(finger: Fingertip, carriage: Carriage
         plant.mount("spoon")
 
 
-def test_too_deep_is_refused_not_guessed(finger: Fingertip, carriage: Carriage) -> None:
+def test_too_deep_is_refused_not_guessed(finger: Fingertip, carriage: Steps) -> None:
     plant = plant_of(finger, carriage)
     carriage.command(-30.0, -28.0)
     with pytest.raises(ModelRangeError, match="expected 0 < DOI ≤ 2 mm"):

@@ -8,7 +8,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from sim.contact.indentors import Bar, Grating, Profile
+from sim.contact.profiles import Bar, Grating, Profile
 from sim.fingertip import Fingertip
 
 POSES = 120

@@ -68,10 +68,10 @@ def test_contact_holds_on_the_whole_solution(whole: Whole, default_mesh: FingerM
     skin = skin[default_mesh.nodes[skin, 1] > 0]
     for result, u in zip(whole.results, whole.displacement, strict=True):
         x, y, _ = (default_mesh.nodes + u).T
-        h, slope, _ = result.profile.evaluate(x - result.x_mm)
+        h, slope, _ = result.indentor.profile.evaluate(x - result.x_mm)
         gap = (result.touch_height_mm - result.doi_mm + h - y) / np.hypot(1, slope)
         assert gap[skin].min() >= -1e-8 * result.doi_mm
-        touching = default_mesh.patch_nodes[result.state.active]
+        touching = default_mesh.patch_nodes[result.state.held.nodes]
         assert np.abs(gap[touching]).max() <= 1e-8 * result.doi_mm
 
 

@@ -1,4 +1,4 @@
-"""Rigid indentors prismatic along z: height of the profile above its lowest point, and two derivatives.
+"""Profiles of rigid indentors: height above the lowest point, and two derivatives.
 
 Shapes and dimensions: Raju (1998, ch. 4). The lateral coordinate s is measured from the reference point.
 """
@@ -27,11 +27,15 @@ STEEPEST_SLOPE = 1000.0
 
 
 class Profile(Protocol):
-    """A rigid profile, constant along z."""
+    """A rigid profile."""
 
     @property
     def name(self) -> str:
         """The shape as it is written on the command line."""
+
+    @property
+    def sharpest_radius_mm(self) -> float:
+        """Smallest radius of curvature of its convex parts; 0 for an edge."""
 
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
         """Height h (mm), dh/ds and d²h/ds² (1/mm) at s."""
@@ -57,6 +61,11 @@ class Bar:
         """The shape as it is written on the command line."""
         return f"bar:{self.width_mm:g}"
 
+    @property
+    def sharpest_radius_mm(self) -> float:
+        """Smallest radius of curvature of its convex parts."""
+        return self.edge_radius_mm
+
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
         """Height, slope and curvature."""
         r = self.edge_radius_mm
@@ -79,6 +88,11 @@ class Cylinder:
         """The shape as it is written on the command line."""
         return f"cylinder:{self.diameter_mm:g}"
 
+    @property
+    def sharpest_radius_mm(self) -> float:
+        """Smallest radius of curvature of its convex parts."""
+        return 0.5 * self.diameter_mm
+
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
         """Height, slope and curvature of the lower half."""
         return arc(np.abs(s_mm), 0.5 * self.diameter_mm, np.sign(s_mm))
@@ -98,6 +112,11 @@ class Step(Profile):
     def name(self) -> str:
         """The shape as it is written on the command line."""
         return f"step:{self.number}"
+
+    @property
+    def sharpest_radius_mm(self) -> float:
+        """Smallest radius of curvature of its convex parts."""
+        return (STEP_HALF_WAVELENGTH_MM[self.number] / np.pi) ** 2 / (0.5 * STEP_HEIGHT_MM)
 
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
         """Height, slope and curvature: h = 0.25 (1 − cos πs/L) on the flank."""
@@ -120,6 +139,11 @@ class Wedge(Profile):
         """The shape as it is written on the command line."""
         return f"wedge:{self.half_angle_deg:g}"
 
+    @property
+    def sharpest_radius_mm(self) -> float:
+        """Smallest radius of curvature of its convex parts."""
+        return self.tip_radius_mm
+
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
         """Height, slope and curvature: a circle up to the flank's slope, then the flank."""
         steepest = 1.0 / np.tan(np.radians(self.half_angle_deg))
@@ -138,6 +162,11 @@ class Grating:
     def name(self) -> str:
         """The shape as it is written on the command line."""
         return f"grating:{self.ridge_mm:g},{self.pitch_mm:g}"
+
+    @property
+    def sharpest_radius_mm(self) -> float:
+        """Smallest radius of curvature of its convex parts."""
+        return self.edge_radius_mm
 
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
         """Height, slope and curvature; the groove's floor where the flank would rise above it."""

@@ -1,0 +1,118 @@
+"""`rig calibrate`: measure the rig with a caliper and a known mass, and say what belongs into the configuration."""
+
+import statistics
+import sys
+from contextlib import closing
+from typing import Annotated, get_args
+
+import typer
+
+from rig.bench import open_force
+from rig.cli.bench import ConfigOption, JsonOption, stage_at_hand
+from rig.cli.interrupts import at_once
+from rig.cli.output import err, out, print_json, told_in_one_line
+from rig.clock import WallClock
+from rig.force.base import ForceSensor
+from rig.protocol.calibration import as_table
+from rig.protocol.config import load_config
+from rig.protocol.errors import BadInputError
+from rig.run.jog import Direction, dead_man_jog
+from rig.stage.base import Axis
+from rig.units import GWT_N
+
+_READINGS = 20
+# Beyond this it is not a calibration that is wrong but a setting or a unit.
+_LARGEST_CORRECTION = 0.2
+
+ValidDays = Annotated[int, typer.Option(metavar="N", min=1, max=3650, help="How long the calibration may be used.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands."""
+    calibrate = typer.Typer(help="Measure the rig: steps/mm and the force scale.", no_args_is_help=True)
+    calibrate.command("steps", help="Move an axis, measure how far it went, get its steps/mm.")(steps)
+    calibrate.command("force", help="Weigh a known mass, get the force scale.")(force)
+    app.add_typer(calibrate, name="calibrate")
+
+
+def steps(
+    config: ConfigOption,
+    axis: Annotated[str, typer.Option(metavar="x|y|z")],
+    by_mm: Annotated[float, typer.Option(metavar="D", help="How far to move, + or −.")] = -20.0,
+    speed_mm_s: Annotated[float, typer.Option(metavar="V", min=0.1, max=10)] = 2.0,
+    valid_days: ValidDays = 365,
+    as_json: JsonOption = False,
+) -> None:
+    """Home first, clear the way, and have a caliper or a dial gauge on the carriage."""
+    with told_in_one_line(as_json=as_json):
+        settings = load_config(config)
+        known: tuple[Axis, ...] = get_args(Axis)
+        found = next((one for one in known if one == axis), None)
+        if found is None:
+            raise BadInputError(f"--axis {axis}: expected x, y or z")
+        direction = Direction(found, 1 if by_mm > 0 else -1)
+        with stage_at_hand(settings) as (stage, clock):
+            now_per_mm, start = stage.steps_per_mm(found), stage.status()
+            end = dead_man_jog(stage, clock, lambda: direction, speed_mm_s, abs(by_mm))
+        moved_mm = abs(getattr(end, f"{axis}_mm") - getattr(start, f"{axis}_mm"))
+        measured_mm = _asked(f"the board says {moved_mm:.3f} mm; how many did you measure, in mm?")
+        value = now_per_mm * _ratio(moved_mm, measured_mm)
+        _tell(f"{axis}_steps_per_mm", value, valid_days, as_json=as_json)
+
+
+def force(
+    config: ConfigOption,
+    mass_g: Annotated[float, typer.Option(metavar="M", min=0.1, max=500, help="The known mass.")],
+    valid_days: ValidDays = 180,
+    as_json: JsonOption = False,
+) -> None:
+    """The sensor must lie so that a mass on it presses the way the indentor will."""
+    with told_in_one_line(as_json=as_json), at_once():
+        settings, clock = load_config(config), WallClock()
+        with closing(open_force(settings, clock)) as sensor:
+            sensor.connect()
+            sensor.zero()
+            _wait_for_enter(f"put {mass_g:g} g on the sensor, then press Enter")
+            read_n = _mean_n(sensor, clock)
+        before = settings.calibration.value("force_scale", 1.0)
+        _tell("force_scale", before * _ratio(mass_g * GWT_N, read_n), valid_days, as_json=as_json)
+
+
+def _mean_n(sensor: ForceSensor, clock: WallClock) -> float:
+    readings = []
+    for _ in range(_READINGS):
+        clock.wait_s(sensor.sample_period_s)
+        readings.append(sensor.read().force_n)
+    return statistics.fmean(readings)
+
+
+def _ratio(expected: float, found: float) -> float:
+    if not abs(found) > 0 or abs(expected / found - 1) > _LARGEST_CORRECTION:
+        raise BadInputError(
+            f"{found:g} instead of {expected:g}: expected a difference of 20 % at most; nothing changed"
+        )
+    return expected / found
+
+
+def _wait_for_enter(question: str) -> str:
+    err.print(question)
+    answer = sys.stdin.readline()
+    if not answer:
+        raise BadInputError("nobody answered; nothing changed")
+    return answer.strip()
+
+
+def _asked(question: str) -> float:
+    answer = _wait_for_enter(question)
+    try:
+        return float(answer)
+    except ValueError:
+        raise BadInputError(f"{answer!r}: expected a number; nothing changed") from None
+
+
+def _tell(name: str, value: float, valid_days: int, *, as_json: bool) -> None:
+    table = as_table(name, value, valid_days)
+    if as_json:
+        print_json({"name": name, "value": value, "toml": table})
+    else:
+        out.print(f"put this into the configuration (and into the board, where it keeps it):\n\n{table}")

@@ -1,0 +1,156 @@
+"""`rig finger`: the skin and the mesh that a configuration makes, before anything is solved."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from rig.cli.output import complain, out, print_json, told_in_one_line
+from rig.protocol.config import load_config
+from rig.protocol.errors import BadInputError
+from sim.config import FingertipConfig
+from sim.finger.mesh import LAYERS, FingerMesh, build_mesh
+from sim.finger.quality import POOR_SCALED_JACOBIAN, MeshQuality, mesh_quality
+from sim.finger.surface import FingertipSurface
+from sim.finger.vtk import write_vtk
+from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, place_receptors
+from sim.model import young_ratios
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("finger", help="Fit the finger's skin, build its mesh and say how good both are.")(command)
+
+
+def command(
+    config: Annotated[Path | None, typer.Option(metavar="TOML", help="Configuration of the finger.")] = None,
+    vtk: Annotated[Path | None, typer.Option(metavar="FILE.vtk", help="Write the mesh there.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
+) -> None:
+    """Print fit, apex, layers and mesh quality; refuse a finger that makes no valid mesh."""
+    with told_in_one_line(as_json=as_json):
+        if vtk is not None and vtk.exists():
+            raise BadInputError(f"--vtk {vtk}: exists already, expected a new file")
+        settings = load_config(config).finger
+        surface = FingertipSurface.fit(settings.geometry)
+        place_receptors(surface, np.array(DEFAULT_X_MM), DEFAULT_DEPTH_MM, settings.receptor_plane_mm)
+        mesh = build_mesh(settings, surface)
+        quality = mesh_quality(mesh.nodes, mesh.hexes)
+        if vtk is not None:
+            write_vtk(vtk, mesh, quality)
+        found = {
+            "skin": _skin(surface),
+            "apex": _apex(surface),
+            **_mesh(settings, mesh),
+            "quality": _quality(quality),
+        }
+        if as_json:
+            print_json(found)
+        else:
+            _print(found)
+        for doubt in _doubts(found, settings):
+            complain(doubt)
+
+
+def _skin(surface: FingertipSurface) -> dict[str, Any]:
+    geometry, points = surface.geometry, surface.points_mm
+    if not len(points):
+        return {"from": "sections", "count": len(geometry.sections), "residual_rms_mm": 0.0, "residual_max_mm": 0.0}
+    residual = surface.residuals_mm()
+    return {
+        "from": "points" if geometry.points else "published points",
+        "count": len(points),
+        "residual_rms_mm": float(np.sqrt((residual**2).mean())),
+        "residual_max_mm": float(residual.max()),
+        "worst_point_mm": points[np.argmax(residual)].tolist(),
+    }
+
+
+def _apex(surface: FingertipSurface) -> dict[str, Any]:
+    apex = surface.apex
+    radius = apex.axial_radius_mm
+    return {
+        "position_mm": list(apex.position_mm),
+        "lateral_radius_mm": apex.lateral_radius_mm,
+        "axial_radius_mm": radius if apex.inside and 0 < radius < np.inf else None,
+    }
+
+
+def _mesh(config: FingertipConfig, mesh: FingerMesh) -> dict[str, Any]:
+    column = mesh.column_at(np.pi / 2, config.receptor_plane_mm)
+    layer = mesh.layer.reshape(mesh.element_grid.shape)[0, 0]
+    thickness = np.bincount(layer, np.linalg.norm(np.diff(column, axis=0), axis=1), len(LAYERS))
+    ratio = young_ratios(config.tissue)
+    return {
+        "layers": [
+            {"name": name, "thickness_mm": thickness[k], "elements": int((layer == k).sum()), "e_ratio": ratio[k]}
+            for k, name in enumerate(LAYERS)
+            if (layer == k).any()
+        ],
+        "nodes": len(mesh.nodes),
+        "elements": len(mesh.hexes),
+        "patch_nodes": len(mesh.patch_nodes),
+        "receptor_plane_mm": config.receptor_plane_mm,
+    }
+
+
+def _quality(quality: MeshQuality) -> dict[str, Any]:
+    flattest, longest = int(np.argmin(quality.scaled_jacobian)), int(np.argmax(quality.aspect_ratio))
+    return {
+        "folded": 0,
+        "poor": int((quality.scaled_jacobian < POOR_SCALED_JACOBIAN).sum()),
+        "smallest_scaled_jacobian": quality.scaled_jacobian[flattest],
+        "smallest_scaled_jacobian_at_mm": quality.centroid_mm[flattest].tolist(),
+        "largest_aspect_ratio": quality.aspect_ratio[longest],
+        "largest_aspect_ratio_at_mm": quality.centroid_mm[longest].tolist(),
+    }
+
+
+def _print(found: dict[str, Any]) -> None:
+    skin, apex, quality = found["skin"], found["apex"], found["quality"]
+    out.print(f"skin     {skin['count']} {skin['from']}")
+    if "worst_point_mm" in skin:
+        out.print(
+            f"  residuals       rms {skin['residual_rms_mm']:.3f} mm, largest {skin['residual_max_mm']:.3f} mm "
+            f"at {_place(skin['worst_point_mm'])}"
+        )
+    axial = apex["axial_radius_mm"]
+    out.print(f"  apex            {_place(apex['position_mm'])}")
+    out.print(
+        f"  radii there     {apex['lateral_radius_mm']:.2f} mm laterally, "
+        f"{'none' if axial is None else f'{axial:.2f} mm'} axially"
+    )
+    out.print("layers   under the apex, along the ray to the bone's axis")
+    for layer in found["layers"]:
+        out.print(
+            f"  {layer['name']:<16}{layer['thickness_mm']:.2f} mm, {layer['elements']} elements, "
+            f"E ratio {layer['e_ratio']:g}"
+        )
+    out.print(f"mesh     {found['nodes']} nodes, {found['elements']} elements, {found['patch_nodes']} patch nodes")
+    for name, key in (("scaled Jacobian", "smallest_scaled_jacobian"), ("aspect ratio", "largest_aspect_ratio")):
+        out.print(f"  {name:<16}{key.split('_')[0]} {quality[key]:.2f} at {_place(quality[key + '_at_mm'])}")
+    out.print("  folded          none")
+
+
+def _place(position_mm: list[float]) -> str:
+    x, y, z = position_mm
+    return f"({x:.2f}, {y:.2f}, {z:.2f}) mm"
+
+
+def _doubts(found: dict[str, Any], config: FingertipConfig) -> Iterator[str]:
+    """What is no error and still deserves a look."""
+    skin, quality, spacing = found["skin"], found["quality"], config.mesh.spacing_mm
+    if skin["residual_max_mm"] > spacing:
+        yield (
+            f"the point {_place(skin['worst_point_mm'])} lies {skin['residual_max_mm']:.2f} mm off the fitted skin: "
+            f"expected less than a node's spacing, {spacing:g} mm"
+        )
+    if found["apex"]["axial_radius_mm"] is None:
+        yield f"the skin is highest at {_place(found['apex']['position_mm'])}: expected it to fall to both ends"
+    if quality["poor"]:
+        yield (
+            f"{quality['poor']} elements have a scaled Jacobian below {POOR_SCALED_JACOBIAN}, the worst "
+            f"at {_place(quality['smallest_scaled_jacobian_at_mm'])}"
+        )

@@ -1,0 +1,126 @@
+"""`rig jog`: move an axis by hand, as long as a key is held or a distance lasts."""
+
+import os
+import select
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Annotated, get_args
+
+import typer
+
+from rig.cli.bench import ConfigOption, JsonOption, stage_at_hand, tell
+from rig.cli.looking import position
+from rig.cli.output import err, told_in_one_line
+from rig.clock import Clock
+from rig.protocol.config import load_config
+from rig.protocol.errors import BadInputError
+from rig.run.jog import Direction, dead_man_jog
+from rig.settings import SLOWEST_MM_S
+from rig.stage.base import Axis, Stage, StageStatus
+
+FASTEST_MM_S = 10.0
+KEYS = {
+    ord("d"): Direction("x", +1), ord("a"): Direction("x", -1),
+    ord("e"): Direction("y", +1), ord("c"): Direction("y", -1),
+    ord("w"): Direction("z", +1), ord("s"): Direction("z", -1),
+}  # fmt: skip
+_QUIT = ord("q")
+# Held keys repeat some 30 times a second, after a pause that a tap must not outlast.
+RELEASED_S = 0.15
+_IDLE_LOOK_S = 0.02
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("jog", help="Move an axis by hand: hold a key, or give --axis and --by-mm.")(command)
+
+
+def command(
+    config: ConfigOption,
+    axis: Annotated[str | None, typer.Option(metavar="x|y|z", help="With --by-mm: the axis.")] = None,
+    by_mm: Annotated[float | None, typer.Option(metavar="D", help="How far, + or −.")] = None,
+    speed_mm_s: Annotated[float, typer.Option(metavar="V")] = 1.0,
+    as_json: JsonOption = False,
+) -> None:
+    """The stage stops within a fifth of a second's way when the key, this process or the wire goes."""
+    with told_in_one_line(as_json=as_json):
+        settings = load_config(config)
+        if not SLOWEST_MM_S <= speed_mm_s <= FASTEST_MM_S:
+            raise BadInputError(f"--speed-mm-s {speed_mm_s:g}: expected {SLOWEST_MM_S:.2g} … {FASTEST_MM_S:g}")
+        target = _target(axis, by_mm)
+        with stage_at_hand(settings) as (stage, clock):
+            if target is None:
+                at = _jog_by_keys(stage, clock, speed_mm_s)
+            else:
+                direction, far_mm = target
+                at = dead_man_jog(stage, clock, lambda: direction, speed_mm_s, far_mm)
+            tell(position(at), as_json=as_json)
+
+
+def _target(axis: str | None, by_mm: float | None) -> tuple[Direction, float] | None:
+    if axis is None and by_mm is None:
+        return None
+    axes: tuple[Axis, ...] = get_args(Axis)
+    found = next((one for one in axes if one == axis), None)
+    if found is None:
+        raise BadInputError(f"--axis {axis}: expected x, y or z")
+    if by_mm is None or not 0 < abs(by_mm) <= 1000:
+        raise BadInputError(f"--by-mm {by_mm}: expected a distance in mm, not zero")
+    return Direction(found, 1 if by_mm > 0 else -1), abs(by_mm)
+
+
+def _jog_by_keys(stage: Stage, clock: Clock, speed_mm_s: float) -> StageStatus:
+    err.print("hold d a (x + −), e c (y + −), w s (z + −); q ends")
+    with _single_keys() as read_keys:
+        held = HeldKey(clock, read_keys)
+        while not held.finished:
+            if held() is None:
+                clock.wait_s(_IDLE_LOOK_S)
+            else:
+                dead_man_jog(stage, clock, held, speed_mm_s)
+    return stage.status()
+
+
+class HeldKey:
+    """The direction of the key that is held now; finished at q or when the keys' stream ends."""
+
+    def __init__(self, clock: Clock, read_keys: Callable[[], bytes | None]) -> None:
+        """read_keys gives what has been typed since the last time, None when there will be no more."""
+        self._clock, self._read_keys = clock, read_keys
+        self._direction: Direction | None = None
+        self._until_s = 0.0
+        self.finished = False
+
+    def __call__(self) -> Direction | None:
+        typed = self._read_keys()
+        if typed is None or _QUIT in typed:
+            self.finished = True
+        elif typed:
+            self._direction = KEYS.get(typed[-1])
+            self._until_s = self._clock.monotonic_s() + RELEASED_S
+        released = self.finished or self._clock.monotonic_s() >= self._until_s
+        return None if released else self._direction
+
+
+@contextmanager
+def _single_keys() -> Iterator[Callable[[], bytes | None]]:
+    """Keys of standard input as they are pressed, without waiting for the end of a line."""
+    file = sys.stdin.fileno()
+
+    def read() -> bytes | None:
+        ready, _, _ = select.select([file], [], [], 0.0)
+        return (os.read(file, 256) or None) if ready else b""
+
+    if not os.isatty(file):
+        yield read
+        return
+    import termios  # POSIX only
+    import tty
+
+    before = termios.tcgetattr(file)
+    tty.setcbreak(file)
+    try:
+        yield read
+    finally:
+        termios.tcsetattr(file, termios.TCSADRAIN, before)

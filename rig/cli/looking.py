@@ -1,0 +1,58 @@
+"""What the devices of a bench say when they are asked and nothing is changed: for `rig status` and `rig doctor`."""
+
+from contextlib import closing
+from typing import Any
+
+from rig.bench import open_force, open_stage
+from rig.clock import WallClock
+from rig.force.base import ForceError
+from rig.protocol.config import Config
+from rig.stage.base import StageError, StageStatus
+from rig.transport import TransportError, port_owner
+
+_AT_REST = ("Idle", "Alarm")
+
+
+def look(settings: Config, *, closely: bool = False) -> dict[str, dict[str, Any]]:
+    """Stage and force as they are: kind, port, and either its owner, what the device says, or the problem.
+
+    closely: a stage at rest also says who it is, and its settings are compared with the configuration.
+    """
+    stage, force = settings.stage, settings.force
+    return {
+        "stage": {"kind": stage.kind, "port": stage.port, **_look_at_stage(settings, closely=closely)},
+        "force": {"kind": force.kind, "port": force.port, **_look_at_force(settings)},
+    }
+
+
+def position(at: StageStatus) -> dict[str, Any]:
+    """A status as JSON: machine coordinates in mm."""
+    return {"state": at.state, "x_mm": at.x_mm, "y_mm": at.y_mm, "z_mm": at.z_mm}
+
+
+def _look_at_stage(settings: Config, *, closely: bool) -> dict[str, Any]:
+    owner = port_owner(settings.stage.port)
+    if owner is not None:
+        return {"owner": owner}
+    found: dict[str, Any] = {}
+    try:
+        with closing(open_stage(settings, WallClock())) as stage:
+            found |= position(stage.look())
+            if closely and found["state"] in _AT_REST:
+                found["identity"] = stage.connect()
+    except (StageError, TransportError) as error:
+        found["problem"] = str(error)
+    return found
+
+
+def _look_at_force(settings: Config) -> dict[str, Any]:
+    owner = port_owner(settings.force.port)
+    if owner is not None:
+        return {"owner": owner}
+    try:
+        with closing(open_force(settings, WallClock())) as force:
+            name = force.connect()
+            reading = force.read()
+            return {"identity": name, "force_n": reading.force_n, "stable": reading.stable}
+    except (ForceError, TransportError) as error:
+        return {"problem": str(error)}

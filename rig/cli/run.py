@@ -1,0 +1,46 @@
+"""`rig run`: a protocol on real ports."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rig.cli.output import err, told_in_one_line
+from rig.cli.session import carry_out, leave
+from rig.protocol.config import load_config
+from rig.protocol.script import load_script
+from rig.protocol.session import real_run
+from rig.run import RunAborted
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("run", help="Run a protocol on the ports of the configuration.")(command)
+
+
+def command(
+    protocol: Annotated[str, typer.Argument(help="A path, or the name of a shipped protocol.")],
+    config: Annotated[Path, typer.Option(metavar="TOML", help="Configuration of rig and finger.")],
+    more: Annotated[list[str] | None, typer.Argument(metavar="[K=V]...", help="Further settings.")] = None,
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", metavar="K=V", help="A parameter; may be repeated.")
+    ] = None,
+    out_dir: Annotated[
+        Path, typer.Option("--out", metavar="DIR", help="Folder in which the run makes its own.")
+    ] = Path("runs"),
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
+) -> None:
+    """Check the script, carry it out, write the run folder and its report."""
+    with told_in_one_line(as_json=as_json):
+        settings = load_config(config)
+        script = load_script(protocol, [*(set_ or []), *(more or [])])
+        done = carry_out(script, settings, out_dir, lambda session: real_run(session, _ask_to_mount), as_json=as_json)
+    leave(done)
+
+
+def _ask_to_mount(indentor: str) -> None:
+    """Ask the person at the bench, who answers with Enter; no answer at all ends the run."""
+    err.print(f"mount {indentor}, then press Enter")
+    if not sys.stdin.readline():
+        raise RunAborted(f"nobody answered that {indentor} is mounted")

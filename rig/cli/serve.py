@@ -1,0 +1,75 @@
+"""`rig serve`: the virtual devices in real time, for any client."""
+
+import signal
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rig.cli.output import ExitCode, complain, err, loading_the_finger, print_json, told_in_one_line
+from rig.protocol.config import Config, load_config
+from rig.protocol.errors import BadInputError
+from rig.protocol.served_bench import ServedBench
+from rig.protocol.virtual_devices import FORCES, STAGES, checked_kind
+from sim.serve.press_ahead import PressStatistics
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("serve", help="Virtual devices in real time, behind ports that any program can open.")(command)
+
+
+def command(
+    stage: Annotated[str | None, typer.Option(metavar="grbl|leadshine", help="The stage's kind.")] = None,
+    force: Annotated[str | None, typer.Option(metavar="mtsics|laumas", help="The sensor's kind.")] = None,
+    pty: Annotated[bool, typer.Option("--pty", help="Behind pseudo-terminals (the default).")] = False,
+    tcp: Annotated[
+        int | None, typer.Option(metavar="PORT", help="Stage on PORT, force on PORT + 1; 0 takes free ones.")
+    ] = None,
+    indentor: Annotated[str | None, typer.Option(metavar="S", help="On the carriage, as for `rig indent`.")] = None,
+    config: Annotated[Path | None, typer.Option(metavar="TOML", help="Configuration of rig and finger.")] = None,
+) -> None:
+    """Print one JSON line of ports, then serve until Ctrl-C."""
+    with told_in_one_line(as_json=False):
+        settings = _with_indentor(load_config(config), indentor)
+        if pty and tcp is not None:
+            raise BadInputError("--pty --tcp: expected one of them")
+        if tcp is not None and not 0 <= tcp <= 65534:
+            raise BadInputError(f"--tcp {tcp}: expected 0 … 65534")
+        both = stage is None and force is None
+        with loading_the_finger():
+            bench = ServedBench(
+                settings,
+                stage=_kind("--stage", stage, settings.stage.kind if both else None, dict(STAGES)),
+                force=_kind("--force", force, settings.force.kind if both else None, dict(FORCES)),
+                tcp=tcp,
+                complain=complain,
+            )
+        with bench:
+            for number in (signal.SIGINT, signal.SIGTERM):
+                signal.signal(number, lambda *_: bench.stop())
+            print_json(bench.ports)
+            bench.run()
+            if bench.statistics is not None:
+                err.print(_told(bench.statistics))
+            if bench.press is not None and bench.press.ended:
+                raise typer.Exit(ExitCode.STOPPED)
+
+
+def _kind(option: str, given: str | None, otherwise: str | None, table: dict[str, object]) -> str | None:
+    kind = given or otherwise
+    return None if kind is None else checked_kind(option, kind, table)
+
+
+def _with_indentor(config: Config, indentor: str | None) -> Config:
+    if indentor is None:
+        return config
+    return config.model_copy(update={"virtual": config.virtual.model_copy(update={"indentor": indentor})})
+
+
+def _told(found: PressStatistics) -> str:
+    return (
+        f"{found.asked} forces asked for, {found.late} not ready in time (the last one given, at most "
+        f"{found.stalest_s:.2f} s old; {found.unknown} refused); {found.solved} solved, slowest "
+        f"{1e3 * found.slowest_s:.0f} ms"
+    )

@@ -1,0 +1,85 @@
+"""What `rig dry-run` and `rig run` share: interrupts, progress, and how a finished run is told."""
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NoReturn
+
+import typer
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from rig.cli.interrupts import at_a_safe_point
+from rig.cli.output import ExitCode, complain, err, loading_the_finger, out, print_json
+from rig.compare import write_report
+from rig.protocol.config import Config
+from rig.protocol.plan import make_plan
+from rig.protocol.script import Script
+from rig.protocol.session import FinishedRun, Session, Watch
+from rig.run import RunAborted
+from sim.fingertip import Fingertip
+
+
+def carry_out(
+    script: Script, config: Config, out_dir: Path, how: Callable[[Session], FinishedRun], *, as_json: bool
+) -> FinishedRun:
+    """Check the script, carry it out, write its report, and say where it is."""
+    with loading_the_finger():
+        finger = Fingertip.load(config.finger)
+    plan = make_plan(script, config, finger)
+    began = time.perf_counter()
+    with at_a_safe_point() as interrupted, _progress(len(plan.indentations)) as watch:
+        done = how(Session(script, config, finger, plan, out_dir, interrupted, watch))
+    done.folder.write_checksums()
+    report = write_report(done.run, finger, done.wall_s)
+    done.folder.write_checksums()
+    _print(done, report, time.perf_counter() - began, as_json=as_json)
+    return done
+
+
+def leave(done: FinishedRun) -> NoReturn:
+    """End the command with one line on what stopped the run, if anything did."""
+    if done.problem is not None:
+        complain(f"stopped: {done.problem}")
+    raise typer.Exit(_exit_code(done))
+
+
+def _print(done: FinishedRun, report: Path, wall_s: float, *, as_json: bool) -> None:
+    if as_json:
+        print_json(
+            {
+                "run": str(done.folder.path),
+                "complete": done.complete,
+                "indentations": done.indentations,
+                "duration_s": done.duration_s,
+                "wall_s": wall_s,
+                "report": str(report),
+            }
+        )
+    else:
+        out.print(f"{done.indentations} indentations, {done.duration_s:.0f} s of bench time in {wall_s:.1f} s")
+        out.print(f"run     {done.folder.path}\nreport  {report}")
+
+
+def _exit_code(done: FinishedRun) -> ExitCode:
+    if done.complete:
+        return ExitCode.DONE
+    return ExitCode.ABORTED if isinstance(done.problem, RunAborted) else ExitCode.STOPPED
+
+
+@contextmanager
+def _progress(total: int) -> Iterator[Watch]:
+    """A bar on standard error, one tick an indentation, with the time left."""
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(
+        *columns, TextColumn("left"), TimeRemainingColumn(), console=err, transient=True, disable=not err.is_terminal
+    ) as bar:
+        task = bar.add_task("starting", total=total)
+
+        def watch(stream: str, data: Mapping[str, Any]) -> None:
+            if stream == "indentation_start":
+                bar.update(task, description=f"{data['indentor']} at {data['x_mm']:+.2f} mm")
+            elif stream == "indentation_end":
+                bar.advance(task)
+
+        yield watch

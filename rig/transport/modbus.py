@@ -1,0 +1,192 @@
+"""A Modbus master over any transport: frames and PDUs are pymodbus', waiting is our clock's.
+
+One code serves the virtual and the wall clock; pymodbus' own clients sleep on the wall clock.
+Sources: Modbus application protocol V1.1b3; Modbus over serial line V1.02, §2.5.1.1 (silence of 3.5 characters).
+"""
+
+from collections.abc import Callable, Sequence
+
+from pymodbus.exceptions import ModbusException
+from pymodbus.framer import FramerRTU, FramerSocket
+from pymodbus.pdu import DecodePDU, ModbusPDU
+from pymodbus.pdu.register_message import (
+    ReadHoldingRegistersRequest,
+    WriteMultipleRegistersRequest,
+    WriteSingleRegisterRequest,
+)
+
+from rig.clock import Clock
+from rig.settings import Framing
+from rig.transport.base import Transport
+
+REPLY_S = 0.2
+READ_TRIES = 3
+BROADCAST = 0
+# A character has 11 bits on a serial line; above 19200 baud the silence is fixed.
+SILENT_BITS, FIXED_SILENCE_S, FAST_BAUD = 38.5, 1.75e-3, 19200
+
+_FUNCTIONS = {3: "read", 6: "write", 16: "write"}
+_EXCEPTIONS = {
+    1: "illegal function", 2: "illegal data address", 3: "illegal data value", 4: "device failure",
+    5: "acknowledged, not done yet", 6: "device busy", 8: "memory parity error",
+    10: "gateway path unavailable", 11: "the device behind the gateway does not answer",
+}  # fmt: skip
+
+
+class ModbusError(Exception):
+    """An exchange failed; the message names port, device, function and register."""
+
+
+class ModbusTimeout(ModbusError):  # noqa: N818
+    """No whole answer within the time allowed."""
+
+
+class ModbusGarbled(ModbusError):  # noqa: N818
+    """Bytes came that are no answer to the question: bad CRC, another device, too short."""
+
+
+class ModbusRefused(ModbusError):  # noqa: N818
+    """The device answered with an exception; code is Modbus' number."""
+
+    def __init__(self, message: str, code: int) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+class ModbusMaster:
+    """The master of one bus (RTU) or of one connection (TCP); devices are told apart by their id, 1 … 247.
+
+    baud gives RTU its silence between frames. reply_s bounds the wait for an answer. A read that times out or comes
+    garbled is tried again, read_tries times in all; a write never is, since it may have been obeyed.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        clock: Clock,
+        *,
+        framing: Framing = "rtu",
+        baud: int = 115200,
+        reply_s: float = REPLY_S,
+        read_tries: int = READ_TRIES,
+    ) -> None:
+        self.name = transport.name
+        self._transport, self._clock = transport, clock
+        self._rtu = framing == "rtu"
+        decoder = DecodePDU(is_server=False)
+        self._framer = FramerRTU(decoder) if self._rtu else FramerSocket(decoder)
+        self._byte_s = 10 / baud if self._rtu else 0.0
+        self._silence_s = silence_s(baud) if self._rtu else 0.0
+        self._free_s = 0.0
+        self._reply_s, self._read_tries = reply_s, read_tries
+        self._transaction = 0
+
+    def read(self, device_id: int, address: int, count: int = 1) -> list[int]:
+        """Function 03: `count` registers of 16 bits from `address` on. Raises ModbusError, TransportError."""
+        for left in reversed(range(self._read_tries)):
+            request = ReadHoldingRegistersRequest(dev_id=device_id, address=address, count=count)
+            try:
+                return list(self._exchange(request, lambda answer: len(answer.registers) == count).registers)
+            except (ModbusTimeout, ModbusGarbled):
+                if not left:
+                    raise
+                self._drain()
+        raise ValueError(f"read_tries must be positive, got {self._read_tries}")
+
+    def write_one(self, device_id: int, address: int, value: int) -> None:
+        """Function 06: one register. Raises ModbusError, TransportError."""
+        request = WriteSingleRegisterRequest(dev_id=device_id, address=address, registers=[value])
+        self._exchange(request, lambda answer: (answer.address, list(answer.registers)) == (address, [value]))
+
+    def write(self, device_id: int, address: int, values: Sequence[int]) -> None:
+        """Function 16: registers from `address` on, in one frame. Raises ModbusError, TransportError."""
+        request = WriteMultipleRegistersRequest(dev_id=device_id, address=address, registers=list(values))
+        self._exchange(request, lambda answer: (answer.address, answer.count) == (address, len(values)))
+
+    def send_now(self, device_ids: Sequence[int], address: int, value: int) -> None:
+        """Function 06 to all of these in one write, waiting for nothing; their answers are not looked at.
+
+        On a serial bus frames need silence between them, so several devices are told by one broadcast.
+        Raises TransportError.
+        """
+        if self._rtu and len(device_ids) > 1:
+            device_ids = [BROADCAST]
+        requests = [WriteSingleRegisterRequest(dev_id=n, address=address, registers=[value]) for n in device_ids]
+        self._send(b"".join(self._frame(request) for request in requests))
+
+    def close(self) -> None:
+        """Close the transport."""
+        self._transport.close()
+
+    def _exchange(self, request: ModbusPDU, fits: Callable[[ModbusPDU], bool]) -> ModbusPDU:
+        self._clock.wait_s(self._free_s - self._clock.monotonic_s())
+        while self._transport.read(0.0):
+            pass
+        self._send(self._frame(request))
+        answer = self._answer(request)
+        if answer.isError():
+            raise self._refused(request, answer)
+        if answer.function_code != request.function_code or not fits(answer):
+            raise ModbusGarbled(f"{self._about(request)}: the answer does not fit the question ({answer})")
+        return answer
+
+    def _frame(self, request: ModbusPDU) -> bytes:
+        self._transaction = self._transaction % 0xFFFF + 1
+        request.transaction_id = self._transaction
+        return self._framer.buildFrame(request)
+
+    def _send(self, frame: bytes) -> None:
+        self._transport.write(frame)
+        self._free_s = self._clock.monotonic_s() + len(frame) * self._byte_s + self._silence_s
+
+    def _answer(self, request: ModbusPDU) -> ModbusPDU:
+        """The answer to this request; older answers of a TCP connection are passed over."""
+        deadline_s = self._clock.monotonic_s() + self._reply_s
+        heard = b""
+        while (left_s := deadline_s - self._clock.monotonic_s()) > 0:
+            chunk = self._transport.read(left_s)
+            if not chunk:
+                continue
+            self._free_s = self._clock.monotonic_s() + self._silence_s
+            heard, answer = self._decoded(request, heard + chunk)
+            if answer is None or not (self._rtu or answer.transaction_id == request.transaction_id):
+                continue
+            if answer.dev_id != request.dev_id:
+                raise ModbusGarbled(f"{self._about(request)}: device {answer.dev_id} answered")
+            return answer
+        came = f"only {heard.hex(' ')}" if heard else "no answer"
+        raise ModbusTimeout(f"{self._about(request)}: {came} in {self._reply_s:g} s")
+
+    def _decoded(self, request: ModbusPDU, heard: bytes) -> tuple[bytes, ModbusPDU | None]:
+        """What is left of `heard`, and the answer in it if it is whole."""
+        try:
+            used, answer = self._framer.handleFrame(heard, 0, 0)
+        except ModbusException:
+            raise ModbusGarbled(f"{self._about(request)}: not a Modbus answer: {heard.hex(' ')}") from None
+        if used and answer is None:
+            raise ModbusGarbled(f"{self._about(request)}: bad CRC in {heard.hex(' ')}")
+        return heard[used:], answer
+
+    def _drain(self) -> None:
+        """Let an answer that comes late or in pieces pass by."""
+        deadline_s = self._clock.monotonic_s() + self._reply_s
+        quiet_s = max(self._silence_s, 10 * self._byte_s)
+        while self._transport.read(quiet_s) and self._clock.monotonic_s() < deadline_s:
+            pass
+
+    def _refused(self, request: ModbusPDU, answer: ModbusPDU) -> ModbusRefused:
+        code = answer.exception_code
+        meaning = _EXCEPTIONS.get(code, "see the device's manual")
+        return ModbusRefused(f"{self._about(request)}: refused with exception {code}, {meaning}", code)
+
+    def _about(self, request: ModbusPDU) -> str:
+        function = _FUNCTIONS[request.function_code]
+        return (
+            f"{self.name}: device {request.dev_id}, {function} (function {request.function_code}) of "
+            f"{request.count} registers at 0x{request.address:04X}"
+        )
+
+
+def silence_s(baud: int) -> float:
+    """The silence that separates RTU frames: 3.5 characters, 1.75 ms above 19200 baud."""
+    return FIXED_SILENCE_S if baud > FAST_BAUD else SILENT_BITS / baud

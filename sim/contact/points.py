@@ -1,0 +1,162 @@
+"""Where contact is enforced: at nodes, and at points of the segments between them."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from sim.contact.indentor import Indentor, Surface
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+PARTS = 4
+"""Parts into which the points between nodes divide a segment."""
+
+_INNER = PARTS - 1
+_BENT_MM = 1e-7  # an indentor that leaves a segment's chord by less is straight there
+_ROUND_OFF = 1e-11
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where an indentor is: its reference point, the height of its lowest point and the length that scales errors."""
+
+    indentor: Indentor
+    at_mm: tuple[float, ...]  # along the indentor's axes
+    height_mm: float
+    scale_mm: float  # D = max(DOI, 1 µm)
+
+    def gap(self, tangential_mm: Array, y_mm: Array) -> Surface:
+        """Vertical gap (mm), slope and curvature of the indentor over points at (m, k) and y."""
+        surface = self.indentor.evaluate(tangential_mm - np.array(self.at_mm)[:, None])
+        return surface._replace(height_mm=self.height_mm + surface.height_mm - y_mm)
+
+    def plane(self, tangential_mm: Array, y_mm: Array) -> Surface:
+        """As `gap`, to the tangent plane of the indentor closest to each point."""
+        offset = tangential_mm - np.array(self.at_mm)[:, None]
+        surface = self.indentor.tangent(offset, y_mm - self.height_mm)
+        return surface._replace(height_mm=self.height_mm + surface.height_mm - y_mm)
+
+
+class Skin(Protocol):
+    """Nodes of the skin and the segments between them."""
+
+    @property
+    def tangential_mm(self) -> Array:
+        """(m, n) undeformed positions along the axes of slope."""
+
+    @property
+    def y(self) -> Array:
+        """(n,) undeformed heights in mm."""
+
+    @property
+    def segments(self) -> Ints:
+        """(n_segments, 2) nodes joined along the axis of slope."""
+
+
+@dataclass(frozen=True)
+class ContactPoints:
+    """Nodes, then points between nodes by number: _INNER · segment + place along it."""
+
+    nodes: Ints  # (k − e,) ascending
+    between: Ints  # (e,) ascending
+
+    @classmethod
+    def none(cls) -> "ContactPoints":
+        """No point at all."""
+        return cls(np.zeros(0, np.int64), np.zeros(0, np.int64))
+
+    @classmethod
+    def all_between(cls, skin: Skin) -> "ContactPoints":
+        """Every point between nodes."""
+        return cls(np.zeros(0, np.int64), np.arange(_INNER * len(skin.segments)))
+
+    def __len__(self) -> int:
+        return len(self.nodes) + len(self.between)
+
+    @property
+    def segments(self) -> Ints:
+        """(e,) the segments of the points between nodes."""
+        return self.between // _INNER
+
+    @property
+    def along(self) -> Array:
+        """(e,) their places, from the segment's first node (0) to its second (1)."""
+        return (self.between % _INNER + 1) / PARTS
+
+    def chosen(self, mask: Bools) -> "ContactPoints":
+        """Some of the points."""
+        return ContactPoints(self.nodes[mask[: len(self.nodes)]], self.between[mask[len(self.nodes) :]])
+
+    def among(self, other: "ContactPoints") -> Bools:
+        """(k,) whether each point is one of the other's."""
+        return np.concatenate([np.isin(self.nodes, other.nodes), np.isin(self.between, other.between)])
+
+    def joined(self, other: "ContactPoints") -> "ContactPoints":
+        """These and the other's points."""
+        return ContactPoints(np.union1d(self.nodes, other.nodes), np.union1d(self.between, other.between))
+
+    def renumbered(self, nodes: Ints, segments: Ints) -> "ContactPoints":
+        """The same points where node and segment i are called nodes[i] and segments[i]."""
+        return ContactPoints(nodes[self.nodes], _INNER * segments[self.segments] + self.between % _INNER)
+
+    def weights(self, skin: Skin) -> sp.csr_array:
+        """(k, n) values at the points from values at the nodes."""
+        n, e = len(self.nodes), len(self.between)
+        share = np.stack([1 - self.along, self.along], axis=1)
+        value = np.concatenate([np.ones(n), share.ravel()])
+        column = np.concatenate([self.nodes, skin.segments[self.segments].ravel()])
+        start = np.concatenate([np.arange(n), n + 2 * np.arange(e + 1)])
+        return sp.csr_array((value, column, start), shape=(n + e, len(skin.y)))
+
+
+def near(pose: Pose, skin: Skin, u: Array, gap_mm: float, *, between: bool) -> ContactPoints:
+    """Nodes displaced by u, (m, n) mm, closer to the indentor than a gap, and points between nodes where it bends."""
+    nodes = pose.gap(skin.tangential_mm + u[:-1], skin.y + u[-1]).height_mm
+    touched = ContactPoints(np.flatnonzero(nodes < gap_mm), np.zeros(0, np.int64))
+    if not between:
+        return touched
+    gap, bent = _between(pose, skin, u, nodes)
+    return ContactPoints(touched.nodes, np.flatnonzero((bent.any(axis=1, keepdims=True) & (gap < gap_mm)).ravel()))
+
+
+def penetrated(pose: Pose, skin: Skin, u: Array, *, between: bool) -> tuple[ContactPoints, Array]:
+    """Points that lie within the indentor by more than round-off, and (k,) by how much, along its normal; mm."""
+    tiny = _ROUND_OFF * pose.scale_mm
+    nodes = pose.gap(skin.tangential_mm + u[:-1], skin.y + u[-1])
+    deep = np.flatnonzero(nodes.height_mm < -tiny)
+    depth = -nodes.height_mm[deep] / norm(nodes.slope[:, deep])
+    if not between:
+        return ContactPoints(deep, np.zeros(0, np.int64)), depth
+    gap, bent = _between(pose, skin, u, nodes.height_mm)
+    inside = ContactPoints(np.zeros(0, np.int64), np.flatnonzero((bent & (gap < -tiny)).ravel()))
+    surface = displaced_gap(pose, skin, u, inside)
+    return (
+        ContactPoints(deep, inside.between),
+        np.concatenate([depth, -surface.height_mm / norm(surface.slope)]),
+    )
+
+
+def displaced_gap(pose: Pose, skin: Skin, u: Array, points: ContactPoints) -> Surface:
+    """Gap, slope and curvature at points of the skin displaced by u, (m, n) mm."""
+    at = points.weights(skin)
+    return pose.gap((at @ (skin.tangential_mm + u[:-1]).T).T, at @ (skin.y + u[-1]))
+
+
+def norm(slope: Array) -> Array:
+    """Length of (∇h, −1)."""
+    return np.sqrt(1 + (slope**2).sum(axis=0))
+
+
+def _between(pose: Pose, skin: Skin, u: Array, nodes: Array) -> tuple[Array, Bools]:
+    """(n_segments, 3) gaps at the points between nodes, and whether the indentor is below its chord there."""
+    along = np.arange(1, PARTS) / PARTS
+    s, y = (skin.tangential_mm + u[:-1])[0][skin.segments], (skin.y + u[-1])[skin.segments]
+    at_s, at_y = (v[:, :1] + np.diff(v) * along for v in (s, y))
+    gap = pose.gap(at_s.reshape(1, -1), at_y.ravel()).height_mm.reshape(at_s.shape)
+    chord = nodes[skin.segments] @ np.stack([1 - along, along])
+    return gap, np.asarray(chord - gap > _BENT_MM)

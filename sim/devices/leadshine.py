@@ -1,0 +1,212 @@
+"""A virtual Leadshine CS2RS / iEM-RS drive in PR mode: its registers, motion, homing, alarms and jog.
+
+Source: CS2RS and iEM-RS user manuals. Second-hand and so left to parameters: the unit of the ramp words, which
+register holds pulses per turn and which the jog speed. Simplified: the home switch is at the positive end whatever
+the homing mode says; a path begun while another runs brakes to rest first.
+"""
+
+from collections.abc import Sequence
+
+from sim.clock import Scheduler
+from sim.devices.drive_motion import DriveAxis
+from sim.devices.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, RegisterFault, signed, words
+
+STATUS, FEEDBACK, FEEDBACK_RPM, COMMANDED, ALARM = 0x1003, 0x1014, 0x1046, 0x602C, 0x2203
+CONTROL, TRIGGER, PR0, PR0_TRIGGER = 0x1801, 0x6002, 0x6200, 0x6207
+SOFT_LIMITS, POSITIVE_LIMIT, NEGATIVE_LIMIT = 0x6000, 0x6006, 0x6008
+HOMING_HIGH, HOMING_LOW, HOMING_RAMP_UP, HOMING_RAMP_DOWN = 0x600F, 0x6010, 0x6011, 0x6012
+ABSOLUTE, VELOCITY, RELATIVE = 0x0001, 0x0002, 0x0041
+RUN_PR0, HOME, SET_ZERO, QUICK_STOP = 0x0010, 0x0020, 0x0021, 0x0040
+CLEAR_ALARM, SAVE, SAVE_MAPPING, JOG_POSITIVE, JOG_NEGATIVE = 0x1111, 0x2211, 0x2244, 0x4001, 0x4002
+FAULT, ENABLED, RUNNING, COMMAND_DONE, PATH_DONE, HOMED = (1 << bit for bit in (0, 1, 2, 4, 5, 6))
+JOG_S = 0.05
+QUICK_STOP_S = 0.01
+_FOREVER_S = 3600.0
+_NO_LIMIT = 1 << 31
+
+
+class VirtualDrive:
+    """Registers of one drive; its carriage is `carriage_at(t)` pulses from the home switch, + towards it.
+
+    inverted: the motor runs against the axis. start: where the carriage stands when switched on. ramp_rpm: the
+    ramp words are ms for that many rpm.
+    """
+
+    functions = frozenset({0x03, 0x06, 0x10})
+
+    def __init__(
+        self,
+        scheduler: Scheduler,
+        *,
+        pulses_per_rev: int = 400,
+        inverted: bool = False,
+        start: int = -4000,
+        ramp_rpm: float = 1000.0,
+        pulses_per_rev_register: int = 0x0001,
+        jog_rpm_register: int = 0x01E1,
+    ) -> None:
+        self._scheduler, self._ramp_rpm = scheduler, ramp_rpm
+        self._pulses_per_rev_register, self._jog_rpm_register = pulses_per_rev_register, jog_rpm_register
+        self._sign = -1 if inverted else 1
+        self._axis = DriveAxis(start)
+        self._held = dict.fromkeys((*range(0x6000, 0x6015), *range(PR0, PR0_TRIGGER + 1), CONTROL), 0)
+        self._held |= {pulses_per_rev_register: pulses_per_rev, jog_rpm_register: 60}
+        self._held |= {HOMING_HIGH: 200, HOMING_LOW: 50, HOMING_RAMP_UP: 100, HOMING_RAMP_DOWN: 100}
+        self._stopped_s = -1.0  # end of the last quick stop: one that is under way is not begun again
+        self.eeprom_saves = 0
+        self.power_cycle()
+
+    def carriage_at(self, t_s: float) -> int:
+        """Where the carriage really is: past, present or planned."""
+        return self._axis.position_at(t_s)
+
+    def power_cycle(self) -> None:
+        """Switch off and on: the carriage stops dead where it is, which is zero from then on."""
+        now_s = self._scheduler.monotonic_s()
+        self._axis.brake(float("inf"), now_s)
+        self._zero = self.carriage_at(now_s)
+        self._alarm = 0
+        self._homed = self._homing = False
+        self._done = True
+
+    def fault(self, code: int) -> None:
+        """Raise an alarm: the motor stops, and nothing moves it until the alarm is cleared."""
+        self._alarm = code
+        self._stop()
+
+    def read(self, address: int, count: int) -> list[int]:
+        """Registers as they are now. Raises RegisterFault."""
+        self._settle()
+        shown = self._held | self._shown()
+        try:
+            return [shown[n] for n in range(address, address + count)]
+        except KeyError:
+            raise RegisterFault(ILLEGAL_ADDRESS) from None
+
+    def write(self, address: int, values: Sequence[int]) -> None:
+        """Write, and obey what was written to a trigger or control word. Raises RegisterFault."""
+        self._settle()
+        if any(n not in self._held for n in range(address, address + len(values))):
+            raise RegisterFault(ILLEGAL_ADDRESS)
+        self._held |= dict(enumerate(values, address))
+        for register, obey in ((PR0_TRIGGER, self._trigger), (TRIGGER, self._trigger), (CONTROL, self._control)):
+            if address <= register < address + len(values) and self._held[register]:
+                word, self._held[register] = self._held[register], 0
+                obey(word)
+
+    # --- what it shows ---
+
+    def _shown(self) -> dict[int, int]:
+        now_s = self._scheduler.monotonic_s()
+        position = words(self._count(now_s))
+        rpm = words(round(self._sign * self._axis.velocity_at(now_s) / self._per_rpm))
+        shown = {STATUS: self._status(now_s), ALARM: self._alarm}
+        for first, pair in ((COMMANDED, position), (FEEDBACK, position), (FEEDBACK_RPM, rpm)):
+            shown |= {first: pair[0], first + 1: pair[1]}
+        return shown
+
+    def _status(self, now_s: float) -> int:
+        moving = self._homing or self._axis.moving(now_s)
+        status = RUNNING if moving else (COMMAND_DONE | PATH_DONE) * self._done
+        return status | (FAULT if self._alarm else ENABLED) | HOMED * self._homed
+
+    def _count(self, t_s: float) -> int:
+        return self._sign * (self.carriage_at(t_s) - self._zero)
+
+    # --- what it does ---
+
+    def _control(self, word: int) -> None:
+        if word == CLEAR_ALARM:
+            self._alarm = 0
+        elif word in (SAVE, SAVE_MAPPING):
+            self.eeprom_saves += 1
+        elif word in (JOG_POSITIVE, JOG_NEGATIVE):
+            sign = 1 if word == JOG_POSITIVE else -1
+            self._run(sign * self._held[self._jog_rpm_register], JOG_S, self._ramps(HOMING_RAMP_UP))
+        else:
+            raise RegisterFault(ILLEGAL_VALUE)
+
+    def _trigger(self, word: int) -> None:
+        if word == QUICK_STOP:
+            self._stop()
+        elif word not in (RUN_PR0, HOME, SET_ZERO):
+            raise RegisterFault(ILLEGAL_VALUE)
+        elif word == SET_ZERO:
+            self._zero, self._homed = self.carriage_at(self._scheduler.monotonic_s()), True
+        elif not self._alarm:
+            self._home() if word == HOME else self._path()
+
+    def _path(self) -> None:
+        mode, high, low, rpm = (self._held[PR0 + n] for n in range(4))
+        if mode not in (ABSOLUTE, RELATIVE, VELOCITY):
+            raise RegisterFault(ILLEGAL_VALUE)
+        ramps = self._ramps(PR0 + 4)
+        if mode == VELOCITY:
+            self._run(rpm - (rpm << 1 & 0x10000), _FOREVER_S, ramps)
+        elif rpm:
+            now_s = self._scheduler.monotonic_s()
+            target = signed(high, low) + (self._count(self._axis.end_s) if mode == RELATIVE else 0)
+            allowed = min(max(target, self._limits()[0]), self._limits()[1])
+            self._homing, self._done = False, allowed == target
+            self._axis.go([(self._zero + self._sign * allowed, rpm * self._per_rpm)], *ramps, now_s)
+
+    def _run(self, rpm: int, for_s: float, ramps: tuple[float, float]) -> None:
+        if self._alarm or not rpm:
+            return
+        now_s = self._scheduler.monotonic_s()
+        low, high = self._limits()
+        room = high - self._count(now_s) if rpm > 0 else self._count(now_s) - low
+        self._homing = False
+        self._axis.keep_going(self._sign * rpm * self._per_rpm, *ramps, for_s, max(room, 0), now_s)
+
+    def _home(self) -> None:
+        """Fast to the switch, half a turn back, and slowly to it again."""
+        fast, slow = (self._held[n] * self._per_rpm for n in (HOMING_HIGH, HOMING_LOW))
+        if not (fast and slow):
+            return
+        half_turn = self._held[self._pulses_per_rev_register] / 2
+        self._homed, self._homing, self._done = False, True, True
+        legs = [(0.0, fast), (-half_turn, fast), (0.0, slow)]
+        self._axis.go(legs, *self._ramps(HOMING_RAMP_UP), self._scheduler.monotonic_s())
+
+    def _settle(self) -> None:
+        """Notice that homing is over."""
+        if self._homing and not self._axis.moving(self._scheduler.monotonic_s()):
+            self._zero, self._homed, self._homing = 0, True, False
+
+    def _stop(self) -> None:
+        now_s = self._scheduler.monotonic_s()
+        speed = abs(self._axis.velocity_at(now_s))
+        self._homing = self._done = False
+        if speed and self._stopped_s != self._axis.end_s:
+            self._axis.brake(speed / QUICK_STOP_S, now_s)
+            self._stopped_s = self._axis.end_s
+
+    # --- units ---
+
+    @property
+    def _per_rpm(self) -> float:
+        return self._held[self._pulses_per_rev_register] / 60
+
+    def _ramps(self, register: int) -> tuple[float, float]:
+        """Ramps up and down in pulses/s², from two words in ms for ramp_rpm."""
+        up, down = (1000 * self._ramp_rpm * self._per_rpm / max(self._held[register + n], 1) for n in (0, 1))
+        return up, down
+
+    def _limits(self) -> tuple[int, int]:
+        """Soft limits in counts, (lowest, highest)."""
+        if not (self._held[SOFT_LIMITS] & 2 and self._homed):
+            return -_NO_LIMIT, _NO_LIMIT
+        low, high = (signed(self._held[n], self._held[n + 1]) for n in (NEGATIVE_LIMIT, POSITIVE_LIMIT))
+        return low, high
+
+
+class DrivePair:
+    """Two drives as a stage: x lateral, z vertical, y set by hand."""
+
+    def __init__(self, x: VirtualDrive, z: VirtualDrive) -> None:
+        self.x, self.z = x, z
+
+    def carriage_steps_at(self, t_s: float) -> tuple[int, int, int]:
+        """Where the carriage really is, pulses from the home switches (x, y, z)."""
+        return self.x.carriage_at(t_s), 0, self.z.carriage_at(t_s)

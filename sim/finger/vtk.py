@@ -1,0 +1,34 @@
+"""A finger mesh as a legacy VTK file, for ParaView and its like."""
+
+from pathlib import Path
+
+import numpy as np
+
+from sim.finger.mesh import FingerMesh
+from sim.finger.quality import MeshQuality
+
+_HEXAHEDRON = 12
+
+
+def write_vtk(path: Path, mesh: FingerMesh, quality: MeshQuality) -> None:
+    """Nodes in mm, hexahedra, and for each its layer (0 epidermis … 3 bone), scaled Jacobian and aspect ratio.
+
+    Format: Kitware, VTK file formats, legacy, version 3.0, ASCII.
+    """
+    n = len(mesh.hexes)
+    with path.open("w", encoding="ascii") as file:
+        file.write("# vtk DataFile Version 3.0\nfinger mesh, mm\nASCII\nDATASET UNSTRUCTURED_GRID\n")
+        file.write(f"POINTS {len(mesh.nodes)} double\n")
+        np.savetxt(file, mesh.nodes, "%.9g")
+        file.write(f"CELLS {n} {9 * n}\n")
+        np.savetxt(file, np.insert(mesh.hexes, 0, 8, axis=1), "%d")
+        file.write(f"CELL_TYPES {n}\n")
+        np.savetxt(file, np.full(n, _HEXAHEDRON), "%d")
+        file.write(f"CELL_DATA {n}\n")
+        for name, values in (
+            ("layer", mesh.layer),
+            ("scaled_jacobian", quality.scaled_jacobian),
+            ("aspect_ratio", quality.aspect_ratio),
+        ):
+            file.write(f"SCALARS {name} double 1\nLOOKUP_TABLE default\n")
+            np.savetxt(file, values, "%.6g")

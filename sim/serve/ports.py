@@ -1,0 +1,125 @@
+"""The host's end of a virtual line as a port of this machine: a pseudo-terminal or a TCP port.
+
+Nobody listening, a client that does not read, one that vanishes: the bytes are lost, as on a real cable, and the
+devices go on.
+"""
+
+import contextlib
+import os
+import socket
+
+from sim.devices.line import SerialLine
+from sim.wall_clock import WallScheduler
+
+HOST = "127.0.0.1"
+_CHUNK = 4096
+# A client whose machine vanished without a word is given up after about ten seconds.
+_KEEPALIVE = (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3))
+
+
+class PortBusyError(Exception):
+    """The port cannot be had; the message is one line."""
+
+
+class PtyPort:
+    """A line behind a pseudo-terminal; clients come and go as they like."""
+
+    def __init__(self, scheduler: WallScheduler, line: SerialLine) -> None:
+        import pty  # POSIX only
+        import tty
+
+        self._scheduler, self._line = scheduler, line
+        # The near end stays open here too: it keeps its raw mode, and the far end readable, between clients.
+        self._far, self._near = pty.openpty()
+        tty.setraw(self._near)
+        os.set_blocking(self._far, False)
+        self.name = os.ttyname(self._near)
+        line.forward(self._to_client)
+        scheduler.watch(self, self._from_client)
+
+    def fileno(self) -> int:
+        return self._far
+
+    def close(self) -> None:
+        self._scheduler.unwatch(self)
+        os.close(self._far)
+        os.close(self._near)
+
+    def _from_client(self) -> None:
+        with contextlib.suppress(BlockingIOError):
+            self._line.host_write(os.read(self._far, _CHUNK))
+
+    def _to_client(self, data: bytes) -> None:
+        with contextlib.suppress(BlockingIOError):
+            os.write(self._far, data)
+
+
+class TcpPort:
+    """A line behind a TCP port of this machine, one client at a time; a second one is turned away."""
+
+    def __init__(self, scheduler: WallScheduler, line: SerialLine, port: int) -> None:
+        """Port 0 takes any that is free. Raises PortBusyError."""
+        self._scheduler, self._line = scheduler, line
+        self._client: socket.socket | None = None
+        try:
+            self._server = socket.create_server((HOST, port))
+        except OSError as problem:
+            raise PortBusyError(f"TCP port {port}: {os.strerror(problem.errno or 0).lower()}") from None
+        self._server.setblocking(False)
+        self.name = f"tcp://{HOST}:{self._server.getsockname()[1]}"
+        line.forward(self._to_client)
+        scheduler.watch(self._server, self._accept)
+
+    def close(self) -> None:
+        self._drop()
+        self._scheduler.unwatch(self._server)
+        self._server.close()
+
+    def _accept(self) -> None:
+        with contextlib.suppress(OSError):
+            client, _ = self._server.accept()
+            self._from_client()  # the one before may have gone in the same instant
+            if self._client is not None:
+                client.close()
+                return
+            client.setblocking(False)
+            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            client.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+            for name, value in _KEEPALIVE:
+                if hasattr(socket, name):
+                    client.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
+            self._client = client
+            self._scheduler.watch(client, self._from_client)
+
+    def _from_client(self) -> None:
+        if self._client is None:
+            return
+        try:
+            data = self._client.recv(_CHUNK)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if data:
+            self._line.host_write(data)
+        else:
+            self._drop()
+
+    def _to_client(self, data: bytes) -> None:
+        if self._client is None:
+            return
+        try:
+            sent = self._client.send(data)
+        except BlockingIOError:
+            sent = 0
+        except OSError:
+            self._drop()
+            return
+        if sent < len(data):  # the client does not read: half a message would be worse than none
+            self._drop()
+
+    def _drop(self) -> None:
+        if self._client is not None:
+            self._scheduler.unwatch(self._client)
+            self._client.close()
+            self._client = None

@@ -1,0 +1,139 @@
+"""Forces in real time: the poses of the coming sample instants are solved before anybody asks for them.
+
+A stage under way has its path planned, so where the indentor will be at the next sample instants is known before it
+is there. A plan that changes (a stop, a hold) makes an answer late for a sample or two: then the last force is given,
+it is not called fresh, and it is counted; after STALE_S it is no answer at all.
+"""
+
+import contextlib
+import math
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from sim.plant import Carriage, Pose
+from sim.serve.press_process import PressAnswer, PressProcess
+from sim.wall_clock import WallScheduler
+
+STALE_S = 0.5
+_AHEAD = 4  # sample periods
+_KEPT = 512
+
+
+@dataclass
+class PressStatistics:
+    """How the forces came: readings asked for, those that were late, and the time of each solve (s)."""
+
+    asked: int = 0
+    late: int = 0
+    unknown: int = 0
+    stalest_s: float = 0.0
+    slowest_s: float = 0.0
+    solved: int = 0
+    problems: set[str] = field(default_factory=set)
+
+
+class PressAhead:
+    """force_n(t) for the virtual devices, without ever waiting."""
+
+    def __init__(
+        self,
+        scheduler: WallScheduler,
+        carriage: Carriage,
+        press: PressProcess,
+        period_s: float,
+        complain: Callable[[str], object],
+    ) -> None:
+        """complain gets each problem of the finger once, in one line."""
+        self._scheduler, self._carriage, self._press = scheduler, carriage, press
+        self._period_s, self._complain = period_s, complain
+        self._forces: OrderedDict[Pose, float] = OrderedDict()
+        self._asked: Pose | None = None
+        self._last_n, self._last_s = math.nan, -math.inf
+        self.statistics = PressStatistics()
+        self.ended = False  # there is no finger any more; the scheduler has been stopped
+        self._learn(self._ask_and_wait(carriage.pose_at(scheduler.monotonic_s())))
+        scheduler.watch(press, self._on_answer)
+        self._tick()
+
+    def force_n(self, t_s: float) -> float:
+        """Force at an instant, N; the last one known where that is not solved yet, NaN where it is too old."""
+        self.statistics.asked += 1
+        known = self._known_at(t_s)
+        if known is not None:
+            return known
+        stale_s = max(t_s - self._last_s, 0.0)
+        self.statistics.late += 1
+        self.statistics.stalest_s = max(self.statistics.stalest_s, stale_s)
+        if stale_s <= STALE_S:
+            return self._last_n
+        self.statistics.unknown += 1
+        return math.nan
+
+    def fresh(self, t_s: float) -> bool:
+        """Whether the force of this instant is known, and not just the last one before it."""
+        return self._known_at(t_s) is not None
+
+    def close(self) -> None:
+        if not self.ended:
+            self._scheduler.unwatch(self._press)
+        self._press.close()
+
+    def _known_at(self, t_s: float) -> float | None:
+        return self._forces.get(self._carriage.pose_at(t_s))
+
+    def _tick(self) -> None:
+        self._note_last()
+        self._ask_next()
+        self._scheduler.call_at((self._index() + 1) * self._period_s, self._tick)
+
+    def _note_last(self) -> None:
+        """Keep the force of the sample instant just past, if it is known."""
+        t_s = self._index() * self._period_s
+        known = self._known_at(t_s)
+        if known is not None:
+            self._last_n, self._last_s = known, t_s
+
+    def _index(self) -> int:
+        return math.floor(self._scheduler.monotonic_s() / self._period_s + 1e-6)
+
+    def _ask_next(self) -> None:
+        """The first unsolved pose from the last sample instant on; instants long past are not made up for."""
+        if self._asked is not None or self.ended:
+            return
+        index = self._index()
+        for k in range(_AHEAD + 1):
+            pose = self._carriage.pose_at((index + k) * self._period_s)
+            if pose not in self._forces:
+                self._asked = pose
+                with contextlib.suppress(OSError):  # a process that has just died is noticed at its pipe
+                    self._press.ask(pose)
+                return
+
+    def _on_answer(self) -> None:
+        try:
+            answer = self._press.answer()
+        except (EOFError, OSError):
+            self._scheduler.unwatch(self._press)
+            self.ended = True
+            self._complain("the process of the virtual finger has ended")
+            self._scheduler.stop()
+            return
+        self._learn(answer)
+        self._note_last()
+        self._ask_next()
+
+    def _ask_and_wait(self, pose: Pose) -> PressAnswer:
+        self._press.ask(pose)
+        return self._press.answer()
+
+    def _learn(self, answer: PressAnswer) -> None:
+        self._asked = None
+        self._forces[answer.pose] = answer.force_n
+        if len(self._forces) > _KEPT:
+            self._forces.popitem(last=False)
+        self.statistics.solved += 1
+        self.statistics.slowest_s = max(self.statistics.slowest_s, answer.solve_s)
+        if answer.problem and answer.problem not in self.statistics.problems:
+            self.statistics.problems.add(answer.problem)
+            self._complain(answer.problem)

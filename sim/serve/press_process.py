@@ -1,0 +1,91 @@
+"""The finger in a process of its own: contact takes tens of milliseconds, in which no byte must wait."""
+
+import math
+import multiprocessing
+import signal
+import time
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+
+from sim.config import FingertipConfig
+from sim.fingertip import Fingertip
+from sim.plant import Pose, Press
+
+_READY_S = 300.0  # building a model takes some 15 s, minutes on a small machine
+
+
+@dataclass(frozen=True)
+class PressAnswer:
+    """The force at a pose, N (NaN with a problem), and the time it took, s."""
+
+    pose: Pose
+    force_n: float
+    solve_s: float
+    problem: str = ""
+
+
+class FingerNotLoadedError(Exception):
+    """The process of the finger has no finger; the message is one line."""
+
+
+class PressProcess:
+    """Answers poses with forces, one at a time, in the order they are sent."""
+
+    def __init__(self, config: FingertipConfig, indentor: str, stiffness: float = 1.0) -> None:
+        """Returns when the finger is loaded. Raises FingerNotLoadedError where it cannot be."""
+        context = multiprocessing.get_context("spawn")
+        self._near, far = context.Pipe()
+        self._process = context.Process(target=_serve, args=(far, config, indentor, stiffness), daemon=True)
+        self._process.start()
+        far.close()
+        try:
+            problem = self._near.recv() if self._near.poll(_READY_S) else f"not loaded within {_READY_S:g} s"
+        except EOFError:
+            problem = "its process ended while it was loaded"
+        if problem:
+            self.close()
+            raise FingerNotLoadedError(f"virtual finger: {problem}")
+
+    def fileno(self) -> int:
+        return self._near.fileno()
+
+    def ask(self, pose: Pose) -> None:
+        self._near.send(pose)
+
+    def answer(self) -> PressAnswer:
+        """Waits for it. Raises EOFError if the process has gone."""
+        found: PressAnswer = self._near.recv()
+        return found
+
+    def close(self) -> None:
+        self._near.close()
+        self._process.join(5.0)
+        self._process.terminate()
+
+
+def _serve(
+    far: "Connection[str | PressAnswer, Pose]", config: FingertipConfig, indentor: str, stiffness: float
+) -> None:
+    # Ctrl-C goes to every process of the terminal; this one ends with its pipe.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        press = Press(Fingertip.load(config), indentor, stiffness)
+    except Exception as error:
+        far.send(f"{type(error).__name__}: {error}")
+        return
+    far.send("")
+    while True:
+        try:
+            pose = far.recv()
+        except (EOFError, OSError):
+            return
+        far.send(_answer(press, pose))
+
+
+def _answer(press: Press, pose: Pose) -> PressAnswer:
+    began = time.perf_counter()
+    try:
+        force, problem = press.force_n(pose), ""
+    except Exception as error:  # a scene beyond the model must not end the bench
+        force, problem = math.nan, f"{type(error).__name__}: {error}"
+    return PressAnswer(pose, force, time.perf_counter() - began, problem)

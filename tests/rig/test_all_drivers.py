@@ -1,0 +1,126 @@
+"""Every driver there is, found by walking the packages: docstrings, units in names, documented errors, sources."""
+
+import ast
+import importlib
+import inspect
+import pkgutil
+import re
+from collections.abc import Callable, Iterator
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+import rig.force
+import rig.stage
+from rig.bench import _FORCES, _STAGES
+from rig.force import ForceError, ForceSensor
+from rig.settings import ForceSettings, StageSettings
+from rig.stage import Stage, StageError
+from rig.stage.base import DeadManStage
+
+UNITS = ("_mm", "_mm_s", "_s", "_n", "_gwt", "_g", "_steps", "_rpm", "_ms")
+# A ratio of two forces has no unit; this one is pulses in each mm.
+NO_UNIT = {"scale", "pulses_per_mm"}
+QUIET = {"close", "steps_per_mm"}  # send nothing and cannot fail
+ALLOWED = (StageError, ForceError, ValueError)
+
+
+def _modules(package: ModuleType) -> list[ModuleType]:
+    names = [info.name for info in pkgutil.iter_modules(package.__path__)]
+    return [importlib.import_module(f"{package.__name__}.{name}") for name in names]
+
+
+MODULES = [*_modules(rig.stage), *_modules(rig.force)]
+CLASSES = [
+    member
+    for module in MODULES
+    for _, member in inspect.getmembers(module, inspect.isclass)
+    if member.__module__ == module.__name__
+]
+DRIVERS = [kind for kind in CLASSES if hasattr(kind, "connect") and not getattr(kind, "_is_protocol", False)]
+PROTOCOLS: list[Any] = [Stage, ForceSensor, DeadManStage]
+ids = pytest.mark.parametrize("driver", DRIVERS, ids=lambda driver: driver.__name__)
+
+
+def _public(driver: type) -> Iterator[tuple[str, Callable[..., Any]]]:
+    for name, member in vars(driver).items():
+        if not name.startswith("_"):
+            yield name, member.fget if isinstance(member, property) else member
+
+
+def _told(driver: type, name: str) -> str:
+    """What is said about a method: by the driver, and by the protocol that it fulfils."""
+    protocols = [p for p in PROTOCOLS if name in vars(p)]
+    texts = [getattr(vars(driver)[name], "__doc__", None), *(getattr(p, name).__doc__ for p in protocols)]
+    return " ".join(text for text in texts if text)
+
+
+def test_the_walk_finds_every_kind_of_device() -> None:
+    assert {driver.__name__ for driver in DRIVERS} == {
+        "GrblStage", "LeadshineStage", "LeadshineDrive", "MtSicsForce", "LaumasForce",
+    }  # fmt: skip
+    for kinds, settings in ((_STAGES, StageSettings), (_FORCES, ForceSettings)):
+        assert set(kinds) == set(settings.model_fields["kind"].annotation.__args__)  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__)
+def test_modules_say_what_they_are(module: ModuleType) -> None:
+    assert module.__doc__
+    assert len(module.__doc__.splitlines()[0]) < 120
+
+
+@ids
+def test_a_driver_names_its_source(driver: type) -> None:
+    package = inspect.getmodule(driver)
+    assert package is not None
+    texts = [package.__doc__ or ""]
+    texts += [m.__doc__ or "" for m in MODULES if m.__name__.startswith(package.__name__.removesuffix("_drive"))]
+    assert any("Source:" in text or "Sources:" in text for text in texts)
+
+
+@ids
+def test_every_public_name_has_a_docstring(driver: type) -> None:
+    assert driver.__doc__
+    for name, _ in _public(driver):
+        assert _told(driver, name), f"{driver.__name__}.{name} has no docstring"
+
+
+@ids
+def test_whatever_touches_the_wire_says_how_it_fails(driver: type) -> None:
+    for name, member in _public(driver):
+        if (
+            name not in QUIET
+            and not isinstance(vars(driver)[name], property)
+            and "self._" in inspect.getsource(member)
+        ):
+            assert "Raises" in _told(driver, name), f"{driver.__name__}.{name} does not say what it raises"
+
+
+@ids
+def test_numbers_carry_their_unit_in_the_name(driver: type) -> None:
+    for name, member in [("__init__", driver.__init__), *_public(driver)]:
+        signature = inspect.signature(member)
+        for parameter in signature.parameters.values():
+            if re.match(r"(float|float \| None|tuple.*float.*|<class 'float'>)$", str(parameter.annotation)):
+                good = parameter.name.endswith(UNITS) or parameter.name in NO_UNIT
+                assert good, f"{driver.__name__}.{name}({parameter.name})"
+        if isinstance(vars(driver).get(name), property) and signature.return_annotation is float:
+            assert name.endswith(UNITS), f"{driver.__name__}.{name}"
+
+
+@pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__)
+def test_what_is_raised_is_what_is_documented(module: ModuleType) -> None:
+    """Stage and force errors, and ValueError before any byte; nothing of the libraries below gets through."""
+    for node in ast.walk(ast.parse(inspect.getsource(module))):
+        if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call) and isinstance(node.exc.func, ast.Name):
+            raised = getattr(module, node.exc.func.id, None) or getattr(__builtins__, node.exc.func.id, ValueError)
+            if inspect.isclass(raised):
+                assert issubclass(raised, ALLOWED), f"{module.__name__}, line {node.lineno}: {node.exc.func.id}"
+
+
+@pytest.mark.parametrize("root", [StageError, ForceError])
+def test_every_error_has_a_meaning(root: type[Exception]) -> None:
+    kinds = [root, *root.__subclasses__()]
+    assert len(kinds) > 4
+    assert all(kind.__doc__ and not kind.__doc__.startswith("Common base class") for kind in kinds)

@@ -1,0 +1,189 @@
+"""`rig finger`: what it prints of the default finger and of the synthetic examples, and what it refuses."""
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rig.cli import main
+from rig.protocol.config import load_config
+from sim.finger import mesh as mesh_module
+from sim.finger.surface import published_points
+
+EXAMPLES = Path(__file__).parents[2] / "examples" / "own_finger"
+POINTS = "x_mm,y_mm,z_mm\n" + "".join(f"{x},{y},{z}\n" for x, y, z in published_points()[1])
+SECTIONS = """\
+z_mm,half_width_mm,height_mm,lean_mm
+0,3.4,2.6,0
+3,4.0,4.0,0.1
+6,4.4,4.6,0.2
+9,4.2,4.4,0.1
+12.75,1,1,0
+"""
+
+Finger = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def finger_command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Finger:
+    """Run `rig finger` in this process and a folder of its own: exit code, standard output, standard error."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["rig", "finger", *map(str, arguments)])
+        with pytest.raises(SystemExit) as caught:
+            main()
+        printed = capsys.readouterr()
+        return int(caught.value.code or 0), printed.out, printed.err
+
+    return run
+
+
+def configure(geometry: str, **files: str) -> Path:
+    """A configuration in a folder of its own, with files beside it."""
+    folder = Path("study")
+    folder.mkdir()
+    for name, text in files.items():
+        (folder / f"{name}.csv").write_text(text, encoding="utf-8")
+    path = folder / "rig.toml"
+    path.write_text(f"[finger.geometry]\n{geometry}\n", encoding="utf-8")
+    return path
+
+
+def test_the_default_finger_for_people(finger_command: Finger) -> None:
+    code, out, err = finger_command()
+    assert (code, err) == (0, "")
+    lines = out.splitlines()
+    assert lines[0] == "skin     24 published points"
+    assert "rms 0.010 mm, largest 0.027 mm at (1.68, 3.70, 5.01) mm" in lines[1]
+    assert lines[2].endswith("(-0.14, 4.85, 7.01) mm")
+    assert lines[3].endswith("3.59 mm laterally, 3.39 mm axially")
+    assert "  epidermis       0.40 mm, 2 elements, E ratio 1" in lines
+    assert "mesh     53534 nodes, 48564 elements, 2064 patch nodes" in lines
+    assert lines[-1] == "  folded          none"
+
+
+def test_the_synthetic_larger_finger_as_json(finger_command: Finger) -> None:
+    # 1.2 times the default finger: apex (−0.169, 5.824, 8.415), radii 4.308 and 4.072 mm.
+    code, out, err = finger_command("--config", EXAMPLES / "points.toml", "--json")
+    assert (code, err, out.count("\n")) == (0, "", 1)
+    found: dict[str, Any] = json.loads(out)
+    assert (found["skin"]["from"], found["skin"]["count"]) == ("points", 99)
+    assert found["skin"]["residual_rms_mm"] <= found["skin"]["residual_max_mm"] < 0.003
+    assert found["apex"]["position_mm"] == pytest.approx([-0.169, 5.824, 8.415], abs=0.02)
+    assert found["apex"]["lateral_radius_mm"] == pytest.approx(4.308, rel=0.005)
+    assert found["apex"]["axial_radius_mm"] == pytest.approx(4.072, rel=0.005)
+    assert found["receptor_plane_mm"] == pytest.approx(15.3 - 7.028)
+    assert [layer["name"] for layer in found["layers"]] == ["epidermis", "dermis", "fat"]
+    thickness = [layer["thickness_mm"] for layer in found["layers"]]
+    assert thickness[:2] == pytest.approx([0.4, 0.8], rel=0.01)
+    assert sum(thickness) == pytest.approx((1 - 0.32) * 5.824, rel=0.01)
+    quality = found["quality"]
+    assert (quality["folded"], quality["poor"]) == (0, 0)
+    assert 0.3 < quality["smallest_scaled_jacobian"] < 1
+    assert quality["largest_aspect_ratio_at_mm"][2] > 14  # the tip
+
+
+def test_the_synthetic_sections(finger_command: Finger) -> None:
+    code, out, _ = finger_command("--config", EXAMPLES / "sections.toml", "--json")
+    found = json.loads(out)
+    assert code == 0
+    assert (found["skin"]["from"], found["skin"]["count"]) == ("sections", 16)
+    assert found["apex"]["position_mm"] == pytest.approx([-0.169, 5.824, 8.415], abs=0.02)
+
+
+def test_a_path_is_relative_to_the_configuration(finger_command: Finger) -> None:
+    path = configure('points = "mine.csv"', mine=POINTS)
+    assert finger_command("--config", path)[0] == 0
+    config = load_config(path)
+    assert config.finger.geometry.points == tuple(map(tuple, published_points()[1].tolist()))
+    written = Path("copy.toml")
+    written.write_text(config.as_toml(), encoding="utf-8")
+    assert load_config(written) == config  # a run's own copy holds the numbers
+
+
+def test_the_mesh_as_a_file(finger_command: Finger) -> None:
+    code, out, _ = finger_command("--vtk", "mesh.vtk", "--json")
+    assert code == 0
+    text = Path("mesh.vtk").read_text(encoding="ascii")
+    assert f"POINTS {json.loads(out)['nodes']} double\n" in text
+    code, out, err = finger_command("--vtk", "mesh.vtk")
+    assert (code, out) == (2, "")
+    assert err == "rig: --vtk mesh.vtk: exists already, expected a new file\n"
+
+
+def test_doubts_are_said_and_are_no_errors(finger_command: Finger) -> None:
+    lines = POINTS.splitlines()
+    lines[10] = "0.098,5.839,6.893"  # a slip of 1 mm
+    code, _, err = finger_command("--config", configure('points = "mine.csv"', mine="\n".join(lines)))
+    assert code == 0
+    assert err.startswith("rig: the point (0.10, 5.84, 6.89) mm lies 0.")
+    assert err.endswith("off the fitted skin: expected less than a node's spacing, 0.17 mm\n")
+
+
+def test_poor_elements_are_doubted(finger_command: Finger) -> None:
+    # The pulp swings by 4 mm from side to side between sections 1 mm apart.
+    rows = "".join(f"{z},4.4,4.4,{2 * (-1) ** k}\n" for k, z in enumerate(np.linspace(0, 12.75, 14)))
+    path = configure('sections = "mine.csv"', mine="z_mm,half_width_mm,height_mm,lean_mm\n" + rows)
+    code, _, err = finger_command("--config", path)
+    assert code == 0
+    assert "elements have a scaled Jacobian below 0.1, the worst at (" in err
+
+
+@pytest.mark.parametrize(
+    ("geometry", "csv", "complaint"),
+    [
+        ('points = "none.csv"', POINTS, "finger.geometry.points = 'none.csv': study/none.csv: No such file"),
+        (
+            'points = "mine.csv"',
+            POINTS.replace("3.987", "3.987 O"),
+            "finger.geometry.points = 'mine.csv': study/mine.csv, line 17, y_mm: expected a number, got '3.987 O'",
+        ),
+        ('points = "mine.csv"', POINTS.replace("4.839", "NaN"), "study/mine.csv, line 11, y_mm: expected a number"),
+        ('points = "mine.csv"', SECTIONS, "line 1: 0 columns x_mm, expected the columns x_mm,y_mm,z_mm"),
+        ('points = "mine.csv"', "".join(POINTS.splitlines(True)[:12]), "11 points, expected 12 to 10000"),
+        ('length_mm = 11\npoints = "mine.csv"', POINTS, "z 4.07 … 11.51 mm: expected z from 0"),
+        ('sections = "mine.csv"', SECTIONS.replace("4.4,4.6", "2.2,4.6"), "no receptor at x = -2 mm, 0.76 mm below"),
+        ("points = [[1, 2, 3]]", "", "finger.geometry.points = [[1, 2, 3]]: 1 points, expected 12 to 10000"),
+        ("points = [[1, 2, nan]]", "", "finger.geometry.points.0.2 = nan: input should be a finite number"),
+        ("points = [[1, 2]]", "", "finger.geometry.points.0.2"),
+        ("points = 3", "", "finger.geometry.points = 3: input should be a valid tuple"),
+        ('sections = "mine.csv"', SECTIONS.replace("\n6,", "\n3,"), "z_mm = 3 after 3: expected z_mm to rise"),
+        ('sections = "mine.csv"', SECTIONS.replace("\n9,4.2", "\n9,wide"), "line 5, half_width_mm: expected"),
+        ('sections = "mine.csv"', SECTIONS.replace("0.2\n", "30\n"), "the skin crosses the bone's axis at z = "),
+        ('sections = "mine.csv"', SECTIONS.replace("4.4,4.6", "3.0,4.6"), "patch_x_mm = 3.3: the patch leaves"),
+    ],
+)  # fmt: skip
+def test_refusals_in_one_line(finger_command: Finger, geometry: str, csv: str, complaint: str) -> None:
+    code, out, err = finger_command("--config", configure(geometry, mine=csv))
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1
+    assert complaint in err
+
+
+def test_a_refusal_does_not_repeat_thousands_of_numbers(finger_command: Finger) -> None:
+    rows = [[float(k), 1.0, 1.0] for k in range(9000)]
+    code, _, err = finger_command("--config", configure(f"points = {rows}"))
+    assert code == 2
+    assert "the points span" in err
+    assert len(err) < 300
+
+
+def test_a_folded_element_is_refused_by_name(finger_command: Finger, monkeypatch: pytest.MonkeyPatch) -> None:
+    place = mesh_module._place_nodes
+
+    def with_a_fold(*arguments: object) -> tuple[Any, Any]:
+        nodes, layers = place(*arguments)  # type: ignore[arg-type]
+        nodes[5, 6, 2] = nodes[5, 6, 4]  # through two of its neighbours
+        return nodes, layers
+
+    monkeypatch.setattr(mesh_module, "_place_nodes", with_a_fold)
+    code, out, err = finger_command("--json")
+    assert code == 2
+    assert err.startswith("rig: element ")
+    assert " is folded at (" in err
+    assert json.loads(out)["exit_code"] == 2

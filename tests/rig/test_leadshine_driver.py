@@ -1,0 +1,403 @@
+"""The Leadshine stage as pairs of bytes: x is device 1, z is device 2, 400 pulses a turn and a mm."""
+
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+import pytest
+
+from rig.settings import DriveSettings
+from rig.stage import LeadshineDrive, LeadshineStage, Stage, StageAlarm, StageError, StageStatus, StageTimeout
+from rig.transport import ModbusMaster
+from sim.clock import VirtualClock
+
+Pair = tuple[str, str]
+Make = Callable[..., LeadshineStage]
+
+AT_REST = "00 32"  # enabled, command done, path done
+HOMED = "00 72"
+RUNNING = "00 06"
+FAULT = "00 01"
+
+
+def status(device: int, word: str) -> Pair:
+    return f"{device:02X} 03 10 03 00 01", f"{device:02X} 03 02 {word}"
+
+
+def commanded(device: int, counts: str) -> Pair:
+    return f"{device:02X} 03 60 2C 00 02", f"{device:02X} 03 04 {counts}"
+
+
+def feedback(device: int, counts: str) -> Pair:
+    return f"{device:02X} 03 10 14 00 02", f"{device:02X} 03 04 {counts}"
+
+
+def echoed(frame: str) -> Pair:
+    """A write of one register, and its echo."""
+    return frame, frame
+
+
+def written(frame: str) -> Pair:
+    """A write of several registers, and its answer: the first six bytes."""
+    return frame, frame[: 6 * 3 - 1]
+
+
+def hello(device: int) -> Pair:
+    return f"{device:02X} 03 00 01 00 01", f"{device:02X} 03 02 01 90"
+
+
+def homing(device: int, lowest: str) -> list[Pair]:
+    """What homing says to one drive that starts at rest, with the soft limits after it."""
+    d = f"{device:02X}"
+    return [
+        status(device, AT_REST),
+        written(f"{d} 10 60 0A 00 01 02 00 01"),  # mode
+        (f"{d} 03 60 0A 00 01", f"{d} 03 02 00 01"),
+        written(f"{d} 10 60 0F 00 04 08 01 2C 00 19 01 4D 01 4D"),  # 300 and 25 rpm, ramps of 333 ms
+        (f"{d} 03 60 0F 00 04", f"{d} 03 08 01 2C 00 19 01 4D 01 4D"),
+        echoed(f"{d} 06 60 02 00 20"),
+        status(device, RUNNING),
+        status(device, HOMED),
+        commanded(device, "00 00 00 00"),
+        written(f"{d} 10 60 06 00 02 04 00 00 00 00"),
+        (f"{d} 03 60 06 00 02", f"{d} 03 04 00 00 00 00"),
+        written(f"{d} 10 60 08 00 02 04 {lowest}"),
+        (f"{d} 03 60 08 00 02", f"{d} 03 04 {lowest}"),
+        written(f"{d} 10 60 00 00 01 02 00 02"),
+        (f"{d} 03 60 00 00 01", f"{d} 03 02 00 02"),
+    ]
+
+
+# −40 mm and −60 mm are −16000 and −24000 pulses.
+HOMING = [*homing(2, "FF FF C1 80"), *homing(1, "FF FF A2 40")]
+
+
+@pytest.fixture
+def stage(clock: VirtualClock, scripted: Callable[[list[Any]], Any], rtu: Callable[[str], bytes]) -> Make:
+    def make(pairs: list[Pair], *, per_mm: float = 400.0, **options: Any) -> LeadshineStage:
+        wire = scripted([(rtu(sent), rtu(reply) if reply else b"") for sent, reply in pairs])
+        bus = ModbusMaster(wire, clock)
+
+        def drive(axis: str, device: int, travel_mm: float) -> LeadshineDrive:
+            settings = DriveSettings(device_id=device)
+            return LeadshineDrive(bus, clock, axis, settings, pulses_per_mm=per_mm, travel_mm=travel_mm)
+
+        return LeadshineStage(drive("x", 1, 60.0), drive("z", 2, 40.0), y_mm=-15.0, **options)
+
+    return make
+
+
+@pytest.fixture
+def homed(stage: Make) -> Make:
+    """A stage that has been homed before the rest of its script."""
+
+    def make(pairs: list[Pair], **options: Any) -> LeadshineStage:
+        ready = stage([*HOMING, *pairs], **options)
+        ready.home()
+        assert ready.homed
+        return ready
+
+    return make
+
+
+# --- hello ---
+
+
+def test_connect_names_both_drives(stage: Make) -> None:
+    there: Stage = stage([hello(1), hello(2)])
+    assert there.connect() == "x: Leadshine drive 1, 400 pulses a turn; z: Leadshine drive 2, 400 pulses a turn"
+
+
+def test_a_drive_that_is_set_otherwise_is_refused(stage: Make) -> None:
+    """10000 pulses a turn: every move would be 25 times too short."""
+    with pytest.raises(
+        StageError, match=r"x axis, drive 1: pulses per turn \(0x0001\) is \[10000\], expected \[400\]"
+    ):
+        stage([("01 03 00 01 00 01", "01 03 02 27 10")]).connect()
+
+
+def test_nobody_there(stage: Make) -> None:
+    with pytest.raises(StageTimeout, match=r"x axis: scripted: device 1, read .* no answer"):
+        stage([("01 03 00 01 00 01", "")] * 3).connect()
+
+
+def test_status(stage: Make) -> None:
+    there = stage([status(1, RUNNING), status(2, HOMED), feedback(1, "FF FF D1 20"), feedback(2, "FF FF FF FF")])
+    assert there.status() == StageStatus("Run", -30.0, -15.0, -0.0025)
+
+
+@pytest.mark.parametrize(("word", "state"), [(FAULT, "Alarm"), ("00 30", "Disabled"), (AT_REST, "Idle")])
+def test_states_have_names(stage: Make, word: str, state: str) -> None:
+    there = stage([status(1, AT_REST), status(2, word), feedback(1, "00 00 00 00"), feedback(2, "00 00 00 00")])
+    assert there.status().state == state
+
+
+# --- homing and limits ---
+
+
+def test_homing_goes_up_first_and_sets_limits_in_the_drives(homed: Make) -> None:
+    homed([])
+
+
+def test_a_limit_that_the_drive_did_not_take(stage: Make) -> None:
+    script = homing(2, "FF FF C1 80")
+    script[-1] = ("02 03 60 00 00 01", "02 03 02 00 00")
+    there = stage(script)
+    with pytest.raises(StageError, match=r"z axis, drive 2: soft limits \(0x6000\) is \[0\], expected \[2\]"):
+        there.home()
+    assert not there.homed
+
+
+def test_a_motor_that_runs_against_its_axis(stage: Make) -> None:
+    """Limits change places, and positions their sign: 40 mm down is +16000 pulses."""
+    d = homing(2, "00 00 00 00")[:9]
+    limits = [
+        written("02 10 60 06 00 02 04 00 00 3E 80"),
+        ("02 03 60 06 00 02", "02 03 04 00 00 3E 80"),
+        written("02 10 60 08 00 02 04 00 00 00 00"),
+        ("02 03 60 08 00 02", "02 03 04 00 00 00 00"),
+        written("02 10 60 00 00 01 02 00 02"),
+        ("02 03 60 00 00 01", "02 03 02 00 02"),
+    ]
+    with pytest.raises(StageTimeout, match="x axis"):
+        stage(
+            [*d, *limits, ("01 03 10 03 00 01", ""), ("01 03 10 03 00 01", ""), ("01 03 10 03 00 01", "")],
+            per_mm=-400.0,
+        ).home()
+
+
+# --- moves ---
+
+
+def test_a_move_is_one_frame_and_arrival_is_seen(homed: Make, clock: VirtualClock) -> None:
+    """−2.5 mm at 0.5 mm/s: −1000 pulses, 30 rpm, ramps of 333 ms for 1000 rpm."""
+    there = homed(
+        [
+            feedback(2, "00 00 00 00"),
+            status(2, HOMED),
+            commanded(2, "00 00 00 00"),
+            written("02 10 62 00 00 08 10 00 01 FF FF FC 18 00 1E 01 4D 01 4D 00 00 00 10"),
+            *[status(2, RUNNING)] * 21,
+            status(2, HOMED),
+            commanded(2, "FF FF FC 18"),
+            feedback(2, "FF FF FC 18"),
+        ]
+    )
+    start_s = clock.monotonic_s()
+    there.move_to(z_mm=-2.5, speed_mm_s=0.5)
+    # 5 s of way and 10 ms of ramp, with a look each 0.25 s; then one poll that still finds it running.
+    assert clock.monotonic_s() - start_s == pytest.approx(5.01 + 0.02, abs=0.03)
+
+
+def test_path_done_of_the_move_before_is_not_taken_for_this_one(homed: Make) -> None:
+    there = homed(
+        [
+            feedback(1, "00 00 00 00"),
+            status(1, HOMED),
+            commanded(1, "00 00 00 00"),
+            written("01 10 62 00 00 08 10 00 01 FF FF FE 70 01 2C 01 4D 01 4D 00 00 00 10"),
+            status(1, HOMED),  # not begun yet: done, but with the old target
+            commanded(1, "00 00 00 00"),
+            status(1, HOMED),
+            commanded(1, "FF FF FE 70"),
+            feedback(1, "FF FF FE 70"),
+        ]
+    )
+    there.move_to(x_mm=-1.0, y_mm=-15.0, speed_mm_s=5.0)
+
+
+MOVE_1_MM = [
+    feedback(1, "00 00 00 00"),
+    status(1, HOMED),
+    commanded(1, "00 00 00 00"),
+    written("01 10 62 00 00 08 10 00 01 FF FF FE 70 01 2C 01 4D 01 4D 00 00 00 10"),
+]
+
+
+def test_an_arrival_somewhere_else(homed: Make) -> None:
+    """Commanded −400, but the encoder says −390."""
+    there = homed([*MOVE_1_MM, status(1, HOMED), commanded(1, "FF FF FE 70"), feedback(1, "FF FF FE 7A")])
+    with pytest.raises(StageError, match=r"x axis, drive 1 is at -0\.9750 mm, not at -1 mm"):
+        there.move_to(x_mm=-1.0, speed_mm_s=5.0)
+    assert not there.homed
+
+
+def test_a_trigger_that_is_not_confirmed_is_not_repeated(homed: Make) -> None:
+    there = homed([*MOVE_1_MM[:3], (MOVE_1_MM[3][0], "")])
+    with pytest.raises(StageTimeout, match=r"write .*of 8 registers at 0x6200: no answer"):
+        there.move_to(x_mm=-1.0, speed_mm_s=5.0)
+    with pytest.raises(StageError, match="must be homed"):
+        there.move_to(x_mm=-1.0, speed_mm_s=5.0)
+
+
+@pytest.mark.parametrize(
+    ("code", "meaning"),
+    [
+        ("00 E0", "over-current"), ("00 C0", "over-voltage"), ("00 A1", "current sensing"), ("01 52", "motor phase"),
+        ("02 40", "EEPROM"), ("00 99", "see the manual"),
+    ],
+)  # fmt: skip
+def test_an_alarm_in_a_move_has_its_name_and_is_not_cleared(homed: Make, code: str, meaning: str) -> None:
+    there = homed([*MOVE_1_MM, status(1, FAULT), ("01 03 22 03 00 01", f"01 03 02 {code}")])
+    with pytest.raises(StageAlarm, match=meaning) as caught:
+        there.move_to(x_mm=-1.0, speed_mm_s=5.0)
+    assert caught.value.code == int(code.replace(" ", ""), 16)
+    assert not there.homed
+
+
+def test_nothing_moves_while_there_is_an_alarm(stage: Make) -> None:
+    with pytest.raises(StageAlarm, match="over-voltage"):
+        stage([status(2, FAULT), ("02 03 22 03 00 01", "02 03 02 00 C0")]).home()
+
+
+def test_an_alarm_is_cleared_when_asked(stage: Make) -> None:
+    there = stage([echoed("02 06 18 01 11 11"), status(2, AT_REST), echoed("01 06 18 01 11 11"), status(1, AT_REST)])
+    there.unlock()
+    assert not there.homed
+
+
+def test_an_alarm_that_does_not_go(stage: Make) -> None:
+    with pytest.raises(StageAlarm, match="over-current"):
+        stage([echoed("02 06 18 01 11 11"), status(2, FAULT), ("02 03 22 03 00 01", "02 03 02 00 E0")]).unlock()
+
+
+@pytest.mark.parametrize(
+    ("move", "complaint"),
+    [
+        ({"x_mm": -1.0, "z_mm": -1.0}, "a straight line"),
+        ({}, "needs one of x_mm and z_mm"),
+        ({"x_mm": -1.0, "y_mm": -14.0}, "y_mm must be -15"),
+        ({"x_mm": float("nan")}, "x_mm must be a finite number"),
+        ({"x_mm": -1.0, "speed_mm_s": 0.001}, r"speed_mm_s must be at least 0\.0167"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_any_byte(homed: Make, move: dict[str, float], complaint: str) -> None:
+    there = homed([])
+    with pytest.raises(ValueError, match=complaint):
+        there.move_to(**{"speed_mm_s": 1.0, **move})
+
+
+def test_a_speed_below_one_turn_a_minute_is_refused_before_any_byte(stage: Make) -> None:
+    """With 200 pulses a mm one turn is 2 mm, and a turn a minute 0.0333 mm/s."""
+    coarse = stage([], per_mm=200.0)
+    with pytest.raises(ValueError, match=r"speed_mm_s must be at least 0\.0333, got 0\.02"):
+        coarse.move_to(z_mm=-1.0, speed_mm_s=0.02)
+
+
+def test_no_move_unhomed(stage: Make) -> None:
+    with pytest.raises(StageError, match="must be homed"):
+        stage([]).move_to(z_mm=-1.0, speed_mm_s=1.0)
+
+
+# --- backlash ---
+
+
+def move(device: int, start: str, target: str, rpm: str) -> list[Pair]:
+    return [
+        status(device, HOMED),
+        commanded(device, start),
+        written(f"{device:02X} 10 62 00 00 08 10 00 01 {target} {rpm} 01 4D 01 4D 00 00 00 10"),
+        status(device, HOMED),
+        commanded(device, target),
+        feedback(device, target),
+    ]
+
+
+def test_backlash_is_taken_up_from_above(homed: Make) -> None:
+    """Up to −2 mm: twice 0.025 mm further, then down to it; down to −3 mm: straight."""
+    there = homed(
+        [
+            feedback(2, "FF FF FB 50"),
+            *move(2, "FF FF FB 50", "FF FF FC F4", "00 3C"),
+            *move(2, "FF FF FC F4", "FF FF FC E0", "00 3C"),
+            feedback(2, "FF FF FC E0"),
+            *move(2, "FF FF FC E0", "FF FF FB 50", "00 3C"),
+        ],
+        z_backlash_mm=0.025,
+    )
+    there.move_to(z_mm=-2.0, speed_mm_s=1.0)
+    there.move_to(z_mm=-3.0, speed_mm_s=1.0)
+
+
+# --- stopping ---
+
+
+def test_stop_is_one_broadcast_then_made_sure_of(homed: Make) -> None:
+    there = homed(
+        [
+            ("00 06 60 02 00 40", ""),
+            echoed("02 06 60 02 00 40"),
+            status(2, RUNNING),
+            echoed("02 06 60 02 00 40"),
+            status(2, AT_REST),
+            echoed("01 06 60 02 00 40"),
+            status(1, AT_REST),
+        ]
+    )
+    there.stop()
+    assert not there.homed
+
+
+def test_stop_asks_every_drive_even_if_one_is_silent(homed: Make, clock: VirtualClock) -> None:
+    there = homed(
+        [
+            ("00 06 60 02 00 40", ""),
+            *[("02 06 60 02 00 40", "")] * 5,
+            echoed("01 06 60 02 00 40"),
+            status(1, AT_REST),
+        ]
+    )
+    start_s = clock.monotonic_s()
+    with pytest.raises(StageTimeout, match=r"z axis: .*device 2, write .*no answer"):
+        there.stop()
+    assert clock.monotonic_s() - start_s < 1.5
+
+
+# --- jog ---
+
+
+def test_jog_is_rewritten_in_time_and_ends_with_the_key(stage: Make, clock: VirtualClock) -> None:
+    word = echoed("02 06 18 01 40 01")
+    there = stage(
+        [
+            status(2, AT_REST),
+            written("02 10 01 E1 00 01 02 00 3C"),
+            ("02 03 01 E1 00 01", "02 03 02 00 3C"),
+            *[word] * 5,
+            status(2, RUNNING),
+            status(2, AT_REST),
+        ]
+    )
+    pressed_s: list[float] = []
+
+    def held() -> bool:
+        pressed_s.append(clock.monotonic_s())
+        return len(pressed_s) <= 5
+
+    there.jog_while("z", 1, held, 1.0)
+    assert all(0 < b - a < 0.05 for a, b in pairwise(pressed_s))
+
+
+def test_jog_the_other_way(stage: Make) -> None:
+    once = iter([True, False])
+    stage(
+        [
+            status(1, AT_REST),
+            written("01 10 01 E1 00 01 02 00 3C"),
+            ("01 03 01 E1 00 01", "01 03 02 00 3C"),
+            echoed("01 06 18 01 40 02"),
+            status(1, AT_REST),
+        ]
+    ).jog_while("x", -1, lambda: next(once), 1.0)
+
+
+def test_a_jog_ends_with_the_link(stage: Make) -> None:
+    with pytest.raises(StageTimeout, match=r"write .*0x1801: no answer"):
+        stage(
+            [
+                status(1, AT_REST),
+                written("01 10 01 E1 00 01 02 00 3C"),
+                ("01 03 01 E1 00 01", "01 03 02 00 3C"),
+                ("01 06 18 01 40 01", ""),
+            ]
+        ).jog_while("x", 1, lambda: True, 1.0)

@@ -1,0 +1,374 @@
+"""Drivers and virtual Modbus devices on one virtual clock: moves, stops, jogs, trips; the finger is a spring."""
+
+import io
+import json
+from collections.abc import Callable, Iterator, Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.bench import force_driver, stage_driver
+from rig.force import LaumasForce
+from rig.protocol.config import Config
+from rig.protocol.virtual_devices import FORCES, STAGES, Load
+from rig.run import Engine, Journal, Target, TripError, indent
+from rig.run.engine import State
+from rig.run.jog import Direction, dead_man_jog
+from rig.run.streams import STREAMS
+from rig.stage import LeadshineStage, StageAlarm, StageError, StageTimeout
+from rig.transport import LoggedTransport, LoopbackTransport, TransportError
+from rig.units import GWT_N
+from sim.clock import VirtualClock
+from sim.devices import ModbusBus, SerialLine, VirtualDrive
+from sim.devices.leadshine import DrivePair
+
+Make = Callable[..., "Bench"]
+
+
+class Bench:
+    """Two drives and a transmitter; F = k d^1.5 below contact_mm, a height above the nominal apex."""
+
+    def __init__(self, folder: Path, *, k_gwt: float = 6.0, contact_mm: float = -0.3, **tables: Any) -> None:
+        stage = {"kind": "leadshine", **tables.pop("stage", {})}
+        force = {"kind": "laumas", "baud": 115200, **tables.pop("force", {})}
+        self.config = Config.model_validate({"stage": stage, "force": force, **tables})
+        self.k_gwt, self.contact_mm = k_gwt, contact_mm
+        self.clock = VirtualClock(1.7e9)
+        self.stage_line, self.force_line = SerialLine(self.clock, 115200), SerialLine(self.clock, 115200)
+        drives = STAGES["leadshine"](self.clock, self.stage_line, self.config)
+        assert isinstance(drives, DrivePair)
+        self.drives = drives
+        self.load_n: Callable[[float], float] = self.force_n
+        FORCES["laumas"](self.clock, self.force_line, self.config, Load(lambda t_s: self.load_n(t_s)))
+        self.wire = io.StringIO()
+        stage_port = LoggedTransport(LoopbackTransport(self.stage_line, self.clock, "stage"), self.clock, self.wire)
+        force_port = LoopbackTransport(self.force_line, self.clock, "force")
+        driver = stage_driver(lambda _: stage_port, self.clock, self.config)
+        sensor = force_driver(lambda _: force_port, self.clock, self.config)
+        assert isinstance(driver, LeadshineStage)
+        assert isinstance(sensor, LaumasForce)
+        self.stage, self.force = driver, sensor
+        self.events: list[tuple[str, dict[str, Any]]] = []
+        self.on_event: Callable[[str, Mapping[str, Any]], None] = lambda stream, data: None
+        self.journal = Journal(folder / "events.jsonl", self.clock, STREAMS, self._watch)
+        self.engine = Engine(self.config, self.clock, driver, sensor, self.journal, self)
+
+    def mount(self, indentor: str) -> None:
+        """Anything goes."""
+
+    def true_pose(self) -> None:
+        """Not needed here."""
+
+    def per_mm(self, axis: str) -> float:
+        return abs(self.config.calibration.value(f"{axis}_steps_per_mm", 400.0))
+
+    @property
+    def carriage_mm(self) -> tuple[float, float]:
+        x, _, z = self.drives.carriage_steps_at(self.clock.monotonic_s())
+        return x / self.per_mm("x"), z / self.per_mm("z")
+
+    @property
+    def height_mm(self) -> float:
+        return self.carriage_mm[1] - self.config.frame.apex_z_mm
+
+    def force_n(self, t_s: float) -> float:
+        height = self.drives.carriage_steps_at(t_s)[2] / self.per_mm("z") - self.config.frame.apex_z_mm
+        return self.k_gwt * max(self.contact_mm - height, 0.0) ** 1.5 * GWT_N
+
+    def ready(self) -> Engine:
+        self.engine.mount("bar:3.0")
+        self.engine.home()
+        self.engine.zero()
+        self.engine.move_to(0.0)
+        return self.engine
+
+    def at_first(self, phase: str, act: Callable[[], object]) -> None:
+        """Do something once, when the first sample of a phase is on disk."""
+        left = [act]
+
+        def look(stream: str, data: Mapping[str, Any]) -> None:
+            if left and stream == "sample" and data["phase"] == phase:
+                left.pop()()
+
+        self.on_event = look
+
+    def _watch(self, stream: str, data: Mapping[str, Any]) -> None:
+        self.events.append((stream, dict(data)))
+        self.on_event(stream, data)
+
+
+@pytest.fixture
+def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Make]:
+    monkeypatch.setattr("rig.run.journal.os.fsync", lambda fd: None)
+    made: list[Bench] = []
+
+    def bench(**options: Any) -> Bench:
+        folder = tmp_path / f"bench{len(made)}"
+        folder.mkdir()
+        made.append(Bench(folder, **options))
+        return made[-1]
+
+    yield bench
+    for one in made:
+        one.journal._file.close()
+
+
+def _calibrated(x: float, z: float) -> dict[str, Any]:
+    return {
+        f"{axis}_steps_per_mm": {"value": value, "date": "2026-01-01", "expires": "2027-01-01"}
+        for axis, value in (("x", x), ("z", z))
+    }
+
+
+# --- motion ---
+
+
+@pytest.mark.parametrize("baud", [9600, 115200])
+@pytest.mark.parametrize(("x", "z"), [(400.0, 400.0), (-1000.0, 800.0), (60.0, -100.0)])
+def test_what_the_drives_are_told_is_where_the_carriage_goes(make: Make, baud: int, x: float, z: float) -> None:
+    """Steps of any size, and motors that run against their axis."""
+    bench = make(calibration=_calibrated(x, z), stage={"baud": baud})
+    bench.stage.connect()
+    bench.stage.home()
+    assert bench.carriage_mm == (0.0, 0.0)
+    for axis, mm in (("x", -29.87), ("z", -22.123), ("x", -31.0), ("z", -21.5)):
+        bench.stage.move_to(**{f"{axis}_mm": mm}, speed_mm_s=5.0)
+        at = dict(zip("xz", bench.carriage_mm, strict=True))
+        assert at[axis] == pytest.approx(mm, abs=0.5 / abs({"x": x, "z": z}[axis]) + 1e-9)
+        status = bench.stage.status()
+        assert (status.x_mm, status.z_mm) == pytest.approx(bench.carriage_mm, abs=1e-9)
+        assert status.state == "Idle"
+
+
+def test_the_drive_itself_holds_the_soft_limit(make: Make) -> None:
+    """40 mm of travel: told to go to −41, the drive stops at −40, and the driver says so in bounded time."""
+    bench = make()
+    bench.stage.connect()
+    bench.stage.home()
+    start_s = bench.clock.monotonic_s()
+    with pytest.raises(StageTimeout, match=r"z axis, drive 2: the move to -41 mm is not over"):
+        bench.stage.move_to(z_mm=-41.0, speed_mm_s=5.0)
+    assert bench.carriage_mm[1] == -40.0
+    assert bench.clock.monotonic_s() - start_s < 1.5 * 41 / 5 + 6
+    assert not bench.stage.homed
+
+
+def test_nothing_is_saved_in_the_drives(make: Make) -> None:
+    bench = make()
+    indent(bench.ready(), Target("force_gwt", 2.33), hold_s=0.2)
+    assert bench.drives.x.eeprom_saves == bench.drives.z.eeprom_saves == 0
+
+
+# --- stopping ---
+
+
+def test_a_stop_from_elsewhere_ends_a_move_within_milliseconds(make: Make) -> None:
+    """One broadcast frame (0.7 ms) and 10 ms of braking, while the driver waits for the arrival."""
+    bench = make()
+    bench.stage.connect()
+    bench.stage.home()
+    seen: list[float] = []
+
+    def stop() -> None:
+        bench.stage.stop()
+        seen.append(bench.carriage_mm[1])
+
+    at_s = bench.clock.monotonic_s() + 2.0
+    bench.clock.call_at(at_s, stop)
+    with pytest.raises(StageError, match="stopped"):
+        bench.stage.move_to(z_mm=-30.0, speed_mm_s=5.0)
+    told_mm = bench.drives.z.carriage_at(at_s) / 400
+    assert -10.0 < told_mm < -9.0
+    assert bench.carriage_mm[1] == seen[0] == pytest.approx(told_mm, abs=5.0 * (0.0007 + 0.005) + 1 / 400)
+    with pytest.raises(StageError, match="must be homed"):
+        bench.stage.move_to(z_mm=-1.0, speed_mm_s=5.0)
+    bench.stage.home()
+    bench.stage.move_to(z_mm=-1.0, speed_mm_s=5.0)
+
+
+def test_an_alarm_in_a_long_move_is_noticed_soon(make: Make) -> None:
+    bench = make()
+    bench.stage.connect()
+    bench.stage.home()
+    at_s = bench.clock.monotonic_s() + 1.0
+    bench.clock.call_at(at_s, lambda: bench.drives.x.fault(0xC0))
+    with pytest.raises(StageAlarm, match="x axis, drive 1: over-voltage"):
+        bench.stage.move_to(x_mm=-50.0, speed_mm_s=5.0)
+    assert bench.clock.monotonic_s() - at_s < 0.3
+    assert not bench.stage.homed
+
+
+def test_an_alarm_in_contact_stops_the_run_and_is_left_alone(make: Make) -> None:
+    bench = make()
+    engine = bench.ready()
+    bench.at_first("press", lambda: bench.drives.z.fault(0xE0))
+    with pytest.raises(StageAlarm, match="z axis, drive 2: over-current"):
+        indent(engine, Target("force_gwt", 2.33))
+    assert engine.state is State.UNHOMED
+    with pytest.raises(StageAlarm):
+        engine.home()
+    bench.stage.unlock()
+    engine.home()
+
+
+def test_a_silent_drive_stops_the_run(make: Make) -> None:
+    bench = make()
+    engine = bench.ready()
+    bench.at_first("press", lambda: bench.stage_line.connect(lambda data: None))
+    with pytest.raises(StageTimeout, match=r"z axis: stage: device 2, .*no answer"):
+        indent(engine, Target("force_gwt", 2.33))
+    assert engine.state is State.UNHOMED
+
+
+# --- jog ---
+
+
+def test_the_drive_is_its_own_dead_man(make: Make) -> None:
+    """Somebody keeps the key down, but after 0.5 s the wire is cut: the drive stops within 50 ms and its ramp."""
+    bench = make()
+    bench.stage.connect()
+    cut_s = bench.clock.monotonic_s() + 0.5
+    bench.clock.call_at(cut_s, lambda: bench.stage_line.connect(lambda data: None))
+    start_mm = bench.carriage_mm[1]
+    with pytest.raises(StageTimeout):
+        dead_man_jog(bench.stage, bench.clock, lambda: Direction("z", 1), 2.0)
+    at_rest = bench.drives.z.carriage_at(bench.clock.monotonic_s())
+    assert bench.drives.z.carriage_at(cut_s - 0.02) < at_rest == bench.drives.z.carriage_at(cut_s + 0.09)
+    assert 0.5 < bench.carriage_mm[1] - start_mm < 2.0 * (0.5 + 0.08)
+
+
+@pytest.mark.parametrize("baud", [9600, 115200])
+def test_a_jog_runs_smoothly_and_stops_with_the_key(make: Make, baud: int) -> None:
+    """At 9600 baud one word and its echo take 23 ms: still in time."""
+    bench = make(stage={"baud": baud})
+    bench.stage.connect()
+    start_s, start_mm = bench.clock.monotonic_s(), bench.carriage_mm[0]
+
+    def held() -> Direction | None:
+        return Direction("x", -1) if bench.clock.monotonic_s() < start_s + 1.0 else None
+
+    at = dead_man_jog(bench.stage, bench.clock, held, 2.0)
+    assert at.state == "Idle"
+    assert bench.carriage_mm[0] - start_mm == pytest.approx(-2.0 * 1.0, abs=2.0 * 0.1 + 0.05)
+    middle = [bench.drives.x.carriage_at(start_s + 0.4 + 0.05 * n) for n in range(10)]
+    gone = [a - b for a, b in pairwise(middle)]
+    assert gone == [40] * 9  # 2 mm/s, 400 a mm, 50 ms: never slower in between
+
+
+def test_a_jog_of_a_given_length_is_that_long(make: Make) -> None:
+    bench = make()
+    bench.stage.connect()
+    start_mm = bench.carriage_mm[1]
+    dead_man_jog(bench.stage, bench.clock, lambda: Direction("z", -1), 2.0, by_mm=1.5)
+    assert bench.carriage_mm[1] - start_mm == pytest.approx(-1.5, abs=1e-9)
+
+
+def test_there_is_nothing_to_jog_along_y(make: Make) -> None:
+    bench = make()
+    with pytest.raises(StageError, match="there is no drive for y; it is set by hand"):
+        dead_man_jog(bench.stage, bench.clock, lambda: Direction("y", 1), 2.0)
+
+
+# --- force ---
+
+
+@pytest.mark.parametrize(
+    ("load_n", "reason"),
+    [
+        (lambda t_s: float("nan"), "load cell error"),
+        (lambda t_s: 215 * GWT_N, "maximum weight exceeded"),
+        (lambda t_s: 340 * GWT_N, "maximum weight exceeded"),
+        (lambda t_s: 30 * 340 * GWT_N, "maximum weight exceeded"),
+        (lambda t_s: -11_000 * GWT_N, "gross weight out of range"),
+    ],
+)
+@pytest.mark.parametrize("phase", ["approach", "press", "hold"])
+def test_what_the_status_word_says_trips(
+    make: Make, phase: str, load_n: Callable[[float], float], reason: str
+) -> None:
+    bench = make()
+    engine = bench.ready()
+    bench.at_first(phase, lambda: setattr(bench, "load_n", load_n))
+    with pytest.raises(TripError, match=f"no force reading: force: transmitter 1: {reason}"):
+        indent(engine, Target("force_gwt", 2.33), hold_s=1.0)
+    assert engine.state is State.TRIPPED
+    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
+
+
+def test_a_silent_transmitter_trips(make: Make) -> None:
+    bench = make()
+    engine = bench.ready()
+    bench.at_first("press", lambda: bench.force_line.connect(lambda data: None))
+    with pytest.raises(TripError, match=r"no force reading: force: device 1, .*no answer in 0\.2 s"):
+        indent(engine, Target("force_gwt", 2.33))
+    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
+
+
+@pytest.mark.parametrize("resolution_gwt", [0.002, 0.05, 0.1])
+def test_thresholds_follow_the_sensor(make: Make, resolution_gwt: float) -> None:
+    """A cell that shows steps of 0.1 gwt must not be searched for a hundredth: contact is found, to what it hides."""
+    force = {"resolution_gwt": resolution_gwt, "laumas": {"count_g": min(resolution_gwt, 0.01)}}
+    bench = make(force=force, virtual={"cell_resolution_gwt": resolution_gwt}, habits={"touch_force_gwt": 0.1})
+    done = indent(bench.ready(), Target("force_gwt", 2.5), hold_s=0.1)
+    assert done.holds[0].force_gwt == pytest.approx(2.5, abs=max(0.05, resolution_gwt))
+    touch = next(data for stream, data in bench.events if stream == "touch")
+    hidden_mm = (0.5 * resolution_gwt / 6.0) ** (2 / 3)
+    assert touch["contact_height_mm"] == pytest.approx(-0.3, abs=hidden_mm + 0.01)
+
+
+def test_a_filter_is_waited_out(make: Make) -> None:
+    """Four samples of 50 ms in the mean: a reading right after a move would hold half of the way."""
+    bench = make(force={"laumas": {"filter_samples": 4}})
+    done = indent(bench.ready(), Target("doi_mm", 0.5), hold_s=0.1)
+    assert done.holds[0].doi_mm == pytest.approx(0.5, abs=0.0025)
+    pressed = [data for stream, data in bench.events if stream == "sample" and data["phase"] in ("press", "hold")]
+    for sample in pressed:
+        depth = -0.3 - sample["height_mm"]
+        assert sample["force_gwt"] == pytest.approx(6.0 * max(depth, 0.0) ** 1.5, abs=0.02)
+
+
+# --- a port for each drive ---
+
+
+def test_two_drives_on_two_ports_are_stopped_without_waiting_for_each_other(clock: VirtualClock) -> None:
+    """Both are device 1; each port gets its own frame at the same instant."""
+    drives = {"x": {"device_id": 1, "port": "/dev/x"}, "z": {"device_id": 1, "port": "/dev/z"}}
+    config = Config.model_validate({"stage": {"kind": "leadshine", "drives": drives}})
+    wire = io.StringIO()
+    virtual = {port: VirtualDrive(clock) for port in ("/dev/x", "/dev/z")}
+
+    def opener(port: str) -> LoggedTransport:
+        line = SerialLine(clock, 115200)
+        ModbusBus(clock, line, {1: virtual[port]})
+        return LoggedTransport(LoopbackTransport(line, clock, port), clock, wire)
+
+    stage = stage_driver(opener, clock, config)
+    stage.connect()
+    stage.home()
+    stage.move_to(z_mm=-1.0, speed_mm_s=5.0)
+    assert [drive.carriage_at(clock.monotonic_s()) for drive in virtual.values()] == [0, -400]
+    before = len(wire.getvalue().splitlines())
+    now_s = clock.monotonic_s()
+    stage.stop()
+    sent = [json.loads(line) for line in wire.getvalue().splitlines()[before:]]
+    first = [(c["port"], c["hex"][:12]) for c in sent if c["t_s"] == pytest.approx(now_s, abs=1e-6)]
+    assert first == [("/dev/z", "010660020040"), ("/dev/x", "010660020040")]
+
+
+def test_a_port_that_is_not_there_gives_the_other_one_back(clock: VirtualClock) -> None:
+    drives = {"x": {"device_id": 1}, "z": {"device_id": 2, "port": "/dev/z"}}
+    config = Config.model_validate({"stage": {"kind": "leadshine", "port": "/dev/x", "drives": drives}})
+    opened: list[LoopbackTransport] = []
+
+    def opener(port: str) -> LoopbackTransport:
+        if port == "/dev/z":
+            raise TransportError("there is no port /dev/z")
+        opened.append(LoopbackTransport(SerialLine(clock, 115200), clock, port))
+        return opened[-1]
+
+    with pytest.raises(TransportError, match="no port /dev/z"):
+        stage_driver(opener, clock, config)
+    with pytest.raises(TransportError, match="/dev/x is closed"):
+        opened[0].write(b"?")

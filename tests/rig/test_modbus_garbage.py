@@ -1,0 +1,80 @@
+"""Any bytes at all on the wire: an error in bounded time, never another exception, never a wrong device stirred."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rig.settings import Framing
+from rig.transport import LoopbackTransport, ModbusError, ModbusMaster
+from sim.clock import VirtualClock
+from sim.devices import ModbusBus, SerialLine, VirtualDrive, VirtualLaumas
+
+FRAMINGS = pytest.mark.parametrize("framing", ["rtu", "tcp"])
+# Mostly what looks like the beginning of an answer: pure noise hardly ever gets past the first byte.
+BEGINNINGS = st.sampled_from(
+    [
+        b"", b"\x01\x03", b"\x01\x03\x02", b"\x01\x83", b"\x01\x90", b"\x01\x2b\x0e", b"\x01\x08", b"\x01\x14",
+        b"\x00\x01\x00\x00\x00\x05\x01\x03", b"\x00\x01\x00\x00\x00\x03\x01\x83", b"\x00\x01\x00\x00\x00\x02\x01\x2b",
+    ]
+)  # fmt: skip
+NOISE = st.builds(lambda first, rest: first + rest, BEGINNINGS, st.binary(max_size=40))
+PAUSE_S = st.sampled_from([0.0, 0.001, 0.1])
+
+
+class Noise:
+    """A far end that answers each question with the next of these."""
+
+    def __init__(self, clock: VirtualClock, answers: list[bytes]) -> None:
+        self.line = SerialLine(clock, 115200)
+        self._answers = iter(answers)
+        self.line.connect(lambda data: self.line.device_write(next(self._answers, b"")))
+
+
+@FRAMINGS
+@given(answers=st.lists(NOISE, min_size=1, max_size=3))
+@settings(max_examples=400, deadline=None)
+def test_the_master_ends_with_an_error_in_bounded_time(framing: Framing, answers: list[bytes]) -> None:
+    clock = VirtualClock()
+    master = ModbusMaster(LoopbackTransport(Noise(clock, answers).line, clock), clock, framing=framing)
+    came = ""
+    try:
+        master.read(1, 0x1003, 1)
+    except ModbusError as error:
+        came = str(error)
+    assert "\n" not in came
+    assert not came or "device 1, read (function 3) of 1 registers at 0x1003" in came
+    assert clock.monotonic_s() < 2.0
+
+
+@FRAMINGS
+@given(answer=NOISE)
+@settings(max_examples=200, deadline=None)
+def test_a_write_sends_one_frame_whatever_comes_back(framing: Framing, answer: bytes) -> None:
+    clock = VirtualClock()
+    line, heard = SerialLine(clock, 115200), list[bytes]()
+    line.connect(lambda data: (heard.append(data), line.device_write(answer)))
+    with pytest.raises(ModbusError):
+        ModbusMaster(LoopbackTransport(line, clock), clock, framing=framing).write(
+            1, 0x6200, [1, 0, 0, 60, 1, 1, 0, 16]
+        )
+    assert len(heard) == 1
+
+
+@FRAMINGS
+@given(chunks=st.lists(st.tuples(NOISE, st.sampled_from([0.0, 0.001, 0.1])), min_size=1, max_size=4))
+@settings(max_examples=400, deadline=None)
+def test_the_devices_survive_and_answer_the_next_question(
+    framing: Framing, chunks: list[tuple[bytes, float]]
+) -> None:
+    clock = VirtualClock()
+    line = SerialLine(clock, 115200)
+    drive = VirtualDrive(clock)
+    ModbusBus(clock, line, {1: drive, 3: VirtualLaumas(clock, lambda t_s: 0.0)}, framing=framing)
+    for data, pause_s in chunks:
+        line.host_write(data)
+        clock.wait_s(pause_s)
+    clock.wait_s(0.2)
+    line.host_read()
+    master = ModbusMaster(LoopbackTransport(line, clock), clock, framing=framing)
+    assert master.read(1, 0x1003, 1) == [0x32]
+    assert drive.carriage_at(clock.monotonic_s()) == -4000

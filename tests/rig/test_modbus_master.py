@@ -1,0 +1,198 @@
+"""The Modbus master as pairs of bytes, RTU and TCP, on the virtual clock."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from rig.transport import ModbusGarbled, ModbusMaster, ModbusRefused, ModbusTimeout
+from sim.clock import VirtualClock
+
+GOLDEN_WRITE = bytes.fromhex("07 10 62 00 00 08 10 00 01 00 00 27 10 00 00 27 10 27 10 00 00 00 10 8D 50")
+GOLDEN_ANSWER = bytes.fromhex("07 10 62 00 00 08 DE 11")
+GOLDEN_SAVE = bytes.fromhex("01 06 18 01 22 44 C6 39")
+READ_2 = bytes.fromhex("01 03 00 07 00 02 75 CA")
+Rtu = Callable[[str], bytes]
+Script = Callable[[list[Any]], Any]
+
+
+@pytest.fixture
+def master(clock: VirtualClock, scripted: Script) -> Callable[..., ModbusMaster]:
+    def make(script: list[Any], **options: Any) -> ModbusMaster:
+        return ModbusMaster(scripted(script), clock, **options)
+
+    return make
+
+
+# --- golden frames ---
+
+
+def test_eight_registers_in_one_frame(master: Any) -> None:
+    """From the CS2RS manual, p. 43."""
+    bus = master([(GOLDEN_WRITE, GOLDEN_ANSWER)])
+    bus.write(7, 0x6200, [1, 0, 0x2710, 0, 0x2710, 0x2710, 0, 0x10])
+
+
+def test_one_register(master: Any) -> None:
+    master([(GOLDEN_SAVE, GOLDEN_SAVE)]).write_one(1, 0x1801, 0x2244)
+
+
+def test_a_read(master: Any, rtu: Rtu) -> None:
+    assert master([(READ_2, rtu("01 03 04 00 01 86 A0"))]).read(1, 7, 2) == [1, 0x86A0]
+
+
+def test_an_answer_may_come_byte_by_byte(master: Any, rtu: Rtu) -> None:
+    whole = rtu("01 03 04 00 01 86 A0")
+    assert master([(READ_2, [bytes([b]) for b in whole])]).read(1, 7, 2) == [1, 0x86A0]
+
+
+def test_tcp_counts_its_transactions(master: Any) -> None:
+    bus = master(
+        [
+            (bytes.fromhex("0001 0000 0006 01 03 0007 0002"), bytes.fromhex("0001 0000 0007 01 03 04 0001 86A0")),
+            (bytes.fromhex("0002 0000 0006 01 06 1801 1111"), bytes.fromhex("0002 0000 0006 01 06 1801 1111")),
+            (
+                bytes.fromhex("0003 0000 0009 01 10 0005 0001 02 0008"),
+                bytes.fromhex("0003 0000 0006 01 10 0005 0001"),
+            ),
+        ],
+        framing="tcp",
+    )
+    assert bus.read(1, 7, 2) == [1, 0x86A0]
+    bus.write_one(1, 0x1801, 0x1111)
+    bus.write(1, 5, [8])
+
+
+# --- silence ---
+
+
+@pytest.mark.parametrize(
+    ("baud", "silence_s"), [(9600, 3.5 * 11 / 9600), (19200, 3.5 * 11 / 19200), (115200, 1.75e-3)]
+)
+def test_frames_are_three_and_a_half_characters_apart(
+    clock: VirtualClock, scripted: Script, rtu: Rtu, baud: int, silence_s: float
+) -> None:
+    wire = scripted([(GOLDEN_SAVE, GOLDEN_SAVE), (GOLDEN_SAVE, GOLDEN_SAVE)])
+    sent_s: list[float] = []
+    write = wire.write
+    wire.write = lambda data: (sent_s.append(clock.monotonic_s()), write(data))
+    bus = ModbusMaster(wire, clock, baud=baud)
+    bus.write_one(1, 0x1801, 0x2244)
+    answered_s = clock.monotonic_s()
+    bus.write_one(1, 0x1801, 0x2244)
+    assert sent_s[1] - answered_s == pytest.approx(silence_s)
+
+
+def test_after_a_frame_that_nobody_answers_the_bus_is_left_until_it_is_over(
+    clock: VirtualClock, scripted: Script, rtu: Rtu
+) -> None:
+    bus = ModbusMaster(scripted([(rtu("00 06 60 02 00 40"), b""), (GOLDEN_SAVE, GOLDEN_SAVE)]), clock, baud=9600)
+    bus.send_now([1, 2], 0x6002, 0x40)
+    assert clock.monotonic_s() == 0.0
+    bus.write_one(1, 0x1801, 0x2244)
+    assert clock.monotonic_s() == pytest.approx(8 * 10 / 9600 + 3.5 * 11 / 9600)
+
+
+# --- what goes wrong ---
+
+
+@pytest.mark.parametrize(
+    ("code", "meaning"),
+    [(1, "illegal function"), (2, "illegal data address"), (3, "illegal data value"), (9, "manual")],
+)
+def test_an_exception_response_says_function_register_and_code(
+    master: Any, rtu: Rtu, code: int, meaning: str
+) -> None:
+    bus = master([(READ_2, rtu(f"01 83 {code:02X}"))])
+    with pytest.raises(
+        ModbusRefused, match=rf"scripted: device 1, read \(function 3\) of 2 registers at 0x0007.*{meaning}"
+    ):
+        bus.read(1, 7, 2)
+
+
+def test_a_bad_crc_is_read_again(master: Any, rtu: Rtu, clock: VirtualClock) -> None:
+    good = rtu("01 03 04 00 01 86 A0")
+    bad = good[:4] + b"\xff" + good[5:]
+    assert master([(READ_2, bad), (READ_2, bad), (READ_2, good)]).read(1, 7, 2) == [1, 0x86A0]
+
+
+def test_three_bad_crcs_are_an_error(master: Any) -> None:
+    bad = bytes.fromhex("01 03 04 00 01 86 A0 00 00")
+    with pytest.raises(ModbusGarbled, match="bad CRC in 01 03 04 00 01 86 a0 00 00"):
+        master([(READ_2, bad)] * 3).read(1, 7, 2)
+
+
+def test_silence_is_a_bounded_wait(master: Any, clock: VirtualClock) -> None:
+    with pytest.raises(ModbusTimeout, match=r"no answer in 0\.2 s"):
+        master([(READ_2, b"")] * 3).read(1, 7, 2)
+    assert clock.monotonic_s() == pytest.approx(3 * 0.2, abs=0.02)
+
+
+def test_half_a_frame_says_so(master: Any) -> None:
+    with pytest.raises(ModbusTimeout, match=r"only 01 03 04 00 in 0\.2 s"):
+        master([(READ_2, bytes.fromhex("01 03 04 00"))] * 3).read(1, 7, 2)
+
+
+def test_another_device_is_not_believed(master: Any, rtu: Rtu) -> None:
+    with pytest.raises(ModbusGarbled, match=r"device 1, .*: device 5 answered"):
+        master([(READ_2, rtu("05 03 04 00 01 86 A0"))] * 3).read(1, 7, 2)
+
+
+def test_fewer_registers_than_asked_for(master: Any, rtu: Rtu) -> None:
+    with pytest.raises(ModbusGarbled, match="does not fit the question"):
+        master([(READ_2, rtu("01 03 02 00 01"))] * 3).read(1, 7, 2)
+
+
+@pytest.mark.parametrize("answer", ["01 06 18 01 22 45", "01 06 18 02 22 44", "01 10 18 01 00 01"])
+def test_a_write_must_be_echoed(master: Any, rtu: Rtu, answer: str) -> None:
+    with pytest.raises(ModbusGarbled, match="does not fit the question"):
+        master([(GOLDEN_SAVE, rtu(answer))]).write_one(1, 0x1801, 0x2244)
+
+
+@pytest.mark.parametrize("answer", [b"", bytes.fromhex("07 10 62 00 00 08 00 00")])
+def test_a_write_is_never_tried_again(master: Any, answer: bytes) -> None:
+    """It may have been obeyed: a move must not be triggered twice. The script holds it once."""
+    with pytest.raises((ModbusTimeout, ModbusGarbled)):
+        master([(GOLDEN_WRITE, answer)]).write(7, 0x6200, [1, 0, 0x2710, 0, 0x2710, 0x2710, 0, 0x10])
+
+
+def test_a_refused_read_is_not_tried_again(master: Any, rtu: Rtu) -> None:
+    with pytest.raises(ModbusRefused):
+        master([(READ_2, rtu("01 83 02"))]).read(1, 7, 2)
+
+
+def test_tcp_passes_over_an_answer_to_an_older_question(master: Any) -> None:
+    late = bytes.fromhex("0001 0000 0005 01 03 02 1111")
+    right = bytes.fromhex("0002 0000 0005 01 03 02 2222")
+    bus = master(
+        [
+            (bytes.fromhex("0001 0000 0006 01 03 0006 0001"), b""),
+            (bytes.fromhex("0002 0000 0006 01 03 0006 0001"), [late, right]),
+        ],
+        framing="tcp",
+    )
+    assert bus.read(1, 6, 1) == [0x2222]
+
+
+def test_tcp_another_unit_is_not_believed(master: Any) -> None:
+    question = "0000 0006 01 03 0006 0001"
+    script = [
+        (bytes.fromhex(f"{n:04x}" + question), bytes.fromhex(f"{n:04x} 0000 0005 09 03 02 2222")) for n in (1, 2, 3)
+    ]
+    with pytest.raises(ModbusGarbled, match="device 9 answered"):
+        master(script, framing="tcp").read(1, 6, 1)
+
+
+def test_tcp_bytes_of_another_protocol(master: Any) -> None:
+    script = [(bytes.fromhex(f"{n:04x} 0000 0006 01 03 0006 0001"), b"HTTP/1.1 400\r\n") for n in (1, 2, 3)]
+    with pytest.raises(ModbusTimeout, match="only 48 54 54 50"):
+        master(script, framing="tcp").read(1, 6, 1)
+
+
+def test_a_stop_goes_past_a_read_that_waits(clock: VirtualClock, scripted: Script, rtu: Rtu) -> None:
+    """On a bus the answer may be lost; on TCP both frames go in one write."""
+    wire = scripted([(bytes.fromhex("0001 0000 0006 02 06 6002 0040 0002 0000 0006 01 06 6002 0040"), b"")])
+    ModbusMaster(wire, clock, framing="tcp").send_now([2, 1], 0x6002, 0x40)
+    alone = scripted([(rtu("02 06 60 02 00 40"), b"")])
+    ModbusMaster(alone, clock).send_now([2], 0x6002, 0x40)
+    assert clock.monotonic_s() == 0.0

@@ -1,0 +1,97 @@
+"""The same protocol on GRBL + MT-SICS and on two Leadshine drives + a Laumas transmitter, RTU and TCP."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.data import Run, read_run
+from rig.protocol.config import Config
+from rig.protocol.plan import make_plan
+from rig.protocol.script import load_script
+from rig.protocol.session import Session, dry_run
+from sim.fingertip import Fingertip
+
+SCRIPT = """\
+from rig.protocol import Rig
+
+def run(rig: Rig) -> None:
+    rig.mount("step:1")
+    rig.home()
+    rig.zero()
+    for x_mm in (-0.51, 0.0, 0.17):
+        rig.move_to(x_mm=x_mm)
+        rig.indent(force_gwt=2.33, hold_s=0.3)
+        rig.indent(doi_mm=0.4, increments=2, hold_s=0.1)
+"""
+FORCE_TOLERANCE_GWT = 0.05  # a force is held to this, whatever the devices
+
+
+def _holds(folder: Path, finger: Fingertip, tables: dict[str, Any]) -> Run:
+    path = folder / "press.py"
+    path.write_text(SCRIPT, encoding="utf-8")
+    script, config = load_script(str(path)), Config.model_validate(tables)
+    plan = make_plan(script, config, finger)
+    done = dry_run(Session(script, config, finger, plan, folder / "runs", interrupted=lambda: False))
+    assert done.complete, done.problem
+    return read_run(done.folder.path)
+
+
+def _modbus(framing: str, **more: Any) -> dict[str, Any]:
+    return {
+        "stage": {"kind": "leadshine", "framing": framing},
+        "force": {"kind": "laumas", "framing": framing, "baud": 38400},
+        **more,
+    }
+
+
+@pytest.fixture(scope="module")
+def grbl(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """400 steps/mm and 0.01 g."""
+    return _holds(tmp_path_factory.mktemp("grbl"), finger, {})
+
+
+@pytest.mark.parametrize("framing", ["rtu", "tcp"])
+def test_equal_steps_and_counts_leave_nothing_to_differ(
+    grbl: Run, finger: Fingertip, tmp_path: Path, framing: str
+) -> None:
+    """Both stages make 400 steps a mm, both sensors count 0.01 g: at rest the same steps give the same counts."""
+    modbus = _holds(tmp_path, finger, _modbus(framing))
+    for stream, keys in (
+        ("hold_end", ("x_mm", "doi_mm", "force_gwt", "force_sd_gwt", "true_x_mm", "true_doi_mm")),
+        ("touch", ("contact_height_mm", "height_at_threshold_mm", "fit_points")),
+    ):
+        ours, theirs = modbus.stream(stream), grbl.stream(stream)
+        assert len(ours) == len(theirs) > 0
+        for mine, other in zip(ours, theirs, strict=True):
+            assert [mine[key] for key in keys] == pytest.approx([other[key] for key in keys], abs=1e-9)
+
+
+def test_other_steps_and_counts_differ_by_them_and_no_more(grbl: Run, finger: Fingertip, tmp_path: Path) -> None:
+    """1000 pulses a mm, z running against its axis, and counts of 0.02 g.
+
+    Depth: half a step of each stage, and what each touch-off may miss, which is the depth that hides below half a
+    count, (half a count / k)^(2/3) with k = 9 gwt/mm^1.5 here, plus one touch increment. Force: every reading is the
+    model's at the true pose, to half a count.
+    """
+    calibration = {
+        f"{axis}_steps_per_mm": {"value": per_mm, "date": "2026-01-01", "expires": "2027-01-01"}
+        for axis, per_mm in (("x", 1000.0), ("z", -1000.0))
+    }
+    tables = _modbus("rtu", calibration=calibration, virtual={"cell_resolution_gwt": 0.02})
+    drives = {"x": {"device_id": 1, "pulses_per_rev": 1000}, "z": {"device_id": 2, "pulses_per_rev": 1000}}
+    tables["stage"] |= {"drives": drives, "resolution_mm": 0.001}
+    tables["force"] |= {"resolution_gwt": 0.02}
+    modbus = _holds(tmp_path, finger, tables)
+    hidden_mm = (0.01 / 9) ** (2 / 3)
+    depth_mm = 0.5 / 400 + 0.5 / 1000 + hidden_mm + 0.01
+    for run, count_gwt in ((grbl, 0.01), (modbus, 0.02)):
+        for hold in run.stream("hold_end"):
+            model = finger.indent("step:1", hold["true_x_mm"], doi_mm=hold["true_doi_mm"])
+            assert hold["force_gwt"] == pytest.approx(model.force_gwt, abs=0.5 * count_gwt + 1e-4)
+    for mine, other in zip(modbus.stream("hold_end"), grbl.stream("hold_end"), strict=True):
+        assert mine["true_x_mm"] == pytest.approx(other["true_x_mm"], abs=0.5 / 400 + 0.5 / 1000)
+        assert mine["true_doi_mm"] == pytest.approx(other["true_doi_mm"], abs=depth_mm)
+    for run in (grbl, modbus):
+        forces = [run.stream("hold_end")[3 * n]["force_gwt"] for n in range(3)]
+        assert forces == pytest.approx([2.33] * 3, abs=FORCE_TOLERANCE_GWT)

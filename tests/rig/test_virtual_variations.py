@@ -1,0 +1,105 @@
+"""A virtual bench that differs from what the rig believes: stiffer, relaxing, noisy, late, coarse."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rig.data import Run
+from rig.protocol.config import Config
+from rig.protocol.plan import make_plan
+from rig.protocol.script import load_script
+from rig.protocol.session import Session, dry_run
+from sim.fingertip import Fingertip
+
+PRESS = """\
+def run(rig):
+    rig.mount("bar:3.0")
+    rig.home()
+    rig.zero()
+    rig.move_to(x_mm=0.0)
+    rig.indent({how})
+"""
+
+
+def pressed(folder: Path, finger: Fingertip, how: str, **virtual: Any) -> Run:
+    path = folder / "press.py"
+    path.write_text(PRESS.format(how=how), encoding="utf-8")
+    script, config = load_script(str(path)), Config.model_validate({"virtual": virtual})
+    plan = make_plan(script, config, finger)
+    done = dry_run(Session(script, config, finger, plan, folder / "runs", interrupted=lambda: False))
+    assert done.problem is None
+    return done.run
+
+
+def holding(run: Run) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """(n, 2) time in s and force in gwt of the readings of the hold."""
+    return np.array([(s["t_s"], s["force_gwt"]) for s in run.stream("sample") if s["phase"] == "hold"])
+
+
+def model_gwt(finger: Fingertip, run: Run) -> float:
+    hold = run.stream("hold_end")[0]
+    return finger.indent("bar:3.0", hold["true_x_mm"], doi_mm=hold["true_doi_mm"]).force_gwt
+
+
+def test_a_stiffer_finger(finger: Fingertip, tmp_path: Path) -> None:
+    run = pressed(tmp_path, finger, "doi_mm=0.3, hold_s=0.2", stiffness=1.5)
+    assert run.stream("hold_end")[0]["force_gwt"] == pytest.approx(1.5 * model_gwt(finger, run), abs=0.006)
+
+
+def test_a_finger_that_relaxes(finger: Fingertip, tmp_path: Path) -> None:
+    """Held at a depth for ten seconds, the force falls as the series says; the fall before the hold is counted in the
+    time of the last move, which is short beside the time constant."""
+    share, tau_s = 0.4, 2.0
+    run = pressed(tmp_path, finger, "doi_mm=0.4, hold_s=10.0", relaxation=[[share, tau_s]])
+    t_s, force = holding(run).T
+    elastic = model_gwt(finger, run)
+    assert force[0] < elastic
+    assert force[-1] == pytest.approx((1 - share) * elastic, rel=0.01)
+    # What is left to fall falls with the one time constant, whatever came before.
+    left = force - (1 - share) * elastic
+    early = t_s - t_s[0] < 4.0
+    slope = np.polyfit(t_s[early], np.log(left[early]), 1)[0]
+    assert -1 / slope == pytest.approx(tau_s, rel=0.03)
+
+
+def test_a_finger_that_creeps_under_a_force_is_followed_down(finger: Fingertip, tmp_path: Path) -> None:
+    stiff = pressed(tmp_path, finger, "force_gwt=3.0, hold_s=1.0")
+    (tmp_path / "b").mkdir()
+    soft = pressed(tmp_path / "b", finger, "force_gwt=3.0, hold_s=1.0", relaxation=[[0.3, 0.5]])
+    assert soft.stream("hold_start")[0]["force_gwt"] == pytest.approx(3.0, abs=0.05)
+    (before,), (deeper,) = stiff.stream("hold_end"), soft.stream("hold_end")
+    assert deeper["true_doi_mm"] > before["true_doi_mm"] + 0.03
+    # A hold stands still: what is left to relax shows as a force that falls.
+    assert deeper["force_gwt"] < 2.95 < before["force_gwt"]
+
+
+def test_a_noisy_cell(finger: Fingertip, tmp_path: Path) -> None:
+    run = pressed(tmp_path, finger, "doi_mm=0.3, hold_s=20.0", cell_noise_gwt=0.02, noise_seed=3)
+    _, force = holding(run).T
+    # 400 readings: the standard error of their sd is sd / √800; the display's 0.01 gwt adds 0.01/√12 in quadrature.
+    expected = math.hypot(0.02, 0.01 / math.sqrt(12))
+    assert force.std() == pytest.approx(expected, abs=4 * expected / math.sqrt(800))
+    assert force.mean() == pytest.approx(model_gwt(finger, run), abs=4 * expected / math.sqrt(400) + 0.02)
+
+
+def test_a_coarse_display(finger: Fingertip, tmp_path: Path) -> None:
+    run = pressed(tmp_path, finger, "doi_mm=0.3, hold_s=0.2", cell_resolution_gwt=0.1)
+    forces = np.array([s["force_gwt"] for s in run.stream("sample")])
+    assert np.abs(forces / 0.1 - np.round(forces / 0.1)).max() < 1e-4
+
+
+def test_a_late_cell_shows_the_force_of_a_while_ago(finger: Fingertip, tmp_path: Path) -> None:
+    """With a sensor as late as four of its periods, and readings after one, touch is found too deep."""
+    prompt = pressed(tmp_path, finger, "doi_mm=0.3, hold_s=0.2").stream("touch")[0]
+    (tmp_path / "b").mkdir()
+    late = pressed(tmp_path / "b", finger, "doi_mm=0.3, hold_s=0.2", cell_latency_s=0.2).stream("touch")[0]
+    assert late["true_doi_bias_mm"] > prompt["true_doi_bias_mm"] + 0.005
+
+
+@pytest.mark.parametrize("relaxation", [[[0.6, 1.0], [0.4, 2.0]], [[-0.1, 1.0]], [[0.1, 0.0]], [[0.5]]])
+def test_what_is_no_relaxation(relaxation: list[list[float]]) -> None:
+    with pytest.raises(ValueError, match="relaxation"):
+        Config.model_validate({"virtual": {"relaxation": relaxation}})

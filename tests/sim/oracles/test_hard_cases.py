@@ -1,0 +1,68 @@
+"""Nearly incompressible tissue, unlike layers, long flat elements."""
+
+import numpy as np
+import pytest
+
+from verification.contact import contact_errors
+from verification.contrast import condensed
+from verification.layer import Layer, compliance, layers_compliance, one_layer_compliance
+from verification.line_contact import cylinder, half_space
+
+
+@pytest.mark.parametrize("poisson", [0.48, 0.49, 0.499, 0.4999])
+def test_hertz_stays_right_towards_incompressibility(poisson: float) -> None:
+    # The errors of B-bar hardly know ν: spread 0.13 … 0.10 %, pressure 0.14 … 0.15 %.
+    errors = contact_errors(half_space(16, 40, poisson), cylinder(poisson))
+    assert abs(errors.half_width) < 0.01
+    assert abs(errors.spread) < 0.01
+    assert errors.inside < 0.01
+
+
+def test_hertz_locks_with_full_integration() -> None:
+    # ν = 0.4999: contact 26 % too narrow on the mesh on which B-bar errs by 0.1 %.
+    assert contact_errors(half_space(16, 40, 0.4999, "full"), cylinder(0.4999)).spread < -0.2
+
+
+@pytest.mark.parametrize("ratio", [1e3, 1e4, 1e6, 1e8])
+def test_stiff_bone_costs_no_digits(ratio: float) -> None:
+    # Measured 1e-14 in both, whatever the ratio: bone is held, its displacement small where its stiffness is large.
+    answer = condensed(ratio, "bone")
+    assert answer.imbalance < 1e-12
+    assert answer.mismatch < 1e-12
+
+
+def test_stiff_bone_tends_to_a_rigid_one() -> None:
+    # What an elastic bone adds to the displacement falls as 1 / ratio: 0.45 / ratio of the largest.
+    rigid = condensed(1e12, "bone").displacement
+    added = [np.abs(condensed(r, "bone").displacement - rigid).max() for r in (1e3, 1e4, 1e6)]
+    assert added[0] / added[1] == pytest.approx(10, rel=0.01)
+    assert added[1] / added[2] == pytest.approx(100, rel=0.01)
+
+
+@pytest.mark.parametrize("ratio", [1e3, 1e4, 1e6, 1e8])
+def test_stiff_skin_costs_the_digits_of_its_ratio(ratio: float) -> None:
+    # K·u cancels to f among terms `ratio` times as large: measured 1.2 ratio ε · 5; ten times that is allowed. The
+    # contact's residual of 1e-8 therefore holds up to ratios of about 1e6; the finger's epidermis is 10.
+    answer = condensed(ratio, "skin")
+    assert answer.imbalance < 50 * ratio * np.finfo(float).eps
+    assert answer.mismatch < 50 * ratio * np.finfo(float).eps
+
+
+@pytest.mark.parametrize("poisson", [0.48, 0.4999])
+@pytest.mark.parametrize("aspect", [10, 50])
+def test_flat_elements_in_a_squeezed_layer(aspect: int, poisson: float) -> None:
+    # A layer of 16 rows, each element `aspect` times as long as high, 40 to a wavelength: the tissue is squeezed out
+    # sideways, where shear and volume would lock. Measured at most 0.3 %, of which (2π/40)²/12 = 0.2 % is the wave.
+    layer, length = Layer(1.0, 1.0, 16), aspect / 16
+    k = 2 * np.pi / (40 * length)
+    exact = one_layer_compliance(k, layer, poisson)
+    assert compliance(k, (layer,), poisson, length) == pytest.approx(exact, rel=0.005)
+
+
+@pytest.mark.parametrize("aspect", [10, 50])
+def test_flat_elements_in_a_bending_skin(aspect: int) -> None:
+    # A skin 100 times as stiff as what it lies on, two elements thick, bends in long waves. Measured 0.2 %.
+    skin = (Layer(0.4, 100.0, 2), Layer(4.0, 1.0, 40))
+    length = 0.2 * aspect
+    k = 2 * np.pi / (40 * length)
+    assert compliance(k, skin, 0.48, length) == pytest.approx(layers_compliance(k, skin, 0.48), rel=0.005)

@@ -1,0 +1,298 @@
+"""Points and sections from a user's files: what is kept, what is fitted, what is refused. All data are synthetic."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from sim.cache import content_key
+from sim.config import FingertipConfig, Geometry
+from sim.csv_table import TableError, read_columns
+from sim.finger.surface import FingertipSurface, SurfaceError, published_points
+
+EXAMPLES = Path(__file__).parents[2] / "examples" / "own_finger"
+PUBLISHED = published_points()[1]
+SECTIONS = [
+    [0.0, 3.4, 2.6, 0.0],
+    [3.0, 4.0, 4.0, 0.1],
+    [6.0, 4.4, 4.6, 0.2],
+    [9.0, 4.2, 4.4, 0.1],
+    [12.75, 1.0, 1.0, 0.0],
+]
+
+Write = Callable[[str], str]
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Write:
+    """Write a CSV file, give its path."""
+
+    def to(text: str) -> str:
+        path = tmp_path / "mine.csv"
+        path.write_text(text, encoding="utf-8")
+        return str(path)
+
+    return to
+
+
+def complaint(**geometry: object) -> str:
+    with pytest.raises(ValidationError) as caught:
+        Geometry.model_validate(geometry)
+    (problem,) = caught.value.errors()
+    return problem["msg"].removeprefix("Value error, ")
+
+
+# --- reading ---
+
+
+def test_columns_are_found_by_name() -> None:
+    text = EXAMPLES.parents[1] / "sim" / "data" / "fingertip_surface_points.csv"  # site, x, y, z, region; comments
+    np.testing.assert_array_equal(read_columns(text, ("z_mm", "x_mm")), PUBLISHED[:, [2, 0]])
+
+
+def test_comments_empty_lines_spaces_and_a_byte_order_mark(write: Write) -> None:
+    path = write("\ufeff# mine\n\nb , a\n 2.5 ,1\n\n# more\n-3e-1,4\n")
+    assert read_columns(Path(path), ("a", "b")) == ((1.0, 2.5), (4.0, -0.3))
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", "mine.csv: no table, expected the columns a,b"),
+        ("# a,b\n", "mine.csv: no table, expected the columns a,b"),
+        ("a,c\n1,2\n", "mine.csv, line 1: 0 columns b, expected the columns a,b"),
+        ("#\na,b,b\n1,2,3\n", "mine.csv, line 2: 2 columns b, expected the columns a,b"),
+        ("a,b\n1,2\n1,two\n", "mine.csv, line 3, b: expected a number, got 'two'"),
+        ("a,b\n1,\n", "mine.csv, line 2, b: expected a number, got ''"),
+        ("a,b\n1\n", "mine.csv, line 2: 1 cells, expected 2, as in line 1"),
+        ("#\na,b\n1,2\n1,5,2,5\n", "mine.csv, line 4: 4 cells, expected 2, as in line 2"),  # decimal commas
+        ("a,b\n1,2\n\nnan,2\n", "mine.csv, line 4, a: expected a number, got 'nan'"),
+        ("a,b\n1,inf\n", "mine.csv, line 2, b: expected a number, got 'inf'"),
+        ("a;b\n1;2\n", "mine.csv, line 1: 0 columns a, expected the columns a,b"),
+        ("a,b\n1,2\n1,\0\n", "mine.csv"),
+    ],
+)
+def test_a_bad_table_is_refused_by_file_line_and_column(write: Write, text: str, expected: str) -> None:
+    with pytest.raises(TableError) as caught:
+        read_columns(Path(write(text)), ("a", "b"))
+    assert expected in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_no_file_no_text_a_folder(tmp_path: Path) -> None:
+    with pytest.raises(TableError, match=r"none.csv: No such file or directory"):
+        read_columns(tmp_path / "none.csv", ("a",))
+    with pytest.raises(TableError, match=r": Is a directory"):
+        read_columns(tmp_path, ("a",))
+    (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00\x81")
+    with pytest.raises(TableError, match=r"binary.csv: .*codec"):
+        read_columns(tmp_path / "binary.csv", ("a",))
+
+
+# --- what will do ---
+
+
+@pytest.mark.parametrize(
+    ("points", "expected"),
+    [
+        (PUBLISHED[:11], "11 points, expected 12 to 10000"),
+        (np.tile(PUBLISHED, (500, 1)), "12000 points, expected 12 to 10000"),
+        (PUBLISHED / 1000, "the points span 0.00445 × 0.00286 × 0.00744: expected millimetres, 2 to 60"),
+        (PUBLISHED / 10, "the points span 0.445 × 0.286 × 0.744: expected millimetres"),
+        (PUBLISHED * 1000, "the points span 4.44e+03 × 2.86e+03 × 7.44e+03: expected millimetres"),
+        (PUBLISHED - [0, 0, -3], "z 7.07 … 14.51 mm: expected z from 0, the proximal edge, to length_mm = 12.75"),
+        (PUBLISHED - [0, 0, 5], "z -0.93 … 6.51 mm: expected z from 0, the proximal edge, to length_mm = 12.75"),
+        (PUBLISHED[:18], "z 4.07 … 9.00 mm: expected points over 6.38 mm of z or more, half of length_mm = 12.75"),
+        (
+            np.tile(PUBLISHED[np.abs(PUBLISHED[:, 2] - 7.5) > 2.2], (2, 1)),
+            "no points from z = 5.21 to 9.75 mm: expected gaps of at most 3.19 mm, a quarter of length_mm = 12.75",
+        ),
+        (
+            PUBLISHED - [-3, 0, 0],
+            "x 0.47 … 4.92 mm: expected points on both sides of the midline x = 0, 0.64 mm from it or more",
+        ),
+        (
+            PUBLISHED - [0, 4.839, 0],
+            "highest y = 0.00 mm: expected y upwards from the bone's axis to the pulp's skin",
+        ),
+    ],
+)
+def test_points_that_cannot_hold_a_pulp_are_refused(points: np.ndarray, expected: str) -> None:
+    assert complaint(points=points.tolist()).startswith(expected)
+
+
+def test_points_must_fit_the_length_that_is_given() -> None:
+    assert "length_mm = 11" in complaint(length_mm=11.0, points=PUBLISHED.tolist())
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (lambda rows: rows[:4], "4 sections, expected at least 5"),
+        (lambda rows: [*rows[:2], rows[1], *rows[2:]], "z_mm = 3 after 3: expected z_mm to rise from row to row"),
+        (lambda rows: [rows[0], rows[2], rows[1], *rows[3:]], "z_mm = 3 after 6: expected z_mm to rise"),
+        (lambda rows: (np.array(rows) / 1000).tolist(), "z_mm ends at 0.01275: expected millimetres"),
+        (lambda rows: [*rows, [13.0, 0.9, 0.9, 0.0]], "z_mm 0 … 13: expected z = 0, the proximal edge, to length_mm"),
+        (lambda rows: [[1.0, 3.5, 3.0, 0.0], *rows[1:]], "z_mm 1 … 12.75: expected z = 0, the proximal edge"),
+        (lambda rows: [*rows[:4], [12.75, 0.0, 1.0, 0.0]], "half_width_mm = 0 at z_mm = 12.75: expected more than 0"),
+        (lambda rows: [*rows[:4], [12.75, 1.0, -1.0, 0.0]], "height_mm = -1 at z_mm = 12.75: expected more than 0"),
+    ],
+)
+def test_sections_that_are_no_finger_are_refused(
+    change: Callable[[list[list[float]]], object], expected: str
+) -> None:
+    assert complaint(sections=change(SECTIONS)).startswith(expected)
+
+
+def test_points_and_sections_exclude_each_other() -> None:
+    assert complaint(points=PUBLISHED.tolist(), sections=SECTIONS) == "expected either points or sections, not both"
+
+
+@pytest.mark.parametrize(
+    ("row", "expected"),
+    [
+        (
+            [6.0, 4.4, 4.6, 30.0],
+            r"crosses the bone's axis at z = \d.\d+ mm .*lean \d.*: expected sections around x = y",
+        ),
+        ([6.0, 60.0, 4.6, 0.0], r"crosses the bone's axis at z = .* \(half-width -"),  # the spline swings below zero
+    ],
+)
+def test_a_skin_that_crosses_the_bone_is_refused_by_place(row: list[float], expected: str) -> None:
+    with pytest.raises(SurfaceError, match=expected):
+        FingertipSurface.fit(Geometry(sections=[*SECTIONS[:2], row, *SECTIONS[3:]]))
+
+
+# --- what is made of them ---
+
+
+def test_the_published_file_as_a_users_own_gives_the_published_finger() -> None:
+    path = EXAMPLES.parents[1] / "sim" / "data" / "fingertip_surface_points.csv"
+    ours, default = Geometry(points=str(path)), Geometry()
+    z = np.linspace(0, 12.75, 50)
+    np.testing.assert_array_equal(
+        FingertipSurface.fit(ours).parameters(z), FingertipSurface.fit(default).parameters(z)
+    )
+
+
+def test_a_fit_finds_the_surface_that_points_were_taken_from(skin: FingertipSurface) -> None:
+    # 3 000 points over the whole pulp with noise of 0.05 mm: the fit may err by noise · √(27 coefficients / n), 5 µm,
+    # rms where there are points; its residuals are the noise's component along the normal.
+    generator = np.random.default_rng(8)
+    phi, z = generator.uniform(0.3, np.pi - 0.3, 3000), generator.uniform(1.0, 12.0, 3000)
+    xyz = np.stack([*skin.section(phi, z), z], -1)
+    xyz[:, :2] += generator.normal(0, 0.05, (3000, 2))
+    fitted = FingertipSurface.fit(Geometry(points=xyz.tolist()))
+    residual = fitted.residuals_mm()
+    assert np.sqrt((residual**2).mean()) == pytest.approx(0.05, rel=0.05)
+    at = np.linspace(2, 11, 50)
+    error = fitted.height(np.array([-2.0, -1.0, 0.0, 1.0, 2.0])[:, None], at) - skin.height(
+        np.array([-2.0, -1.0, 0.0, 1.0, 2.0])[:, None], at
+    )
+    assert np.abs(error).max() < 0.02
+    assert np.sqrt((error**2).mean()) < 0.007
+
+
+def test_sections_are_interpolated_and_smooth() -> None:
+    surface = FingertipSurface.fit(Geometry(sections=SECTIONS))
+    z, *parameters = np.array(SECTIONS).T
+    np.testing.assert_allclose(surface.parameters(z), parameters, rtol=0, atol=1e-13)
+    h = 1e-4
+    for station in z[1:-1]:  # C²: the second difference from either side; third derivatives ≤ 0.5 mm⁻²
+        left, right = (surface.parameters(station + s * h * np.arange(3)) @ [1, -2, 1] / h**2 for s in (-1, 1))
+        np.testing.assert_allclose(left, right, rtol=0, atol=2 * h * 0.5 + 1e-6)
+
+
+def test_apex_and_radii_against_differences(skin: FingertipSurface) -> None:
+    # Central differences at 1e-3 mm: round-off 1e-15 / h² = 1e-9, truncation h² times a fourth derivative ≤ 1.
+    (x, y, z), h = skin.apex.position_mm, 1e-3
+    across = np.diff(skin.height(x + h * np.array([-1, 0, 1]), z), 2)[0] / h**2
+    along = np.diff(skin.height(x, z + h * np.array([-1, 0, 1])), 2)[0] / h**2
+    assert skin.apex.lateral_radius_mm == pytest.approx(-1 / across, rel=1e-5)
+    assert skin.apex.axial_radius_mm == pytest.approx(-1 / along, rel=1e-5)
+    highest = skin.height(np.linspace(-1, 1, 201)[:, None], np.linspace(2.1, 10.9, 881)).max()
+    assert y == pytest.approx(highest, abs=1e-4)
+    assert y >= highest
+    assert skin.apex.inside
+
+
+def test_a_finger_that_rises_to_its_proximal_end_has_no_apex_inside() -> None:
+    rows = [[z, 4.4, 5.0 - 0.2 * z, 0.0] for z in np.linspace(0, 12.75, 6)]
+    surface = FingertipSurface.fit(Geometry(sections=rows))
+    assert not surface.apex.inside
+    # What can be touched ends at z = 2: there is its highest skin, at every x.
+    for x in (-3.0, 0.0, 2.0):
+        assert float(surface.ridge(x)) == pytest.approx(float(surface.height(x, 2.0)), abs=1e-6)
+
+
+def test_the_ridge_of_a_finger_that_is_highest_where_it_is_narrow() -> None:
+    # Near its widest x this finger is highest at the rim of the sections that reach so far. There the table of z,
+    # every 0.02 mm, is as good as it is dense: 0.02 mm times the slope along z, here below 1.
+    rows = [[z, 3.0 + 0.15 * z, 6.0 - 0.3 * z, 0.0] for z in np.linspace(0, 12.75, 6)]
+    surface = FingertipSurface.fit(Geometry(sections=rows))
+    z = np.arange(2.0, 11.0, 0.001)
+    for x in (-3.8, -3.0, 0.5, 3.9):
+        inside = z[abs(x) < 0.95 * surface.parameters(z)[0]]
+        assert float(surface.ridge(x)) == pytest.approx(surface.height(x, inside).max(), abs=0.02)
+
+
+# --- the key of the cached model ---
+
+
+def test_the_numbers_make_the_key_not_the_path(tmp_path: Path) -> None:
+    def key(name: str, rows: np.ndarray) -> str:
+        path = tmp_path / name
+        path.write_text("x_mm,y_mm,z_mm\n" + "".join(f"{x},{y},{z}\n" for x, y, z in rows), encoding="utf-8")
+        config = FingertipConfig.model_validate({"geometry": {"points": str(path)}})
+        assert str(tmp_path) not in json.dumps(config.model_dump(mode="json"))
+        return content_key(config.model_dump(mode="json"))
+
+    edited = PUBLISHED.copy()
+    edited[3, 1] += 0.001
+    assert key("one.csv", PUBLISHED) == key("other.csv", PUBLISHED)
+    assert key("one.csv", edited) == key("other.csv", edited) != key("third.csv", PUBLISHED)
+
+
+# --- the shipped example ---
+
+
+def test_the_synthetic_example_is_what_it_says(skin: FingertipSurface) -> None:
+    phi, z = np.meshgrid(np.radians(np.arange(30, 151, 15)), np.arange(4.0, 11.51, 0.75))
+    points = 1.2 * np.stack([*skin.section(phi, z), z], -1).reshape(-1, 3)
+    shipped = EXAMPLES / "synthetic_larger_finger_points.csv"
+    assert "SYNTHETIC" in shipped.read_text(encoding="utf-8").splitlines()[0]
+    np.testing.assert_allclose(read_columns(shipped, ("x_mm", "y_mm", "z_mm")), points, rtol=0, atol=6e-4)
+    stations = np.linspace(0, 12.75, 16)
+    table = 1.2 * np.stack([stations, *skin.parameters(stations)], -1)
+    shipped = EXAMPLES / "synthetic_larger_finger_sections.csv"
+    assert "SYNTHETIC" in shipped.read_text(encoding="utf-8").splitlines()[0]
+    columns = ("z_mm", "half_width_mm", "height_mm", "lean_mm")
+    np.testing.assert_allclose(read_columns(shipped, columns), table, rtol=0, atol=6e-4)
+
+
+@pytest.mark.parametrize(
+    ("name", "radius"),
+    [
+        # 1.2 times the default's 3.590 and 3.394 mm. Points: rounded to 0.001 mm and a little stiffness of the fit.
+        # Sections every 1.02 mm: the cubic's second derivative errs by h²/12 times a fourth derivative, measured 3 %.
+        ("points", 0.005),
+        ("sections", 0.05),
+    ],
+)
+def test_the_synthetic_example_is_the_default_finger_times_1_2(
+    skin: FingertipSurface, name: str, radius: float
+) -> None:
+    path = str(EXAMPLES / f"synthetic_larger_finger_{name}.csv")
+    surface = FingertipSurface.fit(Geometry.model_validate({"length_mm": 15.3, name: path}))
+    apex, default = surface.apex, skin.apex
+    np.testing.assert_allclose(apex.position_mm, 1.2 * np.array(default.position_mm), rtol=0, atol=0.02)
+    assert apex.lateral_radius_mm == pytest.approx(1.2 * default.lateral_radius_mm, rel=radius)
+    assert apex.axial_radius_mm == pytest.approx(1.2 * default.axial_radius_mm, rel=radius)
+    x = np.linspace(-3, 3, 31)
+    np.testing.assert_allclose(surface.ridge(1.2 * x), 1.2 * skin.ridge(x), rtol=0, atol=0.005)
+    assert len(surface.points_mm) == (99 if name == "points" else 0)
+    if name == "points":
+        assert surface.residuals_mm().max() < 0.003

@@ -1,0 +1,124 @@
+"""The finger in a process of its own: forces that are there before they are asked for."""
+
+import math
+import multiprocessing
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from sim.config import FingertipConfig
+from sim.fingertip import Fingertip
+from sim.plant import Carriage, Placement, Screws
+from sim.serve.press_ahead import STALE_S, PressAhead
+from sim.serve.press_process import FingerNotLoadedError, PressProcess
+from sim.wall_clock import WallScheduler
+
+PERIOD_S = 0.05
+
+
+class Bench:
+    """A carriage whose plan a test changes as it likes, over a finger in real time."""
+
+    def __init__(self) -> None:
+        self.scheduler = WallScheduler()
+        self.plan = lambda t_s: 1.0
+        self.complaints: list[str] = []
+        carriage = Carriage(self._steps_at, Screws(), Placement(0.0, 0.0))
+        process = PressProcess(FingertipConfig(), "bar:3.0", 2.0)
+        self.press = PressAhead(self.scheduler, carriage, process, PERIOD_S, self.complaints.append)
+
+    def _steps_at(self, t_s: float) -> tuple[int, int, int]:
+        return (0, 0, round(400 * self.plan(t_s)))
+
+    def run(self, seconds: float) -> None:
+        """Let the loop run, and come back to it later."""
+        end_s = self.scheduler.monotonic_s() + seconds
+        while self.scheduler.monotonic_s() < end_s:
+            self.scheduler.run_once(end_s)
+
+    def close(self) -> None:
+        self.press.close()
+        self.scheduler.close()
+
+
+@pytest.fixture(scope="module")
+def bench(finger: Fingertip) -> Iterator[Bench]:
+    assert finger is not None  # in the cache from here on
+    bench = Bench()
+    yield bench
+    bench.close()
+
+
+def force_at(finger: Fingertip, height_mm: float) -> float:
+    """Twice the model's answer: the stiffness of this bench."""
+    doi = finger.touch_height_mm("bar:3.0", 0.0) - finger.apex_height_mm - height_mm
+    return 2.0 * finger.indent("bar:3.0", 0.0, doi_mm=doi).force_n
+
+
+def test_a_planned_descent_is_answered_without_a_wait(bench: Bench, finger: Fingertip) -> None:
+    """0.5 mm in one second, each sample asked for at its instant; what is fresh is the model's answer."""
+    start_s = bench.scheduler.monotonic_s() + 0.5
+    bench.plan = lambda t_s: 0.2 - 0.5 * min(max(t_s - start_s, 0.0), 1.0)
+    bench.run(0.5)
+    fresh, slowest_cpu_s = [], 0.0
+    for _ in range(30):
+        bench.run(PERIOD_S)
+        t_s = PERIOD_S * math.floor(bench.scheduler.monotonic_s() / PERIOD_S)
+        began = time.process_time()
+        force, known = bench.press.force_n(t_s), bench.press.fresh(t_s)
+        slowest_cpu_s = max(slowest_cpu_s, time.process_time() - began)
+        if known:
+            fresh.append((round(400 * bench.plan(t_s)) / 400, force))
+    assert slowest_cpu_s < 0.01, "nothing is solved in this process"
+    assert len(fresh) > 10, "those at rest, and some on the way; nearly all where nothing else runs"
+    for height_mm, force in fresh:
+        doi_mm = finger.touch_height_mm("bar:3.0", 0.0) - finger.apex_height_mm - height_mm
+        expected = force_at(finger, height_mm) if doi_mm > 0 else 0.0
+        assert force == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_plan_that_changes_gives_the_last_force_and_says_so(bench: Bench, finger: Fingertip) -> None:
+    bench.plan = lambda t_s: -0.3
+    bench.run(1.0)
+    now_s = bench.scheduler.monotonic_s()
+    before, late = bench.press.force_n(now_s), bench.press.statistics.late
+    assert before == pytest.approx(force_at(finger, -0.3), rel=1e-6)
+    bench.plan = lambda t_s: -0.41
+    assert bench.press.force_n(now_s) == before
+    assert not bench.press.fresh(now_s)
+    assert bench.press.statistics.late == late + 1
+    assert math.isnan(bench.press.force_n(now_s + STALE_S + 0.01)), "too old to be an answer"
+    bench.run(1.0)
+    now_s = bench.scheduler.monotonic_s()
+    assert bench.press.fresh(now_s)
+    assert bench.press.force_n(now_s) == pytest.approx(force_at(finger, -0.41), rel=1e-6)
+
+
+def test_a_depth_beyond_the_model_is_no_force_and_one_complaint(bench: Bench) -> None:
+    bench.plan = lambda t_s: -3.0
+    bench.run(1.0)
+    assert math.isnan(bench.press.force_n(bench.scheduler.monotonic_s()))
+    assert len(bench.complaints) == 1
+    assert "expected 0 < DOI ≤ 2 mm" in bench.complaints[0]
+    bench.plan = lambda t_s: 1.0
+    bench.run(1.0)
+    assert bench.press.force_n(bench.scheduler.monotonic_s()) == 0.0
+
+
+def test_a_finger_whose_process_dies_stops_the_loop_and_is_told_once(bench: Bench) -> None:
+    """The last test of this bench."""
+    (process,) = multiprocessing.active_children()
+    process.kill()
+    process.join(5.0)
+    bench.complaints.clear()
+    bench.run(0.3)
+    assert bench.press.ended
+    assert bench.complaints == ["the process of the virtual finger has ended"]
+    bench.plan = lambda t_s: -0.777  # where it has not been
+    assert math.isnan(bench.press.force_n(bench.scheduler.monotonic_s() + 2 * STALE_S))
+
+
+def test_a_finger_that_cannot_be_loaded_is_an_error_and_not_a_wait() -> None:
+    with pytest.raises(FingerNotLoadedError, match=r"^virtual finger: ShapeError: shape 'spoon'"):
+        PressProcess(FingertipConfig(), "spoon")

@@ -1,0 +1,132 @@
+"""Virtual lines behind pseudo-terminals and TCP ports: clients come, go and vanish."""
+
+import os
+import socket
+import struct
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from sim.devices import SerialLine
+from sim.serve.ports import PortBusyError, PtyPort, TcpPort
+from sim.wall_clock import WallScheduler
+
+pytest.importorskip("pty", reason="needs pseudo-terminals")
+
+
+class Loop:
+    """A scheduler that runs in a thread, with a line that answers in upper case."""
+
+    def __init__(self) -> None:
+        self.scheduler = WallScheduler()
+        self.line = SerialLine(self.scheduler, 1e6)
+        self.line.connect(lambda data: self.line.device_write(data.upper()))
+        self._thread = threading.Thread(target=self.scheduler.run)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def stop(self) -> None:
+        self.scheduler.stop()
+        self._thread.join(5.0)
+        assert not self._thread.is_alive()
+
+
+@pytest.fixture
+def loop() -> Iterator[Loop]:
+    loop = Loop()
+    yield loop
+    loop.stop()
+    loop.scheduler.close()
+
+
+@pytest.fixture
+def tcp(loop: Loop) -> Iterator[TcpPort]:
+    port = TcpPort(loop.scheduler, loop.line, 0)
+    loop.start()
+    yield port
+    loop.stop()
+    port.close()
+
+
+def connect(port: TcpPort) -> socket.socket:
+    host, number = port.name.removeprefix("tcp://").split(":")
+    return socket.create_connection((host, int(number)), 5.0)
+
+
+def asked(client: socket.socket, data: bytes) -> bytes:
+    client.sendall(data)
+    heard = b""
+    while len(heard) < len(data) and (more := client.recv(100)):
+        heard += more
+    return heard
+
+
+def test_a_pseudo_terminal_serves_one_client_after_another(loop: Loop) -> None:
+    port = PtyPort(loop.scheduler, loop.line)
+    loop.start()
+    try:
+        for text in (b"one", b"two"):
+            client = os.open(port.name, os.O_RDWR | os.O_NOCTTY)
+            os.write(client, text)
+            assert os.read(client, 10) == text.upper()
+            os.close(client)
+    finally:
+        loop.stop()
+        port.close()
+
+
+def test_nobody_reads_and_the_devices_go_on(loop: Loop) -> None:
+    """More than any buffer holds: what does not fit is lost, and the loop still answers its timers."""
+    port = PtyPort(loop.scheduler, loop.line)
+    ticked = threading.Event()
+    for _ in range(100):
+        loop.line.device_write(b"x" * 1000)
+    loop.scheduler.call_at(loop.scheduler.monotonic_s() + 1.2, ticked.set)
+    loop.start()
+    try:
+        assert ticked.wait(5.0)
+    finally:
+        loop.stop()
+        port.close()
+
+
+def test_tcp_clients_reconnect(tcp: TcpPort) -> None:
+    for text in (b"one", b"two", b"three"):
+        with connect(tcp) as client:
+            assert asked(client, text) == text.upper()
+
+
+def test_a_second_tcp_client_is_turned_away_and_the_first_stays(tcp: TcpPort) -> None:
+    with connect(tcp) as first:
+        assert asked(first, b"a") == b"A"
+        with connect(tcp) as second:
+            assert second.recv(1) == b""
+        assert asked(first, b"b") == b"B"
+
+
+def test_a_tcp_client_that_is_cut_off_is_survived(tcp: TcpPort) -> None:
+    client = connect(tcp)
+    assert asked(client, b"a") == b"A"
+    client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    client.sendall(b"never read")
+    client.close()  # a reset, not an orderly end
+    deadline_s = time.monotonic() + 5.0
+    while time.monotonic() < deadline_s:
+        with connect(tcp) as again:
+            try:
+                if asked(again, b"b") == b"B":
+                    return
+            except ConnectionError:
+                continue
+    raise AssertionError("no second client within 5 s")
+
+
+def test_a_busy_tcp_port_is_named(loop: Loop) -> None:
+    loop.start()
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        number = other.getsockname()[1]
+        with pytest.raises(PortBusyError, match=rf"^TCP port {number}: address already in use"):
+            TcpPort(loop.scheduler, loop.line, number)

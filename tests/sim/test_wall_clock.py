@@ -1,0 +1,65 @@
+"""The wall-clock scheduler: timers in order, files in between, and a stop from anywhere."""
+
+import socket
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+from sim.wall_clock import WallScheduler
+
+
+@pytest.fixture
+def scheduler() -> Iterator[WallScheduler]:
+    scheduler = WallScheduler()
+    yield scheduler
+    scheduler.close()
+
+
+def run_until(scheduler: WallScheduler, t_s: float) -> None:
+    scheduler.call_at(t_s, scheduler.stop)
+    scheduler.run()
+
+
+def test_calls_come_in_order_and_not_before_their_time(scheduler: WallScheduler) -> None:
+    heard: list[tuple[str, float]] = []
+    now_s = scheduler.monotonic_s()
+    for name, after_s in (("late", 0.02), ("early", 0.01), ("past", -1.0)):
+        scheduler.call_at(now_s + after_s, lambda name=name: heard.append((name, scheduler.monotonic_s())))
+    scheduler.call_at(now_s + 0.015, lambda: heard.append(("cancelled", 0.0))).cancel()
+    run_until(scheduler, now_s + 0.03)
+    assert [name for name, _ in heard] == ["past", "early", "late"]
+    assert heard[1][1] >= now_s + 0.01
+    assert heard[2][1] >= now_s + 0.02
+
+
+def test_a_call_may_make_another(scheduler: WallScheduler) -> None:
+    heard: list[int] = []
+    scheduler.call_at(0.0, lambda: scheduler.call_at(0.0, lambda: heard.append(1)) and None)
+    run_until(scheduler, scheduler.monotonic_s() + 0.01)
+    assert heard == [1]
+
+
+def test_files_are_heard_between_timers_and_no_more_once_unwatched(scheduler: WallScheduler) -> None:
+    near, far = socket.socketpair()
+    heard: list[bytes] = []
+    scheduler.watch(near, lambda: heard.append(near.recv(10)))
+    with near, far:
+        scheduler.call_at(scheduler.monotonic_s() + 0.01, lambda: far.send(b"a") and None)
+        scheduler.call_at(scheduler.monotonic_s() + 0.02, lambda: scheduler.unwatch(near))
+        scheduler.call_at(scheduler.monotonic_s() + 0.03, lambda: far.send(b"b") and None)
+        run_until(scheduler, scheduler.monotonic_s() + 0.04)
+    assert heard == [b"a"]
+
+
+def test_a_stop_from_another_thread_ends_a_loop_that_waits_for_nothing(scheduler: WallScheduler) -> None:
+    thread = threading.Thread(target=scheduler.run)
+    thread.start()
+    scheduler.stop()
+    thread.join(5.0)
+    assert not thread.is_alive()
+
+
+def test_times_are_finite(scheduler: WallScheduler) -> None:
+    with pytest.raises(ValueError, match="finite"):
+        scheduler.call_at(float("nan"), lambda: None)
