@@ -25,7 +25,7 @@ from rig.data import Run
 from rig.protocol.config import load_config
 from rig.protocol.plan import make_plan
 from rig.protocol.script import load_script
-from rig.protocol.session import dry_run
+from rig.protocol.session import Session, dry_run
 from sim.fingertip import Fingertip
 from sim.measures.measures import MEASURES
 from study_facts import DEPTHS_MM, FINE_X_MM, all_facts
@@ -58,7 +58,8 @@ def carry_out(words: tuple[str, ...], finger: Fingertip, folder: Path) -> Done:
     began = time.perf_counter()
     config = load_config(None)
     script = load_script(words[0], words[1:])
-    done = dry_run(script, config, finger, make_plan(script, config, finger), folder, interrupted=lambda: False)
+    plan = make_plan(script, config, finger)
+    done = dry_run(Session(script, config, finger, plan, folder, interrupted=lambda: False))
     write_report(done.run, finger)
     done.folder.write_checksums()
     taken = time.perf_counter() - began

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from rig.cli.output import err, out, print_json, told_in_one_line
+from rig.cli.output import loading_the_finger, out, print_json, told_in_one_line
 from rig.compare.comparison import Comparison, compare
 from rig.compare.comparison_report import write_comparison
 from rig.compare.inputs import SpikeReading, read_recordings
@@ -81,7 +81,7 @@ def _fingers(runs: list[Run], receptor_x_mm: tuple[float, ...], depth_mm: float)
     """The finger that each run's configuration names."""
     configs = [load_config(run.folder.path / "config.toml").finger for run in runs]
     loaded: dict[str, Fingertip] = {}
-    with err.status("fingertip: from the cache, or built in about 15 s …"):
+    with loading_the_finger():
         for config in configs:
             name = config.model_dump_json()
             if name not in loaded:

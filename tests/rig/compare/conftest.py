@@ -11,7 +11,7 @@ from rig.data import Run
 from rig.protocol.config import Config
 from rig.protocol.plan import make_plan
 from rig.protocol.script import load_script
-from rig.protocol.session import dry_run
+from rig.protocol.session import Session, dry_run
 from sim.fingertip import Fingertip
 from sim.measures.measures import MEASURES
 
@@ -38,7 +38,7 @@ def bar_run(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> Run:
     path.write_text(BAR, encoding="utf-8")
     script, config = load_script(str(path)), Config()
     plan = make_plan(script, config, finger)
-    return dry_run(script, config, finger, plan, folder, interrupted=lambda: False).run
+    return dry_run(Session(script, config, finger, plan, folder, interrupted=lambda: False)).run
 
 
 @pytest.fixture
