@@ -50,7 +50,8 @@ def _read(path: Path, shape: str, runs: Sequence[Run], spikes: SpikeReading) -> 
     holding = [run for run in runs if any(parse_shape(e["indentor"]).name == name for e in run.stream("mount"))]
     if len(holding) != 1:
         raise RecordingError(f"{path}: spike times belong to one run with {shape}, {len(holding)} are given")
-    return rates_in_run(holding[0], shape, read_spike_times(path), path.name, spikes.window_s, spikes.field_centre_mm)
+    (run,) = holding
+    return rates_in_run(run, shape, read_spike_times(path, run), path.name, spikes.window_s, spikes.field_centre_mm)
 
 
 def _sha256(path: Path) -> str:

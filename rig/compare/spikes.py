@@ -14,12 +14,39 @@ Array = NDArray[np.float64]
 _SAME_PLACE_DECIMALS = 3
 
 
-def read_spike_times(path: Path) -> Array:
-    """(n,) ascending seconds from a CSV with one column `time_s`, on the run's clock. Raises RecordingError."""
-    times = [
-        csv_number(row["time_s"], f"{path}, row {number}", "time_s") for number, row in csv_rows(path, ("time_s",))
-    ]
-    return np.sort(np.array(times, dtype=float))
+def read_spike_times(path: Path, run: Run) -> Array:
+    """(n,) ascending seconds on the run's clock, from a CSV with columns `time_s[,kind]`. Raises RecordingError.
+
+    Rows of kind "sync" are the run's pulses as the amplifier saw them: offset and drift between the two clocks are
+    fitted to them. Without such rows the times must be on the run's clock already.
+    """
+    times: dict[str, list[float]] = {"spike": [], "sync": []}
+    for number, row in csv_rows(path, ("time_s",), ("kind",)):
+        where, kind = f"{path}, row {number}", row.get("kind") or "spike"
+        if kind not in times:
+            raise RecordingError(f"{where}, column kind: {kind!r}, expected spike or sync")
+        times[kind].append(csv_number(row["time_s"], where, "time_s"))
+    spikes, pulses = (np.sort(np.array(times[kind], dtype=float)) for kind in ("spike", "sync"))
+    return _on_the_runs_clock(path, spikes, pulses, run) if len(pulses) else spikes
+
+
+def _on_the_runs_clock(path: Path, spike_s: Array, pulse_s: Array, run: Run) -> Array:
+    rise_s = np.sort(np.array([event["rise_s"] for event in run.stream("sync")], dtype=float))
+    if len(rise_s) != len(pulse_s):
+        raise RecordingError(f"{path}: {len(pulse_s)} sync pulses, the journal of the run has {len(rise_s)}")
+    if len(rise_s) == 1:
+        return spike_s + (rise_s[0] - pulse_s[0])
+    line = np.polynomial.Polynomial.fit(pulse_s, rise_s, deg=1)
+    worst_s = float(np.abs(line(pulse_s) - rise_s).max())
+    if worst_s > _PULSE_TOLERANCE_S:
+        raise RecordingError(
+            f"{path}: the sync pulses miss the journal's by up to {1e3 * worst_s:.1f} ms, "
+            f"expected {1e3 * _PULSE_TOLERANCE_S:g} ms or less"
+        )
+    return np.asarray(line(spike_s))
+
+
+_PULSE_TOLERANCE_S = 0.005
 
 
 def rates_in_run(

@@ -1,5 +1,6 @@
 """Spike times and a run: rates in a window from the start of the holds."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -40,10 +41,37 @@ def test_a_window_longer_than_the_holds_is_refused(bar_run: Run) -> None:
         rates_in_run(bar_run, "step:1", np.array([]), "unit7.csv", (0.0, 0.4))
 
 
-def test_spike_times_are_read_and_sorted(tmp_path: Path) -> None:
+def with_pulses(run: Run, rise_s: list[float]) -> Run:
+    return replace(run, events={**run.events, "sync": [{"t_s": t, "rise_s": t} for t in rise_s]})
+
+
+def test_spike_times_are_read_and_sorted(tmp_path: Path, bar_run: Run) -> None:
     path = tmp_path / "unit7.csv"
     path.write_text("time_s\n3.5\n1.25\n", encoding="utf-8")
-    np.testing.assert_array_equal(read_spike_times(path), [1.25, 3.5])
+    np.testing.assert_array_equal(read_spike_times(path, bar_run), [1.25, 3.5])
     path.write_text("time_s\n3.5\nlate\n", encoding="utf-8")
     with pytest.raises(RecordingError, match="row 3, column time_s: 'late', expected a number"):
-        read_spike_times(path)
+        read_spike_times(path, bar_run)
+    path.write_text("time_s,kind\n3.5,noise\n", encoding="utf-8")
+    with pytest.raises(RecordingError, match="row 2, column kind: 'noise', expected spike or sync"):
+        read_spike_times(path, bar_run)
+
+
+def test_sync_pulses_align_the_clocks(tmp_path: Path, bar_run: Run) -> None:
+    """The amplifier's clock started 100 s earlier and runs 50 ppm fast."""
+    path = tmp_path / "unit7.csv"
+    rises = [10.0, 20.0, 40.0]
+    seen = [100 + 1.00005 * t for t in rises]
+    rows = [f"{t:.9f},sync" for t in seen] + [f"{100 + 1.00005 * 25.0:.9f},spike"]
+    path.write_text("time_s,kind\n" + "\n".join(rows), encoding="utf-8")
+    np.testing.assert_allclose(read_spike_times(path, with_pulses(bar_run, rises)), [25.0], atol=1e-7)
+    with pytest.raises(RecordingError, match="3 sync pulses, the journal of the run has 2"):
+        read_spike_times(path, with_pulses(bar_run, rises[:2]))
+    with pytest.raises(RecordingError, match=r"miss the journal's by up to \d+\.\d ms, expected 5 ms or less"):
+        read_spike_times(path, with_pulses(bar_run, [10.0, 20.1, 40.0]))
+
+
+def test_one_pulse_gives_the_offset(tmp_path: Path, bar_run: Run) -> None:
+    path = tmp_path / "unit7.csv"
+    path.write_text("time_s,kind\n110.0,sync\n112.5,spike\n", encoding="utf-8")
+    np.testing.assert_allclose(read_spike_times(path, with_pulses(bar_run, [10.0])), [12.5])
