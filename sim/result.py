@@ -98,12 +98,12 @@ class IndentationResult:
 
         Of a shape that lies across the finger, all places.
         """
-        patch = self.model.patch
-        at = self.state.held.weights(patch)
-        if patch.axes[0] == X:
-            at = at[np.flatnonzero(at[:, self.plane].sum(axis=1) > 1 - 1e-12)]
-        x = at @ patch.x
-        moved = x + (at @ self.state.displacement[0] if patch.axes[0] == X else 0.0)
+        patch, held = self.model.patch, self.state.held
+        nodes, share = held.carriers(patch)
+        rows = nodes // patch.shape[1]
+        here = (rows == self.model.receptor_row).all(axis=0) if patch.axes[0] == X else np.full(len(held), True)
+        x = (share * patch.x[nodes]).sum(axis=0)[here]
+        moved = x + ((share * self.state.displacement[0][nodes]).sum(axis=0)[here] if patch.axes[0] == X else 0.0)
         order = np.argsort(x)
         return x[order], moved[order]
 
