@@ -91,8 +91,10 @@ def _resampled_means(rates: Array, rng: np.random.Generator) -> Array:
 
 
 def _influence(eps: Array, rate: Array, fit: Fit) -> tuple[Array, Array]:
-    """(n,) derivatives of k and ε₀ by each rate, on the line through the points that fire."""
+    """(n,) derivatives of k and ε₀ by each rate, on the line through the points that fire; zero without one."""
     fires = predicted(fit, eps) > 0
+    if len(np.unique(eps[fires])) < 2:
+        return np.zeros_like(eps), np.zeros_like(eps)
     e = np.where(fires, eps - eps[fires].mean(), 0.0)
     of_k = e / (e @ e)
     of_eps0 = rate[fires].mean() / fit.k**2 * of_k - np.where(fires, 1 / (fit.k * fires.sum()), 0.0)

@@ -74,6 +74,14 @@ def test_the_same_recording_gives_the_same_interval() -> None:
     assert interval(eps, repeats, np.zeros(4, dtype=int), 1) == interval(eps, repeats, np.zeros(4, dtype=int), 1)
 
 
+def test_a_line_that_one_point_carries_has_limits_or_none() -> None:
+    """One rate above zero, the next at it: nothing to take a slope from in most draws, and no warning."""
+    eps = np.array([0.9, 0.8, 0.5, 0.2, 0.1])
+    repeats = [np.array([6.0, 9.0]), *(np.zeros(2) for _ in range(4))]
+    found = interval(eps, repeats, np.zeros(5, dtype=int), 1)
+    assert np.isnan(found.k).all() or found.k[0] <= 75 <= found.k[1]
+
+
 def test_intervals_widen_with_noise_and_hold_the_estimate() -> None:
     eps = np.linspace(0, 1, 12)
     rng = np.random.default_rng(0)
