@@ -9,6 +9,9 @@ from typing import Any, NoReturn
 
 from rich.console import Console
 
+from rig.compare.comparison import ComparisonError
+from rig.compare.recorded import RecordingError
+from rig.data import RunError
 from rig.force.base import ForceError
 from rig.protocol.errors import BadInputError
 from rig.run import EngineError
@@ -69,7 +72,18 @@ def told_in_one_line(*, as_json: bool) -> Iterator[None]:
     """Turn what can go wrong into one line and the right exit code."""
     try:
         yield
-    except (BadInputError, ShapeError, ModelRangeError, SurfaceError, MeshError, ReceptorError, CacheError) as error:
+    except (
+        BadInputError,
+        RunError,
+        RecordingError,
+        ComparisonError,
+        ShapeError,
+        ModelRangeError,
+        SurfaceError,
+        MeshError,
+        ReceptorError,
+        CacheError,
+    ) as error:
         fail(str(error), ExitCode.BAD_INPUT, as_json=as_json)
     except KeyboardInterrupt:
         fail("stopped at once by the operator", ExitCode.ABORTED, as_json=as_json)
