@@ -34,6 +34,7 @@ _FULL_TURN = 1.0  # rad that a normal may turn in one step
 _SHARE_SHRINK, _SHARE_GROWTH = 0.4, 2.0
 _COARSE_FLOOR, _FINE_FLOOR = 0.05, 1e-5
 _JITTER = 1e-10
+_MERIT_ROUND_OFF = 1e-14
 
 
 @dataclass(frozen=True)
@@ -152,7 +153,7 @@ class _Iteration:
                 return
             penalty = max(penalty, 2 * float(solution.multipliers.max(initial=0.0)))
             new_merit = planes.energy(solution, un) + penalty * depth
-            if fallback is not None and new_merit > merit:
+            if fallback is not None and new_merit > (1 + _MERIT_ROUND_OFF) * merit:
                 share *= _SHARE_SHRINK
                 self.u, fallback = fallback, None
                 continue
