@@ -242,6 +242,8 @@ class _Scene:
             return state
         finer = self._pressed(doi_mm, _PRESS_IN_FINE_MM)
         better = min((state, finer), key=lambda s: s.residual)
+        if not better.converged:
+            self._refuse_rim(self._pose(doi_mm), better)
         return replace(better, passes=state.passes + finer.passes)
 
     def _pressed(self, doi_mm: float, step_mm: float) -> ContactState:
@@ -255,10 +257,14 @@ class _Scene:
         return replace(state, passes=passes)
 
     def _at(self, doi_mm: float, start: ContactState | None) -> ContactState:
-        pose = Pose(self.indentor, self.place, self.zero_mm - doi_mm, max(doi_mm, 1e-3))
+        pose = self._pose(doi_mm)
         state = solve_contact(self.model.patch, pose, start, between_nodes=self.between_nodes)
-        self._refuse_rim(pose, state)
+        if state.converged:  # an unfinished state may touch anything on its way
+            self._refuse_rim(pose, state)
         return state
+
+    def _pose(self, doi_mm: float) -> Pose:
+        return Pose(self.indentor, self.place, self.zero_mm - doi_mm, max(doi_mm, 1e-3))
 
     def refuse_touch_outside(self) -> None:
         """Refuse a scene in which the indentor first touches skin beside the patch."""
