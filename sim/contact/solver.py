@@ -113,13 +113,13 @@ class _Region:
         self.own_response = self.points.interpolate(self, self.response).transpose(0, 2, 1, 3).copy()  # (m, m, k, k)
 
     def from_patch(self, points: ContactPoints) -> ContactPoints:
-        """A patch's points by the numbers here."""
-        nodes = np.zeros(int(max(self.nodes.max(initial=-1), points.nodes.max(initial=-1))) + 1, dtype=np.int64)
-        nodes[self.nodes] = np.arange(len(self.nodes))
-        last = int(max(self.segment_numbers.max(initial=-1), points.segments.max(initial=-1)))
-        segments = np.zeros(last + 1, dtype=np.int64)
-        segments[self.segment_numbers] = np.arange(len(self.segment_numbers))
-        return points.renumbered(nodes, segments)
+        """Some of the candidates, by the numbers here."""
+        segments = np.searchsorted(self.segment_numbers, points.segments)
+        return points.renumbered_as(np.searchsorted(self.nodes, points.nodes), segments)
+
+    def to_patch(self, points: ContactPoints) -> ContactPoints:
+        """Points here by the patch's numbers."""
+        return points.renumbered_as(self.nodes[points.nodes], self.segment_numbers[points.segments])
 
 
 class _Iteration:
@@ -219,7 +219,7 @@ class _FrozenPlanes:
         )
 
     def predictor(self, solution: LcpSolution, un: Array, residual: float, share: float) -> Array | None:
-        """Displacements after a share of the Newton step (positive eigenvalues) of the active points on curved parts."""
+        """Displacements after a share of the Newton step (eigenvalues positive) of active points on curved parts."""
         curved = (self.curvature != 0).any(axis=(0, 1)) & (solution.multipliers > 0)
         if not curved.any():
             return None
@@ -307,7 +307,7 @@ def _assessed(
 ) -> tuple[ContactState, ContactPoints]:
     """The whole patch under the forces found in a region, its residual, and the points that it penetrates."""
     region, multiplier = iteration.region, iteration.multiplier
-    points = region.points.renumbered(region.nodes, region.segment_numbers)
+    points = region.to_patch(region.points)
     force = points.to_nodes(patch, _forces(iteration.slope, multiplier))
     u = _displacement(patch, force)
     here = displaced_gap(pose, patch, u, points)
