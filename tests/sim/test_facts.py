@@ -292,8 +292,8 @@ def test_sed_has_two_peaks_at_073(dense: dict[str, IndentationResult]) -> None:
 
 
 def test_sed_second_peak_is_slight_at_the_low_force(dense: dict[str, IndentationResult]) -> None:
-    # Raju (1998) sees one peak at 2.33 gwt. Here the upper flat already touches, and leaves a second maximum that
-    # stands out by 6 % of the range, a quarter as high as the first: at the threshold of 5 %, not one peak. Asserted is
+    # Raju (1998) sees one peak at 2.33 gwt. Here the upper flat already touches and leaves a second maximum, a
+    # quarter as high as the first, that stands out by 6 % of the range: by the rule of 5 % not one peak. Asserted is
     # what the model shows: one dominant peak, and a second less than a third as prominent as at DOI 0.73.
     sed = dense["light"].receptor_measures["sed"]
     peaks = prominent(sed)
