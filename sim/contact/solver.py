@@ -3,7 +3,7 @@
 Majorise–minimise with a modified-Newton predictor. Each pass freezes the indentor's tangent planes at the
 displaced points and solves the resulting convex problem exactly; for a convex shape these planes lie inside
 the feasible set, so an undamped pass never raises the energy. The predictor removes the slow modes, in which
-nodes slide along a curved flank; it is taken back when the merit function rises.
+nodes slide along a curved flank; when the merit function rises it is taken back, and a smaller share of it is tried.
 
 Contact is enforced at the nodes and, where asked, at points between them: under a corner sharper than the mesh.
 """
