@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from sim.contact.indentor import Indentor
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import ContactState
-from sim.fingertip import Fingertip, ModelRangeError
+from sim.fingertip import FARTHEST_X_MM, Fingertip, ModelRangeError
 
 _WARM_MOVE_MM = 0.1
 
@@ -44,7 +44,7 @@ class TruePose:
 
     x_mm: float
     height_mm: float  # of the indentor's lowest point, in the finger's y
-    doi_mm: float  # negative above the skin
+    doi_mm: float  # negative above the skin, −∞ beside the finger
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,9 @@ class Press:
         self.contact_solves = 0
 
     def doi_mm(self, pose: Pose) -> float:
-        """Depth past first contact; negative above the skin."""
+        """Depth past first contact; negative above the skin, −∞ beside the finger."""
+        if abs(pose.x_mm) > FARTHEST_X_MM:
+            return -math.inf
         if self._touch_mm[0] != pose.x_mm:
             self._touch_mm = (pose.x_mm, self._finger.touch_height_mm(self._indentor, pose.x_mm))
         return self._touch_mm[1] - (pose.above_apex_mm + self._finger.apex_height_mm)

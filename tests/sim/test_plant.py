@@ -58,6 +58,15 @@ def test_no_force_without_an_indentor(finger: Fingertip, carriage: Steps) -> Non
     assert plant.pose_at(0.0).doi_mm == float("-inf")
 
 
+def test_nothing_is_felt_beside_the_finger(finger: Fingertip, carriage: Steps) -> None:
+    """A stage homes far from the finger, farther than the model knows a skin."""
+    plant = plant_of(finger, carriage)
+    for x, z in ((-1.0, -1.0), (-1.0, -30.0), (-59.0, -39.0)):
+        carriage.command(x, z)
+        assert plant.pose_at(0.0).doi_mm == float("-inf")
+        assert plant.force_n(0.0) == 0.0
+
+
 def test_force_is_that_of_the_model_at_the_true_pose(finger: Fingertip, carriage: Steps) -> None:
     plant = plant_of(finger, carriage)
     carriage.command(-31.0, -25.5)
