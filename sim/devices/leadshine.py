@@ -29,7 +29,7 @@ class VirtualDrive:
     """Registers of one drive; its carriage is `carriage_at(t)` pulses from the home switch, + towards it.
 
     inverted: the motor runs against the axis. start: where the carriage stands when switched on. ramp_rpm: the
-    ramp words are ms for that many rpm.
+    ramp words are ms for that many rpm. play: the screw's lost motion, pulses, of which the drive knows nothing.
     """
 
     functions = frozenset({0x03, 0x06, 0x10})
@@ -44,11 +44,12 @@ class VirtualDrive:
         ramp_rpm: float = 1000.0,
         pulses_per_rev_register: int = 0x0001,
         jog_rpm_register: int = 0x01E1,
+        play: float = 0.0,
     ) -> None:
         self._scheduler, self._ramp_rpm = scheduler, ramp_rpm
         self._pulses_per_rev_register, self._jog_rpm_register = pulses_per_rev_register, jog_rpm_register
         self._sign = -1 if inverted else 1
-        self._axis = DriveAxis(start)
+        self._axis = DriveAxis(start, play)
         self._held = dict.fromkeys((*range(0x6000, 0x6015), *range(PR0, PR0_TRIGGER + 1), CONTROL), 0)
         self._held |= {pulses_per_rev_register: pulses_per_rev, jog_rpm_register: 60}
         self._held |= {HOMING_HIGH: 200, HOMING_LOW: 50, HOMING_RAMP_UP: 100, HOMING_RAMP_DOWN: 100}
@@ -57,8 +58,12 @@ class VirtualDrive:
         self.power_cycle()
 
     def carriage_at(self, t_s: float) -> int:
-        """Where the carriage really is: past, present or planned."""
+        """Where the motor really is: past, present or planned."""
         return self._axis.position_at(t_s)
+
+    def nut_at(self, t_s: float) -> int:
+        """Where what hangs on its screw is: behind by the play where the motor went up last."""
+        return self._axis.nut_at(t_s)
 
     def power_cycle(self) -> None:
         """Switch off and on: the carriage stops dead where it is, which is zero from then on."""
@@ -208,5 +213,9 @@ class DrivePair:
         self.x, self.z = x, z
 
     def carriage_steps_at(self, t_s: float) -> tuple[int, int, int]:
-        """Where the carriage really is, pulses from the home switches (x, y, z)."""
+        """Where the motors really are, pulses from the home switches (x, y, z)."""
         return self.x.carriage_at(t_s), 0, self.z.carriage_at(t_s)
+
+    def nut_steps_at(self, t_s: float) -> tuple[int, int, int]:
+        """Where what hangs on the screws is, pulses from the home switches (x, y, z)."""
+        return self.x.nut_at(t_s), 0, self.z.nut_at(t_s)
