@@ -113,6 +113,22 @@ def test_only_the_wrong_axis_is_wrong(finger: Fingertip, carriage: Steps) -> Non
     assert pose.height_mm == pytest.approx(finger.apex_height_mm - 0.4, abs=1e-12)
 
 
+@pytest.mark.parametrize("way_mm", [0.002, 0.3, 0.9])
+def test_a_rig_that_gives_way_shares_the_way_with_the_finger(
+    finger: Fingertip, carriage: Steps, way_mm: float
+) -> None:
+    """Springs in series: way = DOI + compliance · F(DOI), to the 1e-6 mm at which the depth is left."""
+    compliance = 0.5
+    plant = Plant(finger, Carriage(carriage, Screws(400_000, 400_000), PLACE), 2.0, compliance)
+    plant.mount("step:5")
+    z = PLACE.apex_z_mm + finger.touch_height_mm("step:5", 0.0) - finger.apex_height_mm - way_mm
+    carriage.command(1000 * PLACE.pad_centre_x_mm, 1000 * z)
+    force, doi = plant.force_n(0.0), plant.pose_at(0.0).doi_mm
+    assert 0 < doi < way_mm
+    assert doi + compliance * force == pytest.approx(way_mm, abs=2e-6)
+    assert force == pytest.approx(2 * finger.indent("step:5", 0.0, doi_mm=doi).force_n, rel=1e-6)
+
+
 def test_pressing_in_steps_is_pressing_at_once(finger: Fingertip, carriage: Steps) -> None:
     # Step 5 has no sharp corner: the branch by continuation is that from rest, to the solver's residual.
     plant = plant_of(finger, carriage)
