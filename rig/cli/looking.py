@@ -51,7 +51,7 @@ def _look_at_force(settings: Config) -> dict[str, Any]:
         return {"owner": owner}
     try:
         with closing(open_force(settings, WallClock())) as force:
-            name = force.connect()
+            name = force.identify()
             reading = force.read()
             return {"identity": name, "force_n": reading.force_n, "stable": reading.stable}
     except (ForceError, TransportError) as error:

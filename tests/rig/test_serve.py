@@ -278,9 +278,10 @@ def test_stop_from_another_process_ends_a_run_at_once(
         run.kill()
         run.communicate()
     assert run.returncode == 130
-    assert "stopped at once by the operator" in err
+    assert "rig: stopped: at once, by the operator" in err
     (journal,) = (tmp_path / "runs").glob("*/events.jsonl")
     assert json.loads(journal.read_text().splitlines()[-1])["status"] == "aborted"
+    assert {"data.h5", "report.html", "SHA256SUMS"} <= {path.name for path in journal.parent.iterdir()}
 
 
 def wait_for(ready: Callable[[], bool], timeout_s: float = 40.0) -> None:
@@ -294,7 +295,7 @@ def wait_for(ready: Callable[[], bool], timeout_s: float = 40.0) -> None:
 
 
 def test_home_status_and_zero(rig: Rig, apart: Apart) -> None:
-    stage, _, config = apart
+    stage, force, config = apart
     assert rig("status", "--config", config, "--json").json["stage"]["state"] == "Alarm"
     homed = rig("home", "--config", config, "--json")
     assert homed.code == 0, homed.err
@@ -304,9 +305,14 @@ def test_home_status_and_zero(rig: Rig, apart: Apart) -> None:
         "identity": "MT-SICS balance 0123456789",
         "force_n": 0.0,
     }
+    wire = open_port(force, 115200)
+    wire.write(b"TA 2.50 g\r\n")
+    wire.close()
+    assert rig("doctor", "--config", config).code == 0
     after = rig("status", "--config", config, "--json").json
     assert after["stage"] == {"kind": "grbl", "port": stage, **at}
-    assert (after["force"]["force_n"], after["force"]["stable"]) == (0.0, True)
+    assert after["force"]["force_n"] == pytest.approx(-2.5 * 9.80665e-3), "looking on leaves the tare"
+    assert after["force"]["stable"]
     people = rig("status", "--config", config)
     assert people.code == 0
     assert f"stage       kind grbl, port {stage}, state Idle, x_mm -1.0" in people.out
