@@ -67,6 +67,7 @@ def _drive(scheduler: Scheduler, config: Config, axis: str, drive: DriveSettings
         pulses_per_rev_register=drive.pulses_per_rev_register,
         jog_rpm_register=drive.jog_rpm_register,
         play=_play(config, axis),
+        output_register=config.sync.register_address if axis == config.sync.drive else None,
     )
 
 

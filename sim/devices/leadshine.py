@@ -5,6 +5,7 @@ register holds pulses per turn and which the jog speed. Simplified: the home swi
 the homing mode says; a path begun while another runs brakes to rest first.
 """
 
+from collections import deque
 from collections.abc import Sequence
 
 from sim.clock import Scheduler
@@ -23,6 +24,7 @@ JOG_S = 0.05
 QUICK_STOP_S = 0.01
 _FOREVER_S = 3600.0
 _NO_LIMIT = 1 << 31
+_OUTPUTS_KEPT = 1000
 
 
 class VirtualDrive:
@@ -30,6 +32,7 @@ class VirtualDrive:
 
     inverted: the motor runs against the axis. start: where the carriage stands when switched on. ramp_rpm: the
     ramp words are ms for that many rpm. play: the screw's lost motion, pulses, of which the drive knows nothing.
+    output_register switches a digital output, and is nothing more.
     """
 
     functions = frozenset({0x03, 0x06, 0x10})
@@ -45,6 +48,7 @@ class VirtualDrive:
         pulses_per_rev_register: int = 0x0001,
         jog_rpm_register: int = 0x01E1,
         play: float = 0.0,
+        output_register: int | None = None,
     ) -> None:
         self._scheduler, self._ramp_rpm = scheduler, ramp_rpm
         self._pulses_per_rev_register, self._jog_rpm_register = pulses_per_rev_register, jog_rpm_register
@@ -53,6 +57,10 @@ class VirtualDrive:
         self._held = dict.fromkeys((*range(0x6000, 0x6015), *range(PR0, PR0_TRIGGER + 1), CONTROL), 0)
         self._held |= {pulses_per_rev_register: pulses_per_rev, jog_rpm_register: 60}
         self._held |= {HOMING_HIGH: 200, HOMING_LOW: 50, HOMING_RAMP_UP: 100, HOMING_RAMP_DOWN: 100}
+        self._output_register = output_register
+        if output_register is not None:
+            self._held[output_register] = 0
+        self.outputs: deque[tuple[float, int]] = deque(maxlen=_OUTPUTS_KEPT)  # every switching: s, word
         self._stopped_s = -1.0  # end of the last quick stop: one that is under way is not begun again
         self.eeprom_saves = 0
         self.power_cycle()
@@ -94,6 +102,8 @@ class VirtualDrive:
         if any(n not in self._held for n in range(address, address + len(values))):
             raise RegisterFault(ILLEGAL_ADDRESS)
         self._held |= dict(enumerate(values, address))
+        if self._output_register in range(address, address + len(values)):
+            self.outputs.append((self._scheduler.monotonic_s(), self._held[self._output_register]))
         for register, obey in ((PR0_TRIGGER, self._trigger), (TRIGGER, self._trigger), (CONTROL, self._control)):
             if address <= register < address + len(values) and self._held[register]:
                 word, self._held[register] = self._held[register], 0
