@@ -26,7 +26,7 @@ def _addressed(port: str) -> str:
     return port
 
 
-Port = Annotated[str, Field(min_length=1), AfterValidator(_addressed)]
+Port = Annotated[str, AfterValidator(_addressed)]
 
 
 class Calibration(Settings):
