@@ -98,11 +98,15 @@ class PressAhead:
         return math.floor(self._scheduler.monotonic_s() / self._period_s + 1e-6)
 
     def _ask_next(self) -> None:
-        """The first unsolved pose from the last sample instant on; instants long past are not made up for."""
+        """The next unsolved pose from the last sample instant on; who is behind begins with the farthest.
+
+        That is where the indentor will be when the answer comes, and often where it will rest.
+        """
         if self._asked is not None or self.ended:
             return
         index = self._index()
-        for k in range(_AHEAD + 1):
+        ahead = range(_AHEAD + 1)
+        for k in ahead if self._known_at(index * self._period_s) is not None else reversed(ahead):
             t_s = (index + k) * self._period_s
             pose = self._carriage.pose_at(t_s)
             if pose not in self._forces:
