@@ -186,7 +186,6 @@ def _plan_complaint(folder: Path, finger: Fingertip, body: str, **tables: object
             READY + "rig.indent(doi_mm=1.6)",
             "indent: doi_mm = 1.6 is beyond limits.max_doi_mm = 1.5",
         ),
-        (READY + "rig.indent(doi_mm=2.5)", "DOI 2.5 mm: expected 0 < DOI ≤ 2 mm"),
         (READY + "rig.indent(force_gwt=1e4)", "indent: force_gwt = 10000 is beyond limits.max_force_gwt = 100"),
         (READY + "rig.jump()", "AttributeError: 'CheckingRig' object has no attribute 'jump'"),
     ],
