@@ -124,6 +124,13 @@ class StageSettings(Settings):
     framing: Framing | None = Field(None, description="of Modbus; absent: tcp on a tcp:// port, rtu elsewhere")
     drives: DrivesSettings = DrivesSettings()
 
+    @property
+    def ports(self) -> tuple[str, ...]:
+        """Every port that the stage is on: its own, or those of its drives."""
+        if self.kind == "grbl":
+            return (self.port,)
+        return tuple(dict.fromkeys(drive.port or self.port for drive in (self.drives.x, self.drives.z)))
+
     @model_validator(mode="after")
     def _told_apart(self) -> Self:
         x, z = self.drives.x, self.drives.z

@@ -1,5 +1,6 @@
 """The command line: `rig COMMAND`. Exit codes: 0 done, 1 stopped by a limit or trip, 2 bad input, 130 aborted."""
 
+import logging
 import sys
 from importlib import import_module
 
@@ -29,6 +30,8 @@ _MODULES = {
 
 def main() -> None:
     """Entry point of the `rig` program."""
+    # What pymodbus logs of a bad frame is in our own error, in one line.
+    logging.getLogger("pymodbus").addHandler(logging.NullHandler())
     try:
         code = _app(sys.argv[1:])(prog_name="rig", standalone_mode=False)
     except Exception as error:

@@ -57,6 +57,26 @@ def test_status_of_ports_that_are_not_there_and_of_one_that_is_owned(
     assert ended.err == "rig: there is no port /dev/ttyNOWHERE7\n"
 
 
+def test_a_stage_is_owned_by_whoever_has_the_port_of_one_of_its_drives(
+    rig: Rig, served: Callable[..., ServedBench], tmp_path: Path
+) -> None:
+    """The stage's own port, on which there is no drive then, does not count."""
+    port = served(stage="leadshine").ports["stage"]
+    config = tmp_path / "rig.toml"
+    drives = "".join(f'[stage.drives.{axis}]\ndevice_id = {n}\nport = "{port}"\n' for axis, n in (("x", 1), ("z", 2)))
+    config.write_text(f'[stage]\nkind = "leadshine"\nport = "/dev/ttyNOWHERE7"\n{drives}', encoding="utf-8")
+    wire = open_port(port, 115200)
+    try:
+        owned = rig("status", "--config", config, "--json").json["stage"]
+    finally:
+        wire.close()
+    assert owned == {"kind": "leadshine", "port": port, "owner": os.getpid()}
+    free = rig("status", "--config", config, "--json").json["stage"]
+    assert free["state"] == "Idle"
+    stopped = rig("stop", "--config", config, "--json")
+    assert stopped.json == {"stopped": port, "owner": None}
+
+
 def test_stop_on_a_port_that_nobody_owns(
     rig: Rig, served: Callable[..., ServedBench], rig_toml: Callable[..., Path]
 ) -> None:
