@@ -30,7 +30,7 @@ def _grbl(opener: Opener, clock: Clock, settings: RigSettings) -> Stage:
         opener(settings.stage.port),
         clock,
         expected=expected_settings(settings),
-        output=settings.sync.output,
+        output="off" if settings.sync.output == "drive" else settings.sync.output,
         backlash_mm=(x, y, z),
     )
 
@@ -49,7 +49,14 @@ def _leadshine(opener: Opener, clock: Clock, settings: RigSettings) -> Stage:
         raise
     x, z = (_drive(buses, clock, axis, drive, settings) for axis, drive in drives.items())
     x_backlash, z_backlash = (settings.calibration.value(f"{axis}_backlash_mm", 0.0) for axis in drives)
-    return LeadshineStage(x, z, y_mm=settings.frame.pad_y_mm, x_backlash_mm=x_backlash, z_backlash_mm=z_backlash)
+    return LeadshineStage(
+        x,
+        z,
+        y_mm=settings.frame.pad_y_mm,
+        x_backlash_mm=x_backlash,
+        z_backlash_mm=z_backlash,
+        output=settings.sync if settings.sync.output == "drive" else None,
+    )
 
 
 def _drive(

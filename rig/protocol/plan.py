@@ -138,6 +138,7 @@ class CheckingRig(Rig):
         self._need(self._zeroed, "indent", "zero()")
         self._need(math.isfinite(self._x_mm), "indent", "move_to()")
         self._check_manner(increments, speed_mm_s, hold_s)
+        self._check_target(target)
         assert self._indentor is not None
         result = self._finger.indent(self._indentor, self._x_mm, **{target.kind: target.value})  # type: ignore[arg-type]
         if not result.state.converged:
@@ -185,6 +186,15 @@ class CheckingRig(Rig):
         if not SLOWEST_MM_S <= speed_mm_s <= FASTEST_PRESS_MM_S:
             expected = f"{SLOWEST_MM_S:.2g} … {FASTEST_PRESS_MM_S:g} mm/s"
             raise BadInputError(f"indent: speed_mm_s = {speed_mm_s!r}: expected {expected}")
+
+    def _check_target(self, target: Target) -> None:
+        """What no model is needed to refuse."""
+        limits = self._config.limits
+        limit = {"doi_mm": "max_doi_mm", "force_gwt": "max_force_gwt"}[target.kind]
+        if target.value > getattr(limits, limit):
+            raise BadInputError(
+                f"indent: {target.kind} = {target.value:g} is beyond limits.{limit} = {getattr(limits, limit):g}"
+            )
 
     def _check_reach(self, target: Target, contact_mm: float, doi_mm: float, force_gwt: float) -> None:
         limits = self._config.limits

@@ -22,7 +22,7 @@ from rig.protocol.live import LiveRig
 from rig.protocol.plan import CheckingRig, Plan
 from rig.protocol.script import Script, where_in_script
 from rig.protocol.virtual_bench import virtual_bench
-from rig.run import Engine, EngineError, Journal, Operator, ScriptError
+from rig.run import Engine, EngineError, Journal, Operator, RunAborted, ScriptError
 from rig.run.streams import STREAMS
 from rig.stage.base import Stage, StageError
 from rig.transport.base import TransportError
@@ -135,6 +135,8 @@ def _run_session(
             _carry_out(session, folder, bench, _paced(session, bench.clock, speed), virtual=virtual)
         except _ENDINGS as error:
             problem = error
+        except KeyboardInterrupt:  # the stage has been stopped; what is on disk is still worth a report
+            problem = RunAborted("at once, by the operator")
         finally:
             bench.close()
     run = read_run(folder.path)

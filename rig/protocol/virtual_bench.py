@@ -44,7 +44,8 @@ def virtual_bench(config: Config, finger: Fingertip, byte_log: TextIO, start_uni
     stage_line = SerialLine(clock, config.stage.baud)
     force_line = SerialLine(clock, config.force.baud)
     board = STAGES[config.stage.kind](clock, stage_line, config)
-    plant = Plant(finger, true_carriage(board, config), config.virtual.stiffness)
+    virtual = config.virtual
+    plant = Plant(finger, true_carriage(board, config), virtual.stiffness, virtual.compliance_mm_per_n)
     load = load_on_sensor(clock, Load(plant.force_n), config)
     FORCES[config.force.kind](clock, force_line, config, load)
     stage_port = LoggedTransport(LoopbackTransport(stage_line, clock, name="stage"), clock, byte_log)

@@ -174,7 +174,8 @@ class Engine:
             reading = self._force.read()
         except (ForceError, TransportError) as error:
             self.trip(f"no force reading: {error}")
-        force = reading.force_n / GWT_N
+        # Far finer than any sensor: a reading of just the threshold must not hang on how it was multiplied.
+        force = round(reading.force_n / GWT_N, 6)
         if not math.isfinite(force):
             self.trip(f"the force reading is {force}, not a number")
         doi = None if contact_height_mm is None else self.doi_mm(contact_height_mm, force)
@@ -186,7 +187,7 @@ class Engine:
                 "x_mm": self.x_mm,
                 "height_mm": round(self.height_mm, 6),
                 "doi_mm": None if doi is None else round(doi, 6),
-                "force_gwt": round(force, 6),
+                "force_gwt": force,
                 "stable": reading.stable,
             },
         )

@@ -137,7 +137,6 @@ def test_indent_to_a_depth_for_people(rig: Rig) -> None:
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        ("--shape sphere:3 --x-mm 0 --doi-mm 0.5", "shape 'sphere:3': sphere is not built yet, expected bar:WIDTH"),
         ("--shape tube:3 --x-mm 0 --doi-mm 0.5", "shape 'tube:3': no such indentor, expected bar:WIDTH"),
         ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --model section", "--model section: not built yet, expected finger"),
         ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --model fem", "--model 'fem': expected one of finger, section"),
