@@ -263,7 +263,7 @@ def test_a_plan_beyond_the_limits_makes_no_folder(rig: Rig, script: Path) -> Non
     Path("rig.toml").write_text("[limits]\nmax_doi_mm = 0.25\n", encoding="utf-8")
     ended = rig("dry-run", script, "--config", "rig.toml")
     assert ended.code == 2
-    assert ended.complaint.startswith(f"{script}, line 13: indent: doi_mm = 0.3 at x = 0 mm")
+    assert ended.complaint.startswith(f"{script}, line 13: indent: doi_mm = 0.3 is beyond limits.max_doi_mm = 0.25")
     assert not Path("runs").exists()
 
 
