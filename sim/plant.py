@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from sim.contact.indentor import Indentor
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import ContactState
-from sim.fingertip import Fingertip, ModelRangeError
+from sim.fingertip import FARTHEST_X_MM, Fingertip, ModelRangeError
 
 _WARM_MOVE_MM = 0.1
 
@@ -77,7 +77,9 @@ class Press:
         self.contact_solves = 0
 
     def doi_mm(self, pose: Pose) -> float:
-        """Depth past first contact; negative above the skin."""
+        """Depth past first contact; negative above the skin, -inf where there is no finger below."""
+        if abs(pose.x_mm) > FARTHEST_X_MM:
+            return -math.inf
         if self._touch_mm[0] != pose.x_mm:
             self._touch_mm = (pose.x_mm, self._finger.touch_height_mm(self._indentor, pose.x_mm))
         return self._touch_mm[1] - (pose.above_apex_mm + self._finger.apex_height_mm)

@@ -4,7 +4,7 @@ import sys
 
 import typer
 
-from rig.cli import bench, calibrate, doctor, dry_run, export_deck, finger, indent, jog, not_built, run, serve
+from rig.cli import bench, calibrate, doctor, dry_run, export_deck, finger, indent, jog, not_built, resume, run, serve
 from rig.cli.output import ExitCode, fail
 
 # typer carries its own copy of click in some versions: its exceptions are reached through a public one.
@@ -17,11 +17,13 @@ app = typer.Typer(
     help="Indentation rig: run, rehearse and compare fingertip indentations.",
 )
 dry_run.register(app)
+resume.register(app)
 indent.register(app)
 finger.register(app)
 doctor.register(app)
 export_deck.register(app)
 run.register(app)
+resume.register(app)
 serve.register(app)
 bench.register(app)
 jog.register(app)

@@ -9,6 +9,7 @@ from typing import Any, NoReturn
 
 from rich.console import Console
 
+from rig.data import FolderBusyError, RunError
 from rig.force.base import ForceError
 from rig.protocol.errors import BadInputError
 from rig.run import EngineError
@@ -23,6 +24,12 @@ from sim.measures.receptors import ReceptorError
 
 err = Console(stderr=True, highlight=False, soft_wrap=True, markup=False)
 out = Console(highlight=False, soft_wrap=True, markup=False)
+
+
+_BAD_INPUT = (
+    *(BadInputError, RunError, FolderBusyError),
+    *(ShapeError, ModelRangeError, SurfaceError, MeshError, ReceptorError, CacheError),
+)
 
 
 @contextmanager
@@ -69,7 +76,7 @@ def told_in_one_line(*, as_json: bool) -> Iterator[None]:
     """Turn what can go wrong into one line and the right exit code."""
     try:
         yield
-    except (BadInputError, ShapeError, ModelRangeError, SurfaceError, MeshError, ReceptorError, CacheError) as error:
+    except _BAD_INPUT as error:
         fail(str(error), ExitCode.BAD_INPUT, as_json=as_json)
     except KeyboardInterrupt:
         fail("stopped at once by the operator", ExitCode.ABORTED, as_json=as_json)

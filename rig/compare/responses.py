@@ -42,11 +42,10 @@ def responses(run: Run, finger: Fingertip) -> list[Response]:
     starts = {event["index"]: event for event in run.stream("indentation_start")}
     touches = {event["index"]: event for event in run.stream("touch")}
     asked = {(event["index"], event["hold"]): event for event in run.stream("hold_start")}
-    finished = {event["index"] for event in run.stream("indentation_end")}
     found = []
     for hold in run.stream("hold_end"):
         index = hold["index"]
-        if index not in finished:
+        if index not in run.done:
             continue
         indentor, start = starts[index]["indentor"], asked[index, hold["hold"]]
         if hold.get("true_doi_mm") is not None:

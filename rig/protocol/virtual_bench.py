@@ -1,7 +1,7 @@
 """The bench of a dry-run: real drivers, real bytes, and virtual devices on one virtual clock."""
 
 from dataclasses import dataclass
-from typing import TextIO
+from typing import Literal, TextIO
 
 from rig.bench import force_driver, stage_driver
 from rig.force.base import ForceSensor
@@ -24,10 +24,15 @@ class VirtualBench:
     stage: Stage
     force: ForceSensor
     plant: Plant
+    virtual: Literal[True] = True
 
-    def mount(self, indentor: str) -> None:
+    def mount(self, indentor: str) -> str:
         """The virtual operator never takes the wrong one."""
         self.plant.mount(indentor)
+        return indentor
+
+    def confirm(self, request: str) -> None:
+        """Nobody needs to be asked here."""
 
     def true_pose(self) -> tuple[float, float]:
         """True x and DOI in mm."""
@@ -38,9 +43,11 @@ class VirtualBench:
         """There is nothing to give back."""
 
 
-def virtual_bench(config: Config, finger: Fingertip, byte_log: TextIO, start_unix_s: float) -> VirtualBench:
+def virtual_bench(
+    config: Config, finger: Fingertip, byte_log: TextIO, start_unix_s: float, start_s: float = 0.0
+) -> VirtualBench:
     """Devices as configured, with the fingertip under the indentor; the bytes go to `byte_log`."""
-    clock = VirtualClock(start_unix_s)
+    clock = VirtualClock(start_unix_s, start_s)
     stage_line = SerialLine(clock, config.stage.baud)
     force_line = SerialLine(clock, config.force.baud)
     board = STAGES[config.stage.kind](clock, stage_line, config)

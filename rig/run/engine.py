@@ -8,7 +8,7 @@ from typing import Any, NoReturn, Protocol, TypeVar
 
 from rig.clock import Clock
 from rig.force.base import ForceError, ForceSensor
-from rig.run.errors import LimitError, NotReadyError, RunAborted, TripError
+from rig.run.errors import LimitError, NotReadyError, PressPaused, RecordError, RunAborted, TripError
 from rig.run.journal import Journal
 from rig.settings import FASTEST_PRESS_MM_S, RigSettings
 from rig.stage.base import Stage, StageError
@@ -32,8 +32,11 @@ class State(Enum):
 class Operator(Protocol):
     """Whoever stands at the bench: a person, or the virtual plant of a dry-run."""
 
-    def mount(self, indentor: str) -> None:
-        """Put this indentor on the carriage; returns when it is there."""
+    def mount(self, indentor: str) -> str:
+        """Put this indentor on the carriage; returns the name of the one that is on then."""
+
+    def confirm(self, request: str) -> None:
+        """Do what is asked for before anything moves; returns when it is done."""
 
     def true_pose(self) -> tuple[float, float] | None:
         """True x and DOI in mm where they can be known (a virtual bench), else None."""
@@ -52,6 +55,7 @@ class Engine:
         operator: Operator,
         interrupted: Callable[[], bool] = lambda: False,
         soft_trip_n: float | None = None,
+        go_on: Callable[[], bool] = lambda: False,
     ) -> None:
         self.settings, self.clock, self.operator = settings, clock, operator
         self.state = State.UNHOMED
@@ -63,7 +67,7 @@ class Engine:
         self._placed = False
         self._may_touch = False  # below clearance since the last lift or homing
         self._stage, self._force, self._journal = stage, force, journal
-        self._interrupted = interrupted
+        self._interrupted, self._go_on = interrupted, go_on
         self._zeroed = False
         limit = settings.limits.soft_trip_n
         self.soft_trip_gwt = (limit if soft_trip_n is None else min(limit, soft_trip_n)) / GWT_N
@@ -79,7 +83,10 @@ class Engine:
         """Have an indentor mounted; the finger must be clear of it."""
         if self._may_touch or self.state is State.TRIPPED:
             raise NotReadyError(f"mount: not allowed while {self.state.value}, the finger may be touched; lift first")
-        self.operator.mount(indentor)
+        self.indentor = None
+        mounted = self.operator.mount(indentor)
+        if mounted != indentor:
+            raise NotReadyError(f"mount: {mounted} is on, expected {indentor}; nothing is pressed with the wrong one")
         self.indentor = indentor
         self.record("mount", {"indentor": indentor})
 
@@ -225,12 +232,21 @@ class Engine:
         )
 
     def safe_point(self) -> None:
-        """Where an operator's interrupt takes effect: lift, journal, raise RunAborted."""
-        if self._interrupted():
-            if self.state is State.IN_CONTACT:
-                self.retract()
-            self.record("paused", {"reason": "operator"})
+        """Where an operator's pause takes effect: lift and journal; then go on, or raise RunAborted.
+
+        Raises PressPaused where the lift has interrupted an indentation.
+        """
+        if not self._interrupted():
+            return
+        pressing = self.state is State.IN_CONTACT
+        if pressing:
+            self.retract()
+        self.record("paused", {"reason": "operator"})
+        if not self._go_on():
             raise RunAborted("stopped by the operator at a safe point; the indentor is lifted")
+        self.record("resumed", {"by": "operator"})
+        if pressing:
+            raise PressPaused("paused by the operator")
 
     def trip(self, reason: str, force_gwt: float | None = None) -> NoReturn:
         """Latch, lift (the stage is at rest between increments, so its position is trusted), journal, raise."""
@@ -240,7 +256,8 @@ class Engine:
         except (StageError, TransportError) as error:
             reason = f"{reason}; and the lift failed: {error}"
         self.state, self.problem = State.TRIPPED, TripError(reason)
-        self.record("trip", {"reason": reason, "force_gwt": force_gwt})
+        with contextlib.suppress(RecordError):  # the trip says more
+            self.record("trip", {"reason": reason, "force_gwt": force_gwt})
         raise self.problem
 
     def make_safe(self) -> None:
@@ -253,8 +270,13 @@ class Engine:
                 self.stop()
 
     def record(self, stream: str, data: Mapping[str, Any]) -> None:
-        """Journal an event; it is on disk when this returns."""
-        self._journal.event(stream, data)
+        """Journal an event; it is on disk when this returns. Where that fails: lift, and raise RecordError."""
+        try:
+            self._journal.event(stream, data)
+        except RecordError as error:
+            self.problem = self.problem or error
+            self.make_safe()
+            raise
 
     def stop(self) -> None:
         """Quick stop past every queue; the position is not trusted afterwards, a trip stays latched."""

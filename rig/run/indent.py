@@ -4,7 +4,7 @@ import math
 import statistics
 
 from rig.run.engine import Engine
-from rig.run.errors import LimitError
+from rig.run.errors import LimitError, PressPaused
 from rig.run.records import Hold, Indentation, Target, Touch
 from rig.run.touch import CONTACT_EXPONENT, fit_contact
 
@@ -21,16 +21,29 @@ def indent(
     speed_mm_s: float | None = None,
     hold_s: float = 1.0,
     expected_contact_mm: float = 0.0,
+    index: int | None = None,
 ) -> Indentation:
     """Touch off at the present x, press in equal increments with a hold after each, end lifted to clearance.
 
     Contact is searched down to limits.search_mm below the height where it is expected (mm from the nominal apex);
     none there trips, since a dead sensor looks the same. Raises LimitError when the target is not reached within
-    the deepest DOI allowed; the indentor is then lifted.
+    the deepest DOI allowed; the indentor is then lifted. An indentation that the operator paused is done anew under
+    the same index, its number in the script.
     """
     engine.ready_to_indent()
+    number = engine.next_index() if index is None else index
+    speed = engine.settings.habits.press_speed_mm_s if speed_mm_s is None else speed_mm_s
+    lowest_mm = expected_contact_mm - engine.settings.limits.search_mm
+    while True:
+        try:
+            return _attempt(engine, _Press(engine, number, speed, lowest_mm), target, increments, hold_s)
+        except PressPaused:
+            continue
+
+
+def _attempt(engine: Engine, press: "_Press", target: Target, increments: int, hold_s: float) -> Indentation:
     engine.safe_point()
-    index, start_s = engine.next_index(), engine.clock.monotonic_s()
+    index, start_s = press.index, engine.clock.monotonic_s()
     engine.record(
         "indentation_start",
         {
@@ -42,8 +55,6 @@ def indent(
             "increments": increments,
         },
     )
-    speed = engine.settings.habits.press_speed_mm_s if speed_mm_s is None else speed_mm_s
-    press = _Press(engine, index, speed, expected_contact_mm - engine.settings.limits.search_mm)
     try:
         press.touch_off()
         holds = tuple(
@@ -62,7 +73,7 @@ class _Press:
     """The descent of one indentation."""
 
     def __init__(self, engine: Engine, index: int, speed_mm_s: float, lowest_mm: float) -> None:
-        self._engine, self._index, self._speed, self._lowest_mm = engine, index, speed_mm_s, lowest_mm
+        self._engine, self.index, self._speed, self._lowest_mm = engine, index, speed_mm_s, lowest_mm
         self._habits = engine.settings.habits
         self._smallest_mm = engine.settings.stage.resolution_mm
         self._contact_mm: float | None = None
@@ -81,7 +92,7 @@ class _Press:
         readings = self._descend(habits.touch_increment_mm, "touch")
         touch = fit_contact(readings, habits.touch_force_gwt, self._engine.resolution_gwt)
         self._contact_mm, self._force_gwt = touch.contact_height_mm, readings[-1][1]
-        self._engine.pulse(self._index, "touch")
+        self._engine.pulse(self.index, "touch")
         self._record_touch(touch)
 
     def _back_off(self) -> None:
@@ -90,7 +101,7 @@ class _Press:
         force = math.inf
         while force > 0.5 * engine.resolution_gwt and engine.height_mm < habits.clearance_mm:
             engine.go_to_height(engine.height_mm + habits.increment_mm, habits.approach_speed_mm_s)
-            force = engine.read_force_gwt(self._index, "back off")
+            force = engine.read_force_gwt(self.index, "back off")
         engine.go_to_height(engine.height_mm + habits.increment_mm, habits.approach_speed_mm_s)
 
     def _descend(self, step_mm: float, phase: str) -> list[tuple[float, float]]:
@@ -106,7 +117,7 @@ class _Press:
                     "is the sensor alive, the finger in place, frame.apex_z_mm right?"
                 )
             engine.go_to_height(below, self._habits.approach_speed_mm_s)
-            force = engine.read_force_gwt(self._index, phase)
+            force = engine.read_force_gwt(self.index, phase)
             readings.append((engine.height_mm, force))
             if force <= -self._habits.touch_force_gwt:
                 engine.trip(f"{force:.2f} gwt while descending: does the sensor read backwards?", force)
@@ -115,7 +126,7 @@ class _Press:
 
     def _record_touch(self, touch: Touch) -> None:
         data = {
-            "index": self._index,
+            "index": self.index,
             "threshold_gwt": touch.threshold_gwt,
             "height_at_threshold_mm": round(touch.height_at_threshold_mm, 6),
             "contact_height_mm": round(touch.contact_height_mm, 6),
@@ -186,13 +197,13 @@ class _Press:
                 f"limits.max_doi_mm = {deepest:g}"
             )
         engine.go_to_height(engine.height_mm - step, self._speed)
-        self._force_gwt = engine.read_force_gwt(self._index, "press", self._contact_mm)
+        self._force_gwt = engine.read_force_gwt(self.index, "press", self._contact_mm)
 
     def _hold(self, target: Target, hold: int, hold_s: float) -> Hold:
         engine, clock = self._engine, self._engine.clock
-        about = {"index": self._index, "hold": hold}
+        about = {"index": self.index, "hold": hold}
         doi = round(self._doi_mm, 6)
-        engine.pulse(self._index, "hold_start")
+        engine.pulse(self.index, "hold_start")
         engine.record(
             "hold_start",
             {
@@ -207,9 +218,9 @@ class _Press:
         readings: list[float] = []
         while not readings or clock.monotonic_s() - start < hold_s:
             engine.safe_point()
-            readings.append(engine.read_force_gwt(self._index, "hold", self._contact_mm))
+            readings.append(engine.read_force_gwt(self.index, "hold", self._contact_mm))
         lasted_s = clock.monotonic_s() - start
-        engine.pulse(self._index, "hold_end")
+        engine.pulse(self.index, "hold_end")
         mean, sd = statistics.fmean(readings), statistics.pstdev(readings)
         data = {
             **about,
