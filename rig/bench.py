@@ -4,6 +4,7 @@ A new driver is one function here and one line in _STAGES or _FORCES.
 """
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
 from typing import Literal, TextIO
@@ -12,6 +13,7 @@ from rig.clock import Clock, WallClock
 from rig.force.base import ForceSensor
 from rig.force.laumas import LaumasForce
 from rig.force.mtsics import MtSicsForce
+from rig.heartbeat import Heartbeat, looked_after
 from rig.settings import NOMINAL_STEPS_PER_MM, DriveSettings, Framing, RigSettings
 from rig.stage.base import Stage
 from rig.stage.grbl import GrblStage
@@ -143,6 +145,10 @@ class RealBench:
 
     def true_pose(self) -> None:
         """Nobody knows it on a real bench."""
+
+    def look_after(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
+        """A thread looks at it."""
+        return looked_after(heartbeat)
 
     def close(self) -> None:
         """Give the ports back."""

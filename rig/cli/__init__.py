@@ -4,7 +4,21 @@ import sys
 
 import typer
 
-from rig.cli import bench, calibrate, doctor, dry_run, export_deck, finger, indent, jog, not_built, resume, run, serve
+from rig.cli import (
+    bench,
+    calibrate,
+    check,
+    doctor,
+    dry_run,
+    export_deck,
+    finger,
+    indent,
+    jog,
+    not_built,
+    resume,
+    run,
+    serve,
+)
 from rig.cli.output import ExitCode, fail
 
 # typer carries its own copy of click in some versions: its exceptions are reached through a public one.
@@ -17,6 +31,7 @@ app = typer.Typer(
     help="Indentation rig: run, rehearse and compare fingertip indentations.",
 )
 dry_run.register(app)
+check.register(app)
 resume.register(app)
 indent.register(app)
 finger.register(app)

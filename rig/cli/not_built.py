@@ -5,7 +5,7 @@ import typer
 from rig.cli.output import ExitCode, fail
 
 COMMANDS = (
-    *("check", "compare", "shift-invariance", "impulse", "decode", "bench"),
+    *("compare", "shift-invariance", "impulse", "decode", "bench"),
     "export",
 )
 

@@ -60,6 +60,7 @@ class LiveRig(Rig):
                 speed_mm_s=None if speed_mm_s is None else float(speed_mm_s),
                 hold_s=float(hold_s),
                 expected_contact_mm=planned[index].expected_contact_mm,
+                contact_area_mm2=planned[index].contact_area_mm2,
                 index=index,
             ),
         )

@@ -3,6 +3,7 @@
 import shutil
 import time
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,6 +13,7 @@ from rig.bench import open_bench
 from rig.clock import Clock, WallClock
 from rig.data import Run, RunFolder, export_run, new_run_folder, read_run
 from rig.force.base import ForceError, ForceSensor
+from rig.heartbeat import Heartbeat
 from rig.protocol.api import Rig
 from rig.protocol.calibration import refuse_expired
 from rig.protocol.config import Config
@@ -26,11 +28,7 @@ from rig.run import Engine, EngineError, Journal, Operator, ScriptError
 from rig.run.streams import STREAMS
 from rig.stage.base import Stage, StageError
 from rig.transport.base import TransportError
-from rig.units import GWT_N
 from sim.fingertip import Fingertip
-
-_SOFT_TRIP_OVER_PREDICTED = 2.0
-_SMALLEST_SOFT_TRIP_N = 0.02
 
 # The engine has lifted or stopped before it raises these.
 _ENDINGS = (EngineError, StageError, ForceError, TransportError)
@@ -81,6 +79,9 @@ class Bench(Operator, Protocol):
 
     @property
     def virtual(self) -> bool: ...
+
+    def look_after(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
+        """Have the heartbeat looked at, whatever the engine waits for."""
 
     def close(self) -> None: ...
 
@@ -173,12 +174,12 @@ def _on_a_bench(
 def _carry_out(session: Session, folder: RunFolder, bench: Bench, watch: Watch) -> None:
     script, config, plan = session.script, session.config, session.plan
     before = None if session.stopped is None else session.stopped.run
-    with Journal(folder.events, bench.clock, STREAMS, watch) as journal:
+    heartbeat = Heartbeat(bench.clock)
+    with Journal(folder.events, bench.clock, STREAMS, watch) as journal, bench.look_after(heartbeat):
         if before is None:
             journal.start(_about(session, virtual=bench.virtual))
         else:
             journal.resume({"missing": before.missing})
-        soft_trip = max(_SOFT_TRIP_OVER_PREDICTED * plan.peak_force_gwt * GWT_N, _SMALLEST_SOFT_TRIP_N)
         engine = Engine(
             config,
             bench.clock,
@@ -187,8 +188,9 @@ def _carry_out(session: Session, folder: RunFolder, bench: Bench, watch: Watch) 
             journal,
             bench,
             session.interrupted,
-            soft_trip,
+            plan.soft_trip_n,
             session.go_on,
+            heartbeat,
         )
         check = CheckingRig(script.parameters, config, session.finger)
         if before is None:

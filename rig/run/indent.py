@@ -11,6 +11,7 @@ from rig.run.touch import CONTACT_EXPONENT, fit_contact
 _MAX_SEEK_MOVES = 400
 _FORCE_TOLERANCE_GWT, _FORCE_TOLERANCE = 0.05, 0.01
 _TRIP_MARGIN = 0.9
+_FROZEN_STEPS, _FROZEN_SHARE = 5, 0.1
 
 
 def indent(
@@ -21,22 +22,26 @@ def indent(
     speed_mm_s: float | None = None,
     hold_s: float = 1.0,
     expected_contact_mm: float = 0.0,
+    contact_area_mm2: float = math.inf,
     index: int | None = None,
 ) -> Indentation:
     """Touch off at the present x, press in equal increments with a hold after each, end lifted to clearance.
 
-    Contact is searched down to limits.search_mm below the height where it is expected (mm from the nominal apex);
-    none there trips, since a dead sensor looks the same. Raises LimitError when the target is not reached within
-    the deepest DOI allowed; the indentor is then lifted. An indentation that the operator paused is done anew under
+    Contact is expected within limits.search_mm of expected_contact_mm (height from the nominal apex); none there, or
+    one above, trips, since a dead or frozen sensor looks the same. Raises LimitError when the target is not
+    reached within the deepest DOI allowed; the indentor is then lifted. contact_area_mm2 is what the pressure limit
+    counts over. An indentation that the operator paused is done anew under
     the same index, its number in the script.
     """
     engine.ready_to_indent()
     number = engine.next_index() if index is None else index
     speed = engine.settings.habits.press_speed_mm_s if speed_mm_s is None else speed_mm_s
-    lowest_mm = expected_contact_mm - engine.settings.limits.search_mm
+    search_mm = engine.settings.limits.search_mm
     while True:
         try:
-            return _attempt(engine, _Press(engine, number, speed, lowest_mm), target, increments, hold_s)
+            engine.press_on(contact_area_mm2)
+            press = _Press(engine, number, speed, expected_contact_mm - search_mm, expected_contact_mm + search_mm)
+            return _attempt(engine, press, target, increments, hold_s)
         except PressPaused:
             continue
 
@@ -72,8 +77,10 @@ def _attempt(engine: Engine, press: "_Press", target: Target, increments: int, h
 class _Press:
     """The descent of one indentation."""
 
-    def __init__(self, engine: Engine, index: int, speed_mm_s: float, lowest_mm: float) -> None:
-        self._engine, self.index, self._speed, self._lowest_mm = engine, index, speed_mm_s, lowest_mm
+    def __init__(self, engine: Engine, index: int, speed_mm_s: float, lowest_mm: float, highest_mm: float) -> None:
+        self._engine, self.index, self._speed = engine, index, speed_mm_s
+        self._lowest_mm, self._highest_mm = lowest_mm, highest_mm
+        self._unanswered_gwt = 0.0  # change of force that was expected since the reading last changed
         self._habits = engine.settings.habits
         self._smallest_mm = engine.settings.stage.resolution_mm
         self._contact_mm: float | None = None
@@ -122,7 +129,16 @@ class _Press:
             if force <= -self._habits.touch_force_gwt:
                 engine.trip(f"{force:.2f} gwt while descending: does the sensor read backwards?", force)
             if force >= self._habits.touch_force_gwt:
+                self._refuse_contact_too_high()
                 return readings
+
+    def _refuse_contact_too_high(self) -> None:
+        engine = self._engine
+        if engine.height_mm > self._highest_mm:
+            engine.trip(
+                f"contact at x = {engine.x_mm:g} mm already {engine.height_mm:.3f} mm above the nominal apex: "
+                f"expected below {self._highest_mm:.3f} mm"
+            )
 
     def _record_touch(self, touch: Touch) -> None:
         data = {
@@ -184,10 +200,11 @@ class _Press:
         """One safe move in contact: at most an increment, and not past the soft trip at the present stiffness."""
         engine = self._engine
         engine.safe_point()
-        room = _TRIP_MARGIN * self._to_force(engine.soft_trip_gwt)
+        room = _TRIP_MARGIN * self._to_force(engine.trip_gwt)
         if room < min(step_mm, self._smallest_mm):
             raise LimitError(
-                f"the next move at x = {engine.x_mm:g} mm would pass the soft trip, {engine.soft_trip_gwt:.2f} gwt"
+                f"the next move at x = {engine.x_mm:g} mm would pass the {engine.which_trip}, "
+                f"{engine.trip_gwt:.2f} gwt"
             )
         step = max(min(step_mm, self._habits.increment_mm, room), -self._habits.increment_mm)
         deepest = engine.settings.limits.max_doi_mm
@@ -196,8 +213,29 @@ class _Press:
                 f"DOI {self._doi_mm + step:.3f} mm at x = {engine.x_mm:g} mm would pass "
                 f"limits.max_doi_mm = {deepest:g}"
             )
+        expected, before = abs(self._force_after(step) - self._force_gwt), self._force_gwt
         engine.go_to_height(engine.height_mm - step, self._speed)
         self._force_gwt = engine.read_force_gwt(self.index, "press", self._contact_mm)
+        self._notice_a_frozen_reading(before, expected)
+
+    def _force_after(self, step_mm: float) -> float:
+        """The force that F ∝ d^1.5 through the present reading expects after a step."""
+        doi = max(self._doi_mm, self._smallest_mm)
+        return self._force_gwt * (max(doi + step_mm, 0.0) / doi) ** CONTACT_EXPONENT
+
+    def _notice_a_frozen_reading(self, before_gwt: float, expected_gwt: float) -> None:
+        """Trip where the force has not answered the stage by any step of the sensor for far too long."""
+        resolution = self._engine.resolution_gwt
+        if abs(self._force_gwt - before_gwt) > 0.5 * resolution:
+            self._unanswered_gwt = 0.0
+            return
+        self._unanswered_gwt += expected_gwt
+        if self._unanswered_gwt > max(_FROZEN_STEPS * resolution, _FROZEN_SHARE * self._force_gwt):
+            self._engine.trip(
+                f"the force stays at {self._force_gwt:.2f} gwt while the stage moves: "
+                "a frozen reading, or a motor that does not turn",
+                self._force_gwt,
+            )
 
     def _hold(self, target: Target, hold: int, hold_s: float) -> Hold:
         engine, clock = self._engine, self._engine.clock
