@@ -211,6 +211,7 @@ class HabitSettings(Settings):
     press_speed_mm_s: float = Field(1.0, ge=SLOWEST_MM_S, le=FASTEST_PRESS_MM_S)
     clearance_mm: float = Field(2.0, gt=0.2, le=20)
     park_height_mm: float = Field(10.0, gt=0.2, le=40, description="above the apex, where on_trip = park lifts to")
+    descent_step_mm: float = Field(0.5, gt=0, le=5, description="between readings on the way down after homing")
     increment_mm: float = Field(0.05, gt=0, le=0.05, description="the longest move below clearance")
     touch_increment_mm: float = Field(0.01, gt=0, le=0.05)
     touch_force_gwt: float = Field(0.05, gt=0, le=1)

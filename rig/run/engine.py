@@ -7,7 +7,7 @@ from enum import Enum
 from typing import Any, NoReturn, Protocol, TypeVar
 
 from rig.clock import Clock
-from rig.force.base import ForceError, ForceSensor
+from rig.force.base import ForceError, ForceReading, ForceSensor
 from rig.heartbeat import Heartbeat
 from rig.run.errors import LimitError, NotReadyError, PressPaused, RecordError, RunAborted, TripError
 from rig.settings import RigSettings
@@ -147,10 +147,8 @@ class Engine:
             lambda: self._stage.move_to(x_mm=frame.pad_centre_x_mm + x_mm, y_mm=frame.pad_y_mm, speed_mm_s=speed)
         )
         self.x_mm = x_mm
-        self.go_to_height(self.settings.habits.clearance_mm, speed)
+        self._go_to_clearance(speed)
         self._placed = True
-        if self._zeroed:
-            self._refuse_contact_at_clearance()
         self.record("move", {"x_mm": x_mm, "height_mm": self.height_mm})
 
     def retract(self) -> None:
@@ -205,18 +203,8 @@ class Engine:
 
     def read_force_gwt(self, index: int, phase: str, contact_height_mm: float | None = None) -> float:
         """A reading taken after the last move ended, journalled. No reading, or one above the soft trip, trips."""
-        self._beat()
-        self.clock.wait_s(self._settle_s)
-        asked_s = self.clock.monotonic_s()
-        try:
-            reading = self._force.read()
-        except (ForceError, TransportError) as error:
-            self.trip(f"no force reading: {error}")
+        reading = self._reading()
         force = reading.force_n / GWT_N
-        if not math.isfinite(force):
-            self.trip(f"the force reading is {force}, not a number")
-        if reading.t_s < asked_s:
-            self.trip(f"the force reading is stale, {asked_s - reading.t_s:.3f} s older than the question")
         doi = None if contact_height_mm is None else self.doi_mm(contact_height_mm, force)
         self.record(
             "sample",
@@ -233,6 +221,21 @@ class Engine:
         if abs(force) > self.trip_gwt:
             self.trip(f"force {force:.2f} gwt above the {self.which_trip} {self.trip_gwt:.2f} gwt", force)
         return force
+
+    def _reading(self) -> ForceReading:
+        """A new reading, made when all motion was over. None, no number, or an old one trips."""
+        self._beat()
+        self.clock.wait_s(self._settle_s)
+        asked_s = self.clock.monotonic_s()
+        try:
+            reading = self._force.read()
+        except (ForceError, TransportError) as error:
+            self.trip(f"no force reading: {error}")
+        if not math.isfinite(reading.force_n):
+            self.trip(f"the force reading is {reading.force_n}, not a number")
+        if reading.t_s < asked_s:
+            self.trip(f"the force reading is stale, {asked_s - reading.t_s:.3f} s older than the question")
+        return reading
 
     def doi_mm(self, contact_height_mm: float, force_gwt: float) -> float:
         """Depth past contact: how far the stage has gone, less what the rig itself gives under the force."""
@@ -344,8 +347,12 @@ class Engine:
 
     @property
     def _trip_height_mm(self) -> float:
-        habits = self.settings.habits
-        return max(habits.park_height_mm if self.settings.limits.on_trip == "park" else 0.0, habits.clearance_mm)
+        """Clearance; farther up where that is configured, or where clearance is not clear."""
+        habits, highest = self.settings.habits, -self.settings.frame.apex_z_mm
+        far = self.settings.limits.on_trip == "park" or self.height_mm > habits.clearance_mm - _AT_MM
+        if not far:
+            return habits.clearance_mm
+        return min(max(habits.park_height_mm, self.height_mm + habits.clearance_mm), highest)
 
     @property
     def _settle_s(self) -> float:
@@ -364,7 +371,21 @@ class Engine:
             self.stop()
             raise
 
-    def _refuse_contact_at_clearance(self) -> None:
-        force = self.read_force_gwt(-1, "clearance")
-        if abs(force) >= self.settings.habits.touch_force_gwt:
-            self.trip(f"{force:.2f} gwt at clearance: is frame.apex_z_mm right, and the sensor zeroed?", force)
+    def _go_to_clearance(self, speed_mm_s: float) -> None:
+        """Down to clearance; the first time since homing step by step, since frame and screw may not be right."""
+        habits = self.settings.habits
+        clearance = habits.clearance_mm
+        while self._zeroed and self.height_mm > clearance + habits.descent_step_mm:
+            self.go_to_height(self.height_mm - habits.descent_step_mm, speed_mm_s)
+            self._refuse_contact(self._reading().force_n / GWT_N)
+        self.go_to_height(clearance, speed_mm_s)
+        if self._zeroed:
+            self._refuse_contact(self.read_force_gwt(-1, "clearance"))
+
+    def _refuse_contact(self, force_gwt: float) -> None:
+        if abs(force_gwt) >= self.settings.habits.touch_force_gwt:
+            self.trip(
+                f"{force_gwt:.2f} gwt at clearance, {self.height_mm:.2f} mm above the nominal apex: "
+                "is frame.apex_z_mm right, and the sensor zeroed?",
+                force_gwt,
+            )
