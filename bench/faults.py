@@ -235,41 +235,67 @@ CATALOGUE = (
     Fault("a lost `ok`", "held", "no answer to 'G53", _stage(once(lost(b"ok\r\n"))), GRBL),
     Fault("one garbled status", "done", "", _stage(once(lambda d: [d.replace(b"|MPos:", b"|M\xff\x00s:")])), GRBL),
     Fault(
-        "every status garbled", "held", "holds no machine position|no answer to", _stage(lambda d: [d.replace(b"MPos:-", b"MP<s:")]), GRBL
+        "every status garbled",
+        "held",
+        "holds no machine position|no answer to",
+        _stage(lambda d: [d.replace(b"MPos:-", b"MP<s:")]),
+        GRBL,
     ),
     Fault("a status in two pieces", "done", "", _stage(_split_status), GRBL),
     Fault("a reset in mid-move", "held", "the board was reset", _press(_reset), GRBL),
     Fault(
-        "ALARM:2, then silence", "held", "alarm 2",
-        _press(lambda b: b.stage_line.host_write(b"G53G0Z-500\n")), GRBL,
+        "ALARM:2, then silence",
+        "held",
+        "alarm 2",
+        _press(lambda b: b.stage_line.host_write(b"G53G0Z-500\n")),
+        GRBL,
     ),
     Fault("the stage's port unplugged", "held", "stage is closed", _press(lambda b: b.stage_wire.close()), GRBL),
     Fault("the sensor's port unplugged", "lifted", "force is closed", _press(lambda b: b.force_wire.close()), GRBL),
     Fault("answers 0.4 s late", "done", "", _press(lambda b: delayed(b, b.force_line, 0.4)), GRBL),
     Fault("answers 0.6 s late", "lifted", "no answer to SI", _press(lambda b: delayed(b, b.force_line, 0.6)), GRBL),
-    Fault("a Modbus exception", "lifted", "exception 4", _force(lambda d: [framed(1, bytes([d[1] | 0x80, 4]))]), MODBUS),
+    Fault(
+        "a Modbus exception", "lifted", "exception 4", _force(lambda d: [framed(1, bytes([d[1] | 0x80, 4]))]), MODBUS
+    ),
     Fault("one CRC error", "done", "", _force(once(bad_crc)), MODBUS),
     Fault("every CRC wrong", "lifted", "bad CRC", _force(bad_crc), MODBUS),
     Fault("another device answers", "lifted", "device 9 answered", _force(lambda d: [framed(9, d[1:-2])]), MODBUS),
-    Fault("words swapped", "lifted", "above the|range|exceeded", lambda b: b.after("clearance", lambda: b.change(b.force_line, swapped)), MODBUS),
+    Fault(
+        "words swapped",
+        "lifted",
+        "above the|range|exceeded",
+        lambda b: b.after("clearance", lambda: b.change(b.force_line, swapped)),
+        MODBUS,
+    ),
     Fault("a frozen reading", "lifted", "the force stays at", _press(_freeze), GRBL),
     Fault("a frozen reading, Modbus", "lifted", "the force stays at", _press(_freeze), MODBUS),
     Fault(
-        "a reading that is no number", "lifted", "garbled answer",
-        _force(lambda d: [b"S D        nan g\r\n"]), GRBL,
+        "a reading that is no number",
+        "lifted",
+        "garbled answer",
+        _force(lambda d: [b"S D        nan g\r\n"]),
+        GRBL,
     ),
     Fault("over-range", "lifted", "overloaded", _force(lambda d: [b"S +\r\n"]), GRBL),
-    Fault("cell error", "lifted", "load cell error", _press(lambda b: setattr(b, "extra_n", lambda t_s: float("nan"))), MODBUS),
+    Fault(
+        "cell error",
+        "lifted",
+        "load cell error",
+        _press(lambda b: setattr(b, "extra_n", lambda t_s: float("nan"))),
+        MODBUS,
+    ),
     Fault("tare drift of +0.05 gwt/s", "lifted", "gwt at clearance", _press(lambda b: _drift(b, 0.05)), GRBL),
     Fault("tare drift of −0.05 gwt/s", "lifted", "gwt at clearance", _press(lambda b: _drift(b, -0.05)), GRBL),
     Fault("a motor that stalls", "lifted", "the force stays at", _press(_stall), GRBL),
     Fault("commanded ≠ feedback", "held", "not at", _press(_feedback_stays), MODBUS),
     Fault("a finer screw than believed", "lifted", "no contact", lambda b: None, SCREW),
-    Fault("a coarser screw than believed", "lifted", "already", lambda b: None, COARSE_SCREW),
+    Fault("a coarser screw than believed", "lifted", "gwt at clearance", lambda b: None, COARSE_SCREW),
     Fault("a full disk", "lifted", "cannot be written", _press(_full_disk), GRBL),
     Fault("the wall clock jumps back an hour", "done", "", _press(_wall_clock_jumps), GRBL),
-    Fault("the machine sleeps for a minute", "held", "heartbeat was lost", _press(lambda b: b.clock.wait_s(60.0)), GRBL),
-)  # fmt: skip
+    Fault(
+        "the machine sleeps for a minute", "held", "heartbeat was lost", _press(lambda b: b.clock.wait_s(60.0)), GRBL
+    ),
+)
 
 
 @dataclass(frozen=True)
