@@ -37,6 +37,7 @@ bench: .venv/.ready-dev
 	$(BIN)/python bench/random_poses.py
 	$(BIN)/python bench/oracles.py
 	$(BIN)/python bench/serve_latency.py
+	$(BIN)/python bench/kills.py
 
 clean:
 	rm -rf .venv runs study build dist

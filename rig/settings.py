@@ -121,6 +121,7 @@ class StageSettings(Settings):
     baud: int = Field(115200, ge=300, le=1_000_000)
     travel_mm: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = (60.0, 30.0, 40.0)
     resolution_mm: float = Field(0.0025, gt=0, le=0.05, description="one step of the vertical axis")
+    acceleration_mm_s2: float = Field(50.0, gt=0, le=1e4, description="of the vertical axis, for the stop distance")
     framing: Framing | None = Field(None, description="of Modbus; absent: tcp on a tcp:// port, rtu elsewhere")
     drives: DrivesSettings = DrivesSettings()
 
@@ -175,6 +176,7 @@ class ForceSettings(Settings):
     port: Port = "/dev/ttyUSB1"
     baud: int = Field(9600, ge=300, le=1_000_000)
     sample_period_s: float = Field(0.05, ge=0.01, le=10)
+    latency_s: float = Field(0.0, ge=0, le=2, description="how late a reading is; waited for after every move")
     resolution_gwt: float = Field(0.01, gt=0, le=1, description="one step of what the sensor shows")
     framing: Framing | None = Field(None, description="of Modbus; absent: tcp on a tcp:// port, rtu elsewhere")
     laumas: LaumasSettings = LaumasSettings()
@@ -220,12 +222,19 @@ class LimitSettings(Settings):
     max_force_gwt: float = Field(100.0, gt=0, le=500)
     search_mm: float = Field(0.5, gt=0, le=1.5, description="below the expected contact; then the sensor is dead")
     soft_trip_n: float = Field(2.0, gt=0, le=5.0, description="cap; lowered to twice the predicted peak")
+    hard_trip_n: float = Field(5.0, gt=0, le=5.0, description="whatever was predicted")
+    max_pressure_n_cm2: float = Field(30.0, gt=0, le=60.0, description="force over the predicted contact area")
+    max_press_speed_mm_s: float = Field(FASTEST_PRESS_MM_S, ge=SLOWEST_MM_S, le=FASTEST_PRESS_MM_S)
+    heartbeat_s: float = Field(3.0, ge=0.5, le=60, description="longest silence of the engine below clearance")
+    on_trip: Literal["stop", "retract", "park"] = Field("retract", description="stop and hold, lift, or lift far")
     x_mm: tuple[float, float] = (-6.0, 6.0)
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if not self.x_mm[0] < self.x_mm[1]:
             raise ValueError("x_mm: expected the lower limit before the upper one")
+        if self.soft_trip_n > self.hard_trip_n:
+            raise ValueError("soft_trip_n: expected no more than hard_trip_n")
         return self
 
 
@@ -236,6 +245,8 @@ class HabitSettings(Settings):
     approach_speed_mm_s: float = Field(0.5, ge=SLOWEST_MM_S, le=2)
     press_speed_mm_s: float = Field(1.0, ge=SLOWEST_MM_S, le=FASTEST_PRESS_MM_S)
     clearance_mm: float = Field(2.0, gt=0.2, le=20)
+    park_height_mm: float = Field(10.0, gt=0.2, le=40, description="above the apex, where on_trip = park lifts to")
+    descent_step_mm: float = Field(0.5, gt=0, le=5, description="between readings on the way down after homing")
     increment_mm: float = Field(0.05, gt=0, le=0.05, description="the longest move below clearance")
     touch_increment_mm: float = Field(0.01, gt=0, le=0.05)
     touch_force_gwt: float = Field(0.05, gt=0, le=1)

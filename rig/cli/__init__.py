@@ -16,6 +16,8 @@ _ClickException = typer.BadParameter.mro()[2]
 _MODULES = {
     "dry-run": "dry_run",
     "run": "run",
+    "check": "check",
+    "resume": "resume",
     "compare": "compare",
     "export": "export",
     "indent": "indent",

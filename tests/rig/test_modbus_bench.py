@@ -55,8 +55,11 @@ class Bench:
         self.journal = Journal(folder / "events.jsonl", self.clock, STREAMS, self._watch)
         self.engine = Engine(self.config, self.clock, driver, sensor, self.journal, self)
 
-    def mount(self, indentor: str) -> None:
-        """Anything goes."""
+    def mount(self, indentor: str) -> str:
+        return indentor
+
+    def confirm(self, request: str) -> None:
+        """There is nobody to ask."""
 
     def true_pose(self) -> None:
         """Not needed here."""
