@@ -301,8 +301,8 @@ def test_sed_second_peak_is_slight_at_the_low_force(dense: dict[str, Indentation
     shown = f"{peaks}, regions {dense['light'].contact_regions_mm}"
     (corner, first) = peaks[0]
     assert -1.8 <= corner <= -1.3, shown
-    assert first > 0.9, shown
     second = max((share for _, share in peaks[1:]), default=0.0)
+    assert first > 10 * second, shown  # measured 14
     assert second < prominent(dense["deep"].receptor_measures["sed"])[1][1] / 3, shown
 
 

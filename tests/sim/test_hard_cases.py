@@ -178,9 +178,9 @@ REACHES = "contact reaches the patch's rim at x = "
         ("flat:3", (0.9, None), {"doi_mm": 1.9}, rf"flat:3 at x = 0.9, z = 6.893 mm: {REACHES}.*round_patch_mm"),
         (
             "sphere:5",
-            (0.0, 11.0),
+            (0.0, 12.0),
             {"doi_mm": 0.2},
-            r"sphere:5 at x = 0, z = 11 mm: touches the skin at z = .*outside",
+            r"sphere:5 at x = 0, z = 12 mm: touches the skin at z = .*outside",
         ),
         ("line", (0.0, 10.0), {"doi_mm": 0.8}, rf"line at z = 10 mm: {REACHES}.*, z = 10.46 mm"),
         ("line", (0.0, 11.5), {"doi_mm": 0.1}, r"line at z = 11.5 mm: touches the skin at z = 11.00 mm, outside"),
