@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+import statistics
 from collections.abc import Callable, Mapping
 from enum import Enum
 from typing import Any, NoReturn, Protocol, TypeVar
@@ -18,6 +19,7 @@ from rig.units import GWT_N
 _T = TypeVar("_T")
 
 _AT_MM = 0.02  # heights closer than this are the same place
+_NOISE_READINGS, _NOISE_WIDTH = 12, 6.0  # readings at a zero; standard deviations that a whole step is taken for
 _LATE_FACTOR = 2.0  # a move may take so many times its length over its speed before the heartbeat is missed
 
 
@@ -74,10 +76,12 @@ class Engine:
         self.problem: Exception | None = None  # the first trip or failure; a run does not end well after it
         self._next_index = 0
         self._placed = False
+        self._moved = True  # since the last reading
         self._may_touch = False  # below clearance since the last lift or homing
         self._stage, self._force, self._journal = stage, force, journal
         self._interrupted, self._go_on = interrupted, go_on
         self._zeroed = False
+        self.noise_gwt = 0.0  # standard deviation of single readings, measured at each zero
         limit = settings.limits.soft_trip_n
         self.soft_trip_gwt = (limit if soft_trip_n is None else min(limit, soft_trip_n)) / GWT_N
         self._area_trip_gwt = math.inf
@@ -88,6 +92,16 @@ class Engine:
     def resolution_gwt(self) -> float:
         """One step of what the force sensor shows."""
         return self._force.resolution_gwt
+
+    @property
+    def least_gwt(self) -> float:
+        """What is less than half of this cannot be told from nothing: one step of the sensor, or its noise."""
+        return max(self.resolution_gwt, _NOISE_WIDTH * self.noise_gwt)
+
+    @property
+    def touch_gwt(self) -> float:
+        """The reading that means contact: as configured, or well out of the noise."""
+        return max(self.settings.habits.touch_force_gwt, self.least_gwt)
 
     @property
     def trip_gwt(self) -> float:
@@ -132,8 +146,10 @@ class Engine:
         name = self._force.connect()
         self.clock.wait_s(self._settle_s)
         self._force.zero()
+        readings = [self._reading().force_n / GWT_N for _ in range(_NOISE_READINGS)]
+        self.noise_gwt = statistics.pstdev(readings)
         self._zeroed = True
-        self.record("zero", {"sensor": name})
+        self.record("zero", {"sensor": name, "noise_gwt": round(self.noise_gwt, 6)})
 
     def move_to(self, x_mm: float) -> None:
         """Go to a lateral position, at clearance."""
@@ -197,6 +213,7 @@ class Engine:
         if height_mm < habits.clearance_mm - _AT_MM:
             self.state, self._may_touch = State.IN_CONTACT, True
         self._beat(_LATE_FACTOR * abs(height_mm - self.height_mm) / speed_mm_s)
+        self._moved = True
         z = self.settings.frame.apex_z_mm + height_mm
         self._guarded(lambda: self._stage.move_to(z_mm=z, speed_mm_s=speed_mm_s))
         self.height_mm = height_mm
@@ -226,7 +243,7 @@ class Engine:
     def _reading(self) -> ForceReading:
         """A new reading, made when all motion was over. None, no number, or an old one trips."""
         self._beat()
-        self.clock.wait_s(self._settle_s)
+        self.clock.wait_s(self._settle_s if self._moved else self._force.sample_period_s)
         asked_s = self.clock.monotonic_s()
         try:
             reading = self._force.read()
@@ -236,6 +253,7 @@ class Engine:
             self.trip(f"the force reading is {reading.force_n}, not a number")
         if reading.t_s < asked_s:
             self.trip(f"the force reading is stale, {asked_s - reading.t_s:.3f} s older than the question")
+        self._moved = False
         return reading
 
     def doi_mm(self, contact_height_mm: float, force_gwt: float) -> float:
@@ -384,7 +402,7 @@ class Engine:
             self._refuse_contact(self.read_force_gwt(-1, "clearance"))
 
     def _refuse_contact(self, force_gwt: float) -> None:
-        if abs(force_gwt) >= self.settings.habits.touch_force_gwt:
+        if abs(force_gwt) >= self.touch_gwt:
             self.trip(
                 f"{force_gwt:.2f} gwt at clearance, {self.height_mm:.2f} mm above the nominal apex: "
                 "is frame.apex_z_mm right, and the sensor zeroed?",

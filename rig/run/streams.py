@@ -3,7 +3,7 @@
 STREAMS = {
     "mount": {"indentor": ""},
     "home": {"controller": ""},
-    "zero": {"sensor": ""},
+    "zero": {"sensor": "", "noise_gwt": "gwt"},
     "move": {"x_mm": "mm", "height_mm": "mm"},
     "indentation_start": {"index": "", "indentor": "", "x_mm": "mm", "target": "", "value": "", "increments": ""},
     "sample": {
@@ -16,7 +16,8 @@ STREAMS = {
     "hold_start": {"index": "", "hold": "", "target": "", "commanded": "", "doi_mm": "mm", "force_gwt": "gwt"},
     "hold_end": {
         "index": "", "hold": "", "x_mm": "mm", "doi_mm": "mm", "force_gwt": "gwt", "force_sd_gwt": "gwt",
-        "readings": "", "hold_s": "s", "true_x_mm": "mm", "true_doi_mm": "mm",
+        "commanded": "", "peak_gwt": "gwt", "ramp_gwt": "gwt", "ramp_s": "s",
+        "readings": "", "asked_s": "s", "hold_s": "s", "interval_sd_s": "s", "true_x_mm": "mm", "true_doi_mm": "mm",
     },
     "sync": {"index": "", "at": "", "rise_s": "s", "uncertainty_s": "s", "width_s": "s"},
     "indentation_end": {"index": "", "duration_s": "s"},

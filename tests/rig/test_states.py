@@ -1,0 +1,158 @@
+"""The state machine of docs/safety.md: every edge walked, every verb tried in every state."""
+
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.run import EngineError, NotReadyError, Target, TripError, indent
+from rig.run.engine import State
+from rig.stage import StageError
+
+Make = Callable[..., Any]
+FORCE = Target("force_gwt", 2.33)
+DOCS = Path(__file__).parents[2] / "docs" / "safety.md"
+
+
+def _stop(bench: Any) -> None:
+    bench.engine.stop()
+
+
+def _alarm(bench: Any) -> None:
+    bench.stage_line.device_write(b"ALARM:1\r\n")
+    bench.clock.wait_s(0.1)
+    with pytest.raises(StageError):
+        bench.engine.go_to_height(bench.engine.height_mm + 0.01, 1.0)
+
+
+def _trip(bench: Any) -> None:
+    with pytest.raises(TripError):
+        bench.engine.trip("for the test")
+
+
+def _press_a_stiff_thing(bench: Any) -> None:
+    bench.k_gwt, bench.engine.soft_trip_gwt = 5000.0, 2.0
+    with pytest.raises(TripError):
+        indent(bench.engine, FORCE)
+
+
+def _indent(bench: Any) -> None:
+    indent(bench.engine, FORCE, hold_s=0.1)
+
+
+def _lower(bench: Any) -> None:
+    bench.engine.go_to_height(bench.engine.settings.habits.clearance_mm - 0.05, 0.5)
+
+
+VERBS: dict[str, Callable[[Any], object]] = {
+    "mount": lambda bench: bench.engine.mount("step:1"),
+    "home": lambda bench: bench.engine.home(),
+    "zero": lambda bench: bench.engine.zero(),
+    "move_to": lambda bench: bench.engine.move_to(0.5),
+    "indent": _indent,
+    "retract": lambda bench: bench.engine.retract(),
+    "note": lambda bench: bench.engine.note("a word"),
+    "stop": _stop,
+    "trip": _trip,
+}
+# What each verb leads to; None where it is refused and nothing is sent to the stage.
+MACHINE: dict[State, dict[str, State | None]] = {
+    State.UNHOMED: {
+        "mount": State.UNHOMED, "home": State.READY, "zero": None, "move_to": None, "indent": None, "retract": None,
+        "note": State.UNHOMED, "stop": State.UNHOMED, "trip": State.TRIPPED,
+    },
+    State.READY: {
+        "mount": State.READY, "home": State.READY, "zero": State.READY, "move_to": State.READY, "indent": State.READY,
+        "retract": State.READY, "note": State.READY, "stop": State.UNHOMED, "trip": State.TRIPPED,
+    },
+    State.IN_CONTACT: {
+        "mount": None, "home": State.READY, "zero": None, "move_to": None, "indent": None, "retract": State.READY,
+        "note": State.IN_CONTACT, "stop": State.UNHOMED, "trip": State.TRIPPED,
+    },
+    State.TRIPPED: {
+        "mount": None, "home": None, "zero": None, "move_to": None, "indent": None, "retract": None,
+        "note": State.TRIPPED, "stop": State.TRIPPED, "trip": State.TRIPPED,
+    },
+}  # fmt: skip
+
+
+def _in(state: State, spring: Make) -> Any:
+    bench = spring()
+    if state is State.UNHOMED:
+        bench.engine.mount("bar:3.0")
+        return bench
+    bench.ready()
+    if state is State.IN_CONTACT:
+        _lower(bench)
+    elif state is State.TRIPPED:
+        _trip(bench)
+    assert bench.engine.state is state
+    return bench
+
+
+@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("state", State, ids=lambda state: state.value)
+def test_every_verb_in_every_state(spring: Make, state: State, verb: str) -> None:
+    bench = _in(state, spring)
+    leads_to, sent = MACHINE[state][verb], len(bench.sent("stage"))
+    if leads_to is None:
+        with pytest.raises(NotReadyError, match=rf"^{verb}: "):
+            VERBS[verb](bench)
+        assert len(bench.sent("stage")) == sent
+        leads_to = state
+    else:
+        VERBS[verb](bench)
+    assert bench.engine.state is leads_to
+
+
+def test_the_way_into_contact_and_out_again(spring: Make) -> None:
+    """An indentation is in contact from its first move below clearance to its lift."""
+    bench = spring()
+    engine, seen = bench.ready(), []
+
+    def look(stream: str, data: Mapping[str, Any]) -> None:
+        seen.append(engine.state)
+
+    bench.on_event = look
+    _indent(bench)
+    assert list(dict.fromkeys(seen)) == [State.READY, State.IN_CONTACT]
+    assert engine.state is State.READY
+
+
+@pytest.mark.parametrize("state", [State.READY, State.IN_CONTACT], ids=lambda state: state.value)
+def test_a_stage_that_fails_is_unhomed(spring: Make, state: State) -> None:
+    bench = _in(state, spring)
+    _alarm(bench)
+    assert bench.engine.state is State.UNHOMED
+    with pytest.raises(NotReadyError):
+        bench.engine.move_to(0.0)
+
+
+def test_a_force_above_the_trip_in_contact_trips(spring: Make) -> None:
+    bench = spring()
+    bench.ready()
+    _press_a_stiff_thing(bench)
+    assert bench.engine.state is State.TRIPPED
+
+
+def test_nothing_but_a_new_engine_leaves_tripped(spring: Make) -> None:
+    """Whatever is tried, in whatever order, twice over."""
+    bench = _in(State.TRIPPED, spring)
+    for verb in [*VERBS, *reversed(VERBS)]:
+        try:
+            VERBS[verb](bench)
+        except EngineError:
+            continue
+    assert bench.engine.state is State.TRIPPED
+
+
+def test_the_drawing_shows_these_edges() -> None:
+    """Every edge between two states in MACHINE, and those of failures, are drawn; and no other."""
+    drawn = set(re.findall(r"^    (\w+) --> (\w+):", DOCS.read_text(encoding="utf-8"), re.MULTILINE))
+    name = {state: state.value.replace(" ", "_") for state in State}
+    edges = {
+        (name[state], name[to]) for state, verbs in MACHINE.items() for to in verbs.values() if to and to is not state
+    }
+    assert drawn == edges | {("ready", "in_contact")}
