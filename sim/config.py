@@ -66,7 +66,8 @@ class Tissue(_Settings):
 class MeshSpec(_Settings):
     """Node spacing; mm. `patch_*` bound the nodes that an indentor may touch."""
 
-    spacing_mm: float = Field(0.17, gt=0.02, le=1.0, description="lateral and axial, on the pulp")
+    spacing_mm: float = Field(0.17, gt=0.02, le=1.0, description="lateral, on the pulp")
+    axial_spacing_mm: float | None = Field(None, gt=0.02, le=1.0, description="along the finger, if not the same")
     patch_x_mm: float = Field(3.3, gt=0.5, le=4.0)
     patch_z_mm: float = Field(3.5, gt=0.5, le=4.5)
     round_patch_mm: float = Field(

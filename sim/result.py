@@ -145,7 +145,7 @@ class IndentationResult:
                 **{name: value.tolist() for name, value in self.receptor_measures.items()},
             },
             "solver": {
-                "model": "finger",
+                "model": self.model.kind,
                 "nodes": self.model.nodes,
                 "iterations": self.state.passes,
                 "kkt_residual": self.state.residual,
