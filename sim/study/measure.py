@@ -1,0 +1,105 @@
+"""What a candidate answers in each scene, and what that costs."""
+
+import multiprocessing
+import resource
+import sys
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+from threadpoolctl import threadpool_limits
+
+from sim.models import load
+from sim.result import IndentationResult
+from sim.study.candidates import Candidate
+from sim.study.scenes import Scene
+
+Array = NDArray[np.float64]
+
+QUANTITIES = ("force", "width", "sed", "ep1")
+_FEW = 5  # repetitions of the limit, of which the fastest counts
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What one scene came to; forces of a section are in N/mm."""
+
+    force_n: float
+    width_mm: float
+    sed: tuple[float, ...]
+    ep1: tuple[float, ...]
+    residual: float
+    passes: int
+    seconds: float
+    limit_s: float  # one dense Cholesky factorisation of the order of the points in contact
+
+    def value(self, quantity: str) -> Array:
+        """(k,) the quantity: one number, or one for each receptor."""
+        return np.atleast_1d({"force": self.force_n, "width": self.width_mm, "sed": self.sed, "ep1": self.ep1}[quantity])
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A candidate with its answers and costs."""
+
+    candidate: Candidate
+    nodes: int
+    patch_nodes: int
+    build_s: float  # from nothing, without the cache
+    timing_s: dict[str, float]
+    memory_mb: float  # peak of a process that does nothing else
+    answers: dict[Scene, Answer]
+
+    @property
+    def contact_s(self) -> float:
+        """Median time of one indentation."""
+        return float(np.median([answer.seconds for answer in self.answers.values()]))
+
+
+def measure(candidates: Iterable[Candidate], scenes: Sequence[Scene]) -> Iterator[Measured]:
+    """Each candidate in a process of its own, one after the other."""
+    context = multiprocessing.get_context("spawn")
+    for candidate in candidates:
+        with ProcessPoolExecutor(max_workers=1, mp_context=context) as pool:
+            yield pool.submit(_measured, candidate, tuple(scenes)).result()
+
+
+def _measured(candidate: Candidate, scenes: tuple[Scene, ...]) -> Measured:
+    start = time.perf_counter()
+    finger = load(candidate.model, candidate.config, cached=False)
+    model = finger.model
+    build_s = time.perf_counter() - start
+    answers = {scene: _answer(finger.indent(scene.shape, scene.x_mm, doi_mm=scene.doi_mm)) for scene in scenes}
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1024**2 if sys.platform == "darwin" else 1024)
+    return Measured(candidate, model.nodes, len(model.patch), build_s, model.timing_s, peak, answers)
+
+
+def _answer(result: IndentationResult) -> Answer:
+    measures = result.receptor_measures
+    return Answer(
+        force_n=result.force_n,
+        width_mm=float(sum(right - left for left, right in result.contact_regions_mm)),
+        sed=tuple(measures["sed"].tolist()),
+        ep1=tuple(measures["ep1"].tolist()),
+        residual=result.state.residual,
+        passes=result.state.passes,
+        seconds=result.contact_s,
+        limit_s=dense_cholesky_s(max(1, len(result.state.held))),
+    )
+
+
+def dense_cholesky_s(order: int) -> float:
+    """Seconds of one dense Cholesky factorisation by LAPACK on one thread."""
+    rows = np.random.default_rng(0).standard_normal((order, order + 8))
+    spd = rows @ rows.T
+    times = []
+    with threadpool_limits(1):
+        for _ in range(_FEW):
+            start = time.perf_counter()
+            lapack.dpotrf(spd, lower=1, clean=0)
+            times.append(time.perf_counter() - start)
+    return min(times)
