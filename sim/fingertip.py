@@ -24,7 +24,7 @@ from sim.contact.touch import Touch, first_touch
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, place_receptors
 from sim.model import CondensedModel, build_model, from_arrays, to_arrays
-from sim.result import IndentationResult
+from sim.result import IndentationResult, PointLoadResult
 from sim.stiffness import E_EPIDERMIS_MPA
 from sim.units import GWT_N
 
@@ -40,6 +40,7 @@ FARTHEST_X_MM = 20.0
 
 _FORCE_GUESS_MM = 0.3
 _PRESS_IN_MM, _PRESS_IN_FINE_MM = 0.2, 0.05
+_SIDE_RAD = 0.05  # of the section's widest places; below them the skin is no function of x
 _AXIS_NAMES = {X: "x", Z: "z"}
 
 
@@ -185,6 +186,19 @@ class Fingertip:
             poisson=self.config.tissue.poisson,
         )
 
+    def point_load(self, x_mm: float, force_gwt: float, *, z_mm: float | None = None) -> PointLoadResult:
+        """Press on one point of the pulp's skin, along its inward normal. Raises ModelRangeError beside the pulp."""
+        z = self.config.receptor_plane_mm if z_mm is None else z_mm
+        if not 0 < z < self.config.geometry.length_mm:
+            raise ModelRangeError(f"z = {z} mm: expected 0 … {self.config.geometry.length_mm:g} mm along the finger")
+        left, right = (float(self.surface.section(phi, z)[0]) for phi in (math.pi - _SIDE_RAD, _SIDE_RAD))
+        if not left < x_mm < right:
+            raise ModelRangeError(f"x = {x_mm} mm: expected {left:.2f} … {right:.2f} mm, the pulp at z = {z:g} mm")
+        force_n = _positive(force_gwt) * GWT_N
+        model = next(iter(self._models.values()))
+        strain = model.point_load(x_mm, z) * (force_n / self.e_epidermis_mpa)
+        return PointLoadResult(x_mm, z, force_n, strain.reshape(-1, 6), model, self.config.tissue.poisson)
+
     def _place(self, shape: Indentor, x_mm: float, z_mm: float | None) -> tuple[float, ...]:
         """Where the reference point is, along the indentor's axes."""
         z = self.config.receptor_plane_mm if z_mm is None else z_mm
@@ -195,9 +209,7 @@ class Fingertip:
         return tuple({X: x_mm, Z: z}[axis] for axis in shape.axes)
 
     def _solve_force(self, scene: "_Scene", force_gwt: float) -> tuple[float, ContactState]:
-        if not (math.isfinite(force_gwt) and force_gwt > 0):
-            raise ModelRangeError(f"force {force_gwt:g} gwt: expected a positive number")
-        force = force_gwt * GWT_N / self.e_epidermis_mpa
+        force = _positive(force_gwt) * GWT_N / self.e_epidermis_mpa
         try:
             return solve_for_force(force, _FORCE_GUESS_MM, DEEPEST_DOI_MM, scene.solve)
         except ForceNotReachedError as error:
@@ -267,6 +279,12 @@ class _Scene:
             f"{self.indentor.name} at {where} mm: {what}; expected a smaller depth, a position nearer the pad's "
             f"centre, or a wider {size}"
         )
+
+
+def _positive(force_gwt: float) -> float:
+    if not (math.isfinite(force_gwt) and force_gwt > 0):
+        raise ModelRangeError(f"force {force_gwt:g} gwt: expected a positive number")
+    return force_gwt
 
 
 def _indentor(shape: Indentor | Profile | str) -> Indentor:

@@ -50,18 +50,17 @@ class CondensedModel:
         on_patch = by_node[:, self.patch_in_skin][:, :, list(self.patch.axes)]
         return np.ascontiguousarray(on_patch.swapaxes(1, 2)).reshape(len(by_node), -1)
 
-    def point_load(self, x_mm: float, z_mm: float) -> tuple[Array, Array]:
-        """Strain per N, (6 n_receptors,), of an inward force along the skin's normal at (x, z), and that normal.
+    def point_load(self, x_mm: float, z_mm: float) -> Array:
+        """(6 n_receptors,) strain per N of an inward force along the skin's normal at (x, z).
 
         The force is shared between the four skin nodes around the place, by their bilinear shape functions.
         """
         phi = float(self.surface.angle_at(x_mm, z_mm))
-        normal = self.surface.normal(phi, z_mm)
         k, across = _cell(self.skin_z_mm, z_mm)
         j, around = _cell(self.skin_phi, phi)
         weights = np.outer([1 - across, across], [1 - around, around])
         corners = self.strain_per_skin_force[:, k : k + 2, j : j + 2]
-        return np.einsum("rzpi,zp,i->r", corners, weights, -normal), normal
+        return np.einsum("rzpi,zp,i->r", corners, weights, -self.surface.normal(phi, z_mm))
 
 
 @dataclass(frozen=True)

@@ -94,12 +94,16 @@ class IndentationResult:
 
     @cached_property
     def touching_mm(self) -> tuple[Array, Array]:
-        """Undeformed (ascending) and deformed x of the places in the receptor plane that carry force; mm."""
+        """Undeformed (ascending) and deformed x of the places in the receptor plane that carry force; mm.
+
+        Of a shape that lies across the finger, all places.
+        """
         patch, held = self.model.patch, self.state.held
-        at = held.weights(patch)
-        in_plane = np.flatnonzero(at[:, self.plane].sum(axis=1) > 1 - 1e-12)
-        x = at[in_plane] @ patch.x
-        moved = x + (at[in_plane] @ self.state.displacement[0] if patch.axes[0] == X else 0.0)
+        nodes, share = held.carriers(patch)
+        rows = nodes // patch.shape[1]
+        here = (rows == self.model.receptor_row).all(axis=0) if patch.axes[0] == X else np.full(len(held), True)
+        x = (share * patch.x[nodes]).sum(axis=0)[here]
+        moved = x + ((share * self.state.displacement[0][nodes]).sum(axis=0)[here] if patch.axes[0] == X else 0.0)
         order = np.argsort(x)
         return x[order], moved[order]
 
@@ -122,13 +126,7 @@ class IndentationResult:
     @cached_property
     def receptor_measures(self) -> dict[str, Array]:
         """The 18 measures at the receptors; tension positive, stresses in pseudo-units."""
-        values: dict[str, Array] = {}
-        for ratio in np.unique(self.model.receptor_e):
-            here = self.model.receptor_e == ratio
-            material = Elastic(PSEUDO_E_EPIDERMIS * float(ratio), self.poisson)
-            for name, value in measures_from_strain(self.receptor_strain[here], material).items():
-                values.setdefault(name, np.empty(len(here)))[here] = value
-        return values
+        return _measures(self.receptor_strain, self.model, self.poisson)
 
     def as_json(self) -> dict[str, Any]:
         """What `rig indent --json` prints, without the model's build time."""
@@ -140,10 +138,7 @@ class IndentationResult:
             "peak_pressure_pseudo": self.peak_pressure_pseudo,
             "contact_regions_mm": [list(region) for region in self.contact_regions_mm],
             "pressure": {"x_mm": x.tolist(), "pseudo": p.tolist()},
-            "receptors": {
-                "x_mm": self.model.receptors.position_mm[:, 0].tolist(),
-                **{name: value.tolist() for name, value in self.receptor_measures.items()},
-            },
+            "receptors": _receptors_as_json(self.model, self.receptor_measures),
             "solver": {
                 "model": self.model.kind,
                 "nodes": self.model.nodes,
@@ -153,3 +148,63 @@ class IndentationResult:
                 "contact_s": self.contact_s,
             },
         }
+
+
+@dataclass(frozen=True)
+class PointLoadResult:
+    """A force on one point of the skin, along its inward normal; there is no contact, and no depth is defined."""
+
+    x_mm: float
+    z_mm: float
+    force_n: float
+    receptor_strain: Array  # (n_receptors, 6) engineering
+    model: CondensedModel
+    poisson: float
+
+    @property
+    def force_gwt(self) -> float:
+        """Force in gram-weight."""
+        return self.force_n / GWT_N
+
+    @cached_property
+    def receptor_measures(self) -> dict[str, Array]:
+        """The 18 measures at the receptors; tension positive, stresses in pseudo-units."""
+        return _measures(self.receptor_strain, self.model, self.poisson)
+
+    def as_json(self) -> dict[str, Any]:
+        """As of an indentation; what a point load does not have is null or empty."""
+        return {
+            "force_n": self.force_n,
+            "force_gwt": self.force_gwt,
+            "doi_mm": None,
+            "peak_pressure_pseudo": None,
+            "contact_regions_mm": [],
+            "pressure": {"x_mm": [], "pseudo": []},
+            "receptors": _receptors_as_json(self.model, self.receptor_measures),
+            "solver": {
+                "model": "finger",
+                "nodes": self.model.nodes,
+                "iterations": 0,
+                "kkt_residual": 0.0,
+                "converged": True,
+                "contact_s": 0.0,
+            },
+        }
+
+
+def _measures(strain: Array, model: CondensedModel, poisson: float) -> dict[str, Array]:
+    """The 18 measures from (n_receptors, 6) strains, each with its own layer's stiffness in pseudo-units."""
+    values: dict[str, Array] = {}
+    for ratio in np.unique(model.receptor_e):
+        here = model.receptor_e == ratio
+        material = Elastic(PSEUDO_E_EPIDERMIS * float(ratio), poisson)
+        for name, value in measures_from_strain(strain[here], material).items():
+            values.setdefault(name, np.empty(len(here)))[here] = value
+    return values
+
+
+def _receptors_as_json(model: CondensedModel, measures: dict[str, Array]) -> dict[str, list[float]]:
+    return {
+        "x_mm": model.receptors.position_mm[:, 0].tolist(),
+        **{name: value.tolist() for name, value in measures.items()},
+    }

@@ -9,10 +9,11 @@ from rich.table import Table
 from rig.cli.output import ExitCode, complain, loading_the_finger, out, print_json, told_in_one_line
 from rig.protocol.config import load_config
 from rig.protocol.errors import BadInputError
-from sim.contact.shapes import parse_shape
+from sim.contact.indentor import ACROSS, ALONG, ROUND, Indentor
+from sim.contact.shapes import EXPECTED, parse_shape
 from sim.fingertip import Fingertip
 from sim.measures.receptors import DEFAULT_DEPTH_MM
-from sim.result import IndentationResult
+from sim.result import IndentationResult, PointLoadResult
 
 _MODELS = ("finger", "section", "halfspace", "auto")
 
@@ -23,11 +24,15 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
-    shape: Annotated[str, typer.Option(metavar="S", help="bar:WIDTH, cylinder:DIAMETER, step:1|3|5")],
-    x_mm: Annotated[float, typer.Option(metavar="X", help="Indentor's reference point from the pad's centre.")],
+    shape: Annotated[str, typer.Option(metavar="S", help=f"{EXPECTED}; or point.")],
+    x_mm: Annotated[
+        float | None, typer.Option(metavar="X", help="Indentor's reference point from the pad's centre.")
+    ] = None,
     doi_mm: Annotated[float | None, typer.Option(metavar="D", help="Depth past first contact.")] = None,
     force_gwt: Annotated[float | None, typer.Option(metavar="F", help="Force instead of a depth.")] = None,
-    z_mm: Annotated[float | None, typer.Option(hidden=True)] = None,
+    z_mm: Annotated[
+        float | None, typer.Option(metavar="Z", help="Along the finger, for line, round shapes and point.")
+    ] = None,
     model: Annotated[str, typer.Option(metavar="M", help="finger")] = "finger",
     receptor_depth_mm: Annotated[float, typer.Option(metavar="D", help="Below the skin.")] = DEFAULT_DEPTH_MM,
     reference: Annotated[str, typer.Option(metavar="contact|apex", help="Where DOI is zero.")] = "contact",
@@ -37,15 +42,19 @@ def command(
     """Press once and print force, contact and receptor measures."""
     with told_in_one_line(as_json=as_json):
         _refuse_model(model)
-        if z_mm is not None:
-            raise BadInputError("--z-mm: shapes placed by z (line) are not built yet")
         settings = load_config(config)
-        profile = parse_shape(shape)
         if not 0.1 <= receptor_depth_mm <= 3.0:
             raise BadInputError(f"--receptor-depth-mm {receptor_depth_mm:g}: expected 0.1 … 3.0")
+        origin = _reference(reference)
+        indentor = None if shape == "point" else parse_shape(shape)
+        _refuse_place(shape, indentor, x_mm, z_mm)
+        slopes = ALONG if indentor is None else indentor.axes
         with loading_the_finger():
-            finger = Fingertip.load(settings.finger, receptor_depth_mm=receptor_depth_mm)
-        result = finger.indent(profile, x_mm, doi_mm=doi_mm, force_gwt=force_gwt, reference=_reference(reference))
+            finger = Fingertip.load(settings.finger, slopes=slopes, receptor_depth_mm=receptor_depth_mm)
+        if indentor is None:
+            _press_point(finger, x_mm or 0.0, z_mm, doi_mm, force_gwt, as_json=as_json)
+            return
+        result = finger.indent(indentor, x_mm or 0.0, z_mm=z_mm, doi_mm=doi_mm, force_gwt=force_gwt, reference=origin)
         if as_json:
             answer = result.as_json()
             answer["solver"]["build_s"] = finger.build_s
@@ -64,6 +73,37 @@ def _refuse_model(model: str) -> None:
         raise BadInputError(f"--model {model}: not built yet, expected finger")
 
 
+def _refuse_place(shape: str, indentor: Indentor | None, x_mm: float | None, z_mm: float | None) -> None:
+    axes = ROUND if indentor is None else indentor.axes
+    if x_mm is None and axes != ACROSS:
+        raise BadInputError(f"--shape {shape}: expected --x-mm")
+    if x_mm is not None and axes == ACROSS:
+        raise BadInputError(f"--shape {shape}: lies across the finger, expected --z-mm instead of --x-mm")
+    if z_mm is not None and axes == ALONG:
+        raise BadInputError(f"--shape {shape}: lies along the finger, expected --x-mm instead of --z-mm")
+
+
+def _press_point(
+    finger: Fingertip,
+    x_mm: float,
+    z_mm: float | None,
+    doi_mm: float | None,
+    force_gwt: float | None,
+    *,
+    as_json: bool,
+) -> None:
+    if doi_mm is not None or force_gwt is None:
+        raise BadInputError("--shape point: a point load has no depth, expected --force-gwt")
+    result = finger.point_load(x_mm, force_gwt, z_mm=z_mm)
+    if as_json:
+        answer = result.as_json()
+        answer["solver"]["build_s"] = finger.build_s
+        print_json(answer)
+        return
+    out.print(f"point load of {result.force_gwt:.4f} gwt at x = {result.x_mm:g}, z = {result.z_mm:g} mm")
+    _print_receptors(result)
+
+
 def _reference(text: str) -> Literal["contact", "apex"]:
     if text not in ("contact", "apex"):
         raise BadInputError(f"--reference {text!r}: expected contact or apex")
@@ -73,7 +113,9 @@ def _reference(text: str) -> Literal["contact", "apex"]:
 def _print(result: IndentationResult, build_s: float) -> None:
     state = result.state
     regions = ", ".join(f"[{a:.2f}, {b:.2f}]" for a, b in result.contact_regions_mm) or "none in the receptor plane"
-    out.print(f"{result.indentor.name} at x = {result.x_mm:g} mm")
+    place = {ALONG: f"x = {result.x_mm:g}", ACROSS: f"z = {result.z_mm:g}"}
+    both = f"x = {result.x_mm:g}, z = {result.z_mm:g}"
+    out.print(f"{result.indentor.name} at {place.get(result.indentor.axes, both)} mm")
     out.print(f"  force          {result.force_n:.5f} N = {result.force_gwt:.4f} gwt")
     out.print(f"  DOI            {result.doi_mm:.4f} mm")
     out.print(f"  peak pressure  {result.peak_pressure_pseudo:.0f} pseudo-units")
@@ -83,6 +125,10 @@ def _print(result: IndentationResult, build_s: float) -> None:
         f"{'converged' if state.converged else 'NOT converged'}; load {build_s:.2f} s, "
         f"contact {1e3 * result.contact_s:.0f} ms"
     )
+    _print_receptors(result)
+
+
+def _print_receptors(result: IndentationResult | PointLoadResult) -> None:
     table = Table("receptor x (mm)", "ep1", "ep3", "s33 (pseudo)", "SED (pseudo)", box=None, padding=(0, 2))
     x = result.model.receptors.position_mm[:, 0]
     m = result.receptor_measures

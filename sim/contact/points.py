@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sim.contact.indentor import Indentor, Surface
@@ -104,14 +103,28 @@ class ContactPoints:
         """The same points where node and segment i are called nodes[i] and segments[i]."""
         return ContactPoints(nodes[self.nodes], _INNER * segments[self.segments] + self.between % _INNER)
 
-    def weights(self, skin: Skin) -> sp.csr_array:
-        """(k, n) values at the points from values at the nodes."""
-        n, e = len(self.nodes), len(self.between)
-        share = np.stack([1 - self.along, self.along], axis=1)
-        value = np.concatenate([np.ones(n), share.ravel()])
-        column = np.concatenate([self.nodes, skin.segments[self.segments].ravel()])
-        start = np.concatenate([np.arange(n), n + 2 * np.arange(e + 1)])
-        return sp.csr_array((value, column, start), shape=(n + e, len(skin.y)))
+    def carriers(self, skin: Skin) -> tuple[Ints, Array]:
+        """(2, k) nodes around each point and their shares in it; a node stands by itself."""
+        first, second = skin.segments[self.segments].T
+        nodes = np.stack([np.concatenate([self.nodes, first]), np.concatenate([self.nodes, second])])
+        share = np.concatenate([np.zeros(len(self.nodes)), self.along])
+        return nodes, np.stack([1 - share, share])
+
+    def interpolate(self, skin: Skin, nodal: Array) -> Array:
+        """(…, k) values at the points from (…, n) values at the nodes."""
+        at_nodes = nodal[..., self.nodes]
+        if not len(self.between):
+            return at_nodes
+        first, second = skin.segments[self.segments].T
+        return np.concatenate(
+            [at_nodes, (1 - self.along) * nodal[..., first] + self.along * nodal[..., second]], axis=-1
+        )
+
+    def to_nodes(self, skin: Skin, force: Array) -> Array:
+        """(m, n) forces on the nodes that (m, k) forces at the points amount to."""
+        nodes, share = self.carriers(skin)
+        parts = (force[:, None] * share).reshape(len(force), -1)
+        return np.stack([np.bincount(nodes.ravel(), weights=f, minlength=len(skin.y)) for f in parts])
 
 
 def near(pose: Pose, skin: Skin, u: Array, gap_mm: float, *, between: bool) -> ContactPoints:
@@ -143,8 +156,7 @@ def penetrated(pose: Pose, skin: Skin, u: Array, *, between: bool) -> tuple[Cont
 
 def displaced_gap(pose: Pose, skin: Skin, u: Array, points: ContactPoints) -> Surface:
     """Gap, slope and curvature at points of the skin displaced by u, (m, n) mm."""
-    at = points.weights(skin)
-    return pose.gap((at @ (skin.tangential_mm + u[:-1]).T).T, at @ (skin.y + u[-1]))
+    return pose.gap(points.interpolate(skin, skin.tangential_mm + u[:-1]), points.interpolate(skin, skin.y + u[-1]))
 
 
 def norm(slope: Array) -> Array:

@@ -11,7 +11,6 @@ Contact is enforced at the nodes and, where asked, at points between them: under
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.linalg import eigh, lapack, solve_triangular
 
@@ -104,9 +103,13 @@ class _Region:
         self.segments = np.searchsorted(self.nodes, ends)
         self.points = self.from_patch(candidates)
         self.tangential_mm, self.y = patch.tangential_mm[:, self.nodes], patch.y[self.nodes]
-        rows = (len(patch) * np.arange(len(patch.axes))[:, None] + self.nodes).ravel()
+        m, j, k = len(patch.axes), len(self.nodes), len(self.points)
+        rows = (len(patch) * np.arange(m)[:, None] + self.nodes).ravel()
         self.compliance = patch.compliance[rows].take(rows, axis=1)
-        self.weights = self.points.weights(self)
+        among_nodes = self.compliance.reshape(m * j, m, j)
+        # displacements per unit force at each point along each axis: of the nodes, and of the points themselves
+        self.response = self.points.interpolate(self, among_nodes).reshape(m, j, m, k).transpose(2, 3, 0, 1).copy()
+        self.own_response = self.points.interpolate(self, self.response).transpose(0, 2, 1, 3).copy()  # (m, m, k, k)
 
     def from_patch(self, points: ContactPoints) -> ContactPoints:
         """A patch's points by the numbers here."""
@@ -168,9 +171,7 @@ class _Iteration:
     def _residual(self, u: Array, multipliers: Array) -> tuple[float, float]:
         """The residual over the region's points, and the sum of their depths (mm) within the indentor."""
         here = displaced_gap(self.pose, self.region, u, self.region.points)
-        active = np.flatnonzero(multipliers)
-        force = multipliers[active] @ _to_normal(self.region.weights[active], here.slope[:, active])
-        mismatch = self.region.compliance @ force - u.ravel()
+        mismatch = _moved(self.region.response, _forces(here.slope, multipliers)) - u
         depth = np.maximum(0.0, -here.height_mm) / norm(here.slope)
         return _residual(mismatch, here, multipliers, self.pose.scale_mm), float(depth.sum())
 
@@ -181,26 +182,40 @@ class _FrozenPlanes:
     def __init__(self, pose: Pose, region: _Region, u: Array, pressed: bool) -> None:
         self.region, self.u = region, u
         at = u if pressed else np.concatenate([u[:-1], np.zeros_like(u[-1:])])
-        position = (region.weights @ (region.tangential_mm + at[:-1]).T).T, region.weights @ (region.y + at[-1])
-        planes = pose.plane(*position) if pressed else pose.gap(*position)
+        moved = region.points.interpolate(region, at)
+        tangential = region.points.interpolate(region, region.tangential_mm) + moved[:-1]
+        y = region.points.interpolate(region, region.y) + moved[-1]
+        planes = pose.plane(tangential, y) if pressed else pose.gap(tangential, y)
         self.slope, self.curvature = planes.slope, planes.curvature
-        self.normal = _to_normal(region.weights, planes.slope)
-        self.gap_mm = planes.height_mm - self.normal @ at.ravel()
-        self.response = self.normal @ region.compliance  # (k, m n) of all nodes per unit multiplier
+        self.normal = _forces(self.slope, np.ones(len(region.points)))
+        self.gap_mm = planes.height_mm - (self.normal * moved).sum(axis=0)
 
     def solve(self, held: Bools) -> LcpSolution | None:
         """Multipliers λ ≥ 0 with gap + Wλ ≥ 0 complementary to them."""
         entered = (self.gap_mm < 0) & (np.arange(len(held)) < len(self.region.points.nodes))
-        return solve_lcp(self.gap_mm, self.normal @ self.response.T, held if held.any() else entered)
+        return solve_lcp(self.gap_mm, self._compliance(), held if held.any() else entered)
+
+    def _compliance(self) -> Array:
+        """(k, k) motion of the points along their normals per unit multiplier."""
+        c, vertical = self.region.own_response, len(self.slope)
+        w = c[vertical, vertical].copy()
+        for a, slope in enumerate(self.slope):
+            mixed = slope[:, None] * c[a, vertical]
+            w -= mixed
+            w -= mixed.T
+            for b, other in enumerate(self.slope):
+                w += slope[:, None] * c[a, b] * other
+        return w
 
     def displacement(self, solution: LcpSolution) -> Array:
         """(m, n) displacements in mm."""
-        active = solution.active
-        return np.asarray(solution.multipliers[active] @ self.response[active]).reshape(self.u.shape)
+        return _moved(self.region.response, self.normal * solution.multipliers)
 
     def energy(self, solution: LcpSolution, u: Array) -> float:
         """Elastic energy of the displacements u that the multipliers cause."""
-        return 0.5 * float(solution.multipliers @ (self.normal @ u.ravel()))
+        return 0.5 * float(
+            (self.normal * solution.multipliers * self.region.points.interpolate(self.region, u)).sum()
+        )
 
     def predictor(self, solution: LcpSolution, un: Array, residual: float, trust: float) -> Array | None:
         """Displacements with more slip of the active points on curved parts, by Newton with positive eigenvalues."""
@@ -209,7 +224,9 @@ class _FrozenPlanes:
             return None
         slots, bending = self._bending(solution.multipliers, np.flatnonzero(curved))
         active = solution.active
-        half = solve_triangular(solution.factor, self.response[active][:, slots], lower=True, check_finite=False)
+        per_axis = self.region.response[:, active].reshape(len(un), len(active), -1)[:, :, slots]
+        along = np.einsum("ak,aks->ks", self.normal[:, active], per_axis)
+        half = solve_triangular(solution.factor, along, lower=True, check_finite=False)
         free = self.region.compliance[np.ix_(slots, slots)] - half.T @ half
         free[np.diag_indices_from(free)] *= 1 + _JITTER
         lower, info = lapack.dpotrf(free, lower=1, clean=1)
@@ -226,9 +243,10 @@ class _FrozenPlanes:
     def _bending(self, multipliers: Array, curved: Ints) -> tuple[Ints, Array]:
         """Lateral displacements in which planes turn, and the stiffness that gives: −λ ∇²h, (slots, slots)."""
         m = len(self.slope)
-        weights = self.region.weights[curved]
-        nodes = np.unique(weights.indices)
-        weights = weights[:, nodes].toarray()
+        carriers, share = self.region.points.carriers(self.region)
+        nodes, place = np.unique(carriers[:, curved], return_inverse=True)
+        weights = np.zeros((len(curved), len(nodes)))
+        np.add.at(weights, (np.arange(len(curved)), place.reshape(2, -1)), share[:, curved])
         turn = -multipliers[curved] * self.curvature[:, :, curved]
         blocks = np.einsum("stk,ki,kj->sitj", turn, weights, weights, optimize=True)
         slots = (self.u.shape[1] * np.arange(m)[:, None] + nodes).ravel()
@@ -237,7 +255,9 @@ class _FrozenPlanes:
     def _shortened(self, step: Array, slots: Ints, trust: float) -> Array:
         """Factors ≤ 1 that keep each step within the trust and within what turns a node's own normal by a radian."""
         bend = np.sqrt((self.curvature**2).sum(axis=(0, 1))) / norm(self.slope) ** 2  # of the normal, rad/mm
-        turn = (self.region.weights.T.multiply(bend)).max(axis=1).toarray().ravel()
+        carriers, share = self.region.points.carriers(self.region)
+        turn = np.zeros(self.u.shape[1])
+        np.maximum.at(turn, carriers, share * bend)
         turn = np.tile(turn, len(self.slope))[slots]
         longest = trust * np.minimum(1.0, _FULL_TURN / (_FIRST_TRUST_MM * np.maximum(turn, 1e-300)))
         return np.minimum(1.0, longest / np.maximum(np.abs(step), 1e-300))
@@ -259,10 +279,15 @@ def _solve_positive(matrix: Array, right: Array, floor: float) -> Array:
     return np.asarray(vectors @ ((vectors.T @ right) * share))
 
 
-def _to_normal(weights: sp.csr_array, slope: Array) -> sp.csr_array:
-    """(k, (m + 1) n) motion of points along (∇h, −1) from displacements of the nodes, axis by axis."""
-    parts = [sp.diags_array(part) @ weights for part in (*slope, np.full(slope.shape[1], -1.0))]
-    return sp.csr_array(sp.hstack(parts))
+def _forces(slope: Array, multipliers: Array) -> Array:
+    """(m, k) forces on the skin along (∇h, −1), the vertical last."""
+    return np.concatenate([slope * multipliers, -multipliers[None]])
+
+
+def _moved(response: Array, force: Array) -> Array:
+    """(m, n) displacements in mm from (m, k, m, n) responses and (m, k) forces."""
+    loaded = np.flatnonzero(force[-1])
+    return np.tensordot(force[:, loaded], response[:, loaded], 2)
 
 
 def _residual(mismatch: Array, here: Surface, multipliers: Array, scale_mm: float) -> float:
@@ -282,16 +307,12 @@ def _assessed(
     """The whole patch under the forces found in a region, its residual, and the points that it penetrates."""
     region, multiplier = iteration.region, iteration.multiplier
     points = region.points.renumbered(region.nodes, region.segment_numbers)
-    weights = points.weights(patch)
-
-    def forces(slope: Array) -> Array:
-        return np.asarray(multiplier @ _to_normal(weights, slope)).reshape(len(patch.axes), -1)
-
-    force = forces(iteration.slope)
+    force = points.to_nodes(patch, _forces(iteration.slope, multiplier))
     u = _displacement(patch, force)
     here = displaced_gap(pose, patch, u, points)
+    again = _displacement(patch, points.to_nodes(patch, _forces(here.slope, multiplier)))
     missed, depth = penetrated(pose, patch, u, between=between_nodes)
-    residual = _residual(_displacement(patch, forces(here.slope)) - u, here, multiplier, pose.scale_mm)
+    residual = _residual(again - u, here, multiplier, pose.scale_mm)
     residual = max(residual, float(depth.max(initial=0.0)) / pose.scale_mm)
     gap = pose.gap(patch.tangential_mm + u[:-1], patch.y + u[-1]).height_mm
     return ContactState(points, multiplier, u, force, gap, residual, passes), missed
