@@ -85,9 +85,9 @@ def surface_compliance(at_mm: Array, half_mm: Array, axes: tuple[int, ...], shea
     whole = np.empty((m, n, m, n))
     for row, moved in enumerate(axes):
         for column, pushed in enumerate(axes):
-            block = _at_point(moved, pushed, *np.moveaxis(offset, -1, 0), poisson)
-            integral = signs @ _integral(moved, pushed, *np.moveaxis(corners, -1, 0), poisson)
-            block[to, by] = integral / half_mm[by].prod(axis=1)
+            block = _at_point(moved, pushed, offset[..., 0], offset[..., 1], poisson)
+            integral = _integral(moved, pushed, corners[..., 0], corners[..., 1], poisson)
+            block[to, by] = signs @ integral / half_mm[by].prod(axis=1)
             whole[row, :, column] = block
     square = whole.reshape(m * n, -1) / (2 * np.pi * shear)
     return 0.5 * (square + square.T)  # rectangles of unlike size are reciprocal only on average
@@ -97,24 +97,25 @@ def _at_point(moved: int, pushed: int, x: Array, z: Array, poisson: float) -> Ar
     """2πG times the surface displacement along one axis at an offset from a unit force along another."""
     r2 = x * x + z * z
     if moved == pushed:
-        along = {X: x * x, Y: 0.0, Z: z * z}[moved]
-        return ((1 - poisson) + poisson * along / r2) / np.sqrt(r2)
+        along = {X: x * x, Y: 0.0 * x, Z: z * z}[moved]
+        return np.asarray(((1 - poisson) + poisson * along / r2) / np.sqrt(r2))
     if Y not in (moved, pushed):
         return poisson * x * z / r2**1.5
-    return (1.0 if pushed == Y else -1.0) * (0.5 - poisson) * (x if X in (moved, pushed) else z) / r2
+    upward = 1.0 if pushed == Y else -1.0
+    return upward * (0.5 - poisson) * (x if X in (moved, pushed) else z) / r2
 
 
 def _integral(moved: int, pushed: int, x: Array, z: Array, poisson: float) -> Array:
     """Integral of `_at_point` over x and z."""
     if moved == pushed:
         along_x, along_z = z * np.arcsinh(x / np.abs(z)), x * np.arcsinh(z / np.abs(x))  # of x²/r³ and z²/r³
-        extra = {X: poisson * along_x, Y: 0.0, Z: poisson * along_z}[moved]
-        return (1 - poisson) * (along_x + along_z) + extra
+        extra = {X: along_x, Y: 0.0 * x, Z: along_z}[moved]
+        return np.asarray((1 - poisson) * (along_x + along_z) + poisson * extra)
     if Y not in (moved, pushed):
-        return -poisson * np.hypot(x, z)
+        return np.asarray(-poisson * np.hypot(x, z))
     s, t = (x, z) if X in (moved, pushed) else (z, x)
     upward = 1.0 if pushed == Y else -1.0
-    return upward * (0.5 - poisson) * (s * np.arctan(t / s) + t * np.log(np.hypot(s, t)))
+    return upward * (0.5 - poisson) * np.asarray(s * np.arctan(t / s) + t * np.log(np.hypot(s, t)))
 
 
 def interior_strain(point_mm: Array, depth_mm: float, skin_mm: Array, shear: float, poisson: float) -> Array:

@@ -1,6 +1,6 @@
-"""The finger's section in the receptor plane, in plane strain: a slab 1 mm thick whose faces move alike and not along z.
+"""The finger's section in the receptor plane, in plane strain.
 
-Forces are per millimetre of a finger that has this section everywhere and is pressed along its whole length.
+A slab 1 mm thick, all of whose faces move alike and not along z. Forces are per millimetre of a finger that has this section everywhere and is pressed along its whole length.
 """
 
 from dataclasses import replace
@@ -31,7 +31,7 @@ def prismatic(surface: FingertipSurface, plane_mm: float) -> FingertipSurface:
 
 
 def build_section(config: FingertipConfig, surface: FingertipSurface, receptors: ReceptorSet) -> CondensedModel:
-    """Condense the section of a prismatic skin onto its patch: one row of nodes, to be pressed by prismatic shapes."""
+    """Condense the section of a prismatic skin onto its patch: one row of nodes, for prismatic shapes."""
     mesh = section_mesh(config, surface)
     unknown = _unknowns(mesh)
     dof = np.flatnonzero(unknown.ravel() >= 0)

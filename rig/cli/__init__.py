@@ -4,7 +4,7 @@ import sys
 
 import typer
 
-from rig.cli import bench, calibrate, doctor, dry_run, export_deck, finger, indent, jog, not_built, run, serve
+from rig.cli import bench, calibrate, doctor, dry_run, export_deck, finger, indent, jog, not_built, run, serve, speed
 from rig.cli.output import ExitCode, fail
 
 # typer carries its own copy of click in some versions: its exceptions are reached through a public one.
@@ -26,6 +26,7 @@ serve.register(app)
 bench.register(app)
 jog.register(app)
 calibrate.register(app)
+speed.register(app)
 not_built.register(app)
 
 

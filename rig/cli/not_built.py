@@ -5,7 +5,7 @@ import typer
 from rig.cli.output import ExitCode, fail
 
 COMMANDS = (
-    *("check", "resume", "compare", "shift-invariance", "impulse", "decode", "bench"),
+    *("check", "resume", "compare", "shift-invariance", "impulse", "decode"),
     "export",
 )
 

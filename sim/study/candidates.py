@@ -18,6 +18,11 @@ class Candidate:
     mesh: MeshSpec = field(default_factory=MeshSpec)
 
     @property
+    def element(self) -> str:
+        """ "bbar", "full" or, for a half-space, "analytic"."""
+        return "analytic" if self.model == "halfspace" else self.mesh.element
+
+    @property
     def config(self) -> FingertipConfig:
         """The default finger on this mesh."""
         return FingertipConfig(mesh=self.mesh)

@@ -13,6 +13,11 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 from threadpoolctl import threadpool_limits
 
+from sim.fem import pardiso
+from sim.fem.pardiso import PardisoFactor
+from sim.finger.mesh import build_mesh
+from sim.finger.surface import FingertipSurface
+from sim.model import discretise
 from sim.models import load
 from sim.result import IndentationResult
 from sim.study.candidates import Candidate
@@ -39,7 +44,8 @@ class Answer:
 
     def value(self, quantity: str) -> Array:
         """(k,) the quantity: one number, or one for each receptor."""
-        return np.atleast_1d({"force": self.force_n, "width": self.width_mm, "sed": self.sed, "ep1": self.ep1}[quantity])
+        values = {"force": (self.force_n,), "width": (self.width_mm,), "sed": self.sed, "ep1": self.ep1}
+        return np.array(values[quantity])
 
 
 @dataclass(frozen=True)
@@ -52,12 +58,18 @@ class Measured:
     build_s: float  # from nothing, without the cache
     timing_s: dict[str, float]
     memory_mb: float  # peak of a process that does nothing else
+    factor_s: float | None  # one sparse factorisation of the same matrix, without its Schur complement
     answers: dict[Scene, Answer]
 
     @property
     def contact_s(self) -> float:
         """Median time of one indentation."""
         return float(np.median([answer.seconds for answer in self.answers.values()]))
+
+    @property
+    def limit_s(self) -> float:
+        """Median limit of an indentation."""
+        return float(np.median([answer.limit_s for answer in self.answers.values()]))
 
 
 def measure(candidates: Iterable[Candidate], scenes: Sequence[Scene]) -> Iterator[Measured]:
@@ -75,7 +87,8 @@ def _measured(candidate: Candidate, scenes: tuple[Scene, ...]) -> Measured:
     build_s = time.perf_counter() - start
     answers = {scene: _answer(finger.indent(scene.shape, scene.x_mm, doi_mm=scene.doi_mm)) for scene in scenes}
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1024**2 if sys.platform == "darwin" else 1024)
-    return Measured(candidate, model.nodes, len(model.patch), build_s, model.timing_s, peak, answers)
+    factor_s = sparse_factor_s(candidate) if candidate.model == "finger" else None
+    return Measured(candidate, model.nodes, len(model.patch), build_s, model.timing_s, peak, factor_s, answers)
 
 
 def _answer(result: IndentationResult) -> Answer:
@@ -90,6 +103,17 @@ def _answer(result: IndentationResult) -> Answer:
         seconds=result.contact_s,
         limit_s=dense_cholesky_s(max(1, len(result.state.held))),
     )
+
+
+def sparse_factor_s(candidate: Candidate) -> float | None:
+    """Seconds of one PARDISO factorisation of the finger's matrix with one unknown kept; None without MKL."""
+    if not pardiso.available():
+        return None
+    config = candidate.config
+    problem = discretise(config, build_mesh(config, FingertipSurface.fit(config.geometry)))
+    start = time.perf_counter()
+    PardisoFactor(problem.upper, problem.kept[:1]).close()
+    return time.perf_counter() - start
 
 
 def dense_cholesky_s(order: int) -> float:
