@@ -14,7 +14,7 @@ from sim.study.reference import FILE, Reference, as_json, extrapolated
 from sim.study.scenes import FAMILIES, SCENES
 
 COARSE, FINE = nested(3), nested(4)
-FURTHER = nested(6, axial_spacing_mm=0.17, near_spacing_mm=0.3, dermis_spacing_mm=0.1)
+FURTHER = nested(5, dermis_spacing_mm=0.1, growth=1.12, far_growth=1.25, near_spacing_mm=0.25, far_spacing_mm=0.75)
 """Left out of the extrapolation: finer where sharp edges need it, across the finger and through the epidermis."""
 
 DATA = Path(__file__).parents[1] / "sim" / "data" / FILE

@@ -17,6 +17,13 @@ from sim.model import CondensedModel, skin_beside
 
 Array = NDArray[np.float64]
 
+EFFECTIVE_MODULUS = 0.2
+"""E / E(epidermis) of the half-space.
+
+With it a cylinder 9 mm in diameter at x = 0, pressed 0.4 mm deep, carries the finger's force; `bench/model_errors.py`
+prints it anew. A layered finger has no such number: other shapes and depths would give others.
+"""
+
 _FAR = 10.0
 _STEP = 1e-20  # of complex-step differentiation: exact to round-off
 
@@ -26,7 +33,7 @@ def build_halfspace(
     surface: FingertipSurface,
     receptors: ReceptorSet,
     slopes: tuple[int, ...],
-    modulus: float,
+    modulus: float = EFFECTIVE_MODULUS,
 ) -> CondensedModel:
     """The patch of a finger on a half-space of E = modulus · E(epidermis)."""
     mesh = build_mesh(config, surface)

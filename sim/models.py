@@ -17,13 +17,12 @@ from sim.section import build_section, prismatic
 ModelName = Literal["halfspace", "section", "finger"]
 MODELS: tuple[ModelName, ...] = get_args(ModelName)
 
-HALFSPACE_MODULUS = 0.2
-
 
 def load(
     name: ModelName,
     config: FingertipConfig | None = None,
     *,
+    slopes: tuple[int, ...] = ALONG,
     receptor_x_mm: Sequence[float] = DEFAULT_X_MM,
     receptor_depth_mm: float = DEFAULT_DEPTH_MM,
     cached: bool = True,
@@ -34,7 +33,7 @@ def load(
     """
     config = FingertipConfig() if config is None else config
     if name == "finger" and cached:
-        return Fingertip.load(config, receptor_x_mm=receptor_x_mm, receptor_depth_mm=receptor_depth_mm)
+        return Fingertip.load(config, slopes=slopes, receptor_x_mm=receptor_x_mm, receptor_depth_mm=receptor_depth_mm)
     surface = FingertipSurface.fit(config.geometry)
     if name == "section":
         surface = prismatic(surface, config.receptor_plane_mm)
@@ -44,9 +43,11 @@ def load(
         if name == "finger":
             return build_model(config, surface, receptors, slopes), False
         if name == "halfspace":
-            return build_halfspace(config, surface, receptors, slopes, HALFSPACE_MODULUS), False
+            return build_halfspace(config, surface, receptors, slopes), False
         if slopes != ALONG:
             raise ModelRangeError("a section takes shapes prismatic along the finger: expected --model finger")
         return build_section(config, surface, receptors), False
 
-    return Fingertip(config, surface, build)
+    model = Fingertip(config, surface, build)
+    model.model_for(slopes)
+    return model

@@ -1,6 +1,7 @@
 """The finger's section in the receptor plane, in plane strain.
 
-A slab 1 mm thick, all of whose faces move alike and not along z. Forces are per millimetre of a finger that has this section everywhere and is pressed along its whole length.
+A slab 1 mm thick, all of whose faces move alike and not along z. Forces are per millimetre of a finger that has this
+section everywhere and is pressed along its whole length.
 """
 
 from dataclasses import replace

@@ -20,6 +20,12 @@ from sim.finger.mesh import MeshError
 from sim.finger.surface import SurfaceError
 from sim.fingertip import ModelRangeError
 from sim.measures.receptors import ReceptorError
+from sim.study.choice import NoModelError
+
+_BAD_INPUT = (
+    *(BadInputError, ShapeError, ModelRangeError, NoModelError, SurfaceError, MeshError, ReceptorError),
+    CacheError,
+)
 
 err = Console(stderr=True, highlight=False, soft_wrap=True, markup=False)
 out = Console(highlight=False, soft_wrap=True, markup=False)
@@ -69,7 +75,7 @@ def told_in_one_line(*, as_json: bool) -> Iterator[None]:
     """Turn what can go wrong into one line and the right exit code."""
     try:
         yield
-    except (BadInputError, ShapeError, ModelRangeError, SurfaceError, MeshError, ReceptorError, CacheError) as error:
+    except _BAD_INPUT as error:
         fail(str(error), ExitCode.BAD_INPUT, as_json=as_json)
     except KeyboardInterrupt:
         fail("stopped at once by the operator", ExitCode.ABORTED, as_json=as_json)

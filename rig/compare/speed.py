@@ -130,9 +130,9 @@ def _figures(rows: Sequence[Row]) -> list[Figure]:
         Figure(
             "Error against time",
             pareto(rows),
-            "The largest error over the scenes of a family, against the seconds from nothing (no cache) to one answer. "
-            "SED and ep1: the largest deviation at any receptor over the largest value at any. A section has no force "
-            "to compare: its force is per millimetre.",
+            "The largest error over the scenes of a family, against the seconds from nothing (no cache) to one "
+            "answer. SED and ep1: the largest deviation at any receptor over the largest value at any. A section "
+            "has no force to compare: its force is per millimetre.",
         ),
         Figure("Error against memory", pareto(rows, "memory_mb"), "The same against the peak memory of the process."),
         Figure(

@@ -142,7 +142,7 @@ def narrowed(mesh: FingerMesh, half_mm: float, plane_mm: float) -> FingerMesh:
 
 def _under_nail(tissue: Tissue, phi: Array) -> NDArray[np.bool_]:
     """(n_phi,) angles at which the nail holds the skin."""
-    return np.asarray(np.abs(_wrap(phi + np.pi / 2)) <= np.radians(tissue.nail_arc_deg / 2) + 1e-12)
+    return np.asarray(np.abs(_wrap(phi + np.pi / 2)) <= np.radians(tissue.nail_arc_deg / 2) + 1e-6)
 
 
 def _axial_grid(config: FingertipConfig) -> tuple[Array, NDArray[np.bool_]]:
@@ -178,12 +178,25 @@ def _circumferential_grid(config: FingertipConfig, surface: FingertipSurface) ->
     right = int(np.ceil((apex - edges[0]) / mesh.spacing_mm - 1e-9))
     left = int(np.ceil((edges[1] - apex) / mesh.spacing_mm - 1e-9))
     fine = apex + np.arange(-right, left + 1) * mesh.spacing_mm
-    towards_right = fine[0] - _graded(mesh, mesh.spacing_mm, fine[0])
-    towards_left = fine[-1] + _graded(mesh, mesh.spacing_mm, arc[-1] - fine[-1])
+    half_nail = np.radians(config.tissue.nail_arc_deg / 2)
+    nail = np.interp([-np.pi / 2 + half_nail, 3 * np.pi / 2 - half_nail], table, arc)
+    towards_right = fine[0] - _through(mesh, fine[0] - nail[0], fine[0])
+    towards_left = fine[-1] + _through(mesh, nail[1] - fine[-1], arc[-1] - fine[-1])
     s = np.concatenate([towards_right[::-1], fine, towards_left])[:-1]  # both ends are the nail's middle
     is_fine = np.zeros(len(s), dtype=bool)
     is_fine[len(towards_right) : len(towards_right) + len(fine)] = True
     return np.interp(s, arc, table), is_fine
+
+
+def _through(mesh: MeshSpec, edge_mm: float, distance_mm: float) -> Array:
+    """Distances from the patch's edge, across the finger, of nodes that grow towards the nail's middle.
+
+    With `nail_on_nodes` one lies at the nail's edge: where the skin is held else depends on the mesh.
+    """
+    if not (mesh.nail_on_nodes and 0 < edge_mm < distance_mm):
+        return _graded(mesh, mesh.spacing_mm, distance_mm)
+    beyond = np.linspace(edge_mm, distance_mm, 1 + int(np.ceil((distance_mm - edge_mm) / mesh.far_spacing_mm)))
+    return np.concatenate([_graded(mesh, mesh.spacing_mm, edge_mm), beyond[1:]])
 
 
 def _graded(mesh: MeshSpec, spacing_mm: float, distance_mm: float) -> Array:

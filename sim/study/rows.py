@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from sim.config import MeshSpec
-from sim.study.candidates import Candidate, coarse
+from sim.study.candidates import Candidate, coarse, nested
 from sim.study.measure import QUANTITIES, Measured
 from sim.study.reference import Reference
 
@@ -12,22 +12,23 @@ PER_LENGTH = frozenset({"section"})
 """Models whose force is per length: it has no error against a finger's."""
 
 QUICK = (
-    Candidate("halfspace", "0.3 mm", coarse(0.3)),
-    Candidate("section", "0.3 mm", coarse(0.3)),
-    Candidate("finger", "0.5 mm", coarse(0.5)),
-    Candidate("finger", "0.35 mm", coarse(0.35)),
-    Candidate("finger", "0.5 mm", coarse(0.5, "full")),
-    Candidate("finger", "0.35 mm", coarse(0.35, "full")),
+    Candidate("halfspace", "0.28 mm", coarse(0.28)),
+    Candidate("section", "0.28 mm", coarse(0.28)),
+    Candidate("section", "n = 3", nested(3)),
+    Candidate("finger", "0.28 mm", coarse(0.28)),
+    Candidate("finger", "n = 2", nested(2)),
+    Candidate("finger", "0.28 mm", coarse(0.28, "full")),
+    Candidate("finger", "n = 2", nested(2, element="full")),
 )
 WHOLE = (
     *QUICK,
-    Candidate("halfspace", "0.17 mm", coarse(0.17)),
-    Candidate("section", "0.17 mm", coarse(0.17)),
-    Candidate("finger", "0.25 mm", coarse(0.25)),
-    Candidate("finger", "0.25 mm", coarse(0.25, "full")),
-    Candidate("finger", "0.17 mm", coarse(0.17)),
-    Candidate("finger", "0.17 mm", coarse(0.17, "full")),
+    Candidate("halfspace", "default"),
+    Candidate("section", "default"),
+    Candidate("section", "n = 5", nested(5)),
+    Candidate("finger", "n = 3", nested(3)),
+    Candidate("finger", "n = 3", nested(3, element="full")),
     Candidate("finger", "default"),
+    Candidate("finger", "default", MeshSpec(element="full")),
     Candidate("finger", "fine", MeshSpec(level="fine")),
 )
 
