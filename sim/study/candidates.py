@@ -9,7 +9,7 @@ SCENE_PATCH = {"patch_x_mm": 2.4, "patch_z_mm": 2.3}
 """Enough for every scene of the study."""
 
 _TO_NAIL_MM = 6.893 - 5.0 - 1e-6
-_ROWS = {2: 5, 3: 7, 4: 9, 5: 9}
+_ROWS = {2: 5, 3: 7, 4: 9, 5: 9, 8: 9}
 
 
 @dataclass(frozen=True)
