@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from rig.compare.html import Figure, render
 from rig.compare.style import BLUE, GREEN, GREY, ORANGE, svg
@@ -45,7 +46,7 @@ def pareto(rows: Sequence[Row], against: str = "seconds") -> str:
                     colour, marker = _LOOK[line]
                     axes.loglog(cost, 100 * error, marker, ls="-", color=colour, ms=4, lw=1, label=" ".join(line))
                 axes.set_title(f"{_TITLES[quantity]}, {title}", fontsize=9)
-                axes.grid(alpha=0.25, which="both", lw=0.4)
+                _plain(axes)
             grid[down, 0].set_ylabel("largest error (%)")
         for axes in grid[-1]:
             axes.set_xlabel(labels[against])
@@ -70,10 +71,19 @@ def cost_against_nodes(rows: Sequence[Row]) -> str:
                     nodes, cost, marker, ls="-", color=colour, ms=4, lw=1, label=_with_exponent(line, nodes, cost)
                 )
             axes.set(xlabel="nodes", ylabel=label)
-            axes.grid(alpha=0.25, which="both", lw=0.4)
+            _plain(axes)
             axes.legend(fontsize=8)
 
     return svg((10.2, 3.8), draw)
+
+
+def _plain(axes: Axes) -> None:
+    """Ticks at 1, 2 and 5 of each decade, written out."""
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
+    axes.grid(alpha=0.3, lw=0.4)
 
 
 def exponent(nodes: np.ndarray, cost: np.ndarray) -> float:

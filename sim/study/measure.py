@@ -85,13 +85,13 @@ def _measured(candidate: Candidate, scenes: tuple[Scene, ...]) -> Measured:
     finger = load(candidate.model, candidate.config, cached=False)
     model = finger.model
     build_s = time.perf_counter() - start
-    answers = {scene: _answer(finger.indent(scene.shape, scene.x_mm, doi_mm=scene.doi_mm)) for scene in scenes}
+    answers = {scene: answered(finger.indent(scene.shape, scene.x_mm, doi_mm=scene.doi_mm)) for scene in scenes}
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1024**2 if sys.platform == "darwin" else 1024)
     factor_s = sparse_factor_s(candidate) if candidate.model == "finger" else None
     return Measured(candidate, model.nodes, len(model.patch), build_s, model.timing_s, peak, factor_s, answers)
 
 
-def _answer(result: IndentationResult) -> Answer:
+def answered(result: IndentationResult) -> Answer:
     measures = result.receptor_measures
     return Answer(
         force_n=result.force_n,

@@ -41,7 +41,9 @@ def test_middle_of_a_loaded_square() -> None:
     # Love (1929), Johnson Eq. 3.26: 2a by 2a under p = F / 4a² sinks by (8/π) ln(1 + √2) a p (1 − ν²) / E.
     a = 0.1
     c = surface_compliance(np.zeros((1, 2)), np.full((1, 2), a), (Y,), SHEAR, POISSON)
-    assert c[0, 0] == pytest.approx(8 / np.pi * np.log(1 + np.sqrt(2)) * a * (1 - POISSON**2) / (4 * a * a), rel=1e-12)
+    assert c[0, 0] == pytest.approx(
+        8 / np.pi * np.log(1 + np.sqrt(2)) * a * (1 - POISSON**2) / (4 * a * a), rel=1e-12
+    )
 
 
 @pytest.mark.parametrize(("moved", "pushed"), [(X, X), (Z, Z), (X, Z), (X, Y), (Z, Y)])

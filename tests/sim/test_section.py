@@ -30,7 +30,8 @@ def test_nothing_happens_along_the_finger(section: Fingertip) -> None:
 
 
 def test_force_is_the_slope_of_energy(section: Fingertip) -> None:
-    # dE/dDOI = F for a conservative contact; E = ½ f·u is exact for linear tissue; nodes join the contact one by one: 0.2 %.
+    # dE/dDOI = F for a conservative contact; E = ½ f·u is exact for linear tissue. Nodes join the contact one by
+    # one: 0.2 %.
     def energy(doi_mm: float) -> float:
         state = section.indent("cylinder:9", 0.0, doi_mm=doi_mm).state
         return 0.5 * float((state.force * state.displacement).sum())
