@@ -2,7 +2,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 export OMP_NUM_THREADS ?= 2
 
-.PHONY: setup demo test check bench clean
+.PHONY: setup demo study test check bench clean
 
 setup: .venv/.ready
 
@@ -18,6 +18,9 @@ setup: .venv/.ready
 
 demo: setup
 	$(BIN)/rig dry-run protocols/steps.py --set step=1 force_gwt=2.33
+
+study: setup
+	$(BIN)/python bench/study.py study
 
 check: .venv/.ready-dev
 	$(BIN)/ruff check .
@@ -36,4 +39,4 @@ bench: .venv/.ready-dev
 	$(BIN)/python bench/serve_latency.py
 
 clean:
-	rm -rf .venv runs build dist
+	rm -rf .venv runs study build dist

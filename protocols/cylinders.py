@@ -1,4 +1,4 @@
-"""A cylinder, its axis along the finger, pressed on the pad's centre to a series of depths."""
+"""A cylinder, its axis along the finger, pressed on the pad's centre to a series of depths or to one force."""
 
 from typing import Literal
 
@@ -6,7 +6,7 @@ from rig.protocol import Field, ProtocolParameters, Rig
 
 METADATA = {
     "title": "Cylinder on the pad's centre",
-    "source": "Raju 1998, ch. 4: cylinders 3 and 9 mm in diameter at DOI 0.33, 1.0 and 1.33",
+    "source": "Raju 1998, ch. 4: cylinders 3 and 9 mm in diameter at DOI 0.33, 1.0 and 1.33, and at equal force",
 }
 
 DEPTHS_MM = (0.33, 1.0, 1.33)
@@ -17,15 +17,19 @@ class Parameters(ProtocolParameters):
 
     diameter_mm: Literal["3", "9"] = "9"
     x_mm: float = Field(0.0, ge=-3, le=3)
+    force_gwt: float | None = Field(None, gt=0, le=50, description="this force instead of the depths")
     hold_s: float = Field(1.0, ge=0, le=60)
 
 
 def run(rig: Rig) -> None:
-    """Mount, home, zero; then one indentation for each depth."""
+    """Mount, home, zero; then one indentation for each depth, or one to a force."""
     p = rig.parameters
     rig.mount(f"cylinder:{p.diameter_mm}")
     rig.home()
     rig.zero()
     rig.move_to(x_mm=p.x_mm)
+    if p.force_gwt is not None:
+        rig.indent(force_gwt=p.force_gwt, hold_s=p.hold_s)
+        return
     for doi_mm in DEPTHS_MM:
         rig.indent(doi_mm=doi_mm, hold_s=p.hold_s)

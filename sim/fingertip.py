@@ -157,6 +157,7 @@ class Fingertip:
         shape = _indentor(indentor)
         if (doi_mm is None) == (force_gwt is None):
             raise ModelRangeError("expected exactly one of a depth (doi_mm) and a force (force_gwt)")
+        self._refuse_beside_the_finger(x_mm, z_mm)
         place = self._place(shape, x_mm, z_mm)
         touch = first_touch(shape, place, self.surface)
         height = self.apex_height_mm if reference == "apex" else touch.height_mm
@@ -202,11 +203,15 @@ class Fingertip:
     def _place(self, shape: Indentor, x_mm: float, z_mm: float | None) -> tuple[float, ...]:
         """Where the reference point is, along the indentor's axes."""
         z = self.config.receptor_plane_mm if z_mm is None else z_mm
+        return tuple({X: x_mm, Z: z}[axis] for axis in shape.axes)
+
+    def _refuse_beside_the_finger(self, x_mm: float, z_mm: float | None) -> None:
         if not abs(x_mm) <= FARTHEST_X_MM:
             raise ModelRangeError(f"x = {x_mm} mm: expected a finite number within ± {FARTHEST_X_MM:g} mm")
-        if not 0 <= z <= self.config.geometry.length_mm:
-            raise ModelRangeError(f"z = {z} mm: expected 0 … {self.config.geometry.length_mm:g} mm along the finger")
-        return tuple({X: x_mm, Z: z}[axis] for axis in shape.axes)
+        if z_mm is not None and not 0 <= z_mm <= self.config.geometry.length_mm:
+            raise ModelRangeError(
+                f"z = {z_mm} mm: expected 0 … {self.config.geometry.length_mm:g} mm along the finger"
+            )
 
     def _solve_force(self, scene: "_Scene", force_gwt: float) -> tuple[float, ContactState]:
         force = _positive(force_gwt) * GWT_N / self.e_epidermis_mpa
@@ -237,6 +242,8 @@ class _Scene:
             return state
         finer = self._pressed(doi_mm, _PRESS_IN_FINE_MM)
         better = min((state, finer), key=lambda s: s.residual)
+        if not better.converged:
+            self._refuse_rim(self._pose(doi_mm), better)
         return replace(better, passes=state.passes + finer.passes)
 
     def _pressed(self, doi_mm: float, step_mm: float) -> ContactState:
@@ -250,10 +257,14 @@ class _Scene:
         return replace(state, passes=passes)
 
     def _at(self, doi_mm: float, start: ContactState | None) -> ContactState:
-        pose = Pose(self.indentor, self.place, self.zero_mm - doi_mm, max(doi_mm, 1e-3))
+        pose = self._pose(doi_mm)
         state = solve_contact(self.model.patch, pose, start, between_nodes=self.between_nodes)
-        self._refuse_rim(pose, state)
+        if state.converged:  # an unfinished state may touch anything on its way
+            self._refuse_rim(pose, state)
         return state
+
+    def _pose(self, doi_mm: float) -> Pose:
+        return Pose(self.indentor, self.place, self.zero_mm - doi_mm, max(doi_mm, 1e-3))
 
     def refuse_touch_outside(self) -> None:
         """Refuse a scene in which the indentor first touches skin beside the patch."""

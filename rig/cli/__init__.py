@@ -4,7 +4,22 @@ import sys
 
 import typer
 
-from rig.cli import bench, calibrate, doctor, dry_run, export_deck, finger, indent, jog, not_built, run, serve, speed
+from rig.cli import (
+    bench,
+    calibrate,
+    compare,
+    doctor,
+    dry_run,
+    export,
+    export_deck,
+    finger,
+    indent,
+    jog,
+    not_built,
+    run,
+    serve,
+    speed,
+)
 from rig.cli.output import ExitCode, fail
 
 # typer carries its own copy of click in some versions: its exceptions are reached through a public one.
@@ -20,7 +35,9 @@ dry_run.register(app)
 indent.register(app)
 finger.register(app)
 doctor.register(app)
+compare.register(app)
 export_deck.register(app)
+export.register(app)
 run.register(app)
 serve.register(app)
 bench.register(app)

@@ -4,10 +4,7 @@ import typer
 
 from rig.cli.output import ExitCode, fail
 
-COMMANDS = (
-    *("check", "resume", "compare", "shift-invariance", "impulse", "decode"),
-    "export",
-)
+COMMANDS = ("check", "resume", "shift-invariance", "impulse", "decode")
 
 
 def register(app: typer.Typer) -> None:

@@ -9,6 +9,9 @@ from typing import Any, NoReturn
 
 from rich.console import Console
 
+from rig.compare.comparison import ComparisonError
+from rig.compare.recorded import RecordingError
+from rig.data import RunError
 from rig.force.base import ForceError
 from rig.protocol.errors import BadInputError
 from rig.run import EngineError
@@ -21,11 +24,6 @@ from sim.finger.surface import SurfaceError
 from sim.fingertip import ModelRangeError
 from sim.measures.receptors import ReceptorError
 from sim.study.choice import NoModelError
-
-_BAD_INPUT = (
-    *(BadInputError, ShapeError, ModelRangeError, NoModelError, SurfaceError, MeshError, ReceptorError),
-    CacheError,
-)
 
 err = Console(stderr=True, highlight=False, soft_wrap=True, markup=False)
 out = Console(highlight=False, soft_wrap=True, markup=False)
@@ -75,7 +73,19 @@ def told_in_one_line(*, as_json: bool) -> Iterator[None]:
     """Turn what can go wrong into one line and the right exit code."""
     try:
         yield
-    except _BAD_INPUT as error:
+    except (
+        BadInputError,
+        RunError,
+        RecordingError,
+        ComparisonError,
+        ShapeError,
+        ModelRangeError,
+        NoModelError,
+        SurfaceError,
+        MeshError,
+        ReceptorError,
+        CacheError,
+    ) as error:
         fail(str(error), ExitCode.BAD_INPUT, as_json=as_json)
     except KeyboardInterrupt:
         fail("stopped at once by the operator", ExitCode.ABORTED, as_json=as_json)

@@ -1,35 +1,21 @@
 """Figures of a run as SVG: labelled, with units, in colours that survive colour blindness and print."""
 
-import io
-from collections.abc import Callable
-from typing import Any
-
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rig.compare.responses import Response, by_group, measured
+from rig.compare.shape_test import shown
+from rig.compare.style import BLUE, GREY, ORANGE, position_bar, shade, shade_of, signed, svg
 from rig.data import Run
-from sim.measures.measures import PLOTTED_AS_MAGNITUDE
 
-BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"  # Okabe & Ito
-_ORDERED = mpl.colormaps["viridis"]
-_STYLE: dict[Any, Any] = {
-    "font.size": 9,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "svg.hashsalt": "rig",
-    "svg.fonttype": "path",
-    "legend.frameon": False,
-}
 _UNIT = {"ep1": "strain", "sed": "pseudo-units"}
 _LABEL = {"ep1": "|ep1|", "sed": "SED"}
 
 
 def force_doi(run: Run) -> str:
     """Force against depth while pressing, one line for each indentation."""
-    return _svg((6.6, 3.6), lambda figure: _force_doi(figure, run))
+    return svg((6.6, 3.6), lambda figure: _force_doi(figure, run))
 
 
 def contact_panels(found: list[Response]) -> str:
@@ -37,36 +23,17 @@ def contact_panels(found: list[Response]) -> str:
     found = [response for response in found if response.last]
     columns = 3
     rows = -(-len(found) // columns)
-    return _svg((10.2, 2.5 * rows), lambda figure: _contact_panels(figure, found, rows, columns))
+    return svg((10.2, 2.5 * rows), lambda figure: _contact_panels(figure, found, rows, columns))
 
 
 def population_responses(found: list[Response]) -> str:
     """ep1 and SED at all receptors, one line for each indentor position."""
-    return _svg((9.6, 3.6), lambda figure: _population(figure, found))
+    return svg((9.6, 3.6), lambda figure: _population(figure, found))
 
 
 def ssrps(found: list[Response], measure: str) -> str:
     """The measure at each receptor against the indentor's position."""
-    return _svg((10.2, 4.6), lambda figure: _ssrps(figure, found, measure))
-
-
-def _svg(size: tuple[float, float], draw: Callable[[Figure], None]) -> str:
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=size, layout="constrained")
-        draw(figure)
-        text = io.StringIO()
-        figure.savefig(text, format="svg", metadata={"Date": None})
-    return text.getvalue()
-
-
-def _shade(k: int, n: int) -> Any:
-    """The k-th of n colours in order."""
-    return _ORDERED(0.92 * k / (n - 1) if n > 1 else 0.3)
-
-
-def _shade_of(value: float, values: list[float]) -> Any:
-    low, high = min(values), max(values)
-    return _ORDERED(0.92 * (value - low) / (high - low) if high > low else 0.3)
+    return svg((10.2, 4.6), lambda figure: _ssrps(figure, found, measure))
 
 
 def _force_doi(figure: Figure, run: Run) -> None:
@@ -77,9 +44,9 @@ def _force_doi(figure: Figure, run: Run) -> None:
     for index, x in starts.items():
         mine = [s for s in samples if s["index"] == index]
         doi, force = [s["doi_mm"] for s in mine], [s["force_gwt"] for s in mine]
-        axes.plot(doi, force, "-o", ms=2, lw=1, color=_shade_of(x, xs))
+        axes.plot(doi, force, "-o", ms=2, lw=1, color=shade_of(x, xs))
     axes.set(xlabel="depth of indentation from fitted contact (mm)", ylabel="force (gwt)")
-    _position_bar(figure, axes, xs)
+    position_bar(figure, axes, xs)
 
 
 def _contact_panels(figure: Figure, found: list[Response], rows: int, columns: int) -> None:
@@ -119,7 +86,7 @@ def _contact_panel(axes: Axes, response: Response, top: float) -> Axes:
     pressures.tick_params(axis="y", colors=BLUE, labelsize=7)
     pressures.spines["right"].set_visible(True)
     pressures.spines["right"].set_color(BLUE)
-    title = f"{response.indentor}  x = {_signed(result.x_mm)}  {result.force_gwt:.2f} gwt  DOI {result.doi_mm:.3f} mm"
+    title = f"{response.indentor}  x = {signed(result.x_mm)}  {result.force_gwt:.2f} gwt  DOI {result.doi_mm:.3f} mm"
     axes.set_title(title, fontsize=8)
     return pressures
 
@@ -136,14 +103,14 @@ def _population(figure: Figure, found: list[Response]) -> None:
     shades = [value for value, _ in lines]
     for axes, measure in zip(panels, ("ep1", "sed"), strict=True):
         for value, response in lines:
-            row = _shown(measure, measured([response], measure)[1][0])
+            row = shown(measure, measured([response], measure)[1][0])
             label = None if moved else response.group
-            axes.plot(receptor_x, row, "-o", ms=2.5, lw=1, color=_shade_of(value, shades), label=label)
+            axes.plot(receptor_x, row, "-o", ms=2.5, lw=1, color=shade_of(value, shades), label=label)
         axes.set(
             xlabel="receptor x (mm)", ylabel=f"{_LABEL[measure]} ({_UNIT[measure]})", title=name if moved else ""
         )
     if moved:
-        _position_bar(figure, panels, xs)
+        position_bar(figure, panels, xs)
     else:
         panels[0].legend(fontsize=7)
 
@@ -155,34 +122,14 @@ def _ssrps(figure: Figure, found: list[Response], measure: str) -> None:
     panels = figure.subplots(2, -(-len(receptor_x) // 2), sharex=True, sharey=True, squeeze=False)
     for k, (name, members) in enumerate(groups.items()):
         positions, values = measured(members, measure)
-        for axes, column in zip(panels.ravel(), _shown(measure, values).T, strict=False):
-            axes.plot(positions, column, "-o", ms=2, lw=1, color=_shade(k, len(groups)), label=name)
+        for axes, column in zip(panels.ravel(), shown(measure, values).T, strict=False):
+            axes.plot(positions, column, "-o", ms=2, lw=1, color=shade(k, len(groups)), label=name)
     for axes, x in zip(panels.ravel(), receptor_x, strict=False):
         axes.axvline(x, color=GREY, lw=0.6, ls=":")
-        axes.set_title(f"receptor at {_signed(x)} mm", fontsize=8)
+        axes.set_title(f"receptor at {signed(x)} mm", fontsize=8)
     for axes in panels[-1]:
         axes.set_xlabel("indentor x (mm)")
     for axes in panels[:, 0]:
         axes.set_ylabel(f"{_LABEL[measure]} ({_UNIT[measure]})")
     handles, labels = panels[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=8)
-
-
-def _shown(measure: str, values: Any) -> Any:
-    return np.abs(values) if measure in PLOTTED_AS_MAGNITUDE else values
-
-
-def _signed(x_mm: float) -> str:
-    """Two decimals with a typographic minus and no negative zero."""
-    return f"{round(x_mm, 2) + 0.0:.2f}".replace("-", "−")
-
-
-def _position_bar(figure: Figure, axes: Any, positions: list[float]) -> None:
-    low, high = min(positions), max(positions)
-    if high == low:
-        return
-    scale = mpl.cm.ScalarMappable(
-        mpl.colors.Normalize(low, high),
-        mpl.colors.ListedColormap([_ORDERED(0.92 * k / 255) for k in range(256)]),
-    )
-    figure.colorbar(scale, ax=axes, label="indentor x (mm)")

@@ -1,38 +1,22 @@
 """One self-contained HTML file for a run."""
 
-import base64
 import json
-from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, StrictUndefined
-
 from rig.compare import figures
+from rig.compare.html import Figure, render
 from rig.compare.responses import Response, by_group, responses
 from rig.data import Run
 from rig.data.folder import replace_text
 from sim.fingertip import Fingertip
 
 
-@dataclass(frozen=True)
-class _Figure:
-    title: str
-    svg: str
-    caption: str
-
-    @property
-    def uri(self) -> str:
-        return "data:image/svg+xml;base64," + base64.b64encode(self.svg.encode()).decode()
-
-
 def write_report(run: Run, finger: Fingertip, wall_s: float | None = None) -> Path:
     """Write report.html into the run's folder; a run without a finished indentation gets its tables only."""
     found = responses(run, finger)
-    template = (files("rig.compare") / "templates" / "report.html.j2").read_text(encoding="utf-8")
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    text = environment.from_string(template).render(
+    text = render(
+        "report.html.j2",
         run=run,
         found=found,
         figures=_figures(run, found) if found else [],
@@ -46,28 +30,28 @@ def write_report(run: Run, finger: Fingertip, wall_s: float | None = None) -> Pa
     return run.folder.report
 
 
-def _figures(run: Run, found: list[Response]) -> list[_Figure]:
+def _figures(run: Run, found: list[Response]) -> list[Figure]:
     shown = _contact_figures(run, found)
     moved = any(len(members) > 1 for members in by_group(found).values())
     return [*shown, *_ssrp_figures(found)] if moved else shown
 
 
-def _contact_figures(run: Run, found: list[Response]) -> list[_Figure]:
+def _contact_figures(run: Run, found: list[Response]) -> list[Figure]:
     return [
-        _Figure(
+        Figure(
             "Force against depth",
             figures.force_doi(run),
             "As read by the force sensor against the depth from the contact fitted at each touch-off. "
             "One line for each indentation, coloured by the indentor's position.",
         ),
-        _Figure(
+        Figure(
             "Contact at each position",
             figures.contact_panels(found),
             "Black: the indentor. Grey: the deformed skin in the receptor plane. Orange: contact regions. "
             "Blue, right axis: nodal pressure against undeformed x, unfiltered, in pseudo-units "
             "(E of the epidermis = 10 000). The last hold of each indentation.",
         ),
-        _Figure(
+        Figure(
             "Population responses",
             figures.population_responses(found),
             "ep1 (its magnitude; compression is negative) and strain energy density at the receptors, "
@@ -77,15 +61,15 @@ def _contact_figures(run: Run, found: list[Response]) -> list[_Figure]:
     ]
 
 
-def _ssrp_figures(found: list[Response]) -> list[_Figure]:
+def _ssrp_figures(found: list[Response]) -> list[Figure]:
     return [
-        _Figure(
+        Figure(
             "SSRP of ep1",
             figures.ssrps(found, "ep1"),
             "Simulated spatial response profiles: the magnitude of ep1 at one receptor against the indentor's "
             "position, one line for each depth or force. Dotted: the receptor's own x.",
         ),
-        _Figure(
+        Figure(
             "SSRP of strain energy density",
             figures.ssrps(found, "sed"),
             "As above, for the strain energy density in pseudo-units.",

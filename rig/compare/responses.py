@@ -34,8 +34,8 @@ class Response:
         return f"{self.indentor} at {self.commanded:g} {unit}"
 
 
-def responses(run: Run, finger: Fingertip) -> list[Response]:
-    """One response for each hold of each finished indentation, in the order of the run.
+def responses(run: Run, finger: Fingertip, *, last_only: bool = False) -> list[Response]:
+    """One response for each hold, or each last hold, of each finished indentation, in the order of the run.
 
     A virtual run is answered at the true x and DOI; a run on hardware at the force it recorded.
     """
@@ -46,14 +46,14 @@ def responses(run: Run, finger: Fingertip) -> list[Response]:
     found = []
     for hold in run.stream("hold_end"):
         index = hold["index"]
-        if index not in finished:
+        last = hold["hold"] == starts[index]["increments"]
+        if index not in finished or (last_only and not last):
             continue
         indentor, start = starts[index]["indentor"], asked[index, hold["hold"]]
         if hold.get("true_doi_mm") is not None:
             result = finger.indent(indentor, hold["true_x_mm"], doi_mm=hold["true_doi_mm"])
         else:
             result = finger.indent(indentor, hold["x_mm"], force_gwt=hold["force_gwt"])
-        last = hold["hold"] == starts[index]["increments"]
         found.append(
             Response(index, indentor, start["target"], start["commanded"], last, hold, touches[index], result)
         )

@@ -33,14 +33,15 @@ def solve_for_force(
     goal = force ** (1 / _EXPONENT)
     low, f_low = 0.0, 0.0
     high, f_high = deepest_mm, None
+    refused: TooDeepError | None = None  # at `high`
     doi, previous, state = min(first_guess_mm, deepest_mm), (0.0, 0.0), None
     for _ in range(_MAX_SOLVES):
         try:
             state = solve(doi, state)
-        except TooDeepError:
+        except TooDeepError as error:
             if doi - low < _NO_CLOSER_MM:
                 raise
-            high, f_high = doi, None
+            high, f_high, refused = doi, None, error
             doi = 0.5 * (low + high)
             continue
         reached = state.normal_force
@@ -50,15 +51,17 @@ def solve_for_force(
         if reached < force:
             if doi >= deepest_mm:
                 raise ForceNotReachedError(f"the force is not reached at the deepest DOI allowed, {deepest_mm:g} mm")
+            if refused and high - doi < _NO_CLOSER_MM:
+                raise refused
             low, f_low = doi, value
         else:
-            high, f_high = doi, value
+            high, f_high, refused = doi, value, None
         x, f = previous
         previous = (doi, value)
         guess = doi + (goal - value) * (doi - x) / (value - f) if value != f else high
         if not low < guess < high:
             guess = high if f_high is None else low + (high - low) * (goal - f_low) / (f_high - f_low)
-        if not low < guess < high and f_high is not None:
+        if not low < guess < high and (f_high is not None or refused):
             guess = 0.5 * (low + high)
         if high - low <= 1e-15 * high:
             break

@@ -28,11 +28,12 @@ REQUIRED_RESIDUAL = 1e-8
 MAX_PASSES = 120
 
 _CANDIDATE_GAP_MM = 0.03
-_FIRST_TRUST_MM = 0.1
-_FULL_TURN = 1.0  # rad that a normal may turn in one step at full trust
-_TRUST_SHRINK, _TRUST_GROWTH = 0.4, 2.0
+_LONGEST_MM = 0.1
+_FULL_TURN = 1.0  # rad that a normal may turn in one step
+_SHARE_SHRINK, _SHARE_GROWTH = 0.4, 2.0
 _COARSE_FLOOR, _FINE_FLOOR = 0.05, 1e-5
 _JITTER = 1e-10
+_MERIT_ROUND_OFF = 1e-14
 
 
 @dataclass(frozen=True)
@@ -136,7 +137,7 @@ class _Iteration:
 
     def run(self) -> None:
         """Passes until the residual meets the target, keeping the best state seen."""
-        trust, penalty, best = _FIRST_TRUST_MM, 0.0, np.inf
+        share, penalty, best = 1.0, 0.0, np.inf
         merit, fallback = np.inf, None
         while self.passes < self.most_passes and len(self.held):
             self.passes += 1
@@ -155,15 +156,15 @@ class _Iteration:
                 return
             penalty = max(penalty, 2 * float(solution.multipliers.max(initial=0.0)))
             new_merit = planes.energy(solution, un) + penalty * depth
-            if fallback is not None and new_merit > merit:
-                trust *= _TRUST_SHRINK
+            if fallback is not None and new_merit > (1 + _MERIT_ROUND_OFF) * merit:
+                share *= _SHARE_SHRINK
                 self.u, fallback = fallback, None
                 continue
             if fallback is not None:
-                trust = min(_TRUST_GROWTH * trust, _FIRST_TRUST_MM)
+                share = min(_SHARE_GROWTH * share, 1.0)
             merit = new_merit
             self.held = solution.multipliers > 0
-            predicted = planes.predictor(solution, un, residual, trust)
+            predicted = planes.predictor(solution, un, residual, share)
             self.u, self.pressed, fallback = un, True, None
             if predicted is not None:
                 self.u, fallback = predicted, un
@@ -217,8 +218,8 @@ class _FrozenPlanes:
             (self.normal * solution.multipliers * self.region.points.interpolate(self.region, u)).sum()
         )
 
-    def predictor(self, solution: LcpSolution, un: Array, residual: float, trust: float) -> Array | None:
-        """Displacements with more slip of the active points on curved parts, by Newton with positive eigenvalues."""
+    def predictor(self, solution: LcpSolution, un: Array, residual: float, share: float) -> Array | None:
+        """Displacements after a share of the Newton step (positive eigenvalues) of the active points on curved parts."""
         curved = (self.curvature != 0).any(axis=(0, 1)) & (solution.multipliers > 0)
         if not curved.any():
             return None
@@ -237,7 +238,7 @@ class _FrozenPlanes:
         turned = lower.T @ bending
         step = move - lower @ _solve_positive(np.eye(len(slots)) + turned @ lower, turned @ move, floor)
         predicted = un.copy()
-        predicted.ravel()[slots] = self.u.ravel()[slots] + step * self._shortened(step, slots, trust)
+        predicted.ravel()[slots] = self.u.ravel()[slots] + share * step * self._shortened(step, slots)
         return predicted
 
     def _bending(self, multipliers: Array, curved: Ints) -> tuple[Ints, Array]:
@@ -252,14 +253,14 @@ class _FrozenPlanes:
         slots = (self.u.shape[1] * np.arange(m)[:, None] + nodes).ravel()
         return slots, blocks.reshape(m * len(nodes), m * len(nodes))
 
-    def _shortened(self, step: Array, slots: Ints, trust: float) -> Array:
-        """Factors ≤ 1 that keep each step within the trust and within what turns a node's own normal by a radian."""
+    def _shortened(self, step: Array, slots: Ints) -> Array:
+        """Factors ≤ 1 that keep each step within 0.1 mm and within what turns a node's own normal by a radian."""
         bend = np.sqrt((self.curvature**2).sum(axis=(0, 1))) / norm(self.slope) ** 2  # of the normal, rad/mm
         carriers, share = self.region.points.carriers(self.region)
         turn = np.zeros(self.u.shape[1])
         np.maximum.at(turn, carriers, share * bend)
         turn = np.tile(turn, len(self.slope))[slots]
-        longest = trust * np.minimum(1.0, _FULL_TURN / (_FIRST_TRUST_MM * np.maximum(turn, 1e-300)))
+        longest = np.minimum(_LONGEST_MM, _FULL_TURN / np.maximum(turn, 1e-300))
         return np.minimum(1.0, longest / np.maximum(np.abs(step), 1e-300))
 
 

@@ -48,7 +48,7 @@ def place_receptors(surface: FingertipSurface, x_mm: Array, depth_mm: float, pla
         start = np.array([float(surface.angle_at(x, plane_mm)), plane_mm])
         target = np.array([x, plane_mm])
         found = root(lambda v, target=target: below(v)[[0, 2]] - target, start, tol=1e-13)
-        if not np.abs(found.fun).max() < _PLACED_MM:
+        if not np.abs(found.fun).max() < _PLACED_MM:  # at round-off the solver may call its own answer a failure
             raise ReceptorError(f"no receptor at x = {x:g} mm, {depth_mm:g} mm below the skin")
         points.append(below(found.x))
     return ReceptorSet(np.array(points).reshape(-1, 3), depth_mm)

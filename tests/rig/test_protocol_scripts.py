@@ -57,7 +57,8 @@ def test_a_script_is_named_by_path_or_as_shipped(tmp_path: Path, monkeypatch: py
 
 def test_a_missing_script(tmp_path: Path) -> None:
     assert _load_complaint("stairs") == (
-        "protocol 'stairs': no such file, and not a shipped one (bars, cylinders, first_press, steps)"
+        "protocol 'stairs': no such file, and not a shipped one "
+        "(bars, cylinders, first_press, gratings, paired_forces, steps)"
     )
     assert "no such file" in _load_complaint(tmp_path / "steps.py")
 
@@ -237,6 +238,9 @@ def test_the_plan_predicts(tmp_path: Path, finger: Fingertip) -> None:
         ("bars", "width_mm=3.0", 34),
         ("cylinders", "diameter_mm=3", 3),
         ("cylinders", "diameter_mm=9", 3),
+        ("cylinders", "force_gwt=20", 1),
+        ("gratings", "periods=1", 10),
+        ("paired_forces", "hold_s=1", 8),
     ],
 )
 def test_the_shipped_scripts_can_be_done(finger: Fingertip, name: str, settings: str, steps: int) -> None:

@@ -202,3 +202,8 @@ def test_the_stored_stiffness_is_what_the_calibration_gives(finger: Fingertip) -
     # Raju (1998): step 1 at x = −1.63 mm, DOI 0.73 mm stands for 8 gwt; stored to six decimals.
     force = finger.indent("step:1", -1.63, doi_mm=0.73).state.normal_force
     assert pytest.approx(8 * 9.80665e-3 / force, abs=1e-6) == E_EPIDERMIS_MPA
+
+
+def test_far_from_the_finger_an_indentor_touches_at_the_edge_of_the_pulp(finger: Fingertip) -> None:
+    # Where a stage is homed no part of a bar is over the pad: its flank, not its face, would touch, far below.
+    assert finger.touch_height_mm("bar:3.0", 29.0) < -1000

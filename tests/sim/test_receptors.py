@@ -50,6 +50,14 @@ def test_ten_receptors_760_micrometres_deep(skin: FingertipSurface, placed: Rece
         assert point[1] < skin.height(point[0], PLANE_MM)
 
 
+def test_receptors_can_be_placed_in_a_close_row(skin: FingertipSurface) -> None:
+    x = np.arange(-2.4, 2.41, 0.1)
+    for depth in (0.75, 1.5):
+        found = place_receptors(skin, x, depth, PLANE_MM).position_mm
+        np.testing.assert_allclose(found[:, 0], x, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(found[:, 2], PLANE_MM, rtol=0, atol=1e-9)
+
+
 def test_vertical_depth_is_larger_off_the_apex(skin: FingertipSurface, placed: ReceptorSet) -> None:
     # On a slope the vertical depth is about 0.76 / cos: nearly the same at the apex, several percent more at ± 2 mm.
     x, y, z = placed.position_mm.T

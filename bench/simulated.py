@@ -1,0 +1,38 @@
+"""Stimuli simulated directly, without the bench: what runs of these schedules would give."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.compare.shape_test import shown
+from rig.compare.stimuli import Stimulus
+from sim.fingertip import Fingertip
+from sim.measures.measures import MEASURES
+
+Array = NDArray[np.float64]
+
+SPACING_MM = 0.17
+STEP_X_MM = np.arange(-4.4, 2.5, SPACING_MM)
+
+
+def stimulus(finger: Fingertip, indentor: str, x_mm: Array, kind: str, value: float) -> Stimulus:
+    """What a run of these indentations would give."""
+    results = [finger.indent(indentor, float(x), **{kind: value}) for x in x_mm]
+    measures = np.array([[shown(name, r.receptor_measures[name]) for r in results] for name in MEASURES])
+    doi, force = (np.array([getattr(r, name) for r in results]) for name in ("doi_mm", "force_gwt"))
+    skin, _ = results[0].pressure_profile
+    pressure = np.array([r.pressure_profile[1] for r in results])
+    receptors = finger.model.receptors.position_mm[:, 0].round(6) + 0.0
+    return Stimulus("simulated", indentor, kind, value, x_mm, doi, force, measures, receptors, skin, pressure)
+
+
+def steps(finger: Fingertip, force_gwt: float, x_mm: Array = STEP_X_MM) -> list[Stimulus]:
+    """Steps 1, 3 and 5 at one force."""
+    return [stimulus(finger, f"step:{n}", x_mm, "force_gwt", force_gwt) for n in "135"]
+
+
+def bars(finger: Fingertip) -> list[Stimulus]:
+    """Bars 1.5 and 3.0 at DOI 1.0, at 25 and 34 positions."""
+    return [
+        stimulus(finger, f"bar:{width}", SPACING_MM * (np.arange(n) - 0.5 * (n - 1)), "doi_mm", 1.0)
+        for width, n in (("1.5", 25), ("3.0", 34))
+    ]

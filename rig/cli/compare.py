@@ -1,0 +1,125 @@
+"""`rig compare`: runs against the model and against recorded profiles."""
+
+import json
+import shlex
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rig.cli.output import loading_the_finger, out, print_json, told_in_one_line
+from rig.compare.comparison import Comparison, compare
+from rig.compare.comparison_report import write_comparison
+from rig.compare.inputs import SpikeReading, read_recordings
+from rig.compare.stimuli import stimuli
+from rig.compare.tables import as_json as comparison_as_json
+from rig.data import Run, read_run
+from rig.data.folder import replace_text
+from rig.protocol.config import load_config
+from rig.protocol.errors import BadInputError
+from sim.fingertip import Fingertip
+from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("compare", help="SSRPs, shape test, correlations, fits and a report of finished runs.")(command)
+
+
+def command(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run folders.")],
+    recorded: Annotated[
+        list[str] | None,
+        typer.Option(metavar="SHAPE=CSV", help="Rates (position_mm,rate[,sd][,repeat]) or spike times (time_s)."),
+    ] = None,
+    mirror: Annotated[list[str] | None, typer.Option(metavar="SHAPE", help="Negate the recorded positions.")] = None,
+    normalise: Annotated[bool, typer.Option("--normalise", help="Rates over their family's largest.")] = False,
+    window_s: Annotated[str, typer.Option(metavar="A,B", help="For spikes: from the start of the hold.")] = "0,1",
+    field_centre_mm: Annotated[float, typer.Option(metavar="X", help="For spikes: the receptive field's x.")] = 0.0,
+    receptor_x_mm: Annotated[str | None, typer.Option(metavar="X,X…", help="Receptors other than the ten.")] = None,
+    receptor_depth_mm: Annotated[float, typer.Option(metavar="D", help="Below the skin.")] = DEFAULT_DEPTH_MM,
+    out_file: Annotated[
+        Path | None, typer.Option("--out", metavar="HTML", help="The report; comparison.html in the first run.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
+) -> None:
+    """Compare runs, write the report and a sidecar with dates and times."""
+    with told_in_one_line(as_json=as_json):
+        began = time.perf_counter()
+        receptors = _numbers("--receptor-x-mm", receptor_x_mm) if receptor_x_mm else DEFAULT_X_MM
+        begin_s, end_s = _window(window_s)
+        found = [read_run(path) for path in runs]
+        spikes = SpikeReading((begin_s, end_s), field_centre_mm)
+        recordings = read_recordings(recorded or [], mirror or [], found, spikes)
+        fingers = _fingers(found, receptors, receptor_depth_mm)
+        pressed = [s for run, finger in zip(found, fingers, strict=True) for s in stimuli(run, finger)]
+        if not pressed:
+            raise BadInputError(f"run {runs[0]}: expected a finished indentation")
+        comparison = compare(pressed, recordings, normalise=normalise)
+        report = out_file or runs[0] / "comparison.html"
+        options = {
+            "--recorded": recorded or [],
+            "--mirror": mirror or [],
+            **_unusual(
+                ("--window-s", window_s, "0,1"),
+                ("--field-centre-mm", f"{field_centre_mm:g}", "0"),
+                ("--receptor-x-mm", receptor_x_mm, None),
+                ("--receptor-depth-mm", f"{receptor_depth_mm:g}", "0.76"),
+            ),
+        }
+        write_comparison(report, comparison, found, fingers[0], _remade_by(runs, options, normalise))
+        _write_sidecar(report, time.perf_counter() - began)
+        if as_json:
+            print_json(comparison_as_json(comparison, str(report)))
+        else:
+            _print(comparison, report)
+
+
+def _fingers(runs: list[Run], receptor_x_mm: tuple[float, ...], depth_mm: float) -> list[Fingertip]:
+    """The finger that each run's configuration names."""
+    configs = [load_config(run.folder.path / "config.toml").finger for run in runs]
+    loaded: dict[str, Fingertip] = {}
+    with loading_the_finger():
+        for config in configs:
+            name = config.model_dump_json()
+            if name not in loaded:
+                loaded[name] = Fingertip.load(config, receptor_x_mm=receptor_x_mm, receptor_depth_mm=depth_mm)
+    return [loaded[config.model_dump_json()] for config in configs]
+
+
+def _numbers(option: str, text: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise BadInputError(f"{option} {text!r}: expected numbers separated by commas") from None
+
+
+def _window(text: str) -> tuple[float, float]:
+    numbers = _numbers("--window-s", text)
+    if len(numbers) != 2:
+        raise BadInputError(f"--window-s {text!r}: expected two numbers, begin,end")
+    return numbers[0], numbers[1]
+
+
+def _unusual(*options: tuple[str, str | None, str | None]) -> dict[str, list[str]]:
+    return {name: [given] for name, given, default in options if given not in (None, default)}
+
+
+def _remade_by(runs: list[Path], options: dict[str, list[str]], normalise: bool) -> str:
+    """The command that makes the report again, whatever file it is written to."""
+    words = ["rig", "compare", *map(str, runs)]
+    words += [word for name, values in options.items() for value in values for word in (name, value)]
+    return shlex.join([*words, *(["--normalise"] if normalise else [])])
+
+
+def _write_sidecar(report: Path, seconds: float) -> None:
+    made = {"made_utc": datetime.now(UTC).isoformat(timespec="seconds"), "seconds": round(seconds, 3)}
+    replace_text(report.with_name(report.name + ".made.json"), json.dumps(made) + "\n")
+
+
+def _print(comparison: Comparison, report: Path) -> None:
+    names = comparison.candidates()
+    out.print(f"{', '.join(stimulus.title for stimulus in comparison.stimuli)}")
+    out.print(f"candidates  {', '.join(names) or 'none'}\nreport      {report}")

@@ -1,0 +1,247 @@
+"""Stimuli against recordings: shape tests, correlations, single and joint fits, candidates."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import groupby, pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
+
+from rig.compare.fit import Fit
+from rig.compare.recorded import Recording
+from rig.compare.shape_test import THRESHOLD, shape_test
+from rig.compare.statistics import Flags, Interval, correlation, fit_all, in_play, indistinguishable, interval
+from rig.compare.stimuli import FAMILIES, Stimulus
+from sim.measures.measures import MEASURES
+
+Array = NDArray[np.float64]
+
+COLLINEAR = 0.98
+"""|r| from which two measures are called nearly collinear."""
+
+NEAR_CENTRE_MM = 0.25
+"""Bars must pass at a receptor this near to x = 0."""
+
+
+class ComparisonError(ValueError):
+    """The runs and recordings do not go together."""
+
+
+@dataclass(frozen=True)
+class Pairing:
+    """A recording laid over the SSRPs of one stimulus, in the frame x_indentor = position + x_receptor."""
+
+    stimulus: Stimulus
+    recording: Recording
+
+    @cached_property
+    def eps(self) -> Array:
+        """(18, p, receptors) SSRPs at the recorded positions; NaN where the run did not go."""
+        return self.stimulus.at(self.recording.position_mm)
+
+    @cached_property
+    def r(self) -> Array:
+        """(18, receptors) Pearson's correlation."""
+        return correlation(self.eps, self.recording.rate)
+
+
+@dataclass(frozen=True)
+class Joint:
+    """Recordings of one family under one condition, explained by one k and one ε₀ for each pair."""
+
+    pairings: tuple[Pairing, ...]
+
+    @property
+    def title(self) -> str:
+        """For example "step:1, step:3, step:5 at 8 gwt"."""
+        return _conditions([pairing.stimulus for pairing in self.pairings])
+
+    @cached_property
+    def eps(self) -> Array:
+        """(18, all positions, receptors)."""
+        return np.concatenate([pairing.eps for pairing in self.pairings], axis=1)
+
+    @cached_property
+    def repeats(self) -> list[Array]:
+        """The rates at each of all positions."""
+        return [rates for pairing in self.pairings for rates in pairing.recording.repeats]
+
+    @cached_property
+    def rate(self) -> Array:
+        """(all positions,) mean rates."""
+        return np.array([rates.mean() for rates in self.repeats])
+
+    @cached_property
+    def shape_of(self) -> NDArray[np.int64]:
+        """(all positions,) number of the pairing that each belongs to."""
+        return np.repeat(np.arange(len(self.pairings)), [len(p.recording.position_mm) for p in self.pairings])
+
+    @cached_property
+    def fit(self) -> Fit:
+        """(18, receptors)."""
+        return fit_all(self.eps, self.rate)
+
+    @cached_property
+    def explained(self) -> Array:
+        """(18, receptors) R² over the positions that each pair covers."""
+        known = ~np.isnan(self.eps)
+        y = np.where(known, self.rate[:, None], np.nan)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            n = known.sum(axis=1)
+            total = np.nansum(y * y, axis=1) - np.nansum(y, axis=1) ** 2 / n
+            return np.asarray(1 - self.fit.rss / total)
+
+    @cached_property
+    def in_play(self) -> Flags:
+        """(receptors,) those whose SSRPs cover enough of the recordings."""
+        return in_play(self.eps)
+
+    @cached_property
+    def indistinguishable(self) -> Flags | None:
+        """(18, receptors) pairs that explain the recordings no worse than the best; None with too few positions."""
+        return indistinguishable(self.eps, self.rate)
+
+    def interval(self, measure: int, receptor: int) -> Interval | None:
+        """Confidence limits of one pair, None where it has no fit."""
+        k = self.fit.k[measure, receptor]
+        if np.isnan(k):
+            return None
+        known = ~np.isnan(self.eps[measure, :, receptor])
+        repeats = [rates for rates, there in zip(self.repeats, known, strict=True) if there]
+        return interval(self.eps[measure, known, receptor], repeats, self.shape_of[known], 1 if k > 0 else -1)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Everything that is reported: stimuli in order, and the recordings that belong to them."""
+
+    stimuli: tuple[Stimulus, ...]
+    pairings: tuple[Pairing, ...]
+
+    @cached_property
+    def joints(self) -> tuple[Joint, ...]:
+        """Pairings of one family under one condition together; other shapes each alone."""
+        ordered = sorted(self.pairings, key=lambda p: _group(p.stimulus))
+        return tuple(Joint(tuple(group)) for _, group in groupby(ordered, key=lambda p: _group(p.stimulus)))
+
+    @property
+    def judged(self) -> list[Stimulus]:
+        """The stimuli of which there is something to say: a shape test is defined, or there is a recording."""
+        recorded = [pairing.stimulus for pairing in self.pairings]
+        return [s for s in self.stimuli if s in recorded or self.passes(s) is not None]
+
+    def passes(self, stimulus: Stimulus, threshold: float = THRESHOLD) -> Flags | None:
+        """(18, receptors) verdicts of the shape test, None where none is defined."""
+        verdicts = [
+            [
+                shape_test(stimulus.indentor, stimulus.x_mm, stimulus.ssrp(m, k), threshold)
+                for k in _receptors(stimulus)
+            ]
+            for m in MEASURES
+        ]
+        if verdicts[0][0] is None:
+            return None
+        return np.array([[verdict is not None and verdict.passed for verdict in row] for row in verdicts])
+
+    def candidates(self, threshold: float = THRESHOLD, stimuli: Sequence[Stimulus] | None = None) -> list[str]:
+        """Measures for which one receptor passes under every step, and one near x = 0 under every bar.
+
+        Over the given stimuli, all by default. Empty when there is neither a step nor a bar.
+        """
+        found = {family: self._passing(family, threshold, stimuli or self.stimuli) for family in FAMILIES}
+        asked = [flags for flags in found.values() if flags is not None]
+        if not asked:
+            return []
+        return [name for name, passed in zip(MEASURES, np.logical_and.reduce(asked), strict=True) if passed]
+
+    def candidates_by_condition(self, threshold: float = THRESHOLD) -> list[tuple[str, list[str]]]:
+        """The same for the stimuli of each condition of a family alone, and for every pair of steps and bars."""
+        steps, bars = ([g for g in self._groups if g[0].family == family] for family in FAMILIES)
+        named = [(_conditions(group), group) for group in (*steps, *bars)]
+        named += [(f"{_conditions(a)} and {_conditions(b)}", [*a, *b]) for a in steps for b in bars]
+        return [(name, self.candidates(threshold, group)) for name, group in named]
+
+    def collinear(self) -> list[tuple[str, list[list[str]]]]:
+        """For each family and condition the groups of measures that go together whatever is recorded.
+
+        Measures are linked when |r| over all positions and receptors is `COLLINEAR` or more.
+        """
+        return [(_conditions(group), _collinear(group)) for group in self._groups]
+
+    @cached_property
+    def _groups(self) -> list[list[Stimulus]]:
+        return [list(group) for _, group in groupby(self.stimuli, key=_group)]
+
+    def _passing(self, family: str, threshold: float, stimuli: Sequence[Stimulus]) -> Flags | None:
+        """(18,) measures that some receptor passes under every stimulus of a family."""
+        flags = []
+        for stimulus in stimuli:
+            passed = self.passes(stimulus, threshold) if stimulus.family == family else None
+            if passed is not None:
+                near = np.abs(stimulus.receptor_mm) <= NEAR_CENTRE_MM
+                flags.append(passed & near if family == "bar" else passed)
+        return np.logical_and.reduce(flags).any(axis=1) if flags else None
+
+
+def compare(
+    stimuli: Sequence[Stimulus], recordings: Mapping[str, Recording], *, normalise: bool = False
+) -> Comparison:
+    """Pair each recording, by its shape's canonical name, with every stimulus of that shape.
+
+    `normalise` divides rates by the largest mean rate of their family. Raises ComparisonError where two runs pressed
+    the same shape to the same target, or no run pressed a recorded shape.
+    """
+    if normalise:
+        recordings = _normalised(recordings)
+    ordered = tuple(sorted(stimuli, key=lambda s: (*_group(s), s.shape)))
+    _refuse_twins(ordered)
+    _refuse_strays(ordered, recordings)
+    pairings = tuple(Pairing(s, recordings[s.shape]) for s in ordered if s.shape in recordings)
+    return Comparison(ordered, pairings)
+
+
+def _refuse_twins(ordered: Sequence[Stimulus]) -> None:
+    for one, other in pairwise(ordered):
+        if (_group(one), one.shape) == (_group(other), other.shape):
+            raise ComparisonError(f"runs {one.run} and {other.run}: both hold {one.title}, expected one of them")
+
+
+def _refuse_strays(ordered: Sequence[Stimulus], recordings: Mapping[str, Recording]) -> None:
+    held = {stimulus.shape for stimulus in ordered}
+    for shape in recordings:
+        if shape not in held:
+            raise ComparisonError(f"--recorded {shape}: no such shape in the runs, expected one of {sorted(held)}")
+
+
+def _normalised(recordings: Mapping[str, Recording]) -> dict[str, Recording]:
+    families: dict[str, float] = {}
+    for shape, found in recordings.items():
+        family = shape.partition(":")[0]
+        families[family] = max(families.get(family, 0.0), float(found.rate.max()))
+    return {s: found.normalised(families[s.partition(":")[0]] or 1.0) for s, found in recordings.items()}
+
+
+def _group(stimulus: Stimulus) -> tuple[str, str, float]:
+    """Stimuli with the same are judged together."""
+    family = stimulus.family if stimulus.family in FAMILIES else stimulus.shape
+    return family, stimulus.kind, stimulus.commanded
+
+
+def _collinear(group: Sequence[Stimulus]) -> list[list[str]]:
+    values = np.concatenate([stimulus.measures.reshape(len(MEASURES), -1) for stimulus in group], axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):  # a measure that does not vary goes with none
+        linked = np.abs(np.corrcoef(values)) >= COLLINEAR
+    _, number = connected_components(linked, directed=False)
+    groups = [[name for name, mine in zip(MEASURES, number, strict=True) if mine == k] for k in np.unique(number)]
+    return [names for names in groups if len(names) > 1]
+
+
+def _conditions(group: Sequence[Stimulus]) -> str:
+    """For example "step:1, step:3, step:5 at 8 gwt"."""
+    return f"{', '.join(stimulus.indentor for stimulus in group)} at {group[0].condition}"
+
+
+def _receptors(stimulus: Stimulus) -> range:
+    return range(len(stimulus.receptor_mm))

@@ -1,0 +1,163 @@
+"""Correlation, confidence intervals and the set of measures that a recording cannot tell apart."""
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+from scipy.stats import t as student
+
+from rig.compare.fit import Fit, fit_rates, predicted
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+CONFIDENCE = 0.95
+DRAWS = 1000
+SET_LEVEL = 0.01
+"""One-sided level at which a pair counts as worse than the best. On the right finger 2.5 % would do; at 1 % the truth
+stays in the set in 95 % of draws on average when the finger is another one, too (docs/comparison.md)."""
+
+FEWEST_POSITIONS = 5
+_COVERED_ENOUGH = 0.8
+
+
+class Interval(NamedTuple):
+    """Confidence limits of k and ε₀, and what was resampled; NaN where a limit does not exist."""
+
+    k: tuple[float, float]
+    eps0: tuple[float, float]
+    over: Literal["repeats", "positions"]
+
+
+def correlation(eps: Array, rate: Array) -> Array:
+    """Pearson's r (18, receptors) of measures (18, p, receptors) and rates (p,), where both are known.
+
+    NaN with fewer than three positions or where one of the two does not vary.
+    """
+    known = ~np.isnan(eps)
+    n = known.sum(axis=1)
+    y = np.where(known, rate[:, None], 0.0)
+    e = np.where(known, eps, 0.0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        e = np.where(known, e - (e.sum(axis=1) / n)[:, None], 0.0)
+        y = np.where(known, y - (y.sum(axis=1) / n)[:, None], 0.0)
+        r = (e * y).sum(axis=1) / np.sqrt((e * e).sum(axis=1) * (y * y).sum(axis=1))
+    return np.where((n >= 3) & np.isfinite(r), r, np.nan)
+
+
+def chance_correlation(positions: int, looked_at: int) -> float:
+    """The |r| that the largest of `looked_at` unrelated correlations exceeds in 5 % of recordings (Bonferroni)."""
+    t = float(student.ppf(1 - (1 - CONFIDENCE) / (2 * looked_at), positions - 2))
+    return t / float(np.sqrt(positions - 2 + t * t))
+
+
+def interval(eps: Array, repeats: list[Array], shape_of: NDArray[np.int64], sign: int) -> Interval:
+    """Bootstrap limits for one measure at one receptor, ε (n,) and the rates of each of n positions.
+
+    Over repeats, within each position, where every position has two or more; otherwise over positions, within each
+    shape, which covers less often than it says (docs/comparison.md). Percentiles of `DRAWS` draws, a fixed seed.
+    """
+    rng = np.random.default_rng(0)
+    if min(len(rates) for rates in repeats) > 1:
+        return _over_repeats(eps, repeats, sign, rng)
+    weight = np.zeros((DRAWS, len(eps)))
+    for shape in np.unique(shape_of):
+        mine = np.flatnonzero(shape_of == shape)
+        weight[:, mine] = rng.multinomial(len(mine), np.full(len(mine), 1 / len(mine)), size=DRAWS)
+    rate = np.broadcast_to([rates.mean() for rates in repeats], weight.shape)
+    draws = fit_rates(eps, rate, weight, sign=sign)
+    return Interval(_limits(draws.k), _limits(draws.eps0), "positions")
+
+
+def _over_repeats(eps: Array, repeats: list[Array], sign: int, rng: np.random.Generator) -> Interval:
+    """Percentiles, set wider where few repeats carry the estimate: as Student's t is wider than the normal."""
+    rate = np.array([rates.mean() for rates in repeats])
+    spread = np.array([rates.var(ddof=1) / len(rates) for rates in repeats])
+    freedom = np.array([len(rates) - 1 for rates in repeats])
+    means = np.stack([_resampled_means(rates, rng) for rates in repeats], axis=1)
+    draws, best = fit_rates(eps, np.maximum(means, 0.0), sign=sign), fit_rates(eps, rate, sign=sign)
+    stretch = [_stretch(influence**2 * spread, freedom) for influence in _influence(eps, rate, best)]
+    return Interval(
+        _limits(draws.k, float(best.k), stretch[0]), _limits(draws.eps0, float(best.eps0), stretch[1]), "repeats"
+    )
+
+
+def _resampled_means(rates: Array, rng: np.random.Generator) -> Array:
+    """(DRAWS,) means of resampled repeats, spread by √(m / (m − 1)), by which a bootstrap's spread is too small."""
+    m = len(rates)
+    means = rng.choice(rates, size=(DRAWS, m)).mean(axis=1)
+    return np.asarray(rates.mean() + np.sqrt(m / (m - 1)) * (means - rates.mean()))
+
+
+def _influence(eps: Array, rate: Array, fit: Fit) -> tuple[Array, Array]:
+    """(n,) derivatives of k and ε₀ by each rate, on the line through the points that fire; zero without one."""
+    fires = predicted(fit, eps) > 0
+    if len(np.unique(eps[fires])) < 2:
+        return np.zeros_like(eps), np.zeros_like(eps)
+    e = np.where(fires, eps - eps[fires].mean(), 0.0)
+    of_k = e / (e @ e)
+    of_eps0 = rate[fires].mean() / fit.k**2 * of_k - np.where(fires, 1 / (fit.k * fires.sum()), 0.0)
+    return of_k, of_eps0
+
+
+def _stretch(variance: Array, freedom: NDArray[np.int64]) -> float:
+    """t over normal quantile at the degrees of freedom of a sum of estimated variances (Satterthwaite 1946)."""
+    total = variance.sum()
+    if total == 0:
+        return 1.0
+    level = (1 + CONFIDENCE) / 2
+    return float(student.ppf(level, total**2 / (variance**2 / freedom).sum()) / norm.ppf(level))
+
+
+def _limits(values: Array, best: float = 0.0, stretch: float = 1.0) -> tuple[float, float]:
+    found = values[np.isfinite(values)]
+    if len(found) < CONFIDENCE * len(values):
+        return (np.nan, np.nan)
+    low, high = np.quantile(found, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
+    return best + stretch * float(low - best), best + stretch * float(high - best)
+
+
+def indistinguishable(eps: Array, rate: Array) -> Flags | None:
+    """(18, receptors) flags of the pairs whose fit is not worse than the best one's; None with too few positions.
+
+    Vuong's test (1989) on squared residuals at the positions that all receptors in play cover. eps is
+    (18, p, receptors), rate (p,).
+    """
+    receptors = in_play(eps)
+    common = ~np.isnan(eps[0][:, receptors]).any(axis=1)
+    if not receptors.any() or common.sum() < FEWEST_POSITIONS:
+        return None
+    compared = eps[:, common][:, :, receptors]
+    residual = _squared_residuals(compared, rate[common])
+    best = np.unravel_index(np.argmin(residual.sum(axis=1)), (len(eps), compared.shape[2]))
+    worse = residual - residual[best[0], :, best[1]][:, None]
+    n = int(common.sum())
+    spread = worse.std(axis=1, ddof=1) / np.sqrt(n)
+    flags = np.zeros((len(eps), len(receptors)), dtype=bool)
+    flags[:, receptors] = worse.mean(axis=1) <= student.ppf(1 - SET_LEVEL, n - 1) * spread
+    return flags
+
+
+def in_play(eps: Array) -> Flags:
+    """(receptors,) those that cover 80 % of the recorded positions."""
+    return np.asarray((~np.isnan(eps[0])).mean(axis=0) >= _COVERED_ENOUGH)
+
+
+def _squared_residuals(eps: Array, rate: Array) -> Array:
+    """(18, p, receptors) of the best fit of each pair; of the mean where no fit beats it."""
+    fit = fit_all(eps, rate)
+    rates = predicted(Fit(fit.k[:, None], fit.eps0[:, None], fit.rss), eps)
+    rates = np.where(np.isnan(rates), rate.mean(), rates)
+    return np.asarray((rate[:, None] - rates) ** 2)
+
+
+def fit_all(eps: Array, rate: Array) -> Fit:
+    """The fit (18, receptors) of every pair, over the positions that it covers; NaN below three."""
+    values = np.full((3, eps.shape[0], eps.shape[2]), np.nan)
+    for j in range(eps.shape[2]):
+        known = ~np.isnan(eps[0, :, j])
+        if known.sum() >= 3:
+            for i in range(len(eps)):
+                values[:, i, j] = fit_rates(eps[i, known, j], rate[known])
+    return Fit(*values)

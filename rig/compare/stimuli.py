@@ -1,0 +1,158 @@
+"""Spatial response profiles: what each receptor sees while an indentor is stepped across the pad.
+
+A population response is a measure at all receptors for one indentor position; an SSRP is a measure at one receptor
+against the indentor's position (Raju 1998, ch. 5). One run gives both.
+"""
+
+import hashlib
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.compare.responses import Response, responses
+from rig.compare.shape_test import shown
+from rig.data import Run
+from sim.cache import Arrays, cached_arrays, content_key
+from sim.contact.shapes import parse_shape
+from sim.fingertip import Fingertip
+from sim.measures.measures import MEASURES
+from sim.result import REGION_GAP_MM
+
+Array = NDArray[np.float64]
+
+FAMILIES = ("step", "bar")
+"""Shapes that are judged together."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stimulus:
+    """One indentor pressed to one depth or force at a row of positions.
+
+    Arrays: `x_mm` (n,) ascending, `doi_mm` and `force_gwt` (n,), `measures` (18, n, receptors) in the signs of
+    `shown`, `receptor_mm` (receptors,), `skin_mm` (m,) undeformed x in the receptor plane, `pressure` (n, m).
+    Strains are numbers, stresses and pressures pseudo-units.
+    """
+
+    run: str
+    indentor: str  # as the run mounted it
+    kind: str  # what was commanded: doi_mm or force_gwt
+    commanded: float
+    x_mm: Array
+    doi_mm: Array
+    force_gwt: Array
+    measures: Array
+    receptor_mm: Array
+    skin_mm: Array
+    pressure: Array
+
+    @property
+    def shape(self) -> str:
+        """The indentor's canonical name: "bar:3" for bar:3.0."""
+        return parse_shape(self.indentor).name
+
+    @property
+    def family(self) -> str:
+        """The kind of indentor, e.g. "step"."""
+        return self.indentor.partition(":")[0]
+
+    @property
+    def condition(self) -> str:
+        """What was commanded, e.g. "2.33 gwt"."""
+        return f"{self.commanded:g} " + {"doi_mm": "mm", "force_gwt": "gwt"}[self.kind]
+
+    @property
+    def title(self) -> str:
+        """For captions and tables, e.g. "step:1 at 2.33 gwt"."""
+        return f"{self.indentor} at {self.condition}"
+
+    def ssrp(self, measure: str, receptor: int) -> Array:
+        """(n,) values of a measure at one receptor."""
+        return self.measures[MEASURES.index(measure), :, receptor]
+
+    def at(self, position_mm: Array) -> Array:
+        """(18, p, receptors) linear interpolation at x = position + x_receptor; NaN where the run did not go.
+
+        Positions (p,) mm are the indentor's reference point from the receptive field's centre, in the finger's frame.
+        """
+        x = np.asarray(position_mm)[:, None] + self.receptor_mm
+        if len(self.x_mm) < 2:
+            return np.full((len(MEASURES), *x.shape), np.nan)
+        left = np.clip(np.searchsorted(self.x_mm, x, side="right") - 1, 0, len(self.x_mm) - 2)
+        part = (x - self.x_mm[left]) / (self.x_mm[left + 1] - self.x_mm[left])
+        receptor = np.arange(len(self.receptor_mm))
+        value = self.measures[:, left, receptor] * (1 - part) + self.measures[:, left + 1, receptor] * part
+        inside = (part > -_ROUNDING) & (part < 1 + _ROUNDING)
+        return np.where(inside, value, np.nan)
+
+    def contact_regions_mm(self, position: int) -> list[tuple[float, float]]:
+        """[x0, x1] of the runs of touching skin at one position, undeformed."""
+        touching = self.skin_mm[self.pressure[position] > 0]
+        parts = np.split(touching, np.flatnonzero(np.diff(touching) > REGION_GAP_MM) + 1)
+        return [(float(part[0]), float(part[-1])) for part in parts if len(part)]
+
+
+_ROUNDING = 1e-9
+_EXACT_DECIMALS = 6
+_SAME_PLACE_DECIMALS = 3
+_CACHED_AS = 2  # to be raised when what is stored changes its meaning
+_PER_POSITION = ("x_mm", "doi_mm", "force_gwt", "measures", "pressure")
+
+
+def stimuli(run: Run, finger: Fingertip) -> list[Stimulus]:
+    """What was pressed in a run, one for each indentor and commanded depth or force, at the last holds.
+
+    Presses at the same place are averaged. The model's answers are kept in the cache, under the run's journal, the
+    model and the simulator's code.
+    """
+    table, _ = cached_arrays(_key(run, finger), lambda: _table(responses(run, finger, last_only=True)))
+    if not len(table["x_mm"]):
+        return []
+    what = list(zip(*(table[name].tolist() for name in ("indentor", "kind", "commanded")), strict=True))
+    return [
+        _stimulus(run.folder.path.name, one, table, [one == other for other in what]) for one in sorted(set(what))
+    ]
+
+
+def _stimulus(run: str, what: tuple[str, str, float], table: Arrays, mine: list[bool]) -> Stimulus:
+    x_mm = np.asarray(table["x_mm"][mine], dtype=float)
+    _, place = np.unique(x_mm.round(_SAME_PLACE_DECIMALS), return_inverse=True)
+    to_mean = (place == np.arange(place.max() + 1)[:, None]) / np.bincount(place)[:, None]
+
+    def merged(name: str) -> Array:
+        return np.tensordot(to_mean, np.asarray(table[name][mine], dtype=float), 1)
+
+    x, doi, force, measures, pressure = (merged(name) for name in _PER_POSITION)
+    receptor, skin = (np.asarray(table[name], dtype=float) for name in ("receptor_mm", "skin_mm"))
+    return Stimulus(run, *what, x, doi, force, np.moveaxis(measures, 1, 0), receptor, skin, pressure)
+
+
+def _table(found: list[Response]) -> Arrays:
+    """One row for each response; measures (rows, 18, receptors) in the signs of `shown`."""
+    if not found:
+        return {"x_mm": np.empty(0)}
+    results = [response.result for response in found]
+    return {
+        "indentor": np.array([response.indentor for response in found]),
+        "kind": np.array([response.kind for response in found]),
+        "commanded": np.array([response.commanded for response in found]),
+        "x_mm": np.array([response.hold["x_mm"] for response in found]),
+        "doi_mm": np.array([result.doi_mm for result in results]),
+        "force_gwt": np.array([result.force_gwt for result in results]),
+        "measures": np.array([[shown(name, r.receptor_measures[name]) for name in MEASURES] for r in results]),
+        "pressure": np.array([result.pressure_profile[1] for result in results]),
+        "skin_mm": results[0].pressure_profile[0],
+        "receptor_mm": results[0].model.receptors.position_mm[:, 0].round(_EXACT_DECIMALS) + 0.0,
+    }
+
+
+def _key(run: Run, finger: Fingertip) -> str:
+    receptors = finger.model.receptors
+    journal = hashlib.sha256(run.folder.events.read_bytes())
+    code = hashlib.sha256()
+    for source in sorted(Path(str(files("sim"))).rglob("*.py")):
+        code.update(source.read_bytes())
+    what = [_CACHED_AS, journal.hexdigest(), code.hexdigest(), finger.config.model_dump(mode="json")]
+    return content_key([*what, finger.e_epidermis_mpa, receptors.position_mm.tolist(), receptors.depth_mm])

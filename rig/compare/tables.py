@@ -1,0 +1,133 @@
+"""A comparison as rows: what `--json` prints and the tables of the report."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from rig.compare.comparison import Comparison, Joint
+from rig.compare.shape_test import THRESHOLDS
+from rig.compare.statistics import chance_correlation, fit_all
+from rig.compare.stimuli import Stimulus
+from sim.measures.measures import MEASURES
+
+Pair = tuple[int, int]  # measure, receptor
+
+
+def as_json(comparison: Comparison, report: str) -> dict[str, Any]:
+    """What `rig compare --json` prints. k and ε₀ are in the signs in which profiles are shown."""
+    return {
+        "rows": [row for stimulus in comparison.stimuli for row in _rows(comparison, stimulus)],
+        "candidates": comparison.candidates(),
+        "candidates_by_condition": dict(comparison.candidates_by_condition()),
+        "collinear": dict(comparison.collinear()),
+        "joint": [row for joint in comparison.joints for row in _joint_rows(joint)],
+        "indistinguishable": [indistinguishable_rows(joint) for joint in comparison.joints],
+        "report": report,
+    }
+
+
+def _rows(comparison: Comparison, stimulus: Stimulus) -> list[dict[str, Any]]:
+    """One for each measure and receptor; what is not defined is None."""
+    passed = comparison.passes(stimulus)
+    pairing = next((p for p in comparison.pairings if p.stimulus is stimulus), None)
+    fit = fit_all(pairing.eps, pairing.recording.rate) if pairing else None
+    return [
+        {
+            "shape": stimulus.indentor,
+            "condition": stimulus.condition,
+            "measure": measure,
+            "receptor_mm": round(float(x), 6),
+            "shape_test": None if passed is None else bool(passed[m, k]),
+            "r": number(pairing.r[m, k]) if pairing else None,
+            "positions": int(np.isfinite(pairing.eps[m, :, k]).sum()) if pairing else None,
+            "k": number(fit.k[m, k]) if fit else None,
+            "eps0": number(fit.eps0[m, k]) if fit else None,
+            "fires_unloaded": bool(fit.fires_unloaded[m, k]) if fit else None,
+            "run": stimulus.run,
+        }
+        for m, measure in enumerate(MEASURES)
+        for k, x in enumerate(stimulus.receptor_mm)
+    ]
+
+
+def _joint_rows(joint: Joint) -> list[dict[str, Any]]:
+    """The best receptor of each measure, with its limits."""
+    return [joint_row(joint, (m, k)) for m in range(len(MEASURES)) if (k := best_receptor(joint, m)) is not None]
+
+
+def joint_row(joint: Joint, pair: Pair) -> dict[str, Any]:
+    """One measure at one receptor over all shapes of a joint fit."""
+    limits = joint.interval(*pair)
+    chosen = joint.indistinguishable
+    return {
+        "shapes": [pairing.stimulus.indentor for pairing in joint.pairings],
+        "condition": joint.pairings[0].stimulus.condition,
+        "measure": MEASURES[pair[0]],
+        "receptor_mm": round(float(joint.pairings[0].stimulus.receptor_mm[pair[1]]), 6),
+        "k": number(joint.fit.k[pair]),
+        "k_interval": [number(v) for v in limits.k] if limits else None,
+        "eps0": number(joint.fit.eps0[pair]),
+        "eps0_interval": [number(v) for v in limits.eps0] if limits else None,
+        "resampled": limits.over if limits else None,
+        "fires_unloaded": bool(joint.fit.fires_unloaded[pair]),
+        "r2": number(joint.explained[pair]),
+        "indistinguishable_from_best": None if chosen is None else bool(chosen[pair]),
+    }
+
+
+def best_receptor(joint: Joint, measure: int) -> int | None:
+    """The receptor whose joint fit explains most, among those in play; None where nothing fits."""
+    explained = np.where(joint.in_play, joint.explained[measure], np.nan)
+    return None if np.isnan(explained).all() else int(np.nanargmax(explained))
+
+
+def best_pairs(joint: Joint, measures: list[str]) -> list[Pair]:
+    """Each measure at its best receptor, as far as it has one."""
+    numbers = [MEASURES.index(name) for name in measures]
+    return [(m, k) for m in numbers if (k := best_receptor(joint, m)) is not None]
+
+
+def indistinguishable_rows(joint: Joint) -> dict[str, Any]:
+    """The set that the recordings cannot tell apart, and what chance would give."""
+    chosen = joint.indistinguishable
+    stimulus = joint.pairings[0].stimulus
+    receptors = stimulus.receptor_mm
+    members = {
+        measure: [round(float(x), 6) for x in receptors[chosen[m]]]
+        for m, measure in enumerate(MEASURES)
+        if chosen is not None and chosen[m].any()
+    }
+    positions = len(joint.rate)
+    looked_at = len(MEASURES) * len(receptors)
+    return {
+        "shapes": [pairing.stimulus.indentor for pairing in joint.pairings],
+        "condition": stimulus.condition,
+        "measures": None if chosen is None else members,
+        "positions": positions,
+        "looked_at": looked_at,
+        "chance_r": round(chance_correlation(positions, looked_at), 3),
+    }
+
+
+def threshold_rows(comparison: Comparison) -> list[dict[str, Any]]:
+    """For each threshold how many of the 18 × receptors pass under each stimulus, and the candidates."""
+    judged = [stimulus for stimulus in comparison.stimuli if comparison.passes(stimulus) is not None]
+    return [
+        {
+            "threshold": threshold,
+            "counts": [_count(comparison, stimulus, threshold) for stimulus in judged],
+            "candidates": comparison.candidates(threshold),
+        }
+        for threshold in THRESHOLDS
+    ]
+
+
+def _count(comparison: Comparison, stimulus: Stimulus, threshold: float) -> int:
+    passed = comparison.passes(stimulus, threshold)
+    return 0 if passed is None else int(passed.sum())
+
+
+def number(value: float) -> float | None:
+    """NaN and infinities as None."""
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,78 @@
+"""Stimuli made by hand, and one real run of a bar."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rig.compare.stimuli import Stimulus
+from rig.data import Run
+from rig.protocol.config import Config
+from rig.protocol.plan import make_plan
+from rig.protocol.script import load_script
+from rig.protocol.session import Session, dry_run
+from sim.fingertip import Fingertip
+from sim.measures.measures import MEASURES
+
+Array = NDArray[np.float64]
+
+BAR = """\
+from rig.protocol import Rig
+
+def run(rig: Rig) -> None:
+    rig.mount("bar:3.0")
+    rig.home()
+    rig.zero()
+    for x_mm in (0.8, 0.4, 0.1, -0.2, -0.6, 0.1):
+        rig.move_to(x_mm=x_mm)
+        rig.indent(doi_mm=0.4, increments=2, hold_s=0.5)
+"""
+
+
+@pytest.fixture(scope="session")
+def bar_run(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Bar 3.0 in two increments to DOI 0.4 at five places, x = 0.1 twice."""
+    folder = tmp_path_factory.mktemp("bar")
+    path = folder / "bar.py"
+    path.write_text(BAR, encoding="utf-8")
+    script, config = load_script(str(path)), Config()
+    plan = make_plan(script, config, finger)
+    return dry_run(Session(script, config, finger, plan, folder, interrupted=lambda: False)).run
+
+
+@pytest.fixture
+def make_stimulus() -> Callable[..., Stimulus]:
+    """A stimulus whose measures are given as (18, n, receptors), or flat where they are not."""
+
+    def make(
+        indentor: str,
+        x_mm: Array,
+        receptor_mm: Array,
+        profiles: dict[str, Array],
+        *,
+        kind: str = "force_gwt",
+        commanded: float = 2.33,
+        run: str | None = None,
+    ) -> Stimulus:
+        measures = np.zeros((len(MEASURES), len(x_mm), len(receptor_mm)))
+        for name, profile in profiles.items():
+            measures[MEASURES.index(name)] = profile
+        flat = np.ones(len(x_mm))
+        skin = np.linspace(-1, 1, 9)
+        pressure = np.ones((len(x_mm), 9))
+        return Stimulus(
+            run or f"run of {indentor}",
+            indentor,
+            kind,
+            commanded,
+            x_mm,
+            flat,
+            flat,
+            measures,
+            receptor_mm,
+            skin,
+            pressure,
+        )
+
+    return make

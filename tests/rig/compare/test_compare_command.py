@@ -1,0 +1,143 @@
+"""`rig compare` and `rig export`, as people call them."""
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rig.cli import main
+from rig.compare.stimuli import stimuli
+from rig.compare.synthetic import afferent_for, record, write_synthetic
+from rig.data import Run
+from sim.fingertip import Fingertip
+
+KEYS = {"shape", "measure", "receptor_mm", "shape_test", "r", "k", "eps0", "run"}
+
+Command = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Command:
+    """Run the program here: exit code, standard output, standard error."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["rig", *map(str, arguments)])
+        with pytest.raises(SystemExit) as caught:
+            main()
+        printed = capsys.readouterr()
+        return int(caught.value.code or 0), printed.out, printed.err
+
+    return run
+
+
+@pytest.fixture
+def csv(bar_run: Run, finger: Fingertip, tmp_path: Path) -> Path:
+    """A synthetic recording of the run's bar."""
+    (stimulus,) = stimuli(bar_run, finger)
+    afferent = afferent_for([stimulus], "ep1", 5, peak=60.0, silent=0.2)
+    found = record(afferent, stimulus, np.linspace(-0.6, 0.8, 9), np.random.default_rng(1))
+    return write_synthetic(tmp_path, found)
+
+
+def test_json_and_report(command: Command, bar_run: Run, csv: Path) -> None:
+    code, out, err = command(
+        "compare", bar_run.folder.path, "--recorded", f"bar:3.0={csv}", "--out", "a.html", "--json"
+    )
+    assert (code, err) == (0, "")
+    assert out.count("\n") == 1
+    answer: dict[str, Any] = json.loads(out)
+    assert {"rows", "candidates", "report"} <= set(answer)
+    assert len(answer["rows"]) == 180
+    assert all(set(row) >= KEYS for row in answer["rows"])
+    truth = next(r for r in answer["rows"] if (r["measure"], r["receptor_mm"]) == ("ep1", 0.0))
+    assert truth["r"] > 0.9
+    assert truth["shape"] == "bar:3.0"
+    assert truth["run"] == bar_run.folder.path.name
+    page = Path("a.html").read_text(encoding="utf-8")
+    for section in ("Verdicts", "Fits to what was recorded", "Recorded over predicted", "Rate against measure",
+                    "Correlation and shape test", "SSRPs and shape test", "Population responses",
+                    "Pressure and contact regions", "Provenance"):  # fmt: skip
+        assert section in page
+    assert page.index("Verdicts</h2>") < page.index("<figure>")
+    assert "http" not in page.replace("http://www.w3.org", "")  # nothing is fetched
+    assert set(json.loads(Path("a.html.made.json").read_text(encoding="utf-8"))) == {"made_utc", "seconds"}
+
+
+def test_the_same_input_gives_the_same_bytes(command: Command, bar_run: Run, csv: Path) -> None:
+    for name in ("a.html", "b.html"):
+        assert command("compare", bar_run.folder.path, "--recorded", f"bar:3.0={csv}", "--out", name)[0] == 0
+    assert Path("a.html").read_bytes() == Path("b.html").read_bytes()
+
+
+def test_a_comparison_takes_seconds(command: Command, bar_run: Run, csv: Path) -> None:
+    """Under 5 s of processor time with everything in the cache, the program's start (about 1.5 s) not counted."""
+    command("compare", bar_run.folder.path, "--out", "warm.html")
+    began = time.process_time()
+    assert command("compare", bar_run.folder.path, "--recorded", f"bar:3.0={csv}", "--out", "a.html")[0] == 0
+    assert time.process_time() - began < 5.0
+
+
+def test_without_a_recording(command: Command, bar_run: Run) -> None:
+    code, out, _ = command("compare", bar_run.folder.path, "--json")
+    assert code == 0
+    answer = json.loads(out)
+    assert {row["r"] for row in answer["rows"]} == {None}
+    assert all(isinstance(row["shape_test"], bool) for row in answer["rows"])
+    report = Path(answer["report"])
+    assert report == bar_run.folder.path / "comparison.html"
+    report.unlink()
+    report.with_name("comparison.html.made.json").unlink()
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        (("--recorded", "bar:3.0"), "--recorded 'bar:3.0': expected SHAPE=CSV"),
+        (("--recorded", "bar:3.0=none.csv"), "none.csv: No such file or directory"),
+        (("--recorded", "tube=a.csv"), "shape 'tube': no such indentor"),
+        (("--recorded", "bar:3.0=good.csv", "--recorded", "bar:3=good.csv"), "bar:3 is given twice"),
+        (
+            ("--recorded", "step:1=good.csv"),
+            "--recorded step:1: no such shape in the runs, expected one of ['bar:3']",
+        ),
+        (("--recorded", "bar:3.0=bad.csv"), "bad.csv, row 3, column rate: 'x', expected a number of 0 or more"),
+        (("--mirror", "bar:3.0"), "--mirror bar:3.0: nothing recorded for it"),
+        (("--window-s", "1"), "--window-s '1': expected two numbers, begin,end"),
+        (("--receptor-x-mm", "0,left"), "--receptor-x-mm '0,left': expected numbers separated by commas"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(
+    command: Command, bar_run: Run, options: tuple[str, ...], complaint: str
+) -> None:
+    Path("good.csv").write_text("position_mm,rate\n0,1\n0.1,2\n0.2,3\n", encoding="utf-8")
+    Path("bad.csv").write_text("position_mm,rate\n0,1\n0.1,x\n", encoding="utf-8")
+    code, out, err = command("compare", bar_run.folder.path, *options, "--out", "a.html")
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1
+    assert complaint in err
+    assert not Path("a.html").exists()
+
+
+def test_a_folder_without_a_run(command: Command, tmp_path: Path) -> None:
+    code, _, err = command("compare", tmp_path)
+    assert code == 2
+    assert err == f"rig: run {tmp_path}: events.jsonl: No such file or directory\n"
+
+
+def test_export_writes_the_tables_again(command: Command, bar_run: Run) -> None:
+    hold = bar_run.folder.path / "hold_end.csv"
+    before = hold.read_bytes()
+    hold.unlink()
+    code, out, _ = command("export", bar_run.folder.path, "--csv", "--json")
+    assert code == 0
+    assert str(hold) in json.loads(out)["files"]
+    assert hold.read_bytes() == before
+    assert "  hold_end.csv\n" in (bar_run.folder.path / "SHA256SUMS").read_text(encoding="utf-8")
+    code, _, err = command("export", bar_run.folder.path)
+    assert (code, err) == (2, "rig: export: no format given, expected --csv\n")

@@ -1,0 +1,208 @@
+"""Candidates, joint fits and what belongs together, on stimuli made by hand."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rig.compare.comparison import Comparison, ComparisonError, compare
+from rig.compare.recorded import Recording, recording
+from rig.compare.stimuli import Stimulus
+from rig.compare.synthetic import Afferent, afferent_for, record, write_synthetic
+from rig.compare.tables import as_json, best_receptor, threshold_rows
+from sim.measures.measures import MEASURES
+
+Array = NDArray[np.float64]
+Make = Callable[..., Stimulus]
+
+X = np.linspace(-4, 3, 36)
+RECEPTORS = np.array([-1.0, 0.0, 0.5])
+
+
+def step_profile(depth: float) -> Array:
+    """Peak of 1 and, to the left of it, a dip."""
+    return 1 + np.exp(-((X - 0.5) ** 2)) - depth * np.exp(-((X + 2) ** 2))
+
+
+def bar_profile(dip: float) -> Array:
+    return np.exp(-((X - 0.5) ** 2)) + np.exp(-((X + 1.5) ** 2)) * (1 - dip)
+
+
+GOOD, BAD = step_profile(0.5), step_profile(-0.5)
+
+
+def at(*profiles: Array) -> Array:
+    """(n, 3) one profile a receptor."""
+    return np.stack(profiles, axis=1)
+
+
+@pytest.fixture
+def steps(make_stimulus: Make) -> list[Stimulus]:
+    """ep1 passes at −1 under all, sed somewhere under each but nowhere under all, e11 nowhere."""
+    return [
+        make_stimulus(
+            f"step:{n}", X, RECEPTORS, {"ep1": at(GOOD, ep1, BAD), "sed": at(*sed), "e11": at(BAD, BAD, BAD)}
+        )
+        for n, ep1, sed in (
+            ("1", GOOD, (GOOD, BAD, BAD)),
+            ("3", BAD, (BAD, GOOD, BAD)),
+            ("5", GOOD, (GOOD, GOOD, BAD)),
+        )
+    ]
+
+
+@pytest.fixture
+def bars(make_stimulus: Make) -> list[Stimulus]:
+    """ep1 passes at 0 under both, ep3 only away from the centre, sed at 0."""
+    two, one = bar_profile(0.0), step_profile(0.0)
+    return [
+        make_stimulus(
+            f"bar:{w}", X, RECEPTORS,
+            {"ep1": at(one, two, one), "ep3": at(two, one, two), "sed": at(one, two, one)},
+            kind="doi_mm", commanded=1.0,
+        )
+        for w in ("1.5", "3.0")
+    ]  # fmt: skip
+
+
+def test_a_candidate_passes_at_one_receptor_under_every_step(steps: list[Stimulus]) -> None:
+    assert compare(steps, {}).candidates() == ["ep1"]
+    assert compare(steps[::2], {}).candidates() == ["ep1", "sed"]
+
+
+def test_and_near_the_centre_under_every_bar(steps: list[Stimulus], bars: list[Stimulus]) -> None:
+    assert compare(bars, {}).candidates() == ["ep1", "sed"]
+    assert compare([*steps, *bars], {}).candidates() == ["ep1"]
+
+
+def test_each_condition_is_also_judged_alone(
+    steps: list[Stimulus], bars: list[Stimulus], make_stimulus: Make
+) -> None:
+    harder = make_stimulus("step:1", X, RECEPTORS, {"e11": at(GOOD, GOOD, GOOD)}, commanded=8.0)
+    found = dict(compare([*steps, *bars, harder], {}).candidates_by_condition())
+    assert found == {
+        "step:1, step:3, step:5 at 2.33 gwt": ["ep1"],
+        "step:1 at 8 gwt": ["e11"],
+        "bar:1.5, bar:3.0 at 1 mm": ["ep1", "sed"],
+        "step:1, step:3, step:5 at 2.33 gwt and bar:1.5, bar:3.0 at 1 mm": ["ep1"],
+        "step:1 at 8 gwt and bar:1.5, bar:3.0 at 1 mm": [],
+    }
+
+
+def test_without_steps_and_bars_there_are_no_candidates(make_stimulus: Make) -> None:
+    comparison = compare([make_stimulus("cylinder:9", X, RECEPTORS, {"ep1": at(GOOD, GOOD, GOOD)})], {})
+    assert comparison.candidates() == []
+    assert {row["shape_test"] for row in as_json(comparison, "x.html")["rows"]} == {None}
+
+
+def test_rows_hold_every_measure_at_every_receptor(steps: list[Stimulus]) -> None:
+    answer = as_json(compare(steps[:1], {}), "here.html")
+    assert len(answer["rows"]) == 18 * 3
+    row = next(r for r in answer["rows"] if (r["measure"], r["receptor_mm"]) == ("ep1", -1.0))
+    assert {"shape", "measure", "receptor_mm", "shape_test", "r", "k", "eps0", "run"} <= set(row)
+    assert (row["shape"], row["shape_test"], row["r"], row["k"], row["run"]) == (
+        "step:1",
+        True,
+        None,
+        None,
+        "run of step:1",
+    )
+    assert answer["report"] == "here.html"
+
+
+def test_thresholds_are_shown_from_2_to_15_percent(steps: list[Stimulus]) -> None:
+    rows = threshold_rows(compare(steps, {}))
+    assert [row["threshold"] for row in rows] == [0.02, 0.03, 0.05, 0.08, 0.10, 0.15]
+    assert all(len(row["counts"]) == 3 for row in rows)
+
+
+def recorded(afferent: Afferent, stimulus: Stimulus, positions: Array) -> Recording:
+    """Without noise."""
+    rows = [(float(x), float(r), np.nan) for x, r in zip(positions, afferent.rate(stimulus, positions), strict=True)]
+    return recording("made.csv", rows)
+
+
+def fitted(steps: list[Stimulus], afferent: Afferent, **options: bool) -> Comparison:
+    positions = np.linspace(-1.5, 1.5, 16)
+    return compare(steps, {s.shape: recorded(afferent, s, positions) for s in steps}, **options)
+
+
+def test_one_line_over_all_shapes(steps: list[Stimulus]) -> None:
+    afferent = Afferent("ep1", 1, k=20.0, eps0=1.1)
+    (joint,) = fitted(steps, afferent).joints
+    assert joint.title == "step:1, step:3, step:5 at 2.33 gwt"
+    ep1 = MEASURES.index("ep1")
+    assert joint.fit.k[ep1, 1] == pytest.approx(20.0)
+    assert joint.fit.eps0[ep1, 1] == pytest.approx(1.1)
+    assert joint.explained[ep1, 1] == pytest.approx(1.0)
+    assert best_receptor(joint, ep1) == 1
+    flags = joint.indistinguishable
+    assert flags is not None
+    assert flags[ep1, 1]
+    assert not flags[MEASURES.index("e11")].any()
+
+
+def test_conditions_and_families_are_fitted_apart(
+    steps: list[Stimulus], bars: list[Stimulus], make_stimulus: Make
+) -> None:
+    harder = make_stimulus("step:1", X, RECEPTORS, {"ep1": at(GOOD, GOOD, GOOD)}, commanded=8.0)
+    afferent = Afferent("ep1", 1, k=20.0, eps0=0.9)
+    everything = [*steps, *bars, harder]
+    positions = np.linspace(-1.5, 1.5, 16)
+    recordings = {s.shape: recorded(afferent, s, positions) for s in everything}
+    titles = [joint.title for joint in compare(everything, recordings).joints]
+    assert titles == ["bar:1.5, bar:3.0 at 1 mm", "step:1, step:3, step:5 at 2.33 gwt", "step:1 at 8 gwt"]
+
+
+def test_measures_that_go_together_are_named(make_stimulus: Make) -> None:
+    rng = np.random.default_rng(0)
+    ep1, e13 = rng.normal(size=(2, len(X), 3))
+    profiles = {"ep1": ep1, "ep3": 0.5 - 2 * ep1, "sed": ep1 + 0.05 * rng.normal(size=ep1.shape), "e13": e13}
+    (found,) = compare([make_stimulus("step:1", X, RECEPTORS, profiles)], {}).collinear()
+    assert found == ("step:1 at 2.33 gwt", [["ep1", "ep3", "sed"]])
+
+
+def test_rates_over_their_family_s_largest(steps: list[Stimulus]) -> None:
+    afferent = Afferent("ep1", 1, k=20.0, eps0=1.1)
+    plain, normalised = fitted(steps, afferent), fitted(steps, afferent, normalise=True)
+    largest = max(float(p.recording.rate.max()) for p in plain.pairings)
+    assert max(float(p.recording.rate.max()) for p in normalised.pairings) == pytest.approx(1.0)
+    assert float(normalised.joints[0].fit.k[6, 1]) == pytest.approx(20.0 / largest)
+    assert normalised.pairings[0].recording.changes == (f"rates divided by {largest:g}",)
+    np.testing.assert_allclose(normalised.pairings[0].r, plain.pairings[0].r, rtol=1e-9)
+
+
+def test_positions_that_a_run_does_not_cover_are_left_out(steps: list[Stimulus]) -> None:
+    afferent = Afferent("ep1", 1, k=20.0, eps0=1.1)
+    found = recorded(afferent, steps[0], np.linspace(-1.5, 1.5, 16))
+    known = zip(found.position_mm, found.rate, strict=True)
+    wide = recording("wide.csv", [*((float(x), float(r), np.nan) for x, r in known), (9.0, 500.0, np.nan)])
+    answer = as_json(compare(steps[:1], {"step:1": wide}), "x.html")
+    row = next(r for r in answer["rows"] if (r["measure"], r["receptor_mm"]) == ("ep1", 0.0))
+    assert (row["positions"], round(row["k"], 6), round(row["eps0"], 6)) == (16, 20.0, 1.1)
+
+
+def test_twins_and_strays_are_refused(steps: list[Stimulus], make_stimulus: Make) -> None:
+    twin = make_stimulus("step:1", X, RECEPTORS, {}, run="another")
+    with pytest.raises(ComparisonError, match=r"runs run of step:1 and another: both hold step:1 at 2\.33 gwt"):
+        compare([*steps, twin], {})
+    with pytest.raises(ComparisonError, match=r"--recorded bar:3: no such shape in the runs, expected one of"):
+        compare(steps, {"bar:3": recording("x.csv", [(0.0, 1.0, np.nan)])})
+
+
+def test_a_synthetic_recording_says_what_it_is_and_follows_its_rule(steps: list[Stimulus], tmp_path: Path) -> None:
+    afferent = afferent_for(steps, "ep1", 1, peak=50.0, silent=0.25)
+    positions = np.linspace(-6, 2, 17)
+    found = record(afferent, steps[0], positions, np.random.default_rng(0), repeats=4000, window_s=0.5)
+    assert found.name == "synthetic_step1_2.33gwt_ep1_at_0.csv"
+    assert found.changes == ("synthetic",)
+    mean = afferent.rate(steps[0], found.position_mm)
+    assert found.position_mm.min() >= -4  # only where the run went
+    # Counts are Poisson: the mean of 4000 windows of 0.5 s has a standard error of √(rate / 2000); five of them.
+    assert (np.abs(found.rate - mean) <= 5 * np.sqrt(mean / 2000) + 1e-12).all()
+    assert max(float(afferent.rate(s, positions[np.abs(positions) < 2]).max()) for s in steps) <= 50.0
+    few = record(afferent, steps[0], positions, np.random.default_rng(0), repeats=2)
+    path = write_synthetic(tmp_path, few)
+    assert path.read_text(encoding="utf-8").startswith("position_mm,rate,repeat\n-4.0000,")

@@ -1,0 +1,49 @@
+"""Recordings as they are named on the command line."""
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.compare.inputs import SpikeReading, read_recordings
+from rig.compare.recorded import RecordingError
+from rig.data import Run
+
+
+@pytest.fixture
+def srp(tmp_path: Path) -> Path:
+    path = tmp_path / "srp.csv"
+    path.write_text("position_mm,rate\n-0.5,1\n-0.2,9\n0.1,3\n0.4,7\n", encoding="utf-8")
+    return path
+
+
+def test_shapes_are_known_by_any_of_their_names(srp: Path) -> None:
+    found = read_recordings([f"bar:3.0={srp}"], [], [], SpikeReading())
+    assert list(found) == ["bar:3"]
+    assert found["bar:3"].sha256 == hashlib.sha256(srp.read_bytes()).hexdigest()
+
+
+def test_mirrored_positions_are_negated(srp: Path) -> None:
+    found = read_recordings([f"bar:3.0={srp}"], ["bar:3"], [], SpikeReading())["bar:3"]
+    np.testing.assert_array_equal(found.position_mm, [-0.4, -0.1, 0.2, 0.5])
+    np.testing.assert_array_equal(found.rate, [7, 3, 9, 1])
+    assert found.changes == ("mirrored",)
+
+
+def test_spike_times_are_read_against_their_run(bar_run: Run, tmp_path: Path) -> None:
+    starts = [e["t_s"] for e in bar_run.stream("hold_start") if e["hold"] == 2]
+    spikes = [t + 0.01 * n for k, t in enumerate(starts) for n in range(5 * k)]
+    path = tmp_path / "unit.csv"
+    path.write_text("time_s\n" + "\n".join(f"{t:.6f}" for t in spikes), encoding="utf-8")
+    found = read_recordings([f"bar:3.0={path}"], [], [bar_run], SpikeReading((0.0, 0.4), 0.0))["bar:3"]
+    # Presses 0 … 5 at 0.8, 0.4, 0.1, −0.2, −0.6, 0.1 have 0, 5, … 25 spikes in 0.4 s.
+    np.testing.assert_allclose(found.rate, [20 / 0.4, 15 / 0.4, 17.5 / 0.4, 5 / 0.4, 0])
+
+
+def test_spike_times_belong_to_one_run(bar_run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "unit.csv"
+    path.write_text("time_s\n1.0\n", encoding="utf-8")
+    for runs, n in (([], 0), ([bar_run, bar_run], 2)):
+        with pytest.raises(RecordingError, match=f"spike times belong to one run with bar:3.0, {n} are given"):
+            read_recordings([f"bar:3.0={path}"], [], runs, SpikeReading())

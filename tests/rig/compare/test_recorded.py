@@ -1,0 +1,91 @@
+"""A user's CSV: read as it is, refused by row and column."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.compare.recorded import RecordingError, read_srp
+
+
+def written(folder: Path, text: str, encoding: str = "utf-8") -> Path:
+    path = folder / "mine.csv"
+    path.write_text(text, encoding=encoding)
+    return path
+
+
+def test_positions_rates_and_sds(tmp_path: Path) -> None:
+    found = read_srp(written(tmp_path, "position_mm,rate,sd\n0.5,20,2\n-1,4,\n0,12.5,1.5\n"))
+    np.testing.assert_array_equal(found.position_mm, [-1, 0, 0.5])
+    np.testing.assert_array_equal(found.rate, [4, 12.5, 20])
+    np.testing.assert_array_equal(found.sd, [np.nan, 1.5, 2])
+    assert (found.name, found.repeated, found.changes) == ("mine.csv", False, ())
+
+
+def test_repeats_give_mean_and_sd(tmp_path: Path) -> None:
+    rows = [
+        f"{x},{rate},{n}"
+        for x, rates in ((0, (2, 4, 6)), (1, (1, 1, 4)), (2, (0, 0, 0)))
+        for n, rate in enumerate(rates)
+    ]
+    found = read_srp(written(tmp_path, "position_mm,rate,repeat\n" + "\n".join(rows)))
+    assert found.repeated
+    np.testing.assert_allclose(found.rate, [4, 2, 0])
+    np.testing.assert_allclose(found.sd, [2, np.sqrt(3), 0])  # with n − 1
+
+
+def test_a_spreadsheet_s_byte_order_mark_spaces_and_empty_lines(tmp_path: Path) -> None:
+    found = read_srp(written(tmp_path, " rate , position_mm\n1, 0\n\n2 ,1\n3,2\n,\n", "utf-8-sig"))
+    np.testing.assert_array_equal(found.rate, [1, 2, 3])
+
+
+def test_mirrored_and_normalised(tmp_path: Path) -> None:
+    found = read_srp(written(tmp_path, "position_mm,rate,sd\n-1,4,1\n0,8,2\n2,16,4\n"))
+    mirrored = found.mirrored()
+    np.testing.assert_array_equal(mirrored.position_mm, [-2, 0, 1])
+    np.testing.assert_array_equal(mirrored.rate, [16, 8, 4])
+    np.testing.assert_array_equal(mirrored.sd, [4, 2, 1])
+    np.testing.assert_array_equal(mirrored.normalised(16).rate, [1, 0.5, 0.25])
+    assert mirrored.normalised(16).changes == ("mirrored", "rates divided by 16")
+    np.testing.assert_array_equal(mirrored.mirrored().position_mm, found.position_mm)
+
+
+GOOD = "position_mm,rate\n0,1\n1,2\n2,3\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("", "row 1: no column position_mm, expected position_mm,rate[,sd][,repeat]"),
+        ("position,rate\n0,1\n", "row 1: no column position_mm, expected"),
+        ("position_mm,rate,colour\n0,1,red\n", "row 1: column 'colour', expected position_mm,rate[,sd][,repeat]"),
+        ("position_mm,rate,rate\n0,1,2\n", "row 1: column 'rate', expected"),
+        (GOOD + "3\n", "row 5: 1 cells, expected 2"),
+        (GOOD + "3,fast\n", "row 5, column rate: 'fast', expected a number of 0 or more"),
+        (GOOD + "3,-1\n", "row 5, column rate: '-1', expected a number of 0 or more"),
+        (GOOD + "3,nan\n", "row 5, column rate: 'nan', expected"),
+        (GOOD + "inf,3\n", "row 5, column position_mm: 'inf', expected a number"),
+        (GOOD + ",3\n", "row 5, column position_mm: '', expected a number"),
+        ("position_mm,rate,sd\n0,1,-2\n", "row 2, column sd: '-2', expected a number of 0 or more"),
+        (
+            GOOD + "1,9\n",
+            "row 5, column position_mm: 1 again (first in row 3), expected another value in a column repeat",
+        ),
+        ("position_mm,rate,repeat\n1,9,a\n1,8,a\n", "row 3, column position_mm: 1 again (first in row 2)"),
+        ("position_mm,rate\n0,1\n1,2\n", "2 positions, expected 3 or more"),
+    ],
+)
+def test_what_is_wrong_and_where(tmp_path: Path, text: str, complaint: str) -> None:
+    path = written(tmp_path, text)
+    with pytest.raises(RecordingError) as caught:
+        read_srp(path)
+    assert str(caught.value).startswith(str(path))
+    assert complaint in str(caught.value)
+
+
+def test_files_that_are_not_there_or_not_text(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="No such file"):
+        read_srp(tmp_path / "none.csv")
+    (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(RecordingError, match="not a CSV file in UTF-8"):
+        read_srp(tmp_path / "bytes.csv")

@@ -1,0 +1,77 @@
+"""Spike times and a run: rates in a window from the start of the holds."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.compare.recorded import RecordingError
+from rig.compare.spikes import rates_in_run, read_spike_times
+from rig.data import Run
+
+
+def spikes_at(run: Run, index: int, hold: int, offsets_s: list[float]) -> list[float]:
+    start = next(e["t_s"] for e in run.stream("hold_start") if (e["index"], e["hold"]) == (index, hold))
+    return [start + offset for offset in offsets_s]
+
+
+def test_rates_are_counted_in_the_window_of_the_last_holds(bar_run: Run) -> None:
+    # Presses 0 … 5 at x = 0.8, 0.4, 0.1, −0.2, −0.6 and 0.1 again, two holds each; a window of 0.1 … 0.5 s.
+    times = [
+        *spikes_at(bar_run, 0, 2, [0.05, 0.1, 0.2, 0.49, 0.51]),  # three of them inside
+        *spikes_at(bar_run, 0, 1, [0.2, 0.3]),  # the first increment does not count
+        *spikes_at(bar_run, 2, 2, [0.3]),
+        *spikes_at(bar_run, 5, 2, [0.2, 0.3, 0.4]),
+    ]
+    found = rates_in_run(bar_run, "bar:3", np.sort(times), "unit7.csv", (0.1, 0.5), centre_mm=0.1)
+    np.testing.assert_allclose(found.position_mm, [-0.7, -0.3, 0.0, 0.3, 0.7], atol=1e-12)
+    np.testing.assert_allclose(found.rate, [0, 0, 0.5 * (1 + 3) / 0.4, 0, 3 / 0.4])
+    assert found.sd[2] == pytest.approx(np.std([1 / 0.4, 3 / 0.4], ddof=1))
+    assert np.isnan(found.sd[0])  # once only
+    assert not found.repeated
+
+
+def test_a_window_longer_than_the_holds_is_refused(bar_run: Run) -> None:
+    with pytest.raises(RecordingError, match=r"--window-s 0,2: the hold at x = 0\.8 mm lasts 0\.\d+ s, expected"):
+        rates_in_run(bar_run, "bar:3.0", np.array([]), "unit7.csv", (0.0, 2.0))
+    with pytest.raises(RecordingError, match=r"--window-s 0\.5,0\.5: expected 0 ≤ begin < end"):
+        rates_in_run(bar_run, "bar:3.0", np.array([]), "unit7.csv", (0.5, 0.5))
+    with pytest.raises(RecordingError, match="has no finished indentation by step:1"):
+        rates_in_run(bar_run, "step:1", np.array([]), "unit7.csv", (0.0, 0.4))
+
+
+def with_pulses(run: Run, rise_s: list[float]) -> Run:
+    return replace(run, events={**run.events, "sync": [{"t_s": t, "rise_s": t} for t in rise_s]})
+
+
+def test_spike_times_are_read_and_sorted(tmp_path: Path, bar_run: Run) -> None:
+    path = tmp_path / "unit7.csv"
+    path.write_text("time_s\n3.5\n1.25\n", encoding="utf-8")
+    np.testing.assert_array_equal(read_spike_times(path, bar_run), [1.25, 3.5])
+    path.write_text("time_s\n3.5\nlate\n", encoding="utf-8")
+    with pytest.raises(RecordingError, match="row 3, column time_s: 'late', expected a number"):
+        read_spike_times(path, bar_run)
+    path.write_text("time_s,kind\n3.5,noise\n", encoding="utf-8")
+    with pytest.raises(RecordingError, match="row 2, column kind: 'noise', expected spike or sync"):
+        read_spike_times(path, bar_run)
+
+
+def test_sync_pulses_align_the_clocks(tmp_path: Path, bar_run: Run) -> None:
+    """The amplifier's clock started 100 s earlier and runs 50 ppm fast."""
+    path = tmp_path / "unit7.csv"
+    rises = [10.0, 20.0, 40.0]
+    seen = [100 + 1.00005 * t for t in rises]
+    rows = [f"{t:.9f},sync" for t in seen] + [f"{100 + 1.00005 * 25.0:.9f},spike"]
+    path.write_text("time_s,kind\n" + "\n".join(rows), encoding="utf-8")
+    np.testing.assert_allclose(read_spike_times(path, with_pulses(bar_run, rises)), [25.0], atol=1e-7)
+    with pytest.raises(RecordingError, match="3 sync pulses, the journal of the run has 2"):
+        read_spike_times(path, with_pulses(bar_run, rises[:2]))
+    with pytest.raises(RecordingError, match=r"miss the journal's by up to \d+\.\d ms, expected 5 ms or less"):
+        read_spike_times(path, with_pulses(bar_run, [10.0, 20.1, 40.0]))
+
+
+def test_one_pulse_gives_the_offset(tmp_path: Path, bar_run: Run) -> None:
+    path = tmp_path / "unit7.csv"
+    path.write_text("time_s,kind\n110.0,sync\n112.5,spike\n", encoding="utf-8")
+    np.testing.assert_allclose(read_spike_times(path, with_pulses(bar_run, [10.0])), [12.5])
