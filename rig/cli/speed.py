@@ -48,7 +48,7 @@ def command(
             wall_s=time.perf_counter() - start,
             quick=quick,
             quantities=QUANTITIES,
-            provenance=reference.provenance,
+            reference=reference,
             steps=_STEPS,
             breakdown=[_breakdown(found) for found in measured if found.candidate.model == "finger"],
             **_calculix(quick=quick),

@@ -1,4 +1,4 @@
-"""The reference that errors are measured against: values with error bars, made by `bench/reference.py`."""
+"""The reference that errors are measured against: a fine mesh and its error bars, made by `bench/reference.py`."""
 
 import json
 from collections.abc import Mapping
@@ -11,54 +11,48 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.study.measure import QUANTITIES, Answer
-from sim.study.scenes import Scene
+from sim.study.scenes import FAMILIES, Scene
 
 Array = NDArray[np.float64]
+Bars = Mapping[str, Mapping[str, float]]
 
 FILE = "study_reference.json"
-_ORDER = 2.0  # of hex8 in displacement and force; the bar is as long as the extrapolation, whatever the order
 
 
 @dataclass(frozen=True)
 class Reference:
-    """For each scene and quantity (k,) values, and (k,) bars within which a further level lands."""
+    """(k,) values for each scene and quantity, and relative error bars for each family and quantity."""
 
     values: Mapping[Scene, Mapping[str, Array]]
-    bars: Mapping[Scene, Mapping[str, Array]]
+    bars: Bars
     provenance: Mapping[str, Any]
 
     def error(self, scene: Scene, quantity: str, answer: Answer) -> float:
         """Largest deviation, over the largest value of the quantity: over all receptors, where it is theirs."""
         value = self.values[scene][quantity]
-        return relative(answer.value(quantity) - value, value)
+        return float(np.abs(answer.value(quantity) - value).max() / np.abs(value).max())
 
-    def bar(self, scene: Scene, quantity: str) -> float:
-        """The error bar in the same measure."""
-        return relative(self.bars[scene][quantity], self.values[scene][quantity])
+    def largest_errors(self, answers: Mapping[Scene, Answer]) -> dict[str, dict[str, float]]:
+        """By family and quantity, over the family's scenes."""
+        return {
+            family: {
+                quantity: max(
+                    self.error(scene, quantity, a) for scene, a in answers.items() if scene.family == family
+                )
+                for quantity in QUANTITIES
+            }
+            for family in FAMILIES
+        }
 
 
-def relative(deviation: Array, value: Array) -> float:
-    """Largest deviation over the largest value."""
-    return float(np.abs(deviation).max() / np.abs(value).max())
+def from_levels(coarse: Mapping[Scene, Answer], fine: Mapping[Scene, Answer], about: Mapping[str, Any]) -> Reference:
+    """The finer of two levels; its bars are the largest changes from the coarser one.
 
-
-def extrapolated(
-    coarse: Mapping[Scene, Answer], fine: Mapping[Scene, Answer], ratio: float, provenance: Mapping[str, Any]
-) -> Reference:
-    """Richardson's extrapolation from two levels whose spacings have a ratio > 1; the bar is what it adds.
-
-    Widths are not extrapolated: they go by steps of the places where contact is enforced.
+    Nothing is extrapolated: under sharp shapes the changes from level to level do not fall by any one order.
     """
-    values: dict[Scene, dict[str, Array]] = {}
-    bars: dict[Scene, dict[str, Array]] = {}
-    for scene in fine:
-        values[scene], bars[scene] = {}, {}
-        for quantity in QUANTITIES:
-            change = fine[scene].value(quantity) - coarse[scene].value(quantity)
-            added = 0.0 * change if quantity == "width" else change / (ratio**_ORDER - 1)
-            values[scene][quantity] = fine[scene].value(quantity) + added
-            bars[scene][quantity] = np.abs(change) if quantity == "width" else np.abs(added)
-    return Reference(values, bars, provenance)
+    values = {scene: {quantity: answer.value(quantity) for quantity in QUANTITIES} for scene, answer in fine.items()}
+    bars = Reference(values, {}, about).largest_errors(coarse)
+    return Reference(values, bars, about)
 
 
 def stored() -> Reference:
@@ -69,23 +63,18 @@ def stored() -> Reference:
 @cache
 def _read(text: str) -> Reference:
     content = json.loads(text)
-    values, bars = (
-        {Scene(**row["scene"]): {q: np.array(row[part][q]) for q in QUANTITIES} for row in content["scenes"]}
-        for part in ("values", "bars")
-    )
-    return Reference(values, bars, content["provenance"])
+    values = {
+        Scene(**row["scene"]): {quantity: np.array(row[quantity]) for quantity in QUANTITIES}
+        for row in content["scenes"]
+    }
+    return Reference(values, content["bars"], content["provenance"])
 
 
 def as_json(reference: Reference) -> str:
     """What `stored` reads."""
     rows = [
-        {
-            "scene": asdict(scene),
-            **{
-                part: {q: table[scene][q].tolist() for q in QUANTITIES}
-                for part, table in (("values", reference.values), ("bars", reference.bars))
-            },
-        }
-        for scene in reference.values
+        {"scene": asdict(scene), **{quantity: value.tolist() for quantity, value in values.items()}}
+        for scene, values in reference.values.items()
     ]
-    return json.dumps({"provenance": dict(reference.provenance), "scenes": rows}, indent=1) + "\n"
+    content = {"provenance": reference.provenance, "bars": reference.bars, "scenes": rows}
+    return json.dumps(content, indent=1) + "\n"

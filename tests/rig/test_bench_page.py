@@ -23,7 +23,7 @@ def html() -> str:
         wall_s=1.0,
         quick=True,
         quantities=QUANTITIES,
-        provenance=reference.provenance,
+        reference=reference,
         steps=("mesh",),
         breakdown=[{"name": "one", "timing": {"mesh": 1.5}, "factor_s": None, "contact_s": 0.01, "limit_s": 0.001}],
         calculix=None,

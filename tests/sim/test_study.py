@@ -10,9 +10,9 @@ from sim.finger.surface import FingertipSurface
 from sim.fingertip import Fingertip
 from sim.models import load
 from sim.study.candidates import Candidate, coarse, nested
-from sim.study.choice import NoModelError, choose
+from sim.study.choice import SHARP, SMOOTH, NoModelError, choose
 from sim.study.measure import QUANTITIES, Answer, answered, measure
-from sim.study.reference import extrapolated, stored
+from sim.study.reference import from_levels, stored
 from sim.study.rows import rows
 from sim.study.scenes import FAMILIES, QUICK_SCENES, SCENES, Scene
 
@@ -21,14 +21,14 @@ def answer(force: float) -> Answer:
     return Answer(force, 1.0, (force, 2.0), (-force, 0.1), 0.0, 1, 0.01, 0.001)
 
 
-def test_extrapolation_is_exact_for_second_order() -> None:
-    scene, exact = Scene("smooth", "bar:3.0", 0.0, 0.5), 3.0
-    reference = extrapolated({scene: answer(exact + 0.3**2)}, {scene: answer(exact + 0.2**2)}, 1.5, {})
-    assert reference.values[scene]["force"] == pytest.approx(exact, abs=1e-14)
-    assert reference.bars[scene]["force"] == pytest.approx(0.04, abs=1e-14)
-    assert reference.error(scene, "force", answer(1.02 * exact)) == pytest.approx(0.02)
-    assert reference.error(scene, "sed", answer(1.02 * exact)) == pytest.approx(0.02)
-    assert reference.bar(scene, "ep1") == pytest.approx(0.04 / exact)
+def test_errors_and_bars_are_ratios_of_largest_values() -> None:
+    scenes = [Scene(family, "bar:3.0", 0.0, 0.5) for family in FAMILIES]
+    reference = from_levels(dict.fromkeys(scenes, answer(3.3)), dict.fromkeys(scenes, answer(3.0)), {})
+    found = answer(2.7)
+    assert reference.error(scenes[0], "force", found) == pytest.approx(0.1)
+    assert reference.error(scenes[0], "sed", found) == pytest.approx(0.1)
+    assert reference.bars["step"]["ep1"] == pytest.approx(0.1)
+    assert reference.largest_errors(dict.fromkeys(scenes, found))["bar"]["width"] == 0.0
 
 
 def test_scenes_are_spread_over_an_element() -> None:
@@ -38,32 +38,26 @@ def test_scenes_are_spread_over_an_element() -> None:
     assert {scene.family for scene in QUICK_SCENES} == set(FAMILIES)
 
 
-def test_a_further_level_lands_inside_the_error_bars() -> None:
-    # Left out of the extrapolation; printed by bench/reference.py, stored with the reference.
-    further = stored().provenance["further"]
-    for family in FAMILIES:
-        for quantity in ("force", "sed", "ep1"):
-            found = further[family][quantity]
-            assert found["further"] <= found["bar"], (family, quantity, found)
-
-
-def test_error_bars_are_small_beside_the_errors_that_are_judged() -> None:
-    # The aims: 2 % of force and 3 % of strain measures under smooth shapes, 5 % and 8 % under sharp ones.
+@pytest.mark.parametrize("kind", [SMOOTH, SHARP])
+@pytest.mark.parametrize("quantity", ["force", "sed", "ep1"])
+def test_a_further_level_lands_inside_the_error_bars(kind: tuple[str, ...], quantity: str) -> None:
+    # It takes no part in the reference; bench/reference.py measures it and stores what it found. Smooth and sharp are
+    # the kinds for which aims are set and errors promised; docs/performance.md has the families.
     reference = stored()
-    for scene in SCENES:
-        part = 1.0 if scene.family == "smooth" else 2.5
-        assert reference.bar(scene, "force") < 0.006 * part, scene
-        assert max(reference.bar(scene, q) for q in ("sed", "ep1")) < 0.015 * part, scene
+    further = max(reference.provenance["further"][family][quantity] for family in kind)
+    bar = max(reference.bars[family][quantity] for family in kind)
+    aim = {"force": 0.02, "sed": 0.03, "ep1": 0.03} if kind == SMOOTH else {"force": 0.05, "sed": 0.08, "ep1": 0.08}
+    assert further <= bar < 0.3 * aim[quantity]
 
 
-def held(finger: Fingertip, scenes: tuple[Scene, ...]) -> dict[tuple[str, str], float]:
-    """Largest errors by family and quantity."""
-    reference, worst = stored(), dict[tuple[str, str], float]()
+def held(finger: Fingertip, scenes: tuple[Scene, ...]) -> dict[str, dict[str, float]]:
+    """Largest errors by quantity and family."""
+    reference, worst = stored(), dict[str, dict[str, float]]()
     for scene in scenes:
         found = answered(finger.indent(scene.shape, scene.x_mm, doi_mm=scene.doi_mm))
         for quantity in QUANTITIES:
-            key = scene.family, quantity
-            worst[key] = max(worst.get(key, 0.0), reference.error(scene, quantity, found))
+            of = worst.setdefault(quantity, {})
+            of[scene.family] = max(of.get(scene.family, 0.0), reference.error(scene, quantity, found))
     return worst
 
 
@@ -71,7 +65,7 @@ def test_the_default_finger_meets_the_aims(finger: Fingertip) -> None:
     worst = held(finger, SCENES)
     for family, aims in {"smooth": (0.02, 0.03, 0.03), "bar": (0.05, 0.08, 0.08), "step": (0.05, 0.08, 0.08)}.items():
         for quantity, aim in zip(("force", "sed", "ep1"), aims, strict=True):
-            assert worst[family, quantity] <= aim, (family, quantity)
+            assert worst[quantity][family] <= aim, (family, quantity)
 
 
 @pytest.mark.parametrize("shape", ["cylinder:9", "bar:3.0", "step:1"])
@@ -83,7 +77,7 @@ def test_what_is_chosen_holds_what_it_promises(finger: Fingertip, shape: str, qu
         found = choose(parse_shape(shape), first.x_mm, first.doi_mm, quantity, tolerance, per_length=False)
         model = finger if found.model == "finger" else load(found.model)
         assert found.level == "default"
-        worst = max(error for (_, q), error in held(model, scenes).items() if q == quantity)
+        worst = max(held(model, scenes)[quantity].values())
         # The table was made by this code on another machine: contact stops at a residual of 1e-10.
         assert worst <= found.promised + 1e-6 <= tolerance + 1e-6
 
