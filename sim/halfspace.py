@@ -17,7 +17,7 @@ from sim.model import CondensedModel, skin_beside
 
 Array = NDArray[np.float64]
 
-EFFECTIVE_MODULUS = 0.2
+EFFECTIVE_MODULUS = 0.21
 """E / E(epidermis) of the half-space.
 
 With it a cylinder 9 mm in diameter at x = 0, pressed 0.4 mm deep, carries the finger's force; `bench/model_errors.py`
