@@ -9,6 +9,7 @@ known: the last line says how many were.
 
 import argparse
 import json
+import math
 import subprocess
 import sys
 import threading
@@ -17,7 +18,7 @@ import time
 import numpy as np
 
 from rig.clock import WallClock
-from rig.force import MtSicsForce
+from rig.force import ForceBusy, MtSicsForce
 from rig.protocol.config import Config
 from rig.stage import GrblStage
 from rig.transport import open_port
@@ -48,7 +49,7 @@ def press_for_ever(port: str, config: Config, round_trips_s: list[float], over: 
 
 
 def poll(port: str, config: Config, seconds: float) -> tuple[list[float], list[float], float]:
-    """Ask at the sensor's own rate; the answers' delays (s), the forces (N), and how long it took."""
+    """Ask at the sensor's own rate; the delays (s), the forces (N, NaN where refused), and how long it took."""
     clock, period_s = WallClock(), config.force.sample_period_s
     force = MtSicsForce(open_port(port, config.force.baud), clock, sample_period_s=period_s)
     force.connect()
@@ -57,7 +58,10 @@ def poll(port: str, config: Config, seconds: float) -> tuple[list[float], list[f
     while next_s < began_s + seconds:
         clock.wait_s(next_s - clock.monotonic_s())
         asked_s = time.perf_counter()
-        forces_n.append(force.read().force_n)
+        try:
+            forces_n.append(force.read().force_n)
+        except ForceBusy:
+            forces_n.append(math.nan)
         delays_s.append(time.perf_counter() - asked_s)
         next_s += period_s
     took_s = clock.monotonic_s() - began_s
@@ -93,9 +97,12 @@ def main() -> None:
         serve.terminate()
         _, said = serve.communicate(timeout=30)
     promised, touching = 1 / config.force.sample_period_s, np.mean(np.array(forces_n) > 0)
+    answered = np.count_nonzero(np.isfinite(forces_n))
     wire = "TCP" if options.tcp else "pseudo-terminals"
     print(f"{took_s:.0f} s over {wire}, in contact {touching:.0%} of the readings")
-    print(f"promised {promised:.2f} readings/s, achieved {len(delays_s) / took_s:.2f}\n")
+    print(
+        f"promised {promised:.2f} readings/s, achieved {answered / took_s:.2f}, {len(forces_n) - answered} refused\n"
+    )
     print("| answer | asked for | p50 (ms) | p99 (ms) | max (ms) |\n|---|---|---|---|---|")
     print(told("SI, force", delays_s))
     print(told("?, status", round_trips_s))

@@ -4,14 +4,16 @@ A new driver is one function here and one line in _STAGES or _FORCES.
 """
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
-from typing import TextIO
+from typing import Literal, TextIO
 
 from rig.clock import Clock, WallClock
 from rig.force.base import ForceSensor
 from rig.force.laumas import LaumasForce
 from rig.force.mtsics import MtSicsForce
+from rig.heartbeat import Heartbeat, looked_after
 from rig.settings import NOMINAL_STEPS_PER_MM, DriveSettings, Framing, RigSettings
 from rig.stage.base import Stage
 from rig.stage.grbl import GrblStage
@@ -30,7 +32,7 @@ def _grbl(opener: Opener, clock: Clock, settings: RigSettings) -> Stage:
         opener(settings.stage.port),
         clock,
         expected=expected_settings(settings),
-        output=settings.sync.output,
+        output="off" if settings.sync.output == "drive" else settings.sync.output,
         backlash_mm=(x, y, z),
     )
 
@@ -49,7 +51,14 @@ def _leadshine(opener: Opener, clock: Clock, settings: RigSettings) -> Stage:
         raise
     x, z = (_drive(buses, clock, axis, drive, settings) for axis, drive in drives.items())
     x_backlash, z_backlash = (settings.calibration.value(f"{axis}_backlash_mm", 0.0) for axis in drives)
-    return LeadshineStage(x, z, y_mm=settings.frame.pad_y_mm, x_backlash_mm=x_backlash, z_backlash_mm=z_backlash)
+    return LeadshineStage(
+        x,
+        z,
+        y_mm=settings.frame.pad_y_mm,
+        x_backlash_mm=x_backlash,
+        z_backlash_mm=z_backlash,
+        output=settings.sync if settings.sync.output == "drive" else None,
+    )
 
 
 def _drive(
@@ -125,19 +134,28 @@ def _open(port: str, *, baud: int, clock: Clock, byte_log: TextIO | None) -> Tra
 
 @dataclass(frozen=True)
 class RealBench:
-    """What the engine needs, on real ports and the wall clock; `ask_to_mount` tells the person at the bench."""
+    """What the engine needs, on real ports and the wall clock; `ask` puts a request to the person at the bench."""
 
     clock: WallClock
     stage: Stage
     force: ForceSensor
-    ask_to_mount: Callable[[str], None]
+    ask: Callable[[str], str]
+    virtual: Literal[False] = False
 
-    def mount(self, indentor: str) -> None:
-        """Returns when the person says that it is on."""
-        self.ask_to_mount(indentor)
+    def mount(self, indentor: str) -> str:
+        """What the person says is on: Enter for what was asked for, or a name."""
+        return self.ask(f"mount {indentor}").strip() or indentor
+
+    def confirm(self, request: str) -> None:
+        """Returns when the person says that it is done."""
+        self.ask(request)
 
     def true_pose(self) -> None:
         """Nobody knows it on a real bench."""
+
+    def look_after(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
+        """A thread looks at it."""
+        return looked_after(heartbeat)
 
     def close(self) -> None:
         """Give the ports back."""
@@ -145,12 +163,16 @@ class RealBench:
         self.force.close()
 
 
-def open_bench(settings: RigSettings, ask_to_mount: Callable[[str], None], byte_log: TextIO) -> RealBench:
-    """Open both ports; the bytes go to `byte_log`. Raises TransportError."""
-    clock = WallClock()
+def open_bench(
+    settings: RigSettings, ask: Callable[[str], str], byte_log: TextIO, not_before_s: float = 0.0
+) -> RealBench:
+    """Open both ports; the bytes go to `byte_log`, the clock begins at not_before_s.
+
+    Raises TransportError."""
+    clock = WallClock(not_before_s)
     stage = open_stage(settings, clock, byte_log)
     try:
-        return RealBench(clock, stage, open_force(settings, clock, byte_log), ask_to_mount)
+        return RealBench(clock, stage, open_force(settings, clock, byte_log), ask)
     except BaseException:
         stage.close()
         raise

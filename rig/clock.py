@@ -28,10 +28,13 @@ class Clock(Protocol):
 
 
 class WallClock:
-    """The clock of a real run."""
+    """The clock of a real run; it begins at not_before_s at the earliest, where an earlier part of the run ended."""
+
+    def __init__(self, not_before_s: float = 0.0) -> None:
+        self._ahead_s = max(not_before_s - time.monotonic(), 0.0)
 
     def monotonic_s(self) -> float:
-        return time.monotonic()
+        return time.monotonic() + self._ahead_s
 
     def unix_s(self) -> float:
         return time.time()
@@ -42,7 +45,7 @@ class WallClock:
     def wait_until(self, ready: Callable[[], bool], deadline_s: float) -> bool:
         """Poll ready() every millisecond."""
         while not ready():
-            left_s = deadline_s - time.monotonic()
+            left_s = deadline_s - self.monotonic_s()
             if left_s <= 0:
                 return ready()
             time.sleep(min(POLL_S, left_s))

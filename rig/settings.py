@@ -1,6 +1,7 @@
 """What the rig must know of itself: ports, frame, limits and habits. Unknown keys are errors."""
 
 import datetime
+import re
 from collections.abc import Callable, Iterator
 from typing import Annotated, Literal, Self
 
@@ -17,6 +18,15 @@ class Settings(BaseModel):
     """A table of the configuration file; every value is checked, none may be NaN."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+def _addressed(port: str) -> str:
+    if port.startswith("tcp://") and not re.fullmatch(r"tcp://[^/]+:\d{1,5}", port):
+        raise ValueError("expected tcp://HOST:PORT or the name of a serial port")
+    return port
+
+
+Port = Annotated[str, AfterValidator(_addressed)]
 
 
 class Calibration(Settings):
@@ -84,7 +94,7 @@ class DriveSettings(Settings):
     """One Leadshine drive. Second-hand: not from the maker's manual, to be looked up before the drive moves."""
 
     device_id: int = Field(ge=1, le=31)
-    port: str | None = Field(None, description="its own, where it does not share the stage's")
+    port: Port | None = Field(None, description="its own, where it does not share the stage's")
     pulses_per_rev: int = Field(400, ge=200, le=51200, description="must be what the drive says")
     pulses_per_rev_register: int = Field(0x0001, ge=0, le=0xFFFF, description="second-hand")
     ramp_ms: int = Field(333, ge=1, le=10_000, description="acceleration and deceleration as the drive takes them")
@@ -107,12 +117,20 @@ class StageSettings(Settings):
     """The motorised stage; framing and drives are read for leadshine only."""
 
     kind: Literal["grbl", "leadshine"] = "grbl"
-    port: str = "/dev/ttyUSB0"
+    port: Port = "/dev/ttyUSB0"
     baud: int = Field(115200, ge=300, le=1_000_000)
     travel_mm: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = (60.0, 30.0, 40.0)
     resolution_mm: float = Field(0.0025, gt=0, le=0.05, description="one step of the vertical axis")
+    acceleration_mm_s2: float = Field(50.0, gt=0, le=1e4, description="of the vertical axis, for the stop distance")
     framing: Framing | None = Field(None, description="of Modbus; absent: tcp on a tcp:// port, rtu elsewhere")
     drives: DrivesSettings = DrivesSettings()
+
+    @property
+    def ports(self) -> tuple[str, ...]:
+        """Every port that the stage is on: its own, or those of its drives."""
+        if self.kind == "grbl":
+            return (self.port,)
+        return tuple(dict.fromkeys(drive.port or self.port for drive in (self.drives.x, self.drives.z)))
 
     @model_validator(mode="after")
     def _told_apart(self) -> Self:
@@ -155,19 +173,38 @@ class ForceSettings(Settings):
     """The force sensor; framing and laumas are read for laumas only."""
 
     kind: Literal["mtsics", "laumas"] = "mtsics"
-    port: str = "/dev/ttyUSB1"
+    port: Port = "/dev/ttyUSB1"
     baud: int = Field(9600, ge=300, le=1_000_000)
     sample_period_s: float = Field(0.05, ge=0.01, le=10)
+    latency_s: float = Field(0.0, ge=0, le=2, description="how late a reading is; waited for after every move")
     resolution_gwt: float = Field(0.01, gt=0, le=1, description="one step of what the sensor shows")
     framing: Framing | None = Field(None, description="of Modbus; absent: tcp on a tcp:// port, rtu elsewhere")
     laumas: LaumasSettings = LaumasSettings()
 
 
 class SyncSettings(Settings):
-    """A pulse for the recording amplifier at contact, hold start and hold end; off by default."""
+    """A pulse for the recording amplifier at contact, hold start and hold end; off by default.
 
-    output: Literal["off", "coolant", "spindle"] = Field("off", description="of a GRBL board: M8/M9 or M3/M5")
+    Which register and words switch a drive's output depends on the drive: they have no default.
+    """
+
+    output: Literal["off", "coolant", "spindle", "drive"] = Field(
+        "off", description="of a GRBL board: M8/M9 or M3/M5; of a Leadshine drive: a digital output"
+    )
     width_s: float = Field(0.01, ge=0.001, le=1)
+    drive: Literal["x", "z"] = Field("z", description="whose output it is")
+    register_address: int | None = Field(
+        None, ge=0, le=0x0FFF, description="from the drive's manual; what makes it move lies higher"
+    )
+    on_word: int | None = Field(None, ge=0, le=0xFFFF)
+    off_word: int | None = Field(None, ge=0, le=0xFFFF)
+
+    @property
+    def words(self) -> tuple[int, int, int] | None:
+        """Register, word for on and word for off, where all are given."""
+        if self.register_address is None or self.on_word is None or self.off_word is None:
+            return None
+        return self.register_address, self.on_word, self.off_word
 
 
 class FrameSettings(Settings):
@@ -185,12 +222,19 @@ class LimitSettings(Settings):
     max_force_gwt: float = Field(100.0, gt=0, le=500)
     search_mm: float = Field(0.5, gt=0, le=1.5, description="below the expected contact; then the sensor is dead")
     soft_trip_n: float = Field(2.0, gt=0, le=5.0, description="cap; lowered to twice the predicted peak")
+    hard_trip_n: float = Field(5.0, gt=0, le=5.0, description="whatever was predicted")
+    max_pressure_n_cm2: float = Field(30.0, gt=0, le=60.0, description="force over the predicted contact area")
+    max_press_speed_mm_s: float = Field(FASTEST_PRESS_MM_S, ge=SLOWEST_MM_S, le=FASTEST_PRESS_MM_S)
+    heartbeat_s: float = Field(3.0, ge=0.5, le=60, description="longest silence of the engine below clearance")
+    on_trip: Literal["stop", "retract", "park"] = Field("retract", description="stop and hold, lift, or lift far")
     x_mm: tuple[float, float] = (-6.0, 6.0)
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if not self.x_mm[0] < self.x_mm[1]:
             raise ValueError("x_mm: expected the lower limit before the upper one")
+        if self.soft_trip_n > self.hard_trip_n:
+            raise ValueError("soft_trip_n: expected no more than hard_trip_n")
         return self
 
 
@@ -201,6 +245,8 @@ class HabitSettings(Settings):
     approach_speed_mm_s: float = Field(0.5, ge=SLOWEST_MM_S, le=2)
     press_speed_mm_s: float = Field(1.0, ge=SLOWEST_MM_S, le=FASTEST_PRESS_MM_S)
     clearance_mm: float = Field(2.0, gt=0.2, le=20)
+    park_height_mm: float = Field(10.0, gt=0.2, le=40, description="above the apex, where on_trip = park lifts to")
+    descent_step_mm: float = Field(0.5, gt=0, le=5, description="between readings on the way down after homing")
     increment_mm: float = Field(0.05, gt=0, le=0.05, description="the longest move below clearance")
     touch_increment_mm: float = Field(0.01, gt=0, le=0.05)
     touch_force_gwt: float = Field(0.05, gt=0, le=1)
@@ -226,6 +272,9 @@ class RigSettings(Settings):
 
     @model_validator(mode="after")
     def _output_there(self) -> Self:
-        if self.stage.kind == "leadshine" and self.sync.output != "off":
-            raise ValueError("sync.output: expected off, only a GRBL board has such an output")
+        allowed = {"grbl": ("off", "coolant", "spindle"), "leadshine": ("off", "drive")}[self.stage.kind]
+        if self.sync.output not in allowed:
+            raise ValueError(f"sync.output: expected {' or '.join(allowed)} with a {self.stage.kind} stage")
+        if self.sync.output == "drive" and self.sync.words is None:
+            raise ValueError("sync: expected register_address, on_word and off_word, from the manual of the drive")
         return self

@@ -63,12 +63,12 @@ class EventQueue:
 class VirtualClock:
     """A clock that jumps from event to event: no threads, the same order every time.
 
-    Seconds since its creation; start_unix_s is the wall time it claims at zero.
+    It begins at start_s, when the wall time it claims is start_unix_s.
     """
 
-    def __init__(self, start_unix_s: float = 0.0) -> None:
-        self._start_unix_s = start_unix_s
-        self._now_s = 0.0
+    def __init__(self, start_unix_s: float = 0.0, start_s: float = 0.0) -> None:
+        self._start_unix_s = start_unix_s - start_s
+        self._now_s = start_s
         self._queue = EventQueue()
 
     def monotonic_s(self) -> float:

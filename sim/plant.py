@@ -4,12 +4,15 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from scipy.optimize import brentq
+
 from sim.contact.indentor import Indentor
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import ContactState
-from sim.fingertip import Fingertip, ModelRangeError
+from sim.fingertip import FARTHEST_X_MM, Fingertip, ModelRangeError
 
 _WARM_MOVE_MM = 0.1
+_DEPTH_TOLERANCE_MM = 1e-6
 
 StepsAt = Callable[[float], tuple[int, int, int]]
 
@@ -43,8 +46,8 @@ class TruePose:
     """What no instrument of the rig can see; mm in the finger's frame."""
 
     x_mm: float
-    height_mm: float  # of the indentor's lowest point, in the finger's y
-    doi_mm: float  # negative above the skin
+    height_mm: float  # of the indentor's lowest point, in the finger's y, if the rig were rigid
+    doi_mm: float  # negative above the skin, −∞ beside the finger
 
 
 @dataclass(frozen=True)
@@ -64,56 +67,90 @@ class Carriage:
         )
 
 
+@dataclass(frozen=True)
+class _Pressed:
+    """The finger at a pose: depth past first contact, mm, force, N, and what the contact was solved to."""
+
+    pose: Pose
+    doi_mm: float
+    force_n: float
+    state: ContactState
+
+
 class Press:
     """A finger under an indentor: the force at one pose after another."""
 
-    def __init__(self, finger: Fingertip, indentor: str, stiffness: float = 1.0) -> None:
-        """stiffness multiplies every force. Raises ShapeError."""
+    def __init__(
+        self, finger: Fingertip, indentor: str, stiffness: float = 1.0, compliance_mm_per_n: float = 0.0
+    ) -> None:
+        """stiffness multiplies every force; the rig gives way by the compliance. Raises ShapeError."""
         self._finger = finger
         self._indentor: Indentor = parse_shape(indentor)
-        self._stiffness = stiffness
+        self._stiffness, self._compliance = stiffness, compliance_mm_per_n
         self._touch_mm = (math.nan, math.nan)  # height of first touch at the last x
-        self._last: tuple[Pose, float, ContactState | None] | None = None
+        self._last: _Pressed | None = None
         self.contact_solves = 0
 
     def doi_mm(self, pose: Pose) -> float:
-        """Depth past first contact; negative above the skin."""
+        """Depth past first contact; negative above the skin, −∞ beside the finger. Raises ModelRangeError."""
+        way_mm = self._way_mm(pose)
+        return self._pressed(pose, way_mm).doi_mm if way_mm > 0 and self._compliance else way_mm
+
+    def force_n(self, pose: Pose) -> float:
+        """Downward force on the finger, N. Raises ModelRangeError."""
+        way_mm = self._way_mm(pose)
+        return self._pressed(pose, way_mm).force_n if way_mm > 0 else 0.0
+
+    def _way_mm(self, pose: Pose) -> float:
+        """How far the stage has gone past first contact: the depth, if the rig were rigid."""
+        if abs(pose.x_mm) > FARTHEST_X_MM:
+            return -math.inf
         if self._touch_mm[0] != pose.x_mm:
             self._touch_mm = (pose.x_mm, self._finger.touch_height_mm(self._indentor, pose.x_mm))
         return self._touch_mm[1] - (pose.above_apex_mm + self._finger.apex_height_mm)
 
-    def force_n(self, pose: Pose) -> float:
-        """Downward force on the finger, N. Raises ModelRangeError."""
-        doi = self.doi_mm(pose)
-        if doi <= 0:
-            return 0.0
-        if self._last is None or self._last[0] != pose:
-            force, state = self._solve(pose, doi)
-            self._last = (pose, force, state)
-        return self._stiffness * self._last[1]
+    def _pressed(self, pose: Pose, way_mm: float) -> _Pressed:
+        if self._last is None or self._last.pose != pose:
+            rigid = self._at_depth(pose, way_mm, self._last)
+            self._last = self._given_way(rigid) if self._compliance else rigid
+        return self._last
 
-    def _solve(self, pose: Pose, doi_mm: float) -> tuple[float, ContactState]:
+    def _given_way(self, rigid: _Pressed) -> _Pressed:
+        """The depth at which finger and rig, in series, share the way; sideways the rig is rigid."""
+        nearest = rigid
+
+        def left_over_mm(doi_mm: float) -> float:
+            nonlocal nearest
+            if doi_mm <= 0:
+                return -rigid.doi_mm
+            nearest = self._at_depth(rigid.pose, doi_mm, nearest)
+            return doi_mm + self._compliance * nearest.force_n - rigid.doi_mm
+
+        doi_mm = brentq(left_over_mm, 0.0, rigid.doi_mm, xtol=_DEPTH_TOLERANCE_MM)
+        return self._at_depth(rigid.pose, doi_mm, nearest)
+
+    def _at_depth(self, pose: Pose, doi_mm: float, last: _Pressed | None) -> _Pressed:
         """Continue from the last state when it is near: the branch reached by pressing in."""
         self.contact_solves += 1
-        start = None
-        if self._last is not None:
-            before, _, state = self._last
-            by_mm = abs(before.above_apex_mm - pose.above_apex_mm)
-            start = state if before.x_mm == pose.x_mm and by_mm <= _WARM_MOVE_MM else None
+        near = last is not None and last.pose.x_mm == pose.x_mm and abs(last.doi_mm - doi_mm) <= _WARM_MOVE_MM
+        start = last.state if last is not None and near else None
         result = self._finger.indent(self._indentor, pose.x_mm, doi_mm=doi_mm, start=start)
         if not result.state.converged:
             raise ModelRangeError(
                 f"the virtual finger has no answer for {self._indentor.name} at x = {pose.x_mm:g} mm, DOI "
                 f"{doi_mm:g} mm: residual {result.state.residual:.0e}"
             )
-        return result.force_n, result.state
+        return _Pressed(pose, doi_mm, self._stiffness * result.force_n, result.state)
 
 
 class Plant:
     """A fingertip under a stage. Nothing is computed until somebody asks for a force."""
 
-    def __init__(self, finger: Fingertip, carriage: Carriage, stiffness: float = 1.0) -> None:
-        self._finger, self._carriage, self._stiffness = finger, carriage, stiffness
+    def __init__(
+        self, finger: Fingertip, carriage: Carriage, stiffness: float = 1.0, compliance_mm_per_n: float = 0.0
+    ) -> None:
+        self._finger, self._carriage = finger, carriage
+        self._stiffness, self._compliance = stiffness, compliance_mm_per_n
         self._press: Press | None = None
 
     @property
@@ -123,10 +160,10 @@ class Plant:
 
     def mount(self, indentor: str) -> None:
         """Put an indentor on the carriage; raises ShapeError."""
-        self._press = Press(self._finger, indentor, self._stiffness)
+        self._press = Press(self._finger, indentor, self._stiffness, self._compliance)
 
     def pose_at(self, t_s: float) -> TruePose:
-        """The indentor's true pose at an instant."""
+        """The indentor's true pose at an instant. Raises ModelRangeError."""
         pose = self._carriage.pose_at(t_s)
         doi = float("-inf") if self._press is None else self._press.doi_mm(pose)
         return TruePose(pose.x_mm, pose.above_apex_mm + self._finger.apex_height_mm, doi)

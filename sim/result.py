@@ -59,6 +59,17 @@ class IndentationResult:
         return PSEUDO_E_EPIDERMIS * normal / self.model.patch.area_mm2
 
     @property
+    def contact_area_mm2(self) -> float:
+        """Undeformed area of the nodes that carry force: known to a ring of nodes around it."""
+        carrying = np.linalg.norm(self.state.force, axis=0) > 0
+        return float(self.model.patch.area_mm2[carrying].sum())
+
+    @property
+    def peak_pressure_mpa(self) -> float:
+        """Highest nodal pressure of the whole contact, on the calibrated stiffness scale."""
+        return self.peak_pressure_pseudo * self.e_epidermis_mpa / PSEUDO_E_EPIDERMIS
+
+    @property
     def peak_pressure_pseudo(self) -> float:
         """Highest nodal pressure of the whole contact."""
         return float(self.nodal_pressure_pseudo.max())

@@ -15,7 +15,7 @@ from rig.cli.output import ExitCode, complain, out, print_json, told_in_one_line
 from rig.clock import WallClock
 from rig.protocol.config import Config, load_config
 from rig.stage.base import Stage
-from rig.transport import TransportError, port_owner
+from rig.transport import TransportError, first_owner
 
 ConfigOption = Annotated[Path, typer.Option("--config", metavar="TOML", help="Configuration of the rig.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
@@ -77,13 +77,13 @@ def stop(config: ConfigOption, as_json: JsonOption = False) -> None:
     """Tell the owner of the stage's port to stop; then, or if there is none, send the stop down the wire."""
     with told_in_one_line(as_json=as_json):
         settings = load_config(config)
-        port = settings.stage.port
-        owner = port_owner(port)
+        ports = settings.stage.ports
+        owner = first_owner(ports)
         if owner is not None:
-            _have_it_let_go(port, owner)
+            _have_it_let_go(ports, owner)
         with closing(open_stage(settings, WallClock())) as stage:
             stage.stop()
-        tell({"stopped": port, "owner": owner}, as_json=as_json)
+        tell({"stopped": " and ".join(ports), "owner": owner}, as_json=as_json)
 
 
 def tell(found: dict[str, Any], *, as_json: bool) -> None:
@@ -97,7 +97,8 @@ def tell(found: dict[str, Any], *, as_json: bool) -> None:
         out.print(f"{name:<12}{value}")
 
 
-def _have_it_let_go(port: str, owner: int) -> None:
+def _have_it_let_go(ports: tuple[str, ...], owner: int) -> None:
+    port = " and ".join(ports)
     if STOP_SIGNAL is None:
         raise TransportError(f"{port} is in use by process {owner}, which cannot be signalled on this system")
     try:
@@ -107,5 +108,5 @@ def _have_it_let_go(port: str, owner: int) -> None:
     except OSError as error:
         raise TransportError(f"{port} is in use by process {owner}: {error.strerror}") from None
     clock = WallClock()
-    if not clock.wait_until(lambda: port_owner(port) is None, clock.monotonic_s() + _LET_GO_S):
+    if not clock.wait_until(lambda: first_owner(ports) is None, clock.monotonic_s() + _LET_GO_S):
         raise TransportError(f"process {owner} was told to stop and has not let go of {port}: use the emergency stop")

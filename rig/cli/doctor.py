@@ -37,7 +37,7 @@ def command(
             return
         for name, value in found.items():
             if isinstance(value, dict):
-                value = ", ".join(f"{k} {v}" for k, v in value.items())
+                value = ", ".join(f"{k} {v}" for k, v in value.items()) or "none"
             elif isinstance(value, list):
                 value = ", ".join(str(v) for v in value) or "none"
             out.print(f"{name:<12}{value}")

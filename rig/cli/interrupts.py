@@ -1,6 +1,7 @@
 """Signals: Ctrl-C, a terminal that goes away, and `rig stop` from another process."""
 
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -12,18 +13,40 @@ STOP_SIGNAL: signal.Signals | None = getattr(signal, "SIGUSR1", None)
 _HANG_UP: signal.Signals | None = getattr(signal, "SIGHUP", None)
 
 
-@contextmanager
-def at_a_safe_point() -> Iterator[Callable[[], bool]]:
-    """Ctrl-C (or SIGTERM) once asks for a stop at the next safe point; twice, or `rig stop`, stops at once."""
-    asked: list[bool] = []
+class Pause:
+    """Whether the operator has asked for a pause, and whether to go on after it."""
 
-    def ask(*_: object) -> None:
-        asked.append(True)
+    def __init__(self) -> None:
+        self._asked = False
+
+    def asked(self) -> bool:
+        """Whether Ctrl-C (or SIGTERM) has come."""
+        return self._asked
+
+    def ask(self, *_: object) -> None:
+        """The signal: from now on a second Ctrl-C stops at once."""
+        self._asked = True
         signal.signal(signal.SIGINT, signal.default_int_handler)
-        err.print("stopping at the next safe point; Ctrl-C again stops now")
+        err.print("pausing: stopping at the next safe point; Ctrl-C again stops now")
 
-    with _handling({signal.SIGINT: ask, signal.SIGTERM: ask, STOP_SIGNAL: signal.default_int_handler}):
-        yield lambda: bool(asked)
+    def go_on(self) -> bool:
+        """The answer of whoever sits at the terminal; without one there is nobody to wait for."""
+        if not (sys.stdin.isatty() and sys.stderr.isatty()):
+            return False
+        err.print("paused, the indentor is lifted: Enter goes on, Ctrl-C ends the run; rig resume can take it up")
+        if not sys.stdin.readline():
+            return False
+        self._asked = False
+        signal.signal(signal.SIGINT, self.ask)
+        return True
+
+
+@contextmanager
+def at_a_safe_point() -> Iterator[Pause]:
+    """Ctrl-C (or SIGTERM) once asks for a pause at the next safe point; twice, or `rig stop`, stops at once."""
+    pause = Pause()
+    with _handling({signal.SIGINT: pause.ask, signal.SIGTERM: pause.ask, STOP_SIGNAL: signal.default_int_handler}):
+        yield pause
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from rig.clock import WallClock
 from rig.force.base import ForceError
 from rig.protocol.config import Config
 from rig.stage.base import StageError, StageStatus
-from rig.transport import TransportError, port_owner
+from rig.transport import TransportError, first_owner, port_owner
 
 _AT_REST = ("Idle", "Alarm")
 
@@ -20,7 +20,7 @@ def look(settings: Config, *, closely: bool = False) -> dict[str, dict[str, Any]
     """
     stage, force = settings.stage, settings.force
     return {
-        "stage": {"kind": stage.kind, "port": stage.port, **_look_at_stage(settings, closely=closely)},
+        "stage": {"kind": stage.kind, "port": " and ".join(stage.ports), **_look_at_stage(settings, closely=closely)},
         "force": {"kind": force.kind, "port": force.port, **_look_at_force(settings)},
     }
 
@@ -31,7 +31,7 @@ def position(at: StageStatus) -> dict[str, Any]:
 
 
 def _look_at_stage(settings: Config, *, closely: bool) -> dict[str, Any]:
-    owner = port_owner(settings.stage.port)
+    owner = first_owner(settings.stage.ports)
     if owner is not None:
         return {"owner": owner}
     found: dict[str, Any] = {}
@@ -51,7 +51,7 @@ def _look_at_force(settings: Config) -> dict[str, Any]:
         return {"owner": owner}
     try:
         with closing(open_force(settings, WallClock())) as force:
-            name = force.connect()
+            name = force.identify()
             reading = force.read()
             return {"identity": name, "force_n": reading.force_n, "stable": reading.stable}
     except (ForceError, TransportError) as error:

@@ -4,7 +4,7 @@ import typer
 
 from rig.cli.output import ExitCode, fail
 
-COMMANDS = ("check", "resume", "shift-invariance", "impulse", "decode")
+COMMANDS = ("shift-invariance", "impulse", "decode")
 
 
 def register(app: typer.Typer) -> None:

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from rig.compare.comparison import ComparisonError
 from rig.compare.recorded import RecordingError
-from rig.data import RunError
+from rig.data import FolderBusyError, RunError
 from rig.force.base import ForceError
 from rig.protocol.errors import BadInputError
 from rig.run import EngineError
@@ -23,10 +23,15 @@ from sim.finger.mesh import MeshError
 from sim.finger.surface import SurfaceError
 from sim.fingertip import ModelRangeError
 from sim.measures.receptors import ReceptorError
-from sim.study.choice import NoModelError
 
 err = Console(stderr=True, highlight=False, soft_wrap=True, markup=False)
 out = Console(highlight=False, soft_wrap=True, markup=False)
+
+
+_BAD_INPUT = (
+    *(BadInputError, RunError, FolderBusyError, RecordingError, ComparisonError),
+    *(ShapeError, ModelRangeError, SurfaceError, MeshError, ReceptorError, CacheError),
+)
 
 
 @contextmanager
@@ -73,19 +78,7 @@ def told_in_one_line(*, as_json: bool) -> Iterator[None]:
     """Turn what can go wrong into one line and the right exit code."""
     try:
         yield
-    except (
-        BadInputError,
-        RunError,
-        RecordingError,
-        ComparisonError,
-        ShapeError,
-        ModelRangeError,
-        NoModelError,
-        SurfaceError,
-        MeshError,
-        ReceptorError,
-        CacheError,
-    ) as error:
+    except _BAD_INPUT as error:
         fail(str(error), ExitCode.BAD_INPUT, as_json=as_json)
     except KeyboardInterrupt:
         fail("stopped at once by the operator", ExitCode.ABORTED, as_json=as_json)

@@ -35,12 +35,16 @@ def command(
     with told_in_one_line(as_json=as_json):
         settings = load_config(config)
         script = load_script(protocol, [*(set_ or []), *(more or [])])
-        done = carry_out(script, settings, out_dir, lambda session: real_run(session, _ask_to_mount), as_json=as_json)
+        done = carry_out(
+            script, settings, out_dir, lambda session: real_run(session, ask_at_the_bench), as_json=as_json
+        )
     leave(done)
 
 
-def _ask_to_mount(indentor: str) -> None:
-    """Ask the person at the bench, who answers with Enter; no answer at all ends the run."""
-    err.print(f"mount {indentor}, then press Enter")
-    if not sys.stdin.readline():
-        raise RunAborted(f"nobody answered that {indentor} is mounted")
+def ask_at_the_bench(request: str) -> str:
+    """Ask the person at the bench and return the line that answers; no answer at all ends the run."""
+    err.print(f"{request}, then press Enter")
+    answer = sys.stdin.readline()
+    if not answer:
+        raise RunAborted(f"nobody answered: {request}")
+    return answer

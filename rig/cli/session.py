@@ -14,6 +14,7 @@ from rig.cli.output import ExitCode, complain, err, loading_the_finger, out, pri
 from rig.compare import write_report
 from rig.protocol.config import Config
 from rig.protocol.plan import make_plan
+from rig.protocol.resume import StoppedRun
 from rig.protocol.script import Script
 from rig.protocol.session import FinishedRun, Session, Watch
 from rig.run import RunAborted
@@ -21,19 +22,25 @@ from sim.fingertip import Fingertip
 
 
 def carry_out(
-    script: Script, config: Config, out_dir: Path, how: Callable[[Session], FinishedRun], *, as_json: bool
+    script: Script,
+    config: Config,
+    out_dir: Path,
+    how: Callable[[Session], FinishedRun],
+    *,
+    as_json: bool,
+    stopped: StoppedRun | None = None,
 ) -> FinishedRun:
-    """Check the script, carry it out, write its report, and say where it is."""
+    """Check the script, carry it out or take it up where it stopped, write its report, and say where it is."""
     with loading_the_finger():
         finger = Fingertip.load(config.finger)
     plan = make_plan(script, config, finger)
     began = time.perf_counter()
-    with at_a_safe_point() as interrupted, _progress(len(plan.indentations)) as watch:
-        done = how(Session(script, config, finger, plan, out_dir, interrupted, watch))
+    with at_a_safe_point() as pause, _progress(len(plan.indentations)) as watch:
+        done = how(Session(script, config, finger, plan, out_dir, pause.asked, watch, pause.go_on, stopped))
     done.folder.write_checksums()
     report = write_report(done.run, finger, done.wall_s)
     done.folder.write_checksums()
-    _print(done, report, time.perf_counter() - began, as_json=as_json)
+    _print(done, report, time.perf_counter() - began, as_json=as_json, resumed=stopped is not None)
     return done
 
 
@@ -44,7 +51,9 @@ def leave(done: FinishedRun) -> NoReturn:
     raise typer.Exit(_exit_code(done))
 
 
-def _print(done: FinishedRun, report: Path, wall_s: float, *, as_json: bool) -> None:
+def _print(done: FinishedRun, report: Path, wall_s: float, *, as_json: bool, resumed: bool) -> None:
+    run = done.run
+    counts = {"missing": run.missing, "repeated": run.repeated, "restarted": run.restarted} if resumed else {}
     if as_json:
         print_json(
             {
@@ -54,10 +63,13 @@ def _print(done: FinishedRun, report: Path, wall_s: float, *, as_json: bool) -> 
                 "duration_s": done.duration_s,
                 "wall_s": wall_s,
                 "report": str(report),
+                **counts,
             }
         )
     else:
         out.print(f"{done.indentations} indentations, {done.duration_s:.0f} s of bench time in {wall_s:.1f} s")
+        if counts:
+            out.print(", ".join(f"{number} {what}" for what, number in counts.items()))
         out.print(f"run     {done.folder.path}\nreport  {report}")
 
 

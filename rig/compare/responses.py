@@ -42,12 +42,11 @@ def responses(run: Run, finger: Fingertip, *, last_only: bool = False) -> list[R
     starts = {event["index"]: event for event in run.stream("indentation_start")}
     touches = {event["index"]: event for event in run.stream("touch")}
     asked = {(event["index"], event["hold"]): event for event in run.stream("hold_start")}
-    finished = {event["index"] for event in run.stream("indentation_end")}
     found = []
     for hold in run.stream("hold_end"):
         index = hold["index"]
         last = hold["hold"] == starts[index]["increments"]
-        if index not in finished or (last_only and not last):
+        if index not in run.done or (last_only and not last):
             continue
         indentor, start = starts[index]["indentor"], asked[index, hold["hold"]]
         if hold.get("true_doi_mm") is not None:

@@ -1,7 +1,7 @@
 """Run folders: made before a run, read and exported after it."""
 
 from rig.data.export import export_run
-from rig.data.folder import RunFolder, new_run_folder
+from rig.data.folder import FolderBusyError, RunFolder, new_run_folder
 from rig.data.reader import Run, RunError, read_run
 
-__all__ = ["Run", "RunError", "RunFolder", "export_run", "new_run_folder", "read_run"]
+__all__ = ["FolderBusyError", "Run", "RunError", "RunFolder", "export_run", "new_run_folder", "read_run"]

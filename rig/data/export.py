@@ -13,17 +13,20 @@ from rig.data.reader import Run
 
 
 def export_run(run: Run) -> None:
-    """Write data.h5 (units as attributes) and STREAM.csv beside the journal."""
-    tables = {name: _columns(run, name) for name in run.units if run.stream(name)}
+    """Write data.h5 (units as attributes) and STREAM.csv beside the journal.
+
+    Events of indentations that were interrupted and begun again go into tables of their own, STREAM_superseded.
+    """
+    tables = {name: _columns(run.units[name], found) for name, found in run.events.items() if found}
+    tables |= {f"{name}_superseded": _columns(run.units[name], found) for name, found in run.superseded.items()}
     _write_hdf5(run, tables)
     for name, columns in tables.items():
         replace_text(run.folder.path / f"{name}.csv", _as_csv(columns))
 
 
-def _columns(run: Run, stream: str) -> dict[str, list[Any]]:
+def _columns(units: dict[str, str], events: list[dict[str, Any]]) -> dict[str, list[Any]]:
     """t_s and every described key, None where an event lacks it."""
-    keys = ["t_s", *run.units[stream]]
-    return {key: [event.get(key) for event in run.stream(stream)] for key in keys}
+    return {key: [event.get(key) for event in events] for key in ("t_s", *units)}
 
 
 def _write_hdf5(run: Run, tables: dict[str, dict[str, list[Any]]]) -> None:
@@ -36,7 +39,7 @@ def _write_hdf5(run: Run, tables: dict[str, dict[str, list[Any]]]) -> None:
             group = file.create_group(stream)
             for key, values in columns.items():
                 dataset = group.create_dataset(key, data=_as_array(values))
-                dataset.attrs["unit"] = "s" if key == "t_s" else run.units[stream][key]
+                dataset.attrs["unit"] = "s" if key == "t_s" else run.units[stream.removesuffix("_superseded")][key]
     with partial.open("rb+") as stream_file:
         os.fsync(stream_file.fileno())
     partial.replace(run.folder.data)

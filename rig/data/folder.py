@@ -4,11 +4,21 @@ import hashlib
 import json
 import os
 import secrets
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any
+
+import filelock
+
+_SUMS, _LOCK = "SHA256SUMS", ".lock"
+_COPIES = ("protocol.py", "config.toml", "provenance.json")
+
+
+class FolderBusyError(Exception):
+    """Another process writes to this run."""
 
 
 @dataclass(frozen=True)
@@ -44,29 +54,58 @@ class RunFolder:
 
     def write_checksums(self) -> None:
         """SHA256SUMS over every file of the folder, as `sha256sum -c` reads it."""
-        names = sorted(p.name for p in self.path.iterdir() if p.is_file() and p.name != "SHA256SUMS")
-        lines = [f"{hashlib.sha256((self.path / name).read_bytes()).hexdigest()}  {name}\n" for name in names]
-        replace_text(self.path / "SHA256SUMS", "".join(lines))
+        names = sorted(p.name for p in self.path.iterdir() if p.is_file() and p.name not in (_SUMS, _LOCK))
+        lines = [f"{_digest(self.path / name)}  {name}\n" for name in names]
+        replace_text(self.path / _SUMS, "".join(lines))
+
+    def changed(self) -> list[str]:
+        """Which of the copies that a run was made from are not what they were when it began. Raises OSError."""
+        lines = (self.path / _SUMS).read_text(encoding="utf-8").splitlines()
+        known = {name: digest for digest, name in (line.split("  ", 1) for line in lines)}
+        return [name for name in _COPIES if known.get(name) != _digest(self.path / name)]
+
+    @contextmanager
+    def owned(self) -> Iterator[None]:
+        """Hold the folder against every other process that would write to it. Raises FolderBusyError."""
+        try:
+            with filelock.FileLock(self.path / _LOCK, timeout=0):
+                yield
+        except filelock.Timeout:
+            raise FolderBusyError(f"run {self.path}: another process is at it") from None
 
 
 def new_run_folder(
     parent: Path, name: str, when: datetime, protocol: Path, config_toml: str, provenance: Mapping[str, Any]
 ) -> RunFolder:
-    """Make a folder of its own for a run and copy the protocol, the configuration and the versions into it."""
-    path = parent / f"{when:%Y%m%dT%H%M%S}-{name}-{secrets.token_hex(3)}"
-    path.mkdir(parents=True)
-    folder = RunFolder(path)
-    (path / "protocol.py").write_bytes(protocol.read_bytes())
-    (path / "config.toml").write_text(config_toml, encoding="utf-8")
-    folder.provenance.write_text(json.dumps(provenance, indent=2) + "\n", encoding="utf-8")
-    return folder
+    """Make a folder of its own for a run, with copies of the protocol, the configuration and the versions.
+
+    It is there with all of them, hashed, or not at all.
+    """
+    name = f"{when:%Y%m%dT%H%M%S}-{name}-{secrets.token_hex(3)}"
+    partial = parent / f".{name}.part"
+    partial.mkdir(parents=True)
+    replace_bytes(partial / "protocol.py", protocol.read_bytes())
+    replace_text(partial / "config.toml", config_toml)
+    replace_text(partial / "provenance.json", json.dumps(provenance, indent=2) + "\n")
+    RunFolder(partial).write_checksums()
+    partial.rename(parent / name)
+    return RunFolder(parent / name)
 
 
 def replace_text(path: Path, text: str) -> None:
     """Write a file so that it is either the old one or the whole new one, on disk."""
+    replace_bytes(path, text.encode("utf-8"))
+
+
+def replace_bytes(path: Path, content: bytes) -> None:
+    """Write a file so that it is either the old one or the whole new one, on disk."""
     partial = path.with_name(path.name + ".part")
-    with partial.open("w", encoding="utf-8", newline="") as stream:
-        stream.write(text)
+    with partial.open("wb") as stream:
+        stream.write(content)
         stream.flush()
         os.fsync(stream.fileno())
     partial.replace(path)
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

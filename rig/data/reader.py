@@ -1,11 +1,16 @@
 """A run read back from its journal."""
 
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from rig.data.folder import RunFolder
-from rig.run.journal import JournalError, read_journal
+from rig.run.journal import Document, JournalError, read_journal
+
+Events = dict[str, list[dict[str, Any]]]
 
 
 class RunError(Exception):
@@ -14,24 +19,57 @@ class RunError(Exception):
 
 @dataclass(frozen=True)
 class Run:
-    """The documents of one run, sorted by stream. Every event has its time under "t_s"."""
+    """The documents of one run, sorted by stream. Every event has its time under "t_s".
+
+    `superseded` has the events of indentations that were interrupted and begun again; they are not in `events`.
+    """
 
     folder: RunFolder
     start: dict[str, Any]
     stop: dict[str, Any] | None  # None after a crash
     units: dict[str, dict[str, str]]
-    events: dict[str, list[dict[str, Any]]]
+    events: Events
+    superseded: Events
     duration_s: float
+    end_s: float  # t_s of the last document
 
     def stream(self, name: str) -> list[dict[str, Any]]:
         """The events of one stream in order."""
         return self.events.get(name, [])
 
+    @cached_property
+    def done(self) -> dict[int, list[dict[str, Any]]]:
+        """The holds of every indentation whose last hold has its end in the journal, by index."""
+        holds: dict[int, list[dict[str, Any]]] = {}
+        for hold in self.stream("hold_end"):
+            holds.setdefault(hold["index"], []).append(hold)
+        return {i: found for i, found in holds.items() if found[-1]["hold"] == self._last_hold[i]}
+
+    @property
+    def missing(self) -> int:
+        """How many of the planned indentations are not done."""
+        return max(int(self.start["planned_indentations"]) - len(self.done), 0)
+
+    @property
+    def repeated(self) -> int:
+        """How many indentations were done again though they were done."""
+        ends = [*self.superseded.get("hold_end", []), *self.stream("hold_end")]
+        times = Counter(end["index"] for end in ends if end["hold"] == self._last_hold[end["index"]])
+        return sum(n - 1 for n in times.values())
+
+    @property
+    def restarted(self) -> int:
+        """How many times an interrupted indentation was begun again."""
+        return len(self.superseded.get("indentation_start", []))
+
     @property
     def complete(self) -> bool:
         """Whether the run ended by itself with every planned indentation done."""
-        done = len(self.stream("indentation_end"))
-        return self.stop is not None and self.stop["status"] == "done" and done == self.start["planned_indentations"]
+        return self.stop is not None and self.stop["status"] == "done" and self.missing == 0
+
+    @cached_property
+    def _last_hold(self) -> dict[int, int]:
+        return {start["index"]: start["increments"] for start in self.stream("indentation_start")}
 
 
 def read_run(path: Path) -> Run:
@@ -45,19 +83,47 @@ def read_run(path: Path) -> Run:
         raise RunError(f"run {path}: {error}") from None
     if not documents or documents[0]["doc"] != "start":
         raise RunError(f"run {path}: {folder.events.name} does not begin with a start document")
-    units: dict[str, dict[str, str]] = {}
-    events: dict[str, list[dict[str, Any]]] = {}
-    for document in documents:
-        if document["doc"] == "descriptor":
-            units[document["stream"]] = document["units"]
-        elif document["doc"] == "event":
-            events.setdefault(document["stream"], []).append({"t_s": document["t_s"], **document["data"]})
+    events, superseded = _by_stream(documents)
     last = documents[-1]
     return Run(
         folder=folder,
         start=documents[0],
         stop=last if last["doc"] == "stop" else None,
-        units=units,
+        units={d["stream"]: d["units"] for d in documents if d["doc"] == "descriptor"},
         events=events,
-        duration_s=last["t_s"] - documents[0]["t_s"],
+        superseded=superseded,
+        duration_s=_duration_s(documents),
+        end_s=last["t_s"],
     )
+
+
+def _by_stream(documents: Iterable[Document]) -> tuple[Events, Events]:
+    """The events that count, and those of indentations that were begun again."""
+    events: Events = {}
+    superseded: Events = {}
+    begun: set[int] = set()
+    for document in documents:
+        if document["doc"] != "event":
+            continue
+        stream, data = document["stream"], document["data"]
+        if stream == "indentation_start":
+            if data["index"] in begun:
+                _set_aside(events, superseded, data["index"])
+            begun.add(data["index"])
+        events.setdefault(stream, []).append({"t_s": document["t_s"], **data})
+    return events, superseded
+
+
+def _set_aside(events: Events, superseded: Events, index: int) -> None:
+    for stream, found in events.items():
+        old = [event for event in found if event.get("index") == index]
+        if old:
+            superseded.setdefault(stream, []).extend(old)
+            events[stream] = [event for event in found if event.get("index") != index]
+
+
+def _duration_s(documents: list[Document]) -> float:
+    """Seconds from each start or resume to the last document before the next: the time between is not the run's."""
+    begins = [n for n, document in enumerate(documents) if document["doc"] in ("start", "resume")]
+    ends = [*(n - 1 for n in begins[1:]), len(documents) - 1]
+    return float(sum(documents[b]["t_s"] - documents[a]["t_s"] for a, b in zip(begins, ends, strict=True)))

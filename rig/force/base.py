@@ -54,6 +54,10 @@ class ForceSensor(Protocol):
         """Make contact; returns the instrument's identity. Raises ForceError."""
         ...
 
+    def identify(self) -> str:
+        """The identity of an instrument that somebody else may be using: changes nothing. Raises ForceError."""
+        ...
+
     def read(self) -> ForceReading:
         """The latest value, stable or not. Raises ForceError."""
         ...

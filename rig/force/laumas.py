@@ -54,6 +54,9 @@ class LaumasForce:
         self._snapshot()
         return f"Laumas transmitter type {kind}, serial {serial} of {year}, firmware {firmware}"
 
+    def identify(self) -> str:
+        return self.connect()
+
     def read(self) -> ForceReading:
         """The latest weight as a force in N. Raises ForceError, and one of its kinds where the status says so."""
         return self._reading(self._snapshot())

@@ -42,8 +42,12 @@ class MtSicsForce:
         self._in_step = False
 
     def connect(self) -> str:
-        """Cancel whatever the balance was at; returns its serial number. Raises ForceError."""
-        return f"MT-SICS balance {self._cancel()}"
+        """Cancel whatever the balance was at, its tare too; returns its serial number. Raises ForceError."""
+        return f"MT-SICS balance {self._hello('@', 'I4')}"
+
+    def identify(self) -> str:
+        """Ask for the serial number alone, since `@` would forget the tare. Raises ForceError."""
+        return f"MT-SICS balance {self._hello('I4')}"
 
     def read(self) -> ForceReading:
         return self._weight("SI", REPLY_S)
@@ -78,7 +82,7 @@ class MtSicsForce:
 
     def _ask(self, command: str, timeout_s: float) -> list[str]:
         if not self._in_step:
-            self._cancel()
+            self._hello("@", "I4")
         self._reader.discard()
         self._send(command)
         line = self._reader.read_line(self._clock.monotonic_s() + timeout_s)
@@ -103,10 +107,10 @@ class MtSicsForce:
         if words[1] == "I":
             raise ForceBusy(f"{name}: the balance cannot answer {command} now, or found no stable value")
 
-    def _cancel(self) -> str:
+    def _hello(self, *commands: str) -> str:
         self._in_step = False
         self._reader.discard()
-        for command in ("@", "I4"):
+        for command in commands:
             self._send(command)
             deadline_s = self._clock.monotonic_s() + REPLY_S
             while (line := self._reader.read_line(deadline_s)) is not None:

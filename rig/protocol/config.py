@@ -18,6 +18,9 @@ class VirtualSettings(Settings):
 
     x_screw_steps_per_mm: float | None = Field(None, gt=1, lt=1e6, description="of the true screw; none: as believed")
     z_screw_steps_per_mm: float | None = Field(None, gt=1, lt=1e6)
+    x_screw_backlash_mm: float = Field(0.0, ge=0, le=1, description="lost motion; felt when going up")
+    z_screw_backlash_mm: float = Field(0.0, ge=0, le=1)
+    compliance_mm_per_n: float = Field(0.0, ge=0, le=1, description="how far the true rig gives under a force")
     finger_x_offset_mm: float = Field(0.0, ge=-5, le=5, description="true pad centre − frame.pad_centre_x_mm")
     finger_z_offset_mm: float = Field(0.0, ge=-2, le=2, description="true apex − frame.apex_z_mm")
     stiffness: float = Field(1.0, gt=0, le=100, description="true force over the predicted one")

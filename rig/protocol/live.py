@@ -1,5 +1,7 @@
 """The verbs carried out: each is checked once more, then handed to the engine."""
 
+from collections.abc import Callable
+
 from rig.protocol.api import ProtocolParameters, Rig
 from rig.protocol.plan import CheckingRig, checked_target
 from rig.run import Engine, Indentation, indent
@@ -21,19 +23,19 @@ class LiveRig(Rig):
 
     def mount(self, indentor: str) -> None:
         self._check.mount(indentor)
-        self._engine.mount(indentor)
+        self._do("mount", lambda: self._engine.mount(indentor))
 
     def home(self) -> None:
         self._check.home()
-        self._engine.home()
+        self._do("home", self._engine.home)
 
     def zero(self) -> None:
         self._check.zero()
-        self._engine.zero()
+        self._do("zero", self._engine.zero)
 
     def move_to(self, *, x_mm: float) -> None:
         self._check.move_to(x_mm=x_mm)
-        self._engine.move_to(float(x_mm))
+        self._do("move_to", lambda: self._engine.move_to(float(x_mm)))
 
     def indent(
         self,
@@ -47,18 +49,34 @@ class LiveRig(Rig):
         self._check.indent(
             doi_mm=doi_mm, force_gwt=force_gwt, increments=increments, speed_mm_s=speed_mm_s, hold_s=hold_s
         )
-        return indent(
-            self._engine,
-            checked_target(doi_mm, force_gwt),
-            increments=int(increments),
-            speed_mm_s=None if speed_mm_s is None else float(speed_mm_s),
-            hold_s=float(hold_s),
-            expected_contact_mm=self._check.plan.indentations[-1].expected_contact_mm,
+        planned = self._check.plan.indentations
+        index = len(planned) - 1
+        return self._press(
+            index,
+            lambda: indent(
+                self._engine,
+                checked_target(doi_mm, force_gwt),
+                increments=int(increments),
+                speed_mm_s=None if speed_mm_s is None else float(speed_mm_s),
+                hold_s=float(hold_s),
+                expected_contact_mm=planned[index].expected_contact_mm,
+                contact_area_mm2=planned[index].contact_area_mm2,
+                index=index,
+            ),
         )
 
     def retract(self) -> None:
-        self._engine.retract()
+        self._check.retract()
+        self._do("retract", self._engine.retract)
 
     def note(self, text: str) -> None:
         self._check.note(text)
-        self._engine.note(text)
+        self._do("note", lambda: self._engine.note(text))
+
+    def _do(self, verb: str, deed: Callable[[], None]) -> None:
+        """Carry out a verb that has been checked."""
+        deed()
+
+    def _press(self, index: int, deed: Callable[[], Indentation]) -> Indentation:
+        """Carry out the indentation that has this number in the script."""
+        return deed()

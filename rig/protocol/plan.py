@@ -11,13 +11,15 @@ from rig.protocol.config import Config
 from rig.protocol.errors import BadInputError
 from rig.protocol.script import Script, where_in_script
 from rig.run.records import Hold, Indentation, Target
-from rig.settings import FASTEST_PRESS_MM_S, SLOWEST_MM_S
+from rig.settings import SLOWEST_MM_S
 from rig.units import GWT_N
 from sim.contact.shapes import ShapeError, parse_shape
 from sim.fingertip import Fingertip, ModelRangeError
 
 _MAX_INCREMENTS = 100
 _MAX_HOLD_S = 3600.0
+_SOFT_TRIP_OVER_PREDICTED = 2.0
+_SMALLEST_SOFT_TRIP_N = 0.02
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,14 @@ class PlannedIndentation:
     hold_s: float
     expected_contact_mm: float  # height of the indentor at first touch, from the nominal apex
     predicted_force_gwt: float
+    predicted_doi_mm: float
+    contact_area_mm2: float
+    peak_pressure_mpa: float
+
+    @property
+    def mean_pressure_n_cm2(self) -> float:
+        """Force over contact area."""
+        return self.predicted_force_gwt * GWT_N / self.contact_area_mm2 * 100
 
 
 @dataclass
@@ -43,6 +53,11 @@ class Plan:
     def peak_force_gwt(self) -> float:
         """Highest force the model predicts."""
         return max((step.predicted_force_gwt for step in self.indentations), default=0.0)
+
+    @property
+    def soft_trip_n(self) -> float:
+        """Twice the highest force predicted, and never so little that noise would trip."""
+        return max(_SOFT_TRIP_OVER_PREDICTED * self.peak_force_gwt * GWT_N, _SMALLEST_SOFT_TRIP_N)
 
 
 def make_plan(script: Script, config: Config, finger: Fingertip) -> Plan:
@@ -138,23 +153,27 @@ class CheckingRig(Rig):
         self._need(self._zeroed, "indent", "zero()")
         self._need(math.isfinite(self._x_mm), "indent", "move_to()")
         self._check_manner(increments, speed_mm_s, hold_s)
+        self._check_target(target)
         assert self._indentor is not None
         result = self._finger.indent(self._indentor, self._x_mm, **{target.kind: target.value})  # type: ignore[arg-type]
         if not result.state.converged:
             raise BadInputError(f"indent: the model does not converge here (residual {result.state.residual:.0e})")
         contact_mm = result.touch_height_mm - self._finger.apex_height_mm
         self._check_reach(target, contact_mm, result.doi_mm, result.force_gwt)
-        self.plan.indentations.append(
-            PlannedIndentation(
-                self._indentor,
-                self._x_mm,
-                target,
-                increments,
-                hold_s,
-                contact_mm,
-                result.force_gwt,
-            )
+        planned = PlannedIndentation(
+            self._indentor,
+            self._x_mm,
+            target,
+            increments,
+            hold_s,
+            contact_mm,
+            result.force_gwt,
+            result.doi_mm,
+            result.contact_area_mm2,
+            result.peak_pressure_mpa,
         )
+        self._check_pressure(planned)
+        self.plan.indentations.append(planned)
         holds = tuple(
             Hold(target.part(k, increments), result.doi_mm * k / increments, result.force_gwt * k / increments, 0.0)
             for k in range(1, increments + 1)
@@ -182,9 +201,19 @@ class CheckingRig(Rig):
         if speed_mm_s is None:
             return
         _number("indent", "speed_mm_s", speed_mm_s)
-        if not SLOWEST_MM_S <= speed_mm_s <= FASTEST_PRESS_MM_S:
-            expected = f"{SLOWEST_MM_S:.2g} … {FASTEST_PRESS_MM_S:g} mm/s"
+        fastest = self._config.limits.max_press_speed_mm_s
+        if not SLOWEST_MM_S <= speed_mm_s <= fastest:
+            expected = f"{SLOWEST_MM_S:.2g} … {fastest:g} mm/s"
             raise BadInputError(f"indent: speed_mm_s = {speed_mm_s!r}: expected {expected}")
+
+    def _check_target(self, target: Target) -> None:
+        """What no model is needed to refuse."""
+        limits = self._config.limits
+        limit = {"doi_mm": "max_doi_mm", "force_gwt": "max_force_gwt"}[target.kind]
+        if target.value > getattr(limits, limit):
+            raise BadInputError(
+                f"indent: {target.kind} = {target.value:g} is beyond limits.{limit} = {getattr(limits, limit):g}"
+            )
 
     def _check_reach(self, target: Target, contact_mm: float, doi_mm: float, force_gwt: float) -> None:
         limits = self._config.limits
@@ -205,6 +234,15 @@ class CheckingRig(Rig):
             )
         lowest = self._config.frame.apex_z_mm + contact_mm - max(doi_mm, limits.search_mm)
         self._within_travel("z", lowest, self._config.stage.travel_mm[2])
+
+    def _check_pressure(self, planned: PlannedIndentation) -> None:
+        limit = self._config.limits.max_pressure_n_cm2
+        if planned.mean_pressure_n_cm2 > limit:
+            raise BadInputError(
+                f"indent: {planned.target.kind} = {planned.target.value:g} at x = {self._x_mm:g} mm means "
+                f"{planned.mean_pressure_n_cm2:.3g} N/cm² over a contact of {planned.contact_area_mm2:.2g} mm², "
+                f"beyond limits.max_pressure_n_cm2 = {limit:g}"
+            )
 
     def _within_travel(self, axis: str, machine_mm: float, travel_mm: float) -> None:
         if not -travel_mm <= machine_mm <= 0:

@@ -21,15 +21,11 @@ class Script:
     """A loaded protocol: its metadata, its parameters and `run`."""
 
     path: Path
+    name: str
     title: str
     source: str
     parameters: ProtocolParameters
     run: Callable[[Rig], None]
-
-    @property
-    def name(self) -> str:
-        """The file's stem."""
-        return self.path.stem
 
 
 def shipped_protocols() -> Path:
@@ -54,6 +50,11 @@ def find_script(name: str) -> Path:
 def load_script(name: str, assignments: Sequence[str] = ()) -> Script:
     """Load a protocol and set its parameters from "key=value" strings. Raises BadInputError."""
     path = find_script(name)
+    return script_with(path, path.stem, _assigned(assignments))
+
+
+def script_with(path: Path, name: str, parameters: Mapping[str, Any]) -> Script:
+    """The protocol in a file, under a name and with these parameters. Raises BadInputError."""
     module = _import(path)
     run = getattr(module, "run", None)
     if not callable(run):
@@ -62,14 +63,14 @@ def load_script(name: str, assignments: Sequence[str] = ()) -> Script:
     if not (isinstance(kind, type) and issubclass(kind, ProtocolParameters)):
         raise BadInputError(f"protocol {path}: Parameters must be a subclass of rig.protocol.ProtocolParameters")
     try:
-        parameters = kind.model_validate(_assigned(assignments))
+        checked = kind.model_validate(parameters)
     except ValidationError as error:
         known = ", ".join(kind.model_fields) or "none"
         raise BadInputError(f"{first_problem('--set', error)} (parameters of {path.name}: {known})") from None
     metadata = getattr(module, "METADATA", {})
-    title = str(metadata.get("title", path.stem)) if isinstance(metadata, Mapping) else path.stem
+    title = str(metadata.get("title", name)) if isinstance(metadata, Mapping) else name
     source = str(metadata.get("source", "")) if isinstance(metadata, Mapping) else ""
-    return Script(path, title, source, parameters, run)
+    return Script(path, name, title, source, checked, run)
 
 
 def where_in_script(path: Path, error: BaseException) -> str:

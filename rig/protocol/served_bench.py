@@ -102,7 +102,8 @@ class ServedBench:
 
     def _finger(self, config: Config, board: VirtualStage, complain: Callable[[str], object]) -> Load:
         carriage: Carriage = true_carriage(board, config)
-        process = PressProcess(config.finger, config.virtual.indentor, config.virtual.stiffness)
+        virtual = config.virtual
+        process = PressProcess(config.finger, virtual.indentor, virtual.stiffness, virtual.compliance_mm_per_n)
         self._closing.callback(process.close)
         self.press = PressAhead(self.scheduler, carriage, process, config.force.sample_period_s, complain)
         return Load(self.press.force_n, self.press.fresh)

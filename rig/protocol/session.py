@@ -1,13 +1,11 @@
 """A script carried out, on the virtual bench or on real ports, from its check to a finished run folder."""
 
-import platform
 import shutil
-import sys
 import time
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Protocol, TextIO
 
@@ -15,22 +13,22 @@ from rig.bench import open_bench
 from rig.clock import Clock, WallClock
 from rig.data import Run, RunFolder, export_run, new_run_folder, read_run
 from rig.force.base import ForceError, ForceSensor
+from rig.heartbeat import Heartbeat
+from rig.protocol.api import Rig
 from rig.protocol.calibration import refuse_expired
 from rig.protocol.config import Config
 from rig.protocol.errors import BadInputError
 from rig.protocol.live import LiveRig
 from rig.protocol.plan import CheckingRig, Plan
+from rig.protocol.provenance import provenance
+from rig.protocol.resume import ResumedRig, StoppedRun
 from rig.protocol.script import Script, where_in_script
 from rig.protocol.virtual_bench import virtual_bench
-from rig.run import Engine, EngineError, Journal, Operator, ScriptError
+from rig.run import Engine, EngineError, Journal, Operator, RunAborted, ScriptError
 from rig.run.streams import STREAMS
 from rig.stage.base import Stage, StageError
 from rig.transport.base import TransportError
-from rig.units import GWT_N
 from sim.fingertip import Fingertip
-
-_SOFT_TRIP_OVER_PREDICTED = 2.0
-_SMALLEST_SOFT_TRIP_N = 0.02
 
 # The engine has lifted or stopped before it raises these.
 _ENDINGS = (EngineError, StageError, ForceError, TransportError)
@@ -59,7 +57,7 @@ class FinishedRun:
     @property
     def indentations(self) -> int:
         """How many were finished."""
-        return len(self.run.stream("indentation_end"))
+        return len(self.run.done)
 
     @property
     def duration_s(self) -> float:
@@ -79,12 +77,21 @@ class Bench(Operator, Protocol):
     @property
     def force(self) -> ForceSensor: ...
 
+    @property
+    def virtual(self) -> bool: ...
+
+    def look_after(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
+        """Have the heartbeat looked at, whatever the engine waits for."""
+
     def close(self) -> None: ...
 
 
 @dataclass(frozen=True)
 class Session:
-    """One checked script with everything it needs to be carried out; `out` is the parent of the run's folder."""
+    """One checked script with everything it needs to be carried out.
+
+    `out` is the parent of the folder that a new run gets; `stopped` is the run that is taken up instead.
+    """
 
     script: Script
     config: Config
@@ -93,23 +100,31 @@ class Session:
     out: Path
     interrupted: Callable[[], bool]
     watch: Watch = lambda stream, data: None
+    go_on: Callable[[], bool] = lambda: False
+    stopped: StoppedRun | None = None
+
+    @property
+    def begins_at_s(self) -> float:
+        """The first instant of the run's clock."""
+        run = None if self.stopped is None else self.stopped.run
+        return 0.0 if run is None else run.end_s
 
 
 def dry_run(session: Session, speed: float | None = None) -> FinishedRun:
     """Carry it out on the virtual bench; `speed` limits virtual seconds per real second."""
 
     def open_bench(byte_log: TextIO, start_unix_s: float) -> Bench:
-        return virtual_bench(session.config, session.finger, byte_log, start_unix_s)
+        return virtual_bench(session.config, session.finger, byte_log, start_unix_s, session.begins_at_s)
 
     return _run_session(session, open_bench, virtual=True, speed=speed)
 
 
-def real_run(session: Session, ask_to_mount: Callable[[str], None]) -> FinishedRun:
+def real_run(session: Session, ask: Callable[[str], str]) -> FinishedRun:
     """Carry it out on the ports of the configuration. Raises BadInputError for a calibration out of date."""
     refuse_expired(session.config)
 
     def open_real_bench(byte_log: TextIO, _start_unix_s: float) -> Bench:
-        return open_bench(session.config, ask_to_mount, byte_log)
+        return open_bench(session.config, ask, byte_log, session.begins_at_s)
 
     return _run_session(session, open_real_bench, virtual=False)
 
@@ -120,53 +135,91 @@ def _run_session(
     """A run that ends before its end has the reason in its journal and in `problem`, and is exported all the same."""
     began = time.perf_counter()
     now = datetime.now(UTC)
-    provenance = _provenance(session, now, virtual=virtual)
-    folder = new_run_folder(
-        session.out, session.script.name, now, session.script.path, session.config.as_toml(), provenance
-    )
-    problem = None
-    with folder.bytes_log.open("w", encoding="ascii") as byte_log:
-        try:
-            bench = open_bench(byte_log, now.timestamp())
-        except (TransportError, BadInputError):
-            shutil.rmtree(folder.path)  # nothing has happened
-            raise
-        try:
-            _carry_out(session, folder, bench, _paced(session, bench.clock, speed), virtual=virtual)
-        except _ENDINGS as error:
-            problem = error
-        finally:
-            bench.close()
-    run = read_run(folder.path)
-    export_run(run)
+    folder = session.stopped.folder if session.stopped else _new_folder(session, now, virtual=virtual)
+    problem: Exception | None = None
+    with folder.owned():
+        if session.stopped is None or not session.stopped.complete:
+            problem = _on_a_bench(session, folder, lambda log: open_bench(log, now.timestamp()), speed)
+        run = read_run(folder.path)
+        export_run(run)
     return FinishedRun(run, time.perf_counter() - began, problem)
 
 
-def _carry_out(session: Session, folder: RunFolder, bench: Bench, watch: Watch, *, virtual: bool) -> None:
+def _new_folder(session: Session, now: datetime, *, virtual: bool) -> RunFolder:
+    script, config = session.script, session.config
+    about = provenance(script, config, session.finger, now, virtual=virtual)
+    return new_run_folder(session.out, script.name, now, script.path, config.as_toml(), about)
+
+
+def _on_a_bench(
+    session: Session, folder: RunFolder, open_bench: Callable[[TextIO], Bench], speed: float | None
+) -> Exception | None:
+    """Carry the script out; returns what ended it before its end."""
+    with folder.bytes_log.open("a", encoding="ascii", buffering=1) as byte_log:
+        try:
+            bench = open_bench(byte_log)
+        except (TransportError, BadInputError):
+            if session.stopped is None:
+                shutil.rmtree(folder.path)  # nothing has happened
+            raise
+        try:
+            _carry_out(session, folder, bench, _paced(session, bench.clock, speed))
+        except _ENDINGS as error:
+            return error
+        except KeyboardInterrupt:  # the stage has been stopped; what is on disk is still worth a report
+            return RunAborted("at once, by the operator")
+        finally:
+            bench.close()
+    return None
+
+
+def _carry_out(session: Session, folder: RunFolder, bench: Bench, watch: Watch) -> None:
     script, config, plan = session.script, session.config, session.plan
-    with Journal(folder.events, bench.clock, STREAMS, watch) as journal:
-        journal.start(
-            {
-                "protocol": script.name,
-                "title": script.title,
-                "source": script.source,
-                "parameters": script.parameters.model_dump(mode="json"),
-                "planned_indentations": len(plan.indentations),
-                "virtual": virtual,
-            }
-        )
-        soft_trip = max(_SOFT_TRIP_OVER_PREDICTED * plan.peak_force_gwt * GWT_N, _SMALLEST_SOFT_TRIP_N)
+    before = None if session.stopped is None else session.stopped.run
+    heartbeat = Heartbeat(bench.clock)
+    with Journal(folder.events, bench.clock, STREAMS, watch) as journal, bench.look_after(heartbeat):
+        if before is None:
+            journal.start(_about(session, virtual=bench.virtual))
+        else:
+            journal.resume({"missing": before.missing})
         engine = Engine(
-            config, bench.clock, bench.stage, bench.force, journal, bench, session.interrupted, soft_trip_n=soft_trip
+            config,
+            bench.clock,
+            bench.stage,
+            bench.force,
+            journal,
+            bench,
+            session.interrupted,
+            plan.soft_trip_n,
+            session.go_on,
+            heartbeat,
         )
-        _run_script(script, engine, CheckingRig(script.parameters, config, session.finger))
+        check = CheckingRig(script.parameters, config, session.finger)
+        if before is None:
+            _run_script(script, engine, LiveRig(engine, check))
+        else:
+            bench.confirm("the rig stopped in this run: clear the finger, see to what stopped it; it will home")
+            engine.home()
+            _run_script(script, engine, ResumedRig(engine, check, before))
         journal.stop("done")
 
 
-def _run_script(script: Script, engine: Engine, check: CheckingRig) -> None:
+def _about(session: Session, *, virtual: bool) -> dict[str, Any]:
+    script = session.script
+    return {
+        "protocol": script.name,
+        "title": script.title,
+        "source": script.source,
+        "parameters": script.parameters.model_dump(mode="json"),
+        "planned_indentations": len(session.plan.indentations),
+        "virtual": virtual,
+    }
+
+
+def _run_script(script: Script, engine: Engine, rig: Rig) -> None:
     """Run it; a failure elsewhere than in the engine lifts the indentor, and no swallowed trip ends well."""
     try:
-        script.run(LiveRig(engine, check))
+        script.run(rig)
     except _ENDINGS:
         raise
     except (Exception, SystemExit) as error:
@@ -192,24 +245,3 @@ def _paced(session: Session, clock: Clock, speed: float | None) -> Watch:
         session.watch(stream, data)
 
     return paced
-
-
-def _provenance(session: Session, now: datetime, *, virtual: bool) -> dict[str, Any]:
-    packages = ("indentation-rig", "numpy", "scipy", "h5py", "pydantic", "matplotlib")
-    config, model = session.config, session.finger.model
-    prefix = "virtual " if virtual else ""
-    return {
-        "started_utc": now.isoformat(timespec="seconds"),
-        "command": ["rig", *sys.argv[1:]],
-        "protocol": session.script.path.name,
-        "parameters": session.script.parameters.model_dump(mode="json"),
-        "python": platform.python_version(),
-        "platform": f"{platform.system()} {platform.machine()}",
-        "versions": {name: version(name) for name in packages},
-        "model": {
-            "nodes": model.nodes,
-            "e_epidermis_mpa": session.finger.e_epidermis_mpa,
-            "from_cache": session.finger.from_cache,
-        },
-        "devices": {"stage": f"{prefix}{config.stage.kind}", "force": f"{prefix}{config.force.kind}"},
-    }

@@ -27,9 +27,9 @@ _USUAL_IDS = (1, 2)
 
 
 class VirtualStage(Protocol):
-    """What the bench needs to know of a stage: the steps it has really made."""
+    """What the bench needs to know of a stage: where what hangs on its screws is, in steps."""
 
-    def carriage_steps_at(self, t_s: float) -> tuple[int, int, int]: ...
+    def nut_steps_at(self, t_s: float) -> tuple[int, int, int]: ...
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def _grbl(scheduler: Scheduler, line: SerialLine, config: Config) -> VirtualStag
     steps = [_steps_per_mm(config, axis) for axis in "xyz"]
     reversed_axes = sum(1 << i for i, per_mm in enumerate(steps) if per_mm < 0)
     settings = {3: reversed_axes, 130: x, 131: y, 132: z, **{100 + i: abs(v) for i, v in enumerate(steps)}}
-    return VirtualGrbl(scheduler, line, settings=settings)
+    return VirtualGrbl(scheduler, line, settings=settings, play_steps=(_play(config, "x"), 0.0, _play(config, "z")))
 
 
 def _leadshine(scheduler: Scheduler, line: SerialLine, config: Config) -> VirtualStage:
@@ -66,6 +66,8 @@ def _drive(scheduler: Scheduler, config: Config, axis: str, drive: DriveSettings
         ramp_rpm=drive.ramp_rpm,
         pulses_per_rev_register=drive.pulses_per_rev_register,
         jog_rpm_register=drive.jog_rpm_register,
+        play=_play(config, axis),
+        output_register=config.sync.register_address if axis == config.sync.drive else None,
     )
 
 
@@ -108,6 +110,18 @@ def _steps_per_mm(config: Config, axis: str) -> float:
     return config.calibration.value(f"{axis}_steps_per_mm", NOMINAL_STEPS_PER_MM)
 
 
+def _screw(config: Config, axis: str) -> float:
+    """Steps in a mm of the true screw."""
+    true: float | None = getattr(config.virtual, f"{axis}_screw_steps_per_mm")
+    return true or abs(_steps_per_mm(config, axis))
+
+
+def _play(config: Config, axis: str) -> float:
+    """Lost motion of the true screw, steps."""
+    backlash_mm: float = getattr(config.virtual, f"{axis}_screw_backlash_mm")
+    return backlash_mm * _screw(config, axis)
+
+
 def with_framing(config: Config, framing: Framing) -> Config:
     """The configuration, Modbus framed like this where it does not say."""
     stage = config.stage.model_copy(update={"framing": config.stage.framing or framing})
@@ -126,11 +140,8 @@ def true_carriage(stage: VirtualStage, config: Config) -> Carriage:
     """Where the stage's steps really put the indentor: true screws, true place of the finger."""
     virtual, frame = config.virtual, config.frame
     return Carriage(
-        stage.carriage_steps_at,
-        Screws(
-            virtual.x_screw_steps_per_mm or abs(_steps_per_mm(config, "x")),
-            virtual.z_screw_steps_per_mm or abs(_steps_per_mm(config, "z")),
-        ),
+        stage.nut_steps_at,
+        Screws(_screw(config, "x"), _screw(config, "z")),
         Placement(frame.pad_centre_x_mm + virtual.finger_x_offset_mm, frame.apex_z_mm + virtual.finger_z_offset_mm),
     )
 

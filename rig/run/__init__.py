@@ -1,7 +1,7 @@
 """The engine: it moves the stage one safe increment at a time, reads the force and journals what happens."""
 
 from rig.run.engine import Engine, Operator
-from rig.run.errors import EngineError, LimitError, NotReadyError, RunAborted, ScriptError, TripError
+from rig.run.errors import EngineError, LimitError, NotReadyError, RecordError, RunAborted, ScriptError, TripError
 from rig.run.indent import indent
 from rig.run.journal import Journal
 from rig.run.records import Hold, Indentation, Target
@@ -15,6 +15,7 @@ __all__ = [
     "LimitError",
     "NotReadyError",
     "Operator",
+    "RecordError",
     "RunAborted",
     "ScriptError",
     "Target",

@@ -7,10 +7,10 @@ from enum import Enum
 from typing import Any, NoReturn, Protocol, TypeVar
 
 from rig.clock import Clock
-from rig.force.base import ForceError, ForceSensor
-from rig.run.errors import LimitError, NotReadyError, RunAborted, TripError
-from rig.run.journal import Journal
-from rig.settings import FASTEST_PRESS_MM_S, RigSettings
+from rig.force.base import ForceError, ForceReading, ForceSensor
+from rig.heartbeat import Heartbeat
+from rig.run.errors import LimitError, NotReadyError, PressPaused, RecordError, RunAborted, TripError
+from rig.settings import RigSettings
 from rig.stage.base import Stage, StageError
 from rig.transport.base import TransportError
 from rig.units import GWT_N
@@ -18,6 +18,7 @@ from rig.units import GWT_N
 _T = TypeVar("_T")
 
 _AT_MM = 0.02  # heights closer than this are the same place
+_LATE_FACTOR = 2.0  # a move may take so many times its length over its speed before the heartbeat is missed
 
 
 class State(Enum):
@@ -32,11 +33,21 @@ class State(Enum):
 class Operator(Protocol):
     """Whoever stands at the bench: a person, or the virtual plant of a dry-run."""
 
-    def mount(self, indentor: str) -> None:
-        """Put this indentor on the carriage; returns when it is there."""
+    def mount(self, indentor: str) -> str:
+        """Put this indentor on the carriage; returns the name of the one that is on then."""
+
+    def confirm(self, request: str) -> None:
+        """Do what is asked for before anything moves; returns when it is done."""
 
     def true_pose(self) -> tuple[float, float] | None:
         """True x and DOI in mm where they can be known (a virtual bench), else None."""
+
+
+class Recorder(Protocol):
+    """Where events go: the journal of a run, or the memory of a rehearsal."""
+
+    def event(self, stream: str, data: Mapping[str, Any]) -> None:
+        """Keep it; it counts when this returns. Raises RecordError."""
 
 
 class Engine:
@@ -48,10 +59,12 @@ class Engine:
         clock: Clock,
         stage: Stage,
         force: ForceSensor,
-        journal: Journal,
+        journal: Recorder,
         operator: Operator,
         interrupted: Callable[[], bool] = lambda: False,
         soft_trip_n: float | None = None,
+        go_on: Callable[[], bool] = lambda: False,
+        heartbeat: Heartbeat | None = None,
     ) -> None:
         self.settings, self.clock, self.operator = settings, clock, operator
         self.state = State.UNHOMED
@@ -63,15 +76,30 @@ class Engine:
         self._placed = False
         self._may_touch = False  # below clearance since the last lift or homing
         self._stage, self._force, self._journal = stage, force, journal
-        self._interrupted = interrupted
+        self._interrupted, self._go_on = interrupted, go_on
         self._zeroed = False
         limit = settings.limits.soft_trip_n
         self.soft_trip_gwt = (limit if soft_trip_n is None else min(limit, soft_trip_n)) / GWT_N
+        self._area_trip_gwt = math.inf
+        self._heartbeat = heartbeat or Heartbeat(clock)
+        self._heartbeat.stop = self._stop_stage
 
     @property
     def resolution_gwt(self) -> float:
         """One step of what the force sensor shows."""
         return self._force.resolution_gwt
+
+    @property
+    def trip_gwt(self) -> float:
+        """The force that trips now: the lowest of soft trip, hard trip and pressure times the contact's area."""
+        return min(self.soft_trip_gwt, self.settings.limits.hard_trip_n / GWT_N, self._area_trip_gwt)
+
+    @property
+    def which_trip(self) -> str:
+        """The name of the limit that trip_gwt is."""
+        if self.trip_gwt == self.soft_trip_gwt:
+            return "soft trip"
+        return "pressure limit" if self.trip_gwt == self._area_trip_gwt else "hard trip"
 
     # verbs
 
@@ -79,7 +107,10 @@ class Engine:
         """Have an indentor mounted; the finger must be clear of it."""
         if self._may_touch or self.state is State.TRIPPED:
             raise NotReadyError(f"mount: not allowed while {self.state.value}, the finger may be touched; lift first")
-        self.operator.mount(indentor)
+        self.indentor = None
+        mounted = self.operator.mount(indentor)
+        if mounted != indentor:
+            raise NotReadyError(f"mount: {mounted} is on, expected {indentor}; nothing is pressed with the wrong one")
         self.indentor = indentor
         self.record("mount", {"indentor": indentor})
 
@@ -116,18 +147,17 @@ class Engine:
             lambda: self._stage.move_to(x_mm=frame.pad_centre_x_mm + x_mm, y_mm=frame.pad_y_mm, speed_mm_s=speed)
         )
         self.x_mm = x_mm
-        self.go_to_height(self.settings.habits.clearance_mm, speed)
+        self._go_to_clearance(speed)
         self._placed = True
-        if self._zeroed:
-            self._refuse_contact_at_clearance()
         self.record("move", {"x_mm": x_mm, "height_mm": self.height_mm})
 
     def retract(self) -> None:
         """Lift to clearance, straight up."""
         if self.state not in (State.READY, State.IN_CONTACT):
             raise NotReadyError(f"retract: not allowed while {self.state.value}")
-        self._lift()
-        self.state, self._may_touch = State.READY, False
+        self._lift(self.settings.habits.clearance_mm)
+        self._heartbeat.rest()
+        self.state, self._may_touch, self._area_trip_gwt = State.READY, False, math.inf
         self.record("retract", {"height_mm": self.height_mm})
 
     def note(self, text: str) -> None:
@@ -146,6 +176,10 @@ class Engine:
         if not self._placed:
             raise NotReadyError("indent: the indentor has not been moved to a position since homing")
 
+    def press_on(self, contact_area_mm2: float) -> None:
+        """From here on the force must not exceed limits.max_pressure_n_cm2 over this area."""
+        self._area_trip_gwt = self.settings.limits.max_pressure_n_cm2 * contact_area_mm2 / 100 / GWT_N
+
     def next_index(self) -> int:
         """The number of the indentation that begins now; never given twice in a run."""
         self._next_index += 1
@@ -157,26 +191,21 @@ class Engine:
         lowest = min(self.height_mm, habits.clearance_mm) - habits.increment_mm
         if height_mm < lowest - 1e-9:
             raise LimitError(f"a move down to {height_mm:.3f} mm is longer than one increment below clearance")
-        if height_mm < min(self.height_mm, habits.clearance_mm) and speed_mm_s > FASTEST_PRESS_MM_S:
-            raise LimitError(
-                f"a move down below clearance at {speed_mm_s:g} mm/s is faster than {FASTEST_PRESS_MM_S:g}"
-            )
+        fastest = self.settings.limits.max_press_speed_mm_s
+        if height_mm < min(self.height_mm, habits.clearance_mm) and speed_mm_s > fastest:
+            raise LimitError(f"a move down below clearance at {speed_mm_s:g} mm/s is faster than {fastest:g}")
         if height_mm < habits.clearance_mm - _AT_MM:
             self.state, self._may_touch = State.IN_CONTACT, True
+        self._beat(_LATE_FACTOR * abs(height_mm - self.height_mm) / speed_mm_s)
         z = self.settings.frame.apex_z_mm + height_mm
         self._guarded(lambda: self._stage.move_to(z_mm=z, speed_mm_s=speed_mm_s))
         self.height_mm = height_mm
 
     def read_force_gwt(self, index: int, phase: str, contact_height_mm: float | None = None) -> float:
         """A reading taken after the last move ended, journalled. No reading, or one above the soft trip, trips."""
-        self.clock.wait_s(self._settle_s)
-        try:
-            reading = self._force.read()
-        except (ForceError, TransportError) as error:
-            self.trip(f"no force reading: {error}")
-        force = reading.force_n / GWT_N
-        if not math.isfinite(force):
-            self.trip(f"the force reading is {force}, not a number")
+        reading = self._reading()
+        # Far finer than any sensor: a reading of just the threshold must not hang on how it was multiplied.
+        force = round(reading.force_n / GWT_N, 6)
         doi = None if contact_height_mm is None else self.doi_mm(contact_height_mm, force)
         self.record(
             "sample",
@@ -186,13 +215,28 @@ class Engine:
                 "x_mm": self.x_mm,
                 "height_mm": round(self.height_mm, 6),
                 "doi_mm": None if doi is None else round(doi, 6),
-                "force_gwt": round(force, 6),
+                "force_gwt": force,
                 "stable": reading.stable,
             },
         )
-        if abs(force) > self.soft_trip_gwt:
-            self.trip(f"force {force:.2f} gwt above the soft trip {self.soft_trip_gwt:.2f} gwt", force)
+        if abs(force) > self.trip_gwt:
+            self.trip(f"force {force:.2f} gwt above the {self.which_trip} {self.trip_gwt:.2f} gwt", force)
         return force
+
+    def _reading(self) -> ForceReading:
+        """A new reading, made when all motion was over. None, no number, or an old one trips."""
+        self._beat()
+        self.clock.wait_s(self._settle_s)
+        asked_s = self.clock.monotonic_s()
+        try:
+            reading = self._force.read()
+        except (ForceError, TransportError) as error:
+            self.trip(f"no force reading: {error}")
+        if not math.isfinite(reading.force_n):
+            self.trip(f"the force reading is {reading.force_n}, not a number")
+        if reading.t_s < asked_s:
+            self.trip(f"the force reading is stale, {asked_s - reading.t_s:.3f} s older than the question")
+        return reading
 
     def doi_mm(self, contact_height_mm: float, force_gwt: float) -> float:
         """Depth past contact: how far the stage has gone, less what the rig itself gives under the force."""
@@ -225,52 +269,95 @@ class Engine:
         )
 
     def safe_point(self) -> None:
-        """Where an operator's interrupt takes effect: lift, journal, raise RunAborted."""
-        if self._interrupted():
-            if self.state is State.IN_CONTACT:
-                self.retract()
-            self.record("paused", {"reason": "operator"})
+        """Where an operator's pause takes effect: lift and journal; then go on, or raise RunAborted.
+
+        Raises PressPaused where the lift has interrupted an indentation.
+        """
+        if not self._interrupted():
+            return
+        pressing = self.state is State.IN_CONTACT
+        if pressing:
+            self.retract()
+        self.record("paused", {"reason": "operator"})
+        if not self._go_on():
             raise RunAborted("stopped by the operator at a safe point; the indentor is lifted")
+        self.record("resumed", {"by": "operator"})
+        if pressing:
+            raise PressPaused("paused by the operator")
 
     def trip(self, reason: str, force_gwt: float | None = None) -> NoReturn:
-        """Latch, lift (the stage is at rest between increments, so its position is trusted), journal, raise."""
+        """Latch, do what limits.on_trip says, journal, raise TripError.
+
+        Between increments the stage is at rest and its position trusted, so that it can be lifted. Where it was
+        stopped, or a lift fails, it is held where it is.
+        """
         self.state, self.problem = State.TRIPPED, TripError(reason)
         try:
-            self._lift()
+            if self.settings.limits.on_trip == "stop":
+                self.stop()
+            elif not self._heartbeat.lost:
+                self._lift(self._trip_height_mm)
         except (StageError, TransportError) as error:
             reason = f"{reason}; and the lift failed: {error}"
+        self._heartbeat.rest()
         self.state, self.problem = State.TRIPPED, TripError(reason)
-        self.record("trip", {"reason": reason, "force_gwt": force_gwt})
+        with contextlib.suppress(RecordError):  # the trip says more
+            self.record("trip", {"reason": reason, "force_gwt": force_gwt})
         raise self.problem
 
     def make_safe(self) -> None:
         """After a failure elsewhere: lift where the stage is at rest and trusted, stop it where that fails."""
         if self.state is State.IN_CONTACT:
             try:
-                self._lift()
+                self._lift(self.settings.habits.clearance_mm)
                 self.state, self._may_touch = State.READY, False
-            except (StageError, TransportError):
+            except (StageError, TransportError, TripError):
                 self.stop()
+        self._heartbeat.rest()
 
     def record(self, stream: str, data: Mapping[str, Any]) -> None:
-        """Journal an event; it is on disk when this returns."""
-        self._journal.event(stream, data)
+        """Journal an event; it is on disk when this returns. Where that fails: lift, and raise RecordError."""
+        try:
+            self._journal.event(stream, data)
+        except RecordError as error:
+            self.problem = self.problem or error
+            self.make_safe()
+            raise
 
     def stop(self) -> None:
         """Quick stop past every queue; the position is not trusted afterwards, a trip stays latched."""
         if self.state is not State.TRIPPED:
             self.state = State.UNHOMED
+        self._heartbeat.rest()
+        self._stop_stage()
+
+    def _stop_stage(self) -> None:
         with contextlib.suppress(StageError, TransportError):  # whoever calls has the first error to report
             self._stage.stop()
 
-    def _lift(self) -> None:
-        clearance = self.settings.habits.clearance_mm
-        if self.height_mm < clearance - _AT_MM:
-            self.go_to_height(clearance, self.settings.habits.travel_speed_mm_s)
+    def _beat(self, longer_s: float = 0.0) -> None:
+        """Tell the heartbeat that all is well, where there is something to watch."""
+        if self._heartbeat.lost and self.state is not State.TRIPPED:
+            self.trip("the engine's heartbeat was lost: the stage was stopped and stays where it is")
+        if self._may_touch:
+            self._heartbeat.beat(self.settings.limits.heartbeat_s + longer_s)
+
+    def _lift(self, to_mm: float) -> None:
+        if self.height_mm < to_mm - _AT_MM:
+            self.go_to_height(to_mm, self.settings.habits.travel_speed_mm_s)
+
+    @property
+    def _trip_height_mm(self) -> float:
+        """Clearance; farther up where that is configured, or where clearance is not clear."""
+        habits, highest = self.settings.habits, -self.settings.frame.apex_z_mm
+        far = self.settings.limits.on_trip == "park" or self.height_mm > habits.clearance_mm - _AT_MM
+        if not far:
+            return habits.clearance_mm
+        return min(max(habits.park_height_mm, self.height_mm + habits.clearance_mm), highest)
 
     @property
     def _settle_s(self) -> float:
-        return self.settings.habits.settle_readings * self._force.sample_period_s
+        return self.settings.habits.settle_readings * self._force.sample_period_s + self.settings.force.latency_s
 
     def _require_clear(self, verb: str) -> None:
         if self.state is not State.READY:
@@ -285,7 +372,21 @@ class Engine:
             self.stop()
             raise
 
-    def _refuse_contact_at_clearance(self) -> None:
-        force = self.read_force_gwt(-1, "clearance")
-        if abs(force) >= self.settings.habits.touch_force_gwt:
-            self.trip(f"{force:.2f} gwt at clearance: is frame.apex_z_mm right, and the sensor zeroed?", force)
+    def _go_to_clearance(self, speed_mm_s: float) -> None:
+        """Down to clearance; the first time since homing step by step, since frame and screw may not be right."""
+        habits = self.settings.habits
+        clearance = habits.clearance_mm
+        while self._zeroed and self.height_mm > clearance + habits.descent_step_mm:
+            self.go_to_height(self.height_mm - habits.descent_step_mm, speed_mm_s)
+            self._refuse_contact(self._reading().force_n / GWT_N)
+        self.go_to_height(clearance, speed_mm_s)
+        if self._zeroed:
+            self._refuse_contact(self.read_force_gwt(-1, "clearance"))
+
+    def _refuse_contact(self, force_gwt: float) -> None:
+        if abs(force_gwt) >= self.settings.habits.touch_force_gwt:
+            self.trip(
+                f"{force_gwt:.2f} gwt at clearance, {self.height_mm:.2f} mm above the nominal apex: "
+                "is frame.apex_z_mm right, and the sensor zeroed?",
+                force_gwt,
+            )

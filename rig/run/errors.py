@@ -17,6 +17,14 @@ class TripError(EngineError):
     """A reading passed a trip: the stage was stopped and stays stopped until an operator resets it."""
 
 
+class RecordError(EngineError):
+    """The journal cannot be written: what is not recorded must not go on."""
+
+
+class PressPaused(EngineError):  # noqa: N818
+    """The operator paused during an indentation and goes on: it begins again, from clearance."""
+
+
 class RunAborted(EngineError):  # noqa: N818
     """The operator asked to stop; the indentor was lifted at the next safe point."""
 

@@ -4,13 +4,14 @@ import math
 import statistics
 
 from rig.run.engine import Engine
-from rig.run.errors import LimitError
+from rig.run.errors import LimitError, PressPaused
 from rig.run.records import Hold, Indentation, Target, Touch
 from rig.run.touch import CONTACT_EXPONENT, fit_contact
 
 _MAX_SEEK_MOVES = 400
 _FORCE_TOLERANCE_GWT, _FORCE_TOLERANCE = 0.05, 0.01
 _TRIP_MARGIN = 0.9
+_FROZEN_STEPS, _FROZEN_SHARE = 5, 0.1
 
 
 def indent(
@@ -21,16 +22,33 @@ def indent(
     speed_mm_s: float | None = None,
     hold_s: float = 1.0,
     expected_contact_mm: float = 0.0,
+    contact_area_mm2: float = math.inf,
+    index: int | None = None,
 ) -> Indentation:
     """Touch off at the present x, press in equal increments with a hold after each, end lifted to clearance.
 
-    Contact is searched down to limits.search_mm below the height where it is expected (mm from the nominal apex);
-    none there trips, since a dead sensor looks the same. Raises LimitError when the target is not reached within
-    the deepest DOI allowed; the indentor is then lifted.
+    Contact is expected within limits.search_mm of expected_contact_mm (height from the nominal apex); none there, or
+    one above, trips, since a dead or frozen sensor looks the same. Raises LimitError when the target is not
+    reached within the deepest DOI allowed; the indentor is then lifted. contact_area_mm2 is what the pressure limit
+    counts over. An indentation that the operator paused is done anew under
+    the same index, its number in the script.
     """
     engine.ready_to_indent()
+    number = engine.next_index() if index is None else index
+    speed = engine.settings.habits.press_speed_mm_s if speed_mm_s is None else speed_mm_s
+    search_mm = engine.settings.limits.search_mm
+    while True:
+        try:
+            engine.press_on(contact_area_mm2)
+            press = _Press(engine, number, speed, expected_contact_mm - search_mm, expected_contact_mm + search_mm)
+            return _attempt(engine, press, target, increments, hold_s)
+        except PressPaused:
+            continue
+
+
+def _attempt(engine: Engine, press: "_Press", target: Target, increments: int, hold_s: float) -> Indentation:
     engine.safe_point()
-    index, start_s = engine.next_index(), engine.clock.monotonic_s()
+    index, start_s = press.index, engine.clock.monotonic_s()
     engine.record(
         "indentation_start",
         {
@@ -42,8 +60,6 @@ def indent(
             "increments": increments,
         },
     )
-    speed = engine.settings.habits.press_speed_mm_s if speed_mm_s is None else speed_mm_s
-    press = _Press(engine, index, speed, expected_contact_mm - engine.settings.limits.search_mm)
     try:
         press.touch_off()
         holds = tuple(
@@ -61,8 +77,10 @@ def indent(
 class _Press:
     """The descent of one indentation."""
 
-    def __init__(self, engine: Engine, index: int, speed_mm_s: float, lowest_mm: float) -> None:
-        self._engine, self._index, self._speed, self._lowest_mm = engine, index, speed_mm_s, lowest_mm
+    def __init__(self, engine: Engine, index: int, speed_mm_s: float, lowest_mm: float, highest_mm: float) -> None:
+        self._engine, self.index, self._speed = engine, index, speed_mm_s
+        self._lowest_mm, self._highest_mm = lowest_mm, highest_mm
+        self._unanswered_gwt = 0.0  # change of force that was expected since the reading last changed
         self._habits = engine.settings.habits
         self._smallest_mm = engine.settings.stage.resolution_mm
         self._contact_mm: float | None = None
@@ -81,7 +99,7 @@ class _Press:
         readings = self._descend(habits.touch_increment_mm, "touch")
         touch = fit_contact(readings, habits.touch_force_gwt, self._engine.resolution_gwt)
         self._contact_mm, self._force_gwt = touch.contact_height_mm, readings[-1][1]
-        self._engine.pulse(self._index, "touch")
+        self._engine.pulse(self.index, "touch")
         self._record_touch(touch)
 
     def _back_off(self) -> None:
@@ -90,7 +108,7 @@ class _Press:
         force = math.inf
         while force > 0.5 * engine.resolution_gwt and engine.height_mm < habits.clearance_mm:
             engine.go_to_height(engine.height_mm + habits.increment_mm, habits.approach_speed_mm_s)
-            force = engine.read_force_gwt(self._index, "back off")
+            force = engine.read_force_gwt(self.index, "back off")
         engine.go_to_height(engine.height_mm + habits.increment_mm, habits.approach_speed_mm_s)
 
     def _descend(self, step_mm: float, phase: str) -> list[tuple[float, float]]:
@@ -106,16 +124,25 @@ class _Press:
                     "is the sensor alive, the finger in place, frame.apex_z_mm right?"
                 )
             engine.go_to_height(below, self._habits.approach_speed_mm_s)
-            force = engine.read_force_gwt(self._index, phase)
+            force = engine.read_force_gwt(self.index, phase)
             readings.append((engine.height_mm, force))
             if force <= -self._habits.touch_force_gwt:
                 engine.trip(f"{force:.2f} gwt while descending: does the sensor read backwards?", force)
             if force >= self._habits.touch_force_gwt:
+                self._refuse_contact_too_high()
                 return readings
+
+    def _refuse_contact_too_high(self) -> None:
+        engine = self._engine
+        if engine.height_mm > self._highest_mm:
+            engine.trip(
+                f"contact at x = {engine.x_mm:g} mm already {engine.height_mm:.3f} mm above the nominal apex: "
+                f"expected below {self._highest_mm:.3f} mm"
+            )
 
     def _record_touch(self, touch: Touch) -> None:
         data = {
-            "index": self._index,
+            "index": self.index,
             "threshold_gwt": touch.threshold_gwt,
             "height_at_threshold_mm": round(touch.height_at_threshold_mm, 6),
             "contact_height_mm": round(touch.contact_height_mm, 6),
@@ -173,10 +200,11 @@ class _Press:
         """One safe move in contact: at most an increment, and not past the soft trip at the present stiffness."""
         engine = self._engine
         engine.safe_point()
-        room = _TRIP_MARGIN * self._to_force(engine.soft_trip_gwt)
+        room = _TRIP_MARGIN * self._to_force(engine.trip_gwt)
         if room < min(step_mm, self._smallest_mm):
             raise LimitError(
-                f"the next move at x = {engine.x_mm:g} mm would pass the soft trip, {engine.soft_trip_gwt:.2f} gwt"
+                f"the next move at x = {engine.x_mm:g} mm would pass the {engine.which_trip}, "
+                f"{engine.trip_gwt:.2f} gwt"
             )
         step = max(min(step_mm, self._habits.increment_mm, room), -self._habits.increment_mm)
         deepest = engine.settings.limits.max_doi_mm
@@ -185,14 +213,35 @@ class _Press:
                 f"DOI {self._doi_mm + step:.3f} mm at x = {engine.x_mm:g} mm would pass "
                 f"limits.max_doi_mm = {deepest:g}"
             )
+        expected, before = abs(self._force_after(step) - self._force_gwt), self._force_gwt
         engine.go_to_height(engine.height_mm - step, self._speed)
-        self._force_gwt = engine.read_force_gwt(self._index, "press", self._contact_mm)
+        self._force_gwt = engine.read_force_gwt(self.index, "press", self._contact_mm)
+        self._notice_a_frozen_reading(before, expected)
+
+    def _force_after(self, step_mm: float) -> float:
+        """The force that F ∝ d^1.5 through the present reading expects after a step."""
+        doi = max(self._doi_mm, self._smallest_mm)
+        return self._force_gwt * (max(doi + step_mm, 0.0) / doi) ** CONTACT_EXPONENT
+
+    def _notice_a_frozen_reading(self, before_gwt: float, expected_gwt: float) -> None:
+        """Trip where the force has not answered the stage by any step of the sensor for far too long."""
+        resolution = self._engine.resolution_gwt
+        if abs(self._force_gwt - before_gwt) > 0.5 * resolution:
+            self._unanswered_gwt = 0.0
+            return
+        self._unanswered_gwt += expected_gwt
+        if self._unanswered_gwt > max(_FROZEN_STEPS * resolution, _FROZEN_SHARE * self._force_gwt):
+            self._engine.trip(
+                f"the force stays at {self._force_gwt:.2f} gwt while the stage moves: "
+                "a frozen reading, or a motor that does not turn",
+                self._force_gwt,
+            )
 
     def _hold(self, target: Target, hold: int, hold_s: float) -> Hold:
         engine, clock = self._engine, self._engine.clock
-        about = {"index": self._index, "hold": hold}
+        about = {"index": self.index, "hold": hold}
         doi = round(self._doi_mm, 6)
-        engine.pulse(self._index, "hold_start")
+        engine.pulse(self.index, "hold_start")
         engine.record(
             "hold_start",
             {
@@ -207,9 +256,9 @@ class _Press:
         readings: list[float] = []
         while not readings or clock.monotonic_s() - start < hold_s:
             engine.safe_point()
-            readings.append(engine.read_force_gwt(self._index, "hold", self._contact_mm))
+            readings.append(engine.read_force_gwt(self.index, "hold", self._contact_mm))
         lasted_s = clock.monotonic_s() - start
-        engine.pulse(self._index, "hold_end")
+        engine.pulse(self.index, "hold_end")
         mean, sd = statistics.fmean(readings), statistics.pstdev(readings)
         data = {
             **about,

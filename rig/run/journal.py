@@ -1,9 +1,10 @@
 """The truth about a run while it is running: one JSON document a line, on disk before it counts.
 
-Documents: start, descriptor (the keys and units of a stream), event, stop. A missing stop means a crash; a torn
-last line is dropped by the reader.
+Documents: start, descriptor (the keys and units of a stream), event, stop, and resume where a run that had stopped
+goes on. A missing stop means a crash; a torn last line is dropped by the reader and cut off before anything is added.
 """
 
+import contextlib
 import json
 import os
 import uuid
@@ -13,12 +14,13 @@ from types import TracebackType
 from typing import Any
 
 from rig.clock import Clock
-from rig.run.errors import LimitError, RunAborted, TripError
+from rig.run.errors import LimitError, RecordError, RunAborted, TripError
 
 Document = dict[str, Any]
 
 _NEEDED: dict[str, set[str]] = {
     "start": {"t_s"},
+    "resume": {"t_s"},
     "descriptor": {"t_s", "stream", "units"},
     "event": {"t_s", "stream", "data"},
     "stop": {"t_s", "status"},
@@ -40,18 +42,26 @@ class Journal:
         streams: Mapping[str, Mapping[str, str]],
         watch: Callable[[str, Mapping[str, Any]], None] = lambda stream, data: None,
     ) -> None:
-        """`streams` gives each stream's keys and their units ("" for text); `watch` sees what is on disk."""
+        """`streams` gives each stream's keys and their units ("" for text); `watch` sees what is on disk.
+
+        A journal that is there already is mended and added to. Raises JournalError.
+        """
         self._watch = watch
         self._clock = clock
         self._streams = streams
         self._described: set[str] = set()
-        self._seq = 0
-        self._file = path.open("a", encoding="utf-8")
+        self._path = path
+        self._seq = mend_journal(path)
+        self._file = path.open("ab", buffering=0)
         self._stopped = False
 
     def start(self, about: Mapping[str, Any]) -> None:
         """The first document: what is run, with what."""
         self._write("start", about)
+
+    def resume(self, about: Mapping[str, Any]) -> None:
+        """A run that had stopped goes on from here."""
+        self._write("resume", about)
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
         """One event of a stream; the stream's descriptor precedes its first event."""
@@ -79,10 +89,22 @@ class Journal:
             "unix_s": round(self._clock.unix_s(), 6),
             **body,
         }
-        self._file.write(json.dumps(document, allow_nan=False) + "\n")
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        self._append((json.dumps(document, allow_nan=False) + "\n").encode("ascii"))
         self._seq += 1
+
+    def _append(self, line: bytes) -> None:
+        """The whole line on the disk, or none of it. Raises RecordError."""
+        end = self._file.tell()
+        try:
+            left = memoryview(line)
+            while left:
+                left = left[self._file.write(left) :]
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            with contextlib.suppress(OSError):  # a torn line is mended before the journal is used again
+                self._file.truncate(end)
+                self._file.seek(end)
+            raise RecordError(f"{self._path}: cannot be written: {error.strerror or error}") from error
 
     def __enter__(self) -> "Journal":
         return self
@@ -93,7 +115,8 @@ class Journal:
         try:
             if not self._stopped and error is not None:
                 status = next((name for known, name in _STATUS.items() if isinstance(error, known)), "failed")
-                self.stop(status, str(error) or type(error).__name__)
+                with contextlib.suppress(RecordError):  # the first error says more
+                    self.stop(status, str(error) or type(error).__name__)
         finally:
             self._file.close()
 
@@ -109,6 +132,25 @@ def read_journal(path: Path) -> Iterator[Document]:
             yield document
         elif number < len(lines):
             raise JournalError(f"{path}, line {number}: not a journal document")
+
+
+def mend_journal(path: Path) -> int:
+    """End a journal on a whole line, cutting off a torn one; returns how many documents it holds.
+
+    A last document that lacks nothing but its line end gets it, since the reader takes it as written. Raises
+    JournalError.
+    """
+    if not path.exists():
+        return 0
+    with path.open("rb+") as file:
+        data = file.read()
+        whole = data.rindex(b"\n") + 1 if b"\n" in data else 0
+        if _document(data[whole:]) is not None:
+            file.write(b"\n")
+        else:
+            file.truncate(whole)
+        os.fsync(file.fileno())
+    return sum(1 for _ in read_journal(path))
 
 
 def _document(line: bytes) -> Document | None:

@@ -24,5 +24,6 @@ STREAMS = {
     "note": {"text": ""},
     "trip": {"reason": "", "force_gwt": "gwt"},
     "paused": {"reason": ""},
+    "resumed": {"by": ""},
 }  # fmt: skip
 """Keys starting with `true_` come from the virtual plant and are absent on hardware."""

@@ -8,7 +8,7 @@ from typing import Literal
 from rig.clock import Clock
 from rig.settings import SLOWEST_MM_S
 from rig.stage.base import Axis, StageAlarm, StageError, StageRejected, StageReset, StageStatus, StageTimeout
-from rig.stage.grbl_link import GrblLink
+from rig.stage.grbl_link import ASK_TIMES, GrblLink
 from rig.stage.grbl_settings import INCHES, STEP_DIRECTION, STEPS_PER_MM, differences
 from rig.stage.grbl_words import Xyz, parse_setting
 from rig.transport import Transport
@@ -97,10 +97,10 @@ class GrblStage:
         """Where the stage is now. Raises StageError."""
         fields = self._link.ask_status()
         asked = 0
-        while fields.machine is None and self._link.offset is None:
-            # Work coordinates ($10) mean nothing until the offset has come by.
+        while fields.machine is None and (fields.work is None or self._link.offset is None):
+            # Work coordinates ($10) mean nothing until the offset has come by; a garbled line has neither.
             asked += 1
-            if fields.work is None or asked > ASK_FOR_OFFSET:
+            if asked > (ASK_TIMES if fields.work is None else ASK_FOR_OFFSET):
                 raise StageError(f"{self._transport.name}: the status holds no machine position")
             fields = self._link.ask_status()
         self._last = fields.machine or _sum(fields.work, self._link.offset)

@@ -82,7 +82,7 @@ class GrblLink:
                 if heard.startswith("<"):
                     break
         self.trusted = False
-        raise StageTimeout(f"{self._transport.name}: no answer to ?")
+        raise StageTimeout(f"{self._transport.name}: no answer to ?, is it a GRBL board at this baud rate?")
 
     def listen_until(self, t_s: float) -> None:
         """Let time pass, but hear an alarm or a reset at once. Raises StageAlarm, StageReset."""

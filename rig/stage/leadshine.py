@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 
-from rig.settings import SLOWEST_MM_S
+from rig.settings import SLOWEST_MM_S, SyncSettings
 from rig.stage import leadshine_words as reg
 from rig.stage.base import Axis, StageError, StageStatus
 from rig.stage.leadshine_drive import LeadshineDrive
@@ -16,7 +16,8 @@ _SAME_PLACE_MM = 1e-6
 class LeadshineStage:
     """Stage over two drives, one axis at a time: two drives cannot keep a straight line between them.
 
-    y_mm: where the stage was set by hand along the finger; it cannot change that. An axis with backlash always
+    y_mm: where the stage was set by hand along the finger; it cannot change that. output: what set_output() switches.
+    An axis with backlash always
     arrives in its negative direction (down, for z): a move the other way goes twice the backlash further and returns.
     """
 
@@ -28,10 +29,12 @@ class LeadshineStage:
         y_mm: float = 0.0,
         x_backlash_mm: float = 0.0,
         z_backlash_mm: float = 0.0,
+        output: SyncSettings | None = None,
     ) -> None:
         self._drives = {"x": x, "z": z}
         self._overrun_mm = {"x": 2 * x_backlash_mm, "z": 2 * z_backlash_mm}
         self._y_mm = y_mm
+        self._output = output
         self._trusted = False
 
     @property
@@ -116,8 +119,11 @@ class LeadshineStage:
             drive.confirm_stopped()
 
     def set_output(self, on: bool) -> None:
-        """Raises StageError: which register switches a drive's output is not known here."""
-        raise StageError("a Leadshine drive has no output that this driver knows; set sync.output to off")
+        """One word to one register of the drive that has the output; its echo is the end. Raises StageError."""
+        if self._output is None or self._output.words is None:
+            raise StageError("no output of a drive is configured, see sync.output")
+        address, on_word, off_word = self._output.words
+        self._drives[self._output.drive].write_word(address, on_word if on else off_word)
 
     def stop(self) -> None:
         """Quick stop of both drives, past everything that is being waited for; then make sure of it.

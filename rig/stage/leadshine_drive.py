@@ -146,6 +146,10 @@ class LeadshineDrive:
             self._clock.wait_s(POLL_S)
         raise problem or StageTimeout(f"{self._name} still runs {STOP_S:g} s after a quick stop")
 
+    def write_word(self, register: int, value: int) -> None:
+        """One register that is none of those above. Raises StageError."""
+        self._write(register, value)
+
     # --- what it says ---
 
     def status(self) -> Status:

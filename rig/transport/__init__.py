@@ -12,7 +12,7 @@ from rig.transport.modbus import (
     ModbusTimeout,
 )
 from rig.transport.opening import open_port
-from rig.transport.ownership import port_owner
+from rig.transport.ownership import first_owner, port_owner
 from rig.transport.serial_port import SerialTransport
 from rig.transport.tcp import TcpTransport
 
@@ -29,6 +29,7 @@ __all__ = [
     "TcpTransport",
     "Transport",
     "TransportError",
+    "first_owner",
     "open_port",
     "port_owner",
 ]

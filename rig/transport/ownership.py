@@ -3,6 +3,7 @@
 import os
 import re
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 
 import filelock
@@ -43,6 +44,11 @@ def port_owner(port: str) -> int | None:
             return None
     except (filelock.Timeout, OSError):
         return _noted_owner(port)
+
+
+def first_owner(ports: Iterable[str]) -> int | None:
+    """Return the process id that holds one of these ports, None if nobody does."""
+    return next((owner for port in ports if (owner := port_owner(port)) is not None), None)
 
 
 def _lock_file(port: str) -> Path:

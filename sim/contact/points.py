@@ -99,9 +99,9 @@ class ContactPoints:
         """These and the other's points."""
         return ContactPoints(np.union1d(self.nodes, other.nodes), np.union1d(self.between, other.between))
 
-    def renumbered(self, nodes: Ints, segments: Ints) -> "ContactPoints":
-        """The same points where node and segment i are called nodes[i] and segments[i]."""
-        return ContactPoints(nodes[self.nodes], _INNER * segments[self.segments] + self.between % _INNER)
+    def renumbered_as(self, nodes: Ints, segments: Ints) -> "ContactPoints":
+        """The same points by other numbers of their nodes and of their segments."""
+        return ContactPoints(nodes, _INNER * segments + self.between % _INNER)
 
     def carriers(self, skin: Skin) -> tuple[Ints, Array]:
         """(2, k) nodes around each point and their shares in it; a node stands by itself."""

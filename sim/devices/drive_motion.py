@@ -10,8 +10,8 @@ _NEGLIGIBLE_PULSES = 1e-6
 class DriveAxis:
     """A carriage on one axis: position in pulses from the home switch, speeds in pulses/s, ramps in pulses/s²."""
 
-    def __init__(self, position: int) -> None:
-        self._track = Track((position, 0, 0))
+    def __init__(self, position: int, play: float = 0.0) -> None:
+        self._track = Track((position, 0, 0), (play, 0.0, 0.0))
 
     @property
     def end_s(self) -> float:
@@ -21,6 +21,10 @@ class DriveAxis:
     def position_at(self, t_s: float) -> int:
         """Whole pulses at an instant, past, present or planned."""
         return self._track.counts_at(t_s)[0]
+
+    def nut_at(self, t_s: float) -> int:
+        """Whole pulses at an instant of what hangs on the screw, behind the motor by the play where it went up."""
+        return self._track.nut_at(t_s)[0]
 
     def velocity_at(self, t_s: float) -> float:
         """Signed pulses/s."""

@@ -40,13 +40,14 @@ class GrblCore:
         settings: Mapping[int, float] | None,
         start_mm: Vec,
         work_offset_mm: Vec,
+        play_steps: Vec,
     ) -> None:
         self._scheduler = scheduler
         self._wire = line
         self._settings = GrblSettings(settings)
         self._offset_mm = work_offset_mm
         self._reports = report.StatusReports(self._settings, work_offset_mm)
-        self._planner = Planner(self._settings.limits(), self._to_steps(start_mm))
+        self._planner = Planner(self._settings.limits(), self._to_steps(start_mm), play_steps)
         self._rx: deque[int] = deque()
         self._state = self._after_jog = "Idle"
         self._deaf = self._dead = self._owes_ok = self._jog_cancelled = self._asked_in_homing = False
@@ -61,8 +62,12 @@ class GrblCore:
         self.power_cycle()
 
     def carriage_steps_at(self, t_s: float) -> Counts:
-        """Where the carriage really is, steps from the home switches (x, y, z); past, present or planned."""
+        """Where the motors really are, steps from the home switches (x, y, z); past, present or planned."""
         return self._planner.track.counts_at(t_s)
+
+    def nut_steps_at(self, t_s: float) -> Counts:
+        """Where what hangs on the screws is: behind the motors by the play where they went up last."""
+        return self._planner.track.nut_at(t_s)
 
     def power_cycle(self) -> None:
         """Switch off and on: motion stops, the board takes the place it wakes up at for zero."""

@@ -30,8 +30,9 @@ class GrblRealtime(GrblCore):
         start_mm: Vec = (-30.0, -15.0, -10.0),
         work_offset_mm: Vec = (0.0, 0.0, 0.0),
         slip_steps: int = 0,
+        play_steps: Vec = (0.0, 0.0, 0.0),
     ) -> None:
-        super().__init__(scheduler, line, settings, start_mm, work_offset_mm)
+        super().__init__(scheduler, line, settings, start_mm, work_offset_mm, play_steps)
         self._slip_steps = slip_steps
         self._realtime = {
             ord("?"): self._report_status,

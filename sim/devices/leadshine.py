@@ -5,6 +5,7 @@ register holds pulses per turn and which the jog speed. Simplified: the home swi
 the homing mode says; a path begun while another runs brakes to rest first.
 """
 
+from collections import deque
 from collections.abc import Sequence
 
 from sim.clock import Scheduler
@@ -23,13 +24,15 @@ JOG_S = 0.05
 QUICK_STOP_S = 0.01
 _FOREVER_S = 3600.0
 _NO_LIMIT = 1 << 31
+_OUTPUTS_KEPT = 1000
 
 
 class VirtualDrive:
     """Registers of one drive; its carriage is `carriage_at(t)` pulses from the home switch, + towards it.
 
     inverted: the motor runs against the axis. start: where the carriage stands when switched on. ramp_rpm: the
-    ramp words are ms for that many rpm.
+    ramp words are ms for that many rpm. play: the screw's lost motion, pulses, of which the drive knows nothing.
+    output_register switches a digital output, and is nothing more.
     """
 
     functions = frozenset({0x03, 0x06, 0x10})
@@ -44,21 +47,31 @@ class VirtualDrive:
         ramp_rpm: float = 1000.0,
         pulses_per_rev_register: int = 0x0001,
         jog_rpm_register: int = 0x01E1,
+        play: float = 0.0,
+        output_register: int | None = None,
     ) -> None:
         self._scheduler, self._ramp_rpm = scheduler, ramp_rpm
         self._pulses_per_rev_register, self._jog_rpm_register = pulses_per_rev_register, jog_rpm_register
         self._sign = -1 if inverted else 1
-        self._axis = DriveAxis(start)
+        self._axis = DriveAxis(start, play)
         self._held = dict.fromkeys((*range(0x6000, 0x6015), *range(PR0, PR0_TRIGGER + 1), CONTROL), 0)
         self._held |= {pulses_per_rev_register: pulses_per_rev, jog_rpm_register: 60}
         self._held |= {HOMING_HIGH: 200, HOMING_LOW: 50, HOMING_RAMP_UP: 100, HOMING_RAMP_DOWN: 100}
+        self._output_register = output_register
+        if output_register is not None:
+            self._held[output_register] = 0
+        self.outputs: deque[tuple[float, int]] = deque(maxlen=_OUTPUTS_KEPT)  # every switching: s, word
         self._stopped_s = -1.0  # end of the last quick stop: one that is under way is not begun again
         self.eeprom_saves = 0
         self.power_cycle()
 
     def carriage_at(self, t_s: float) -> int:
-        """Where the carriage really is: past, present or planned."""
+        """Where the motor really is: past, present or planned."""
         return self._axis.position_at(t_s)
+
+    def nut_at(self, t_s: float) -> int:
+        """Where what hangs on its screw is: behind by the play where the motor went up last."""
+        return self._axis.nut_at(t_s)
 
     def power_cycle(self) -> None:
         """Switch off and on: the carriage stops dead where it is, which is zero from then on."""
@@ -89,6 +102,8 @@ class VirtualDrive:
         if any(n not in self._held for n in range(address, address + len(values))):
             raise RegisterFault(ILLEGAL_ADDRESS)
         self._held |= dict(enumerate(values, address))
+        if self._output_register in range(address, address + len(values)):
+            self.outputs.append((self._scheduler.monotonic_s(), self._held[self._output_register]))
         for register, obey in ((PR0_TRIGGER, self._trigger), (TRIGGER, self._trigger), (CONTROL, self._control)):
             if address <= register < address + len(values) and self._held[register]:
                 word, self._held[register] = self._held[register], 0
@@ -208,5 +223,9 @@ class DrivePair:
         self.x, self.z = x, z
 
     def carriage_steps_at(self, t_s: float) -> tuple[int, int, int]:
-        """Where the carriage really is, pulses from the home switches (x, y, z)."""
+        """Where the motors really are, pulses from the home switches (x, y, z)."""
         return self.x.carriage_at(t_s), 0, self.z.carriage_at(t_s)
+
+    def nut_steps_at(self, t_s: float) -> tuple[int, int, int]:
+        """Where what hangs on the screws is, pulses from the home switches (x, y, z)."""
+        return self.x.nut_at(t_s), 0, self.z.nut_at(t_s)

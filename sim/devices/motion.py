@@ -50,10 +50,17 @@ class Piece:
 
 
 class Track:
-    """The past and the planned future of a carriage, in steps; at least one second of past is kept."""
+    """The past and the planned future of a carriage, in steps; at least one second of past is kept.
 
-    def __init__(self, rest: Counts) -> None:
+    play is each screw's lost motion, in steps: what hangs on it follows down at once, and up only once the play is
+    taken up.
+    """
+
+    def __init__(self, rest: Counts, play: Vec = (0.0, 0.0, 0.0)) -> None:
         self._rest: Vec = rest
+        self._play = play
+        self._nut_rest: Vec = rest
+        self._nuts: list[Vec] = []  # at the start of each piece
         self._pieces: list[Piece] = []
         self._starts: list[float] = []
         self.end_s = 0.0
@@ -72,6 +79,11 @@ class Track:
         x, y, z = self.position_at(t_s)
         return (round(x), round(y), round(z))
 
+    def nut_at(self, t_s: float) -> Counts:
+        """Whole steps at t_s of what hangs on the screws: behind by the play where it was driven up last."""
+        x, y, z = self._nut_at(t_s)
+        return (round(x), round(y), round(z))
+
     def speed_at(self, t_s: float) -> float:
         """Speed along the path, mm/s."""
         piece = self.piece_at(t_s) if t_s < self.end_s else None
@@ -86,7 +98,12 @@ class Track:
 
     def replace_from(self, t_s: float, pieces: list[Piece], rest: Vec) -> None:
         """Forget what lay after t_s and put these pieces there; the carriage then rests at `rest`."""
+        nut = self._nut_at(t_s)
         self._cut(t_s)
+        for piece in pieces:
+            self._nuts.append(nut)
+            nut = self._followed(nut, piece.at(piece.t1_s))
+        self._nut_rest = self._followed(nut, rest)
         self._pieces += pieces
         self._starts += [piece.t0_s for piece in pieces]
         self._rest = rest
@@ -95,7 +112,7 @@ class Track:
 
     def _cut(self, t_s: float) -> None:
         index = bisect_right(self._starts, t_s)
-        del self._pieces[index:], self._starts[index:]
+        del self._pieces[index:], self._starts[index:], self._nuts[index:]
         if self._pieces and self._pieces[-1].t1_s > t_s:
             last = self._pieces[-1]
             shorter = Ramp(t_s - last.t0_s, last.ramp.v0, last.ramp.accel)
@@ -105,7 +122,21 @@ class Track:
         if len(self._pieces) > _PRUNE_OVER:
             old = bisect_right(self._starts, now_s - HISTORY_S) - 1
             if old > 0:
-                del self._pieces[:old], self._starts[:old]
+                del self._pieces[:old], self._starts[:old], self._nuts[:old]
+
+    def _nut_at(self, t_s: float) -> Vec:
+        """Exact at any instant: along a piece no axis turns round."""
+        if t_s >= self.end_s:
+            return self._nut_rest
+        index = bisect_right(self._starts, t_s) - 1
+        if index < 0:
+            return self._nuts[0] if self._nuts else self._nut_rest
+        return self._followed(self._nuts[index], self._pieces[index].at(t_s))
+
+    def _followed(self, nut: Vec, screw: Vec) -> Vec:
+        """The nut once the screw has gone in one direction to its new place: pushed down, or drawn up by the play."""
+        x, y, z = (min(max(n, s - play), s) for n, s, play in zip(nut, screw, self._play, strict=True))
+        return (x, y, z)
 
 
 def trapezoid(mm: float, v0: float, v1: float, cruise: float, accel: float) -> list[Ramp]:

@@ -47,9 +47,9 @@ class Block:
 class Planner:
     """A queue of up to 15 blocks on a track; positions are steps of the carriage."""
 
-    def __init__(self, limits: AxisLimits, start: Counts) -> None:
+    def __init__(self, limits: AxisLimits, start: Counts, play: Vec = (0.0, 0.0, 0.0)) -> None:
         self.limits = limits
-        self.track = Track(start)
+        self.track = Track(start, play)
         self._blocks: list[Block] = []
 
     @property

@@ -9,7 +9,7 @@ import contextlib
 import math
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from sim.plant import Carriage, Pose
 from sim.serve.press_process import PressAnswer, PressProcess
@@ -30,7 +30,6 @@ class PressStatistics:
     stalest_s: float = 0.0
     slowest_s: float = 0.0
     solved: int = 0
-    problems: set[str] = field(default_factory=set)
 
 
 class PressAhead:
@@ -44,15 +43,17 @@ class PressAhead:
         period_s: float,
         complain: Callable[[str], object],
     ) -> None:
-        """complain gets each problem of the finger once, in one line."""
+        """complain gets one line each time the finger begins to have no answer."""
         self._scheduler, self._carriage, self._press = scheduler, carriage, press
         self._period_s, self._complain = period_s, complain
         self._forces: OrderedDict[Pose, float] = OrderedDict()
-        self._asked: Pose | None = None
+        self._asked: tuple[float, Pose] | None = None
+        self._troubled = False
         self._last_n, self._last_s = math.nan, -math.inf
         self.statistics = PressStatistics()
         self.ended = False  # there is no finger any more; the scheduler has been stopped
-        self._learn(self._ask_and_wait(carriage.pose_at(scheduler.monotonic_s())))
+        self._press.ask(carriage.pose_at(scheduler.monotonic_s()))
+        self._learn(self._press.answer())
         scheduler.watch(press, self._on_answer)
         self._tick()
 
@@ -83,29 +84,33 @@ class PressAhead:
         return self._forces.get(self._carriage.pose_at(t_s))
 
     def _tick(self) -> None:
-        self._note_last()
+        self._note(self._index() * self._period_s)
         self._ask_next()
         self._scheduler.call_at((self._index() + 1) * self._period_s, self._tick)
 
-    def _note_last(self) -> None:
-        """Keep the force of the sample instant just past, if it is known."""
-        t_s = self._index() * self._period_s
+    def _note(self, t_s: float) -> None:
+        """Keep the force of a sample instant that is past, if it is known and newer than the one kept."""
         known = self._known_at(t_s)
-        if known is not None:
+        if known is not None and self._last_s < t_s <= self._scheduler.monotonic_s():
             self._last_n, self._last_s = known, t_s
 
     def _index(self) -> int:
         return math.floor(self._scheduler.monotonic_s() / self._period_s + 1e-6)
 
     def _ask_next(self) -> None:
-        """The first unsolved pose from the last sample instant on; instants long past are not made up for."""
+        """The next unsolved pose from the last sample instant on; who is behind begins with the farthest.
+
+        That is where the indentor will be when the answer comes, and often where it will rest.
+        """
         if self._asked is not None or self.ended:
             return
         index = self._index()
-        for k in range(_AHEAD + 1):
-            pose = self._carriage.pose_at((index + k) * self._period_s)
+        ahead = range(_AHEAD + 1)
+        for k in ahead if self._known_at(index * self._period_s) is not None else reversed(ahead):
+            t_s = (index + k) * self._period_s
+            pose = self._carriage.pose_at(t_s)
             if pose not in self._forces:
-                self._asked = pose
+                self._asked = t_s, pose
                 with contextlib.suppress(OSError):  # a process that has just died is noticed at its pipe
                     self._press.ask(pose)
                 return
@@ -119,21 +124,18 @@ class PressAhead:
             self._complain("the process of the virtual finger has ended")
             self._scheduler.stop()
             return
+        asked, self._asked = self._asked, None
         self._learn(answer)
-        self._note_last()
+        if asked is not None:  # it may have taken so long that its instant is past
+            self._note(asked[0])
         self._ask_next()
 
-    def _ask_and_wait(self, pose: Pose) -> PressAnswer:
-        self._press.ask(pose)
-        return self._press.answer()
-
     def _learn(self, answer: PressAnswer) -> None:
-        self._asked = None
         self._forces[answer.pose] = answer.force_n
         if len(self._forces) > _KEPT:
             self._forces.popitem(last=False)
         self.statistics.solved += 1
         self.statistics.slowest_s = max(self.statistics.slowest_s, answer.solve_s)
-        if answer.problem and answer.problem not in self.statistics.problems:
-            self.statistics.problems.add(answer.problem)
+        if answer.problem and not self._troubled:
             self._complain(answer.problem)
+        self._troubled = bool(answer.problem)

@@ -31,11 +31,15 @@ class FingerNotLoadedError(Exception):
 class PressProcess:
     """Answers poses with forces, one at a time, in the order they are sent."""
 
-    def __init__(self, config: FingertipConfig, indentor: str, stiffness: float = 1.0) -> None:
+    def __init__(
+        self, config: FingertipConfig, indentor: str, stiffness: float = 1.0, compliance_mm_per_n: float = 0.0
+    ) -> None:
         """Returns when the finger is loaded. Raises FingerNotLoadedError where it cannot be."""
         context = multiprocessing.get_context("spawn")
         self._near, far = context.Pipe()
-        self._process = context.Process(target=_serve, args=(far, config, indentor, stiffness), daemon=True)
+        self._process = context.Process(
+            target=_serve, args=(far, config, indentor, stiffness, compliance_mm_per_n), daemon=True
+        )
         self._process.start()
         far.close()
         try:
@@ -64,12 +68,16 @@ class PressProcess:
 
 
 def _serve(
-    far: "Connection[str | PressAnswer, Pose]", config: FingertipConfig, indentor: str, stiffness: float
+    far: "Connection[str | PressAnswer, Pose]",
+    config: FingertipConfig,
+    indentor: str,
+    stiffness: float,
+    compliance_mm_per_n: float,
 ) -> None:
     # Ctrl-C goes to every process of the terminal; this one ends with its pipe.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        press = Press(Fingertip.load(config), indentor, stiffness)
+        press = Press(Fingertip.load(config), indentor, stiffness, compliance_mm_per_n)
     except Exception as error:
         far.send(f"{type(error).__name__}: {error}")
         return

@@ -8,6 +8,7 @@ from importlib.resources import files
 from typing import Any
 
 from sim.contact.indentor import ALONG, Indentor
+from sim.fingertip import ModelRangeError
 from sim.models import ModelName
 from sim.study.measure import Measured
 from sim.study.reference import Reference
@@ -22,7 +23,7 @@ _DEEPEST_MM = max(scene.doi_mm for scene in SCENES)
 _FARTHEST_MM = max(abs(scene.x_mm) for scene in SCENES)
 
 
-class NoModelError(ValueError):
+class NoModelError(ModelRangeError):
     """No model is known to hold the tolerance."""
 
 

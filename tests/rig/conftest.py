@@ -121,8 +121,12 @@ class SpringBench:
             self.settings, self.clock, stage, force, self.journal, self, lambda: self.interrupt(), soft_trip_n
         )
 
-    def mount(self, indentor: str) -> None:
+    def mount(self, indentor: str) -> str:
         self.mounted = indentor
+        return indentor
+
+    def confirm(self, request: str) -> None:
+        """There is nobody to ask."""
 
     def true_pose(self) -> tuple[float, float]:
         x, _, z = self.board.carriage_steps_at(self.clock.monotonic_s())

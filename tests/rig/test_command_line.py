@@ -160,7 +160,6 @@ def test_indent_to_a_depth_for_people(rig: Rig) -> None:
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        ("--shape sphere:3 --x-mm 0 --doi-mm 0.5", "shape 'sphere:3': sphere is not built yet, expected bar:WIDTH"),
         ("--shape tube:3 --x-mm 0 --doi-mm 0.5", "shape 'tube:3': no such indentor, expected bar:WIDTH"),
         ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --model fem", "--model 'fem': expected one of halfspace, section"),
         ("--shape bar:3.0 --x-mm 0 --force-gwt 2 --model section", "--model section: its force is per millimetre"),
@@ -297,7 +296,7 @@ def test_a_plan_beyond_the_limits_makes_no_folder(rig: Rig, script: Path) -> Non
     Path("rig.toml").write_text("[limits]\nmax_doi_mm = 0.25\n", encoding="utf-8")
     ended = rig("dry-run", script, "--config", "rig.toml")
     assert ended.code == 2
-    assert ended.complaint.startswith(f"{script}, line 13: indent: doi_mm = 0.3 at x = 0 mm")
+    assert ended.complaint.startswith(f"{script}, line 13: indent: doi_mm = 0.3 is beyond limits.max_doi_mm = 0.25")
     assert not Path("runs").exists()
 
 

@@ -23,7 +23,8 @@ def _drops_below_clearance(bench: Any) -> list[float]:
     """How far each move went down below clearance, from the bytes."""
     clearance_z = bench.settings.frame.apex_z_mm + bench.settings.habits.clearance_mm
     heights = [move["Z"] for move in bench.moves() if "Z" in move]
-    return [min(before, clearance_z) - after for before, after in itertools.pairwise(heights) if after < before]
+    below = [(before, after) for before, after in itertools.pairwise(heights) if after < min(before, clearance_z)]
+    return [min(before, clearance_z) - after for before, after in below]
 
 
 @pytest.mark.parametrize(

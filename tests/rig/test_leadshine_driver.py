@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rig.settings import DriveSettings
+from rig.settings import DriveSettings, SyncSettings
 from rig.stage import LeadshineDrive, LeadshineStage, Stage, StageAlarm, StageError, StageStatus, StageTimeout
 from rig.transport import ModbusMaster
 from sim.clock import VirtualClock
@@ -317,6 +317,21 @@ def test_backlash_is_taken_up_from_above(homed: Make) -> None:
     )
     there.move_to(z_mm=-2.0, speed_mm_s=1.0)
     there.move_to(z_mm=-3.0, speed_mm_s=1.0)
+
+
+# --- the recording amplifier ---
+
+
+def test_an_output_is_a_word_to_the_configured_register(homed: Make) -> None:
+    sync = SyncSettings(output="drive", drive="x", register_address=0x0157, on_word=0x80, off_word=0)
+    there = homed([echoed("01 06 01 57 00 80"), echoed("01 06 01 57 00 00")], output=sync)
+    there.set_output(True)
+    there.set_output(False)
+
+
+def test_an_output_that_is_not_configured_is_refused(homed: Make) -> None:
+    with pytest.raises(StageError, match=r"see sync\.output"):
+        homed([]).set_output(True)
 
 
 # --- stopping ---

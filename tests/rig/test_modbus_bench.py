@@ -55,8 +55,11 @@ class Bench:
         self.journal = Journal(folder / "events.jsonl", self.clock, STREAMS, self._watch)
         self.engine = Engine(self.config, self.clock, driver, sensor, self.journal, self)
 
-    def mount(self, indentor: str) -> None:
-        """Anything goes."""
+    def mount(self, indentor: str) -> str:
+        return indentor
+
+    def confirm(self, request: str) -> None:
+        """There is nobody to ask."""
 
     def true_pose(self) -> None:
         """Not needed here."""
@@ -159,6 +162,22 @@ def test_nothing_is_saved_in_the_drives(make: Make) -> None:
     bench = make()
     indent(bench.ready(), Target("force_gwt", 2.33), hold_s=0.2)
     assert bench.drives.x.eeprom_saves == bench.drives.z.eeprom_saves == 0
+
+
+def test_sync_pulses_from_a_drives_output(make: Make) -> None:
+    """At contact, hold start and hold end; each rise within the round trip that the journal gives."""
+    sync = {"output": "drive", "register_address": 0x0157, "on_word": 0x80, "off_word": 0, "width_s": 0.02}
+    bench = make(sync=sync)
+    indent(bench.ready(), Target("force_gwt", 2.0), hold_s=0.2)
+    pulses = [data for name, data in bench.events if name == "sync"]
+    assert [pulse["at"] for pulse in pulses] == ["touch", "hold_start", "hold_end"]
+    switched = list(bench.drives.z.outputs)
+    assert [word for _, word in switched] == [0x80, 0] * 3
+    assert not bench.drives.x.outputs
+    for pulse, (rise_s, _), (fall_s, _) in zip(pulses, switched[::2], switched[1::2], strict=True):
+        assert pulse["rise_s"] - pulse["uncertainty_s"] <= rise_s <= pulse["rise_s"]
+        assert pulse["uncertainty_s"] < 0.01
+        assert fall_s - rise_s == pytest.approx(0.02, abs=0.01)
 
 
 # --- stopping ---

@@ -121,6 +121,20 @@ def test_a_balance_that_answers_no_at(clock: VirtualClock, scripted: Callable[[l
     assert wire.closed
 
 
+def test_looking_on_leaves_the_tare_alone(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
+    """Not a single `@`, even where the balance repeats itself to somebody else."""
+    wire = scripted(
+        [
+            (b"", b"S D 1.0"),
+            (b"I4\r\n", b"0 g\r\nS D 1.00 g\r\n" + HELLO[1]),
+            (b"SI\r\n", b"S S 1.50 g\r\n"),
+        ]
+    )
+    force = MtSicsForce(wire, clock)
+    assert force.identify() == "MT-SICS balance 0123456789"
+    assert force.read().force_n == pytest.approx(1.5 * 9.80665e-3)
+
+
 def test_nobody_there(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
     with pytest.raises(ForceTimeout, match="no balance answers"):
         MtSicsForce(scripted([(b"@\r\n", b""), (b"I4\r\n", b"")]), clock).connect()

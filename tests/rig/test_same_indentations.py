@@ -12,6 +12,8 @@ from rig.protocol.script import load_script
 from rig.protocol.session import Session, dry_run
 from sim.fingertip import Fingertip
 
+pytestmark = pytest.mark.xdist_group("same indentations")  # one worker, one run to compare with
+
 SCRIPT = """\
 from rig.protocol import Rig
 

@@ -25,13 +25,21 @@ def run(rig):
 
 
 def pressed(folder: Path, finger: Fingertip, how: str, **virtual: Any) -> Run:
+    return carried_out(folder, finger, PRESS.format(how=how), {"virtual": virtual})
+
+
+def carried_out(folder: Path, finger: Fingertip, source: str, tables: dict[str, Any]) -> Run:
     path = folder / "press.py"
-    path.write_text(PRESS.format(how=how), encoding="utf-8")
-    script, config = load_script(str(path)), Config.model_validate({"virtual": virtual})
+    path.write_text(source, encoding="utf-8")
+    script, config = load_script(str(path)), Config.model_validate(tables)
     plan = make_plan(script, config, finger)
     done = dry_run(Session(script, config, finger, plan, folder / "runs", interrupted=lambda: False))
     assert done.problem is None
     return done.run
+
+
+def calibrated(**values: float) -> dict[str, Any]:
+    return {name: {"value": value, "date": "2026-01-01", "expires": "2099-01-01"} for name, value in values.items()}
 
 
 def holding(run: Run) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -97,6 +105,80 @@ def test_a_late_cell_shows_the_force_of_a_while_ago(finger: Fingertip, tmp_path:
     (tmp_path / "b").mkdir()
     late = pressed(tmp_path / "b", finger, "doi_mm=0.3, hold_s=0.2", cell_latency_s=0.2).stream("touch")[0]
     assert late["true_doi_bias_mm"] > prompt["true_doi_bias_mm"] + 0.005
+
+
+# --- a rig that is not quite what it seems ---
+
+BACK_AND_FORTH = """\
+def run(rig):
+    rig.mount("bar:3.0")
+    rig.home()
+    rig.zero()
+    for x_mm in (-0.5, 0.0, 0.5, 0.0):
+        rig.move_to(x_mm=x_mm)
+        rig.indent(doi_mm=0.2, hold_s=0.1)
+"""
+BACKLASH_MM = 0.1
+STAGES = [{"kind": "grbl"}, {"kind": "leadshine"}]
+
+
+def x_errors_mm(run: Run) -> list[float]:
+    return [hold["true_x_mm"] - hold["x_mm"] for hold in run.stream("hold_end")]
+
+
+@pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage["kind"])
+def test_lost_motion_shows_where_nobody_has_measured_it(
+    finger: Fingertip, tmp_path: Path, stage: dict[str, Any]
+) -> None:
+    """From the switches to −0.5 is a way down the axis; 0.0 and 0.5 are reached upwards, 0.1 mm short."""
+    run = carried_out(
+        tmp_path, finger, BACK_AND_FORTH, {"stage": stage, "virtual": {"x_screw_backlash_mm": BACKLASH_MM}}
+    )
+    assert x_errors_mm(run) == pytest.approx([0.0, -BACKLASH_MM, -BACKLASH_MM, 0.0], abs=1e-9)
+
+
+@pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage["kind"])
+def test_arriving_in_one_direction_takes_lost_motion_up(
+    finger: Fingertip, tmp_path: Path, stage: dict[str, Any]
+) -> None:
+    """On both axes: x goes back and forth, and z goes up to back off after each coarse touch."""
+    run = carried_out(
+        tmp_path,
+        finger,
+        BACK_AND_FORTH,
+        {
+            "stage": stage,
+            "virtual": {"x_screw_backlash_mm": BACKLASH_MM, "z_screw_backlash_mm": BACKLASH_MM},
+            "calibration": calibrated(x_backlash_mm=BACKLASH_MM, z_backlash_mm=BACKLASH_MM),
+        },
+    )
+    (tmp_path / "b").mkdir()
+    exact = carried_out(tmp_path / "b", finger, BACK_AND_FORTH, {"stage": stage})
+    assert x_errors_mm(run) == pytest.approx([0.0] * 4, abs=1e-9)
+    for mine, other in zip(run.stream("hold_end"), exact.stream("hold_end"), strict=True):
+        assert mine["true_doi_mm"] == pytest.approx(other["true_doi_mm"], abs=1e-9)
+        assert mine["force_gwt"] == other["force_gwt"]
+
+
+@pytest.mark.parametrize(("measured", "missing"), [(0.5, 0.0), (None, 1.0)])
+def test_a_rig_that_gives_way(finger: Fingertip, tmp_path: Path, measured: float | None, missing: float) -> None:
+    """0.5 mm/N under some 7 gwt is 0.03 mm: with the compliance measured the depth is as said, else less by it.
+
+    What touch-off itself misses, up to an increment of 0.01 mm, is in the journal and taken off.
+    """
+    compliance = 0.5
+    tables: dict[str, Any] = {"virtual": {"compliance_mm_per_n": compliance}}
+    if measured is not None:
+        tables["calibration"] = calibrated(compliance_mm_per_n=measured)
+    run = carried_out(tmp_path, finger, PRESS.format(how="doi_mm=0.8, hold_s=0.2"), tables)
+    (hold,), (touch,) = run.stream("hold_end"), run.stream("touch")
+    given_mm = compliance * hold["force_gwt"] * 9.80665e-3
+    assert given_mm > 0.025
+    bias_mm = touch["true_doi_bias_mm"]
+    # The board rounds every height to a step of 0.0025 mm: half of it, at the touch and at the hold.
+    assert hold["true_doi_mm"] - hold["doi_mm"] == pytest.approx(bias_mm - missing * given_mm, abs=0.0025)
+    assert hold["doi_mm"] == pytest.approx(0.8, abs=0.0025)
+    assert hold["force_gwt"] == pytest.approx(model_gwt(finger, run), abs=0.006)
 
 
 @pytest.mark.parametrize("relaxation", [[[0.6, 1.0], [0.4, 2.0]], [[-0.1, 1.0]], [[0.1, 0.0]], [[0.5]]])

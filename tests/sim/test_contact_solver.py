@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from sim.contact import solver
-from sim.contact.control import ForceNotReachedError, solve_for_force
+from sim.contact.control import ForceNotReachedError, TooDeepError, solve_for_force
 from sim.contact.points import ContactPoints, Pose, displaced_gap
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import ContactState, solve_contact
@@ -197,6 +197,33 @@ def test_depth_of_a_prescribed_force(exponent: float, depth: float) -> None:
 def test_a_force_beyond_the_deepest_is_refused() -> None:
     with pytest.raises(ForceNotReachedError, match=r"not reached at the deepest DOI allowed, 2 mm"):
         solve_for_force(100.0, 0.3, 2.0, Spring(1.5))
+
+
+class Rim:
+    """A spring that refuses depths beyond its reach, where it is `fickle` only on the first few asks."""
+
+    def __init__(self, reach: float, fickle: int | None = None) -> None:
+        self.reach, self.left, self.spring = reach, fickle, Spring(1.5)
+
+    def __call__(self, doi: float, start: ContactState | None) -> ContactState:
+        if doi > self.reach and (self.left is None or self.left > 0):
+            self.left = None if self.left is None else self.left - 1
+            raise TooDeepError(f"rim beyond {self.reach:g}")
+        return self.spring(doi, start)
+
+
+@pytest.mark.parametrize("depth", [0.2, 0.69, 0.6999])
+def test_a_force_short_of_the_rim(depth: float) -> None:
+    # The first secants look beyond 0.7 mm, are refused and come back.
+    doi, _ = solve_for_force(3.0 * depth**1.5, 0.3, 2.0, Rim(0.7))
+    assert doi == pytest.approx(depth, rel=1e-10)
+
+
+@pytest.mark.parametrize("fickle", [None, 1, 2, 5])
+def test_a_force_beyond_the_rim_is_refused(fickle: int | None) -> None:
+    # Whether a depth is refused may depend on the start: the search still ends in a refusal, not short of the force.
+    with pytest.raises(TooDeepError, match=r"rim beyond 0.7"):
+        solve_for_force(3.0 * 1.2**1.5, 0.3, 2.0, Rim(0.7, fickle))
 
 
 def test_a_force_that_is_jumped_over_ends_at_the_jump() -> None:

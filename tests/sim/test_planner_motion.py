@@ -3,6 +3,7 @@
 import math
 from itertools import pairwise
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -225,3 +226,47 @@ def _check_smooth(track: Track, t0_s: float, t1_s: float) -> None:
     for axis, most in enumerate(LIMITS.max_speed):
         for before, after in pairwise(at):
             assert abs(after[axis] - before[axis]) <= most * PER_MM * dt_s * (1 + 1e-6) + 1e-6
+
+
+PLAY = (8.0, 0.0, 20.0)
+
+
+def test_what_hangs_on_a_screw_with_play_follows_down_at_once_and_up_once_it_is_taken_up() -> None:
+    """12 steps of play: 40 down, 10 up (nothing follows), 30 more up (28 follow), 5 down (nothing)."""
+    plan = Planner(LIMITS, HOME, (0.0, 0.0, 12.0))
+    z, now_s = 0, 0.0
+    for by, nut in ((-40, -40), (10, -40), (30, -12), (-5, -12), (-10, -15)):
+        plan.queue((0, 0, z), (0, 0, z + by), 1.0, now_s)
+        z, now_s = z + by, plan.end_s
+        assert plan.track.counts_at(now_s) == (0, 0, z)
+        assert plan.track.nut_at(now_s) == (0, 0, nut)
+
+
+@given(EVENTS)
+@settings(max_examples=80, deadline=None)
+def test_play_is_what_following_step_by_step_gives(events: list[tuple[float, str, Counts, float]]) -> None:
+    """Whatever is queued and held: sampled finely, the nut is dragged along by whichever flank it meets.
+
+    Sampling may miss the tip of a turn by what a motor moves between two samples, at its fastest: that, and a step
+    for rounding, is the tolerance.
+    """
+    plan, now_s, last = Planner(LIMITS, HOME, PLAY), 0.0, HOME
+    dragged, coarse = [float(c) for c in HOME], 0.0
+    for pause_s, kind, target, speed in events:
+        for fraction in np.linspace(0, 1, 200):
+            _drag(dragged, plan.track.position_at(now_s + fraction * pause_s))
+        coarse = max(coarse, max(LIMITS.max_speed) * PER_MM * pause_s / 200)
+        now_s += pause_s
+        assert plan.track.nut_at(now_s) == pytest.approx(dragged, abs=coarse + 1)
+        if kind == "move":
+            plan.queue(last, target, speed, now_s)
+            last = target
+        else:
+            plan.hold(now_s)
+    lag = [s - n for s, n in zip(plan.track.counts_at(plan.end_s), plan.track.nut_at(plan.end_s), strict=True)]
+    assert all(-1 <= behind <= play + 1 for behind, play in zip(lag, PLAY, strict=True))
+
+
+def _drag(nut: list[float], screw: tuple[float, float, float]) -> None:
+    for axis, (at, play) in enumerate(zip(screw, PLAY, strict=True)):
+        nut[axis] = min(max(nut[axis], at - play), at)

@@ -58,6 +58,15 @@ def test_no_force_without_an_indentor(finger: Fingertip, carriage: Steps) -> Non
     assert plant.pose_at(0.0).doi_mm == float("-inf")
 
 
+def test_nothing_is_felt_beside_the_finger(finger: Fingertip, carriage: Steps) -> None:
+    """A stage homes far from the finger, farther than the model knows a skin."""
+    plant = plant_of(finger, carriage)
+    for x, z in ((-1.0, -1.0), (-1.0, -30.0), (-59.0, -39.0)):
+        carriage.command(x, z)
+        assert plant.pose_at(0.0).doi_mm == float("-inf")
+        assert plant.force_n(0.0) == 0.0
+
+
 def test_force_is_that_of_the_model_at_the_true_pose(finger: Fingertip, carriage: Steps) -> None:
     plant = plant_of(finger, carriage)
     carriage.command(-31.0, -25.5)
@@ -102,6 +111,22 @@ def test_only_the_wrong_axis_is_wrong(finger: Fingertip, carriage: Steps) -> Non
     pose = plant.pose_at(0.0)
     assert pose.x_mm == pytest.approx(30.0 - 1.02 * 30.5, abs=1e-12)
     assert pose.height_mm == pytest.approx(finger.apex_height_mm - 0.4, abs=1e-12)
+
+
+@pytest.mark.parametrize("way_mm", [0.002, 0.3, 0.9])
+def test_a_rig_that_gives_way_shares_the_way_with_the_finger(
+    finger: Fingertip, carriage: Steps, way_mm: float
+) -> None:
+    """Springs in series: way = DOI + compliance · F(DOI), to the 1e-6 mm at which the depth is left."""
+    compliance = 0.5
+    plant = Plant(finger, Carriage(carriage, Screws(400_000, 400_000), PLACE), 2.0, compliance)
+    plant.mount("step:5")
+    z = PLACE.apex_z_mm + finger.touch_height_mm("step:5", 0.0) - finger.apex_height_mm - way_mm
+    carriage.command(1000 * PLACE.pad_centre_x_mm, 1000 * z)
+    force, doi = plant.force_n(0.0), plant.pose_at(0.0).doi_mm
+    assert 0 < doi < way_mm
+    assert doi + compliance * force == pytest.approx(way_mm, abs=2e-6)
+    assert force == pytest.approx(2 * finger.indent("step:5", 0.0, doi_mm=doi).force_n, rel=1e-6)
 
 
 def test_pressing_in_steps_is_pressing_at_once(finger: Fingertip, carriage: Steps) -> None:

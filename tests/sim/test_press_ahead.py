@@ -2,6 +2,7 @@
 
 import math
 import multiprocessing
+import os
 import time
 from collections.abc import Iterator
 
@@ -9,9 +10,9 @@ import pytest
 
 from sim.config import FingertipConfig
 from sim.fingertip import Fingertip
-from sim.plant import Carriage, Placement, Screws
+from sim.plant import Carriage, Placement, Pose, Screws
 from sim.serve.press_ahead import STALE_S, PressAhead
-from sim.serve.press_process import FingerNotLoadedError, PressProcess
+from sim.serve.press_process import FingerNotLoadedError, PressAnswer, PressProcess
 from sim.wall_clock import WallScheduler
 
 PERIOD_S = 0.05
@@ -96,7 +97,9 @@ def test_a_plan_that_changes_gives_the_last_force_and_says_so(bench: Bench, fing
 
 
 def test_a_depth_beyond_the_model_is_no_force_and_one_complaint(bench: Bench) -> None:
-    bench.plan = lambda t_s: -3.0
+    """However many poses there are on the way."""
+    start_s = bench.scheduler.monotonic_s()
+    bench.plan = lambda t_s: -3.0 - 0.1 * (t_s - start_s)
     bench.run(1.0)
     assert math.isnan(bench.press.force_n(bench.scheduler.monotonic_s()))
     assert len(bench.complaints) == 1
@@ -117,6 +120,50 @@ def test_a_finger_whose_process_dies_stops_the_loop_and_is_told_once(bench: Benc
     assert bench.complaints == ["the process of the virtual finger has ended"]
     bench.plan = lambda t_s: -0.777  # where it has not been
     assert math.isnan(bench.press.force_n(bench.scheduler.monotonic_s() + 2 * STALE_S))
+
+
+class SlowFinger:
+    """Takes its time for each answer, more than two sample periods; the force is the depth."""
+
+    SOLVE_S = 2.4 * PERIOD_S
+
+    def __init__(self, scheduler: WallScheduler) -> None:
+        self._scheduler = scheduler
+        self._done, self._tell = os.pipe()
+        self._pose: Pose | None = None
+        os.write(self._tell, b".")
+
+    def fileno(self) -> int:
+        return self._done
+
+    def ask(self, pose: Pose) -> None:
+        if self._pose is not None:
+            self._scheduler.call_at(self._scheduler.monotonic_s() + self.SOLVE_S, lambda: os.write(self._tell, b"."))
+        self._pose = pose
+
+    def answer(self) -> PressAnswer:
+        os.read(self._done, 1)
+        assert self._pose is not None
+        return PressAnswer(self._pose, -self._pose.above_apex_mm, self.SOLVE_S)
+
+    def close(self) -> None:
+        os.close(self._done)
+        os.close(self._tell)
+
+
+def test_a_finger_slower_than_the_samples_gives_late_forces_and_does_not_give_up() -> None:
+    """1 mm/s for 1.5 s, no two samples in one place: each force given is that of a place passed a moment ago."""
+    scheduler, told = WallScheduler(), []
+    carriage = Carriage(lambda t_s: (0, 0, -round(400 * t_s)), Screws(), Placement(0.0, 0.0))
+    press = PressAhead(scheduler, carriage, SlowFinger(scheduler), PERIOD_S, told.append)
+    while (now_s := scheduler.monotonic_s()) < 1.5:
+        scheduler.run_once(now_s + PERIOD_S)
+        ago_mm = scheduler.monotonic_s() - press.force_n(scheduler.monotonic_s())
+        assert ago_mm <= STALE_S + 0.01
+    assert press.statistics.late > 10
+    assert press.statistics.unknown == 0
+    press.close()
+    scheduler.close()
 
 
 def test_a_finger_that_cannot_be_loaded_is_an_error_and_not_a_wait() -> None:

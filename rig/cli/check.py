@@ -1,0 +1,72 @@
+"""`rig check`: what a protocol will do, before anything moves."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from rig.cli.output import loading_the_finger, out, print_json, told_in_one_line
+from rig.protocol.config import load_config
+from rig.protocol.plan import make_plan
+from rig.protocol.preflight import preflight
+from rig.protocol.script import load_script
+from sim.fingertip import Fingertip
+
+_COLUMNS = {
+    "index": "",
+    "indentor": "",
+    "x_mm": "x (mm)",
+    "doi_mm": "DOI (mm)",
+    "force_gwt": "force (gwt)",
+    "mean_pressure_n_cm2": "mean pressure (N/cm²)",
+    "peak_pressure_n_cm2": "peak (N/cm²)",
+    "overshoot_gwt": "overshoot at a trip (gwt)",
+}
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("check", help="Say what a protocol will do and how near the limits it goes; moves nothing.")(command)
+
+
+def command(
+    protocol: Annotated[str, typer.Argument(help="A path, or the name of a shipped protocol.")],
+    more: Annotated[list[str] | None, typer.Argument(metavar="[K=V]...", help="Further settings.")] = None,
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", metavar="K=V", help="A parameter; may be repeated.")
+    ] = None,
+    config: Annotated[Path | None, typer.Option(metavar="TOML", help="Configuration of rig and finger.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
+) -> None:
+    """Walk through the script against the limits and the finger model, and rehearse it on springs."""
+    with told_in_one_line(as_json=as_json):
+        settings = load_config(config)
+        script = load_script(protocol, [*(set_ or []), *(more or [])])
+        with loading_the_finger():
+            finger = Fingertip.load(settings.finger)
+        found = preflight(script, settings, finger, make_plan(script, settings, finger)).as_json()
+        if as_json:
+            print_json({"protocol": script.name, **found})
+        else:
+            _tell(found)
+
+
+def _tell(found: dict[str, Any]) -> None:
+    table = Table(*(title or name for name, title in _COLUMNS.items()), box=None)
+    for step in found["steps"]:
+        table.add_row(*(_short(step[name]) for name in _COLUMNS))
+    out.print(table)
+    left = found["margins"]
+    for line in (
+        f"{found['indentations']} indentations in {found['duration_s']:.0f} s",
+        f"peak {found['peak_force_gwt']:.4g} gwt, {found['peak_pressure_n_cm2']:.3g} N/cm²",
+        f"soft trip {found['soft_trip_n']:.3g} N, hard trip {found['hard_trip_n']:.3g} N",
+        f"left {left['force_gwt']:.3g} gwt, DOI {left['doi_mm']:.3g} mm, {left['mean_pressure_n_cm2']:.3g} N/cm²",
+        f"stop distance {found['stop_distance_mm']:.3g} mm, {found['overshoot_gwt']:.3g} gwt above a trip at most",
+    ):
+        out.print(line)
+
+
+def _short(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,32 @@
+"""`rig resume`: a run that stopped goes on with the indentations that are missing."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rig.cli.output import told_in_one_line
+from rig.cli.run import ask_at_the_bench
+from rig.cli.session import carry_out, leave
+from rig.protocol.resume import read_stopped
+from rig.protocol.session import FinishedRun, Session, dry_run, real_run
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("resume", help="Go on with a run that stopped: home, zero, then exactly what is missing.")(command)
+
+
+def command(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="The run's folder.")],
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
+) -> None:
+    """Take the script, its parameters and the configuration from the run's own copies, and go on."""
+    with told_in_one_line(as_json=as_json):
+        stopped = read_stopped(run)
+
+        def go_on(session: Session) -> FinishedRun:
+            return dry_run(session) if stopped.virtual else real_run(session, ask_at_the_bench)
+
+        done = carry_out(stopped.script, stopped.config, run.parent, go_on, as_json=as_json, stopped=stopped)
+    leave(done)

@@ -1,0 +1,154 @@
+"""Devices in real time behind ports, a board that homes fast, the program in this process or in one of its own."""
+
+import io
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.cli import main
+from rig.clock import WallClock
+from rig.protocol.config import Config
+from rig.protocol.served_bench import ServedBench
+from rig.stage import GrblStage
+from rig.transport import open_port
+
+# Close to the switches, on a board that homes fast: a short way to go in real time. A reading is taken 0.1 s after a
+# move: until then a busy machine may still give the force from before it.
+NEAR = {
+    "frame": {"pad_centre_x_mm": -3.0, "pad_y_mm": -2.0, "apex_z_mm": -4.0},
+    "force": {"baud": 115200, "sample_period_s": 0.02},
+    "habits": {"clearance_mm": 0.4, "approach_speed_mm_s": 2.0, "press_speed_mm_s": 2.0, "settle_readings": 5},
+}
+FAST = (b"$110=3000", b"$111=3000", b"$112=3000", b"$120=500", b"$121=500", b"$122=500", b"$24=600", b"$25=3000",
+        b"$26=10")  # fmt: skip
+
+
+def set_up(port: str) -> None:
+    """A board that homes in a second; its settings outlast the client, as in a real one."""
+    wire, clock = open_port(port, 115200), WallClock()
+    for line in FAST:
+        wire.write(line + b"\n")
+        heard = b""
+        deadline_s = clock.monotonic_s() + 5.0
+        while b"ok" not in heard and clock.monotonic_s() < deadline_s:
+            heard += wire.read(0.1)
+        assert b"ok" in heard, (line, heard)
+    wire.close()
+
+
+class Serving:
+    """`rig serve` in a process of its own."""
+
+    def __init__(self, *options: str) -> None:
+        command = [sys.executable, "-c", "from rig.cli import main; main()", "serve", *options]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+    def ports(self) -> dict[str, str]:
+        assert self.process.stdout is not None
+        return json.loads(self.process.stdout.readline())
+
+    def end(self, number: signal.Signals) -> tuple[int, str, str]:
+        self.process.send_signal(number)
+        out, err = self.process.communicate(timeout=20)
+        return self.process.returncode, out, err
+
+
+@pytest.fixture
+def serving() -> Iterator[Callable[..., Serving]]:
+    started: list[Serving] = []
+
+    def start(*options: str) -> Serving:
+        started.append(Serving(*options))
+        return started[-1]
+
+    yield start
+    for one in started:
+        if one.process.poll() is None:
+            one.process.kill()
+        one.process.communicate()
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a command ended and what it printed."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> Any:
+        """Standard output, which must be one line."""
+        assert self.out.count("\n") == 1, self.err
+        return json.loads(self.out)
+
+
+@pytest.fixture
+def rig(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Ended]:
+    """Run the program in this process, with what is typed to it."""
+
+    def run(*arguments: object, typed: str | io.StringIO = "") -> Ended:
+        monkeypatch.setattr(sys, "argv", ["rig", *map(str, arguments)])
+        monkeypatch.setattr(sys, "stdin", io.StringIO(typed) if isinstance(typed, str) else typed)
+        with pytest.raises(SystemExit) as caught:
+            main()
+        printed = capsys.readouterr()
+        return Ended(int(caught.value.code or 0), printed.out, printed.err)
+
+    return run
+
+
+@pytest.fixture
+def whole(served: Callable[..., ServedBench], rig_toml: Callable[..., Path]) -> tuple[ServedBench, Path]:
+    """A fast board and a balance with the finger between them, and their configuration."""
+    bench = served(Config.model_validate(NEAR), stage="grbl", force="mtsics")
+    set_up(bench.ports["stage"])
+    return bench, rig_toml(**bench.ports)
+
+
+@pytest.fixture
+def rig_toml(tmp_path: Path) -> Callable[..., Path]:
+    """Write the configuration of a rig near its switches, with these ports."""
+
+    def write(stage: str, force: str = "/dev/ttyNOWHERE7") -> Path:
+        path = tmp_path / "rig.toml"
+        tables = {**NEAR, "stage": {"port": stage}, "force": {**NEAR["force"], "port": force}}
+        path.write_text(Config.model_validate(tables).as_toml(), encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.fixture
+def apart(served: Callable[..., ServedBench], rig_toml: Callable[..., Path]) -> tuple[str, str, Path]:
+    """A fast board and a balance that know nothing of each other, with no finger: ports and configuration."""
+    stage = served(stage="grbl").ports["stage"]
+    force = served(Config.model_validate(NEAR), force="mtsics").ports["force"]
+    set_up(stage)
+    return stage, force, rig_toml(stage, force)
+
+
+@pytest.fixture
+def free_stage(served: Callable[..., ServedBench], rig_toml: Callable[..., Path]) -> tuple[Callable[[], float], Path]:
+    """Where the carriage really is (x in mm), and the configuration of an unlocked board."""
+    bench = served(stage="grbl")
+    stage = GrblStage(open_port(bench.ports["stage"], 115200), WallClock())
+    stage.connect()
+    stage.unlock()
+    stage.close()
+
+    def x_mm() -> float:
+        look = GrblStage(open_port(bench.ports["stage"], 115200), WallClock())
+        try:
+            return look.look().x_mm
+        finally:
+            look.close()
+
+    return x_mm, rig_toml(**bench.ports)

@@ -1,0 +1,111 @@
+"""`rig home`, `zero`, `status`, `stop` and `doctor` on devices in real time."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.clock import WallClock
+from rig.protocol.served_bench import ServedBench
+from rig.stage import GrblStage
+from rig.transport import open_port
+
+pytest.importorskip("pty", reason="needs pseudo-terminals")
+
+Rig = Callable[..., Any]
+Apart = tuple[str, str, Path]
+
+
+def test_home_status_and_zero(rig: Rig, apart: Apart) -> None:
+    stage, force, config = apart
+    assert rig("status", "--config", config, "--json").json["stage"]["state"] == "Alarm"
+    homed = rig("home", "--config", config, "--json")
+    assert homed.code == 0, homed.err
+    at = {"state": "Idle", "x_mm": -1.0, "y_mm": -1.0, "z_mm": -1.0}
+    assert homed.json == at
+    assert rig("zero", "--config", config, "--json").json == {
+        "identity": "MT-SICS balance 0123456789",
+        "force_n": 0.0,
+    }
+    wire = open_port(force, 115200)
+    wire.write(b"TA 2.50 g\r\n")
+    wire.close()
+    assert rig("doctor", "--config", config).code == 0
+    after = rig("status", "--config", config, "--json").json
+    assert after["stage"] == {"kind": "grbl", "port": stage, **at}
+    assert after["force"]["force_n"] == pytest.approx(-2.5 * 9.80665e-3), "looking on leaves the tare"
+    assert after["force"]["stable"]
+    people = rig("status", "--config", config)
+    assert people.code == 0
+    assert f"stage       kind grbl, port {stage}, state Idle, x_mm -1.0" in people.out
+
+
+def test_status_of_ports_that_are_not_there_and_of_one_that_is_owned(
+    rig: Rig, served: Callable[..., ServedBench], rig_toml: Callable[..., Path]
+) -> None:
+    bench = served(stage="grbl")
+    wire = open_port(bench.ports["stage"], 115200)
+    try:
+        ended = rig("status", "--config", rig_toml(**bench.ports), "--json")
+    finally:
+        wire.close()
+    assert ended.code == 1
+    assert ended.json["stage"] == {"kind": "grbl", "port": bench.ports["stage"], "owner": os.getpid()}
+    assert ended.json["force"]["problem"] == "there is no port /dev/ttyNOWHERE7"
+    assert ended.err == "rig: there is no port /dev/ttyNOWHERE7\n"
+
+
+def test_a_stage_is_owned_by_whoever_has_the_port_of_one_of_its_drives(
+    rig: Rig, served: Callable[..., ServedBench], tmp_path: Path
+) -> None:
+    """The stage's own port, on which there is no drive then, does not count."""
+    port = served(stage="leadshine").ports["stage"]
+    config = tmp_path / "rig.toml"
+    drives = "".join(f'[stage.drives.{axis}]\ndevice_id = {n}\nport = "{port}"\n' for axis, n in (("x", 1), ("z", 2)))
+    config.write_text(f'[stage]\nkind = "leadshine"\nport = "/dev/ttyNOWHERE7"\n{drives}', encoding="utf-8")
+    wire = open_port(port, 115200)
+    try:
+        owned = rig("status", "--config", config, "--json").json["stage"]
+    finally:
+        wire.close()
+    assert owned == {"kind": "leadshine", "port": port, "owner": os.getpid()}
+    free = rig("status", "--config", config, "--json").json["stage"]
+    assert free["state"] == "Idle"
+    stopped = rig("stop", "--config", config, "--json")
+    assert stopped.json == {"stopped": port, "owner": None}
+
+
+def test_stop_on_a_port_that_nobody_owns(
+    rig: Rig, served: Callable[..., ServedBench], rig_toml: Callable[..., Path]
+) -> None:
+    bench = served(stage="grbl")
+    stage = GrblStage(open_port(bench.ports["stage"], 115200), WallClock())
+    stage.connect()
+    stage.unlock()
+    stage.jog("x", -40.0, 5.0)
+    stage.close()
+    stopped = rig("stop", "--config", rig_toml(**bench.ports), "--json")
+    assert stopped.json == {"stopped": bench.ports["stage"], "owner": None}
+    look = GrblStage(open_port(bench.ports["stage"], 115200), WallClock())
+    assert look.look().state == "Alarm"
+    look.close()
+
+
+def test_doctor_looks_at_the_devices_of_a_configuration(
+    rig: Rig, served: Callable[..., ServedBench], tmp_path: Path
+) -> None:
+    stage, force = served(stage="grbl").ports["stage"], served(force="mtsics").ports["force"]
+    config = tmp_path / "rig.toml"
+    config.write_text(
+        f'[stage]\nport = "{stage}"\ntravel_mm = [60, 30, 50]\n[force]\nport = "{force}"\n'
+        "[calibration.force_scale]\nvalue = 1.02\ndate = 2019-01-01\nexpires = 2020-01-01\n",
+        encoding="utf-8",
+    )
+    found = rig("doctor", "--config", config, "--json").json
+    assert found["stage"]["state"] == "Alarm"
+    assert "expected $132=50 (it has 40)" in found["stage"]["problem"]
+    assert found["force"]["identity"] == "MT-SICS balance 0123456789"
+    assert found["calibrated"] == {"force_scale": "1.02, expired 2020-01-01"}
+    assert "calibrated" not in rig("doctor", "--json").json

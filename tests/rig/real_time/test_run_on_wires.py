@@ -1,0 +1,108 @@
+"""`rig run` on real ports, with the finger answering in real time; how it is refused, stopped and told."""
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.data import read_run
+from rig.protocol.served_bench import ServedBench
+from sim.fingertip import Fingertip
+
+pytest.importorskip("pty", reason="needs pseudo-terminals")
+
+Rig = Callable[..., Any]
+Apart = tuple[str, str, Path]
+
+
+def test_a_protocol_on_a_real_wire(
+    rig: Rig, whole: tuple[ServedBench, Path], finger: Fingertip, tmp_path: Path
+) -> None:
+    bench, config = whole
+    ended = rig("run", "first_press", "presses=2", "hold_s=0.2", "--config", config, "--out", tmp_path / "runs",
+                "--json", typed="\n")  # fmt: skip
+    assert ended.code == 0, ended.err
+    answer = ended.json
+    assert (answer["complete"], answer["indentations"]) == (True, 2)
+    assert answer["duration_s"] < 30.0
+    assert "mount bar:3.0, then press Enter" in ended.err
+    run = read_run(Path(answer["run"]))
+    assert run.start["virtual"] is False
+    # The virtual finger is the predicted one, so the force comes at the depth of the model's own answer.
+    expected = finger.indent("bar:3.0", 0.0, force_gwt=1.0)
+    for hold in run.stream("hold_end"):
+        assert hold["force_gwt"] == pytest.approx(1.0, abs=0.05)
+        assert hold["doi_mm"] == pytest.approx(expected.doi_mm, abs=0.02)
+        assert "true_doi_mm" not in hold
+    ports = {json.loads(line)["port"] for line in run.folder.bytes_log.read_text(encoding="ascii").splitlines()}
+    assert ports == set(bench.ports.values())
+    assert bench.statistics is not None
+    assert bench.statistics.unknown == 0
+
+
+def test_run_needs_ports_that_are_there_and_leaves_nothing_otherwise(
+    rig: Rig, finger: Fingertip, tmp_path: Path
+) -> None:
+    config = tmp_path / "rig.toml"
+    config.write_text('[stage]\nport = "/dev/ttyNOWHERE7"\n', encoding="utf-8")
+    ended = rig("run", "first_press", "--config", config, "--out", tmp_path / "runs")
+    assert (ended.code, ended.out) == (1, "")
+    assert ended.err == "rig: stopped: there is no port /dev/ttyNOWHERE7\n"
+    assert not list((tmp_path / "runs").iterdir())
+
+
+def test_run_refuses_a_calibration_out_of_date(rig: Rig, finger: Fingertip, tmp_path: Path) -> None:
+    config = tmp_path / "rig.toml"
+    config.write_text(
+        "[calibration.force_scale]\nvalue = 1.0\ndate = 2019-01-01\nexpires = 2020-01-01\n", encoding="utf-8"
+    )
+    ended = rig("run", "first_press", "--config", config, "--out", tmp_path / "runs")
+    assert ended.code == 2
+    assert ended.err == "rig: calibration.force_scale: expired on 2020-01-01, expected a newer measurement\n"
+
+
+def test_nobody_mounts(rig: Rig, apart: Apart, finger: Fingertip, tmp_path: Path) -> None:
+    _, _, config = apart
+    ended = rig("run", "first_press", "--config", config, "--out", tmp_path / "runs")
+    assert ended.code == 130
+    assert "nobody answered that bar:3.0 is mounted" in ended.err
+
+
+def test_stop_from_another_process_ends_a_run_at_once(
+    rig: Rig, apart: Apart, finger: Fingertip, tmp_path: Path
+) -> None:
+    stage, _, config = apart
+    command = [sys.executable, "-c", "from rig.cli import main; main()", "run", "first_press"]
+    run = subprocess.Popen(
+        [*command, "--config", str(config), "--out", str(tmp_path / "runs")],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        assert run.stdin is not None
+        run.stdin.write("\n")
+        run.stdin.flush()
+        wait_for(lambda: any('"approach"' in p.read_text() for p in (tmp_path / "runs").glob("*/events.jsonl")))
+        stopped = rig("stop", "--config", config, "--json")
+        assert stopped.code == 0, stopped.err
+        assert stopped.json == {"stopped": stage, "owner": run.pid}
+        _, err = run.communicate(timeout=20)
+    finally:
+        run.kill()
+        run.communicate()
+    assert run.returncode == 130
+    assert "rig: stopped: at once, by the operator" in err
+    (journal,) = (tmp_path / "runs").glob("*/events.jsonl")
+    assert json.loads(journal.read_text().splitlines()[-1])["status"] == "aborted"
+    assert {"data.h5", "report.html", "SHA256SUMS"} <= {path.name for path in journal.parent.iterdir()}
+
+
+def wait_for(ready: Callable[[], bool], timeout_s: float = 40.0) -> None:
+    deadline_s = time.monotonic() + timeout_s
+    while not ready():
+        assert time.monotonic() < deadline_s
+        time.sleep(0.05)

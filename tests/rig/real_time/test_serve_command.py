@@ -1,0 +1,69 @@
+"""`rig serve` as a command: what it prints, how it ends, what it refuses."""
+
+import signal
+import socket
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from rig.clock import WallClock
+from rig.force import MtSicsForce
+from rig.stage import GrblStage
+from rig.transport import open_port
+from sim.fingertip import Fingertip
+
+pytest.importorskip("pty", reason="needs pseudo-terminals")
+
+Serving = Callable[..., Any]
+Rig = Callable[..., Any]
+
+
+def test_one_device_one_line_and_a_clean_end(serving: Serving) -> None:
+    serve = serving("--stage", "grbl", "--tcp", "0")
+    ports = serve.ports()
+    assert set(ports) == {"stage"}
+    stage = GrblStage(open_port(ports["stage"], 115200), WallClock())
+    assert stage.connect().startswith("[VER:1.1h")
+    stage.close()
+    code, out, err = serve.end(signal.SIGINT)
+    assert (code, out, err) == (0, "", "")
+
+
+def test_both_devices_behind_two_tcp_ports(serving: Serving, finger: Fingertip) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        number = free.getsockname()[1]
+    serve = serving("--tcp", str(number), "--indentor", "step:1")
+    ports = serve.ports()
+    assert ports == {"stage": f"tcp://127.0.0.1:{number}", "force": f"tcp://127.0.0.1:{number + 1}"}
+    force = MtSicsForce(open_port(ports["force"], 9600), WallClock())
+    assert force.connect() == "MT-SICS balance 0123456789"
+    assert force.read().force_n == 0.0
+    force.close()
+    code, out, err = serve.end(signal.SIGTERM)
+    assert (code, out) == (0, "")
+    assert "forces asked for, 0 not ready in time" in err
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        (("--stage", "hexapod"), "--stage hexapod: no such device, expected grbl"),
+        (("--force", "spring"), "--force spring: no such device, expected mtsics"),
+        (("--pty", "--tcp", "5000"), "--pty --tcp: expected one of them"),
+        (("--tcp", "70000"), "--tcp 70000: expected 0 … 65534"),
+        (("--indentor", "spoon"), "shape 'spoon': no such indentor"),
+    ],
+)
+def test_what_serve_refuses(rig: Rig, options: tuple[str, ...], complaint: str) -> None:
+    ended = rig("serve", *options)
+    assert (ended.code, ended.out) == (2, "")
+    assert ended.err.startswith(f"rig: {complaint}")
+    assert ended.err.count("\n") == 1
+
+
+def test_a_busy_port_is_one_line(rig: Rig) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        number = other.getsockname()[1]
+        ended = rig("serve", "--force", "mtsics", "--tcp", number)
+    assert (ended.code, ended.out, ended.err) == (2, "", f"rig: TCP port {number}: address already in use\n")

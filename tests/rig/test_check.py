@@ -1,0 +1,117 @@
+"""`rig check`: what it says before anything moves, held against the dry-run that follows."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.cli import main
+from rig.data import Run
+from rig.protocol.config import Config
+from rig.protocol.errors import BadInputError
+from rig.protocol.plan import make_plan
+from rig.protocol.preflight import Preflight, preflight
+from rig.protocol.script import load_script
+from rig.protocol.session import FinishedRun, Session, dry_run
+from rig.run import TripError
+from rig.run.stopping import Stopping
+from rig.settings import RigSettings
+from sim.fingertip import Fingertip
+
+PRESSES = """\
+def run(rig):
+    rig.mount("{indentor}")
+    rig.home()
+    rig.zero()
+    for x_mm in {xs}:
+        rig.move_to(x_mm=x_mm)
+        rig.indent({how})
+"""
+BAR = {"indentor": "bar:3.0", "xs": (-0.5, 0.5), "how": "force_gwt=5.0, hold_s=1.0"}
+DEEP = {"indentor": "cylinder:9", "xs": (0.0, 0.3), "how": "doi_mm=1.0, increments=3, hold_s=0.5"}
+STEP = {"indentor": "step:1", "xs": (0.5, -0.68), "how": "force_gwt=8.0, hold_s=0.5"}
+
+
+def _both(folder: Path, finger: Fingertip, what: dict[str, Any], **tables: Any) -> tuple[Preflight, FinishedRun]:
+    path = folder / "mine.py"
+    path.write_text(PRESSES.format(**what), encoding="utf-8")
+    script, config = load_script(str(path)), Config.model_validate(tables)
+    plan = make_plan(script, config, finger)
+    found = preflight(script, config, finger, plan)
+    return found, dry_run(Session(script, config, finger, plan, folder / "runs", interrupted=lambda: False))
+
+
+def _peak_gwt(run: Run) -> float:
+    return max(e["force_gwt"] for e in run.stream("sample"))
+
+
+@pytest.mark.parametrize("what", [BAR, DEEP, STEP], ids=["bar by force", "cylinder by depth", "step by force"])
+def test_duration_and_peak_are_those_of_the_dry_run(finger: Fingertip, tmp_path: Path, what: dict[str, Any]) -> None:
+    """5 % of the duration, 2 % of the peak force: what was promised."""
+    found, done = _both(tmp_path, finger, what)
+    assert done.complete
+    said = found.as_json()
+    assert said["duration_s"] == pytest.approx(done.duration_s, rel=0.05)
+    assert said["peak_force_gwt"] == pytest.approx(_peak_gwt(done.run), rel=0.02)
+
+
+def test_a_stiffer_finger_that_relaxes_is_off_but_trips_nothing(finger: Fingertip, tmp_path: Path) -> None:
+    """By depth the force is off by the stiffness, less what relaxes; docs/safety.md states how much."""
+    found, done = _both(tmp_path, finger, DEEP, virtual={"stiffness": 1.3, "relaxation": [[0.3, 1.0]]})
+    assert done.complete
+    said, peak = found.as_json(), _peak_gwt(done.run)
+    assert 1.0 < peak / said["peak_force_gwt"] < 1.3
+    assert peak < found.trip_gwt
+    assert said["duration_s"] == pytest.approx(done.duration_s, rel=0.05)
+
+
+def test_a_finger_beyond_twice_the_prediction_trips(finger: Fingertip, tmp_path: Path) -> None:
+    found, done = _both(tmp_path, finger, DEEP, virtual={"stiffness": 3.0})
+    assert not done.complete
+    assert done.problem is not None
+    step = max(found.as_json()["steps"], key=lambda s: s["force_gwt"])
+    assert _peak_gwt(done.run) <= found.trip_gwt + step["overshoot_gwt"]
+
+
+def test_the_command_prints_steps_margins_and_stop_distance(
+    finger: Fingertip, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.argv", ["rig", "check", "cylinders", "--json"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code in (0, None)
+    said = json.loads(capsys.readouterr().out)
+    assert [step["doi_mm"] for step in said["steps"]] == pytest.approx([0.33, 1.0, 1.33])
+    assert said["indentations"] == 3
+    assert said["soft_trip_n"] == pytest.approx(2 * said["peak_force_n"])
+    assert said["margins"]["doi_mm"] == pytest.approx(1.5 - 1.33)
+    assert said["stop_distance_mm"] == 0.05
+
+
+def test_pressure_over_the_contact_is_limited(finger: Fingertip, tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(PRESSES.format(**BAR), encoding="utf-8")
+    config = Config.model_validate({"limits": {"max_pressure_n_cm2": 0.5}})
+    with pytest.raises(
+        BadInputError, match=r"N/cm² over a contact of .* mm², beyond limits\.max_pressure_n_cm2 = 0\.5"
+    ):
+        make_plan(load_script(str(path)), config, finger)
+
+
+def test_stop_distance_by_hand() -> None:
+    """5 mm/s, 50 ms late, 50 mm/s²: 0.25 mm + 0.25 mm; no more than an increment of 0.05 mm is ever queued."""
+    free = Stopping(speed_mm_s=5.0, latency_s=0.05, deceleration_mm_s2=50.0, most_mm=10.0)
+    assert free.distance_mm == pytest.approx(0.5)
+    assert Stopping.of(RigSettings(), 5.0).distance_mm == 0.05
+    # F = 2 gwt at 1 mm; 8 gwt at 4^(2/3) mm = 2.5198 mm; 0.5 mm more gives 2 · 3.0198^1.5 = 10.495 gwt.
+    assert free.overshoot_gwt(trip_gwt=8.0, force_gwt=2.0, doi_mm=1.0) == pytest.approx(2.495, abs=1e-3)
+
+
+def test_no_trip_is_missed(finger: Fingertip, tmp_path: Path) -> None:
+    """Thirty per cent stiffer than the trip allows: the run ends tripped or limited, never complete."""
+    virtual = {"stiffness": 1.3, "relaxation": [[0.3, 20.0]]}
+    found, done = _both(tmp_path, finger, DEEP, virtual=virtual, limits={"soft_trip_n": 0.135})
+    assert found.as_json()["peak_force_n"] < 0.135
+    assert not done.complete
+    assert isinstance(done.problem, TripError) or "soft trip" in str(done.problem)

@@ -1,0 +1,321 @@
+"""A run that stopped goes on: what is done stays, what is missing is done, what was interrupted is done anew."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.data import FolderBusyError, RunFolder, read_run
+from rig.protocol.config import Config
+from rig.protocol.errors import BadInputError
+from rig.protocol.plan import make_plan
+from rig.protocol.resume import StoppedRun, read_stopped
+from rig.protocol.script import Script, load_script
+from rig.protocol.session import FinishedRun, Session, dry_run
+from rig.run import RecordError, Target, TripError, indent
+from rig.run.journal import Journal, mend_journal, read_journal
+from sim.clock import VirtualClock
+from sim.fingertip import Fingertip
+
+SCRIPT = """\
+import random
+
+from rig.protocol import Field, ProtocolParameters, Rig
+
+METADATA = {"title": "Three places in a seeded order"}
+
+
+class Parameters(ProtocolParameters):
+    seed: int = Field(7, ge=0)
+
+
+def run(rig: Rig) -> None:
+    rig.mount("bar:3.0")
+    rig.home()
+    rig.zero()
+    rig.note("in the air")
+    places = [-0.5, 0.0, 0.5]
+    random.Random(rig.parameters.seed).shuffle(places)
+    for x_mm in places:
+        rig.move_to(x_mm=x_mm)
+        rig.indent(force_gwt=1.0, increments=2, hold_s=0.1)
+    rig.note("finished")
+"""
+Make = Callable[..., Any]
+
+
+def _session(script: Script, config: Config, finger: Fingertip, out: Path, **more: Any) -> Session:
+    plan = make_plan(script, config, finger)
+    return Session(script, config, finger, plan, out, interrupted=lambda: False, **more)
+
+
+@pytest.fixture(scope="module")
+def whole(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An undisturbed run of the script with a seed that is not its default."""
+    folder = tmp_path_factory.mktemp("whole")
+    path = folder / "three.py"
+    path.write_text(SCRIPT, encoding="utf-8")
+    done = dry_run(_session(load_script(str(path), ["seed=3"]), Config(), finger, folder / "runs"))
+    assert done.complete, done.problem
+    return done.folder.path
+
+
+@pytest.fixture
+def cut(whole: Path, tmp_path: Path) -> Callable[[Callable[[dict[str, Any]], bool], bytes], Path]:
+    """The run as a kill leaves it: the journal ends with the first document that answers, and a torn line."""
+
+    def make(last: Callable[[dict[str, Any]], bool], torn: bytes = b'{"doc": "eve') -> Path:
+        folder = tmp_path / "cut"
+        shutil.copytree(whole, folder)
+        lines = (folder / "events.jsonl").read_bytes().splitlines(keepends=True)
+        end = next(n for n, line in enumerate(lines) if last(json.loads(line)))
+        (folder / "events.jsonl").write_bytes(b"".join(lines[: end + 1]) + torn)
+        return folder
+
+    return make
+
+
+def _resume(folder: Path, finger: Fingertip, **more: Any) -> FinishedRun:
+    stopped = read_stopped(folder)
+    return dry_run(_session(stopped.script, stopped.config, finger, folder.parent, stopped=stopped, **more))
+
+
+def _presses(folder: Path) -> list[tuple[int, str, float, float]]:
+    starts = read_run(folder).stream("indentation_start")
+    return [(e["index"], e["indentor"], e["x_mm"], e["value"]) for e in starts]
+
+
+def _at(stream: str, **data: Any) -> Callable[[dict[str, Any]], bool]:
+    def fits(document: Mapping[str, Any]) -> bool:
+        if document["doc"] != "event" or document["stream"] != stream:
+            return False
+        return all(document["data"].get(key) == value for key, value in data.items())
+
+    return fits
+
+
+@pytest.mark.parametrize(
+    ("last", "restarted"),
+    [
+        (lambda document: document["doc"] == "start", 0),
+        (_at("home"), 0),
+        (_at("move", x_mm=0.5), 0),
+        (_at("sample", index=0, phase="press"), 1),
+        (_at("hold_end", index=1, hold=1), 1),
+        (_at("hold_end", index=1, hold=2), 0),
+        (_at("indentation_end", index=1), 0),
+        (_at("hold_end", index=2, hold=2), 0),
+        (_at("note", text="finished"), 0),
+    ],
+    ids=["start", "home", "move", "press", "first hold", "last hold", "between", "all held", "no stop"],
+)
+def test_exactly_what_is_missing_is_done(
+    finger: Fingertip, whole: Path, cut: Make, last: Callable[[dict[str, Any]], bool], restarted: int
+) -> None:
+    folder = cut(last)
+    done = _resume(folder, finger)
+    run = read_run(folder)
+    assert (done.complete, run.missing, run.repeated, run.restarted) == (True, 0, 0, restarted)
+    assert _presses(folder) == _presses(whole)
+    assert [event["text"] for event in run.stream("note")] == ["in the air", "finished"]
+    documents = list(read_journal(folder / "events.jsonl"))
+    assert [d["seq"] for d in documents] == list(range(len(documents)))
+    times = [d["t_s"] for d in documents]
+    assert times == sorted(times)
+    after = documents[[d["doc"] for d in documents].index("resume") :]
+    moved = [d["stream"] for d in after if d["doc"] == "event" and d["stream"] in ("home", "zero", "move")]
+    assert moved[0] == "home"
+    if any(d.get("stream") == "indentation_start" for d in after):
+        assert moved[:3] == ["home", "zero", "move"]
+
+
+def test_the_second_press_gives_what_the_first_would_have(finger: Fingertip, whole: Path, cut: Make) -> None:
+    """The same finger, the same script: the force is a target, so it agrees to the tolerance of seeking it."""
+    folder = cut(_at("sample", index=1, phase="press"))
+    _resume(folder, finger)
+    was, now = (read_run(path).stream("hold_end") for path in (whole, folder))
+    assert [e["force_gwt"] for e in now] == pytest.approx([e["force_gwt"] for e in was], abs=0.05)
+    assert [e["true_doi_mm"] for e in now] == pytest.approx([e["true_doi_mm"] for e in was], abs=0.02)
+
+
+def test_interrupted_attempts_are_kept_apart(finger: Fingertip, cut: Make) -> None:
+    folder = cut(_at("hold_end", index=1, hold=1))
+    done = _resume(folder, finger)
+    run = done.run
+    assert [(e["index"], e["hold"]) for e in run.stream("hold_end")] == [(i, k) for i in range(3) for k in (1, 2)]
+    assert [(e["index"], e["hold"]) for e in run.superseded["hold_end"]] == [(1, 1)]
+    assert (folder / "hold_end_superseded.csv").read_text(encoding="utf-8").count("\n") == 2
+    assert {e["index"] for e in run.superseded["sample"]} == {1}
+
+
+def test_a_run_killed_before_its_first_document_begins(finger: Fingertip, whole: Path, cut: Make) -> None:
+    folder = cut(lambda document: document["doc"] == "start")
+    (folder / "events.jsonl").write_bytes(b'{"doc": "start", "ui')
+    assert _resume(folder, finger).complete
+    assert _presses(folder) == _presses(whole)
+
+
+def test_a_complete_run_is_left_alone(finger: Fingertip, whole: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "again"
+    shutil.copytree(whole, folder)
+    before = (folder / "events.jsonl").read_bytes()
+    (folder / "data.h5").unlink()
+    done = _resume(folder, finger)
+    assert done.complete
+    assert (folder / "events.jsonl").read_bytes() == before
+    assert (folder / "data.h5").is_file()
+
+
+@pytest.mark.parametrize("name", ["protocol.py", "config.toml"])
+def test_a_run_whose_copies_were_changed_is_refused(cut: Make, name: str) -> None:
+    folder = cut(_at("home"))
+    with (folder / name).open("a", encoding="utf-8") as file:
+        file.write("# one word more\n")
+    with pytest.raises(BadInputError, match=f"{name}: changed since the run began"):
+        read_stopped(folder)
+
+
+def test_what_is_no_run_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match="expected a run folder"):
+        read_stopped(tmp_path / "nowhere")
+
+
+def test_two_processes_cannot_write_to_one_run(cut: Make) -> None:
+    folder = cut(_at("home"))
+    with RunFolder(folder).owned(), pytest.raises(FolderBusyError, match="another process is at it"):
+        read_stopped(folder)
+
+
+def test_a_stopped_run_knows_what_it_was_made_from(cut: Make) -> None:
+    stopped: StoppedRun = read_stopped(cut(_at("home")))
+    assert (stopped.script.name, stopped.script.title) == ("three", "Three places in a seeded order")
+    assert stopped.script.parameters.model_dump() == {"seed": 3}
+    assert stopped.virtual
+    assert stopped.config == Config()
+
+
+# --- the journal ---
+
+
+@pytest.mark.parametrize("torn", [b"{", b'{"doc": "event", "t_s": 1.0', b'"\xff\xfe', b'{"doc": "event"}'])
+def test_a_torn_tail_is_cut_off_before_anything_is_added(tmp_path: Path, clock: VirtualClock, torn: bytes) -> None:
+    path = tmp_path / "events.jsonl"
+    whole = b'{"doc": "start", "t_s": 0.0, "seq": 0}\n'
+    path.write_bytes(whole + torn)
+    with Journal(path, clock, {"note": {"text": ""}}) as journal:
+        journal.resume({})
+        journal.event("note", {"text": "again"})
+    assert path.read_bytes().startswith(whole)
+    assert [(d["doc"], d["seq"]) for d in read_journal(path)] == [
+        ("start", 0), ("resume", 1), ("descriptor", 2), ("event", 3),
+    ]  # fmt: skip
+
+
+def test_a_last_line_that_lacks_its_end_only_is_kept(tmp_path: Path) -> None:
+    path = tmp_path / "events.jsonl"
+    path.write_bytes(b'{"doc": "start", "t_s": 0.0}')
+    assert mend_journal(path) == 1
+    assert path.read_bytes() == b'{"doc": "start", "t_s": 0.0}\n'
+
+
+# --- pause ---
+
+
+def test_a_pause_in_a_press_lifts_and_begins_it_again(spring: Make) -> None:
+    bench = spring()
+    engine = bench.ready()
+    asked = [False]
+
+    def look(stream: str, data: Mapping[str, Any]) -> None:
+        asked[0] = asked[0] or (stream == "sample" and data["phase"] == "press")
+
+    def go_on() -> bool:
+        assert bench.height_mm == pytest.approx(2.0, abs=0.002)
+        bench.on_event, asked[0] = (lambda stream, data: None), False
+        return True
+
+    bench.on_event, bench.interrupt, engine._go_on = look, lambda: asked[0], go_on
+    done = indent(engine, Target("force_gwt", 2.33), hold_s=0.2)
+    assert done.index == 0
+    assert [e["index"] for e in bench.of("indentation_start")] == [0, 0]
+    assert len(bench.of("hold_end")) == len(bench.of("indentation_end")) == 1
+    order = [stream for stream, _ in bench.events if stream in ("paused", "resumed", "indentation_start", "hold_end")]
+    assert order == ["indentation_start", "paused", "resumed", "indentation_start", "hold_end"]
+
+
+COMMAND = [sys.executable, "-c", "from rig.cli import main; main()"]
+
+
+def test_a_terminal_pauses_and_goes_on(finger: Fingertip, tmp_path: Path) -> None:
+    """Ctrl-C, look, Enter: the run ends complete, exit 0."""
+    script = tmp_path / "three.py"
+    script.write_text(SCRIPT, encoding="utf-8")
+    ours, theirs = os.openpty()
+    options = ["dry-run", str(script), "--out", str(tmp_path / "out"), "--speed", "20", "--json"]
+    run = subprocess.Popen([*COMMAND, *options], stdin=theirs, stdout=subprocess.PIPE, stderr=theirs)
+    os.close(theirs)
+    try:
+        _wait_for(lambda: any('"press"' in p.read_text() for p in tmp_path.glob("out/*/events.jsonl")))
+        run.send_signal(signal.SIGINT)
+        _wait_for(lambda: any('"paused"' in p.read_text() for p in tmp_path.glob("out/*/events.jsonl")))
+        os.write(ours, b"\n")
+        out, _ = run.communicate(timeout=60)
+    finally:
+        run.kill()
+        run.wait()
+        os.close(ours)
+    assert run.returncode == 0
+    answer = json.loads(out)
+    assert answer["complete"] is True
+    assert answer["indentations"] == 3
+    assert read_run(Path(answer["run"])).restarted == 1
+
+
+def _wait_for(condition: Callable[[], bool]) -> None:
+    deadline_s = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < deadline_s
+        time.sleep(0.02)
+
+
+# --- a journal that cannot be written ---
+
+
+def test_a_full_disk_lifts_and_leaves_whole_lines(spring: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = spring()
+    engine = bench.ready()
+
+    def full(fd: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    bench.on_event = lambda stream, data: (
+        monkeypatch.setattr("rig.run.journal.os.fsync", full) if data.get("phase") == "press" else None
+    )
+    with pytest.raises(RecordError, match=r"events\.jsonl: cannot be written: No space left on device"):
+        indent(engine, Target("force_gwt", 2.33), hold_s=0.2)
+    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
+    assert bench.journal_path.read_bytes().endswith(b"\n")
+    assert [data for _, data in bench.events][-1]["phase"] == "press"
+
+
+def test_a_trip_on_a_full_disk_is_still_a_trip(spring: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = spring(k_gwt=4000.0, soft_trip_n=0.02)
+    engine = bench.ready()
+
+    def full(fd: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    bench.on_event = lambda stream, data: (
+        monkeypatch.setattr("rig.run.journal.os.fsync", full) if data.get("force_gwt", 0.0) > 2.0 else None
+    )
+    with pytest.raises(TripError):
+        indent(engine, Target("force_gwt", 2.0), hold_s=0.2)
+    assert bench.height_mm == pytest.approx(2.0, abs=0.002)

@@ -1,0 +1,222 @@
+"""Trips, the heartbeat, and how far a stage goes on after it was told to stop."""
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import pytest
+
+from rig.clock import WallClock
+from rig.heartbeat import Heartbeat, looked_after
+from rig.run import NotReadyError, Target, TripError, indent
+from rig.run.engine import State
+from rig.run.stopping import Stopping
+from rig.settings import RigSettings
+from rig.units import GWT_N
+
+Make = Callable[..., Any]
+FORCE = Target("force_gwt", 2.33)
+STOP = b"!\x18"
+
+
+def _once(bench: Any, phase: str, act: Callable[[], object]) -> None:
+    left = [act]
+
+    def look(stream: str, data: Mapping[str, Any]) -> None:
+        if left and stream == "sample" and data["phase"] == phase:
+            left.pop()()
+
+    bench.on_event = look
+
+
+# --- what a trip does ---
+
+
+@pytest.mark.parametrize(("on_trip", "height_mm"), [("retract", 2.0), ("park", 10.0)])
+def test_a_trip_lifts_as_configured(spring: Make, on_trip: str, height_mm: float) -> None:
+    bench = spring(settings=RigSettings.model_validate({"limits": {"on_trip": on_trip}}), soft_trip_n=0.02)
+    engine = bench.ready()
+    _once(bench, "press", lambda: setattr(bench, "k_gwt", 100.0))
+    with pytest.raises(TripError):
+        indent(engine, Target("force_gwt", 1.5))
+    assert bench.height_mm == pytest.approx(height_mm, abs=0.002)
+    assert engine.state is State.TRIPPED
+
+
+def test_a_trip_that_stops_sends_the_stop_and_holds(spring: Make) -> None:
+    bench = spring(settings=RigSettings.model_validate({"limits": {"on_trip": "stop"}}), soft_trip_n=0.02)
+    engine = bench.ready()
+    _once(bench, "press", lambda: setattr(bench, "k_gwt", 100.0))
+    with pytest.raises(TripError):
+        indent(engine, Target("force_gwt", 1.5))
+    assert bench.sent("stage")[-1][1] == STOP
+    assert bench.height_mm < bench.contact_mm
+    assert engine.state is State.TRIPPED
+
+
+def test_the_hard_trip_holds_whatever_was_predicted(spring: Make) -> None:
+    settings = RigSettings.model_validate({"limits": {"soft_trip_n": 0.05, "hard_trip_n": 0.05}})
+    bench = spring(settings=settings, soft_trip_n=4.0)
+    engine = bench.ready()
+    _once(bench, "press", lambda: setattr(bench, "k_gwt", 300.0))
+    with pytest.raises(TripError, match=r"above the .* trip 5\.10 gwt"):
+        indent(engine, FORCE)
+
+
+def test_force_over_area_trips(spring: Make) -> None:
+    """30 N/cm² over 0.1 mm² is 0.03 N, 3.06 gwt."""
+    bench = spring()
+    engine = bench.ready()
+    _once(bench, "press", lambda: setattr(bench, "k_gwt", 60.0))
+    with pytest.raises(TripError, match=r"above the pressure limit 3\.06 gwt"):
+        indent(engine, FORCE, contact_area_mm2=0.1)
+
+
+def test_a_reading_from_before_the_question_is_stale(spring: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = spring()
+    engine = bench.ready()
+    last = [engine._force.read()]
+    _once(bench, "press", lambda: monkeypatch.setattr(engine._force, "read", lambda: last[0]))
+    with pytest.raises(TripError, match="stale"):
+        indent(engine, FORCE)
+    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
+
+
+def test_a_frozen_reading_trips_in_the_press(spring: Make) -> None:
+    """The balance goes on answering, always the same."""
+    bench = spring()
+    engine = bench.ready()
+    bench.force_n, live = (lambda t_s: frozen[0] if frozen else live(t_s)), bench.force_n
+    frozen: list[float] = []
+    bench.balance._force_n = bench.force_n
+    _once(bench, "press", lambda: frozen.append(live(bench.clock.monotonic_s())))
+    with pytest.raises(TripError, match=r"the force stays at .* a frozen reading, or a motor that does not turn"):
+        indent(engine, Target("force_gwt", 8.0))
+    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
+
+
+def test_contact_far_above_where_it_is_expected_trips(spring: Make) -> None:
+    """A sensor that shows a force in the air, or a finger that was lifted."""
+    bench = spring(contact_mm=0.9)
+    engine = bench.ready()
+    with pytest.raises(TripError, match=r"contact at x = 0 mm already 0\.8\d+ mm above the nominal apex"):
+        indent(engine, FORCE)
+    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
+
+
+# --- the indentor ---
+
+
+def test_a_wrong_indentor_is_not_pressed_with(spring: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = spring()
+    engine = bench.ready()
+    monkeypatch.setattr(bench, "mount", lambda indentor: "step:3")
+    with pytest.raises(NotReadyError, match="step:3 is on, expected step:1"):
+        engine.mount("step:1")
+    with pytest.raises(NotReadyError, match="no indentor is mounted"):
+        indent(engine, FORCE)
+
+
+def test_an_indentor_that_nobody_confirmed_is_not_pressed_with(spring: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = spring()
+    engine = bench.ready()
+
+    def nobody(indentor: str) -> str:
+        raise NotReadyError("nobody answered")
+
+    monkeypatch.setattr(bench, "mount", nobody)
+    with pytest.raises(NotReadyError, match="nobody answered"):
+        engine.mount("step:1")
+    with pytest.raises(NotReadyError, match="no indentor is mounted"):
+        indent(engine, FORCE)
+
+
+# --- the heartbeat ---
+
+
+def test_a_silent_engine_stops_the_stage_while_another_thread_blocks() -> None:
+    """On the real clock: nobody beats, as in a read that never returns."""
+    stopped_s: list[float] = []
+    heartbeat = Heartbeat(WallClock())
+    heartbeat.stop = lambda: stopped_s.append(time.monotonic())
+    with looked_after(heartbeat):
+        heartbeat.beat(0.1)
+        began_s = time.monotonic()
+        threading.Event().wait(0.6)
+    assert heartbeat.lost
+    assert len(stopped_s) == 1
+    assert 0.1 <= stopped_s[0] - began_s < 0.5
+
+
+def test_a_beating_or_resting_engine_is_left_alone() -> None:
+    stopped: list[bool] = []
+    heartbeat = Heartbeat(WallClock())
+    heartbeat.stop = lambda: stopped.append(True)
+    with looked_after(heartbeat):
+        for _ in range(5):
+            heartbeat.beat(0.5)
+            time.sleep(0.05)
+        heartbeat.rest()
+        time.sleep(0.6)
+    assert not stopped
+
+
+def test_a_lost_heartbeat_holds_and_trips(spring: Make) -> None:
+    """A disk that hangs under the journal: the stop goes out meanwhile, and nothing moves after it."""
+    bench = spring()
+    engine = bench.ready()
+    engine._heartbeat = heartbeat = Heartbeat(bench.clock)
+    heartbeat.stop = engine._stop_stage
+
+    def hang() -> None:
+        bench.clock.call_at(bench.clock.monotonic_s() + 3.5, heartbeat.look)
+        bench.clock.wait_s(60.0)
+
+    _once(bench, "press", hang)
+    with pytest.raises(TripError, match="heartbeat was lost"):
+        indent(engine, FORCE)
+    sent = bench.sent("stage")
+    assert sent[-1][1] == STOP
+    assert sent[-1][0] - sent[-2][0] == pytest.approx(3.5, abs=0.2)
+    assert engine.state is State.TRIPPED
+
+
+# --- how far it goes on ---
+
+
+@pytest.mark.parametrize("speed_mm_s", [0.5, 1.0, 5.0])
+@pytest.mark.parametrize("latency_s", [0.02, 0.1])
+def test_the_stage_stops_within_what_was_computed(spring: Make, speed_mm_s: float, latency_s: float) -> None:
+    """Told to stop in mid-move so much later: v · latency + v² / 2a, measured on the carriage, one step allowed."""
+    bench = spring()
+    bench.ready()
+    clock, heights = bench.clock, []
+    start_s = clock.monotonic_s() + 2.0 / speed_mm_s * 0.25
+    clock.call_at(start_s, lambda: heights.append(bench.height_mm))
+    clock.call_at(start_s + latency_s, bench.engine.stop)
+    bench.stage_line.host_write(f"G53G1G90G21Z-26F{60 * speed_mm_s:.3f}\n".encode())
+    clock.wait_s(3.0)
+    gone_mm = heights[0] - bench.height_mm
+    stopping = Stopping(speed_mm_s, latency_s, 50.0, most_mm=10.0)
+    assert 0.5 * speed_mm_s * latency_s < gone_mm <= stopping.distance_mm + 0.0025
+
+
+@pytest.mark.parametrize("k_gwt", [60.0, 600.0, 4000.0])
+def test_a_stiff_thing_is_felt_no_harder_than_computed(spring: Make, k_gwt: float) -> None:
+    """The true force at every step of the stage, against trip and overshoot at the true stiffness."""
+    bench = spring(k_gwt=k_gwt, soft_trip_n=0.02)
+    engine = bench.ready()
+    felt = [0.0]
+    step = bench.balance._force_n
+
+    def watch() -> None:
+        felt[0] = max(felt[0], step(bench.clock.monotonic_s()))
+        bench.clock.call_at(bench.clock.monotonic_s() + 0.002, watch)
+
+    watch()
+    with pytest.raises(Exception, match="trip"):
+        indent(engine, Target("doi_mm", 1.0))
+    trip_gwt = engine.soft_trip_gwt
+    bound = trip_gwt + Stopping.of(bench.settings, 1.0).overshoot_gwt(trip_gwt, k_gwt, 1.0)
+    assert 0.05 < felt[0] / GWT_N <= bound
