@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,9 +87,9 @@ def _measured(candidate: Candidate, scenes: tuple[Scene, ...]) -> Measured:
     model = finger.model
     build_s = time.perf_counter() - start
     answers = {scene: answered(finger.indent(scene.shape, scene.x_mm, doi_mm=scene.doi_mm)) for scene in scenes}
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1024**2 if sys.platform == "darwin" else 1024)
+    memory_mb = peak_memory_mb()
     factor_s = sparse_factor_s(candidate) if candidate.model == "finger" else None
-    return Measured(candidate, model.nodes, len(model.patch), build_s, model.timing_s, peak, factor_s, answers)
+    return Measured(candidate, model.nodes, len(model.patch), build_s, model.timing_s, memory_mb, factor_s, answers)
 
 
 def answered(result: IndentationResult) -> Answer:
@@ -103,6 +104,15 @@ def answered(result: IndentationResult) -> Answer:
         seconds=result.contact_s,
         limit_s=dense_cholesky_s(max(1, len(result.state.held))),
     )
+
+
+def peak_memory_mb() -> float:
+    """Of this process; on Linux the kernel's own record, since getrusage begins with the parent's peak."""
+    status = Path("/proc/self/status")
+    if status.exists():
+        lines = dict(line.split(":", 1) for line in status.read_text().splitlines())
+        return float(lines["VmHWM"].split()[0]) / 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1024**2 if sys.platform == "darwin" else 1024)
 
 
 def sparse_factor_s(candidate: Candidate) -> float | None:

@@ -182,7 +182,7 @@ def test_indent_to_a_depth_for_people(rig: Rig) -> None:
         ("--shape bar:3.0 --x-mm 5 --doi-mm 0.5", "bar:3 at x = 5 mm: "),
         ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --receptor-depth-mm 9", "--receptor-depth-mm 9: expected 0.1 … 3.0"),
         ("--shape bar:3.0 --x-mm left --doi-mm 0.5", "Invalid value for '--x-mm': "),
-        ("--shape bar:3.0 --doi-mm 0.5", "Missing option '--x-mm'."),
+        ("--shape bar:3.0 --doi-mm 0.5", "--shape bar:3.0: expected --x-mm"),
         ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --config no.toml", "config no.toml: No such file or directory"),
         ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --depth 3", "No such option: --depth"),
     ],
