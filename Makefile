@@ -36,6 +36,7 @@ bench: .venv/.ready-dev
 	$(BIN)/python bench/facts.py
 	$(BIN)/python bench/random_poses.py
 	$(BIN)/python bench/oracles.py
+	$(BIN)/rig bench
 	$(BIN)/python bench/serve_latency.py
 	$(BIN)/python bench/kills.py
 

@@ -6,7 +6,7 @@ Values marked [free] are not given by Raju (1998); `docs/model.md` says where ea
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from sim.measured_skin import POINT_COLUMNS, SECTION_COLUMNS, check_points, check_sections, rows_from
 
@@ -63,10 +63,25 @@ class Tissue(_Settings):
     nail_from_z_mm: float = Field(5.0, ge=0, le=20)
 
 
+MESH_LEVELS: dict[str, dict[str, float]] = {
+    "default": {},
+    "fine": {
+        "spacing_mm": 0.1,
+        "axial_spacing_mm": 0.236,
+        "epidermis_elements": 3,
+        "dermis_spacing_mm": 0.133,
+        "nail_on_nodes": True,
+    },
+}
+"""What a level sets; a key that is given itself goes before. Chosen by error for time: docs/performance.md."""
+
+
 class MeshSpec(_Settings):
     """Node spacing; mm. `patch_*` bound the nodes that an indentor may touch."""
 
-    spacing_mm: float = Field(0.17, gt=0.02, le=1.0, description="lateral and axial, on the pulp")
+    level: Literal["default", "fine"] = Field("default", description="fine: for sharp shapes, on a smaller patch")
+    spacing_mm: float = Field(0.17, gt=0.02, le=1.0, description="lateral, on the pulp")
+    axial_spacing_mm: float | None = Field(None, gt=0.02, le=1.0, description="along the finger, if not the same")
     patch_x_mm: float = Field(3.3, gt=0.5, le=4.0)
     patch_z_mm: float = Field(3.5, gt=0.5, le=4.5)
     round_patch_mm: float = Field(
@@ -80,7 +95,13 @@ class MeshSpec(_Settings):
     near_spacing_mm: float = Field(0.5, gt=0.05, le=2.0, description="largest element just outside the patch")
     near_width_mm: float = Field(1.5, gt=0, le=5.0)
     far_spacing_mm: float = Field(1.5, gt=0.05, le=3.0)
+    nail_on_nodes: bool = Field(False, description="a row of nodes along each of the nail's edges")
     element: Literal["bbar", "full"] = "bbar"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _levelled(cls, given: Any) -> Any:
+        return {**MESH_LEVELS.get(str(given.get("level")), {}), **given} if isinstance(given, dict) else given
 
 
 class Contact(_Settings):

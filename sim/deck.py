@@ -23,7 +23,7 @@ _PER_LINE = 12
 _INDENTOR_HALF_MM = 3.4
 _INDENTOR_TOP_MM = 1.0
 _STEEP = 20.0
-_CONTACT_STIFFNESS_MPA_PER_MM = 2000.0
+CONTACT_STIFFNESS_MPA_PER_MM = 2000.0
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def write_contact_deck(
         file.write("*SURFACE,NAME=SKIN,TYPE=NODE\nNSKIN\n*SURFACE,NAME=TOOL,TYPE=ELEMENT\n")
         file.writelines(f"{n_elements + element + 1},{face}\n" for element, face in faces)
         file.write("*SURFACE INTERACTION,NAME=CONTACT\n*SURFACE BEHAVIOR,PRESSURE-OVERCLOSURE=LINEAR\n")
-        file.write(f"{_CONTACT_STIFFNESS_MPA_PER_MM:.9g},1.E-6\n")
+        file.write(f"{CONTACT_STIFFNESS_MPA_PER_MM:.9g},1.E-6\n")
         file.write("*CONTACT PAIR,INTERACTION=CONTACT,TYPE=NODE TO SURFACE\nSKIN,TOOL\n")
         file.write("*STEP,INC=200\n*STATIC,SOLVER=SPOOLES\n0.25,1.,1.E-5,0.25\n*BOUNDARY\n")
         file.write(f"NIND,1,1\nNIND,3,3\nNIND,2,2,{-doi_mm:.12g}\n")

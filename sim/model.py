@@ -40,6 +40,7 @@ class CondensedModel:
     patch_in_skin: Ints  # (n_patch,) numbers of the patch's nodes on that grid
     outside_mm: Array  # (n_outside, 3) skin nodes beside the patch
     outside_neighbour: Ints  # (n_outside,) the rim node each is nearest to
+    kind: str = "finger"
     timing_s: dict[str, float] = field(default_factory=dict, compare=False)
 
     @cached_property
@@ -89,11 +90,16 @@ def _cell(grid: Array, value: float) -> tuple[int, float]:
     return k, float((value - grid[k]) / (grid[k + 1] - grid[k]))
 
 
-def discretise(config: FingertipConfig, mesh: FingerMesh, axes: tuple[int, ...] = (X, Y)) -> FiniteElements:
-    """Assemble the stiffness of the free degrees of freedom for E(epidermis) = 1 MPa, to keep the patch's `axes`."""
+def assembled(config: FingertipConfig, mesh: FingerMesh) -> sp.csr_array:
+    """(3 n_nodes, 3 n_nodes) upper triangle of the stiffness for E(epidermis) = 1 MPa."""
     young = young_ratios(config.tissue)[mesh.layer]
     stiffness = hex8_stiffness(mesh.nodes, mesh.hexes, young, config.tissue.poisson, config.mesh.element)
-    upper = assemble_upper(stiffness, mesh.hexes, len(mesh.nodes))
+    return assemble_upper(stiffness, mesh.hexes, len(mesh.nodes))
+
+
+def discretise(config: FingertipConfig, mesh: FingerMesh, axes: tuple[int, ...] = (X, Y)) -> FiniteElements:
+    """Assemble the stiffness of the free degrees of freedom for E(epidermis) = 1 MPa, to keep the patch's `axes`."""
+    upper = assembled(config, mesh)
     free = np.flatnonzero(np.repeat(~mesh.fixed, 3))
     patch = np.sort((3 * mesh.patch_nodes + np.array(axes)[:, None]).ravel())
     return FiniteElements(mesh, upper[free][:, free], free, np.searchsorted(free, patch))
@@ -101,9 +107,14 @@ def discretise(config: FingertipConfig, mesh: FingerMesh, axes: tuple[int, ...] 
 
 def factorise(problem: FiniteElements, solver: str = "auto") -> PardisoFactor | SlabFactor:
     """Condense onto the patch: by MKL PARDISO where it exists ("pardiso"), else slab by slab ("slabs")."""
+    return condensed(problem.upper, problem.kept, problem.slabs, solver)
+
+
+def condensed(upper: sp.csr_array, kept: Ints, slabs: Ints, solver: str = "auto") -> PardisoFactor | SlabFactor:
+    """The same for any symmetric matrix of slabs that touch only their neighbours."""
     if solver == "pardiso" or (solver == "auto" and pardiso.available()):
-        return PardisoFactor(problem.upper, problem.kept)
-    return SlabFactor(problem.upper, problem.kept, problem.slabs)
+        return PardisoFactor(upper, kept)
+    return SlabFactor(upper, kept, slabs)
 
 
 def build_model(
@@ -133,7 +144,7 @@ def build_model(
     skin = np.arange(len(mesh.nodes)).reshape(mesh.grid)[:, :, 0].ravel()
     everywhere = np.zeros((len(strain), 3 * len(mesh.nodes)))
     everywhere[:, problem.free] = strain
-    order = _by_axis(axes, len(mesh.patch_nodes))
+    order = by_axis(axes, len(mesh.patch_nodes))
     patch = Patch(
         position_mm=mesh.nodes[mesh.patch_nodes],
         area_mm2=mesh.patch_area_mm2,
@@ -141,7 +152,7 @@ def build_model(
         shape=mesh.patch_shape,
         axes=axes,
     )
-    outside, neighbour = _skin_beside(mesh, patch)
+    outside, neighbour = skin_beside(mesh, patch)
     clock.lap("ordering")
     return CondensedModel(
         surface=surface,
@@ -160,15 +171,15 @@ def build_model(
     )
 
 
-def _by_axis(axes: tuple[int, ...], n: int) -> Ints:
+def by_axis(axes: tuple[int, ...], n: int) -> Ints:
     """Kept unknowns, node by node with ascending components, in the order axis by axis."""
     rank = np.argsort(np.argsort(axes))
     return (len(axes) * np.arange(n) + rank[:, None]).ravel()
 
 
-def _skin_beside(mesh: FingerMesh, patch: Patch) -> tuple[Array, Ints]:
-    """Skin nodes of the pulp's half outside the patch, and the nearest rim node of each."""
-    skin = np.arange(len(mesh.nodes)).reshape(mesh.grid)[:, :, 0].ravel()
+def skin_beside(mesh: FingerMesh, patch: Patch, sections: slice = slice(None)) -> tuple[Array, Ints]:
+    """Skin nodes of the pulp's half outside the patch, in some of the sections, and the nearest rim node of each."""
+    skin = np.arange(len(mesh.nodes)).reshape(mesh.grid)[sections, :, 0].ravel()
     position = mesh.nodes[np.setdiff1d(skin, mesh.patch_nodes)]
     position = position[position[:, 1] > 0]
     rim = np.flatnonzero(patch.rim)

@@ -151,7 +151,7 @@ class IndentationResult:
             "pressure": {"x_mm": x.tolist(), "pseudo": p.tolist()},
             "receptors": _receptors_as_json(self.model, self.receptor_measures),
             "solver": {
-                "model": "finger",
+                "model": self.model.kind,
                 "nodes": self.model.nodes,
                 "iterations": self.state.passes,
                 "kkt_residual": self.state.residual,

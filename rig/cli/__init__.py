@@ -27,6 +27,7 @@ _MODULES = {
     **dict.fromkeys(("home", "zero", "status", "stop"), "bench"),
     "jog": "jog",
     "calibrate": "calibrate",
+    "bench": "speed",
     "doctor": "doctor",
     **dict.fromkeys(NOT_BUILT, "not_built"),
 }

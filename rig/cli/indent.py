@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 import typer
 from rich.table import Table
 
+from rig.cli.models import Chosen, Wanted
 from rig.cli.output import ExitCode, complain, loading_the_finger, out, print_json, told_in_one_line
 from rig.protocol.config import load_config
 from rig.protocol.errors import BadInputError
@@ -14,8 +15,6 @@ from sim.contact.shapes import EXPECTED, parse_shape
 from sim.fingertip import Fingertip
 from sim.measures.receptors import DEFAULT_DEPTH_MM
 from sim.result import IndentationResult, PointLoadResult
-
-_MODELS = ("finger", "section", "halfspace", "auto")
 
 
 def register(app: typer.Typer) -> None:
@@ -33,7 +32,14 @@ def command(
     z_mm: Annotated[
         float | None, typer.Option(metavar="Z", help="Along the finger, for line, round shapes and point.")
     ] = None,
-    model: Annotated[str, typer.Option(metavar="M", help="finger")] = "finger",
+    model: Annotated[str, typer.Option(metavar="M", help="finger, section, halfspace or auto")] = "finger",
+    tolerance: Annotated[str, typer.Option("--tol", metavar="T", help="For auto, as 2% or 0.02.")] = "2%",
+    quantity: Annotated[
+        str, typer.Option(metavar="Q", help="That shall be right: force, width, sed, ep1.")
+    ] = "force",
+    length_mm: Annotated[
+        float | None, typer.Option(metavar="L", help="Effective length behind a section's force.")
+    ] = None,
     receptor_depth_mm: Annotated[float, typer.Option(metavar="D", help="Below the skin.")] = DEFAULT_DEPTH_MM,
     reference: Annotated[str, typer.Option(metavar="contact|apex", help="Where DOI is zero.")] = "contact",
     config: Annotated[Path | None, typer.Option(metavar="TOML", help="Configuration of the finger.")] = None,
@@ -41,36 +47,33 @@ def command(
 ) -> None:
     """Press once and print force, contact and receptor measures."""
     with told_in_one_line(as_json=as_json):
-        _refuse_model(model)
+        wanted = Wanted.parse(model, tolerance, quantity, length_mm)
         settings = load_config(config)
         if not 0.1 <= receptor_depth_mm <= 3.0:
             raise BadInputError(f"--receptor-depth-mm {receptor_depth_mm:g}: expected 0.1 … 3.0")
         origin = _reference(reference)
         indentor = None if shape == "point" else parse_shape(shape)
         _refuse_place(shape, indentor, x_mm, z_mm)
-        slopes = ALONG if indentor is None else indentor.axes
-        with loading_the_finger():
-            finger = Fingertip.load(settings.finger, slopes=slopes, receptor_depth_mm=receptor_depth_mm)
         if indentor is None:
+            wanted.refuse_for_point()
+            with loading_the_finger():
+                finger = Fingertip.load(settings.finger, receptor_depth_mm=receptor_depth_mm)
             _press_point(finger, x_mm or 0.0, z_mm, doi_mm, force_gwt, as_json=as_json)
             return
-        result = finger.indent(indentor, x_mm or 0.0, z_mm=z_mm, doi_mm=doi_mm, force_gwt=force_gwt, reference=origin)
+        chosen = wanted.choose(indentor, x_mm or 0.0, doi_mm)
+        with loading_the_finger():
+            finger = chosen.load(settings.finger, indentor.axes, receptor_depth_mm)
+        force = chosen.force_per_mm(force_gwt)
+        result = finger.indent(indentor, x_mm or 0.0, z_mm=z_mm, doi_mm=doi_mm, force_gwt=force, reference=origin)
         if as_json:
-            answer = result.as_json()
+            answer = chosen.described(result.as_json())
             answer["solver"]["build_s"] = finger.build_s
             print_json(answer)
         else:
-            _print(result, finger.build_s)
+            _print(result, chosen, finger.build_s)
         if not result.state.converged:
             complain(f"not converged, residual {result.state.residual:.1e}")
             raise typer.Exit(ExitCode.STOPPED)
-
-
-def _refuse_model(model: str) -> None:
-    if model not in _MODELS:
-        raise BadInputError(f"--model {model!r}: expected one of {', '.join(_MODELS)}")
-    if model != "finger":
-        raise BadInputError(f"--model {model}: not built yet, expected finger")
 
 
 def _refuse_place(shape: str, indentor: Indentor | None, x_mm: float | None, z_mm: float | None) -> None:
@@ -110,13 +113,14 @@ def _reference(text: str) -> Literal["contact", "apex"]:
     return "apex" if text == "apex" else "contact"
 
 
-def _print(result: IndentationResult, build_s: float) -> None:
+def _print(result: IndentationResult, chosen: Chosen, build_s: float) -> None:
     state = result.state
     regions = ", ".join(f"[{a:.2f}, {b:.2f}]" for a, b in result.contact_regions_mm) or "none in the receptor plane"
     place = {ALONG: f"x = {result.x_mm:g}", ACROSS: f"z = {result.z_mm:g}"}
     both = f"x = {result.x_mm:g}, z = {result.z_mm:g}"
     out.print(f"{result.indentor.name} at {place.get(result.indentor.axes, both)} mm")
-    out.print(f"  force          {result.force_n:.5f} N = {result.force_gwt:.4f} gwt")
+    out.print(f"  model          {chosen.why}")
+    out.print(f"  force          {chosen.force_text(result.force_n)}")
     out.print(f"  DOI            {result.doi_mm:.4f} mm")
     out.print(f"  peak pressure  {result.peak_pressure_pseudo:.0f} pseudo-units")
     out.print(f"  contact        {regions} mm")

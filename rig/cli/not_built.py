@@ -4,7 +4,7 @@ import typer
 
 from rig.cli.output import ExitCode, fail
 
-COMMANDS = ("shift-invariance", "impulse", "decode", "bench")
+COMMANDS = ("shift-invariance", "impulse", "decode")
 
 
 def register(app: typer.Typer) -> None:

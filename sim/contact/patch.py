@@ -45,9 +45,11 @@ class Patch:
 
     @cached_property
     def rim(self) -> NDArray[np.bool_]:
-        """(n,) nodes of the outermost rows and columns."""
+        """(n,) nodes of the outermost rows and columns; a section has one row and no outermost one."""
         rim = np.ones(self.shape, dtype=bool)
-        rim[1:-1, 1:-1] = False
+        rim[:, 1:-1] = False
+        if self.shape[0] > 1:
+            rim[[0, -1]] = True
         return rim.ravel()
 
     @cached_property

@@ -75,8 +75,7 @@ def build_mesh(config: FingertipConfig, surface: FingertipSurface) -> FingerMesh
     fixed[0] = True
     if config.tissue.bone == "rigid":
         fixed[:, :, -1] = True
-    nail = np.abs(_wrap(phi + np.pi / 2)) <= np.radians(config.tissue.nail_arc_deg / 2) + 1e-12
-    fixed[:, :, 0] |= (z_mm >= config.tissue.nail_from_z_mm)[:, None] & nail
+    fixed[:, :, 0] |= (z_mm >= config.tissue.nail_from_z_mm)[:, None] & _under_nail(config.tissue, phi)
 
     patch = number[z_fine][:, phi_fine, 0]
     return FingerMesh(
@@ -91,6 +90,37 @@ def build_mesh(config: FingertipConfig, surface: FingertipSurface) -> FingerMesh
         patch_shape=(patch.shape[0], patch.shape[1]),
         patch_area_mm2=_skin_areas(nodes[:, :, 0])[z_fine][:, phi_fine].ravel(),
         receptor_row=int(np.argmin(np.abs(z_mm[z_fine] - config.receptor_plane_mm))),
+    )
+
+
+def section_mesh(config: FingertipConfig, surface: FingertipSurface) -> FingerMesh:
+    """A slab of three equal slices, 1 mm thick in all, around the receptor plane of a prismatic skin.
+
+    Nothing but nail and bone is fixed; the patch is one row of nodes. Three slices let strains be recovered in the
+    middle one as in the finger.
+    """
+    plane = config.receptor_plane_mm
+    phi, fine = _circumferential_grid(config, surface)
+    z_mm = plane + np.arange(-1.5, 2.0) / 3
+    nodes, layers = _place_nodes(config, surface, phi, z_mm)
+    number = np.arange(nodes[..., 0].size).reshape(nodes.shape[:3])
+    fixed = np.zeros(number.shape, dtype=bool)
+    fixed[:, :, -1] = True
+    fixed[:, _under_nail(config.tissue, phi), 0] = plane >= config.tissue.nail_from_z_mm
+    patch = number[0, fine, 0]
+    arc = np.linalg.norm(np.diff(nodes[0, :, 0], axis=0, append=nodes[0, :1, 0]), axis=1)
+    return FingerMesh(
+        nodes=nodes.reshape(-1, 3),
+        hexes=_connect(number),
+        layer=np.broadcast_to(layers, (3, len(phi), len(layers))).ravel(),
+        fixed=fixed.ravel(),
+        grid=(len(z_mm), len(phi), nodes.shape[2]),
+        phi=phi,
+        z_mm=z_mm,
+        patch_nodes=patch,
+        patch_shape=(1, len(patch)),
+        patch_area_mm2=0.5 * (arc + np.roll(arc, 1))[fine],
+        receptor_row=0,
     )
 
 
@@ -110,14 +140,20 @@ def narrowed(mesh: FingerMesh, half_mm: float, plane_mm: float) -> FingerMesh:
     )
 
 
+def _under_nail(tissue: Tissue, phi: Array) -> NDArray[np.bool_]:
+    """(n_phi,) angles at which the nail holds the skin."""
+    return np.asarray(np.abs(_wrap(phi + np.pi / 2)) <= np.radians(tissue.nail_arc_deg / 2) + 1e-6)
+
+
 def _axial_grid(config: FingertipConfig) -> tuple[Array, NDArray[np.bool_]]:
     mesh, middle, length = config.mesh, config.receptor_plane_mm, config.geometry.length_mm
-    n = int(np.ceil(mesh.patch_z_mm / mesh.spacing_mm - 1e-9))
-    fine = middle + np.arange(-n, n + 1) * mesh.spacing_mm
+    spacing = mesh.spacing_mm if mesh.axial_spacing_mm is None else mesh.axial_spacing_mm
+    n = int(np.ceil(mesh.patch_z_mm / spacing - 1e-9))
+    fine = middle + np.arange(-n, n + 1) * spacing
     if fine[0] < 0.5 or fine[-1] > length - 0.5:
         raise MeshError(f"patch_z_mm = {mesh.patch_z_mm}: the patch leaves the finger, z 0 … {length} mm")
-    below = fine[0] - _graded(mesh, fine[0])
-    above = fine[-1] + _graded(mesh, length - fine[-1])
+    below = fine[0] - _graded(mesh, spacing, fine[0])
+    above = fine[-1] + _graded(mesh, spacing, length - fine[-1])
     z = np.concatenate([below[::-1], fine, above])
     is_fine = np.zeros(len(z), dtype=bool)
     is_fine[len(below) : len(below) + len(fine)] = True
@@ -142,17 +178,30 @@ def _circumferential_grid(config: FingertipConfig, surface: FingertipSurface) ->
     right = int(np.ceil((apex - edges[0]) / mesh.spacing_mm - 1e-9))
     left = int(np.ceil((edges[1] - apex) / mesh.spacing_mm - 1e-9))
     fine = apex + np.arange(-right, left + 1) * mesh.spacing_mm
-    towards_right = fine[0] - _graded(mesh, fine[0])
-    towards_left = fine[-1] + _graded(mesh, arc[-1] - fine[-1])
+    half_nail = np.radians(config.tissue.nail_arc_deg / 2)
+    nail = np.interp([-np.pi / 2 + half_nail, 3 * np.pi / 2 - half_nail], table, arc)
+    towards_right = fine[0] - _through(mesh, fine[0] - nail[0], fine[0])
+    towards_left = fine[-1] + _through(mesh, nail[1] - fine[-1], arc[-1] - fine[-1])
     s = np.concatenate([towards_right[::-1], fine, towards_left])[:-1]  # both ends are the nail's middle
     is_fine = np.zeros(len(s), dtype=bool)
     is_fine[len(towards_right) : len(towards_right) + len(fine)] = True
     return np.interp(s, arc, table), is_fine
 
 
-def _graded(mesh: MeshSpec, distance_mm: float) -> Array:
+def _through(mesh: MeshSpec, edge_mm: float, distance_mm: float) -> Array:
+    """Distances from the patch's edge, across the finger, of nodes that grow towards the nail's middle.
+
+    With `nail_on_nodes` one lies at the nail's edge: where the skin is held else depends on the mesh.
+    """
+    if not (mesh.nail_on_nodes and 0 < edge_mm < distance_mm):
+        return _graded(mesh, mesh.spacing_mm, distance_mm)
+    beyond = np.linspace(edge_mm, distance_mm, 1 + int(np.ceil((distance_mm - edge_mm) / mesh.far_spacing_mm)))
+    return np.concatenate([_graded(mesh, mesh.spacing_mm, edge_mm), beyond[1:]])
+
+
+def _graded(mesh: MeshSpec, spacing_mm: float, distance_mm: float) -> Array:
     """Distances from the patch's edge of nodes that grow from the fine spacing to the far one."""
-    steps, x = [mesh.spacing_mm], mesh.spacing_mm
+    steps, x = [spacing_mm], spacing_mm
     while x < distance_mm:
         near = x < mesh.near_width_mm
         growth, limit = (mesh.growth, mesh.near_spacing_mm) if near else (mesh.far_growth, mesh.far_spacing_mm)

@@ -127,6 +127,29 @@ def test_indent_json(rig: Rig, finger: Fingertip) -> None:
     assert (answer["solver"]["model"], answer["solver"]["converged"]) == ("finger", True)
 
 
+def test_a_section_states_the_length_behind_its_force(rig: Rig) -> None:
+    arguments = ("indent", "--shape", "bar:3.0", "--x-mm", "0", "--doi-mm", "0.5", "--model", "section", "--json")
+    plain, long = (json.loads(rig(*arguments, *more).out) for more in ((), ("--length-mm", "3.5")))
+    assert (plain["force_n"], plain["force_gwt"], plain["effective_length_mm"]) == (None, None, None)
+    assert long["effective_length_mm"] == 3.5
+    assert long["force_n"] == pytest.approx(3.5 * plain["force_n_per_mm"], rel=1e-12)
+    assert long["force_gwt"] == pytest.approx(long["force_n"] / 9.80665e-3, rel=1e-12)
+    asked = json.loads(rig(*arguments[:5], "--force-gwt", "2", *arguments[7:], "--length-mm", "3.5").out)
+    assert asked["force_gwt"] == pytest.approx(2.0, rel=1e-9)
+
+
+@pytest.mark.parametrize(("tolerance", "model"), [("60%", "halfspace"), ("0.05", "finger")])
+def test_auto_says_what_it_chose_and_why(rig: Rig, tolerance: str, model: str) -> None:
+    ended = rig("indent", "--shape", "bar:3.0", "--x-mm", "0", "--doi-mm", "0.5", "--model", "auto",
+                "--tol", tolerance, "--json")  # fmt: skip
+    answer = json.loads(ended.out)
+    assert answer["solver"]["model"] == model
+    assert 0 < answer["choice"]["promised_error"] <= (0.6 if model == "halfspace" else 0.05)
+    assert answer["choice"]["why"].startswith(
+        f"{model}, level default: the largest error of force measured under sharp"
+    )
+
+
 def test_indent_to_a_depth_for_people(rig: Rig) -> None:
     ended = rig("indent", "--shape", "bar:3.0", "--x-mm", "0", "--doi-mm", "0.5")
     assert ended.code == 0
@@ -138,8 +161,18 @@ def test_indent_to_a_depth_for_people(rig: Rig) -> None:
     ("arguments", "complaint"),
     [
         ("--shape tube:3 --x-mm 0 --doi-mm 0.5", "shape 'tube:3': no such indentor, expected bar:WIDTH"),
-        ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --model section", "--model section: not built yet, expected finger"),
-        ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --model fem", "--model 'fem': expected one of finger, section"),
+        ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --model fem", "--model 'fem': expected one of halfspace, section"),
+        ("--shape bar:3.0 --x-mm 0 --force-gwt 2 --model section", "--model section: its force is per millimetre"),
+        ("--shape sphere:3 --x-mm 0 --doi-mm 0.2 --model section", "a section takes shapes prismatic along the"),
+        (
+            "--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --length-mm 3",
+            "--length-mm 3: expected 0 … 50, for --model section",
+        ),
+        ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --model auto --tol 0", "--tol '0': expected a part of the whole"),
+        ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --model auto --tol x%", "--tol 'x%': expected a part of the whole"),
+        ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --model auto --tol 0.0001%", "no model is known to hold 0.0001 % of"),
+        ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --quantity s11", "--quantity 's11': expected one of force, width"),
+        ("--shape point --x-mm 0 --force-gwt 2 --model halfspace", "--shape point: expected --model finger"),
         ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --reference top", "--reference 'top': expected contact or apex"),
         ("--shape bar:3.0 --x-mm 0", "a depth (doi_mm)"),
         ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --force-gwt 2", "a depth (doi_mm)"),
@@ -149,7 +182,7 @@ def test_indent_to_a_depth_for_people(rig: Rig) -> None:
         ("--shape bar:3.0 --x-mm 5 --doi-mm 0.5", "bar:3 at x = 5 mm: "),
         ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --receptor-depth-mm 9", "--receptor-depth-mm 9: expected 0.1 … 3.0"),
         ("--shape bar:3.0 --x-mm left --doi-mm 0.5", "Invalid value for '--x-mm': "),
-        ("--shape bar:3.0 --doi-mm 0.5", "Missing option '--x-mm'."),
+        ("--shape bar:3.0 --doi-mm 0.5", "--shape bar:3.0: expected --x-mm"),
         ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --config no.toml", "config no.toml: No such file or directory"),
         ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --depth 3", "No such option: --depth"),
     ],

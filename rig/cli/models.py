@@ -1,0 +1,108 @@
+"""Which model `rig indent` uses, and what it may say about force."""
+
+from dataclasses import dataclass
+from typing import Any, get_args
+
+from rig.protocol.errors import BadInputError
+from sim.config import FingertipConfig, MeshSpec
+from sim.contact.indentor import Indentor
+from sim.fingertip import Fingertip
+from sim.models import MODELS, ModelName, load
+from sim.study.choice import choose
+from sim.study.measure import QUANTITIES
+from sim.units import GWT_N
+
+_LONGEST_MM = 50.0
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """A model, the level of its mesh where one was chosen, and the length behind a section's force."""
+
+    model: ModelName
+    level: str | None
+    promised: float | None
+    why: str
+    length_mm: float | None
+
+    def load(self, config: FingertipConfig, slopes: tuple[int, ...], receptor_depth_mm: float) -> Fingertip:
+        """The model of a configuration, made for shapes that slope along some axes."""
+        if self.level is not None:
+            if config.mesh != MeshSpec():
+                raise BadInputError("--model auto: chooses the mesh itself, expected no [finger.mesh] in --config")
+            config = config.model_copy(update={"mesh": MeshSpec.model_validate({"level": self.level})})
+        return load(self.model, config, slopes=slopes, receptor_depth_mm=receptor_depth_mm)
+
+    def force_per_mm(self, force_gwt: float | None) -> float | None:
+        """The force to ask the model for: a section's is per millimetre."""
+        if force_gwt is None or self.model != "section":
+            return force_gwt
+        if self.length_mm is None:
+            raise BadInputError(
+                "--model section: its force is per millimetre, expected --length-mm beside --force-gwt"
+            )
+        return force_gwt / self.length_mm
+
+    def force_text(self, force_n: float) -> str:
+        """The force as it is printed."""
+        if self.model != "section":
+            return f"{force_n:.5f} N = {force_n / GWT_N:.4f} gwt"
+        if self.length_mm is None:
+            return f"{force_n:.5f} N/mm (--length-mm turns it into gwt)"
+        whole = force_n * self.length_mm
+        return f"{force_n:.5f} N/mm, over {self.length_mm:g} mm {whole:.5f} N = {whole / GWT_N:.4f} gwt"
+
+    def described(self, answer: dict[str, Any]) -> dict[str, Any]:
+        """The JSON of an indentation with how its model was chosen; a section's force is null without a length."""
+        answer["choice"] = {"level": self.level, "promised_error": self.promised, "why": self.why}
+        if self.model == "section":
+            answer["force_n_per_mm"], answer["effective_length_mm"] = answer["force_n"], self.length_mm
+            for key in ("force_n", "force_gwt"):
+                answer[key] = None if self.length_mm is None else answer[key] * self.length_mm
+        return answer
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What the command line asked for."""
+
+    model: ModelName | None  # None: the cheapest that holds the tolerance
+    tolerance: float
+    quantity: str
+    length_mm: float | None
+
+    @classmethod
+    def parse(cls, model: str, tolerance: str, quantity: str, length_mm: float | None) -> "Wanted":
+        """Raises BadInputError, saying what was expected."""
+        if model not in (*MODELS, "auto"):
+            raise BadInputError(f"--model {model!r}: expected one of {', '.join(get_args(ModelName))}, auto")
+        if quantity not in QUANTITIES:
+            raise BadInputError(f"--quantity {quantity!r}: expected one of {', '.join(QUANTITIES)}")
+        if length_mm is not None and not (model in ("section", "auto") and 0 < length_mm <= _LONGEST_MM):
+            raise BadInputError(
+                f"--length-mm {length_mm:g}: expected 0 … {_LONGEST_MM:g}, for --model section or auto"
+            )
+        named = next((name for name in MODELS if name == model), None)
+        return cls(named, _fraction(tolerance), quantity, length_mm)
+
+    def refuse_for_point(self) -> None:
+        """A point load is the finger's."""
+        if self.model != "finger":
+            raise BadInputError("--shape point: expected --model finger")
+
+    def choose(self, indentor: Indentor, x_mm: float, doi_mm: float | None) -> Chosen:
+        """The named model, or the cheapest known to hold; raises NoModelError where none is."""
+        if self.model is not None:
+            return Chosen(self.model, None, None, f"{self.model}, as asked for", self.length_mm)
+        found = choose(indentor, x_mm, doi_mm, self.quantity, self.tolerance, per_length=self.length_mm is not None)
+        return Chosen(found.model, found.level, found.promised, found.why, self.length_mm)
+
+
+def _fraction(text: str) -> float:
+    try:
+        value = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
+    except ValueError:
+        value = -1.0
+    if not 0 < value < 1:
+        raise BadInputError(f"--tol {text!r}: expected a part of the whole, as 2% or 0.02")
+    return value

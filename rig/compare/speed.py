@@ -1,0 +1,153 @@
+"""Figures and page of `rig bench`: errors against time and memory."""
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Drawing
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from rig.compare.html import Figure, render
+from rig.compare.style import BLUE, GREEN, GREY, ORANGE, svg
+
+Row = Mapping[str, Any]
+Line = tuple[str, str]  # model and element
+
+_LOOK = {
+    ("finger", "bbar"): (BLUE, "o"),
+    ("finger", "full"): (ORANGE, "s"),
+    ("section", "bbar"): (GREEN, "^"),
+    ("halfspace", "analytic"): (GREY, "D"),
+}
+_TITLES = {"force": "force", "width": "contact width", "sed": "SED at the receptors", "ep1": "ep1 at the receptors"}
+_FAMILIES = {"smooth": "smooth", "bar": "bars", "step": "step 1"}
+
+
+def page(rows: Sequence[Row], **about: Any) -> str:
+    """The self-contained HTML page."""
+    return render("bench.html.j2", figures=_figures(rows), table=_table(rows), families=_FAMILIES, **about)
+
+
+def pareto(rows: Sequence[Row], against: str = "seconds") -> str:
+    """Largest error of each family and quantity, log against log; a line for each model and element."""
+    labels = {"seconds": "from nothing to an answer (s)", "memory_mb": "peak memory (MB)", "contact_s": "contact (s)"}
+    quantities = [q for q in _TITLES if any(row["quantity"] == q for row in rows)]
+
+    def draw(figure: Drawing) -> None:
+        grid = figure.subplots(len(_FAMILIES), len(quantities), sharex=True, sharey="col", squeeze=False)
+        for down, (family, title) in enumerate(_FAMILIES.items()):
+            for across, quantity in enumerate(quantities):
+                axes: Axes = grid[down, across]
+                chosen = [r for r in rows if r["family"] == family and r["quantity"] == quantity]
+                for line, points in _lines(chosen).items():
+                    cost, error = np.array([(_median(p, against), _largest(p)) for p in points]).T
+                    colour, marker = _LOOK[line]
+                    axes.loglog(cost, 100 * error, marker, ls="-", color=colour, ms=4, lw=1, label=" ".join(line))
+                axes.set_title(f"{_TITLES[quantity]}, {title}", fontsize=9)
+                _plain(axes)
+            grid[down, 0].set_ylabel("largest error (%)")
+        for axes in grid[-1]:
+            axes.set_xlabel(labels[against])
+        handles, names = max(
+            (axes.get_legend_handles_labels() for axes in grid.flat), key=lambda found: len(found[1])
+        )
+        figure.legend(handles, names, loc="outside lower center", ncols=4)
+
+    return svg((10.2, 7.6), draw)
+
+
+def cost_against_nodes(rows: Sequence[Row]) -> str:
+    """Time from nothing and memory against the number of nodes, with the exponents of straight lines through them."""
+
+    def draw(figure: Drawing) -> None:
+        for axes, key, label in zip(figure.subplots(1, 2), ("seconds", "memory_mb"),
+                                    ("from nothing to an answer (s)", "peak memory (MB)"), strict=True):  # fmt: skip
+            for line, points in _lines(rows).items():
+                nodes, cost = np.array(sorted((p[0]["nodes"], _median(p, key)) for p in points)).T
+                colour, marker = _LOOK[line]
+                axes.loglog(
+                    nodes, cost, marker, ls="-", color=colour, ms=4, lw=1, label=_with_exponent(line, nodes, cost)
+                )
+            axes.set(xlabel="nodes", ylabel=label)
+            _plain(axes)
+            axes.legend(fontsize=8)
+
+    return svg((10.2, 3.8), draw)
+
+
+def _plain(axes: Axes) -> None:
+    """Ticks at 1, 2 and 5 of each decade, written out."""
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
+    axes.grid(alpha=0.3, lw=0.4)
+
+
+def exponent(nodes: np.ndarray, cost: np.ndarray) -> float:
+    """Slope of log cost against log nodes."""
+    return float(np.polyfit(np.log(nodes), np.log(cost), 1)[0])
+
+
+def _with_exponent(line: Line, nodes: np.ndarray, cost: np.ndarray) -> str:
+    several = len(np.unique(nodes)) > 1
+    return f"{' '.join(line)}: nodes^{exponent(nodes, cost):.2f}" if several else " ".join(line)
+
+
+def _lines(rows: Iterable[Row]) -> dict[Line, list[list[Row]]]:
+    """Rows by model and element, then by refinement from cheap to dear."""
+    found: dict[Line, dict[str, list[Row]]] = defaultdict(lambda: defaultdict(list))
+    for row in rows:
+        found[row["model"], row["element"]][row["refinement"]].append(row)
+    return {line: sorted(by.values(), key=lambda p: _median(p, "seconds")) for line, by in found.items()}
+
+
+def _median(rows: Iterable[Row], key: str) -> float:
+    return float(np.median([row[key] for row in rows]))
+
+
+def _largest(rows: Iterable[Row]) -> float:
+    return max(float(row["error"]) for row in rows)
+
+
+def _table(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """One line for each candidate: costs, and the largest error by family and quantity."""
+    return [
+        {
+            "line": " ".join(line),
+            "refinement": mine[0]["refinement"],
+            "nodes": mine[0]["nodes"],
+            "errors": _errors(mine),
+            **{key: _median(mine, key) for key in ("seconds", "contact_s", "memory_mb")},
+        }
+        for line, candidates in _lines(rows).items()
+        for mine in candidates
+    ]
+
+
+def _errors(rows: Sequence[Row]) -> dict[tuple[str, str], float | None]:
+    """Largest error by family and quantity; None where there is none."""
+    by: dict[tuple[str, str], list[Row]] = {(family, q): [] for family in _FAMILIES for q in _TITLES}
+    for row in rows:
+        by[row["family"], row["quantity"]].append(row)
+    return {key: _largest(found) if found else None for key, found in by.items()}
+
+
+def _figures(rows: Sequence[Row]) -> list[Figure]:
+    return [
+        Figure(
+            "Error against time",
+            pareto(rows),
+            "The largest error over the scenes of a family, against the seconds from nothing (no cache) to one "
+            "answer. SED and ep1: the largest deviation at any receptor over the largest value at any. A section "
+            "has no force to compare: its force is per millimetre.",
+        ),
+        Figure("Error against memory", pareto(rows, "memory_mb"), "The same against the peak memory of the process."),
+        Figure(
+            "Cost against size",
+            cost_against_nodes(rows),
+            "Straight lines through the points in the logarithms; a half-space's nodes are those of its patch.",
+        ),
+    ]

@@ -1,0 +1,1 @@
+"""Speed against error: scenes, what solves them, what that costs, and the reference that says how wrong it is."""

@@ -1,0 +1,76 @@
+"""One contact job by CalculiX on a mesh of ours, and the same contact here.
+
+Debian: apt-get install calculix-ccx. The deck and its settings are `sim/deck.py`'s.
+"""
+
+import re
+import resource
+import shutil
+import subprocess
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from sim.config import Contact, FingertipConfig, MeshSpec
+from sim.deck import CONTACT_STIFFNESS_MPA_PER_MM, Scene, write_contact_deck
+from sim.finger.mesh import build_mesh
+from sim.models import load
+
+CONFIG = FingertipConfig(
+    contact=Contact(between_nodes=False),
+    mesh=MeshSpec(spacing_mm=0.5, element="full", epidermis_elements=1, dermis_spacing_mm=0.4, growth=1.5),
+)
+"""Like with like: CalculiX's C3D8 is fully integrated, its contact at nodes. Coarse, so that its job is short."""
+
+SHAPE, DOI_MM = "bar:3.0", 0.8
+_REPEATS = 20
+_LONGEST_S = 600
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Forces in N and CPU seconds of both."""
+
+    scene: str
+    nodes: int
+    stiffness_mpa_per_mm: float
+    force_n: float
+    cpu_s: float
+    our_force_n: float
+    our_build_s: float
+    our_cpu_s: float
+
+
+def available() -> bool:
+    """Whether CalculiX can be called."""
+    return shutil.which("ccx") is not None
+
+
+def compare() -> Comparison:
+    """Solve one scene with both; seconds."""
+    finger = load("finger", CONFIG, cached=False)
+    result = finger.indent(SHAPE, 0.0, doi_mm=DOI_MM)
+    start = time.process_time()
+    for _ in range(_REPEATS):
+        finger.indent(SHAPE, 0.0, doi_mm=DOI_MM)
+    our_cpu_s = (time.process_time() - start) / _REPEATS
+    scene = Scene(CONFIG, build_mesh(CONFIG, finger.surface), finger.e_epidermis_mpa)
+    with tempfile.TemporaryDirectory() as folder:
+        deck = Path(folder) / "contact.inp"
+        write_contact_deck(deck, scene, result.indentor.profile, 0.0, result.touch_height_mm, DOI_MM)
+        force_n, cpu_s = _job(deck)
+    return Comparison(
+        f"{SHAPE}, DOI {DOI_MM} mm", finger.model.nodes, CONTACT_STIFFNESS_MPA_PER_MM, force_n, cpu_s,
+        result.force_n, finger.build_s, our_cpu_s,
+    )  # fmt: skip
+
+
+def _job(deck: Path) -> tuple[float, float]:
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    command = ["ccx", "-i", deck.stem]
+    subprocess.run(command, cwd=deck.parent, capture_output=True, timeout=_LONGEST_S, check=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    printed = deck.with_suffix(".dat").read_text()
+    total = re.findall(r"total force.*?\n\s*\n\s*(\S+)\s+(\S+)\s+(\S+)", printed)[-1]
+    return -float(total[1]), after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime

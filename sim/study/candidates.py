@@ -1,0 +1,58 @@
+"""What may solve a scene: a model, its element and how fine it is."""
+
+from dataclasses import dataclass, field
+
+from sim.config import FingertipConfig, MeshSpec
+from sim.models import ModelName
+
+SCENE_PATCH = {"patch_x_mm": 2.4, "patch_z_mm": 2.3}
+"""Enough for every scene of the study."""
+
+_TO_NAIL_MM = 6.893 - 5.0 - 1e-6
+_ROWS = {2: 5, 3: 7, 4: 9, 5: 9, 8: 9}
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One way to solve the scenes."""
+
+    model: ModelName
+    refinement: str
+    mesh: MeshSpec = field(default_factory=MeshSpec)
+
+    @property
+    def element(self) -> str:
+        """ "bbar", "full" or, for a half-space, "analytic"."""
+        return "analytic" if self.model == "halfspace" else self.mesh.element
+
+    @property
+    def config(self) -> FingertipConfig:
+        """The default finger on this mesh."""
+        return FingertipConfig(mesh=self.mesh)
+
+
+def nested(n: int, **other: float | str | bool) -> MeshSpec:
+    """A mesh of the family that is refined evenly everywhere, with n elements through the epidermis.
+
+    Lateral spacing and depths are those elements' size, axial spacing about twice that: _ROWS[n] rows of nodes from
+    the receptor plane to the nail's edge, so that the skin is held at the same places on every mesh.
+    """
+    spacing = 0.4 / n
+    evenly = {
+        "spacing_mm": spacing,
+        "axial_spacing_mm": _TO_NAIL_MM / _ROWS[n],
+        "epidermis_elements": n,
+        "dermis_spacing_mm": spacing,
+        "growth": 1.2 ** (2 / n),
+        "far_growth": 1.5 ** (2 / n),
+        "near_spacing_mm": 1 / n,
+        "far_spacing_mm": 3 / n,
+        "nail_on_nodes": True,
+    }
+    return MeshSpec.model_validate({**SCENE_PATCH, **evenly, **other})
+
+
+def coarse(spacing_mm: float, element: str = "bbar") -> MeshSpec:
+    """A mesh for seconds: lateral spacing, twice that along the finger, and the default depths."""
+    given = {"spacing_mm": spacing_mm, "axial_spacing_mm": 2 * spacing_mm, "element": element, "nail_on_nodes": True}
+    return MeshSpec.model_validate({**SCENE_PATCH, **given})

@@ -1,0 +1,52 @@
+"""The page of `rig bench`."""
+
+import re
+
+import numpy as np
+import pytest
+
+from rig.compare.speed import exponent, page
+from sim.study.candidates import Candidate, coarse
+from sim.study.measure import QUANTITIES, measure
+from sim.study.reference import stored
+from sim.study.rows import rows
+from sim.study.scenes import QUICK_SCENES
+
+
+@pytest.fixture(scope="module")
+def html() -> str:
+    candidates = (Candidate("halfspace", "0.28 mm", coarse(0.28)), Candidate("section", "0.28 mm", coarse(0.28)))
+    reference = stored()
+    return page(
+        list(rows(measure(candidates, QUICK_SCENES), reference)),
+        machine="a machine",
+        wall_s=1.0,
+        quick=True,
+        quantities=QUANTITIES,
+        reference=reference,
+        steps=("mesh",),
+        breakdown=[{"name": "one", "timing": {"mesh": 1.5}, "factor_s": None, "contact_s": 0.01, "limit_s": 0.001}],
+        calculix=None,
+        no_calculix="Left out.",
+    )
+
+
+def test_it_needs_nothing_else(html: str) -> None:
+    sources = re.findall(r"(?:src|href)=\"([^\"]{0,30})", html)
+    assert len(sources) == 3
+    assert all(source.startswith("data:image/svg+xml;base64,") for source in sources)
+
+
+def test_its_table_names_every_candidate(html: str) -> None:
+    assert re.search(r"<td>halfspace analytic</td><td>0.28 mm</td><td>220</td>", html)
+    assert re.search(r"<td>section bbar</td><td>0.28 mm</td>", html)
+
+
+def test_a_section_has_no_error_of_force(html: str) -> None:
+    row = html.split("<tr><td>section bbar</td>")[1].split("</tr>")[0]
+    assert row.count("<td>–</td>") == 3  # one a family
+
+
+def test_exponent_of_a_power_law() -> None:
+    nodes = np.array([1e3, 3e3, 1e4])
+    assert exponent(nodes, 2e-7 * nodes**1.7) == pytest.approx(1.7, abs=1e-12)

@@ -1,0 +1,61 @@
+"""The plane-strain section: what plane strain means, convergence, and what it refuses."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from sim.config import FingertipConfig
+from sim.finger.surface import FingertipSurface
+from sim.fingertip import Fingertip, ModelRangeError
+from sim.models import load
+from sim.section import prismatic
+from sim.study.candidates import nested
+
+
+@pytest.fixture(scope="module")
+def section() -> Fingertip:
+    return load("section")
+
+
+def test_its_skin_is_the_fingers_in_the_receptor_plane(skin: FingertipSurface) -> None:
+    plane = FingertipConfig().receptor_plane_mm
+    phi = np.linspace(0, np.pi, 50)
+    for z_mm in (3.0, 6.0, 11.0):
+        assert_allclose(prismatic(skin, plane).section(phi, z_mm), skin.section(phi, plane), atol=1e-13)
+
+
+def test_nothing_happens_along_the_finger(section: Fingertip) -> None:
+    strain = section.indent("bar:3.0", 0.3, doi_mm=0.6).receptor_strain
+    assert np.abs(strain[:, [2, 4, 5]]).max() < 1e-13 * np.abs(strain).max()
+
+
+def test_force_is_the_slope_of_energy(section: Fingertip) -> None:
+    # dE/dDOI = F for a conservative contact; E = ½ f·u is exact for linear tissue. Nodes join the contact one by
+    # one: 0.2 %.
+    def energy(doi_mm: float) -> float:
+        state = section.indent("cylinder:9", 0.0, doi_mm=doi_mm).state
+        return 0.5 * float((state.force * state.displacement).sum())
+
+    h = 0.005
+    slope = (energy(0.5 + h) - energy(0.5 - h)) / (2 * h)
+    force = section.indent("cylinder:9", 0.0, doi_mm=0.5).state.normal_force
+    assert slope == pytest.approx(force, rel=2e-3)
+
+
+def test_it_converges_with_the_mesh() -> None:
+    meshes = [load("section", FingertipConfig(mesh=nested(n))) for n in (2, 3, 8)]
+    for shape, x_mm in (("cylinder:9", 0.0), ("bar:3.0", 0.04)):
+        coarse, fine, finest = (mesh.indent(shape, x_mm, doi_mm=0.67) for mesh in meshes)
+        errors = [abs(r.force_n / finest.force_n - 1) for r in (coarse, fine)]
+        assert errors[1] < errors[0] < 0.03
+
+
+def test_round_shapes_are_refused(section: Fingertip) -> None:
+    with pytest.raises(ModelRangeError, match="expected --model finger"):
+        section.indent("sphere:5", 0.0, doi_mm=0.2)
+
+
+def test_its_contact_may_not_leave_its_patch() -> None:
+    narrow = load("section", FingertipConfig(mesh=nested(2, patch_x_mm=0.6)))
+    with pytest.raises(ModelRangeError, match="patch's rim"):
+        narrow.indent("cylinder:9", 0.0, doi_mm=0.8)

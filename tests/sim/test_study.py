@@ -1,0 +1,136 @@
+"""The study of speed against error: its arithmetic, its reference, and the errors that `auto` promises."""
+
+import numpy as np
+import pytest
+
+from sim.config import FingertipConfig, MeshSpec
+from sim.contact.shapes import parse_shape
+from sim.finger.mesh import build_mesh
+from sim.finger.surface import FingertipSurface
+from sim.fingertip import Fingertip
+from sim.models import load
+from sim.study.candidates import Candidate, coarse, nested
+from sim.study.choice import SHARP, SMOOTH, NoModelError, choose
+from sim.study.measure import QUANTITIES, Answer, answered, measure
+from sim.study.reference import from_levels, stored
+from sim.study.rows import rows
+from sim.study.scenes import FAMILIES, QUICK_SCENES, SCENES, Scene
+
+
+def answer(force: float) -> Answer:
+    return Answer(force, 1.0, (force, 2.0), (-force, 0.1), 0.0, 1, 0.01, 0.001)
+
+
+def test_errors_and_bars_are_ratios_of_largest_values() -> None:
+    scenes = [Scene(family, "bar:3.0", 0.0, 0.5) for family in FAMILIES]
+    reference = from_levels(dict.fromkeys(scenes, answer(3.3)), dict.fromkeys(scenes, answer(3.0)), {})
+    found = answer(2.7)
+    assert reference.error(scenes[0], "force", found) == pytest.approx(0.1)
+    assert reference.error(scenes[0], "sed", found) == pytest.approx(0.1)
+    assert reference.bars["step"]["ep1"] == pytest.approx(0.1)
+    assert reference.largest_errors(dict.fromkeys(scenes, found))["bar"]["width"] == 0.0
+
+
+def test_scenes_are_spread_over_an_element() -> None:
+    for shape in ("bar:3.0", "bar:1.5", "step:1"):
+        x = sorted(scene.x_mm for scene in SCENES if scene.shape == shape)
+        assert np.diff(x) == pytest.approx([0.0425] * 3)
+    assert {scene.family for scene in QUICK_SCENES} == set(FAMILIES)
+
+
+@pytest.mark.parametrize("kind", [SMOOTH, SHARP])
+@pytest.mark.parametrize("quantity", ["force", "sed", "ep1"])
+def test_a_further_level_lands_inside_the_error_bars(kind: tuple[str, ...], quantity: str) -> None:
+    # It takes no part in the reference; bench/reference.py measures it and stores what it found. Smooth and sharp are
+    # the kinds for which aims are set and errors promised; docs/performance.md has the families.
+    reference = stored()
+    further = max(reference.provenance["further"][family][quantity] for family in kind)
+    bar = max(reference.bars[family][quantity] for family in kind)
+    aim = {"force": 0.02, "sed": 0.03, "ep1": 0.03} if kind == SMOOTH else {"force": 0.05, "sed": 0.08, "ep1": 0.08}
+    assert further <= bar < 0.3 * aim[quantity]
+
+
+def held(finger: Fingertip, scenes: tuple[Scene, ...]) -> dict[str, dict[str, float]]:
+    """Largest errors by quantity and family."""
+    reference, worst = stored(), dict[str, dict[str, float]]()
+    for scene in scenes:
+        found = answered(finger.indent(scene.shape, scene.x_mm, doi_mm=scene.doi_mm))
+        for quantity in QUANTITIES:
+            of = worst.setdefault(quantity, {})
+            of[scene.family] = max(of.get(scene.family, 0.0), reference.error(scene, quantity, found))
+    return worst
+
+
+def test_the_default_finger_meets_the_aims(finger: Fingertip) -> None:
+    worst = held(finger, SCENES)
+    for family, aims in {"smooth": (0.02, 0.03, 0.03), "bar": (0.05, 0.08, 0.08), "step": (0.05, 0.08, 0.08)}.items():
+        for quantity, aim in zip(("force", "sed", "ep1"), aims, strict=True):
+            assert worst[quantity][family] <= aim, (family, quantity)
+
+
+@pytest.mark.parametrize("shape", ["cylinder:9", "bar:3.0", "step:1"])
+@pytest.mark.parametrize("quantity", ["force", "sed", "ep1"])
+def test_what_is_chosen_holds_what_it_promises(finger: Fingertip, shape: str, quantity: str) -> None:
+    scenes = tuple(scene for scene in SCENES if scene.shape == shape)
+    for tolerance in (0.6, 0.1):
+        first = scenes[0]
+        found = choose(parse_shape(shape), first.x_mm, first.doi_mm, quantity, tolerance, per_length=False)
+        model = finger if found.model == "finger" else load(found.model)
+        assert found.level == "default"
+        worst = max(held(model, scenes)[quantity].values())
+        # The table was made by this code on another machine: contact stops at a residual of 1e-10.
+        assert worst <= found.promised + 1e-6 <= tolerance + 1e-6
+
+
+def test_the_cheapest_that_holds_is_chosen() -> None:
+    cylinder, bar = parse_shape("cylinder:9"), parse_shape("bar:3.0")
+    assert choose(cylinder, 0.0, 0.4, "force", 0.6, per_length=False).model == "halfspace"
+    assert choose(cylinder, 0.0, 0.4, "force", 0.02, per_length=False).model == "finger"
+    loose = choose(bar, 0.0, 0.4, "force", 0.05, per_length=False)
+    tight = choose(bar, 0.0, 0.4, "force", loose.promised / 1.01, per_length=False)
+    assert (loose.level, tight.level) == ("default", "fine")
+    assert "default" in tight.why
+
+
+def test_simple_models_are_trusted_only_where_they_were_measured() -> None:
+    cylinder = parse_shape("cylinder:9")
+    for x_mm, doi_mm in ((0.0, 1.2), (0.0, None), (2.5, 0.4)):
+        assert choose(cylinder, x_mm, doi_mm, "force", 0.6, per_length=False).model == "finger"
+    assert choose(parse_shape("sphere:5"), 0.0, 0.2, "force", 0.6, per_length=False).model == "finger"
+
+
+def test_no_model_is_chosen_where_none_holds() -> None:
+    with pytest.raises(NoModelError, match=r"no model is known to hold 0\.001 %"):
+        choose(parse_shape("bar:3.0"), 0.0, 0.4, "force", 1e-5, per_length=False)
+
+
+def test_candidates_are_measured_in_their_own_processes() -> None:
+    scenes = QUICK_SCENES[:2]
+    candidates = (Candidate("halfspace", "0.28 mm", coarse(0.28)), Candidate("section", "0.28 mm", coarse(0.28)))
+    measured = list(measure(candidates, scenes))
+    assert [found.nodes for found in measured] == [220, measured[1].nodes]
+    found = list(rows(measured, stored()))
+    assert {(row["model"], row["quantity"]) for row in found} == {
+        *(("halfspace", quantity) for quantity in QUANTITIES),
+        *(("section", quantity) for quantity in QUANTITIES if quantity != "force"),
+    }
+    assert all(row["seconds"] > row["contact_s"] > 0 and 50 < row["memory_mb"] < 4000 for row in found)
+
+
+def test_the_nail_is_held_at_the_same_place_on_every_nested_mesh(skin: FingertipSurface) -> None:
+    # Where rows of nodes miss the nail's edge, force moves by 1 % from mesh to mesh: docs/performance.md.
+    for n in (2, 3):
+        mesh = build_mesh(FingertipConfig(mesh=nested(n)), skin)
+        held_skin = mesh.fixed.reshape(mesh.grid)[1:, :, 0]
+        rows_held, columns = held_skin.any(axis=1), held_skin.any(axis=0)
+        assert mesh.z_mm[1:][rows_held].min() == pytest.approx(5.0, abs=1e-5)
+        turned = np.degrees((mesh.phi[columns] + 1.5 * np.pi) % (2 * np.pi) - np.pi)
+        assert (turned.min(), turned.max()) == pytest.approx((-70.0, 70.0), abs=1e-6)
+
+
+def test_a_level_sets_what_is_not_given() -> None:
+    fine = MeshSpec.model_validate({"level": "fine", "spacing_mm": 0.12})
+    assert (fine.spacing_mm, fine.epidermis_elements) == (0.12, 3)
+    assert MeshSpec.model_validate({"level": "default"}) == MeshSpec()
+    with pytest.raises(ValueError, match="'default' or 'fine'"):
+        MeshSpec.model_validate({"level": "finest"})
