@@ -34,7 +34,9 @@ def press(patch: Patch, profile: Profile, doi_mm: float, start: ContactState | N
     It is prismatic on a slab and turned about the axis on a quarter.
     """
     indentor = Indentor(profile.name, profile, ALONG if len(patch.axes) == 2 else ROUND)
-    return solve_contact(patch, Pose(indentor, (0.0,) * len(indentor.axes), -doi_mm, max(doi_mm, 1e-3)), start)
+    return solve_contact(
+        patch, Pose(indentor, (0.0,) * len(indentor.axes), -doi_mm, max(doi_mm, 1e-3)), start, between_nodes=False
+    )
 
 
 def press_to_force(patch: Patch, profile: Profile, force: float) -> tuple[float, ContactState]:

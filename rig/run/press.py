@@ -13,7 +13,7 @@ from rig.run.touch import CONTACT_EXPONENT, fit_contact
 _MAX_SEEK_MOVES = 400
 _FORCE_TOLERANCE_GWT, _FORCE_TOLERANCE = 0.05, 0.01
 _TRIP_MARGIN = 0.9
-_FROZEN_STEPS, _FROZEN_SHARE = 5, 0.1
+_FROZEN_MOVES, _FROZEN_STEPS, _FROZEN_SHARE = 3, 5, 0.1
 # Of a gap in force wider than this share of the target, a step closes only so much: no step lands beyond it.
 _WIDE_GAP, _CLOSED_AT_ONCE = 0.05, 0.75
 _MOST_AVERAGED = 25
@@ -29,6 +29,7 @@ class Press:
         self._lowest_mm, self._highest_mm = lowest_mm, highest_mm
         self._ramp_from = (0.0, engine.clock.monotonic_s())  # force in gwt and time of contact or of the last hold
         self._peak_gwt = 0.0  # highest reading since then
+        self._unanswered = 0  # moves since the reading last changed
         self._unanswered_gwt = 0.0  # change of force that was expected since the reading last changed
         self._habits = engine.settings.habits
         self._smallest_mm = engine.settings.stage.resolution_mm
@@ -203,10 +204,13 @@ class Press:
         """Trip where the force has not answered the stage by any step of the sensor for far too long."""
         resolution = self._engine.resolution_gwt
         if abs(self._force_gwt - before_gwt) > 0.5 * resolution:
-            self._unanswered_gwt = 0.0
+            self._unanswered_gwt, self._unanswered = 0.0, 0
             return
         self._unanswered_gwt += expected_gwt
-        if self._unanswered_gwt > max(_FROZEN_STEPS * resolution, _FROZEN_SHARE * self._force_gwt):
+        self._unanswered += 1
+        if self._unanswered >= _FROZEN_MOVES and self._unanswered_gwt > max(
+            _FROZEN_STEPS * resolution, _FROZEN_SHARE * self._force_gwt
+        ):
             self._engine.trip(
                 f"the force stays at {self._force_gwt:.2f} gwt while the stage moves: "
                 "a frozen reading, or a motor that does not turn",

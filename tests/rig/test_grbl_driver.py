@@ -17,6 +17,7 @@ from rig.stage import (
     StageStatus,
     StageTimeout,
 )
+from rig.stage.grbl_link import ASK_TIMES
 from rig.stage.grbl_settings import expected_settings
 from rig.stage.grbl_words import StatusFields, is_banner, parse_status
 from sim.clock import VirtualClock
@@ -196,7 +197,7 @@ def test_work_position_waits_for_the_offset_and_keeps_it(stage: Make) -> None:
 
 def test_a_status_without_position_is_an_error(stage: Make) -> None:
     with pytest.raises(StageError, match="no machine position"):
-        stage([(b"?", b"<Idle|FS:0,0>\r\n")]).status()
+        stage([(b"?", b"<Idle|FS:0,0>\r\n")] * (1 + ASK_TIMES)).status()
 
 
 # --- homing and moving ---

@@ -114,7 +114,9 @@ def another(name: str, value: Any) -> Any:
     if isinstance(value, list):
         return {"points": POINTS, "sections": SECTIONS}[name]
     if isinstance(value, str):
-        return {"bbar": "full", "rigid": "elastic"}[value]
+        return {"bbar": "full", "rigid": "elastic", "default": "fine"}[value]
+    if value is None:
+        return 0.3
     return value + 1 if isinstance(value, int) else value * 1.0001
 
 

@@ -70,7 +70,7 @@ def test_nobody_mounts(rig: Rig, apart: Apart, finger: Fingertip, tmp_path: Path
     _, _, config = apart
     ended = rig("run", "first_press", "--config", config, "--out", tmp_path / "runs")
     assert ended.code == 130
-    assert "nobody answered that bar:3.0 is mounted" in ended.err
+    assert "nobody answered: mount bar:3.0" in ended.err
 
 
 def test_stop_from_another_process_ends_a_run_at_once(
