@@ -35,6 +35,8 @@ bench: .venv/.ready-dev
 	$(BIN)/python bench/timing.py
 	$(BIN)/python bench/facts.py
 	$(BIN)/python bench/random_poses.py
+	$(BIN)/python bench/sharp_sweep.py
+	$(BIN)/python bench/branches.py
 	$(BIN)/python bench/oracles.py
 	$(BIN)/rig bench
 	$(BIN)/python bench/serve_latency.py
