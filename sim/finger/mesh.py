@@ -58,6 +58,11 @@ class FingerMesh:
         n_z, n_phi, _ = self.grid
         return np.arange(len(self.hexes)).reshape((n_z - 1) // self.order, n_phi // self.order, -1)
 
+    @cached_property
+    def centre_mm(self) -> Array:
+        """(n_elements, 3) means of the elements' corners."""
+        return np.asarray(self.nodes[self.hexes[:, : len(HEX8)]].mean(axis=1))
+
     def column_at(self, phi: float, z_mm: float) -> Array:
         """(n_r, 3) positions in mm of the nodes from the skin inwards on the ray nearest to φ (rad) and z."""
         k, j = np.argmin(np.abs(self.z_mm - z_mm)), np.argmin(np.abs(_wrap(self.phi - phi)))

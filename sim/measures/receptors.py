@@ -88,8 +88,7 @@ class Samples(NamedTuple):
 def located(mesh: FingerMesh, point: Array) -> Place:
     """The cell that holds a point; raises ReceptorError at an end of the finger and beyond."""
     grid, order = mesh.element_grid, mesh.order
-    centre = mesh.nodes[mesh.hexes[:, :8]].mean(axis=1)
-    at = np.array(np.unravel_index(np.argmin(((centre - point) ** 2).sum(axis=1)), grid.shape))
+    at = np.array(np.unravel_index(np.argmin(((mesh.centre_mm - point) ** 2).sum(axis=1)), grid.shape))
     for _ in range(_MOST_STEPS):
         element = int(grid[tuple(at)])
         local = (local_coordinates(mesh.nodes[mesh.hexes[element]], point) * [-1, 1, 1])[::-1]
