@@ -110,7 +110,7 @@ class IndentationResult:
         Of a shape that lies across the finger, all places.
         """
         patch, held = self.model.patch, self.state.held
-        nodes, share = held.carriers(patch)
+        nodes, share = held.on(patch).carriers
         rows = nodes // patch.shape[1]
         here = (rows == self.model.receptor_row).all(axis=0) if patch.axes[0] == X else np.full(len(held), True)
         x = (share * patch.x[nodes]).sum(axis=0)[here]

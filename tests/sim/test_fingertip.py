@@ -107,10 +107,10 @@ def test_a_model_from_disk_answers_as_the_one_just_made(
         ("bar:3.0", 0.0, {"force_gwt": math.nan}, r"force nan gwt: expected a positive number"),
         ("bar:3.0", 0.0, {"force_gwt": math.inf}, r"force inf gwt: expected a positive number"),
         (
-            "bar:1.5",
-            0.0,
+            "bar:3.0",
+            1.5,
             {"force_gwt": 500.0},
-            r"bar:1.5 at x = 0 mm: contact reaches the patch's rim at x = .*; expected a smaller depth",
+            r"bar:3 at x = 1.5 mm: contact reaches the patch's rim at x = .*; expected a smaller depth",
         ),
         (
             "sphere:1",
