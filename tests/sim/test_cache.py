@@ -123,9 +123,7 @@ def another(name: str, value: Any) -> Any:
     return value + 1 if isinstance(value, int) else value * 1.0001
 
 
-def test_models_not_read_for_longest_go_from_a_full_folder(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_models_not_read_for_longest_go_from_a_full_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def stored() -> set[str]:
         return {path.stem for path in folder.glob("*.model")}
 
