@@ -30,7 +30,6 @@ WHOLE = (
     Candidate("section", "n = 5", nested(5)),
     Candidate("finger", "n = 3", nested(3)),
     Candidate("finger", "n = 3", nested(3, element="full")),
-    Candidate("finger", "n = 3", nested(3, element="incompatible")),
     Candidate("finger", "0.34 mm", QUADRATIC),
     Candidate("finger", "0.34 mm, two in the epidermis", QUADRATIC.model_copy(update={"epidermis_elements": 2})),
     Candidate("finger", "default"),
