@@ -30,6 +30,7 @@ from sim.fingertip import Fingertip
 from sim.measures.measures import MEASURES
 from study_facts import DEPTHS_MM, FINE_X_MM, all_facts
 from study_figures import shapes_side_by_side
+from study_pressure import layers_section, press_all, pressure_section
 
 LOW_GWT, HIGH_GWT = 2.33, 8.0
 SCHEDULES = (
@@ -154,15 +155,16 @@ def main() -> None:
     main_runs = [d.run for d in done if d.words[0] in ("steps", "bars", "gratings")]
     found = compare([s for run in main_runs for s in stimuli(run, finger)], {})
     by_title = {stimulus.title: stimulus for stimulus in found.stimuli}
+    pressures = press_all(finger)
     facts = Section(
         "Facts of the source",
         "What Raju (1998, ch. 4 and 5) reports of his model, and what this one gives. Nothing was tuned to it.",
         ("fact", "the source", "here", ""),
-        tuple(fact.row for fact in all_facts(finger, fine, by_title)),
+        tuple(fact.row for fact in all_facts(finger, fine, by_title, pressures)),
     )
     shapes = shapes_side_by_side(finger, fine, force_gwt)
     title = "The study: steps, bars and gratings"
-    extra = (facts, *table_5_2(found), shapes)
+    extra = (facts, *table_5_2(found), shapes, pressure_section(pressures), layers_section())
     write_comparison(folder / "study.html", found, main_runs, finger, COMMAND, extra, title)
 
     paired = [d.run for d in done if d.words[0] == "paired_forces"]

@@ -6,13 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
-from sim.contact.indentors import STEP_HALF_WAVELENGTH_MM
 
 from facts import BAR_DOIS_MM, edges_touched
+from rig.compare.pressure_model import Constants
 from rig.compare.shape_test import shape_test, shown
 from rig.compare.stimuli import Stimulus
+from sim.contact.profiles import STEP_HALF_WAVELENGTH_MM
 from sim.fingertip import Fingertip
 from sim.result import IndentationResult, median_of_four
+from study_pressure import PressureStudy, told
 
 Array = NDArray[np.float64]
 
@@ -28,21 +30,22 @@ _LOW_GWT, _TABLE_X_MM = 2.33, -1.63
 
 @dataclass(frozen=True)
 class Fact:
-    """One line of the table; `agrees` is None where nothing was measured."""
+    """One line of the table."""
 
     number: str
     source: str
     ours: str
-    agrees: bool | None
+    agrees: bool
 
     @property
     def row(self) -> tuple[str, ...]:
         """As cells."""
-        verdict = "not measured" if self.agrees is None else "agrees" if self.agrees else "differs"
-        return self.number, self.source, self.ours, verdict
+        return self.number, self.source, self.ours, "agrees" if self.agrees else "differs"
 
 
-def all_facts(finger: Fingertip, fine: dict[float, Fingertip], stimuli: dict[str, Stimulus]) -> list[Fact]:
+def all_facts(
+    finger: Fingertip, fine: dict[float, Fingertip], stimuli: dict[str, Stimulus], pressures: PressureStudy
+) -> list[Fact]:
     """Facts 1–7; `fine` are fingers with a close row of receptors, by depth; `stimuli` by title."""
     return [
         *_bars(finger),
@@ -51,7 +54,7 @@ def all_facts(finger: Fingertip, fine: dict[float, Fingertip], stimuli: dict[str
         *_sed_under_a_step(fine[DEPTHS_MM[0]]),
         *_ssrps(stimuli["step:1 at 2.33 gwt"]),
         *_ssrps_of_bars(stimuli, fine[DEPTHS_MM[0]]),
-        Fact("7", "P = K2·(d − d0) + K3·C inside the contact", "the pressure model is not fitted yet", None),
+        _pressure(pressures.constants),
     ]
 
 
@@ -147,6 +150,11 @@ def _ssrps_of_bars(stimuli: dict[str, Stimulus], fine: Fingertip) -> Iterator[Fa
     for shape, expected in (("bar:3.0", 2), ("cylinder:3", 1), ("cylinder:9", 1)):
         n = maxima(fine.indent(shape, 0.0, doi_mm=1.33).receptor_measures["sed"])
         yield Fact(f"6, {shape} at 1.33 mm", f"SED: {expected} peak(s)", f"{n}", n == expected)
+
+
+def _pressure(k: Constants) -> Fact:
+    agrees = min(k) > 0
+    return Fact("7", "P = K2·(d − d0) + K3·C inside the contact, all K > 0", told(k), agrees)
 
 
 def maxima(profile: Array) -> int:

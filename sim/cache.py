@@ -44,18 +44,18 @@ def content_key(parameters: object) -> str:
     return digest.hexdigest()[:32]
 
 
-def cached_arrays(key: str, make: Callable[[], Arrays]) -> tuple[Arrays, bool]:
+def cached_arrays(key: str, make: Callable[[], Arrays], kind: str = "model") -> tuple[Arrays, bool]:
     """The arrays stored under the key, and whether they were on disk; made and stored when absent or damaged.
 
-    A file is believed only if it is whole: it begins with the SHA-256 of the key and of all that follows. One process
-    at a time makes a model.
+    The kind is the file's suffix. A file is believed only if it is whole: it begins with the SHA-256 of the key and of
+    all that follows. One process at a time makes it.
     """
     folder = cache_dir()
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise CacheError(f"cache folder {folder} (RIG_CACHE_DIR): {error.strerror}") from None
-    path = folder / f"{key}.model"
+    path = folder / f"{key}.{kind}"
     found = _read(path, key)
     if found is not None:
         return found, True

@@ -61,7 +61,8 @@ def _bench(settings: Config) -> dict[str, Any]:
 
 def _installation(settings: Config) -> dict[str, Any]:
     folder = cache_dir()
-    stored = sorted(folder.glob("*.model")) if folder.is_dir() else []
+    stored = {kind: list(folder.glob(f"*.{kind}")) for kind in ("model", "answers")}
+    size = sum(path.stat().st_size for paths in stored.values() for path in paths)
     return {
         "python": f"{platform.python_version()} on {platform.system()} {platform.machine()}, {os.cpu_count()} cores",
         "versions": {name: version(name) for name in _PACKAGES},
@@ -72,6 +73,6 @@ def _installation(settings: Config) -> dict[str, Any]:
         },
         "limits": settings.limits.model_dump(),
         "solver": "MKL PARDISO" if pardiso.available() else "slabs (portable; MKL PARDISO is not to be had here)",
-        "cache": f"{folder}, {len(stored)} models, {sum(p.stat().st_size for p in stored) / 1e6:.0f} MB",
+        "cache": f"{folder}, {len(stored['model'])} models, {len(stored['answers'])} answers, {size / 1e6:.0f} MB",
         "protocols": [path.stem for path in sorted(shipped_protocols().glob("*.py"))],
     }

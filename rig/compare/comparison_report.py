@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,9 @@ import numpy as np
 
 from rig.compare import comparison_figures as figures
 from rig.compare.comparison import COLLINEAR, Comparison, Joint
+from rig.compare.cross_sections import CrossSection
 from rig.compare.html import Figure, render
+from rig.compare.section_figures import strain_maps
 from rig.compare.shape_test import THRESHOLD
 from rig.compare.stimuli import Stimulus
 from rig.compare.tables import best_pairs, best_receptor, indistinguishable_rows, joint_row, threshold_rows
@@ -43,6 +46,7 @@ def write_comparison(
     command: str,
     extra: Sequence[Section] = (),
     title: str = "Which measure explains the response?",
+    sections: Sequence[CrossSection] = (),
 ) -> None:
     """Write the report; `extra` sections come after the verdicts, `command` is what makes the report again."""
     text = render(
@@ -55,7 +59,7 @@ def write_comparison(
         conditions=comparison.candidates_by_condition(),
         judged=[s.title for s in comparison.stimuli if comparison.passes(s) is not None],
         sets=[(joint.title, indistinguishable_rows(joint)) for joint in comparison.joints],
-        figures=_figures(comparison),
+        figures=[*_figures(comparison), *_strain_maps(sections)],
         title=title,
         extra=extra,
         finger=finger,
@@ -176,6 +180,19 @@ def _pressures(moved: tuple[Stimulus, ...]) -> Figure:
         "Nodal pressure in the receptor plane, unfiltered, one row for each position of the indentor. White: the "
         "ends of the contact regions.",
     )
+
+
+def _strain_maps(sections: Sequence[CrossSection]) -> list[Figure]:
+    return [
+        Figure(
+            f"Strain under the skin: {title}",
+            strain_maps(list(members)),
+            "The receptor plane, deformed, at up to three positions of the schedule: one value an element, not "
+            "smoothed. The epidermis is ten times as stiff as what lies below. White circles: receptors. The highest "
+            "0.5 % of the elements share the top colour.",
+        )
+        for title, members in groupby(sections, key=lambda section: section.stimulus.title)
+    ]
 
 
 def _number(value: float | None, digits: int = 3) -> str:

@@ -6,19 +6,21 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from rig.compare.style import Plot
+
 
 @dataclass(frozen=True)
 class Figure:
     """A figure with its heading and caption."""
 
     title: str
-    svg: str
+    plot: Plot
     caption: str
 
     @property
     def uri(self) -> str:
         """For the src of an img."""
-        return "data:image/svg+xml;base64," + base64.b64encode(self.svg.encode()).decode()
+        return "data:image/svg+xml;base64," + base64.b64encode(self.plot.svg.encode()).decode()
 
 
 def render(template: str, **about: Any) -> str:

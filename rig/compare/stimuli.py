@@ -107,7 +107,9 @@ def stimuli(run: Run, finger: Fingertip) -> list[Stimulus]:
     Presses at the same place are averaged. The model's answers are kept in the cache, under the run's journal, the
     model and the simulator's code.
     """
-    table, _ = cached_arrays(_key(run, finger), lambda: _table(responses(run, finger, last_only=True)))
+    table, _ = cached_arrays(
+        responses_key(run, finger), lambda: _table(responses(run, finger, last_only=True)), kind="answers"
+    )
     if not len(table["x_mm"]):
         return []
     what = list(zip(*(table[name].tolist() for name in ("indentor", "kind", "commanded")), strict=True))
@@ -148,7 +150,8 @@ def _table(found: list[Response]) -> Arrays:
     }
 
 
-def _key(run: Run, finger: Fingertip) -> str:
+def responses_key(run: Run, finger: Fingertip) -> str:
+    """Of what the model says to a run: it hangs on the journal, the model, the receptors and the simulator's code."""
     receptors = finger.model.receptors
     journal = hashlib.sha256(run.folder.events.read_bytes())
     code = hashlib.sha256()

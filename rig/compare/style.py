@@ -2,6 +2,8 @@
 
 import io
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import matplotlib as mpl
@@ -19,14 +21,32 @@ _STYLE: dict[Any, Any] = {
 }
 
 
-def svg(size: tuple[float, float], draw: Callable[[Figure], None]) -> str:
-    """A drawing of a size in inches."""
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=size, layout="constrained")
-        draw(figure)
+@dataclass(frozen=True)
+class Plot:
+    """A drawing of a size in inches, drawn when it is asked for."""
+
+    size: tuple[float, float]
+    draw: Callable[[Figure], None]
+
+    @cached_property
+    def svg(self) -> str:
+        """As text."""
         text = io.StringIO()
-        figure.savefig(text, format="svg", metadata={"Date": None})
-    return text.getvalue()
+        self._save(text, format="svg", metadata={"Date": None})
+        return text.getvalue()
+
+    @cached_property
+    def png(self) -> bytes:
+        """In 200 dots an inch."""
+        content = io.BytesIO()
+        self._save(content, format="png", dpi=200, metadata={"Software": None})
+        return content.getvalue()
+
+    def _save(self, target: io.StringIO | io.BytesIO, **options: Any) -> None:
+        with mpl.rc_context(_STYLE):
+            figure = Figure(figsize=self.size, layout="constrained")
+            self.draw(figure)
+            figure.savefig(target, **options)
 
 
 def shade(k: int, n: int) -> Any:

@@ -140,4 +140,4 @@ def test_export_writes_the_tables_again(command: Command, bar_run: Run) -> None:
     assert hold.read_bytes() == before
     assert "  hold_end.csv\n" in (bar_run.folder.path / "SHA256SUMS").read_text(encoding="utf-8")
     code, _, err = command("export", bar_run.folder.path)
-    assert (code, err) == (2, "rig: export: no format given, expected --csv\n")
+    assert (code, err) == (2, "rig: export: no format given, expected --csv or --nwb\n")

@@ -1,0 +1,76 @@
+"""Strain everywhere in the receptor plane, not at receptors only: one direct solve under given contact forces."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import griddata
+
+from sim.config import FingertipConfig
+from sim.fem.elements import hex8_centroid_strain
+from sim.finger.mesh import FingerMesh, build_mesh
+from sim.finger.surface import FingertipSurface
+from sim.model import discretise, factorise, young_ratios
+from sim.result import IndentationResult, measures_in_layers
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class StrainMap:
+    """The elements' section with the receptor plane, from the skin inwards and once around.
+
+    `corner_mm` and `moved_mm` (n_phi + 1, n_r, 2) x and y of the corners, undeformed and deformed; `measures` the 18,
+    each (n_phi, n_r − 1), tension positive, stresses in pseudo-units.
+    """
+
+    corner_mm: Array
+    moved_mm: Array
+    measures: dict[str, Array]
+
+    def carried(self, points_mm: Array) -> Array:
+        """(n, 2) where points of the undeformed section go."""
+        corner, by = self.corner_mm[:-1].reshape(-1, 2), (self.moved_mm - self.corner_mm)[:-1].reshape(-1, 2)
+        return np.asarray(points_mm + griddata(corner, by, points_mm))
+
+
+def strain_maps(config: FingertipConfig, results: Sequence[IndentationResult]) -> list[StrainMap]:
+    """One map for each indentation of this finger, by one factorisation (seconds) and one solve each.
+
+    The strain is that at the centroids, averaged over the elements on both sides of the plane, and not smoothed.
+    """
+    mesh = build_mesh(config, FingertipSurface.fit(config.geometry))
+    displacement = displacements(config, mesh, results)
+    plane = int(np.argmin(np.abs(mesh.z_mm - config.receptor_plane_mm)))
+    beside = mesh.hexes[mesh.element_grid[plane - 1 : plane + 1]]  # (2, n_phi, n_r − 1, 8)
+    strains = hex8_centroid_strain(mesh.nodes, beside.reshape(-1, 8)).reshape(*beside.shape[:3], 6, 24)
+    ratio = young_ratios(config.tissue)[mesh.layer[mesh.element_grid[plane]]]
+    section = np.arange(len(mesh.nodes)).reshape(mesh.grid)[plane]
+    corner = mesh.nodes[section, :2]
+    found = []
+    for u in displacement:
+        strain = np.einsum("zprij,zprj->pri", strains, u[beside].reshape(*beside.shape[:3], 24)) / 2
+        measures = measures_in_layers(strain.reshape(-1, 6), ratio.ravel(), config.tissue.poisson)
+        by_element = {name: values.reshape(ratio.shape) for name, values in measures.items()}
+        found.append(StrainMap(_closed(corner), _closed(corner + u[section, :2]), by_element))
+    return found
+
+
+def _closed(corner: Array) -> Array:
+    return np.concatenate([corner, corner[:1]])
+
+
+def displacements(config: FingertipConfig, mesh: FingerMesh, results: Sequence[IndentationResult]) -> Array:
+    """(n_results, n_nodes, 3) mm of every node under the contact forces of indentations."""
+    problem = discretise(config, mesh)
+    loads = np.zeros((len(results), *mesh.nodes.shape))
+    skin = np.arange(len(mesh.nodes)).reshape(mesh.grid)[:, :, 0].ravel()
+    for load, result in zip(loads, results, strict=True):
+        nodes = skin[result.model.patch_in_skin]
+        load[nodes[:, None], result.model.patch.axes] = result.state.force.T
+    moved = np.zeros((len(results), mesh.nodes.size))
+    with factorise(replace(problem, kept=problem.kept[:1])) as factor:  # nothing is to be condensed
+        moved[:, problem.free] = factor.solve(loads.reshape(len(results), -1)[:, problem.free])
+    return moved.reshape(loads.shape)
