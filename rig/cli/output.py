@@ -11,7 +11,7 @@ from rich.console import Console
 
 from rig.compare.comparison import ComparisonError
 from rig.compare.recorded import RecordingError
-from rig.data import FolderBusyError, RunError
+from rig.data import FolderBusyError, NwbMissingError, RunError
 from rig.force.base import ForceError
 from rig.protocol.errors import BadInputError
 from rig.run import EngineError
@@ -29,7 +29,7 @@ out = Console(highlight=False, soft_wrap=True, markup=False)
 
 
 _BAD_INPUT = (
-    *(BadInputError, RunError, FolderBusyError, RecordingError, ComparisonError),
+    *(BadInputError, RunError, FolderBusyError, NwbMissingError, RecordingError, ComparisonError),
     *(ShapeError, ModelRangeError, SurfaceError, MeshError, ReceptorError, CacheError),
 )
 
