@@ -47,8 +47,8 @@ def content_key(parameters: object) -> str:
 def cached_arrays(key: str, make: Callable[[], Arrays], kind: str = "model") -> tuple[Arrays, bool]:
     """The arrays stored under the key, and whether they were on disk; made and stored when absent or damaged.
 
-    The kind is the file's suffix. A file is believed only if it is whole: it begins with the SHA-256 of the key and of
-    all that follows. One process at a time makes it.
+    The kind is the file's suffix. A file is believed only if it is whole: it begins with the SHA-256 of the key
+    and of all that follows. One process at a time makes it.
     """
     folder = cache_dir()
     try:

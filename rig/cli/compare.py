@@ -48,6 +48,7 @@ def command(
     out_file: Annotated[
         Path | None, typer.Option("--out", metavar="HTML", help="The report; comparison.html in the first run.")
     ] = None,
+    pdf: Annotated[Path | None, typer.Option(metavar="FILE", help="The same report as PDF, too.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
 ) -> None:
     """Compare runs, write the report and a sidecar with dates and times."""
@@ -55,6 +56,7 @@ def command(
         began = time.perf_counter()
         receptors = _numbers("--receptor-x-mm", receptor_x_mm) if receptor_x_mm else DEFAULT_X_MM
         begin_s, end_s = _window(window_s)
+        _refuse_nowhere({"--out": out_file, "--pdf": pdf})
         found = [read_run(path) for path in runs]
         spikes = SpikeReading((begin_s, end_s), field_centre_mm)
         recordings = read_recordings(recorded or [], mirror or [], found, spikes)
@@ -79,12 +81,19 @@ def command(
             ),
         }
         command_again = _remade_by(runs, options, normalise)
-        write_comparison(report, comparison, found, fingers[0], command_again, extra, sections=sections)
+        write_comparison(report, comparison, found, fingers[0], command_again, extra, sections=sections, pdf=pdf)
         _write_sidecar(report, time.perf_counter() - began)
         if as_json:
             print_json(comparison_as_json(comparison, str(report)))
         else:
             _print(comparison, report)
+
+
+def _refuse_nowhere(files: dict[str, Path | None]) -> None:
+    """Before anything is computed."""
+    for option, path in files.items():
+        if path is not None and not path.parent.is_dir():
+            raise BadInputError(f"{option} {path}: expected a file in a folder that exists")
 
 
 def _under_the_line(runs: list[Run], fingers: list[Fingertip], measured: Path | None) -> list[Section]:

@@ -10,7 +10,9 @@ from typing import Any, NoReturn
 from rich.console import Console
 
 from rig.compare.comparison import ComparisonError
+from rig.compare.parameter_study import StudyError
 from rig.compare.recorded import RecordingError
+from rig.compare.workers import WorkersError
 from rig.data import FolderBusyError, NwbMissingError, RunError
 from rig.force.base import ForceError
 from rig.protocol.errors import BadInputError
@@ -29,7 +31,8 @@ out = Console(highlight=False, soft_wrap=True, markup=False)
 
 
 _BAD_INPUT = (
-    *(BadInputError, RunError, FolderBusyError, NwbMissingError, RecordingError, ComparisonError),
+    *(BadInputError, RunError, FolderBusyError, NwbMissingError),
+    *(RecordingError, ComparisonError, StudyError, WorkersError),
     *(ShapeError, ModelRangeError, SurfaceError, MeshError, ReceptorError, CacheError),
 )
 

@@ -166,9 +166,11 @@ class Comparison:
     def collinear(self) -> list[tuple[str, list[list[str]]]]:
         """For each family and condition the groups of measures that go together whatever is recorded.
 
-        Measures are linked when |r| over all positions and receptors is `COLLINEAR` or more.
+        Measures are linked when |r| over all positions and receptors is `COLLINEAR` or more. What was pressed at one
+        place only says nothing of that.
         """
-        return [(_conditions(group), _collinear(group)) for group in self._groups]
+        moved = [group for group in self._groups if any(len(stimulus.x_mm) > 1 for stimulus in group)]
+        return [(_conditions(group), _collinear(group)) for group in moved]
 
     @cached_property
     def _groups(self) -> list[list[Stimulus]]:

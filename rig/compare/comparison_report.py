@@ -3,6 +3,8 @@
 import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import version
 from itertools import groupby
 from pathlib import Path
@@ -13,13 +15,14 @@ import numpy as np
 from rig.compare import comparison_figures as figures
 from rig.compare.comparison import COLLINEAR, Comparison, Joint
 from rig.compare.cross_sections import CrossSection
-from rig.compare.html import Figure, render
+from rig.compare.html import Figure, as_png, render
+from rig.compare.pdf import as_pdf
 from rig.compare.section_figures import strain_maps
 from rig.compare.shape_test import THRESHOLD
 from rig.compare.stimuli import Stimulus
 from rig.compare.tables import best_pairs, best_receptor, indistinguishable_rows, joint_row, threshold_rows
 from rig.data import Run
-from rig.data.folder import replace_text
+from rig.data.folder import replace_bytes, replace_text
 from sim.fingertip import Fingertip
 from sim.measures.measures import MEASURES
 
@@ -47,9 +50,14 @@ def write_comparison(
     extra: Sequence[Section] = (),
     title: str = "Which measure explains the response?",
     sections: Sequence[CrossSection] = (),
+    pdf: Path | None = None,
 ) -> None:
-    """Write the report; `extra` sections come after the verdicts, `command` is what makes the report again."""
-    text = render(
+    """Write the report as HTML, and as PDF where asked for, dated by the newest run.
+
+    `extra` sections come after the verdicts; `command` is what makes the report again.
+    """
+    page = partial(
+        render,
         "comparison.html.j2",
         comparison=comparison,
         verdicts=verdict_rows(comparison),
@@ -74,7 +82,10 @@ def write_comparison(
         labels={name: figures.label(name) for name in MEASURES},
         units={name: figures.unit(name) for name in MEASURES},
     )
-    replace_text(path, text)
+    replace_text(path, page())
+    if pdf is not None:
+        newest = datetime.fromtimestamp(max(int(run.start["unix_s"]) for run in runs), UTC)
+        replace_bytes(pdf, as_pdf(page(picture=as_png), newest))
 
 
 def verdict_rows(comparison: Comparison) -> list[dict[str, Any]]:
@@ -189,7 +200,7 @@ def _strain_maps(sections: Sequence[CrossSection]) -> list[Figure]:
             strain_maps(list(members)),
             "The receptor plane, deformed, at up to three positions of the schedule: one value an element, not "
             "smoothed. The epidermis is ten times as stiff as what lies below. White circles: receptors. The highest "
-            "0.5 % of the elements share the top colour.",
+            "3 % of the elements share the top colour.",
         )
         for title, members in groupby(sections, key=lambda section: section.stimulus.title)
     ]

@@ -8,6 +8,7 @@ from rig.compare.responses import Response, by_group, measured
 from rig.compare.shape_test import shown
 from rig.compare.style import BLUE, GREY, ORANGE, Plot, position_bar, shade, shade_of, signed
 from rig.data import Run
+from sim.contact.indentor import ACROSS
 
 _UNIT = {"ep1": "strain", "sed": "pseudo-units"}
 _LABEL = {"ep1": "|ep1|", "sed": "SED"}
@@ -71,7 +72,8 @@ def _contact_panel(axes: Axes, response: Response, top: float) -> Axes:
     undeformed, pressure = result.pressure_profile
     axes.plot(x, y, color=GREY, lw=1)
     s = np.linspace(-3.6, 3.6, 1441)
-    h = result.indentor.profile.evaluate(s - result.x_mm)[0]
+    across = result.indentor.axes == ACROSS  # its lowest line lies in the plane
+    h = np.zeros_like(s) if across else result.indentor.profile.evaluate(s - result.x_mm)[0]
     height = result.touch_height_mm - result.doi_mm + np.minimum(h, 1.3)
     axes.plot(s, np.where(h < 1.3, height, np.nan), color="black", lw=1.2)
     touching = pressure > 0

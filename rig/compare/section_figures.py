@@ -12,7 +12,7 @@ from rig.compare.cross_sections import MAPPED, CrossSection
 from rig.compare.style import Plot, signed
 
 _SHOWN_MM = ((-3.4, 3.4), (2.0, 5.2))
-_TOP_QUANTILE = 0.995
+_TOP_QUANTILE = 0.97
 
 
 def strain_maps(sections: Sequence[CrossSection]) -> Plot:
@@ -47,7 +47,7 @@ def _map(axes: Axes, section: CrossSection, measure: str, top: float) -> QuadMes
 
 
 def _top(section: CrossSection, measure: str) -> float:
-    """The top of the colour scale: a few elements under a sharp edge would take all of it."""
+    """The top of the colour scale: the epidermis under an edge would take all of it."""
     (left, right), (low, high) = _SHOWN_MM
     x, y = np.moveaxis(section.corner_mm[:-1, :-1], -1, 0)
     seen = (x > left) & (x < right) & (y > low) & (y < high)

@@ -10,6 +10,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"  # Okabe & Ito
+PNG_DOTS_PER_INCH = 200
 _ORDERED = mpl.colormaps["viridis"]
 _STYLE: dict[Any, Any] = {
     "font.size": 9,
@@ -37,9 +38,9 @@ class Plot:
 
     @cached_property
     def png(self) -> bytes:
-        """In 200 dots an inch."""
+        """As an image."""
         content = io.BytesIO()
-        self._save(content, format="png", dpi=200, metadata={"Software": None})
+        self._save(content, format="png", dpi=PNG_DOTS_PER_INCH, metadata={"Software": None})
         return content.getvalue()
 
     def _save(self, target: io.StringIO | io.BytesIO, **options: Any) -> None:
