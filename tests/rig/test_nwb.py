@@ -100,7 +100,7 @@ def test_spike_times_of_one_unit(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_spike_times(path, with_pulses([]), "3"), [0.5, 1.5])
     with pytest.raises(RecordingError, match=r"u.nwb: 2 units, expected SHAPE=u.nwb#UNIT, UNIT one of 3, 7"):
         read_spike_times(path, with_pulses([]))
-    with pytest.raises(RecordingError, match="u.nwb: no unit 5, expected"):
+    with pytest.raises(RecordingError, match=r"u\.nwb: no unit 5, expected"):
         read_spike_times(path, with_pulses([]), "5")
 
 
