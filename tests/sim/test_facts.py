@@ -117,7 +117,7 @@ def test_contact_is_never_wider_than_the_bar(bar: dict[float, InPlane], finger: 
         assert np.abs(at.touching_s_mm).max() <= HALF_MM + 0.002, (doi, at.touching_s_mm)
     for doi in (0.33, 1.33):  # all over the patch, not only in the plane
         state, patch = finger.indent("bar:3.0", 0.0, doi_mm=doi).state, finger.model.patch
-        s = state.held.interpolate(patch, patch.x + state.displacement[0])
+        s = state.held.on(patch).interpolate(patch.x + state.displacement[0])
         assert np.abs(s).max() <= HALF_MM + 0.002, doi
 
 
@@ -231,7 +231,7 @@ def test_step_1_concave_part_never_touches(step_1: Pass) -> None:
     length = STEP_HALF_WAVELENGTH_MM["1"]
     for x, result in zip(step_1.x_mm, step_1.results, strict=True):
         patch, state = result.model.patch, result.state
-        s = state.held.interpolate(patch, patch.x + state.displacement[0]) - x
+        s = state.held.on(patch).interpolate(patch.x + state.displacement[0]) - x
         assert not ((s > length / 2) & (s < length)).any(), x
 
 
