@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
 from facts import BAR_DOIS_MM, edges_touched
+from rig.compare.comparison_report import Section
 from rig.compare.pressure_model import Constants
 from rig.compare.shape_test import shape_test, shown
 from rig.compare.stimuli import Stimulus
@@ -56,6 +57,18 @@ def all_facts(
         *_ssrps_of_bars(stimuli, fine[DEPTHS_MM[0]]),
         _pressure(pressures.constants),
     ]
+
+
+def facts_section(
+    finger: Fingertip, fine: dict[float, Fingertip], stimuli: dict[str, Stimulus], pressures: PressureStudy
+) -> Section:
+    """The table of facts."""
+    return Section(
+        "Facts of the source",
+        "What Raju (1998, ch. 4 and 5) reports of his model, and what this one gives. Nothing was tuned to it.",
+        ("fact", "the source", "here", ""),
+        tuple(fact.row for fact in all_facts(finger, fine, stimuli, pressures)),
+    )
 
 
 def _bars(finger: Fingertip) -> Iterator[Fact]:

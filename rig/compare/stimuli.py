@@ -151,11 +151,16 @@ def _table(found: list[Response]) -> Arrays:
 
 
 def responses_key(run: Run, finger: Fingertip) -> str:
-    """Of what the model says to a run: it hangs on the journal, the model, the receptors and the simulator's code."""
+    """Of what the model says to a run."""
+    journal = hashlib.sha256(run.folder.events.read_bytes()).hexdigest()
+    return answers_key(finger, [_CACHED_AS, journal])
+
+
+def answers_key(finger: Fingertip, asked: object) -> str:
+    """Of what a model says to anything: it hangs on the finger, its receptors and the simulator's code."""
     receptors = finger.model.receptors
-    journal = hashlib.sha256(run.folder.events.read_bytes())
     code = hashlib.sha256()
     for source in sorted(Path(str(files("sim"))).rglob("*.py")):
         code.update(source.read_bytes())
-    what = [_CACHED_AS, journal.hexdigest(), code.hexdigest(), finger.config.model_dump(mode="json")]
-    return content_key([*what, finger.e_epidermis_mpa, receptors.position_mm.tolist(), receptors.depth_mm])
+    what = [asked, code.hexdigest(), finger.config.model_dump(mode="json"), finger.e_epidermis_mpa]
+    return content_key([*what, receptors.position_mm.tolist(), receptors.depth_mm])
