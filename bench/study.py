@@ -16,12 +16,12 @@ from pathlib import Path
 
 import numpy as np
 
-from rig.compare import write_report
 from rig.compare.comparison import compare
 from rig.compare.comparison_report import Section, write_comparison
 from rig.compare.cross_sections import cross_sections
 from rig.compare.deflection import Deflection, deflection_section
 from rig.compare.inputs import SpikeReading, read_recordings
+from rig.compare.report import write_report
 from rig.compare.stimuli import Stimulus, stimuli
 from rig.compare.synthetic import afferent_for, record, write_synthetic
 from rig.compare.workers import spread

@@ -9,10 +9,7 @@ from typing import Any, NoReturn
 
 from rich.console import Console
 
-from rig.compare.comparison import ComparisonError
-from rig.compare.parameter_study import StudyError
-from rig.compare.recorded import RecordingError
-from rig.compare.workers import WorkersError
+from rig.compare.errors import ComparisonError, RecordingError, StudyError, WorkersError
 from rig.data import FolderBusyError, NwbMissingError, RunError
 from rig.force.base import ForceError
 from rig.protocol.errors import BadInputError

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
+from rig.compare.errors import ComparisonError
 from rig.compare.fit import Fit
 from rig.compare.recorded import Recording
 from rig.compare.shape_test import THRESHOLD, shape_test
@@ -23,10 +24,6 @@ COLLINEAR = 0.98
 
 NEAR_CENTRE_MM = 0.25
 """Bars must pass at a receptor this near to x = 0."""
-
-
-class ComparisonError(ValueError):
-    """The runs and recordings do not go together."""
 
 
 @dataclass(frozen=True)

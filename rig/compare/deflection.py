@@ -13,8 +13,9 @@ from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
 from rig.compare.comparison_report import Section
+from rig.compare.errors import RecordingError
 from rig.compare.html import Figure
-from rig.compare.recorded import RecordingError, csv_number, csv_rows
+from rig.compare.recorded import csv_number, csv_rows
 from rig.compare.responses import responses
 from rig.compare.style import Plot, shade
 from rig.data import Run

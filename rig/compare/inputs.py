@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from rig.compare.recorded import Recording, RecordingError, csv_header, read_srp
+from rig.compare.errors import RecordingError
+from rig.compare.recorded import Recording, csv_header, read_srp
 from rig.compare.spikes import NWB, rates_in_run, read_spike_times
 from rig.data import Run
 from sim.contact.shapes import parse_shape

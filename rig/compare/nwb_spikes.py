@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compare.recorded import RecordingError
+from rig.compare.errors import RecordingError
 
 Array = NDArray[np.float64]
 

@@ -21,6 +21,7 @@ from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from rig.compare.errors import StudyError
 from sim.config import FingertipConfig
 from sim.contact.shapes import ShapeError, parse_shape
 from sim.finger.mesh import MeshError
@@ -31,10 +32,6 @@ from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorError
 
 _NATIVE_LISTS = ("points", "sections")
 """Keys of a finger whose values are tables; they are not varied."""
-
-
-class StudyError(ValueError):
-    """The file of a study is not understood; the message names file and key."""
 
 
 class _Given(BaseModel):

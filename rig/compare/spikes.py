@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.compare.errors import RecordingError
 from rig.compare.nwb_spikes import read_nwb
-from rig.compare.recorded import Recording, RecordingError, csv_number, csv_rows, recording
+from rig.compare.recorded import Recording, csv_number, csv_rows, recording
 from rig.data import Run
 from sim.contact.shapes import parse_shape
 

@@ -9,15 +9,13 @@ from typing import TypeVar
 
 from threadpoolctl import threadpool_limits
 
+from rig.compare.errors import WorkersError
+
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 
 _RETRIES = 3
 _CONNECT_S = 10
-
-
-class WorkersError(Exception):
-    """The work cannot be given out, or those who did it have gone."""
 
 
 def spread(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.compare.recorded import RecordingError
+from rig.compare.errors import RecordingError
 from rig.compare.spikes import read_spike_times
 from rig.data import NwbMissingError, Run, export_nwb, read_run
 from rig.data.folder import RunFolder

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rig.compare.deflection import Deflection, deflection_section, partner, read_deflections, simulated
-from rig.compare.recorded import RecordingError
+from rig.compare.errors import RecordingError
 from rig.data import Run
 from rig.protocol.config import Config
 from rig.protocol.plan import make_plan

@@ -12,8 +12,9 @@ from typing import Any
 import pytest
 
 from rig.cli import main
-from rig.compare.parameter_study import StudyError, columns, read_study, solve
-from rig.compare.workers import WorkersError, spread
+from rig.compare.errors import StudyError, WorkersError
+from rig.compare.parameter_study import columns, read_study, solve
+from rig.compare.workers import spread
 
 COARSE = """\
 receptor_x_mm = [-1.0, 0.0]
