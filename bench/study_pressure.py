@@ -94,7 +94,12 @@ def press_all(finger: Fingertip) -> PressureStudy:
 
 
 def slope_of_peak(members: list[Pressed]) -> float:
-    """K1 as the source defines it: highest pressure away from edges against DOI, a line through all depths."""
+    """K1 as the source defines it: highest pressure away from edges against DOI, a line through all depths.
+
+    NaN where the indentor was not at one place.
+    """
+    if len({m.result.x_mm for m in members}) > 1:
+        return np.nan
     found = [(m.result.doi_mm, m.at.inside.pressure.max()) for m in members if len(m.at.inside.pressure)]
     doi, peak = np.array(found).reshape(-1, 2).T
     return float(np.polyfit(doi, peak, 1)[0]) if len(np.unique(doi.round(3))) > 1 else np.nan

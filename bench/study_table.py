@@ -64,8 +64,8 @@ def survivors_section(found: Comparison) -> Section:
     rows.append(("everything above", ", ".join(found.candidates()) or "none"))
     return Section(
         "Survivors by condition",
-        f"Measures that pass the shape test at {100 * THRESHOLD:g} % at one receptor under every step, and near x = 0 "
-        "under every bar.",
+        f"Measures that pass the shape test at {100 * THRESHOLD:g} % at one receptor under every step, and near x = 0"
+        " under every bar.",
         ("condition", "measures"),
         tuple(rows),
     )
