@@ -55,7 +55,7 @@ class IndentationResult:
     state: ContactState
     model: CondensedModel
     e_epidermis_mpa: float
-    contact_s: float
+    contact_s: float  # processor time of the one thread that solves
     poisson: float
 
     @property

@@ -210,24 +210,20 @@ def test_a_force_short_of_the_rim_is_found(finger: Fingertip, shape: str, z: flo
 # ---------------------------------------------------------------------------------------- force to depth to force
 
 
-@pytest.mark.parametrize("family", [name for name in FAMILIES if name != "wedge:5"])
+@pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("gwt", [0.5, 2.33, 5.0])
 def test_force_to_depth_to_force_from_rest(finger: Fingertip, family: str, gwt: float) -> None:
-    # The search for the force starts each depth from the last; the way back presses in from first touch.
     shape, x = FAMILIES[family]
     depth = finger.indent(shape, x, force_gwt=gwt).doi_mm
     assert finger.indent(shape, x, doi_mm=depth).force_gwt == pytest.approx(gwt, rel=1e-8)
 
 
-@pytest.mark.parametrize("profile", [Wedge(5.0), Wedge(60.0, 0.0), Wedge(5.0, 0.0), Bar(1.5, 0.0)])
+@pytest.mark.parametrize("profile", [Wedge(60.0, 0.0), Wedge(5.0, 0.0), Bar(1.5, 0.0)])
 def test_force_to_depth_to_force_at_knife_edges(finger: Fingertip, profile: Profile) -> None:
-    # Several equilibria: the depth found leads back from its own state to 1e-8, from rest within their spread, 0.5 %.
-    # The wedge of 5° is a short way from it: 1.5e-5 at 2.33 gwt.
-    for gwt in (2.33, 5.0):
-        pressed = finger.indent(profile, 0.1, force_gwt=gwt)
-        again = finger.indent(profile, 0.1, doi_mm=pressed.doi_mm, start=pressed.state)
-        assert again.force_gwt == pytest.approx(gwt, rel=1e-8)
-        assert finger.indent(profile, 0.1, doi_mm=pressed.doi_mm).force_gwt == pytest.approx(gwt, rel=0.005)
+    # Several equilibria, but both searches press in from first touch by the same way, so they reach the same one.
+    for gwt in (0.5, 2.33, 5.0):
+        depth = finger.indent(profile, 0.1, force_gwt=gwt).doi_mm
+        assert finger.indent(profile, 0.1, doi_mm=depth).force_gwt == pytest.approx(gwt, rel=1e-8)
 
 
 # -------------------------------------------------------------------------------------------- tissue of extremes
