@@ -1,6 +1,6 @@
 """Strain everywhere in the receptor plane, not at receptors only: one direct solve under given contact forces."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from sim.config import FingertipConfig
 from sim.fem.elements import hex8_centroid_strain
 from sim.finger.mesh import FingerMesh, build_mesh
 from sim.finger.surface import FingertipSurface
-from sim.model import discretise, factorise, young_ratios
+from sim.model import discretise, factorise, meshed_for, young_ratios
 from sim.result import IndentationResult, measures_in_layers
 
 Array = NDArray[np.float64]
@@ -37,25 +37,36 @@ class StrainMap:
 
 
 def strain_maps(config: FingertipConfig, results: Sequence[IndentationResult]) -> list[StrainMap]:
-    """One map for each indentation of this finger, by one factorisation (seconds) and one solve each.
+    """One map for each indentation of this finger, by one factorisation (seconds) a mesh and one solve each.
 
     The strain is that at the centroids, averaged over the elements on both sides of the plane, and not smoothed.
     """
-    mesh = build_mesh(config, FingertipSurface.fit(config.geometry))
-    displacement = displacements(config, mesh, results)
+    found: dict[int, StrainMap] = {}
+    for axes in {result.model.patch.axes for result in results}:
+        mine = [k for k, result in enumerate(results) if result.model.patch.axes == axes]
+        mesh = mesh_of(config, results[mine[0]])
+        moved = displacements(config, mesh, [results[k] for k in mine])
+        found |= zip(mine, _in_plane(config, mesh, moved), strict=True)
+    return [found[k] for k in range(len(results))]
+
+
+def mesh_of(config: FingertipConfig, result: IndentationResult) -> FingerMesh:
+    """The mesh that an indentation was solved on: it hangs on the axes along which the indentor slopes."""
+    return build_mesh(meshed_for(config, result.model.patch.axes[:-1]), FingertipSurface.fit(config.geometry))
+
+
+def _in_plane(config: FingertipConfig, mesh: FingerMesh, displacement: Array) -> Iterator[StrainMap]:
     plane = int(np.argmin(np.abs(mesh.z_mm - config.receptor_plane_mm)))
     beside = mesh.hexes[mesh.element_grid[plane - 1 : plane + 1]]  # (2, n_phi, n_r − 1, 8)
     strains = hex8_centroid_strain(mesh.nodes, beside.reshape(-1, 8)).reshape(*beside.shape[:3], 6, 24)
     ratio = young_ratios(config.tissue)[mesh.layer[mesh.element_grid[plane]]]
     section = np.arange(len(mesh.nodes)).reshape(mesh.grid)[plane]
     corner = mesh.nodes[section, :2]
-    found = []
     for u in displacement:
         strain = np.einsum("zprij,zprj->pri", strains, u[beside].reshape(*beside.shape[:3], 24)) / 2
         measures = measures_in_layers(strain.reshape(-1, 6), ratio.ravel(), config.tissue.poisson)
         by_element = {name: values.reshape(ratio.shape) for name, values in measures.items()}
-        found.append(StrainMap(_closed(corner), _closed(corner + u[section, :2]), by_element))
-    return found
+        yield StrainMap(_closed(corner), _closed(corner + u[section, :2]), by_element)
 
 
 def _closed(corner: Array) -> Array:
@@ -63,7 +74,7 @@ def _closed(corner: Array) -> Array:
 
 
 def displacements(config: FingertipConfig, mesh: FingerMesh, results: Sequence[IndentationResult]) -> Array:
-    """(n_results, n_nodes, 3) mm of every node under the contact forces of indentations."""
+    """(n_results, n_nodes, 3) mm of every node of their mesh under the contact forces of indentations."""
     problem = discretise(config, mesh)
     loads = np.zeros((len(results), *mesh.nodes.shape))
     skin = np.arange(len(mesh.nodes)).reshape(mesh.grid)[:, :, 0].ravel()

@@ -14,7 +14,7 @@ from rig.cli.output import out, print_json, told_in_one_line
 from rig.protocol.calibration import today
 from rig.protocol.config import Config, load_config
 from rig.protocol.script import shipped_protocols
-from sim.cache import cache_dir
+from sim.cache import KINDS, cache_dir
 from sim.fem import pardiso
 
 _PACKAGES = ("indentation-rig", "numpy", "scipy", "h5py", "pydantic", "pyserial", "pymodbus", "matplotlib")
@@ -61,7 +61,7 @@ def _bench(settings: Config) -> dict[str, Any]:
 
 def _installation(settings: Config) -> dict[str, Any]:
     folder = cache_dir()
-    stored = {kind: list(folder.glob(f"*.{kind}")) for kind in ("model", "answers")}
+    stored = {kind: list(folder.glob(f"*.{kind}")) for kind in KINDS}
     size = sum(path.stat().st_size for paths in stored.values() for path in paths)
     return {
         "python": f"{platform.python_version()} on {platform.system()} {platform.machine()}, {os.cpu_count()} cores",

@@ -37,12 +37,12 @@ def cross_sections(run: Run, finger: Fingertip, stimuli: Sequence[Stimulus]) -> 
     key = content_key(["cross sections", *MAPPED, _SHOWN_POSITIONS, responses_key(run, finger)])
     arrays, _ = cached_arrays(key, lambda: _arrays(finger, scenes), kind="answers")
     found = cast(dict[str, Array], arrays)
-    return [
-        CrossSection(stimulus, float(stimulus.x_mm[k]), corner, receptor, {m: found[m][n] for m in MAPPED})
-        for n, ((stimulus, k), corner, receptor) in enumerate(
-            zip(scenes, found["corner_mm"], found["receptor_mm"], strict=True)
-        )
-    ]
+    return [_from_arrays(stimulus, k, found, n) for n, (stimulus, k) in enumerate(scenes)]
+
+
+def _from_arrays(stimulus: Stimulus, k: int, found: dict[str, Array], n: int) -> CrossSection:
+    values = {name: found[f"{name} {n}"] for name in MAPPED}
+    return CrossSection(stimulus, float(stimulus.x_mm[k]), found[f"corner {n}"], found[f"receptor {n}"], values)
 
 
 def _positions(n: int) -> list[int]:
@@ -54,8 +54,9 @@ def _positions(n: int) -> list[int]:
 def _arrays(finger: Fingertip, scenes: Sequence[tuple[Stimulus, int]]) -> Arrays:
     results = [finger.indent(s.indentor, float(s.x_mm[k]), doi_mm=float(s.doi_mm[k])) for s, k in scenes]
     maps = strain_maps(finger.config, results) if results else []
-    return {
-        "corner_mm": np.array([one.moved_mm for one in maps]),
-        "receptor_mm": np.array([one.carried(finger.model.receptors.position_mm[:, :2]) for one in maps]),
-        **{name: np.array([shown(name, one.measures[name]) for one in maps]) for name in MAPPED},
-    }
+    arrays: Arrays = {}
+    for n, one in enumerate(maps):  # a mesh for each kind of indentor: they need not be of one size
+        arrays[f"corner {n}"] = one.moved_mm
+        arrays[f"receptor {n}"] = one.carried(finger.model.receptors.position_mm[:, :2])
+        arrays |= {f"{name} {n}": shown(name, one.measures[name]) for name in MAPPED}
+    return arrays

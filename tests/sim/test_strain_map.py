@@ -4,17 +4,18 @@ import numpy as np
 import pytest
 
 from sim.fem import pardiso
-from sim.finger.mesh import FingerMesh
 from sim.fingertip import Fingertip
-from sim.strain_map import displacements, strain_maps
+from sim.strain_map import displacements, mesh_of, strain_maps
 
 pytestmark = pytest.mark.skipif(not pardiso.available(), reason="without MKL PARDISO this takes minutes")
 
 
-def test_displacements_of_the_skin_are_the_contacts(finger: Fingertip, default_mesh: FingerMesh) -> None:
-    results = [finger.indent("bar:3.0", 0.0, doi_mm=0.6), finger.indent("line", doi_mm=0.4)]
-    skin = np.arange(len(default_mesh.nodes)).reshape(default_mesh.grid)[:, :, 0].ravel()
-    for result, u in zip(results, displacements(finger.config, default_mesh, results), strict=True):
+@pytest.mark.parametrize("shape", ["bar:3.0", "line"])
+def test_displacements_of_the_skin_are_the_contacts(finger: Fingertip, shape: str) -> None:
+    results = [finger.indent(shape, doi_mm=doi) for doi in (0.3, 0.6)]
+    mesh = mesh_of(finger.config, results[0])
+    skin = np.arange(len(mesh.nodes)).reshape(mesh.grid)[:, :, 0].ravel()
+    for result, u in zip(results, displacements(finger.config, mesh, results), strict=True):
         there = u[skin[result.model.patch_in_skin]][:, result.model.patch.axes].T
         # the same equations, solved whole and condensed: they agreed to 1e-10 in test_uncondensed.py
         np.testing.assert_allclose(there, result.state.displacement, rtol=0, atol=1e-9)
@@ -35,8 +36,9 @@ def test_the_map_agrees_with_the_receptors(finger: Fingertip) -> None:
 
 
 def test_the_skin_is_where_the_contact_says(finger: Fingertip) -> None:
-    result = finger.indent("bar:3.0", 0.0, doi_mm=0.6)
-    (found,) = strain_maps(finger.config, [result])
+    result, across = finger.indent("bar:3.0", 0.0, doi_mm=0.6), finger.indent("line", doi_mm=0.3)
+    other, found = strain_maps(finger.config, [across, result])  # two meshes
+    assert other.moved_mm[:, 0, 1].max() < found.corner_mm[:, 0, 1].max()
     x, y = result.skin_profile
     skin = found.moved_mm[:, 0]
     pulp = skin[(skin[:, 1] > 1) & (np.abs(skin[:, 0]) < 3)]
