@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 from scipy.interpolate import griddata
 
 from sim.config import FingertipConfig
-from sim.fem.elements import hex8_centroid_strain
+from sim.fem.strain import strain_matrix
 from sim.finger.mesh import FingerMesh, build_mesh
 from sim.finger.surface import FingertipSurface
+from sim.measures.receptors import sampled
 from sim.model import discretise, factorise, meshed_for, young_ratios
 from sim.result import IndentationResult, measures_in_layers
 
@@ -39,7 +40,8 @@ class StrainMap:
 def strain_maps(config: FingertipConfig, results: Sequence[IndentationResult]) -> list[StrainMap]:
     """One map for each indentation of this finger, by one factorisation (seconds) a mesh and one solve each.
 
-    The strain is that at the centroids, averaged over the elements on both sides of the plane, and not smoothed.
+    The strain is that within each cell where it is most accurate, averaged over the cells on both sides of the plane,
+    and not smoothed.
     """
     found: dict[int, StrainMap] = {}
     for axes in {result.model.patch.axes for result in results}:
@@ -57,16 +59,19 @@ def mesh_of(config: FingertipConfig, result: IndentationResult) -> FingerMesh:
 
 def _in_plane(config: FingertipConfig, mesh: FingerMesh, displacement: Array) -> Iterator[StrainMap]:
     plane = int(np.argmin(np.abs(mesh.z_mm - config.receptor_plane_mm)))
-    beside = mesh.hexes[mesh.element_grid[plane - 1 : plane + 1]]  # (2, n_phi, n_r − 1, 8)
-    strains = hex8_centroid_strain(mesh.nodes, beside.reshape(-1, 8)).reshape(*beside.shape[:3], 6, 24)
-    ratio = young_ratios(config.tissue)[mesh.layer[mesh.element_grid[plane]]]
+    cells = np.stack(np.meshgrid([plane - 1, plane], *(np.arange(n) for n in (mesh.grid[1], mesh.grid[2] - 1)),
+                                 indexing="ij"), -1)  # fmt: skip
+    elements, local = sampled(mesh, cells.reshape(-1, 3))
+    nodes = mesh.hexes[elements]
+    strains = strain_matrix(mesh.nodes[nodes], local)
+    ratio = young_ratios(config.tissue)[mesh.layer[elements]].reshape(cells.shape[:3])[1]
     section = np.arange(len(mesh.nodes)).reshape(mesh.grid)[plane]
     corner = mesh.nodes[section, :2]
     for u in displacement:
-        strain = np.einsum("zprij,zprj->pri", strains, u[beside].reshape(*beside.shape[:3], 24)) / 2
-        measures = measures_in_layers(strain.reshape(-1, 6), ratio.ravel(), config.tissue.poisson)
-        by_element = {name: values.reshape(ratio.shape) for name, values in measures.items()}
-        yield StrainMap(_closed(corner), _closed(corner + u[section, :2]), by_element)
+        strain = np.einsum("mij,mj->mi", strains, u[nodes].reshape(len(nodes), -1)).reshape(2, -1, 6).mean(axis=0)
+        measures = measures_in_layers(strain, ratio.ravel(), config.tissue.poisson)
+        by_cell = {name: values.reshape(ratio.shape) for name, values in measures.items()}
+        yield StrainMap(_closed(corner), _closed(corner + u[section, :2]), by_cell)
 
 
 def _closed(corner: Array) -> Array:

@@ -230,9 +230,13 @@ def _pressure_maps(figure: Figure, stimuli: tuple[Stimulus, ...], rows: int, col
             rasterized=True,
             vmin=0,
         )
-        for position, x in enumerate(stimulus.x_mm):
-            for ends in stimulus.contact_regions_mm(position):
-                axes.plot(ends, (x, x), "|", ms=5, mew=1.1, color="white")
+        ends = [
+            (end, x)
+            for position, x in enumerate(stimulus.x_mm)
+            for region in stimulus.contact_regions_mm(position)
+            for end in region
+        ]
+        axes.plot(*np.array(ends).reshape(-1, 2).T, "|", ms=5, mew=1.1, color="white")
         axes.set_title(stimulus.title, fontsize=8)
         axes.set(xlabel="skin, undeformed x (mm)", ylabel="indentor x (mm)")
         figure.colorbar(image, ax=axes, label="pressure (pseudo-units)")
