@@ -14,7 +14,7 @@ from rig.compare.comparison import Comparison, compare
 from rig.compare.comparison_report import Section, write_comparison
 from rig.compare.cross_sections import cross_sections
 from rig.compare.deflection import deflection_section, read_deflections, simulated
-from rig.compare.inputs import SpikeReading, read_recordings
+from rig.compare.inputs import SpikeReading, read_recordings, sha256
 from rig.compare.stimuli import stimuli
 from rig.compare.tables import as_json as comparison_as_json
 from rig.data import Run, read_run
@@ -102,7 +102,8 @@ def _under_the_line(runs: list[Run], fingers: list[Fingertip], measured: Path | 
     profiles = [one for run, finger in zip(runs, fingers, strict=True) for one in simulated(run, finger)]
     if measured is not None and not profiles:
         raise BadInputError(f"--deflection {measured}: expected a run with a line load across the finger")
-    return [deflection_section(profiles, points, measured.name if measured else "")] if profiles else []
+    source = "" if measured is None else f"{measured.name} (SHA-256 {sha256(measured)})"
+    return [deflection_section(profiles, points, source)] if profiles else []
 
 
 def _fingers(runs: list[Run], receptor_x_mm: tuple[float, ...], depth_mm: float) -> list[Fingertip]:

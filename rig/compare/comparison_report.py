@@ -1,6 +1,5 @@
 """The report of a comparison: one self-contained HTML file, the same bytes for the same input."""
 
-import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -16,6 +15,7 @@ from rig.compare import comparison_figures as figures
 from rig.compare.comparison import COLLINEAR, Comparison, Joint
 from rig.compare.cross_sections import CrossSection
 from rig.compare.html import Figure, as_png, render
+from rig.compare.inputs import sha256
 from rig.compare.pdf import as_pdf
 from rig.compare.section_figures import strain_maps
 from rig.compare.shape_test import THRESHOLD
@@ -71,7 +71,7 @@ def write_comparison(
         title=title,
         extra=extra,
         finger=finger,
-        runs=[(run, _sha256(run.folder.events), _sha256(run.folder.path / "config.toml")) for run in runs],
+        runs=[(run, sha256(run.folder.events), sha256(run.folder.path / "config.toml")) for run in runs],
         recordings={p.stimulus.shape: p.recording for p in comparison.pairings},
         command=command,
         versions={name: version(name) for name in ("indentation-rig", "numpy", "scipy", "matplotlib")},
@@ -223,7 +223,3 @@ def _positions(values: Iterable[float]) -> str:
 
 def _limits(values: Sequence[float | None] | None) -> str:
     return f"[{_number(values[0])}, {_number(values[1])}]" if values else ""
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -67,7 +67,7 @@ def partner(measured: Deflection, among: list[Deflection]) -> Deflection | None:
     return nearest if abs(nearest.doi_mm - measured.doi_mm) <= _SAME_DEPTH_MM else None
 
 
-def deflection_section(profiles: list[Deflection], measured: list[Deflection], file: str = "") -> Section:
+def deflection_section(profiles: list[Deflection], measured: list[Deflection], source: str = "") -> Section:
     """The profiles, and how far the measured points lie from them."""
     rows = tuple(_row(one, partner(one, profiles)) for one in measured)
     figure = Figure(
@@ -81,6 +81,7 @@ def deflection_section(profiles: list[Deflection], measured: list[Deflection], f
         ),
     )
     text = "A line load lies across the finger; what it does to the skin beside it is what can be measured by eye."
+    text += f" Measured: {source}." if source else ""
     header = ("measured at DOI (mm)", "points", "measured − model, mean (mm)", "rms (mm)") if measured else ()
     return Section("Deflection under the line load", text, header, rows, (figure,))
 

@@ -37,7 +37,7 @@ def read_recordings(
         if name in found:
             raise RecordingError(f"--recorded {text!r}: {shape} is given twice")
         path, unit = _file_and_unit(file)
-        found[name] = replace(_read(path, unit, shape, runs, spikes), sha256=_sha256(path))
+        found[name] = replace(_read(path, unit, shape, runs, spikes), sha256=sha256(path))
     for shape in mirror:
         name = parse_shape(shape).name
         if name not in found:
@@ -64,5 +64,6 @@ def _read(path: Path, unit: str, shape: str, runs: Sequence[Run], spikes: SpikeR
     return rates_in_run(run, shape, times, path.name, spikes.window_s, spikes.field_centre_mm)
 
 
-def _sha256(path: Path) -> str:
+def sha256(path: Path) -> str:
+    """Of a file, for provenance."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
