@@ -74,11 +74,7 @@ def deflection_section(profiles: list[Deflection], measured: list[Deflection], s
         "Deflection of the skin along the finger",
         Plot((7.2, 3.8), lambda canvas: _draw(canvas, profiles, measured)),
         "Downward displacement of the skin along the pad's centre line against undeformed z (proximal to the left). "
-        + (
-            f"Circles: measured, {file}, in the colour of their depth, black where it is not given."
-            if measured
-            else ""
-        ),
+        + ("Circles: measured, in the colour of their depth, black where none is given." if measured else ""),
     )
     text = "A line load lies across the finger; what it does to the skin beside it is what can be measured by eye."
     text += f" Measured: {source}." if source else ""
