@@ -16,7 +16,6 @@ from rig.compare.comparison import COLLINEAR, Comparison, Joint
 from rig.compare.cross_sections import CrossSection
 from rig.compare.html import Figure, as_png, render
 from rig.compare.inputs import sha256
-from rig.compare.pdf import as_pdf
 from rig.compare.section_figures import strain_maps
 from rig.compare.shape_test import THRESHOLD
 from rig.compare.stimuli import Stimulus
@@ -84,6 +83,8 @@ def write_comparison(
     )
     replace_text(path, page())
     if pdf is not None:
+        from rig.compare.pdf import as_pdf  # most comparisons do without
+
         newest = datetime.fromtimestamp(max(int(run.start["unix_s"]) for run in runs), UTC)
         replace_bytes(pdf, as_pdf(page(picture=as_png), newest))
 
