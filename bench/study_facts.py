@@ -1,5 +1,6 @@
 """The facts of Raju (1998) that a right model reproduces, measured as they come out. Nothing is tuned to them."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -25,6 +26,7 @@ DEPTHS_MM = (0.75, 1.5)
 FINE_X_MM = tuple(float(x) for x in (0.17 * np.arange(-14, 15)).round(2))
 """One receptor an element (170 µm, as the source's mesh and ours)."""
 
+_MINUS = re.compile(r"(?<!\w)-(?=\d)")
 _COUNTS = 0.05  # a maximum counts when it stands out by this part of the range
 _LOW_GWT, _TABLE_X_MM = 2.33, -1.63
 
@@ -41,7 +43,8 @@ class Fact:
     @property
     def row(self) -> tuple[str, ...]:
         """As cells."""
-        return self.number, self.source, self.ours, "agrees" if self.agrees else "differs"
+        cells = (_MINUS.sub("−", text) for text in (self.number, self.source, self.ours))
+        return *cells, "agrees" if self.agrees else "differs"
 
 
 def all_facts(
@@ -66,7 +69,7 @@ def facts_section(
     return Section(
         "Facts of the source",
         "What Raju (1998, ch. 4 and 5) reports of his model, and what this one gives. Nothing was tuned to it.",
-        ("fact", "the source", "here", ""),
+        ("fact", "the source", "here", "verdict"),
         tuple(fact.row for fact in all_facts(finger, fine, stimuli, pressures)),
     )
 
