@@ -43,8 +43,8 @@ def main() -> None:
     rows = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))["rows"]
     folder = Path(sys.argv[2])
     folder.mkdir(exist_ok=True)
-    (folder / "pareto.svg").write_text(pareto(rows), encoding="utf-8")
-    (folder / "cost.svg").write_text(cost_against_nodes(rows), encoding="utf-8")
+    (folder / "pareto.svg").write_text(pareto(rows).svg, encoding="utf-8")
+    (folder / "cost.svg").write_text(cost_against_nodes(rows).svg, encoding="utf-8")
     table(rows)
 
 

@@ -1,14 +1,27 @@
 """How the verdicts of the shape test move with what the source leaves free, and with the force.
 
-.venv/bin/python bench/sensitivity.py      # the table of docs/comparison.md, about ten minutes
+.venv/bin/python bench/sensitivity.py      # the table of docs/comparison.md; minutes, once
 """
 
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
 import numpy as np
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure as Canvas
+from matplotlib.patches import Patch
 
 from rig.compare.comparison import compare
+from rig.compare.comparison_figures import label
+from rig.compare.comparison_report import Section
+from rig.compare.html import Figure
+from rig.compare.shape_test import THRESHOLD
+from rig.compare.style import BLUE, Plot
 from rig.compare.table_5_2 import agreement, source_flags
+from rig.compare.workers import spread
 from sim.config import FingertipConfig, Tissue
 from sim.fingertip import Fingertip
+from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_DEPTH_MM
 from simulated import bars, steps
 
@@ -30,24 +43,88 @@ VARIANTS: dict[str, tuple[Tissue, float]] = {
 }
 
 
-def row(name: str, finger: Fingertip, force_gwt: float) -> str:
-    """One line of the table."""
-    three, two = steps(finger, force_gwt, POSITIONS_MM), bars(finger)
-    found = compare([*three, *two], {})
-    ours = np.stack([flags for s in three if (flags := found.passes(s)) is not None], axis=1)
-    score = agreement(ours, source_flags(three[0].receptor_mm))
-    survivors, candidates = found.candidates(stimuli=three), found.candidates()
-    return f"| {name} | {force_gwt:g} | {', '.join(survivors)} | {', '.join(candidates)} | {score.matthews:.2f} |"
+@dataclass(frozen=True)
+class Verdicts:
+    """What survives on one finger at one force."""
+
+    variant: str
+    force_gwt: float
+    survivors: tuple[str, ...]  # of the steps
+    candidates: tuple[str, ...]  # of steps and bars
+    matthews: float
+
+    @property
+    def row(self) -> tuple[str, ...]:
+        """As cells."""
+        names = (", ".join(found) or "none" for found in (self.survivors, self.candidates))
+        return self.variant, f"{self.force_gwt:g}", *names, f"{self.matthews:.2f}"
+
+
+def verdicts(variant: str) -> list[Verdicts]:
+    """One for each force."""
+    tissue, depth_mm = VARIANTS[variant]
+    finger = Fingertip.load(FingertipConfig(tissue=tissue), receptor_depth_mm=depth_mm)
+    two, found = bars(finger), []
+    for force_gwt in FORCES_GWT:
+        three = steps(finger, force_gwt, POSITIONS_MM)
+        judged = compare([*three, *two], {})
+        ours = np.stack([flags for s in three if (flags := judged.passes(s)) is not None], axis=1)
+        score = agreement(ours, source_flags(three[0].receptor_mm))
+        survivors, candidates = tuple(judged.candidates(stimuli=three)), tuple(judged.candidates())
+        found.append(Verdicts(variant, force_gwt, survivors, candidates, score.matthews))
+    return found
+
+
+def all_verdicts() -> Iterator[Verdicts]:
+    """Every variant at every force, in order, over the processes of this machine."""
+    for found in spread(verdicts, list(VARIANTS)):
+        yield from found
+
+
+HEADER = ("model", "force (gwt)", "survivors of the steps", "of steps and bars", "Matthews with Table 5.2")
+
+
+def sensitivity_section(found: Sequence[Verdicts]) -> Section:
+    """The table, and one picture of it."""
+    return Section(
+        "How the verdicts move with what is free",
+        f"The shape test at {100 * THRESHOLD:g} % on other fingers, receptors and forces; steps at positions up to "
+        "0.1 mm beside the schedules', bars at DOI 1.0.",
+        HEADER,
+        tuple(one.row for one in found),
+        (
+            Figure(
+                "Survivors over receptor depth, epidermis, stiffness and force",
+                Plot((7.6, 5.4), lambda canvas: _draw(canvas, found)),
+                "Light: the measure survives steps 1, 3 and 5 at some receptor. Dark: both bars near x = 0, too. Two "
+                "columns a finger: 2.33 and 8 gwt.",
+            ),
+        ),
+    )
+
+
+def _draw(canvas: Canvas, found: Sequence[Verdicts]) -> None:
+    axes = canvas.subplots()
+    level = np.array([[(m in one.survivors) + (m in one.candidates) for one in found] for m in MEASURES])
+    shades = ListedColormap(["white", "#9ecae1", BLUE])
+    axes.pcolormesh(level, cmap=shades, vmin=0, vmax=2, edgecolors="#dddddd", linewidth=0.5)
+    axes.invert_yaxis()
+    axes.set_yticks(np.arange(len(MEASURES)) + 0.5, [label(m) for m in MEASURES], fontsize=8)
+    axes.set_xticks(np.arange(len(found)) + 0.5, [f"{one.force_gwt:g}" for one in found], fontsize=7)
+    axes.set_xlabel("force (gwt)")
+    for k, variant in enumerate(VARIANTS):
+        middle = len(FORCES_GWT) * (k + 0.5)
+        axes.annotate(variant, (middle, 0), (0, 4), textcoords="offset points", rotation=30, fontsize=8)
+        axes.axvline(len(FORCES_GWT) * k, color="black", lw=0.8)
+    keys = [Patch(fc="#9ecae1", label="survives the steps"), Patch(fc=BLUE, label="and the bars")]
+    canvas.legend(handles=keys, loc="outside lower right", ncols=2, fontsize=8)
 
 
 def main() -> None:
     """Print the table."""
-    print("| model | force (gwt) | survivors of the steps | of steps and bars | Matthews with Table 5.2 |")
-    print("|---|---|---|---|---|", flush=True)
-    for name, (tissue, depth_mm) in VARIANTS.items():
-        finger = Fingertip.load(FingertipConfig(tissue=tissue), receptor_depth_mm=depth_mm)
-        for force_gwt in FORCES_GWT:
-            print(row(name, finger, force_gwt), flush=True)
+    print(f"| {' | '.join(HEADER)} |\n|{'---|' * len(HEADER)}", flush=True)
+    for one in all_verdicts():
+        print(f"| {' | '.join(one.row)} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -4,7 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.shape_test import shown
-from rig.compare.stimuli import Stimulus
+from rig.compare.stimuli import Stimulus, answers_key, contact_regions
+from sim.cache import Arrays, cached_arrays
 from sim.fingertip import Fingertip
 from sim.measures.measures import MEASURES
 
@@ -15,14 +16,28 @@ STEP_X_MM = np.arange(-4.4, 2.5, SPACING_MM)
 
 
 def stimulus(finger: Fingertip, indentor: str, x_mm: Array, kind: str, value: float) -> Stimulus:
-    """What a run of these indentations would give."""
-    results = [finger.indent(indentor, float(x), **{kind: value}) for x in x_mm]
-    measures = np.array([[shown(name, r.receptor_measures[name]) for r in results] for name in MEASURES])
-    doi, force = (np.array([getattr(r, name) for r in results]) for name in ("doi_mm", "force_gwt"))
-    skin, _ = results[0].pressure_profile
-    pressure = np.array([r.pressure_profile[1] for r in results])
+    """What a run of these indentations would give; kept in the cache."""
+    key = answers_key(finger, ["simulated", 2, indentor, x_mm.tolist(), kind, value])
+    found, _ = cached_arrays(key, lambda: _answers(finger, indentor, x_mm, {kind: value}), kind="answers")
     receptors = finger.model.receptors.position_mm[:, 0].round(6) + 0.0
-    return Stimulus("simulated", indentor, kind, value, x_mm, doi, force, measures, receptors, skin, pressure)
+    doi, force, measures, skin, pressure, regions = (np.asarray(found[name], dtype=float) for name in _STORED)
+    return Stimulus(
+        "simulated", indentor, kind, value, x_mm, doi, force, measures, receptors, skin, pressure, regions
+    )
+
+
+_STORED = ("doi_mm", "force_gwt", "measures", "skin_mm", "pressure", "regions_mm")
+
+
+def _answers(finger: Fingertip, indentor: str, x_mm: Array, target: dict[str, float]) -> Arrays:
+    results = [finger.indent(indentor, float(x), **target) for x in x_mm]
+    return {
+        **{name: np.array([getattr(r, name) for r in results]) for name in ("doi_mm", "force_gwt")},
+        "measures": np.array([[shown(name, r.receptor_measures[name]) for r in results] for name in MEASURES]),
+        "skin_mm": results[0].pressure_profile[0],
+        "pressure": np.array([r.pressure_profile[1] for r in results]),
+        "regions_mm": contact_regions(results),
+    }
 
 
 def steps(finger: Fingertip, force_gwt: float, x_mm: Array = STEP_X_MM) -> list[Stimulus]:

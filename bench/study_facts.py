@@ -1,18 +1,22 @@
 """The facts of Raju (1998) that a right model reproduces, measured as they come out. Nothing is tuned to them."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
-from sim.contact.indentors import STEP_HALF_WAVELENGTH_MM
 
 from facts import BAR_DOIS_MM, edges_touched
+from rig.compare.comparison_report import Section
+from rig.compare.pressure_model import Constants
 from rig.compare.shape_test import shape_test, shown
 from rig.compare.stimuli import Stimulus
+from sim.contact.profiles import STEP_HALF_WAVELENGTH_MM
 from sim.fingertip import Fingertip
 from sim.result import IndentationResult, median_of_four
+from study_pressure import PressureStudy, told
 
 Array = NDArray[np.float64]
 
@@ -22,27 +26,30 @@ DEPTHS_MM = (0.75, 1.5)
 FINE_X_MM = tuple(float(x) for x in (0.17 * np.arange(-14, 15)).round(2))
 """One receptor an element (170 µm, as the source's mesh and ours)."""
 
+_MINUS = re.compile(r"(?<!\w)-(?=\d)")
 _COUNTS = 0.05  # a maximum counts when it stands out by this part of the range
 _LOW_GWT, _TABLE_X_MM = 2.33, -1.63
 
 
 @dataclass(frozen=True)
 class Fact:
-    """One line of the table; `agrees` is None where nothing was measured."""
+    """One line of the table."""
 
     number: str
     source: str
     ours: str
-    agrees: bool | None
+    agrees: bool
 
     @property
     def row(self) -> tuple[str, ...]:
         """As cells."""
-        verdict = "not measured" if self.agrees is None else "agrees" if self.agrees else "differs"
-        return self.number, self.source, self.ours, verdict
+        cells = (_MINUS.sub("−", text) for text in (self.number, self.source, self.ours))
+        return *cells, "agrees" if self.agrees else "differs"
 
 
-def all_facts(finger: Fingertip, fine: dict[float, Fingertip], stimuli: dict[str, Stimulus]) -> list[Fact]:
+def all_facts(
+    finger: Fingertip, fine: dict[float, Fingertip], stimuli: dict[str, Stimulus], pressures: PressureStudy
+) -> list[Fact]:
     """Facts 1–7; `fine` are fingers with a close row of receptors, by depth; `stimuli` by title."""
     return [
         *_bars(finger),
@@ -51,8 +58,20 @@ def all_facts(finger: Fingertip, fine: dict[float, Fingertip], stimuli: dict[str
         *_sed_under_a_step(fine[DEPTHS_MM[0]]),
         *_ssrps(stimuli["step:1 at 2.33 gwt"]),
         *_ssrps_of_bars(stimuli, fine[DEPTHS_MM[0]]),
-        Fact("7", "P = K2·(d − d0) + K3·C inside the contact", "the pressure model is not fitted yet", None),
+        _pressure(pressures.constants),
     ]
+
+
+def facts_section(
+    finger: Fingertip, fine: dict[float, Fingertip], stimuli: dict[str, Stimulus], pressures: PressureStudy
+) -> Section:
+    """The table of facts."""
+    return Section(
+        "Facts of the source",
+        "What Raju (1998, ch. 4 and 5) reports of his model, and what this one gives. Nothing was tuned to it.",
+        ("fact", "the source", "here", "verdict"),
+        tuple(fact.row for fact in all_facts(finger, fine, stimuli, pressures)),
+    )
 
 
 def _bars(finger: Fingertip) -> Iterator[Fact]:
@@ -147,6 +166,11 @@ def _ssrps_of_bars(stimuli: dict[str, Stimulus], fine: Fingertip) -> Iterator[Fa
     for shape, expected in (("bar:3.0", 2), ("cylinder:3", 1), ("cylinder:9", 1)):
         n = maxima(fine.indent(shape, 0.0, doi_mm=1.33).receptor_measures["sed"])
         yield Fact(f"6, {shape} at 1.33 mm", f"SED: {expected} peak(s)", f"{n}", n == expected)
+
+
+def _pressure(k: Constants) -> Fact:
+    agrees = min(k) > 0
+    return Fact("7", "P = K2·(d − d0) + K3·C inside the contact, all K > 0", told(k), agrees)
 
 
 def maxima(profile: Array) -> int:

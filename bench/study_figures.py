@@ -4,7 +4,7 @@ from matplotlib.figure import Figure as Canvas
 
 from rig.compare.comparison_report import Section
 from rig.compare.html import Figure
-from rig.compare.style import BLUE, GREEN, ORANGE, svg
+from rig.compare.style import BLUE, GREEN, ORANGE, Plot
 from sim.fingertip import Fingertip
 from sim.result import IndentationResult
 
@@ -31,7 +31,7 @@ def shapes_side_by_side(finger: Fingertip, fine: dict[float, Fingertip], force_g
     )
     figure = Figure(
         "Bar and cylinders side by side",
-        svg((10.2, 3.4), lambda canvas: _draw(canvas, results)),
+        Plot((10.2, 3.4), lambda canvas: _draw(canvas, results)),
         "Pressure in the receptor plane (left) and SED at two depths below the skin, indentor centred.",
     )
     text = "The source's comparison of a bar with two cylinders. The last row has the force of the second."

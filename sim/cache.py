@@ -8,6 +8,7 @@ import os
 from collections.abc import Callable, Iterator
 from importlib.resources import files
 from pathlib import Path
+from typing import Literal, get_args
 
 import numpy as np
 from filelock import FileLock
@@ -15,6 +16,9 @@ from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
 Arrays = dict[str, NDArray[np.generic]]
+Kind = Literal["model", "answers"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+"""Condensed models, and what they said."""
 
 MOST_BYTES = 5e9
 """Of all models together; those that were not read for longest go first."""
@@ -47,18 +51,18 @@ def content_key(parameters: object) -> str:
     return digest.hexdigest()[:32]
 
 
-def cached_arrays(key: str, make: Callable[[], Arrays]) -> tuple[Arrays, bool]:
+def cached_arrays(key: str, make: Callable[[], Arrays], kind: Kind = "model") -> tuple[Arrays, bool]:
     """The arrays stored under the key, and whether they were on disk; made and stored when absent or damaged.
 
-    A file is believed only if it is whole: it begins with the SHA-256 of the key and of all that follows. One process
-    at a time makes a model.
+    The kind is the file's suffix. A file is believed only if it is whole: it begins with the SHA-256 of the key
+    and of all that follows. One process at a time makes it.
     """
     folder = cache_dir()
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise CacheError(f"cache folder {folder} (RIG_CACHE_DIR): {error.strerror}") from None
-    path = folder / f"{key}.model"
+    path = folder / f"{key}.{kind}"
     found = _read(path, key)
     if found is not None:
         return found, True
@@ -91,9 +95,10 @@ def _read(path: Path, key: str) -> Arrays | None:
 
 
 def _forget_oldest(folder: Path) -> None:
-    """Remove models until the rest takes MOST_BYTES or less; the newest always stays."""
+    """Remove models and answers until the rest takes MOST_BYTES or less; the newest always stays."""
     with contextlib.suppress(OSError):  # another process may be at it too
-        stored = sorted(((path, path.stat()) for path in folder.glob("*.model")), key=lambda s: -s[1].st_mtime_ns)
+        found = (path for kind in KINDS for path in folder.glob(f"*.{kind}"))
+        stored = sorted(((path, path.stat()) for path in found), key=lambda s: -s[1].st_mtime_ns)
         taken = np.cumsum([stat.st_size for _, stat in stored])
         for (path, _), up_to_here in list(zip(stored, taken, strict=True))[1:]:
             if up_to_here > MOST_BYTES:

@@ -158,7 +158,7 @@ class IndentationResult:
     @cached_property
     def receptor_measures(self) -> dict[str, Array]:
         """The 18 measures at the receptors; tension positive, stresses in pseudo-units."""
-        return _measures(self.receptor_strain, self.model, self.poisson)
+        return measures_in_layers(self.receptor_strain, self.model.receptor_e, self.poisson)
 
     def as_json(self) -> dict[str, Any]:
         """What `rig indent --json` prints, without the model's build time."""
@@ -201,7 +201,7 @@ class PointLoadResult:
     @cached_property
     def receptor_measures(self) -> dict[str, Array]:
         """The 18 measures at the receptors; tension positive, stresses in pseudo-units."""
-        return _measures(self.receptor_strain, self.model, self.poisson)
+        return measures_in_layers(self.receptor_strain, self.model.receptor_e, self.poisson)
 
     def as_json(self) -> dict[str, Any]:
         """As of an indentation; what a point load does not have is null or empty."""
@@ -224,11 +224,11 @@ class PointLoadResult:
         }
 
 
-def _measures(strain: Array, model: CondensedModel, poisson: float) -> dict[str, Array]:
-    """The 18 measures from (n_receptors, 6) strains, each with its own layer's stiffness in pseudo-units."""
+def measures_in_layers(strain: Array, young_ratio: Array, poisson: float) -> dict[str, Array]:
+    """The 18 measures (n,) from (n, 6) strains and (n,) E / E(epidermis); stresses in pseudo-units."""
     values: dict[str, Array] = {}
-    for ratio in np.unique(model.receptor_e):
-        here = model.receptor_e == ratio
+    for ratio in np.unique(young_ratio):
+        here = young_ratio == ratio
         material = Elastic(PSEUDO_E_EPIDERMIS * float(ratio), poisson)
         for name, value in measures_from_strain(strain[here], material).items():
             values.setdefault(name, np.empty(len(here)))[here] = value

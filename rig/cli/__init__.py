@@ -20,6 +20,7 @@ _MODULES = {
     "resume": "resume",
     "compare": "compare",
     "export": "export",
+    "study": "study",
     "indent": "indent",
     "finger": "finger",
     "export-deck": "export_deck",

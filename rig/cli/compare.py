@@ -11,8 +11,10 @@ import typer
 
 from rig.cli.output import loading_the_finger, out, print_json, told_in_one_line
 from rig.compare.comparison import Comparison, compare
-from rig.compare.comparison_report import write_comparison
-from rig.compare.inputs import SpikeReading, read_recordings
+from rig.compare.comparison_report import Section, write_comparison
+from rig.compare.cross_sections import cross_sections
+from rig.compare.deflection import deflection_section, read_deflections, simulated
+from rig.compare.inputs import SpikeReading, read_recordings, sha256
 from rig.compare.stimuli import stimuli
 from rig.compare.tables import as_json as comparison_as_json
 from rig.data import Run, read_run
@@ -38,11 +40,15 @@ def command(
     normalise: Annotated[bool, typer.Option("--normalise", help="Rates over their family's largest.")] = False,
     window_s: Annotated[str, typer.Option(metavar="A,B", help="For spikes: from the start of the hold.")] = "0,1",
     field_centre_mm: Annotated[float, typer.Option(metavar="X", help="For spikes: the receptive field's x.")] = 0.0,
+    deflection: Annotated[
+        Path | None, typer.Option(metavar="CSV", help="Of the skin under a line load (z_mm,deflection_mm[,doi_mm]).")
+    ] = None,
     receptor_x_mm: Annotated[str | None, typer.Option(metavar="X,X…", help="Receptors other than the ten.")] = None,
     receptor_depth_mm: Annotated[float, typer.Option(metavar="D", help="Below the skin.")] = DEFAULT_DEPTH_MM,
     out_file: Annotated[
         Path | None, typer.Option("--out", metavar="HTML", help="The report; comparison.html in the first run.")
     ] = None,
+    pdf: Annotated[Path | None, typer.Option(metavar="FILE", help="The same report as PDF, too.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
 ) -> None:
     """Compare runs, write the report and a sidecar with dates and times."""
@@ -50,18 +56,23 @@ def command(
         began = time.perf_counter()
         receptors = _numbers("--receptor-x-mm", receptor_x_mm) if receptor_x_mm else DEFAULT_X_MM
         begin_s, end_s = _window(window_s)
+        _refuse_nowhere({"--out": out_file, "--pdf": pdf})
         found = [read_run(path) for path in runs]
         spikes = SpikeReading((begin_s, end_s), field_centre_mm)
         recordings = read_recordings(recorded or [], mirror or [], found, spikes)
         fingers = _fingers(found, receptors, receptor_depth_mm)
-        pressed = [s for run, finger in zip(found, fingers, strict=True) for s in stimuli(run, finger)]
+        by_run = [stimuli(run, finger) for run, finger in zip(found, fingers, strict=True)]
+        pressed = [stimulus for one in by_run for stimulus in one]
         if not pressed:
             raise BadInputError(f"run {runs[0]}: expected a finished indentation")
         comparison = compare(pressed, recordings, normalise=normalise)
+        extra = _under_the_line(found, fingers, deflection)
+        sections = [s for which in zip(found, fingers, by_run, strict=True) for s in cross_sections(*which)]
         report = out_file or runs[0] / "comparison.html"
         options = {
             "--recorded": recorded or [],
             "--mirror": mirror or [],
+            "--deflection": [] if deflection is None else [str(deflection)],
             **_unusual(
                 ("--window-s", window_s, "0,1"),
                 ("--field-centre-mm", f"{field_centre_mm:g}", "0"),
@@ -69,12 +80,30 @@ def command(
                 ("--receptor-depth-mm", f"{receptor_depth_mm:g}", "0.76"),
             ),
         }
-        write_comparison(report, comparison, found, fingers[0], _remade_by(runs, options, normalise))
+        command_again = _remade_by(runs, options, normalise)
+        write_comparison(report, comparison, found, fingers[0], command_again, extra, sections=sections, pdf=pdf)
         _write_sidecar(report, time.perf_counter() - began)
         if as_json:
             print_json(comparison_as_json(comparison, str(report)))
         else:
             _print(comparison, report)
+
+
+def _refuse_nowhere(files: dict[str, Path | None]) -> None:
+    """Before anything is computed."""
+    for option, path in files.items():
+        if path is not None and not path.parent.is_dir():
+            raise BadInputError(f"{option} {path}: expected a file in a folder that exists")
+
+
+def _under_the_line(runs: list[Run], fingers: list[Fingertip], measured: Path | None) -> list[Section]:
+    """The skin's deflection, where a run had a line load; what was measured is laid over it."""
+    points = [] if measured is None else read_deflections(measured)
+    profiles = [one for run, finger in zip(runs, fingers, strict=True) for one in simulated(run, finger)]
+    if measured is not None and not profiles:
+        raise BadInputError(f"--deflection {measured}: expected a run with a line load across the finger")
+    source = "" if measured is None else f"{measured.name} (SHA-256 {sha256(measured)})"
+    return [deflection_section(profiles, points, source)] if profiles else []
 
 
 def _fingers(runs: list[Run], receptor_x_mm: tuple[float, ...], depth_mm: float) -> list[Fingertip]:

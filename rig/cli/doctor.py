@@ -14,7 +14,7 @@ from rig.cli.output import out, print_json, told_in_one_line
 from rig.protocol.calibration import today
 from rig.protocol.config import Config, load_config
 from rig.protocol.script import shipped_protocols
-from sim.cache import cache_dir
+from sim.cache import KINDS, cache_dir
 from sim.fem import pardiso
 
 _PACKAGES = ("indentation-rig", "numpy", "scipy", "h5py", "pydantic", "pyserial", "pymodbus", "matplotlib")
@@ -61,7 +61,8 @@ def _bench(settings: Config) -> dict[str, Any]:
 
 def _installation(settings: Config) -> dict[str, Any]:
     folder = cache_dir()
-    stored = sorted(folder.glob("*.model")) if folder.is_dir() else []
+    stored = {kind: list(folder.glob(f"*.{kind}")) for kind in KINDS}
+    size = sum(path.stat().st_size for paths in stored.values() for path in paths)
     return {
         "python": f"{platform.python_version()} on {platform.system()} {platform.machine()}, {os.cpu_count()} cores",
         "versions": {name: version(name) for name in _PACKAGES},
@@ -72,6 +73,6 @@ def _installation(settings: Config) -> dict[str, Any]:
         },
         "limits": settings.limits.model_dump(),
         "solver": "MKL PARDISO" if pardiso.available() else "slabs (portable; MKL PARDISO is not to be had here)",
-        "cache": f"{folder}, {len(stored)} models, {sum(p.stat().st_size for p in stored) / 1e6:.0f} MB",
+        "cache": f"{folder}, {len(stored['model'])} models, {len(stored['answers'])} answers, {size / 1e6:.0f} MB",
         "protocols": [path.stem for path in sorted(shipped_protocols().glob("*.py"))],
     }

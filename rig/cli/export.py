@@ -6,31 +6,34 @@ from typing import Annotated
 import typer
 
 from rig.cli.output import out, print_json, told_in_one_line
-from rig.data import export_run, read_run
+from rig.data import export_nwb, export_run, read_run
 from rig.protocol.errors import BadInputError
 
 
 def register(app: typer.Typer) -> None:
     """Add the command."""
-    app.command("export", help="Write a run's journal as data.h5 and one CSV a stream, into its folder.")(command)
+    app.command("export", help="Write a run's journal as HDF5 and CSV, or as NWB, into its folder.")(command)
 
 
 def command(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.")],
     as_csv: Annotated[bool, typer.Option("--csv", help="HDF5 and tidy CSV.")] = False,
+    as_nwb: Annotated[bool, typer.Option("--nwb", help="Neurodata Without Borders; needs the extra nwb.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
 ) -> None:
     """Export again what the journal holds, also of a run that crashed, and renew the checksums."""
     with told_in_one_line(as_json=as_json):
-        if not as_csv:
-            raise BadInputError("export: no format given, expected --csv")
+        if not (as_csv or as_nwb):
+            raise BadInputError("export: no format given, expected --csv or --nwb")
         found = read_run(run)
-        export_run(found)
+        written = []
+        if as_csv:
+            export_run(found)
+            tables = (f"{stream}.csv" for stream in found.units if found.stream(stream))
+            written += [str(found.folder.data), *(str(run / name) for name in tables)]
+        if as_nwb:
+            written.append(str(export_nwb(found)))
         found.folder.write_checksums()
-        written = [
-            str(found.folder.data),
-            *(str(run / f"{stream}.csv") for stream in found.units if found.stream(stream)),
-        ]
         if as_json:
             print_json({"run": str(run), "files": written})
         else:

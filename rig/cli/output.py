@@ -9,9 +9,8 @@ from typing import Any, NoReturn
 
 from rich.console import Console
 
-from rig.compare.comparison import ComparisonError
-from rig.compare.recorded import RecordingError
-from rig.data import FolderBusyError, RunError
+from rig.compare.errors import ComparisonError, RecordingError, StudyError, WorkersError
+from rig.data import FolderBusyError, NwbMissingError, RunError
 from rig.force.base import ForceError
 from rig.protocol.errors import BadInputError
 from rig.run import EngineError
@@ -29,7 +28,8 @@ out = Console(highlight=False, soft_wrap=True, markup=False)
 
 
 _BAD_INPUT = (
-    *(BadInputError, RunError, FolderBusyError, RecordingError, ComparisonError),
+    *(BadInputError, RunError, FolderBusyError, NwbMissingError),
+    *(RecordingError, ComparisonError, StudyError, WorkersError),
     *(ShapeError, ModelRangeError, SurfaceError, MeshError, ReceptorError, CacheError),
 )
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
+from rig.compare.errors import ComparisonError
 from rig.compare.fit import Fit
 from rig.compare.recorded import Recording
 from rig.compare.shape_test import THRESHOLD, shape_test
@@ -23,10 +24,6 @@ COLLINEAR = 0.98
 
 NEAR_CENTRE_MM = 0.25
 """Bars must pass at a receptor this near to x = 0."""
-
-
-class ComparisonError(ValueError):
-    """The runs and recordings do not go together."""
 
 
 @dataclass(frozen=True)
@@ -166,9 +163,11 @@ class Comparison:
     def collinear(self) -> list[tuple[str, list[list[str]]]]:
         """For each family and condition the groups of measures that go together whatever is recorded.
 
-        Measures are linked when |r| over all positions and receptors is `COLLINEAR` or more.
+        Measures are linked when |r| over all positions and receptors is `COLLINEAR` or more. What was pressed at one
+        place only says nothing of that.
         """
-        return [(_conditions(group), _collinear(group)) for group in self._groups]
+        moved = [group for group in self._groups if any(len(stimulus.x_mm) > 1 for stimulus in group)]
+        return [(_conditions(group), _collinear(group)) for group in moved]
 
     @cached_property
     def _groups(self) -> list[list[Stimulus]]:

@@ -13,7 +13,7 @@ from rig.compare.comparison import Comparison, Joint, Pairing
 from rig.compare.fit import Fit, predicted
 from rig.compare.shape_test import THRESHOLD, shape_test
 from rig.compare.stimuli import Stimulus
-from rig.compare.style import BLUE, GREEN, GREY, ORANGE, position_bar, shade_of, signed, svg
+from rig.compare.style import BLUE, GREEN, GREY, ORANGE, Plot, position_bar, shade_of, signed
 from sim.measures.measures import MEASURES, PLOTTED_AS_MAGNITUDE
 
 Array = NDArray[np.float64]
@@ -42,39 +42,43 @@ def frame(pairings: Sequence[Pairing]) -> str:
     return "; ".join(["indentor x = recorded position + receptor x, no offset fitted", *sorted(changed)])
 
 
-def ssrps(stimulus: Stimulus, measures: list[str]) -> str:
+def ssrps(stimulus: Stimulus, measures: list[str]) -> Plot:
     """One panel a measure: the SSRPs of all receptors above each other, and how each did in the shape test."""
     size = (3.4 * len(measures), 1.2 + 0.42 * len(stimulus.receptor_mm))
-    return svg(size, lambda figure: _ssrps(figure, stimulus, measures))
+    return Plot(size, lambda figure: _ssrps(figure, stimulus, measures))
 
 
-def correlations(comparison: Comparison) -> str:
+def correlations(comparison: Comparison) -> Plot:
     """18 measures × receptors for each stimulus: Pearson's r in colour, a dot where the shape test is passed."""
     rows, columns = _grid(len(comparison.judged), 4)
     size = (1.0 + 2.5 * columns, 0.9 + 3.9 * rows)
-    return svg(size, lambda figure: _correlations(figure, comparison, rows, columns))
+    return Plot(size, lambda figure: _correlations(figure, comparison, rows, columns))
 
 
-def overlays(joint: Joint, pairs: list[Pair]) -> str:
+def overlays(joint: Joint, pairs: list[Pair]) -> Plot:
     """Rates that the joint line predicts from the SSRP, over the recorded ones: pairs down, shapes across."""
     rows, columns = (len(pairs), len(joint.pairings)) if len(joint.pairings) > 1 else (1, len(pairs))
-    return svg((0.6 + 3.2 * columns, 0.7 + 2.1 * rows), lambda figure: _overlays(figure, joint, pairs, rows, columns))
+    return Plot(
+        (0.6 + 3.2 * columns, 0.7 + 2.1 * rows), lambda figure: _overlays(figure, joint, pairs, rows, columns)
+    )
 
 
-def scatter(joint: Joint, pairs: list[Pair]) -> str:
+def scatter(joint: Joint, pairs: list[Pair]) -> Plot:
     """Recorded rate against the measure, all shapes, with the joint line."""
-    return svg((0.4 + 2.7 * len(pairs), 3.1), lambda figure: _scatter(figure, joint, pairs))
+    return Plot((0.4 + 2.7 * len(pairs), 3.1), lambda figure: _scatter(figure, joint, pairs))
 
 
-def populations(stimulus: Stimulus, measures: list[str]) -> str:
+def populations(stimulus: Stimulus, measures: list[str]) -> Plot:
     """The measures at all receptors, one line for each indentor position."""
-    return svg((0.8 + 3.1 * len(measures), 2.9), lambda figure: _populations(figure, stimulus, measures))
+    return Plot((0.8 + 3.1 * len(measures), 2.9), lambda figure: _populations(figure, stimulus, measures))
 
 
-def pressure_maps(stimuli: tuple[Stimulus, ...]) -> str:
+def pressure_maps(stimuli: tuple[Stimulus, ...]) -> Plot:
     """Pressure in the receptor plane for each position of each schedule, and the ends of the contact regions."""
     rows, columns = _grid(len(stimuli), 3)
-    return svg((0.4 + 3.4 * columns, 0.4 + 2.8 * rows), lambda figure: _pressure_maps(figure, stimuli, rows, columns))
+    return Plot(
+        (0.4 + 3.4 * columns, 0.4 + 2.8 * rows), lambda figure: _pressure_maps(figure, stimuli, rows, columns)
+    )
 
 
 def _grid(panels: int, widest: int) -> tuple[int, int]:
@@ -226,9 +230,13 @@ def _pressure_maps(figure: Figure, stimuli: tuple[Stimulus, ...], rows: int, col
             rasterized=True,
             vmin=0,
         )
-        for position, x in enumerate(stimulus.x_mm):
-            for ends in stimulus.contact_regions_mm(position):
-                axes.plot(ends, (x, x), "|", ms=5, mew=1.1, color="white")
+        ends = [
+            (end, x)
+            for position, x in enumerate(stimulus.x_mm)
+            for region in stimulus.contact_regions_mm(position)
+            for end in region
+        ]
+        axes.plot(*np.array(ends).reshape(-1, 2).T, "|", ms=5, mew=1.1, color="white")
         axes.set_title(stimulus.title, fontsize=8)
         axes.set(xlabel="skin, undeformed x (mm)", ylabel="indentor x (mm)")
         figure.colorbar(image, ax=axes, label="pressure (pseudo-units)")

@@ -1,9 +1,11 @@
 """The report of a comparison: one self-contained HTML file, the same bytes for the same input."""
 
-import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import version
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +13,15 @@ import numpy as np
 
 from rig.compare import comparison_figures as figures
 from rig.compare.comparison import COLLINEAR, Comparison, Joint
-from rig.compare.html import Figure, render
+from rig.compare.cross_sections import CrossSection
+from rig.compare.html import Figure, as_png, render
+from rig.compare.inputs import sha256
+from rig.compare.section_figures import strain_maps
 from rig.compare.shape_test import THRESHOLD
 from rig.compare.stimuli import Stimulus
 from rig.compare.tables import best_pairs, best_receptor, indistinguishable_rows, joint_row, threshold_rows
 from rig.data import Run
-from rig.data.folder import replace_text
+from rig.data.folder import replace_bytes, replace_text
 from sim.fingertip import Fingertip
 from sim.measures.measures import MEASURES
 
@@ -43,9 +48,15 @@ def write_comparison(
     command: str,
     extra: Sequence[Section] = (),
     title: str = "Which measure explains the response?",
+    sections: Sequence[CrossSection] = (),
+    pdf: Path | None = None,
 ) -> None:
-    """Write the report; `extra` sections come after the verdicts, `command` is what makes the report again."""
-    text = render(
+    """Write the report as HTML, and as PDF where asked for, dated by the newest run.
+
+    `extra` sections come after the verdicts; `command` is what makes the report again.
+    """
+    page = partial(
+        render,
         "comparison.html.j2",
         comparison=comparison,
         verdicts=verdict_rows(comparison),
@@ -55,11 +66,11 @@ def write_comparison(
         conditions=comparison.candidates_by_condition(),
         judged=[s.title for s in comparison.stimuli if comparison.passes(s) is not None],
         sets=[(joint.title, indistinguishable_rows(joint)) for joint in comparison.joints],
-        figures=_figures(comparison),
+        figures=[*_figures(comparison), *_strain_maps(sections)],
         title=title,
         extra=extra,
         finger=finger,
-        runs=[(run, _sha256(run.folder.events), _sha256(run.folder.path / "config.toml")) for run in runs],
+        runs=[(run, sha256(run.folder.events), sha256(run.folder.path / "config.toml")) for run in runs],
         recordings={p.stimulus.shape: p.recording for p in comparison.pairings},
         command=command,
         versions={name: version(name) for name in ("indentation-rig", "numpy", "scipy", "matplotlib")},
@@ -70,7 +81,12 @@ def write_comparison(
         labels={name: figures.label(name) for name in MEASURES},
         units={name: figures.unit(name) for name in MEASURES},
     )
-    replace_text(path, text)
+    replace_text(path, page())
+    if pdf is not None:
+        from rig.compare.pdf import as_pdf  # most comparisons do without
+
+        newest = datetime.fromtimestamp(max(int(run.start["unix_s"]) for run in runs), UTC)
+        replace_bytes(pdf, as_pdf(page(picture=as_png), newest))
 
 
 def verdict_rows(comparison: Comparison) -> list[dict[str, Any]]:
@@ -178,6 +194,19 @@ def _pressures(moved: tuple[Stimulus, ...]) -> Figure:
     )
 
 
+def _strain_maps(sections: Sequence[CrossSection]) -> list[Figure]:
+    return [
+        Figure(
+            f"Strain under the skin: {title}",
+            strain_maps(list(members)),
+            "The receptor plane, deformed, at up to three positions of the schedule: one value an element, not "
+            "smoothed. The epidermis is ten times as stiff as what lies below. White circles: receptors. The highest "
+            "3 % of the elements share the top colour.",
+        )
+        for title, members in groupby(sections, key=lambda section: section.stimulus.title)
+    ]
+
+
 def _number(value: float | None, digits: int = 3) -> str:
     """A number for a table with a typographic minus; a dash where there is none."""
     if value is None:
@@ -195,7 +224,3 @@ def _positions(values: Iterable[float]) -> str:
 
 def _limits(values: Sequence[float | None] | None) -> str:
     return f"[{_number(values[0])}, {_number(values[1])}]" if values else ""
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -6,34 +6,35 @@ from matplotlib.figure import Figure
 
 from rig.compare.responses import Response, by_group, measured
 from rig.compare.shape_test import shown
-from rig.compare.style import BLUE, GREY, ORANGE, position_bar, shade, shade_of, signed, svg
+from rig.compare.style import BLUE, GREY, ORANGE, Plot, position_bar, shade, shade_of, signed
 from rig.data import Run
+from sim.contact.indentor import ACROSS
 
 _UNIT = {"ep1": "strain", "sed": "pseudo-units"}
 _LABEL = {"ep1": "|ep1|", "sed": "SED"}
 
 
-def force_doi(run: Run) -> str:
+def force_doi(run: Run) -> Plot:
     """Force against depth while pressing, one line for each indentation."""
-    return svg((6.6, 3.6), lambda figure: _force_doi(figure, run))
+    return Plot((6.6, 3.6), lambda figure: _force_doi(figure, run))
 
 
-def contact_panels(found: list[Response]) -> str:
+def contact_panels(found: list[Response]) -> Plot:
     """The last hold of each indentation: indentor over deformed skin, contact regions, and the pressure below."""
     found = [response for response in found if response.last]
     columns = 3
     rows = -(-len(found) // columns)
-    return svg((10.2, 2.5 * rows), lambda figure: _contact_panels(figure, found, rows, columns))
+    return Plot((10.2, 2.5 * rows), lambda figure: _contact_panels(figure, found, rows, columns))
 
 
-def population_responses(found: list[Response]) -> str:
+def population_responses(found: list[Response]) -> Plot:
     """ep1 and SED at all receptors, one line for each indentor position."""
-    return svg((9.6, 3.6), lambda figure: _population(figure, found))
+    return Plot((9.6, 3.6), lambda figure: _population(figure, found))
 
 
-def ssrps(found: list[Response], measure: str) -> str:
+def ssrps(found: list[Response], measure: str) -> Plot:
     """The measure at each receptor against the indentor's position."""
-    return svg((10.2, 4.6), lambda figure: _ssrps(figure, found, measure))
+    return Plot((10.2, 4.6), lambda figure: _ssrps(figure, found, measure))
 
 
 def _force_doi(figure: Figure, run: Run) -> None:
@@ -71,7 +72,8 @@ def _contact_panel(axes: Axes, response: Response, top: float) -> Axes:
     undeformed, pressure = result.pressure_profile
     axes.plot(x, y, color=GREY, lw=1)
     s = np.linspace(-3.6, 3.6, 1441)
-    h = result.indentor.profile.evaluate(s - result.x_mm)[0]
+    across = result.indentor.axes == ACROSS  # its lowest line lies in the plane
+    h = np.zeros_like(s) if across else result.indentor.profile.evaluate(s - result.x_mm)[0]
     height = result.touch_height_mm - result.doi_mm + np.minimum(h, 1.3)
     axes.plot(s, np.where(h < 1.3, height, np.nan), color="black", lw=1.2)
     touching = pressure > 0

@@ -1,10 +1,13 @@
 """What every report is made of: figures inline, one template, one style."""
 
 import base64
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from rig.compare.style import Plot
 
 
 @dataclass(frozen=True)
@@ -12,16 +15,21 @@ class Figure:
     """A figure with its heading and caption."""
 
     title: str
-    svg: str
+    plot: Plot
     caption: str
 
-    @property
-    def uri(self) -> str:
-        """For the src of an img."""
-        return "data:image/svg+xml;base64," + base64.b64encode(self.svg.encode()).decode()
+
+def as_svg(figure: Figure) -> str:
+    """For the src of an img on a page."""
+    return "data:image/svg+xml;base64," + base64.b64encode(figure.plot.svg.encode()).decode()
 
 
-def render(template: str, **about: Any) -> str:
+def as_png(figure: Figure) -> str:
+    """For the src of an img on a page that becomes a PDF."""
+    return "data:image/png;base64," + base64.b64encode(figure.plot.png).decode()
+
+
+def render(template: str, picture: Callable[[Figure], str] = as_svg, **about: Any) -> str:
     """A self-contained page from a template of this package."""
     environment = Environment(
         loader=PackageLoader("rig.compare"),
@@ -30,4 +38,5 @@ def render(template: str, **about: Any) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["picture"] = picture
     return environment.get_template(template).render(**about)

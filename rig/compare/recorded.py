@@ -13,14 +13,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.compare.errors import RecordingError
+
 Array = NDArray[np.float64]
 
 _COLUMNS = ("position_mm", "rate", "sd", "repeat")
 _FEWEST_POSITIONS = 3
-
-
-class RecordingError(ValueError):
-    """A recording cannot be used; the message names file, row and column."""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import find_peaks
 
 from sim.measures.measures import PLOTTED_AS_MAGNITUDE
 
@@ -72,6 +71,8 @@ def _step_test(profile: Array, threshold: float) -> Verdict:
 
 def _bar_test(profile: Array, threshold: float) -> Verdict:
     """Two maxima inside the schedule, and so a minimum between them, of prominence > threshold · range each."""
+    from scipy.signal import find_peaks  # takes as long to load as a comparison of steps takes
+
     found = np.sort(find_peaks(profile, prominence=0)[1]["prominences"])[::-1]
     first, second = (float(v) for v in np.append(found, [0.0, 0.0])[:2])
     size = float(np.ptp(profile))

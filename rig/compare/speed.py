@@ -10,7 +10,7 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from rig.compare.html import Figure, render
-from rig.compare.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, svg
+from rig.compare.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, Plot
 
 Row = Mapping[str, Any]
 Line = tuple[str, str]  # model and element
@@ -32,7 +32,7 @@ def page(rows: Sequence[Row], **about: Any) -> str:
     return render("bench.html.j2", figures=_figures(rows), table=_table(rows), families=_FAMILIES, **about)
 
 
-def pareto(rows: Sequence[Row], against: str = "seconds") -> str:
+def pareto(rows: Sequence[Row], against: str = "seconds") -> Plot:
     """Largest error of each family and quantity, log against log; a line for each model and element."""
     labels = {"seconds": "from nothing to an answer (s)", "memory_mb": "peak memory (MB)", "contact_s": "contact (s)"}
     quantities = [q for q in _TITLES if any(row["quantity"] == q for row in rows)]
@@ -57,10 +57,10 @@ def pareto(rows: Sequence[Row], against: str = "seconds") -> str:
         )
         figure.legend(handles, names, loc="outside lower center", ncols=4)
 
-    return svg((10.2, 7.6), draw)
+    return Plot((10.2, 7.6), draw)
 
 
-def cost_against_nodes(rows: Sequence[Row]) -> str:
+def cost_against_nodes(rows: Sequence[Row]) -> Plot:
     """Time from nothing and memory against the number of nodes, with the exponents of straight lines through them."""
 
     def draw(figure: Drawing) -> None:
@@ -76,7 +76,7 @@ def cost_against_nodes(rows: Sequence[Row]) -> str:
             _plain(axes)
             axes.legend(fontsize=8)
 
-    return svg((10.2, 3.8), draw)
+    return Plot((10.2, 3.8), draw)
 
 
 def _plain(axes: Axes) -> None:

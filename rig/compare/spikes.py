@@ -5,7 +5,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compare.recorded import Recording, RecordingError, csv_number, csv_rows, recording
+from rig.compare.errors import RecordingError
+from rig.compare.nwb_spikes import read_nwb
+from rig.compare.recorded import Recording, csv_number, csv_rows, recording
 from rig.data import Run
 from sim.contact.shapes import parse_shape
 
@@ -14,12 +16,20 @@ Array = NDArray[np.float64]
 _SAME_PLACE_DECIMALS = 3
 
 
-def read_spike_times(path: Path, run: Run) -> Array:
-    """(n,) ascending seconds on the run's clock, from a CSV with columns `time_s[,kind]`. Raises RecordingError.
+def read_spike_times(path: Path, run: Run, unit: str = "") -> Array:
+    """(n,) ascending s on the run's clock, from NWB or a CSV with columns `time_s[,kind]`. Raises RecordingError.
 
     Rows of kind "sync" are the run's pulses as the amplifier saw them: offset and drift between the two clocks are
-    fitted to them. Without such rows the times must be on the run's clock already.
+    fitted to them. Without such rows the times must be on the run's clock already. `unit` is the one of an NWB file.
     """
+    spikes, pulses = read_nwb(path, unit) if path.suffix == NWB else _read_csv(path)
+    return _on_the_runs_clock(path, spikes, pulses, run) if len(pulses) else spikes
+
+
+NWB = ".nwb"
+
+
+def _read_csv(path: Path) -> tuple[Array, Array]:
     times: dict[str, list[float]] = {"spike": [], "sync": []}
     for number, row in csv_rows(path, ("time_s",), ("kind",)):
         where, kind = f"{path}, row {number}", row.get("kind") or "spike"
@@ -27,7 +37,7 @@ def read_spike_times(path: Path, run: Run) -> Array:
             raise RecordingError(f"{where}, column kind: {kind!r}, expected spike or sync")
         times[kind].append(csv_number(row["time_s"], where, "time_s"))
     spikes, pulses = (np.sort(np.array(times[kind], dtype=float)) for kind in ("spike", "sync"))
-    return _on_the_runs_clock(path, spikes, pulses, run) if len(pulses) else spikes
+    return spikes, pulses
 
 
 def _on_the_runs_clock(path: Path, spike_s: Array, pulse_s: Array, run: Run) -> Array:

@@ -4,8 +4,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
-from scipy.stats import t as student
+from scipy.special import ndtri, stdtrit
 
 from rig.compare.fit import Fit, fit_rates, predicted
 
@@ -48,7 +47,7 @@ def correlation(eps: Array, rate: Array) -> Array:
 
 def chance_correlation(positions: int, looked_at: int) -> float:
     """The |r| that the largest of `looked_at` unrelated correlations exceeds in 5 % of recordings (Bonferroni)."""
-    t = float(student.ppf(1 - (1 - CONFIDENCE) / (2 * looked_at), positions - 2))
+    t = float(stdtrit(positions - 2, 1 - (1 - CONFIDENCE) / (2 * looked_at)))
     return t / float(np.sqrt(positions - 2 + t * t))
 
 
@@ -107,7 +106,7 @@ def _stretch(variance: Array, freedom: NDArray[np.int64]) -> float:
     if total == 0:
         return 1.0
     level = (1 + CONFIDENCE) / 2
-    return float(student.ppf(level, total**2 / (variance**2 / freedom).sum()) / norm.ppf(level))
+    return float(stdtrit(total**2 / (variance**2 / freedom).sum(), level) / ndtri(level))
 
 
 def _limits(values: Array, best: float = 0.0, stretch: float = 1.0) -> tuple[float, float]:
@@ -135,7 +134,7 @@ def indistinguishable(eps: Array, rate: Array) -> Flags | None:
     n = int(common.sum())
     spread = worse.std(axis=1, ddof=1) / np.sqrt(n)
     flags = np.zeros((len(eps), len(receptors)), dtype=bool)
-    flags[:, receptors] = worse.mean(axis=1) <= student.ppf(1 - SET_LEVEL, n - 1) * spread
+    flags[:, receptors] = worse.mean(axis=1) <= stdtrit(n - 1, 1 - SET_LEVEL) * spread
     return flags
 
 

@@ -5,6 +5,7 @@ against the indentor's position (Raju 1998, ch. 5). One run gives both.
 """
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -19,7 +20,7 @@ from sim.cache import Arrays, cached_arrays, content_key
 from sim.contact.shapes import parse_shape
 from sim.fingertip import Fingertip
 from sim.measures.measures import MEASURES
-from sim.result import REGION_GAP_MM
+from sim.result import IndentationResult
 
 Array = NDArray[np.float64]
 
@@ -32,7 +33,8 @@ class Stimulus:
     """One indentor pressed to one depth or force at a row of positions.
 
     Arrays: `x_mm` (n,) ascending, `doi_mm` and `force_gwt` (n,), `measures` (18, n, receptors) in the signs of
-    `shown`, `receptor_mm` (receptors,), `skin_mm` (m,) undeformed x in the receptor plane, `pressure` (n, m).
+    `shown`, `receptor_mm` (receptors,), `skin_mm` (m,) undeformed x in the receptor plane, `pressure` (n, m),
+    `regions_mm` (n, k, 2) ends of the contact regions there, NaN where there are fewer.
     Strains are numbers, stresses and pressures pseudo-units.
     """
 
@@ -47,6 +49,7 @@ class Stimulus:
     receptor_mm: Array
     skin_mm: Array
     pressure: Array
+    regions_mm: Array
 
     @property
     def shape(self) -> str:
@@ -89,25 +92,25 @@ class Stimulus:
 
     def contact_regions_mm(self, position: int) -> list[tuple[float, float]]:
         """[x0, x1] of the runs of touching skin at one position, undeformed."""
-        touching = self.skin_mm[self.pressure[position] > 0]
-        parts = np.split(touching, np.flatnonzero(np.diff(touching) > REGION_GAP_MM) + 1)
-        return [(float(part[0]), float(part[-1])) for part in parts if len(part)]
+        return [(float(a), float(b)) for a, b in self.regions_mm[position] if not np.isnan(a)]
 
 
 _ROUNDING = 1e-9
 _EXACT_DECIMALS = 6
 _SAME_PLACE_DECIMALS = 3
-_CACHED_AS = 2  # to be raised when what is stored changes its meaning
+_CACHED_AS = 3  # to be raised when what is stored changes its meaning
 _PER_POSITION = ("x_mm", "doi_mm", "force_gwt", "measures", "pressure")
 
 
 def stimuli(run: Run, finger: Fingertip) -> list[Stimulus]:
     """What was pressed in a run, one for each indentor and commanded depth or force, at the last holds.
 
-    Presses at the same place are averaged. The model's answers are kept in the cache, under the run's journal, the
-    model and the simulator's code.
+    Presses at the same place are averaged; contact regions are those of the first. The model's answers are kept in
+    the cache, under the run's journal, the model and the simulator's code.
     """
-    table, _ = cached_arrays(_key(run, finger), lambda: _table(responses(run, finger, last_only=True)))
+    table, _ = cached_arrays(
+        responses_key(run, finger), lambda: _table(responses(run, finger, last_only=True)), kind="answers"
+    )
     if not len(table["x_mm"]):
         return []
     what = list(zip(*(table[name].tolist() for name in ("indentor", "kind", "commanded")), strict=True))
@@ -118,7 +121,7 @@ def stimuli(run: Run, finger: Fingertip) -> list[Stimulus]:
 
 def _stimulus(run: str, what: tuple[str, str, float], table: Arrays, mine: list[bool]) -> Stimulus:
     x_mm = np.asarray(table["x_mm"][mine], dtype=float)
-    _, place = np.unique(x_mm.round(_SAME_PLACE_DECIMALS), return_inverse=True)
+    _, first, place = np.unique(x_mm.round(_SAME_PLACE_DECIMALS), return_index=True, return_inverse=True)
     to_mean = (place == np.arange(place.max() + 1)[:, None]) / np.bincount(place)[:, None]
 
     def merged(name: str) -> Array:
@@ -126,7 +129,8 @@ def _stimulus(run: str, what: tuple[str, str, float], table: Arrays, mine: list[
 
     x, doi, force, measures, pressure = (merged(name) for name in _PER_POSITION)
     receptor, skin = (np.asarray(table[name], dtype=float) for name in ("receptor_mm", "skin_mm"))
-    return Stimulus(run, *what, x, doi, force, np.moveaxis(measures, 1, 0), receptor, skin, pressure)
+    regions = np.asarray(table["regions_mm"][mine][first], dtype=float)
+    return Stimulus(run, *what, x, doi, force, np.moveaxis(measures, 1, 0), receptor, skin, pressure, regions)
 
 
 def _table(found: list[Response]) -> Arrays:
@@ -143,16 +147,32 @@ def _table(found: list[Response]) -> Arrays:
         "force_gwt": np.array([result.force_gwt for result in results]),
         "measures": np.array([[shown(name, r.receptor_measures[name]) for name in MEASURES] for r in results]),
         "pressure": np.array([result.pressure_profile[1] for result in results]),
+        "regions_mm": contact_regions(results),
         "skin_mm": results[0].pressure_profile[0],
         "receptor_mm": results[0].model.receptors.position_mm[:, 0].round(_EXACT_DECIMALS) + 0.0,
     }
 
 
-def _key(run: Run, finger: Fingertip) -> str:
+def contact_regions(results: Sequence[IndentationResult]) -> Array:
+    """(n, k, 2) ends in mm, NaN where an indentation has fewer than another."""
+    most = max(len(result.contact_regions_mm) for result in results)
+    regions = np.full((len(results), most, 2), np.nan)
+    for row, result in zip(regions, results, strict=True):
+        row[: len(result.contact_regions_mm)] = np.reshape(result.contact_regions_mm, (-1, 2))
+    return regions
+
+
+def responses_key(run: Run, finger: Fingertip) -> str:
+    """Of what the model says to a run."""
+    journal = hashlib.sha256(run.folder.events.read_bytes()).hexdigest()
+    return answers_key(finger, [_CACHED_AS, journal])
+
+
+def answers_key(finger: Fingertip, asked: object) -> str:
+    """Of what a model says to anything: it hangs on the finger, its receptors and the simulator's code."""
     receptors = finger.model.receptors
-    journal = hashlib.sha256(run.folder.events.read_bytes())
     code = hashlib.sha256()
     for source in sorted(Path(str(files("sim"))).rglob("*.py")):
         code.update(source.read_bytes())
-    what = [_CACHED_AS, journal.hexdigest(), code.hexdigest(), finger.config.model_dump(mode="json")]
-    return content_key([*what, finger.e_epidermis_mpa, receptors.position_mm.tolist(), receptors.depth_mm])
+    what = [asked, code.hexdigest(), finger.config.model_dump(mode="json"), finger.e_epidermis_mpa]
+    return content_key([*what, receptors.position_mm.tolist(), receptors.depth_mm])

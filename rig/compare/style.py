@@ -2,6 +2,8 @@
 
 import io
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import matplotlib as mpl
@@ -9,6 +11,7 @@ from matplotlib.figure import Figure
 
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"  # Okabe & Ito
 PURPLE, YELLOW = "#CC79A7", "#E69F00"
+PNG_DOTS_PER_INCH = 200
 _ORDERED = mpl.colormaps["viridis"]
 _STYLE: dict[Any, Any] = {
     "font.size": 9,
@@ -20,14 +23,32 @@ _STYLE: dict[Any, Any] = {
 }
 
 
-def svg(size: tuple[float, float], draw: Callable[[Figure], None]) -> str:
-    """A drawing of a size in inches."""
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=size, layout="constrained")
-        draw(figure)
+@dataclass(frozen=True)
+class Plot:
+    """A drawing of a size in inches, drawn when it is asked for."""
+
+    size: tuple[float, float]
+    draw: Callable[[Figure], None]
+
+    @cached_property
+    def svg(self) -> str:
+        """As text."""
         text = io.StringIO()
-        figure.savefig(text, format="svg", metadata={"Date": None})
-    return text.getvalue()
+        self._save(text, format="svg", metadata={"Date": None})
+        return text.getvalue()
+
+    @cached_property
+    def png(self) -> bytes:
+        """As an image."""
+        content = io.BytesIO()
+        self._save(content, format="png", dpi=PNG_DOTS_PER_INCH, metadata={"Software": None})
+        return content.getvalue()
+
+    def _save(self, target: io.StringIO | io.BytesIO, **options: Any) -> None:
+        with mpl.rc_context(_STYLE):
+            figure = Figure(figsize=self.size, layout="constrained")
+            self.draw(figure)
+            figure.savefig(target, **options)
 
 
 def shade(k: int, n: int) -> Any:

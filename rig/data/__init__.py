@@ -2,6 +2,17 @@
 
 from rig.data.export import export_run
 from rig.data.folder import FolderBusyError, RunFolder, new_run_folder
+from rig.data.nwb import NwbMissingError, export_nwb
 from rig.data.reader import Run, RunError, read_run
 
-__all__ = ["FolderBusyError", "Run", "RunError", "RunFolder", "export_run", "new_run_folder", "read_run"]
+__all__ = [
+    "FolderBusyError",
+    "NwbMissingError",
+    "Run",
+    "RunError",
+    "RunFolder",
+    "export_nwb",
+    "export_run",
+    "new_run_folder",
+    "read_run",
+]

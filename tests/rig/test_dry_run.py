@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from rig.compare import write_report
+from rig.compare.report import write_report
 from rig.data import Run, read_run
 from rig.protocol.config import Config
 from rig.protocol.plan import make_plan

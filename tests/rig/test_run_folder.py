@@ -11,7 +11,7 @@ from typing import Any
 import h5py
 import pytest
 
-from rig.compare import write_report
+from rig.compare.report import write_report
 from rig.data import RunError, RunFolder, export_run, new_run_folder, read_run
 from rig.protocol.config import Config
 from rig.run import Target, indent

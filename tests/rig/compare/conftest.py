@@ -73,6 +73,7 @@ def make_stimulus() -> Callable[..., Stimulus]:
             receptor_mm,
             skin,
             pressure,
+            np.tile([-1.0, 1.0], (len(x_mm), 1, 1)),
         )
 
     return make

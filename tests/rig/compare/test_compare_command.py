@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 
@@ -62,7 +63,7 @@ def test_json_and_report(command: Command, bar_run: Run, csv: Path) -> None:
     page = Path("a.html").read_text(encoding="utf-8")
     for section in ("Verdicts", "Fits to what was recorded", "Recorded over predicted", "Rate against measure",
                     "Correlation and shape test", "SSRPs and shape test", "Population responses",
-                    "Pressure and contact regions", "Provenance"):  # fmt: skip
+                    "Pressure and contact regions", "Strain under the skin", "Provenance"):  # fmt: skip
         assert section in page
     assert page.index("Verdicts</h2>") < page.index("<figure>")
     assert "http" not in page.replace("http://www.w3.org", "")  # nothing is fetched
@@ -73,6 +74,16 @@ def test_the_same_input_gives_the_same_bytes(command: Command, bar_run: Run, csv
     for name in ("a.html", "b.html"):
         assert command("compare", bar_run.folder.path, "--recorded", f"bar:3.0={csv}", "--out", name)[0] == 0
     assert Path("a.html").read_bytes() == Path("b.html").read_bytes()
+
+
+def test_the_same_report_as_pdf(command: Command, bar_run: Run, csv: Path) -> None:
+    for name in ("a.pdf", "b.pdf"):
+        options = ("--recorded", f"bar:3.0={csv}", "--out", "a.html", "--pdf", name)
+        assert command("compare", bar_run.folder.path, *options)[0] == 0
+    content = Path("a.pdf").read_bytes()
+    assert content == Path("b.pdf").read_bytes()
+    assert content.startswith(b"%PDF-")
+    assert content.count(b"/Subtype /Image") >= 6  # figures
 
 
 def test_a_comparison_takes_seconds(command: Command, bar_run: Run, csv: Path) -> None:
@@ -108,6 +119,11 @@ def test_without_a_recording(command: Command, bar_run: Run) -> None:
         ),
         (("--recorded", "bar:3.0=bad.csv"), "bad.csv, row 3, column rate: 'x', expected a number of 0 or more"),
         (("--mirror", "bar:3.0"), "--mirror bar:3.0: nothing recorded for it"),
+        (
+            ("--deflection", "depths.csv"),
+            "--deflection depths.csv: expected a run with a line load across the finger",
+        ),
+        (("--pdf", "no/such.pdf"), "--pdf no/such.pdf: expected a file in a folder that exists"),
         (("--window-s", "1"), "--window-s '1': expected two numbers, begin,end"),
         (("--receptor-x-mm", "0,left"), "--receptor-x-mm '0,left': expected numbers separated by commas"),
     ],
@@ -116,6 +132,7 @@ def test_bad_input_is_refused_in_one_line(
     command: Command, bar_run: Run, options: tuple[str, ...], complaint: str
 ) -> None:
     Path("good.csv").write_text("position_mm,rate\n0,1\n0.1,2\n0.2,3\n", encoding="utf-8")
+    Path("depths.csv").write_text("z_mm,deflection_mm\n7,0.5\n", encoding="utf-8")
     Path("bad.csv").write_text("position_mm,rate\n0,1\n0.1,x\n", encoding="utf-8")
     code, out, err = command("compare", bar_run.folder.path, *options, "--out", "a.html")
     assert (code, out) == (2, "")
@@ -140,4 +157,32 @@ def test_export_writes_the_tables_again(command: Command, bar_run: Run) -> None:
     assert hold.read_bytes() == before
     assert "  hold_end.csv\n" in (bar_run.folder.path / "SHA256SUMS").read_text(encoding="utf-8")
     code, _, err = command("export", bar_run.folder.path)
-    assert (code, err) == (2, "rig: export: no format given, expected --csv\n")
+    assert (code, err) == (2, "rig: export: no format given, expected --csv or --nwb\n")
+
+
+def test_export_as_nwb(command: Command, bar_run: Run) -> None:
+    pytest.importorskip("pynwb", reason="needs pynwb: pip install 'indentation-rig[nwb]'")
+    code, out, _ = command("export", bar_run.folder.path, "--nwb", "--json")
+    path = bar_run.folder.path / "run.nwb"
+    assert (code, json.loads(out)["files"]) == (0, [str(path)])
+    assert "  run.nwb\n" in (bar_run.folder.path / "SHA256SUMS").read_text(encoding="utf-8")
+    path.unlink()
+    bar_run.folder.write_checksums()
+
+
+def test_spike_times_from_nwb(command: Command, bar_run: Run) -> None:
+    """Ten spikes in the window of the hold at x = 0.8 and none elsewhere: the only rate is there."""
+    start = next(e["t_s"] for e in bar_run.stream("hold_start") if (e["index"], e["hold"]) == (0, 2))
+    with h5py.File("u.nwb", "w") as file:  # the columns of an NWB 2 table of units
+        file["units/id"] = [4, 9]
+        file["units/spike_times"] = [1.0, *(start + 0.01 * np.arange(1, 11))]
+        file["units/spike_times_index"] = [1, 11]
+    run = ("compare", bar_run.folder.path, "--window-s", "0,0.4", "--out", "a.html", "--json")
+    code, out, _ = command(*run, "--recorded", "bar:3.0=u.nwb#9")
+    assert code == 0
+    rows = json.loads(out)["rows"]
+    # receptors see x = 0.8 as position 0.8 less their own place; five places were pressed
+    assert next(row for row in rows if row["receptor_mm"] == 0.0)["positions"] == 5
+    assert "u.nwb" in Path("a.html").read_text(encoding="utf-8")
+    code, _, err = command(*run, "--recorded", "bar:3.0=u.nwb")
+    assert (code, err) == (2, "rig: u.nwb: 2 units, expected SHAPE=u.nwb#UNIT, UNIT one of 4, 9\n")

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.compare.comparison import Comparison, ComparisonError, compare
+from rig.compare.comparison import Comparison, compare
+from rig.compare.errors import ComparisonError
 from rig.compare.recorded import Recording, recording
 from rig.compare.stimuli import Stimulus
 from rig.compare.synthetic import Afferent, afferent_for, record, write_synthetic

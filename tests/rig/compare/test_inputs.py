@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rig.compare.errors import RecordingError
 from rig.compare.inputs import SpikeReading, read_recordings
-from rig.compare.recorded import RecordingError
 from rig.data import Run
 
 

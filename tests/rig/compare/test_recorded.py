@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.compare.recorded import RecordingError, read_srp
+from rig.compare.errors import RecordingError
+from rig.compare.recorded import read_srp
 
 
 def written(folder: Path, text: str, encoding: str = "utf-8") -> Path:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.compare.recorded import RecordingError
+from rig.compare.errors import RecordingError
 from rig.compare.spikes import rates_in_run, read_spike_times
 from rig.data import Run
 

@@ -1,0 +1,17 @@
+"""What can be wrong with what a comparison or a study is given; apart, so that commands may know of it cheaply."""
+
+
+class ComparisonError(ValueError):
+    """The runs and recordings do not go together."""
+
+
+class RecordingError(ValueError):
+    """A recording cannot be used; the message names file, row and column."""
+
+
+class StudyError(ValueError):
+    """The file of a study is not understood; the message names file and key."""
+
+
+class WorkersError(Exception):
+    """The work cannot be given out, or those who did it have gone."""

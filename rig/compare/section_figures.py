@@ -1,0 +1,54 @@
+"""Strain maps of the receptor plane, as figures."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
+from matplotlib.figure import Figure
+
+from rig.compare.comparison_figures import label, unit
+from rig.compare.cross_sections import MAPPED, CrossSection
+from rig.compare.style import Plot, signed
+
+_SHOWN_MM = ((-3.4, 3.4), (2.0, 5.2))
+_TOP_QUANTILE = 0.97
+
+
+def strain_maps(sections: Sequence[CrossSection]) -> Plot:
+    """One stimulus: measures down, positions across; one scale a measure."""
+    size = (1.2 + 3.0 * len(sections), 0.5 + 1.75 * len(MAPPED))
+    return Plot(size, lambda figure: _strain_maps(figure, sections))
+
+
+def _strain_maps(figure: Figure, sections: Sequence[CrossSection]) -> None:
+    panels = figure.subplots(len(MAPPED), len(sections), squeeze=False, sharex=True, sharey=True)
+    for row, measure in zip(panels, MAPPED, strict=True):
+        top = max(_top(section, measure) for section in sections)
+        drawn = [_map(axes, section, measure, top) for axes, section in zip(row, sections, strict=True)]
+        name = f"{label(measure)} ({unit(measure)})"
+        figure.colorbar(drawn[-1], ax=row.tolist(), label=name, extend="max", shrink=0.9)
+        row[0].set_ylabel("y (mm)")
+    for axes, section in zip(panels[0], sections, strict=True):
+        axes.set_title(f"indentor at x = {signed(section.x_mm)} mm", fontsize=8)
+    for axes in panels[-1]:
+        axes.set_xlabel("x (mm)")
+
+
+def _map(axes: Axes, section: CrossSection, measure: str, top: float) -> QuadMesh:
+    x, y = np.moveaxis(section.corner_mm, -1, 0)
+    image = axes.pcolormesh(
+        x, y, section.values[measure], cmap="viridis", shading="flat", vmin=0, vmax=top, rasterized=True
+    )
+    axes.plot(x[:, 0], y[:, 0], color="black", lw=0.7)
+    axes.plot(*section.receptor_mm.T, "o", ms=2.5, mfc="none", mec="white", mew=0.8)
+    axes.set(xlim=_SHOWN_MM[0], ylim=_SHOWN_MM[1], aspect="equal")
+    return image
+
+
+def _top(section: CrossSection, measure: str) -> float:
+    """The top of the colour scale: the epidermis under an edge would take all of it."""
+    (left, right), (low, high) = _SHOWN_MM
+    x, y = np.moveaxis(section.corner_mm[:-1, :-1], -1, 0)
+    seen = (x > left) & (x < right) & (y > low) & (y < high)
+    return float(np.quantile(section.values[measure][seen], _TOP_QUANTILE))

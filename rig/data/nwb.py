@@ -1,0 +1,139 @@
+"""A run as Neurodata Without Borders (NWB 2, HDF5), for sharing beside a recording. Needs the extra `nwb`.
+
+Times are seconds of the run's clock, t = 0 at its start. Positions are in the finger's frame, in metres as NWB asks.
+"""
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rig.data.reader import Run
+from rig.units import GWT_N
+
+_M_PER_MM = 1e-3
+
+
+class NwbMissingError(Exception):
+    """The libraries that write NWB are not installed."""
+
+
+def export_nwb(run: Run) -> Path:
+    """Write run.nwb into the run's folder, by one rename; raises NwbMissingError without pynwb."""
+    try:
+        import pynwb
+    except ImportError:
+        raise NwbMissingError("export --nwb: needs pynwb, expected pip install 'indentation-rig[nwb]'") from None
+    path = run.folder.path / "run.nwb"
+    partial = path.with_suffix(".part.nwb")
+    with pynwb.NWBHDF5IO(partial, "w") as file:
+        file.write(_as_nwb(run, pynwb))
+    partial.replace(path)
+    return path
+
+
+def _as_nwb(run: Run, pynwb: Any) -> Any:
+    began = datetime.fromtimestamp(run.start["unix_s"] - run.start["t_s"], UTC)
+    file = pynwb.NWBFile(
+        session_description=f"{run.start['title']}. {run.start['source']}".strip(),
+        identifier=run.start["uid"],
+        session_start_time=began,
+        file_create_date=began,
+        session_id=run.folder.path.name,
+        protocol=run.start["protocol"],
+        notes=f"virtual bench: {run.start['virtual']}; complete: {run.complete}",
+    )
+    _add_samples(run, file, pynwb)
+    _add_indentations(run, file)
+    _add_holds(run, file, pynwb)
+    _add_sync(run, file, pynwb)
+    return file
+
+
+def _add_samples(run: Run, file: Any, pynwb: Any) -> None:
+    """Force readings with the stage's position at each."""
+    samples = run.stream("sample")
+    if not samples:
+        return
+    t_s = np.array([sample["t_s"] for sample in samples])
+    force = pynwb.TimeSeries(
+        name="force",
+        description="Force on the finger as read by the sensor.",
+        data=_numbers(samples, "force_gwt"),
+        unit="newtons",
+        conversion=GWT_N,
+        timestamps=t_s,
+        comments="Stored in gram-weight.",
+    )
+    file.add_acquisition(force)
+    position = pynwb.behavior.SpatialSeries(
+        name="position",
+        description="Indentor's reference point: x across the finger from the pad's centre, height over its apex.",
+        data=np.stack([_numbers(samples, "x_mm"), _numbers(samples, "height_mm")], axis=1),
+        reference_frame="the finger's: x = 0 at the pad's centre, height 0 at the finger's nominal apex",
+        unit="meters",
+        conversion=_M_PER_MM,
+        timestamps=force,
+        comments="Stored in mm.",
+    )
+    file.add_acquisition(position)
+
+
+def _add_indentations(run: Run, file: Any) -> None:
+    """One trial for each finished indentation."""
+    ends = {event["index"]: event["t_s"] for event in run.stream("indentation_end")}
+    starts = [event for event in run.stream("indentation_start") if event["index"] in ends]
+    if not starts:
+        return
+    for name, about in {
+        "index": "number of the indentation in the script",
+        "indentor": "shape, as the program names it",
+        "x_mm": "indentor's reference point from the pad's centre",
+        "target": "what was commanded: doi_mm (depth past contact) or force_gwt (gram-weight)",
+        "value": "how much of it",
+        "increments": "holds at equal parts of the target",
+    }.items():
+        file.add_trial_column(name, about)
+    for event in starts:
+        columns = {name: event[name] for name in ("index", "indentor", "x_mm", "target", "value", "increments")}
+        file.add_trial(start_time=event["t_s"], stop_time=ends[event["index"]], **columns)
+
+
+def _add_holds(run: Run, file: Any, pynwb: Any) -> None:
+    ends = {(event["index"], event["hold"]): event for event in run.stream("hold_end")}
+    began = [event for event in run.stream("hold_start") if (event["index"], event["hold"]) in ends]
+    if not began:
+        return
+    table = pynwb.epoch.TimeIntervals(name="holds", description="Indentor at rest on the finger, as delivered.")
+    for name, about in {
+        "index": "number of the indentation in the script",
+        "hold": "number of the hold within it, from 1",
+        "x_mm": "indentor's reference point from the pad's centre",
+        "doi_mm": "depth past the fitted contact",
+        "force_gwt": "mean force in gram-weight",
+        "force_sd_gwt": "its standard deviation over readings",
+    }.items():
+        table.add_column(name, about)
+    for event in began:
+        end = ends[event["index"], event["hold"]]
+        columns = {name: end[name] for name in ("index", "hold", "x_mm", "doi_mm", "force_gwt", "force_sd_gwt")}
+        table.add_row(start_time=event["t_s"], stop_time=end["t_s"], **columns)
+    file.add_time_intervals(table)
+
+
+def _add_sync(run: Run, file: Any, pynwb: Any) -> None:
+    """Pulses for the recording amplifier."""
+    pulses = run.stream("sync")
+    if not pulses:
+        return
+    table = pynwb.epoch.TimeIntervals(name="sync_pulses", description="Pulses on the sync output.")
+    table.add_column("uncertainty_s", "how well the rise is known, s")
+    for pulse in pulses:
+        rise, width = pulse["rise_s"], pulse["width_s"]
+        table.add_row(start_time=rise, stop_time=rise + width, uncertainty_s=pulse["uncertainty_s"])
+    file.add_time_intervals(table)
+
+
+def _numbers(events: list[dict[str, Any]], key: str) -> np.ndarray:
+    return np.array([np.nan if event.get(key) is None else float(event[key]) for event in events])

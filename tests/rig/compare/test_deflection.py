@@ -1,0 +1,76 @@
+"""The skin's deflection under a line load, and what was measured over it."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.compare.deflection import Deflection, deflection_section, partner, read_deflections, simulated
+from rig.compare.errors import RecordingError
+from rig.data import Run
+from rig.protocol.config import Config
+from rig.protocol.plan import make_plan
+from rig.protocol.script import load_script
+from rig.protocol.session import Session, dry_run
+from sim.fingertip import Fingertip
+
+
+@pytest.fixture(scope="module")
+def line_run(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """The shipped protocol, its first depth only."""
+    script, config = load_script("line", ["deepest_mm=0.5"]), Config()
+    plan = make_plan(script, config, finger)
+    folder = tmp_path_factory.mktemp("line")
+    return dry_run(Session(script, config, finger, plan, folder, interrupted=lambda: False)).run
+
+
+def test_the_model_deflects_most_under_the_line(line_run: Run, bar_run: Run, finger: Fingertip) -> None:
+    assert simulated(bar_run, finger) == []  # a bar lies along the finger
+    (found,) = simulated(line_run, finger)
+    assert found.doi_mm == pytest.approx(0.5, abs=0.02)
+    deepest = int(np.argmax(found.deflection_mm))
+    assert found.z_mm[deepest] == pytest.approx(finger.config.receptor_plane_mm, abs=0.2)
+    assert found.deflection_mm[deepest] == pytest.approx(found.doi_mm, abs=0.03)  # the apex lies elsewhere in z
+    assert (np.diff(found.deflection_mm[: deepest + 1]) > 0).all()  # it falls to both sides
+    assert found.deflection_mm[0] < 0.1 * found.doi_mm
+
+
+def test_measured_deflections_by_depth(tmp_path: Path) -> None:
+    path = tmp_path / "mine.csv"
+    path.write_text("z_mm,deflection_mm,doi_mm\n6,0.3,1.0\n7,0.9,1.0\n6,0.1,0.5\n9,0.2,\n", encoding="utf-8")
+    found = read_deflections(path)
+    assert [one.doi_mm for one in found[:2]] == [0.5, 1.0]
+    assert math.isnan(found[2].doi_mm)
+    np.testing.assert_array_equal(found[1].z_mm, [6, 7])
+    np.testing.assert_array_equal(found[1].deflection_mm, [0.3, 0.9])
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("z_mm,deflection\n1,2\n", "row 1: no column deflection_mm, expected z_mm,deflection_mm[,doi_mm]"),
+        ("z_mm,deflection_mm\n1,x\n", "row 2, column deflection_mm: 'x', expected a number"),
+        ("z_mm,deflection_mm,doi_mm\n1,2,-1\n", "row 2, column doi_mm: '-1', expected a number of 0 or more"),
+        ("z_mm,deflection_mm\n", "no rows below the header"),
+    ],
+)
+def test_bad_files_are_refused_by_row_and_column(tmp_path: Path, text: str, complaint: str) -> None:
+    path = tmp_path / "mine.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(RecordingError) as caught:
+        read_deflections(path)
+    assert complaint in str(caught.value)
+
+
+def test_the_table_says_how_far_the_points_lie_off() -> None:
+    z = np.linspace(4, 10, 13)
+    model = Deflection(1.0, z, np.exp(-np.abs(z - 7)))
+    off = Deflection(1.02, z[3:6], model.deflection_mm[3:6] - 0.1)
+    unknown = Deflection(math.nan, z[:2], z[:2])
+    assert partner(off, [model]) is model
+    assert partner(Deflection(1.1, z, z), [model]) is None
+    section = deflection_section([model], [off, unknown], "mine.csv")
+    assert section.rows == (("1.02", "3", "−0.100", "0.100"), ("not given", "2", "–", "–"))
+    assert "Measured: mine.csv." in section.text
+    assert section.figures[0].plot.svg.count('<g id="line2d_') > 3

@@ -1,0 +1,172 @@
+"""Parameter studies: what is combined, and the same answers however the work is given out."""
+
+import json
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.cli import main
+from rig.compare.errors import StudyError, WorkersError
+from rig.compare.parameter_study import columns, read_study, solve
+from rig.compare.workers import spread
+
+COARSE = """\
+receptor_x_mm = [-1.0, 0.0]
+receptor_depth_mm = [0.7, 0.9]
+
+[finger.mesh]
+spacing_mm = 0.5
+patch_x_mm = 2.5
+patch_z_mm = 2.5
+
+[finger.tissue]
+epidermis_mm = [0.3, 0.5]
+
+[[press]]
+shape = "cylinder:9"
+x_mm = [0.0, 0.5]
+force_gwt = [1.0]
+
+[[press]]
+shape = "bar:3.0"
+doi_mm = [0.2, 0.4]
+"""
+
+
+@pytest.fixture
+def coarse(tmp_path: Path) -> Path:
+    """Two fingers of some thousand nodes, two depths of receptors, two indentors: 12 cases."""
+    path = tmp_path / "coarse.toml"
+    path.write_text(COARSE, encoding="utf-8")
+    return path
+
+
+def test_every_combination_is_a_case(coarse: Path) -> None:
+    cases = read_study(coarse)
+    assert len(cases) == 2 * 2 * (1 + 2)
+    assert cases[0].varied == (("tissue.epidermis_mm", 0.3),)
+    assert [case.varied[0][1] for case in cases] == [0.3] * 6 + [0.5] * 6  # one finger's are together
+    assert (cases[0].shape, cases[0].kind, cases[0].value, cases[0].x_mm) == (
+        "cylinder:9",
+        "force_gwt",
+        1.0,
+        (0, 0.5),
+    )
+    assert [case.value for case in cases[1:3]] == [0.2, 0.4]
+    assert columns(cases)[:3] == ["tissue.epidermis_mm", "receptor_depth_mm", "shape"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ("epidermis_mm", "epidermis", "tissue.epidermis: Extra inputs are not permitted"),
+        ("[0.3, 0.5]", "[0.3, 9]", "tissue.epidermis_mm: Input should be less than 1"),
+        ('"bar:3.0"', '"tube"', "press.1: shape 'tube': no such indentor"),
+        ("force_gwt = [1.0]", "", "press.0: expected either doi_mm or force_gwt"),
+        ("[[press]]", "[[pres]]", "Field required"),
+        ("[finger.mesh]", "[finger.mesh", "coarse.toml: Expected ']'"),
+    ],
+)
+def test_a_file_that_is_not_understood(coarse: Path, old: str, new: str, complaint: str) -> None:
+    coarse.write_text(COARSE.replace(old, new), encoding="utf-8")
+    with pytest.raises(StudyError) as caught:
+        read_study(coarse)
+    assert complaint in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_what_has_no_answer_says_why_in_its_row(coarse: Path) -> None:
+    coarse.write_text(COARSE.replace("doi_mm = [0.2, 0.4]", "doi_mm = [5.0]"), encoding="utf-8")
+    (row,) = solve(read_study(coarse)[1])
+    assert "DOI 5 mm: expected 0 < DOI" in row["problem"]
+    assert row["shape"] == "bar:3.0"
+
+
+Command = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def command(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Command:
+    """Run the program here: exit code, standard output, standard error."""
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["rig", *map(str, arguments)])
+        with pytest.raises(SystemExit) as caught:
+            main()
+        printed = capfd.readouterr()
+        return int(caught.value.code or 0), printed.out, printed.err
+
+    return run
+
+
+def test_processes_give_what_one_gives(command: Command, coarse: Path) -> None:
+    alone = [row for case in read_study(coarse) for row in solve(case)]
+    code, out, err = command("study", coarse, "--processes", 2, "--json")
+    assert (code, err) == (0, "")
+    answer: dict[str, Any] = json.loads(out)
+    assert (answer["cases"], answer["rows"], answer["problems"]) == (12, 4 * (2 * 2 + 2 * 2), 0)
+    lines = coarse.with_suffix(".csv").read_text(encoding="utf-8").splitlines()
+    names = lines[0].split(",")
+    assert len(lines) == 1 + len(alone)
+    for line, row in zip(lines[1:], alone, strict=True):
+        assert line.split(",") == [str(row[name]) for name in names]  # the very same digits
+
+
+def test_bad_input_is_one_line(command: Command, coarse: Path, tmp_path: Path) -> None:
+    code, _, err = command("study", tmp_path / "none.toml")
+    assert (code, err) == (2, f"rig: study {tmp_path}/none.toml: No such file or directory\n")
+    code, _, err = command("study", coarse, "--out", tmp_path / "no" / "t.csv")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "expected a file in a folder that exists" in err
+
+
+def _killed(number: int) -> int:
+    if number == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+def test_a_killed_process_is_told_of() -> None:
+    with pytest.raises(WorkersError, match="a worker process was killed"):
+        list(spread(_killed, [0, 1], processes=1))
+
+
+def _square_but_the_first_worker_dies(item: tuple[int, str]) -> int:
+    """Whichever worker comes first to the third item dies of it, once."""
+    number, mark = item
+    time.sleep(0.05)
+    if number == 2 and not Path(mark).exists():
+        Path(mark).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number * number
+
+
+# a lost worker is told of in the log, and its sockets are closed by the garbage collector
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.timeout(120)
+def test_a_cluster_whose_worker_dies_midway_gives_the_same(coarse: Path, tmp_path: Path) -> None:
+    distributed: Any = pytest.importorskip(
+        "distributed", reason="needs dask.distributed: pip install 'indentation-rig[cluster]'"
+    )
+    mark = tmp_path / "died"
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
+    ) as cluster:
+        address = cluster.scheduler_address
+        found = list(spread(_square_but_the_first_worker_dies, [(k, str(mark)) for k in range(8)], scheduler=address))
+        assert mark.exists()
+        assert found == [k * k for k in range(8)]
+        cases = read_study(coarse)
+        assert list(spread(solve, cases, scheduler=address)) == [solve(case) for case in cases]
+
+
+def test_a_cluster_that_is_not_there() -> None:
+    pytest.importorskip("distributed", reason="needs dask.distributed: pip install 'indentation-rig[cluster]'")
+    with pytest.raises(WorkersError, match="--scheduler nowhere://: nobody answers"):
+        list(spread(abs, [1], scheduler="nowhere://"))

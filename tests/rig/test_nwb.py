@@ -1,0 +1,122 @@
+"""A run as NWB, checked by pynwb's validator and nwbinspector, and spike times read from one."""
+
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rig.compare.errors import RecordingError
+from rig.compare.spikes import read_spike_times
+from rig.data import NwbMissingError, Run, export_nwb, read_run
+from rig.data.folder import RunFolder
+from rig.run import Target, indent
+from rig.units import GWT_N
+
+pynwb: Any = pytest.importorskip("pynwb", reason="needs pynwb: pip install 'indentation-rig[nwb]'")
+
+
+@pytest.fixture
+def run(spring: Any, tmp_path: Path) -> Run:
+    """Two indentations on the spring bench, with sync pulses."""
+    bench = spring()
+    bench.journal.start({"protocol": "two", "title": "Two presses", "source": "a notebook", "virtual": True,
+                         "planned_indentations": 2, "parameters": {}})  # fmt: skip
+    engine = bench.ready()
+
+    for x_mm in (0.0, 0.4):
+        engine.move_to(x_mm)
+        indent(engine, Target("force_gwt", 2.0), hold_s=0.3)
+    bench.journal.stop("done")
+    return read_run(bench.journal_path.parent)
+
+
+def test_the_file_is_valid_and_says_what_the_journal_says(run: Run) -> None:
+    path = export_nwb(run)
+    assert path == run.folder.path / "run.nwb"
+    assert not list(run.folder.path.glob("*.part*"))
+    with pynwb.NWBHDF5IO(path, "r") as io:
+        file = io.read()
+        samples = run.stream("sample")
+        force = file.acquisition["force"]
+        np.testing.assert_array_equal(force.data[:], [sample["force_gwt"] for sample in samples])
+        assert (force.unit, force.conversion) == ("newtons", GWT_N)
+        np.testing.assert_array_equal(force.timestamps[:], [sample["t_s"] for sample in samples])
+        position = file.acquisition["position"]
+        np.testing.assert_array_equal(position.data[:, 1], [sample["height_mm"] for sample in samples])
+        trials = file.trials.to_dataframe()
+        assert trials["x_mm"].tolist() == [0.0, 0.4]
+        assert trials["indentor"].tolist() == ["bar:3.0", "bar:3.0"]
+        holds = file.intervals["holds"].to_dataframe()
+        ends = run.stream("hold_end")
+        assert holds["stop_time"].tolist() == [end["t_s"] for end in ends]
+        assert holds["force_gwt"].tolist() == [end["force_gwt"] for end in ends]
+        assert file.session_start_time == datetime.fromtimestamp(run.start["unix_s"] - run.start["t_s"], UTC)
+
+
+def test_the_validators_find_nothing(run: Run) -> None:
+    inspector: Any = pytest.importorskip("nwbinspector", reason="needs nwbinspector: pip install nwbinspector")
+    path = export_nwb(run)
+    assert pynwb.validate(path=str(path)) in ([], ([], 0))
+    found = [
+        m
+        for m in inspector.inspect_nwbfile(nwbfile_path=str(path))
+        if m.importance.name != "BEST_PRACTICE_SUGGESTION"
+    ]
+    # what a rig cannot know is left to the one who shares the file
+    assert {m.check_function_name for m in found} <= {"check_subject_exists"}, found
+
+
+def test_without_pynwb_there_is_one_line(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pynwb", None)
+    with pytest.raises(NwbMissingError, match=r"expected pip install 'indentation-rig\[nwb\]'"):
+        export_nwb(run)
+    assert not (run.folder.path / "run.nwb").exists()
+
+
+def units_file(path: Path, spikes: dict[int, list[float]], pulses: list[float]) -> Path:
+    """What a recording system writes."""
+    file = pynwb.NWBFile("recording", "r1", datetime(2026, 1, 1, tzinfo=UTC))
+    for number, times in spikes.items():
+        file.add_unit(id=number, spike_times=times)
+    if pulses:
+        file.add_acquisition(pynwb.TimeSeries(name="sync_pulses", data=np.ones(len(pulses)), unit="a.u.",
+                                              timestamps=pulses))  # fmt: skip
+    with pynwb.NWBHDF5IO(path, "w") as io:
+        io.write(file)
+    return path
+
+
+def with_pulses(rise_s: list[float]) -> Run:
+    events = {"sync": [{"t_s": t, "rise_s": t} for t in rise_s]}
+    return Run(RunFolder(Path()), {}, None, {}, events, {}, 0.0, 0.0)
+
+
+def test_spike_times_of_one_unit(tmp_path: Path) -> None:
+    path = units_file(tmp_path / "u.nwb", {3: [0.5, 1.5], 7: [0.25, 2.0, 4.0]}, [])
+    np.testing.assert_array_equal(read_spike_times(path, with_pulses([]), "7"), [0.25, 2.0, 4.0])
+    np.testing.assert_array_equal(read_spike_times(path, with_pulses([]), "3"), [0.5, 1.5])
+    with pytest.raises(RecordingError, match=r"u.nwb: 2 units, expected SHAPE=u.nwb#UNIT, UNIT one of 3, 7"):
+        read_spike_times(path, with_pulses([]))
+    with pytest.raises(RecordingError, match=r"u\.nwb: no unit 5, expected"):
+        read_spike_times(path, with_pulses([]), "5")
+
+
+def test_sync_pulses_of_the_file_align_the_clocks(tmp_path: Path) -> None:
+    path = units_file(tmp_path / "u.nwb", {0: [10.5, 12.0]}, [10.0, 11.0, 13.0])
+    found = read_spike_times(path, with_pulses([2.0, 3.0, 5.0]))  # 8 s earlier on the run's clock
+    np.testing.assert_allclose(found, [2.5, 4.0], atol=1e-9)
+
+
+def test_what_is_no_nwb_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "u.nwb"
+    path.write_text("time_s\n1\n", encoding="utf-8")
+    with pytest.raises(RecordingError, match=r"u.nwb: not an NWB file \(HDF5\)"):
+        read_spike_times(path, with_pulses([]))
+    with pytest.raises(RecordingError, match=r"none\.nwb: No such file or directory"):
+        read_spike_times(tmp_path / "none.nwb", with_pulses([]))
+    empty = units_file(tmp_path / "e.nwb", {}, [])
+    with pytest.raises(RecordingError, match="no spike times, expected a table units"):
+        read_spike_times(empty, with_pulses([]))

@@ -1,0 +1,49 @@
+"""Strain in the whole receptor plane against the condensed model's own answers."""
+
+import numpy as np
+import pytest
+
+from sim.fem import pardiso
+from sim.fingertip import Fingertip
+from sim.strain_map import displacements, mesh_of, strain_maps
+
+pytestmark = pytest.mark.skipif(not pardiso.available(), reason="without MKL PARDISO this takes minutes")
+
+
+@pytest.mark.parametrize("shape", ["bar:3.0", "line"])
+def test_displacements_of_the_skin_are_the_contacts(finger: Fingertip, shape: str) -> None:
+    results = [finger.indent(shape, doi_mm=doi) for doi in (0.3, 0.6)]
+    mesh = mesh_of(finger.config, results[0])
+    skin = np.arange(len(mesh.nodes)).reshape(mesh.grid)[:, :, 0].ravel()
+    for result, u in zip(results, displacements(finger.config, mesh, results), strict=True):
+        there = u[skin[result.model.patch_in_skin]][:, result.model.patch.axes].T
+        # the same equations, solved whole and condensed: they agreed to 1e-10 in test_uncondensed.py
+        np.testing.assert_allclose(there, result.state.displacement, rtol=0, atol=1e-9)
+
+
+def test_the_map_agrees_with_the_receptors(finger: Fingertip) -> None:
+    """Receptors are a quadratic through 27 centroids; the map has one value an element of the plane."""
+    result = finger.indent("cylinder:9", 0.0, doi_mm=0.8)
+    (found,) = strain_maps(finger.config, [result])
+    outer = 0.5 * (found.corner_mm[1:] + found.corner_mm[:-1])
+    centre = 0.5 * (outer[:, 1:] + outer[:, :-1])
+    receptors = result.model.receptors.position_mm[:, None, None, :2]
+    nearest = ((centre - receptors) ** 2).sum(axis=-1).reshape(len(receptors), -1).argmin(axis=1)
+    for name in ("ep1", "e22", "sed"):
+        read, near = result.receptor_measures[name], found.measures[name].ravel()[nearest]
+        # the element's centroid lies up to 0.13 mm from the receptor, where measures fall by e in about 1 mm
+        np.testing.assert_allclose(near, read, rtol=0, atol=0.13 * np.abs(read).max())
+
+
+def test_the_skin_is_where_the_contact_says(finger: Fingertip) -> None:
+    result, across = finger.indent("bar:3.0", 0.0, doi_mm=0.6), finger.indent("line", doi_mm=0.3)
+    other, found = strain_maps(finger.config, [across, result])  # two meshes
+    assert other.moved_mm[:, 0, 1].max() < found.corner_mm[:, 0, 1].max()
+    x, y = result.skin_profile
+    skin = found.moved_mm[:, 0]
+    pulp = skin[(skin[:, 1] > 1) & (np.abs(skin[:, 0]) < 3)]
+    np.testing.assert_allclose(np.interp(np.sort(pulp[:, 0]), x, y), pulp[np.argsort(pulp[:, 0]), 1], atol=1e-6)
+    assert found.measures["sed"].min() >= 0
+    on_the_skin = np.array([[0.0, float(finger.surface.height(0.0, finger.config.receptor_plane_mm)) - 1e-3]])
+    # a point of the skin's middle under a flat bar goes down by the depth
+    np.testing.assert_allclose(found.carried(on_the_skin)[0, 1] - on_the_skin[0, 1], -0.6, atol=0.02)
