@@ -226,6 +226,10 @@ class LimitSettings(Settings):
     max_pressure_n_cm2: float = Field(30.0, gt=0, le=60.0, description="force over the predicted contact area")
     max_press_speed_mm_s: float = Field(FASTEST_PRESS_MM_S, ge=SLOWEST_MM_S, le=FASTEST_PRESS_MM_S)
     heartbeat_s: float = Field(3.0, ge=0.5, le=60, description="longest silence of the engine below clearance")
+    max_contact_s: float = Field(3600.0, gt=0, le=36_000, description="of a run, all its touches together")
+    zero_drift_gwt: float = Field(0.03, gt=0, le=10, description="alarm: drift of the zero since the last one")
+    reference_band: float = Field(0.15, gt=0, le=1, description="alarm: share by which a reference may differ")
+    on_alarm: Literal["warn", "trip"] = "warn"
     on_trip: Literal["stop", "retract", "park"] = Field("retract", description="stop and hold, lift, or lift far")
     x_mm: tuple[float, float] = (-6.0, 6.0)
 

@@ -43,8 +43,19 @@ class Rig(Protocol):
     ) -> Indentation:
         """Touch off, press to a depth or a force in equal increments, hold after each, lift to clearance."""
 
+    def precondition(
+        self, *, presses: int, doi_mm: float | None = None, force_gwt: float | None = None, hold_s: float = 1.0
+    ) -> None:
+        """Press so many times at the present place to settle the skin: journalled, and no data."""
+
     def retract(self) -> None:
         """Lift to clearance."""
+
+    def rest(self, seconds: float) -> None:
+        """Let the finger be, at clearance."""
+
+    def checkpoint(self, name: str) -> None:
+        """Journal that the script has come to here; a name of its own for each."""
 
     def note(self, text: str) -> None:
         """Write a line into the journal."""

@@ -1,21 +1,23 @@
 """A protocol rehearsed on a finger of springs: how long it will take, before anything moves.
 
 The engine, the drivers, the bytes and the clock are those of a dry-run; only the finger is replaced, by one spring
-for each indentation, fitted to two solutions of the finger model, since a spring costs next to nothing.
+for each press, fitted to two solutions of the finger model, since a spring costs next to nothing.
 """
 
 import io
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from rig.protocol.config import Config, VirtualSettings
 from rig.protocol.live import LiveRig
-from rig.protocol.plan import CheckingRig, Plan, PlannedIndentation
+from rig.protocol.plan import CheckingRig
+from rig.protocol.planned import Plan, PlannedIndentation
+from rig.protocol.running import run_script
 from rig.protocol.script import Script
 from rig.protocol.virtual_bench import bench_around
-from rig.run import Engine, Indentation
+from rig.run import Engine, Indentation, PressId
 from sim.clock import VirtualClock
 from sim.fingertip import Fingertip
 from sim.plant import Carriage, TruePose
@@ -72,21 +74,31 @@ class _Nowhere:
 
 
 class _RehearsedRig(LiveRig):
-    """Puts the right spring under the indentor."""
+    """Puts the right spring under the indentor before each press."""
 
-    def __init__(self, engine: Engine, check: CheckingRig, plant: SpringPlant, springs: list[Spring]) -> None:
+    def __init__(self, engine: Engine, check: CheckingRig, plant: SpringPlant, finger: Fingertip) -> None:
         super().__init__(engine, check)
-        self._plant, self._springs = plant, springs
+        self._plant, self._finger = plant, finger
+        self._springs: dict[PlannedIndentation, Spring] = {}
 
-    def _press(self, index: int, deed: Callable[[], Indentation]) -> Indentation:
-        self._plant.spring = self._springs[index]
-        return deed()
+    def _press(self, press: PressId, planned: PlannedIndentation, speed_mm_s: float | None = None) -> Indentation:
+        if planned not in self._springs:
+            self._springs[planned] = Spring.fitted(planned, self._finger)
+        self._plant.spring = self._springs[planned]
+        return super()._press(press, planned, speed_mm_s)
 
 
-def rehearsed_s(script: Script, config: Config, finger: Fingertip, plan: Plan) -> float:
-    """Seconds of the run's clock on springs. Raises EngineError where the script would not come to its end."""
+@dataclass(frozen=True)
+class Rehearsed:
+    """How long a script takes on springs, on the run's clock, and how long of that a finger would be touched."""
+
+    duration_s: float
+    contact_s: float
+
+
+def rehearsed(script: Script, config: Config, finger: Fingertip, plan: Plan) -> Rehearsed:
+    """Carry a script out on springs. Raises EngineError where it would not come to its end."""
     believed = config.model_copy(update={"virtual": VirtualSettings()})
-    springs = [Spring.fitted(planned, finger) for planned in plan.indentations]
     clock = VirtualClock()
     plants: list[SpringPlant] = []
 
@@ -97,5 +109,5 @@ def rehearsed_s(script: Script, config: Config, finger: Fingertip, plan: Plan) -
     bench = bench_around(make_plant, believed, clock, io.StringIO())
     engine = Engine(believed, clock, bench.stage, bench.force, _Nowhere(), bench, soft_trip_n=plan.soft_trip_n)
     check = CheckingRig(script.parameters, believed, finger)
-    script.run(_RehearsedRig(engine, check, plants[0], springs))
-    return clock.monotonic_s()
+    run_script(script, engine, _RehearsedRig(engine, check, plants[0], finger))
+    return Rehearsed(clock.monotonic_s(), engine.contact.total_s)

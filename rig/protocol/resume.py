@@ -16,7 +16,9 @@ from rig.run import Engine, Hold, Indentation, Target
 from rig.run.journal import JournalError, mend_journal
 
 # What an indentation needs before it, in the order in which it is made up for.
-_OWED = ("mount", "zero", "move_to")
+_OWED = ("mount", "zero", "move_to", "precondition", "rest")
+# What is journalled once and for all.
+_ONCE = ("note", "checkpoint")
 
 
 @dataclass(frozen=True)
@@ -77,22 +79,23 @@ class ResumedRig(LiveRig):
     def __init__(self, engine: Engine, check: CheckingRig, before: Run) -> None:
         super().__init__(engine, check)
         self._done = {index: _as_journalled(before, index) for index in before.done}
-        self._notes = len(before.stream("note"))
+        self._written = {verb: len(before.stream(verb)) for verb in _ONCE}
         self._owed: dict[str, Callable[[], None]] = {}
         self._behind = True  # until the first missing indentation after the last one that is done
 
     def _do(self, verb: str, deed: Callable[[], None]) -> None:
         if not self._behind:
             deed()
-        elif verb == "note":
-            self._notes -= 1
-            if self._notes < 0:
+        elif verb in _ONCE:
+            self._written[verb] -= 1
+            if self._written[verb] < 0:
                 deed()
         else:
             self._owed[verb] = deed
 
-    def _press(self, index: int, deed: Callable[[], Indentation]) -> Indentation:
+    def _indent(self, index: int, deed: Callable[[], Indentation]) -> Indentation:
         if index in self._done:
+            self._owed.pop("rest", None)  # it was for this one
             return self._done[index]
         for verb in _OWED:
             self._owed.pop(verb, _nothing)()

@@ -32,4 +32,4 @@ def fit_contact(readings: Sequence[tuple[float, float]], threshold_gwt: float, r
             unseen = noise_gwt ** (1 / CONTACT_EXPONENT) / -slope
             highest = before + min(unseen, height[first] - height[-1])
     contact = float(np.clip(contact, height[first], highest))
-    return Touch(threshold_gwt, float(height[-1]), contact, int(shown.sum()))
+    return Touch(threshold_gwt, float(height[-1]), float(force[-1]), contact, int(shown.sum()))
