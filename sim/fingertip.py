@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -216,7 +216,8 @@ class Fingertip:
     def _solve_force(self, scene: "_Scene", force_gwt: float) -> tuple[float, ContactState]:
         force = _positive(force_gwt) * GWT_N / self.e_epidermis_mpa
         try:
-            return solve_for_force(force, _FORCE_GUESS_MM, DEEPEST_DOI_MM, scene.solve)
+            solve = scene.solve_from_rest if scene.indentor.sharp else scene.solve
+            return solve_for_force(force, _FORCE_GUESS_MM, DEEPEST_DOI_MM, solve)
         except ForceNotReachedError as error:
             raise ModelRangeError(f"force {force_gwt:g} gwt: {error}") from None
 
@@ -231,6 +232,11 @@ class _Scene:
     touch: Touch
     model: CondensedModel
     between_nodes: bool
+    _rungs: dict[tuple[float, float], ContactState] = field(default_factory=dict)  # by step and depth
+
+    def solve_from_rest(self, doi_mm: float, _: ContactState | None) -> ContactState:
+        """The answer at a depth, whatever was solved before."""
+        return self.solve(doi_mm, None)
 
     def solve(self, doi_mm: float, start: ContactState | None) -> ContactState:
         """At once from a start or for a smooth shape, else pressed in from first touch, finely if that misses."""
@@ -250,11 +256,13 @@ class _Scene:
         """Through depths that are multiples of a step past first touch."""
         state, passes = None, 0
         first = self.zero_mm - self.touch.height_mm
-        for depth in (*np.arange(first + step_mm, doi_mm - 1e-9, step_mm), doi_mm):
-            state = self._at(float(depth), state)
+        for depth in np.arange(first + step_mm, doi_mm - 1e-9, step_mm).tolist():
+            if (step_mm, depth) not in self._rungs:
+                self._rungs[step_mm, depth] = self._at(depth, state)
+            state = self._rungs[step_mm, depth]
             passes += state.passes
-        assert state is not None
-        return replace(state, passes=passes)
+        state = self._at(doi_mm, state)
+        return replace(state, passes=passes + state.passes)
 
     def _at(self, doi_mm: float, start: ContactState | None) -> ContactState:
         pose = self._pose(doi_mm)

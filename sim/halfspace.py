@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from sim.config import FingertipConfig
 from sim.contact.patch import Patch, X, Y, Z
-from sim.finger.mesh import FingerMesh, build_mesh, narrowed
+from sim.finger.mesh import FingerMesh, build_mesh
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorSet
-from sim.model import CondensedModel, skin_beside
+from sim.model import CondensedModel, meshed_for, skin_beside
 
 Array = NDArray[np.float64]
 
@@ -36,9 +36,7 @@ def build_halfspace(
     modulus: float = EFFECTIVE_MODULUS,
 ) -> CondensedModel:
     """The patch of a finger on a half-space of E = modulus · E(epidermis)."""
-    mesh = build_mesh(config, surface)
-    if len(slopes) > 1:
-        mesh = narrowed(mesh, config.mesh.round_patch_mm, config.receptor_plane_mm)
+    mesh = build_mesh(meshed_for(config, slopes), surface)
     poisson, axes = config.tissue.poisson, (*slopes, Y)
     position = mesh.nodes[mesh.patch_nodes]
     shear = modulus / (2 * (1 + poisson))

@@ -16,7 +16,7 @@ from sim.fem.assembly import assemble_upper
 from sim.fem.elements import hex8_stiffness
 from sim.fem.pardiso import PardisoFactor
 from sim.fem.slabs import SlabFactor
-from sim.finger.mesh import FingerMesh, build_mesh, narrowed
+from sim.finger.mesh import FingerMesh, build_mesh
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorSet, strain_operator
 
@@ -126,9 +126,7 @@ def build_model(
 ) -> CondensedModel:
     """Mesh, assemble, condense for indentors that slope along some axes; `timing_s` says how long each took."""
     clock = _Stopwatch()
-    mesh = build_mesh(config, surface)
-    if len(slopes) > 1:
-        mesh = narrowed(mesh, config.mesh.round_patch_mm, config.receptor_plane_mm)
+    mesh = build_mesh(meshed_for(config, slopes), surface)
     clock.lap("mesh")
     axes = (*slopes, Y)
     problem = discretise(config, mesh, axes)
@@ -169,6 +167,22 @@ def build_model(
         outside_neighbour=neighbour,
         timing_s=clock.laps,
     )
+
+
+def meshed_for(config: FingertipConfig, slopes: tuple[int, ...]) -> FingertipConfig:
+    """The mesh for indentors that slope along some axes: longer elements are for shapes prismatic along the finger.
+
+    Under round shapes and the line the spacing is even, unless given; round shapes have a patch of their own.
+    """
+    if slopes == (X,):
+        return config
+    mesh = config.mesh
+    other: dict[str, float] = {}
+    if mesh.axial_spacing_mm is None:
+        other["axial_spacing_mm"] = mesh.spacing_mm
+    if len(slopes) > 1:
+        other |= {"patch_x_mm": mesh.round_patch_mm, "patch_z_mm": mesh.round_patch_mm}
+    return config.model_copy(update={"mesh": mesh.model_copy(update=other)})
 
 
 def by_axis(axes: tuple[int, ...], n: int) -> Ints:

@@ -1,6 +1,6 @@
 """Layered hexahedral mesh of the fingertip, graded away from the contact patch."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -124,22 +124,6 @@ def section_mesh(config: FingertipConfig, surface: FingertipSurface) -> FingerMe
     )
 
 
-def narrowed(mesh: FingerMesh, half_mm: float, plane_mm: float) -> FingerMesh:
-    """The mesh with a smaller patch: nodes within a half-width of the pad's centre and of an axial plane."""
-    grid = mesh.patch_nodes.reshape(mesh.patch_shape)
-    position = mesh.nodes[grid]
-    rows = np.flatnonzero(np.abs(position[:, 0, 2] - plane_mm) <= half_mm + 1e-9)
-    columns = np.flatnonzero(np.abs(position[mesh.receptor_row, :, 0]) <= half_mm + 1e-9)
-    block = np.ix_(rows, columns)
-    return replace(
-        mesh,
-        patch_nodes=grid[block].ravel(),
-        patch_shape=(len(rows), len(columns)),
-        patch_area_mm2=mesh.patch_area_mm2.reshape(mesh.patch_shape)[block].ravel(),
-        receptor_row=mesh.receptor_row - int(rows[0]),
-    )
-
-
 def _under_nail(tissue: Tissue, phi: Array) -> NDArray[np.bool_]:
     """(n_phi,) angles at which the nail holds the skin."""
     return np.asarray(np.abs(_wrap(phi + np.pi / 2)) <= np.radians(tissue.nail_arc_deg / 2) + 1e-6)
@@ -147,7 +131,7 @@ def _under_nail(tissue: Tissue, phi: Array) -> NDArray[np.bool_]:
 
 def _axial_grid(config: FingertipConfig) -> tuple[Array, NDArray[np.bool_]]:
     mesh, middle, length = config.mesh, config.receptor_plane_mm, config.geometry.length_mm
-    spacing = mesh.spacing_mm if mesh.axial_spacing_mm is None else mesh.axial_spacing_mm
+    spacing = mesh.axial_mm
     n = int(np.ceil(mesh.patch_z_mm / spacing - 1e-9))
     fine = middle + np.arange(-n, n + 1) * spacing
     if fine[0] < 0.5 or fine[-1] > length - 0.5:

@@ -19,7 +19,9 @@ from sim.models import load
 
 CONFIG = FingertipConfig(
     contact=Contact(between_nodes=False),
-    mesh=MeshSpec(spacing_mm=0.5, element="full", epidermis_elements=1, dermis_spacing_mm=0.4, growth=1.5),
+    mesh=MeshSpec(
+        spacing_mm=0.5, axial_spacing_mm=0.5, element="full", epidermis_elements=1, dermis_spacing_mm=0.4, growth=1.5
+    ),
 )
 """Like with like: CalculiX's C3D8 is fully integrated, its contact at nodes. Coarse, so that its job is short."""
 

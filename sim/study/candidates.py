@@ -47,12 +47,11 @@ def nested(n: int, **other: float | str | bool) -> MeshSpec:
         "far_growth": 1.5 ** (2 / n),
         "near_spacing_mm": 1 / n,
         "far_spacing_mm": 3 / n,
-        "nail_on_nodes": True,
     }
     return MeshSpec.model_validate({**SCENE_PATCH, **evenly, **other})
 
 
 def coarse(spacing_mm: float, element: str = "bbar") -> MeshSpec:
     """A mesh for seconds: lateral spacing, twice that along the finger, and the default depths."""
-    given = {"spacing_mm": spacing_mm, "axial_spacing_mm": 2 * spacing_mm, "element": element, "nail_on_nodes": True}
+    given = {"spacing_mm": spacing_mm, "axial_spacing_mm": 2 * spacing_mm, "element": element}
     return MeshSpec.model_validate({**SCENE_PATCH, **given})

@@ -29,8 +29,7 @@ WHOLE = (
     Candidate("finger", "n = 3", nested(3, element="full")),
     Candidate("finger", "default"),
     Candidate("finger", "default", MeshSpec(element="full")),
-    Candidate("finger", "default, nail on nodes", MeshSpec(nail_on_nodes=True)),
-    Candidate("finger", "the same, axial 0.315", MeshSpec(nail_on_nodes=True, axial_spacing_mm=0.3154)),
+    Candidate("finger", "default, axial 0.17", MeshSpec(axial_spacing_mm=0.17)),
     Candidate("finger", "fine", MeshSpec(level="fine")),
 )
 

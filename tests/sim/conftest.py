@@ -20,6 +20,7 @@ def coarse_config() -> FingertipConfig:
     return FingertipConfig(
         mesh=MeshSpec(
             spacing_mm=0.5,
+            axial_spacing_mm=0.5,
             patch_x_mm=1.5,
             patch_z_mm=1.5,
             epidermis_elements=1,

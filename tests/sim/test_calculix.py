@@ -22,7 +22,9 @@ pytestmark = [
 # Like with like: CalculiX's C3D8 is fully integrated, its contact is at nodes. Coarse, so that its job takes seconds.
 CONFIG = FingertipConfig(
     contact=Contact(between_nodes=False),
-    mesh=MeshSpec(spacing_mm=0.5, element="full", epidermis_elements=1, dermis_spacing_mm=0.4, growth=1.5),
+    mesh=MeshSpec(
+        spacing_mm=0.5, axial_spacing_mm=0.5, element="full", epidermis_elements=1, dermis_spacing_mm=0.4, growth=1.5
+    ),
 )
 DOI_MM = 0.8
 

@@ -142,7 +142,9 @@ def test_scenes_outside_the_model_are_refused(
 
 def test_contact_at_the_ends_of_the_patch_is_refused() -> None:
     # A 3 mm bar reaches the end rows of a short patch: an answer would be too soft, so there is none.
-    short = FingertipConfig(mesh=MeshSpec(spacing_mm=0.4, patch_x_mm=2.5, patch_z_mm=1.2, near_spacing_mm=1.0))
+    short = FingertipConfig(
+        mesh=MeshSpec(spacing_mm=0.4, axial_spacing_mm=0.4, patch_x_mm=2.5, patch_z_mm=1.2, near_spacing_mm=1.0)
+    )
     finger = Fingertip.load(short)
     finger.indent("bar:3.0", 0.0, doi_mm=0.1)
     with pytest.raises(ModelRangeError, match=r"contact reaches the patch's rim at x = .*, z = .*patch_z_mm"):

@@ -234,6 +234,7 @@ def test_force_to_depth_to_force_at_knife_edges(finger: Fingertip, profile: Prof
 
 COARSE = MeshSpec(
     spacing_mm=0.4,
+    axial_spacing_mm=0.4,
     patch_x_mm=2.0,
     patch_z_mm=2.0,
     dermis_spacing_mm=0.4,

@@ -16,6 +16,7 @@ from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
 
 COARSE = MeshSpec(
     spacing_mm=0.4,
+    axial_spacing_mm=0.4,
     patch_x_mm=2.0,
     patch_z_mm=2.0,
     epidermis_elements=1,
