@@ -64,6 +64,12 @@ class Run:
         return len(self.superseded.get("indentation_start", []))
 
     @property
+    def last_checkpoint(self) -> str | None:
+        """The name of the last checkpoint that was passed."""
+        passed = self.stream("checkpoint")
+        return passed[-1]["name"] if passed else None
+
+    @property
     def contact_s(self) -> float:
         """How long the finger was touched, as far as that is on disk."""
         found = [*self.events.values(), *self.superseded.values()]

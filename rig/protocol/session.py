@@ -88,7 +88,8 @@ class Bench(Operator, Protocol):
 class Session:
     """One checked script with everything it needs to be carried out.
 
-    `out` is the parent of the folder that a new run gets; `stopped` is the run that is taken up instead.
+    `out` is the parent of the folder that a new run gets; `stopped` is the run that is taken up instead; `subject`
+    is the code of whoever lies under the rig.
     """
 
     script: Script
@@ -100,6 +101,7 @@ class Session:
     watch: Watch = lambda stream, data: None
     go_on: Callable[[], bool] = lambda: False
     stopped: StoppedRun | None = None
+    subject: str | None = None
 
     @property
     def begins_at_s(self) -> float:
@@ -145,7 +147,7 @@ def _run_session(
 
 def _new_folder(session: Session, now: datetime, *, virtual: bool) -> RunFolder:
     script, config = session.script, session.config
-    about = provenance(script, config, session.finger, now, virtual=virtual)
+    about = provenance(script, config, session.finger, now, virtual=virtual, subject=session.subject)
     return new_run_folder(session.out, script.name, now, script.path, config.as_toml(), about)
 
 
@@ -179,7 +181,7 @@ def _carry_out(session: Session, folder: RunFolder, bench: Bench, watch: Watch) 
         if before is None:
             journal.start(_about(session, virtual=bench.virtual))
         else:
-            journal.resume({"missing": before.missing})
+            journal.resume({"missing": before.missing, "after": before.last_checkpoint})
         engine = Engine(
             config,
             bench.clock,
@@ -211,6 +213,7 @@ def _about(session: Session, *, virtual: bool) -> dict[str, Any]:
         "source": script.source,
         "parameters": script.parameters.model_dump(mode="json"),
         "planned_indentations": len(session.plan.indentations),
+        "subject": session.subject,
         "virtual": virtual,
     }
 
