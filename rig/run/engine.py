@@ -4,6 +4,7 @@ import contextlib
 import math
 import statistics
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from enum import Enum
 from typing import Any, NoReturn, Protocol, TypeVar
 
@@ -86,6 +87,7 @@ class Engine:
         self._interrupted, self._go_on = interrupted, go_on
         self._zeroed = False
         self.noise_gwt = 0.0  # standard deviation of single readings, measured at each zero
+        self._offset_n = 0.0  # what a noisy sensor still shows after it was zeroed
         limit = settings.limits.soft_trip_n
         self.soft_trip_gwt = (limit if soft_trip_n is None else min(limit, soft_trip_n)) / GWT_N
         self._area_trip_gwt = math.inf
@@ -154,10 +156,16 @@ class Engine:
         name = self._force.connect()
         self.clock.wait_s(self._settle_s)
         self._force.zero()
-        self.noise_gwt = statistics.pstdev(self._readings_gwt())
+        self._offset_n = 0.0
+        readings = self._readings_gwt()
+        self._offset_n, self.noise_gwt = statistics.fmean(readings) * GWT_N, statistics.pstdev(readings)
         self._zeroed = True
-        told = None if drift_gwt is None else round(drift_gwt, 6)
-        self.record("zero", {"sensor": name, "noise_gwt": round(self.noise_gwt, 6), "drift_gwt": told})
+        found = {
+            "noise_gwt": round(self.noise_gwt, 6),
+            "offset_gwt": round(self._offset_n / GWT_N, 6),
+            "drift_gwt": None if drift_gwt is None else round(drift_gwt, 6),
+        }
+        self.record("zero", {"sensor": name, **found})
         band_gwt = self.settings.limits.zero_drift_gwt
         if drift_gwt is not None and abs(drift_gwt) > band_gwt:
             self.alarm(f"the zero has drifted by {drift_gwt:+.2f} gwt, limits.zero_drift_gwt = {band_gwt:g}")
@@ -297,7 +305,7 @@ class Engine:
         if reading.t_s < asked_s:
             self.trip(f"the force reading is stale, {asked_s - reading.t_s:.3f} s older than the question")
         self._moved = False
-        return reading
+        return replace(reading, force_n=reading.force_n - self._offset_n)
 
     def doi_mm(self, contact_height_mm: float, force_gwt: float) -> float:
         """Depth past contact: how far the stage has gone, less what the rig itself gives under the force."""

@@ -24,7 +24,7 @@ PRESS_STREAMS = {
 STREAMS = {
     "mount": {"indentor": ""},
     "home": {"controller": ""},
-    "zero": {"sensor": "", "noise_gwt": "gwt", "drift_gwt": "gwt"},
+    "zero": {"sensor": "", "noise_gwt": "gwt", "offset_gwt": "gwt", "drift_gwt": "gwt"},
     "move": {"x_mm": "mm", "height_mm": "mm"},
     **PRESS_STREAMS,
     **{f"precondition_{name}": keys for name, keys in PRESS_STREAMS.items()},
