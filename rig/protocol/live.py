@@ -7,6 +7,7 @@ from rig.protocol.plan import CheckingRig
 from rig.protocol.planned import PlannedIndentation
 from rig.run import Engine, Indentation, PressId, indent
 from rig.run.records import Purpose
+from rig.run.reference import Reference
 
 
 class LiveRig(Rig):
@@ -18,6 +19,7 @@ class LiveRig(Rig):
 
     def __init__(self, engine: Engine, check: CheckingRig) -> None:
         self._engine, self._check = engine, check
+        self._reference = Reference()
 
     @property
     def parameters(self) -> ProtocolParameters:
@@ -65,6 +67,11 @@ class LiveRig(Rig):
                 self._press(press, planned)
 
         self._do("precondition", deed)
+
+    def reference(self, *, doi_mm: float, increments: int = 2, hold_s: float = 0.5) -> None:
+        self._check.reference(doi_mm=doi_mm, increments=increments, hold_s=hold_s)
+        ((press, planned),) = self._planned("reference", 1)
+        self._do("reference", lambda: self._reference.compare(self._engine, self._press(press, planned)))
 
     def retract(self) -> None:
         self._check.retract()

@@ -112,6 +112,17 @@ class CheckingRig(Rig):
         planned = self._planned("precondition", target, 1, hold_s)
         self._plan("precondition", "precondition", [planned] * presses)
 
+    def reference(self, *, doi_mm: float, increments: int = 2, hold_s: float = 0.5) -> None:
+        target = checked_target("reference", doi_mm, None)
+        planned = self._planned("reference", target, increments, hold_s)
+        first = next(iter(self.plan.presses["reference"]), planned)
+        if planned != first:
+            raise BadInputError(
+                f"reference: expected the same press each time, {first.indentor} at x = {first.x_mm:g} mm to "
+                f"{first.target.value:g} mm in {first.increments}"
+            )
+        self._plan("reference", "reference", [planned])
+
     def retract(self) -> None:
         self._need(self._homed, "retract", "home()")
 

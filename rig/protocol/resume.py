@@ -14,6 +14,7 @@ from rig.protocol.plan import CheckingRig
 from rig.protocol.script import Script, script_with
 from rig.run import Engine, Hold, Indentation, Target
 from rig.run.journal import JournalError, mend_journal
+from rig.run.reference import Reference
 
 # What an indentation needs before it, in the order in which it is made up for.
 _OWED = ("mount", "zero", "move_to", "precondition", "rest")
@@ -79,6 +80,7 @@ class ResumedRig(LiveRig):
     def __init__(self, engine: Engine, check: CheckingRig, before: Run) -> None:
         super().__init__(engine, check)
         self._done = {index: _as_journalled(before, index) for index in before.done}
+        self._reference = Reference(_first_reference_gwt(before))
         self._written = {verb: len(before.stream(verb)) for verb in _ONCE}
         self._owed: dict[str, Callable[[], None]] = {}
         self._behind = True  # until the first missing indentation after the last one that is done
@@ -115,6 +117,14 @@ def _as_journalled(run: Run, index: int) -> Indentation:
         for end in run.done[index]
     )
     return Indentation(index, run.done[index][0]["x_mm"], holds)
+
+
+def _first_reference_gwt(run: Run) -> list[float] | None:
+    """The forces of the first reference that was compared."""
+    compared = {event["index"] for event in run.stream("reference")}
+    forces = {(e["index"], e["hold"]): e["force_gwt"] for e in run.stream("reference_hold_end")}
+    first = min(compared, default=None)
+    return None if first is None else [force for (index, _), force in sorted(forces.items()) if index == first]
 
 
 def _nothing() -> None:

@@ -30,6 +30,7 @@ class Press:
         self._smallest_mm = engine.settings.stage.resolution_mm
         self._contact_mm, self._force_gwt = touch.contact_height_mm, touch.force_gwt
         self._ramp_from = (touch.force_gwt, engine.clock.monotonic_s())  # at contact, or at the end of the last hold
+        self._stiffness_gwt_mm = 0.0  # as the last move was answered
         self._peak_gwt = 0.0  # highest reading since then
         self._unanswered = 0  # moves since the reading last changed
         self._unanswered_gwt = 0.0  # change of force that was expected since the reading last changed
@@ -100,10 +101,12 @@ class Press:
             self._force_gwt = statistics.fmean([self._force_gwt, *readings])
 
     def _step_towards(self, target_gwt: float) -> float:
+        """Along the law, or as stiffly as the last move was answered where that is more."""
         gap_gwt = target_gwt - self._force_gwt
         if gap_gwt > _WIDE_GAP * target_gwt:
-            return self._to_force(self._force_gwt + _CLOSED_AT_ONCE * gap_gwt)
-        return self._to_force(target_gwt)
+            gap_gwt *= _CLOSED_AT_ONCE
+        step = self._to_force(self._force_gwt + gap_gwt)
+        return min(step, gap_gwt / self._stiffness_gwt_mm) if min(gap_gwt, self._stiffness_gwt_mm) > 0 else step
 
     def _read(self, phase: str) -> float:
         force = self._engine.read_force_gwt(self.id, phase, self._contact_mm)
@@ -135,6 +138,8 @@ class Press:
         expected, before = abs(self._force_after(step) - self._force_gwt), self._force_gwt
         engine.go_to_height(engine.height_mm - step, self._speed)
         self._force_gwt = self._read(phase)
+        if abs(step) >= self._smallest_mm:
+            self._stiffness_gwt_mm = (self._force_gwt - before) / step
         self._notice_a_frozen_reading(before, expected)
 
     def _force_after(self, step_mm: float) -> float:

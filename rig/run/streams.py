@@ -30,6 +30,7 @@ STREAMS = {
     **{f"precondition_{name}": keys for name, keys in PRESS_STREAMS.items()},
     **{f"reference_{name}": keys for name, keys in PRESS_STREAMS.items()},
     "retract": {"height_mm": "mm", "contact_s": "s"},
+    "reference": {"index": "", "deviation": ""},
     "rest": {"rest_s": "s"},
     "checkpoint": {"name": ""},
     "note": {"text": ""},
