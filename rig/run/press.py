@@ -19,6 +19,7 @@ _WIDE_GAP, _CLOSED_AT_ONCE = 0.05, 0.75
 _MOST_AVERAGED = 25
 # What has relaxed under a held force answers a move more stiffly than the force it has left says: by 1 / 0.6, say.
 _FOLLOWED = 0.6
+_HIGHEST_AIM = 1.03  # of the target, in a hold: noise comes on top, and 1.05 must not be felt
 
 
 class Press:
@@ -208,12 +209,12 @@ class Press:
         follow = target.kind == "force_gwt"
         few = self._averaged(self._tolerance_gwt(target.value if follow else 0.0) / 4)
         recent: deque[float] = deque(maxlen=few)
-        start, aim_gwt = clock.monotonic_s(), self._force_gwt
+        start, aim_gwt, short_gwt = clock.monotonic_s(), self._force_gwt, 0.0
         while not readings or clock.monotonic_s() - start < hold_s:
             engine.safe_point()
             step_mm = 0.0
             if follow and len(recent) == few:
-                step_mm, aim_gwt = self._back_to(target.value, aim_gwt)
+                step_mm, aim_gwt = self._back_to(target.value, short_gwt / len(readings), aim_gwt)
             if step_mm:
                 self._press_by(step_mm, "hold")
                 recent.clear()
@@ -223,17 +224,24 @@ class Press:
                 recent.append(readings[-1])
                 self._force_gwt = statistics.fmean(recent)
             times.append(clock.monotonic_s())
+            short_gwt += target.value - readings[-1]
         return readings, times
 
-    def _back_to(self, target_gwt: float, aim_gwt: float) -> tuple[float, float]:
+    def _back_to(self, target_gwt: float, short_gwt: float, aim_gwt: float) -> tuple[float, float]:
         """The move in mm that takes a force back which has drifted by a quarter of its tolerance, and its new aim.
 
-        It aims beyond the target by half of what the force has lost since the last aim, so that the mean is the
-        target. Zero, and the old aim, where the stage cannot make a move so small.
+        It makes up for what the mean of the hold is short of the target, and aims beyond that by half of what the force
+        has lost since the last aim. Zero, and the old aim, where the stage cannot make a move so small.
         """
         force, tolerance = self._force_gwt, self._tolerance_gwt(target_gwt)
-        if abs(force - target_gwt) <= 0.25 * tolerance:
+        goal = target_gwt + _within(short_gwt, 0.5 * tolerance)
+        if abs(force - goal) <= 0.25 * tolerance:
             return 0.0, aim_gwt
-        lost = max(min(aim_gwt - force, tolerance), -tolerance)
-        step = _FOLLOWED * self._to_force(target_gwt + 0.5 * lost)
-        return (step, target_gwt + 0.5 * lost) if abs(step) >= self._smallest_mm else (0.0, aim_gwt)
+        lost = _within(aim_gwt - force, tolerance)
+        aim = min(goal + 0.5 * lost, _HIGHEST_AIM * target_gwt)
+        step = _FOLLOWED * self._to_force(aim)
+        return (step, aim) if abs(step) >= self._smallest_mm else (0.0, aim_gwt)
+
+
+def _within(value: float, most: float) -> float:
+    return max(min(value, most), -most)
