@@ -228,14 +228,15 @@ class Press:
         return readings, times
 
     def _back_to(self, target_gwt: float, short_gwt: float, aim_gwt: float) -> tuple[float, float]:
-        """The move in mm that takes a force back which has drifted by a quarter of its tolerance, and its new aim.
+        """The move in mm that takes back a force which, or whose mean, is off by a quarter of its tolerance; its aim.
 
-        It makes up for what the mean of the hold is short of the target, and aims beyond that by half of what the force
+        It makes up for what the mean of the hold is short of the target, and aims beyond by half of what the force
         has lost since the last aim. Zero, and the old aim, where the stage cannot make a move so small.
         """
         force, tolerance = self._force_gwt, self._tolerance_gwt(target_gwt)
         goal = target_gwt + _within(short_gwt, 0.5 * tolerance)
-        if abs(force - goal) <= 0.25 * tolerance:
+        enough = 0.25 * tolerance
+        if max(abs(force - target_gwt), abs(short_gwt)) <= enough or abs(force - goal) <= enough:
             return 0.0, aim_gwt
         lost = _within(aim_gwt - force, tolerance)
         aim = min(goal + 0.5 * lost, _HIGHEST_AIM * target_gwt)
