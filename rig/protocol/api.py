@@ -48,8 +48,8 @@ class Rig(Protocol):
     ) -> None:
         """Press so many times at the present place to settle the skin: journalled, and no data."""
 
-    def reference(self, *, doi_mm: float, increments: int = 2, hold_s: float = 0.5) -> None:
-        """Press at the present place, no data: an alarm where force at depth is not what it was the first time."""
+    def reference(self, *, x_mm: float, doi_mm: float, increments: int = 2, hold_s: float = 0.5) -> None:
+        """Go there and press, no data: an alarm where force at depth is not what it was the first time."""
 
     def retract(self) -> None:
         """Lift to clearance."""

@@ -64,14 +64,20 @@ class LiveRig(Rig):
 
         def deed() -> None:
             for press, planned in found:
+                self._engine.be_over(planned.x_mm)
                 self._press(press, planned)
 
         self._do("precondition", deed)
 
-    def reference(self, *, doi_mm: float, increments: int = 2, hold_s: float = 0.5) -> None:
-        self._check.reference(doi_mm=doi_mm, increments=increments, hold_s=hold_s)
+    def reference(self, *, x_mm: float, doi_mm: float, increments: int = 2, hold_s: float = 0.5) -> None:
+        self._check.reference(x_mm=x_mm, doi_mm=doi_mm, increments=increments, hold_s=hold_s)
         ((press, planned),) = self._planned("reference", 1)
-        self._do("reference", lambda: self._reference.compare(self._engine, self._press(press, planned)))
+
+        def deed() -> None:
+            self._engine.be_over(planned.x_mm)
+            self._reference.compare(self._engine, self._press(press, planned))
+
+        self._do("reference", deed)
 
     def retract(self) -> None:
         self._check.retract()

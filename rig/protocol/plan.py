@@ -112,7 +112,8 @@ class CheckingRig(Rig):
         planned = self._planned("precondition", target, 1, hold_s)
         self._plan("precondition", "precondition", [planned] * presses)
 
-    def reference(self, *, doi_mm: float, increments: int = 2, hold_s: float = 0.5) -> None:
+    def reference(self, *, x_mm: float, doi_mm: float, increments: int = 2, hold_s: float = 0.5) -> None:
+        self.move_to(x_mm=x_mm)
         target = checked_target("reference", doi_mm, None)
         planned = self._planned("reference", target, increments, hold_s)
         first = next(iter(self.plan.presses["reference"]), planned)

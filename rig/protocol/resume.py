@@ -16,8 +16,8 @@ from rig.run import Engine, Hold, Indentation, Target
 from rig.run.journal import JournalError, mend_journal
 from rig.run.reference import Reference
 
-# What an indentation needs before it, in the order in which it is made up for.
-_OWED = ("mount", "zero", "move_to", "precondition", "rest")
+# What an indentation needs before it; the last of each is made up for, in the order in which the script came to them.
+_OWED = ("mount", "zero", "reference", "move_to", "precondition", "rest")
 # What is journalled once and for all.
 _ONCE = ("note", "checkpoint")
 
@@ -92,15 +92,17 @@ class ResumedRig(LiveRig):
             self._written[verb] -= 1
             if self._written[verb] < 0:
                 deed()
-        else:
+        elif verb in _OWED:
+            self._owed.pop(verb, None)
             self._owed[verb] = deed
 
     def _indent(self, index: int, deed: Callable[[], Indentation]) -> Indentation:
         if index in self._done:
             self._owed.pop("rest", None)  # it was for this one
             return self._done[index]
-        for verb in _OWED:
-            self._owed.pop(verb, _nothing)()
+        owed, self._owed = self._owed, {}
+        for make_up_for in owed.values():
+            make_up_for()
         self._behind = index < max(self._done, default=-1)
         return deed()
 
@@ -125,7 +127,3 @@ def _first_reference_gwt(run: Run) -> list[float] | None:
     forces = {(e["index"], e["hold"]): e["force_gwt"] for e in run.stream("reference_hold_end")}
     first = min(compared, default=None)
     return None if first is None else [force for (index, _), force in sorted(forces.items()) if index == first]
-
-
-def _nothing() -> None:
-    """Not owed."""

@@ -26,15 +26,26 @@ class Block(Generic[T]):
 
     number: int
     items: tuple[T, ...]
-    rest_s: float
+    schedule: "Schedule[T]"
     rig: Rig
 
     def __iter__(self) -> Iterator[T]:
-        """The items, with a rest between one and the next."""
+        """The items, with a rest between one and the next, and the references that are due."""
         for n, item in enumerate(self.items):
-            if n and self.rest_s:
-                self.rig.rest(self.rest_s)
+            if n and self.schedule.rest_s:
+                self.rig.rest(self.schedule.rest_s)
+            if self.schedule.reference is not None and n % self.schedule.reference.every == 0:
+                self.rig.reference(x_mm=self.schedule.reference.x_mm, doi_mm=self.schedule.reference.doi_mm)
             yield item
+
+
+@dataclass(frozen=True)
+class ReferencePress:
+    """The same press before every so many indentations, at a place of its own."""
+
+    every: int
+    x_mm: float
+    doi_mm: float
 
 
 @dataclass(frozen=True)
@@ -48,6 +59,7 @@ class Schedule(Generic[T]):
     blocks: int = 1
     rest_s: float = 0.0
     block_rest_s: float = 0.0
+    reference: ReferencePress | None = None
 
     def block(self, number: int) -> tuple[T, ...]:
         """The items of a block (from 1) in their order: always the same ones for the same seed."""
@@ -67,7 +79,7 @@ class Schedule(Generic[T]):
                 rig.rest(self.block_rest_s)
             rig.checkpoint(f"block {number} of {self.blocks}")
             rig.zero()
-            yield Block(number, self.block(number), self.rest_s, rig)
+            yield Block(number, self.block(number), self, rig)
             rig.zero()
 
 
@@ -81,7 +93,20 @@ class ScheduledParameters(ProtocolParameters):
     rest_s: float = Field(0.0, ge=0, le=3600, description="between indentations")
     block_rest_s: float = Field(0.0, ge=0, le=3600, description="between blocks")
     precondition: int = Field(0, ge=0, le=100, description="presses before each block that are no data")
+    reference_every: int = Field(0, ge=0, le=1000, description="indentations between reference presses; 0: none")
+    reference_x_mm: float = 0.0
+    reference_doi_mm: float = Field(0.4, gt=0, le=1.5)
 
     def schedule(self, items: Sequence[T]) -> Schedule[T]:
         """These items, scheduled as the parameters say."""
-        return Schedule(items, self.order, self.seed, self.repeats, self.blocks, self.rest_s, self.block_rest_s)
+        reference = ReferencePress(self.reference_every, self.reference_x_mm, self.reference_doi_mm)
+        return Schedule(
+            items,
+            self.order,
+            self.seed,
+            self.repeats,
+            self.blocks,
+            self.rest_s,
+            self.block_rest_s,
+            reference if self.reference_every else None,
+        )

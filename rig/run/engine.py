@@ -189,6 +189,11 @@ class Engine:
         self._placed = True
         self.record("move", {"x_mm": x_mm, "height_mm": self.height_mm})
 
+    def be_over(self, x_mm: float) -> None:
+        """Go to a lateral position unless there already."""
+        if not (self._placed and self.x_mm == x_mm):
+            self.move_to(x_mm)
+
     def retract(self) -> None:
         """Lift to clearance, straight up."""
         if self.state not in (State.READY, State.IN_CONTACT):

@@ -174,6 +174,61 @@ def test_after_a_resume_the_order_is_the_same(
     assert min(e for e in samples if e > before_s) - before_s < 1.0
 
 
+# --- reference indentations ---
+
+REFERENCES = ("seed=3", "order=random", "reference_every=2", "reference_doi_mm=0.3", "hold_s=0.1")
+
+
+def _with_references(folder: Path, finger: Fingertip, **tables: Any) -> FinishedRun:
+    (folder / "mine.py").write_text(SCRIPT, encoding="utf-8")
+    script, config = load_script(str(folder / "mine.py"), REFERENCES), Config.model_validate(tables)
+    plan = make_plan(script, config, finger)
+    return dry_run(Session(script, config, finger, plan, folder / "runs", lambda: False))
+
+
+def test_references_are_compared_and_no_data(finger: Fingertip, tmp_path: Path) -> None:
+    """The same finger answers the same to a step of the sensor, 0.01 of some 0.6 and 2 gwt."""
+    done = _with_references(tmp_path, finger)
+    run = done.run
+    assert done.complete
+    assert done.indentations == 3
+    pressed = [(e["index"], e["hold"], e["commanded"]) for e in run.stream("reference_hold_end")]
+    assert pressed == [(0, 1, 0.15), (0, 2, 0.3), (1, 1, 0.15), (1, 2, 0.3)]
+    assert [event["deviation"] for event in run.stream("reference")] == pytest.approx([0.0, 0.0], abs=0.03)
+    assert not run.stream("alarm")
+    first, second = (e["t_s"] for e in run.stream("reference"))
+    assert sum(first < e["t_s"] < second for e in run.stream("indentation_start")) == 2
+    assert _order(run) == list(Schedule(PLACES, order="random", seed=3).block(1))
+
+
+@pytest.mark.parametrize("on_alarm", ["warn", "trip"])
+def test_a_finger_that_has_softened_alarms(finger: Fingertip, tmp_path: Path, on_alarm: str) -> None:
+    """A share of 0.7 relaxes with 30 s: when the second reference comes it has not recovered from what was before."""
+    done = _with_references(
+        tmp_path, finger, virtual={"relaxation": [[0.7, 30.0]]}, limits={"on_alarm": on_alarm, "reference_band": 0.05}
+    )
+    alarms = done.run.stream("alarm")
+    assert len(alarms) == 1
+    assert alarms[0]["reason"].startswith("reference 1 is off by ")
+    assert done.complete is (on_alarm == "warn")
+
+
+def test_a_resumed_run_compares_with_its_first_reference(finger: Fingertip, tmp_path: Path) -> None:
+    whole = _with_references(tmp_path, finger)
+    lines = whole.folder.events.read_bytes().splitlines(keepends=True)
+    last = next(n for n, line in enumerate(lines) if b'"indentation_end"' in line and b'"event"' in line)
+    (first,) = [e["force_gwt"] for e in whole.run.stream("reference_hold_end")[1:2]]
+    text = b"".join(lines[: last + 1]).replace(f'"force_gwt": {first}'.encode(), f'"force_gwt": {first / 2}'.encode())
+    whole.folder.events.write_bytes(text)
+    stopped = read_stopped(whole.folder.path)
+    plan = make_plan(stopped.script, stopped.config, finger)
+    again = dry_run(Session(stopped.script, stopped.config, finger, plan, tmp_path, lambda: False, stopped=stopped))
+    assert again.complete
+    assert [e["index"] for e in again.run.stream("reference")] == [0, 0, 1]
+    assert again.run.stream("reference")[1]["deviation"] == pytest.approx(1.0, abs=0.1)
+    assert again.run.stream("alarm")
+
+
 # --- rests and contact time in the engine ---
 
 
