@@ -33,6 +33,7 @@ class Calibration(Settings):
     """A number measured on this rig, the day it was measured, and the last day it may be used."""
 
     value: float
+    sd: float = Field(0.0, ge=0, description="standard deviation of the value, where it is known")
     date: datetime.date
     expires: datetime.date
 

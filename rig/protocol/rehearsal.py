@@ -6,9 +6,7 @@ for each press, fitted to two solutions of the finger model, since a spring cost
 
 import io
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from rig.protocol.config import Config, VirtualSettings
 from rig.protocol.live import LiveRig
@@ -18,6 +16,7 @@ from rig.protocol.running import run_script
 from rig.protocol.script import Script
 from rig.protocol.virtual_bench import bench_around
 from rig.run import Engine, Indentation, PressId
+from rig.run.journal import NoJournal
 from sim.clock import VirtualClock
 from sim.fingertip import Fingertip
 from sim.plant import Carriage, TruePose
@@ -66,13 +65,6 @@ class SpringPlant:
         return 0.0 if self.spring is None else self.spring.force_at(self._carriage.pose_at(t_s).above_apex_mm)
 
 
-class _Nowhere:
-    """A journal of what has not happened."""
-
-    def event(self, stream: str, data: Mapping[str, Any]) -> None:
-        """Forget it."""
-
-
 class _RehearsedRig(LiveRig):
     """Puts the right spring under the indentor before each press."""
 
@@ -107,7 +99,7 @@ def rehearsed(script: Script, config: Config, finger: Fingertip, plan: Plan) -> 
         return plants[0]
 
     bench = bench_around(make_plant, believed, clock, io.StringIO())
-    engine = Engine(believed, clock, bench.stage, bench.force, _Nowhere(), bench, soft_trip_n=plan.soft_trip_n)
+    engine = Engine(believed, clock, bench.stage, bench.force, NoJournal(), bench, soft_trip_n=plan.soft_trip_n)
     check = CheckingRig(script.parameters, believed, finger)
     run_script(script, engine, _RehearsedRig(engine, check, plants[0], finger))
     return Rehearsed(clock.monotonic_s(), engine.contact.total_s)

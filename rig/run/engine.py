@@ -317,6 +317,12 @@ class Engine:
         given_mm = self.settings.calibration.value("compliance_mm_per_n", 0.0) * force_gwt * GWT_N
         return contact_height_mm - self.height_mm - given_mm
 
+    def doi_sd_mm(self, force_gwt: float) -> float:
+        """How well a depth past contact is known from travel and compliance: a step of the stage, and sd · force."""
+        compliance = self.settings.calibration.compliance_mm_per_n
+        given_mm = 0.0 if compliance is None else compliance.sd * force_gwt * GWT_N
+        return math.hypot(self.settings.stage.resolution_mm / math.sqrt(12), given_mm)
+
     def pulse(self, press: PressId, at: str) -> None:
         """Tell the recording amplifier that this is the instant, where an output is configured; of data only.
 

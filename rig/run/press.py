@@ -186,6 +186,7 @@ class Press:
             **ramp,
             "x_mm": engine.x_mm,
             "doi_mm": doi,
+            "doi_sd_mm": round(engine.doi_sd_mm(self._force_gwt), 6),
             "commanded": target.value,
             "force_gwt": round(mean, 6),
             "force_sd_gwt": round(sd, 6),

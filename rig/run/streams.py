@@ -12,8 +12,8 @@ PRESS_STREAMS = {
     },
     "hold_start": {"index": "", "hold": "", "target": "", "commanded": "", "doi_mm": "mm", "force_gwt": "gwt"},
     "hold_end": {
-        "index": "", "hold": "", "x_mm": "mm", "doi_mm": "mm", "force_gwt": "gwt", "force_sd_gwt": "gwt",
-        "commanded": "", "peak_gwt": "gwt", "ramp_gwt": "gwt", "ramp_s": "s",
+        "index": "", "hold": "", "x_mm": "mm", "doi_mm": "mm", "doi_sd_mm": "mm",
+        "force_gwt": "gwt", "force_sd_gwt": "gwt", "commanded": "", "peak_gwt": "gwt", "ramp_gwt": "gwt", "ramp_s": "s",
         "readings": "", "asked_s": "s", "hold_s": "s", "interval_sd_s": "s", "true_x_mm": "mm", "true_doi_mm": "mm",
     },
     "sync": {"index": "", "at": "", "rise_s": "s", "uncertainty_s": "s", "width_s": "s"},
