@@ -22,6 +22,7 @@ _MODULES = {
     "export": "export",
     "indent": "indent",
     "finger": "finger",
+    "find": "find",
     "export-deck": "export_deck",
     "serve": "serve",
     **dict.fromkeys(("home", "zero", "status", "stop"), "bench"),

@@ -29,8 +29,11 @@ class Rig(Protocol):
     def zero(self) -> None:
         """Zero the force sensor, the indentor in the air."""
 
-    def move_to(self, *, x_mm: float) -> None:
-        """Step sideways at clearance, to x from the centre of the finger pad."""
+    def move_to(self, *, x_mm: float, along_mm: float = 0.0) -> None:
+        """Step sideways at clearance, to x from the centre of the finger pad; along from the receptor plane."""
+
+    def touch(self) -> float:
+        """Touch off at the present place and lift; returns the height of contact from the nominal apex, mm."""
 
     def indent(
         self,

@@ -6,6 +6,7 @@ from rig.protocol.api import ProtocolParameters, Rig
 from rig.protocol.plan import CheckingRig
 from rig.protocol.planned import PlannedIndentation
 from rig.run import Engine, Indentation, PressId, indent
+from rig.run.indent import touch_place
 from rig.run.records import Purpose
 from rig.run.reference import Reference
 
@@ -37,9 +38,13 @@ class LiveRig(Rig):
         self._check.zero()
         self._do("zero", self._engine.zero)
 
-    def move_to(self, *, x_mm: float) -> None:
-        self._check.move_to(x_mm=x_mm)
-        self._do("move_to", lambda: self._engine.move_to(float(x_mm)))
+    def move_to(self, *, x_mm: float, along_mm: float = 0.0) -> None:
+        self._check.move_to(x_mm=x_mm, along_mm=along_mm)
+        self._do("move_to", lambda: self._engine.move_to(float(x_mm), float(along_mm)))
+
+    def touch(self) -> float:
+        expected_mm, index = self._check.touch(), len(self._check.plan.touches) - 1
+        return self._touch(index, lambda: touch_place(self._engine, index, expected_mm))
 
     def indent(
         self,
@@ -112,6 +117,10 @@ class LiveRig(Rig):
             contact_area_mm2=planned.contact_area_mm2,
             press_id=press,
         )
+
+    def _touch(self, index: int, deed: Callable[[], float]) -> float:
+        """Carry out the touch that has this number in the script."""
+        return deed()
 
     def _do(self, verb: str, deed: Callable[[], None]) -> None:
         """Carry out a verb that has been checked."""

@@ -9,6 +9,7 @@ from rig.protocol.errors import BadInputError
 from rig.protocol.planned import Plan, PlannedIndentation
 from rig.protocol.refusals import (
     checked_target,
+    refuse_along,
     refuse_count,
     refuse_no_number,
     refuse_no_text,
@@ -49,7 +50,7 @@ class CheckingRig(Rig):
         self._parameters = parameters
         self._config, self._finger = config, finger
         self._indentor: str | None = None
-        self._x_mm = math.nan
+        self._x_mm, self._along_mm = math.nan, 0.0
         self._homed = self._zeroed = False
         self._checkpoints: set[str] = set()
         self.plan = Plan()
@@ -71,17 +72,26 @@ class CheckingRig(Rig):
         self._need(self._homed, "zero", "home()")
         self._zeroed = True
 
-    def move_to(self, *, x_mm: float) -> None:
+    def move_to(self, *, x_mm: float, along_mm: float = 0.0) -> None:
         self._need(self._homed, "move_to", "home()")
         refuse_no_number("move_to", "x_mm", x_mm)
+        refuse_along(along_mm, self._config)
         low, high = self._config.limits.x_mm
         if not low <= x_mm <= high:
             raise BadInputError(f"move_to: x_mm = {x_mm:g} is outside limits.x_mm = {low:g} … {high:g}")
         frame, travel = self._config.frame, self._config.stage.travel_mm
         refuse_travel("x", frame.pad_centre_x_mm + x_mm, travel[0])
-        refuse_travel("y", frame.pad_y_mm, travel[1])
+        refuse_travel("y", frame.pad_y_mm + along_mm, travel[1])
         refuse_travel("z", frame.apex_z_mm + self._config.habits.clearance_mm, travel[2])
-        self._x_mm = x_mm
+        self._x_mm, self._along_mm = x_mm, along_mm
+
+    def touch(self) -> float:
+        self._ready("touch")
+        assert self._indentor is not None
+        z_mm = self._config.finger.receptor_plane_mm + self._along_mm
+        height_mm = self._finger.touch_height_mm(self._indentor, self._x_mm, z_mm=z_mm)
+        self.plan.touches.append(height_mm - self._finger.apex_height_mm)
+        return self.plan.touches[-1]
 
     def indent(
         self,
@@ -144,11 +154,16 @@ class CheckingRig(Rig):
         if not condition:
             raise BadInputError(f"{verb}: {before} must come first")
 
-    def _planned(self, verb: str, target: Target, increments: int, hold_s: float) -> PlannedIndentation:
-        """What the model expects of a press at the present place, within the limits."""
+    def _ready(self, verb: str) -> None:
         self._need(self._indentor is not None, verb, "mount()")
         self._need(self._zeroed, verb, "zero()")
         self._need(math.isfinite(self._x_mm), verb, "move_to()")
+
+    def _planned(self, verb: str, target: Target, increments: int, hold_s: float) -> PlannedIndentation:
+        """What the model expects of a press at the present place, within the limits."""
+        self._ready(verb)
+        if self._along_mm:
+            raise BadInputError(f"{verb}: along_mm = {self._along_mm:g}: expected 0, elsewhere only touch()")
         refuse_count(verb, "increments", increments)
         refuse_seconds(verb, "hold_s", hold_s)
         refuse_target(verb, target, self._config.limits)

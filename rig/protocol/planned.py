@@ -36,9 +36,10 @@ def _nothing_yet() -> dict[Purpose, list[PlannedIndentation]]:
 
 @dataclass
 class Plan:
-    """Every press of a script by its purpose, each list in the order of the script."""
+    """Every press of a script by its purpose, and the expected height of every touch (mm), in the script's order."""
 
     presses: dict[Purpose, list[PlannedIndentation]] = field(default_factory=_nothing_yet)
+    touches: list[float] = field(default_factory=list)
 
     @property
     def indentations(self) -> list[PlannedIndentation]:

@@ -98,6 +98,16 @@ def refuse_pressure(verb: str, planned: PlannedIndentation, limits: LimitSetting
         )
 
 
+def refuse_along(along_mm: float, settings: RigSettings) -> None:
+    """A place along the finger that the stage cannot reach or the limits forbid."""
+    refuse_no_number("move_to", "along_mm", along_mm)
+    low, high = settings.limits.along_mm
+    if not low <= along_mm <= high:
+        raise BadInputError(f"move_to: along_mm = {along_mm:g} is outside limits.along_mm = {low:g} … {high:g}")
+    if along_mm and settings.stage.kind == "leadshine":
+        raise BadInputError(f"move_to: along_mm = {along_mm:g}: a leadshine stage has no axis along the finger")
+
+
 def refuse_travel(axis: str, machine_mm: float, travel_mm: float) -> None:
     """Where the stage cannot go."""
     if not -travel_mm <= machine_mm <= 0:

@@ -6,6 +6,7 @@ for each press, fitted to two solutions of the finger model, since a spring cost
 
 import io
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from rig.protocol.config import Config, VirtualSettings
@@ -65,6 +66,10 @@ class SpringPlant:
         return 0.0 if self.spring is None else self.spring.force_at(self._carriage.pose_at(t_s).above_apex_mm)
 
 
+# A finger under a sphere, nearly: a touch is over before its stiffness matters.
+_UNDER_A_TOUCH = {"doi_mm": 1.0, "force_n": 0.1, "exponent": 1.5}
+
+
 class _RehearsedRig(LiveRig):
     """Puts the right spring under the indentor before each press."""
 
@@ -72,6 +77,10 @@ class _RehearsedRig(LiveRig):
         super().__init__(engine, check)
         self._plant, self._finger = plant, finger
         self._springs: dict[PlannedIndentation, Spring] = {}
+
+    def _touch(self, index: int, deed: Callable[[], float]) -> float:
+        self._plant.spring = Spring(self._check.plan.touches[index], **_UNDER_A_TOUCH)
+        return deed()
 
     def _press(self, press: PressId, planned: PlannedIndentation, speed_mm_s: float | None = None) -> Indentation:
         if planned not in self._springs:

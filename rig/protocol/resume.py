@@ -80,6 +80,7 @@ class ResumedRig(LiveRig):
     def __init__(self, engine: Engine, check: CheckingRig, before: Run) -> None:
         super().__init__(engine, check)
         self._done = {index: _as_journalled(before, index) for index in before.done}
+        self._touched = {event["index"]: event["contact_height_mm"] for event in before.stream("find")}
         self._reference = Reference(_first_reference_gwt(before))
         self._written = {verb: len(before.stream(verb)) for verb in _ONCE}
         self._owed: dict[str, Callable[[], None]] = {}
@@ -100,11 +101,20 @@ class ResumedRig(LiveRig):
         if index in self._done:
             self._owed.pop("rest", None)  # it was for this one
             return self._done[index]
+        self._make_up()
+        self._behind = index < max(self._done, default=-1)
+        return deed()
+
+    def _touch(self, index: int, deed: Callable[[], float]) -> float:
+        if index in self._touched:
+            return float(self._touched[index])
+        self._make_up()
+        return deed()
+
+    def _make_up(self) -> None:
         owed, self._owed = self._owed, {}
         for make_up_for in owed.values():
             make_up_for()
-        self._behind = index < max(self._done, default=-1)
-        return deed()
 
 
 def _as_journalled(run: Run, index: int) -> Indentation:

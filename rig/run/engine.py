@@ -77,6 +77,7 @@ class Engine:
         self.state = State.UNHOMED
         self.indentor: str | None = None
         self.x_mm = math.nan
+        self.along_mm = 0.0
         self.height_mm = math.nan
         self.problem: Exception | None = None  # the first trip or failure; a run does not end well after it
         self._next_index = 0
@@ -173,25 +174,28 @@ class Engine:
     def _readings_gwt(self) -> list[float]:
         return [self._reading().force_n / GWT_N for _ in range(_NOISE_READINGS)]
 
-    def move_to(self, x_mm: float) -> None:
-        """Go to a lateral position, at clearance."""
+    def move_to(self, x_mm: float, along_mm: float = 0.0) -> None:
+        """Go to a place, at clearance: sideways, and along the finger where the stage has that axis."""
         self._require_clear("move_to")
-        low, high = self.settings.limits.x_mm
-        if not low <= x_mm <= high:
-            raise LimitError(f"move_to: x = {x_mm:g} mm is outside the limits {low:g} … {high:g} mm")
+        limits = self.settings.limits
+        for name, mm, (low, high) in (("x", x_mm, limits.x_mm), ("along", along_mm, limits.along_mm)):
+            if not low <= mm <= high:
+                raise LimitError(f"move_to: {name} = {mm:g} mm is outside the limits {low:g} … {high:g} mm")
         self.safe_point()
         frame, speed = self.settings.frame, self.settings.habits.travel_speed_mm_s
         self._guarded(
-            lambda: self._stage.move_to(x_mm=frame.pad_centre_x_mm + x_mm, y_mm=frame.pad_y_mm, speed_mm_s=speed)
+            lambda: self._stage.move_to(
+                x_mm=frame.pad_centre_x_mm + x_mm, y_mm=frame.pad_y_mm + along_mm, speed_mm_s=speed
+            )
         )
-        self.x_mm = x_mm
+        self.x_mm, self.along_mm = x_mm, along_mm
         self._go_to_clearance(speed)
         self._placed = True
-        self.record("move", {"x_mm": x_mm, "height_mm": self.height_mm})
+        self.record("move", {"x_mm": x_mm, "along_mm": along_mm, "height_mm": self.height_mm})
 
     def be_over(self, x_mm: float) -> None:
         """Go to a lateral position unless there already."""
-        if not (self._placed and self.x_mm == x_mm):
+        if not self._placed or (self.x_mm, self.along_mm) != (x_mm, 0.0):
             self.move_to(x_mm)
 
     def retract(self) -> None:

@@ -41,6 +41,28 @@ def indent(
             continue
 
 
+def touch_place(engine: Engine, index: int, expected_contact_mm: float) -> float:
+    """Touch off at the present place and lift; returns where contact was, height above the nominal apex, mm."""
+    engine.ready_to_indent()
+    search_mm = engine.settings.limits.search_mm
+    approach = Approach(
+        engine, PressId(index, "find"), expected_contact_mm - search_mm, expected_contact_mm + search_mm
+    )
+    while True:
+        try:
+            height_mm = approach.touch_off().contact_height_mm
+            break
+        except PressPaused:
+            continue
+        except LimitError:
+            engine.retract()
+            raise
+    engine.retract()
+    found = {"indentor": engine.indentor, "x_mm": engine.x_mm, "along_mm": engine.along_mm}
+    engine.record("find", {"index": index, **found, "contact_height_mm": round(height_mm, 6)})
+    return height_mm
+
+
 def _attempt(
     engine: Engine, approach: Approach, target: Target, increments: int, speed_mm_s: float, hold_s: float
 ) -> Indentation:

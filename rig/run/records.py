@@ -16,7 +16,7 @@ class Target:
         return Target(self.kind, self.value * hold / increments)
 
 
-Purpose = Literal["data", "precondition", "reference"]
+Purpose = Literal["data", "precondition", "reference", "find"]
 
 
 @dataclass(frozen=True)
