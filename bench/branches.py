@@ -1,15 +1,18 @@
 """How far the answers under sharp shapes hang on the path, and on where the nodes lie.
 
-    .venv/bin/python bench/branches.py        # the tables of docs/hard_cases.md, several minutes
+    .venv/bin/python bench/branches.py        # the tables of docs/hard_cases.md, some minutes
 
-First table: the force of one pose from rest at once, and pressed in by 0.2, 0.05 and 0.0125 mm. Second: the same
-shape at 8 places over one element; what a parabola over two elements leaves is scatter of the discretisation, with
-contact at nodes only and also between them.
+First table: scenes solved at once from rest, pressed in by equal steps and as `rig indent` does it, against steps of
+0.0125 mm. Second: the same shape at 8 places over one element; what a parabola over two elements leaves is scatter of
+the discretisation, with contact at nodes only and also between them.
 """
 
+import time
 from collections.abc import Iterable
+from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim.config import Contact, FingertipConfig, MeshSpec
 from sim.contact.measured_profile import MeasuredProfile
@@ -17,18 +20,25 @@ from sim.contact.profiles import Bar, Grating, Profile, Step, Wedge
 from sim.contact.solver import ContactState
 from sim.fingertip import Fingertip
 
-STEPS_MM = (np.inf, 0.2, 0.05, 0.0125)
-KINKS = MeasuredProfile("zigzag", (-1.6, -0.8, 0.0, 0.8, 1.6), (0.3, 0.0, 0.3, 0.0, 0.3), linear=True)
-POSES: dict[str, tuple[Profile, float, float]] = {
-    **{f"bar 1.5, edge radius {r:g}": (Bar(1.5, r), 0.0, 0.73) for r in (0.2, 0.05, 0.01, 0.0)},
-    "step 1": (Step("1"), -1.63, 0.73),
-    "wedge 60": (Wedge(60.0), 0.0, 0.73),
-    "wedge 60, radius 0": (Wedge(60.0, 0.0), 0.0, 0.73),
-    "grating 0.5, 1.2": (Grating(0.5, 1.2), 0.1, 0.73),
-    "zigzag": (KINKS, 0.1, 0.73),
-}
+Pose = tuple[Profile, float, float]  # profile, x and DOI in mm
+Array = NDArray[np.float64]
+
+FINEST_MM = 0.0125
+PATHS_MM = {"at once": 9.0, "by 0.2 mm": 0.2, "by 0.1 mm": 0.1, "by 0.05 mm": 0.05, "as `rig indent`": 0.0}
+ZIGZAG = MeasuredProfile("zigzag", (-1.6, -0.8, 0.0, 0.8, 1.6), (0.3, 0.0, 0.3, 0.0, 0.3), linear=True)
+ROUNDED: list[Pose] = [
+    *product([Step("1")], (1.0, 0.0, -0.5, -1.0, -1.2, -1.63, -1.8, -2.25), (0.2, 0.3, 0.4, 0.73, 1.0)),
+    *product([Step("3")], (-1.0, 0.0), (0.73,)),
+    *product([Bar(1.5), Bar(3.0)], (-0.3, 0.0, 0.25), (0.4, 0.73, 1.0)),
+    *product([Wedge(60.0)], (0.0, 0.3, -0.5), (0.2, 0.4, 0.6)),
+    *product([Grating(0.5, 1.2), ZIGZAG], (0.1, 0.3), (0.3, 0.6)),
+]
+EDGES: list[Pose] = [
+    *product([Bar(1.5, 0.0), Bar(1.5, 0.01)], (-0.3, 0.0, 0.25), (0.4, 0.73, 1.0)),
+    *product([Wedge(60.0, 0.0)], (0.0, 0.3, -0.5), (0.2, 0.4, 0.6)),
+]
 OFFSETS = 8
-PLACES: dict[str, tuple[Profile, float, float]] = {
+PLACES: dict[str, Pose] = {
     "step 1, DOI 0.2": (Step("1"), -1.63, 0.2),
     "step 1, DOI 0.73": (Step("1"), -1.63, 0.73),
     "bar 1.5, DOI 0.73": (Bar(1.5), 0.0, 0.73),
@@ -37,14 +47,25 @@ PLACES: dict[str, tuple[Profile, float, float]] = {
 }
 
 
-def pressed(finger: Fingertip, pose: tuple[Profile, float, float], step_mm: float) -> float:
-    """Force in gwt at the end of a path in equal steps."""
+def pressed(finger: Fingertip, pose: Pose, step_mm: float) -> float:
+    """Force in gwt at the end of a path in steps; 0: as `rig indent` does it."""
     profile, x, doi = pose
+    if not step_mm:
+        return finger.indent(profile, x, doi_mm=doi).force_gwt
     state: ContactState | None = None
-    for depth in np.linspace(0, doi, int(np.ceil(doi / step_mm)) + 1 if np.isfinite(step_mm) else 2)[1:]:
+    for depth in (*np.arange(min(step_mm, doi), doi - 1e-9, step_mm), doi):
         result = finger.indent(profile, x, doi_mm=float(depth), start=state or _at_rest(finger))
         state = result.state
     return result.force_gwt
+
+
+def paths(finger: Fingertip, poses: list[Pose]) -> Iterable[tuple[str, Array, float]]:
+    """Of each path its name, the forces relative to the finest path less one, and its processor seconds a pose."""
+    finest = np.array([pressed(finger, pose, FINEST_MM) for pose in poses])
+    for name, step in PATHS_MM.items():
+        began = time.process_time()
+        force = np.array([pressed(finger, pose, step) for pose in poses])
+        yield name, force / finest - 1, (time.process_time() - began) / len(poses)
 
 
 def _at_rest(finger: Fingertip) -> ContactState:
@@ -67,11 +88,12 @@ def _row(name: str, cells: Iterable[str]) -> None:
 def main() -> None:
     """Print both tables."""
     finger = Fingertip.load()
-    _row("pose", ("at once, gwt", "by 0.2 mm", "by 0.05 mm", "by 0.0125 mm", "spread"))
-    print("|---|---|---|---|---|---|")
-    for name, pose in POSES.items():
-        force = [pressed(finger, pose, step) for step in STEPS_MM]
-        _row(name, (*(f"{f:.6f}" for f in force), f"{np.ptp(force) / force[-1]:.1e}"))
+    _row("path", ("edges", "poses that differ by more than 1e-8", "by at most", "processor ms a pose"))
+    print("|---|---|---|---|---|")
+    for edges, poses in {"rounded, 0.05 mm or more": ROUNDED, "0.01 mm, 0": EDGES}.items():
+        for name, off, seconds in paths(finger, poses):
+            differ = int((np.abs(off) > 1e-8).sum())
+            _row(name, (edges, f"{differ} of {len(poses)}", f"{np.abs(off).max():.1e}", f"{1e3 * seconds:.0f}"))
     print()
     nodes_only = Fingertip.load(FingertipConfig(contact=Contact(between_nodes=False)))
     _row("pose", ("scatter, nodes only", "scatter, also between nodes"))

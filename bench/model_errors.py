@@ -25,7 +25,7 @@ DATA = Path(__file__).parents[1] / "sim" / "data" / FILE
 def effective_modulus(halfspace: Measured, reference: Reference) -> float:
     """E / E(epidermis) with which the half-space carries the reference's force in the first scene."""
     scene = SCENES[0]
-    return EFFECTIVE_MODULUS * float(reference.values[scene]["force"][0]) / halfspace.answers[scene].force_n
+    return EFFECTIVE_MODULUS * float(reference.values[scene]["force"][0]) / halfspace.answers[scene].force_mm2
 
 
 def main() -> None:

@@ -130,7 +130,9 @@ def main() -> None:
         if state.residual > TARGET_RESIDUAL:
             missed[scene.family] += 1
             print(f"missed: {scene} residual {state.residual:.1e} after {state.passes} passes", file=sys.stderr)
-    print("| family | poses | residual > 1e-10 | worst residual | passes, median / p99 / max | ms, median / p95 |")
+    columns = ("family", "poses", "residual > 1e-10", "worst residual", "passes, median / p99 / max",
+               "processor ms, median / p95")  # fmt: skip
+    print(f"| {' | '.join(columns)} |")
     print("|---|---|---|---|---|---|")
     for family in FAMILIES:
         p, t = passes[family], times[family]

@@ -16,6 +16,9 @@ from platformdirs import user_cache_path
 
 Arrays = dict[str, NDArray[np.generic]]
 
+MOST_BYTES = 5e9
+"""Of all models together; those that were not read for longest go first."""
+
 _SEAL_BYTES = hashlib.sha256().digest_size
 _CODE_ROOMS = ("finger", "fem", "measures", "config.py", "model.py", "contact/patch.py")
 
@@ -68,6 +71,7 @@ def cached_arrays(key: str, make: Callable[[], Arrays]) -> tuple[Arrays, bool]:
         with _replacing(path) as partial, partial.open("wb") as stream:
             stream.write(_seal(key, content))
             stream.write(content)
+    _forget_oldest(folder)
     return made, False
 
 
@@ -80,8 +84,20 @@ def _read(path: Path, key: str) -> Arrays | None:
     seal, content = stored[:_SEAL_BYTES], stored[_SEAL_BYTES:]
     if bytes(seal) != _seal(key, content):
         return None
+    with contextlib.suppress(OSError):  # a folder that may only be read
+        path.touch()
     with np.load(io.BytesIO(content)) as arrays:
         return {name: arrays[name] for name in arrays.files}
+
+
+def _forget_oldest(folder: Path) -> None:
+    """Remove models until the rest takes MOST_BYTES or less; the newest always stays."""
+    with contextlib.suppress(OSError):  # another process may be at it too
+        stored = sorted(((path, path.stat()) for path in folder.glob("*.model")), key=lambda s: -s[1].st_mtime_ns)
+        taken = np.cumsum([stat.st_size for _, stat in stored])
+        for (path, _), up_to_here in list(zip(stored, taken, strict=True))[1:]:
+            if up_to_here > MOST_BYTES:
+                path.unlink()
 
 
 def _packed(arrays: Arrays) -> memoryview:

@@ -80,7 +80,7 @@ AXIAL_STRETCH = 1.855
 
 
 class MeshSpec(_Settings):
-    """Node spacing; mm. `patch_*` bound the nodes that an indentor may touch."""
+    """Sizes of elements, mm; a quadratic one has nodes half way too. `patch_*` bound what an indentor may touch."""
 
     level: Literal["default", "fine"] = Field("default", description="fine: for sharp shapes, on a smaller patch")
     spacing_mm: float = Field(0.17, gt=0.02, le=1.0, description="lateral, on the pulp")
@@ -101,7 +101,7 @@ class MeshSpec(_Settings):
     near_width_mm: float = Field(1.5, gt=0, le=5.0)
     far_spacing_mm: float = Field(1.5, gt=0.05, le=3.0)
     nail_on_nodes: bool = Field(True, description="a row of nodes along each of the nail's edges")
-    element: Literal["bbar", "full"] = "bbar"
+    element: Literal["bbar", "full", "incompatible", "quadratic"] = "bbar"
 
     @model_validator(mode="before")
     @classmethod

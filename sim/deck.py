@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sim.config import FingertipConfig
 from sim.contact.profiles import Profile
-from sim.finger.mesh import FingerMesh
+from sim.finger.mesh import FingerMesh, MeshError
 from sim.model import young_ratios
 
 Array = NDArray[np.float64]
@@ -28,11 +28,15 @@ CONTACT_STIFFNESS_MPA_PER_MM = 2000.0
 
 @dataclass(frozen=True)
 class Scene:
-    """A finger mesh and the stiffness of its layers, E(epidermis) in MPa."""
+    """A finger mesh and the stiffness of its layers, E(epidermis) in MPa. Raises MeshError for quadratic elements."""
 
     config: FingertipConfig
     mesh: FingerMesh
     e_epidermis_mpa: float
+
+    def __post_init__(self) -> None:
+        if self.mesh.order > 1:
+            raise MeshError('mesh.element = "quadratic": a deck has elements of eight nodes, expected "full"')
 
 
 def write_load_deck(path: Path, scene: Scene, nodes: Ints, force_n: Array) -> None:

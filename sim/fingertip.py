@@ -14,7 +14,7 @@ from threadpoolctl import ThreadpoolController
 from sim.cache import cached_arrays, content_key
 from sim.config import FingertipConfig
 from sim.contact.control import ForceNotReachedError, TooDeepError, solve_for_force
-from sim.contact.indentor import ALONG, Indentor
+from sim.contact.indentor import ALONG, SHARP_RADIUS_MM, Indentor
 from sim.contact.patch import X, Y, Z
 from sim.contact.points import Pose
 from sim.contact.profiles import Profile
@@ -39,7 +39,9 @@ FARTHEST_X_MM = 20.0
 """Beyond this no part of a shape is over the pad."""
 
 _FORCE_GUESS_MM = 0.3
-_PRESS_IN_MM, _PRESS_IN_FINE_MM = 0.2, 0.05
+_PRESS_IN_MM, _PRESS_IN_CORNER_MM, _PRESS_IN_FINE_MM = 0.2, 0.05, 0.0125
+_ON_THE_WAY = 1e-4  # residual that is enough where the next step starts
+_CORNER_REACH_MM = 0.1
 _SIDE_RAD = 0.05  # of the section's widest places; below them the skin is no function of x
 _AXIS_NAMES = {X: "x", Z: "z"}
 
@@ -164,7 +166,7 @@ class Fingertip:
         between_nodes = self.config.contact.between_nodes and shape.sharp
         scene = _Scene(shape, place, height, touch, self.model_for(shape.axes), between_nodes)
         scene.refuse_touch_outside()
-        began = time.perf_counter()
+        began = time.thread_time()
         with self._threads.limit(limits=1, user_api="blas"):
             if doi_mm is not None:
                 if not 0 < doi_mm <= DEEPEST_DOI_MM:
@@ -183,7 +185,7 @@ class Fingertip:
             state=state,
             model=self.model_for(shape.axes),
             e_epidermis_mpa=self.e_epidermis_mpa,
-            contact_s=time.perf_counter() - began,
+            contact_s=time.thread_time() - began,
             poisson=self.config.tissue.poisson,
         )
 
@@ -232,7 +234,7 @@ class _Scene:
     touch: Touch
     model: CondensedModel
     between_nodes: bool
-    _rungs: dict[tuple[float, float], ContactState] = field(default_factory=dict)  # by step and depth
+    _pressed: dict[float, ContactState] = field(default_factory=dict)  # by depth past first touch, loosely solved
 
     def solve_from_rest(self, doi_mm: float, _: ContactState | None) -> ContactState:
         """The answer at a depth, whatever was solved before."""
@@ -240,33 +242,66 @@ class _Scene:
 
     def solve(self, doi_mm: float, start: ContactState | None) -> ContactState:
         """At once from a start or for a smooth shape, else pressed in from first touch, finely if that misses."""
-        if start is not None or not self.indentor.sharp:
-            state = self._at(doi_mm, start)
-        else:
-            state = self._pressed(doi_mm, _PRESS_IN_MM)
+        state = self._pressed_in(doi_mm) if start is None and self.indentor.sharp else self._at(doi_mm, start)
         if state.residual <= TARGET_RESIDUAL:
             return state
-        finer = self._pressed(doi_mm, _PRESS_IN_FINE_MM)
+        finer = self._pressed_in_finely(doi_mm)
         better = min((state, finer), key=lambda s: s.residual)
         if not better.converged:
             self._refuse_rim(self._pose(doi_mm), better)
         return replace(better, passes=state.passes + finer.passes)
 
-    def _pressed(self, doi_mm: float, step_mm: float) -> ContactState:
-        """Through depths that are multiples of a step past first touch."""
-        state, passes = None, 0
-        first = self.zero_mm - self.touch.height_mm
-        for depth in np.arange(first + step_mm, doi_mm - 1e-9, step_mm).tolist():
-            if (step_mm, depth) not in self._rungs:
-                self._rungs[step_mm, depth] = self._at(depth, state)
-            state = self._rungs[step_mm, depth]
-            passes += state.passes
-        state = self._at(doi_mm, state)
-        return replace(state, passes=passes + state.passes)
+    def _pressed_in(self, doi_mm: float) -> ContactState:
+        """From first touch in long steps, and from where a corner bears in short ones: its side is chosen there."""
+        before_mm, state = self._first_mm, None
+        for depth in self._depths(_PRESS_IN_MM, before_mm, doi_mm):
+            if depth not in self._pressed:
+                self._pressed[depth] = self._onward(before_mm, depth, state, _ON_THE_WAY)
+            before_mm, state = depth, self._pressed[depth]
+        return self._onward(before_mm, doi_mm, state, TARGET_RESIDUAL)
 
-    def _at(self, doi_mm: float, start: ContactState | None) -> ContactState:
+    def _onward(self, before_mm: float, doi_mm: float, start: ContactState | None, target: float) -> ContactState:
+        if start is None or not self._at_corner(start):
+            state = self._step(doi_mm, start, target)
+            if not self._at_corner(state):
+                return state
+        for depth in self._depths(_PRESS_IN_CORNER_MM, before_mm, doi_mm):
+            if depth not in self._pressed:
+                self._pressed[depth] = self._step(depth, start, _ON_THE_WAY)
+            start = self._pressed[depth]
+        return self._step(doi_mm, start, target)
+
+    def _pressed_in_finely(self, doi_mm: float) -> ContactState:
+        state = None
+        for depth in self._depths(_PRESS_IN_FINE_MM, self._first_mm, doi_mm):
+            state = self._step(depth, state)
+        return self._step(doi_mm, state)
+
+    def _step(self, doi_mm: float, start: ContactState | None, target: float = TARGET_RESIDUAL) -> ContactState:
+        """Solved at a depth, the passes counted from rest."""
+        state = self._at(doi_mm, start, target)
+        return state if start is None else replace(state, passes=start.passes + state.passes)
+
+    @property
+    def _first_mm(self) -> float:
+        """DOI at first touch: 0, unless counted from the apex."""
+        return self.zero_mm - self.touch.height_mm
+
+    @staticmethod
+    def _depths(step_mm: float, after_mm: float, before_mm: float) -> list[float]:
+        """Depths in equal steps between two others, both left out."""
+        return np.arange(after_mm + step_mm, before_mm - 1e-9, step_mm).tolist()
+
+    def _at_corner(self, state: ContactState) -> bool:
+        """Whether a place that bears lies where the profile turns within less than a node's spacing."""
+        patch = self.model.patch
+        at = state.held.on(patch).interpolate(patch.tangential_mm + state.displacement[:-1])
+        turning = self.indentor.turning(at - np.array(self.place)[:, None], _CORNER_REACH_MM)
+        return bool((turning > 2 * _CORNER_REACH_MM / SHARP_RADIUS_MM).any())
+
+    def _at(self, doi_mm: float, start: ContactState | None, target: float = TARGET_RESIDUAL) -> ContactState:
         pose = self._pose(doi_mm)
-        state = solve_contact(self.model.patch, pose, start, between_nodes=self.between_nodes)
+        state = solve_contact(self.model.patch, pose, start, between_nodes=self.between_nodes, target=target)
         if state.converged:  # an unfinished state may touch anything on its way
             self._refuse_rim(pose, state)
         return state

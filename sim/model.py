@@ -13,7 +13,7 @@ from sim.config import FingertipConfig, Tissue
 from sim.contact.patch import Patch, X, Y
 from sim.fem import pardiso
 from sim.fem.assembly import assemble_upper
-from sim.fem.elements import hex8_stiffness
+from sim.fem.elements import stiffness
 from sim.fem.pardiso import PardisoFactor
 from sim.fem.slabs import SlabFactor
 from sim.finger.mesh import FingerMesh, build_mesh
@@ -74,9 +74,9 @@ class FiniteElements:
 
     @property
     def slabs(self) -> Ints:
-        """First unknown of each axial slab."""
-        per_slab = 3 * self.mesh.grid[1] * self.mesh.grid[2]
-        return np.searchsorted(self.free // per_slab, np.arange(self.mesh.grid[0]))
+        """First unknown of each axial slab: a row of nodes, or of quadratic elements two."""
+        per_slab = 3 * self.mesh.order * self.mesh.grid[1] * self.mesh.grid[2]
+        return np.searchsorted(self.free // per_slab, np.arange(-(-self.mesh.grid[0] // self.mesh.order)))
 
 
 def young_ratios(tissue: Tissue) -> Array:
@@ -93,8 +93,8 @@ def _cell(grid: Array, value: float) -> tuple[int, float]:
 def assembled(config: FingertipConfig, mesh: FingerMesh) -> sp.csr_array:
     """(3 n_nodes, 3 n_nodes) upper triangle of the stiffness for E(epidermis) = 1 MPa."""
     young = young_ratios(config.tissue)[mesh.layer]
-    stiffness = hex8_stiffness(mesh.nodes, mesh.hexes, young, config.tissue.poisson, config.mesh.element)
-    return assemble_upper(stiffness, mesh.hexes, len(mesh.nodes))
+    matrices = stiffness(mesh.nodes, mesh.hexes, young, config.tissue.poisson, config.mesh.element)
+    return assemble_upper(matrices, mesh.hexes, len(mesh.nodes))
 
 
 def discretise(config: FingertipConfig, mesh: FingerMesh, axes: tuple[int, ...] = (X, Y)) -> FiniteElements:

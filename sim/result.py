@@ -31,6 +31,17 @@ def median_of_four(x_mm: Array, pressure: Array) -> Array:
     return np.sort(np.lib.stride_tricks.sliding_window_view(even, 4), axis=1)[:, 1:3].mean(axis=1)
 
 
+def _opens_beyond(x_mm: Array, gap_mm: Array, last_mm: float) -> float:
+    """Where contact ends beyond the last node that bears, from two free nodes: there gap ∝ distance^1.5."""
+    free = int(np.searchsorted(x_mm, last_mm, side="right"))
+    if free + 1 >= len(x_mm):
+        return last_mm
+    near, far = np.cbrt(gap_mm[free : free + 2] ** 2)
+    if far <= near:
+        return last_mm
+    return float(max(last_mm, x_mm[free] - (x_mm[free + 1] - x_mm[free]) * near / (far - near)))
+
+
 @dataclass(frozen=True)
 class IndentationResult:
     """One simulated indentation; pressures and stresses in pseudo-units (E(epidermis) = 10 000)."""
@@ -44,7 +55,7 @@ class IndentationResult:
     state: ContactState
     model: CondensedModel
     e_epidermis_mpa: float
-    contact_s: float
+    contact_s: float  # processor time of the one thread that solves
     poisson: float
 
     @property
@@ -110,7 +121,7 @@ class IndentationResult:
         Of a shape that lies across the finger, all places.
         """
         patch, held = self.model.patch, self.state.held
-        nodes, share = held.carriers(patch)
+        nodes, share = held.on(patch).carriers
         rows = nodes // patch.shape[1]
         here = (rows == self.model.receptor_row).all(axis=0) if patch.axes[0] == X else np.full(len(held), True)
         x = (share * patch.x[nodes]).sum(axis=0)[here]
@@ -120,14 +131,24 @@ class IndentationResult:
 
     @property
     def contact_regions_mm(self) -> list[tuple[float, float]]:
-        """[x0, x1] of the runs of places that carry force in the receptor plane, undeformed."""
+        """[x0, x1] of the runs of places that carry force in the receptor plane, undeformed.
+
+        Under smooth shapes they end where the gap opens, between two nodes.
+        """
         touching, _ = self.touching_mm
         if not len(touching):
             return []
         ends = np.flatnonzero(np.diff(touching) > REGION_GAP_MM)
         starts = np.concatenate([[0], ends + 1])
         stops = np.concatenate([ends, [len(touching) - 1]])
-        return [(float(touching[a]), float(touching[b])) for a, b in zip(starts, stops, strict=True)]
+        regions = [(float(touching[a]), float(touching[b])) for a, b in zip(starts, stops, strict=True)]
+        return regions if self.indentor.sharp else [self._opened(*region) for region in regions]
+
+    def _opened(self, low_mm: float, high_mm: float) -> tuple[float, float]:
+        x, gap = self.model.patch.x[self.plane], self.state.gap[self.plane]
+        order = np.argsort(x)
+        x, gap = x[order], gap[order]
+        return -_opens_beyond(-x[::-1], gap[::-1], -low_mm), _opens_beyond(x, gap, high_mm)
 
     @cached_property
     def receptor_strain(self) -> Array:

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from sim.contact.patch import Patch, X, Y, Z
 from sim.fem import pardiso
 from sim.fem.assembly import assemble_upper, symmetric
-from sim.fem.elements import Element, hex8_centroid_strain, hex8_stiffness
+from sim.fem.elements import Element, stiffness
 from sim.fem.pardiso import PardisoFactor
 from sim.fem.slabs import SlabFactor
+from sim.fem.strain import strain_matrix
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -109,11 +110,11 @@ class Body:
         self.nodes, self.hexes = box.nodes if nodes is None else nodes, box.hexes
         free = ~(on_rigid_base(box) if held is None else held)
         self.unknown, self._slabs = _numbered(box, free)
-        stiffness = hex8_stiffness(self.nodes, self.hexes, young, poisson, element)
+        matrices = stiffness(self.nodes, self.hexes, young, poisson, element)
         dof = np.flatnonzero(self.unknown.ravel() >= 0)
         shape = (self.nodes.size, int(self.unknown.max()) + 1)
         self._spread = sp.csr_array((np.ones(len(dof)), (dof, self.unknown.ravel()[dof])), shape=shape)
-        whole = symmetric(assemble_upper(stiffness, self.hexes, len(self.nodes)))
+        whole = symmetric(assemble_upper(matrices, self.hexes, len(self.nodes)))
         self.stiffness = sp.csr_array(self._spread.T @ whole @ self._spread)
 
     def factor(self, kept: Ints) -> PardisoFactor | SlabFactor:
@@ -138,7 +139,8 @@ class Body:
     def strain(self, u: Array, elements: Ints) -> Array:
         """(k, 6) engineering strain e11 e22 e33 e12 e23 e13 at the centroids of some elements, u (n, 3)."""
         hexes = self.hexes[elements]
-        return np.einsum("nrk,nk->nr", hex8_centroid_strain(self.nodes, hexes), u[hexes].reshape(-1, 24))
+        at_centre = strain_matrix(self.nodes[hexes], np.zeros((len(hexes), 3)))
+        return np.einsum("nrk,nk->nr", at_centre, u[hexes].reshape(-1, 24))
 
 
 def _numbered(box: Box, free: Bools) -> tuple[Ints, Ints]:

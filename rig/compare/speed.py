@@ -10,7 +10,7 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from rig.compare.html import Figure, render
-from rig.compare.style import BLUE, GREEN, GREY, ORANGE, svg
+from rig.compare.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, svg
 
 Row = Mapping[str, Any]
 Line = tuple[str, str]  # model and element
@@ -18,6 +18,8 @@ Line = tuple[str, str]  # model and element
 _LOOK = {
     ("finger", "bbar"): (BLUE, "o"),
     ("finger", "full"): (ORANGE, "s"),
+    ("finger", "incompatible"): (PURPLE, "v"),
+    ("finger", "quadratic"): (YELLOW, "P"),
     ("section", "bbar"): (GREEN, "^"),
     ("halfspace", "analytic"): (GREY, "D"),
 }

@@ -8,6 +8,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"  # Okabe & Ito
+PURPLE, YELLOW = "#CC79A7", "#E69F00"
 _ORDERED = mpl.colormaps["viridis"]
 _STYLE: dict[Any, Any] = {
     "font.size": 9,

@@ -43,6 +43,12 @@ class Indentor:
         """Whether the profile turns within less than about a node's spacing."""
         return self.profile.sharpest_radius_mm < SHARP_RADIUS_MM
 
+    def turning(self, offset_mm: Array, reach_mm: float) -> Array:
+        """(k,) rad by which the profile's normal turns within a reach on either side of (m, k) offsets."""
+        s, _ = self._arm(offset_mm)
+        before, after = (np.arctan(self.profile.evaluate(at)[1]) for at in (s - reach_mm, s + reach_mm))
+        return np.asarray(np.abs(after - before))
+
     def evaluate(self, offset_mm: Array) -> Surface:
         """The surface at (m, k) offsets from the reference point, above the lowest point."""
         s, direction = self._arm(offset_mm)

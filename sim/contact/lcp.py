@@ -83,7 +83,7 @@ def _feasible(q: Array, w: Array, active: Ints, before: Array) -> LcpSolution | 
 
 
 def _held(q: Array, w: Array, active: Ints) -> LcpSolution | None:
-    factor, info = lapack.dpotrf(np.asfortranarray(w[np.ix_(active, active)]), lower=1, clean=0, overwrite_a=1)
+    factor, info = lapack.dpotrf(w[np.ix_(active, active)].T, lower=1, clean=0, overwrite_a=1)
     if info:
         return None
     multipliers = np.zeros(len(q))

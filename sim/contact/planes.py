@@ -28,13 +28,14 @@ class Region:
         self.segments = np.searchsorted(self.nodes, ends)
         self.points = self.from_patch(candidates)
         self.tangential_mm, self.y = patch.tangential_mm[:, self.nodes], patch.y[self.nodes]
+        self.places = self.points.on(self)
         m, j, k = len(patch.axes), len(self.nodes), len(self.points)
         rows = (len(patch) * np.arange(m)[:, None] + self.nodes).ravel()
         self.compliance = patch.compliance[rows].take(rows, axis=1)
         among_nodes = self.compliance.reshape(m * j, m, j)
         # displacements per unit force at each point along each axis: of the nodes, and of the points themselves
-        self.response = self.points.interpolate(self, among_nodes).reshape(m, j, m, k).transpose(2, 3, 0, 1).copy()
-        self.own_response = self.points.interpolate(self, self.response).transpose(0, 2, 1, 3).copy()  # (m, m, k, k)
+        self.response = self.places.interpolate(among_nodes).reshape(m, j, m, k).transpose(2, 3, 0, 1).copy()
+        self.own_response = self.places.interpolate(self.response).transpose(0, 2, 1, 3).copy()  # (m, m, k, k)
 
     def from_patch(self, points: ContactPoints) -> ContactPoints:
         """Some of the candidates, by the numbers here."""
@@ -52,9 +53,8 @@ class FrozenPlanes:
     def __init__(self, pose: Pose, region: Region, u: Array, pressed: bool) -> None:
         self.region, self.u = region, u
         at = u if pressed else np.concatenate([u[:-1], np.zeros_like(u[-1:])])
-        moved = region.points.interpolate(region, at)
-        tangential = region.points.interpolate(region, region.tangential_mm) + moved[:-1]
-        y = region.points.interpolate(region, region.y) + moved[-1]
+        moved = region.places.interpolate(at)
+        tangential, y = region.places.tangential_mm + moved[:-1], region.places.y + moved[-1]
         planes = pose.plane(tangential, y) if pressed else pose.gap(tangential, y)
         self.slope, self.curvature = planes.slope, planes.curvature
         self.normal = forces_along(self.slope, np.ones(len(region.points)))
@@ -83,9 +83,7 @@ class FrozenPlanes:
 
     def energy(self, solution: LcpSolution, u: Array) -> float:
         """Elastic energy of the displacements u that the multipliers cause."""
-        return 0.5 * float(
-            (self.normal * solution.multipliers * self.region.points.interpolate(self.region, u)).sum()
-        )
+        return 0.5 * float((self.normal * solution.multipliers * self.region.places.interpolate(u)).sum())
 
     def predictor(self, solution: LcpSolution, un: Array, residual: float, share: float) -> Array | None:
         """Displacements after a share of the Newton step (eigenvalues positive) of active points on curved parts."""
@@ -113,19 +111,19 @@ class FrozenPlanes:
     def _bending(self, multipliers: Array, curved: Ints) -> tuple[Ints, Array]:
         """Lateral displacements in which planes turn, and the stiffness that gives: −λ ∇²h, (slots, slots)."""
         m = len(self.slope)
-        carriers, share = self.region.points.carriers(self.region)
+        carriers, share = self.region.places.carriers
         nodes, place = np.unique(carriers[:, curved], return_inverse=True)
         weights = np.zeros((len(curved), len(nodes)))
         np.add.at(weights, (np.arange(len(curved)), place.reshape(2, -1)), share[:, curved])
         turn = -multipliers[curved] * self.curvature[:, :, curved]
-        blocks = np.einsum("stk,ki,kj->sitj", turn, weights, weights, optimize=True)
+        blocks = (turn[..., None] * weights).swapaxes(-1, -2) @ weights  # (m, m, nodes, nodes)
         slots = (self.u.shape[1] * np.arange(m)[:, None] + nodes).ravel()
-        return slots, blocks.reshape(m * len(nodes), m * len(nodes))
+        return slots, blocks.swapaxes(1, 2).reshape(m * len(nodes), m * len(nodes))
 
     def _shortened(self, step: Array, slots: Ints) -> Array:
         """Factors ≤ 1 that keep each step within 0.1 mm and within what turns a node's own normal by a radian."""
         bend = np.sqrt((self.curvature**2).sum(axis=(0, 1))) / norm(self.slope) ** 2  # of the normal, rad/mm
-        carriers, share = self.region.points.carriers(self.region)
+        carriers, share = self.region.places.carriers
         turn = np.zeros(self.u.shape[1])
         np.maximum.at(turn, carriers, share * bend)
         turn = np.tile(turn, len(self.slope))[slots]
@@ -156,5 +154,5 @@ def forces_along(slope: Array, multipliers: Array) -> Array:
 
 def moved_by(response: Array, force: Array) -> Array:
     """(m, n) displacements in mm from (m, k, m, n) responses and (m, k) forces."""
-    loaded = np.flatnonzero(force[-1])
-    return np.tensordot(force[:, loaded], response[:, loaded], 2)
+    m, k = force.shape
+    return np.asarray(force.ravel() @ response.reshape(m * k, -1)).reshape(m, -1)

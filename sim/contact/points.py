@@ -1,6 +1,7 @@
 """Where contact is enforced: at nodes, and at points of the segments between them."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -77,12 +78,12 @@ class ContactPoints:
     def __len__(self) -> int:
         return len(self.nodes) + len(self.between)
 
-    @property
+    @cached_property
     def segments(self) -> Ints:
         """(e,) the segments of the points between nodes."""
         return self.between // _INNER
 
-    @property
+    @cached_property
     def along(self) -> Array:
         """(e,) their places, from the segment's first node (0) to its second (1)."""
         return (self.between % _INNER + 1) / PARTS
@@ -93,7 +94,8 @@ class ContactPoints:
 
     def among(self, other: "ContactPoints") -> Bools:
         """(k,) whether each point is one of the other's."""
-        return np.concatenate([np.isin(self.nodes, other.nodes), np.isin(self.between, other.between)])
+        pairs = ((self.nodes, other.nodes), (self.between, other.between))
+        return np.concatenate([np.isin(mine, others, assume_unique=True) for mine, others in pairs])
 
     def joined(self, other: "ContactPoints") -> "ContactPoints":
         """These and the other's points."""
@@ -103,28 +105,52 @@ class ContactPoints:
         """The same points by other numbers of their nodes and of their segments."""
         return ContactPoints(nodes, _INNER * segments + self.between % _INNER)
 
-    def carriers(self, skin: Skin) -> tuple[Ints, Array]:
-        """(2, k) nodes around each point and their shares in it; a node stands by itself."""
+    def on(self, skin: Skin) -> "Places":
+        """The same points, ready to take values from the nodes of a skin."""
         first, second = skin.segments[self.segments].T
-        nodes = np.stack([np.concatenate([self.nodes, first]), np.concatenate([self.nodes, second])])
-        share = np.concatenate([np.zeros(len(self.nodes)), self.along])
+        return Places(skin, self.nodes, first, second, self.along)
+
+
+@dataclass(frozen=True)
+class Places:
+    """Points of a skin: some of its nodes, then places between two of them."""
+
+    skin: Skin
+    alone: Ints  # (k − e,)
+    first: Ints  # (e,)
+    second: Ints  # (e,)
+    along: Array  # (e,) from the first to the second
+
+    @cached_property
+    def tangential_mm(self) -> Array:
+        """(m, k) undeformed positions along the axes of slope."""
+        return self.interpolate(self.skin.tangential_mm)
+
+    @cached_property
+    def y(self) -> Array:
+        """(k,) undeformed heights in mm."""
+        return self.interpolate(self.skin.y)
+
+    @cached_property
+    def carriers(self) -> tuple[Ints, Array]:
+        """(2, k) nodes around each point and their shares in it; a node stands by itself."""
+        nodes = np.stack([np.concatenate([self.alone, self.first]), np.concatenate([self.alone, self.second])])
+        share = np.concatenate([np.zeros(len(self.alone)), self.along])
         return nodes, np.stack([1 - share, share])
 
-    def interpolate(self, skin: Skin, nodal: Array) -> Array:
+    def interpolate(self, nodal: Array) -> Array:
         """(…, k) values at the points from (…, n) values at the nodes."""
-        at_nodes = nodal[..., self.nodes]
-        if not len(self.between):
+        at_nodes = nodal[..., self.alone]
+        if not len(self.along):
             return at_nodes
-        first, second = skin.segments[self.segments].T
-        return np.concatenate(
-            [at_nodes, (1 - self.along) * nodal[..., first] + self.along * nodal[..., second]], axis=-1
-        )
+        between = (1 - self.along) * nodal[..., self.first] + self.along * nodal[..., self.second]
+        return np.concatenate([at_nodes, between], axis=-1)
 
-    def to_nodes(self, skin: Skin, force: Array) -> Array:
+    def to_nodes(self, force: Array) -> Array:
         """(m, n) forces on the nodes that (m, k) forces at the points amount to."""
-        nodes, share = self.carriers(skin)
+        nodes, share = self.carriers
         parts = (force[:, None] * share).reshape(len(force), -1)
-        return np.stack([np.bincount(nodes.ravel(), weights=f, minlength=len(skin.y)) for f in parts])
+        return np.stack([np.bincount(nodes.ravel(), weights=f, minlength=len(self.skin.y)) for f in parts])
 
 
 def near(pose: Pose, skin: Skin, u: Array, gap_mm: float, *, between: bool) -> ContactPoints:
@@ -147,16 +173,17 @@ def penetrated(pose: Pose, skin: Skin, u: Array, *, between: bool) -> tuple[Cont
         return ContactPoints(deep, np.zeros(0, np.int64)), depth
     gap, bent = _between(pose, skin, u, nodes.height_mm)
     inside = ContactPoints(np.zeros(0, np.int64), np.flatnonzero((bent & (gap < -tiny)).ravel()))
-    surface = displaced_gap(pose, skin, u, inside)
+    surface = displaced_gap(pose, inside.on(skin), u)
     return (
         ContactPoints(deep, inside.between),
         np.concatenate([depth, -surface.height_mm / norm(surface.slope)]),
     )
 
 
-def displaced_gap(pose: Pose, skin: Skin, u: Array, points: ContactPoints) -> Surface:
-    """Gap, slope and curvature at points of the skin displaced by u, (m, n) mm."""
-    return pose.gap(points.interpolate(skin, skin.tangential_mm + u[:-1]), points.interpolate(skin, skin.y + u[-1]))
+def displaced_gap(pose: Pose, places: Places, u: Array) -> Surface:
+    """Gap, slope and curvature at places of a skin whose nodes are displaced by u, (m, n) mm."""
+    moved = places.interpolate(u)
+    return pose.gap(places.tangential_mm + moved[:-1], places.y + moved[-1])
 
 
 def norm(slope: Array) -> Array:

@@ -65,11 +65,16 @@ class ContactState:
 
 
 def solve_contact(
-    patch: Patch, pose: Pose, start: ContactState | None = None, *, between_nodes: bool
+    patch: Patch,
+    pose: Pose,
+    start: ContactState | None = None,
+    *,
+    between_nodes: bool,
+    target: float = TARGET_RESIDUAL,
 ) -> ContactState:
     """Equilibrium of the patch under a rigid indentor held in a pose, from rest or from a nearby state.
 
-    Contact is enforced at the nodes, and with `between_nodes` also at points between them.
+    Contact is enforced at the nodes, and with `between_nodes` also at points between them. Passes end at the target.
     """
     if start is None:
         nothing = np.zeros((len(patch.axes), len(patch)))
@@ -77,7 +82,7 @@ def solve_contact(
     state, passes = start, 0
     candidates = near(pose, patch, start.displacement, _CANDIDATE_GAP_MM, between=between_nodes).joined(start.held)
     while True:
-        iteration = _Iteration(pose, Region(patch, candidates), state, MAX_PASSES - passes)
+        iteration = _Iteration(pose, Region(patch, candidates), state, MAX_PASSES - passes, target)
         iteration.run()
         passes += iteration.passes
         state, missed = _assessed(pose, patch, between_nodes, iteration, passes)
@@ -92,8 +97,8 @@ def solve_contact(
 class _Iteration:
     """The passes over one region."""
 
-    def __init__(self, pose: Pose, region: Region, start: ContactState, most_passes: int) -> None:
-        self.pose, self.region, self.most_passes = pose, region, most_passes
+    def __init__(self, pose: Pose, region: Region, start: ContactState, most_passes: int, target: float) -> None:
+        self.pose, self.region, self.most_passes, self.target = pose, region, most_passes, target
         self.u = start.displacement[:, region.nodes].copy()
         self.held = region.points.among(region.from_patch(start.held))
         # From rest no plane closest to a point is taken: first press down, lest a side wall claims it from below.
@@ -119,7 +124,7 @@ class _Iteration:
             residual, depth = self._residual(un, solution.multipliers)
             if residual < best:
                 best, self.multiplier, self.slope = residual, solution.multipliers, planes.slope
-            if residual < TARGET_RESIDUAL:
+            if residual < self.target:
                 return
             penalty = max(penalty, 2 * float(solution.multipliers.max(initial=0.0)))
             new_merit = planes.energy(solution, un) + penalty * depth
@@ -138,7 +143,7 @@ class _Iteration:
 
     def _residual(self, u: Array, multipliers: Array) -> tuple[float, float]:
         """The residual over the region's points, and the sum of their depths (mm) within the indentor."""
-        here = displaced_gap(self.pose, self.region, u, self.region.points)
+        here = displaced_gap(self.pose, self.region.places, u)
         mismatch = moved_by(self.region.response, forces_along(here.slope, multipliers)) - u
         depth = np.maximum(0.0, -here.height_mm) / norm(here.slope)
         return _residual(mismatch, here, multipliers, self.pose.scale_mm), float(depth.sum())
@@ -161,10 +166,11 @@ def _assessed(
     """The whole patch under the forces found in a region, its residual, and the points that it penetrates."""
     region, multiplier = iteration.region, iteration.multiplier
     points = region.to_patch(region.points)
-    force = points.to_nodes(patch, forces_along(iteration.slope, multiplier))
+    places = points.on(patch)
+    force = places.to_nodes(forces_along(iteration.slope, multiplier))
     u = _displacement(patch, force)
-    here = displaced_gap(pose, patch, u, points)
-    again = _displacement(patch, points.to_nodes(patch, forces_along(here.slope, multiplier)))
+    here = displaced_gap(pose, places, u)
+    again = _displacement(patch, places.to_nodes(forces_along(here.slope, multiplier)))
     missed, depth = penetrated(pose, patch, u, between=between_nodes)
     residual = _residual(again - u, here, multiplier, pose.scale_mm)
     residual = max(residual, float(depth.max(initial=0.0)) / pose.scale_mm)

@@ -8,11 +8,12 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-def assemble_upper(stiffness: Array, hexes: Ints, n_nodes: int) -> sp.csr_array:
-    """Upper triangle of the (3 n_nodes, 3 n_nodes) stiffness from (n, 24, 24) element matrices."""
-    a, b = np.triu_indices(8)
-    rows, cols = hexes[:, a], hexes[:, b]
-    blocks = stiffness.reshape(-1, 8, 3, 8, 3).swapaxes(2, 3)[:, a, b]
+def assemble_upper(stiffness: Array, elements: Ints, n_nodes: int) -> sp.csr_array:
+    """Upper triangle of the (3 n_nodes, 3 n_nodes) stiffness from (n, 3k, 3k) matrices of (n, k) elements."""
+    k = elements.shape[1]
+    a, b = np.triu_indices(k)
+    rows, cols = elements[:, a], elements[:, b]
+    blocks = stiffness.reshape(-1, k, 3, k, 3).swapaxes(2, 3)[:, a, b]
     below = rows > cols
     blocks[below] = blocks[below].swapaxes(-1, -2)
     folded = (rows == cols) & (a != b)  # both triangles of a wedge's coinciding nodes fall on one block

@@ -7,7 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.config import FingertipConfig, MeshSpec, Tissue
+from sim.fem.elements import NODES
+from sim.fem.shapes import HEX8, HEX27
 from sim.finger.quality import corner_edges
+from sim.finger.skin import tributary_areas
 from sim.finger.surface import FingertipSurface
 
 Array = NDArray[np.float64]
@@ -30,10 +33,10 @@ class MeshError(ValueError):
 
 @dataclass(frozen=True)
 class FingerMesh:
-    """hex8 mesh on a grid (axial, circumferential, radial); radial index 0 is the skin."""
+    """Hexahedra on a grid of nodes (axial, circumferential, radial); radial index 0 is the skin."""
 
     nodes: Array  # (n_nodes, 3) mm
-    hexes: Ints  # (n_elements, 8) VTK order
+    hexes: Ints  # (n_elements, 8), or 27 of quadratic ones, VTK order
     layer: Ints  # (n_elements,) EPIDERMIS, DERMIS, FAT or BONE
     fixed: NDArray[np.bool_]  # (n_nodes,)
     grid: tuple[int, int, int]  # nodes along z, φ and the radius
@@ -44,10 +47,21 @@ class FingerMesh:
     patch_area_mm2: Array  # (n_patch,) tributary undeformed area
     receptor_row: int  # row of the patch that lies in the receptor plane
 
+    @property
+    def order(self) -> int:
+        """Intervals between nodes along an element: 1, or 2 where it is quadratic."""
+        return 1 if self.hexes.shape[1] == len(HEX8) else 2
+
     @cached_property
     def element_grid(self) -> Ints:
         """Element numbers on the (axial, circumferential, radial) grid."""
-        return np.arange(len(self.hexes)).reshape(self.grid[0] - 1, self.grid[1], self.grid[2] - 1)
+        n_z, n_phi, _ = self.grid
+        return np.arange(len(self.hexes)).reshape((n_z - 1) // self.order, n_phi // self.order, -1)
+
+    @cached_property
+    def centre_mm(self) -> Array:
+        """(n_elements, 3) means of the elements' corners."""
+        return np.asarray(self.nodes[self.hexes[:, : len(HEX8)]].mean(axis=1))
 
     def column_at(self, phi: float, z_mm: float) -> Array:
         """(n_r, 3) positions in mm of the nodes from the skin inwards on the ray nearest to φ (rad) and z."""
@@ -65,11 +79,10 @@ def build_mesh(config: FingertipConfig, surface: FingertipSurface) -> FingerMesh
             f"a patch of {n_patch} nodes: expected at most {MOST_PATCH_NODES}; coarser, or a smaller patch"
         )
     nodes, layers = _place_nodes(config, surface, phi, z_mm)
-    n_z, n_phi, n_r, _ = nodes.shape
-    number = np.arange(n_z * n_phi * n_r).reshape(n_z, n_phi, n_r)
-    hexes = _connect(number)
+    order = _order(config.mesh)
+    number = np.arange(nodes[..., 0].size).reshape(nodes.shape[:3])
     flat = nodes.reshape(-1, 3)
-    _refuse_folded(flat, hexes)
+    _refuse_folded(flat, _connect(number, 1))
 
     fixed = np.zeros(number.shape, dtype=bool)
     fixed[0] = True
@@ -80,15 +93,15 @@ def build_mesh(config: FingertipConfig, surface: FingertipSurface) -> FingerMesh
     patch = number[z_fine][:, phi_fine, 0]
     return FingerMesh(
         nodes=flat,
-        hexes=hexes,
-        layer=np.broadcast_to(layers, (n_z - 1, n_phi, n_r - 1)).ravel(),
+        hexes=_connect(number, order),
+        layer=_on_every_ray(layers, number, order),
         fixed=fixed.ravel(),
-        grid=(n_z, n_phi, n_r),
+        grid=(len(z_mm), len(phi), nodes.shape[2]),
         phi=phi,
         z_mm=z_mm,
         patch_nodes=patch.ravel(),
         patch_shape=(patch.shape[0], patch.shape[1]),
-        patch_area_mm2=_skin_areas(nodes[:, :, 0])[z_fine][:, phi_fine].ravel(),
+        patch_area_mm2=tributary_areas(nodes[:, :, 0], order)[z_fine][:, phi_fine].ravel(),
         receptor_row=int(np.argmin(np.abs(z_mm[z_fine] - config.receptor_plane_mm))),
     )
 
@@ -101,27 +114,41 @@ def section_mesh(config: FingertipConfig, surface: FingertipSurface) -> FingerMe
     """
     plane = config.receptor_plane_mm
     phi, fine = _circumferential_grid(config, surface)
-    z_mm = plane + np.arange(-1.5, 2.0) / 3
+    order = _order(config.mesh)
+    z_mm = _with_middles(plane + np.arange(-1.5, 2.0) / 3, order)
     nodes, layers = _place_nodes(config, surface, phi, z_mm)
     number = np.arange(nodes[..., 0].size).reshape(nodes.shape[:3])
     fixed = np.zeros(number.shape, dtype=bool)
     fixed[:, :, -1] = True
     fixed[:, _under_nail(config.tissue, phi), 0] = plane >= config.tissue.nail_from_z_mm
     patch = number[0, fine, 0]
-    arc = np.linalg.norm(np.diff(nodes[0, :, 0], axis=0, append=nodes[0, :1, 0]), axis=1)
     return FingerMesh(
         nodes=nodes.reshape(-1, 3),
-        hexes=_connect(number),
-        layer=np.broadcast_to(layers, (3, len(phi), len(layers))).ravel(),
+        hexes=_connect(number, order),
+        layer=_on_every_ray(layers, number, order),
         fixed=fixed.ravel(),
         grid=(len(z_mm), len(phi), nodes.shape[2]),
         phi=phi,
         z_mm=z_mm,
         patch_nodes=patch,
         patch_shape=(1, len(patch)),
-        patch_area_mm2=0.5 * (arc + np.roll(arc, 1))[fine],
+        patch_area_mm2=tributary_areas(nodes[:, :, 0], order).sum(axis=0)[fine],
         receptor_row=0,
     )
+
+
+def _order(mesh: MeshSpec) -> int:
+    return 1 if NODES[mesh.element] == len(HEX8) else 2
+
+
+def _with_middles(ends: Array, order: int) -> Array:
+    """Places of nodes from the places of the elements' ends: the same, or with the middles between them."""
+    return np.interp(np.arange(order * (len(ends) - 1) + 1) / order, np.arange(len(ends)), ends)
+
+
+def _on_every_ray(layers: Ints, number: Ints, order: int) -> Ints:
+    """(n_elements,) from the layers along a ray."""
+    return np.broadcast_to(layers, ((len(number) - 1) // order, number.shape[1] // order, len(layers))).ravel()
 
 
 def _under_nail(tissue: Tissue, phi: Array) -> NDArray[np.bool_]:
@@ -139,9 +166,10 @@ def _axial_grid(config: FingertipConfig) -> tuple[Array, NDArray[np.bool_]]:
     below = fine[0] - _graded(mesh, spacing, fine[0])
     above = fine[-1] + _graded(mesh, spacing, length - fine[-1])
     z = np.concatenate([below[::-1], fine, above])
-    is_fine = np.zeros(len(z), dtype=bool)
-    is_fine[len(below) : len(below) + len(fine)] = True
-    return z, is_fine
+    is_fine = np.zeros(len(z))
+    is_fine[len(below) : len(below) + len(fine)] = 1
+    order = _order(mesh)
+    return _with_middles(z, order), _with_middles(is_fine, order) == 1
 
 
 def _circumferential_grid(config: FingertipConfig, surface: FingertipSurface) -> tuple[Array, NDArray[np.bool_]]:
@@ -166,10 +194,12 @@ def _circumferential_grid(config: FingertipConfig, surface: FingertipSurface) ->
     nail = np.interp([-np.pi / 2 + half_nail, 3 * np.pi / 2 - half_nail], table, arc)
     towards_right = fine[0] - _through(mesh, fine[0] - nail[0], fine[0])
     towards_left = fine[-1] + _through(mesh, nail[1] - fine[-1], arc[-1] - fine[-1])
-    s = np.concatenate([towards_right[::-1], fine, towards_left])[:-1]  # both ends are the nail's middle
-    is_fine = np.zeros(len(s), dtype=bool)
-    is_fine[len(towards_right) : len(towards_right) + len(fine)] = True
-    return np.interp(s, arc, table), is_fine
+    s = np.concatenate([towards_right[::-1], fine, towards_left])
+    is_fine = np.zeros(len(s))
+    is_fine[len(towards_right) : len(towards_right) + len(fine)] = 1
+    order = _order(mesh)
+    s, is_fine = _with_middles(s, order)[:-1], _with_middles(is_fine, order)[:-1]  # both ends are the nail's middle
+    return np.interp(s, arc, table), is_fine == 1
 
 
 def _through(mesh: MeshSpec, edge_mm: float, distance_mm: float) -> Array:
@@ -210,7 +240,9 @@ def _place_nodes(config: FingertipConfig, surface: FingertipSurface, phi: Array,
 
     # depths of the interfaces along each ray; the fractions between them are the same everywhere
     apex_depth = float(thickness[np.argmin(np.abs(z_mm - config.receptor_plane_mm))].max())
-    fractions, layers = _radial_fractions(config.mesh, tissue, apex_depth)
+    ends, layers = _radial_fractions(config.mesh, tissue, apex_depth)
+    order = _order(config.mesh)
+    fractions = _with_middles(ends, order)
     knots = np.stack(
         [
             0 * thickness,
@@ -223,7 +255,8 @@ def _place_nodes(config: FingertipConfig, surface: FingertipSurface, phi: Array,
     depth = knots[piece] + (knots[piece + 1] - knots[piece]) * (fractions - piece)[:, None, None]
     nodes = skin[:, :, None] - np.moveaxis(depth, 0, -1)[..., None] * ray[:, :, None]
     if tissue.bone == "elastic":
-        core = nodes[:, :, -1:] * [0.5, 0.5, 1.0]
+        inwards = 1 - 0.5 * np.arange(1, order + 1)[:, None] / order
+        core = nodes[:, :, -1:] * np.concatenate([inwards, inwards, np.ones((order, 1))], axis=1)
         nodes, layers = np.concatenate([nodes, core], axis=2), np.append(layers, BONE)
     return nodes, layers
 
@@ -251,13 +284,14 @@ def _radial_fractions(mesh: MeshSpec, tissue: Tissue, depth_mm: float) -> tuple[
     return np.concatenate([epidermis, dermis, fat]), layers
 
 
-def _connect(number: Ints) -> Ints:
-    """VTK-ordered hexahedra of the grid, closed along φ, with positive volume."""
-    here, turned = number[:, :, :], np.roll(number, -1, axis=1)
-    a, b = here[:-1, :, 1:], turned[:-1, :, 1:]  # deep
-    c, d = turned[:-1, :, :-1], here[:-1, :, :-1]  # towards the skin
-    e, f, g, h = here[1:, :, 1:], turned[1:, :, 1:], turned[1:, :, :-1], here[1:, :, :-1]
-    return np.stack([a, d, c, b, e, h, g, f], axis=-1).reshape(-1, 8)
+def _connect(number: Ints, order: int) -> Ints:
+    """VTK-ordered hexahedra of the grid, closed along φ, with positive volume; of order 2 with 27 nodes."""
+    local = HEX8 if order == 1 else HEX27
+    inwards, around, along = (order * (1 + local * [-1, 1, 1]) / 2).astype(int).T
+    n_z, n_phi, n_r = number.shape
+    corner = np.ix_(range(0, n_z - 1, order), range(0, n_phi, order), range(0, n_r - 1, order), [0])
+    k, j, i, _ = (np.asarray(c) for c in corner)
+    return number[k + along, (j + around) % n_phi, i + inwards].reshape(-1, len(local))
 
 
 def _refuse_folded(nodes: Array, hexes: Ints) -> None:
@@ -270,18 +304,6 @@ def _refuse_folded(nodes: Array, hexes: Ints) -> None:
             f"element {worst[0]} is folded at ({x:.2f}, {y:.2f}, {z:.2f}) mm: "
             f"corner volume {jacobian[worst]:.3g} mm³, expected > 0"
         )
-
-
-def _skin_areas(skin: Array) -> Array:
-    """(n_z, n_phi) tributary areas in mm²: a quarter of each adjacent bilinear quadrilateral."""
-    turned = np.roll(skin, -1, axis=1)
-    d1, d2 = turned[1:] - skin[:-1], turned[:-1] - skin[1:]
-    quads = 0.125 * np.linalg.norm(np.cross(d1, d2), axis=-1)
-    quads = quads + np.roll(quads, 1, axis=1)
-    area = np.zeros(skin.shape[:2])
-    area[:-1] += quads
-    area[1:] += quads
-    return area
 
 
 def _wrap(angle: Array) -> Array:

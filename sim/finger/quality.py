@@ -36,13 +36,13 @@ class MeshQuality:
 
 
 def corner_edges(nodes: Array, hexes: Ints) -> Array:
-    """(n, 8, 3, 3) edge vectors in mm from each corner of (n, 8) hexahedra; rows are edges, right-handed."""
-    p = nodes[hexes]
+    """(n, 8, 3, 3) edge vectors in mm from each corner of (n, 8 or 27) hexahedra; rows are edges, right-handed."""
+    p = nodes[hexes[:, :8]]
     return np.asarray(p[:, _CORNERS[:, 1:]] - p[:, _CORNERS[:, :1]])
 
 
 def mesh_quality(nodes: Array, hexes: Ints) -> MeshQuality:
-    """Quality of (n, 8) hexahedra in VTK order.
+    """Quality of (n, 8) hexahedra in VTK order; of (n, 27) that of their corners.
 
     Source: Knupp, Ernst, Thompson, Stimpson, Pébay, The Verdict library reference manual, Sandia 2007: hexahedron,
     "scaled Jacobian" (here at the corners only) and "edge ratio".
@@ -53,5 +53,5 @@ def mesh_quality(nodes: Array, hexes: Ints) -> MeshQuality:
     return MeshQuality(
         scaled_jacobian=scaled.min(axis=1),
         aspect_ratio=length.max(axis=(1, 2)) / length.min(axis=(1, 2)),
-        centroid_mm=nodes[hexes].mean(axis=1),
+        centroid_mm=nodes[hexes[:, :8]].mean(axis=1),
     )

@@ -7,7 +7,7 @@ import numpy as np
 from sim.finger.mesh import FingerMesh
 from sim.finger.quality import MeshQuality
 
-_HEXAHEDRON = 12
+_CELL_TYPES = {8: 12, 27: 29}  # hexahedron, triquadratic hexahedron
 
 
 def write_vtk(path: Path, mesh: FingerMesh, quality: MeshQuality) -> None:
@@ -15,15 +15,15 @@ def write_vtk(path: Path, mesh: FingerMesh, quality: MeshQuality) -> None:
 
     Format: Kitware, VTK file formats, legacy, version 3.0, ASCII.
     """
-    n = len(mesh.hexes)
+    n, k = mesh.hexes.shape
     with path.open("w", encoding="ascii") as file:
         file.write("# vtk DataFile Version 3.0\nfinger mesh, mm\nASCII\nDATASET UNSTRUCTURED_GRID\n")
         file.write(f"POINTS {len(mesh.nodes)} double\n")
         np.savetxt(file, mesh.nodes, "%.9g")
-        file.write(f"CELLS {n} {9 * n}\n")
-        np.savetxt(file, np.insert(mesh.hexes, 0, 8, axis=1), "%d")
+        file.write(f"CELLS {n} {(k + 1) * n}\n")
+        np.savetxt(file, np.insert(mesh.hexes, 0, k, axis=1), "%d")
         file.write(f"CELL_TYPES {n}\n")
-        np.savetxt(file, np.full(n, _HEXAHEDRON), "%d")
+        np.savetxt(file, np.full(n, _CELL_TYPES[k]), "%d")
         file.write(f"CELL_DATA {n}\n")
         for name, values in (
             ("layer", mesh.layer),

@@ -1,13 +1,16 @@
 """Receptors under the skin, and the linear map from nodal displacements to the strain at each."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.optimize import root
 
-from sim.fem.elements import hex8_centroid_strain
+from sim.fem.shapes import local_coordinates, shape_functions
+from sim.fem.strain import strain_matrix
 from sim.finger.mesh import FingerMesh
 from sim.finger.surface import FingertipSurface
 
@@ -20,8 +23,9 @@ DEFAULT_X_MM = (-2.0, -1.5, -1.25, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0)
 DEFAULT_DEPTH_MM = 0.76
 """Perpendicular distance below the skin (Raju 1998, ch. 5; that it is perpendicular is ours)."""
 
-
 _PLACED_MM = 1e-9
+_ON_FACE = 1e-9
+_MOST_STEPS = 10  # from the nearest element to the one that holds the point
 
 
 class ReceptorError(ValueError):
@@ -57,40 +61,129 @@ def place_receptors(surface: FingertipSurface, x_mm: Array, depth_mm: float, pla
 def strain_operator(mesh: FingerMesh, receptors: ReceptorSet) -> tuple[sp.csr_array, Ints]:
     """(6n, 3 n_nodes) map from nodal displacements (mm) to strains, and each receptor's layer.
 
-    The strain is a least-squares quadratic through the centroids of 3 × 3 × 3 elements of the receptor's layer
-    (in the radius only as many rows as the layer has), evaluated at the receptor.
+    The strain is a mean of least-squares quadratics around the cells about the receptor (`blended`).
     """
-    centroid = mesh.nodes[mesh.hexes].mean(axis=1)
-    rows: list[Array] = []
-    elements: list[Ints] = []
-    layers = []
-    for point in receptors.position_mm:
-        nearest = int(np.argmin(((centroid - point) ** 2).sum(axis=1)))
-        layers.append(mesh.layer[nearest])
-        patch = _neighbours(mesh, nearest)
-        elements.append(patch)
-        rows.append(_fit_weights(centroid[patch] - point))
-    count = [len(e) for e in elements]
-    patches, weights = np.concatenate(elements), np.concatenate(rows)
-    b = hex8_centroid_strain(mesh.nodes, mesh.hexes[patches]) * weights[:, None, None]
-    row = 6 * np.repeat(np.arange(len(count)), count)[:, None, None] + np.arange(6)[None, :, None]
-    dof = (3 * mesh.hexes[patches][:, :, None] + np.arange(3)).reshape(-1, 1, 24)
-    row, dof = np.broadcast_arrays(row, dof)
-    shape = (6 * len(count), 3 * len(mesh.nodes))
-    return sp.csr_array(sp.coo_array((b.ravel(), (row.ravel(), dof.ravel())), shape=shape)), np.array(layers)
+    places = [located(mesh, point) for point in receptors.position_mm]
+    samples = [blended(mesh, place, point) for place, point in zip(places, receptors.position_mm, strict=True)]
+    return operator_of(mesh, samples), mesh.layer[[place.element for place in places]]
 
 
-def _neighbours(mesh: FingerMesh, element: int) -> Ints:
-    """Numbers of the 3 × 3 × 3 elements around one, shifted to stay within its layer and the grid."""
-    grid = mesh.element_grid
-    n_z, n_phi, _ = grid.shape
-    k, j, i = np.unravel_index(element, grid.shape)
-    if not 1 <= k < n_z - 1:
-        raise ReceptorError(f"receptor in element {element} lies at an end of the finger")
-    same = np.flatnonzero(mesh.layer[grid[k, j]] == mesh.layer[element])
+@dataclass(frozen=True)
+class Place:
+    """Where a point is in the mesh; axes are the grid's: axial, circumferential, radial."""
+
+    element: int
+    cell: tuple[int, int, int]  # the interval between nodes, in the grid, that holds the point
+    local: Array  # (3,) in that cell, −1 … 1
+
+
+class Samples(NamedTuple):
+    """Strain as a weighted sum of strains within elements."""
+
+    elements: Ints  # (m,)
+    local: Array  # (m, 3) local coordinates in the element
+    weights: Array  # (m,)
+
+
+def located(mesh: FingerMesh, point: Array) -> Place:
+    """The cell that holds a point; raises ReceptorError at an end of the finger and beyond."""
+    grid, order = mesh.element_grid, mesh.order
+    at = np.array(np.unravel_index(np.argmin(((mesh.centre_mm - point) ** 2).sum(axis=1)), grid.shape))
+    for _ in range(_MOST_STEPS):
+        element = int(grid[tuple(at)])
+        local = (local_coordinates(mesh.nodes[mesh.hexes[element]], point) * [-1, 1, 1])[::-1]
+        away = np.where(np.abs(local) > 1 + _ON_FACE, np.sign(local), 0).astype(int)
+        if not away.any():
+            half = np.where(local > 0, 1, 0) * (order - 1)
+            cell = order * at + half
+            if not 1 <= cell[0] < mesh.grid[0] - 2:
+                break
+            return Place(element, tuple(cell.tolist()), local if order == 1 else 2 * local - (2 * half - 1))
+        at = at + away
+        at[1] %= grid.shape[1]
+        if (at[[0, 2]] < 0).any() or (at >= grid.shape).any():
+            break
+    x, y, z = point
+    raise ReceptorError(f"receptor at ({x:.2f}, {y:.2f}, {z:.2f}) mm lies at an end of the finger or outside of it")
+
+
+def blended(mesh: FingerMesh, place: Place, point: Array) -> Samples:
+    """Quadratics around the point's cell and its neighbours, each counting the more the nearer its cell.
+
+    Weights are products of 1 − |ξ|/2 for a cell and |ξ|/2 for its neighbour on the point's side: on a face between
+    two cells both count alike, so that the strain is continuous within a layer.
+    """
+    share = np.abs(place.local) / 2
+    steps = np.where(place.local < 0, -1, 1)
+    found = []
+    for corner in np.ndindex(2, 2, 2):
+        weight = np.where(corner, share, 1 - share).prod()
+        beside = _neighbour(mesh, place.cell, steps * np.array(corner))
+        around = quadratic_fit(mesh, beside, point)
+        found.append(around._replace(weights=weight * around.weights))
+    return Samples(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+
+
+def quadratic_fit(mesh: FingerMesh, cell: tuple[int, int, int], point: Array) -> Samples:
+    """A least-squares quadratic through the samples of 3 × 3 × 3 cells of one layer, evaluated at a point.
+
+    In the radius only as many rows as the layer has.
+    """
+    elements, local = sampled(mesh, patch_around(mesh, cell))
+    corners = mesh.nodes[mesh.hexes[elements]]
+    position = np.einsum("mk,mki->mi", shape_functions(corners.shape[1], local)[0], corners)
+    return Samples(elements, local, _fit_weights(position - point))
+
+
+def patch_around(mesh: FingerMesh, cell: tuple[int, int, int]) -> Ints:
+    """(m, 3) the 3 × 3 × 3 cells around one, shifted to stay within its layer and the grid."""
+    k, j, i = cell
+    n_z, n_phi = mesh.grid[0] - 1, mesh.grid[1]
+    same = _rows_of_layer(mesh, i)
     first = int(np.clip(i - 1, same[0], max(same[0], same[-1] - 2)))
+    axial = int(np.clip(k - 1, 0, n_z - 3)) + np.arange(3)
     radial = np.arange(first, min(first + 3, same[-1] + 1))
-    return grid[np.ix_([k - 1, k, k + 1], np.arange(j - 1, j + 2) % n_phi, radial)].ravel()
+    return np.stack(np.meshgrid(axial, np.arange(j - 1, j + 2) % n_phi, radial, indexing="ij"), -1).reshape(-1, 3)
+
+
+def sampled(mesh: FingerMesh, cells: Ints) -> tuple[Ints, Array]:
+    """Elements of (m, 3) cells and the local coordinates of their most accurate strains (Barlow 1976).
+
+    Those are the centre of an eight-node element and the 2×2×2 Gauss points of a quadratic one, one in each cell.
+    """
+    elements = mesh.element_grid[tuple((cells // mesh.order).T)]
+    side = 2 * (cells % mesh.order) - 1
+    return elements, (0.0 if mesh.order == 1 else 1 / np.sqrt(3)) * (side * [1, 1, -1])[:, ::-1]
+
+
+def operator_of(mesh: FingerMesh, samples: Sequence[Samples]) -> sp.csr_array:
+    """(6n, 3 n_nodes) map from nodal displacements (mm) to the strains that n sets of samples stand for."""
+    elements, local, weights = (np.concatenate(parts) for parts in zip(*samples, strict=True))
+    receptor = np.repeat(np.arange(len(samples)), [len(s.weights) for s in samples])
+    hexes = mesh.hexes[elements]
+    b = strain_matrix(mesh.nodes[hexes], local) * weights[:, None, None]
+    row = 6 * receptor[:, None, None] + np.arange(6)[None, :, None]
+    dof = (3 * hexes[:, :, None] + np.arange(3)).reshape(len(hexes), 1, -1)
+    row, dof = np.broadcast_arrays(row, dof)
+    shape = (6 * len(samples), 3 * len(mesh.nodes))
+    return sp.csr_array(sp.coo_array((b.ravel(), (row.ravel(), dof.ravel())), shape=shape))
+
+
+def _neighbour(mesh: FingerMesh, cell: tuple[int, int, int], step: Ints) -> tuple[int, int, int]:
+    """The cell beside another; itself where the grid or its layer ends."""
+    k, j, i = cell
+    same = _rows_of_layer(mesh, i)
+    return (
+        int(np.clip(k + step[0], 0, mesh.grid[0] - 2)),
+        int(j + step[1]) % mesh.grid[1],
+        int(np.clip(i + step[2], same[0], same[-1])),
+    )
+
+
+def _rows_of_layer(mesh: FingerMesh, row: int) -> Ints:
+    """The radial rows of cells that lie in the same layer as one."""
+    layer = np.repeat(mesh.layer[mesh.element_grid[0, 0]], mesh.order)
+    return np.flatnonzero(layer == layer[row])
 
 
 def _fit_weights(offset: Array) -> Array:

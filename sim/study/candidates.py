@@ -9,7 +9,7 @@ SCENE_PATCH = {"patch_x_mm": 2.4, "patch_z_mm": 2.3}
 """Enough for every scene of the study."""
 
 _TO_NAIL_MM = 6.893 - 5.0 - 1e-6
-_ROWS = {2: 5, 3: 7, 4: 9, 5: 9, 8: 9}
+_ROWS = {1: 3, 2: 5, 3: 7, 4: 9, 5: 9, 8: 9}
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Candidate:
 
     @property
     def element(self) -> str:
-        """ "bbar", "full" or, for a half-space, "analytic"."""
+        """Of the mesh; for a half-space "analytic"."""
         return "analytic" if self.model == "halfspace" else self.mesh.element
 
     @property
@@ -55,3 +55,19 @@ def coarse(spacing_mm: float, element: str = "bbar") -> MeshSpec:
     """A mesh for seconds: lateral spacing, twice that along the finger, and the default depths."""
     given = {"spacing_mm": spacing_mm, "axial_spacing_mm": 2 * spacing_mm, "element": element}
     return MeshSpec.model_validate({**SCENE_PATCH, **given})
+
+
+QUADRATIC = MeshSpec.model_validate(
+    {
+        **SCENE_PATCH,
+        "element": "quadratic",
+        "spacing_mm": 0.34,
+        "epidermis_elements": 1,
+        "dermis_spacing_mm": 0.4,
+        "growth": 1.2**2,
+        "far_growth": 1.5**2,
+        "near_spacing_mm": 1.0,
+        "far_spacing_mm": 3.0,
+    }
+)
+"""Elements of twice the default's size: nodes as far apart as the default's."""

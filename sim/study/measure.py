@@ -32,9 +32,9 @@ _FEW = 5  # repetitions of the limit, of which the fastest counts
 
 @dataclass(frozen=True)
 class Answer:
-    """What one scene came to; forces of a section are in N/mm."""
+    """What one scene came to."""
 
-    force_n: float
+    force_mm2: float  # over E(epidermis), of which no error depends; of a section in mm
     width_mm: float
     sed: tuple[float, ...]
     ep1: tuple[float, ...]
@@ -45,7 +45,7 @@ class Answer:
 
     def value(self, quantity: str) -> Array:
         """(k,) the quantity: one number, or one for each receptor."""
-        values = {"force": (self.force_n,), "width": (self.width_mm,), "sed": self.sed, "ep1": self.ep1}
+        values = {"force": (self.force_mm2,), "width": (self.width_mm,), "sed": self.sed, "ep1": self.ep1}
         return np.array(values[quantity])
 
 
@@ -95,7 +95,7 @@ def _measured(candidate: Candidate, scenes: tuple[Scene, ...]) -> Measured:
 def answered(result: IndentationResult) -> Answer:
     measures = result.receptor_measures
     return Answer(
-        force_n=result.force_n,
+        force_mm2=result.state.normal_force,
         width_mm=float(sum(right - left for left, right in result.contact_regions_mm)),
         sed=tuple(measures["sed"].tolist()),
         ep1=tuple(measures["ep1"].tolist()),

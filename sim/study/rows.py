@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from sim.config import MeshSpec
-from sim.study.candidates import Candidate, coarse, nested
+from sim.study.candidates import QUADRATIC, Candidate, coarse, nested
 from sim.study.measure import QUANTITIES, Measured
 from sim.study.reference import Reference
 
@@ -19,6 +19,9 @@ QUICK = (
     Candidate("finger", "n = 2", nested(2)),
     Candidate("finger", "0.28 mm", coarse(0.28, "full")),
     Candidate("finger", "n = 2", nested(2, element="full")),
+    Candidate("finger", "0.28 mm", coarse(0.28, "incompatible")),
+    Candidate("finger", "n = 2", nested(2, element="incompatible")),
+    Candidate("finger", "n = 1", nested(1, element="quadratic")),
 )
 WHOLE = (
     *QUICK,
@@ -27,8 +30,12 @@ WHOLE = (
     Candidate("section", "n = 5", nested(5)),
     Candidate("finger", "n = 3", nested(3)),
     Candidate("finger", "n = 3", nested(3, element="full")),
+    Candidate("finger", "n = 3", nested(3, element="incompatible")),
+    Candidate("finger", "0.34 mm", QUADRATIC),
+    Candidate("finger", "0.34 mm, two in the epidermis", QUADRATIC.model_copy(update={"epidermis_elements": 2})),
     Candidate("finger", "default"),
     Candidate("finger", "default", MeshSpec(element="full")),
+    Candidate("finger", "default", MeshSpec(element="incompatible")),
     Candidate("finger", "default, axial 0.17", MeshSpec(axial_spacing_mm=0.17)),
     Candidate("finger", "fine", MeshSpec(level="fine")),
 )

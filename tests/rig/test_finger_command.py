@@ -63,7 +63,7 @@ def test_the_default_finger_for_people(finger_command: Finger) -> None:
     assert lines[2].endswith("(-0.14, 4.85, 7.01) mm")
     assert lines[3].endswith("3.59 mm laterally, 3.39 mm axially")
     assert "  epidermis       0.40 mm, 2 elements, E ratio 1" in lines
-    assert "mesh     53534 nodes, 48564 elements, 2064 patch nodes" in lines
+    assert "mesh     34164 nodes, 30660 elements, 1200 patch nodes" in lines
     assert lines[-1] == "  folded          none"
 
 

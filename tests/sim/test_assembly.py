@@ -4,7 +4,7 @@ import numpy as np
 from scipy.sparse.linalg import eigsh
 
 from sim.fem.assembly import assemble_upper, symmetric
-from sim.fem.elements import hex8_stiffness
+from sim.fem.elements import stiffness
 from sim.model import FiniteElements
 
 
@@ -41,8 +41,8 @@ def test_the_finger_is_held(coarse_problem: FiniteElements) -> None:
 def test_a_rigid_motion_needs_no_force(coarse_problem: FiniteElements) -> None:
     # Six motions of the whole, unheld finger; the sum of some 1e3 cancelling terms per row leaves ~1e-13.
     mesh = coarse_problem.mesh
-    stiffness = hex8_stiffness(mesh.nodes, mesh.hexes, np.ones(len(mesh.hexes)), 0.48, "bbar")
-    k = symmetric(assemble_upper(stiffness, mesh.hexes, len(mesh.nodes)))
+    matrices = stiffness(mesh.nodes, mesh.hexes, np.ones(len(mesh.hexes)), 0.48, "bbar")
+    k = symmetric(assemble_upper(matrices, mesh.hexes, len(mesh.nodes)))
     x, y, z = mesh.nodes.T
     nil, one = 0 * x, 0 * x + 1
     motions = [(one, nil, nil), (nil, one, nil), (nil, nil, one), (-y, x, nil), (nil, -z, y), (z, nil, -x)]
@@ -55,7 +55,7 @@ def test_a_wedge_by_collapsed_hexahedron_is_assembled() -> None:
     # The blocks of coinciding nodes fall on the diagonal, both triangles of them.
     cube = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], float)
     wedge = np.array([[0, 1, 2, 2, 4, 5, 6, 6]])
-    k = hex8_stiffness(cube, wedge, np.ones(1), 0.3, "bbar")
+    k = stiffness(cube, wedge, np.ones(1), 0.3, "bbar")
     expected = np.zeros((24, 24))
     dof = (3 * wedge[0][:, None] + np.arange(3)).ravel()
     np.add.at(expected, np.ix_(dof, dof), k[0])

@@ -1,6 +1,7 @@
 """Models on disk: damaged files are made anew, never trusted."""
 
 import json
+import os
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -117,7 +118,27 @@ def another(name: str, value: Any) -> Any:
         return {"bbar": "full", "rigid": "elastic", "default": "fine"}[value]
     if value is None:
         return 0.3
+    if isinstance(value, bool):
+        return not value
     return value + 1 if isinstance(value, int) else value * 1.0001
+
+
+def test_models_not_read_for_longest_go_from_a_full_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stored() -> set[str]:
+        return {path.stem for path in folder.glob("*.model")}
+
+    cached_arrays("first", lambda: {"a": np.zeros(1000)})
+    size = (folder / "first.model").stat().st_size
+    monkeypatch.setattr("sim.cache.MOST_BYTES", 3.5 * size)
+    for age_s, key in enumerate(("second", "third")):
+        cached_arrays(key, lambda: {"a": np.zeros(1000)})
+        os.utime(folder / f"{key}.model", (age_s, age_s))
+    assert cached_arrays("first", lambda: {})[1]  # read, so it is not the oldest
+    cached_arrays("fourth", lambda: {"a": np.zeros(1000)})
+    assert stored() == {"first", "third", "fourth"}
+    monkeypatch.setattr("sim.cache.MOST_BYTES", 0.0)
+    cached_arrays("fifth", lambda: {"a": np.zeros(1000)})
+    assert stored() == {"fifth"}
 
 
 def test_the_key_changes_with_every_parameter() -> None:

@@ -34,7 +34,7 @@ def residual_by_definition(finger: Fingertip, pose: Pose, state: ContactState) -
     patch, points = finger.model.patch, state.points
     n = len(patch)
     at = np.zeros((len(points), n))
-    nodes, share = points.carriers(patch)
+    nodes, share = points.on(patch).carriers
     np.add.at(at, (np.arange(len(points)), nodes), share)
     h, slope, _ = pose.indentor.profile.evaluate(at @ (patch.x + state.displacement[0]) - pose.at_mm[0])
     gap = pose.height_mm + h - at @ (patch.y + state.displacement[1])
@@ -104,8 +104,9 @@ def test_forces_balance_and_point_into_the_skin(finger: Fingertip) -> None:
     fx, fy = state.force
     assert (fy <= 0).all()
     assert state.normal_force == pytest.approx(-fy.sum(), rel=1e-15)
-    slope = displaced_gap(pose_of(result), finger.model.patch, state.displacement, state.points).slope[0]
-    across = state.points.to_nodes(finger.model.patch, (slope * state.multiplier)[None])[0]
+    places = state.points.on(finger.model.patch)
+    slope = displaced_gap(pose_of(result), places, state.displacement).slope[0]
+    across = places.to_nodes((slope * state.multiplier)[None])[0]
     np.testing.assert_allclose(fx, across, rtol=0, atol=1e-8 * np.abs(fy).max())  # frictionless: along (h′, −1)
     assert (fx[state.active] >= -1e-12 * np.abs(fy).max()).all()  # the flank faces +x: its skin is pushed to +x
 

@@ -128,7 +128,7 @@ def test_a_finger_lying_off_centre(shift: float) -> None:
             assert max(one.state.residual, other.state.residual) < 1e-10, (shape, x)
             assert other.force_n == pytest.approx(one.force_n, rel=1e-6), (shape, x)
         forces.append(one.force_n)
-        touched = one.state.held.interpolate(one.model.patch, one.model.patch.x)
+        touched = one.state.held.on(one.model.patch).interpolate(one.model.patch.x)
         assert touched.min() > x - 0.75 - 0.2, x  # half a bar and half an element
         assert touched.max() < x + 0.75 + 0.2, x
     # The nearer the bar to the apex, the more of it touches; the two farthest differ by less than this mesh tells.
