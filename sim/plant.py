@@ -65,6 +65,9 @@ class Turn:
         return Pose(float(centre[0]), float(centre[1]) - radius_mm, float(centre[2]))
 
 
+STRAIGHT = Turn()
+
+
 @dataclass(frozen=True)
 class TruePose:
     """What no instrument of the rig can see; mm in the finger's frame."""
@@ -112,7 +115,7 @@ class Press:
         indentor: str,
         stiffness: float = 1.0,
         compliance_mm_per_n: float = 0.0,
-        turn: Turn = Turn(),
+        turn: Turn = STRAIGHT,
     ) -> None:
         """stiffness multiplies every force; the rig gives way by the compliance.
 
@@ -123,7 +126,7 @@ class Press:
         profile = self._indentor.profile
         sphere = self._indentor.axes == ROUND and isinstance(profile, Cylinder)
         self._radius_mm = profile.sharpest_radius_mm
-        if turn != Turn() and not sphere:
+        if turn != STRAIGHT and not sphere:
             raise ModelRangeError(f"{indentor} on a finger that is rolled or tilted: expected a sphere")
         self._stiffness, self._compliance = stiffness, compliance_mm_per_n
         self._touch_mm = (math.nan, math.nan, math.nan)  # height of first touch at the last x and along
@@ -202,7 +205,7 @@ class Plant:
         carriage: Carriage,
         stiffness: float = 1.0,
         compliance_mm_per_n: float = 0.0,
-        turn: Turn = Turn(),
+        turn: Turn = STRAIGHT,
     ) -> None:
         self._finger, self._carriage, self._turn = finger, carriage, turn
         self._stiffness, self._compliance = stiffness, compliance_mm_per_n

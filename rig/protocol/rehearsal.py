@@ -18,6 +18,7 @@ from rig.protocol.script import Script
 from rig.protocol.virtual_bench import bench_around
 from rig.run import Engine, Indentation, PressId
 from rig.run.journal import NoJournal
+from rig.run.touch import CONTACT_EXPONENT
 from sim.clock import VirtualClock
 from sim.fingertip import Fingertip
 from sim.plant import Carriage, TruePose
@@ -34,10 +35,10 @@ class Spring:
 
     @classmethod
     def fitted(cls, planned: PlannedIndentation, finger: Fingertip) -> "Spring":
-        """Through the model's force at the target and at half of its depth."""
+        """Through the model's force at the target and at half of its depth; Hertz's where there is none yet."""
         target = finger.indent(planned.indentor, planned.x_mm, doi_mm=planned.predicted_doi_mm)
         half = finger.indent(planned.indentor, planned.x_mm, doi_mm=0.5 * planned.predicted_doi_mm)
-        exponent = math.log2(target.force_n / half.force_n)
+        exponent = math.log2(target.force_n / half.force_n) if half.force_n > 0 else CONTACT_EXPONENT
         return cls(planned.expected_contact_mm, planned.predicted_doi_mm, target.force_n, exponent)
 
     def force_at(self, height_mm: float) -> float:

@@ -159,3 +159,13 @@ def test_no_trip_is_missed_on_a_finger_that_is_not_the_one_expected(finger: Fing
             assert isinstance(done.problem, TripError | LimitError)
             assert "soft trip" in str(done.problem)
     assert not done.complete
+
+
+def test_a_press_of_a_few_micrometres_can_be_checked(finger: Fingertip, tmp_path: Path) -> None:
+    """At half of its depth no node is touched yet: there is no second point for a spring."""
+    assert finger.indent("bar:3.0", -0.5, doi_mm=0.002).force_n == 0.0
+    path = tmp_path / "mine.py"
+    path.write_text(PRESSES.format(**{**BAR, "how": "doi_mm=0.004"}), encoding="utf-8")
+    script = load_script(str(path))
+    found = preflight(script, Config(), finger, make_plan(script, Config(), finger)).as_json()
+    assert 0 < found["peak_force_gwt"] < 0.1
