@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache, partial
 from typing import Literal
 
 import numpy as np
@@ -39,6 +39,7 @@ FARTHEST_X_MM = 20.0
 """Beyond this no part of a shape is over the pad."""
 
 _FORCE_GUESS_MM = 0.3
+_TOUCHES_KEPT = 64
 _PRESS_IN_MM, _PRESS_IN_CORNER_MM, _PRESS_IN_FINE_MM = 0.2, 0.05, 0.0125
 _ON_THE_WAY = 1e-4  # residual that is enough where the next step starts
 _CORNER_REACH_MM = 0.1
@@ -69,6 +70,7 @@ class Fingertip:
         self._load_model = load_model
         self._models: dict[tuple[int, ...], CondensedModel] = {}
         self._threads = ThreadpoolController()
+        self._first_touch = lru_cache(maxsize=_TOUCHES_KEPT)(partial(first_touch, skin=surface))
 
     @classmethod
     def load(
@@ -137,7 +139,7 @@ class Fingertip:
         """
         shape = _indentor(indentor)
         place = self._place(shape, x_mm, z_mm)
-        return self.apex_height_mm if reference == "apex" else first_touch(shape, place, self.surface).height_mm
+        return self.apex_height_mm if reference == "apex" else self._first_touch(shape, place).height_mm
 
     def indent(
         self,
@@ -161,7 +163,7 @@ class Fingertip:
             raise ModelRangeError("expected exactly one of a depth (doi_mm) and a force (force_gwt)")
         self._refuse_beside_the_finger(x_mm, z_mm)
         place = self._place(shape, x_mm, z_mm)
-        touch = first_touch(shape, place, self.surface)
+        touch = self._first_touch(shape, place)
         height = self.apex_height_mm if reference == "apex" else touch.height_mm
         between_nodes = self.config.contact.between_nodes and shape.sharp
         scene = _Scene(shape, place, height, touch, self.model_for(shape.axes), between_nodes)

@@ -37,7 +37,7 @@ def condensed(ratio: float, stiff: Literal["bone", "skin"]) -> Condensed:
     nodes = np.arange(len(patch))
     force = np.zeros((len(patch.axes), len(patch)))
     force[-1] = -patch.area_mm2
-    u = patch.displacement(force, nodes)
+    u = (force.ravel() @ patch.response(nodes)).reshape(len(force), -1)
     loads = np.zeros((1, len(box.nodes), 3))
     on = box.number[: patch.shape[1], -1, : patch.shape[0]].T.ravel()
     loads[0, on, 1] = force[-1]

@@ -61,8 +61,7 @@ class Patch:
         first, second = (number[:, :-1], number[:, 1:]) if self.axes[0] == X else (number[:-1], number[1:])
         return np.stack([first.ravel(), second.ravel()], axis=1)
 
-    def displacement(self, force: Array, nodes: Ints) -> Array:
-        """(m, n) displacements in mm of all nodes under (m, k) forces at k nodes."""
-        n = len(self)
-        rows = (n * np.arange(len(self.axes))[:, None] + nodes).ravel()
-        return np.asarray(force.ravel() @ self.compliance[rows]).reshape(-1, n)
+    def response(self, nodes: Ints) -> Array:
+        """(m k, m n) displacements in mm of all nodes under 1 N at k nodes along each axis."""
+        rows = (len(self) * np.arange(len(self.axes))[:, None] + nodes).ravel()
+        return self.compliance[rows]

@@ -168,16 +168,14 @@ def _assessed(
     points = region.to_patch(region.points)
     places = points.on(patch)
     force = places.to_nodes(forces_along(iteration.slope, multiplier))
-    u = _displacement(patch, force)
+    loaded = np.flatnonzero((force != 0).any(axis=0))
+    response = patch.response(loaded)
+    u = (force[:, loaded].ravel() @ response).reshape(force.shape)
     here = displaced_gap(pose, places, u)
-    again = _displacement(patch, places.to_nodes(forces_along(here.slope, multiplier)))
+    turned = places.to_nodes(forces_along(here.slope, multiplier))
+    again = (turned[:, loaded].ravel() @ response).reshape(force.shape)
     missed, depth = penetrated(pose, patch, u, between=between_nodes)
     residual = _residual(again - u, here, multiplier, pose.scale_mm)
     residual = max(residual, float(depth.max(initial=0.0)) / pose.scale_mm)
     gap = pose.gap(patch.tangential_mm + u[:-1], patch.y + u[-1]).height_mm
     return ContactState(points, multiplier, u, force, gap, residual, passes), missed
-
-
-def _displacement(patch: Patch, force: Array) -> Array:
-    loaded = np.flatnonzero((force != 0).any(axis=0))
-    return patch.displacement(force[:, loaded], loaded)
