@@ -235,7 +235,7 @@ class Press:
         has lost since the last aim. Zero, and the old aim, where the stage cannot make a move so small.
         """
         force, tolerance = self._force_gwt, self._tolerance_gwt(target_gwt)
-        goal = target_gwt + _within(short_gwt, 0.5 * tolerance)
+        goal = target_gwt + _within(short_gwt, tolerance)
         enough = 0.25 * tolerance
         if max(abs(force - target_gwt), abs(short_gwt)) <= enough or abs(force - goal) <= enough:
             return 0.0, aim_gwt

@@ -103,7 +103,7 @@ def test_each_verb_is_journalled(spring: Make) -> None:
     assert [stream for stream, _ in bench.events] == ["mount", "home", "zero", "sample", "move", "note", "retract"]
     assert bench.of("home")[0]["controller"].startswith("[VER:1.1h")
     assert bench.of("zero")[0]["sensor"] == "MT-SICS balance 0123456789"
-    assert bench.of("move")[0] == {"x_mm": 0.5, "height_mm": 2.0}
+    assert bench.of("move")[0] == {"x_mm": 0.5, "along_mm": 0.0, "height_mm": 2.0}
     documents = list(read_journal(bench.journal_path))
     assert [d["stream"] for d in documents if d["doc"] == "event"] == [stream for stream, _ in bench.events]
 
