@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from rig.protocol import Field, ProtocolParameters, Rig
+from rig.protocol import Field, Rig, ScheduledParameters
 
 METADATA = {
     "title": "Step moved laterally across the pad",
@@ -20,7 +20,7 @@ POSITIONS_MM = {
 }  # fmt: skip
 
 
-class Parameters(ProtocolParameters):
+class Parameters(ScheduledParameters):
     """What `--set` may change."""
 
     step: Literal["1", "3", "5"] = "1"
@@ -29,12 +29,15 @@ class Parameters(ProtocolParameters):
 
 
 def run(rig: Rig) -> None:
-    """Mount, home, zero; then one force-controlled indentation at each position."""
+    """Mount, home; then one force-controlled indentation at each position, by the schedule."""
     p = rig.parameters
     rig.mount(f"step:{p.step}")
     rig.home()
-    rig.zero()
-    for x_mm in POSITIONS_MM[p.step]:
-        rig.move_to(x_mm=x_mm)
-        rig.indent(force_gwt=p.force_gwt, hold_s=p.hold_s)
+    for block in p.schedule(POSITIONS_MM[p.step]).on(rig):
+        if p.precondition:
+            rig.move_to(x_mm=block.items[0])
+            rig.precondition(presses=p.precondition, force_gwt=p.force_gwt, hold_s=p.hold_s)
+        for x_mm in block:
+            rig.move_to(x_mm=x_mm)
+            rig.indent(force_gwt=p.force_gwt, hold_s=p.hold_s)
     rig.note("schedule finished")

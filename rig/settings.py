@@ -33,6 +33,7 @@ class Calibration(Settings):
     """A number measured on this rig, the day it was measured, and the last day it may be used."""
 
     value: float
+    sd: float = Field(0.0, ge=0, description="standard deviation of the value, where it is known")
     date: datetime.date
     expires: datetime.date
 
@@ -213,6 +214,10 @@ class FrameSettings(Settings):
     pad_centre_x_mm: float = Field(-30.0, description="machine X over the centre of the finger pad, x = 0")
     pad_y_mm: float = Field(-15.0, description="machine Y of the receptor plane")
     apex_z_mm: float = Field(-25.0, description="machine Z at which the indentor is level with the pad's apex")
+    roll_deg: float = Field(
+        0.0, ge=-20, le=20, description="about the finger's axis, as found; turn the holder by it"
+    )
+    tilt_deg: float = Field(0.0, ge=-20, le=20, description="about x, as found; turn the holder by it")
 
 
 class LimitSettings(Settings):
@@ -226,13 +231,20 @@ class LimitSettings(Settings):
     max_pressure_n_cm2: float = Field(30.0, gt=0, le=60.0, description="force over the predicted contact area")
     max_press_speed_mm_s: float = Field(FASTEST_PRESS_MM_S, ge=SLOWEST_MM_S, le=FASTEST_PRESS_MM_S)
     heartbeat_s: float = Field(3.0, ge=0.5, le=60, description="longest silence of the engine below clearance")
+    max_contact_s: float = Field(3600.0, gt=0, le=36_000, description="of a run, all its touches together")
+    zero_drift_gwt: float = Field(0.03, gt=0, le=10, description="alarm: drift of the zero since the last one")
+    reference_band: float = Field(0.15, gt=0, le=1, description="alarm: share by which a reference may differ")
+    on_alarm: Literal["warn", "trip"] = "warn"
     on_trip: Literal["stop", "retract", "park"] = Field("retract", description="stop and hold, lift, or lift far")
     x_mm: tuple[float, float] = (-6.0, 6.0)
+    along_mm: tuple[float, float] = (-4.0, 4.0)
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if not self.x_mm[0] < self.x_mm[1]:
             raise ValueError("x_mm: expected the lower limit before the upper one")
+        if not self.along_mm[0] <= 0 <= self.along_mm[1]:
+            raise ValueError("along_mm: expected a limit on either side of 0")
         if self.soft_trip_n > self.hard_trip_n:
             raise ValueError("soft_trip_n: expected no more than hard_trip_n")
         return self

@@ -5,8 +5,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
 
-from sim.contact.indentor import Indentor
+from sim.contact.indentor import ALONG, ROUND, Indentor
+from sim.contact.profiles import Cylinder
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import ContactState
 from sim.fingertip import FARTHEST_X_MM, Fingertip, ModelRangeError
@@ -19,10 +21,11 @@ StepsAt = Callable[[float], tuple[int, int, int]]
 
 @dataclass(frozen=True)
 class Screws:
-    """What the screws really are: steps for each millimetre of travel, x lateral and z vertical."""
+    """What the screws really are: steps for each millimetre of travel, x lateral, z vertical, y along the finger."""
 
     x_steps_per_mm: float = 400.0
     z_steps_per_mm: float = 400.0
+    y_steps_per_mm: float = 400.0
 
 
 @dataclass(frozen=True)
@@ -31,14 +34,38 @@ class Placement:
 
     pad_centre_x_mm: float = -30.0
     apex_z_mm: float = -25.0  # carriage height at which an indentor's lowest point is level with the apex
+    pad_y_mm: float | None = None  # over the receptor plane; none: the stage has no axis along the finger
 
 
 @dataclass(frozen=True)
 class Pose:
-    """Where the indentor really is: x from the pad's centre, its lowest point above the apex, mm."""
+    """Where the indentor really is: x from the pad's centre, its lowest point above the apex, mm.
+
+    along_mm is from the receptor plane towards the tip.
+    """
 
     x_mm: float
     above_apex_mm: float
+    along_mm: float = 0.0
+
+
+@dataclass(frozen=True)
+class Turn:
+    """How a finger lies: rolled about its own axis, then tilted about x, degrees, both about the apex."""
+
+    roll_deg: float = 0.0
+    tilt_deg: float = 0.0
+
+    def seen_from_finger(self, pose: Pose, radius_mm: float) -> Pose:
+        """The pose of a sphere in the finger's own frame."""
+        if not (self.roll_deg or self.tilt_deg):
+            return pose
+        turn = Rotation.from_euler("zx", (self.roll_deg, self.tilt_deg), degrees=True)
+        centre = turn.inv().apply((pose.x_mm, pose.above_apex_mm + radius_mm, pose.along_mm))
+        return Pose(float(centre[0]), float(centre[1]) - radius_mm, float(centre[2]))
+
+
+STRAIGHT = Turn()
 
 
 @dataclass(frozen=True)
@@ -60,10 +87,12 @@ class Carriage:
 
     def pose_at(self, t_s: float) -> Pose:
         """The indentor's true pose at an instant."""
-        x, _, z = self.steps_at(t_s)
+        x, y, z = self.steps_at(t_s)
+        pad_y_mm = self.placement.pad_y_mm
         return Pose(
             x / self.screws.x_steps_per_mm - self.placement.pad_centre_x_mm,
             z / self.screws.z_steps_per_mm - self.placement.apex_z_mm,
+            0.0 if pad_y_mm is None else y / self.screws.y_steps_per_mm - pad_y_mm,
         )
 
 
@@ -81,33 +110,56 @@ class Press:
     """A finger under an indentor: the force at one pose after another."""
 
     def __init__(
-        self, finger: Fingertip, indentor: str, stiffness: float = 1.0, compliance_mm_per_n: float = 0.0
+        self,
+        finger: Fingertip,
+        indentor: str,
+        stiffness: float = 1.0,
+        compliance_mm_per_n: float = 0.0,
+        turn: Turn = STRAIGHT,
     ) -> None:
-        """stiffness multiplies every force; the rig gives way by the compliance. Raises ShapeError."""
-        self._finger = finger
+        """stiffness multiplies every force; the rig gives way by the compliance.
+
+        Raises ShapeError, and ModelRangeError for anything but a sphere on a finger that is turned.
+        """
+        self._finger, self._turn = finger, turn
         self._indentor: Indentor = parse_shape(indentor)
+        profile = self._indentor.profile
+        sphere = self._indentor.axes == ROUND and isinstance(profile, Cylinder)
+        self._radius_mm = profile.sharpest_radius_mm
+        if turn != STRAIGHT and not sphere:
+            raise ModelRangeError(f"{indentor} on a finger that is rolled or tilted: expected a sphere")
         self._stiffness, self._compliance = stiffness, compliance_mm_per_n
-        self._touch_mm = (math.nan, math.nan)  # height of first touch at the last x
+        self._touch_mm = (math.nan, math.nan, math.nan)  # height of first touch at the last x and along
         self._last: _Pressed | None = None
         self.contact_solves = 0
 
     def doi_mm(self, pose: Pose) -> float:
         """Depth past first contact; negative above the skin, −∞ beside the finger. Raises ModelRangeError."""
+        pose = self._turn.seen_from_finger(pose, self._radius_mm)
         way_mm = self._way_mm(pose)
         return self._pressed(pose, way_mm).doi_mm if way_mm > 0 and self._compliance else way_mm
 
     def force_n(self, pose: Pose) -> float:
         """Downward force on the finger, N. Raises ModelRangeError."""
+        pose = self._turn.seen_from_finger(pose, self._radius_mm)
+        if pose.above_apex_mm > 0:
+            return 0.0
         way_mm = self._way_mm(pose)
         return self._pressed(pose, way_mm).force_n if way_mm > 0 else 0.0
 
     def _way_mm(self, pose: Pose) -> float:
         """How far the stage has gone past first contact: the depth, if the rig were rigid."""
-        if abs(pose.x_mm) > FARTHEST_X_MM:
+        z_mm = self._z_mm(pose)
+        if abs(pose.x_mm) > FARTHEST_X_MM or not 0 <= (z_mm or 0.0) <= self._finger.config.geometry.length_mm:
             return -math.inf
-        if self._touch_mm[0] != pose.x_mm:
-            self._touch_mm = (pose.x_mm, self._finger.touch_height_mm(self._indentor, pose.x_mm))
-        return self._touch_mm[1] - (pose.above_apex_mm + self._finger.apex_height_mm)
+        if self._touch_mm[:2] != (pose.x_mm, pose.along_mm):
+            height_mm = self._finger.touch_height_mm(self._indentor, pose.x_mm, z_mm=z_mm)
+            self._touch_mm = (pose.x_mm, pose.along_mm, height_mm)
+        return self._touch_mm[2] - (pose.above_apex_mm + self._finger.apex_height_mm)
+
+    def _z_mm(self, pose: Pose) -> float | None:
+        """Along the finger, where that makes a difference to the shape."""
+        return None if self._indentor.axes == ALONG else self._finger.config.receptor_plane_mm + pose.along_mm
 
     def _pressed(self, pose: Pose, way_mm: float) -> _Pressed:
         if self._last is None or self._last.pose != pose:
@@ -132,9 +184,10 @@ class Press:
     def _at_depth(self, pose: Pose, doi_mm: float, last: _Pressed | None) -> _Pressed:
         """Continue from the last state when it is near: the branch reached by pressing in."""
         self.contact_solves += 1
-        near = last is not None and last.pose.x_mm == pose.x_mm and abs(last.doi_mm - doi_mm) <= _WARM_MOVE_MM
+        same_place = last is not None and (last.pose.x_mm, last.pose.along_mm) == (pose.x_mm, pose.along_mm)
+        near = last is not None and same_place and abs(last.doi_mm - doi_mm) <= _WARM_MOVE_MM
         start = last.state if last is not None and near else None
-        result = self._finger.indent(self._indentor, pose.x_mm, doi_mm=doi_mm, start=start)
+        result = self._finger.indent(self._indentor, pose.x_mm, z_mm=self._z_mm(pose), doi_mm=doi_mm, start=start)
         if not result.state.converged:
             raise ModelRangeError(
                 f"the virtual finger has no answer for {self._indentor.name} at x = {pose.x_mm:g} mm, DOI "
@@ -147,9 +200,14 @@ class Plant:
     """A fingertip under a stage. Nothing is computed until somebody asks for a force."""
 
     def __init__(
-        self, finger: Fingertip, carriage: Carriage, stiffness: float = 1.0, compliance_mm_per_n: float = 0.0
+        self,
+        finger: Fingertip,
+        carriage: Carriage,
+        stiffness: float = 1.0,
+        compliance_mm_per_n: float = 0.0,
+        turn: Turn = STRAIGHT,
     ) -> None:
-        self._finger, self._carriage = finger, carriage
+        self._finger, self._carriage, self._turn = finger, carriage, turn
         self._stiffness, self._compliance = stiffness, compliance_mm_per_n
         self._press: Press | None = None
 
@@ -160,7 +218,7 @@ class Plant:
 
     def mount(self, indentor: str) -> None:
         """Put an indentor on the carriage; raises ShapeError."""
-        self._press = Press(self._finger, indentor, self._stiffness, self._compliance)
+        self._press = Press(self._finger, indentor, self._stiffness, self._compliance, self._turn)
 
     def pose_at(self, t_s: float) -> TruePose:
         """The indentor's true pose at an instant. Raises ModelRangeError."""

@@ -23,6 +23,7 @@ _MODULES = {
     "study": "study",
     "indent": "indent",
     "finger": "finger",
+    "find": "find",
     "export-deck": "export_deck",
     "serve": "serve",
     **dict.fromkeys(("home", "zero", "status", "stop"), "bench"),

@@ -1,5 +1,6 @@
 """`rig calibrate`: measure the rig with a caliper and a known mass, and say what belongs into the configuration."""
 
+import io
 import statistics
 import sys
 from contextlib import closing
@@ -7,16 +8,21 @@ from typing import Annotated, get_args
 
 import typer
 
-from rig.bench import open_force
+from rig.bench import open_bench, open_force
 from rig.cli.bench import ConfigOption, JsonOption, stage_at_hand
 from rig.cli.interrupts import at_once
 from rig.cli.output import err, out, print_json, told_in_one_line
+from rig.cli.run import ask_at_the_bench
 from rig.clock import WallClock
 from rig.force.base import ForceSensor
+from rig.heartbeat import Heartbeat
 from rig.protocol.calibration import as_table
-from rig.protocol.config import load_config
+from rig.protocol.config import Config, load_config
 from rig.protocol.errors import BadInputError
+from rig.run import Engine
+from rig.run.compliance import Compliance, measure_compliance
 from rig.run.jog import Direction, dead_man_jog
+from rig.run.journal import NoJournal
 from rig.stage.base import Axis
 from rig.units import GWT_N
 
@@ -29,9 +35,10 @@ ValidDays = Annotated[int, typer.Option(metavar="N", min=1, max=3650, help="How 
 
 def register(app: typer.Typer) -> None:
     """Add the commands."""
-    calibrate = typer.Typer(help="Measure the rig: steps/mm and the force scale.", no_args_is_help=True)
+    calibrate = typer.Typer(help="Measure the rig: steps/mm, force scale, compliance.", no_args_is_help=True)
     calibrate.command("steps", help="Move an axis, measure how far it went, get its steps/mm.")(steps)
     calibrate.command("force", help="Weigh a known mass, get the force scale.")(force)
+    calibrate.command("compliance", help="Press on a rigid block, get how far the rig itself gives.")(compliance)
     app.add_typer(calibrate, name="calibrate")
 
 
@@ -78,6 +85,37 @@ def force(
         _tell("force_scale", before * _ratio(mass_g * GWT_N, read_n), valid_days, as_json=as_json)
 
 
+def compliance(
+    config: ConfigOption,
+    to_gwt: Annotated[float, typer.Option(metavar="F", min=10, max=200, help="How hard to press.")] = 100.0,
+    valid_days: ValidDays = 365,
+    as_json: JsonOption = False,
+) -> None:
+    """A rigid block where the finger will lie, its top at frame.apex_z_mm, and a flat indentor."""
+    with told_in_one_line(as_json=as_json), at_once():
+        settings = load_config(config)
+        found = _on_a_block(settings, to_gwt)
+        name, sd = "compliance_mm_per_n", found.sd_mm_per_n
+        _tell(name, found.mm_per_n, valid_days, as_json=as_json, sd=sd)
+
+
+def _on_a_block(settings: Config, to_gwt: float) -> Compliance:
+    bench = open_bench(settings, ask_at_the_bench, io.StringIO())
+    heartbeat = Heartbeat(bench.clock)
+    engine = Engine(settings, bench.clock, bench.stage, bench.force, NoJournal(), bench, heartbeat=heartbeat)
+    with closing(bench), bench.look_after(heartbeat):
+        try:
+            bench.confirm(f"put a rigid block under a flat indentor; it will be pressed to {to_gwt:g} gwt")
+            engine.mount("flat")
+            engine.home()
+            engine.zero()
+            engine.move_to(0.0)
+            return measure_compliance(engine, to_gwt)
+        except KeyboardInterrupt:
+            engine.stop()
+            raise
+
+
 def _mean_n(sensor: ForceSensor, clock: WallClock) -> float:
     readings = []
     for _ in range(_READINGS):
@@ -110,9 +148,9 @@ def _asked(question: str) -> float:
         raise BadInputError(f"{answer!r}: expected a number; nothing changed") from None
 
 
-def _tell(name: str, value: float, valid_days: int, *, as_json: bool) -> None:
-    table = as_table(name, value, valid_days)
+def _tell(name: str, value: float, valid_days: int, *, as_json: bool, sd: float | None = None) -> None:
+    table = as_table(name, value, valid_days, sd)
     if as_json:
-        print_json({"name": name, "value": value, "toml": table})
+        print_json({"name": name, "value": value, "sd": sd, "toml": table})
     else:
         out.print(f"put this into the configuration (and into the board, where it keeps it):\n\n{table}")

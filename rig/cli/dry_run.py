@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from rig.cli.output import complain, told_in_one_line
-from rig.cli.session import carry_out, leave
+from rig.cli.session import SubjectOption, carry_out, leave
 from rig.protocol.calibration import expired_calibrations
 from rig.protocol.config import load_config
 from rig.protocol.errors import BadInputError
@@ -30,6 +30,7 @@ def command(
         Path, typer.Option("--out", metavar="DIR", help="Folder in which the run makes its own.")
     ] = Path("runs"),
     speed: Annotated[str, typer.Option(metavar="max|N", help="Virtual seconds per real second.")] = "max",
+    subject: SubjectOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
 ) -> None:
     """Check the script, run it on the virtual bench, write the run folder and its report."""
@@ -39,7 +40,9 @@ def command(
             complain(f"warning: {problem}; `rig run` would refuse")
         script = load_script(protocol, [*(set_ or []), *(more or [])])
         pace = _pace(speed)
-        done = carry_out(script, settings, out_dir, lambda session: dry_run(session, pace), as_json=as_json)
+        done = carry_out(
+            script, settings, out_dir, lambda session: dry_run(session, pace), as_json=as_json, subject=subject
+        )
     leave(done)
 
 

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from rig.cli.output import told_in_one_line
+from rig.cli.output import err, told_in_one_line
 from rig.cli.run import ask_at_the_bench
 from rig.cli.session import carry_out, leave
 from rig.protocol.resume import read_stopped
@@ -24,6 +24,8 @@ def command(
     """Take the script, its parameters and the configuration from the run's own copies, and go on."""
     with told_in_one_line(as_json=as_json):
         stopped = read_stopped(run)
+        if stopped.run is not None and stopped.run.last_checkpoint is not None:
+            err.print(f"goes on after the checkpoint {stopped.run.last_checkpoint!r}")
 
         def go_on(session: Session) -> FinishedRun:
             return dry_run(session) if stopped.virtual else real_run(session, ask_at_the_bench)

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from rig.cli.output import err, told_in_one_line
-from rig.cli.session import carry_out, leave
+from rig.cli.session import SubjectOption, carry_out, leave
 from rig.protocol.config import load_config
 from rig.protocol.script import load_script
 from rig.protocol.session import real_run
@@ -29,6 +29,7 @@ def command(
     out_dir: Annotated[
         Path, typer.Option("--out", metavar="DIR", help="Folder in which the run makes its own.")
     ] = Path("runs"),
+    subject: SubjectOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
 ) -> None:
     """Check the script, carry it out, write the run folder and its report."""
@@ -36,7 +37,12 @@ def command(
         settings = load_config(config)
         script = load_script(protocol, [*(set_ or []), *(more or [])])
         done = carry_out(
-            script, settings, out_dir, lambda session: real_run(session, ask_at_the_bench), as_json=as_json
+            script,
+            settings,
+            out_dir,
+            lambda session: real_run(session, ask_at_the_bench),
+            as_json=as_json,
+            subject=subject,
         )
     leave(done)
 

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -17,8 +17,11 @@ from rig.protocol.plan import make_plan
 from rig.protocol.resume import StoppedRun
 from rig.protocol.script import Script
 from rig.protocol.session import FinishedRun, Session, Watch
+from rig.protocol.subject import checked_subject
 from rig.run import RunAborted
 from sim.fingertip import Fingertip
+
+SubjectOption = Annotated[str | None, typer.Option(metavar="CODE", help="Who lies under the rig: a code, like S07.")]
 
 
 def carry_out(
@@ -29,14 +32,16 @@ def carry_out(
     *,
     as_json: bool,
     stopped: StoppedRun | None = None,
+    subject: str | None = None,
 ) -> FinishedRun:
     """Check the script, carry it out or take it up where it stopped, write its report, and say where it is."""
+    code = checked_subject(subject)
     with loading_the_finger():
         finger = Fingertip.load(config.finger)
     plan = make_plan(script, config, finger)
     began = time.perf_counter()
     with at_a_safe_point() as pause, _progress(len(plan.indentations)) as watch:
-        done = how(Session(script, config, finger, plan, out_dir, pause.asked, watch, pause.go_on, stopped))
+        done = how(Session(script, config, finger, plan, out_dir, pause.asked, watch, pause.go_on, stopped, code))
     done.folder.write_checksums()
     report = write_report(done.run, finger, done.wall_s)
     done.folder.write_checksums()
@@ -93,5 +98,7 @@ def _progress(total: int) -> Iterator[Watch]:
                 bar.update(task, description=f"{data['indentor']} at {data['x_mm']:+.2f} mm")
             elif stream == "indentation_end":
                 bar.advance(task)
+            elif stream == "alarm":
+                complain(f"alarm: {data['reason']}")
 
         yield watch

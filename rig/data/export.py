@@ -35,6 +35,7 @@ def _write_hdf5(run: Run, tables: dict[str, dict[str, list[Any]]]) -> None:
         for key in ("protocol", "title", "planned_indentations"):
             file.attrs[key] = run.start[key]
         file.attrs["complete"] = run.complete
+        file.attrs["subject"] = run.start.get("subject") or ""
         for stream, columns in tables.items():
             group = file.create_group(stream)
             for key, values in columns.items():

@@ -9,6 +9,7 @@ from typing import Any
 
 from rig.data.folder import RunFolder
 from rig.run.journal import Document, JournalError, read_journal
+from rig.run.streams import PRESS_STREAMS
 
 Events = dict[str, list[dict[str, Any]]]
 
@@ -61,6 +62,18 @@ class Run:
     def restarted(self) -> int:
         """How many times an interrupted indentation was begun again."""
         return len(self.superseded.get("indentation_start", []))
+
+    @property
+    def last_checkpoint(self) -> str | None:
+        """The name of the last checkpoint that was passed."""
+        passed = self.stream("checkpoint")
+        return passed[-1]["name"] if passed else None
+
+    @property
+    def contact_s(self) -> float:
+        """How long the finger was touched, as far as that is on disk."""
+        found = [*self.events.values(), *self.superseded.values()]
+        return max((event["contact_s"] for events in found for event in events if "contact_s" in event), default=0.0)
 
     @property
     def complete(self) -> bool:
@@ -116,6 +129,8 @@ def _by_stream(documents: Iterable[Document]) -> tuple[Events, Events]:
 
 def _set_aside(events: Events, superseded: Events, index: int) -> None:
     for stream, found in events.items():
+        if stream not in PRESS_STREAMS:
+            continue
         old = [event for event in found if event.get("index") == index]
         if old:
             superseded.setdefault(stream, []).extend(old)

@@ -3,5 +3,6 @@
 from pydantic import Field
 
 from rig.protocol.api import ProtocolParameters, Rig
+from rig.protocol.schedule import Block, ReferencePress, Schedule, ScheduledParameters
 
-__all__ = ["Field", "ProtocolParameters", "Rig"]
+__all__ = ["Block", "Field", "ProtocolParameters", "ReferencePress", "Rig", "Schedule", "ScheduledParameters"]

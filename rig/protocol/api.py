@@ -29,8 +29,11 @@ class Rig(Protocol):
     def zero(self) -> None:
         """Zero the force sensor, the indentor in the air."""
 
-    def move_to(self, *, x_mm: float) -> None:
-        """Step sideways at clearance, to x from the centre of the finger pad."""
+    def move_to(self, *, x_mm: float, along_mm: float = 0.0) -> None:
+        """Step sideways at clearance, to x from the centre of the finger pad; along from the receptor plane."""
+
+    def touch(self) -> float:
+        """Touch off at the present place and lift; returns the height of contact from the nominal apex, mm."""
 
     def indent(
         self,
@@ -43,8 +46,22 @@ class Rig(Protocol):
     ) -> Indentation:
         """Touch off, press to a depth or a force in equal increments, hold after each, lift to clearance."""
 
+    def precondition(
+        self, *, presses: int, doi_mm: float | None = None, force_gwt: float | None = None, hold_s: float = 1.0
+    ) -> None:
+        """Press so many times at the present place to settle the skin: journalled, and no data."""
+
+    def reference(self, *, x_mm: float, doi_mm: float, increments: int = 2, hold_s: float = 0.5) -> None:
+        """Go there and press, no data: an alarm where force at depth is not what it was the first time."""
+
     def retract(self) -> None:
         """Lift to clearance."""
+
+    def rest(self, seconds: float) -> None:
+        """Let the finger be, at clearance."""
+
+    def checkpoint(self, name: str) -> None:
+        """Journal that the script has come to here; a name of its own for each."""
 
     def note(self, text: str) -> None:
         """Write a line into the journal."""

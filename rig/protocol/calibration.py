@@ -26,8 +26,9 @@ def refuse_expired(config: Config) -> None:
         raise BadInputError(problem)
 
 
-def as_table(name: str, value: float, valid_days: int) -> str:
+def as_table(name: str, value: float, valid_days: int, sd: float | None = None) -> str:
     """A calibration made today, as lines for the configuration file."""
     date = today()
     expires = date + datetime.timedelta(days=valid_days)
-    return f"[calibration.{name}]\nvalue = {value:.6g}\ndate = {date}\nexpires = {expires}\n"
+    known_to = "" if sd is None else f"sd = {sd:.3g}\n"
+    return f"[calibration.{name}]\nvalue = {value:.6g}\n{known_to}date = {date}\nexpires = {expires}\n"

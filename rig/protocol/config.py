@@ -23,6 +23,9 @@ class VirtualSettings(Settings):
     compliance_mm_per_n: float = Field(0.0, ge=0, le=1, description="how far the true rig gives under a force")
     finger_x_offset_mm: float = Field(0.0, ge=-5, le=5, description="true pad centre − frame.pad_centre_x_mm")
     finger_z_offset_mm: float = Field(0.0, ge=-2, le=2, description="true apex − frame.apex_z_mm")
+    finger_along_offset_mm: float = Field(0.0, ge=-3, le=3, description="true receptor plane − frame.pad_y_mm")
+    finger_roll_deg: float = Field(0.0, ge=-20, le=20, description="about the finger's axis; for spheres only")
+    finger_tilt_deg: float = Field(0.0, ge=-20, le=20, description="about x; for spheres only")
     stiffness: float = Field(1.0, gt=0, le=100, description="true force over the predicted one")
     relaxation: tuple[tuple[float, float], ...] = Field(
         (), description="Prony series of the force: [share, time constant in s], shares sum to less than 1"

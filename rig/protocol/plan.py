@@ -2,62 +2,28 @@
 
 import inspect
 import math
-from dataclasses import dataclass, field
-from numbers import Integral, Real
-from typing import Literal
 
 from rig.protocol.api import ProtocolParameters, Rig
 from rig.protocol.config import Config
 from rig.protocol.errors import BadInputError
+from rig.protocol.planned import Plan, PlannedIndentation
+from rig.protocol.refusals import (
+    checked_target,
+    refuse_along,
+    refuse_count,
+    refuse_no_number,
+    refuse_no_text,
+    refuse_pressure,
+    refuse_reach,
+    refuse_seconds,
+    refuse_speed,
+    refuse_target,
+    refuse_travel,
+)
 from rig.protocol.script import Script, where_in_script
-from rig.run.records import Hold, Indentation, Target
-from rig.settings import SLOWEST_MM_S
-from rig.units import GWT_N
+from rig.run.records import Hold, Indentation, Purpose, Target
 from sim.contact.shapes import ShapeError, parse_shape
 from sim.fingertip import Fingertip, ModelRangeError
-
-_MAX_INCREMENTS = 100
-_MAX_HOLD_S = 3600.0
-_SOFT_TRIP_OVER_PREDICTED = 2.0
-_SMALLEST_SOFT_TRIP_N = 0.02
-
-
-@dataclass(frozen=True)
-class PlannedIndentation:
-    """One indentation of the script and what the model expects of it."""
-
-    indentor: str
-    x_mm: float
-    target: Target
-    increments: int
-    hold_s: float
-    expected_contact_mm: float  # height of the indentor at first touch, from the nominal apex
-    predicted_force_gwt: float
-    predicted_doi_mm: float
-    contact_area_mm2: float
-    peak_pressure_mpa: float
-
-    @property
-    def mean_pressure_n_cm2(self) -> float:
-        """Force over contact area."""
-        return self.predicted_force_gwt * GWT_N / self.contact_area_mm2 * 100
-
-
-@dataclass
-class Plan:
-    """What the script will do."""
-
-    indentations: list[PlannedIndentation] = field(default_factory=list)
-
-    @property
-    def peak_force_gwt(self) -> float:
-        """Highest force the model predicts."""
-        return max((step.predicted_force_gwt for step in self.indentations), default=0.0)
-
-    @property
-    def soft_trip_n(self) -> float:
-        """Twice the highest force predicted, and never so little that noise would trip."""
-        return max(_SOFT_TRIP_OVER_PREDICTED * self.peak_force_gwt * GWT_N, _SMALLEST_SOFT_TRIP_N)
 
 
 def make_plan(script: Script, config: Config, finger: Fingertip) -> Plan:
@@ -77,28 +43,6 @@ def make_plan(script: Script, config: Config, finger: Fingertip) -> Plan:
     return rig.plan
 
 
-def checked_target(doi_mm: float | None, force_gwt: float | None) -> Target:
-    """The one target that was given; raises BadInputError."""
-    if (doi_mm is None) == (force_gwt is None):
-        raise BadInputError("indent: expected either doi_mm or force_gwt")
-    kind: Literal["doi_mm", "force_gwt"] = "force_gwt" if doi_mm is None else "doi_mm"
-    value = force_gwt if doi_mm is None else doi_mm
-    _number("indent", kind, value)
-    target = Target(kind, float(value))  # type: ignore[arg-type]
-    if not (math.isfinite(target.value) and target.value > 0):
-        raise BadInputError(f"indent: {target.kind} = {target.value}: expected a positive number")
-    return target
-
-
-def _number(verb: str, name: str, value: object) -> None:
-    if isinstance(value, bool) or not isinstance(value, Real):
-        raise BadInputError(f"{verb}: {name} = {value!r}: expected a number")
-
-
-def _is_whole(value: object) -> bool:
-    return isinstance(value, Integral) and not isinstance(value, bool)
-
-
 class CheckingRig(Rig):
     """Carries out nothing: refuses what cannot be done, and answers with the model's prediction."""
 
@@ -106,8 +50,9 @@ class CheckingRig(Rig):
         self._parameters = parameters
         self._config, self._finger = config, finger
         self._indentor: str | None = None
-        self._x_mm = math.nan
+        self._x_mm, self._along_mm = math.nan, 0.0
         self._homed = self._zeroed = False
+        self._checkpoints: set[str] = set()
         self.plan = Plan()
 
     @property
@@ -127,17 +72,26 @@ class CheckingRig(Rig):
         self._need(self._homed, "zero", "home()")
         self._zeroed = True
 
-    def move_to(self, *, x_mm: float) -> None:
+    def move_to(self, *, x_mm: float, along_mm: float = 0.0) -> None:
         self._need(self._homed, "move_to", "home()")
-        _number("move_to", "x_mm", x_mm)
+        refuse_no_number("move_to", "x_mm", x_mm)
+        refuse_along(along_mm, self._config)
         low, high = self._config.limits.x_mm
         if not low <= x_mm <= high:
             raise BadInputError(f"move_to: x_mm = {x_mm:g} is outside limits.x_mm = {low:g} … {high:g}")
         frame, travel = self._config.frame, self._config.stage.travel_mm
-        self._within_travel("x", frame.pad_centre_x_mm + x_mm, travel[0])
-        self._within_travel("y", frame.pad_y_mm, travel[1])
-        self._within_travel("z", frame.apex_z_mm + self._config.habits.clearance_mm, travel[2])
-        self._x_mm = x_mm
+        refuse_travel("x", frame.pad_centre_x_mm + x_mm, travel[0])
+        refuse_travel("y", frame.pad_y_mm + along_mm, travel[1])
+        refuse_travel("z", frame.apex_z_mm + self._config.habits.clearance_mm, travel[2])
+        self._x_mm, self._along_mm = x_mm, along_mm
+
+    def touch(self) -> float:
+        self._ready("touch")
+        assert self._indentor is not None
+        z_mm = self._config.finger.receptor_plane_mm + self._along_mm
+        height_mm = self._finger.touch_height_mm(self._indentor, self._x_mm, z_mm=z_mm)
+        self.plan.touches.append(height_mm - self._finger.apex_height_mm)
+        return self.plan.touches[-1]
 
     def indent(
         self,
@@ -148,104 +102,96 @@ class CheckingRig(Rig):
         speed_mm_s: float | None = None,
         hold_s: float = 1.0,
     ) -> Indentation:
-        target = checked_target(doi_mm, force_gwt)
-        self._need(self._indentor is not None, "indent", "mount()")
-        self._need(self._zeroed, "indent", "zero()")
-        self._need(math.isfinite(self._x_mm), "indent", "move_to()")
-        self._check_manner(increments, speed_mm_s, hold_s)
-        self._check_target(target)
+        target = checked_target("indent", doi_mm, force_gwt)
+        if speed_mm_s is not None:
+            refuse_speed("indent", speed_mm_s, self._config.limits)
+        planned = self._planned("indent", target, increments, hold_s)
+        self._plan("indent", "data", [planned])
+        force_gwt, doi_mm = planned.predicted_force_gwt, planned.predicted_doi_mm
+        holds = tuple(
+            Hold(target.part(k, increments), doi_mm * k / increments, force_gwt * k / increments, 0.0)
+            for k in range(1, increments + 1)
+        )
+        return Indentation(len(self.plan.indentations) - 1, self._x_mm, holds)
+
+    def precondition(
+        self, *, presses: int, doi_mm: float | None = None, force_gwt: float | None = None, hold_s: float = 1.0
+    ) -> None:
+        refuse_count("precondition", "presses", presses)
+        target = checked_target("precondition", doi_mm, force_gwt)
+        planned = self._planned("precondition", target, 1, hold_s)
+        self._plan("precondition", "precondition", [planned] * presses)
+
+    def reference(self, *, x_mm: float, doi_mm: float, increments: int = 2, hold_s: float = 0.5) -> None:
+        self.move_to(x_mm=x_mm)
+        target = checked_target("reference", doi_mm, None)
+        planned = self._planned("reference", target, increments, hold_s)
+        first = next(iter(self.plan.presses["reference"]), planned)
+        if planned != first:
+            raise BadInputError(
+                f"reference: expected the same press each time, {first.indentor} at x = {first.x_mm:g} mm to "
+                f"{first.target.value:g} mm in {first.increments}"
+            )
+        self._plan("reference", "reference", [planned])
+
+    def retract(self) -> None:
+        self._need(self._homed, "retract", "home()")
+
+    def rest(self, seconds: float) -> None:
+        self._need(self._homed, "rest", "home()")
+        refuse_seconds("rest", "seconds", seconds)
+
+    def checkpoint(self, name: str) -> None:
+        refuse_no_text("checkpoint", name)
+        if name in self._checkpoints:
+            raise BadInputError(f"checkpoint: {name!r} has been passed already, expected another name")
+        self._checkpoints.add(name)
+
+    def note(self, text: str) -> None:
+        refuse_no_text("note", text)
+
+    def _need(self, condition: bool, verb: str, before: str) -> None:
+        if not condition:
+            raise BadInputError(f"{verb}: {before} must come first")
+
+    def _ready(self, verb: str) -> None:
+        self._need(self._indentor is not None, verb, "mount()")
+        self._need(self._zeroed, verb, "zero()")
+        self._need(math.isfinite(self._x_mm), verb, "move_to()")
+
+    def _planned(self, verb: str, target: Target, increments: int, hold_s: float) -> PlannedIndentation:
+        """What the model expects of a press at the present place, within the limits."""
+        self._ready(verb)
+        if self._along_mm:
+            raise BadInputError(f"{verb}: along_mm = {self._along_mm:g}: expected 0, elsewhere only touch()")
+        refuse_count(verb, "increments", increments)
+        refuse_seconds(verb, "hold_s", hold_s)
+        refuse_target(verb, target, self._config.limits)
         assert self._indentor is not None
         result = self._finger.indent(self._indentor, self._x_mm, **{target.kind: target.value})  # type: ignore[arg-type]
         if not result.state.converged:
-            raise BadInputError(f"indent: the model does not converge here (residual {result.state.residual:.0e})")
-        contact_mm = result.touch_height_mm - self._finger.apex_height_mm
-        self._check_reach(target, contact_mm, result.doi_mm, result.force_gwt)
+            raise BadInputError(f"{verb}: the model does not converge here (residual {result.state.residual:.0e})")
         planned = PlannedIndentation(
             self._indentor,
             self._x_mm,
             target,
             increments,
             hold_s,
-            contact_mm,
+            result.touch_height_mm - self._finger.apex_height_mm,
             result.force_gwt,
             result.doi_mm,
             result.contact_area_mm2,
             result.peak_pressure_mpa,
         )
-        self._check_pressure(planned)
-        self.plan.indentations.append(planned)
-        holds = tuple(
-            Hold(target.part(k, increments), result.doi_mm * k / increments, result.force_gwt * k / increments, 0.0)
-            for k in range(1, increments + 1)
-        )
-        return Indentation(len(self.plan.indentations) - 1, self._x_mm, holds)
+        refuse_reach(verb, planned, self._config)
+        refuse_pressure(verb, planned, self._config.limits)
+        return planned
 
-    def retract(self) -> None:
-        self._need(self._homed, "retract", "home()")
-
-    def note(self, text: str) -> None:
-        if not isinstance(text, str):
-            raise BadInputError(f"note: expected text, got {text!r}")
-
-    def _need(self, condition: bool, verb: str, before: str) -> None:
-        if not condition:
-            raise BadInputError(f"{verb}: {before} must come first")
-
-    def _check_manner(self, increments: int, speed_mm_s: float | None, hold_s: float) -> None:
-        if not (_is_whole(increments) and 1 <= increments <= _MAX_INCREMENTS):
-            expected = f"expected a whole number, 1 … {_MAX_INCREMENTS}"
-            raise BadInputError(f"indent: increments = {increments!r}: {expected}")
-        _number("indent", "hold_s", hold_s)
-        if not 0 <= hold_s <= _MAX_HOLD_S:
-            raise BadInputError(f"indent: hold_s = {hold_s!r}: expected 0 … {_MAX_HOLD_S:g} s")
-        if speed_mm_s is None:
-            return
-        _number("indent", "speed_mm_s", speed_mm_s)
-        fastest = self._config.limits.max_press_speed_mm_s
-        if not SLOWEST_MM_S <= speed_mm_s <= fastest:
-            expected = f"{SLOWEST_MM_S:.2g} … {fastest:g} mm/s"
-            raise BadInputError(f"indent: speed_mm_s = {speed_mm_s!r}: expected {expected}")
-
-    def _check_target(self, target: Target) -> None:
-        """What no model is needed to refuse."""
-        limits = self._config.limits
-        limit = {"doi_mm": "max_doi_mm", "force_gwt": "max_force_gwt"}[target.kind]
-        if target.value > getattr(limits, limit):
+    def _plan(self, verb: str, purpose: Purpose, presses: list[PlannedIndentation]) -> None:
+        self.plan.presses[purpose].extend(presses)
+        longest_s = self._config.limits.max_contact_s
+        if self.plan.held_s > longest_s:
             raise BadInputError(
-                f"indent: {target.kind} = {target.value:g} is beyond limits.{limit} = {getattr(limits, limit):g}"
-            )
-
-    def _check_reach(self, target: Target, contact_mm: float, doi_mm: float, force_gwt: float) -> None:
-        limits = self._config.limits
-        if doi_mm > limits.max_doi_mm:
-            raise BadInputError(
-                f"indent: {target.kind} = {target.value:g} at x = {self._x_mm:g} mm means a DOI of {doi_mm:.3g} mm, "
-                f"beyond limits.max_doi_mm = {limits.max_doi_mm:g}"
-            )
-        if force_gwt > limits.max_force_gwt:
-            raise BadInputError(
-                f"indent: {target.kind} = {target.value:g} at x = {self._x_mm:g} mm means a force of "
-                f"{force_gwt:.3g} gwt, beyond limits.max_force_gwt = {limits.max_force_gwt:g}"
-            )
-        if force_gwt * GWT_N > limits.soft_trip_n:
-            raise BadInputError(
-                f"indent: {target.kind} = {target.value:g} at x = {self._x_mm:g} mm means {force_gwt * GWT_N:.3g} N, "
-                f"beyond limits.soft_trip_n = {limits.soft_trip_n:g}"
-            )
-        lowest = self._config.frame.apex_z_mm + contact_mm - max(doi_mm, limits.search_mm)
-        self._within_travel("z", lowest, self._config.stage.travel_mm[2])
-
-    def _check_pressure(self, planned: PlannedIndentation) -> None:
-        limit = self._config.limits.max_pressure_n_cm2
-        if planned.mean_pressure_n_cm2 > limit:
-            raise BadInputError(
-                f"indent: {planned.target.kind} = {planned.target.value:g} at x = {self._x_mm:g} mm means "
-                f"{planned.mean_pressure_n_cm2:.3g} N/cm² over a contact of {planned.contact_area_mm2:.2g} mm², "
-                f"beyond limits.max_pressure_n_cm2 = {limit:g}"
-            )
-
-    def _within_travel(self, axis: str, machine_mm: float, travel_mm: float) -> None:
-        if not -travel_mm <= machine_mm <= 0:
-            raise BadInputError(
-                f"machine {axis} = {machine_mm:.3f} mm is outside the stage's travel, {-travel_mm:g} … 0 mm"
+                f"{verb}: the finger would be held for {self.plan.held_s:g} s in all, "
+                f"beyond limits.max_contact_s = {longest_s:g}"
             )

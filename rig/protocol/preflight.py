@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from rig.protocol.config import Config
-from rig.protocol.plan import Plan, PlannedIndentation
-from rig.protocol.rehearsal import rehearsed_s
+from rig.protocol.planned import Plan, PlannedIndentation
+from rig.protocol.rehearsal import Rehearsed, rehearsed
 from rig.protocol.script import Script
 from rig.run.stopping import Stopping
 from rig.units import GWT_N
@@ -18,7 +18,7 @@ class Preflight:
 
     plan: Plan
     config: Config
-    duration_s: float
+    rehearsed: Rehearsed
 
     @property
     def trip_gwt(self) -> float:
@@ -34,10 +34,12 @@ class Preflight:
     def as_json(self) -> dict[str, Any]:
         """What `rig check --json` prints."""
         steps = [self._step(index, planned) for index, planned in enumerate(self.plan.indentations)]
-        limits, peak = self.config.limits, max(self.plan.indentations, key=lambda p: p.predicted_force_gwt)
+        limits, peak = self.config.limits, max(self.plan.all_presses, key=lambda p: p.predicted_force_gwt)
         return {
             "indentations": len(steps),
-            "duration_s": self.duration_s,
+            "other_presses": len(self.plan.all_presses) - len(steps),
+            "duration_s": self.rehearsed.duration_s,
+            "contact_s": self.rehearsed.contact_s,
             "peak_force_n": peak.predicted_force_gwt * GWT_N,
             "peak_force_gwt": peak.predicted_force_gwt,
             "peak_pressure_n_cm2": max(step["peak_pressure_n_cm2"] for step in steps),
@@ -47,6 +49,7 @@ class Preflight:
                 "force_gwt": self.trip_gwt - peak.predicted_force_gwt,
                 "doi_mm": min(limits.max_doi_mm - step["doi_mm"] for step in steps),
                 "mean_pressure_n_cm2": min(limits.max_pressure_n_cm2 - step["mean_pressure_n_cm2"] for step in steps),
+                "contact_s": limits.max_contact_s - self.rehearsed.contact_s,
             },
             "stop_distance_mm": self.stopping.distance_mm,
             "overshoot_gwt": max(step["overshoot_gwt"] for step in steps),
@@ -75,4 +78,4 @@ class Preflight:
 
 def preflight(script: Script, config: Config, finger: Fingertip, plan: Plan) -> Preflight:
     """Rehearse a plan for its duration and hold it against the limits. Raises EngineError."""
-    return Preflight(plan, config, rehearsed_s(script, config, finger, plan))
+    return Preflight(plan, config, rehearsed(script, config, finger, plan))

@@ -13,7 +13,9 @@ from sim.fingertip import Fingertip
 _PACKAGES = ("indentation-rig", "numpy", "scipy", "h5py", "pydantic", "matplotlib")
 
 
-def provenance(script: Script, config: Config, finger: Fingertip, now: datetime, *, virtual: bool) -> dict[str, Any]:
+def provenance(
+    script: Script, config: Config, finger: Fingertip, now: datetime, *, virtual: bool, subject: str | None = None
+) -> dict[str, Any]:
     """All that `rig resume` and a reader in ten years need to know, ready for JSON."""
     prefix = "virtual " if virtual else ""
     return {
@@ -21,6 +23,7 @@ def provenance(script: Script, config: Config, finger: Fingertip, now: datetime,
         "command": ["rig", *sys.argv[1:]],
         "protocol": script.path.name,
         "parameters": script.parameters.model_dump(mode="json"),
+        "subject": subject,
         "virtual": virtual,
         "python": platform.python_version(),
         "platform": f"{platform.system()} {platform.machine()}",

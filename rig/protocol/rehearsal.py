@@ -1,21 +1,24 @@
 """A protocol rehearsed on a finger of springs: how long it will take, before anything moves.
 
 The engine, the drivers, the bytes and the clock are those of a dry-run; only the finger is replaced, by one spring
-for each indentation, fitted to two solutions of the finger model, since a spring costs next to nothing.
+for each press, fitted to two solutions of the finger model, since a spring costs next to nothing.
 """
 
 import io
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from rig.protocol.config import Config, VirtualSettings
 from rig.protocol.live import LiveRig
-from rig.protocol.plan import CheckingRig, Plan, PlannedIndentation
+from rig.protocol.plan import CheckingRig
+from rig.protocol.planned import Plan, PlannedIndentation
+from rig.protocol.running import run_script
 from rig.protocol.script import Script
 from rig.protocol.virtual_bench import bench_around
-from rig.run import Engine, Indentation
+from rig.run import Engine, Indentation, PressId
+from rig.run.journal import NoJournal
+from rig.run.touch import CONTACT_EXPONENT
 from sim.clock import VirtualClock
 from sim.fingertip import Fingertip
 from sim.plant import Carriage, TruePose
@@ -32,10 +35,10 @@ class Spring:
 
     @classmethod
     def fitted(cls, planned: PlannedIndentation, finger: Fingertip) -> "Spring":
-        """Through the model's force at the target and at half of its depth."""
+        """Through the model's force at the target and at half of its depth; Hertz's where there is none yet."""
         target = finger.indent(planned.indentor, planned.x_mm, doi_mm=planned.predicted_doi_mm)
         half = finger.indent(planned.indentor, planned.x_mm, doi_mm=0.5 * planned.predicted_doi_mm)
-        exponent = math.log2(target.force_n / half.force_n)
+        exponent = math.log2(target.force_n / half.force_n) if half.force_n > 0 else CONTACT_EXPONENT
         return cls(planned.expected_contact_mm, planned.predicted_doi_mm, target.force_n, exponent)
 
     def force_at(self, height_mm: float) -> float:
@@ -64,29 +67,40 @@ class SpringPlant:
         return 0.0 if self.spring is None else self.spring.force_at(self._carriage.pose_at(t_s).above_apex_mm)
 
 
-class _Nowhere:
-    """A journal of what has not happened."""
-
-    def event(self, stream: str, data: Mapping[str, Any]) -> None:
-        """Forget it."""
+# A finger under a sphere, nearly: a touch is over before its stiffness matters.
+_UNDER_A_TOUCH = {"doi_mm": 1.0, "force_n": 0.1, "exponent": 1.5}
 
 
 class _RehearsedRig(LiveRig):
-    """Puts the right spring under the indentor."""
+    """Puts the right spring under the indentor before each press."""
 
-    def __init__(self, engine: Engine, check: CheckingRig, plant: SpringPlant, springs: list[Spring]) -> None:
+    def __init__(self, engine: Engine, check: CheckingRig, plant: SpringPlant, finger: Fingertip) -> None:
         super().__init__(engine, check)
-        self._plant, self._springs = plant, springs
+        self._plant, self._finger = plant, finger
+        self._springs: dict[PlannedIndentation, Spring] = {}
 
-    def _press(self, index: int, deed: Callable[[], Indentation]) -> Indentation:
-        self._plant.spring = self._springs[index]
+    def _touch(self, index: int, deed: Callable[[], float]) -> float:
+        self._plant.spring = Spring(self._check.plan.touches[index], **_UNDER_A_TOUCH)
         return deed()
 
+    def _press(self, press: PressId, planned: PlannedIndentation, speed_mm_s: float | None = None) -> Indentation:
+        if planned not in self._springs:
+            self._springs[planned] = Spring.fitted(planned, self._finger)
+        self._plant.spring = self._springs[planned]
+        return super()._press(press, planned, speed_mm_s)
 
-def rehearsed_s(script: Script, config: Config, finger: Fingertip, plan: Plan) -> float:
-    """Seconds of the run's clock on springs. Raises EngineError where the script would not come to its end."""
+
+@dataclass(frozen=True)
+class Rehearsed:
+    """How long a script takes on springs, on the run's clock, and how long of that a finger would be touched."""
+
+    duration_s: float
+    contact_s: float
+
+
+def rehearsed(script: Script, config: Config, finger: Fingertip, plan: Plan) -> Rehearsed:
+    """Carry a script out on springs. Raises EngineError where it would not come to its end."""
     believed = config.model_copy(update={"virtual": VirtualSettings()})
-    springs = [Spring.fitted(planned, finger) for planned in plan.indentations]
     clock = VirtualClock()
     plants: list[SpringPlant] = []
 
@@ -95,7 +109,7 @@ def rehearsed_s(script: Script, config: Config, finger: Fingertip, plan: Plan) -
         return plants[0]
 
     bench = bench_around(make_plant, believed, clock, io.StringIO())
-    engine = Engine(believed, clock, bench.stage, bench.force, _Nowhere(), bench, soft_trip_n=plan.soft_trip_n)
+    engine = Engine(believed, clock, bench.stage, bench.force, NoJournal(), bench, soft_trip_n=plan.soft_trip_n)
     check = CheckingRig(script.parameters, believed, finger)
-    script.run(_RehearsedRig(engine, check, plants[0], springs))
-    return clock.monotonic_s()
+    run_script(script, engine, _RehearsedRig(engine, check, plants[0], finger))
+    return Rehearsed(clock.monotonic_s(), engine.contact.total_s)

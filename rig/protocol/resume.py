@@ -14,9 +14,12 @@ from rig.protocol.plan import CheckingRig
 from rig.protocol.script import Script, script_with
 from rig.run import Engine, Hold, Indentation, Target
 from rig.run.journal import JournalError, mend_journal
+from rig.run.reference import Reference
 
-# What an indentation needs before it, in the order in which it is made up for.
-_OWED = ("mount", "zero", "move_to")
+# What an indentation needs before it; the last of each is made up for, in the order in which the script came to them.
+_OWED = ("mount", "zero", "reference", "move_to", "precondition", "rest")
+# What is journalled once and for all.
+_ONCE = ("note", "checkpoint")
 
 
 @dataclass(frozen=True)
@@ -77,27 +80,41 @@ class ResumedRig(LiveRig):
     def __init__(self, engine: Engine, check: CheckingRig, before: Run) -> None:
         super().__init__(engine, check)
         self._done = {index: _as_journalled(before, index) for index in before.done}
-        self._notes = len(before.stream("note"))
+        self._touched = {event["index"]: event["contact_height_mm"] for event in before.stream("find")}
+        self._reference = Reference(_first_reference_gwt(before))
+        self._written = {verb: len(before.stream(verb)) for verb in _ONCE}
         self._owed: dict[str, Callable[[], None]] = {}
         self._behind = True  # until the first missing indentation after the last one that is done
 
     def _do(self, verb: str, deed: Callable[[], None]) -> None:
         if not self._behind:
             deed()
-        elif verb == "note":
-            self._notes -= 1
-            if self._notes < 0:
+        elif verb in _ONCE:
+            self._written[verb] -= 1
+            if self._written[verb] < 0:
                 deed()
-        else:
+        elif verb in _OWED:
+            self._owed.pop(verb, None)
             self._owed[verb] = deed
 
-    def _press(self, index: int, deed: Callable[[], Indentation]) -> Indentation:
+    def _indent(self, index: int, deed: Callable[[], Indentation]) -> Indentation:
         if index in self._done:
+            self._owed.pop("rest", None)  # it was for this one
             return self._done[index]
-        for verb in _OWED:
-            self._owed.pop(verb, _nothing)()
+        self._make_up()
         self._behind = index < max(self._done, default=-1)
         return deed()
+
+    def _touch(self, index: int, deed: Callable[[], float]) -> float:
+        if index in self._touched:
+            return float(self._touched[index])
+        self._make_up()
+        return deed()
+
+    def _make_up(self) -> None:
+        owed, self._owed = self._owed, {}
+        for make_up_for in owed.values():
+            make_up_for()
 
 
 def _as_journalled(run: Run, index: int) -> Indentation:
@@ -114,5 +131,9 @@ def _as_journalled(run: Run, index: int) -> Indentation:
     return Indentation(index, run.done[index][0]["x_mm"], holds)
 
 
-def _nothing() -> None:
-    """Not owed."""
+def _first_reference_gwt(run: Run) -> list[float] | None:
+    """The forces of the first reference that was compared."""
+    compared = {event["index"] for event in run.stream("reference")}
+    forces = {(e["index"], e["hold"]): e["force_gwt"] for e in run.stream("reference_hold_end")}
+    first = min(compared, default=None)
+    return None if first is None else [force for (index, _), force in sorted(forces.items()) if index == first]

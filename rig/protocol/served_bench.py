@@ -16,7 +16,7 @@ from rig.protocol.virtual_devices import (
 )
 from sim.contact.shapes import parse_shape
 from sim.devices.line import SerialLine
-from sim.plant import Carriage
+from sim.plant import Carriage, Turn
 from sim.serve.ports import PortBusyError, PtyPort, TcpPort
 from sim.serve.press_ahead import PressAhead, PressStatistics
 from sim.serve.press_process import FingerNotLoadedError, PressProcess
@@ -103,7 +103,8 @@ class ServedBench:
     def _finger(self, config: Config, board: VirtualStage, complain: Callable[[str], object]) -> Load:
         carriage: Carriage = true_carriage(board, config)
         virtual = config.virtual
-        process = PressProcess(config.finger, virtual.indentor, virtual.stiffness, virtual.compliance_mm_per_n)
+        turn = Turn(virtual.finger_roll_deg, virtual.finger_tilt_deg)
+        process = PressProcess(config.finger, virtual.indentor, virtual.stiffness, virtual.compliance_mm_per_n, turn)
         self._closing.callback(process.close)
         self.press = PressAhead(self.scheduler, carriage, process, config.force.sample_period_s, complain)
         return Load(self.press.force_n, self.press.fresh)

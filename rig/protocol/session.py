@@ -12,26 +12,24 @@ from typing import Any, Protocol, TextIO
 from rig.bench import open_bench
 from rig.clock import Clock, WallClock
 from rig.data import Run, RunFolder, export_run, new_run_folder, read_run
-from rig.force.base import ForceError, ForceSensor
+from rig.force.base import ForceSensor
 from rig.heartbeat import Heartbeat
-from rig.protocol.api import Rig
 from rig.protocol.calibration import refuse_expired
 from rig.protocol.config import Config
 from rig.protocol.errors import BadInputError
 from rig.protocol.live import LiveRig
-from rig.protocol.plan import CheckingRig, Plan
+from rig.protocol.plan import CheckingRig
+from rig.protocol.planned import Plan
 from rig.protocol.provenance import provenance
 from rig.protocol.resume import ResumedRig, StoppedRun
-from rig.protocol.script import Script, where_in_script
+from rig.protocol.running import ENDINGS, run_script
+from rig.protocol.script import Script
 from rig.protocol.virtual_bench import virtual_bench
-from rig.run import Engine, EngineError, Journal, Operator, RunAborted, ScriptError
+from rig.run import Engine, Journal, Operator, RunAborted
 from rig.run.streams import STREAMS
-from rig.stage.base import Stage, StageError
+from rig.stage.base import Stage
 from rig.transport.base import TransportError
 from sim.fingertip import Fingertip
-
-# The engine has lifted or stopped before it raises these.
-_ENDINGS = (EngineError, StageError, ForceError, TransportError)
 
 Watch = Callable[[str, Mapping[str, Any]], None]
 
@@ -90,7 +88,8 @@ class Bench(Operator, Protocol):
 class Session:
     """One checked script with everything it needs to be carried out.
 
-    `out` is the parent of the folder that a new run gets; `stopped` is the run that is taken up instead.
+    `out` is the parent of the folder that a new run gets; `stopped` is the run that is taken up instead; `subject`
+    is the code of whoever lies under the rig.
     """
 
     script: Script
@@ -102,6 +101,7 @@ class Session:
     watch: Watch = lambda stream, data: None
     go_on: Callable[[], bool] = lambda: False
     stopped: StoppedRun | None = None
+    subject: str | None = None
 
     @property
     def begins_at_s(self) -> float:
@@ -147,7 +147,7 @@ def _run_session(
 
 def _new_folder(session: Session, now: datetime, *, virtual: bool) -> RunFolder:
     script, config = session.script, session.config
-    about = provenance(script, config, session.finger, now, virtual=virtual)
+    about = provenance(script, config, session.finger, now, virtual=virtual, subject=session.subject)
     return new_run_folder(session.out, script.name, now, script.path, config.as_toml(), about)
 
 
@@ -164,7 +164,7 @@ def _on_a_bench(
             raise
         try:
             _carry_out(session, folder, bench, _paced(session, bench.clock, speed))
-        except _ENDINGS as error:
+        except ENDINGS as error:
             return error
         except KeyboardInterrupt:  # the stage has been stopped; what is on disk is still worth a report
             return RunAborted("at once, by the operator")
@@ -181,7 +181,7 @@ def _carry_out(session: Session, folder: RunFolder, bench: Bench, watch: Watch) 
         if before is None:
             journal.start(_about(session, virtual=bench.virtual))
         else:
-            journal.resume({"missing": before.missing})
+            journal.resume({"missing": before.missing, "after": before.last_checkpoint})
         engine = Engine(
             config,
             bench.clock,
@@ -193,14 +193,15 @@ def _carry_out(session: Session, folder: RunFolder, bench: Bench, watch: Watch) 
             plan.soft_trip_n,
             session.go_on,
             heartbeat,
+            contact_s=0.0 if before is None else before.contact_s,
         )
         check = CheckingRig(script.parameters, config, session.finger)
         if before is None:
-            _run_script(script, engine, LiveRig(engine, check))
+            run_script(script, engine, LiveRig(engine, check))
         else:
             bench.confirm("the rig stopped in this run: clear the finger, see to what stopped it; it will home")
             engine.home()
-            _run_script(script, engine, ResumedRig(engine, check, before))
+            run_script(script, engine, ResumedRig(engine, check, before))
         journal.stop("done")
 
 
@@ -212,25 +213,9 @@ def _about(session: Session, *, virtual: bool) -> dict[str, Any]:
         "source": script.source,
         "parameters": script.parameters.model_dump(mode="json"),
         "planned_indentations": len(session.plan.indentations),
+        "subject": session.subject,
         "virtual": virtual,
     }
-
-
-def _run_script(script: Script, engine: Engine, rig: Rig) -> None:
-    """Run it; a failure elsewhere than in the engine lifts the indentor, and no swallowed trip ends well."""
-    try:
-        script.run(rig)
-    except _ENDINGS:
-        raise
-    except (Exception, SystemExit) as error:
-        engine.make_safe()
-        place = where_in_script(script.path, error)
-        raise ScriptError(f"{place}: {type(error).__name__}: {error}") from error
-    except BaseException:
-        engine.stop()
-        raise
-    if engine.problem is not None:
-        raise engine.problem
 
 
 def _paced(session: Session, clock: Clock, speed: float | None) -> Watch:

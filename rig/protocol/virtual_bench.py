@@ -16,7 +16,7 @@ from rig.transport.loopback import LoopbackTransport
 from sim.clock import VirtualClock
 from sim.devices.line import SerialLine
 from sim.fingertip import Fingertip
-from sim.plant import Carriage, Plant, TruePose
+from sim.plant import Carriage, Plant, TruePose, Turn
 
 
 class AnyPlant(Protocol):
@@ -78,7 +78,9 @@ def virtual_bench(
     """Devices as configured, with the fingertip under the indentor; the bytes go to `byte_log`."""
 
     def plant(carriage: Carriage) -> Plant:
-        return Plant(finger, carriage, config.virtual.stiffness, config.virtual.compliance_mm_per_n)
+        virtual = config.virtual
+        turn = Turn(virtual.finger_roll_deg, virtual.finger_tilt_deg)
+        return Plant(finger, carriage, virtual.stiffness, virtual.compliance_mm_per_n, turn)
 
     return bench_around(plant, config, VirtualClock(start_unix_s, start_s), byte_log)
 

@@ -142,7 +142,11 @@ def true_carriage(stage: VirtualStage, config: Config) -> Carriage:
     return Carriage(
         stage.nut_steps_at,
         Screws(_screw(config, "x"), _screw(config, "z")),
-        Placement(frame.pad_centre_x_mm + virtual.finger_x_offset_mm, frame.apex_z_mm + virtual.finger_z_offset_mm),
+        Placement(
+            frame.pad_centre_x_mm + virtual.finger_x_offset_mm,
+            frame.apex_z_mm + virtual.finger_z_offset_mm,
+            frame.pad_y_mm + virtual.finger_along_offset_mm if config.stage.kind == "grbl" else None,
+        ),
     )
 
 

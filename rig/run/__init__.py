@@ -4,7 +4,7 @@ from rig.run.engine import Engine, Operator
 from rig.run.errors import EngineError, LimitError, NotReadyError, RecordError, RunAborted, ScriptError, TripError
 from rig.run.indent import indent
 from rig.run.journal import Journal
-from rig.run.records import Hold, Indentation, Target
+from rig.run.records import Hold, Indentation, PressId, Target
 
 __all__ = [
     "Engine",
@@ -15,6 +15,7 @@ __all__ = [
     "LimitError",
     "NotReadyError",
     "Operator",
+    "PressId",
     "RecordError",
     "RunAborted",
     "ScriptError",

@@ -2,10 +2,11 @@
 
 import math
 
+from rig.run.approach import Approach
 from rig.run.engine import Engine
 from rig.run.errors import LimitError, PressPaused
 from rig.run.press import Press
-from rig.run.records import Indentation, Target
+from rig.run.records import Indentation, PressId, Target
 
 
 def indent(
@@ -17,36 +18,60 @@ def indent(
     hold_s: float = 1.0,
     expected_contact_mm: float = 0.0,
     contact_area_mm2: float = math.inf,
-    index: int | None = None,
+    press_id: PressId | None = None,
 ) -> Indentation:
     """Touch off at the present x, press in equal increments with a hold after each, end lifted to clearance.
 
     Contact is expected within limits.search_mm of expected_contact_mm (height from the nominal apex); none there, or
     one above, trips, since a dead or frozen sensor looks the same. Raises LimitError when the target is not
-    reached within the deepest DOI allowed; the indentor is then lifted. contact_area_mm2 is what the pressure limit
-    counts over. An indentation that the operator paused is done anew under
-    the same index, its number in the script.
+    reached within the deepest DOI allowed, or the finger has been touched for too long; the indentor is then lifted.
+    contact_area_mm2 is what the pressure limit counts over. An indentation that the operator paused is done anew
+    under the same press_id.
     """
     engine.ready_to_indent()
-    number = engine.next_index() if index is None else index
+    press = PressId(engine.next_index()) if press_id is None else press_id
     speed = engine.settings.habits.press_speed_mm_s if speed_mm_s is None else speed_mm_s
     search_mm = engine.settings.limits.search_mm
+    approach = Approach(engine, press, expected_contact_mm - search_mm, expected_contact_mm + search_mm)
     while True:
         try:
             engine.press_on(contact_area_mm2)
-            press = Press(engine, number, speed, expected_contact_mm - search_mm, expected_contact_mm + search_mm)
-            return _attempt(engine, press, target, increments, hold_s)
+            return _attempt(engine, approach, target, increments, speed, hold_s)
         except PressPaused:
             continue
 
 
-def _attempt(engine: Engine, press: Press, target: Target, increments: int, hold_s: float) -> Indentation:
+def touch_place(engine: Engine, index: int, expected_contact_mm: float) -> float:
+    """Touch off at the present place and lift; returns where contact was, height above the nominal apex, mm."""
+    engine.ready_to_indent()
+    search_mm = engine.settings.limits.search_mm
+    approach = Approach(
+        engine, PressId(index, "find"), expected_contact_mm - search_mm, expected_contact_mm + search_mm
+    )
+    while True:
+        try:
+            height_mm = approach.touch_off().contact_height_mm
+            break
+        except PressPaused:
+            continue
+        except LimitError:
+            engine.retract()
+            raise
+    engine.retract()
+    found = {"indentor": engine.indentor, "x_mm": engine.x_mm, "along_mm": engine.along_mm}
+    engine.record("find", {"index": index, **found, "contact_height_mm": round(height_mm, 6)})
+    return height_mm
+
+
+def _attempt(
+    engine: Engine, approach: Approach, target: Target, increments: int, speed_mm_s: float, hold_s: float
+) -> Indentation:
     engine.safe_point()
-    index, start_s = press.index, engine.clock.monotonic_s()
+    press, start_s = approach.press, engine.clock.monotonic_s()
     engine.record(
-        "indentation_start",
+        press.stream("indentation_start"),
         {
-            "index": index,
+            "index": press.index,
             "indentor": engine.indentor,
             "x_mm": engine.x_mm,
             "target": target.kind,
@@ -55,14 +80,14 @@ def _attempt(engine: Engine, press: Press, target: Target, increments: int, hold
         },
     )
     try:
-        press.touch_off()
+        past_touch = Press(engine, press, approach.touch_off(), speed_mm_s)
         holds = tuple(
-            press.hold_at(target.part(k, increments), hold=k, hold_s=hold_s) for k in range(1, increments + 1)
+            past_touch.hold_at(target.part(k, increments), hold=k, hold_s=hold_s) for k in range(1, increments + 1)
         )
     except LimitError:
         engine.retract()
         raise
     engine.retract()
     duration = engine.clock.monotonic_s() - start_s
-    engine.record("indentation_end", {"index": index, "duration_s": round(duration, 6)})
-    return Indentation(index, engine.x_mm, holds)
+    engine.record(press.stream("indentation_end"), {"index": press.index, "duration_s": round(duration, 6)})
+    return Indentation(press.index, engine.x_mm, holds)

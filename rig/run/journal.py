@@ -121,6 +121,13 @@ class Journal:
             self._file.close()
 
 
+class NoJournal:
+    """Forgets what it is told: for what is no run."""
+
+    def event(self, stream: str, data: Mapping[str, Any]) -> None:
+        """Nothing is kept."""
+
+
 def read_journal(path: Path) -> Iterator[Document]:
     """The documents of a journal in order; a torn last line is dropped. Raises JournalError."""
     lines = path.read_bytes().split(b"\n")

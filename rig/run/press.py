@@ -1,4 +1,4 @@
-"""The descent of one indentation: touch off, press to a depth or a force, hold it there."""
+"""One press past the skin: to a depth or to a force, and held there."""
 
 import math
 import statistics
@@ -7,8 +7,8 @@ from itertools import pairwise
 
 from rig.run.engine import Engine
 from rig.run.errors import LimitError
-from rig.run.records import Hold, Target, Touch
-from rig.run.touch import CONTACT_EXPONENT, fit_contact
+from rig.run.records import Hold, PressId, Target, Touch
+from rig.run.touch import CONTACT_EXPONENT
 
 _MAX_SEEK_MOVES = 400
 _FORCE_TOLERANCE_GWT, _FORCE_TOLERANCE = 0.05, 0.01
@@ -19,91 +19,26 @@ _WIDE_GAP, _CLOSED_AT_ONCE = 0.05, 0.75
 _MOST_AVERAGED = 25
 # What has relaxed under a held force answers a move more stiffly than the force it has left says: by 1 / 0.6, say.
 _FOLLOWED = 0.6
+_HIGHEST_AIM = 1.03  # of the target, in a hold: noise comes on top, and 1.05 must not be felt
 
 
 class Press:
-    """The descent of one indentation."""
+    """The press of one indentation, from its touch-off on."""
 
-    def __init__(self, engine: Engine, index: int, speed_mm_s: float, lowest_mm: float, highest_mm: float) -> None:
-        self._engine, self.index, self._speed = engine, index, speed_mm_s
-        self._lowest_mm, self._highest_mm = lowest_mm, highest_mm
-        self._ramp_from = (0.0, engine.clock.monotonic_s())  # force in gwt and time of contact or of the last hold
+    def __init__(self, engine: Engine, press: PressId, touch: Touch, speed_mm_s: float) -> None:
+        self._engine, self.id, self._speed = engine, press, speed_mm_s
+        self._habits = engine.settings.habits
+        self._smallest_mm = engine.settings.stage.resolution_mm
+        self._contact_mm, self._force_gwt = touch.contact_height_mm, touch.force_gwt
+        self._ramp_from = (touch.force_gwt, engine.clock.monotonic_s())  # at contact, or at the end of the last hold
+        self._stiffness_gwt_mm = 0.0  # as the last move was answered
         self._peak_gwt = 0.0  # highest reading since then
         self._unanswered = 0  # moves since the reading last changed
         self._unanswered_gwt = 0.0  # change of force that was expected since the reading last changed
-        self._habits = engine.settings.habits
-        self._smallest_mm = engine.settings.stage.resolution_mm
-        self._contact_mm: float | None = None
-        self._force_gwt = 0.0
 
     @property
     def _doi_mm(self) -> float:
-        assert self._contact_mm is not None
         return self._engine.doi_mm(self._contact_mm, self._force_gwt)
-
-    def touch_off(self) -> None:
-        """Find contact coarsely, back off, and find it again in fine increments."""
-        habits = self._habits
-        self._descend(habits.increment_mm, "approach")
-        self._back_off()
-        readings = self._descend(habits.touch_increment_mm, "touch")
-        touch = fit_contact(readings, self._engine.touch_gwt, self._engine.least_gwt)
-        self._contact_mm, self._force_gwt = touch.contact_height_mm, readings[-1][1]
-        self._ramp_from = (self._force_gwt, self._engine.clock.monotonic_s())
-        self._engine.pulse(self.index, "touch")
-        self._record_touch(touch)
-
-    def _back_off(self) -> None:
-        """Up by whole increments until no force shows or clearance is reached, and one more."""
-        engine, habits = self._engine, self._habits
-        force = math.inf
-        while force > 0.5 * engine.least_gwt and engine.height_mm < habits.clearance_mm:
-            engine.go_to_height(engine.height_mm + habits.increment_mm, habits.approach_speed_mm_s)
-            force = engine.read_force_gwt(self.index, "back off")
-        engine.go_to_height(engine.height_mm + habits.increment_mm, habits.approach_speed_mm_s)
-
-    def _descend(self, step_mm: float, phase: str) -> list[tuple[float, float]]:
-        """(height, force) readings down to the touch threshold."""
-        engine = self._engine
-        readings: list[tuple[float, float]] = []
-        while True:
-            engine.safe_point()
-            below = engine.height_mm - step_mm
-            if below < self._lowest_mm - 1e-9:
-                engine.trip(
-                    f"no contact at x = {engine.x_mm:g} mm down to {self._lowest_mm:.3f} mm from the nominal apex: "
-                    "is the sensor alive, the finger in place, frame.apex_z_mm right?"
-                )
-            engine.go_to_height(below, self._habits.approach_speed_mm_s)
-            force = engine.read_force_gwt(self.index, phase)
-            readings.append((engine.height_mm, force))
-            if force <= -engine.touch_gwt:
-                engine.trip(f"{force:.2f} gwt while descending: does the sensor read backwards?", force)
-            if force >= engine.touch_gwt:
-                self._refuse_contact_too_high()
-                return readings
-
-    def _refuse_contact_too_high(self) -> None:
-        engine = self._engine
-        if engine.height_mm > self._highest_mm:
-            engine.trip(
-                f"contact at x = {engine.x_mm:g} mm already {engine.height_mm:.3f} mm above the nominal apex: "
-                f"expected below {self._highest_mm:.3f} mm"
-            )
-
-    def _record_touch(self, touch: Touch) -> None:
-        data = {
-            "index": self.index,
-            "threshold_gwt": touch.threshold_gwt,
-            "height_at_threshold_mm": round(touch.height_at_threshold_mm, 6),
-            "contact_height_mm": round(touch.contact_height_mm, 6),
-            "fit_points": touch.fit_points,
-            "doi_bias_mm": round(touch.doi_bias_mm, 6),
-        }
-        true = self._engine.operator.true_pose()
-        if true is not None:
-            data["true_doi_bias_mm"] = round(true[1] - self._doi_mm, 6)
-        self._engine.record("touch", data)
 
     def hold_at(self, target: Target, *, hold: int, hold_s: float) -> Hold:
         """Press to the target, hold, and journal the hold as delivered."""
@@ -114,8 +49,12 @@ class Press:
         return self._hold(target, hold, hold_s)
 
     def _press_to_doi(self, doi_mm: float) -> None:
-        while abs(doi_mm - self._doi_mm) > 0.5 * self._smallest_mm:
+        """Until within half a step of the stage; LimitError where a rig that gives never lets it get there."""
+        for _ in range(_MAX_SEEK_MOVES):
+            if abs(doi_mm - self._doi_mm) <= 0.5 * self._smallest_mm:
+                return
             self._press_by(doi_mm - self._doi_mm)
+        raise LimitError(f"DOI {doi_mm:g} mm not reached within {_MAX_SEEK_MOVES} moves")
 
     def _seek_force(self, target_gwt: float) -> None:
         """Steps along F ∝ d^1.5 through the present force, until within half the tolerance.
@@ -130,18 +69,23 @@ class Press:
             if error <= 0.5 * tolerance:
                 return
             step = self._step_towards(target_gwt)
-            if abs(step) < self._smallest_mm:
-                if error <= tolerance:
-                    return
+            if abs(step) >= self._smallest_mm:
+                smallest_before = 0.0
+            elif error <= tolerance:
+                return
+            else:
                 step = math.copysign(self._smallest_mm, step)
-                if step * smallest_before < 0:
-                    raise LimitError(
-                        f"force {target_gwt:g} gwt: one step of the stage, {self._smallest_mm:g} mm, "
-                        f"passes over the tolerance of ± {tolerance:.3g} gwt"
-                    )
+                self._refuse_to_and_fro(step, smallest_before, target_gwt)
                 smallest_before = step
             self._press_by(step)
         raise LimitError(f"force {target_gwt:g} gwt not settled within {_MAX_SEEK_MOVES} moves")
+
+    def _refuse_to_and_fro(self, step_mm: float, before_mm: float, target_gwt: float) -> None:
+        if step_mm * before_mm < 0:
+            raise LimitError(
+                f"force {target_gwt:g} gwt: one step of the stage, {self._smallest_mm:g} mm, "
+                f"passes over the tolerance of ± {self._tolerance_gwt(target_gwt):.3g} gwt"
+            )
 
     def _tolerance_gwt(self, target_gwt: float) -> float:
         return max(_FORCE_TOLERANCE_GWT, _FORCE_TOLERANCE * target_gwt, self._engine.resolution_gwt)
@@ -158,13 +102,15 @@ class Press:
             self._force_gwt = statistics.fmean([self._force_gwt, *readings])
 
     def _step_towards(self, target_gwt: float) -> float:
+        """Along the law, or as stiffly as the last move was answered where that is more."""
         gap_gwt = target_gwt - self._force_gwt
         if gap_gwt > _WIDE_GAP * target_gwt:
-            return self._to_force(self._force_gwt + _CLOSED_AT_ONCE * gap_gwt)
-        return self._to_force(target_gwt)
+            gap_gwt *= _CLOSED_AT_ONCE
+        step = self._to_force(self._force_gwt + gap_gwt)
+        return min(step, gap_gwt / self._stiffness_gwt_mm) if min(gap_gwt, self._stiffness_gwt_mm) > 0 else step
 
     def _read(self, phase: str) -> float:
-        force = self._engine.read_force_gwt(self.index, phase, self._contact_mm)
+        force = self._engine.read_force_gwt(self.id, phase, self._contact_mm)
         self._peak_gwt = max(self._peak_gwt, force)
         return force
 
@@ -193,6 +139,8 @@ class Press:
         expected, before = abs(self._force_after(step) - self._force_gwt), self._force_gwt
         engine.go_to_height(engine.height_mm - step, self._speed)
         self._force_gwt = self._read(phase)
+        if abs(step) >= self._smallest_mm:
+            self._stiffness_gwt_mm = (self._force_gwt - before) / step
         self._notice_a_frozen_reading(before, expected)
 
     def _force_after(self, step_mm: float) -> float:
@@ -219,24 +167,26 @@ class Press:
 
     def _hold(self, target: Target, hold: int, hold_s: float) -> Hold:
         engine, clock = self._engine, self._engine.clock
-        about = {"index": self.index, "hold": hold}
-        engine.pulse(self.index, "hold_start")
+        about = {"index": self.id.index, "hold": hold}
+        engine.pulse(self.id, "hold_start")
         start = clock.monotonic_s()
         ramp = {
             "ramp_gwt": round(self._force_gwt - self._ramp_from[0], 6),
             "ramp_s": round(start - self._ramp_from[1], 6),
         }
         begin = {"doi_mm": round(self._doi_mm, 6), "force_gwt": self._force_gwt}
-        engine.record("hold_start", {**about, "target": target.kind, "commanded": target.value, **begin})
+        asked = {"target": target.kind, "commanded": target.value}
+        engine.record(self.id.stream("hold_start"), {**about, **asked, **begin})
         readings, times = self._held_readings(target, hold_s)
         lasted_s = clock.monotonic_s() - start
-        engine.pulse(self.index, "hold_end")
+        engine.pulse(self.id, "hold_end")
         mean, sd, doi = statistics.fmean(readings), statistics.pstdev(readings), round(self._doi_mm, 6)
         data = {
             **about,
             **ramp,
             "x_mm": engine.x_mm,
             "doi_mm": doi,
+            "doi_sd_mm": round(engine.doi_sd_mm(self._force_gwt), 6),
             "commanded": target.value,
             "force_gwt": round(mean, 6),
             "force_sd_gwt": round(sd, 6),
@@ -249,41 +199,51 @@ class Press:
         true = engine.operator.true_pose()
         if true is not None:
             data |= {"true_x_mm": round(true[0], 9), "true_doi_mm": round(true[1], 9)}
-        engine.record("hold_end", data)
+        engine.record(self.id.stream("hold_end"), data)
         self._ramp_from, self._peak_gwt = (self._force_gwt, clock.monotonic_s()), 0.0
         return Hold(target, doi, mean, sd)
 
     def _held_readings(self, target: Target, hold_s: float) -> tuple[list[float], list[float]]:
-        """Forces and times of the readings of a hold; a force that drifts is followed by small moves."""
+        """Forces and times of the readings of a hold; a force that has drifted is followed by small moves."""
         engine, clock = self._engine, self._engine.clock
-        start = clock.monotonic_s()
-        readings: list[float] = []
-        times: list[float] = []
-        recent: deque[float] = deque(maxlen=self._averaged(self._tolerance_gwt(target.value) / 4))
-        aim_gwt = self._force_gwt
+        readings, times = list[float](), list[float]()
+        follow = target.kind == "force_gwt"
+        few = self._averaged(self._tolerance_gwt(target.value if follow else 0.0) / 4)
+        recent: deque[float] = deque(maxlen=few)
+        start, aim_gwt, short_gwt = clock.monotonic_s(), self._force_gwt, 0.0
         while not readings or clock.monotonic_s() - start < hold_s:
             engine.safe_point()
-            readings.append(self._read("hold"))
+            step_mm = 0.0
+            if follow and len(recent) == few:
+                step_mm, aim_gwt = self._back_to(target.value, short_gwt / len(readings), aim_gwt)
+            if step_mm:
+                self._press_by(step_mm, "hold")
+                recent.clear()
+                readings.append(self._force_gwt)
+            else:
+                readings.append(self._read("hold"))
+                recent.append(readings[-1])
+                self._force_gwt = statistics.fmean(recent)
             times.append(clock.monotonic_s())
-            recent.append(readings[-1])
-            if target.kind == "force_gwt" and len(recent) == recent.maxlen:
-                aim_gwt = self._follow(target.value, aim_gwt, recent)
+            short_gwt += target.value - readings[-1]
         return readings, times
 
-    def _follow(self, target_gwt: float, aim_gwt: float, recent: deque[float]) -> float:
-        """Where the force has left a quarter of its tolerance: one move back, if the stage can make one so small.
+    def _back_to(self, target_gwt: float, short_gwt: float, aim_gwt: float) -> tuple[float, float]:
+        """The move in mm that takes back a force which, or whose mean, is off by a quarter of its tolerance; its aim.
 
-        It aims beyond the target by half of what the force has lost since the last aim, so that the mean is the
-        target. Returns what is aimed at now.
+        It makes up for what the mean of the hold is short of the target, and aims beyond by half of what the force
+        has lost since the last aim. Zero, and the old aim, where the stage cannot make a move so small.
         """
-        force, tolerance = statistics.fmean(recent), self._tolerance_gwt(target_gwt)
-        if abs(force - target_gwt) <= 0.25 * tolerance:
-            return aim_gwt
-        self._force_gwt = force
-        lost = max(min(aim_gwt - force, tolerance), -tolerance)
-        step = _FOLLOWED * self._to_force(target_gwt + 0.5 * lost)
-        if abs(step) < self._smallest_mm:
-            return aim_gwt
-        self._press_by(step, "hold")
-        recent.clear()
-        return target_gwt + 0.5 * lost
+        force, tolerance = self._force_gwt, self._tolerance_gwt(target_gwt)
+        goal = target_gwt + _within(short_gwt, tolerance)
+        enough = 0.25 * tolerance
+        if max(abs(force - target_gwt), abs(short_gwt)) <= enough or abs(force - goal) <= enough:
+            return 0.0, aim_gwt
+        lost = _within(aim_gwt - force, tolerance)
+        aim = min(goal + 0.5 * lost, _HIGHEST_AIM * target_gwt)
+        step = _FOLLOWED * self._to_force(aim)
+        return (step, aim) if abs(step) >= self._smallest_mm else (0.0, aim_gwt)
+
+
+def _within(value: float, most: float) -> float:
+    return max(min(value, most), -most)

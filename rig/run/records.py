@@ -16,12 +16,31 @@ class Target:
         return Target(self.kind, self.value * hold / increments)
 
 
+Purpose = Literal["data", "precondition", "reference", "find"]
+
+
+@dataclass(frozen=True)
+class PressId:
+    """Which press it is: its number among those of its purpose, in the order of the script."""
+
+    index: int
+    purpose: Purpose = "data"
+
+    def stream(self, name: str) -> str:
+        """Where its events go: what is no data has streams of its own."""
+        return name if self.purpose == "data" else f"{self.purpose}_{name}"
+
+
+NO_PRESS = PressId(-1)
+
+
 @dataclass(frozen=True)
 class Touch:
     """Where contact was found: heights above the nominal apex in mm, forces in gwt."""
 
     threshold_gwt: float
     height_at_threshold_mm: float
+    force_gwt: float  # the reading there
     contact_height_mm: float
     fit_points: int
 

@@ -1,13 +1,10 @@
 """The streams of a journal: their keys and units. Positions are in the finger's frame."""
 
-STREAMS = {
-    "mount": {"indentor": ""},
-    "home": {"controller": ""},
-    "zero": {"sensor": "", "noise_gwt": "gwt"},
-    "move": {"x_mm": "mm", "height_mm": "mm"},
+PRESS_STREAMS = {
     "indentation_start": {"index": "", "indentor": "", "x_mm": "mm", "target": "", "value": "", "increments": ""},
     "sample": {
         "index": "", "phase": "", "x_mm": "mm", "height_mm": "mm", "doi_mm": "mm", "force_gwt": "gwt", "stable": "",
+        "contact_s": "s",
     },
     "touch": {
         "index": "", "threshold_gwt": "gwt", "height_at_threshold_mm": "mm", "contact_height_mm": "mm",
@@ -15,16 +12,34 @@ STREAMS = {
     },
     "hold_start": {"index": "", "hold": "", "target": "", "commanded": "", "doi_mm": "mm", "force_gwt": "gwt"},
     "hold_end": {
-        "index": "", "hold": "", "x_mm": "mm", "doi_mm": "mm", "force_gwt": "gwt", "force_sd_gwt": "gwt",
-        "commanded": "", "peak_gwt": "gwt", "ramp_gwt": "gwt", "ramp_s": "s",
+        "index": "", "hold": "", "x_mm": "mm", "doi_mm": "mm", "doi_sd_mm": "mm",
+        "force_gwt": "gwt", "force_sd_gwt": "gwt", "commanded": "", "peak_gwt": "gwt",
+        "ramp_gwt": "gwt", "ramp_s": "s",
         "readings": "", "asked_s": "s", "hold_s": "s", "interval_sd_s": "s", "true_x_mm": "mm", "true_doi_mm": "mm",
     },
     "sync": {"index": "", "at": "", "rise_s": "s", "uncertainty_s": "s", "width_s": "s"},
     "indentation_end": {"index": "", "duration_s": "s"},
-    "retract": {"height_mm": "mm"},
+}  # fmt: skip
+"""What one press leaves behind. Keys starting with `true_` come from the virtual plant and are absent on hardware."""
+
+STREAMS = {
+    "mount": {"indentor": ""},
+    "home": {"controller": ""},
+    "zero": {"sensor": "", "noise_gwt": "gwt", "offset_gwt": "gwt", "drift_gwt": "gwt"},
+    "move": {"x_mm": "mm", "along_mm": "mm", "height_mm": "mm"},
+    **PRESS_STREAMS,
+    **{f"precondition_{name}": keys for name, keys in PRESS_STREAMS.items()},
+    **{f"reference_{name}": keys for name, keys in PRESS_STREAMS.items()},
+    **{f"find_{name}": PRESS_STREAMS[name] for name in ("sample", "touch")},
+    "find": {"index": "", "indentor": "", "x_mm": "mm", "along_mm": "mm", "contact_height_mm": "mm"},
+    "retract": {"height_mm": "mm", "contact_s": "s"},
+    "reference": {"index": "", "deviation": ""},
+    "rest": {"rest_s": "s"},
+    "checkpoint": {"name": ""},
     "note": {"text": ""},
-    "trip": {"reason": "", "force_gwt": "gwt"},
+    "alarm": {"reason": ""},
+    "trip": {"reason": "", "force_gwt": "gwt", "contact_s": "s"},
     "paused": {"reason": ""},
     "resumed": {"by": ""},
 }  # fmt: skip
-"""Keys starting with `true_` come from the virtual plant and are absent on hardware."""
+"""Every stream. Presses that are no data (`precondition_…`, `reference_…`) have streams of their own."""

@@ -3,33 +3,39 @@
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from rig.run.records import Touch
 
 CONTACT_EXPONENT = 1.5  # F ∝ d^1.5, a sphere pressed on an elastic solid (Hertz)
 
+_TRIED = 200  # contact heights looked at, before the best is refined
+
 
 def fit_contact(readings: Sequence[tuple[float, float]], threshold_gwt: float, resolution_gwt: float) -> Touch:
     """Contact height from (height mm, force gwt) readings that descend to the threshold.
 
-    What is less than half a step of the sensor, resolution_gwt, counts as no force.
-
-    F^(2/3) is linear in the height; its weighted least-squares line is followed back to zero. The answer lies
-    above the first reading with force by no more than the step to it and what the line needs to reach the noise (at
-    most the descent it was fitted over); it is that reading's height where fewer than two show any.
+    The least-squares fit of F = a · (contact − height)^1.5, none above contact, to all readings: one that noise has
+    lifted is outvoted by its neighbours. It is the last height where fewer than two readings show more than half a
+    step of the sensor, resolution_gwt.
     """
-    noise_gwt = 0.5 * resolution_gwt
     height, force = np.array(readings).T
-    shown = force > noise_gwt
-    first = int(np.argmax(shown))
-    before = height[first - 1] if first else height[first]
-    contact = highest = height[first]
-    if shown.sum() >= 2:
-        root = force[shown] ** (1 / CONTACT_EXPONENT)
-        slope, intercept = np.polyfit(height[shown], root, 1, w=force[shown] ** (1 - 1 / CONTACT_EXPONENT))
-        if slope < 0:
-            contact = -intercept / slope
-            unseen = noise_gwt ** (1 / CONTACT_EXPONENT) / -slope
-            highest = before + min(unseen, height[first] - height[-1])
-    contact = float(np.clip(contact, height[first], highest))
-    return Touch(threshold_gwt, float(height[-1]), contact, int(shown.sum()))
+    shown = force > 0.5 * resolution_gwt
+    contact = float(height[-1]) if shown.sum() < 2 else _least_squares(height, force)
+    return Touch(threshold_gwt, float(height[-1]), float(force[-1]), contact, int(shown.sum()))
+
+
+def _least_squares(height_mm: NDArray[np.float64], force_gwt: NDArray[np.float64]) -> float:
+    """Contact height, mm, within the descent; for each one tried the stiffness a that fits it best is known."""
+
+    def misfit(contact_mm: float) -> float:
+        shape = np.maximum(contact_mm - height_mm, 0.0) ** CONTACT_EXPONENT
+        stiffness = shape @ force_gwt / (shape @ shape)
+        return float(((force_gwt - stiffness * shape) ** 2).sum())
+
+    tried, step = np.linspace(height_mm[-1], height_mm[0], _TRIED, retstep=True)
+    best = tried[1 + int(np.argmin([misfit(contact) for contact in tried[1:]]))]
+    lowest = max(best - step, 0.5 * (height_mm[-1] + tried[1]))
+    found = minimize_scalar(misfit, bounds=(lowest, min(best + step, height_mm[0])), options={"xatol": 1e-10})
+    return float(found.x)

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rig.run import LimitError, NotReadyError, RunAborted, Target, TripError, indent
+from rig.run import LimitError, NotReadyError, PressId, RunAborted, Target, TripError, indent
 from rig.run.engine import State
 from rig.run.journal import read_journal
 from rig.settings import RigSettings
@@ -103,7 +103,7 @@ def test_each_verb_is_journalled(spring: Make) -> None:
     assert [stream for stream, _ in bench.events] == ["mount", "home", "zero", "sample", "move", "note", "retract"]
     assert bench.of("home")[0]["controller"].startswith("[VER:1.1h")
     assert bench.of("zero")[0]["sensor"] == "MT-SICS balance 0123456789"
-    assert bench.of("move")[0] == {"x_mm": 0.5, "height_mm": 2.0}
+    assert bench.of("move")[0] == {"x_mm": 0.5, "along_mm": 0.0, "height_mm": 2.0}
     documents = list(read_journal(bench.journal_path))
     assert [d["stream"] for d in documents if d["doc"] == "event"] == [stream for stream, _ in bench.events]
 
@@ -114,7 +114,7 @@ def test_a_reading_is_of_after_the_move(spring: Make) -> None:
     engine = bench.ready()
     for n in range(20):
         engine.go_to_height(engine.height_mm - 0.0213, 0.5)
-        read = engine.read_force_gwt(0, "touch")
+        read = engine.read_force_gwt(PressId(0), "touch")
         depth = bench.contact_mm - bench.height_mm
         assert read == pytest.approx(6.0 * max(depth, 0.0) ** 1.5, abs=0.005 + 1e-6), n
 

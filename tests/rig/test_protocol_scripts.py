@@ -58,7 +58,7 @@ def test_a_script_is_named_by_path_or_as_shipped(tmp_path: Path, monkeypatch: py
 def test_a_missing_script(tmp_path: Path) -> None:
     assert _load_complaint("stairs") == (
         "protocol 'stairs': no such file, and not a shipped one "
-        "(bars, cylinders, first_press, gratings, line, paired_forces, steps)"
+        "(bars, cylinders, find_finger, first_press, gratings, line, paired_forces, steps)"
     )
     assert "no such file" in _load_complaint(tmp_path / "steps.py")
 

@@ -54,6 +54,8 @@ VERBS: dict[str, Callable[[Any], object]] = {
     "indent": _indent,
     "retract": lambda bench: bench.engine.retract(),
     "note": lambda bench: bench.engine.note("a word"),
+    "rest": lambda bench: bench.engine.rest(0.1),
+    "checkpoint": lambda bench: bench.engine.checkpoint("here"),
     "stop": _stop,
     "trip": _trip,
 }
@@ -61,19 +63,23 @@ VERBS: dict[str, Callable[[Any], object]] = {
 MACHINE: dict[State, dict[str, State | None]] = {
     State.UNHOMED: {
         "mount": State.UNHOMED, "home": State.READY, "zero": None, "move_to": None, "indent": None, "retract": None,
-        "note": State.UNHOMED, "stop": State.UNHOMED, "trip": State.TRIPPED,
+        "note": State.UNHOMED, "checkpoint": State.UNHOMED, "rest": None,
+        "stop": State.UNHOMED, "trip": State.TRIPPED,
     },
     State.READY: {
         "mount": State.READY, "home": State.READY, "zero": State.READY, "move_to": State.READY, "indent": State.READY,
-        "retract": State.READY, "note": State.READY, "stop": State.UNHOMED, "trip": State.TRIPPED,
+        "retract": State.READY, "note": State.READY, "checkpoint": State.READY, "rest": State.READY,
+        "stop": State.UNHOMED, "trip": State.TRIPPED,
     },
     State.IN_CONTACT: {
         "mount": None, "home": State.READY, "zero": None, "move_to": None, "indent": None, "retract": State.READY,
-        "note": State.IN_CONTACT, "stop": State.UNHOMED, "trip": State.TRIPPED,
+        "note": State.IN_CONTACT, "checkpoint": State.IN_CONTACT, "rest": None,
+        "stop": State.UNHOMED, "trip": State.TRIPPED,
     },
     State.TRIPPED: {
         "mount": None, "home": None, "zero": None, "move_to": None, "indent": None, "retract": None,
-        "note": State.TRIPPED, "stop": State.TRIPPED, "trip": State.TRIPPED,
+        "note": State.TRIPPED, "checkpoint": State.TRIPPED, "rest": None,
+        "stop": State.TRIPPED, "trip": State.TRIPPED,
     },
 }  # fmt: skip
 

@@ -1,0 +1,112 @@
+"""Schedules as experiments need them: seeded random order, repeats, blocks, rests, preconditioning.
+
+schedule = p.schedule(positions_mm)
+for block in schedule.on(rig):          # a checkpoint, and a zero before and after
+    for x_mm in block:                  # with a rest between
+        rig.move_to(x_mm=x_mm)
+        rig.indent(force_gwt=p.force_gwt)
+"""
+
+import random
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Generic, Literal, TypeVar
+
+from pydantic import Field
+
+from rig.protocol.api import ProtocolParameters, Rig
+
+T = TypeVar("T")
+Order = Literal["given", "random"]
+
+
+@dataclass(frozen=True)
+class Block(Generic[T]):
+    """What is done between two zeros, in this order."""
+
+    number: int
+    items: tuple[T, ...]
+    schedule: "Schedule[T]"
+    rig: Rig
+
+    def __iter__(self) -> Iterator[T]:
+        """The items, with a rest between one and the next, and the references that are due."""
+        for n, item in enumerate(self.items):
+            if n and self.schedule.rest_s:
+                self.rig.rest(self.schedule.rest_s)
+            if self.schedule.reference is not None and n % self.schedule.reference.every == 0:
+                self.rig.reference(x_mm=self.schedule.reference.x_mm, doi_mm=self.schedule.reference.doi_mm)
+            yield item
+
+
+@dataclass(frozen=True)
+class ReferencePress:
+    """The same press before every so many indentations, at a place of its own."""
+
+    every: int
+    x_mm: float
+    doi_mm: float
+
+
+@dataclass(frozen=True)
+class Schedule(Generic[T]):
+    """Items, each `repeats` times in a block, in the order given or in a random one that hangs on the seed alone."""
+
+    items: Sequence[T]
+    order: Order = "given"
+    seed: int = 0
+    repeats: int = 1
+    blocks: int = 1
+    rest_s: float = 0.0
+    block_rest_s: float = 0.0
+    reference: ReferencePress | None = None
+
+    def block(self, number: int) -> tuple[T, ...]:
+        """The items of a block (from 1) in their order: always the same ones for the same seed."""
+        items = tuple(self.items) * self.repeats
+        if self.order == "given":
+            return items
+        # Sorting by random() is the one order that Python promises to keep from version to version.
+        chance = random.Random(f"{self.seed}, block {number}")
+        return tuple(
+            item for _, item in sorted(((chance.random(), item) for item in items), key=lambda pair: pair[0])
+        )
+
+    def on(self, rig: Rig) -> Iterator[Block[T]]:
+        """The blocks one after another, the sensor zeroed before and after each."""
+        for number in range(1, self.blocks + 1):
+            if number > 1 and self.block_rest_s:
+                rig.rest(self.block_rest_s)
+            rig.checkpoint(f"block {number} of {self.blocks}")
+            rig.zero()
+            yield Block(number, self.block(number), self, rig)
+            rig.zero()
+
+
+class ScheduledParameters(ProtocolParameters):
+    """Base of the `Parameters` of a script that goes by a schedule."""
+
+    order: Order = "given"
+    seed: int = Field(0, ge=0, description="of a random order")
+    repeats: int = Field(1, ge=1, le=100, description="of each item in a block")
+    blocks: int = Field(1, ge=1, le=100)
+    rest_s: float = Field(0.0, ge=0, le=3600, description="between indentations")
+    block_rest_s: float = Field(0.0, ge=0, le=3600, description="between blocks")
+    precondition: int = Field(0, ge=0, le=100, description="presses before each block that are no data")
+    reference_every: int = Field(0, ge=0, le=1000, description="indentations between reference presses; 0: none")
+    reference_x_mm: float = 0.0
+    reference_doi_mm: float = Field(0.4, gt=0, le=1.5)
+
+    def schedule(self, items: Sequence[T]) -> Schedule[T]:
+        """These items, scheduled as the parameters say."""
+        reference = ReferencePress(self.reference_every, self.reference_x_mm, self.reference_doi_mm)
+        return Schedule(
+            items,
+            self.order,
+            self.seed,
+            self.repeats,
+            self.blocks,
+            self.rest_s,
+            self.block_rest_s,
+            reference if self.reference_every else None,
+        )

@@ -1,0 +1,141 @@
+"""Finding the finger: a sphere touches it at several places; its frame comes out within the stated uncertainty."""
+
+import tomllib
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rig.protocol.config import Config
+from rig.protocol.errors import BadInputError
+from rig.protocol.find import Lie, find
+from rig.protocol.plan import make_plan
+from rig.protocol.script import load_script
+from rig.protocol.session import Session, dry_run
+from sim.fingertip import Fingertip, ModelRangeError
+from sim.plant import Pose, Press, Turn
+
+TRUTH = {"pad_centre_x_mm": 0.4, "apex_z_mm": -0.15, "pad_y_mm": 0.5, "roll_deg": 4.0, "tilt_deg": -3.0}
+WAS = {"pad_centre_x_mm": -30.0, "apex_z_mm": -25.0, "pad_y_mm": -15.0, "roll_deg": 0.0, "tilt_deg": 0.0}
+
+
+def _within_what_is_stated(lie: Lie, truth: dict[str, float]) -> None:
+    """Twice the standard deviation is said to hold 95 %; three of them, 99.7 %, for several keys at once."""
+    assert set(lie.value) <= set(truth)
+    for name, value in lie.value.items():
+        assert abs(value - WAS[name] - truth[name]) < 3 * lie.sd[name], name
+
+
+# --- on exact geometry ---
+
+
+def _touched(finger: Fingertip, truth: dict[str, float], along: tuple[float, ...], noise_mm: float = 0.0) -> Any:
+    """A run's touches of a sphere, from the simulator's own first touch: nothing of it is used by the fit."""
+    chance, plane = np.random.default_rng(3), finger.config.receptor_plane_mm
+    turn, events = Turn(truth["roll_deg"], truth["tilt_deg"]), []
+    for x in (-2.0, -1.0, 0.0, 1.0, 2.0):
+        for a in along:
+            height = 0.0
+            for _ in range(5):  # the place under a turned finger hangs on the height; it converges tenfold a step
+                pose = Pose(x - truth["pad_centre_x_mm"], height - truth["apex_z_mm"], a - truth["pad_y_mm"])
+                seen = turn.seen_from_finger(pose, 2.0)
+                touch = finger.touch_height_mm("sphere:2", seen.x_mm, z_mm=plane + seen.along_mm)
+                height -= seen.above_apex_mm - (touch - finger.apex_height_mm)
+            place = {"indentor": "sphere:2", "x_mm": x, "along_mm": a}
+            events.append({**place, "contact_height_mm": height + chance.normal(0.0, noise_mm)})
+    return SimpleNamespace(stream=lambda name: {"find": events}[name], folder=SimpleNamespace(path="here"))
+
+
+@pytest.mark.parametrize("noise_mm", [0.0, 0.005])
+def test_the_frame_of_a_turned_finger_is_found(finger: Fingertip, noise_mm: float) -> None:
+    lie = find(_touched(finger, TRUTH, (-2.0, 0.0, 2.0), noise_mm), Config(), finger)
+    _within_what_is_stated(lie, TRUTH)
+    assert lie.residual_mm < max(2 * noise_mm, 0.001)  # the skin's points are 0.3 µm off at most
+    assert lie.sd["apex_z_mm"] < 0.03
+    # The pad is nearly round across: a roll looks like a step to the side, and the correlation says so.
+    assert abs(lie.correlation[0, 3]) > 0.9
+
+
+def test_without_an_axis_along_the_finger_tilt_and_place_along_stay_as_they_were(finger: Fingertip) -> None:
+    truth = {**TRUTH, "pad_y_mm": 0.0, "tilt_deg": 0.0}
+    lie = find(_touched(finger, truth, (0.0,)), Config(), finger)
+    assert list(lie.value) == ["pad_centre_x_mm", "apex_z_mm", "roll_deg"]
+    _within_what_is_stated(lie, truth)
+
+
+def test_too_few_touches_or_no_sphere(finger: Fingertip) -> None:
+    run = _touched(finger, TRUTH, (0.0,))
+    few = SimpleNamespace(stream=lambda name: run.stream(name)[:4], folder=run.folder)
+    with pytest.raises(BadInputError, match="run here: 4 touches, expected more, at several x"):
+        find(few, Config(), finger)
+    bars = SimpleNamespace(stream=lambda name: [{**run.stream(name)[0], "indentor": "bar:3.0"}], folder=run.folder)
+    with pytest.raises(BadInputError, match="expected touches of one sphere"):
+        find(bars, Config(), finger)
+
+
+def test_the_frame_is_a_table_of_the_configuration(finger: Fingertip) -> None:
+
+    lie = find(_touched(finger, TRUTH, (-2.0, 0.0, 2.0)), Config(), finger)
+    config = Config.model_validate(tomllib.loads(lie.as_toml()))
+    assert config.frame.pad_centre_x_mm == pytest.approx(lie.value["pad_centre_x_mm"], abs=1e-4)
+    assert config.frame.roll_deg == pytest.approx(lie.value["roll_deg"], abs=1e-4)
+    assert "roll_deg" in config.as_toml()  # so that it is stored with every run
+
+
+# --- on the virtual bench ---
+
+
+def test_the_finger_is_found_by_touching_it(finger: Fingertip, tmp_path: Path) -> None:
+    """Off-centre and turned, over the wire: nine touches; their bias is in the residual."""
+    virtual = {
+        "finger_x_offset_mm": TRUTH["pad_centre_x_mm"],
+        "finger_z_offset_mm": TRUTH["apex_z_mm"],
+        "finger_along_offset_mm": TRUTH["pad_y_mm"],
+        "finger_roll_deg": TRUTH["roll_deg"],
+        "finger_tilt_deg": TRUTH["tilt_deg"],
+    }
+    config = Config.model_validate(
+        {"virtual": virtual, "limits": {"search_mm": 1.2}, "habits": {"clearance_mm": 1.3}}
+    )
+    script = load_script("find_finger", ["across=3", "along=3"])
+    plan = make_plan(script, config, finger)
+    done = dry_run(Session(script, config, finger, plan, tmp_path, interrupted=lambda: False))
+    assert done.complete, done.problem
+    lie = find(done.run, config, finger)
+    assert lie.touches == 9
+    _within_what_is_stated(lie, TRUTH)
+    assert lie.residual_mm < 0.01
+
+
+def test_a_stage_without_that_axis_is_not_sent_along(finger: Fingertip) -> None:
+    config = Config.model_validate({"stage": {"kind": "leadshine"}})
+    with pytest.raises(BadInputError, match="along_mm = -2: a leadshine stage has no axis along the finger"):
+        make_plan(load_script("find_finger"), config, finger)
+    plan = make_plan(load_script("find_finger", ["along=1"]), config, finger)
+    assert len(plan.touches) == 5
+
+
+def test_nothing_is_pressed_beside_the_receptor_plane(finger: Fingertip, tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    ready = "rig.mount('sphere:2'); rig.home(); rig.zero(); rig.move_to(x_mm=0.0, along_mm=1.0); "
+    path.write_text(f"def run(rig):\n    {ready}rig.indent(doi_mm=0.2)\n", encoding="utf-8")
+    with pytest.raises(BadInputError, match="indent: along_mm = 1: expected 0, elsewhere only touch"):
+        make_plan(load_script(str(path)), Config(), finger)
+
+
+# --- the turned finger itself ---
+
+
+def test_a_turn_by_hand() -> None:
+    """Roll 90°: +x of the machine is −y of the finger, its +y is +x. A sphere over the apex lies beside it."""
+    seen = Turn(roll_deg=90.0).seen_from_finger(Pose(0.0, 1.0, 0.5), 2.0)
+    assert (seen.x_mm, seen.above_apex_mm, seen.along_mm) == pytest.approx((3.0, -2.0, 0.5))
+    tilted = Turn(tilt_deg=90.0).seen_from_finger(Pose(0.0, 1.0, 0.5), 2.0)
+    assert (tilted.x_mm, tilted.above_apex_mm, tilted.along_mm) == pytest.approx((0.0, -1.5, -3.0))
+
+
+def test_only_a_sphere_presses_a_turned_finger(finger: Fingertip) -> None:
+    with pytest.raises(ModelRangeError, match=r"bar:3\.0 on a finger that is rolled or tilted: expected a sphere"):
+        Press(finger, "bar:3.0", turn=Turn(roll_deg=2.0))

@@ -1,0 +1,362 @@
+"""Schedules: the order, the rests, the presses that are no data, the time a finger is touched, and who it is of."""
+
+import itertools
+import json
+import shutil
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.cli import main
+from rig.data import read_run
+from rig.protocol import Schedule
+from rig.protocol.config import Config
+from rig.protocol.errors import BadInputError
+from rig.protocol.plan import make_plan
+from rig.protocol.preflight import preflight
+from rig.protocol.resume import read_stopped
+from rig.protocol.script import load_script
+from rig.protocol.session import FinishedRun, Session, dry_run
+from rig.protocol.subject import checked_subject
+from rig.run import LimitError, NotReadyError, PressId, RunAborted, Target, indent
+from rig.run.engine import State
+from rig.settings import RigSettings
+from sim.fingertip import Fingertip
+
+Make = Callable[..., Any]
+PLACES = (-0.5, 0.0, 0.5)
+SCRIPT = f"""\
+from rig.protocol import ScheduledParameters
+
+
+class Parameters(ScheduledParameters):
+    hold_s: float = 0.1
+
+
+def run(rig):
+    p = rig.parameters
+    rig.mount("bar:3.0")
+    rig.home()
+    for block in p.schedule({PLACES}).on(rig):
+        if p.precondition:
+            rig.move_to(x_mm=0.0)
+            rig.precondition(presses=p.precondition, force_gwt=1.5, hold_s=0.2)
+        for x_mm in block:
+            rig.move_to(x_mm=x_mm)
+            rig.indent(force_gwt=1.0, hold_s=p.hold_s)
+"""
+SET = ("order=random", "seed=3", "blocks=2", "rest_s=1.5", "block_rest_s=10", "precondition=2")
+
+
+# --- the order ---
+
+
+def test_the_order_of_a_seed_never_changes() -> None:
+    """Written down once; it rests on random.Random(text).random(), which Python keeps from version to version."""
+    schedule = Schedule("abcdef", order="random", seed=3, blocks=2)
+    assert ["".join(schedule.block(n)) for n in (1, 2)] == ["fcbead", "fdbcea"]
+
+
+def test_every_item_comes_as_often_as_asked() -> None:
+    schedule = Schedule("abc", order="random", seed=1, repeats=4)
+    assert sorted(schedule.block(1)) == sorted("abc" * 4)
+    assert len({schedule.block(n) for n in range(1, 9)}) > 1
+    assert len({Schedule("abcdef", order="random", seed=seed).block(1) for seed in range(9)}) > 1
+    assert Schedule("abc", repeats=2).block(1) == tuple("abcabc")
+
+
+def test_every_order_is_as_likely() -> None:
+    """Of six orders over 1200 seeds each comes 200 ± 5 · √(1200 · 1/6 · 5/6) = 200 ± 65 times."""
+    orders = [Schedule("abc", order="random", seed=seed).block(1) for seed in range(1200)]
+    counts = [orders.count(order) for order in itertools.permutations("abc")]
+    assert min(counts) > 135
+    assert max(counts) < 265
+
+
+# --- a run by a schedule ---
+
+
+@pytest.fixture(scope="module")
+def done(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> FinishedRun:
+    folder = tmp_path_factory.mktemp("scheduled")
+    (folder / "mine.py").write_text(SCRIPT, encoding="utf-8")
+    script = load_script(str(folder / "mine.py"), SET)
+    plan = make_plan(script, Config(), finger)
+    session = Session(script, Config(), finger, plan, folder / "runs", lambda: False, subject="S07")
+    found = dry_run(session)
+    assert found.complete, found.problem
+    return found
+
+
+def _order(run: Any) -> list[float]:
+    return [event["x_mm"] for event in run.stream("indentation_start")]
+
+
+def test_blocks_rests_checkpoints_and_zeros_are_journalled(done: FinishedRun) -> None:
+    run = done.run
+    schedule = Schedule(PLACES, order="random", seed=3)
+    assert _order(run) == [*schedule.block(1), *schedule.block(2)]
+    assert [event["name"] for event in run.stream("checkpoint")] == ["block 1 of 2", "block 2 of 2"]
+    assert [event["rest_s"] for event in run.stream("rest")] == [1.5, 1.5, 10.0, 1.5, 1.5]
+    drifts = [event["drift_gwt"] for event in run.stream("zero")]
+    assert drifts == [None, 0.0, 0.0, 0.0]
+    assert not run.stream("alarm")
+
+
+def test_a_rest_is_as_long_as_was_asked(done: FinishedRun) -> None:
+    """From the end of one indentation to the move to the next there is the rest and nothing else."""
+    ends = [event["t_s"] for event in done.run.stream("indentation_end")]
+    rests = [event["t_s"] for event in done.run.stream("rest") if event["rest_s"] == 1.5]
+    pauses = [rest - max(end for end in ends if end < rest) for rest in rests]
+    assert pauses == pytest.approx([1.5] * 4, abs=1e-3)
+
+
+def test_preconditioning_is_no_data(done: FinishedRun) -> None:
+    run = done.run
+    pressed = run.stream("precondition_hold_end")
+    assert [(e["index"], e["x_mm"]) for e in pressed] == [(n, 0.0) for n in range(4)]
+    assert all(e["force_gwt"] == pytest.approx(1.5, abs=0.05) for e in pressed)
+    assert done.indentations == run.start["planned_indentations"] == 6
+    assert [event["index"] for event in run.stream("hold_end")] == list(range(6))
+    table = (done.folder.path / "precondition_hold_end.csv").read_text(encoding="utf-8")
+    assert table.count("\n") == 5
+
+
+def test_check_counts_rests_and_preconditioning(done: FinishedRun, finger: Fingertip, tmp_path: Path) -> None:
+    script = load_script(str(done.folder.path / "protocol.py"), SET)
+    said = preflight(script, Config(), finger, make_plan(script, Config(), finger)).as_json()
+    assert said["duration_s"] == pytest.approx(done.duration_s, rel=0.05)
+    assert said["contact_s"] == pytest.approx(done.run.contact_s, rel=0.05)
+    assert (said["indentations"], said["other_presses"]) == (6, 4)
+    assert said["peak_force_gwt"] == pytest.approx(1.5, rel=1e-3)
+    assert said["margins"]["contact_s"] == 3600.0 - said["contact_s"]
+
+
+def test_the_contact_time_is_that_of_the_readings(done: FinishedRun) -> None:
+    """From the first reading of contact to the end of the lift, of every press, data or not."""
+    run, total_s = done.run, 0.0
+    samples = sorted([*run.stream("sample"), *run.stream("precondition_sample")], key=lambda e: e["t_s"])
+    for lift in run.stream("retract"):
+        before = [e["t_s"] for e in run.stream("retract") if e["t_s"] < lift["t_s"]]
+        first_s = next(e["t_s"] for e in samples if e["t_s"] > max(before, default=0.0) and e["force_gwt"] >= 0.05)
+        total_s += lift["t_s"] - first_s
+    assert run.contact_s == pytest.approx(total_s, abs=1e-3 * len(run.stream("retract")))
+    assert total_s > 10.0
+
+
+@pytest.mark.parametrize(
+    ("stream", "nth"), [("hold_end", 1), ("rest", 2), ("precondition_hold_end", 2), ("sample", -20)]
+)
+def test_after_a_resume_the_order_is_the_same(
+    done: FinishedRun, finger: Fingertip, tmp_path: Path, stream: str, nth: int
+) -> None:
+    """Cut after an event; what is missing is done in the order of the seed, checkpoints are not passed twice."""
+    cut = tmp_path / "cut"
+    shutil.copytree(done.folder.path, cut)
+    lines = (cut / "events.jsonl").read_bytes().splitlines(keepends=True)
+    of_stream = [
+        n for n, line in enumerate(lines) if (d := json.loads(line))["doc"] == "event" and d["stream"] == stream
+    ]
+    (cut / "events.jsonl").write_bytes(b"".join(lines[: of_stream[nth] + 1]))
+    before_s = read_run(cut).contact_s
+    stopped = read_stopped(cut)
+    plan = make_plan(stopped.script, stopped.config, finger)
+    again = dry_run(Session(stopped.script, stopped.config, finger, plan, tmp_path, lambda: False, stopped=stopped))
+    run = read_run(cut)
+    assert (again.complete, run.missing, run.repeated) == (True, 0, 0)
+    assert _order(run) == _order(done.run)
+    assert [event["name"] for event in run.stream("checkpoint")] == ["block 1 of 2", "block 2 of 2"]
+    assert run.start["subject"] == "S07"
+    assert run.contact_s > before_s
+    samples = [e["contact_s"] for name in ("sample", "precondition_sample") for e in run.stream(name)]
+    assert min(e for e in samples if e > before_s) - before_s < 1.0
+
+
+# --- reference indentations ---
+
+REFERENCES = ("seed=3", "order=random", "reference_every=2", "reference_doi_mm=0.3", "hold_s=0.1")
+
+
+def _with_references(folder: Path, finger: Fingertip, **tables: Any) -> FinishedRun:
+    (folder / "mine.py").write_text(SCRIPT, encoding="utf-8")
+    script, config = load_script(str(folder / "mine.py"), REFERENCES), Config.model_validate(tables)
+    plan = make_plan(script, config, finger)
+    return dry_run(Session(script, config, finger, plan, folder / "runs", lambda: False))
+
+
+def test_references_are_compared_and_no_data(finger: Fingertip, tmp_path: Path) -> None:
+    """The same finger answers the same to a step of the sensor, 0.01 of some 0.6 and 2 gwt."""
+    done = _with_references(tmp_path, finger)
+    run = done.run
+    assert done.complete
+    assert done.indentations == 3
+    pressed = [(e["index"], e["hold"], e["commanded"]) for e in run.stream("reference_hold_end")]
+    assert pressed == [(0, 1, 0.15), (0, 2, 0.3), (1, 1, 0.15), (1, 2, 0.3)]
+    assert [event["deviation"] for event in run.stream("reference")] == pytest.approx([0.0, 0.0], abs=0.03)
+    assert not run.stream("alarm")
+    first, second = (e["t_s"] for e in run.stream("reference"))
+    assert sum(first < e["t_s"] < second for e in run.stream("indentation_start")) == 2
+    assert _order(run) == list(Schedule(PLACES, order="random", seed=3).block(1))
+
+
+@pytest.mark.parametrize("on_alarm", ["warn", "trip"])
+def test_a_finger_that_has_softened_alarms(finger: Fingertip, tmp_path: Path, on_alarm: str) -> None:
+    """A share of 0.7 relaxes with 30 s: when the second reference comes it has not recovered from what was before."""
+    done = _with_references(
+        tmp_path, finger, virtual={"relaxation": [[0.7, 30.0]]}, limits={"on_alarm": on_alarm, "reference_band": 0.05}
+    )
+    alarms = done.run.stream("alarm")
+    assert len(alarms) == 1
+    assert alarms[0]["reason"].startswith("reference 1 is off by ")
+    assert done.complete is (on_alarm == "warn")
+
+
+def test_a_resumed_run_compares_with_its_first_reference(finger: Fingertip, tmp_path: Path) -> None:
+    whole = _with_references(tmp_path, finger)
+    lines = whole.folder.events.read_bytes().splitlines(keepends=True)
+    last = next(n for n, line in enumerate(lines) if b'"indentation_end"' in line and b'"event"' in line)
+    (first,) = [e["force_gwt"] for e in whole.run.stream("reference_hold_end")[1:2]]
+    text = b"".join(lines[: last + 1]).replace(f'"force_gwt": {first}'.encode(), f'"force_gwt": {first / 2}'.encode())
+    whole.folder.events.write_bytes(text)
+    stopped = read_stopped(whole.folder.path)
+    plan = make_plan(stopped.script, stopped.config, finger)
+    again = dry_run(Session(stopped.script, stopped.config, finger, plan, tmp_path, lambda: False, stopped=stopped))
+    assert again.complete
+    assert [e["index"] for e in again.run.stream("reference")] == [0, 0, 1]
+    assert again.run.stream("reference")[1]["deviation"] == pytest.approx(1.0, abs=0.1)
+    assert again.run.stream("alarm")
+
+
+# --- rests and contact time in the engine ---
+
+
+def test_a_pause_is_taken_in_the_middle_of_a_rest(spring: Make) -> None:
+    bench = spring()
+    engine = bench.ready()
+    start_s = bench.clock.monotonic_s()
+    bench.interrupt = lambda: bench.clock.monotonic_s() >= start_s + 2.0
+    bench.clock.call_at(start_s + 2.0, lambda: None)
+    with pytest.raises(RunAborted):
+        engine.rest(60.0)
+    assert bench.clock.monotonic_s() == pytest.approx(start_s + 2.0, abs=0.01)
+    assert not bench.of("rest")
+
+
+def test_no_rest_in_contact(spring: Make) -> None:
+    engine = spring().ready()
+    engine.go_to_height(1.9 + 0.05, 0.5)
+    with pytest.raises(NotReadyError, match="rest: not allowed while in contact"):
+        engine.rest(1.0)
+
+
+def test_presses_that_are_no_data_send_no_pulse(spring: Make) -> None:
+    bench = spring(settings=RigSettings.model_validate({"sync": {"output": "coolant"}}))
+    indent(bench.ready(), Target("force_gwt", 1.0), hold_s=0.1, press_id=PressId(0, "precondition"))
+    assert not bench.of("sync")
+    assert not bench.of("hold_end")
+    assert len(bench.of("precondition_hold_end")) == 1
+
+
+def test_the_contact_time_is_limited_live(spring: Make) -> None:
+    """Two presses of some 5 s each; the third would pass 12 s: it is lifted within a reading of that."""
+    bench = spring(settings=RigSettings.model_validate({"limits": {"max_contact_s": 12.0}}))
+    engine = bench.ready()
+    for _ in range(2):
+        indent(engine, Target("force_gwt", 1.0), hold_s=3.0)
+    with pytest.raises(LimitError, match=r"touched for 12\.\d s in this run, limits\.max_contact_s = 12"):
+        indent(engine, Target("force_gwt", 1.0), hold_s=30.0)
+    assert engine.state is State.READY
+    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
+    assert 12.0 < engine.contact.total_s < 13.0  # a reading, and the lift
+    assert len(bench.of("indentation_end")) == 2
+    with pytest.raises(LimitError, match="touched for"):
+        indent(engine, Target("force_gwt", 1.0))
+
+
+def test_a_drift_of_the_zero_is_told_and_alarms(spring: Make) -> None:
+    bench = spring()
+    engine = bench.ready()
+    bench.balance._force_n = lambda t_s: 0.04 * 9.80665e-3
+    engine.zero()
+    assert bench.of("zero")[-1]["drift_gwt"] == pytest.approx(0.04, abs=1e-6)
+    assert bench.of("alarm") == [{"reason": "the zero has drifted by +0.04 gwt, limits.zero_drift_gwt = 0.03"}]
+    assert engine.state is State.READY
+
+
+def test_an_alarm_trips_where_that_is_configured(spring: Make) -> None:
+    bench = spring(settings=RigSettings.model_validate({"limits": {"on_alarm": "trip"}}))
+    engine = bench.ready()
+    bench.balance._force_n = lambda t_s: 0.04 * 9.80665e-3
+    with pytest.raises(Exception, match="the zero has drifted"):
+        engine.zero()
+    assert engine.state is State.TRIPPED
+
+
+# --- what is refused before anything moves ---
+
+
+def _complaint(finger: Fingertip, tmp_path: Path, body: str, **tables: Any) -> str:
+    path = tmp_path / "mine.py"
+    ready = "rig.mount('bar:3.0'); rig.home(); rig.zero(); rig.move_to(x_mm=0.0); "
+    path.write_text(f"def run(rig):\n    {ready}{body}\n", encoding="utf-8")
+    with pytest.raises(BadInputError) as caught:
+        make_plan(load_script(str(path)), Config.model_validate(tables), finger)
+    return str(caught.value).removeprefix(f"{path}, line 2: ")
+
+
+@pytest.mark.parametrize(
+    ("body", "complaint"),
+    [
+        ("rig.rest(-1)", "rest: seconds = -1: expected 0 … 3600 s"),
+        ("rig.rest('long')", "rest: seconds = 'long': expected a number"),
+        ("rig.checkpoint(3)", "checkpoint: expected text, got 3"),
+        (
+            "rig.checkpoint('a'); rig.checkpoint('a')",
+            "checkpoint: 'a' has been passed already, expected another name",
+        ),
+        ("rig.precondition(presses=0, doi_mm=0.3)", "precondition: presses = 0: expected a whole number, 1 … 100"),
+        ("rig.precondition(presses=1)", "precondition: expected either doi_mm or force_gwt"),
+        ("rig.precondition(presses=1, doi_mm=1.6)", "precondition: doi_mm = 1.6 is beyond limits.max_doi_mm = 1.5"),
+    ],
+)
+def test_bad_verbs(finger: Fingertip, tmp_path: Path, body: str, complaint: str) -> None:
+    assert _complaint(finger, tmp_path, body) == complaint
+
+
+def test_a_contact_time_beyond_the_limit_is_refused(finger: Fingertip, tmp_path: Path) -> None:
+    body = "rig.precondition(presses=3, doi_mm=0.3, hold_s=20); rig.indent(doi_mm=0.3, increments=2, hold_s=25)"
+    complaint = _complaint(finger, tmp_path, body, limits={"max_contact_s": 100.0})
+    assert complaint == "indent: the finger would be held for 110 s in all, beyond limits.max_contact_s = 100"
+
+
+# --- the subject ---
+
+
+@pytest.mark.parametrize("code", ["S07", "AB0123", "SUB123456"])
+def test_codes(code: str) -> None:
+    assert checked_subject(code) == code
+
+
+@pytest.mark.parametrize("name", ["Anna", "anna01", "S7", "SUBJ01", "S07 Anna", "", "S07\n", "07"])
+def test_names_are_refused_and_not_repeated(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setattr(
+        "sys.argv", ["rig", "dry-run", "first_press", "--out", str(tmp_path / "runs"), "--subject", name]
+    )
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    told = capsys.readouterr().err
+    assert told == (
+        "rig: --subject: expected a code such as S07, one to three capital letters and two to six digits, "
+        "never a name\n"
+    )
+    assert not (tmp_path / "runs").exists()
+
+
+def test_the_subject_is_stored_with_the_run(done: FinishedRun) -> None:
+    about: Mapping[str, Any] = json.loads(done.folder.provenance.read_text(encoding="utf-8"))
+    assert about["subject"] == done.run.start["subject"] == "S07"
