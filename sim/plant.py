@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
@@ -14,6 +14,7 @@ from sim.contact.solver import ContactState
 from sim.fingertip import FARTHEST_X_MM, Fingertip, ModelRangeError
 
 _WARM_MOVE_MM = 0.1
+_FARTHEST_ONWARD = 2.0  # times the way between the last two states
 _DEPTH_TOLERANCE_MM = 1e-6
 
 StepsAt = Callable[[float], tuple[int, int, int]]
@@ -47,6 +48,10 @@ class Pose:
     x_mm: float
     above_apex_mm: float
     along_mm: float = 0.0
+
+    def over(self, other: "Pose") -> bool:
+        """Whether both are over the same place of the finger."""
+        return (self.x_mm, self.along_mm) == (other.x_mm, other.along_mm)
 
 
 @dataclass(frozen=True)
@@ -131,6 +136,7 @@ class Press:
         self._stiffness, self._compliance = stiffness, compliance_mm_per_n
         self._touch_mm = (math.nan, math.nan, math.nan)  # height of first touch at the last x and along
         self._last: _Pressed | None = None
+        self._before: _Pressed | None = None  # the one before the last
         self.contact_solves = 0
 
     def doi_mm(self, pose: Pose) -> float:
@@ -164,7 +170,7 @@ class Press:
     def _pressed(self, pose: Pose, way_mm: float) -> _Pressed:
         if self._last is None or self._last.pose != pose:
             rigid = self._at_depth(pose, way_mm, self._last)
-            self._last = self._given_way(rigid) if self._compliance else rigid
+            self._before, self._last = self._last, self._given_way(rigid) if self._compliance else rigid
         return self._last
 
     def _given_way(self, rigid: _Pressed) -> _Pressed:
@@ -184,9 +190,8 @@ class Press:
     def _at_depth(self, pose: Pose, doi_mm: float, last: _Pressed | None) -> _Pressed:
         """Continue from the last state when it is near: the branch reached by pressing in."""
         self.contact_solves += 1
-        same_place = last is not None and (last.pose.x_mm, last.pose.along_mm) == (pose.x_mm, pose.along_mm)
-        near = last is not None and same_place and abs(last.doi_mm - doi_mm) <= _WARM_MOVE_MM
-        start = last.state if last is not None and near else None
+        near = last is not None and last.pose.over(pose) and abs(last.doi_mm - doi_mm) <= _WARM_MOVE_MM
+        start = self._onward(last, doi_mm) if last is not None and near else None
         result = self._finger.indent(self._indentor, pose.x_mm, z_mm=self._z_mm(pose), doi_mm=doi_mm, start=start)
         if not result.state.converged:
             raise ModelRangeError(
@@ -194,6 +199,20 @@ class Press:
                 f"{doi_mm:g} mm: residual {result.state.residual:.0e}"
             )
         return _Pressed(pose, doi_mm, self._stiffness * result.force_n, result.state)
+
+    def _onward(self, last: _Pressed, doi_mm: float) -> ContactState:
+        """A start: the last state, under smooth shapes moved on by what changed before it.
+
+        Sharp shapes have several equilibria, and a start beyond the last state may lead to another one.
+        """
+        before = self._before
+        if self._indentor.sharp or before is None or last is not self._last or not before.pose.over(last.pose):
+            return last.state
+        gone_mm, going_mm = last.doi_mm - before.doi_mm, doi_mm - last.doi_mm
+        if gone_mm == 0 or abs(going_mm) > _FARTHEST_ONWARD * abs(gone_mm):
+            return last.state
+        change = (last.state.displacement - before.state.displacement) * (going_mm / gone_mm)
+        return replace(last.state, displacement=last.state.displacement + change)
 
 
 class Plant:

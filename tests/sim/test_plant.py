@@ -140,6 +140,17 @@ def test_pressing_in_steps_is_pressing_at_once(finger: Fingertip, carriage: Step
     assert plant.contact_solves <= 10
 
 
+def test_uneven_steps_down_and_up_are_pressing_at_once(finger: Fingertip, carriage: Steps) -> None:
+    # A start moved on by the last change is only a start: what comes out is the answer from rest.
+    plant = plant_of(finger, carriage)
+    for depth in (0.1, 0.12, 0.2, 0.15, 0.15, 0.4, 0.41, 0.02, 0.5):
+        carriage.command(-31.0, -25.0 - depth)
+        force, pose = plant.force_n(0.0), plant.pose_at(0.0)
+        if pose.doi_mm > 0:
+            at_once = finger.indent("step:5", pose.x_mm, doi_mm=pose.doi_mm).force_n
+            assert force == pytest.approx(at_once, rel=1e-8), depth
+
+
 def test_an_unchanged_pose_is_not_solved_again(finger: Fingertip, carriage: Steps) -> None:
     plant = plant_of(finger, carriage)
     carriage.command(-31.0, -25.4)
