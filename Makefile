@@ -40,7 +40,12 @@ bench: .venv/.ready-dev
 	$(BIN)/python bench/oracles.py
 	$(BIN)/rig bench
 	$(BIN)/python bench/serve_latency.py
+	$(BIN)/python bench/warm_contact.py
+	$(BIN)/python bench/recovery.py
 	$(BIN)/python bench/kills.py
+	$(BIN)/python bench/faults.py
+	$(BIN)/python bench/check.py
+	$(BIN)/python bench/coverage.py 100
 
 clean:
 	rm -rf .venv runs study build dist
