@@ -3,22 +3,19 @@
 import os
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
 from rig.bench import open_force, open_stage
 from rig.cli.interrupts import STOP_SIGNAL, at_once
 from rig.cli.looking import look, position
+from rig.cli.options import ConfigOption, JsonOption
 from rig.cli.output import ExitCode, complain, out, print_json, told_in_one_line
 from rig.clock import WallClock
 from rig.protocol.config import Config, load_config
 from rig.stage.base import Stage
 from rig.transport import TransportError, first_owner
-
-ConfigOption = Annotated[Path, typer.Option("--config", metavar="TOML", help="Configuration of the rig.")]
-JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
 
 _LET_GO_S = 5.0
 

@@ -9,8 +9,9 @@ from typing import Annotated, get_args
 import typer
 
 from rig.bench import open_bench, open_force
-from rig.cli.bench import ConfigOption, JsonOption, stage_at_hand
+from rig.cli.bench import stage_at_hand
 from rig.cli.interrupts import at_once
+from rig.cli.options import ConfigOption, JsonOption
 from rig.cli.output import err, out, print_json, told_in_one_line
 from rig.cli.run import ask_at_the_bench
 from rig.clock import WallClock

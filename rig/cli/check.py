@@ -1,11 +1,11 @@
 """`rig check`: what a protocol will do, before anything moves."""
 
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 from rich.table import Table
 
+from rig.cli.options import FingerConfigOption, JsonOption, MoreArgument, ProtocolArgument, SetOption
 from rig.cli.output import loading_the_finger, out, print_json, told_in_one_line
 from rig.protocol.config import load_config
 from rig.protocol.plan import make_plan
@@ -31,13 +31,11 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
-    protocol: Annotated[str, typer.Argument(help="A path, or the name of a shipped protocol.")],
-    more: Annotated[list[str] | None, typer.Argument(metavar="[K=V]...", help="Further settings.")] = None,
-    set_: Annotated[
-        list[str] | None, typer.Option("--set", metavar="K=V", help="A parameter; may be repeated.")
-    ] = None,
-    config: Annotated[Path | None, typer.Option(metavar="TOML", help="Configuration of rig and finger.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
+    protocol: ProtocolArgument,
+    more: MoreArgument = None,
+    set_: SetOption = None,
+    config: FingerConfigOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Walk through the script against the limits and the finger model, and rehearse it on springs."""
     with told_in_one_line(as_json=as_json):

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from rig.cli.options import JsonOption
 from rig.cli.output import loading_the_finger, out, print_json, told_in_one_line
 from rig.compare.comparison import Comparison, compare
 from rig.compare.comparison_report import Section, write_comparison
@@ -49,7 +50,7 @@ def command(
         Path | None, typer.Option("--out", metavar="HTML", help="The report; comparison.html in the first run.")
     ] = None,
     pdf: Annotated[Path | None, typer.Option(metavar="FILE", help="The same report as PDF, too.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Compare runs, write the report and a sidecar with dates and times."""
     with told_in_one_line(as_json=as_json):

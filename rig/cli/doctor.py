@@ -10,6 +10,7 @@ import typer
 from serial.tools import list_ports
 
 from rig.cli.looking import look
+from rig.cli.options import JsonOption
 from rig.cli.output import out, print_json, told_in_one_line
 from rig.protocol.calibration import today
 from rig.protocol.config import Config, load_config
@@ -27,7 +28,7 @@ def register(app: typer.Typer) -> None:
 
 def command(
     config: Annotated[Path | None, typer.Option(metavar="TOML", help="Also look at the devices it names.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Print what a bug report should say."""
     with told_in_one_line(as_json=as_json):

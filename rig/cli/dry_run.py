@@ -5,8 +5,17 @@ from typing import Annotated
 
 import typer
 
+from rig.cli.options import (
+    FingerConfigOption,
+    JsonOption,
+    MoreArgument,
+    OutOption,
+    ProtocolArgument,
+    SetOption,
+    SubjectOption,
+)
 from rig.cli.output import complain, told_in_one_line
-from rig.cli.session import SubjectOption, carry_out, leave
+from rig.cli.session import carry_out, leave
 from rig.protocol.calibration import expired_calibrations
 from rig.protocol.config import load_config
 from rig.protocol.errors import BadInputError
@@ -20,18 +29,14 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
-    protocol: Annotated[str, typer.Argument(help="A path, or the name of a shipped protocol.")],
-    more: Annotated[list[str] | None, typer.Argument(metavar="[K=V]...", help="Further settings.")] = None,
-    set_: Annotated[
-        list[str] | None, typer.Option("--set", metavar="K=V", help="A parameter; may be repeated.")
-    ] = None,
-    config: Annotated[Path | None, typer.Option(metavar="TOML", help="Configuration of rig and finger.")] = None,
-    out_dir: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Folder in which the run makes its own.")
-    ] = Path("runs"),
+    protocol: ProtocolArgument,
+    more: MoreArgument = None,
+    set_: SetOption = None,
+    config: FingerConfigOption = None,
+    out_dir: OutOption = Path("runs"),
     speed: Annotated[str, typer.Option(metavar="max|N", help="Virtual seconds per real second.")] = "max",
     subject: SubjectOption = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Check the script, run it on the virtual bench, write the run folder and its report."""
     with told_in_one_line(as_json=as_json):

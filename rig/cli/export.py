@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from rig.cli.options import JsonOption
 from rig.cli.output import out, print_json, told_in_one_line
 from rig.data import export_nwb, export_run, read_run
 from rig.protocol.errors import BadInputError
@@ -19,7 +20,7 @@ def command(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.")],
     as_csv: Annotated[bool, typer.Option("--csv", help="HDF5 and tidy CSV.")] = False,
     as_nwb: Annotated[bool, typer.Option("--nwb", help="Neurodata Without Borders; needs the extra nwb.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Export again what the journal holds, also of a run that crashed, and renew the checksums."""
     with told_in_one_line(as_json=as_json):

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from rig.cli.options import JsonOption
 from rig.cli.output import complain, loading_the_finger, out, print_json, told_in_one_line
 from rig.data import read_run
 from rig.protocol.config import load_config
@@ -21,7 +22,7 @@ def register(app: typer.Typer) -> None:
 
 def command(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run that touched at several places.")],
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Fit pad centre, height, roll and tilt to the touches; print [frame] for the configuration."""
     with told_in_one_line(as_json=as_json):

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from rig.cli.options import JsonOption
 from rig.cli.output import complain, out, print_json, told_in_one_line
 from rig.protocol.config import load_config
 from rig.protocol.errors import BadInputError
@@ -27,7 +28,7 @@ def register(app: typer.Typer) -> None:
 def command(
     config: Annotated[Path | None, typer.Option(metavar="TOML", help="Configuration of the finger.")] = None,
     vtk: Annotated[Path | None, typer.Option(metavar="FILE.vtk", help="Write the mesh there.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Print fit, apex, layers and mesh quality; refuse a finger that makes no valid mesh."""
     with told_in_one_line(as_json=as_json):

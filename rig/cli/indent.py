@@ -7,6 +7,7 @@ import typer
 from rich.table import Table
 
 from rig.cli.models import Chosen, Wanted
+from rig.cli.options import JsonOption
 from rig.cli.output import ExitCode, complain, loading_the_finger, out, print_json, told_in_one_line
 from rig.protocol.config import load_config
 from rig.protocol.errors import BadInputError
@@ -43,7 +44,7 @@ def command(
     receptor_depth_mm: Annotated[float, typer.Option(metavar="D", help="Below the skin.")] = DEFAULT_DEPTH_MM,
     reference: Annotated[str, typer.Option(metavar="contact|apex", help="Where DOI is zero.")] = "contact",
     config: Annotated[Path | None, typer.Option(metavar="TOML", help="Configuration of the finger.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Press once and print force, contact and receptor measures."""
     with told_in_one_line(as_json=as_json):

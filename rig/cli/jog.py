@@ -9,8 +9,9 @@ from typing import Annotated, get_args
 
 import typer
 
-from rig.cli.bench import ConfigOption, JsonOption, stage_at_hand, tell
+from rig.cli.bench import stage_at_hand, tell
 from rig.cli.looking import position
+from rig.cli.options import ConfigOption, JsonOption
 from rig.cli.output import err, told_in_one_line
 from rig.clock import Clock
 from rig.protocol.config import load_config

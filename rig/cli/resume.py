@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from rig.cli.options import JsonOption
 from rig.cli.output import err, told_in_one_line
 from rig.cli.run import ask_at_the_bench
 from rig.cli.session import carry_out, leave
@@ -19,7 +20,7 @@ def register(app: typer.Typer) -> None:
 
 def command(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="The run's folder.")],
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Take the script, its parameters and the configuration from the run's own copies, and go on."""
     with told_in_one_line(as_json=as_json):

@@ -6,8 +6,9 @@ from typing import Annotated
 
 import typer
 
+from rig.cli.options import JsonOption, MoreArgument, OutOption, ProtocolArgument, SetOption, SubjectOption
 from rig.cli.output import err, told_in_one_line
-from rig.cli.session import SubjectOption, carry_out, leave
+from rig.cli.session import carry_out, leave
 from rig.protocol.config import load_config
 from rig.protocol.script import load_script
 from rig.protocol.session import real_run
@@ -20,17 +21,13 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
-    protocol: Annotated[str, typer.Argument(help="A path, or the name of a shipped protocol.")],
+    protocol: ProtocolArgument,
     config: Annotated[Path, typer.Option(metavar="TOML", help="Configuration of rig and finger.")],
-    more: Annotated[list[str] | None, typer.Argument(metavar="[K=V]...", help="Further settings.")] = None,
-    set_: Annotated[
-        list[str] | None, typer.Option("--set", metavar="K=V", help="A parameter; may be repeated.")
-    ] = None,
-    out_dir: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Folder in which the run makes its own.")
-    ] = Path("runs"),
+    more: MoreArgument = None,
+    set_: SetOption = None,
+    out_dir: OutOption = Path("runs"),
     subject: SubjectOption = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Check the script, carry it out, write the run folder and its report."""
     with told_in_one_line(as_json=as_json):

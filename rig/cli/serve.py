@@ -1,11 +1,11 @@
 """`rig serve`: the virtual devices in real time, for any client."""
 
 import signal
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from rig.cli.options import FingerConfigOption
 from rig.cli.output import ExitCode, complain, err, loading_the_finger, print_json, told_in_one_line
 from rig.protocol.config import Config, load_config
 from rig.protocol.errors import BadInputError
@@ -27,7 +27,7 @@ def command(
         int | None, typer.Option(metavar="PORT", help="Stage on PORT, force on PORT + 1; 0 takes free ones.")
     ] = None,
     indentor: Annotated[str | None, typer.Option(metavar="S", help="On the carriage, as for `rig indent`.")] = None,
-    config: Annotated[Path | None, typer.Option(metavar="TOML", help="Configuration of rig and finger.")] = None,
+    config: FingerConfigOption = None,
 ) -> None:
     """Print one JSON line of ports, then serve until Ctrl-C."""
     with told_in_one_line(as_json=False):

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Any, NoReturn
 
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -20,8 +20,6 @@ from rig.protocol.session import FinishedRun, Session, Watch
 from rig.protocol.subject import checked_subject
 from rig.run import RunAborted
 from sim.fingertip import Fingertip
-
-SubjectOption = Annotated[str | None, typer.Option(metavar="CODE", help="Who lies under the rig: a code, like S07.")]
 
 
 def carry_out(

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from rig.cli.options import JsonOption
 from rig.cli.output import err, out, print_json, told_in_one_line
 from rig.compare.speed import page
 from rig.protocol.errors import BadInputError
@@ -29,7 +30,7 @@ def register(app: typer.Typer) -> None:
 def command(
     quick: Annotated[bool, typer.Option("--quick", help="Coarse meshes only: about a minute.")] = False,
     page_file: Annotated[Path, typer.Option("--out", metavar="HTML", help="The page to write.")] = Path("bench.html"),
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Measure every model, element and refinement in a process of its own, and write the page."""
     with told_in_one_line(as_json=as_json):

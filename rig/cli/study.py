@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 from rich.progress import track
 
+from rig.cli.options import JsonOption
 from rig.cli.output import err, out, print_json, told_in_one_line
 from rig.compare.parameter_study import Row, columns, read_study, solve
 from rig.compare.workers import spread
@@ -30,7 +31,7 @@ def command(
     scheduler: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Of a dask.distributed cluster; needs the extra cluster.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Solve every case and write one tidy table."""
     with told_in_one_line(as_json=as_json):

@@ -1,0 +1,17 @@
+"""What several commands take on the command line."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+ProtocolArgument = Annotated[str, typer.Argument(help="A path, or the name of a shipped protocol.")]
+MoreArgument = Annotated[list[str] | None, typer.Argument(metavar="[K=V]...", help="Further settings.")]
+SetOption = Annotated[list[str] | None, typer.Option("--set", metavar="K=V", help="A parameter; may be repeated.")]
+OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder in which the run makes its own.")]
+SubjectOption = Annotated[str | None, typer.Option(metavar="CODE", help="Who lies under the rig: a code, like S07.")]
+FingerConfigOption = Annotated[
+    Path | None, typer.Option("--config", metavar="TOML", help="Configuration of rig and finger.")
+]
+ConfigOption = Annotated[Path, typer.Option("--config", metavar="TOML", help="Configuration of the rig.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
