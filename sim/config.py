@@ -82,7 +82,7 @@ AXIAL_STRETCH = 1.855
 class MeshSpec(_Settings):
     """Sizes of elements, mm; a quadratic one has nodes half way too. `patch_*` bound what an indentor may touch."""
 
-    level: Literal["default", "fine"] = Field("default", description="fine: for sharp shapes, on a smaller patch")
+    level: Literal["default", "fine"] = Field("default", description="fine: for sharp shapes")
     spacing_mm: float = Field(0.17, gt=0.02, le=1.0, description="lateral, on the pulp")
     axial_spacing_mm: float | None = Field(
         None, gt=0.02, le=1.0, description="along the finger; default: 1.855 × spacing_mm"

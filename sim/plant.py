@@ -74,6 +74,18 @@ STRAIGHT = Turn()
 
 
 @dataclass(frozen=True)
+class Truth:
+    """How finger and rig differ from what the model knows."""
+
+    stiffness: float = 1.0  # multiplies every force
+    compliance_mm_per_n: float = 0.0  # of the rig
+    turn: Turn = STRAIGHT
+
+
+AS_MODELLED = Truth()
+
+
+@dataclass(frozen=True)
 class TruePose:
     """What no instrument of the rig can see; mm in the finger's frame."""
 
@@ -114,40 +126,28 @@ class _Pressed:
 class Press:
     """A finger under an indentor: the force at one pose after another."""
 
-    def __init__(
-        self,
-        finger: Fingertip,
-        indentor: str,
-        stiffness: float = 1.0,
-        compliance_mm_per_n: float = 0.0,
-        turn: Turn = STRAIGHT,
-    ) -> None:
-        """stiffness multiplies every force; the rig gives way by the compliance.
-
-        Raises ShapeError, and ModelRangeError for anything but a sphere on a finger that is turned.
-        """
-        self._finger, self._turn = finger, turn
+    def __init__(self, finger: Fingertip, indentor: str, truth: Truth = AS_MODELLED) -> None:
+        """Raises ShapeError, and ModelRangeError for anything but a sphere on a finger that is turned."""
+        self._finger, self._truth = finger, truth
         self._indentor: Indentor = parse_shape(indentor)
         profile = self._indentor.profile
         sphere = self._indentor.axes == ROUND and isinstance(profile, Cylinder)
         self._radius_mm = profile.sharpest_radius_mm
-        if turn != STRAIGHT and not sphere:
+        if truth.turn != STRAIGHT and not sphere:
             raise ModelRangeError(f"{indentor} on a finger that is rolled or tilted: expected a sphere")
-        self._stiffness, self._compliance = stiffness, compliance_mm_per_n
-        self._touch_mm = (math.nan, math.nan, math.nan)  # height of first touch at the last x and along
         self._last: _Pressed | None = None
         self._before: _Pressed | None = None  # the one before the last
         self.contact_solves = 0
 
     def doi_mm(self, pose: Pose) -> float:
         """Depth past first contact; negative above the skin, −∞ beside the finger. Raises ModelRangeError."""
-        pose = self._turn.seen_from_finger(pose, self._radius_mm)
+        pose = self._truth.turn.seen_from_finger(pose, self._radius_mm)
         way_mm = self._way_mm(pose)
-        return self._pressed(pose, way_mm).doi_mm if way_mm > 0 and self._compliance else way_mm
+        return self._pressed(pose, way_mm).doi_mm if way_mm > 0 and self._truth.compliance_mm_per_n else way_mm
 
     def force_n(self, pose: Pose) -> float:
         """Downward force on the finger, N. Raises ModelRangeError."""
-        pose = self._turn.seen_from_finger(pose, self._radius_mm)
+        pose = self._truth.turn.seen_from_finger(pose, self._radius_mm)
         if pose.above_apex_mm > 0:
             return 0.0
         way_mm = self._way_mm(pose)
@@ -158,10 +158,8 @@ class Press:
         z_mm = self._z_mm(pose)
         if abs(pose.x_mm) > FARTHEST_X_MM or not 0 <= (z_mm or 0.0) <= self._finger.config.geometry.length_mm:
             return -math.inf
-        if self._touch_mm[:2] != (pose.x_mm, pose.along_mm):
-            height_mm = self._finger.touch_height_mm(self._indentor, pose.x_mm, z_mm=z_mm)
-            self._touch_mm = (pose.x_mm, pose.along_mm, height_mm)
-        return self._touch_mm[2] - (pose.above_apex_mm + self._finger.apex_height_mm)
+        touch_mm = self._finger.touch_height_mm(self._indentor, pose.x_mm, z_mm=z_mm)
+        return touch_mm - (pose.above_apex_mm + self._finger.apex_height_mm)
 
     def _z_mm(self, pose: Pose) -> float | None:
         """Along the finger, where that makes a difference to the shape."""
@@ -170,7 +168,10 @@ class Press:
     def _pressed(self, pose: Pose, way_mm: float) -> _Pressed:
         if self._last is None or self._last.pose != pose:
             rigid = self._at_depth(pose, way_mm, self._last)
-            self._before, self._last = self._last, self._given_way(rigid) if self._compliance else rigid
+            self._before, self._last = (
+                self._last,
+                self._given_way(rigid) if self._truth.compliance_mm_per_n else rigid,
+            )
         return self._last
 
     def _given_way(self, rigid: _Pressed) -> _Pressed:
@@ -182,7 +183,7 @@ class Press:
             if doi_mm <= 0:
                 return -rigid.doi_mm
             nearest = self._at_depth(rigid.pose, doi_mm, nearest)
-            return doi_mm + self._compliance * nearest.force_n - rigid.doi_mm
+            return doi_mm + self._truth.compliance_mm_per_n * nearest.force_n - rigid.doi_mm
 
         doi_mm = brentq(left_over_mm, 0.0, rigid.doi_mm, xtol=_DEPTH_TOLERANCE_MM)
         return self._at_depth(rigid.pose, doi_mm, nearest)
@@ -198,7 +199,7 @@ class Press:
                 f"the virtual finger has no answer for {self._indentor.name} at x = {pose.x_mm:g} mm, DOI "
                 f"{doi_mm:g} mm: residual {result.state.residual:.0e}"
             )
-        return _Pressed(pose, doi_mm, self._stiffness * result.force_n, result.state)
+        return _Pressed(pose, doi_mm, self._truth.stiffness * result.force_n, result.state)
 
     def _onward(self, last: _Pressed, doi_mm: float) -> ContactState:
         """A start: the last state, under smooth shapes moved on by what changed before it.
@@ -218,16 +219,8 @@ class Press:
 class Plant:
     """A fingertip under a stage. Nothing is computed until somebody asks for a force."""
 
-    def __init__(
-        self,
-        finger: Fingertip,
-        carriage: Carriage,
-        stiffness: float = 1.0,
-        compliance_mm_per_n: float = 0.0,
-        turn: Turn = STRAIGHT,
-    ) -> None:
-        self._finger, self._carriage, self._turn = finger, carriage, turn
-        self._stiffness, self._compliance = stiffness, compliance_mm_per_n
+    def __init__(self, finger: Fingertip, carriage: Carriage, truth: Truth = AS_MODELLED) -> None:
+        self._finger, self._carriage, self._truth = finger, carriage, truth
         self._press: Press | None = None
 
     @property
@@ -237,7 +230,7 @@ class Plant:
 
     def mount(self, indentor: str) -> None:
         """Put an indentor on the carriage; raises ShapeError."""
-        self._press = Press(self._finger, indentor, self._stiffness, self._compliance, self._turn)
+        self._press = Press(self._finger, indentor, self._truth)
 
     def pose_at(self, t_s: float) -> TruePose:
         """The indentor's true pose at an instant. Raises ModelRangeError."""

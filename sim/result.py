@@ -91,20 +91,23 @@ class IndentationResult:
         columns = self.model.patch.shape[1]
         return slice(self.model.receptor_row * columns, (self.model.receptor_row + 1) * columns)
 
+    @cached_property
+    def _across(self) -> NDArray[np.int64]:
+        """The patch nodes that lie in the receptor plane, by ascending x."""
+        nodes = np.arange(len(self.model.patch))[self.plane]
+        return nodes[np.argsort(self.model.patch.x[nodes])]
+
     @property
     def pressure_profile(self) -> tuple[Array, Array]:
         """Undeformed x (mm, ascending) and pressure (pseudo-units) in the receptor plane."""
-        x, p = self.model.patch.x[self.plane], self.nodal_pressure_pseudo[self.plane]
-        order = np.argsort(x)
-        return x[order], p[order]
+        return self.model.patch.x[self._across], self.nodal_pressure_pseudo[self._across]
 
     @property
     def skin_profile(self) -> tuple[Array, Array]:
         """Deformed x and y (mm) of the skin in the receptor plane, in the order of `pressure_profile`."""
-        patch, u = self.model.patch, self.state.displacement[:, self.plane]
-        order = np.argsort(patch.x[self.plane])
-        x = patch.x[self.plane] + (u[0] if patch.axes[0] == X else 0.0)
-        return x[order], (patch.y[self.plane] + u[-1])[order]
+        patch, u = self.model.patch, self.state.displacement[:, self._across]
+        x = patch.x[self._across] + (u[0] if patch.axes[0] == X else 0.0)
+        return x, patch.y[self._across] + u[-1]
 
     @property
     def axial_profile(self) -> tuple[Array, Array]:
@@ -145,9 +148,7 @@ class IndentationResult:
         return regions if self.indentor.sharp else [self._opened(*region) for region in regions]
 
     def _opened(self, low_mm: float, high_mm: float) -> tuple[float, float]:
-        x, gap = self.model.patch.x[self.plane], self.state.gap[self.plane]
-        order = np.argsort(x)
-        x, gap = x[order], gap[order]
+        x, gap = self.model.patch.x[self._across], self.state.gap[self._across]
         return -_opens_beyond(-x[::-1], gap[::-1], -low_mm), _opens_beyond(x, gap, high_mm)
 
     @cached_property

@@ -12,11 +12,12 @@ from rig.protocol.virtual_devices import (
     VirtualStage,
     load_on_sensor,
     true_carriage,
+    truth,
     with_framing,
 )
 from sim.contact.shapes import parse_shape
 from sim.devices.line import SerialLine
-from sim.plant import Carriage, Turn
+from sim.plant import Carriage
 from sim.serve.ports import PortBusyError, PtyPort, TcpPort
 from sim.serve.press_ahead import PressAhead, PressStatistics
 from sim.serve.press_process import FingerNotLoadedError, PressProcess
@@ -102,9 +103,7 @@ class ServedBench:
 
     def _finger(self, config: Config, board: VirtualStage, complain: Callable[[str], object]) -> Load:
         carriage: Carriage = true_carriage(board, config)
-        virtual = config.virtual
-        turn = Turn(virtual.finger_roll_deg, virtual.finger_tilt_deg)
-        process = PressProcess(config.finger, virtual.indentor, virtual.stiffness, virtual.compliance_mm_per_n, turn)
+        process = PressProcess(config.finger, config.virtual.indentor, truth(config))
         self._closing.callback(process.close)
         self.press = PressAhead(self.scheduler, carriage, process, config.force.sample_period_s, complain)
         return Load(self.press.force_n, self.press.fresh)

@@ -9,14 +9,14 @@ from rig.bench import force_driver, stage_driver
 from rig.force.base import ForceSensor
 from rig.heartbeat import LOOK_S, Heartbeat
 from rig.protocol.config import Config
-from rig.protocol.virtual_devices import FORCES, STAGES, Load, load_on_sensor, true_carriage
+from rig.protocol.virtual_devices import FORCES, STAGES, Load, load_on_sensor, true_carriage, truth
 from rig.stage.base import Stage
 from rig.transport.byte_log import LoggedTransport
 from rig.transport.loopback import LoopbackTransport
 from sim.clock import VirtualClock
 from sim.devices.line import SerialLine
 from sim.fingertip import Fingertip
-from sim.plant import Carriage, Plant, TruePose, Turn
+from sim.plant import Carriage, Plant, TruePose
 
 
 class AnyPlant(Protocol):
@@ -78,9 +78,7 @@ def virtual_bench(
     """Devices as configured, with the fingertip under the indentor; the bytes go to `byte_log`."""
 
     def plant(carriage: Carriage) -> Plant:
-        virtual = config.virtual
-        turn = Turn(virtual.finger_roll_deg, virtual.finger_tilt_deg)
-        return Plant(finger, carriage, virtual.stiffness, virtual.compliance_mm_per_n, turn)
+        return Plant(finger, carriage, truth(config))
 
     return bench_around(plant, config, VirtualClock(start_unix_s, start_s), byte_log)
 

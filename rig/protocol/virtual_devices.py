@@ -19,7 +19,7 @@ from sim.devices.laumas import VirtualLaumas
 from sim.devices.leadshine import DrivePair, VirtualDrive
 from sim.devices.line import SerialLine
 from sim.devices.modbus import ModbusBus
-from sim.plant import Carriage, Placement, Screws
+from sim.plant import Carriage, Placement, Screws, Truth, Turn
 from sim.relaxation import PronyTerm, RelaxingForce
 
 # Ids that clients may believe in: a transmitter is alone on its port, and answers to them too.
@@ -148,6 +148,13 @@ def true_carriage(stage: VirtualStage, config: Config) -> Carriage:
             frame.pad_y_mm + virtual.finger_along_offset_mm if config.stage.kind == "grbl" else None,
         ),
     )
+
+
+def truth(config: Config) -> Truth:
+    """How the finger and the rig of the virtual bench differ from the model."""
+    virtual = config.virtual
+    turn = Turn(virtual.finger_roll_deg, virtual.finger_tilt_deg)
+    return Truth(virtual.stiffness, virtual.compliance_mm_per_n, turn)
 
 
 def load_on_sensor(scheduler: Scheduler, elastic: Load, config: Config) -> Load:

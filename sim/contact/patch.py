@@ -63,5 +63,8 @@ class Patch:
 
     def response(self, nodes: Ints) -> Array:
         """(m k, m n) displacements in mm of all nodes under 1 N at k nodes along each axis."""
-        rows = (len(self) * np.arange(len(self.axes))[:, None] + nodes).ravel()
-        return self.compliance[rows]
+        return self.compliance[self.unknowns(nodes)]
+
+    def unknowns(self, nodes: Ints) -> Ints:
+        """(m k,) rows of the compliance that belong to k nodes."""
+        return (len(self) * np.arange(len(self.axes))[:, None] + nodes).ravel()

@@ -30,8 +30,7 @@ class Region:
         self.tangential_mm, self.y = patch.tangential_mm[:, self.nodes], patch.y[self.nodes]
         self.places = self.points.on(self)
         m, j, k = len(patch.axes), len(self.nodes), len(self.points)
-        rows = (len(patch) * np.arange(m)[:, None] + self.nodes).ravel()
-        self.compliance = patch.compliance[rows].take(rows, axis=1)
+        self.compliance = patch.response(self.nodes).take(patch.unknowns(self.nodes), axis=1)
         among_nodes = self.compliance.reshape(m * j, m, j)
         # displacements per unit force at each point along each axis: of the nodes, and of the points themselves
         self.response = self.places.interpolate(among_nodes).reshape(m, j, m, k).transpose(2, 3, 0, 1).copy()

@@ -9,7 +9,7 @@ from multiprocessing.connection import Connection
 
 from sim.config import FingertipConfig
 from sim.fingertip import Fingertip
-from sim.plant import STRAIGHT, Pose, Press, Turn
+from sim.plant import AS_MODELLED, Pose, Press, Truth
 
 _READY_S = 300.0  # building a model takes some 15 s, minutes on a small machine
 
@@ -31,20 +31,11 @@ class FingerNotLoadedError(Exception):
 class PressProcess:
     """Answers poses with forces, one at a time, in the order they are sent."""
 
-    def __init__(
-        self,
-        config: FingertipConfig,
-        indentor: str,
-        stiffness: float = 1.0,
-        compliance_mm_per_n: float = 0.0,
-        turn: Turn = STRAIGHT,
-    ) -> None:
+    def __init__(self, config: FingertipConfig, indentor: str, truth: Truth = AS_MODELLED) -> None:
         """Returns when the finger is loaded. Raises FingerNotLoadedError where it cannot be."""
         context = multiprocessing.get_context("spawn")
         self._near, far = context.Pipe()
-        self._process = context.Process(
-            target=_serve, args=(far, config, indentor, stiffness, compliance_mm_per_n, turn), daemon=True
-        )
+        self._process = context.Process(target=_serve, args=(far, config, indentor, truth), daemon=True)
         self._process.start()
         far.close()
         try:
@@ -76,14 +67,12 @@ def _serve(
     far: "Connection[str | PressAnswer, Pose]",
     config: FingertipConfig,
     indentor: str,
-    stiffness: float,
-    compliance_mm_per_n: float,
-    turn: Turn,
+    truth: Truth,
 ) -> None:
     # Ctrl-C goes to every process of the terminal; this one ends with its pipe.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        press = Press(Fingertip.load(config), indentor, stiffness, compliance_mm_per_n, turn)
+        press = Press(Fingertip.load(config), indentor, truth)
     except Exception as error:
         far.send(f"{type(error).__name__}: {error}")
         return

@@ -15,7 +15,7 @@ from rig.protocol.plan import make_plan
 from rig.protocol.script import load_script
 from rig.protocol.session import Session, dry_run
 from sim.fingertip import Fingertip, ModelRangeError
-from sim.plant import Pose, Press, Turn
+from sim.plant import Pose, Press, Truth, Turn
 
 TRUTH = {"pad_centre_x_mm": 0.4, "apex_z_mm": -0.15, "pad_y_mm": 0.5, "roll_deg": 4.0, "tilt_deg": -3.0}
 WAS = {"pad_centre_x_mm": -30.0, "apex_z_mm": -25.0, "pad_y_mm": -15.0, "roll_deg": 0.0, "tilt_deg": 0.0}
@@ -138,4 +138,4 @@ def test_a_turn_by_hand() -> None:
 
 def test_only_a_sphere_presses_a_turned_finger(finger: Fingertip) -> None:
     with pytest.raises(ModelRangeError, match=r"bar:3\.0 on a finger that is rolled or tilted: expected a sphere"):
-        Press(finger, "bar:3.0", turn=Turn(roll_deg=2.0))
+        Press(finger, "bar:3.0", Truth(turn=Turn(roll_deg=2.0)))

@@ -4,7 +4,7 @@ import pytest
 
 from sim.contact.shapes import ShapeError
 from sim.fingertip import Fingertip, ModelRangeError
-from sim.plant import Carriage, Placement, Plant, Screws
+from sim.plant import Carriage, Placement, Plant, Screws, Truth
 
 PLACE = Placement(pad_centre_x_mm=-30.0, apex_z_mm=-25.0)
 
@@ -119,7 +119,7 @@ def test_a_rig_that_gives_way_shares_the_way_with_the_finger(
 ) -> None:
     """Springs in series: way = DOI + compliance · F(DOI), to the 1e-6 mm at which the depth is left."""
     compliance = 0.5
-    plant = Plant(finger, Carriage(carriage, Screws(400_000, 400_000), PLACE), 2.0, compliance)
+    plant = Plant(finger, Carriage(carriage, Screws(400_000, 400_000), PLACE), Truth(2.0, compliance))
     plant.mount("step:5")
     z = PLACE.apex_z_mm + finger.touch_height_mm("step:5", 0.0) - finger.apex_height_mm - way_mm
     carriage.command(1000 * PLACE.pad_centre_x_mm, 1000 * z)

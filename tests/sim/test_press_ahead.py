@@ -10,7 +10,7 @@ import pytest
 
 from sim.config import FingertipConfig
 from sim.fingertip import Fingertip
-from sim.plant import Carriage, Placement, Pose, Screws
+from sim.plant import Carriage, Placement, Pose, Screws, Truth
 from sim.serve.press_ahead import STALE_S, PressAhead
 from sim.serve.press_process import FingerNotLoadedError, PressAnswer, PressProcess
 from sim.wall_clock import WallScheduler
@@ -26,7 +26,7 @@ class Bench:
         self.plan = lambda t_s: 1.0
         self.complaints: list[str] = []
         carriage = Carriage(self._steps_at, Screws(), Placement(0.0, 0.0))
-        process = PressProcess(FingertipConfig(), "bar:3.0", 2.0)
+        process = PressProcess(FingertipConfig(), "bar:3.0", Truth(2.0))
         self.press = PressAhead(self.scheduler, carriage, process, PERIOD_S, self.complaints.append)
 
     def _steps_at(self, t_s: float) -> tuple[int, int, int]:
