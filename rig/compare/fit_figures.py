@@ -19,7 +19,7 @@ _WIDEST_IN = 9.8
 def overlays(joint: Joint, pairs: list[Pair]) -> Plot:
     """Rates that the joint line predicts from the SSRP, over the recorded ones: pairs down, shapes across."""
     rows, columns = (len(pairs), len(joint.pairings)) if len(joint.pairings) > 1 else (1, len(pairs))
-    size = (0.6 + min(3.2 * columns, _WIDEST_IN), 0.75 + 1.85 * rows)
+    size = (0.6 + min(3.2 * columns, _WIDEST_IN), 0.7 + 1.85 * rows)
     return Plot(size, lambda figure: _overlays(figure, joint, pairs, rows, columns))
 
 

@@ -25,7 +25,7 @@ _DARK = 0.5  # |r| beyond which black is not seen on a map's colours
 def correlations(comparison: Comparison, judged: Sequence[Stimulus]) -> Plot:
     """18 measures × receptors for each stimulus: Pearson's r in colour, a dot where the shape test is passed."""
     rows, columns = _grid(len(judged), 4)
-    size = (1.2 + 2.35 * columns, 0.5 + 2.9 * rows)
+    size = (1.2 + 2.35 * columns, 0.5 + 2.85 * rows)
     return Plot(size, lambda figure: _correlations(figure, comparison, judged, rows, columns))
 
 

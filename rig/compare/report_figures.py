@@ -39,7 +39,7 @@ def _shown(comparison: Comparison) -> list[str]:
     candidates = comparison.candidates()
     explained = np.zeros(len(MEASURES))
     for joint in comparison.joints:
-        explained += np.nan_to_num(np.nanmax(np.where(joint.in_play, joint.explained, -np.inf), axis=1), neginf=0.0)
+        explained += np.where(joint.in_play & np.isfinite(joint.explained), joint.explained, 0.0).max(axis=1)
     order = [*_SHOWN_FIRST, *(name for name in MEASURES if name not in _SHOWN_FIRST)]
     order.sort(key=lambda name: (name not in candidates, -explained[MEASURES.index(name)]))
     return order[:_MOST_SHOWN]
