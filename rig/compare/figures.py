@@ -30,7 +30,7 @@ def contact_panels(found: Sequence[Response], top: float) -> Plot:
 
 def highest_pressure(found: Sequence[Response]) -> float:
     """Of all in the receptor plane, in pseudo-units."""
-    return max(float(r.result.pressure_profile[1].max()) for r in found) or 1.0
+    return max((float(r.result.pressure_profile[1].max()) for r in found), default=0.0) or 1.0
 
 
 def population_responses(found: list[Response]) -> Plot:
