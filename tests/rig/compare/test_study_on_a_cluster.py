@@ -29,7 +29,6 @@ pytestmark = [
 
 MANY_PLACES = """\
 receptor_x_mm = [-1.0, 0.0]
-receptor_depth_mm = [0.7, 0.9]
 
 [finger.mesh]
 spacing_mm = 0.5
@@ -41,14 +40,20 @@ epidermis_mm = [0.3, 0.5]
 
 [[press]]
 shape = "bar:3.0"
-x_mm = [-0.5, -0.4, -0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3, 0.4, 0.5]
-doi_mm = [0.2, 0.4]
-"""
-CASES = 2 * 2 * 2
+x_mm = [{places}]
+doi_mm = [0.1, 0.2, 0.3, 0.4]
+""".format(places=", ".join(f"{0.05 * k - 0.5:.2f}" for k in range(21)))
+CASES = 2 * 4
 
 SCHEDULER = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
 WORKER = "from distributed.cli.dask_worker import main; main()"
 WORKER_WITHOUT_THE_PROGRAM = f"import sys; sys.modules['rig'] = None; {WORKER}"
+WORKER_OF_ANOTHER_VERSION = f"""\
+import importlib.metadata as metadata
+known = metadata.version
+metadata.version = lambda name: "0.0.1" if name == "indentation-rig" else known(name)
+{WORKER}
+"""
 RIG = [sys.executable, "-c", "from rig.cli import main; main()"]
 
 
@@ -160,15 +165,20 @@ def test_a_scheduler_that_dies_midway_leaves_one_line_and_no_file(study: Path, c
     assert not list(study.glob("study.csv*"))
 
 
-def test_a_worker_without_the_program_is_named(study: Path, cluster: Cluster) -> None:
-    cluster.add_worker(WORKER_WITHOUT_THE_PROGRAM)
-    program = start_study(study, "--scheduler", cluster.address)
-    _, err = program.communicate(timeout=60)
+@pytest.mark.parametrize(
+    ("code", "has"),
+    [(WORKER_WITHOUT_THE_PROGRAM, "No module named 'rig"), (WORKER_OF_ANOTHER_VERSION, "indentation-rig 0.0.1 (")],
+    ids=["without the program", "of another version"],
+)
+def test_a_worker_with_another_program_is_named(study: Path, cluster: Cluster, code: str, has: str) -> None:
+    cluster.add_worker(code)
+    _, err = (program := start_study(study, "--scheduler", cluster.address)).communicate(timeout=60)
     assert program.returncode == 2
     assert err.startswith(f"rig: --scheduler {cluster.address}: worker tcp://127.0.0.1:")
-    assert "No module named 'rig" in err
+    assert has in err
     assert f"expected {cluster_module.program()}" in err
     assert err.count("\n") == 1
+    assert not list(study.glob("study.csv*"))
 
 
 def test_workers_that_have_all_gone_are_not_waited_for(cluster: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
