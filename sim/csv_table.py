@@ -23,6 +23,8 @@ def read_columns(path: Path, columns: Sequence[str]) -> tuple[Row, ...]:
         raise TableError(f"{path}: no table, expected the columns {','.join(columns)}")
     (first, header), *rows = lines
     place = _places(f"{path}, line {first}", [cell.strip() for cell in header], columns)
+    if not rows:
+        raise TableError(f"{path}: no rows below line {first}, expected numbers")
     for n, row in rows:
         if len(row) != len(header):
             raise TableError(f"{path}, line {n}: {len(row)} cells, expected {len(header)}, as in line {first}")
@@ -38,8 +40,10 @@ def _lines(path: Path) -> list[tuple[int, list[str]]]:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             reader = csv.reader(stream)
             return [(reader.line_num, row) for row in reader if any(row) and not row[0].startswith("#")]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise TableError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
+    except OSError as error:
+        raise TableError(f"{path}: {error.strerror or error}") from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise TableError(f"{path}: not a CSV file in UTF-8: {error}") from None
 
 
 def _places(where: str, names: list[str], columns: Sequence[str]) -> list[int]:

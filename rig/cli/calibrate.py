@@ -4,13 +4,14 @@ import io
 import statistics
 import sys
 from contextlib import closing
-from typing import Annotated, get_args
+from typing import Annotated
 
 import typer
 
 from rig.bench import open_bench, open_force
 from rig.cli.bench import stage_at_hand
 from rig.cli.interrupts import at_once
+from rig.cli.jog import way
 from rig.cli.options import ConfigOption, JsonOption
 from rig.cli.output import err, out, print_json, told_in_one_line
 from rig.cli.run import ask_at_the_bench
@@ -22,9 +23,8 @@ from rig.protocol.config import Config, load_config
 from rig.protocol.errors import BadInputError
 from rig.run import Engine
 from rig.run.compliance import Compliance, measure_compliance
-from rig.run.jog import Direction, dead_man_jog
+from rig.run.jog import dead_man_jog
 from rig.run.journal import NoJournal
-from rig.stage.base import Axis
 from rig.units import GWT_N
 
 _READINGS = 20
@@ -45,23 +45,19 @@ def register(app: typer.Typer) -> None:
 
 def steps(
     config: ConfigOption,
-    axis: Annotated[str, typer.Option(metavar="x|y|z")],
+    axis: Annotated[str, typer.Option(metavar="x|y|z", help="Which one.")],
     by_mm: Annotated[float, typer.Option(metavar="D", help="How far to move, + or −.")] = -20.0,
-    speed_mm_s: Annotated[float, typer.Option(metavar="V", min=0.1, max=10)] = 2.0,
+    speed_mm_s: Annotated[float, typer.Option(metavar="V", min=0.1, max=10, help="How fast.")] = 2.0,
     valid_days: ValidDays = 365,
     as_json: JsonOption = False,
 ) -> None:
     """Home first, clear the way, and have a caliper or a dial gauge on the carriage."""
     with told_in_one_line(as_json=as_json):
         settings = load_config(config)
-        known: tuple[Axis, ...] = get_args(Axis)
-        found = next((one for one in known if one == axis), None)
-        if found is None:
-            raise BadInputError(f"--axis {axis}: expected x, y or z")
-        direction = Direction(found, 1 if by_mm > 0 else -1)
+        direction, far_mm = way(axis, by_mm)
         with stage_at_hand(settings) as (stage, clock):
-            now_per_mm, start = stage.steps_per_mm(found), stage.status()
-            end = dead_man_jog(stage, clock, lambda: direction, speed_mm_s, abs(by_mm))
+            now_per_mm, start = stage.steps_per_mm(direction.axis), stage.status()
+            end = dead_man_jog(stage, clock, lambda: direction, speed_mm_s, far_mm)
         moved_mm = abs(getattr(end, f"{axis}_mm") - getattr(start, f"{axis}_mm"))
         measured_mm = _asked(f"the board says {moved_mm:.3f} mm; how many did you measure, in mm?")
         value = now_per_mm * _ratio(moved_mm, measured_mm)

@@ -10,6 +10,7 @@ from rig.cli.output import err, out, told_in_one_line
 from rig.protocol.config import load_config
 from rig.protocol.errors import BadInputError
 from sim.config import Contact
+from sim.contact.indentor import ALONG
 from sim.contact.shapes import parse_shape
 from sim.deck import Scene, write_contact_deck, write_load_deck
 from sim.finger.mesh import build_mesh
@@ -22,7 +23,7 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
-    shape: Annotated[str, typer.Option(metavar="S", help="As for `rig indent`.")],
+    shape: Annotated[str, typer.Option(metavar="S", help="As for `rig indent`; one that lies along the finger.")],
     x_mm: Annotated[float, typer.Option(metavar="X", help="Indentor's reference point from the pad's centre.")],
     doi_mm: Annotated[float, typer.Option(metavar="D", help="Depth past first contact.")],
     out_file: Annotated[Path, typer.Option("--out", metavar="FILE.inp", help="The deck to write.")],
@@ -35,9 +36,12 @@ def command(
     with told_in_one_line(as_json=False):
         if out_file.exists():
             raise BadInputError(f"--out {out_file}: exists already, expected a new file")
+        indentor = parse_shape(shape)
+        if indentor.axes != ALONG:
+            raise BadInputError(f"--shape {shape}: a deck has shapes that lie along the finger only")
         settings = load_config(config).finger.model_copy(update={"contact": Contact(between_nodes=False)})
         finger = Fingertip.load(settings)
-        result = finger.indent(parse_shape(shape), x_mm, doi_mm=doi_mm)
+        result = finger.indent(indentor, x_mm, doi_mm=doi_mm)
         scene = Scene(settings, build_mesh(settings, finger.model.surface), finger.e_epidermis_mpa)
         if loads:
             active = result.state.active

@@ -21,6 +21,7 @@ from rig.settings import SLOWEST_MM_S
 from rig.stage.base import Axis, Stage, StageStatus
 
 FASTEST_MM_S = 10.0
+_FARTHEST_MM = 1000.0
 KEYS = {
     ord("d"): Direction("x", +1), ord("a"): Direction("x", -1),
     ord("e"): Direction("y", +1), ord("c"): Direction("y", -1),
@@ -40,8 +41,8 @@ def register(app: typer.Typer) -> None:
 def command(
     config: ConfigOption,
     axis: Annotated[str | None, typer.Option(metavar="x|y|z", help="With --by-mm: the axis.")] = None,
-    by_mm: Annotated[float | None, typer.Option(metavar="D", help="How far, + or −.")] = None,
-    speed_mm_s: Annotated[float, typer.Option(metavar="V")] = 1.0,
+    by_mm: Annotated[float | None, typer.Option(metavar="D", help="With --axis: how far, + or −.")] = None,
+    speed_mm_s: Annotated[float, typer.Option(metavar="V", help="How fast.")] = 1.0,
     as_json: JsonOption = False,
 ) -> None:
     """The stage stops within a fifth of a second's way when the key, this process or the wire goes."""
@@ -62,12 +63,19 @@ def command(
 def _target(axis: str | None, by_mm: float | None) -> tuple[Direction, float] | None:
     if axis is None and by_mm is None:
         return None
+    if axis is None or by_mm is None:
+        raise BadInputError("--axis and --by-mm: expected both of them, or neither to jog by keys")
+    return way(axis, by_mm)
+
+
+def way(axis: str, by_mm: float) -> tuple[Direction, float]:
+    """Which way and how far, mm, from what was typed. Raises BadInputError."""
     axes: tuple[Axis, ...] = get_args(Axis)
     found = next((one for one in axes if one == axis), None)
     if found is None:
         raise BadInputError(f"--axis {axis}: expected x, y or z")
-    if by_mm is None or not 0 < abs(by_mm) <= 1000:
-        raise BadInputError(f"--by-mm {by_mm}: expected a distance in mm, not zero")
+    if not 0 < abs(by_mm) <= _FARTHEST_MM:
+        raise BadInputError(f"--by-mm {by_mm:g}: expected up to {_FARTHEST_MM:g} mm either way, not zero")
     return Direction(found, 1 if by_mm > 0 else -1), abs(by_mm)
 
 

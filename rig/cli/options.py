@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from rig.protocol.errors import BadInputError
+
 ProtocolArgument = Annotated[str, typer.Argument(help="A path, or the name of a shipped protocol.")]
 MoreArgument = Annotated[list[str] | None, typer.Argument(metavar="[K=V]...", help="Further settings.")]
 SetOption = Annotated[list[str] | None, typer.Option("--set", metavar="K=V", help="A parameter; may be repeated.")]
@@ -15,3 +17,10 @@ FingerConfigOption = Annotated[
 ]
 ConfigOption = Annotated[Path, typer.Option("--config", metavar="TOML", help="Configuration of the rig.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
+
+
+def checked_file(option: str, path: Path) -> Path:
+    """A file that can be written later, before the work that fills it begins. Raises BadInputError."""
+    if path.is_dir() or not path.parent.is_dir():
+        raise BadInputError(f"{option} {path}: expected a file in a folder that exists")
+    return path

@@ -3,7 +3,7 @@
 import json
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from enum import IntEnum
 from typing import Any, NoReturn
 
@@ -55,7 +55,10 @@ class ExitCode(IntEnum):
 
 def print_json(result: Mapping[str, Any]) -> None:
     """One JSON object on standard output; NaN never leaves the program."""
-    print(json.dumps(result, allow_nan=False), flush=True)
+    try:
+        print(json.dumps(result, allow_nan=False), flush=True)
+    except BrokenPipeError:
+        out.on_broken_pipe()  # as where it prints a table: whoever read has gone, nothing is left to say
 
 
 def complain(message: str) -> str:
@@ -69,7 +72,8 @@ def fail(message: str, code: ExitCode, *, as_json: bool) -> NoReturn:
     """One line on standard error (and as JSON on standard output if that was asked for), and out."""
     line = complain(message)
     if as_json:
-        print_json({"error": line, "exit_code": int(code)})
+        with suppress(OSError):  # it may be standard output that failed
+            print_json({"error": line, "exit_code": int(code)})
     sys.exit(code)
 
 

@@ -9,10 +9,9 @@ from typing import Annotated, Any
 
 import typer
 
-from rig.cli.options import JsonOption
+from rig.cli.options import JsonOption, checked_file
 from rig.cli.output import err, out, print_json, told_in_one_line
 from rig.compare.speed import page
-from rig.protocol.errors import BadInputError
 from sim.study import calculix
 from sim.study.measure import QUANTITIES, Measured, measure
 from sim.study.reference import stored
@@ -34,8 +33,7 @@ def command(
 ) -> None:
     """Measure every model, element and refinement in a process of its own, and write the page."""
     with told_in_one_line(as_json=as_json):
-        if not page_file.parent.is_dir():
-            raise BadInputError(f"--out {page_file}: expected a folder that exists")
+        checked_file("--out", page_file)
         start = time.perf_counter()
         reference = stored()
         measured = []

@@ -9,12 +9,11 @@ from typing import Annotated
 import typer
 from rich.progress import track
 
-from rig.cli.options import JsonOption
+from rig.cli.options import JsonOption, checked_file
 from rig.cli.output import err, out, print_json, told_in_one_line
 from rig.compare.parameter_study import Row, columns, read_study, solve
 from rig.compare.workers import spread
 from rig.data.folder import replace_text
-from rig.protocol.errors import BadInputError
 
 
 def register(app: typer.Typer) -> None:
@@ -38,8 +37,7 @@ def command(
         began = time.perf_counter()
         cases = read_study(study)
         table = study.with_suffix(".csv") if out_file is None else out_file
-        if not table.parent.is_dir():
-            raise BadInputError(f"--out {table}: expected a file in a folder that exists")
+        checked_file("--out", table)
         answers = track(
             spread(solve, cases, processes, scheduler), "cases", len(cases), console=err, disable=not err.is_terminal
         )

@@ -17,9 +17,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from rig.compare.errors import StudyError
 from sim.config import FingertipConfig
@@ -34,6 +34,13 @@ _NATIVE_LISTS = ("points", "sections")
 """Keys of a finger whose values are tables; they are not varied."""
 
 
+def _one_or_more(value: object) -> object:
+    return [value] if isinstance(value, int | float) else value
+
+
+_Numbers = Annotated[tuple[float, ...], BeforeValidator(_one_or_more)]
+
+
 class _Given(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -42,9 +49,9 @@ class Press(_Given):
     """One indentor at some places, to some depths or forces."""
 
     shape: str
-    x_mm: tuple[float, ...] = Field((0.0,), min_length=1)
-    doi_mm: tuple[float, ...] = ()
-    force_gwt: tuple[float, ...] = ()
+    x_mm: _Numbers = Field((0.0,), min_length=1)
+    doi_mm: _Numbers = ()
+    force_gwt: _Numbers = ()
 
     @model_validator(mode="after")
     def _one_target(self) -> Self:
@@ -63,8 +70,8 @@ class Press(_Given):
 class StudyFile(_Given):
     """What the TOML holds."""
 
-    receptor_depth_mm: tuple[float, ...] = Field((DEFAULT_DEPTH_MM,), min_length=1)
-    receptor_x_mm: tuple[float, ...] = Field(DEFAULT_X_MM, min_length=1)
+    receptor_depth_mm: _Numbers = Field((DEFAULT_DEPTH_MM,), min_length=1)
+    receptor_x_mm: _Numbers = Field(DEFAULT_X_MM, min_length=1)
     finger: dict[str, Any] = Field(default_factory=dict)
     press: tuple[Press, ...] = Field(min_length=1)
 
@@ -89,7 +96,7 @@ Row = dict[str, Any]
 def read_study(path: Path) -> list[Case]:
     """Every combination, those of one finger next to each other. Raises StudyError."""
     try:
-        given = StudyFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        given = StudyFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8-sig")))
         return list(_cases(given, path.parent))
     except OSError as error:
         raise StudyError(f"study {path}: {error.strerror or error}") from None

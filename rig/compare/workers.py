@@ -1,9 +1,7 @@
 """Independent pieces of work over the processes of this machine, or over a dask.distributed cluster."""
 
-import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from typing import TypeVar
@@ -11,6 +9,7 @@ from typing import TypeVar
 from threadpoolctl import threadpool_limits
 
 from rig.compare.errors import WorkersError
+from sim.workers import in_processes
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
@@ -42,12 +41,10 @@ def spread(
 def _over_processes(
     function: Callable[[Item], Answer], items: Sequence[Item], processes: int | None
 ) -> Iterator[Answer]:
-    spawning = multiprocessing.get_context("spawn")  # a forked MKL may hang
-    with ProcessPoolExecutor(processes or os.cpu_count(), spawning) as pool:
-        try:
-            yield from pool.map(function, items)
-        except BrokenProcessPool:
-            raise WorkersError("a worker process was killed; is there memory for fewer only (--processes)?") from None
+    try:
+        yield from in_processes(function, items, processes)
+    except BrokenProcessPool:
+        raise WorkersError("a worker process was killed; is there memory for fewer only (--processes)?") from None
 
 
 def _on_one_thread(function: Callable[[Item], Answer], item: Item) -> Answer:

@@ -11,6 +11,7 @@ from multiprocessing.connection import Connection
 from sim.config import FingertipConfig
 from sim.fingertip import Fingertip
 from sim.plant import AS_MODELLED, Pose, Press, Truth
+from sim.workers import leaving_ctrl_c_to_us
 
 _READY_S = 300.0  # building a model takes some 15 s, minutes on a small machine
 
@@ -37,7 +38,8 @@ class PressProcess:
         context = multiprocessing.get_context("spawn")
         self._near, far = context.Pipe()
         self._process = context.Process(target=_serve, args=(far, config, indentor, truth), daemon=True)
-        self._process.start()
+        with leaving_ctrl_c_to_us():
+            self._process.start()
         far.close()
         try:
             problem = self._near.recv() if self._near.poll(_READY_S) else f"not loaded within {_READY_S:g} s"
@@ -70,8 +72,7 @@ def _serve(
     indentor: str,
     truth: Truth,
 ) -> None:
-    # Ctrl-C goes to every process of the terminal; this one ends with its pipe.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # where it was not held back: this process ends with its pipe
     try:
         press = Press(Fingertip.load(config), indentor, truth)
     except Exception as error:

@@ -1,12 +1,11 @@
 """What a candidate answers in each scene, and what that costs."""
 
-import multiprocessing
 import resource
 import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +22,7 @@ from sim.models import load
 from sim.result import IndentationResult
 from sim.study.candidates import Candidate
 from sim.study.scenes import Scene
+from sim.workers import in_processes
 
 Array = NDArray[np.float64]
 
@@ -75,10 +75,9 @@ class Measured:
 
 def measure(candidates: Iterable[Candidate], scenes: Sequence[Scene]) -> Iterator[Measured]:
     """Each candidate in a process of its own, one after the other."""
-    context = multiprocessing.get_context("spawn")
+    measured = partial(_measured, scenes=tuple(scenes))
     for candidate in candidates:
-        with ProcessPoolExecutor(max_workers=1, mp_context=context) as pool:
-            yield pool.submit(_measured, candidate, tuple(scenes)).result()
+        yield from in_processes(measured, [candidate], 1)
 
 
 def _measured(candidate: Candidate, scenes: tuple[Scene, ...]) -> Measured:

@@ -5,8 +5,11 @@ import json
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +21,9 @@ from rig.protocol.config import Config
 from rig.protocol.served_bench import ServedBench
 from rig.stage import GrblStage
 from rig.transport import open_port
+from sim.devices import SerialLine, VirtualBalance, VirtualGrbl
+from sim.serve.ports import PtyPort
+from sim.wall_clock import WallScheduler
 
 # Close to the switches, on a board that homes fast: a short way to go in real time. A reading is taken 0.1 s after a
 # move: until then a busy machine may still give the force from before it.
@@ -117,9 +123,9 @@ def whole(served: Callable[..., ServedBench], rig_toml: Callable[..., Path]) -> 
 def rig_toml(tmp_path: Path) -> Callable[..., Path]:
     """Write the configuration of a rig near its switches, with these ports."""
 
-    def write(stage: str, force: str = "/dev/ttyNOWHERE7") -> Path:
+    def write(stage: str, force: str = "/dev/ttyNOWHERE7", **limits: float) -> Path:
         path = tmp_path / "rig.toml"
-        tables = {**NEAR, "stage": {"port": stage}, "force": {**NEAR["force"], "port": force}}
+        tables = {**NEAR, "stage": {"port": stage}, "force": {**NEAR["force"], "port": force}, "limits": limits}
         path.write_text(Config.model_validate(tables).as_toml(), encoding="utf-8")
         return path
 
@@ -152,3 +158,41 @@ def free_stage(served: Callable[..., ServedBench], rig_toml: Callable[..., Path]
             look.close()
 
     return x_mm, rig_toml(**bench.ports)
+
+
+@contextmanager
+def _answering(scheduler: WallScheduler, *ports: PtyPort) -> Iterator[None]:
+    loop = threading.Thread(target=scheduler.run)
+    loop.start()
+    try:
+        yield
+    finally:
+        scheduler.stop()
+        loop.join(5.0)
+        for port in ports:
+            port.close()
+        scheduler.close()
+
+
+@pytest.fixture
+def running() -> Callable[..., AbstractContextManager[None]]:
+    """What is on the ports of a scheduler answers meanwhile, from a thread: running(scheduler, *ports)."""
+    return _answering
+
+
+@pytest.fixture
+def block(rig_toml: Callable[..., Path]) -> Iterator[tuple[float, Callable[..., Path]]]:
+    """A rigid block on the balance, under a rig that gives: how far (mm/N), and its configuration by limits."""
+    mm_per_n, top_mm = 0.05, NEAR["frame"]["apex_z_mm"] + 0.03
+    scheduler = WallScheduler()
+    stage_line, force_line = SerialLine(scheduler, 115200), SerialLine(scheduler, 115200)
+    board = VirtualGrbl(scheduler, stage_line)
+
+    def force_n(t_s: float) -> float:
+        return max(top_mm - board.carriage_steps_at(t_s)[2] / 400, 0.0) / mm_per_n
+
+    VirtualBalance(scheduler, force_line, force_n, sample_period_s=NEAR["force"]["sample_period_s"])
+    stage, force = PtyPort(scheduler, stage_line), PtyPort(scheduler, force_line)
+    with _answering(scheduler, stage, force):
+        set_up(stage.name)
+        yield mm_per_n, partial(rig_toml, stage.name, force.name)

@@ -1,9 +1,9 @@
 """`rig calibrate`: a caliper, a known mass, and the lines for the configuration."""
 
 import io
-import threading
 import tomllib
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from sim.wall_clock import WallScheduler
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 
 Rig = Callable[..., Any]
+Running = Callable[..., AbstractContextManager[None]]
 
 
 def test_steps_per_mm_with_a_caliper(rig: Rig, free_stage: tuple[Callable[[], float], Path]) -> None:
@@ -40,14 +41,12 @@ def test_steps_per_mm_with_a_caliper(rig: Rig, free_stage: tuple[Callable[[], fl
         assert complaint in ended.err
 
 
-def test_force_scale_with_a_known_mass(rig: Rig, tmp_path: Path) -> None:
+def test_force_scale_with_a_known_mass(rig: Rig, running: Running, tmp_path: Path) -> None:
     """50 g that the sensor takes for 49 g; then nothing on it, which is missed and said."""
     load_n, scheduler = [0.0], WallScheduler()
     line = SerialLine(scheduler, 115200)
     VirtualBalance(scheduler, line, lambda t_s: load_n[0])
     port = PtyPort(scheduler, line)
-    loop = threading.Thread(target=scheduler.run)
-    loop.start()
     config = tmp_path / "rig.toml"
     config.write_text(f'[force]\nport = "{port.name}"\nbaud = 115200\n', encoding="utf-8")
 
@@ -57,14 +56,40 @@ def test_force_scale_with_a_known_mass(rig: Rig, tmp_path: Path) -> None:
             return "\n"
 
     weigh = ("calibrate", "force", "--config", config, "--mass-g", "50", "--json")
-    try:
+    with running(scheduler, port):
         weighed, missed = rig(*weigh, typed=Hand()), rig(*weigh, typed="\n")
-    finally:
-        scheduler.stop()
-        loop.join(5.0)
-        port.close()
-        scheduler.close()
     assert (weighed.code, weighed.json["name"]) == (0, "force_scale")
     assert weighed.json["value"] == pytest.approx(50 / 49, rel=1e-3)
     assert missed.code == 2
     assert "expected a difference of 20 % at most" in missed.err
+
+
+def test_compliance_on_a_block(rig: Rig, block: tuple[float, Callable[..., Path]]) -> None:
+    """Within three standard deviations; a step of 2.5 µm (over √12) and twenty steps in 1 N make some 0.0005 mm/N."""
+    mm_per_n, rig_toml = block
+    press = ("calibrate", "compliance", "--config", rig_toml(search_mm=0.1), "--to-gwt", 100, "--valid-days", 30)
+    ended = rig(*press, "--json", typed="\n\n")
+    assert ended.code == 0, ended.err
+    assert "put a rigid block under a flat indentor; it will be pressed to 100 gwt, then press Enter" in ended.err
+    found = ended.json
+    assert found["name"] == "compliance_mm_per_n"
+    assert 0 < found["sd"] < 0.1 * mm_per_n
+    assert abs(found["value"] - mm_per_n) < 3 * found["sd"]
+    table = tomllib.loads(found["toml"])["calibration"]["compliance_mm_per_n"]
+    assert (table["expires"] - table["date"]).days == 30
+    accepted = Config.model_validate({"calibration": {"compliance_mm_per_n": table}}).calibration
+    assert accepted.value("compliance_mm_per_n", 0.0) == pytest.approx(found["value"], rel=1e-3)
+
+
+def test_nobody_beside_the_block(rig: Rig, block: tuple[float, Callable[..., Path]]) -> None:
+    ended = rig("calibrate", "compliance", "--config", block[1](), typed="")
+    assert (ended.code, ended.out) == (1, "")
+    assert ended.err.splitlines()[-1].startswith("rig: stopped: nobody answered: put a rigid block")
+
+
+def test_a_force_beyond_the_trip(rig: Rig, block: tuple[float, Callable[..., Path]]) -> None:
+    """100 gwt are asked for and the rig may not go beyond 0.3 N: it trips, lifts and says so."""
+    press = ("calibrate", "compliance", "--config", block[1](search_mm=0.1, soft_trip_n=0.3))
+    ended = rig(*press, typed="\n\n")
+    assert (ended.code, ended.out) == (1, "")
+    assert "soft trip" in ended.err.splitlines()[-1]
