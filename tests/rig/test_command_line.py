@@ -194,6 +194,42 @@ def test_indent_refuses_in_one_line(rig: Rig, arguments: str, complaint: str) ->
     assert ended.out == ""
 
 
+DECK = "export-deck --x-mm 0 --doi-mm 0.5 --out {}/a.inp --shape"
+NO_PORT = "--config {}/no_port.toml"
+WAY = "expected up to 1000 mm either way, not zero"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (f"{DECK} line", "--shape line: a deck has shapes that lie along the finger only"),
+        (f"{DECK} sphere:2.0", "--shape sphere:2.0: a deck has shapes that lie along the finger only"),
+        ("bench --quick --out {}", "--out {}: expected a file in a folder that exists"),
+        (
+            f"calibrate steps {NO_PORT} --axis z --by-mm nan",
+            f"--by-mm nan: {WAY}",
+        ),
+        (
+            f"calibrate steps {NO_PORT} --axis z --by-mm inf",
+            f"--by-mm inf: {WAY}",
+        ),
+        (f"calibrate steps {NO_PORT} --axis z --by-mm 0", f"--by-mm 0: {WAY}"),
+        (f"calibrate steps {NO_PORT} --axis q", "--axis q: expected x, y or z"),
+        (f"jog {NO_PORT} --axis z --by-mm=-inf", f"--by-mm -inf: {WAY}"),
+        (f"jog {NO_PORT} --axis z", "--axis and --by-mm: expected both of them, or neither to jog by keys"),
+        (f"jog {NO_PORT} --by-mm 1", "--axis and --by-mm: expected both of them, or neither to jog by keys"),
+    ],
+)
+def test_refused_before_anything_is_opened_or_solved(
+    rig: Rig, tmp_path: Path, arguments: str, complaint: str
+) -> None:
+    (tmp_path / "no_port.toml").write_text('[stage]\nport = "/dev/ttyNOWHERE7"\n', encoding="utf-8")
+    ended = rig(*arguments.replace("{}", str(tmp_path)).split())
+    assert (ended.code, ended.out) == (2, "")
+    assert ended.complaint == complaint.replace("{}", str(tmp_path))
+    assert [path.name for path in tmp_path.iterdir()] == ["no_port.toml"]
+
+
 def test_a_refusal_is_json_too_where_json_was_asked_for(rig: Rig) -> None:
     for arguments in (("indent", "--shape", "tube:3", "--x-mm", 0, "--doi-mm", 1), ("indent", "--x-mm", "left")):
         ended = rig(*arguments, "--json")

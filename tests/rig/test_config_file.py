@@ -64,6 +64,7 @@ def test_no_file_means_the_defaults() -> None:
             "sync.register_address = 24578: input should be less than or equal to 4095",
         ),
         ('[stage]\nport = "tcp://10.0.0.7"\n', "stage.port = 'tcp://10.0.0.7': expected tcp://HOST:PORT or the name"),
+        ('[force]\nport = ""\n', "force.port = '': expected tcp://HOST:PORT or the name of a serial port"),
         ("[limits]\nx_mm = [-6.0]\n", "limits.x_mm.1"),
         ("[virtual]\nz_screw_steps_per_mm = 0\n", "virtual.z_screw_steps_per_mm = 0: input should be greater than 1"),
     ],
@@ -118,6 +119,12 @@ def test_not_toml(toml: Path) -> None:
     assert "line 1" in _complaint(toml)
 
 
+def test_a_byte_order_mark_is_no_mistake(toml: Path) -> None:
+    """As editors on Windows write it."""
+    toml.write_text("[limits]\nmax_doi_mm = 1.0\n", encoding="utf-8-sig")
+    assert load_config(toml).limits.max_doi_mm == 1.0
+
+
 def test_not_text(toml: Path) -> None:
     toml.write_bytes(b"\xff\xfe\x00")
     assert _complaint(toml).startswith("not valid TOML: ")
@@ -170,7 +177,10 @@ NUMBERS = {
 CHANGES = st.fixed_dictionaries({}, optional={place: st.floats(*ends) for place, ends in NUMBERS.items()})
 
 
-@given(changes=CHANGES, port=st.text(st.characters(codec="ascii"), max_size=20).filter(lambda s: "\x7f" not in s))
+@given(
+    changes=CHANGES,
+    port=st.text(st.characters(codec="ascii"), min_size=1, max_size=20).filter(lambda s: "\x7f" not in s),
+)
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_what_is_written_reads_back_the_same(toml: Path, changes: dict[tuple[str, str], float], port: str) -> None:
     tables: dict[str, dict[str, object]] = {"stage": {"port": port}, "finger": {"tissue": {"e_bone": 1e9}}}

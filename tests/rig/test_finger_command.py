@@ -146,6 +146,7 @@ def test_poor_elements_are_doubted(finger_command: Finger) -> None:
         ('points = "mine.csv"', POINTS.replace("4.839", "NaN"), "study/mine.csv, line 11, y_mm: expected a number"),
         ('points = "mine.csv"', SECTIONS, "line 1: 0 columns x_mm, expected the columns x_mm,y_mm,z_mm"),
         ('points = "mine.csv"', "".join(POINTS.splitlines(True)[:12]), "11 points, expected 12 to 10000"),
+        ('points = "mine.csv"', "x_mm,y_mm,z_mm\n", "study/mine.csv: no rows below line 1, expected numbers"),
         ('length_mm = 11\npoints = "mine.csv"', POINTS, "z 4.07 … 11.51 mm: expected z from 0"),
         ('sections = "mine.csv"', SECTIONS.replace("4.4,4.6", "2.2,4.6"), "no receptor at x = -2 mm, 0.76 mm below"),
         ("points = [[1, 2, 3]]", "", "finger.geometry.points = [[1, 2, 3]]: 1 points, expected 12 to 10000"),

@@ -71,6 +71,7 @@ def test_comments_empty_lines_spaces_and_a_byte_order_mark(write: Write) -> None
         ("#\na,b\n1,2\n1,5,2,5\n", "mine.csv, line 4: 4 cells, expected 2, as in line 2"),  # decimal commas
         ("a,b\n1,2\n\nnan,2\n", "mine.csv, line 4, a: expected a number, got 'nan'"),
         ("a,b\n1,inf\n", "mine.csv, line 2, b: expected a number, got 'inf'"),
+        ("#\na,b\n\n", "mine.csv: no rows below line 2, expected numbers"),
         ("a;b\n1;2\n", "mine.csv, line 1: 0 columns a, expected the columns a,b"),
         ("a,b\n1,2\n1,\0\n", "mine.csv"),
     ],
@@ -88,7 +89,7 @@ def test_no_file_no_text_a_folder(tmp_path: Path) -> None:
     with pytest.raises(TableError, match=r": Is a directory"):
         read_columns(tmp_path, ("a",))
     (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00\x81")
-    with pytest.raises(TableError, match=r"binary.csv: .*codec"):
+    with pytest.raises(TableError, match=r"binary.csv: not a CSV file in UTF-8: .*codec"):
         read_columns(tmp_path / "binary.csv", ("a",))
 
 

@@ -81,6 +81,14 @@ def test_a_file_that_is_not_understood(coarse: Path, old: str, new: str, complai
     assert "\n" not in str(caught.value)
 
 
+def test_one_number_needs_no_list(coarse: Path) -> None:
+    """Nor is a byte order mark a mistake."""
+    with_lists = read_study(coarse)
+    coarse.write_text(COARSE.replace("[1.0]", "1"), encoding="utf-8-sig")
+    assert "force_gwt = 1\n" in coarse.read_text(encoding="utf-8-sig")
+    assert read_study(coarse) == with_lists
+
+
 def test_what_has_no_answer_says_why_in_its_row(coarse: Path) -> None:
     coarse.write_text(COARSE.replace("doi_mm = [0.2, 0.4]", "doi_mm = [5.0]"), encoding="utf-8")
     (row,) = solve(read_study(coarse)[1])
@@ -124,6 +132,8 @@ def test_bad_input_is_one_line(command: Command, coarse: Path, tmp_path: Path) -
     code, _, err = command("study", coarse, "--out", tmp_path / "no" / "t.csv")
     assert (code, err.count("\n")) == (2, 1)
     assert "expected a file in a folder that exists" in err
+    code, _, err = command("study", coarse, "--out", tmp_path)
+    assert (code, err) == (2, f"rig: --out {tmp_path}: expected a file in a folder that exists\n")
 
 
 def _killed(number: int) -> int:

@@ -1,0 +1,34 @@
+"""Processes that work for this one: in order, deaf to Ctrl-C, gone when it has no more use for them."""
+
+import multiprocessing
+import signal
+import time
+
+import pytest
+
+from sim.workers import in_processes
+
+
+def test_answers_come_in_the_order_of_the_items() -> None:
+    assert list(in_processes(abs, [-3, 1, -2], 2)) == [3, 1, 2]
+    assert multiprocessing.active_children() == []
+
+
+def _blocked(_: int) -> bool:
+    return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="needs masks of signals (POSIX)")
+def test_they_leave_ctrl_c_to_us() -> None:
+    assert list(in_processes(_blocked, [0], 1)) == [True]
+    assert not _blocked(0)
+
+
+def test_they_end_at_once_when_no_more_is_asked_for() -> None:
+    """One that sleeps for a minute is not waited for."""
+    answers = in_processes(time.sleep, [0.0, 60.0], 1)
+    next(answers)
+    began = time.monotonic()
+    answers.close()  # type: ignore[attr-defined]
+    assert time.monotonic() - began < 10
+    assert multiprocessing.active_children() == []
