@@ -58,15 +58,11 @@ def cached_arrays(key: str, make: Callable[[], Arrays], kind: Kind = "model") ->
     and of all that follows. One process at a time makes it.
     """
     folder = cache_dir()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise CacheError(f"cache folder {folder} (RIG_CACHE_DIR): {error.strerror}") from None
     path = folder / f"{key}.{kind}"
     found = _read(path, key)
     if found is not None:
         return found, True
-    with FileLock(folder / f"{key}.lock"):
+    with _alone(folder, key):
         found = _read(path, key)  # another process may have just made it
         if found is not None:
             return found, True
@@ -77,6 +73,21 @@ def cached_arrays(key: str, make: Callable[[], Arrays], kind: Kind = "model") ->
             stream.write(content)
     _forget_oldest(folder)
     return made, False
+
+
+@contextlib.contextmanager
+def _alone(folder: Path, key: str) -> Iterator[None]:
+    """Nobody else makes what the key names meanwhile. Raises CacheError."""
+    lock = FileLock(folder / f"{key}.lock")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock.acquire()
+    except OSError as error:
+        raise CacheError(f"cache folder {folder} (RIG_CACHE_DIR): {error.strerror}") from None
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 def _read(path: Path, key: str) -> Arrays | None:

@@ -1,5 +1,6 @@
 """What several commands take on the command line."""
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -21,6 +22,6 @@ JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on sta
 
 def checked_file(option: str, path: Path) -> Path:
     """A file that can be written later, before the work that fills it begins. Raises BadInputError."""
-    if path.is_dir() or not path.parent.is_dir():
-        raise BadInputError(f"{option} {path}: expected a file in a folder that exists")
+    if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
+        raise BadInputError(f"{option} {path}: expected a file in a folder that exists and may be written to")
     return path

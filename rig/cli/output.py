@@ -89,4 +89,5 @@ def told_in_one_line(*, as_json: bool) -> Iterator[None]:
     except (EngineError, StageError, ForceError, TransportError) as error:
         fail(f"stopped: {error}", ExitCode.STOPPED, as_json=as_json)
     except OSError as error:
-        fail(f"{error.filename or 'file'}: {error.strerror or error}", ExitCode.BAD_INPUT, as_json=as_json)
+        what = error.strerror or str(error)
+        fail(f"{error.filename}: {what}" if error.filename else what, ExitCode.BAD_INPUT, as_json=as_json)

@@ -204,7 +204,7 @@ WAY = "expected up to 1000 mm either way, not zero"
     [
         (f"{DECK} line", "--shape line: a deck has shapes that lie along the finger only"),
         (f"{DECK} sphere:2.0", "--shape sphere:2.0: a deck has shapes that lie along the finger only"),
-        ("bench --quick --out {}", "--out {}: expected a file in a folder that exists"),
+        ("bench --quick --out {}", "--out {}: expected a file in a folder that exists and may be written to"),
         (
             f"calibrate steps {NO_PORT} --axis z --by-mm nan",
             f"--by-mm nan: {WAY}",

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.cache import Arrays, cache_dir, cached_arrays, content_key
+from sim.cache import Arrays, CacheError, cache_dir, cached_arrays, content_key
 from sim.config import FingertipConfig
 from sim.finger.surface import published_points
 
@@ -86,6 +86,15 @@ def test_any_single_flipped_bit_is_seen(folder: Path) -> None:
     for position in range(len(good)):
         path.write_bytes(good[:position] + bytes([good[position] ^ (1 << position % 8)]) + good[position + 1 :])
         assert make.get()[1] is False, f"byte {position}"
+
+
+def test_a_folder_that_cannot_be_had_is_said(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    taken = folder / "a_file"
+    folder.mkdir(exist_ok=True)
+    taken.touch()
+    monkeypatch.setenv("RIG_CACHE_DIR", str(taken))
+    with pytest.raises(CacheError, match=r"cache folder .*a_file \(RIG_CACHE_DIR\): File exists"):
+        cached_arrays("k", lambda: pytest.fail("made in vain"))
 
 
 def test_a_failed_making_leaves_nothing(folder: Path) -> None:

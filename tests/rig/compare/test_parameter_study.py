@@ -133,7 +133,20 @@ def test_bad_input_is_one_line(command: Command, coarse: Path, tmp_path: Path) -
     assert (code, err.count("\n")) == (2, 1)
     assert "expected a file in a folder that exists" in err
     code, _, err = command("study", coarse, "--out", tmp_path)
-    assert (code, err) == (2, f"rig: --out {tmp_path}: expected a file in a folder that exists\n")
+    assert (code, err) == (
+        2,
+        f"rig: --out {tmp_path}: expected a file in a folder that exists and may be written to\n",
+    )
+
+
+def test_a_folder_without_permission_is_seen_before_the_work(command: Command, coarse: Path, tmp_path: Path) -> None:
+    locked = tmp_path / "locked"
+    locked.mkdir(0o555)
+    if os.access(locked, os.W_OK):
+        pytest.skip("whoever runs this may write anywhere, as root may")
+    code, _, err = command("study", coarse, "--out", locked / "t.csv")
+    assert code == 2
+    assert "expected a file in a folder that exists and may be written to" in err
 
 
 def _killed(number: int) -> int:
