@@ -157,6 +157,5 @@ def fit_all(eps: Array, rate: Array) -> Fit:
     for j in range(eps.shape[2]):
         known = ~np.isnan(eps[0, :, j])
         if known.sum() >= 3:
-            for i in range(len(eps)):
-                values[:, i, j] = fit_rates(eps[i, known, j], rate[known])
+            values[:, :, j] = fit_rates(eps[:, known, j], rate[known])
     return Fit(*values)
