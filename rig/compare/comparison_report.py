@@ -75,9 +75,9 @@ def write_comparison(
         command=command,
         versions={name: version(name) for name in ("indentation-rig", "numpy", "scipy", "matplotlib")},
         threshold=THRESHOLD,
-        num=_number,
-        mm=_positions,
-        limits=_limits,
+        num=as_number,
+        mm=as_positions,
+        limits=as_limits,
         labels={name: figures.label(name) for name in MEASURES},
         units={name: figures.unit(name) for name in MEASURES},
     )
@@ -207,7 +207,7 @@ def _strain_maps(sections: Sequence[CrossSection]) -> list[Figure]:
     ]
 
 
-def _number(value: float | None, digits: int = 3) -> str:
+def as_number(value: float | None, digits: int = 3) -> str:
     """A number for a table with a typographic minus; a dash where there is none."""
     if value is None:
         return "–"
@@ -218,9 +218,11 @@ def _number(value: float | None, digits: int = 3) -> str:
 _WIDEST_PLAIN = 1e5
 
 
-def _positions(values: Iterable[float]) -> str:
-    return " ".join(_number(round(float(v), 3) + 0.0, 4) for v in values) or "–"
+def as_positions(values: Iterable[float]) -> str:
+    """Places in mm for a table; a dash where there are none."""
+    return " ".join(as_number(round(float(v), 3) + 0.0, 4) for v in values) or "–"
 
 
-def _limits(values: Sequence[float | None] | None) -> str:
-    return f"[{_number(values[0])}, {_number(values[1])}]" if values else ""
+def as_limits(values: Sequence[float | None] | None) -> str:
+    """An interval for a table; nothing where there is none."""
+    return f"[{as_number(values[0])}, {as_number(values[1])}]" if values else ""

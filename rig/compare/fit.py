@@ -76,5 +76,7 @@ def _rising(eps: Array, rate: Array, weight: Array) -> Fit:
 
 def _ordered(values: Array, order: NDArray[np.int64]) -> Array:
     """Rows in an order of their own; the two broadcast."""
+    if order.ndim == 1:
+        return values[..., order]
     shape = np.broadcast_shapes(values.shape, order.shape)
     return np.take_along_axis(np.broadcast_to(values, shape), np.broadcast_to(order, shape), -1)
