@@ -15,8 +15,9 @@ from rig.compare.plausible import design_places
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Ints = NDArray[np.int64]
 
-_STEPS = 12
+_STARTS, _STEPS = 3, 12
 _DAMPING, _EASED, _RAISED = 1e-2, 0.2, 5.0
 
 
@@ -55,14 +56,20 @@ def _products(each: Array) -> Array:
 def fit_with_finger(eps: Array, rate: Array) -> FingerFit:
     """The best k, ε₀ and place of each pair, for SSRPs (fingers, N, p) on the design and rates (p,).
 
-    From the best finger of the design on: variable projection (Golub and Pereyra 1973), that is k and ε₀ exactly at
-    every place, and the place by damped Gauss–Newton steps that stay inside the ranges.
+    From the best few fingers of the design on: variable projection (Golub and Pereyra 1973), that is k and ε₀ exactly
+    at every place, and the place by damped Gauss–Newton steps that stay inside the ranges.
     """
     found = fit_rates(eps, rate)
-    first = np.argmin(np.where(np.isnan(found.rss), np.inf, found.rss), axis=0)
-    pair = np.arange(eps.shape[1])
+    order = np.argsort(np.where(np.isnan(found.rss), np.inf, found.rss), axis=0, kind="stable")
+    ended = [_from(first, found, eps, rate) for first in order[:_STARTS]]
+    return reduce(lambda a, b: _chosen(b.fit.rss < a.fit.rss, b, a), ended)
+
+
+def _from(first: Ints, found: Fit, eps: Array, rate: Array) -> FingerFit:
+    """The best near a finger of the design, for each pair its own (N,); k keeps its sign."""
+    pair = np.arange(len(first))
     start = Fit(*(value[first, pair] for value in found))
-    sign = np.where(start.k < 0, -1.0, 1.0)  # stays what it is
+    sign = np.where(start.k < 0, -1.0, 1.0)
     rising = np.moveaxis(sign[:, None] * eps, 0, 1)
     best = FingerFit(design_places(free_of(eps))[first], _signed(sign, start), rising[pair, first])
     if free_of(eps):

@@ -92,10 +92,10 @@ def _section(joint: Joint, plausible: PlausibleFingers) -> Section:
         said = f"With the finger anywhere in these ranges the recordings cannot tell apart: {listed}."
     return Section(
         f"On all plausible fingers: {joint.title}",
-        f"Stated as plausible: {ranges} (file with SHA-256 {plausible.sha256}). {said} Each pair may have its best finger. Intervals “on all fingers” are "
-        "the hull of the intervals on every finger of the ranges on which the pair does not fit significantly worse "
-        "than on its best one: they hold for whatever finger lies within the ranges, and for no other. “On this "
-        "finger” is what the run's own finger gives, as in the tables above.",
+        f"Stated as plausible: {ranges} (file with SHA-256 {plausible.sha256}). {said} Each pair may have its best "
+        "finger. Intervals “on all fingers” are the hull of those on every finger of the ranges on which the pair "
+        "does not fit significantly worse than on its best one: they hold for whatever finger lies within the "
+        "ranges, and for no other. “On this finger” is what the run's own finger gives, as in the tables above.",
         _HEADER,
         tuple(_cells(row) for row in finger_rows(found, plausible)),
     )

@@ -38,7 +38,7 @@ def fit_rates(eps: Array, rate: Array, weight: Array | None = None, sign: int = 
     line, and the best line that is positive on just its own points is the answer. No minimum lies where ε₀ passes a
     point, because a non-negative rate can only pull ε₀ down.
     """
-    weight = np.ones_like(rate) if weight is None else weight
+    weight = np.ones_like(eps) if weight is None else weight
     if sign:
         fit = _rising(sign * eps, rate, weight)
         return Fit(sign * fit.k, sign * fit.eps0, fit.rss)

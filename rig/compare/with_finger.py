@@ -94,7 +94,7 @@ def interval_with_finger(eps: Array, repeats: list[Array], shape_of: NDArray[np.
     residual = squared_residuals(fit, tried, rate)
     kept = np.flatnonzero(not_worse(residual, residual[0], LEVEL) & np.isfinite(fit.k))
     extreme = {int(kept[pick(v[kept])]) for v in (fit.k, fit.eps0) for pick in (np.argmin, np.argmax)}
-    return _hull([interval(tried[i], repeats, shape_of, sign) for i in sorted({0, *extreme})])
+    return _hull([interval(tried[i], repeats, shape_of, sign) for i in sorted(extreme)])
 
 
 def _hull(limits: list[Interval]) -> Interval:
