@@ -94,9 +94,14 @@ def families(config: FingertipConfig) -> Families:
     return {"steps": three, "step 1 alone": three[:1], "bars": bars(finger)}
 
 
+def drawn(free: int) -> Array:
+    """(INSIDE, free) places drawn uniformly within the ranges; none is of the design."""
+    return np.random.default_rng(SEED).uniform(-1, 1, size=(INSIDE, free))
+
+
 def inside(plausible: PlausibleFingers) -> list[FingertipConfig]:
-    """Fingers drawn uniformly within the ranges; none is of the design."""
-    places = np.random.default_rng(SEED).uniform(-1, 1, size=(INSIDE, len(plausible.free)))
+    """The fingers at the places that were drawn."""
+    places = drawn(len(plausible.free))
     trees = [{name.partition(".")[2]: v for name, v in plausible.values(place).items()} for place in places]
     return [FingertipConfig(tissue=Tissue(**tree)) for tree in trees]
 

@@ -13,6 +13,7 @@ interpolated between its fingers (`rig/compare/finger_fit.py`).
 import hashlib
 import itertools
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -119,7 +120,12 @@ class PlausibleFingers:
 
 def design_places(free: int) -> Array:
     """(3^free, free) places of the design's fingers, in units of the ranges; the last parameter varies fastest."""
-    return np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=free))).reshape(-1, free)
+    return places((-1.0, 0.0, 1.0), free)
+
+
+def places(along: Sequence[float], free: int) -> Array:
+    """(len(along)^free, free) every combination, the last parameter fastest; one place of no coordinates for none."""
+    return np.array(list(itertools.product(along, repeat=free)))
 
 
 def read_plausible(path: Path) -> PlausibleFingers:

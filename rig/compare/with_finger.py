@@ -1,6 +1,5 @@
 """What recordings say when the finger is known within ranges: sets and intervals that hold on all fingers of them."""
 
-import itertools
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 from rig.compare.comparison import Joint
 from rig.compare.finger_fit import fit_all_with_finger, fit_with_finger, free_of, weights
 from rig.compare.fit import Fit, fit_rates
+from rig.compare.plausible import places
 from rig.compare.statistics import Flags, Interval, by_pair, compared, interval, not_worse, squared_residuals
 
 Array = NDArray[np.float64]
@@ -87,9 +87,8 @@ def interval_with_finger(eps: Array, repeats: list[Array], shape_of: NDArray[np.
     if np.isnan(best.fit.k[0]):
         return None
     sign = 1 if best.fit.k[0] > 0 else -1
-    free = free_of(eps)
-    places = np.array(list(itertools.product(np.linspace(-1, 1, _GRID), repeat=free))).reshape(-1, free)
-    tried = np.concatenate([best.eps, weights(places) @ eps])
+    judged = places(np.linspace(-1, 1, _GRID).tolist(), free_of(eps))
+    tried = np.concatenate([best.eps, weights(judged) @ eps])
     fit = fit_rates(tried, rate, sign=sign)
     residual = squared_residuals(fit, tried, rate)
     kept = np.flatnonzero(not_worse(residual, residual[0], LEVEL) & np.isfinite(fit.k))
