@@ -3,7 +3,7 @@
 import json
 import shlex
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, NamedTuple
@@ -20,6 +20,7 @@ from rig.compare.finger_tables import finger_sections, fingers_as_json
 from rig.compare.inputs import SpikeReading, read_recordings, sha256
 from rig.compare.on_fingers import on_plausible_fingers
 from rig.compare.plausible import PlausibleFingers, read_plausible
+from rig.compare.recorded import Recording
 from rig.compare.stimuli import Stimulus, stimuli
 from rig.compare.tables import as_json as comparison_as_json
 from rig.data import Run, read_run
@@ -70,10 +71,9 @@ def command(
         plausible = None if fingers is None else read_plausible(fingers)
         found = [read_run(path) for path in runs]
         recordings = read_recordings(recorded or [], mirror or [], found, spikes)
-        answered = _answered(found, receptors, plausible)
-        pressed = [stimulus for one in answered for stimulus in one.stimuli]
-        comparison = compare(pressed, recordings, normalise=normalise, plausible=plausible)
-        report = out_file or runs[0] / "comparison.html"
+        answered = _answered(found, receptors)
+        line = _under_the_line(answered, deflection)
+        comparison = _compared(answered, recordings, normalise, plausible)
         options = {
             "--recorded": recorded or [],
             "--mirror": mirror or [],
@@ -86,13 +86,14 @@ def command(
                 ("--receptor-depth-mm", f"{receptor_depth_mm:g}", "0.76"),
             ),
         }
+        report = out_file or runs[0] / "comparison.html"
         write_comparison(
             report,
             comparison,
             found,
             answered[0].finger,
             _remade_by(runs, options, normalise),
-            [*finger_sections(comparison), *_under_the_line(answered, deflection)],
+            [*finger_sections(comparison), *line],
             sections=[s for one in answered for s in cross_sections(one.run, one.finger, one.stimuli)],
             pdf=pdf,
         )
@@ -119,18 +120,28 @@ class Answered:
     stimuli: list[Stimulus]
 
 
-def _answered(runs: list[Run], receptors: Receptors, plausible: PlausibleFingers | None) -> list[Answered]:
-    """What the model says to each run, on every plausible finger, too, where these are stated."""
+def _answered(runs: list[Run], receptors: Receptors) -> list[Answered]:
+    """What the model says to each run."""
     fingers = _fingers(runs, receptors)
     found = [Answered(run, finger, stimuli(run, finger)) for run, finger in zip(runs, fingers, strict=True)]
     if not any(one.stimuli for one in found):
         raise BadInputError(f"run {runs[0].folder.path}: expected a finished indentation")
+    return found
+
+
+def _compared(
+    answered: list[Answered],
+    recordings: dict[str, Recording],
+    normalise: bool,
+    plausible: PlausibleFingers | None,
+) -> Comparison:
+    """With what every plausible finger says, where these are stated; what does not go together is refused before."""
+    given = compare([s for one in answered for s in one.stimuli], recordings, normalise=normalise)
     if plausible is None:
-        return found
+        return given
     with loading_the_finger("plausible fingers: from the cache, or built in about half a minute each …"):
-        return [
-            replace(one, stimuli=on_plausible_fingers(one.run, one.stimuli, one.finger, plausible)) for one in found
-        ]
+        on_all = [s for a in answered for s in on_plausible_fingers(a.run, a.stimuli, a.finger, plausible)]
+    return compare(on_all, recordings, normalise=normalise, plausible=plausible)
 
 
 def _refuse_nowhere(files: dict[str, Path | None]) -> None:
