@@ -12,9 +12,9 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.patches import Patch
 
 from rig.compare.comparison import compare
-from rig.compare.comparison_figures import label
 from rig.compare.comparison_report import Section
 from rig.compare.html import Figure
+from rig.compare.labels import label
 from rig.compare.shape_test import THRESHOLD
 from rig.compare.style import BLUE, Plot
 from rig.compare.table_5_2 import agreement, source_flags
@@ -117,7 +117,7 @@ def _draw(canvas: Canvas, found: Sequence[Verdicts]) -> None:
         axes.annotate(variant, (middle, 0), (0, 4), textcoords="offset points", rotation=30, fontsize=8)
         axes.axvline(len(FORCES_GWT) * k, color="black", lw=0.8)
     keys = [Patch(fc="#9ecae1", label="survives the steps"), Patch(fc=BLUE, label="and the bars")]
-    canvas.legend(handles=keys, loc="outside lower right", ncols=2, fontsize=8)
+    canvas.legend(handles=keys, loc="outside lower center", ncols=2, fontsize=8)
 
 
 def main() -> None:

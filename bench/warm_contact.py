@@ -5,8 +5,11 @@
 Each shape is pressed 1 mm deep at 1 mm/s by the virtual bench's own press (`sim/plant.py`), which goes on from the
 last sample's contact. At 100 Hz every sample is solved. At 1 kHz most are served from answers at 100 Hz: *behind*, as
 if nothing were known of the stage's path, by extrapolation from answers that have had a period to be solved in;
-*ahead*, where the path is planned and the next pose solved before it is reached (`sim/serve/press_ahead.py`), by
-interpolation. The errors of both are against solving each millisecond, over the largest force.
+*ahead*, where the path is planned and the next pose solved before it is reached, by interpolation. The errors of both
+are against solving each millisecond, over the largest force.
+
+The last table is of the load cell itself, on the wall clock: `rig serve`'s own way (`sim/serve/press_ahead.py`, the
+finger in a second process) with a carriage on its way down, asked at every hundredth of a second.
 """
 
 import os
@@ -16,8 +19,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.config import FingertipConfig
 from sim.fingertip import Fingertip
-from sim.plant import Pose, Press
+from sim.plant import Carriage, Placement, Pose, Press, Screws
+from sim.serve.press_ahead import PressAhead
+from sim.serve.press_process import PressProcess
+from sim.wall_clock import WallScheduler
 
 Array = NDArray[np.float64]
 
@@ -32,6 +39,7 @@ SCENES = {
 DEPTH_MM, SPEED_MM_S = 1.0, 1.0
 SOLVED_HZ, SERVED_HZ = 100, 1000
 DEADLINE_S = 1 / SOLVED_HZ
+DESCENTS = 5
 ORDERS = (1, 2)
 
 
@@ -90,8 +98,57 @@ def times(seconds: Array) -> str:
     return " / ".join(f"{1e3 * v:.1f}" for v in (*np.percentile(seconds, [50, 99]), seconds.max()))
 
 
+@dataclass(frozen=True)
+class Served:
+    """Samples of the load cell at their instants."""
+
+    delay_s: Array  # from the instant until the force is there
+    fresh: NDArray[np.bool_]  # not the force of an instant before
+    force_n: Array
+    exact_n: Array
+
+
+def served(finger: Fingertip, shape: str, x_mm: float) -> Served:
+    """A descent on the wall clock, after half a second of rest above the finger."""
+    top_mm = finger.touch_height_mm(shape, x_mm) - finger.apex_height_mm
+    scheduler, screws, period_s = WallScheduler(), Screws(), 1 / SOLVED_HZ
+    start_s = np.inf
+
+    def steps_at(t_s: float) -> tuple[int, int, int]:
+        z_mm = top_mm - SPEED_MM_S * min(max(t_s - start_s, 0.0), DEPTH_MM / SPEED_MM_S)
+        return round(screws.x_steps_per_mm * x_mm), 0, round(screws.z_steps_per_mm * z_mm)
+
+    carriage = Carriage(steps_at, screws, Placement(0.0, 0.0))
+    ahead = PressAhead(scheduler, carriage, PressProcess(FingertipConfig(), shape), period_s, print)
+    start_s = period_s * round((scheduler.monotonic_s() + 0.5) / period_s)
+    instants = start_s + period_s * np.arange(1, round(DEPTH_MM / SPEED_MM_S * SOLVED_HZ) + 1)
+    delay, fresh, force, poses = [], [], [], []
+    for t_s in instants.tolist():
+        while scheduler.monotonic_s() < t_s:
+            scheduler.run_once(t_s)
+        fresh.append(ahead.fresh(t_s))
+        force.append(ahead.force_n(t_s))
+        delay.append(scheduler.monotonic_s() - t_s)
+        poses.append(carriage.pose_at(t_s))
+    ahead.close()
+    scheduler.close()
+    exact = Press(finger, shape)
+    return Served(np.array(delay), np.array(fresh), np.array(force), np.array([exact.force_n(p) for p in poses]))
+
+
+def served_table(finger: Fingertip) -> None:
+    """Five descents of each shape."""
+    head = ["shape", "delay, p50 / p99 / max (ms)", "fresh (%)", "largest error of what is served (%)"]
+    print(f"\n| {' | '.join(head)} |\n|{'---|' * len(head)}")
+    for name, (shape, x_mm) in SCENES.items():
+        runs = [served(finger, shape, x_mm) for _ in range(DESCENTS)]
+        delay, fresh = (np.concatenate([getattr(run, what) for run in runs]) for what in ("delay_s", "fresh"))
+        error = max(largest(run.force_n, run.exact_n) for run in runs)
+        print(f"| {name} | {times(delay)} | {100 * fresh.mean():.1f} | {error:.2f} |", flush=True)
+
+
 def main() -> None:
-    """Print the table."""
+    """Print the tables."""
     finger = Fingertip.load()
     head = ["shape", "force at 1 mm (N)", "wall (ms)", "CPU (ms)", "over 10 ms, wall / CPU"]
     head += [*(f"served behind, order {order} (%)" for order in ORDERS), "served ahead (%)"]
@@ -108,6 +165,7 @@ def main() -> None:
         errors = [f"{largest(f, fine.force_n):.2f}" for f in served]
         cells = [name, f"{coarse.force_n[-1]:.4f}", times(coarse.wall_s), times(coarse.cpu_s), late, *errors]
         print(f"| {' | '.join(cells)} |", flush=True)
+    served_table(finger)
 
 
 if __name__ == "__main__":

@@ -151,8 +151,9 @@ class Fingertip:
         force_gwt: float | None = None,
         reference: Reference = "contact",
         start: ContactState | None = None,
+        target: float = TARGET_RESIDUAL,
     ) -> IndentationResult:
-        """Press an indentor to a depth or to a force, from rest or on from a nearby state.
+        """Press an indentor to a depth or to a force, from rest or on from a nearby state, to a target residual.
 
         Shapes prismatic along the finger are placed by x, the line by z (default: the receptor plane), round shapes
         by both. Raises ModelRangeError when the scene leaves the model: contact at the patch's rim, a place, depth
@@ -166,7 +167,7 @@ class Fingertip:
         touch = self._first_touch(shape, place)
         height = self.apex_height_mm if reference == "apex" else touch.height_mm
         between_nodes = self.config.contact.between_nodes and shape.sharp
-        scene = _Scene(shape, place, height, touch, self.model_for(shape.axes), between_nodes)
+        scene = _Scene(shape, place, height, touch, self.model_for(shape.axes), between_nodes, target)
         scene.refuse_touch_outside()
         began = time.thread_time()
         with self._threads.limit(limits=1, user_api="blas"):
@@ -236,6 +237,7 @@ class _Scene:
     touch: Touch
     model: CondensedModel
     between_nodes: bool
+    target: float
     _pressed: dict[float, ContactState] = field(default_factory=dict)  # by depth past first touch, loosely solved
 
     def solve_from_rest(self, doi_mm: float, _: ContactState | None) -> ContactState:
@@ -244,8 +246,9 @@ class _Scene:
 
     def solve(self, doi_mm: float, start: ContactState | None) -> ContactState:
         """At once from a start or for a smooth shape, else pressed in from first touch, finely if that misses."""
-        state = self._pressed_in(doi_mm) if start is None and self.indentor.sharp else self._at(doi_mm, start)
-        if state.residual <= TARGET_RESIDUAL:
+        in_steps = start is None and self.indentor.sharp
+        state = self._pressed_in(doi_mm) if in_steps else self._at(doi_mm, start, self.target)
+        if state.residual <= self.target:
             return state
         finer = self._pressed_in_finely(doi_mm)
         better = min((state, finer), key=lambda s: s.residual)
@@ -260,7 +263,7 @@ class _Scene:
             if depth not in self._pressed:
                 self._pressed[depth] = self._onward(before_mm, depth, state, _ON_THE_WAY)
             before_mm, state = depth, self._pressed[depth]
-        return self._onward(before_mm, doi_mm, state, TARGET_RESIDUAL)
+        return self._onward(before_mm, doi_mm, state, self.target)
 
     def _onward(self, before_mm: float, doi_mm: float, start: ContactState | None, target: float) -> ContactState:
         if start is None or not self._at_corner(start):
@@ -276,10 +279,10 @@ class _Scene:
     def _pressed_in_finely(self, doi_mm: float) -> ContactState:
         state = None
         for depth in self._depths(_PRESS_IN_FINE_MM, self._first_mm, doi_mm):
-            state = self._step(depth, state)
-        return self._step(doi_mm, state)
+            state = self._step(depth, state, self.target)
+        return self._step(doi_mm, state, self.target)
 
-    def _step(self, doi_mm: float, start: ContactState | None, target: float = TARGET_RESIDUAL) -> ContactState:
+    def _step(self, doi_mm: float, start: ContactState | None, target: float) -> ContactState:
         """Solved at a depth, the passes counted from rest."""
         state = self._at(doi_mm, start, target)
         return state if start is None else replace(state, passes=start.passes + state.passes)
@@ -301,7 +304,7 @@ class _Scene:
         turning = self.indentor.turning(at - np.array(self.place)[:, None], _CORNER_REACH_MM)
         return bool((turning > 2 * _CORNER_REACH_MM / SHARP_RADIUS_MM).any())
 
-    def _at(self, doi_mm: float, start: ContactState | None, target: float = TARGET_RESIDUAL) -> ContactState:
+    def _at(self, doi_mm: float, start: ContactState | None, target: float) -> ContactState:
         pose = self._pose(doi_mm)
         state = solve_contact(self.model.patch, pose, start, between_nodes=self.between_nodes, target=target)
         if state.converged:  # an unfinished state may touch anything on its way

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from sim.contact.indentor import ALONG, ROUND, Indentor
 from sim.contact.profiles import Cylinder
 from sim.contact.shapes import parse_shape
-from sim.contact.solver import ContactState
+from sim.contact.solver import REQUIRED_RESIDUAL, ContactState
 from sim.fingertip import FARTHEST_X_MM, Fingertip, ModelRangeError
 
 _WARM_MOVE_MM = 0.1
@@ -193,7 +193,9 @@ class Press:
         self.contact_solves += 1
         near = last is not None and last.pose.over(pose) and abs(last.doi_mm - doi_mm) <= _WARM_MOVE_MM
         start = self._onward(last, doi_mm) if last is not None and near else None
-        result = self._finger.indent(self._indentor, pose.x_mm, z_mm=self._z_mm(pose), doi_mm=doi_mm, start=start)
+        result = self._finger.indent(
+            self._indentor, pose.x_mm, z_mm=self._z_mm(pose), doi_mm=doi_mm, start=start, target=REQUIRED_RESIDUAL
+        )
         if not result.state.converged:
             raise ModelRangeError(
                 f"the virtual finger has no answer for {self._indentor.name} at x = {pose.x_mm:g} mm, DOI "

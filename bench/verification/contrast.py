@@ -34,10 +34,9 @@ def condensed(ratio: float, stiff: Literal["bone", "skin"]) -> Condensed:
     young = np.where((y < -2) if stiff == "bone" else (y > -0.5), ratio, 1.0)
     body = Body(box, young, POISSON)
     patch = condense(box, body, 1.5)
-    nodes = np.arange(len(patch))
     force = np.zeros((len(patch.axes), len(patch)))
     force[-1] = -patch.area_mm2
-    u = (force.ravel() @ patch.response(nodes)).reshape(len(force), -1)
+    u = patch.displaced(force)
     loads = np.zeros((1, len(box.nodes), 3))
     on = box.number[: patch.shape[1], -1, : patch.shape[0]].T.ravel()
     loads[0, on, 1] = force[-1]

@@ -1,17 +1,20 @@
 """Figures of a run as SVG: labelled, with units, in colours that survive colour blindness and print."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from rig.compare.labels import label, unit
 from rig.compare.responses import Response, by_group, measured
 from rig.compare.shape_test import shown
 from rig.compare.style import BLUE, GREY, ORANGE, Plot, position_bar, shade, shade_of, signed
 from rig.data import Run
 from sim.contact.indentor import ACROSS
 
-_UNIT = {"ep1": "strain", "sed": "pseudo-units"}
-_LABEL = {"ep1": "|ep1|", "sed": "SED"}
+CONTACTS_A_PAGE = 9
+_COLUMNS = 3
 
 
 def force_doi(run: Run) -> Plot:
@@ -19,12 +22,15 @@ def force_doi(run: Run) -> Plot:
     return Plot((6.6, 3.6), lambda figure: _force_doi(figure, run))
 
 
-def contact_panels(found: list[Response]) -> Plot:
-    """The last hold of each indentation: indentor over deformed skin, contact regions, and the pressure below."""
-    found = [response for response in found if response.last]
-    columns = 3
-    rows = -(-len(found) // columns)
-    return Plot((10.2, 2.5 * rows), lambda figure: _contact_panels(figure, found, rows, columns))
+def contact_panels(found: Sequence[Response], top: float) -> Plot:
+    """Indentor over deformed skin, contact regions, and the pressure below, on an axis that holds `top`."""
+    rows = -(-len(found) // _COLUMNS)
+    return Plot((10.2, 0.3 + 2.0 * rows), lambda figure: _contact_panels(figure, found, rows, top))
+
+
+def highest_pressure(found: Sequence[Response]) -> float:
+    """Of all in the receptor plane, in pseudo-units."""
+    return max((float(r.result.pressure_profile[1].max()) for r in found), default=0.0) or 1.0
 
 
 def population_responses(found: list[Response]) -> Plot:
@@ -50,18 +56,18 @@ def _force_doi(figure: Figure, run: Run) -> None:
     position_bar(figure, axes, xs)
 
 
-def _contact_panels(figure: Figure, found: list[Response], rows: int, columns: int) -> None:
-    panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
-    top = max(float(r.result.pressure_profile[1].max()) for r in found) or 1.0
+def _contact_panels(figure: Figure, found: Sequence[Response], rows: int, top: float) -> None:
+    panels = figure.subplots(rows, _COLUMNS, squeeze=False, sharex=True, sharey=True)
     for axes in panels.ravel()[len(found) :]:
         axes.set_visible(False)
     for k, (axes, response) in enumerate(zip(panels.ravel(), found, strict=False)):
         pressures = _contact_panel(axes, response, top)
-        if k % columns == columns - 1 or k == len(found) - 1:
+        if k % _COLUMNS == _COLUMNS - 1 or k == len(found) - 1:
             pressures.set_ylabel("pressure (pseudo-units)", color=BLUE, fontsize=7)
     for axes in panels[:, 0]:
         axes.set_ylabel("height y (mm)")
-    for axes in panels[-1]:
+    for axes in panels.ravel()[max(len(found) - _COLUMNS, 0) : len(found)]:  # the lowest of each column
+        axes.tick_params(labelbottom=True)
         axes.set_xlabel("lateral x (mm)")
 
 
@@ -76,10 +82,10 @@ def _contact_panel(axes: Axes, response: Response, top: float) -> Axes:
     h = np.zeros_like(s) if across else result.indentor.profile.evaluate(s - result.x_mm)[0]
     height = result.touch_height_mm - result.doi_mm + np.minimum(h, 1.3)
     axes.plot(s, np.where(h < 1.3, height, np.nan), color="black", lw=1.2)
-    touching = pressure > 0
-    for low, high in result.contact_regions_mm:
-        part = touching & (undeformed >= low) & (undeformed <= high)
-        axes.plot(x[part], y[part], color=ORANGE, lw=4, marker="o", ms=3.5, solid_capstyle="round", alpha=0.8)
+    for low, high in result.contact_regions_mm:  # their ends lie between nodes
+        at = np.r_[low, undeformed[(undeformed > low) & (undeformed < high)], high]
+        touching = (np.interp(at, undeformed, x), np.interp(at, undeformed, y))
+        axes.plot(*touching, color=ORANGE, lw=4, solid_capstyle="round", alpha=0.8)
     axes.set_ylim(1.9, 5.7)
     pressures = axes.twinx()
     pressures.fill_between(undeformed, pressure, color=BLUE, alpha=0.35, lw=0)
@@ -106,15 +112,12 @@ def _population(figure: Figure, found: list[Response]) -> None:
     for axes, measure in zip(panels, ("ep1", "sed"), strict=True):
         for value, response in lines:
             row = shown(measure, measured([response], measure)[1][0])
-            label = None if moved else response.group
-            axes.plot(receptor_x, row, "-o", ms=2.5, lw=1, color=shade_of(value, shades), label=label)
-        axes.set(
-            xlabel="receptor x (mm)", ylabel=f"{_LABEL[measure]} ({_UNIT[measure]})", title=name if moved else ""
-        )
+            axes.plot(receptor_x, row, "-o", ms=2.5, lw=1, color=shade_of(value, shades), label=response.group)
+        axes.set(xlabel="receptor x (mm)", ylabel=f"{label(measure)} ({unit(measure)})", title=name if moved else "")
     if moved:
-        position_bar(figure, panels, xs)
+        position_bar(figure, panels, shades)
     else:
-        panels[0].legend(fontsize=7)
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
 
 
 def _ssrps(figure: Figure, found: list[Response], measure: str) -> None:
@@ -132,6 +135,6 @@ def _ssrps(figure: Figure, found: list[Response], measure: str) -> None:
     for axes in panels[-1]:
         axes.set_xlabel("indentor x (mm)")
     for axes in panels[:, 0]:
-        axes.set_ylabel(f"{_LABEL[measure]} ({_UNIT[measure]})")
+        axes.set_ylabel(f"{label(measure)} ({unit(measure)})")
     handles, labels = panels[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=8)

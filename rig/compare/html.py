@@ -1,13 +1,15 @@
 """What every report is made of: figures inline, one template, one style."""
 
 import base64
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from rig.compare.style import Plot
+
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
@@ -17,6 +19,15 @@ class Figure:
     title: str
     plot: Plot
     caption: str
+
+
+def figures_of(
+    title: str, items: Sequence[Item], most: int, draw: Callable[[Sequence[Item]], Plot], caption: str
+) -> list[Figure]:
+    """One figure with a panel for each item, or several where a page has no room for so many."""
+    parts = [items[k : k + most] for k in range(0, len(items), most)]
+    numbers = [f", {k + 1} of {len(parts)}" if len(parts) > 1 else "" for k in range(len(parts))]
+    return [Figure(title + number, draw(part), caption) for number, part in zip(numbers, parts, strict=True)]
 
 
 def as_svg(figure: Figure) -> str:

@@ -1,11 +1,12 @@
 """One self-contained HTML file for a run."""
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rig.compare import figures
-from rig.compare.html import Figure, render
+from rig.compare.html import Figure, figures_of, render
 from rig.compare.responses import Response, by_group, responses
 from rig.data import Run
 from rig.data.folder import replace_text
@@ -37,6 +38,7 @@ def _figures(run: Run, found: list[Response]) -> list[Figure]:
 
 
 def _contact_figures(run: Run, found: list[Response]) -> list[Figure]:
+    last = [response for response in found if response.last]
     return [
         Figure(
             "Force against depth",
@@ -44,9 +46,11 @@ def _contact_figures(run: Run, found: list[Response]) -> list[Figure]:
             "As read by the force sensor against the depth from the contact fitted at each touch-off. "
             "One line for each indentation, coloured by the indentor's position.",
         ),
-        Figure(
+        *figures_of(
             "Contact at each position",
-            figures.contact_panels(found),
+            last,
+            figures.CONTACTS_A_PAGE,
+            partial(figures.contact_panels, top=figures.highest_pressure(last)),
             "Black: the indentor. Grey: the deformed skin in the receptor plane. Orange: contact regions. "
             "Blue, right axis: nodal pressure against undeformed x, unfiltered, in pseudo-units "
             "(E of the epidermis = 10 000). The last hold of each indentation.",
@@ -54,7 +58,7 @@ def _contact_figures(run: Run, found: list[Response]) -> list[Figure]:
         Figure(
             "Population responses",
             figures.population_responses(found),
-            "ep1 (its magnitude; compression is negative) and strain energy density at the receptors, "
+            "−ep1 (compression is plotted upwards) and strain energy density at the receptors, "
             f"{found[0].result.model.receptors.depth_mm:g} mm below the skin: one line for each position of what the "
             "titles name, or, where one place was pressed, for each depth or force.",
         ),
@@ -66,7 +70,7 @@ def _ssrp_figures(found: list[Response]) -> list[Figure]:
         Figure(
             "SSRP of ep1",
             figures.ssrps(found, "ep1"),
-            "Simulated spatial response profiles: the magnitude of ep1 at one receptor against the indentor's "
+            "Simulated spatial response profiles: −ep1 at one receptor against the indentor's "
             "position, one line for each depth or force. Dotted: the receptor's own x.",
         ),
         Figure(

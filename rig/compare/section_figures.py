@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
-from rig.compare.comparison_figures import label, unit
 from rig.compare.cross_sections import MAPPED, CrossSection
+from rig.compare.labels import label, unit
 from rig.compare.style import Plot, signed
 
 _SHOWN_MM = ((-3.4, 3.4), (2.0, 5.2))
@@ -17,7 +17,7 @@ _TOP_QUANTILE = 0.97
 
 def strain_maps(sections: Sequence[CrossSection]) -> Plot:
     """One stimulus: measures down, positions across; one scale a measure."""
-    size = (1.2 + 3.0 * len(sections), 0.5 + 1.75 * len(MAPPED))
+    size = (1.2 + 3.0 * len(sections), 0.5 + 1.55 * len(MAPPED))
     return Plot(size, lambda figure: _strain_maps(figure, sections))
 
 
@@ -41,7 +41,7 @@ def _map(axes: Axes, section: CrossSection, measure: str, top: float) -> QuadMes
         x, y, section.values[measure], cmap="viridis", shading="flat", vmin=0, vmax=top, rasterized=True
     )
     axes.plot(x[:, 0], y[:, 0], color="black", lw=0.7)
-    axes.plot(*section.receptor_mm.T, "o", ms=2.5, mfc="none", mec="white", mew=0.8)
+    axes.plot(*section.receptor_mm.T, "o", ms=3, mfc="white", mec="black", mew=0.6)
     axes.set(xlim=_SHOWN_MM[0], ylim=_SHOWN_MM[1], aspect="equal")
     return image
 

@@ -57,7 +57,7 @@ def pareto(rows: Sequence[Row], against: str = "seconds") -> Plot:
         )
         figure.legend(handles, names, loc="outside lower center", ncols=4)
 
-    return Plot((10.2, 7.6), draw)
+    return Plot((10.2, 5.6), draw)
 
 
 def cost_against_nodes(rows: Sequence[Row]) -> Plot:
@@ -74,9 +74,9 @@ def cost_against_nodes(rows: Sequence[Row]) -> Plot:
                 )
             axes.set(xlabel="nodes", ylabel=label)
             _plain(axes)
-            axes.legend(fontsize=8)
+            axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=2)
 
-    return Plot((10.2, 3.8), draw)
+    return Plot((10.2, 4.4), draw)
 
 
 def _plain(axes: Axes) -> None:
@@ -95,7 +95,7 @@ def exponent(nodes: np.ndarray, cost: np.ndarray) -> float:
 
 def _with_exponent(line: Line, nodes: np.ndarray, cost: np.ndarray) -> str:
     several = len(np.unique(nodes)) > 1
-    return f"{' '.join(line)}: nodes^{exponent(nodes, cost):.2f}" if several else " ".join(line)
+    return f"{' '.join(line)}: nodes^{exponent(nodes, cost):.2f}".replace("-", "−") if several else " ".join(line)
 
 
 def _lines(rows: Iterable[Row]) -> dict[Line, list[list[Row]]]:

@@ -1,7 +1,7 @@
 """How figures look: labelled, in colours that survive colour blindness and print, the same bytes every time."""
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -12,7 +12,12 @@ from matplotlib.figure import Figure
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"  # Okabe & Ito
 PURPLE, YELLOW = "#CC79A7", "#E69F00"
 PNG_DOTS_PER_INCH = 200
+PAGE_IN = (10.9, 6.3)
+"""Width and height that A4 across leaves to a figure beside its heading and caption: what is larger is shrunk."""
+
 _ORDERED = mpl.colormaps["viridis"]
+_LIGHTEST = 0.86  # beyond it lines fade on paper
+_MOST_TICKS = 9
 _STYLE: dict[Any, Any] = {
     "font.size": 9,
     "axes.spines.top": False,
@@ -53,13 +58,13 @@ class Plot:
 
 def shade(k: int, n: int) -> Any:
     """The k-th of n colours in order."""
-    return _ORDERED(0.92 * k / (n - 1) if n > 1 else 0.3)
+    return _ORDERED(_LIGHTEST * k / (n - 1) if n > 1 else 0.3)
 
 
-def shade_of(value: float, values: list[float]) -> Any:
-    """The colour of one of a range of values."""
-    low, high = min(values), max(values)
-    return _ORDERED(0.92 * (value - low) / (high - low) if high > low else 0.3)
+def shade_of(value: float, values: Sequence[float]) -> Any:
+    """The colour of one of several values, by rank: schedules are densest where the responses differ most."""
+    ranked = sorted(set(values))
+    return shade(ranked.index(value), len(ranked))
 
 
 def signed(x_mm: float) -> str:
@@ -67,13 +72,14 @@ def signed(x_mm: float) -> str:
     return f"{round(x_mm, 2) + 0.0:.2f}".replace("-", "−")
 
 
-def position_bar(figure: Figure, axes: Any, positions: list[float]) -> None:
-    """A scale for lines that are coloured by position."""
-    low, high = min(positions), max(positions)
-    if high == low:
+def position_bar(figure: Figure, axes: Any, positions: Sequence[float]) -> None:
+    """A scale for lines that are coloured by position: a band each."""
+    ranked = sorted(set(positions))
+    n = len(ranked)
+    if n == 1:
         return
-    scale = mpl.cm.ScalarMappable(
-        mpl.colors.Normalize(low, high),
-        mpl.colors.ListedColormap([_ORDERED(0.92 * k / 255) for k in range(256)]),
-    )
-    figure.colorbar(scale, ax=axes, label="indentor x (mm)")
+    bands = mpl.colors.ListedColormap([shade(k, n) for k in range(n)])
+    scale = mpl.cm.ScalarMappable(mpl.colors.Normalize(-0.5, n - 0.5), bands)
+    ticks = sorted({round(k * (n - 1) / (_MOST_TICKS - 1)) for k in range(_MOST_TICKS)})
+    bar = figure.colorbar(scale, ax=axes, label="indentor x (mm)", ticks=ticks)
+    bar.ax.set_yticklabels([signed(ranked[k]) for k in ticks], fontsize=8)

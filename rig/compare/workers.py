@@ -5,6 +5,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from typing import TypeVar
 
 from threadpoolctl import threadpool_limits
@@ -13,9 +14,6 @@ from rig.compare.errors import WorkersError
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
-
-_RETRIES = 3
-_CONNECT_S = 10
 
 
 def spread(
@@ -26,35 +24,33 @@ def spread(
 ) -> Iterator[Answer]:
     """The answers in the order of the items: over a scheduler's workers where one is named, else over processes.
 
-    The function must be importable. What a lost worker of a cluster had is done again by another. Raises
-    WorkersError.
+    The function must be importable; each call has one thread. What a lost worker of a cluster had is done again by
+    another. Raises WorkersError.
     """
-    if scheduler is not None:
-        yield from _over_cluster(function, items, scheduler)
+    alone = partial(_on_one_thread, function)
+    if scheduler is None:
+        yield from _over_processes(alone, items, processes)
         return
+    try:
+        from rig.compare.cluster import over_cluster
+    except ImportError:
+        needed = "needs dask.distributed, expected pip install 'indentation-rig[cluster]'"
+        raise WorkersError(f"--scheduler: {needed}") from None
+    yield from over_cluster(alone, items, scheduler)
+
+
+def _over_processes(
+    function: Callable[[Item], Answer], items: Sequence[Item], processes: int | None
+) -> Iterator[Answer]:
     spawning = multiprocessing.get_context("spawn")  # a forked MKL may hang
-    with ProcessPoolExecutor(processes or os.cpu_count(), spawning, initializer=_one_thread) as pool:
+    with ProcessPoolExecutor(processes or os.cpu_count(), spawning) as pool:
         try:
             yield from pool.map(function, items)
         except BrokenProcessPool:
             raise WorkersError("a worker process was killed; is there memory for fewer only (--processes)?") from None
 
 
-def _one_thread() -> None:
-    threadpool_limits(1)
-
-
-def _over_cluster(function: Callable[[Item], Answer], items: Sequence[Item], scheduler: str) -> Iterator[Answer]:
-    try:
-        from distributed import Client
-    except ImportError:
-        needed = "needs dask.distributed, expected pip install 'indentation-rig[cluster]'"
-        raise WorkersError(f"--scheduler: {needed}") from None
-    try:
-        client = Client(scheduler, timeout=_CONNECT_S)  # type: ignore[no-untyped-call]
-    except (OSError, ValueError):
-        raise WorkersError(f"--scheduler {scheduler}: nobody answers, expected for example tcp://host:8786") from None
-    with client:
-        futures = client.map(function, items, retries=_RETRIES, pure=False)
-        for future in futures:
-            yield future.result()
+def _on_one_thread(function: Callable[[Item], Answer], item: Item) -> Answer:
+    os.environ["OMP_NUM_THREADS"] = "1"  # for libraries that are not loaded yet, the limits for those that are
+    with threadpool_limits(1):
+        return function(item)

@@ -11,7 +11,7 @@ import uuid
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Protocol
 
 from rig.clock import Clock
 from rig.run.errors import LimitError, RecordError, RunAborted, TripError
@@ -30,6 +30,13 @@ _STATUS = {RunAborted: "aborted", KeyboardInterrupt: "aborted", TripError: "trip
 
 class JournalError(Exception):
     """A line that is not the last one cannot be read."""
+
+
+class Recorder(Protocol):
+    """Where events go: the journal of a run, or the memory of a rehearsal."""
+
+    def event(self, stream: str, data: Mapping[str, Any]) -> None:
+        """Keep it; it counts when this returns. Raises RecordError."""
 
 
 class Journal:

@@ -31,9 +31,7 @@ def solve_lcp(q: Array, w: Array, start: Bools) -> LcpSolution | None:
     has not fallen for 8 exchanges, one index enters at a time and λ stays feasible (Lawson & Hanson 1974), which is
     finite. W's diagonal counts as raised by 1e-11, so that points that cannot be told apart share a load.
     """
-    lifted = w.copy()
-    np.einsum("ii->i", lifted)[:] *= 1 + _LIFT
-    return _by_blocks(q, lifted, start) or _one_by_one(q, lifted, start)
+    return _by_blocks(q, w, start) or _one_by_one(q, w, start)
 
 
 def _by_blocks(q: Array, w: Array, start: Bools) -> LcpSolution | None:
@@ -83,7 +81,9 @@ def _feasible(q: Array, w: Array, active: Ints, before: Array) -> LcpSolution | 
 
 
 def _held(q: Array, w: Array, active: Ints) -> LcpSolution | None:
-    factor, info = lapack.dpotrf(w[np.ix_(active, active)].T, lower=1, clean=0, overwrite_a=1)
+    held = w[active].take(active, axis=1)
+    np.einsum("ii->i", held)[:] *= 1 + _LIFT
+    factor, info = lapack.dpotrf(held.T, lower=1, clean=0, overwrite_a=1)
     if info:
         return None
     multipliers = np.zeros(len(q))
@@ -93,6 +93,6 @@ def _held(q: Array, w: Array, active: Ints) -> LcpSolution | None:
 
 
 def _slack(q: Array, w: Array, solution: LcpSolution) -> Array:
-    slack = q + solution.multipliers[solution.active] @ w[solution.active]
+    slack = q + w @ solution.multipliers
     slack[solution.active] = 0.0
     return slack

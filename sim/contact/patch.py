@@ -11,6 +11,8 @@ Ints = NDArray[np.int64]
 
 X, Y, Z = range(3)
 
+_ROWS_AT_ONCE = 64
+
 
 @dataclass(frozen=True)
 class Patch:
@@ -61,10 +63,21 @@ class Patch:
         first, second = (number[:, :-1], number[:, 1:]) if self.axes[0] == X else (number[:-1], number[1:])
         return np.stack([first.ravel(), second.ravel()], axis=1)
 
-    def response(self, nodes: Ints) -> Array:
-        """(m k, m n) displacements in mm of all nodes under 1 N at k nodes along each axis."""
-        return self.compliance[self.unknowns(nodes)]
+    def block(self, moved: int, pushed: int) -> Array:
+        """(n, n) mm/N, a view: displacements along one axis under forces along another, by their numbers."""
+        n = len(self)
+        return self.compliance[moved * n : (moved + 1) * n, pushed * n : (pushed + 1) * n]
 
-    def unknowns(self, nodes: Ints) -> Ints:
-        """(m k,) rows of the compliance that belong to k nodes."""
-        return (len(self) * np.arange(len(self.axes))[:, None] + nodes).ravel()
+    def displaced(self, force: Array) -> Array:
+        """(…, m, n) displacements in mm of all nodes under (…, m, n) forces in N.
+
+        The rows of loaded nodes are taken a few at a time, so that what is gathered stays in the processor's cache.
+        """
+        forces = force.reshape(-1, len(self.compliance))
+        moved = np.zeros(forces.shape)
+        loaded = np.flatnonzero(forces.any(axis=0))
+        for rows in np.split(loaded, range(_ROWS_AT_ONCE, len(loaded), _ROWS_AT_ONCE)):
+            response = self.compliance[rows]
+            for u, f in zip(moved, forces[:, rows], strict=True):
+                u += f @ response
+        return moved.reshape(force.shape)

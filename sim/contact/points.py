@@ -1,6 +1,6 @@
 """Where contact is enforced: at nodes, and at points of the segments between them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -101,10 +101,6 @@ class ContactPoints:
         """These and the other's points."""
         return ContactPoints(np.union1d(self.nodes, other.nodes), np.union1d(self.between, other.between))
 
-    def renumbered_as(self, nodes: Ints, segments: Ints) -> "ContactPoints":
-        """The same points by other numbers of their nodes and of their segments."""
-        return ContactPoints(nodes, _INNER * segments + self.between % _INNER)
-
     def on(self, skin: Skin) -> "Places":
         """The same points, ready to take values from the nodes of a skin."""
         first, second = skin.segments[self.segments].T
@@ -140,11 +136,25 @@ class Places:
 
     def interpolate(self, nodal: Array) -> Array:
         """(…, k) values at the points from (…, n) values at the nodes."""
-        at_nodes = nodal[..., self.alone]
+        at_nodes = nodal.take(self.alone, axis=-1)
         if not len(self.along):
             return at_nodes
-        between = (1 - self.along) * nodal[..., self.first] + self.along * nodal[..., self.second]
+        first, second = (nodal.take(ends, axis=-1) for ends in (self.first, self.second))
+        between = (1 - self.along) * first + self.along * second
         return np.concatenate([at_nodes, between], axis=-1)
+
+    def compliance(self, nodal: Array) -> Array:
+        """(k, k) mm/N among the points, of (n, n) among the nodes."""
+        if not len(self.carriers[0].T):
+            return np.zeros((0, 0))
+        first, last = self.carriers[0].min(), self.carriers[0].max()
+        here = replace(self, alone=self.alone - first, first=self.first - first, second=self.second - first)
+        part = nodal[first : last + 1, first : last + 1]
+        rows = part[here.alone]
+        if len(self.along):
+            a = self.along[:, None]
+            rows = np.concatenate([rows, (1 - a) * part[here.first] + a * part[here.second]])
+        return here.interpolate(rows)
 
     def to_nodes(self, force: Array) -> Array:
         """(m, n) forces on the nodes that (m, k) forces at the points amount to."""

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.contact.indentor import Surface
+from sim.contact.newton import predicted
 from sim.contact.patch import Patch
-from sim.contact.planes import FrozenPlanes, Region, forces_along, moved_by
+from sim.contact.planes import FrozenPlanes, Region, forces_along
 from sim.contact.points import ContactPoints, Pose, displaced_gap, near, norm, penetrated
 
 Array = NDArray[np.float64]
@@ -99,8 +100,8 @@ class _Iteration:
 
     def __init__(self, pose: Pose, region: Region, start: ContactState, most_passes: int, target: float) -> None:
         self.pose, self.region, self.most_passes, self.target = pose, region, most_passes, target
-        self.u = start.displacement[:, region.nodes].copy()
-        self.held = region.points.among(region.from_patch(start.held))
+        self.u = region.places.interpolate(start.displacement)  # of the points
+        self.held = region.points.among(start.held)
         # From rest no plane closest to a point is taken: first press down, lest a side wall claims it from below.
         self.pressed = bool(self.held.any())
         self.multiplier = np.zeros(len(region.points))
@@ -136,15 +137,15 @@ class _Iteration:
                 share = min(_SHARE_GROWTH * share, 1.0)
             merit = new_merit
             self.held = solution.multipliers > 0
-            predicted = planes.predictor(solution, un, residual, share)
+            onward = predicted(planes, solution, un, residual, share)
             self.u, self.pressed, fallback = un, True, None
-            if predicted is not None:
-                self.u, fallback = predicted, un
+            if onward is not None:
+                self.u, fallback = onward, un
 
     def _residual(self, u: Array, multipliers: Array) -> tuple[float, float]:
         """The residual over the region's points, and the sum of their depths (mm) within the indentor."""
-        here = displaced_gap(self.pose, self.region.places, u)
-        mismatch = moved_by(self.region.response, forces_along(here.slope, multipliers)) - u
+        here = self.pose.gap(*self.region.moved_to(u))
+        mismatch = self.region.moved_by(forces_along(here.slope, multipliers)) - u
         depth = np.maximum(0.0, -here.height_mm) / norm(here.slope)
         return _residual(mismatch, here, multipliers, self.pose.scale_mm), float(depth.sum())
 
@@ -165,17 +166,15 @@ def _assessed(
 ) -> tuple[ContactState, ContactPoints]:
     """The whole patch under the forces found in a region, its residual, and the points that it penetrates."""
     region, multiplier = iteration.region, iteration.multiplier
-    points = region.to_patch(region.points)
-    places = points.on(patch)
-    force = places.to_nodes(forces_along(iteration.slope, multiplier))
-    loaded = np.flatnonzero((force != 0).any(axis=0))
-    response = patch.response(loaded)
-    u = (force[:, loaded].ravel() @ response).reshape(force.shape)
-    here = displaced_gap(pose, places, u)
+    places = region.places
+    pushing = forces_along(iteration.slope, multiplier)
+    force = places.to_nodes(pushing)
+    here = pose.gap(*region.moved_to(region.moved_by(pushing)))
     turned = places.to_nodes(forces_along(here.slope, multiplier))
-    again = (turned[:, loaded].ravel() @ response).reshape(force.shape)
+    u, again = patch.displaced(np.stack([force, turned]))
+    here = displaced_gap(pose, places, u)
     missed, depth = penetrated(pose, patch, u, between=between_nodes)
     residual = _residual(again - u, here, multiplier, pose.scale_mm)
     residual = max(residual, float(depth.max(initial=0.0)) / pose.scale_mm)
     gap = pose.gap(patch.tangential_mm + u[:-1], patch.y + u[-1]).height_mm
-    return ContactState(points, multiplier, u, force, gap, residual, passes), missed
+    return ContactState(region.points, multiplier, u, force, gap, residual, passes), missed

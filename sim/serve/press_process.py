@@ -1,5 +1,6 @@
 """The finger in a process of its own: contact takes tens of milliseconds, in which no byte must wait."""
 
+import contextlib
 import math
 import multiprocessing
 import signal
@@ -77,12 +78,9 @@ def _serve(
         far.send(f"{type(error).__name__}: {error}")
         return
     far.send("")
-    while True:
-        try:
-            pose = far.recv()
-        except (EOFError, OSError):
-            return
-        far.send(_answer(press, pose))
+    with contextlib.suppress(EOFError, OSError):  # the pipe is closed, perhaps while an answer is being made
+        while True:
+            far.send(_answer(press, far.recv()))
 
 
 def _answer(press: Press, pose: Pose) -> PressAnswer:

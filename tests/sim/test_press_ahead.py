@@ -122,6 +122,16 @@ def test_a_finger_whose_process_dies_stops_the_loop_and_is_told_once(bench: Benc
     assert math.isnan(bench.press.force_n(bench.scheduler.monotonic_s() + 2 * STALE_S))
 
 
+def test_a_finger_closed_while_it_answers_ends_without_a_word(
+    finger: Fingertip, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert finger is not None  # in the cache from here on
+    process = PressProcess(FingertipConfig(), "bar:3.0")
+    process.ask(Pose(0.0, -0.8))  # from rest: it is at it for tens of milliseconds
+    process.close()
+    assert capfd.readouterr() == ("", "")
+
+
 class SlowFinger:
     """Takes its time for each answer, more than two sample periods; the force is the depth."""
 

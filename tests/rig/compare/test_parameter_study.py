@@ -4,16 +4,16 @@ import json
 import os
 import signal
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from threadpoolctl import threadpool_info
 
 from rig.cli import main
 from rig.compare.errors import StudyError, WorkersError
-from rig.compare.parameter_study import columns, read_study, solve
+from rig.compare.parameter_study import Case, columns, read_study, solve
 from rig.compare.workers import spread
 
 COARSE = """\
@@ -137,36 +137,11 @@ def test_a_killed_process_is_told_of() -> None:
         list(spread(_killed, [0, 1], processes=1))
 
 
-def _square_but_the_first_worker_dies(item: tuple[int, str]) -> int:
-    """Whichever worker comes first to the third item dies of it, once."""
-    number, mark = item
-    time.sleep(0.05)
-    if number == 2 and not Path(mark).exists():
-        Path(mark).touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return number * number
+def _threads_of_its_libraries(case: Case) -> set[int]:
+    solve(case)
+    return {library["num_threads"] for library in threadpool_info()}
 
 
-# a lost worker is told of in the log, and its sockets are closed by the garbage collector
-@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
-@pytest.mark.timeout(120)
-def test_a_cluster_whose_worker_dies_midway_gives_the_same(coarse: Path, tmp_path: Path) -> None:
-    distributed: Any = pytest.importorskip(
-        "distributed", reason="needs dask.distributed: pip install 'indentation-rig[cluster]'"
-    )
-    mark = tmp_path / "died"
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
-    ) as cluster:
-        address = cluster.scheduler_address
-        found = list(spread(_square_but_the_first_worker_dies, [(k, str(mark)) for k in range(8)], scheduler=address))
-        assert mark.exists()
-        assert found == [k * k for k in range(8)]
-        cases = read_study(coarse)
-        assert list(spread(solve, cases, scheduler=address)) == [solve(case) for case in cases]
-
-
-def test_a_cluster_that_is_not_there() -> None:
-    pytest.importorskip("distributed", reason="needs dask.distributed: pip install 'indentation-rig[cluster]'")
-    with pytest.raises(WorkersError, match="--scheduler nowhere://: nobody answers"):
-        list(spread(abs, [1], scheduler="nowhere://"))
+def test_a_process_has_one_thread(coarse: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "2")
+    assert list(spread(_threads_of_its_libraries, read_study(coarse)[:1], processes=1)) == [{1}]

@@ -2,11 +2,14 @@
 
 import base64
 import io
+import re
+import zlib
 from datetime import UTC, datetime
 
 from PIL import Image
 
-from rig.compare.pdf import as_pdf, blocks
+from rig.compare.blocks import blocks
+from rig.compare.pdf import as_pdf
 
 WHEN = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
 
@@ -42,7 +45,36 @@ def test_the_same_page_gives_the_same_bytes() -> None:
     assert as_pdf(PAGE.replace("ep1", "ep3"), WHEN) != first
 
 
-def test_a_high_picture_goes_to_a_page_with_its_heading() -> None:
-    page = f"<h1>a</h1><p>b</p><h2>c</h2><img src='{picture(2000, 3000)}'>"
-    assert as_pdf(page, WHEN).count(b"/Type /Page\n") == 2
-    assert as_pdf("<h1>a</h1><p>b</p><h2>c</h2>", WHEN).count(b"/Type /Page\n") == 1
+def pages(html: str) -> list[list[bytes]]:
+    """What each page shows, in order: Tj a piece of text, Do an image; without the page's number."""
+    found = [content[1] for content in re.finditer(rb"stream\r?\n(x.*?)endstream", as_pdf(html, WHEN), re.DOTALL)]
+    contents = [zlib.decompressobj().decompress(content) for content in found]
+    shown = [re.findall(rb"\b(Tj|Do)\b", content) for content in contents if b" Tf" in content]
+    return [page[:-PIECES_OF_NUMBER] for page in shown]
+
+
+PIECES_OF_NUMBER = 2  # "1 / " and how many there are
+
+
+def test_a_high_picture_goes_to_a_page_with_its_heading_and_its_caption() -> None:
+    figure = f"<h2>c</h2><figure><img src='{picture(2000, 3000)}'><figcaption>d</figcaption></figure>"
+    before, after = pages(f"<h1>a</h1>{'<p>b</p>' * 6}{figure}")
+    assert before == [b"Tj"] * (1 + 6)
+    assert after == [b"Tj", b"Do", b"Tj"]
+    assert pages(f"<h1>a</h1>{figure}") == [[b"Tj", b"Tj", b"Do", b"Tj"]]
+
+
+def table(rows: int) -> str:
+    return f"<table><tr><th>measure</th></tr>{'<tr><td>ep1</td></tr>' * rows}</table>"
+
+
+def test_a_short_table_is_not_split_and_a_long_one_repeats_its_header() -> None:
+    first, second = pages(f"{'<p>b</p>' * 32}<h2>c</h2>{table(12)}")
+    assert (len(first), len(second)) == (32, 1 + 1 + 12)
+    first, second = pages(table(70))
+    assert len(first) + len(second) == 70 + 2
+    assert len(second) > 2
+
+
+def test_a_number_is_not_parted_from_its_per_cent_sign() -> None:
+    assert blocks("<p>at 5\N{NO-BREAK SPACE}%  of\n the range</p>")[0].text == "at 5\N{NO-BREAK SPACE}% of the range"

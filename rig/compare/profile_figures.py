@@ -1,0 +1,82 @@
+"""Figures of stimuli: SSRPs with their shape tests, and population responses."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from rig.compare.labels import label, unit
+from rig.compare.shape_test import THRESHOLD, shape_test
+from rig.compare.stimuli import Stimulus
+from rig.compare.style import BLUE, GREY, ORANGE, Plot, position_bar, shade_of, signed
+from sim.measures.measures import MEASURES
+
+Array = NDArray[np.float64]
+
+_STEP_UP = 0.8  # from one profile to the next, of the range
+_HIGHEST_IN = 5.6
+_MARKERS = "osD^vP"
+"""For positions few enough to tell by marker; more are told by colour."""
+
+
+def ssrps(stimulus: Stimulus, measures: list[str]) -> Plot:
+    """One panel a measure: the SSRPs of all receptors above each other, and how each did in the shape test."""
+    size = (3.4 * len(measures), min(1.2 + 0.42 * len(stimulus.receptor_mm), _HIGHEST_IN))
+    return Plot(size, lambda figure: _ssrps(figure, stimulus, measures))
+
+
+def populations(stimulus: Stimulus, measures: list[str]) -> Plot:
+    """The measures at all receptors, one line for each indentor position."""
+    return Plot((0.8 + 3.1 * len(measures), 2.75), lambda figure: _populations(figure, stimulus, measures))
+
+
+def _ssrps(figure: Figure, stimulus: Stimulus, measures: list[str]) -> None:
+    panels = figure.subplots(1, len(measures), squeeze=False, sharex=True, sharey=True)[0]
+    for axes, measure in zip(panels, measures, strict=True):
+        values = stimulus.measures[MEASURES.index(measure)]
+        size = float(np.ptp(values)) or 1.0
+        for k in range(len(stimulus.receptor_mm)):
+            _one_ssrp(axes, stimulus, values[:, k] / size, k)
+        axes.set_title(f"{label(measure)}, one step up = {_STEP_UP * size:.3g} {unit(measure)}", fontsize=8)
+        axes.set_xlabel("indentor x (mm)")
+        levels = _STEP_UP * np.arange(len(stimulus.receptor_mm))
+        axes.set_yticks(levels, [signed(x) for x in stimulus.receptor_mm])
+    panels[0].set_ylabel("receptor x (mm)")
+
+
+def _one_ssrp(axes: Axes, stimulus: Stimulus, profile: Array, k: int) -> None:
+    """A profile on its own baseline; the bar at its right end is as long as the dip must at least be."""
+    verdict = shape_test(stimulus.indentor, stimulus.x_mm, profile)
+    base = 0.5 * float(profile[0] + profile[-1])
+    passed = verdict is not None and verdict.passed
+    colour = BLUE if passed else GREY
+    level = _STEP_UP * k
+    axes.plot(stimulus.x_mm, profile - base + level, "-o", ms=1.8, lw=1.6 if passed else 0.8, color=colour)
+    axes.axhline(level, color=GREY, lw=0.4, ls=":")
+    axes.plot([stimulus.receptor_mm[k]], [level], marker="|", ms=7, color="black")
+    if verdict is None:
+        return
+    end = float(stimulus.x_mm[-1]) + 0.04 * float(np.ptp(stimulus.x_mm))
+    least = THRESHOLD * max(verdict.judged_by.get("peak", verdict.judged_by.get("range", 0.0)), 0.0)
+    axes.plot([end, end], [level - least, level], color=ORANGE, lw=2)
+    mark = "pass" if passed else "–"
+    axes.annotate(mark, (end, level), (4, 0), textcoords="offset points", fontsize=7, color=colour, va="center")
+
+
+def _populations(figure: Figure, stimulus: Stimulus, measures: list[str]) -> None:
+    panels = figure.subplots(1, len(measures), squeeze=False)[0]
+    positions = [float(x) for x in stimulus.x_mm]
+    few = len(positions) <= len(_MARKERS)
+    for axes, measure in zip(panels, measures, strict=True):
+        rows = stimulus.measures[MEASURES.index(measure)]
+        for k, (x, row) in enumerate(zip(positions, rows, strict=True)):
+            marker, size = (_MARKERS[k], 6 - 0.7 * k) if few else ("o", 2)  # what coincides stays visible
+            colour = shade_of(x, positions)
+            axes.plot(stimulus.receptor_mm, row, marker, ls="-", ms=size, lw=0.9, color=colour, label=signed(x))
+        axes.set(xlabel="receptor x (mm)", ylabel=f"{label(measure)} ({unit(measure)})")
+    if few:
+        handles, names = panels[0].get_legend_handles_labels()
+        style = {"fontsize": 8, "title_fontsize": 8}
+        figure.legend(handles, names, loc="outside right upper", title="indentor x (mm)", **style)
+    else:
+        position_bar(figure, panels.tolist(), positions)

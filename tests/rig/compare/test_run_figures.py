@@ -1,0 +1,40 @@
+"""Figures of a run: every contact region is drawn, however narrow, and the lowest panels have their axis."""
+
+from dataclasses import replace
+
+import numpy as np
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+
+from rig.compare.figures import contact_panels, highest_pressure
+from rig.compare.responses import Response, responses
+from rig.compare.style import ORANGE
+from rig.data import Run
+from sim.fingertip import Fingertip
+
+
+def drawn(found: list[Response]) -> Figure:
+    canvas = Figure()
+    contact_panels(found, highest_pressure(found)).draw(canvas)
+    return canvas
+
+
+def test_a_contact_region_between_two_nodes_is_drawn(bar_run: Run, finger: Fingertip) -> None:
+    """Step 1 at −1.63 touches with its edge, on less than the 0.17 mm between nodes, and with its upper flat."""
+    result = finger.indent("step:1", -1.63, force_gwt=2.33)
+    edge, flat = result.contact_regions_mm
+    assert edge[1] - edge[0] < 0.17
+    panel = drawn([replace(responses(bar_run, finger)[0], result=result)]).axes[0]
+    shown = [line for line in panel.lines if to_hex(line.get_color()).upper() == ORANGE]
+    moved = float(np.abs(result.state.displacement[0]).max())
+    for line, (low, high) in zip(shown, (edge, flat), strict=True):
+        x = np.asarray(line.get_xdata(), dtype=float)
+        np.testing.assert_allclose((x[0], x[-1]), (low, high), atol=moved)
+        assert x[-1] > x[0]
+
+
+def test_panels_above_an_empty_place_keep_their_axis(bar_run: Run, finger: Fingertip) -> None:
+    found = [one for one in responses(bar_run, finger) if one.last][:4]
+    panels = [axes for axes in drawn(found).axes if axes.get_ylim() == (1.9, 5.7) and axes.get_visible()]
+    assert [axes.get_xlabel() for axes in panels] == ["", "lateral x (mm)", "lateral x (mm)", "lateral x (mm)"]
+    assert all(axes.xaxis.get_tick_params()["labelbottom"] for axes in panels[1:])

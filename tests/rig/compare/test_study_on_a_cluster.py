@@ -1,0 +1,196 @@
+"""`rig study` over a real dask cluster on the loopback: scheduler, workers and program are processes of their own."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.compare import cluster as cluster_module
+from rig.compare.errors import WorkersError
+from rig.compare.workers import spread
+
+distributed: Any = pytest.importorskip(
+    "distributed", reason="needs dask.distributed: pip install 'indentation-rig[cluster]'"
+)
+
+# a client's sockets are closed by the garbage collector
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"),
+    pytest.mark.timeout(120),
+]
+
+MANY_PLACES = """\
+receptor_x_mm = [-1.0, 0.0]
+
+[finger.mesh]
+spacing_mm = 0.5
+patch_x_mm = 2.5
+patch_z_mm = 2.5
+
+[finger.tissue]
+epidermis_mm = [0.3, 0.5]
+
+[[press]]
+shape = "bar:3.0"
+x_mm = [{places}]
+doi_mm = [0.1, 0.2, 0.3, 0.4]
+""".format(places=", ".join(f"{0.05 * k - 0.5:.2f}" for k in range(21)))
+CASES = 2 * 4
+
+SCHEDULER = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
+WORKER = "from distributed.cli.dask_worker import main; main()"
+WORKER_WITHOUT_THE_PROGRAM = f"import sys; sys.modules['rig'] = None; {WORKER}"
+WORKER_OF_ANOTHER_VERSION = f"""\
+import importlib.metadata as metadata
+known = metadata.version
+metadata.version = lambda name: "0.0.1" if name == "indentation-rig" else known(name)
+{WORKER}
+"""
+RIG = [sys.executable, "-c", "from rig.cli import main; main()"]
+
+
+@dataclass
+class Cluster:
+    """A scheduler and its workers, each in a process that a test may kill."""
+
+    folder: Path
+    scheduler: subprocess.Popen[bytes] = field(init=False)
+    workers: list[subprocess.Popen[bytes]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        told = self.folder / "scheduler.json"
+        self.scheduler = self._start([*SCHEDULER, "--no-dashboard", "--scheduler-file", str(told)])
+        self._soon(told.exists)
+        self.address: str = json.loads(told.read_text())["address"]
+
+    def add_worker(self, code: str = WORKER) -> None:
+        options = ["--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", "127.0.0.1"]
+        self.workers.append(self._start([sys.executable, "-c", code, self.address, *options]))
+
+    def client(self) -> Any:
+        client = distributed.Client(self.address, timeout=20)
+        client.wait_for_workers(len(self.workers), timeout=30)
+        return client
+
+    def worker_at_a_case(self, client: Any) -> subprocess.Popen[bytes]:
+        """The process of one that is inside solve() right now, after another case is done."""
+        pids = client.run(os.getpid)
+        busy: list[str] = []
+
+        def caught() -> bool:
+            busy[:] = [worker for worker, stacks in _stacks(client).items() if "parameter_study.py" in str(stacks)]
+            return bool(busy) and bool(client.who_has())
+
+        self._soon(caught)
+        return next(process for process in self.workers if process.pid == pids[busy[0]])
+
+    def stop(self) -> None:
+        for process in (*self.workers, self.scheduler):
+            process.kill()
+            process.wait(10)
+
+    def _start(self, words: Sequence[str]) -> subprocess.Popen[bytes]:
+        with (self.folder / "log.txt").open("ab") as log:
+            return subprocess.Popen(words, stdout=log, stderr=log, cwd=self.folder)
+
+    def _soon(self, true: Any) -> None:
+        for _ in range(6000):
+            if true():
+                return
+            time.sleep(0.005)
+        raise AssertionError((self.folder / "log.txt").read_text())
+
+
+def _stacks(client: Any) -> dict[str, Any]:
+    return dict(client.sync(client.scheduler.call_stack, keys=None))
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[Cluster]:
+    """A scheduler without workers."""
+    running = Cluster(tmp_path)
+    yield running
+    running.stop()
+
+
+def start_study(folder: Path, *options: str) -> subprocess.Popen[str]:
+    words = [*RIG, "study", "study.toml", "--json", *options]
+    return subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+@pytest.fixture
+def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of a study of eight cases, with a cache of its own that all processes share."""
+    (tmp_path / "study.toml").write_text(MANY_PLACES, encoding="utf-8")
+    monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path / "cache"))
+    return tmp_path
+
+
+def test_a_worker_killed_at_a_case_changes_no_byte(study: Path, cluster: Cluster) -> None:
+    cluster.add_worker()
+    cluster.add_worker()
+    out, err = start_study(study, "--processes", "2", "--out", "processes.csv").communicate(timeout=60)
+    expected = json.loads(out)
+    with cluster.client() as client:
+        program = start_study(study, "--scheduler", cluster.address, "--out", "cluster.csv")
+        killed = cluster.worker_at_a_case(client)
+        killed.send_signal(signal.SIGKILL)
+        out, err = program.communicate(timeout=60)
+        assert killed.wait(10) == -signal.SIGKILL
+        assert len(client.nthreads()) == 1
+    assert (program.returncode, err) == (0, "")
+    assert (study / "cluster.csv").read_bytes() == (study / "processes.csv").read_bytes()
+    answer = json.loads(out)
+    assert (answer["cases"], answer["problems"]) == (CASES, 0)
+    same = ("cases", "rows", "problems")
+    assert [answer[key] for key in same] == [expected[key] for key in same]
+
+
+def test_a_scheduler_that_dies_midway_leaves_one_line_and_no_file(study: Path, cluster: Cluster) -> None:
+    cluster.add_worker()
+    with cluster.client() as client:
+        program = start_study(study, "--scheduler", cluster.address)
+        cluster.worker_at_a_case(client)
+    cluster.scheduler.kill()
+    _, err = program.communicate(timeout=60)
+    assert (program.returncode, err) == (2, f"rig: --scheduler {cluster.address}: the scheduler has gone\n")
+    assert not list(study.glob("study.csv*"))
+
+
+@pytest.mark.parametrize(
+    ("code", "has"),
+    [(WORKER_WITHOUT_THE_PROGRAM, "No module named 'rig"), (WORKER_OF_ANOTHER_VERSION, "indentation-rig 0.0.1 (")],
+    ids=["without the program", "of another version"],
+)
+def test_a_worker_with_another_program_is_named(study: Path, cluster: Cluster, code: str, has: str) -> None:
+    cluster.add_worker(code)
+    _, err = (program := start_study(study, "--scheduler", cluster.address)).communicate(timeout=60)
+    assert program.returncode == 2
+    assert err.startswith(f"rig: --scheduler {cluster.address}: worker tcp://127.0.0.1:")
+    assert has in err
+    assert f"expected {cluster_module.program()}" in err
+    assert err.count("\n") == 1
+    assert not list(study.glob("study.csv*"))
+
+
+def test_workers_that_have_all_gone_are_not_waited_for(cluster: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cluster_module, "_PATIENCE_S", 2)
+    cluster.add_worker()
+    cluster.client().close()
+    with pytest.raises(WorkersError, match="it has no workers, expected some to have joined by dask worker"):
+        list(spread(os._exit, [1], scheduler=cluster.address))  # whoever does it dies of it
+
+
+@pytest.mark.parametrize("address", ["nowhere://", "tcp://127.0.0.1:9"])
+def test_a_cluster_that_is_not_there(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cluster_module, "_PATIENCE_S", 0.5)
+    with pytest.raises(WorkersError, match=f"--scheduler {address}: nobody answers"):
+        list(spread(abs, [1], scheduler=address))
