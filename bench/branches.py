@@ -3,8 +3,9 @@
     .venv/bin/python bench/branches.py        # the tables of docs/hard_cases.md, some minutes
 
 First table: scenes solved at once from rest, pressed in by equal steps and as `rig indent` does it, against steps of
-0.0125 mm: near the middle of the finger, and at places and depths drawn at random. Second: the same shape at 8 places over one element; what a parabola over two elements leaves is scatter of
-the discretisation, with contact at nodes only and also between them.
+0.0125 mm: near the middle of the finger, and at places and depths drawn at random. Second: the same shape at 8 places
+over one element; what a parabola over two elements leaves is scatter of the discretisation, with contact at nodes
+only and also between them.
 """
 
 import time

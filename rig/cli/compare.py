@@ -3,9 +3,10 @@
 import json
 import shlex
 import time
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import typer
 
@@ -15,8 +16,12 @@ from rig.compare.comparison import Comparison, compare
 from rig.compare.comparison_report import Section, write_comparison
 from rig.compare.cross_sections import cross_sections
 from rig.compare.deflection import deflection_section, read_deflections, simulated
+from rig.compare.finger_tables import finger_sections, fingers_as_json
 from rig.compare.inputs import SpikeReading, read_recordings, sha256
-from rig.compare.stimuli import stimuli
+from rig.compare.on_fingers import on_plausible_fingers
+from rig.compare.plausible import PlausibleFingers, read_plausible
+from rig.compare.recorded import Recording
+from rig.compare.stimuli import Stimulus, stimuli
 from rig.compare.tables import as_json as comparison_as_json
 from rig.data import Run, read_run
 from rig.data.folder import replace_text
@@ -46,6 +51,9 @@ def command(
     ] = None,
     receptor_x_mm: Annotated[str | None, typer.Option(metavar="X,X…", help="Receptors other than the ten.")] = None,
     receptor_depth_mm: Annotated[float, typer.Option(metavar="D", help="Below the skin.")] = DEFAULT_DEPTH_MM,
+    fingers: Annotated[
+        Path | None, typer.Option(metavar="TOML", help="How well the finger is known: ranges of its parameters.")
+    ] = None,
     out_file: Annotated[
         Path | None, typer.Option("--out", metavar="HTML", help="The report; comparison.html in the first run.")
     ] = None,
@@ -55,25 +63,22 @@ def command(
     """Compare runs, write the report and a sidecar with dates and times."""
     with told_in_one_line(as_json=as_json):
         began = time.perf_counter()
-        receptors = _numbers("--receptor-x-mm", receptor_x_mm) if receptor_x_mm else DEFAULT_X_MM
-        begin_s, end_s = _window(window_s)
+        receptors = Receptors(
+            _numbers("--receptor-x-mm", receptor_x_mm) if receptor_x_mm else DEFAULT_X_MM, receptor_depth_mm
+        )
+        spikes = SpikeReading(_window(window_s), field_centre_mm)
         _refuse_nowhere({"--out": out_file, "--pdf": pdf})
+        plausible = None if fingers is None else read_plausible(fingers)
         found = [read_run(path) for path in runs]
-        spikes = SpikeReading((begin_s, end_s), field_centre_mm)
         recordings = read_recordings(recorded or [], mirror or [], found, spikes)
-        fingers = _fingers(found, receptors, receptor_depth_mm)
-        by_run = [stimuli(run, finger) for run, finger in zip(found, fingers, strict=True)]
-        pressed = [stimulus for one in by_run for stimulus in one]
-        if not pressed:
-            raise BadInputError(f"run {runs[0]}: expected a finished indentation")
-        comparison = compare(pressed, recordings, normalise=normalise)
-        extra = _under_the_line(found, fingers, deflection)
-        sections = [s for which in zip(found, fingers, by_run, strict=True) for s in cross_sections(*which)]
-        report = out_file or runs[0] / "comparison.html"
+        answered = _answered(found, receptors)
+        line = _under_the_line(answered, deflection)
+        comparison = _compared(answered, recordings, normalise, plausible)
         options = {
             "--recorded": recorded or [],
             "--mirror": mirror or [],
             "--deflection": [] if deflection is None else [str(deflection)],
+            "--fingers": [] if fingers is None else [str(fingers)],
             **_unusual(
                 ("--window-s", window_s, "0,1"),
                 ("--field-centre-mm", f"{field_centre_mm:g}", "0"),
@@ -81,13 +86,62 @@ def command(
                 ("--receptor-depth-mm", f"{receptor_depth_mm:g}", "0.76"),
             ),
         }
-        command_again = _remade_by(runs, options, normalise)
-        write_comparison(report, comparison, found, fingers[0], command_again, extra, sections=sections, pdf=pdf)
+        report = out_file or runs[0] / "comparison.html"
+        write_comparison(
+            report,
+            comparison,
+            found,
+            answered[0].finger,
+            _remade_by(runs, options, normalise),
+            [*finger_sections(comparison), *line],
+            sections=[s for one in answered for s in cross_sections(one.run, one.finger, one.stimuli)],
+            pdf=pdf,
+        )
         _write_sidecar(report, time.perf_counter() - began)
         if as_json:
-            print_json(comparison_as_json(comparison, str(report)))
+            print_json(comparison_as_json(comparison, str(report)) | fingers_as_json(comparison))
         else:
             _print(comparison, report)
+
+
+class Receptors(NamedTuple):
+    """Where the receptors lie."""
+
+    x_mm: tuple[float, ...]
+    depth_mm: float
+
+
+@dataclass(frozen=True)
+class Answered:
+    """A run, the finger of its configuration, and what that finger says."""
+
+    run: Run
+    finger: Fingertip
+    stimuli: list[Stimulus]
+
+
+def _answered(runs: list[Run], receptors: Receptors) -> list[Answered]:
+    """What the model says to each run."""
+    fingers = _fingers(runs, receptors)
+    found = [Answered(run, finger, stimuli(run, finger)) for run, finger in zip(runs, fingers, strict=True)]
+    if not any(one.stimuli for one in found):
+        raise BadInputError(f"run {runs[0].folder.path}: expected a finished indentation")
+    return found
+
+
+def _compared(
+    answered: list[Answered],
+    recordings: dict[str, Recording],
+    normalise: bool,
+    plausible: PlausibleFingers | None,
+) -> Comparison:
+    """With what every plausible finger says, where these are stated; what does not go together is refused before."""
+    given = compare([s for one in answered for s in one.stimuli], recordings, normalise=normalise)
+    if plausible is None:
+        return given
+    with loading_the_finger("plausible fingers: from the cache, or built in about half a minute each …"):
+        on_all = [s for a in answered for s in on_plausible_fingers(a.run, a.stimuli, a.finger, plausible)]
+    return compare(on_all, recordings, normalise=normalise, plausible=plausible)
 
 
 def _refuse_nowhere(files: dict[str, Path | None]) -> None:
@@ -97,17 +151,17 @@ def _refuse_nowhere(files: dict[str, Path | None]) -> None:
             raise BadInputError(f"{option} {path}: expected a file in a folder that exists")
 
 
-def _under_the_line(runs: list[Run], fingers: list[Fingertip], measured: Path | None) -> list[Section]:
+def _under_the_line(answered: list[Answered], measured: Path | None) -> list[Section]:
     """The skin's deflection, where a run had a line load; what was measured is laid over it."""
     points = [] if measured is None else read_deflections(measured)
-    profiles = [one for run, finger in zip(runs, fingers, strict=True) for one in simulated(run, finger)]
+    profiles = [profile for one in answered for profile in simulated(one.run, one.finger)]
     if measured is not None and not profiles:
         raise BadInputError(f"--deflection {measured}: expected a run with a line load across the finger")
     source = "" if measured is None else f"{measured.name} (SHA-256 {sha256(measured)})"
     return [deflection_section(profiles, points, source)] if profiles else []
 
 
-def _fingers(runs: list[Run], receptor_x_mm: tuple[float, ...], depth_mm: float) -> list[Fingertip]:
+def _fingers(runs: list[Run], receptors: Receptors) -> list[Fingertip]:
     """The finger that each run's configuration names."""
     configs = [load_config(run.folder.path / "config.toml").finger for run in runs]
     loaded: dict[str, Fingertip] = {}
@@ -115,7 +169,9 @@ def _fingers(runs: list[Run], receptor_x_mm: tuple[float, ...], depth_mm: float)
         for config in configs:
             name = config.model_dump_json()
             if name not in loaded:
-                loaded[name] = Fingertip.load(config, receptor_x_mm=receptor_x_mm, receptor_depth_mm=depth_mm)
+                loaded[name] = Fingertip.load(
+                    config, receptor_x_mm=receptors.x_mm, receptor_depth_mm=receptors.depth_mm
+                )
     return [loaded[config.model_dump_json()] for config in configs]
 
 

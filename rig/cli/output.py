@@ -35,12 +35,12 @@ _BAD_INPUT = (
 
 
 @contextmanager
-def loading_the_finger() -> Iterator[None]:
+def loading_the_finger(what: str = "fingertip: from the cache, or built in about 15 s …") -> Iterator[None]:
     """Something to look at meanwhile, where somebody looks."""
     if not err.is_terminal:
         yield
         return
-    with err.status("fingertip: from the cache, or built in about 15 s …"):
+    with err.status(what):
         yield
 
 

@@ -11,6 +11,7 @@ from scipy.sparse.csgraph import connected_components
 
 from rig.compare.errors import ComparisonError
 from rig.compare.fit import Fit
+from rig.compare.plausible import PlausibleFingers
 from rig.compare.recorded import Recording
 from rig.compare.shape_test import THRESHOLD, shape_test
 from rig.compare.statistics import Flags, Interval, correlation, fit_all, in_play, indistinguishable, interval
@@ -37,6 +38,11 @@ class Pairing:
     def eps(self) -> Array:
         """(18, p, receptors) SSRPs at the recorded positions; NaN where the run did not go."""
         return self.stimulus.at(self.recording.position_mm)
+
+    @cached_property
+    def eps_on_fingers(self) -> Array:
+        """(fingers, 18, p, receptors) the same on the design of plausible fingers."""
+        return self.stimulus.on_fingers_at(self.recording.position_mm)
 
     @cached_property
     def r(self) -> Array:
@@ -83,12 +89,16 @@ class Joint:
     @cached_property
     def explained(self) -> Array:
         """(18, receptors) R² over the positions that each pair covers."""
+        return self.explained_by(self.fit)
+
+    def explained_by(self, fit: Fit) -> Array:
+        """The same of another fit of every pair."""
         known = ~np.isnan(self.eps)
         y = np.where(known, self.rate[:, None], np.nan)
         with np.errstate(invalid="ignore", divide="ignore"):
             n = known.sum(axis=1)
             total = np.nansum(y * y, axis=1) - np.nansum(y, axis=1) ** 2 / n
-            return np.asarray(1 - self.fit.rss / total)
+            return np.asarray(1 - fit.rss / total)
 
     @cached_property
     def in_play(self) -> Flags:
@@ -105,9 +115,18 @@ class Joint:
         k = self.fit.k[measure, receptor]
         if np.isnan(k):
             return None
-        known = ~np.isnan(self.eps[measure, :, receptor])
-        repeats = [rates for rates, there in zip(self.repeats, known, strict=True) if there]
+        known, repeats = self.covered(receptor)
         return interval(self.eps[measure, known, receptor], repeats, self.shape_of[known], 1 if k > 0 else -1)
+
+    @cached_property
+    def eps_on_fingers(self) -> Array:
+        """(fingers, 18, all positions, receptors) on the design of plausible fingers."""
+        return np.concatenate([pairing.eps_on_fingers for pairing in self.pairings], axis=2)
+
+    def covered(self, receptor: int) -> tuple[Flags, list[Array]]:
+        """(all positions,) those that the runs cover for a receptor, and the rates there."""
+        known = ~np.isnan(self.eps[0, :, receptor])
+        return known, [rates for rates, there in zip(self.repeats, known, strict=True) if there]
 
 
 @dataclass(frozen=True)
@@ -116,6 +135,7 @@ class Comparison:
 
     stimuli: tuple[Stimulus, ...]
     pairings: tuple[Pairing, ...]
+    plausible: PlausibleFingers | None = None
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:
@@ -185,11 +205,16 @@ class Comparison:
 
 
 def compare(
-    stimuli: Sequence[Stimulus], recordings: Mapping[str, Recording], *, normalise: bool = False
+    stimuli: Sequence[Stimulus],
+    recordings: Mapping[str, Recording],
+    *,
+    normalise: bool = False,
+    plausible: PlausibleFingers | None = None,
 ) -> Comparison:
     """Pair each recording, by its shape's canonical name, with every stimulus of that shape.
 
-    `normalise` divides rates by the largest mean rate of their family. Raises ComparisonError where two runs pressed
+    `normalise` divides rates by the largest mean rate of their family; `plausible` says which fingers the stimuli
+    hold besides the one that is fitted. Raises ComparisonError where two runs pressed
     the same shape to the same target, or no run pressed a recorded shape.
     """
     if normalise:
@@ -198,7 +223,7 @@ def compare(
     _refuse_twins(ordered)
     _refuse_strays(ordered, recordings)
     pairings = tuple(Pairing(s, recordings[s.shape]) for s in ordered if s.shape in recordings)
-    return Comparison(ordered, pairings)
+    return Comparison(ordered, pairings, plausible)
 
 
 def _refuse_twins(ordered: Sequence[Stimulus]) -> None:

@@ -112,7 +112,7 @@ def _best(joint: Joint, measure: int) -> dict[str, Any] | None:
     return None if receptor is None else joint_row(joint, (measure, receptor))
 
 
-def _number(value: float | None, digits: int = 3) -> str:
+def as_number(value: float | None, digits: int = 3) -> str:
     """A number for a table with a typographic minus; a dash where there is none."""
     if value is None:
         return "–"
@@ -123,18 +123,20 @@ def _number(value: float | None, digits: int = 3) -> str:
 _WIDEST_PLAIN = 1e5
 
 
-def _positions(values: Iterable[float]) -> str:
-    return " ".join(_number(round(float(v), 3) + 0.0, 4) for v in values) or "–"
+def as_positions(values: Iterable[float]) -> str:
+    """Places in mm for a table; a dash where there are none."""
+    return " ".join(as_number(round(float(v), 3) + 0.0, 4) for v in values) or "–"
 
 
-def _limits(values: Sequence[float | None] | None) -> str:
-    return f"[{_number(values[0])}, {_number(values[1])}]" if values else ""
+def as_limits(values: Sequence[float | None] | None) -> str:
+    """An interval for a table; nothing where there is none."""
+    return f"[{as_number(values[0])}, {as_number(values[1])}]" if values else ""
 
 
 _WRITTEN: dict[str, Any] = {
-    "num": _number,
-    "mm": _positions,
-    "limits": _limits,
+    "num": as_number,
+    "mm": as_positions,
+    "limits": as_limits,
     "units": {name: unit(name) for name in MEASURES},
 }
 """How the template writes numbers, positions, intervals and units."""

@@ -5,6 +5,10 @@ class ComparisonError(ValueError):
     """The runs and recordings do not go together."""
 
 
+class FingersError(ComparisonError):
+    """The file of plausible fingers cannot be used with these runs; the message names file and key."""
+
+
 class RecordingError(ValueError):
     """A recording cannot be used; the message names file, row and column."""
 

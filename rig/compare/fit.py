@@ -30,7 +30,7 @@ def predicted(fit: Fit, eps: Array) -> Array:
 
 
 def fit_rates(eps: Array, rate: Array, weight: Array | None = None, sign: int = 0) -> Fit:
-    """The best k and ε₀ for ε (n,) and non-negative rates (…, n), with weights (…, n), one fit for each row.
+    """The best k and ε₀ for ε (…, n) and non-negative rates (…, n), with weights (…, n), one fit for each row.
 
     `sign` restricts k to that sign; 0 takes whichever leaves the smaller residual.
 
@@ -38,7 +38,7 @@ def fit_rates(eps: Array, rate: Array, weight: Array | None = None, sign: int = 
     line, and the best line that is positive on just its own points is the answer. No minimum lies where ε₀ passes a
     point, because a non-negative rate can only pull ε₀ down.
     """
-    weight = np.ones_like(rate) if weight is None else weight
+    weight = np.ones_like(eps) if weight is None else weight
     if sign:
         fit = _rising(sign * eps, rate, weight)
         return Fit(sign * fit.k, sign * fit.eps0, fit.rss)
@@ -52,15 +52,16 @@ _TOLERANCE = 1e-9
 
 def _rising(eps: Array, rate: Array, weight: Array) -> Fit:
     """k > 0. Row sums over the j largest ε, for every j at once."""
-    order = np.argsort(-eps, kind="stable")
-    scale, centre = float(np.ptp(eps)) or 1.0, float(eps.mean())
-    e = (eps[order] - centre) / scale
-    y, w = rate[..., order], weight[..., order]
+    order = np.argsort(-eps, axis=-1, kind="stable")
+    scale, centre = np.ptp(eps, axis=-1, keepdims=True), eps.mean(axis=-1, keepdims=True)
+    scale = np.where(scale > 0, scale, 1.0)
+    e = (np.take_along_axis(eps, order, -1) - centre) / scale
+    y, w = _ordered(rate, order), _ordered(weight, order)
     n, se, sy = (np.cumsum(v, axis=-1) for v in (w, w * e, w * y))
     see, sey, syy = (np.cumsum(v, axis=-1) for v in (w * e * e, w * e * y, w * y * y))
     determinant = n * see - se * se
     flat = _TOLERANCE * y.max(axis=-1, keepdims=True)  # a slope below this is round-off
-    next_e = np.append(e[1:], -np.inf)
+    next_e = np.concatenate([e[..., 1:], np.full_like(e[..., :1], -np.inf)], axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
         k = np.where(determinant > _TOLERANCE * n * n, (n * sey - se * sy) / determinant, np.nan)
         eps0 = (se - sy / k) / n
@@ -69,4 +70,13 @@ def _rising(eps: Array, rate: Array, weight: Array) -> Fit:
     best = np.argmin(rss, axis=-1)[..., None]
     k, eps0, rss = (np.take_along_axis(v, best, axis=-1)[..., 0] for v in (k, eps0, rss))
     found = np.isfinite(rss)
+    scale, centre = scale[..., 0], centre[..., 0]
     return Fit(*(np.where(found, v, np.nan) for v in (k / scale, centre + scale * eps0, np.maximum(rss, 0.0))))
+
+
+def _ordered(values: Array, order: NDArray[np.int64]) -> Array:
+    """Rows in an order of their own; the two broadcast."""
+    if order.ndim == 1:
+        return values[..., order]
+    shape = np.broadcast_shapes(values.shape, order.shape)
+    return np.take_along_axis(np.broadcast_to(values, shape), np.broadcast_to(order, shape), -1)

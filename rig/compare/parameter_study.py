@@ -19,9 +19,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from rig.compare.errors import StudyError
+from rig.compare.toml_file import told_of
 from sim.config import FingertipConfig
 from sim.contact.shapes import ShapeError, parse_shape
 from sim.finger.mesh import MeshError
@@ -95,17 +96,9 @@ Row = dict[str, Any]
 
 def read_study(path: Path) -> list[Case]:
     """Every combination, those of one finger next to each other. Raises StudyError."""
-    try:
+    with told_of(f"study {path}", StudyError):
         given = StudyFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8-sig")))
         return list(_cases(given, path.parent))
-    except OSError as error:
-        raise StudyError(f"study {path}: {error.strerror or error}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise StudyError(f"study {path}: {error}") from None
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"]))
-        raise StudyError(f"study {path}: {where}: {first['msg'].removeprefix('Value error, ')}") from None
 
 
 def _cases(given: StudyFile, folder: Path) -> Iterator[Case]:

@@ -123,19 +123,37 @@ def indistinguishable(eps: Array, rate: Array) -> Flags | None:
     Vuong's test (1989) on squared residuals at the positions that all receptors in play cover. eps is
     (18, p, receptors), rate (p,).
     """
+    which = compared(eps)
+    if which is None:
+        return None
+    receptors, common = which
+    pairs = by_pair(eps[:, common][:, :, receptors])
+    residual = squared_residuals(fit_rates(pairs, rate[common]), pairs, rate[common])
+    flags = np.zeros((len(eps), len(receptors)), dtype=bool)
+    best = residual[np.argmin(residual.sum(axis=1))]
+    flags[:, receptors] = not_worse(residual, best, SET_LEVEL).reshape(len(eps), -1)
+    return flags
+
+
+def compared(eps: Array) -> tuple[Flags, Flags] | None:
+    """Receptors in play, and the positions that all of them cover; None where these are too few."""
     receptors = in_play(eps)
     common = ~np.isnan(eps[0][:, receptors]).any(axis=1)
-    if not receptors.any() or common.sum() < FEWEST_POSITIONS:
-        return None
-    compared = eps[:, common][:, :, receptors]
-    residual = _squared_residuals(compared, rate[common])
-    best = np.unravel_index(np.argmin(residual.sum(axis=1)), (len(eps), compared.shape[2]))
-    worse = residual - residual[best[0], :, best[1]][:, None]
-    n = int(common.sum())
-    spread = worse.std(axis=1, ddof=1) / np.sqrt(n)
-    flags = np.zeros((len(eps), len(receptors)), dtype=bool)
-    flags[:, receptors] = worse.mean(axis=1) <= stdtrit(n - 1, 1 - SET_LEVEL) * spread
-    return flags
+    return (receptors, common) if receptors.any() and common.sum() >= FEWEST_POSITIONS else None
+
+
+def by_pair(eps: Array) -> Array:
+    """(…, 18 × receptors, p) of SSRPs (…, 18, p, receptors)."""
+    moved = np.moveaxis(eps, -1, -2)
+    return np.ascontiguousarray(moved.reshape(*eps.shape[:-3], -1, eps.shape[-2]))
+
+
+def not_worse(residual: Array, best: Array, level: float) -> Flags:
+    """(N,) which squared residuals (N, p) are not significantly above the best one's (p,), by Vuong's test."""
+    worse = residual - best
+    n = worse.shape[-1]
+    limit = stdtrit(n - 1, 1 - level) * worse.std(axis=-1, ddof=1) / np.sqrt(n)
+    return np.asarray(worse.mean(axis=-1) <= limit)
 
 
 def in_play(eps: Array) -> Flags:
@@ -143,12 +161,10 @@ def in_play(eps: Array) -> Flags:
     return np.asarray((~np.isnan(eps[0])).mean(axis=0) >= _COVERED_ENOUGH)
 
 
-def _squared_residuals(eps: Array, rate: Array) -> Array:
-    """(18, p, receptors) of the best fit of each pair; of the mean where no fit beats it."""
-    fit = fit_all(eps, rate)
+def squared_residuals(fit: Fit, eps: Array, rate: Array) -> Array:
+    """(N, p) of fits (N,) to SSRPs (N, p); of the mean where no fit beats it."""
     rates = predicted(Fit(fit.k[:, None], fit.eps0[:, None], fit.rss), eps)
-    rates = np.where(np.isnan(rates), rate.mean(), rates)
-    return np.asarray((rate[:, None] - rates) ** 2)
+    return np.asarray((rate - np.where(np.isnan(rates), rate.mean(), rates)) ** 2)
 
 
 def fit_all(eps: Array, rate: Array) -> Fit:
@@ -157,6 +173,5 @@ def fit_all(eps: Array, rate: Array) -> Fit:
     for j in range(eps.shape[2]):
         known = ~np.isnan(eps[0, :, j])
         if known.sum() >= 3:
-            for i in range(len(eps)):
-                values[:, i, j] = fit_rates(eps[i, known, j], rate[known])
+            values[:, :, j] = fit_rates(eps[:, known, j], rate[known])
     return Fit(*values)

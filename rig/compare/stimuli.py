@@ -35,6 +35,7 @@ class Stimulus:
     Arrays: `x_mm` (n,) ascending, `doi_mm` and `force_gwt` (n,), `measures` (18, n, receptors) in the signs of
     `shown`, `receptor_mm` (receptors,), `skin_mm` (m,) undeformed x in the receptor plane, `pressure` (n, m),
     `regions_mm` (n, k, 2) ends of the contact regions there, NaN where there are fewer.
+    `on_fingers` (fingers, 18, n, receptors) are the measures on the design of plausible fingers, where one is stated.
     Strains are numbers, stresses and pressures pseudo-units.
     """
 
@@ -50,6 +51,7 @@ class Stimulus:
     skin_mm: Array
     pressure: Array
     regions_mm: Array
+    on_fingers: Array | None = None
 
     @property
     def shape(self) -> str:
@@ -80,13 +82,21 @@ class Stimulus:
 
         Positions (p,) mm are the indentor's reference point from the receptive field's centre, in the finger's frame.
         """
+        return self._interpolated(self.measures, position_mm)
+
+    def on_fingers_at(self, position_mm: Array) -> Array:
+        """(fingers, 18, p, receptors) the same on the design of plausible fingers; this one alone where none is."""
+        return self._interpolated(self.measures[None] if self.on_fingers is None else self.on_fingers, position_mm)
+
+    def _interpolated(self, measures: Array, position_mm: Array) -> Array:
+        """(…, p, receptors) of measures (…, n, receptors)."""
         x = np.asarray(position_mm)[:, None] + self.receptor_mm
         if len(self.x_mm) < 2:
-            return np.full((len(MEASURES), *x.shape), np.nan)
+            return np.full((*measures.shape[:-2], *x.shape), np.nan)
         left = np.clip(np.searchsorted(self.x_mm, x, side="right") - 1, 0, len(self.x_mm) - 2)
         part = (x - self.x_mm[left]) / (self.x_mm[left + 1] - self.x_mm[left])
         receptor = np.arange(len(self.receptor_mm))
-        value = self.measures[:, left, receptor] * (1 - part) + self.measures[:, left + 1, receptor] * part
+        value = measures[..., left, receptor] * (1 - part) + measures[..., left + 1, receptor] * part
         inside = (part > -_ROUNDING) & (part < 1 + _ROUNDING)
         return np.where(inside, value, np.nan)
 
@@ -171,8 +181,13 @@ def responses_key(run: Run, finger: Fingertip) -> str:
 def answers_key(finger: Fingertip, asked: object) -> str:
     """Of what a model says to anything: it hangs on the finger, its receptors and the simulator's code."""
     receptors = finger.model.receptors
+    what = [asked, simulator_code(), finger.config.model_dump(mode="json"), finger.e_epidermis_mpa]
+    return content_key([*what, receptors.position_mm.tolist(), receptors.depth_mm])
+
+
+def simulator_code() -> str:
+    """Hash of all that makes an answer besides the model."""
     code = hashlib.sha256()
     for source in sorted(Path(str(files("sim"))).rglob("*.py")):
         code.update(source.read_bytes())
-    what = [asked, code.hexdigest(), finger.config.model_dump(mode="json"), finger.e_epidermis_mpa]
-    return content_key([*what, receptors.position_mm.tolist(), receptors.depth_mm])
+    return code.hexdigest()

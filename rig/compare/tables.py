@@ -7,7 +7,7 @@ import numpy as np
 
 from rig.compare.comparison import Comparison, Joint
 from rig.compare.shape_test import THRESHOLDS
-from rig.compare.statistics import chance_correlation, fit_all
+from rig.compare.statistics import Flags, chance_correlation, fit_all
 from rig.compare.stimuli import Stimulus
 from sim.measures.measures import MEASURES
 
@@ -90,24 +90,26 @@ def best_pairs(joint: Joint, measures: list[str]) -> list[Pair]:
 
 def indistinguishable_rows(joint: Joint) -> dict[str, Any]:
     """The set that the recordings cannot tell apart, and what chance would give."""
-    chosen = joint.indistinguishable
     stimulus = joint.pairings[0].stimulus
-    receptors = stimulus.receptor_mm
-    members = {
-        measure: [round(float(x), 6) for x in receptors[chosen[m]]]
-        for m, measure in enumerate(MEASURES)
-        if chosen is not None and chosen[m].any()
-    }
     positions = len(joint.rate)
-    looked_at = len(MEASURES) * len(receptors)
+    looked_at = len(MEASURES) * len(stimulus.receptor_mm)
     return {
         "shapes": [pairing.stimulus.indentor for pairing in joint.pairings],
         "condition": stimulus.condition,
-        "measures": None if chosen is None else members,
+        "measures": members(joint, joint.indistinguishable),
         "positions": positions,
         "looked_at": looked_at,
         "chance_r": round(chance_correlation(positions, looked_at), 3),
     }
+
+
+def members(joint: Joint, chosen: Flags | None) -> dict[str, list[float]] | None:
+    """Receptors in mm of a set (18, receptors), by measure; None without a set."""
+    if chosen is None:
+        return None
+    receptors = joint.pairings[0].stimulus.receptor_mm
+    named = zip(MEASURES, chosen, strict=True)
+    return {measure: [round(float(x), 6) for x in receptors[row]] for measure, row in named if row.any()}
 
 
 def threshold_rows(comparison: Comparison) -> list[dict[str, Any]]:

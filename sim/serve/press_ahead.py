@@ -1,8 +1,9 @@
 """Forces in real time: the poses of the coming sample instants are solved before anybody asks for them.
 
 A stage under way has its path planned, so where the indentor will be at the next sample instants is known before it
-is there. A plan that changes (a stop, a hold) makes an answer late for a sample or two: then the last force is given,
-it is not called fresh, and it is counted; after STALE_S it is no answer at all.
+is there. A cell that is sampled faster than contact is solved gets forces in between, linear in the height. A plan
+that changes (a stop, a hold) makes an answer late for a sample or two: then the last force is given, it is not called
+fresh, and it is counted; after STALE_S it is no answer at all.
 """
 
 import contextlib
@@ -16,7 +17,9 @@ from sim.serve.press_process import PressAnswer, PressProcess
 from sim.wall_clock import WallScheduler
 
 STALE_S = 0.5
-_AHEAD = 4  # sample periods
+_SHORTEST_S = 0.01  # between two solves
+_BETWEEN_MM = 0.02  # farther apart, two forces say too little of those between them
+_AHEAD = 4  # periods
 _KEPT = 512
 
 
@@ -43,9 +46,9 @@ class PressAhead:
         period_s: float,
         complain: Callable[[str], object],
     ) -> None:
-        """complain gets one line each time the finger begins to have no answer."""
+        """period_s: of the samples; complain gets one line each time the finger begins to have no answer."""
         self._scheduler, self._carriage, self._press = scheduler, carriage, press
-        self._period_s, self._complain = period_s, complain
+        self._period_s, self._complain = max(period_s, _SHORTEST_S), complain
         self._forces: OrderedDict[Pose, float] = OrderedDict()
         self._asked: tuple[float, Pose] | None = None
         self._troubled = False
@@ -81,7 +84,18 @@ class PressAhead:
         self._press.close()
 
     def _known_at(self, t_s: float) -> float | None:
-        return self._forces.get(self._carriage.pose_at(t_s))
+        pose = self._carriage.pose_at(t_s)
+        if pose in self._forces:
+            return self._forces[pose]
+        index = math.floor(t_s / self._period_s)
+        before, after = (self._carriage.pose_at((index + k) * self._period_s) for k in (0, 1))
+        way_mm = after.above_apex_mm - before.above_apex_mm
+        if not (before.over(pose) and pose.over(after) and 0 < abs(way_mm) <= _BETWEEN_MM):
+            return None
+        share = (pose.above_apex_mm - before.above_apex_mm) / way_mm
+        if before not in self._forces or after not in self._forces or not 0 <= share <= 1:
+            return None
+        return (1 - share) * self._forces[before] + share * self._forces[after]
 
     def _tick(self) -> None:
         self._note(self._index() * self._period_s)

@@ -79,6 +79,23 @@ def test_a_planned_descent_is_answered_without_a_wait(bench: Bench, finger: Fing
         assert force == pytest.approx(expected, rel=1e-6)
 
 
+def test_a_force_between_two_solved_poses_lies_between_theirs(bench: Bench, finger: Fingertip) -> None:
+    """Solved every 15 µm: on 10 µm a force bends by 0.15 % of the largest at most (docs/performance.md)."""
+    start_s = bench.scheduler.monotonic_s() + 0.5
+    bench.plan = lambda t_s: -0.1 - 0.3 * min(max(t_s - start_s, 0.0), 1.0)
+    bench.run(0.5)
+    between = 0
+    for _ in range(40):
+        bench.run(0.47 * PERIOD_S)
+        t_s = bench.scheduler.monotonic_s()
+        height_mm = round(400 * bench.plan(t_s)) / 400
+        if bench.press.fresh(t_s) and -0.39 < height_mm < -0.11:
+            on_grid = abs(t_s / PERIOD_S - round(t_s / PERIOD_S)) < 0.1
+            between += not on_grid
+            assert bench.press.force_n(t_s) == pytest.approx(force_at(finger, height_mm), rel=4e-3)
+    assert between > 5
+
+
 def test_a_plan_that_changes_gives_the_last_force_and_says_so(bench: Bench, finger: Fingertip) -> None:
     bench.plan = lambda t_s: -0.3
     bench.run(1.0)

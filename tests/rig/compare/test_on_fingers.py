@@ -1,0 +1,127 @@
+"""What other fingers say of a run, and `rig compare --fingers`, on a coarse mesh."""
+
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rig.cli import main
+from rig.compare.errors import FingersError
+from rig.compare.on_fingers import on_plausible_fingers
+from rig.compare.plausible import PlausibleFingers
+from rig.compare.stimuli import stimuli
+from rig.compare.synthetic import afferent_for, record, write_synthetic
+from rig.data import Run
+from rig.protocol.config import Config
+from rig.protocol.plan import make_plan
+from rig.protocol.script import load_script
+from rig.protocol.session import Session, dry_run
+from sim.config import FingertipConfig, MeshSpec
+from sim.fingertip import Fingertip
+from sim.measures.measures import MEASURES
+
+Array = NDArray[np.float64]
+
+PRESSES = """\
+from rig.protocol import Rig
+
+def run(rig: Rig) -> None:
+    rig.mount("cylinder:9")
+    rig.home()
+    rig.zero()
+    for x_mm in (-0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9):
+        rig.move_to(x_mm=x_mm)
+        rig.indent(force_gwt=1.0, hold_s=0.2)
+    rig.mount("cylinder:3")
+    for x_mm in (-0.3, 0.3):
+        rig.move_to(x_mm=x_mm)
+        rig.indent(doi_mm=0.3, hold_s=0.2)
+"""
+
+RANGES = "[finger.tissue]\nepidermis_mm = [0.3, 0.5]\n"
+
+
+@pytest.fixture(scope="module")
+def coarse() -> Fingertip:
+    """A finger of some thousand nodes."""
+    return Fingertip.load(FingertipConfig(mesh=MeshSpec(spacing_mm=0.5, patch_x_mm=2.5, patch_z_mm=2.5)))
+
+
+@pytest.fixture(scope="module")
+def run(coarse: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """A cylinder to a force at seven places and another to a depth at two, on the coarse finger."""
+    folder = tmp_path_factory.mktemp("presses")
+    path = folder / "presses.py"
+    path.write_text(PRESSES, encoding="utf-8")
+    script, config = load_script(str(path)), Config(finger=coarse.config)
+    plan = make_plan(script, config, coarse)
+    return dry_run(Session(script, config, coarse, plan, folder, interrupted=lambda: False)).run
+
+
+def test_force_or_depth_stays_as_it_was_controlled(run: Run, coarse: Fingertip) -> None:
+    """On the design's thickest finger, against presses made here; the run's own finger is in the middle of it."""
+    pressed = stimuli(run, coarse)
+    plausible = PlausibleFingers("--fingers x.toml", {"tissue.epidermis_mm": (0.3, 0.5)})
+    found = on_plausible_fingers(run, pressed, coarse, plausible)
+    thick = Fingertip.load(coarse.config.model_copy(update={"tissue": coarse.config.tissue.model_copy(
+        update={"epidermis_mm": 0.5})}))  # fmt: skip
+    for stimulus in found:
+        assert stimulus.on_fingers is not None
+        assert stimulus.on_fingers.shape == (3, *stimulus.measures.shape)
+        # The middle is the run's own finger, pressed to the force or depth that it had: solved to 1e-8.
+        np.testing.assert_allclose(
+            stimulus.on_fingers[1], stimulus.measures, rtol=1e-5, atol=1e-6 * np.abs(stimulus.measures).max()
+        )
+        to_force = stimulus.kind == "force_gwt"
+        target = {"force_gwt": stimulus.force_gwt[0]} if to_force else {"doi_mm": stimulus.doi_mm[0]}
+        alone = thick.indent(stimulus.indentor, stimulus.x_mm[0], **target)
+        sed = stimulus.on_fingers[2, MEASURES.index("sed"), 0]
+        np.testing.assert_allclose(sed, alone.receptor_measures["sed"], rtol=1e-9)
+
+
+def test_a_finger_that_cannot_be_pressed_like_that_is_named(run: Run, coarse: Fingertip) -> None:
+    plausible = PlausibleFingers(
+        "--fingers x.toml", {"tissue.epidermis_mm": (0.4, 0.4), "receptor_depth_mm": (0.7, 3)}
+    )
+    with pytest.raises(FingersError, match=r"--fingers x\.toml: on the finger with .*receptor_depth_mm = 3: "):
+        on_plausible_fingers(run, stimuli(run, coarse), coarse, plausible)
+
+
+def test_the_command(
+    run: Run, coarse: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Both intervals in answer and report, the same bytes twice, and seconds once the fingers are in the cache."""
+    by_force = next(stimulus for stimulus in stimuli(run, coarse) if stimulus.kind == "force_gwt")
+    afferent = afferent_for([by_force], "sed", 5, peak=60.0, silent=0.3)
+    rates = write_synthetic(tmp_path, record(afferent, by_force, np.linspace(-0.9, 0.9, 9), np.random.default_rng(1)))
+    ranges = tmp_path / "fingers.toml"
+    ranges.write_text(RANGES, encoding="utf-8")
+
+    def compared(*options: object) -> str:
+        words = ("rig", "compare", run.folder.path, "--recorded", f"cylinder:9={rates}", *options)
+        monkeypatch.setattr("sys.argv", [str(word) for word in words])
+        with pytest.raises(SystemExit) as caught:
+            main()
+        assert caught.value.code == 0
+        return capfd.readouterr().out
+
+    a, b, plain = (tmp_path / name for name in ("a.html", "b.html", "plain.html"))
+    answer = json.loads(compared("--fingers", ranges, "--out", a, "--json"))
+    began = time.process_time()
+    compared("--fingers", ranges, "--out", b)
+    assert time.process_time() - began < 5.0
+    assert a.read_bytes() == b.read_bytes()
+    page = a.read_text(encoding="utf-8")
+    assert "On all plausible fingers: cylinder:9 at 1 gwt" in page
+    assert f"--fingers {ranges}" in page
+    assert answer["fingers"]["ranges"] == {"tissue.epidermis_mm": [0.3, 0.5]}
+    assert answer["fingers"]["built"] == 3
+    row = next(row for row in answer["fingers"]["joint"] if row["measure"] == "sed")
+    assert {"k_interval", "eps0_interval", "best_finger", "on_this_finger"} <= set(row)
+    without = json.loads(compared("--out", plain, "--json"))
+    assert "fingers" not in without
+    assert {**answer, "report": "", "fingers": 0} == {**without, "report": "", "fingers": 0}
+    assert "plausible fingers" not in plain.read_text(encoding="utf-8")
