@@ -23,6 +23,8 @@ def read_spike_times(path: Path, run: Run, unit: str = "") -> Array:
     fitted to them. Without such rows the times must be on the run's clock already. `unit` is the one of an NWB file.
     """
     spikes, pulses = read_nwb(path, unit) if path.suffix == NWB else _read_csv(path)
+    if not len(spikes):
+        raise RecordingError(f"{path}: no spikes, expected the times of some")
     return _on_the_runs_clock(path, spikes, pulses, run) if len(pulses) else spikes
 
 
@@ -72,6 +74,8 @@ def rates_in_run(
         raise RecordingError(
             f"--window-s {begin:g},{end:g}: expected 0 ≤ begin < end, in s from the start of the hold"
         )
+    if not np.isfinite(centre_mm):
+        raise RecordingError(f"--field-centre-mm {centre_mm:g}: expected a number")
     rows = []
     for x_mm, start_s, stop_s in _last_holds(run, shape):
         if start_s + end > stop_s + _CLOCK_TICK_S:

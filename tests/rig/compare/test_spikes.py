@@ -45,6 +45,20 @@ def with_pulses(run: Run, rise_s: list[float]) -> Run:
     return replace(run, events={**run.events, "sync": [{"t_s": t, "rise_s": t} for t in rise_s]})
 
 
+@pytest.mark.parametrize("centre_mm", [np.nan, np.inf])
+def test_a_field_that_is_nowhere_is_refused(bar_run: Run, centre_mm: float) -> None:
+    with pytest.raises(RecordingError, match=r"--field-centre-mm (nan|inf): expected a number"):
+        rates_in_run(bar_run, "bar:3.0", np.array([1.0]), "unit7.csv", (0.1, 0.5), centre_mm)
+
+
+@pytest.mark.parametrize("text", ["time_s\n", "time_s,kind\n1.0,sync\n"])
+def test_a_recording_without_a_spike_is_refused(tmp_path: Path, bar_run: Run, text: str) -> None:
+    path = tmp_path / "silent.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(RecordingError, match=r"silent\.csv: no spikes, expected the times of some"):
+        read_spike_times(path, bar_run)
+
+
 def test_spike_times_are_read_and_sorted(tmp_path: Path, bar_run: Run) -> None:
     path = tmp_path / "unit7.csv"
     path.write_text("time_s\n3.5\n1.25\n", encoding="utf-8")
