@@ -11,8 +11,8 @@ import typer
 
 from rig.cli.options import JsonOption
 from rig.cli.output import err, out, print_json, told_in_one_line
-from rig.compare.speed import page
 from rig.protocol.errors import BadInputError
+from rig.report.bench_page import page
 from sim.study import calculix
 from sim.study.measure import QUANTITIES, Measured, measure
 from sim.study.reference import stored
