@@ -12,13 +12,13 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.patches import Patch
 
 from rig.compare.comparison import compare
-from rig.compare.comparison_report import Section
-from rig.compare.html import Figure
-from rig.compare.labels import label
 from rig.compare.shape_test import THRESHOLD
-from rig.compare.style import BLUE, Plot
 from rig.compare.table_5_2 import agreement, source_flags
 from rig.compare.workers import spread
+from rig.report.comparison_report import Section
+from rig.report.html import Figure
+from rig.report.labels import label
+from rig.report.style import BLUE, Plot
 from sim.config import FingertipConfig, Tissue
 from sim.fingertip import Fingertip
 from sim.measures.measures import MEASURES

@@ -17,11 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from rig.compare.comparison import compare
-from rig.compare.comparison_report import Section, write_comparison
 from rig.compare.cross_sections import cross_sections
-from rig.compare.deflection import Deflection, deflection_section
 from rig.compare.inputs import SpikeReading, read_recordings
-from rig.compare.report import write_report
 from rig.compare.stimuli import Stimulus, stimuli
 from rig.compare.synthetic import afferent_for, record, write_synthetic
 from rig.compare.workers import spread
@@ -31,6 +28,9 @@ from rig.protocol.config import load_config
 from rig.protocol.plan import make_plan
 from rig.protocol.script import load_script
 from rig.protocol.session import Session, dry_run
+from rig.report.comparison_report import Section, write_comparison
+from rig.report.deflection import Deflection, deflection_section
+from rig.report.run_report import write_report
 from sensitivity import all_verdicts, sensitivity_section
 from sim.fingertip import Fingertip
 from study_facts import DEPTHS_MM, FINE_X_MM, facts_section

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
 from facts import BAR_DOIS_MM, edges_touched
-from rig.compare.comparison_report import Section
 from rig.compare.pressure_model import Constants
 from rig.compare.shape_test import shape_test, shown
 from rig.compare.stimuli import Stimulus
+from rig.report.comparison_report import Section
 from sim.contact.profiles import STEP_HALF_WAVELENGTH_MM
 from sim.fingertip import Fingertip
 from sim.result import IndentationResult, median_of_four

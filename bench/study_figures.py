@@ -2,9 +2,9 @@
 
 from matplotlib.figure import Figure as Canvas
 
-from rig.compare.comparison_report import Section
-from rig.compare.html import Figure
-from rig.compare.style import BLUE, GREEN, ORANGE, Plot
+from rig.report.comparison_report import Section
+from rig.report.html import Figure
+from rig.report.style import BLUE, GREEN, ORANGE, Plot
 from sim.fingertip import Fingertip
 from sim.result import IndentationResult
 

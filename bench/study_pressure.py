@@ -9,8 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
-from rig.compare.comparison_report import Section
-from rig.compare.html import Figure
 from rig.compare.pressure_model import (
     FROM_EDGE_MM,
     Constants,
@@ -23,7 +21,9 @@ from rig.compare.pressure_model import (
     residual,
     together,
 )
-from rig.compare.style import BLUE, GREEN, GREY, ORANGE, Plot
+from rig.report.comparison_report import Section
+from rig.report.html import Figure
+from rig.report.style import BLUE, GREEN, GREY, ORANGE, Plot
 from sim.config import FingertipConfig, Tissue
 from sim.fingertip import Fingertip
 from sim.result import IndentationResult

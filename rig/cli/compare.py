@@ -13,10 +13,7 @@ import typer
 from rig.cli.options import JsonOption
 from rig.cli.output import loading_the_finger, out, print_json, told_in_one_line
 from rig.compare.comparison import Comparison, compare
-from rig.compare.comparison_report import Section, write_comparison
 from rig.compare.cross_sections import cross_sections
-from rig.compare.deflection import deflection_section, read_deflections, simulated
-from rig.compare.finger_tables import finger_sections, fingers_as_json
 from rig.compare.inputs import SpikeReading, read_recordings, sha256
 from rig.compare.on_fingers import on_plausible_fingers
 from rig.compare.plausible import PlausibleFingers, read_plausible
@@ -27,6 +24,9 @@ from rig.data import Run, read_run
 from rig.data.folder import replace_text
 from rig.protocol.config import load_config
 from rig.protocol.errors import BadInputError
+from rig.report.comparison_report import Section, write_comparison
+from rig.report.deflection import deflection_section, read_deflections, simulated
+from rig.report.finger_tables import finger_sections, fingers_as_json
 from sim.fingertip import Fingertip
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
 

@@ -11,7 +11,7 @@ import typer
 
 from rig.cli.options import JsonOption, checked_file
 from rig.cli.output import err, out, print_json, told_in_one_line
-from rig.compare.speed import page
+from rig.report.bench_page import page
 from sim.study import calculix
 from sim.study.measure import QUANTITIES, Measured, measure
 from sim.study.reference import stored

@@ -1,1 +1,1 @@
-"""Runs against the model: responses at the receptors, figures and reports."""
+"""Runs against the model and against recordings: responses, fits, sets, studies over many processes."""

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from rig.compare.speed import exponent, page
+from rig.report.bench_page import exponent, page
 from sim.study.candidates import Candidate, coarse
 from sim.study.measure import QUANTITIES, measure
 from sim.study.reference import stored

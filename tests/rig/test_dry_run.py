@@ -10,12 +10,12 @@ from typing import Any
 
 import pytest
 
-from rig.compare.report import write_report
 from rig.data import Run, read_run
 from rig.protocol.config import Config
 from rig.protocol.plan import make_plan
 from rig.protocol.script import load_script
 from rig.protocol.session import FinishedRun, Session, dry_run
+from rig.report.run_report import write_report
 from rig.run import RunAborted, TripError
 from rig.run.journal import read_journal
 from sim.fingertip import Fingertip

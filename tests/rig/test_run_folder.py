@@ -11,9 +11,9 @@ from typing import Any
 import h5py
 import pytest
 
-from rig.compare.report import write_report
 from rig.data import RunError, RunFolder, export_run, new_run_folder, read_run
 from rig.protocol.config import Config
+from rig.report.run_report import write_report
 from rig.run import Target, indent
 from rig.run.streams import STREAMS
 from sim.fingertip import Fingertip

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from rig.compare.cross_sections import MAPPED, cross_sections
-from rig.compare.section_figures import strain_maps
 from rig.compare.stimuli import stimuli
 from rig.data import Run
+from rig.report.section_figures import strain_maps
 from sim.fem import pardiso
 from sim.fingertip import Fingertip
 

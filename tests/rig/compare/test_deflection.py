@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.compare.deflection import Deflection, deflection_section, partner, read_deflections, simulated
 from rig.compare.errors import RecordingError
 from rig.data import Run
 from rig.protocol.config import Config
 from rig.protocol.plan import make_plan
 from rig.protocol.script import load_script
 from rig.protocol.session import Session, dry_run
+from rig.report.deflection import Deflection, deflection_section, partner, read_deflections, simulated
 from sim.fingertip import Fingertip
 
 

@@ -6,10 +6,10 @@ import numpy as np
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from rig.compare.figures import contact_panels, highest_pressure
 from rig.compare.responses import Response, responses
-from rig.compare.style import ORANGE
 from rig.data import Run
+from rig.report.run_figures import contact_panels, highest_pressure
+from rig.report.style import ORANGE
 from sim.fingertip import Fingertip
 
 

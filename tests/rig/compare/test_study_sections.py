@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 
 from rig.compare.comparison import compare
-from rig.compare.comparison_report import Section
 from rig.compare.stimuli import Stimulus
+from rig.report.comparison_report import Section
 from sensitivity import FORCES_GWT, HEADER, VARIANTS, Verdicts, sensitivity_section
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_X_MM

@@ -7,8 +7,8 @@ from matplotlib.lines import Line2D
 
 from rig.compare.comparison import Joint, Pairing
 from rig.compare.fit import Fit, predicted
-from rig.compare.labels import Pair, frame, label, named, unit
-from rig.compare.style import BLUE, GREEN, GREY, ORANGE, Plot
+from rig.report.labels import Pair, frame, label, named, unit
+from rig.report.style import BLUE, GREEN, GREY, ORANGE, Plot
 from sim.measures.measures import MEASURES
 
 _SHAPE_STYLES = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "^"), (GREY, "D"))

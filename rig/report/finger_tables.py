@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 
 from rig.compare.comparison import Comparison, Joint
-from rig.compare.comparison_report import Section, as_limits, as_number, as_positions
 from rig.compare.plausible import PlausibleFingers
 from rig.compare.tables import Pair, joint_row, members, number
 from rig.compare.with_finger import WithFinger
+from rig.report.comparison_report import Section, as_limits, as_number, as_positions
 
 Row = dict[str, Any]
 

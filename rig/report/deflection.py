@@ -12,13 +12,13 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
-from rig.compare.comparison_report import Section
 from rig.compare.errors import RecordingError
-from rig.compare.html import Figure
 from rig.compare.recorded import csv_number, csv_rows
 from rig.compare.responses import responses
-from rig.compare.style import Plot, shade
 from rig.data import Run
+from rig.report.comparison_report import Section
+from rig.report.html import Figure
+from rig.report.style import Plot, shade
 from sim.contact.indentor import ACROSS
 from sim.contact.shapes import parse_shape
 from sim.fingertip import Fingertip

@@ -11,9 +11,9 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from rig.compare.comparison import Comparison
-from rig.compare.labels import frame, label
 from rig.compare.stimuli import Stimulus
-from rig.compare.style import GREY, Plot, signed
+from rig.report.labels import frame, label
+from rig.report.style import GREY, Plot, signed
 from sim.measures.measures import MEASURES
 
 Array = NDArray[np.float64]

@@ -6,14 +6,14 @@ from itertools import groupby
 
 import numpy as np
 
-from rig.compare import fit_figures, map_figures, profile_figures
 from rig.compare.comparison import Comparison, Joint
 from rig.compare.cross_sections import CrossSection
-from rig.compare.html import Figure, figures_of
-from rig.compare.section_figures import strain_maps
 from rig.compare.shape_test import THRESHOLD
 from rig.compare.stimuli import Stimulus
 from rig.compare.tables import best_pairs
+from rig.report import fit_figures, map_figures, profile_figures
+from rig.report.html import Figure, figures_of
+from rig.report.section_figures import strain_maps
 from sim.measures.measures import MEASURES
 
 _SHOWN_FIRST = ("ep1", "ep3", "sed")  # the source's survivors

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.comparison import Pairing
-from rig.compare.style import signed
+from rig.report.style import signed
 from sim.measures.measures import MEASURES, PLOTTED_AS_MAGNITUDE
 
 Pair = tuple[int, int]  # measure, receptor

@@ -6,11 +6,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rig.compare.labels import label, unit
 from rig.compare.responses import Response, by_group, measured
 from rig.compare.shape_test import shown
-from rig.compare.style import BLUE, GREY, ORANGE, Plot, position_bar, shade, shade_of, signed
 from rig.data import Run
+from rig.report.labels import label, unit
+from rig.report.style import BLUE, GREY, ORANGE, Plot, position_bar, shade, shade_of, signed
 from sim.contact.indentor import ACROSS
 
 CONTACTS_A_PAGE = 9

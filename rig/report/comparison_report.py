@@ -10,14 +10,14 @@ from typing import Any
 
 from rig.compare.comparison import COLLINEAR, Comparison, Joint
 from rig.compare.cross_sections import CrossSection
-from rig.compare.html import Figure, as_png, render
 from rig.compare.inputs import sha256
-from rig.compare.labels import unit
-from rig.compare.report_figures import report_figures
 from rig.compare.shape_test import THRESHOLD
 from rig.compare.tables import best_receptor, indistinguishable_rows, joint_row, threshold_rows
 from rig.data import Run
 from rig.data.folder import replace_bytes, replace_text
+from rig.report.html import Figure, as_png, render
+from rig.report.labels import unit
+from rig.report.report_figures import report_figures
 from sim.fingertip import Fingertip
 from sim.measures.measures import MEASURES
 
@@ -60,7 +60,7 @@ def write_comparison(
     )
     replace_text(path, page())
     if pdf is not None:
-        from rig.compare.pdf import as_pdf  # most comparisons do without
+        from rig.report.pdf import as_pdf  # most comparisons do without
 
         newest = datetime.fromtimestamp(max(int(run.start["unix_s"]) for run in runs), UTC)
         replace_bytes(pdf, as_pdf(page(picture=as_png), newest))

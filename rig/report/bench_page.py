@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from rig.compare.html import Figure, render
-from rig.compare.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, Plot
+from rig.report.html import Figure, render
+from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, Plot
 
 Row = Mapping[str, Any]
 Line = tuple[str, str]  # model and element

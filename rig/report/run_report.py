@@ -5,11 +5,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rig.compare import figures
-from rig.compare.html import Figure, figures_of, render
 from rig.compare.responses import Response, by_group, responses
 from rig.data import Run
 from rig.data.folder import replace_text
+from rig.report import run_figures
+from rig.report.html import Figure, figures_of, render
 from sim.fingertip import Fingertip
 
 
@@ -42,22 +42,22 @@ def _contact_figures(run: Run, found: list[Response]) -> list[Figure]:
     return [
         Figure(
             "Force against depth",
-            figures.force_doi(run),
+            run_figures.force_doi(run),
             "As read by the force sensor against the depth from the contact fitted at each touch-off. "
             "One line for each indentation, coloured by the indentor's position.",
         ),
         *figures_of(
             "Contact at each position",
             last,
-            figures.CONTACTS_A_PAGE,
-            partial(figures.contact_panels, top=figures.highest_pressure(last)),
+            run_figures.CONTACTS_A_PAGE,
+            partial(run_figures.contact_panels, top=run_figures.highest_pressure(last)),
             "Black: the indentor. Grey: the deformed skin in the receptor plane. Orange: contact regions. "
             "Blue, right axis: nodal pressure against undeformed x, unfiltered, in pseudo-units "
             "(E of the epidermis = 10 000). The last hold of each indentation.",
         ),
         Figure(
             "Population responses",
-            figures.population_responses(found),
+            run_figures.population_responses(found),
             "−ep1 (compression is plotted upwards) and strain energy density at the receptors, "
             f"{found[0].result.model.receptors.depth_mm:g} mm below the skin: one line for each position of what the "
             "titles name, or, where one place was pressed, for each depth or force.",
@@ -69,13 +69,13 @@ def _ssrp_figures(found: list[Response]) -> list[Figure]:
     return [
         Figure(
             "SSRP of ep1",
-            figures.ssrps(found, "ep1"),
+            run_figures.ssrps(found, "ep1"),
             "Simulated spatial response profiles: −ep1 at one receptor against the indentor's "
             "position, one line for each depth or force. Dotted: the receptor's own x.",
         ),
         Figure(
             "SSRP of strain energy density",
-            figures.ssrps(found, "sed"),
+            run_figures.ssrps(found, "sed"),
             "As above, for the strain energy density in pseudo-units.",
         ),
     ]

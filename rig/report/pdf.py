@@ -12,8 +12,8 @@ from fpdf.enums import MethodReturnValue
 from fpdf.fonts import FontFace
 from PIL import Image
 
-from rig.compare.blocks import HEADINGS, Block, blocks
-from rig.compare.style import PAGE_IN, PNG_DOTS_PER_INCH
+from rig.report.blocks import HEADINGS, Block, blocks
+from rig.report.style import PAGE_IN, PNG_DOTS_PER_INCH
 
 _POINTS = {"h1": 15.0, "h2": 12.0, "h3": 10.0, "p": 8.5, "li": 8.5, "figcaption": 7.5}
 _TABLE_POINTS = 6.5

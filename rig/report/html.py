@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from rig.compare.style import Plot
+from rig.report.style import Plot
 
 Item = TypeVar("Item")
 
@@ -43,7 +43,7 @@ def as_png(figure: Figure) -> str:
 def render(template: str, picture: Callable[[Figure], str] = as_svg, **about: Any) -> str:
     """A self-contained page from a template of this package."""
     environment = Environment(
-        loader=PackageLoader("rig.compare"),
+        loader=PackageLoader("rig.report"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

@@ -8,8 +8,8 @@ from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
 from rig.compare.cross_sections import MAPPED, CrossSection
-from rig.compare.labels import label, unit
-from rig.compare.style import Plot, signed
+from rig.report.labels import label, unit
+from rig.report.style import Plot, signed
 
 _SHOWN_MM = ((-3.4, 3.4), (2.0, 5.2))
 _TOP_QUANTILE = 0.97

@@ -5,10 +5,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rig.compare.labels import label, unit
 from rig.compare.shape_test import THRESHOLD, shape_test
 from rig.compare.stimuli import Stimulus
-from rig.compare.style import BLUE, GREY, ORANGE, Plot, position_bar, shade_of, signed
+from rig.report.labels import label, unit
+from rig.report.style import BLUE, GREY, ORANGE, Plot, position_bar, shade_of, signed
 from sim.measures.measures import MEASURES
 
 Array = NDArray[np.float64]
