@@ -25,6 +25,7 @@ from sim.plant import Carriage, Placement, Pose, Press, Screws
 from sim.serve.press_ahead import PressAhead
 from sim.serve.press_process import PressProcess
 from sim.wall_clock import WallScheduler
+from sim.workers import keep_freed_memory
 
 Array = NDArray[np.float64]
 
@@ -150,7 +151,8 @@ def served_table(finger: Fingertip) -> None:
 
 
 def main() -> None:
-    """Print the tables."""
+    """Print the tables; this process, too, keeps its memory, as that of `rig serve` does."""
+    keep_freed_memory()
     finger = Fingertip.load()
     head = ["shape", "force at 1 mm (N)", "wall (ms)", "CPU (ms)", "over 10 ms, wall / CPU"]
     head += [*(f"served behind, order {order} (%)" for order in ORDERS), "served ahead (%)"]

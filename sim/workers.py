@@ -1,8 +1,10 @@
 """Work in processes of their own, which leave Ctrl-C to the one that began them and end with it."""
 
+import ctypes
 import multiprocessing
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -45,3 +47,19 @@ def leaving_ctrl_c_to_us() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # M_… of malloc.h
+_LARGEST_KEPT, _MOST_KEPT = 1 << 25, 1 << 28  # bytes
+
+
+def keep_freed_memory() -> None:
+    """Have this process keep the memory it frees, where the C library is glibc; for one that lives to be quick.
+
+    A contact frees and asks for megabytes; pages that come back from the system are cleared first, which makes a
+    deep contact a quarter slower. Source: mallopt(3).
+    """
+    if sys.platform == "linux":
+        mallopt = getattr(ctypes.CDLL(None), "mallopt", lambda *_: 0)
+        mallopt(_MMAP_THRESHOLD, _LARGEST_KEPT)
+        mallopt(_TRIM_THRESHOLD, _MOST_KEPT)

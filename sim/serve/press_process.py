@@ -11,7 +11,7 @@ from multiprocessing.connection import Connection
 from sim.config import FingertipConfig
 from sim.fingertip import Fingertip
 from sim.plant import AS_MODELLED, Pose, Press, Truth
-from sim.workers import leaving_ctrl_c_to_us
+from sim.workers import keep_freed_memory, leaving_ctrl_c_to_us
 
 _READY_S = 300.0  # building a model takes some 15 s, minutes on a small machine
 
@@ -73,6 +73,7 @@ def _serve(
     truth: Truth,
 ) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # where it was not held back: this process ends with its pipe
+    keep_freed_memory()
     try:
         press = Press(Fingertip.load(config), indentor, truth)
     except Exception as error:

@@ -2,6 +2,8 @@
 
 import multiprocessing
 import signal
+import subprocess
+import sys
 import time
 
 import pytest
@@ -32,3 +34,28 @@ def test_they_end_at_once_when_no_more_is_asked_for() -> None:
     answers.close()  # type: ignore[attr-defined]
     assert time.monotonic() - began < 10
     assert multiprocessing.active_children() == []
+
+
+_USED_OFTEN = """
+import resource
+import numpy as np
+from sim.workers import keep_freed_memory
+
+def faults_after_use() -> int:
+    held = [np.ones(1 << 16) for _ in range(40)]
+    del held
+    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+
+keep_freed_memory()
+first = faults_after_use()
+for _ in range(20):
+    last = faults_after_use()
+print(last - first)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="mallopt is the GNU C library's")
+def test_memory_that_is_kept_is_not_cleared_again() -> None:
+    """40 arrays of half a megabyte, used and freed 20 times, are 100 000 pages without it."""
+    ended = subprocess.run([sys.executable, "-c", _USED_OFTEN], capture_output=True, text=True, check=True)
+    assert int(ended.stdout) < 1000
