@@ -73,8 +73,9 @@ def _one_less_compliance(planes: FrozenPlanes, slides: _Slides) -> Array:
     part = [[planes.region.part(a, b, slides.points, slides.points) for b in lateral] for a in lateral]
     matrix = np.empty((len(slides.concave),) * 2, order="F")
     for i, v in enumerate(slides.weights):
+        along = [summed(v[a][:, None] * part[a][b] for a in lateral) for b in lateral]
         for j, w in enumerate(slides.weights[: i + 1]):
-            compliance = summed(v[a][:, None] * part[a][b] * w[b] for a in lateral for b in lateral)
+            compliance = summed(block * of_axis for block, of_axis in zip(along, w, strict=True))
             matrix[i * c : (i + 1) * c, j * c : (j + 1) * c] = -compliance
     np.einsum("ii->i", matrix)[:] += 1.0
     return matrix
