@@ -10,7 +10,7 @@ from typing import Annotated, NamedTuple
 
 import typer
 
-from rig.cli.options import JsonOption
+from rig.cli.options import JsonOption, checked_file
 from rig.cli.output import loading_the_finger, out, print_json, told_in_one_line
 from rig.compare.comparison import Comparison, compare
 from rig.compare.cross_sections import cross_sections
@@ -67,7 +67,9 @@ def command(
             _numbers("--receptor-x-mm", receptor_x_mm) if receptor_x_mm else DEFAULT_X_MM, receptor_depth_mm
         )
         spikes = SpikeReading(_window(window_s), field_centre_mm)
-        _refuse_nowhere({"--out": out_file, "--pdf": pdf})
+        for option, path in {"--out": out_file, "--pdf": pdf}.items():
+            if path is not None:
+                checked_file(option, path)
         plausible = None if fingers is None else read_plausible(fingers)
         found = [read_run(path) for path in runs]
         recordings = read_recordings(recorded or [], mirror or [], found, spikes)
@@ -142,13 +144,6 @@ def _compared(
     with loading_the_finger("plausible fingers: from the cache, or built in about half a minute each …"):
         on_all = [s for a in answered for s in on_plausible_fingers(a.run, a.stimuli, a.finger, plausible)]
     return compare(on_all, recordings, normalise=normalise, plausible=plausible)
-
-
-def _refuse_nowhere(files: dict[str, Path | None]) -> None:
-    """Before anything is computed."""
-    for option, path in files.items():
-        if path is not None and not path.parent.is_dir():
-            raise BadInputError(f"{option} {path}: expected a file in a folder that exists")
 
 
 def _under_the_line(answered: list[Answered], measured: Path | None) -> list[Section]:

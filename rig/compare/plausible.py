@@ -133,7 +133,7 @@ def read_plausible(path: Path) -> PlausibleFingers:
     source = f"--fingers {path}"
     with told_of(source, FingersError):
         content = path.read_bytes()
-        ranges = _File.model_validate(tomllib.loads(content.decode())).ranges
+        ranges = _File.model_validate(tomllib.loads(content.decode("utf-8-sig"))).ranges
     found = PlausibleFingers(source, ranges, hashlib.sha256(content).hexdigest())
     if not ranges:
         raise FingersError(f"{source}: expected a range in finger.tissue, finger.geometry or {_DEPTH}")

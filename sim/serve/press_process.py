@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 
 from sim.config import FingertipConfig
-from sim.fingertip import Fingertip
+from sim.contact.shapes import ShapeError
+from sim.fingertip import Fingertip, ModelRangeError
 from sim.plant import AS_MODELLED, Pose, Press, Truth
 from sim.workers import keep_freed_memory, leaving_ctrl_c_to_us
 
@@ -77,7 +78,7 @@ def _serve(
     try:
         press = Press(Fingertip.load(config), indentor, truth)
     except Exception as error:
-        far.send(f"{type(error).__name__}: {error}")
+        far.send(_told(error))
         return
     far.send("")
     with contextlib.suppress(EOFError, OSError):  # the pipe is closed, perhaps while an answer is being made
@@ -85,10 +86,15 @@ def _serve(
             far.send(_answer(press, far.recv()))
 
 
+def _told(error: Exception) -> str:
+    """In words where they were made for people, else with what kind of error it is."""
+    return str(error) if isinstance(error, (ModelRangeError, ShapeError)) else f"{type(error).__name__}: {error}"
+
+
 def _answer(press: Press, pose: Pose) -> PressAnswer:
     began = time.perf_counter()
     try:
         force, problem = press.force_n(pose), ""
     except Exception as error:  # a scene beyond the model must not end the bench
-        force, problem = math.nan, f"{type(error).__name__}: {error}"
+        force, problem = math.nan, _told(error)
     return PressAnswer(pose, force, time.perf_counter() - began, problem)

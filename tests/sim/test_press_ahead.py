@@ -120,6 +120,7 @@ def test_a_depth_beyond_the_model_is_no_force_and_one_complaint(bench: Bench) ->
     bench.run(1.0)
     assert math.isnan(bench.press.force_n(bench.scheduler.monotonic_s()))
     assert len(bench.complaints) == 1
+    assert bench.complaints[0].startswith("DOI ")
     assert "expected 0 < DOI ≤ 2 mm" in bench.complaints[0]
     bench.plan = lambda t_s: 1.0
     bench.run(1.0)
@@ -194,5 +195,5 @@ def test_a_finger_slower_than_the_samples_gives_late_forces_and_does_not_give_up
 
 
 def test_a_finger_that_cannot_be_loaded_is_an_error_and_not_a_wait() -> None:
-    with pytest.raises(FingerNotLoadedError, match=r"^virtual finger: ShapeError: shape 'spoon'"):
+    with pytest.raises(FingerNotLoadedError, match=r"^virtual finger: shape 'spoon'"):
         PressProcess(FingertipConfig(), "spoon")

@@ -124,6 +124,7 @@ def test_without_a_recording(command: Command, bar_run: Run) -> None:
             "--deflection depths.csv: expected a run with a line load across the finger",
         ),
         (("--pdf", "no/such.pdf"), "--pdf no/such.pdf: expected a file in a folder that exists"),
+        (("--pdf", "."), "--pdf .: expected a file in a folder that exists and may be written to"),
         (("--window-s", "1"), "--window-s '1': expected two numbers, begin,end"),
         (("--receptor-x-mm", "0,left"), "--receptor-x-mm '0,left': expected numbers separated by commas"),
     ],

@@ -34,6 +34,11 @@ def test_ranges_are_read_by_name(file: Path) -> None:
     assert found.free == ["tissue.epidermis_mm", "receptor_depth_mm"]
 
 
+def test_a_byte_order_mark_is_no_part_of_a_key(file: Path) -> None:
+    file.write_text(FILE, encoding="utf-8-sig")
+    assert set(read_plausible(file).ranges) == {"tissue.dermis_mm", "tissue.epidermis_mm", "receptor_depth_mm"}
+
+
 def test_the_shipped_example_holds_the_default_finger() -> None:
     example = Path(__file__).parents[3] / "examples" / "plausible_fingers" / "fingers.toml"
     assert len(read_plausible(example).design(FingertipConfig(), 0.76)) == 9
