@@ -27,8 +27,8 @@ def test_jog_by_a_distance(rig: Rig, free_stage: tuple[Callable[[], float], Path
     ("options", "complaint"),
     [
         (("--axis", "q", "--by-mm", "1"), "--axis q: expected x, y or z"),
-        (("--axis", "x"), "--by-mm None: expected a distance in mm, not zero"),
-        (("--axis", "x", "--by-mm", "0"), "--by-mm 0.0: expected a distance in mm, not zero"),
+        (("--axis", "x"), "--axis and --by-mm: expected both of them, or neither to jog by keys"),
+        (("--axis", "x", "--by-mm", "0"), "--by-mm 0: expected up to 1000 mm either way, not zero"),
         (("--axis", "x", "--by-mm", "1", "--speed-mm-s", "99"), "--speed-mm-s 99: expected 0.017 … 10"),
     ],
 )
