@@ -97,10 +97,9 @@ def read_profile(path: str, *, linear: bool = False) -> MeasuredProfile:
     try:
         with Path(path).open(newline="", encoding="utf-8-sig") as stream:
             rows = list(csv.reader(stream))
-    except OSError as error:
-        raise ProfileError(f"profile {path}: {error.strerror or error}, expected a CSV file") from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise ProfileError(f"profile {path}: {error}, expected a CSV file") from None
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        what = getattr(error, "strerror", None) or error
+        raise ProfileError(f"profile {path}: {what}, expected a CSV file") from None
     if not rows or tuple(cell.strip() for cell in rows[0]) != COLUMNS:
         raise ProfileError(f"profile {path}, line 1: expected the columns {','.join(COLUMNS)}")
     points = np.array([_point(path, n, row) for n, row in enumerate(rows[1:], 2) if row]).reshape(-1, 2)

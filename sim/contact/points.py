@@ -70,11 +70,6 @@ class ContactPoints:
         """No point at all."""
         return cls(np.zeros(0, np.int64), np.zeros(0, np.int64))
 
-    @classmethod
-    def all_between(cls, skin: Skin) -> "ContactPoints":
-        """Every point between nodes."""
-        return cls(np.zeros(0, np.int64), np.arange(_INNER * len(skin.segments)))
-
     def __len__(self) -> int:
         return len(self.nodes) + len(self.between)
 
@@ -145,9 +140,10 @@ class Places:
 
     def compliance(self, nodal: Array) -> Array:
         """(k, k) mm/N among the points, of (n, n) among the nodes."""
-        if not len(self.carriers[0].T):
+        carriers, _ = self.carriers
+        if not carriers.size:
             return np.zeros((0, 0))
-        first, last = self.carriers[0].min(), self.carriers[0].max()
+        first, last = carriers.min(), carriers.max()
         here = replace(self, alone=self.alone - first, first=self.first - first, second=self.second - first)
         part = nodal[first : last + 1, first : last + 1]
         rows = part[here.alone]
