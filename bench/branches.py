@@ -15,11 +15,11 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.config import Contact, FingertipConfig, MeshSpec
+from sim.config.fingertip_config import Contact, FingertipConfig, MeshSpec
 from sim.contact.measured_profile import MeasuredProfile
 from sim.contact.profiles import Bar, Grating, Profile, Step, Wedge
 from sim.contact.solver import ContactState
-from sim.fingertip import Fingertip
+from sim.models.fingertip import Fingertip
 
 Pose = tuple[Profile, float, float]  # profile, x and DOI in mm
 Array = NDArray[np.float64]

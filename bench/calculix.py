@@ -5,8 +5,8 @@
 Fully integrated elements and contact at nodes in both; the deck and its settings are `sim/deck.py`'s.
 """
 
-from sim.config import Contact, FingertipConfig, MeshSpec
-from sim.study.calculix import compare
+from sim.config.fingertip_config import Contact, FingertipConfig, MeshSpec
+from sim.speed_and_error.calculix import compare
 
 LIKE_WITH_LIKE = FingertipConfig(mesh=MeshSpec(element="full"), contact=Contact(between_nodes=False))
 SCENES = (("cylinder:9", 0.67), ("bar:3.0", 0.8))

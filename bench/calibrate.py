@@ -3,8 +3,8 @@
 .venv/bin/python bench/calibrate.py
 """
 
-from sim.fingertip import Fingertip
-from sim.units import GWT_N
+from sim.config.units import GWT_N
+from sim.models.fingertip import Fingertip
 
 X_MM, DOI_MM, FORCE_GWT = -1.63, 0.73, 8.0  # Raju (1998): step 1 in this pose stands for this force
 

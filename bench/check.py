@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rig.protocol.config import Config
-from rig.protocol.plan import make_plan
-from rig.protocol.preflight import preflight
+from rig.plan.config import Config
+from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.protocol.session import Session, dry_run
-from sim.fingertip import Fingertip
+from rig.session.preflight import preflight
+from rig.session.session import Session, dry_run
+from sim.models.fingertip import Fingertip
 
 PROTOCOLS = (
     ("first_press",),

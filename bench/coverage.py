@@ -18,17 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.comparison import Joint, compare
-from rig.compare.plausible import PlausibleFingers, read_plausible
-from rig.compare.recorded import Recording, recording
+from rig.compare.fingers.plausible import PlausibleFingers, read_plausible
+from rig.compare.fingers.with_finger import WithFinger
+from rig.compare.recordings.recorded import Recording, recording
+from rig.compare.recordings.synthetic import Afferent, afferent_for, record
 from rig.compare.statistics import Interval
 from rig.compare.stimuli import Stimulus
-from rig.compare.synthetic import Afferent, afferent_for, record
-from rig.compare.with_finger import WithFinger
-from rig.compare.workers import spread
-from sim.config import FingertipConfig, Tissue
-from sim.fingertip import Fingertip
+from rig.parameter_study.workers import spread
+from sim.config.fingertip_config import FingertipConfig, Tissue
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_DEPTH_MM
+from sim.models.fingertip import Fingertip
 from simulated import bars, steps
 
 Array = NDArray[np.float64]

@@ -6,12 +6,12 @@ OMP_NUM_THREADS=1 .venv/bin/python bench/element_cost.py     # about a minute
 import time
 from collections.abc import Callable
 
-from sim.config import FingertipConfig, MeshSpec
+from sim.config.fingertip_config import FingertipConfig, MeshSpec
 from sim.fem.pardiso import PardisoFactor
 from sim.finger.mesh import build_mesh
 from sim.finger.surface import FingertipSurface
-from sim.model import discretise
-from sim.study.candidates import QUADRATIC, SCENE_PATCH, nested
+from sim.models.condensed import discretise
+from sim.speed_and_error.candidates import QUADRATIC, SCENE_PATCH, nested
 
 MESHES = {
     "B-bar, n = 2": nested(2),

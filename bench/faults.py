@@ -17,19 +17,19 @@ from typing import Any
 
 from pymodbus.framer import FramerRTU
 
-from rig.bench import force_driver, stage_driver
-from rig.force.base import ForceError
-from rig.heartbeat import Heartbeat
-from rig.protocol.config import Config
-from rig.protocol.rehearsal import Spring
-from rig.protocol.virtual_devices import FORCES, STAGES, Load, true_carriage
-from rig.run import Engine, EngineError, Journal, Target, indent
-from rig.run.stopping import Stopping
-from rig.run.streams import STREAMS
-from rig.stage.base import StageError
+from rig.devices.bench import force_driver, stage_driver
+from rig.devices.force.base import ForceError
+from rig.devices.heartbeat import Heartbeat
+from rig.devices.stage.base import StageError
+from rig.devices.units import GWT_N
+from rig.engine import Engine, EngineError, Journal, Target, indent
+from rig.engine.stopping import Stopping
+from rig.engine.streams import STREAMS
+from rig.plan.config import Config
+from rig.session.rehearsal import Spring
 from rig.transport import LoopbackTransport, TransportError
-from rig.units import GWT_N
-from sim.clock import VirtualClock
+from rig.virtual.virtual_devices import FORCES, STAGES, Load, true_carriage
+from sim.devices.clock import VirtualClock
 from sim.devices.line import SerialLine
 
 TARGET = Target("force_gwt", 8.0)

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coverage import POSITIONS_MM, RANGES, TRUTHS, drawn, families, inside, with_design
-from rig.compare.finger_fit import free_of, weights
-from rig.compare.plausible import read_plausible
+from rig.compare.fingers.finger_fit import free_of, weights
+from rig.compare.fingers.plausible import read_plausible
 from rig.compare.stimuli import Stimulus
-from rig.compare.workers import spread
-from sim.config import FingertipConfig
+from rig.parameter_study.workers import spread
+from sim.config.fingertip_config import FingertipConfig
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_DEPTH_MM
 

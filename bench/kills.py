@@ -22,15 +22,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import rig.protocol.session as sessions
+import rig.session.session as sessions
 from rig.data import Run, read_run
-from rig.protocol.config import Config
-from rig.protocol.plan import make_plan
-from rig.protocol.resume import read_stopped
+from rig.engine.journal import Journal, read_journal
+from rig.plan.config import Config
+from rig.plan.plan import make_plan
 from rig.protocol.script import Script, load_script
-from rig.protocol.session import Session, dry_run
-from rig.run.journal import Journal, read_journal
-from sim.fingertip import Fingertip
+from rig.session.resume import read_stopped
+from rig.session.session import Session, dry_run
+from sim.models.fingertip import Fingertip
 
 SCRIPT = """\
 import random

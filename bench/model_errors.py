@@ -5,13 +5,13 @@
 
 from pathlib import Path
 
-from sim.config import MeshSpec
-from sim.halfspace import EFFECTIVE_MODULUS
-from sim.study.candidates import Candidate
-from sim.study.choice import FILE, table_as_json
-from sim.study.measure import Measured, measure
-from sim.study.reference import Reference, stored
-from sim.study.scenes import SCENES
+from sim.config.fingertip_config import MeshSpec
+from sim.models.halfspace import EFFECTIVE_MODULUS
+from sim.speed_and_error.candidates import Candidate
+from sim.speed_and_error.choice import FILE, table_as_json
+from sim.speed_and_error.measure import Measured, measure
+from sim.speed_and_error.reference import Reference, stored
+from sim.speed_and_error.scenes import SCENES
 
 SHIPPED = (
     Candidate("halfspace", "default"),

@@ -10,14 +10,14 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from sim.config import FingertipConfig, MeshSpec
+from sim.config.fingertip_config import FingertipConfig, MeshSpec
 from sim.contact.shapes import parse_shape
-from sim.fingertip import Fingertip
-from sim.models import load
-from sim.result import IndentationResult
-from sim.study.candidates import nested
-from sim.study.measure import Answer, answered
-from sim.study.scenes import Scene
+from sim.models.catalogue import load
+from sim.models.fingertip import Fingertip
+from sim.models.result import IndentationResult
+from sim.speed_and_error.candidates import nested
+from sim.speed_and_error.measure import Answer, answered
+from sim.speed_and_error.scenes import Scene
 
 TO_NAIL_MM = FingertipConfig().receptor_plane_mm - FingertipConfig().tissue.nail_from_z_mm - 1e-6
 OFFSETS_MM = (0.0, 0.0425, 0.085, 0.1275)

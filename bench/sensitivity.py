@@ -14,15 +14,15 @@ from matplotlib.patches import Patch
 from rig.compare.comparison import compare
 from rig.compare.shape_test import THRESHOLD
 from rig.compare.table_5_2 import agreement, source_flags
-from rig.compare.workers import spread
-from rig.report.comparison_report import Section
+from rig.parameter_study.workers import spread
+from rig.report.comparison.comparison_report import Section
 from rig.report.html import Figure
 from rig.report.labels import label
 from rig.report.style import BLUE, Plot
-from sim.config import FingertipConfig, Tissue
-from sim.fingertip import Fingertip
+from sim.config.fingertip_config import FingertipConfig, Tissue
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_DEPTH_MM
+from sim.models.fingertip import Fingertip
 from simulated import bars, steps
 
 # As close as the source's schedules, up to 0.1 mm beside them; one row of positions for all three steps.

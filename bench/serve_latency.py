@@ -17,11 +17,11 @@ import time
 
 import numpy as np
 
-from rig.clock import WallClock
-from rig.force import ForceBusy, MtSicsForce
-from rig.protocol.config import Config
-from rig.stage import GrblStage
+from rig.devices.force import ForceBusy, MtSicsForce
+from rig.devices.stage import GrblStage
+from rig.plan.config import Config
 from rig.transport import open_port
+from rig.transport.clock import WallClock
 
 DEEPEST_MM, INCREMENT_MM = 0.8, 0.05
 

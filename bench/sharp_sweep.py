@@ -14,8 +14,8 @@ import numpy as np
 from sim.contact.measured_profile import MeasuredProfile
 from sim.contact.profiles import Bar, Grating, Profile, Step, Wedge
 from sim.contact.solver import TARGET_RESIDUAL
-from sim.fingertip import Fingertip, ModelRangeError
-from sim.result import IndentationResult
+from sim.models.fingertip import Fingertip, ModelRangeError
+from sim.models.result import IndentationResult
 
 Scene = tuple[Profile, float, float]  # profile, x and DOI in mm
 

@@ -5,9 +5,9 @@ from numpy.typing import NDArray
 
 from rig.compare.shape_test import shown
 from rig.compare.stimuli import Stimulus, answers_key, contact_regions
-from sim.cache import Arrays, cached_arrays
-from sim.fingertip import Fingertip
 from sim.measures.measures import MEASURES
+from sim.models.cache import Arrays, cached_arrays
+from sim.models.fingertip import Fingertip
 
 Array = NDArray[np.float64]
 

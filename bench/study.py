@@ -18,21 +18,21 @@ import numpy as np
 
 from rig.compare.comparison import compare
 from rig.compare.cross_sections import cross_sections
-from rig.compare.inputs import SpikeReading, read_recordings
+from rig.compare.recordings.inputs import SpikeReading, read_recordings
+from rig.compare.recordings.synthetic import afferent_for, record, write_synthetic
 from rig.compare.stimuli import Stimulus, stimuli
-from rig.compare.synthetic import afferent_for, record, write_synthetic
-from rig.compare.workers import spread
 from rig.data import Run, read_run
 from rig.data.folder import replace_text
-from rig.protocol.config import load_config
-from rig.protocol.plan import make_plan
+from rig.parameter_study.workers import spread
+from rig.plan.config import load_config
+from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.protocol.session import Session, dry_run
-from rig.report.comparison_report import Section, write_comparison
-from rig.report.deflection import Deflection, deflection_section
-from rig.report.run_report import write_report
+from rig.report.comparison.comparison_report import Section, write_comparison
+from rig.report.comparison.deflection import Deflection, deflection_section
+from rig.report.run.run_report import write_report
+from rig.session.session import Session, dry_run
 from sensitivity import all_verdicts, sensitivity_section
-from sim.fingertip import Fingertip
+from sim.models.fingertip import Fingertip
 from study_facts import DEPTHS_MM, FINE_X_MM, facts_section
 from study_figures import shapes_side_by_side
 from study_pressure import layers_section, press_all, pressure_section

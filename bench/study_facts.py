@@ -12,10 +12,10 @@ from facts import BAR_DOIS_MM, edges_touched
 from rig.compare.pressure_model import Constants
 from rig.compare.shape_test import shape_test, shown
 from rig.compare.stimuli import Stimulus
-from rig.report.comparison_report import Section
+from rig.report.comparison.comparison_report import Section
 from sim.contact.profiles import STEP_HALF_WAVELENGTH_MM
-from sim.fingertip import Fingertip
-from sim.result import IndentationResult, median_of_four
+from sim.models.fingertip import Fingertip
+from sim.models.result import IndentationResult, median_of_four
 from study_pressure import PressureStudy, told
 
 Array = NDArray[np.float64]

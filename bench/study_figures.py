@@ -2,11 +2,11 @@
 
 from matplotlib.figure import Figure as Canvas
 
-from rig.report.comparison_report import Section
+from rig.report.comparison.comparison_report import Section
 from rig.report.html import Figure
 from rig.report.style import BLUE, GREEN, ORANGE, Plot
-from sim.fingertip import Fingertip
-from sim.result import IndentationResult
+from sim.models.fingertip import Fingertip
+from sim.models.result import IndentationResult
 
 DOI_MM = 1.33
 _LINES = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."), ("black", ":"))

@@ -21,12 +21,12 @@ from rig.compare.pressure_model import (
     residual,
     together,
 )
-from rig.report.comparison_report import Section
+from rig.report.comparison.comparison_report import Section
 from rig.report.html import Figure
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, Plot
-from sim.config import FingertipConfig, Tissue
-from sim.fingertip import Fingertip
-from sim.result import IndentationResult
+from sim.config.fingertip_config import FingertipConfig, Tissue
+from sim.models.fingertip import Fingertip
+from sim.models.result import IndentationResult
 
 Array = NDArray[np.float64]
 

@@ -15,14 +15,14 @@ import numpy as np
 from scipy.linalg import lapack
 from threadpoolctl import threadpool_limits
 
-from sim.cache import cache_dir
-from sim.config import FingertipConfig
+from sim.config.fingertip_config import FingertipConfig
 from sim.fem import pardiso
 from sim.fem.pardiso import PardisoFactor
 from sim.finger.mesh import build_mesh
 from sim.finger.surface import FingertipSurface
-from sim.fingertip import Fingertip
-from sim.model import discretise, factorise
+from sim.models.cache import cache_dir
+from sim.models.condensed import discretise, factorise
+from sim.models.fingertip import Fingertip
 
 SCENES = [
     ("bar 3.0, DOI 0.2–1.0", "bar:3.0", (-0.3, 0.0, 0.25), (0.2, 0.4, 0.6, 0.8, 1.0)),

@@ -19,13 +19,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.config import FingertipConfig
-from sim.fingertip import Fingertip
-from sim.plant import Carriage, Placement, Pose, Press, Screws
+from sim.config.fingertip_config import FingertipConfig
+from sim.models.fingertip import Fingertip
+from sim.models.workers import keep_freed_memory
+from sim.plant.plant import Carriage, Placement, Pose, Press, Screws
 from sim.serve.press_ahead import PressAhead
 from sim.serve.press_process import PressProcess
-from sim.wall_clock import WallScheduler
-from sim.workers import keep_freed_memory
+from sim.serve.wall_clock import WallScheduler
 
 Array = NDArray[np.float64]
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from sim.fingertip import Fingertip
+from sim.models.fingertip import Fingertip
 
 
 @pytest.fixture(scope="session")

@@ -7,15 +7,15 @@ from typing import Any
 
 import typer
 
-from rig.bench import open_force, open_stage
 from rig.cli.interrupts import STOP_SIGNAL, at_once
 from rig.cli.looking import look, position
 from rig.cli.options import ConfigOption, JsonOption
 from rig.cli.output import ExitCode, complain, out, print_json, told_in_one_line
-from rig.clock import WallClock
-from rig.protocol.config import Config, load_config
-from rig.stage.base import Stage
+from rig.devices.bench import open_force, open_stage
+from rig.devices.stage.base import Stage
+from rig.plan.config import Config, load_config
 from rig.transport import TransportError, first_owner
+from rig.transport.clock import WallClock
 
 _LET_GO_S = 5.0
 

@@ -8,24 +8,24 @@ from typing import Annotated
 
 import typer
 
-from rig.bench import open_bench, open_force
 from rig.cli.bench import stage_at_hand
 from rig.cli.interrupts import at_once
 from rig.cli.jog import way
 from rig.cli.options import ConfigOption, JsonOption
 from rig.cli.output import err, out, print_json, told_in_one_line
 from rig.cli.run import ask_at_the_bench
-from rig.clock import WallClock
-from rig.force.base import ForceSensor
-from rig.heartbeat import Heartbeat
-from rig.protocol.calibration import as_table
-from rig.protocol.config import Config, load_config
+from rig.devices.bench import open_bench, open_force
+from rig.devices.force.base import ForceSensor
+from rig.devices.heartbeat import Heartbeat
+from rig.devices.units import GWT_N
+from rig.engine import Engine
+from rig.engine.compliance import Compliance, measure_compliance
+from rig.engine.jog import dead_man_jog
+from rig.engine.journal import NoJournal
+from rig.plan.config import Config, load_config
 from rig.protocol.errors import BadInputError
-from rig.run import Engine
-from rig.run.compliance import Compliance, measure_compliance
-from rig.run.jog import dead_man_jog
-from rig.run.journal import NoJournal
-from rig.units import GWT_N
+from rig.session.calibration import as_table
+from rig.transport.clock import WallClock
 
 _READINGS = 20
 # Beyond this it is not a calibration that is wrong but a setting or a unit.

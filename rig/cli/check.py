@@ -7,11 +7,11 @@ from rich.table import Table
 
 from rig.cli.options import FingerConfigOption, JsonOption, MoreArgument, ProtocolArgument, SetOption
 from rig.cli.output import loading_the_finger, out, print_json, told_in_one_line
-from rig.protocol.config import load_config
-from rig.protocol.plan import make_plan
-from rig.protocol.preflight import preflight
+from rig.plan.config import load_config
+from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from sim.fingertip import Fingertip
+from rig.session.preflight import preflight
+from sim.models.fingertip import Fingertip
 
 _COLUMNS = {
     "index": "",

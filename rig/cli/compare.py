@@ -14,21 +14,21 @@ from rig.cli.options import JsonOption, checked_file
 from rig.cli.output import loading_the_finger, out, print_json, told_in_one_line
 from rig.compare.comparison import Comparison, compare
 from rig.compare.cross_sections import cross_sections
-from rig.compare.inputs import SpikeReading, read_recordings, sha256
-from rig.compare.on_fingers import on_plausible_fingers
-from rig.compare.plausible import PlausibleFingers, read_plausible
-from rig.compare.recorded import Recording
+from rig.compare.fingers.on_fingers import on_plausible_fingers
+from rig.compare.fingers.plausible import PlausibleFingers, read_plausible
+from rig.compare.recordings.inputs import SpikeReading, read_recordings, sha256
+from rig.compare.recordings.recorded import Recording
 from rig.compare.stimuli import Stimulus, stimuli
 from rig.compare.tables import as_json as comparison_as_json
 from rig.data import Run, read_run
 from rig.data.folder import replace_text
-from rig.protocol.config import load_config
+from rig.plan.config import load_config
 from rig.protocol.errors import BadInputError
-from rig.report.comparison_report import Section, write_comparison
-from rig.report.deflection import deflection_section, read_deflections, simulated
-from rig.report.finger_tables import finger_sections, fingers_as_json
-from sim.fingertip import Fingertip
+from rig.report.comparison.comparison_report import Section, write_comparison
+from rig.report.comparison.deflection import deflection_section, read_deflections, simulated
+from rig.report.comparison.finger_tables import finger_sections, fingers_as_json
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
+from sim.models.fingertip import Fingertip
 
 
 def register(app: typer.Typer) -> None:

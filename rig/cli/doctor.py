@@ -12,11 +12,11 @@ from serial.tools import list_ports
 from rig.cli.looking import look
 from rig.cli.options import JsonOption
 from rig.cli.output import out, print_json, told_in_one_line
-from rig.protocol.calibration import today
-from rig.protocol.config import Config, load_config
+from rig.plan.config import Config, load_config
 from rig.protocol.script import shipped_protocols
-from sim.cache import KINDS, cache_dir
+from rig.session.calibration import today
 from sim.fem import pardiso
+from sim.models.cache import KINDS, cache_dir
 
 _PACKAGES = ("indentation-rig", "numpy", "scipy", "h5py", "pydantic", "pyserial", "pymodbus", "matplotlib")
 

@@ -16,11 +16,11 @@ from rig.cli.options import (
 )
 from rig.cli.output import complain, told_in_one_line
 from rig.cli.session import carry_out, leave
-from rig.protocol.calibration import expired_calibrations
-from rig.protocol.config import load_config
+from rig.plan.config import load_config
 from rig.protocol.errors import BadInputError
 from rig.protocol.script import load_script
-from rig.protocol.session import dry_run
+from rig.session.calibration import expired_calibrations
+from rig.session.session import dry_run
 
 
 def register(app: typer.Typer) -> None:

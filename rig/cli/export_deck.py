@@ -7,14 +7,14 @@ import numpy as np
 import typer
 
 from rig.cli.output import err, out, told_in_one_line
-from rig.protocol.config import load_config
+from rig.plan.config import load_config
 from rig.protocol.errors import BadInputError
-from sim.config import Contact
+from sim.config.fingertip_config import Contact
 from sim.contact.indentor import ALONG
 from sim.contact.shapes import parse_shape
-from sim.deck import Scene, write_contact_deck, write_load_deck
 from sim.finger.mesh import build_mesh
-from sim.fingertip import Fingertip
+from sim.models.deck import Scene, write_contact_deck, write_load_deck
+from sim.models.fingertip import Fingertip
 
 
 def register(app: typer.Typer) -> None:

@@ -8,9 +8,9 @@ import typer
 from rig.cli.options import JsonOption
 from rig.cli.output import complain, loading_the_finger, out, print_json, told_in_one_line
 from rig.data import read_run
-from rig.protocol.config import load_config
-from rig.protocol.find import find
-from sim.fingertip import Fingertip
+from rig.plan.config import load_config
+from rig.plan.find import find
+from sim.models.fingertip import Fingertip
 
 _LARGEST_TURN_DEG = 3.0
 

@@ -9,15 +9,15 @@ import typer
 
 from rig.cli.options import JsonOption
 from rig.cli.output import complain, out, print_json, told_in_one_line
-from rig.protocol.config import load_config
+from rig.plan.config import load_config
 from rig.protocol.errors import BadInputError
-from sim.config import FingertipConfig
+from sim.config.fingertip_config import FingertipConfig
 from sim.finger.mesh import LAYERS, FingerMesh, build_mesh
 from sim.finger.quality import POOR_SCALED_JACOBIAN, MeshQuality, mesh_quality
 from sim.finger.surface import FingertipSurface
 from sim.finger.vtk import write_vtk
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, place_receptors
-from sim.model import young_ratios
+from sim.models.condensed import young_ratios
 
 
 def register(app: typer.Typer) -> None:

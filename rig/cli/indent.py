@@ -9,13 +9,13 @@ from rich.table import Table
 from rig.cli.models import Chosen, Wanted
 from rig.cli.options import JsonOption
 from rig.cli.output import ExitCode, complain, loading_the_finger, out, print_json, told_in_one_line
-from rig.protocol.config import load_config
+from rig.plan.config import load_config
 from rig.protocol.errors import BadInputError
 from sim.contact.indentor import ACROSS, ALONG, ROUND, Indentor
 from sim.contact.shapes import EXPECTED, parse_shape
-from sim.fingertip import Fingertip
 from sim.measures.receptors import DEFAULT_DEPTH_MM
-from sim.result import IndentationResult, PointLoadResult
+from sim.models.fingertip import Fingertip
+from sim.models.result import IndentationResult, PointLoadResult
 
 
 def register(app: typer.Typer) -> None:

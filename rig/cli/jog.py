@@ -13,12 +13,12 @@ from rig.cli.bench import stage_at_hand, tell
 from rig.cli.looking import position
 from rig.cli.options import ConfigOption, JsonOption
 from rig.cli.output import err, told_in_one_line
-from rig.clock import Clock
-from rig.protocol.config import load_config
+from rig.devices.bench_settings import SLOWEST_MM_S
+from rig.devices.stage.base import Axis, Stage, StageStatus
+from rig.engine.jog import Direction, dead_man_jog
+from rig.plan.config import load_config
 from rig.protocol.errors import BadInputError
-from rig.run.jog import Direction, dead_man_jog
-from rig.settings import SLOWEST_MM_S
-from rig.stage.base import Axis, Stage, StageStatus
+from rig.transport.clock import Clock
 
 FASTEST_MM_S = 10.0
 _FARTHEST_MM = 1000.0

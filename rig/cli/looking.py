@@ -3,12 +3,12 @@
 from contextlib import closing
 from typing import Any
 
-from rig.bench import open_force, open_stage
-from rig.clock import WallClock
-from rig.force.base import ForceError
-from rig.protocol.config import Config
-from rig.stage.base import StageError, StageStatus
+from rig.devices.bench import open_force, open_stage
+from rig.devices.force.base import ForceError
+from rig.devices.stage.base import StageError, StageStatus
+from rig.plan.config import Config
 from rig.transport import TransportError, first_owner, port_owner
+from rig.transport.clock import WallClock
 
 _AT_REST = ("Idle", "Alarm")
 

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 from typing import Any, get_args
 
 from rig.protocol.errors import BadInputError
-from sim.config import FingertipConfig, MeshSpec
+from sim.config.fingertip_config import FingertipConfig, MeshSpec
+from sim.config.units import GWT_N
 from sim.contact.indentor import Indentor
-from sim.fingertip import Fingertip
-from sim.models import MODELS, ModelName, load
-from sim.study.choice import choose
-from sim.study.measure import QUANTITIES
-from sim.units import GWT_N
+from sim.models.catalogue import MODELS, ModelName, load
+from sim.models.fingertip import Fingertip
+from sim.speed_and_error.choice import choose
+from sim.speed_and_error.measure import QUANTITIES
 
 _LONGEST_MM = 50.0
 

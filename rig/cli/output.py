@@ -9,19 +9,20 @@ from typing import Any, NoReturn
 
 from rich.console import Console
 
-from rig.compare.errors import ComparisonError, RecordingError, StudyError, WorkersError
+from rig.compare.errors import ComparisonError, RecordingError
 from rig.data import FolderBusyError, NwbMissingError, RunError
-from rig.force.base import ForceError
+from rig.devices.force.base import ForceError
+from rig.devices.stage.base import StageError
+from rig.engine import EngineError
+from rig.parameter_study.errors import StudyError, WorkersError
 from rig.protocol.errors import BadInputError
-from rig.run import EngineError
-from rig.stage.base import StageError
 from rig.transport.base import TransportError
-from sim.cache import CacheError
 from sim.contact.shapes import ShapeError
 from sim.finger.mesh import MeshError
 from sim.finger.surface import SurfaceError
-from sim.fingertip import ModelRangeError
 from sim.measures.receptors import ReceptorError
+from sim.models.cache import CacheError
+from sim.models.fingertip import ModelRangeError
 
 err = Console(stderr=True, highlight=False, soft_wrap=True, markup=False)
 out = Console(highlight=False, soft_wrap=True, markup=False)

@@ -9,8 +9,8 @@ from rig.cli.options import JsonOption
 from rig.cli.output import err, told_in_one_line
 from rig.cli.run import ask_at_the_bench
 from rig.cli.session import carry_out, leave
-from rig.protocol.resume import read_stopped
-from rig.protocol.session import FinishedRun, Session, dry_run, real_run
+from rig.session.resume import read_stopped
+from rig.session.session import FinishedRun, Session, dry_run, real_run
 
 
 def register(app: typer.Typer) -> None:

@@ -9,10 +9,10 @@ import typer
 from rig.cli.options import JsonOption, MoreArgument, OutOption, ProtocolArgument, SetOption, SubjectOption
 from rig.cli.output import err, told_in_one_line
 from rig.cli.session import carry_out, leave
-from rig.protocol.config import load_config
+from rig.engine import RunAborted
+from rig.plan.config import load_config
 from rig.protocol.script import load_script
-from rig.protocol.session import real_run
-from rig.run import RunAborted
+from rig.session.session import real_run
 
 
 def register(app: typer.Typer) -> None:

@@ -7,10 +7,10 @@ import typer
 
 from rig.cli.options import FingerConfigOption
 from rig.cli.output import ExitCode, complain, err, loading_the_finger, print_json, told_in_one_line
-from rig.protocol.config import Config, load_config
+from rig.plan.config import Config, load_config
 from rig.protocol.errors import BadInputError
-from rig.protocol.served_bench import ServedBench
-from rig.protocol.virtual_devices import FORCES, STAGES, checked_kind
+from rig.virtual.served_bench import ServedBench
+from rig.virtual.virtual_devices import FORCES, STAGES, checked_kind
 from sim.serve.press_ahead import PressStatistics
 
 

@@ -11,15 +11,15 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from rig.cli.interrupts import at_a_safe_point
 from rig.cli.output import ExitCode, complain, err, loading_the_finger, out, print_json
-from rig.protocol.config import Config
-from rig.protocol.plan import make_plan
-from rig.protocol.resume import StoppedRun
+from rig.engine import RunAborted
+from rig.plan.config import Config
+from rig.plan.plan import make_plan
 from rig.protocol.script import Script
-from rig.protocol.session import FinishedRun, Session, Watch
-from rig.protocol.subject import checked_subject
-from rig.report.run_report import write_report
-from rig.run import RunAborted
-from sim.fingertip import Fingertip
+from rig.report.run.run_report import write_report
+from rig.session.resume import StoppedRun
+from rig.session.session import FinishedRun, Session, Watch
+from rig.session.subject import checked_subject
+from sim.models.fingertip import Fingertip
 
 
 def carry_out(

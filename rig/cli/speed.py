@@ -12,11 +12,11 @@ import typer
 from rig.cli.options import JsonOption, checked_file
 from rig.cli.output import err, out, print_json, told_in_one_line
 from rig.report.bench_page import page
-from sim.study import calculix
-from sim.study.measure import QUANTITIES, Measured, measure
-from sim.study.reference import stored
-from sim.study.rows import QUICK, WHOLE, rows
-from sim.study.scenes import QUICK_SCENES, SCENES
+from sim.speed_and_error import calculix
+from sim.speed_and_error.measure import QUANTITIES, Measured, measure
+from sim.speed_and_error.reference import stored
+from sim.speed_and_error.rows import QUICK, WHOLE, rows
+from sim.speed_and_error.scenes import QUICK_SCENES, SCENES
 
 _STEPS = ("mesh", "assembly", "condensation", "inverse", "receptors")
 

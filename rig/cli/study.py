@@ -11,9 +11,9 @@ from rich.progress import track
 
 from rig.cli.options import JsonOption, checked_file
 from rig.cli.output import err, out, print_json, told_in_one_line
-from rig.compare.parameter_study import Row, columns, read_study, solve
-from rig.compare.workers import spread
 from rig.data.folder import replace_text
+from rig.parameter_study.cases import Row, columns, read_study, solve
+from rig.parameter_study.workers import spread
 
 
 def register(app: typer.Typer) -> None:

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from rig.compare.shape_test import shown
 from rig.compare.stimuli import Stimulus, responses_key
 from rig.data import Run
-from sim.cache import Arrays, cached_arrays, content_key
-from sim.fingertip import Fingertip
-from sim.strain_map import strain_maps
+from sim.models.cache import Arrays, cached_arrays, content_key
+from sim.models.fingertip import Fingertip
+from sim.models.strain_map import strain_maps
 
 Array = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""What can be wrong with what a comparison or a study is given; apart, so that commands may know of it cheaply."""
+"""What can be wrong with what a comparison is given; apart, so that commands may know of it cheaply."""
 
 
 class ComparisonError(ValueError):
@@ -11,11 +11,3 @@ class FingersError(ComparisonError):
 
 class RecordingError(ValueError):
     """A recording cannot be used; the message names file, row and column."""
-
-
-class StudyError(ValueError):
-    """The file of a study is not understood; the message names file and key."""
-
-
-class WorkersError(Exception):
-    """The work cannot be given out, or those who did it have gone."""

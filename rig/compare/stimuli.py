@@ -13,14 +13,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compare.responses import Response, responses
 from rig.compare.shape_test import shown
 from rig.data import Run
-from sim.cache import Arrays, cached_arrays, content_key
+from rig.plan.responses import Response, responses
 from sim.contact.shapes import parse_shape
-from sim.fingertip import Fingertip
 from sim.measures.measures import MEASURES
-from sim.result import IndentationResult
+from sim.models.cache import Arrays, cached_arrays, content_key
+from sim.models.fingertip import Fingertip
+from sim.models.result import IndentationResult
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rig.data.reader import Run
-from rig.units import GWT_N
+from rig.devices.units import GWT_N
 
 _M_PER_MM = 1e-3
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from rig.data.folder import RunFolder
-from rig.run.journal import Document, JournalError, read_journal
-from rig.run.streams import PRESS_STREAMS
+from rig.engine.journal import Document, JournalError, read_journal
+from rig.engine.streams import PRESS_STREAMS
 
 Events = dict[str, list[dict[str, Any]]]
 

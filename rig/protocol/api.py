@@ -4,7 +4,7 @@ from typing import Any, Protocol
 
 from pydantic import BaseModel, ConfigDict
 
-from rig.run.records import Indentation
+from rig.engine.records import Indentation
 
 
 class ProtocolParameters(BaseModel):

@@ -3,8 +3,8 @@
 import json
 from typing import TextIO
 
-from rig.clock import Clock
 from rig.transport.base import Transport
+from rig.transport.clock import Clock
 
 
 class LoggedTransport:

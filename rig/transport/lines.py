@@ -2,8 +2,8 @@
 
 from collections import deque
 
-from rig.clock import Clock
 from rig.transport.base import Transport, TransportError
+from rig.transport.clock import Clock
 
 LONGEST_LINE = 4096
 

@@ -2,8 +2,8 @@
 
 from typing import Protocol
 
-from rig.clock import Clock
 from rig.transport.base import TransportError
+from rig.transport.clock import Clock
 
 
 class HostLine(Protocol):

@@ -15,9 +15,9 @@ from pymodbus.pdu.register_message import (
     WriteSingleRegisterRequest,
 )
 
-from rig.clock import Clock
-from rig.settings import Framing
 from rig.transport.base import Transport
+from rig.transport.clock import Clock
+from rig.transport.port_settings import Framing
 
 REPLY_S = 0.2
 READ_TRIES = 3

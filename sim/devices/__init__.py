@@ -1,7 +1,7 @@
 """Virtual devices: they answer the same bytes as the real ones."""
 
 from sim.devices.balance import VirtualBalance
-from sim.devices.grbl import VirtualGrbl
+from sim.devices.grbl.board import VirtualGrbl
 from sim.devices.laumas import VirtualLaumas
 from sim.devices.leadshine import VirtualDrive
 from sim.devices.line import SerialLine

@@ -8,9 +8,9 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sim.clock import Handle, Scheduler
+from sim.config.units import GWT_N
+from sim.devices.clock import Handle, Scheduler
 from sim.devices.line import SerialLine
-from sim.units import GWT_N
 
 _CACHE = 64
 

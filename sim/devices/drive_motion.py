@@ -2,7 +2,7 @@
 
 from math import sqrt
 
-from sim.devices.motion import Piece, Ramp, Track
+from sim.devices.grbl.motion import Piece, Ramp, Track
 
 _NEGLIGIBLE_PULSES = 1e-6
 

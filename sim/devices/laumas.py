@@ -8,9 +8,9 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Literal
 
-from sim.clock import Scheduler
+from sim.config.units import GWT_N
+from sim.devices.clock import Scheduler
 from sim.devices.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, RegisterFault, words
-from sim.units import GWT_N
 
 COMMAND, STATUS, GROSS, NET, PEAK, UNITS = 5, 6, 7, 9, 11, 13
 CELL, ADC, OVER_MAX, OVER_SCALE, GROSS_OUT, NET_OUT = (1 << bit for bit in range(6))

@@ -8,7 +8,7 @@ the homing mode says; a path begun while another runs brakes to rest first.
 from collections import deque
 from collections.abc import Sequence
 
-from sim.clock import Scheduler
+from sim.devices.clock import Scheduler
 from sim.devices.drive_motion import DriveAxis
 from sim.devices.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, RegisterFault, signed, words
 

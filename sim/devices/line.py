@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from sim.clock import Scheduler
+from sim.devices.clock import Scheduler
 
 BITS_PER_BYTE = 10
 

@@ -19,7 +19,7 @@ from pymodbus.pdu.register_message import (
     WriteSingleRegisterResponse,
 )
 
-from sim.clock import Scheduler
+from sim.devices.clock import Scheduler
 from sim.devices.line import SerialLine
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, DEVICE_BUSY = 1, 2, 3, 6

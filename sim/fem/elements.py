@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.fem.shapes import gauss_points, gradients, shape_functions
+from sim.fem.shape_functions import gauss_points, gradients, shape_functions
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.fem.elements import dilatation_moments, pressures
-from sim.fem.shapes import HEX8, gauss_points, gradients
+from sim.fem.shape_functions import HEX8, gauss_points, gradients
 
 Array = NDArray[np.float64]
 

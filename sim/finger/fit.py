@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.optimize import least_squares
 
-from sim.config import Geometry
+from sim.config.fingertip_config import Geometry
 from sim.finger import section
 
 Array = NDArray[np.float64]

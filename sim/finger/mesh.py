@@ -6,9 +6,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.config import FingertipConfig, MeshSpec, Tissue
+from sim.config.fingertip_config import FingertipConfig, MeshSpec, Tissue
 from sim.fem.elements import NODES
-from sim.fem.shapes import HEX8, HEX27
+from sim.fem.shape_functions import HEX8, HEX27
 from sim.finger.quality import corner_edges
 from sim.finger.skin import tributary_areas
 from sim.finger.surface import FingertipSurface

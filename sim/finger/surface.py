@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 
-from sim.config import Geometry
+from sim.config.fingertip_config import Geometry
 from sim.finger import section
 from sim.finger.fit import fit_curves
 

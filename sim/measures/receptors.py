@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.optimize import root
 
-from sim.fem.shapes import local_coordinates, shape_functions
+from sim.fem.shape_functions import local_coordinates, shape_functions
 from sim.fem.strain import strain_matrix
 from sim.finger.mesh import FingerMesh
 from sim.finger.surface import FingertipSurface

@@ -9,7 +9,7 @@ import os
 import socket
 
 from sim.devices.line import SerialLine
-from sim.wall_clock import WallScheduler
+from sim.serve.wall_clock import WallScheduler
 
 HOST = "127.0.0.1"
 _CHUNK = 4096

@@ -12,9 +12,9 @@ from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sim.plant import Carriage, Pose
+from sim.plant.plant import Carriage, Pose
 from sim.serve.press_process import PressAnswer, PressProcess
-from sim.wall_clock import WallScheduler
+from sim.serve.wall_clock import WallScheduler
 
 STALE_S = 0.5
 _SHORTEST_S = 0.01  # between two solves

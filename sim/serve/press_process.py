@@ -8,11 +8,11 @@ import time
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 
-from sim.config import FingertipConfig
+from sim.config.fingertip_config import FingertipConfig
 from sim.contact.shapes import ShapeError
-from sim.fingertip import Fingertip, ModelRangeError
-from sim.plant import AS_MODELLED, Pose, Press, Truth
-from sim.workers import keep_freed_memory, leaving_ctrl_c_to_us
+from sim.models.fingertip import Fingertip, ModelRangeError
+from sim.models.workers import keep_freed_memory, leaving_ctrl_c_to_us
+from sim.plant.plant import AS_MODELLED, Pose, Press, Truth
 
 _READY_S = 300.0  # building a model takes some 15 s, minutes on a small machine
 

@@ -11,17 +11,17 @@ from typing import Any
 
 import pytest
 
-from rig.bench import force_driver, stage_driver
-from rig.protocol.config import Config
-from rig.protocol.served_bench import ServedBench
-from rig.run import Engine, Journal
-from rig.run.streams import STREAMS
-from rig.settings import RigSettings
+from rig.devices.bench import force_driver, stage_driver
+from rig.devices.units import GWT_N
+from rig.engine import Engine, Journal
+from rig.engine.rig_settings import RigSettings
+from rig.engine.streams import STREAMS
+from rig.plan.config import Config
 from rig.transport import LoopbackTransport
 from rig.transport.byte_log import LoggedTransport
-from rig.units import GWT_N
-from sim.clock import VirtualClock
+from rig.virtual.served_bench import ServedBench
 from sim.devices import SerialLine, VirtualBalance, VirtualGrbl
+from sim.devices.clock import VirtualClock
 
 Pair = tuple[bytes, bytes | list[bytes]]
 
@@ -176,7 +176,7 @@ class SpringBench:
 @pytest.fixture
 def spring(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., SpringBench]]:
     """Make a spring bench; its journal skips the disk's flush, which test_journal.py looks at."""
-    monkeypatch.setattr("rig.run.journal.os.fsync", lambda fd: None)
+    monkeypatch.setattr("rig.engine.journal.os.fsync", lambda fd: None)
     made: list[SpringBench] = []
 
     def make(**options: Any) -> SpringBench:

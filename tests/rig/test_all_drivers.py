@@ -11,13 +11,13 @@ from typing import Any
 
 import pytest
 
-import rig.force
-import rig.stage
-from rig.bench import _FORCES, _STAGES
-from rig.force import ForceError, ForceSensor
-from rig.settings import ForceSettings, StageSettings
-from rig.stage import Stage, StageError
-from rig.stage.base import DeadManStage
+import rig.devices.force
+import rig.devices.stage
+from rig.devices.bench import _FORCES, _STAGES
+from rig.devices.bench_settings import ForceSettings, StageSettings
+from rig.devices.force import ForceError, ForceSensor
+from rig.devices.stage import Stage, StageError
+from rig.devices.stage.base import DeadManStage
 
 UNITS = ("_mm", "_mm_s", "_s", "_n", "_gwt", "_g", "_steps", "_rpm", "_ms")
 # A ratio of two forces has no unit; this one is pulses in each mm.
@@ -31,7 +31,7 @@ def _modules(package: ModuleType) -> list[ModuleType]:
     return [importlib.import_module(f"{package.__name__}.{name}") for name in names]
 
 
-MODULES = [*_modules(rig.stage), *_modules(rig.force)]
+MODULES = [*_modules(rig.devices.stage), *_modules(rig.devices.force)]
 CLASSES = [
     member
     for module in MODULES

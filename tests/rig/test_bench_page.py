@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from rig.report.bench_page import exponent, page
-from sim.study.candidates import Candidate, coarse
-from sim.study.measure import QUANTITIES, measure
-from sim.study.reference import stored
-from sim.study.rows import rows
-from sim.study.scenes import QUICK_SCENES
+from sim.speed_and_error.candidates import Candidate, coarse
+from sim.speed_and_error.measure import QUANTITIES, measure
+from sim.speed_and_error.reference import stored
+from sim.speed_and_error.rows import rows
+from sim.speed_and_error.scenes import QUICK_SCENES
 
 
 @pytest.fixture(scope="module")

@@ -7,20 +7,20 @@ from typing import Any
 
 import pytest
 
-import rig.protocol.virtual_devices as devices
+import rig.virtual.virtual_devices as devices
 from rig.cli import main
 from rig.data import Run
-from rig.protocol.config import Config
+from rig.devices.units import GWT_N
+from rig.engine import LimitError, TripError
+from rig.engine.rig_settings import RigSettings
+from rig.engine.stopping import Stopping
+from rig.plan.config import Config
+from rig.plan.plan import make_plan
 from rig.protocol.errors import BadInputError
-from rig.protocol.plan import make_plan
-from rig.protocol.preflight import Preflight, preflight
 from rig.protocol.script import load_script
-from rig.protocol.session import FinishedRun, Session, dry_run
-from rig.run import LimitError, TripError
-from rig.run.stopping import Stopping
-from rig.settings import RigSettings
-from rig.units import GWT_N
-from sim.fingertip import Fingertip
+from rig.session.preflight import Preflight, preflight
+from rig.session.session import FinishedRun, Session, dry_run
+from sim.models.fingertip import Fingertip
 
 PRESSES = """\
 def run(rig):

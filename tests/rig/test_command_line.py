@@ -16,8 +16,8 @@ import pytest
 
 from rig.cli import main
 from rig.cli.not_built import COMMANDS
-from rig.run.journal import read_journal
-from sim.fingertip import Fingertip
+from rig.engine.journal import read_journal
+from sim.models.fingertip import Fingertip
 
 INDENT_KEYS = {
     "force_n", "force_gwt", "doi_mm", "peak_pressure_pseudo", "contact_regions_mm", "pressure", "receptors", "solver",

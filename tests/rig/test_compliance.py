@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from rig.run import LimitError, Target, TripError, indent
-from rig.run.compliance import measure_compliance
-from rig.settings import RigSettings
+from rig.engine import LimitError, Target, TripError, indent
+from rig.engine.compliance import measure_compliance
+from rig.engine.rig_settings import RigSettings
 
 Make = Callable[..., Any]
 BLOCK_MM_PER_N = 2e-5  # 50 kN/mm: a steel block of some cm

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from rig.protocol.config import Config, load_config
+from rig.plan.config import Config, load_config
 from rig.protocol.errors import BadInputError
 
 

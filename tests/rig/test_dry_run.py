@@ -11,14 +11,14 @@ from typing import Any
 import pytest
 
 from rig.data import Run, read_run
-from rig.protocol.config import Config
-from rig.protocol.plan import make_plan
+from rig.engine import RunAborted, TripError
+from rig.engine.journal import read_journal
+from rig.plan.config import Config
+from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.protocol.session import FinishedRun, Session, dry_run
-from rig.report.run_report import write_report
-from rig.run import RunAborted, TripError
-from rig.run.journal import read_journal
-from sim.fingertip import Fingertip
+from rig.report.run.run_report import write_report
+from rig.session.session import FinishedRun, Session, dry_run
+from sim.models.fingertip import Fingertip
 
 PRESS = """\
 from rig.protocol import Rig

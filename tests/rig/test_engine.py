@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from rig.run import LimitError, NotReadyError, PressId, RunAborted, Target, TripError, indent
-from rig.run.engine import State
-from rig.run.journal import read_journal
-from rig.settings import RigSettings
-from rig.stage import StageAlarm, StageReset
+from rig.devices.stage import StageAlarm, StageReset
+from rig.engine import LimitError, NotReadyError, PressId, RunAborted, Target, TripError, indent
+from rig.engine.engine import State
+from rig.engine.journal import read_journal
+from rig.engine.rig_settings import RigSettings
 
 STOP = b"!\x18"
 Make = Callable[..., Any]

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from faults import CATALOGUE, SOFT_TRIP_N, Fault, bound_gwt, suffer
-from rig.units import GWT_N
+from rig.devices.units import GWT_N
 
 DOCS = Path(__file__).parents[2] / "docs" / "faults.md"
 

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.protocol.config import Config
+from rig.plan.config import Config
+from rig.plan.find import Lie, find
+from rig.plan.plan import make_plan
 from rig.protocol.errors import BadInputError
-from rig.protocol.find import Lie, find
-from rig.protocol.plan import make_plan
 from rig.protocol.script import load_script
-from rig.protocol.session import Session, dry_run
-from sim.fingertip import Fingertip, ModelRangeError
-from sim.plant import Pose, Press, Truth, Turn
+from rig.session.session import Session, dry_run
+from sim.models.fingertip import Fingertip, ModelRangeError
+from sim.plant.plant import Pose, Press, Truth, Turn
 
 TRUTH = {"pad_centre_x_mm": 0.4, "apex_z_mm": -0.15, "pad_y_mm": 0.5, "roll_deg": 4.0, "tilt_deg": -3.0}
 WAS = {"pad_centre_x_mm": -30.0, "apex_z_mm": -25.0, "pad_y_mm": -15.0, "roll_deg": 0.0, "tilt_deg": 0.0}

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rig.cli import main
-from rig.protocol.config import load_config
+from rig.plan.config import load_config
 from sim.finger import mesh as mesh_module
 from sim.finger.surface import published_points
 

@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-import rig.protocol.virtual_devices as devices
+import rig.virtual.virtual_devices as devices
 from rig.data import Run
-from rig.protocol.config import Config
-from rig.protocol.plan import make_plan
+from rig.devices.units import GWT_N
+from rig.plan.config import Config
+from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.protocol.session import Session, dry_run
-from rig.units import GWT_N
-from sim.fingertip import Fingertip
+from rig.session.session import Session, dry_run
+from sim.models.fingertip import Fingertip
 
 TARGETS_GWT = (1.0, 2.33, 8.0)
 SCRIPT = f"""\

@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from rig.clock import Clock, WallClock
-from rig.protocol.served_bench import ServedBench
-from rig.stage import GrblStage, StageAlarm, StageError, StageRejected
+from rig.devices.stage import GrblStage, StageAlarm, StageError, StageRejected
 from rig.transport import LineReader, LoopbackTransport, SerialTransport, Transport
-from sim.clock import VirtualClock
+from rig.transport.clock import Clock, WallClock
+from rig.virtual.served_bench import ServedBench
 from sim.devices import SerialLine, VirtualGrbl
+from sim.devices.clock import VirtualClock
 
 PORT = os.environ.get("RIG_GRBL_PORT")
 Wire = tuple[Transport, Clock]

@@ -6,8 +6,7 @@ from typing import Any
 
 import pytest
 
-from rig.settings import RigSettings
-from rig.stage import (
+from rig.devices.stage import (
     GrblStage,
     Stage,
     StageAlarm,
@@ -17,10 +16,11 @@ from rig.stage import (
     StageStatus,
     StageTimeout,
 )
-from rig.stage.grbl_link import ASK_TIMES
-from rig.stage.grbl_settings import expected_settings
-from rig.stage.grbl_words import StatusFields, is_banner, parse_status
-from sim.clock import VirtualClock
+from rig.devices.stage.grbl_link import ASK_TIMES
+from rig.devices.stage.grbl_settings import expected_settings
+from rig.devices.stage.grbl_words import StatusFields, is_banner, parse_status
+from rig.engine.rig_settings import RigSettings
+from sim.devices.clock import VirtualClock
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
 HELLO = (b"$I\n", b"[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n")

@@ -8,14 +8,14 @@ from typing import Any
 import pytest
 
 from rig.data import RunError, read_run
-from rig.force import ForceReading, ForceTimeout
-from rig.protocol.config import Config, load_config
+from rig.devices.force import ForceReading, ForceTimeout
+from rig.devices.stage import StageAlarm
+from rig.engine import LimitError, NotReadyError, RunAborted, Target, TripError, indent
+from rig.engine.engine import State
+from rig.plan.config import Config, load_config
+from rig.plan.plan import make_plan
 from rig.protocol.errors import BadInputError
-from rig.protocol.plan import make_plan
 from rig.protocol.script import load_script
-from rig.run import LimitError, NotReadyError, RunAborted, Target, TripError, indent
-from rig.run.engine import State
-from rig.stage import StageAlarm
 from rig.transport import TransportError
 
 Make = Callable[..., Any]

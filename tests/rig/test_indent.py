@@ -8,9 +8,9 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from rig.run import LimitError, Target, TripError, indent
-from rig.run.engine import State
-from rig.settings import RigSettings
+from rig.engine import LimitError, Target, TripError, indent
+from rig.engine.engine import State
+from rig.engine.rig_settings import RigSettings
 
 Make = Callable[..., Any]
 

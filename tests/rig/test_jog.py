@@ -6,11 +6,11 @@ from typing import Any
 import pytest
 
 from rig.cli.jog import RELEASED_S, HeldKey
-from rig.run.jog import SLICE_S, Direction, dead_man_jog
-from rig.stage import GrblStage, StageRejected, StageStatus
+from rig.devices.stage import GrblStage, StageRejected, StageStatus
+from rig.engine.jog import SLICE_S, Direction, dead_man_jog
 from rig.transport import LoopbackTransport, TransportError
-from sim.clock import VirtualClock
 from sim.devices import SerialLine, VirtualGrbl
+from sim.devices.clock import VirtualClock
 
 LEFT = Direction("x", -1)
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from rig.run import LimitError, NotReadyError, RunAborted, TripError
-from rig.run.journal import Journal, JournalError, read_journal
-from rig.run.streams import STREAMS
-from sim.clock import VirtualClock
+from rig.engine import LimitError, NotReadyError, RunAborted, TripError
+from rig.engine.journal import Journal, JournalError, read_journal
+from rig.engine.streams import STREAMS
+from sim.devices.clock import VirtualClock
 
 SOME = {"note": {"text": ""}, "move": {"x_mm": "mm", "height_mm": "mm"}}
 
@@ -56,7 +56,7 @@ def test_every_document_is_on_disk_before_the_call_returns(
         fsync(fd)
         done.append(("fsync", path.read_bytes().count(b"\n")))
 
-    monkeypatch.setattr("rig.run.journal.os.fsync", noted)
+    monkeypatch.setattr("rig.engine.journal.os.fsync", noted)
 
     def seen(stream: str, data: object) -> None:
         done.append((f"seen {stream}", path.read_bytes().count(b"\n")))

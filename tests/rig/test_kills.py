@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from sim.fingertip import Fingertip
+from sim.models.fingertip import Fingertip
 
 KILLS = 8
 

@@ -5,7 +5,8 @@ from typing import Any
 
 import pytest
 
-from rig.force import (
+from rig.devices.bench_settings import LaumasSettings
+from rig.devices.force import (
     ForceBroken,
     ForceBusy,
     ForceError,
@@ -16,9 +17,8 @@ from rig.force import (
     ForceUnderload,
     LaumasForce,
 )
-from rig.settings import LaumasSettings
 from rig.transport import ModbusMaster
-from sim.clock import VirtualClock
+from sim.devices.clock import VirtualClock
 
 Pair = tuple[str, str]
 Make = Callable[..., LaumasForce]

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from rig.settings import DriveSettings, SyncSettings
-from rig.stage import LeadshineDrive, LeadshineStage, Stage, StageAlarm, StageError, StageStatus, StageTimeout
+from rig.devices.bench_settings import DriveSettings, SyncSettings
+from rig.devices.stage import LeadshineDrive, LeadshineStage, Stage, StageAlarm, StageError, StageStatus, StageTimeout
 from rig.transport import ModbusMaster
-from sim.clock import VirtualClock
+from sim.devices.clock import VirtualClock
 
 Pair = tuple[str, str]
 Make = Callable[..., LeadshineStage]

@@ -9,19 +9,19 @@ from typing import Any
 
 import pytest
 
-from rig.bench import force_driver, stage_driver
-from rig.force import LaumasForce
-from rig.protocol.config import Config
-from rig.protocol.virtual_devices import FORCES, STAGES, Load
-from rig.run import Engine, Journal, Target, TripError, indent
-from rig.run.engine import State
-from rig.run.jog import Direction, dead_man_jog
-from rig.run.streams import STREAMS
-from rig.stage import LeadshineStage, StageAlarm, StageError, StageTimeout
+from rig.devices.bench import force_driver, stage_driver
+from rig.devices.force import LaumasForce
+from rig.devices.stage import LeadshineStage, StageAlarm, StageError, StageTimeout
+from rig.devices.units import GWT_N
+from rig.engine import Engine, Journal, Target, TripError, indent
+from rig.engine.engine import State
+from rig.engine.jog import Direction, dead_man_jog
+from rig.engine.streams import STREAMS
+from rig.plan.config import Config
 from rig.transport import LoggedTransport, LoopbackTransport, TransportError
-from rig.units import GWT_N
-from sim.clock import VirtualClock
+from rig.virtual.virtual_devices import FORCES, STAGES, Load
 from sim.devices import ModbusBus, SerialLine, VirtualDrive
+from sim.devices.clock import VirtualClock
 from sim.devices.leadshine import DrivePair
 
 Make = Callable[..., "Bench"]
@@ -104,7 +104,7 @@ class Bench:
 
 @pytest.fixture
 def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Make]:
-    monkeypatch.setattr("rig.run.journal.os.fsync", lambda fd: None)
+    monkeypatch.setattr("rig.engine.journal.os.fsync", lambda fd: None)
     made: list[Bench] = []
 
     def bench(**options: Any) -> Bench:

@@ -15,12 +15,12 @@ from typing import Any
 import pytest
 import serial
 
-from rig.bench import open_force, open_stage
-from rig.clock import WallClock
-from rig.protocol.config import Config
-from rig.protocol.served_bench import ServedBench
-from rig.units import GWT_N
-from sim.fingertip import Fingertip
+from rig.devices.bench import open_force, open_stage
+from rig.devices.units import GWT_N
+from rig.plan.config import Config
+from rig.transport.clock import WallClock
+from rig.virtual.served_bench import ServedBench
+from sim.models.fingertip import Fingertip
 
 FROM_DEV = "comes with the dev extra"
 minimalmodbus = pytest.importorskip("minimalmodbus", reason=FROM_DEV)

@@ -4,10 +4,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rig.settings import Framing
 from rig.transport import LoopbackTransport, ModbusError, ModbusMaster
-from sim.clock import VirtualClock
+from rig.transport.port_settings import Framing
 from sim.devices import ModbusBus, SerialLine, VirtualDrive, VirtualLaumas
+from sim.devices.clock import VirtualClock
 
 FRAMINGS = pytest.mark.parametrize("framing", ["rtu", "tcp"])
 # Mostly what looks like the beginning of an answer: pure noise hardly ever gets past the first byte.

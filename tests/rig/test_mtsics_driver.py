@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from rig.force import (
+from rig.devices.force import (
     ForceBusy,
     ForceError,
     ForceOverload,
@@ -15,7 +15,7 @@ from rig.force import (
     ForceUnderload,
     MtSicsForce,
 )
-from sim.clock import VirtualClock
+from sim.devices.clock import VirtualClock
 
 HELLO = (b"@\r\n", b'I4 A "0123456789"\r\n')
 Make = Callable[[list[Any]], MtSicsForce]

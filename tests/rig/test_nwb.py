@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from rig.compare.errors import RecordingError
-from rig.compare.spikes import read_spike_times
+from rig.compare.recordings.spikes import read_spike_times
 from rig.data import NwbMissingError, Run, export_nwb, read_run
 from rig.data.folder import RunFolder
-from rig.run import Target, indent
-from rig.units import GWT_N
+from rig.devices.units import GWT_N
+from rig.engine import Target, indent
 
 pynwb: Any = pytest.importorskip("pynwb", reason="needs pynwb: pip install 'indentation-rig[nwb]'")
 

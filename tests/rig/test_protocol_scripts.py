@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from rig.protocol.config import Config
+from rig.plan.config import Config
+from rig.plan.plan import Plan, make_plan
 from rig.protocol.errors import BadInputError
-from rig.protocol.plan import Plan, make_plan
 from rig.protocol.script import Script, load_script
-from sim.fingertip import Fingertip
+from sim.models.fingertip import Fingertip
 
 SCRIPT = """\
 from rig.protocol import Field, ProtocolParameters

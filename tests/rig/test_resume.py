@@ -14,16 +14,16 @@ from typing import Any
 import pytest
 
 from rig.data import FolderBusyError, RunFolder, read_run
-from rig.protocol.config import Config
+from rig.engine import RecordError, Target, TripError, indent
+from rig.engine.journal import Journal, mend_journal, read_journal
+from rig.plan.config import Config
+from rig.plan.plan import make_plan
 from rig.protocol.errors import BadInputError
-from rig.protocol.plan import make_plan
-from rig.protocol.resume import StoppedRun, read_stopped
 from rig.protocol.script import Script, load_script
-from rig.protocol.session import FinishedRun, Session, dry_run
-from rig.run import RecordError, Target, TripError, indent
-from rig.run.journal import Journal, mend_journal, read_journal
-from sim.clock import VirtualClock
-from sim.fingertip import Fingertip
+from rig.session.resume import StoppedRun, read_stopped
+from rig.session.session import FinishedRun, Session, dry_run
+from sim.devices.clock import VirtualClock
+from sim.models.fingertip import Fingertip
 
 SCRIPT = """\
 import random
@@ -297,7 +297,7 @@ def test_a_full_disk_lifts_and_leaves_whole_lines(spring: Make, monkeypatch: pyt
         raise OSError(28, "No space left on device")
 
     bench.on_event = lambda stream, data: (
-        monkeypatch.setattr("rig.run.journal.os.fsync", full) if data.get("phase") == "press" else None
+        monkeypatch.setattr("rig.engine.journal.os.fsync", full) if data.get("phase") == "press" else None
     )
     with pytest.raises(RecordError, match=r"events\.jsonl: cannot be written: No space left on device"):
         indent(engine, Target("force_gwt", 2.33), hold_s=0.2)
@@ -314,7 +314,7 @@ def test_a_trip_on_a_full_disk_is_still_a_trip(spring: Make, monkeypatch: pytest
         raise OSError(28, "No space left on device")
 
     bench.on_event = lambda stream, data: (
-        monkeypatch.setattr("rig.run.journal.os.fsync", full) if data.get("force_gwt", 0.0) > 2.0 else None
+        monkeypatch.setattr("rig.engine.journal.os.fsync", full) if data.get("force_gwt", 0.0) > 2.0 else None
     )
     with pytest.raises(TripError):
         indent(engine, Target("force_gwt", 2.0), hold_s=0.2)

@@ -12,11 +12,11 @@ import h5py
 import pytest
 
 from rig.data import RunError, RunFolder, export_run, new_run_folder, read_run
-from rig.protocol.config import Config
-from rig.report.run_report import write_report
-from rig.run import Target, indent
-from rig.run.streams import STREAMS
-from sim.fingertip import Fingertip
+from rig.engine import Target, indent
+from rig.engine.streams import STREAMS
+from rig.plan.config import Config
+from rig.report.run.run_report import write_report
+from sim.models.fingertip import Fingertip
 
 START = {
     "protocol": "mine",

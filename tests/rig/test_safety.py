@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 
-from rig.clock import WallClock
-from rig.heartbeat import Heartbeat, looked_after
-from rig.run import NotReadyError, Target, TripError, indent
-from rig.run.engine import State
-from rig.run.stopping import Stopping
-from rig.settings import RigSettings
-from rig.units import GWT_N
+from rig.devices.heartbeat import Heartbeat, looked_after
+from rig.devices.units import GWT_N
+from rig.engine import NotReadyError, Target, TripError, indent
+from rig.engine.engine import State
+from rig.engine.rig_settings import RigSettings
+from rig.engine.stopping import Stopping
+from rig.transport.clock import WallClock
 
 Make = Callable[..., Any]
 FORCE = Target("force_gwt", 2.33)

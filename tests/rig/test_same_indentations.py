@@ -6,11 +6,11 @@ from typing import Any
 import pytest
 
 from rig.data import Run, read_run
-from rig.protocol.config import Config
-from rig.protocol.plan import make_plan
+from rig.plan.config import Config
+from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.protocol.session import Session, dry_run
-from sim.fingertip import Fingertip
+from rig.session.session import Session, dry_run
+from sim.models.fingertip import Fingertip
 
 pytestmark = pytest.mark.xdist_group("same indentations")  # one worker, one run to compare with
 

@@ -11,19 +11,19 @@ import pytest
 
 from rig.cli import main
 from rig.data import read_run
+from rig.engine import LimitError, NotReadyError, PressId, RunAborted, Target, indent
+from rig.engine.engine import State
+from rig.engine.rig_settings import RigSettings
+from rig.plan.config import Config
+from rig.plan.plan import make_plan
 from rig.protocol import Schedule
-from rig.protocol.config import Config
 from rig.protocol.errors import BadInputError
-from rig.protocol.plan import make_plan
-from rig.protocol.preflight import preflight
-from rig.protocol.resume import read_stopped
 from rig.protocol.script import load_script
-from rig.protocol.session import FinishedRun, Session, dry_run
-from rig.protocol.subject import checked_subject
-from rig.run import LimitError, NotReadyError, PressId, RunAborted, Target, indent
-from rig.run.engine import State
-from rig.settings import RigSettings
-from sim.fingertip import Fingertip
+from rig.session.preflight import preflight
+from rig.session.resume import read_stopped
+from rig.session.session import FinishedRun, Session, dry_run
+from rig.session.subject import checked_subject
+from sim.models.fingertip import Fingertip
 
 Make = Callable[..., Any]
 PLACES = (-0.5, 0.0, 0.5)

@@ -5,12 +5,12 @@ from pathlib import Path
 import pytest
 
 from rig.data import read_run
-from rig.protocol.config import Config
-from rig.protocol.plan import make_plan
+from rig.engine import ScriptError, TripError
+from rig.plan.config import Config
+from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.protocol.session import FinishedRun, Session, dry_run
-from rig.run import ScriptError, TripError
-from sim.fingertip import Fingertip
+from rig.session.session import FinishedRun, Session, dry_run
+from sim.models.fingertip import Fingertip
 
 READY = "rig.mount('bar:3.0'); rig.home(); rig.zero(); rig.move_to(x_mm=0.0)"
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from rig.run import EngineError, NotReadyError, Target, TripError, indent
-from rig.run.engine import State
-from rig.stage import StageError
+from rig.devices.stage import StageError
+from rig.engine import EngineError, NotReadyError, Target, TripError, indent
+from rig.engine.engine import State
 
 Make = Callable[..., Any]
 FORCE = Target("force_gwt", 2.33)

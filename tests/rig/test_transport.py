@@ -8,7 +8,6 @@ from collections.abc import Iterator
 
 import pytest
 
-from rig.clock import WallClock
 from rig.transport import (
     LineReader,
     LoggedTransport,
@@ -20,8 +19,9 @@ from rig.transport import (
     open_port,
     port_owner,
 )
-from sim.clock import VirtualClock
+from rig.transport.clock import WallClock
 from sim.devices import SerialLine
+from sim.devices.clock import VirtualClock
 
 pty = pytest.importorskip("pty", reason="needs pseudo-terminals")
 tty = pytest.importorskip("tty", reason="needs pseudo-terminals")

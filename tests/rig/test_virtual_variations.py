@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from rig.data import Run
-from rig.protocol.config import Config
-from rig.protocol.plan import make_plan
+from rig.plan.config import Config
+from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.protocol.session import Session, dry_run
-from sim.fingertip import Fingertip
+from rig.session.session import Session, dry_run
+from sim.models.fingertip import Fingertip
 
 PRESS = """\
 def run(rig):

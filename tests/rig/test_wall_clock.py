@@ -2,7 +2,7 @@
 
 import time
 
-from rig.clock import Clock, WallClock
+from rig.transport.clock import Clock, WallClock
 
 
 def test_wall_clock() -> None:

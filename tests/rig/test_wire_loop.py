@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rig.force import ForceOverload, ForceTimeout, MtSicsForce
-from rig.stage import GrblStage, StageAlarm, StageError, StageReset, StageTimeout
+from rig.devices.force import ForceOverload, ForceTimeout, MtSicsForce
+from rig.devices.stage import GrblStage, StageAlarm, StageError, StageReset, StageTimeout
 from rig.transport import LoopbackTransport
-from sim.clock import VirtualClock
 from sim.devices import SerialLine, VirtualBalance, VirtualGrbl
+from sim.devices.clock import VirtualClock
 
 
 class Bench:

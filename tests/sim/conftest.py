@@ -2,10 +2,10 @@
 
 import pytest
 
-from sim.config import FingertipConfig, Geometry, MeshSpec
+from sim.config.fingertip_config import FingertipConfig, Geometry, MeshSpec
 from sim.finger.mesh import FingerMesh, build_mesh
 from sim.finger.surface import FingertipSurface
-from sim.model import FiniteElements, discretise
+from sim.models.condensed import FiniteElements, discretise
 
 
 @pytest.fixture(scope="session")

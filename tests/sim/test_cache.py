@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.cache import Arrays, CacheError, cache_dir, cached_arrays, content_key
-from sim.config import FingertipConfig
+from sim.config.fingertip_config import FingertipConfig
 from sim.finger.surface import published_points
+from sim.models.cache import Arrays, CacheError, cache_dir, cached_arrays, content_key
 
 
 @pytest.fixture(autouse=True)
@@ -138,14 +138,14 @@ def test_models_not_read_for_longest_go_from_a_full_folder(folder: Path, monkeyp
 
     cached_arrays("first", lambda: {"a": np.zeros(1000)})
     size = (folder / "first.model").stat().st_size
-    monkeypatch.setattr("sim.cache.MOST_BYTES", 3.5 * size)
+    monkeypatch.setattr("sim.models.cache.MOST_BYTES", 3.5 * size)
     for age_s, key in enumerate(("second", "third")):
         cached_arrays(key, lambda: {"a": np.zeros(1000)})
         os.utime(folder / f"{key}.model", (age_s, age_s))
     assert cached_arrays("first", lambda: {})[1]  # read, so it is not the oldest
     cached_arrays("fourth", lambda: {"a": np.zeros(1000)})
     assert stored() == {"first", "third", "fourth"}
-    monkeypatch.setattr("sim.cache.MOST_BYTES", 0.0)
+    monkeypatch.setattr("sim.models.cache.MOST_BYTES", 0.0)
     cached_arrays("fifth", lambda: {"a": np.zeros(1000)})
     assert stored() == {"fifth"}
 

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from sim.clock import VirtualClock
+from sim.devices.clock import VirtualClock
 
 
 def test_time_jumps_to_the_event_that_makes_it_ready() -> None:

@@ -13,8 +13,8 @@ from sim.contact.shapes import parse_shape
 from sim.contact.solver import ContactState, solve_contact
 from sim.contact.touch import first_touch
 from sim.finger.surface import FingertipSurface
-from sim.fingertip import Fingertip
-from sim.result import IndentationResult
+from sim.models.fingertip import Fingertip
+from sim.models.result import IndentationResult
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from sim.fem.elements import NODES, Element, lame, stiffness
-from sim.fem.shapes import HEX8, HEX27, gauss_points, gradients, local_coordinates, shape_functions
+from sim.fem.shape_functions import HEX8, HEX27, gauss_points, gradients, local_coordinates, shape_functions
 from sim.fem.strain import strain_matrix
 from sim.finger.mesh import FingerMesh
 

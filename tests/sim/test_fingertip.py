@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.config import FingertipConfig, MeshSpec
+from sim.config.fingertip_config import FingertipConfig, MeshSpec
+from sim.config.stiffness import E_EPIDERMIS_MPA
+from sim.config.units import GWT_N
 from sim.contact.shapes import ShapeError
-from sim.fingertip import DEEPEST_DOI_MM, Fingertip, ModelRangeError
-from sim.stiffness import E_EPIDERMIS_MPA
-from sim.units import GWT_N
+from sim.models.fingertip import DEEPEST_DOI_MM, Fingertip, ModelRangeError
 
 POSITIONS = [round(float(x), 4) for x in np.linspace(2.0, -3.7, 30)]
 

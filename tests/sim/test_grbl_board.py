@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from sim.clock import VirtualClock
 from sim.devices import SerialLine, VirtualGrbl
+from sim.devices.clock import VirtualClock
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
 UNLOCK = b"[MSG:'$H'|'$X' to unlock]\r\n"

@@ -10,9 +10,9 @@ from sim.contact.patch import Patch, X, Y, Z
 from sim.contact.points import Pose
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import solve_contact
-from sim.fingertip import Fingertip
-from sim.halfspace import interior_strain, surface_compliance
-from sim.models import load
+from sim.models.catalogue import load
+from sim.models.fingertip import Fingertip
+from sim.models.halfspace import interior_strain, surface_compliance
 from verification.halfspace import boussinesq_strain
 
 POISSON = 0.48

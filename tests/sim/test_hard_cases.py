@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim.config import FingertipConfig, MeshSpec, Tissue
+from sim.config.fingertip_config import FingertipConfig, MeshSpec, Tissue
 from sim.contact.indentor import Indentor
 from sim.contact.measured_profile import MeasuredProfile
 from sim.contact.profiles import Bar, Grating, Profile, Step, Wedge
 from sim.contact.shapes import parse_shape
 from sim.fem.assembly import symmetric
 from sim.finger.mesh import build_mesh
-from sim.fingertip import Fingertip, ModelRangeError
-from sim.model import discretise, factorise
+from sim.models.condensed import discretise, factorise
+from sim.models.fingertip import Fingertip, ModelRangeError
 
 Array = NDArray[np.float64]
 

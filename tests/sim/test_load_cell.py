@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from sim.clock import VirtualClock
 from sim.devices import SerialLine, VirtualBalance
 from sim.devices.cell import load_cell
+from sim.devices.clock import VirtualClock
 
 
 def ramp(t_s: float) -> float:

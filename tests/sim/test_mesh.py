@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from sim.config import FingertipConfig, MeshSpec, Tissue
+from sim.config.fingertip_config import FingertipConfig, MeshSpec, Tissue
 from sim.finger import mesh as mesh_module
 from sim.finger.mesh import BONE, DERMIS, EPIDERMIS, FAT, FingerMesh, MeshError, build_mesh
 from sim.finger.surface import FingertipSurface

@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import pytest
 
-from sim.clock import VirtualClock
 from sim.devices import ModbusBus, SerialLine, VirtualDrive, VirtualLaumas
+from sim.devices.clock import VirtualClock
 
 Rtu = Callable[[str], bytes]
 GRAM_N = 9.80665e-3

@@ -5,14 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sim.config import FingertipConfig, Geometry, MeshSpec, Tissue
+from sim.config.fingertip_config import FingertipConfig, Geometry, MeshSpec, Tissue
 from sim.contact.profiles import Profile
 from sim.contact.shapes import parse_shape
 from sim.finger.mesh import MeshError, build_mesh
 from sim.finger.quality import mesh_quality
 from sim.finger.surface import FingertipSurface, published_points
-from sim.fingertip import Fingertip
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
+from sim.models.fingertip import Fingertip
 
 COARSE = MeshSpec(
     spacing_mm=0.4,

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim.devices.motion import Counts, Track, trapezoid
-from sim.devices.planner import AxisLimits, Planner
+from sim.devices.grbl.motion import Counts, Track, trapezoid
+from sim.devices.grbl.planner import AxisLimits, Planner
 
 PER_MM = 400
 LIMITS = AxisLimits((400.0, 400.0, 400.0), (10.0, 10.0, 5.0), (50.0, 50.0, 50.0), 0.01)

@@ -8,12 +8,12 @@ from collections.abc import Iterator
 
 import pytest
 
-from sim.config import FingertipConfig
-from sim.fingertip import Fingertip
-from sim.plant import Carriage, Placement, Pose, Screws, Truth
+from sim.config.fingertip_config import FingertipConfig
+from sim.models.fingertip import Fingertip
+from sim.plant.plant import Carriage, Placement, Pose, Screws, Truth
 from sim.serve.press_ahead import STALE_S, PressAhead
 from sim.serve.press_process import FingerNotLoadedError, PressAnswer, PressProcess
-from sim.wall_clock import WallScheduler
+from sim.serve.wall_clock import WallScheduler
 
 PERIOD_S = 0.05
 

@@ -5,18 +5,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.config import FingertipConfig, MeshSpec, Tissue
-from sim.deck import Scene
+from sim.config.fingertip_config import FingertipConfig, MeshSpec, Tissue
 from sim.fem.assembly import symmetric
-from sim.fem.shapes import HEX8, HEX27, gauss_points, gradients, shape_functions
+from sim.fem.shape_functions import HEX8, HEX27, gauss_points, gradients, shape_functions
 from sim.fem.slabs import SlabFactor
 from sim.finger.mesh import FingerMesh, MeshError, build_mesh, section_mesh
 from sim.finger.quality import mesh_quality
 from sim.finger.skin import tributary_areas
 from sim.finger.surface import FingertipSurface
 from sim.finger.vtk import write_vtk
-from sim.model import assembled, discretise, factorise
-from sim.models import load
+from sim.models.catalogue import load
+from sim.models.condensed import assembled, discretise, factorise
+from sim.models.deck import Scene
 
 COARSE = {
     "spacing_mm": 0.6,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sim.contact.profiles import Bar, Grating, Profile, Step
-from sim.fingertip import Fingertip
+from sim.models.fingertip import Fingertip
 
 POSES = 90
 

@@ -6,11 +6,10 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from recovery import WAYS
-from sim.config import FingertipConfig, MeshSpec
-from sim.fem.shapes import shape_functions
+from sim.config.fingertip_config import FingertipConfig, MeshSpec
+from sim.fem.shape_functions import shape_functions
 from sim.finger.mesh import DERMIS, FingerMesh, build_mesh
 from sim.finger.surface import FingertipSurface
-from sim.fingertip import Fingertip
 from sim.measures.receptors import (
     DEFAULT_DEPTH_MM,
     DEFAULT_X_MM,
@@ -22,6 +21,7 @@ from sim.measures.receptors import (
     place_receptors,
     strain_operator,
 )
+from sim.models.fingertip import Fingertip
 
 Array = NDArray[np.float64]
 PLANE_MM = 6.893

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from sim.clock import VirtualClock
-from sim.relaxation import PronyForce, PronyTerm, RelaxingForce
+from sim.devices.clock import VirtualClock
+from sim.plant.relaxation import PronyForce, PronyTerm, RelaxingForce
 
 TERMS = (PronyTerm(0.3, 0.5), PronyTerm(0.15, 4.0))
 

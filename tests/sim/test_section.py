@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sim.config import FingertipConfig
+from sim.config.fingertip_config import FingertipConfig
 from sim.finger.surface import FingertipSurface
-from sim.fingertip import Fingertip, ModelRangeError
-from sim.models import load
-from sim.section import prismatic
-from sim.study.candidates import nested
+from sim.models.catalogue import load
+from sim.models.fingertip import Fingertip, ModelRangeError
+from sim.models.plane_section import prismatic
+from sim.speed_and_error.candidates import nested
 
 
 @pytest.fixture(scope="module")

@@ -2,8 +2,8 @@
 
 import pytest
 
-from sim.clock import VirtualClock
 from sim.devices import SerialLine
+from sim.devices.clock import VirtualClock
 
 
 def test_a_chunk_arrives_when_its_last_bit_has() -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from sim.devices import SerialLine
 from sim.serve.ports import PortBusyError, PtyPort, TcpPort
-from sim.wall_clock import WallScheduler
+from sim.serve.wall_clock import WallScheduler
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 

@@ -3,7 +3,7 @@
 import pytest
 
 from sharp_sweep import groups, solved
-from sim.fingertip import Fingertip
+from sim.models.fingertip import Fingertip
 
 
 @pytest.mark.parametrize("group", groups())

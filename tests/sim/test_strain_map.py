@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from sim.fem import pardiso
-from sim.fingertip import Fingertip
-from sim.strain_map import displacements, mesh_of, strain_maps
+from sim.models.fingertip import Fingertip
+from sim.models.strain_map import displacements, mesh_of, strain_maps
 
 pytestmark = pytest.mark.skipif(not pardiso.available(), reason="without MKL PARDISO this takes minutes")
 

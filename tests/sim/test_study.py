@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from sim.config import FingertipConfig, MeshSpec
+from sim.config.fingertip_config import FingertipConfig, MeshSpec
 from sim.contact.shapes import parse_shape
 from sim.finger.mesh import build_mesh
 from sim.finger.surface import FingertipSurface
-from sim.fingertip import Fingertip
-from sim.models import load
-from sim.study.candidates import Candidate, coarse, nested
-from sim.study.choice import SHARP, SMOOTH, NoModelError, choose
-from sim.study.measure import QUANTITIES, Answer, answered, measure
-from sim.study.reference import from_levels, stored
-from sim.study.rows import rows
-from sim.study.scenes import FAMILIES, QUICK_SCENES, SCENES, Scene
+from sim.models.catalogue import load
+from sim.models.fingertip import Fingertip
+from sim.speed_and_error.candidates import Candidate, coarse, nested
+from sim.speed_and_error.choice import SHARP, SMOOTH, NoModelError, choose
+from sim.speed_and_error.measure import QUANTITIES, Answer, answered, measure
+from sim.speed_and_error.reference import from_levels, stored
+from sim.speed_and_error.rows import rows
+from sim.speed_and_error.scenes import FAMILIES, QUICK_SCENES, SCENES, Scene
 
 
 def answer(force: float) -> Answer:

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim.config import FingertipConfig
+from sim.config.fingertip_config import FingertipConfig
 from sim.fem import pardiso
 from sim.fem.assembly import symmetric
 from sim.finger.mesh import FingerMesh
-from sim.fingertip import Fingertip
 from sim.measures.receptors import strain_operator
-from sim.model import discretise, factorise
-from sim.result import IndentationResult
+from sim.models.condensed import discretise, factorise
+from sim.models.fingertip import Fingertip
+from sim.models.result import IndentationResult
 
 Array = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import pytest
 
-from sim.clock import VirtualClock
 from sim.devices import SerialLine, VirtualBalance
+from sim.devices.clock import VirtualClock
 
 GRAM_N = 9.80665e-3
 

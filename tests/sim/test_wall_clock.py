@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from sim.wall_clock import WallScheduler
+from sim.serve.wall_clock import WallScheduler
 
 
 @pytest.fixture

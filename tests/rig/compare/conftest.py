@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 from rig.compare.stimuli import Stimulus
 from rig.data import Run
-from rig.protocol.config import Config
-from rig.protocol.plan import make_plan
+from rig.plan.config import Config
+from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.protocol.session import Session, dry_run
-from sim.fingertip import Fingertip
+from rig.session.session import Session, dry_run
 from sim.measures.measures import MEASURES
+from sim.models.fingertip import Fingertip
 
 Array = NDArray[np.float64]
 

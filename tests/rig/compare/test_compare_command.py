@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from rig.cli import main
+from rig.compare.recordings.synthetic import afferent_for, record, write_synthetic
 from rig.compare.stimuli import stimuli
-from rig.compare.synthetic import afferent_for, record, write_synthetic
 from rig.data import Run
-from sim.fingertip import Fingertip
+from sim.models.fingertip import Fingertip
 
 KEYS = {"shape", "measure", "receptor_mm", "shape_test", "r", "k", "eps0", "run"}
 

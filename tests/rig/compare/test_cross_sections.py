@@ -8,9 +8,9 @@ import pytest
 from rig.compare.cross_sections import MAPPED, cross_sections
 from rig.compare.stimuli import stimuli
 from rig.data import Run
-from rig.report.section_figures import strain_maps
+from rig.report.comparison.section_figures import strain_maps
 from sim.fem import pardiso
-from sim.fingertip import Fingertip
+from sim.models.fingertip import Fingertip
 
 pytestmark = pytest.mark.skipif(not pardiso.available(), reason="without MKL PARDISO this takes minutes")
 

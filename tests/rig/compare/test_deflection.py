@@ -8,12 +8,12 @@ import pytest
 
 from rig.compare.errors import RecordingError
 from rig.data import Run
-from rig.protocol.config import Config
-from rig.protocol.plan import make_plan
+from rig.plan.config import Config
+from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.protocol.session import Session, dry_run
-from rig.report.deflection import Deflection, deflection_section, partner, read_deflections, simulated
-from sim.fingertip import Fingertip
+from rig.report.comparison.deflection import Deflection, deflection_section, partner, read_deflections, simulated
+from rig.session.session import Session, dry_run
+from sim.models.fingertip import Fingertip
 
 
 @pytest.fixture(scope="module")

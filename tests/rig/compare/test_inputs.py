@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rig.compare.errors import RecordingError
-from rig.compare.inputs import SpikeReading, read_recordings
+from rig.compare.recordings.inputs import SpikeReading, read_recordings
 from rig.data import Run
 
 

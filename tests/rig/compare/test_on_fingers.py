@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 
 from rig.cli import main
 from rig.compare.errors import FingersError
-from rig.compare.on_fingers import on_plausible_fingers
-from rig.compare.plausible import PlausibleFingers
+from rig.compare.fingers.on_fingers import on_plausible_fingers
+from rig.compare.fingers.plausible import PlausibleFingers
+from rig.compare.recordings.synthetic import afferent_for, record, write_synthetic
 from rig.compare.stimuli import stimuli
-from rig.compare.synthetic import afferent_for, record, write_synthetic
 from rig.data import Run
-from rig.protocol.config import Config
-from rig.protocol.plan import make_plan
+from rig.plan.config import Config
+from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.protocol.session import Session, dry_run
-from sim.config import FingertipConfig, MeshSpec
-from sim.fingertip import Fingertip
+from rig.session.session import Session, dry_run
+from sim.config.fingertip_config import FingertipConfig, MeshSpec
 from sim.measures.measures import MEASURES
+from sim.models.fingertip import Fingertip
 
 Array = NDArray[np.float64]
 

@@ -12,9 +12,9 @@ import pytest
 from threadpoolctl import threadpool_info
 
 from rig.cli import main
-from rig.compare.errors import StudyError, WorkersError
-from rig.compare.parameter_study import Case, columns, read_study, solve
-from rig.compare.workers import spread
+from rig.parameter_study.cases import Case, columns, read_study, solve
+from rig.parameter_study.errors import StudyError, WorkersError
+from rig.parameter_study.workers import spread
 
 COARSE = """\
 receptor_x_mm = [-1.0, 0.0]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rig.compare.errors import FingersError
-from rig.compare.plausible import PlausibleFingers, design_places, read_plausible
-from sim.config import FingertipConfig, Tissue
+from rig.compare.fingers.plausible import PlausibleFingers, design_places, read_plausible
+from sim.config.fingertip_config import FingertipConfig, Tissue
 
 FILE = """\
 receptor_depth_mm = [0.7, 0.9]

@@ -15,7 +15,7 @@ from rig.compare.pressure_model import (
     residual,
     together,
 )
-from sim.fingertip import Fingertip
+from sim.models.fingertip import Fingertip
 
 TRUE = Constants(600.0, 900.0, 250.0)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rig.compare.errors import RecordingError
-from rig.compare.recorded import read_srp
+from rig.compare.recordings.recorded import read_srp
 
 
 def written(folder: Path, text: str, encoding: str = "utf-8") -> Path:

@@ -9,10 +9,10 @@ from matplotlib.text import Text
 
 from rig.compare.comparison import Comparison, compare
 from rig.compare.cross_sections import CrossSection
-from rig.compare.recorded import recording
+from rig.compare.recordings.recorded import recording
 from rig.compare.stimuli import Stimulus
+from rig.report.comparison.report_figures import report_figures
 from rig.report.html import Figure
-from rig.report.report_figures import report_figures
 from rig.report.style import PAGE_IN, position_bar, shade, shade_of
 from sim.measures.receptors import DEFAULT_X_MM
 

@@ -6,11 +6,11 @@ import numpy as np
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from rig.compare.responses import Response, responses
 from rig.data import Run
-from rig.report.run_figures import contact_panels, highest_pressure
+from rig.plan.responses import Response, responses
+from rig.report.run.run_figures import contact_panels, highest_pressure
 from rig.report.style import ORANGE
-from sim.fingertip import Fingertip
+from sim.models.fingertip import Fingertip
 
 
 def drawn(found: list[Response]) -> Figure:

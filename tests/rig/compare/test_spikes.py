@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rig.compare.errors import RecordingError
-from rig.compare.spikes import rates_in_run, read_spike_times
+from rig.compare.recordings.spikes import rates_in_run, read_spike_times
 from rig.data import Run
 
 

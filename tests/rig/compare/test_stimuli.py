@@ -8,8 +8,8 @@ import pytest
 from rig.compare.shape_test import shown
 from rig.compare.stimuli import Stimulus, stimuli
 from rig.data import Run
-from sim.fingertip import Fingertip
 from sim.measures.measures import MEASURES
+from sim.models.fingertip import Fingertip
 
 Make = Callable[..., Stimulus]
 

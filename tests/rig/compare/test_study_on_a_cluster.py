@@ -13,9 +13,9 @@ from typing import Any
 
 import pytest
 
-from rig.compare import cluster as cluster_module
-from rig.compare.errors import WorkersError
-from rig.compare.workers import spread
+from rig.parameter_study import cluster as cluster_module
+from rig.parameter_study.errors import WorkersError
+from rig.parameter_study.workers import spread
 
 distributed: Any = pytest.importorskip(
     "distributed", reason="needs dask.distributed: pip install 'indentation-rig[cluster]'"

@@ -6,7 +6,7 @@ import numpy as np
 
 from rig.compare.comparison import compare
 from rig.compare.stimuli import Stimulus
-from rig.report.comparison_report import Section
+from rig.report.comparison.comparison_report import Section
 from sensitivity import FORCES_GWT, HEADER, VARIANTS, Verdicts, sensitivity_section
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_X_MM

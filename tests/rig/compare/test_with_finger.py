@@ -11,11 +11,11 @@ import pytest
 from numpy.typing import NDArray
 
 from rig.compare.comparison import Joint, compare
-from rig.compare.plausible import PlausibleFingers
-from rig.compare.recorded import Recording, recording
+from rig.compare.fingers.plausible import PlausibleFingers
+from rig.compare.fingers.with_finger import WithFinger
+from rig.compare.recordings.recorded import Recording, recording
 from rig.compare.stimuli import Stimulus
-from rig.compare.with_finger import WithFinger
-from rig.report.finger_tables import finger_sections, fingers_as_json
+from rig.report.comparison.finger_tables import finger_sections, fingers_as_json
 from sim.measures.measures import MEASURES
 
 Array = NDArray[np.float64]

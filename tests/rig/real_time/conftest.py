@@ -16,14 +16,14 @@ from typing import Any
 import pytest
 
 from rig.cli import main
-from rig.clock import WallClock
-from rig.protocol.config import Config
-from rig.protocol.served_bench import ServedBench
-from rig.stage import GrblStage
+from rig.devices.stage import GrblStage
+from rig.plan.config import Config
 from rig.transport import open_port
+from rig.transport.clock import WallClock
+from rig.virtual.served_bench import ServedBench
 from sim.devices import SerialLine, VirtualBalance, VirtualGrbl
 from sim.serve.ports import PtyPort
-from sim.wall_clock import WallScheduler
+from sim.serve.wall_clock import WallScheduler
 
 # Close to the switches, on a board that homes fast: a short way to go in real time. A reading is taken 0.1 s after a
 # move: until then a busy machine may still give the force from before it.

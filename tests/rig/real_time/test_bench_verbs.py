@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from rig.clock import WallClock
-from rig.protocol.served_bench import ServedBench
-from rig.stage import GrblStage
+from rig.devices.stage import GrblStage
 from rig.transport import open_port
+from rig.transport.clock import WallClock
+from rig.virtual.served_bench import ServedBench
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 

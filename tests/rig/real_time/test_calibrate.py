@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from rig.protocol.config import Config
+from rig.plan.config import Config
 from sim.devices import SerialLine, VirtualBalance
 from sim.serve.ports import PtyPort
-from sim.wall_clock import WallScheduler
+from sim.serve.wall_clock import WallScheduler
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from rig.data import read_run
-from rig.protocol.served_bench import ServedBench
-from sim.fingertip import Fingertip
+from rig.virtual.served_bench import ServedBench
+from sim.models.fingertip import Fingertip
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from rig.clock import WallClock
-from rig.force import MtSicsForce
-from rig.stage import GrblStage
+from rig.devices.force import MtSicsForce
+from rig.devices.stage import GrblStage
 from rig.transport import open_port
-from sim.fingertip import Fingertip
+from rig.transport.clock import WallClock
+from sim.models.fingertip import Fingertip
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 

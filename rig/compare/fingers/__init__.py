@@ -1,0 +1,1 @@
+"""Comparisons that hold for every finger within stated ranges."""

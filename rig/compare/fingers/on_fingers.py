@@ -1,0 +1,103 @@
+"""What the fingers of a design would give where a run pressed."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.compare.errors import FingersError
+from rig.compare.fingers.plausible import DesignFinger, PlausibleFingers
+from rig.compare.shape_test import shown
+from rig.compare.stimuli import Stimulus, simulator_code
+from rig.data import Run
+from rig.parameter_study.workers import spread
+from sim.config.fingertip_config import FingertipConfig
+from sim.finger.mesh import MeshError
+from sim.finger.surface import SurfaceError
+from sim.measures.measures import MEASURES
+from sim.measures.receptors import ReceptorError
+from sim.models.cache import cached_arrays, content_key
+from sim.models.fingertip import Fingertip, ModelRangeError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """One indentor at a row of places, each to its own depth or force."""
+
+    indentor: str
+    kind: str  # doi_mm or force_gwt
+    x_mm: tuple[float, ...]
+    target: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class FingerWork:
+    """All schedules on one finger: a piece of work."""
+
+    name: str
+    config_json: str
+    receptor_x_mm: tuple[float, ...]
+    receptor_depth_mm: float
+    schedules: tuple[Schedule, ...]
+
+
+def on_plausible_fingers(
+    run: Run, pressed: Sequence[Stimulus], finger: Fingertip, plausible: PlausibleFingers
+) -> list[Stimulus]:
+    """The stimuli of a run with their measures on the whole design, pressed over this machine's processes.
+
+    What was controlled stays: the force of a press to a force, the depth of one to a depth; on hardware the force
+    that was recorded. Kept in the cache. Raises FingersError.
+    """
+    if not pressed:
+        return []
+    virtual = bool(run.start["virtual"])
+    schedules = tuple(_schedule(stimulus, virtual) for stimulus in pressed)
+    design = plausible.design(finger.config, finger.model.receptors.depth_mm)
+    x_mm = tuple(pressed[0].receptor_mm.tolist())
+    work = [_work(one, x_mm, schedules) for one in design]
+    key = content_key([simulator_code(), [asdict(one) for one in work]])
+    try:
+        found, _ = cached_arrays(key, lambda: _all_answers(work), kind="answers")
+    except FingersError as error:
+        raise FingersError(f"{plausible.source}: {error}") from None
+    return [replace(s, on_fingers=np.asarray(found[f"{n}"], dtype=float)) for n, s in enumerate(pressed)]
+
+
+def _schedule(stimulus: Stimulus, virtual: bool) -> Schedule:
+    kind = stimulus.kind if virtual else "force_gwt"
+    target = stimulus.doi_mm if kind == "doi_mm" else stimulus.force_gwt
+    return Schedule(stimulus.indentor, kind, tuple(stimulus.x_mm.tolist()), tuple(target.tolist()))
+
+
+def _work(finger: DesignFinger, receptor_x_mm: tuple[float, ...], schedules: tuple[Schedule, ...]) -> FingerWork:
+    return FingerWork(
+        finger.name, finger.config.model_dump_json(), receptor_x_mm, finger.receptor_depth_mm, schedules
+    )
+
+
+def _all_answers(work: Sequence[FingerWork]) -> dict[str, NDArray[np.generic]]:
+    """For each schedule by its number (fingers, 18, n, receptors)."""
+    answers = list(spread(measures_on, work))
+    return {f"{n}": np.stack(each) for n, each in enumerate(zip(*answers, strict=True))}
+
+
+def measures_on(work: FingerWork) -> list[Array]:
+    """For each schedule the measures (18, n, receptors) in the signs of `shown`. Raises FingersError."""
+    config = FingertipConfig.model_validate_json(work.config_json)
+    try:
+        finger = Fingertip.load(config, receptor_x_mm=work.receptor_x_mm, receptor_depth_mm=work.receptor_depth_mm)
+        return [_measures(finger, schedule) for schedule in work.schedules]
+    except (ModelRangeError, MeshError, SurfaceError, ReceptorError) as error:
+        raise FingersError(f"on the finger with {work.name}: {error}") from None
+
+
+def _measures(finger: Fingertip, schedule: Schedule) -> Array:
+    results = [
+        finger.indent(schedule.indentor, x, **{schedule.kind: target})  # type: ignore[arg-type]
+        for x, target in zip(schedule.x_mm, schedule.target, strict=True)
+    ]
+    return np.array([[shown(name, result.receptor_measures[name]) for result in results] for name in MEASURES])

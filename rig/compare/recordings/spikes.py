@@ -1,0 +1,108 @@
+"""Discharge rates from spike times recorded during a run."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.compare.errors import RecordingError
+from rig.compare.recordings.nwb_spikes import read_nwb
+from rig.compare.recordings.recorded import Recording, csv_number, csv_rows, recording
+from rig.data import Run
+from sim.contact.shapes import parse_shape
+
+Array = NDArray[np.float64]
+
+_SAME_PLACE_DECIMALS = 3
+
+
+def read_spike_times(path: Path, run: Run, unit: str = "") -> Array:
+    """(n,) ascending s on the run's clock, from NWB or a CSV with columns `time_s[,kind]`. Raises RecordingError.
+
+    Rows of kind "sync" are the run's pulses as the amplifier saw them: offset and drift between the two clocks are
+    fitted to them. Without such rows the times must be on the run's clock already. `unit` is the one of an NWB file.
+    """
+    spikes, pulses = read_nwb(path, unit) if path.suffix == NWB else _read_csv(path)
+    if not len(spikes):
+        raise RecordingError(f"{path}: no spikes, expected the times of some")
+    return _on_the_runs_clock(path, spikes, pulses, run) if len(pulses) else spikes
+
+
+NWB = ".nwb"
+
+
+def _read_csv(path: Path) -> tuple[Array, Array]:
+    times: dict[str, list[float]] = {"spike": [], "sync": []}
+    for number, row in csv_rows(path, ("time_s",), ("kind",)):
+        where, kind = f"{path}, row {number}", row.get("kind") or "spike"
+        if kind not in times:
+            raise RecordingError(f"{where}, column kind: {kind!r}, expected spike or sync")
+        times[kind].append(csv_number(row["time_s"], where, "time_s"))
+    spikes, pulses = (np.sort(np.array(times[kind], dtype=float)) for kind in ("spike", "sync"))
+    return spikes, pulses
+
+
+def _on_the_runs_clock(path: Path, spike_s: Array, pulse_s: Array, run: Run) -> Array:
+    rise_s = np.sort(np.array([event["rise_s"] for event in run.stream("sync")], dtype=float))
+    if len(rise_s) != len(pulse_s):
+        raise RecordingError(f"{path}: {len(pulse_s)} sync pulses, the journal of the run has {len(rise_s)}")
+    if len(rise_s) == 1:
+        return spike_s + (rise_s[0] - pulse_s[0])
+    line = np.polynomial.Polynomial.fit(pulse_s, rise_s, deg=1)
+    worst_s = float(np.abs(line(pulse_s) - rise_s).max())
+    if worst_s > _PULSE_TOLERANCE_S:
+        raise RecordingError(
+            f"{path}: the sync pulses miss the journal's by up to {1e3 * worst_s:.1f} ms, "
+            f"expected {1e3 * _PULSE_TOLERANCE_S:g} ms or less"
+        )
+    return np.asarray(line(spike_s))
+
+
+_PULSE_TOLERANCE_S = 0.005
+
+
+def rates_in_run(
+    run: Run, shape: str, spike_s: Array, name: str, window_s: tuple[float, float], centre_mm: float = 0.0
+) -> Recording:
+    """Spikes per second in a window relative to the start of each last hold; presses at one place are repeats.
+
+    Positions are the indentor's x minus the receptive field's centre. Raises RecordingError where the window is
+    empty or longer than a hold, or nothing was pressed.
+    """
+    begin, end = window_s
+    if not 0 <= begin < end:
+        raise RecordingError(
+            f"--window-s {begin:g},{end:g}: expected 0 ≤ begin < end, in s from the start of the hold"
+        )
+    if not np.isfinite(centre_mm):
+        raise RecordingError(f"--field-centre-mm {centre_mm:g}: expected a number")
+    rows = []
+    for x_mm, start_s, stop_s in _last_holds(run, shape):
+        if start_s + end > stop_s + _CLOCK_TICK_S:
+            raise RecordingError(
+                f"--window-s {begin:g},{end:g}: the hold at x = {x_mm:g} mm lasts {stop_s - start_s:.3f} s, "
+                "expected a window within the holds"
+            )
+        first, last = np.searchsorted(spike_s, (start_s + begin, start_s + end))
+        rows.append((round(x_mm - centre_mm, _SAME_PLACE_DECIMALS), (last - first) / (end - begin), np.nan))
+    if not rows:
+        raise RecordingError(f"{name}: run {run.folder.path.name} has no finished indentation by {shape}")
+    return recording(name, rows)
+
+
+_CLOCK_TICK_S = 1e-6
+
+
+def _last_holds(run: Run, shape: str) -> list[tuple[float, float, float]]:
+    """x (mm), start and end (s on the run's clock) of the last hold of each finished indentation by a shape."""
+    finished = {event["index"] for event in run.stream("indentation_end")}
+    asked = {event["index"]: event for event in run.stream("indentation_start")}
+    began = {(event["index"], event["hold"]): event["t_s"] for event in run.stream("hold_start")}
+    name = parse_shape(shape).name
+    return [
+        (hold["x_mm"], began[hold["index"], hold["hold"]], hold["t_s"])
+        for hold in run.stream("hold_end")
+        if hold["index"] in finished
+        and hold["hold"] == asked[hold["index"]]["increments"]
+        and parse_shape(asked[hold["index"]]["indentor"]).name == name
+    ]

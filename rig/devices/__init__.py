@@ -1,0 +1,1 @@
+"""What stands on the ports: stages, force sensors, and the bench that they make."""

@@ -1,0 +1,153 @@
+"""A Laumas TLB / TLU load-cell transmitter over Modbus, as a force sensor.
+
+Source: Laumas TLU manual, list of registers; LCB manual, status register 1. What is second-hand lies in
+LaumasSettings.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rig.devices.bench_settings import LaumasSettings
+from rig.devices.force.base import (
+    ForceBroken,
+    ForceBusy,
+    ForceError,
+    ForceOverload,
+    ForceReading,
+    ForceTimeout,
+    ForceUnderload,
+)
+from rig.devices.units import GWT_N
+from rig.transport.clock import Clock
+from rig.transport.modbus import ModbusError, ModbusMaster, ModbusTimeout
+
+# Registers by their 0-based address; weights are two registers, high word first.
+IDENTITY, COMMAND, STATUS, GROSS, NET, UNITS = 0, 5, 6, 7, 9, 13
+SETTLE_S = 10.0
+
+
+class LaumasForce:
+    """ForceSensor over a Laumas transmitter.
+
+    sample_period_s and resolution_gwt are those set in the instrument; scale is the measured ratio of true force to
+    the force that the instrument shows.
+    """
+
+    def __init__(
+        self,
+        bus: ModbusMaster,
+        clock: Clock,
+        settings: LaumasSettings,
+        *,
+        sample_period_s: float = 0.05,
+        resolution_gwt: float = 0.01,
+        scale: float = 1.0,
+    ) -> None:
+        self.sample_period_s = settings.filter_samples * sample_period_s
+        self.resolution_gwt = scale * resolution_gwt
+        self._bus, self._clock, self._settings = bus, clock, settings
+        self._count_n = scale * settings.count_g * GWT_N
+
+    def connect(self) -> str:
+        """Check the instrument's division and unit; returns its type and serial number. Raises ForceError."""
+        firmware, kind, year, serial = self._read(IDENTITY, 4)
+        self._snapshot()
+        return f"Laumas transmitter type {kind}, serial {serial} of {year}, firmware {firmware}"
+
+    def identify(self) -> str:
+        return self.connect()
+
+    def read(self) -> ForceReading:
+        """The latest weight as a force in N. Raises ForceError, and one of its kinds where the status says so."""
+        return self._reading(self._snapshot())
+
+    def zero(self) -> None:
+        """Take the next stable load for zero: the zero command, or the tare where net is read. Raises ForceError."""
+        settings = self._settings
+        deadline_s = self._clock.monotonic_s() + SETTLE_S
+        while not self.read().stable:
+            if self._clock.monotonic_s() >= deadline_s:
+                raise ForceBusy(f"{self._name}: no stable load in {SETTLE_S:g} s")
+            self._clock.wait_s(self.sample_period_s)
+        self._command(settings.zero_command if settings.weight == "gross" else settings.tare_command)
+        self._clock.wait_s(self.sample_period_s)
+        left = self.read().force_n / GWT_N
+        if abs(left) > self.resolution_gwt:
+            raise ForceBusy(f"{self._name}: still {left:.3g} gwt after zeroing")
+
+    def tare(self) -> None:
+        """Take the present load for the container: net is zero. Raises ForceError."""
+        self._command(self._settings.tare_command)
+
+    def show_gross(self) -> None:
+        """Forget the tare. Raises ForceError."""
+        self._command(self._settings.gross_command)
+
+    def close(self) -> None:
+        self._bus.close()
+
+    def _snapshot(self) -> list[int]:
+        """Registers 6 … 13 of one instant; whole, sane, and in the unit that is expected."""
+        registers = self._read(STATUS, UNITS - STATUS + 1)
+        units = registers[UNITS - STATUS]
+        if units != self._settings.units_word:
+            raise ForceError(
+                f"{self._name}: division and unit (register {UNITS}) are 0x{units:04X}, "
+                f"expected 0x{self._settings.units_word:04X}"
+            )
+        return registers
+
+    def _reading(self, registers: list[int]) -> ForceReading:
+        status, bits = registers[0], self._settings.bits
+        gross = self._settings.weight == "gross"
+        first = (GROSS if gross else NET) - STATUS
+        counts = registers[first] << 16 | registers[first + 1]
+        if self._settings.signs == "registers":
+            negative = counts >> 31 == 1
+            counts = (1 << 32) - counts if negative else counts
+        else:
+            negative = _bit(status, bits.gross_negative if gross else bits.net_negative)
+        self._refuse(status, negative=negative)
+        force_n = (-counts if negative else counts) * self._count_n
+        return ForceReading(force_n, _bit(status, bits.stable), self._clock.monotonic_s())
+
+    def _refuse(self, status: int, *, negative: bool) -> None:
+        bits = self._settings.bits
+        if _bit(status, bits.cell_error):
+            raise ForceBroken(f"{self._name}: load cell error, is its cable whole?")
+        if _bit(status, bits.converter_error):
+            raise ForceBroken(f"{self._name}: the analogue-to-digital converter fails")
+        for bit, what in (
+            (bits.over_max, "maximum weight exceeded"),
+            (bits.over_full_scale, "more than 110 % of full scale"),
+            (bits.gross_out_of_range, "gross weight out of range"),
+            (bits.net_out_of_range, "net weight out of range"),
+        ):
+            if _bit(status, bit):
+                kind = ForceUnderload if negative else ForceOverload
+                raise kind(f"{self._name}: {what}")
+
+    def _command(self, number: int) -> None:
+        with self._errors():
+            self._bus.write(self._settings.device_id, COMMAND, [number])
+
+    def _read(self, address: int, count: int) -> list[int]:
+        with self._errors():
+            return self._bus.read(self._settings.device_id, address, count)
+
+    @contextmanager
+    def _errors(self) -> Iterator[None]:
+        try:
+            yield
+        except ModbusTimeout as error:
+            raise ForceTimeout(str(error)) from error
+        except ModbusError as error:
+            raise ForceError(str(error)) from error
+
+    @property
+    def _name(self) -> str:
+        return f"{self._bus.name}: transmitter {self._settings.device_id}"
+
+
+def _bit(word: int, bit: int) -> bool:
+    return bool(word >> bit & 1)

@@ -1,0 +1,127 @@
+"""A balance that speaks MT-SICS level 0 and 1, as a force sensor.
+
+Source: MT-SICS reference manual. Answers are split on white space, never on columns. That `@` answers with
+the serial number is second-hand, so I4 stands in for it.
+"""
+
+import re
+
+from rig.devices.force.base import ForceBusy, ForceError, ForceOverload, ForceReading, ForceTimeout, ForceUnderload
+from rig.devices.units import GWT_N
+from rig.transport import LineReader, Transport
+from rig.transport.clock import Clock
+
+REPLY_S = 0.5
+# Zero and tare wait in the balance for a stable load.
+SETTLE_S = 10.0
+
+_VALUE = re.compile(r"[+-]?\d+(\.\d*)?")
+_SYNTAX = {"ES": "does not know the command", "ET": "received garbled bytes", "EL": "cannot do that"}
+
+
+class MtSicsForce:
+    """ForceSensor over an MT-SICS balance set to grams.
+
+    sample_period_s and resolution_gwt are those of the instrument; scale is the true force over the one it shows.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        clock: Clock,
+        *,
+        sample_period_s: float = 0.05,
+        resolution_gwt: float = 0.01,
+        scale: float = 1.0,
+    ) -> None:
+        self.sample_period_s, self.resolution_gwt = sample_period_s, scale * resolution_gwt
+        self._scale = scale
+        self._transport = transport
+        self._clock = clock
+        self._reader = LineReader(transport, clock)
+        self._in_step = False
+
+    def connect(self) -> str:
+        """Cancel whatever the balance was at, its tare too; returns its serial number. Raises ForceError."""
+        return f"MT-SICS balance {self._hello('@', 'I4')}"
+
+    def identify(self) -> str:
+        """Ask for the serial number alone, since `@` would forget the tare. Raises ForceError."""
+        return f"MT-SICS balance {self._hello('I4')}"
+
+    def read(self) -> ForceReading:
+        return self._weight("SI", REPLY_S)
+
+    def read_stable(self, timeout_s: float) -> ForceReading:
+        """Wait for a stable value, at most timeout_s. Raises ForceError."""
+        return self._weight("S", timeout_s)
+
+    def zero(self) -> None:
+        """Zero at the next stable load. Raises ForceError."""
+        if self._ask("Z", SETTLE_S)[1] != "A":
+            raise self._garbled("Z")
+
+    def tare(self) -> float:
+        """Take the next stable load for the container; returns it in N. Raises ForceError."""
+        return self._newton(self._ask("T", SETTLE_S), "T")
+
+    def close(self) -> None:
+        self._transport.close()
+
+    def _weight(self, command: str, timeout_s: float) -> ForceReading:
+        words = self._ask(command, timeout_s)
+        force_n = self._newton(words, "S")
+        return ForceReading(force_n, words[1] == "S", self._clock.monotonic_s())
+
+    def _newton(self, words: list[str], key: str) -> float:
+        if len(words) != 4 or words[0] != key or words[1] not in ("S", "D") or not _VALUE.fullmatch(words[2]):
+            raise self._garbled(" ".join(words))
+        if words[3] != "g":
+            raise ForceError(f"{self._transport.name}: the balance reports {words[3]}, it must be set to g")
+        return float(words[2]) * GWT_N * self._scale
+
+    def _ask(self, command: str, timeout_s: float) -> list[str]:
+        if not self._in_step:
+            self._hello("@", "I4")
+        self._reader.discard()
+        self._send(command)
+        line = self._reader.read_line(self._clock.monotonic_s() + timeout_s)
+        if line is None:
+            # The answer may still come: it must not be taken for that to the next question.
+            self._in_step = False
+            raise ForceTimeout(f"{self._transport.name}: no answer to {command} in {timeout_s:g} s")
+        words = line.split()
+        self._check(words, command)
+        return words
+
+    def _check(self, words: list[str], command: str) -> None:
+        name = self._transport.name
+        if words[0] in _SYNTAX:
+            raise ForceError(f"{name}: the balance {_SYNTAX[words[0]]} ({words[0]} to {command})")
+        if len(words) < 2 or words[0] != command[:1]:
+            raise self._garbled(" ".join(words))
+        if words[1] == "+":
+            raise ForceOverload(f"{name}: the balance is overloaded")
+        if words[1] == "-":
+            raise ForceUnderload(f"{name}: the balance is underloaded")
+        if words[1] == "I":
+            raise ForceBusy(f"{name}: the balance cannot answer {command} now, or found no stable value")
+
+    def _hello(self, *commands: str) -> str:
+        self._in_step = False
+        self._reader.discard()
+        for command in commands:
+            self._send(command)
+            deadline_s = self._clock.monotonic_s() + REPLY_S
+            while (line := self._reader.read_line(deadline_s)) is not None:
+                if line.startswith("I4 A"):
+                    self._in_step = True
+                    return line[4:].strip(' "')
+        raise ForceTimeout(f"{self._transport.name}: no balance answers")
+
+    def _send(self, command: str) -> None:
+        self._transport.write(command.encode("ascii") + b"\r\n")
+
+    def _garbled(self, answer: str) -> ForceError:
+        self._in_step = False
+        return ForceError(f"{self._transport.name}: garbled answer {answer!r}")

@@ -1,0 +1,266 @@
+"""A stage on a GRBL 1.1 or grblHAL board. Source: GRBL 1.1 interface wiki."""
+
+import math
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Literal
+
+from rig.devices.bench_settings import SLOWEST_MM_S
+from rig.devices.stage.base import Axis, StageAlarm, StageError, StageRejected, StageReset, StageStatus, StageTimeout
+from rig.devices.stage.grbl_link import ASK_TIMES, GrblLink
+from rig.devices.stage.grbl_settings import INCHES, STEP_DIRECTION, STEPS_PER_MM, differences
+from rig.devices.stage.grbl_words import Xyz, parse_setting
+from rig.transport import Transport
+from rig.transport.clock import Clock
+
+POLL_S = 0.02
+HOME_S = 180.0
+# A move may take this much longer than its length, speed and acceleration say.
+LATE_FACTOR, LATE_S = 1.5, 5.0
+ASK_FOR_OFFSET = 35
+# An alarm, the banner after it, and one more of each.
+NEWS = 4
+HOLD_AND_RESET = b"!\x18"
+JOG_CANCEL = b"\x85"
+OUTPUT_WORDS = {"coolant": ("M9", "M8"), "spindle": ("M5", "M3S1000")}
+
+
+class GrblStage:
+    """Stage over a GRBL board, one move at a time.
+
+    poll_s: how often `?` asks whether a move is over, once it should be. tolerance_steps: how far from the
+    target an arrival may be; the board rounds to a step and prints 0.001 mm. expected: settings, by number, without
+    which connect() refuses the board. output: what set_output() switches.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        clock: Clock,
+        *,
+        poll_s: float = POLL_S,
+        tolerance_steps: float = 1.0,
+        expected: Mapping[int, float] = MappingProxyType({INCHES: 0}),
+        output: Literal["off", "coolant", "spindle"] = "off",
+        backlash_mm: Xyz = (0.0, 0.0, 0.0),
+    ) -> None:
+        self._transport = transport
+        self._clock = clock
+        self._link = GrblLink(transport, clock)
+        self._poll_s = poll_s
+        self._tolerance_steps = tolerance_steps
+        self._expected = expected
+        self._output = output
+        self._backlash_mm = backlash_mm
+        self._settings: dict[int, float] = {}
+        self._last: Xyz | None = None
+
+    @property
+    def homed(self) -> bool:
+        """Whether the position is to be trusted: homed, and no alarm, reset, timeout or stop since."""
+        return self._link.trusted
+
+    def connect(self) -> str:
+        """Return the board's identity. The banner may have been missed, so the board is asked, or reset.
+
+        Raises StageError, also where a setting of the board is not the expected one.
+        """
+        try:
+            printed = self._link.hello()
+        except (StageTimeout, StageRejected, StageAlarm, StageReset):
+            self._link.reset()
+            printed = self._link.command("$I")
+        wrong = differences(self.settings(), self._expected)
+        if wrong:
+            raise StageError(
+                f"{self._transport.name}: the board is not set as configured, expected {', '.join(wrong)}"
+            )
+        return " ".join(line for line in printed if line.startswith("[") and not line.startswith("[MSG"))
+
+    def settings(self) -> dict[int, float]:
+        """The board's `$$`, by number. Raises StageError."""
+        lines = self._link.command("$$")
+        self._settings = dict(pair for pair in map(parse_setting, lines) if pair)
+        return dict(self._settings)
+
+    def home(self) -> None:
+        self._link.recover()
+        self._link.command("$H", HOME_S)
+        self.status()
+        self._link.trusted = True
+
+    def unlock(self) -> None:
+        self._link.recover()
+        self._link.command("$X")
+
+    def status(self) -> StageStatus:
+        """Where the stage is now. Raises StageError."""
+        fields = self._link.ask_status()
+        asked = 0
+        while fields.machine is None and (fields.work is None or self._link.offset is None):
+            # Work coordinates ($10) mean nothing until the offset has come by; a garbled line has neither.
+            asked += 1
+            if asked > (ASK_TIMES if fields.work is None else ASK_FOR_OFFSET):
+                raise StageError(f"{self._transport.name}: the status holds no machine position")
+            fields = self._link.ask_status()
+        self._last = fields.machine or _sum(fields.work, self._link.offset)
+        return StageStatus(fields.state, *self._last)
+
+    def move_to(
+        self,
+        *,
+        x_mm: float | None = None,
+        y_mm: float | None = None,
+        z_mm: float | None = None,
+        speed_mm_s: float,
+    ) -> None:
+        """Straight to machine coordinates (mm) at speed_mm_s; returns when the board says it is there.
+
+        Waits the expected travel time, then polls each poll_s. Where an axis has backlash it always arrives in its
+        negative direction: down, for Z. Raises StageError; ValueError before any byte.
+        """
+        target = {axis: mm for axis, mm in (("X", x_mm), ("Y", y_mm), ("Z", z_mm)) if mm is not None}
+        beyond = self._beyond(target)
+        if beyond != target:
+            self._go(beyond, speed_mm_s)
+        self._go(target, speed_mm_s)
+
+    def _beyond(self, target: dict[str, float]) -> dict[str, float]:
+        """The target, overrun by twice the backlash on the axes that would get there in their positive direction."""
+        if self._last is None:
+            return target
+        slack = {
+            axis: 2 * backlash
+            for axis, backlash, was in zip("XYZ", self._backlash_mm, self._last, strict=True)
+            if target.get(axis, was) > was
+        }
+        return {axis: min(mm + slack.get(axis, 0.0), 0.0) if slack.get(axis) else mm for axis, mm in target.items()}
+
+    def _go(self, target: dict[str, float], speed_mm_s: float) -> None:
+        line = "G53G1G90G21" + _words(target, speed_mm_s)
+        expected_s = self._expected_s(target, speed_mm_s)
+        self._link.command(line)
+        self._arrive(target, expected_s)
+
+    def stop(self) -> None:
+        """Feed hold and reset in one write: no queue, no lock, no waiting. Then home() or unlock()."""
+        self._link.send_now(HOLD_AND_RESET)
+        self._link.in_step = self._link.trusted = False
+
+    def hold(self) -> None:
+        """Slow down to a stop and stay there; resume() goes on, the position stays trusted. Raises TransportError."""
+        self._link.send_now(b"!")
+
+    def resume(self, timeout_s: float = 5.0) -> None:
+        """End a hold. A `~` that comes while the board still slows down is lost, so it is looked at again.
+
+        Raises StageError.
+        """
+        deadline_s = self._clock.monotonic_s() + timeout_s
+        while self.status().state.startswith(("Hold", "Door")):
+            if self._clock.monotonic_s() >= deadline_s:
+                raise StageTimeout(f"{self._transport.name}: still held after {timeout_s:g} s")
+            self._link.send_now(b"~")
+            self._listen(self._poll_s)
+
+    def look(self) -> StageStatus:
+        # Opening the port may have reset the board, or somebody stopped it: what that prints is not an answer.
+        for _ in range(NEWS):
+            try:
+                return self.status()
+            except (StageReset, StageAlarm):
+                continue
+        return self.status()
+
+    def steps_per_mm(self, axis: Axis) -> float:
+        """`$100` … `$102`, with the sign of `$3`; known once connected."""
+        reversed_axes = int(self._settings.get(STEP_DIRECTION, 0.0))
+        sign = -1.0 if reversed_axes >> "xyz".index(axis) & 1 else 1.0
+        return sign * self._settings[STEPS_PER_MM + "xyz".index(axis)]
+
+    def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
+        """`$J=`: needs a board that is idle or jogging. Raises StageError; ValueError before any byte."""
+        self._link.command("$J=G91G21" + _words({axis.upper(): by_mm}, speed_mm_s))
+
+    def end_jog(self, timeout_s: float = 5.0) -> None:
+        """0x85 until the board is at rest: one that comes before the jog has begun is lost."""
+        deadline_s = self._clock.monotonic_s() + timeout_s
+        self._link.send_now(JOG_CANCEL)
+        while self.status().state == "Jog":
+            if self._clock.monotonic_s() >= deadline_s:
+                raise StageTimeout(f"{self._transport.name}: still jogging after {timeout_s:g} s")
+            self._listen(self._poll_s)
+            self._link.send_now(JOG_CANCEL)
+
+    def set_output(self, on: bool) -> None:
+        """Coolant (M8, M9) or spindle (M3, M5); the board switches when all motion before is over."""
+        if self._output == "off":
+            raise StageError(f"{self._transport.name}: no output of the board is configured, see sync.output")
+        self._link.command(OUTPUT_WORDS[self._output][on])
+
+    def close(self) -> None:
+        self._transport.close()
+
+    def _listen(self, seconds: float) -> None:
+        self._link.listen_until(self._clock.monotonic_s() + seconds)
+
+    def _arrive(self, target: dict[str, float], expected_s: float) -> None:
+        deadline_s = self._clock.monotonic_s() + LATE_FACTOR * expected_s + LATE_S
+        self._listen(expected_s)
+        while (now := self.status()).state != "Idle":
+            if now.state.startswith(("Alarm", "Sleep", "Check")):
+                raise StageError(f"{self._transport.name}: {now.state} during a move")
+            if self._clock.monotonic_s() >= deadline_s:
+                raise StageTimeout(f"{self._transport.name}: move not over in time, state {now.state}")
+            self._listen(self._poll_s)
+        self._verify(target, now)
+
+    def _verify(self, target: dict[str, float], now: StageStatus) -> None:
+        for axis, is_mm in (("X", now.x_mm), ("Y", now.y_mm), ("Z", now.z_mm)):
+            if axis not in target:
+                continue
+            if abs(is_mm - target[axis]) * self._setting(100, axis) > self._tolerance_steps:
+                raise StageError(f"{self._transport.name}: {axis} is at {is_mm} mm, not at {target[axis]} mm")
+
+    def _expected_s(self, target: dict[str, float], speed_mm_s: float) -> float:
+        if self._last is None:
+            return 0.0
+        moves = {
+            axis: abs(target[axis] - was)
+            for axis, was in zip("XYZ", self._last, strict=True)
+            if target.get(axis, was) != was
+        }
+        length, accel = math.hypot(*moves.values()), math.inf
+        for axis, mm in moves.items():
+            most, steepest = (self._setting(first, axis) for first in (110, 120))
+            speed_mm_s = min(speed_mm_s, most / 60 * length / mm)
+            accel = min(accel, steepest * length / mm)
+        return _travel_s(length, speed_mm_s, accel)
+
+    def _setting(self, first: int, axis: str) -> float:
+        return self._settings.get(first + "XYZ".index(axis), math.inf)
+
+
+def _words(target: dict[str, float], speed_mm_s: float) -> str:
+    """Axis words in mm and F in mm/min; raises ValueError."""
+    if not target:
+        raise ValueError("a move needs at least one of x_mm, y_mm, z_mm")
+    for name, value in (*target.items(), ("speed_mm_s", speed_mm_s)):
+        if not math.isfinite(value):
+            raise ValueError(f"{name} must be a finite number, got {value}")
+    if speed_mm_s < SLOWEST_MM_S:
+        raise ValueError(f"speed_mm_s must be at least {SLOWEST_MM_S:.4f}, got {speed_mm_s}")
+    return "".join(f"{axis}{mm:.4f}" for axis, mm in target.items()) + f"F{60 * speed_mm_s:.3f}"
+
+
+def _travel_s(mm: float, speed: float, accel: float) -> float:
+    ramp_mm = speed * speed / accel
+    if mm <= ramp_mm:
+        return 2 * math.sqrt(mm / accel)
+    return mm / speed + speed / accel
+
+
+def _sum(work: Xyz | None, offset: Xyz | None) -> Xyz:
+    assert work is not None
+    assert offset is not None
+    return (work[0] + offset[0], work[1] + offset[1], work[2] + offset[2])

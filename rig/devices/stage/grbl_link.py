@@ -1,0 +1,135 @@
+"""The conversation with a GRBL board: one line, one answer, and everything that comes unasked.
+
+Source: GRBL 1.1 interface wiki. Send-response on purpose, not character counting: nothing may be queued
+beyond one safe increment.
+"""
+
+from contextlib import suppress
+
+from rig.devices.stage.base import StageAlarm, StageError, StageRejected, StageReset, StageTimeout
+from rig.devices.stage.grbl_words import ALARMS, ERRORS, StatusFields, Xyz, is_banner, number_after, parse_status
+from rig.transport import LineReader, Transport
+from rig.transport.clock import Clock
+
+REPLY_S = 2.0
+STATUS_S = 0.3
+BANNER_S = 3.0
+# After a banner the board may still print a message, and a second reset may be on its way.
+QUIET_S = 0.05
+ASK_TIMES = 3
+RESET = b"\x18"
+
+
+class GrblLink:
+    """Lines and real-time bytes over a transport; alarms and resets become exceptions."""
+
+    def __init__(self, transport: Transport, clock: Clock) -> None:
+        self._transport = transport
+        self._clock = clock
+        self._reader = LineReader(transport, clock)
+        self.in_step = False
+        self.trusted = False
+        self.offset: Xyz | None = None
+
+    def hello(self) -> list[str]:
+        """Ask a board of unknown state who it is. Raises StageError."""
+        self.trusted = False
+        # A banner that lies in the buffer is just how the board says it is there.
+        with suppress(StageReset):
+            self.hear_pending()
+        self.in_step = True
+        return self.command("$I")
+
+    def recover(self) -> None:
+        """Reset the board if it may still owe an answer or be deaf; the position is not trusted from here."""
+        self.trusted = False
+        if not self.in_step:
+            self.reset()
+
+    def send_now(self, data: bytes) -> None:
+        """Real-time bytes: they wait for nothing."""
+        self._transport.write(data)
+
+    def command(self, line: str, timeout_s: float = REPLY_S) -> list[str]:
+        """Send one line and wait for its ok; returns what was printed before it. Raises StageError."""
+        if not self.in_step:
+            raise StageError(f"{self._transport.name}: the board must be reset before {line!r}")
+        self.hear_pending()
+        self._transport.write(line.encode("ascii") + b"\n")
+        deadline_s = self._clock.monotonic_s() + timeout_s
+        printed: list[str] = []
+        while (heard := self._hear(deadline_s)) != "ok":
+            if heard is None:
+                self.in_step = self.trusted = False
+                raise StageTimeout(f"{self._transport.name}: no answer to {line!r} in {timeout_s:g} s")
+            code = number_after(heard, "error:")
+            if code is not None:
+                raise StageRejected(code, line, ERRORS.get(code, "see the controller's manual"))
+            printed.append(heard)
+        return printed
+
+    def ask_status(self) -> StatusFields:
+        """Send `?` and return its answer; a garbled one is asked again. Raises StageError."""
+        for _ in range(ASK_TIMES):
+            self.hear_pending()
+            self._transport.write(b"?")
+            deadline_s = self._clock.monotonic_s() + STATUS_S
+            while (heard := self._hear(deadline_s)) is not None:
+                fields = parse_status(heard)
+                if fields is not None:
+                    self.offset = fields.offset or self.offset
+                    return fields
+                if heard.startswith("<"):
+                    break
+        self.trusted = False
+        raise StageTimeout(f"{self._transport.name}: no answer to ?, is it a GRBL board at this baud rate?")
+
+    def listen_until(self, t_s: float) -> None:
+        """Let time pass, but hear an alarm or a reset at once. Raises StageAlarm, StageReset."""
+        while self._hear(t_s) is not None:
+            pass
+
+    def hear_pending(self) -> None:
+        """Take in what has come unasked. Raises StageAlarm, StageReset."""
+        while (line := self._reader.next_pending()) is not None:
+            self._notice(line)
+
+    def reset(self) -> None:
+        """Reset the board and wait until it is through; drops queue, hold, alarm text and late answers.
+
+        Twice if need be: the board loses a reset that comes while it prints a soft-limit alarm.
+        """
+        self.trusted = False
+        for _ in range(2):
+            self._reader.discard()
+            self._transport.write(RESET)
+            if self._await_banner():
+                self.in_step = True
+                self.offset = None
+                return
+        raise StageTimeout(f"{self._transport.name}: no banner after a reset")
+
+    def _await_banner(self) -> bool:
+        deadline_s = self._clock.monotonic_s() + BANNER_S
+        seen = False
+        while (line := self._reader.read_line(deadline_s)) is not None:
+            seen = seen or is_banner(line)
+            if seen:
+                deadline_s = self._clock.monotonic_s() + QUIET_S
+        return seen
+
+    def _hear(self, deadline_s: float) -> str | None:
+        line = self._reader.read_line(deadline_s)
+        if line is not None:
+            self._notice(line)
+        return line
+
+    def _notice(self, line: str) -> None:
+        if is_banner(line):
+            # It may have crossed with a line on the wire: whether that line still gets an answer is unknown.
+            self.in_step, self.trusted, self.offset = False, False, None
+            raise StageReset(f"{self._transport.name}: the board was reset ({line})")
+        code = number_after(line, "ALARM:")
+        if code is not None:
+            self.in_step = self.trusted = False
+            raise StageAlarm(code, ALARMS.get(code, "see the controller's manual"))

@@ -1,0 +1,192 @@
+"""A stage of two Leadshine drives, x lateral and z vertical, on one Modbus port or on two."""
+
+import math
+from collections.abc import Callable
+
+from rig.devices.bench_settings import SLOWEST_MM_S, SyncSettings
+from rig.devices.stage import leadshine_words as reg
+from rig.devices.stage.base import Axis, StageError, StageStatus
+from rig.devices.stage.leadshine_drive import LeadshineDrive
+from rig.devices.stage.leadshine_words import Status
+from rig.transport.modbus import ModbusMaster
+
+_SAME_PLACE_MM = 1e-6
+
+
+class LeadshineStage:
+    """Stage over two drives, one axis at a time: two drives cannot keep a straight line between them.
+
+    y_mm: where the stage was set by hand along the finger; it cannot change that. output: what set_output() switches.
+    An axis with backlash always
+    arrives in its negative direction (down, for z): a move the other way goes twice the backlash further and returns.
+    """
+
+    def __init__(
+        self,
+        x: LeadshineDrive,
+        z: LeadshineDrive,
+        *,
+        y_mm: float = 0.0,
+        x_backlash_mm: float = 0.0,
+        z_backlash_mm: float = 0.0,
+        output: SyncSettings | None = None,
+    ) -> None:
+        self._drives = {"x": x, "z": z}
+        self._overrun_mm = {"x": 2 * x_backlash_mm, "z": 2 * z_backlash_mm}
+        self._y_mm = y_mm
+        self._output = output
+        self._trusted = False
+
+    @property
+    def homed(self) -> bool:
+        """Whether the position is to be trusted: homed, and no alarm, timeout or stop since."""
+        return self._trusted
+
+    def connect(self) -> str:
+        """Ask both drives who they are and whether they are set as configured. Raises StageError."""
+        self._trusted = False
+        return "; ".join(drive.connect() for drive in self._drives.values())
+
+    def home(self) -> None:
+        """Home z, then x, then set the soft limits in the drives. An alarm is not cleared. Raises StageError."""
+        self._trusted = False
+        for drive in self._up_first():
+            drive.home()
+            drive.set_soft_limits()
+        self._trusted = True
+
+    def unlock(self) -> None:
+        """Clear alarms; the position stays untrusted. Raises StageError."""
+        self._trusted = False
+        for drive in self._up_first():
+            drive.clear_alarm()
+
+    def status(self) -> StageStatus:
+        """State and position of both drives. Raises StageError."""
+        words = [drive.status() for drive in self._drives.values()]
+        x_mm, z_mm = (drive.position_mm() for drive in self._drives.values())
+        return StageStatus(_state(words), x_mm, self._y_mm, z_mm)
+
+    def move_to(
+        self,
+        *,
+        x_mm: float | None = None,
+        y_mm: float | None = None,
+        z_mm: float | None = None,
+        speed_mm_s: float,
+    ) -> None:
+        """Straight to a place (machine mm) and return on arrival.
+
+        Raises StageError; ValueError before any byte for two axes at once, another y, or a speed out of range.
+        """
+        axis, target_mm = self._one_axis(x_mm, y_mm, z_mm, speed_mm_s)
+        if axis is None:
+            return
+        drive = self._drives[axis]
+        drive.rpm(speed_mm_s)
+        if not self._trusted:
+            raise StageError("the drives must be homed before a move")
+        try:
+            for stop_mm in self._stops(axis, drive.position_mm(), target_mm):
+                drive.move_to(stop_mm, speed_mm_s, lambda: self._trusted)
+        except StageError:
+            self._trusted = False
+            raise
+
+    def look(self) -> StageStatus:
+        return self.status()
+
+    def steps_per_mm(self, axis: Axis) -> float:
+        """Pulses in a millimetre, as configured; a drive itself knows turns only. Raises StageError for y."""
+        return self._drive(axis).pulses_per_mm
+
+    def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
+        """Go on by so much from where the axis is going to; the position stays trusted, homed or not.
+
+        Raises StageError; ValueError before any byte.
+        """
+        self._drive(axis).go_on(by_mm, speed_mm_s)
+
+    def jog_while(self, axis: Axis, sign: int, held: Callable[[], bool], speed_mm_s: float) -> None:
+        """Run an axis as long as held() says so; 50 ms after this program or its wire dies the drive stops.
+
+        Returns at rest. Raises StageError; ValueError before any byte.
+        """
+        self._drive(axis).jog(sign, held, speed_mm_s)
+
+    def end_jog(self) -> None:
+        for drive in self._up_first():
+            drive.confirm_stopped()
+
+    def set_output(self, on: bool) -> None:
+        """One word to one register of the drive that has the output; its echo is the end. Raises StageError."""
+        if self._output is None or self._output.words is None:
+            raise StageError("no output of a drive is configured, see sync.output")
+        address, on_word, off_word = self._output.words
+        self._drives[self._output.drive].write_word(address, on_word if on else off_word)
+
+    def stop(self) -> None:
+        """Quick stop of both drives, past everything that is being waited for; then make sure of it.
+
+        What goes out at once: a broadcast on a serial bus they share, else a frame to each. Then each is told again
+        until it says that it stands, for a second at most. Raises StageError if one does not, TransportError.
+        """
+        self._trusted = False
+        for bus in self._buses():
+            ids = [drive.device_id for drive in self._up_first() if drive.bus is bus]
+            bus.send_now(ids, reg.TRIGGER, reg.QUICK_STOP)
+        problems = [problem for drive in self._up_first() if (problem := _unconfirmed(drive))]
+        if problems:
+            raise problems[0]
+
+    def close(self) -> None:
+        for bus in self._buses():
+            bus.close()
+
+    def _buses(self) -> list[ModbusMaster]:
+        z, x = self._up_first()
+        return [z.bus] if x.bus is z.bus else [z.bus, x.bus]
+
+    def _drive(self, axis: Axis) -> LeadshineDrive:
+        if axis not in self._drives:
+            raise StageError(f"there is no drive for {axis}; it is set by hand")
+        return self._drives[axis]
+
+    def _up_first(self) -> tuple[LeadshineDrive, LeadshineDrive]:
+        return self._drives["z"], self._drives["x"]
+
+    def _one_axis(
+        self, x_mm: float | None, y_mm: float | None, z_mm: float | None, speed_mm_s: float
+    ) -> tuple[str | None, float]:
+        for name, value in (("x_mm", x_mm), ("y_mm", y_mm), ("z_mm", z_mm), ("speed_mm_s", speed_mm_s)):
+            if value is not None and not math.isfinite(value):
+                raise ValueError(f"{name} must be a finite number, got {value}")
+        if speed_mm_s < SLOWEST_MM_S:
+            raise ValueError(f"speed_mm_s must be at least {SLOWEST_MM_S:.4f}, got {speed_mm_s}")
+        if y_mm is not None and abs(y_mm - self._y_mm) > _SAME_PLACE_MM:
+            raise ValueError(f"y_mm must be {self._y_mm:g}, where it was set by hand, got {y_mm:g}")
+        moves = {axis: mm for axis, mm in (("x", x_mm), ("z", z_mm)) if mm is not None}
+        if len(moves) > 1 or not (moves or y_mm is not None):
+            raise ValueError("a move needs one of x_mm and z_mm: two drives cannot keep a straight line")
+        return next(iter(moves.items()), (None, self._y_mm))
+
+    def _stops(self, axis: str, from_mm: float, to_mm: float) -> list[float]:
+        """The places to go to in turn: one, or two where backlash is to be taken up."""
+        overrun = self._overrun_mm[axis]
+        return [min(to_mm + overrun, 0.0), to_mm] if overrun and to_mm > from_mm else [to_mm]
+
+
+def _state(words: list[Status]) -> str:
+    if any(Status.FAULT in word for word in words):
+        return "Alarm"
+    if not all(Status.ENABLED in word for word in words):
+        return "Disabled"
+    return "Run" if any(Status.RUNNING in word for word in words) else "Idle"
+
+
+def _unconfirmed(drive: LeadshineDrive) -> StageError | None:
+    try:
+        drive.confirm_stopped()
+    except StageError as problem:
+        return problem
+    return None

@@ -1,0 +1,245 @@
+"""One axis on a Leadshine CS2RS / iEM-RS drive in PR mode. Source: CS2RS and iEM-RS user manuals.
+
+Nothing is ever saved to the drive's EEPROM, which wears out: what this driver writes is gone when the drive is off.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rig.devices.bench_settings import DriveSettings
+from rig.devices.stage import leadshine_words as reg
+from rig.devices.stage.base import StageAlarm, StageError, StageTimeout
+from rig.devices.stage.leadshine_words import Status
+from rig.transport.clock import Clock
+from rig.transport.modbus import ModbusError, ModbusMaster, ModbusTimeout
+
+POLL_S, LOOK_S = 0.02, 0.25
+HOME_S = 180.0
+# Until a trigger shows in the status word.
+START_S = 0.05
+# A move may take this much longer than its length, speed and ramps say.
+LATE_FACTOR, LATE_S = 1.5, 5.0
+STOP_S = 1.0
+# The drive stops by itself 50 ms after the last jog word.
+JOG_PERIOD_S = 0.02
+
+
+class LeadshineDrive:
+    """Moves of one axis in mm, + away from the finger for the vertical one.
+
+    pulses_per_mm is the measured number, negative where the motor runs against the axis. tolerance_mm: how far from
+    the target the feedback may be at arrival.
+    """
+
+    def __init__(
+        self,
+        bus: ModbusMaster,
+        clock: Clock,
+        axis: str,
+        settings: DriveSettings,
+        *,
+        pulses_per_mm: float,
+        travel_mm: float,
+        tolerance_mm: float = 0.0025,
+    ) -> None:
+        self.bus, self.axis, self.device_id = bus, axis, settings.device_id
+        self._clock, self._settings = clock, settings
+        self.travel_mm = travel_mm
+        self.pulses_per_mm, self._tolerance_mm = pulses_per_mm, tolerance_mm
+        self._going_to: int | None = None
+
+    # --- settings ---
+
+    def connect(self) -> str:
+        """Check that the drive is what the configuration says; returns its identity. Raises StageError."""
+        settings = self._settings
+        self._expect("pulses per turn", settings.pulses_per_rev_register, [settings.pulses_per_rev])
+        return f"{self.axis}: Leadshine drive {self.device_id}, {settings.pulses_per_rev} pulses a turn"
+
+    def set_soft_limits(self) -> None:
+        """Have the drive itself refuse to leave 0 … −travel, and make sure that it was heard. Raises StageError."""
+        low, high = sorted((0, self._pulses(-self.travel_mm)))
+        for name, register, value in (
+            ("positive soft limit", reg.POSITIVE_LIMIT, reg.words(high)),
+            ("negative soft limit", reg.NEGATIVE_LIMIT, reg.words(low)),
+            ("soft limits", reg.SOFT_LIMITS, [reg.SOFT_LIMITS_ON]),
+        ):
+            self._set(name, register, value)
+
+    # --- motion ---
+
+    def home(self) -> None:
+        """Find the home switch, which is 0 from then on. Raises StageError."""
+        self.refuse_fault()
+        settings = self._settings
+        ramp = settings.homing_ramp_ms
+        self._set("homing mode", reg.HOMING_MODE, [settings.homing_mode])
+        speeds = [settings.homing_high_rpm, settings.homing_low_rpm, ramp, ramp]
+        self._set("homing speeds", reg.HOMING_SPEEDS, speeds)
+        self._write(reg.TRIGGER, reg.HOME)
+        self._until(lambda status: Status.HOMED in status and self._commanded() == 0, HOME_S, START_S, "homing")
+
+    def move_to(self, to_mm: float, speed_mm_s: float, keep_on: Callable[[], bool]) -> None:
+        """To a position at up to speed_mm_s, and return on arrival.
+
+        keep_on says whether to go on waiting. Raises StageError; ValueError before any byte where the drive cannot
+        be so slow.
+        """
+        target, rpm = self._pulses(to_mm), self.rpm(speed_mm_s)
+        status, start = self.status(), self._commanded()
+        self._refuse(status)
+        with self._errors():
+            self.bus.write(self.device_id, reg.PR0, reg.path(target, rpm, self._settings.ramp_ms))
+        expected_s = self._travel_s(abs(target - start), rpm)
+        late_s = LATE_FACTOR * expected_s + LATE_S
+
+        def there(status: Status) -> bool:
+            if not keep_on():
+                raise StageError(f"{self._name}: stopped")
+            return Status.PATH_DONE in status and self._commanded() == target
+
+        self._until(there, late_s, expected_s, f"the move to {to_mm:g} mm")
+        at_mm = self.position_mm()
+        if abs(at_mm - target / self.pulses_per_mm) > self._tolerance_mm:
+            raise StageError(f"{self._name} is at {at_mm:.4f} mm, not at {to_mm:g} mm")
+
+    def go_on(self, by_mm: float, speed_mm_s: float) -> None:
+        """Go by so much from where the drive is going to, and return at once. Raises StageError; ValueError."""
+        if not math.isfinite(by_mm):
+            raise ValueError(f"by_mm must be a finite number, got {by_mm}")
+        rpm, status = self.rpm(speed_mm_s), self.status()
+        self._refuse(status)
+        if Status.RUNNING not in status or self._going_to is None:
+            self._going_to = self._commanded()
+        self._going_to += self._pulses(by_mm)
+        with self._errors():
+            self.bus.write(self.device_id, reg.PR0, reg.path(self._going_to, rpm, self._settings.ramp_ms))
+
+    def jog(self, sign: int, held: Callable[[], bool], speed_mm_s: float) -> None:
+        """Run one way, sign +1 or −1, as long as held() says so, and return at rest.
+
+        A dead-man in the drive: the word is rewritten every 20 ms, and 50 ms after the last one, whatever the reason,
+        the drive stops. Raises StageError; ValueError before any byte.
+        """
+        rpm = self.rpm(speed_mm_s)
+        self.refuse_fault()
+        self._set("jog speed", self._settings.jog_rpm_register, [rpm])
+        word = reg.JOG_POSITIVE if sign * self.pulses_per_mm > 0 else reg.JOG_NEGATIVE
+        while held():
+            written_s = self._clock.monotonic_s()
+            self._write(reg.CONTROL, word)
+            self._clock.wait_s(written_s + JOG_PERIOD_S - self._clock.monotonic_s())
+        self._until(lambda status: True, STOP_S, 0.0, "the end of a jog")
+
+    def confirm_stopped(self) -> None:
+        """Tell it to stop until it says that it stands. Raises StageError."""
+        deadline_s = self._clock.monotonic_s() + STOP_S
+        problem: StageError | None = None
+        while self._clock.monotonic_s() < deadline_s:
+            try:
+                self._write(reg.TRIGGER, reg.QUICK_STOP)
+                if Status.RUNNING not in self.status():
+                    return
+            except StageError as error:
+                problem = error
+            self._clock.wait_s(POLL_S)
+        raise problem or StageTimeout(f"{self._name} still runs {STOP_S:g} s after a quick stop")
+
+    def write_word(self, register: int, value: int) -> None:
+        """One register that is none of those above. Raises StageError."""
+        self._write(register, value)
+
+    # --- what it says ---
+
+    def status(self) -> Status:
+        """The status word. Raises StageError."""
+        return Status(self._read(reg.STATUS)[0])
+
+    def position_mm(self) -> float:
+        """Where the feedback says it is. Raises StageError."""
+        return reg.number(self._read(reg.FEEDBACK, 2)) / self.pulses_per_mm
+
+    def refuse_fault(self) -> None:
+        """Look before anything moves. Raises StageAlarm for an alarm, StageError for a drive that is not enabled."""
+        self._refuse(self.status())
+
+    def clear_alarm(self) -> None:
+        """Clear an alarm. Raises StageAlarm if it is still there afterwards."""
+        self._write(reg.CONTROL, reg.CLEAR_ALARM)
+        self.refuse_fault()
+
+    def rpm(self, speed_mm_s: float) -> int:
+        """Whole turns a minute, never faster than asked for. Raises ValueError below one."""
+        pulses_s = abs(self.pulses_per_mm) * speed_mm_s
+        rpm = math.floor(60 * pulses_s / self._settings.pulses_per_rev + 1e-9)
+        if rpm < 1:
+            slowest = self._settings.pulses_per_rev / 60 / abs(self.pulses_per_mm)
+            raise ValueError(f"speed_mm_s must be at least {slowest:.4f}, got {speed_mm_s}")
+        return rpm
+
+    # --- words ---
+
+    def _until(self, done: Callable[[Status], bool], most_s: float, first_s: float, what: str) -> None:
+        """Poll until it stands and done() says so: now and then in the first first_s, for an alarm, then steadily."""
+        start_s = self._clock.monotonic_s()
+        while True:
+            left_s = start_s + first_s - self._clock.monotonic_s()
+            self._clock.wait_s(min(left_s, LOOK_S) if left_s > 0 else POLL_S)
+            status = self.status()
+            self._refuse(status)
+            if done(status) and Status.RUNNING not in status:
+                return
+            if self._clock.monotonic_s() >= start_s + most_s:
+                raise StageTimeout(f"{self._name}: {what} is not over after {most_s:.1f} s, status {status!r}")
+
+    def _refuse(self, status: Status) -> None:
+        if Status.FAULT in status:
+            code = self._read(reg.ALARM)[0]
+            raise StageAlarm(code, f"{self._name}: {reg.ALARMS.get(code, 'see the manual')} ({code:X} hex)")
+        if Status.ENABLED not in status:
+            raise StageError(f"{self._name}: the drive is not enabled")
+
+    def _travel_s(self, pulses: int, rpm: int) -> float:
+        pulses_s = rpm * self._settings.pulses_per_rev / 60
+        ramp_s = self._settings.ramp_ms / 1000 * rpm / self._settings.ramp_rpm
+        if pulses <= pulses_s * ramp_s:
+            return 2 * math.sqrt(pulses * ramp_s / pulses_s)
+        return pulses / pulses_s + ramp_s
+
+    def _commanded(self) -> int:
+        return reg.number(self._read(reg.COMMANDED, 2))
+
+    def _pulses(self, mm: float) -> int:
+        return round(mm * self.pulses_per_mm)
+
+    def _set(self, name: str, register: int, values: list[int]) -> None:
+        with self._errors():
+            self.bus.write(self.device_id, register, values)
+        self._expect(name, register, values)
+
+    def _expect(self, name: str, register: int, values: list[int]) -> None:
+        found = self._read(register, len(values))
+        if found != values:
+            raise StageError(f"{self._name}: {name} (0x{register:04X}) is {found}, expected {values}")
+
+    def _read(self, register: int, count: int = 1) -> list[int]:
+        with self._errors():
+            return self.bus.read(self.device_id, register, count)
+
+    def _write(self, register: int, value: int) -> None:
+        with self._errors():
+            self.bus.write_one(self.device_id, register, value)
+
+    @contextmanager
+    def _errors(self) -> Iterator[None]:
+        try:
+            yield
+        except ModbusTimeout as error:
+            raise StageTimeout(f"{self.axis} axis: {error}") from error
+        except ModbusError as error:
+            raise StageError(f"{self.axis} axis: {error}") from error
+
+    @property
+    def _name(self) -> str:
+        return f"{self.bus.name}: {self.axis} axis, drive {self.device_id}"

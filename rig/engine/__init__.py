@@ -1,0 +1,26 @@
+"""The engine: it moves the stage one safe increment at a time, reads the force and journals what happens."""
+
+from rig.engine.engine import Engine
+from rig.engine.errors import EngineError, LimitError, NotReadyError, RecordError, RunAborted, ScriptError, TripError
+from rig.engine.indent import indent
+from rig.engine.journal import Journal
+from rig.engine.operator import Operator
+from rig.engine.records import Hold, Indentation, PressId, Target
+
+__all__ = [
+    "Engine",
+    "EngineError",
+    "Hold",
+    "Indentation",
+    "Journal",
+    "LimitError",
+    "NotReadyError",
+    "Operator",
+    "PressId",
+    "RecordError",
+    "RunAborted",
+    "ScriptError",
+    "Target",
+    "TripError",
+    "indent",
+]

@@ -1,0 +1,85 @@
+"""Down to the skin: contact found coarsely, left again, and found in fine increments."""
+
+import math
+from dataclasses import dataclass
+
+from rig.engine.engine import Engine
+from rig.engine.records import PressId, Touch
+from rig.engine.touch import fit_contact
+
+
+@dataclass(frozen=True)
+class Approach:
+    """From clearance to first touch, which is expected between two heights above the nominal apex (mm)."""
+
+    engine: Engine
+    press: PressId
+    lowest_mm: float
+    highest_mm: float
+
+    def touch_off(self) -> Touch:
+        """Touch twice, fit where contact was, and journal it; ends in contact.
+
+        Trips where contact is not found, found too high, or pulls.
+        """
+        habits = self.engine.settings.habits
+        self._descend(habits.increment_mm, "approach")
+        self._back_off()
+        readings = self._descend(habits.touch_increment_mm, "touch")
+        touch = fit_contact(readings, self.engine.touch_gwt, self.engine.least_gwt)
+        self._record(touch)
+        return touch
+
+    def _back_off(self) -> None:
+        """Up by whole increments until no force shows or clearance is reached, and one more."""
+        engine, habits = self.engine, self.engine.settings.habits
+        force = math.inf
+        while force > 0.5 * engine.least_gwt and engine.height_mm < habits.clearance_mm:
+            engine.go_to_height(engine.height_mm + habits.increment_mm, habits.approach_speed_mm_s)
+            force = engine.read_force_gwt(self.press, "back off")
+        engine.go_to_height(engine.height_mm + habits.increment_mm, habits.approach_speed_mm_s)
+
+    def _descend(self, step_mm: float, phase: str) -> list[tuple[float, float]]:
+        """(height, force) readings down to the touch threshold."""
+        engine, readings = self.engine, list[tuple[float, float]]()
+        while True:
+            engine.safe_point()
+            below = engine.height_mm - step_mm
+            if below < self.lowest_mm - 1e-9:
+                engine.trip(
+                    f"no contact at x = {engine.x_mm:g} mm down to {self.lowest_mm:.3f} mm from the nominal apex: "
+                    "is the sensor alive, the finger in place, frame.apex_z_mm right?"
+                )
+            engine.go_to_height(below, engine.settings.habits.approach_speed_mm_s)
+            force = engine.read_force_gwt(self.press, phase)
+            readings.append((engine.height_mm, force))
+            if force <= -engine.touch_gwt:
+                engine.trip(f"{force:.2f} gwt while descending: does the sensor read backwards?", force)
+            if force >= engine.touch_gwt:
+                self._refuse_contact_too_high()
+                return readings
+
+    def _refuse_contact_too_high(self) -> None:
+        engine = self.engine
+        if engine.height_mm > self.highest_mm:
+            engine.trip(
+                f"contact at x = {engine.x_mm:g} mm already {engine.height_mm:.3f} mm above the nominal apex: "
+                f"expected below {self.highest_mm:.3f} mm"
+            )
+
+    def _record(self, touch: Touch) -> None:
+        engine = self.engine
+        data = {
+            "index": self.press.index,
+            "threshold_gwt": touch.threshold_gwt,
+            "height_at_threshold_mm": round(touch.height_at_threshold_mm, 6),
+            "contact_height_mm": round(touch.contact_height_mm, 6),
+            "fit_points": touch.fit_points,
+            "doi_bias_mm": round(touch.doi_bias_mm, 6),
+        }
+        true = engine.operator.true_pose()
+        if true is not None:
+            doi_mm = engine.doi_mm(touch.contact_height_mm, touch.force_gwt)
+            data["true_doi_bias_mm"] = round(true[1] - doi_mm, 6)
+        engine.pulse(self.press, "touch")
+        engine.record(self.press.stream("touch"), data)

@@ -1,0 +1,71 @@
+"""How far the rig itself gives under a force, measured on a block that does not."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from rig.devices.units import GWT_N
+from rig.engine.engine import Engine
+from rig.engine.errors import LimitError
+from rig.engine.records import NO_PRESS
+
+_FROM_SHARE = 0.2  # of the largest force: below it the surfaces have not settled on each other
+_FEWEST = 4
+
+
+@dataclass(frozen=True)
+class Compliance:
+    """Travel per force and its standard deviation, mm/N, from so many readings."""
+
+    mm_per_n: float
+    sd_mm_per_n: float
+    readings: int
+
+
+def measure_compliance(engine: Engine, to_gwt: float) -> Compliance:
+    """Press on a rigid block at the present place in single steps of the stage, up to a force; ends lifted.
+
+    The block's top is expected at the nominal apex. Raises LimitError where too few steps lie within the force.
+    """
+    engine.ready_to_indent()
+    try:
+        readings = _pressed(engine, to_gwt)
+    finally:
+        engine.make_safe()
+    return _fitted(readings, engine.settings.stage.resolution_mm)
+
+
+def _pressed(engine: Engine, to_gwt: float) -> list[tuple[float, float]]:
+    """(height mm, force gwt) of each step, the way down in the air left out."""
+    settings = engine.settings
+    habits, search_mm = settings.habits, settings.limits.search_mm
+    readings: list[tuple[float, float]] = []
+    force = 0.0
+    while force < to_gwt:
+        engine.safe_point()
+        step = habits.increment_mm if engine.height_mm > search_mm else settings.stage.resolution_mm
+        if engine.height_mm - step < -search_mm:
+            engine.trip(f"no block down to {-search_mm:.3f} mm from the nominal apex: is frame.apex_z_mm its top?")
+        engine.go_to_height(engine.height_mm - step, habits.approach_speed_mm_s)
+        force = engine.read_force_gwt(NO_PRESS, "compliance")
+        if force >= engine.touch_gwt:
+            readings.append((engine.height_mm, force))
+    return readings
+
+
+def _fitted(readings: list[tuple[float, float]], resolution_mm: float) -> Compliance:
+    """The slope of the least-squares line of travel against force; a step of the stage is known to step / √12."""
+    height, force_n = np.array(readings).T * np.array([[1.0], [GWT_N]])
+    settled = force_n >= _FROM_SHARE * force_n.max()
+    height, force_n = height[settled], force_n[settled]
+    if len(force_n) < _FEWEST:
+        raise LimitError(
+            f"{len(force_n)} steps of {resolution_mm:g} mm within the force, expected {_FEWEST}: "
+            "press harder, or take the rig for rigid"
+        )
+    slope, offset = np.polyfit(force_n, height, 1)
+    left_mm = height - (slope * force_n + offset)
+    sd_mm = max(math.sqrt((left_mm**2).sum() / (len(left_mm) - 2)), resolution_mm / math.sqrt(12))
+    spread_n = math.sqrt(((force_n - force_n.mean()) ** 2).sum())
+    return Compliance(float(-slope), sd_mm / spread_n, len(force_n))

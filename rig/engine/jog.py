@@ -1,0 +1,78 @@
+"""Jogging with a dead man's switch: the stage goes on only as long as somebody keeps saying so."""
+
+import contextlib
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from rig.devices.stage.base import Axis, DeadManStage, Stage, StageError, StageStatus
+from rig.transport.base import TransportError
+from rig.transport.clock import Clock
+
+SLICE_S = 0.1
+_LOOK_S = 0.02
+
+
+@dataclass(frozen=True)
+class Direction:
+    """Along an axis, and which way."""
+
+    axis: Axis
+    sign: int
+
+
+def dead_man_jog(
+    stage: Stage, clock: Clock, held: Callable[[], Direction | None], speed_mm_s: float, by_mm: float | None = None
+) -> StageStatus:
+    """Jog while held() keeps its first answer, by_mm at most; returns where the stage has then come to rest.
+
+    A controller with a dead man's switch of its own is left to it, unless the way is limited. Otherwise the stage is
+    told of no more than two slices of SLICE_S ahead of where it is: if this process dies, or its wire is cut, it
+    stops by itself within 2 · speed_mm_s · SLICE_S. Raises StageError.
+    """
+    start, direction = stage.status(), held()
+    if direction is None:
+        return start
+    try:
+        if by_mm is None and isinstance(stage, DeadManStage):
+            stage.jog_while(direction.axis, direction.sign, lambda: held() == direction, speed_mm_s)
+            return stage.status()
+        return _jog(stage, clock, direction, held, speed_mm_s, start, by_mm)
+    except BaseException:
+        _end(stage)
+        raise
+
+
+def _jog(
+    stage: Stage,
+    clock: Clock,
+    direction: Direction,
+    held: Callable[[], Direction | None],
+    speed_mm_s: float,
+    start: StageStatus,
+    by_mm: float | None,
+) -> StageStatus:
+    slice_mm, told_mm = speed_mm_s * SLICE_S, 0.0
+    while held() == direction:
+        now = stage.status()
+        left_mm = slice_mm if by_mm is None else min(slice_mm, by_mm - told_mm)
+        if left_mm <= 0 and now.state == "Idle":
+            return now
+        if left_mm > 0 and told_mm - _gone_mm(now, start, direction.axis) < slice_mm:
+            stage.jog(direction.axis, direction.sign * left_mm, speed_mm_s)
+            told_mm += left_mm
+        clock.wait_s(_LOOK_S)
+    stage.end_jog()
+    return stage.status()
+
+
+def _gone_mm(now: StageStatus, start: StageStatus, axis: Axis) -> float:
+    return abs(float(getattr(now, f"{axis}_mm")) - float(getattr(start, f"{axis}_mm")))
+
+
+def _end(stage: Stage) -> None:
+    """Gently where the stage still listens, past every queue where it does not."""
+    with contextlib.suppress(StageError, TransportError):  # whoever calls has the first error to report
+        try:
+            stage.end_jog()
+        except StageError:
+            stage.stop()

@@ -1,0 +1,178 @@
+"""The truth about a run while it is running: one JSON document a line, on disk before it counts.
+
+Documents: start, descriptor (the keys and units of a stream), event, stop, and resume where a run that had stopped
+goes on. A missing stop means a crash; a torn last line is dropped by the reader and cut off before anything is added.
+"""
+
+import contextlib
+import json
+import os
+import uuid
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Protocol
+
+from rig.engine.errors import LimitError, RecordError, RunAborted, TripError
+from rig.transport.clock import Clock
+
+Document = dict[str, Any]
+
+_NEEDED: dict[str, set[str]] = {
+    "start": {"t_s"},
+    "resume": {"t_s"},
+    "descriptor": {"t_s", "stream", "units"},
+    "event": {"t_s", "stream", "data"},
+    "stop": {"t_s", "status"},
+}
+_STATUS = {RunAborted: "aborted", KeyboardInterrupt: "aborted", TripError: "tripped", LimitError: "limited"}
+
+
+class JournalError(Exception):
+    """A line that is not the last one cannot be read."""
+
+
+class Recorder(Protocol):
+    """Where events go: the journal of a run, or the memory of a rehearsal."""
+
+    def event(self, stream: str, data: Mapping[str, Any]) -> None:
+        """Keep it; it counts when this returns. Raises RecordError."""
+
+
+class Journal:
+    """Writes events.jsonl; every document is flushed to the disk before the call returns."""
+
+    def __init__(
+        self,
+        path: Path,
+        clock: Clock,
+        streams: Mapping[str, Mapping[str, str]],
+        watch: Callable[[str, Mapping[str, Any]], None] = lambda stream, data: None,
+    ) -> None:
+        """`streams` gives each stream's keys and their units ("" for text); `watch` sees what is on disk.
+
+        A journal that is there already is mended and added to. Raises JournalError.
+        """
+        self._watch = watch
+        self._clock = clock
+        self._streams = streams
+        self._described: set[str] = set()
+        self._path = path
+        self._seq = mend_journal(path)
+        self._file = path.open("ab", buffering=0)
+        self._stopped = False
+
+    def start(self, about: Mapping[str, Any]) -> None:
+        """The first document: what is run, with what."""
+        self._write("start", about)
+
+    def resume(self, about: Mapping[str, Any]) -> None:
+        """A run that had stopped goes on from here."""
+        self._write("resume", about)
+
+    def event(self, stream: str, data: Mapping[str, Any]) -> None:
+        """One event of a stream; the stream's descriptor precedes its first event."""
+        keys = self._streams[stream]
+        unknown = set(data) - set(keys)
+        if unknown:
+            raise KeyError(f"stream {stream!r} has no {sorted(unknown)}")
+        if stream not in self._described:
+            self._described.add(stream)
+            self._write("descriptor", {"stream": stream, "units": dict(keys)})
+        self._write("event", {"stream": stream, "data": dict(data)})
+        self._watch(stream, data)
+
+    def stop(self, status: str, reason: str = "") -> None:
+        """The last document; status is done, aborted, tripped, limited or failed."""
+        self._write("stop", {"status": status, "reason": reason})
+        self._stopped = True
+
+    def _write(self, kind: str, body: Mapping[str, Any]) -> None:
+        document = {
+            "doc": kind,
+            "uid": uuid.uuid4().hex,
+            "seq": self._seq,
+            "t_s": round(self._clock.monotonic_s(), 6),
+            "unix_s": round(self._clock.unix_s(), 6),
+            **body,
+        }
+        self._append((json.dumps(document, allow_nan=False) + "\n").encode("ascii"))
+        self._seq += 1
+
+    def _append(self, line: bytes) -> None:
+        """The whole line on the disk, or none of it. Raises RecordError."""
+        end = self._file.tell()
+        try:
+            left = memoryview(line)
+            while left:
+                left = left[self._file.write(left) :]
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            with contextlib.suppress(OSError):  # a torn line is mended before the journal is used again
+                self._file.truncate(end)
+                self._file.seek(end)
+            raise RecordError(f"{self._path}: cannot be written: {error.strerror or error}") from error
+
+    def __enter__(self) -> "Journal":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            if not self._stopped and error is not None:
+                status = next((name for known, name in _STATUS.items() if isinstance(error, known)), "failed")
+                with contextlib.suppress(RecordError):  # the first error says more
+                    self.stop(status, str(error) or type(error).__name__)
+        finally:
+            self._file.close()
+
+
+class NoJournal:
+    """Forgets what it is told: for what is no run."""
+
+    def event(self, stream: str, data: Mapping[str, Any]) -> None:
+        """Nothing is kept."""
+
+
+def read_journal(path: Path) -> Iterator[Document]:
+    """The documents of a journal in order; a torn last line is dropped. Raises JournalError."""
+    lines = path.read_bytes().split(b"\n")
+    for number, line in enumerate(lines, 1):
+        if not line:
+            continue
+        document = _document(line)
+        if document is not None:
+            yield document
+        elif number < len(lines):
+            raise JournalError(f"{path}, line {number}: not a journal document")
+
+
+def mend_journal(path: Path) -> int:
+    """End a journal on a whole line, cutting off a torn one; returns how many documents it holds.
+
+    A last document that lacks nothing but its line end gets it, since the reader takes it as written. Raises
+    JournalError.
+    """
+    if not path.exists():
+        return 0
+    with path.open("rb+") as file:
+        data = file.read()
+        whole = data.rindex(b"\n") + 1 if b"\n" in data else 0
+        if _document(data[whole:]) is not None:
+            file.write(b"\n")
+        else:
+            file.truncate(whole)
+        os.fsync(file.fileno())
+    return sum(1 for _ in read_journal(path))
+
+
+def _document(line: bytes) -> Document | None:
+    """The document on a line, or None where there is none."""
+    try:
+        found = json.loads(line)
+    except ValueError:  # neither JSON nor UTF-8
+        return None
+    if not isinstance(found, dict) or found.get("doc") not in _NEEDED:
+        return None
+    return found if _NEEDED[found["doc"]] <= set(found) else None

@@ -1,0 +1,249 @@
+"""One press past the skin: to a depth or to a force, and held there."""
+
+import math
+import statistics
+from collections import deque
+from itertools import pairwise
+
+from rig.engine.engine import Engine
+from rig.engine.errors import LimitError
+from rig.engine.records import Hold, PressId, Target, Touch
+from rig.engine.touch import CONTACT_EXPONENT
+
+_MAX_SEEK_MOVES = 400
+_FORCE_TOLERANCE_GWT, _FORCE_TOLERANCE = 0.05, 0.01
+_TRIP_MARGIN = 0.9
+_FROZEN_MOVES, _FROZEN_STEPS, _FROZEN_SHARE = 3, 5, 0.1
+# Of a gap in force wider than this share of the target, a step closes only so much: no step lands beyond it.
+_WIDE_GAP, _CLOSED_AT_ONCE = 0.05, 0.75
+_MOST_AVERAGED = 25
+# What has relaxed under a held force answers a move more stiffly than the force it has left says: by 1 / 0.6, say.
+_FOLLOWED = 0.6
+_HIGHEST_AIM = 1.03  # of the target, in a hold: noise comes on top, and 1.05 must not be felt
+
+
+class Press:
+    """The press of one indentation, from its touch-off on."""
+
+    def __init__(self, engine: Engine, press: PressId, touch: Touch, speed_mm_s: float) -> None:
+        self._engine, self.id, self._speed = engine, press, speed_mm_s
+        self._habits = engine.settings.habits
+        self._smallest_mm = engine.settings.stage.resolution_mm
+        self._contact_mm, self._force_gwt = touch.contact_height_mm, touch.force_gwt
+        self._ramp_from = (touch.force_gwt, engine.clock.monotonic_s())  # at contact, or at the end of the last hold
+        self._stiffness_gwt_mm = 0.0  # as the last move was answered
+        self._peak_gwt = 0.0  # highest reading since then
+        self._unanswered = 0  # moves since the reading last changed
+        self._unanswered_gwt = 0.0  # change of force that was expected since the reading last changed
+
+    @property
+    def _doi_mm(self) -> float:
+        return self._engine.doi_mm(self._contact_mm, self._force_gwt)
+
+    def hold_at(self, target: Target, *, hold: int, hold_s: float) -> Hold:
+        """Press to the target, hold, and journal the hold as delivered."""
+        if target.kind == "doi_mm":
+            self._press_to_doi(target.value)
+        else:
+            self._seek_force(target.value)
+        return self._hold(target, hold, hold_s)
+
+    def _press_to_doi(self, doi_mm: float) -> None:
+        """Until within half a step of the stage; LimitError where a rig that gives never lets it get there."""
+        for _ in range(_MAX_SEEK_MOVES):
+            if abs(doi_mm - self._doi_mm) <= 0.5 * self._smallest_mm:
+                return
+            self._press_by(doi_mm - self._doi_mm)
+        raise LimitError(f"DOI {doi_mm:g} mm not reached within {_MAX_SEEK_MOVES} moves")
+
+    def _seek_force(self, target_gwt: float) -> None:
+        """Steps along F ∝ d^1.5 through the present force, until within half the tolerance.
+
+        Where one step of the stage is more than that, the full tolerance will do; LimitError if it cannot be met.
+        """
+        tolerance = self._tolerance_gwt(target_gwt)
+        smallest_before = 0.0
+        for _ in range(_MAX_SEEK_MOVES):
+            self._look_closer(target_gwt, tolerance)
+            error = abs(self._force_gwt - target_gwt)
+            if error <= 0.5 * tolerance:
+                return
+            step = self._step_towards(target_gwt)
+            if abs(step) >= self._smallest_mm:
+                smallest_before = 0.0
+            elif error <= tolerance:
+                return
+            else:
+                step = math.copysign(self._smallest_mm, step)
+                self._refuse_to_and_fro(step, smallest_before, target_gwt)
+                smallest_before = step
+            self._press_by(step)
+        raise LimitError(f"force {target_gwt:g} gwt not settled within {_MAX_SEEK_MOVES} moves")
+
+    def _refuse_to_and_fro(self, step_mm: float, before_mm: float, target_gwt: float) -> None:
+        if step_mm * before_mm < 0:
+            raise LimitError(
+                f"force {target_gwt:g} gwt: one step of the stage, {self._smallest_mm:g} mm, "
+                f"passes over the tolerance of ± {self._tolerance_gwt(target_gwt):.3g} gwt"
+            )
+
+    def _tolerance_gwt(self, target_gwt: float) -> float:
+        return max(_FORCE_TOLERANCE_GWT, _FORCE_TOLERANCE * target_gwt, self._engine.resolution_gwt)
+
+    def _averaged(self, to_gwt: float) -> int:
+        """How many readings it takes to know a force to so much."""
+        return min(max(math.ceil((self._engine.noise_gwt / to_gwt) ** 2), 1), _MOST_AVERAGED)
+
+    def _look_closer(self, target_gwt: float, tolerance_gwt: float) -> None:
+        """Near the target a noisy reading is not enough: the mean of as many as it takes."""
+        more = self._averaged(tolerance_gwt / 4) - 1
+        if more and abs(self._force_gwt - target_gwt) < 2 * tolerance_gwt:
+            readings = [self._read("press") for _ in range(more)]
+            self._force_gwt = statistics.fmean([self._force_gwt, *readings])
+
+    def _step_towards(self, target_gwt: float) -> float:
+        """Along the law, or as stiffly as the last move was answered where that is more."""
+        gap_gwt = target_gwt - self._force_gwt
+        if gap_gwt > _WIDE_GAP * target_gwt:
+            gap_gwt *= _CLOSED_AT_ONCE
+        step = self._to_force(self._force_gwt + gap_gwt)
+        return min(step, gap_gwt / self._stiffness_gwt_mm) if min(gap_gwt, self._stiffness_gwt_mm) > 0 else step
+
+    def _read(self, phase: str) -> float:
+        force = self._engine.read_force_gwt(self.id, phase, self._contact_mm)
+        self._peak_gwt = max(self._peak_gwt, force)
+        return force
+
+    def _to_force(self, force_gwt: float) -> float:
+        """Move in mm that would reach a force on F ∝ d^1.5 through the present reading."""
+        present = max(self._force_gwt, 0.5 * self._habits.touch_force_gwt)
+        return max(self._doi_mm, self._smallest_mm) * ((force_gwt / present) ** (1 / CONTACT_EXPONENT) - 1)
+
+    def _press_by(self, step_mm: float, phase: str = "press") -> None:
+        """One safe move in contact: at most an increment, and not past the soft trip at the present stiffness."""
+        engine = self._engine
+        engine.safe_point()
+        room = _TRIP_MARGIN * self._to_force(engine.trip_gwt)
+        if room < min(step_mm, self._smallest_mm):
+            raise LimitError(
+                f"the next move at x = {engine.x_mm:g} mm would pass the {engine.which_trip}, "
+                f"{engine.trip_gwt:.2f} gwt"
+            )
+        step = max(min(step_mm, self._habits.increment_mm, room), -self._habits.increment_mm)
+        deepest = engine.settings.limits.max_doi_mm
+        if self._doi_mm + step > deepest + 1e-9:
+            raise LimitError(
+                f"DOI {self._doi_mm + step:.3f} mm at x = {engine.x_mm:g} mm would pass "
+                f"limits.max_doi_mm = {deepest:g}"
+            )
+        expected, before = abs(self._force_after(step) - self._force_gwt), self._force_gwt
+        engine.go_to_height(engine.height_mm - step, self._speed)
+        self._force_gwt = self._read(phase)
+        if abs(step) >= self._smallest_mm:
+            self._stiffness_gwt_mm = (self._force_gwt - before) / step
+        self._notice_a_frozen_reading(before, expected)
+
+    def _force_after(self, step_mm: float) -> float:
+        """The force that F ∝ d^1.5 through the present reading expects after a step."""
+        doi = max(self._doi_mm, self._smallest_mm)
+        return self._force_gwt * (max(doi + step_mm, 0.0) / doi) ** CONTACT_EXPONENT
+
+    def _notice_a_frozen_reading(self, before_gwt: float, expected_gwt: float) -> None:
+        """Trip where the force has not answered the stage by any step of the sensor for far too long."""
+        resolution = self._engine.resolution_gwt
+        if abs(self._force_gwt - before_gwt) > 0.5 * resolution:
+            self._unanswered_gwt, self._unanswered = 0.0, 0
+            return
+        self._unanswered_gwt += expected_gwt
+        self._unanswered += 1
+        if self._unanswered >= _FROZEN_MOVES and self._unanswered_gwt > max(
+            _FROZEN_STEPS * resolution, _FROZEN_SHARE * self._force_gwt
+        ):
+            self._engine.trip(
+                f"the force stays at {self._force_gwt:.2f} gwt while the stage moves: "
+                "a frozen reading, or a motor that does not turn",
+                self._force_gwt,
+            )
+
+    def _hold(self, target: Target, hold: int, hold_s: float) -> Hold:
+        engine, clock = self._engine, self._engine.clock
+        about = {"index": self.id.index, "hold": hold}
+        engine.pulse(self.id, "hold_start")
+        start = clock.monotonic_s()
+        ramp = {
+            "ramp_gwt": round(self._force_gwt - self._ramp_from[0], 6),
+            "ramp_s": round(start - self._ramp_from[1], 6),
+        }
+        begin = {"doi_mm": round(self._doi_mm, 6), "force_gwt": self._force_gwt}
+        asked = {"target": target.kind, "commanded": target.value}
+        engine.record(self.id.stream("hold_start"), {**about, **asked, **begin})
+        readings, times = self._held_readings(target, hold_s)
+        lasted_s = clock.monotonic_s() - start
+        engine.pulse(self.id, "hold_end")
+        mean, sd, doi = statistics.fmean(readings), statistics.pstdev(readings), round(self._doi_mm, 6)
+        data = {
+            **about,
+            **ramp,
+            "x_mm": engine.x_mm,
+            "doi_mm": doi,
+            "doi_sd_mm": round(engine.doi_sd_mm(self._force_gwt), 6),
+            "commanded": target.value,
+            "force_gwt": round(mean, 6),
+            "force_sd_gwt": round(sd, 6),
+            "peak_gwt": round(self._peak_gwt, 6),
+            "readings": len(readings),
+            "asked_s": hold_s,
+            "hold_s": round(lasted_s, 6),
+            "interval_sd_s": round(statistics.pstdev([b - a for a, b in pairwise([start, *times])]), 6),
+        }
+        true = engine.operator.true_pose()
+        if true is not None:
+            data |= {"true_x_mm": round(true[0], 9), "true_doi_mm": round(true[1], 9)}
+        engine.record(self.id.stream("hold_end"), data)
+        self._ramp_from, self._peak_gwt = (self._force_gwt, clock.monotonic_s()), 0.0
+        return Hold(target, doi, mean, sd)
+
+    def _held_readings(self, target: Target, hold_s: float) -> tuple[list[float], list[float]]:
+        """Forces and times of the readings of a hold; a force that has drifted is followed by small moves."""
+        engine, clock = self._engine, self._engine.clock
+        readings, times = list[float](), list[float]()
+        follow = target.kind == "force_gwt"
+        few = self._averaged(self._tolerance_gwt(target.value if follow else 0.0) / 4)
+        recent: deque[float] = deque(maxlen=few)
+        start, aim_gwt, short_gwt = clock.monotonic_s(), self._force_gwt, 0.0
+        while not readings or clock.monotonic_s() - start < hold_s:
+            engine.safe_point()
+            step_mm = 0.0
+            if follow and len(recent) == few:
+                step_mm, aim_gwt = self._back_to(target.value, short_gwt / len(readings), aim_gwt)
+            if step_mm:
+                self._press_by(step_mm, "hold")
+                recent.clear()
+                readings.append(self._force_gwt)
+            else:
+                readings.append(self._read("hold"))
+                recent.append(readings[-1])
+                self._force_gwt = statistics.fmean(recent)
+            times.append(clock.monotonic_s())
+            short_gwt += target.value - readings[-1]
+        return readings, times
+
+    def _back_to(self, target_gwt: float, short_gwt: float, aim_gwt: float) -> tuple[float, float]:
+        """The move in mm that takes back a force which, or whose mean, is off by a quarter of its tolerance; its aim.
+
+        It makes up for what the mean of the hold is short of the target, and aims beyond by half of what the force
+        has lost since the last aim. Zero, and the old aim, where the stage cannot make a move so small.
+        """
+        force, tolerance = self._force_gwt, self._tolerance_gwt(target_gwt)
+        goal = target_gwt + _within(short_gwt, tolerance)
+        enough = 0.25 * tolerance
+        if max(abs(force - target_gwt), abs(short_gwt)) <= enough or abs(force - goal) <= enough:
+            return 0.0, aim_gwt
+        lost = _within(aim_gwt - force, tolerance)
+        aim = min(goal + 0.5 * lost, _HIGHEST_AIM * target_gwt)
+        step = _FOLLOWED * self._to_force(aim)
+        return (step, aim) if abs(step) >= self._smallest_mm else (0.0, aim_gwt)
+
+
+def _within(value: float, most: float) -> float:
+    return max(min(value, most), -most)

@@ -1,0 +1,24 @@
+"""The same press again and again: does force still follow depth as it did at first?"""
+
+from collections.abc import Sequence
+
+from rig.engine.engine import Engine
+from rig.engine.records import Indentation
+
+
+class Reference:
+    """Forces at the holds of the first reference indentation, and the band that the later ones must keep."""
+
+    def __init__(self, first_gwt: Sequence[float] | None = None) -> None:
+        """first_gwt: the forces of the first one, where the run had one before it stopped."""
+        self._first_gwt = first_gwt
+
+    def compare(self, engine: Engine, found: Indentation) -> None:
+        """Journal the largest deviation as a share of the first force; an alarm beyond limits.reference_band."""
+        forces_gwt = [hold.force_gwt for hold in found.holds]
+        first_gwt = self._first_gwt = self._first_gwt or forces_gwt
+        off = max((now / first - 1 for now, first in zip(forces_gwt, first_gwt, strict=True)), key=abs)
+        engine.record("reference", {"index": found.index, "deviation": round(off, 6)})
+        band = engine.settings.limits.reference_band
+        if abs(off) > band:
+            engine.alarm(f"reference {found.index} is off by {off:+.1%}, limits.reference_band = {band:g}")

@@ -1,0 +1,68 @@
+"""What the rig must know of itself besides its devices: limits and habits. Unknown keys are errors."""
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from rig.devices.bench_settings import SLOWEST_MM_S, BenchSettings
+from rig.transport.port_settings import Settings
+
+FASTEST_PRESS_MM_S = 5.0
+
+
+class LimitSettings(Settings):
+    """Refused before a move, or tripped on; DEVICES: software is never the safety function."""
+
+    max_doi_mm: float = Field(1.5, gt=0, le=2.0)
+    max_force_gwt: float = Field(100.0, gt=0, le=500)
+    search_mm: float = Field(0.5, gt=0, le=1.5, description="below the expected contact; then the sensor is dead")
+    soft_trip_n: float = Field(2.0, gt=0, le=5.0, description="cap; lowered to twice the predicted peak")
+    hard_trip_n: float = Field(5.0, gt=0, le=5.0, description="whatever was predicted")
+    max_pressure_n_cm2: float = Field(30.0, gt=0, le=60.0, description="force over the predicted contact area")
+    max_press_speed_mm_s: float = Field(FASTEST_PRESS_MM_S, ge=SLOWEST_MM_S, le=FASTEST_PRESS_MM_S)
+    heartbeat_s: float = Field(3.0, ge=0.5, le=60, description="longest silence of the engine below clearance")
+    max_contact_s: float = Field(3600.0, gt=0, le=36_000, description="of a run, all its touches together")
+    zero_drift_gwt: float = Field(0.03, gt=0, le=10, description="alarm: drift of the zero since the last one")
+    reference_band: float = Field(0.15, gt=0, le=1, description="alarm: share by which a reference may differ")
+    on_alarm: Literal["warn", "trip"] = "warn"
+    on_trip: Literal["stop", "retract", "park"] = Field("retract", description="stop and hold, lift, or lift far")
+    x_mm: tuple[float, float] = (-6.0, 6.0)
+    along_mm: tuple[float, float] = (-4.0, 4.0)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if not self.x_mm[0] < self.x_mm[1]:
+            raise ValueError("x_mm: expected the lower limit before the upper one")
+        if not self.along_mm[0] <= 0 <= self.along_mm[1]:
+            raise ValueError("along_mm: expected a limit on either side of 0")
+        if self.soft_trip_n > self.hard_trip_n:
+            raise ValueError("soft_trip_n: expected no more than hard_trip_n")
+        return self
+
+
+class HabitSettings(Settings):
+    """Speeds (mm/s), increments (mm) and thresholds of an indentation."""
+
+    travel_speed_mm_s: float = Field(5.0, ge=SLOWEST_MM_S, le=10)
+    approach_speed_mm_s: float = Field(0.5, ge=SLOWEST_MM_S, le=2)
+    press_speed_mm_s: float = Field(1.0, ge=SLOWEST_MM_S, le=FASTEST_PRESS_MM_S)
+    clearance_mm: float = Field(2.0, gt=0.2, le=20)
+    park_height_mm: float = Field(10.0, gt=0.2, le=40, description="above the apex, where on_trip = park lifts to")
+    descent_step_mm: float = Field(0.5, gt=0, le=5, description="between readings on the way down after homing")
+    increment_mm: float = Field(0.05, gt=0, le=0.05, description="the longest move below clearance")
+    touch_increment_mm: float = Field(0.01, gt=0, le=0.05)
+    touch_force_gwt: float = Field(0.05, gt=0, le=1)
+    settle_readings: int = Field(1, ge=1, le=20, description="sensor periods between a move and its reading")
+
+    @model_validator(mode="after")
+    def _fine_within_coarse(self) -> Self:
+        if self.touch_increment_mm > self.increment_mm:
+            raise ValueError("touch_increment_mm: expected no more than increment_mm")
+        return self
+
+
+class RigSettings(BenchSettings):
+    """All that the engine needs."""
+
+    limits: LimitSettings = LimitSettings()
+    habits: HabitSettings = HabitSettings()

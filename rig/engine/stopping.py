@@ -1,0 +1,33 @@
+"""How far a stage goes on after a force has passed a trip, and what that adds to the force."""
+
+from dataclasses import dataclass
+
+from rig.engine.rig_settings import RigSettings
+from rig.engine.touch import CONTACT_EXPONENT
+
+
+@dataclass(frozen=True)
+class Stopping:
+    """A stage at a speed, told to stop late by latency_s; it never has more than most_mm to go."""
+
+    speed_mm_s: float
+    latency_s: float
+    deceleration_mm_s2: float
+    most_mm: float
+
+    @classmethod
+    def of(cls, settings: RigSettings, speed_mm_s: float) -> "Stopping":
+        """Late by the sensor and the wait for a reading; no more than an increment is ever queued."""
+        late_s = settings.force.latency_s + settings.habits.settle_readings * settings.force.sample_period_s
+        return cls(speed_mm_s, late_s, settings.stage.acceleration_mm_s2, settings.habits.increment_mm)
+
+    @property
+    def distance_mm(self) -> float:
+        """v · latency + v² / 2a, or the whole of an increment where that is less."""
+        free_mm = self.speed_mm_s * self.latency_s + self.speed_mm_s**2 / (2 * self.deceleration_mm_s2)
+        return min(free_mm, self.most_mm)
+
+    def overshoot_gwt(self, trip_gwt: float, force_gwt: float, doi_mm: float) -> float:
+        """What the force gains over the trip in that distance, on F ∝ d^1.5 through (doi_mm, force_gwt)."""
+        trip_doi_mm = doi_mm * (trip_gwt / force_gwt) ** (1 / CONTACT_EXPONENT)
+        return trip_gwt * ((1 + self.distance_mm / trip_doi_mm) ** CONTACT_EXPONENT - 1)

@@ -1,0 +1,1 @@
+"""The same presses on many fingers, over processes or a cluster."""

@@ -1,0 +1,188 @@
+"""Parameter studies: the same presses on many fingers and receptors, every combination of what is given as a list.
+
+The file is TOML:
+
+    receptor_depth_mm = [0.60, 0.76]
+    [finger.tissue]                     # as in a configuration; a list is varied
+    epidermis_mm = [0.3, 0.4, 0.5]
+    [[press]]
+    shape = "step:1"
+    x_mm = [-1.63, -1.19]
+    force_gwt = [2.33, 8.0]             # or doi_mm
+"""
+
+import itertools
+import tomllib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+from rig.parameter_study.errors import StudyError
+from rig.plan.toml_file import told_of
+from sim.config.fingertip_config import FingertipConfig
+from sim.contact.shapes import ShapeError, parse_shape
+from sim.finger.mesh import MeshError
+from sim.finger.surface import SurfaceError
+from sim.measures.measures import MEASURES
+from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorError
+from sim.models.fingertip import Fingertip, ModelRangeError
+
+_NATIVE_LISTS = ("points", "sections")
+"""Keys of a finger whose values are tables; they are not varied."""
+
+
+def _one_or_more(value: object) -> object:
+    return [value] if isinstance(value, int | float) else value
+
+
+_Numbers = Annotated[tuple[float, ...], BeforeValidator(_one_or_more)]
+
+
+class _Given(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Press(_Given):
+    """One indentor at some places, to some depths or forces."""
+
+    shape: str
+    x_mm: _Numbers = Field((0.0,), min_length=1)
+    doi_mm: _Numbers = ()
+    force_gwt: _Numbers = ()
+
+    @model_validator(mode="after")
+    def _one_target(self) -> Self:
+        if bool(self.doi_mm) == bool(self.force_gwt):
+            raise ValueError("expected either doi_mm or force_gwt")
+        parse_shape(self.shape)
+        return self
+
+    @property
+    def targets(self) -> list[tuple[str, float]]:
+        """What is commanded, one after the other."""
+        kind = "doi_mm" if self.doi_mm else "force_gwt"
+        return [(kind, value) for value in self.doi_mm or self.force_gwt]
+
+
+class StudyFile(_Given):
+    """What the TOML holds."""
+
+    receptor_depth_mm: _Numbers = Field((DEFAULT_DEPTH_MM,), min_length=1)
+    receptor_x_mm: _Numbers = Field(DEFAULT_X_MM, min_length=1)
+    finger: dict[str, Any] = Field(default_factory=dict)
+    press: tuple[Press, ...] = Field(min_length=1)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One finger with its receptors under one indentor at one depth or force: a piece of work."""
+
+    varied: tuple[tuple[str, Any], ...]  # what sets this finger apart
+    config_json: str
+    receptor_depth_mm: float
+    receptor_x_mm: tuple[float, ...]
+    shape: str
+    kind: str
+    value: float
+    x_mm: tuple[float, ...]
+
+
+Row = dict[str, Any]
+
+
+def read_study(path: Path) -> list[Case]:
+    """Every combination, those of one finger next to each other. Raises StudyError."""
+    with told_of(f"study {path}", StudyError):
+        given = StudyFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8-sig")))
+        return list(_cases(given, path.parent))
+
+
+def _cases(given: StudyFile, folder: Path) -> Iterator[Case]:
+    for finger, varied in _fingers(given.finger):
+        config = FingertipConfig.model_validate(finger, context={"folder": folder})
+        for depth_mm, press in itertools.product(given.receptor_depth_mm, given.press):
+            for kind, value in press.targets:
+                yield Case(
+                    tuple(varied.items()),
+                    config.model_dump_json(),
+                    depth_mm,
+                    given.receptor_x_mm,
+                    press.shape,
+                    kind,
+                    value,
+                    press.x_mm,
+                )
+
+
+def _fingers(tree: dict[str, Any]) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
+    """Each combination of the lists in a tree of tables, and what was chosen, by dotted key."""
+    lists = dict(_lists(tree, ()))
+    for choice in itertools.product(*lists.values()):
+        finger = tree
+        for keys, value in zip(lists, choice, strict=True):
+            finger = _with(finger, keys, value)
+        yield finger, {".".join(keys): value for keys, value in zip(lists, choice, strict=True)}
+
+
+def _lists(tree: dict[str, Any], keys: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], list[Any]]]:
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            yield from _lists(value, (*keys, key))
+        elif isinstance(value, list) and key not in _NATIVE_LISTS:
+            yield (*keys, key), value
+
+
+def _with(tree: dict[str, Any], keys: tuple[str, ...], value: Any) -> dict[str, Any]:
+    head, *rest = keys
+    return {**tree, head: _with(tree[head], tuple(rest), value) if rest else value}
+
+
+def solve(case: Case) -> list[Row]:
+    """One row for each place and receptor; one with the reason under `problem` where there is no answer."""
+    rows: list[Row] = []
+    for x_mm in case.x_mm:
+        about = dict(case.varied) | {
+            "receptor_depth_mm": case.receptor_depth_mm,
+            "shape": case.shape,
+            "target": case.kind,
+            "value": case.value,
+            "x_mm": x_mm,
+        }
+        try:
+            finger = _finger(case.config_json, case.receptor_x_mm, case.receptor_depth_mm)
+            rows += [about | answer for answer in _answers(finger, case, x_mm)]
+        except (ModelRangeError, MeshError, SurfaceError, ReceptorError, ShapeError) as error:
+            rows.append(about | {"problem": str(error)})
+    return rows
+
+
+@lru_cache(maxsize=1)
+def _finger(config_json: str, receptor_x_mm: Sequence[float], depth_mm: float) -> Fingertip:
+    config = FingertipConfig.model_validate_json(config_json)
+    return Fingertip.load(config, receptor_x_mm=receptor_x_mm, receptor_depth_mm=depth_mm)
+
+
+def _answers(finger: Fingertip, case: Case, x_mm: float) -> Iterator[Row]:
+    target = {case.kind: case.value}
+    result = finger.indent(case.shape, x_mm, **target)  # type: ignore[arg-type]
+    measures = result.receptor_measures
+    for k, receptor_mm in enumerate(case.receptor_x_mm):
+        yield {
+            "problem": "" if result.state.converged else f"not converged, residual {result.state.residual:.0e}",
+            "force_gwt": result.force_gwt,
+            "doi_mm": result.doi_mm,
+            "peak_pressure_pseudo": result.peak_pressure_pseudo,
+            "receptor_x_mm": receptor_mm,
+            **{name: float(measures[name][k]) for name in MEASURES},
+        }
+
+
+def columns(cases: Sequence[Case]) -> list[str]:
+    """Of the table, in order."""
+    varied = dict.fromkeys(name for case in cases for name, _ in case.varied)
+    pressed = ("receptor_depth_mm", "shape", "target", "value", "x_mm", "problem")
+    return [*varied, *pressed, "force_gwt", "doi_mm", "peak_pressure_pseudo", "receptor_x_mm", *MEASURES]

@@ -1,0 +1,80 @@
+"""Work over a dask.distributed cluster, and one line for each way in which that can fail."""
+
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
+from contextlib import contextmanager
+from importlib.metadata import version
+from typing import Any, TypeVar
+
+from distributed import Client, KilledWorker, wait
+from distributed.comm.core import CommClosedError
+
+from rig.parameter_study.errors import WorkersError
+from sim.models.cache import content_key
+
+Item = TypeVar("Item")
+Answer = TypeVar("Answer")
+
+_RETRIES = 3
+_PATIENCE_S = 10
+
+
+def over_cluster(function: Callable[[Item], Answer], items: Sequence[Item], scheduler: str) -> Iterator[Answer]:
+    """The answers in the order of the items. Raises WorkersError."""
+    with _told_of(scheduler), _connected(scheduler) as client:
+        _expect_workers(client)
+        _expect_same_program(client)
+        for future in client.map(function, items, retries=_RETRIES, pure=False):
+            _await(future, client)
+            yield future.result()
+
+
+@contextmanager
+def _told_of(scheduler: str) -> Iterator[None]:
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # it logs what is raised here
+    try:
+        yield
+    except WorkersError as error:
+        raise WorkersError(f"--scheduler {scheduler}: {error}") from None
+    except (CancelledError, CommClosedError):
+        raise WorkersError(f"--scheduler {scheduler}: the scheduler has gone") from None
+    except KilledWorker:
+        lost = f"the same case was lost with {_RETRIES} workers or more; have they the memory for it?"
+        raise WorkersError(f"--scheduler {scheduler}: {lost}") from None
+
+
+def _connected(scheduler: str) -> Any:
+    try:
+        return Client(scheduler, timeout=_PATIENCE_S)  # type: ignore[no-untyped-call]
+    except (OSError, ValueError):
+        raise WorkersError("nobody answers, expected for example tcp://host:8786") from None
+
+
+def _expect_workers(client: Any) -> None:
+    try:
+        client.wait_for_workers(1, timeout=_PATIENCE_S)
+    except TimeoutError:
+        raise WorkersError("it has no workers, expected some to have joined by dask worker") from None
+
+
+def _expect_same_program(client: Any) -> None:
+    """Of the workers that are there at the start; the digits of another version would not tell themselves apart."""
+    expected = program()
+    for worker, found in client.run(program, on_error="return").items():
+        if found != expected:
+            raise WorkersError(f"worker {worker} has {found}, expected {expected}")
+
+
+def program() -> str:
+    """The version of this program, with a digest of the code that makes models."""
+    return f"indentation-rig {version('indentation-rig')} ({content_key([])[:8]})"
+
+
+def _await(future: Any, client: Any) -> None:
+    """Until it is done; not for ever, where all workers have gone."""
+    while not future.done():
+        try:
+            wait([future], timeout=_PATIENCE_S)  # type: ignore[no-untyped-call]
+        except TimeoutError:
+            _expect_workers(client)

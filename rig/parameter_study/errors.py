@@ -1,0 +1,9 @@
+"""What can be wrong with a parameter study; apart, so that commands may know of it cheaply."""
+
+
+class StudyError(ValueError):
+    """The file of a study is not understood; the message names file and key."""
+
+
+class WorkersError(Exception):
+    """The work cannot be given out, or those who did it have gone."""

@@ -1,0 +1,53 @@
+"""Independent pieces of work over the processes of this machine, or over a dask.distributed cluster."""
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from functools import partial
+from typing import TypeVar
+
+from threadpoolctl import threadpool_limits
+
+from rig.parameter_study.errors import WorkersError
+from sim.models.workers import in_processes
+
+Item = TypeVar("Item")
+Answer = TypeVar("Answer")
+
+
+def spread(
+    function: Callable[[Item], Answer],
+    items: Sequence[Item],
+    processes: int | None = None,
+    scheduler: str | None = None,
+) -> Iterator[Answer]:
+    """The answers in the order of the items: over a scheduler's workers where one is named, else over processes.
+
+    The function must be importable; each call has one thread. What a lost worker of a cluster had is done again by
+    another. Raises WorkersError.
+    """
+    alone = partial(_on_one_thread, function)
+    if scheduler is None:
+        yield from _over_processes(alone, items, processes)
+        return
+    try:
+        from rig.parameter_study.cluster import over_cluster
+    except ImportError:
+        needed = "needs dask.distributed, expected pip install 'indentation-rig[cluster]'"
+        raise WorkersError(f"--scheduler: {needed}") from None
+    yield from over_cluster(alone, items, scheduler)
+
+
+def _over_processes(
+    function: Callable[[Item], Answer], items: Sequence[Item], processes: int | None
+) -> Iterator[Answer]:
+    try:
+        yield from in_processes(function, items, processes)
+    except BrokenProcessPool:
+        raise WorkersError("a worker process was killed; is there memory for fewer only (--processes)?") from None
+
+
+def _on_one_thread(function: Callable[[Item], Answer], item: Item) -> Answer:
+    os.environ["OMP_NUM_THREADS"] = "1"  # for libraries that are not loaded yet, the limits for those that are
+    with threadpool_limits(1):
+        return function(item)

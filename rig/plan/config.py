@@ -1,0 +1,85 @@
+"""The whole configuration: the rig's own settings, the finger model and the virtual bench."""
+
+import json
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import Field, ValidationError, model_validator
+
+from rig.engine.rig_settings import RigSettings
+from rig.protocol.errors import BadInputError, first_problem
+from rig.transport.port_settings import Settings
+from sim.config.fingertip_config import FingertipConfig
+
+
+class VirtualSettings(Settings):
+    """How the virtual bench differs from what the rig believes; by default in nothing."""
+
+    x_screw_steps_per_mm: float | None = Field(None, gt=1, lt=1e6, description="of the true screw; none: as believed")
+    z_screw_steps_per_mm: float | None = Field(None, gt=1, lt=1e6)
+    x_screw_backlash_mm: float = Field(0.0, ge=0, le=1, description="lost motion; felt when going up")
+    z_screw_backlash_mm: float = Field(0.0, ge=0, le=1)
+    compliance_mm_per_n: float = Field(0.0, ge=0, le=1, description="how far the true rig gives under a force")
+    finger_x_offset_mm: float = Field(0.0, ge=-5, le=5, description="true pad centre − frame.pad_centre_x_mm")
+    finger_z_offset_mm: float = Field(0.0, ge=-2, le=2, description="true apex − frame.apex_z_mm")
+    finger_along_offset_mm: float = Field(0.0, ge=-3, le=3, description="true receptor plane − frame.pad_y_mm")
+    finger_roll_deg: float = Field(0.0, ge=-20, le=20, description="about the finger's axis; for spheres only")
+    finger_tilt_deg: float = Field(0.0, ge=-20, le=20, description="about x; for spheres only")
+    stiffness: float = Field(1.0, gt=0, le=100, description="true force over the predicted one")
+    relaxation: tuple[tuple[float, float], ...] = Field(
+        (), description="Prony series of the force: [share, time constant in s], shares sum to less than 1"
+    )
+    cell_noise_gwt: float = Field(0.0, ge=0, le=10, description="standard deviation of each sample")
+    cell_latency_s: float = Field(0.0, ge=0, le=1)
+    cell_resolution_gwt: float = Field(0.01, ge=0.001, le=10)
+    noise_seed: int = Field(0, ge=0)
+    indentor: str = Field("bar:3.0", description="on the carriage of `rig serve`")
+
+    @model_validator(mode="after")
+    def _relaxes(self) -> Self:
+        shares = [share for share, _ in self.relaxation]
+        if any(not (share > 0 and tau_s > 0) for share, tau_s in self.relaxation) or sum(shares) >= 1:
+            raise ValueError("relaxation: expected shares > 0 that sum to less than 1 and time constants > 0")
+        return self
+
+
+class Config(RigSettings):
+    """A configuration file; every table and key has a default."""
+
+    finger: FingertipConfig = FingertipConfig()
+    virtual: VirtualSettings = VirtualSettings()
+
+    def as_toml(self) -> str:
+        """Every table and value, as a configuration file that gives this configuration."""
+        return "\n".join(_toml_tables(self.model_dump(mode="json", exclude_none=True))) + "\n"
+
+
+def _toml_tables(values: dict[str, Any], prefix: str = "") -> Iterator[str]:
+    for key, value in values.items():
+        if not isinstance(value, dict):
+            yield f"{key} = {json.dumps(value, ensure_ascii=False)}".replace("\x7f", "\\u007f")
+    for key, value in values.items():
+        if isinstance(value, dict):
+            yield f"\n[{prefix}{key}]"
+            yield from _toml_tables(value, f"{prefix}{key}.")
+
+
+def load_config(path: Path | None) -> Config:
+    """The configuration in a TOML file, or the defaults. Raises BadInputError.
+
+    Paths in it are relative to the file's folder.
+    """
+    if path is None:
+        return Config()
+    try:
+        tables = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise BadInputError(f"config {path}: {error.strerror or error}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise BadInputError(f"config {path}: not valid TOML: {error}") from None
+    try:
+        return Config.model_validate(tables, context={"folder": path.parent})
+    except ValidationError as error:
+        raise first_problem(f"config {path}", error) from None

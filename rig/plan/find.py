@@ -1,0 +1,128 @@
+"""Where the finger lies: its frame, from places at which a sphere touched it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.stats import t as student
+
+from rig.data import Run
+from rig.plan.config import Config
+from rig.protocol.errors import BadInputError
+from sim.finger.surface import FingertipSurface
+from sim.models.fingertip import Fingertip
+from sim.plant.plant import Pose, Turn
+
+Array = NDArray[np.float64]
+
+NAMES = ("pad_centre_x_mm", "apex_z_mm", "pad_y_mm", "roll_deg", "tilt_deg")
+_SPACING_MM = 0.05  # of the skin's points: a sphere between two of them is 0.3 µm off
+_TOUCHED_RAD = 1.2  # either side of the top
+# No touch is known better than to a few micrometres: steps of the stage, and readings of a hundredth of a gram.
+_LEAST_SD_MM = 0.003
+_WALK = (0.05, 0.05, 0.05, 1.0, 1.0)  # mm and degrees, of the derivatives
+
+
+@dataclass(frozen=True)
+class Lie:
+    """A frame in machine coordinates, by the keys of [frame]: values, standard deviations, and their correlation.
+
+    residual_mm: root mean square of what the touches are off the fitted finger.
+    """
+
+    value: dict[str, float]
+    sd: dict[str, float]
+    correlation: Array
+    residual_mm: float
+    touches: int
+
+    def as_toml(self) -> str:
+        """[frame] for the configuration file."""
+        lines = (f"{name} = {self.value[name]:.4f}  # ± {2 * self.sd[name]:.4f} (95 %)" for name in self.value)
+        return "\n".join(("[frame]", *lines)) + "\n"
+
+
+class _Skin:
+    """The pulp as points: (n,) x, height above the apex and distance along from the receptor plane, mm."""
+
+    def __init__(self, finger: Fingertip) -> None:
+        surface: FingertipSurface = finger.surface
+        length = surface.geometry.length_mm
+        z = np.linspace(0.02 * length, 0.98 * length, int(length / _SPACING_MM))
+        phi = np.pi / 2 + np.linspace(-_TOUCHED_RAD, _TOUCHED_RAD, int(8 * _TOUCHED_RAD / _SPACING_MM))
+        x, y = surface.section(*np.meshgrid(phi, z))
+        self.x, self.y = x.ravel(), y.ravel() - finger.apex_height_mm
+        self.along = np.repeat(z, len(phi)) - finger.config.receptor_plane_mm
+
+    def touched_at(self, pose: Pose, radius_mm: float) -> float:
+        """Height of the sphere's lowest point where it first touches, mm above the apex."""
+        under = radius_mm**2 - (self.x - pose.x_mm) ** 2 - (self.along - pose.along_mm) ** 2
+        near = under > 0
+        return float((self.y[near] + np.sqrt(under[near])).max() - radius_mm) if near.any() else -radius_mm
+
+
+def find(run: Run, config: Config, finger: Fingertip) -> Lie:
+    """Fit the finger's frame to a run's touches. Raises BadInputError where they are too few, or not a sphere's.
+
+    Least squares over lateral, vertical and axial offset, roll and tilt; the stage that has no axis along the finger
+    leaves the axial offset and the tilt as they were.
+    """
+    touches = run.stream("find")
+    radius_mm = _radius(run, touches)
+    places = np.array([(e["x_mm"], e["contact_height_mm"], e["along_mm"]) for e in touches])
+    free = [0, 1, 3] if np.ptp(places[:, 2]) == 0 else [0, 1, 2, 3, 4]
+    if len(places) <= len(free) + 1 or np.ptp(places[:, 0]) == 0:
+        raise BadInputError(f"run {run.folder.path}: {len(places)} touches, expected more, at several x")
+    skin = _Skin(finger)
+
+    def off_mm(found: Array) -> Array:
+        dx, dy, along, roll, tilt = _full(found, free)
+        turn = Turn(roll, tilt)
+        poses = (turn.seen_from_finger(Pose(x - dx, h - dy, a - along), radius_mm) for x, h, a in places)
+        return np.array([pose.above_apex_mm - skin.touched_at(pose, radius_mm) for pose in poses])
+
+    walk = np.array(_WALK)[free]
+    fit = least_squares(off_mm, np.zeros(len(free)), x_scale=walk, diff_step=1e-2, jac=_by_differences(off_mm, walk))
+    return _lie(fit.x, _by_differences(off_mm, walk)(fit.x), off_mm(fit.x), free, config)
+
+
+def _radius(run: Run, touches: list[dict[str, object]]) -> float:
+    names = {str(event["indentor"]) for event in touches}
+    kind, _, radius = next(iter(names), "").partition(":")
+    if len(names) != 1 or kind != "sphere":
+        raise BadInputError(f"run {run.folder.path}: expected touches of one sphere, as of rig dry-run find_finger")
+    return float(radius)
+
+
+def _full(found: Array, free: list[int]) -> Array:
+    every = np.zeros(len(NAMES))
+    every[free] = found
+    return every
+
+
+def _by_differences(off_mm, walk: Array):  # type: ignore[no-untyped-def]
+    """Central differences over steps wide enough for a skin of points."""
+
+    def jacobian(found: Array) -> Array:
+        steps = np.diag(walk)
+        return np.array([(off_mm(found + s) - off_mm(found - s)) / (2 * s.max()) for s in steps]).T
+
+    return jacobian
+
+
+def _lie(found: Array, jacobian: Array, off_mm: Array, free: list[int], config: Config) -> Lie:
+    """Covariance s² (JᵀJ)⁻¹ with Student's factor, so that ± 2 sd holds 95 %."""
+    spare = len(off_mm) - len(free)
+    sd_mm = max(float(np.sqrt((off_mm**2).sum() / spare)), _LEAST_SD_MM)
+    covariance = sd_mm**2 * np.linalg.inv(jacobian.T @ jacobian)
+    sd = np.sqrt(np.diag(covariance))
+    frame, change = config.frame, _full(found, free)
+    was = (frame.pad_centre_x_mm, frame.apex_z_mm, frame.pad_y_mm, 0.0, 0.0)
+    return Lie(
+        value={NAMES[i]: float(was[i] + change[i]) for i in free},
+        sd={NAMES[i]: float(s * student.ppf(0.975, spare) / 2) for i, s in zip(free, sd, strict=True)},
+        correlation=covariance / np.outer(sd, sd),
+        residual_mm=float(np.sqrt((off_mm**2).mean())),
+        touches=len(off_mm),
+    )

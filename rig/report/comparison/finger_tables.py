@@ -1,0 +1,113 @@
+"""What is said with plausible fingers stated, as rows: for `--json` and as sections of the report."""
+
+from typing import Any
+
+import numpy as np
+
+from rig.compare.comparison import Comparison, Joint
+from rig.compare.fingers.plausible import PlausibleFingers
+from rig.compare.fingers.with_finger import WithFinger
+from rig.compare.tables import Pair, joint_row, members, number
+from rig.report.comparison.comparison_report import Section, as_limits, as_number, as_positions
+
+Row = dict[str, Any]
+
+_HEADER = (
+    "measure", "receptor (mm)", "R²", "best finger", "k, on this finger", "95 % interval", "on all fingers",
+    "ε₀, on this finger", "95 % interval", "on all fingers", "in the set on this finger",
+)  # fmt: skip
+
+
+def fingers_as_json(comparison: Comparison) -> dict[str, Any]:
+    """What `rig compare --json` prints besides when fingers are stated; nothing without."""
+    plausible = comparison.plausible
+    if plausible is None:
+        return {}
+    joints = [WithFinger(joint) for joint in comparison.joints]
+    return {
+        "fingers": {
+            "ranges": {name: list(limits) for name, limits in plausible.ranges.items()},
+            "built": 3 ** len(plausible.free),
+            "joint": [row for found in joints for row in finger_rows(found, plausible)],
+            "indistinguishable": [_set(found) for found in joints],
+        }
+    }
+
+
+def finger_rows(found: WithFinger, plausible: PlausibleFingers) -> list[Row]:
+    """Each measure of the set at the receptor of the set that explains most, with and without doubt of the finger."""
+    return [_row(found, pair, plausible) for pair in _best_of_set(found)]
+
+
+def _best_of_set(found: WithFinger) -> list[Pair]:
+    chosen = found.indistinguishable
+    if chosen is None:
+        return []
+    explained = np.where(chosen & np.isfinite(found.explained), found.explained, -np.inf)
+    return [(m, int(np.argmax(row))) for m, row in enumerate(explained) if np.isfinite(row).any()]
+
+
+def _row(found: WithFinger, pair: Pair, plausible: PlausibleFingers) -> Row:
+    limits = found.interval(*pair)
+    given = joint_row(found.joint, pair)
+    return {
+        **{name: given[name] for name in ("shapes", "condition", "measure", "receptor_mm")},
+        "r2": number(found.explained[pair]),
+        "best_finger": {name: round(value, 6) for name, value in plausible.values(found.place[pair]).items()},
+        "k": number(found.fit.k[pair]),
+        "k_interval": [number(v) for v in limits.k] if limits else None,
+        "eps0": number(found.fit.eps0[pair]),
+        "eps0_interval": [number(v) for v in limits.eps0] if limits else None,
+        "resampled": limits.over if limits else None,
+        "on_this_finger": {name: given[name] for name in _GIVEN},
+    }
+
+
+_GIVEN = ("k", "k_interval", "eps0", "eps0_interval", "r2", "indistinguishable_from_best")
+
+
+def _set(found: WithFinger) -> Row:
+    return {
+        "shapes": [pairing.stimulus.indentor for pairing in found.joint.pairings],
+        "condition": found.joint.pairings[0].stimulus.condition,
+        "measures": members(found.joint, found.indistinguishable),
+    }
+
+
+def finger_sections(comparison: Comparison) -> list[Section]:
+    """One for each joint fit; none where no fingers are stated."""
+    plausible = comparison.plausible
+    if plausible is None:
+        return []
+    return [_section(joint, plausible) for joint in comparison.joints]
+
+
+def _section(joint: Joint, plausible: PlausibleFingers) -> Section:
+    found = WithFinger(joint)
+    ranges = "; ".join(f"{name} {low:g} … {high:g}" for name, (low, high) in plausible.ranges.items())
+    chosen = members(joint, found.indistinguishable)
+    said = "Too few recorded positions are covered to say which measures can be told apart."
+    if chosen is not None:
+        listed = "; ".join(f"{measure} at {as_positions(places)} mm" for measure, places in chosen.items())
+        said = f"With the finger anywhere in these ranges the recordings cannot tell apart: {listed}."
+    return Section(
+        f"On all plausible fingers: {joint.title}",
+        f"Stated as plausible: {ranges} (file with SHA-256 {plausible.sha256}). {said} Each pair may have its best "
+        "finger. Intervals “on all fingers” are the hull of those on every finger of the ranges on which the pair "
+        "does not fit significantly worse than on its best one: they hold for whatever finger lies within the "
+        "ranges, and for no other. “On this finger” is what the run's own finger gives, as in the tables above.",
+        _HEADER,
+        tuple(_cells(row) for row in finger_rows(found, plausible)),
+    )
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    given = row["on_this_finger"]
+    place = ", ".join(f"{name.rpartition('.')[2]} {as_number(value)}" for name, value in row["best_finger"].items())
+    values = [
+        (as_number(given[name]), as_limits(given[f"{name}_interval"]), as_limits(row[f"{name}_interval"]))
+        for name in ("k", "eps0")
+    ]
+    told = {True: "yes", False: "no", None: "–"}[given["indistinguishable_from_best"]]
+    return (row["measure"], as_positions([row["receptor_mm"]]), as_number(row["r2"]), place,
+            *values[0], *values[1], told)  # fmt: skip

@@ -1,0 +1,34 @@
+"""Calibrations: which may still be used today, and what a measurement makes of them."""
+
+import datetime
+
+from rig.plan.config import Config
+from rig.protocol.errors import BadInputError
+from rig.transport.clock import WallClock
+
+
+def today() -> datetime.date:
+    """The day at the bench."""
+    return datetime.datetime.fromtimestamp(WallClock().unix_s()).date()
+
+
+def expired_calibrations(config: Config) -> list[str]:
+    """One line for each calibration that may no longer be used: refused on hardware, a warning in a dry-run."""
+    return [
+        f"calibration.{name}: expired on {getattr(config.calibration, name).expires}, expected a newer measurement"
+        for name in config.calibration.expired(today())
+    ]
+
+
+def refuse_expired(config: Config) -> None:
+    """Raises BadInputError for a calibration that may no longer be used."""
+    for problem in expired_calibrations(config):
+        raise BadInputError(problem)
+
+
+def as_table(name: str, value: float, valid_days: int, sd: float | None = None) -> str:
+    """A calibration made today, as lines for the configuration file."""
+    date = today()
+    expires = date + datetime.timedelta(days=valid_days)
+    known_to = "" if sd is None else f"sd = {sd:.3g}\n"
+    return f"[calibration.{name}]\nvalue = {value:.6g}\n{known_to}date = {date}\nexpires = {expires}\n"

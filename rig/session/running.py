@@ -1,0 +1,28 @@
+"""A script run on a rig, and the ends that it may come to."""
+
+from rig.devices.force.base import ForceError
+from rig.devices.stage.base import StageError
+from rig.engine import Engine, EngineError, ScriptError
+from rig.protocol.api import Rig
+from rig.protocol.script import Script, where_in_script
+from rig.transport.base import TransportError
+
+ENDINGS = (EngineError, StageError, ForceError, TransportError)
+"""What ends a run before its end: the engine has lifted or stopped before it raises these."""
+
+
+def run_script(script: Script, engine: Engine, rig: Rig) -> None:
+    """Run it; a failure elsewhere than in the engine lifts the indentor, and no swallowed trip ends well."""
+    try:
+        script.run(rig)
+    except ENDINGS:
+        raise
+    except (Exception, SystemExit) as error:
+        engine.make_safe()
+        place = where_in_script(script.path, error)
+        raise ScriptError(f"{place}: {type(error).__name__}: {error}") from error
+    except BaseException:
+        engine.stop()
+        raise
+    if engine.problem is not None:
+        raise engine.problem

@@ -1,0 +1,109 @@
+"""The virtual bench in real time, behind ports that any program can open."""
+
+from collections.abc import Callable
+from contextlib import ExitStack
+
+from rig.plan.config import Config
+from rig.protocol.errors import BadInputError
+from rig.virtual.virtual_devices import (
+    FORCES,
+    STAGES,
+    Load,
+    VirtualStage,
+    load_on_sensor,
+    true_carriage,
+    truth,
+    with_framing,
+)
+from sim.contact.shapes import parse_shape
+from sim.devices.line import SerialLine
+from sim.plant.plant import Carriage
+from sim.serve.ports import PortBusyError, PtyPort, TcpPort
+from sim.serve.press_ahead import PressAhead, PressStatistics
+from sim.serve.press_process import FingerNotLoadedError, PressProcess
+from sim.serve.wall_clock import WallScheduler
+
+
+class ServedBench:
+    """A stage, a force sensor or both, with the finger between them; close() it, or use it in a `with`.
+
+    ports says by what names clients open them.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        *,
+        stage: str | None,
+        force: str | None,
+        tcp: int | None = None,
+        complain: Callable[[str], object] = print,
+    ) -> None:
+        """Kinds of the devices, None for none; tcp is the first port's number, pseudo-terminals without it.
+
+        Returns when everything answers. Raises BadInputError.
+        """
+        self.scheduler = WallScheduler()
+        self.ports: dict[str, str] = {}
+        self.press: PressAhead | None = None
+        self._tcp = tcp
+        config = with_framing(config, "rtu" if tcp is None else "tcp")
+        self._closing = ExitStack()
+        self._closing.callback(self.scheduler.close)
+        try:
+            self._build(config, stage, force, complain)
+        except (PortBusyError, FingerNotLoadedError) as error:
+            self.close()
+            raise BadInputError(str(error)) from None
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def statistics(self) -> PressStatistics | None:
+        """How the forces came, if there is a finger."""
+        return None if self.press is None else self.press.statistics
+
+    def run(self) -> None:
+        """Serve until stop()."""
+        self.scheduler.run()
+
+    def stop(self) -> None:
+        """End run(), also from a signal handler or another thread."""
+        self.scheduler.stop()
+
+    def close(self) -> None:
+        """Close the ports and end the finger's process."""
+        self._closing.close()
+
+    def __enter__(self) -> "ServedBench":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _build(self, config: Config, stage: str | None, force: str | None, complain: Callable[[str], object]) -> None:
+        parse_shape(config.virtual.indentor)
+        stage_line = self._open("stage", config.stage.baud) if stage else None
+        force_line = self._open("force", config.force.baud) if force else None
+        board = STAGES[stage](self.scheduler, stage_line, config) if stage and stage_line else None
+        if force and force_line:
+            elastic = self._finger(config, board, complain) if board else Load(lambda t_s: 0.0)
+            FORCES[force](self.scheduler, force_line, config, load_on_sensor(self.scheduler, elastic, config))
+
+    def _open(self, name: str, baud: int) -> SerialLine:
+        line = SerialLine(self.scheduler, baud)
+        if self._tcp is None:
+            port: PtyPort | TcpPort = PtyPort(self.scheduler, line)
+        else:
+            port = TcpPort(self.scheduler, line, self._tcp + len(self.ports) if self._tcp else 0)
+        self._closing.callback(port.close)
+        self.ports[name] = port.name
+        return line
+
+    def _finger(self, config: Config, board: VirtualStage, complain: Callable[[str], object]) -> Load:
+        carriage: Carriage = true_carriage(board, config)
+        process = PressProcess(config.finger, config.virtual.indentor, truth(config))
+        self._closing.callback(process.close)
+        self.press = PressAhead(self.scheduler, carriage, process, config.force.sample_period_s, complain)
+        return Load(self.press.force_n, self.press.fresh)

@@ -1,0 +1,135 @@
+"""The fingertip model's parameters: every number that the source leaves free, with its default and unit.
+
+Values marked [free] are not given by Raju (1998); `docs/model.md` says where each default comes from.
+"""
+
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+
+from sim.config.measured_skin import POINT_COLUMNS, SECTION_COLUMNS, check_points, check_sections, rows_from
+
+
+class _Settings(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Geometry(_Settings):
+    """Shape of the finger; lengths in mm. [free], and all that the 24 published points say nothing about.
+
+    `points` or `sections` replace the published points. Each is a list of rows, or the path of a CSV file, relative
+    to the validation context's `folder`; only the numbers are kept.
+    """
+
+    length_mm: float = Field(12.75, gt=10, lt=30)
+    proximal_apex_mm: float = Field(2.6, gt=0.5, lt=8, description="height of the top profile at z = 0")
+    proximal_half_width_mm: float = Field(3.4, gt=0.5, lt=10)
+    proximal_lean_mm: float = Field(-0.6, gt=-3, lt=3, description="lateral shift of the pulp at z = 0")
+    tip_radius_mm: float = Field(1.0, gt=0.2, lt=4, description="radius of the blunt section at the distal tip")
+    nail_depth_ratio: float = Field(0.75, gt=0.2, lt=2, description="depth of the nail side / height of the pulp")
+    stiffness_of_fit: float = Field(0.06, gt=0, lt=10, description="weight of the surface's second derivatives")
+    points: tuple[tuple[float, float, float], ...] = Field((), description="x, y, z of the pulp's skin")
+    sections: tuple[tuple[float, float, float, float], ...] = Field((), description="z, half-width, height, lean")
+
+    @field_validator("points", "sections", mode="before")
+    @classmethod
+    def _numbers(cls, value: object, info: ValidationInfo) -> object:
+        folder = Path((info.context or {}).get("folder", "."))
+        return rows_from(value, POINT_COLUMNS if info.field_name == "points" else SECTION_COLUMNS, folder)
+
+    @field_validator("points", "sections")
+    @classmethod
+    def _usable(cls, rows: tuple[Any, ...], info: ValidationInfo) -> tuple[Any, ...]:
+        if rows and info.data.get("points"):
+            raise ValueError("expected either points or sections, not both")
+        if rows and "length_mm" in info.data:
+            (check_points if info.field_name == "points" else check_sections)(rows, info.data["length_mm"])
+        return rows
+
+
+class Tissue(_Settings):
+    """Layers from the outside in. Ratios of E and Poisson's ratio: Raju (1998, ch. 3); thicknesses [free]."""
+
+    epidermis_mm: float = Field(0.4, gt=0.05, lt=1.0)
+    dermis_mm: float = Field(0.8, gt=0.1, lt=2.0)
+    bone_fraction: float = Field(0.32, gt=0.05, lt=0.6, description="bone radius / section radius")
+    e_dermis: float = Field(0.1, gt=1e-6, le=10, description="E / E(epidermis)")
+    e_fat: float = Field(0.1, gt=1e-6, le=10, description="E / E(epidermis)")
+    e_bone: float = Field(1.0e4, ge=1, le=1e10, description="E / E(epidermis), for an elastic bone")
+    poisson: float = Field(0.48, ge=0, lt=0.5)
+    bone: Literal["rigid", "elastic"] = "rigid"
+    nail_arc_deg: float = Field(140.0, ge=0, le=200, description="dorsal arc whose skin nodes are fixed")
+    nail_from_z_mm: float = Field(5.0, ge=0, le=20)
+
+
+MESH_LEVELS: dict[str, dict[str, float]] = {
+    "default": {},
+    "fine": {
+        "spacing_mm": 0.1,
+        "axial_spacing_mm": 0.236,
+        "epidermis_elements": 3,
+        "dermis_spacing_mm": 0.133,
+    },
+}
+"""What a level sets; a key that is given itself goes before. Chosen by error for time: docs/performance.md."""
+
+
+AXIAL_STRETCH = 1.855
+"""Axial over lateral spacing: chosen by error for time; at the default spacing a row lies on the nail's start."""
+
+
+class MeshSpec(_Settings):
+    """Sizes of elements, mm; a quadratic one has nodes half way too. `patch_*` bound what an indentor may touch."""
+
+    level: Literal["default", "fine"] = Field("default", description="fine: for sharp shapes")
+    spacing_mm: float = Field(0.17, gt=0.02, le=1.0, description="lateral, on the pulp")
+    axial_spacing_mm: float | None = Field(
+        None, gt=0.02, le=1.0, description="along the finger; default: 1.855 × spacing_mm"
+    )
+    patch_x_mm: float = Field(3.3, gt=0.5, le=4.0)
+    patch_z_mm: float = Field(3.5, gt=0.5, le=4.5)
+    round_patch_mm: float = Field(
+        2.5, gt=0.3, le=4.5, description="half-width of the nodes that a sphere, a cone or a round punch may touch"
+    )
+    epidermis_elements: int = Field(2, ge=1, le=8)
+    dermis_spacing_mm: float = Field(0.2, gt=0.02, le=1.0)
+    dermis_fine_depth_mm: float = Field(1.2, gt=0.2, le=3.0)
+    growth: float = Field(1.2, gt=1.0, le=2.0, description="between neighbours, near the patch")
+    far_growth: float = Field(1.5, gt=1.0, le=3.0)
+    near_spacing_mm: float = Field(0.5, gt=0.05, le=2.0, description="largest element just outside the patch")
+    near_width_mm: float = Field(1.5, gt=0, le=5.0)
+    far_spacing_mm: float = Field(1.5, gt=0.05, le=3.0)
+    nail_on_nodes: bool = Field(True, description="a row of nodes along each of the nail's edges")
+    element: Literal["bbar", "full", "incompatible", "quadratic"] = "bbar"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _levelled(cls, given: Any) -> Any:
+        return {**MESH_LEVELS.get(str(given.get("level")), {}), **given} if isinstance(given, dict) else given
+
+    @property
+    def axial_mm(self) -> float:
+        """Spacing along the finger on the pulp, under shapes prismatic along it."""
+        return AXIAL_STRETCH * self.spacing_mm if self.axial_spacing_mm is None else self.axial_spacing_mm
+
+
+class Contact(_Settings):
+    """Where contact is enforced."""
+
+    between_nodes: bool = Field(True, description="under sharp corners also at points between nodes")
+
+
+class FingertipConfig(_Settings):
+    """A fingertip: what its condensed model is made of, and how it is touched."""
+
+    geometry: Geometry = Geometry()
+    tissue: Tissue = Tissue()
+    mesh: MeshSpec = MeshSpec()
+    contact: Contact = Contact()
+    receptor_plane_from_tip_mm: float = Field(5.857, gt=1, lt=12, description="Raju (1998): 5.86 from the tip")
+
+    @property
+    def receptor_plane_mm(self) -> float:
+        """Axial position of the receptor plane, mm from the proximal edge (6.893 by default)."""
+        return self.geometry.length_mm - self.receptor_plane_from_tip_mm

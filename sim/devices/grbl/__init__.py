@@ -1,0 +1,1 @@
+"""A virtual GRBL 1.1 board."""

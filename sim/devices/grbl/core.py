@@ -1,0 +1,200 @@
+"""The core of the virtual GRBL board: bytes, state and waiting.
+
+Source: GRBL 1.1 interface wiki and the behaviour of the 1.1h firmware.
+"""
+
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import copysign, floor, inf
+
+from sim.devices.clock import Handle, Scheduler
+from sim.devices.grbl import report
+from sim.devices.grbl.gcode import Modal
+from sim.devices.grbl.lines import LineAssembler
+from sim.devices.grbl.motion import Counts, Vec
+from sim.devices.grbl.planner import Planner
+from sim.devices.grbl.settings import HOMING, GrblSettings
+from sim.devices.line import SerialLine
+
+OVERFLOW = 11
+_OUTPUTS_KEPT = 1000
+
+
+@dataclass
+class Wait:
+    """Something the main program stands still for; ready_s moves when the plan of motion does."""
+
+    ready_s: Callable[[], float]
+    proceed: Callable[[float], None]
+    through_hold: bool = False
+
+
+class GrblCore:
+    """A board with three axes behind a serial line; what bytes mean is left to those who build on it."""
+
+    def __init__(
+        self,
+        scheduler: Scheduler,
+        line: SerialLine,
+        settings: Mapping[int, float] | None,
+        start_mm: Vec,
+        work_offset_mm: Vec,
+        play_steps: Vec,
+    ) -> None:
+        self._scheduler = scheduler
+        self._wire = line
+        self._settings = GrblSettings(settings)
+        self._offset_mm = work_offset_mm
+        self._reports = report.StatusReports(self._settings, work_offset_mm)
+        self._planner = Planner(self._settings.limits(), self._to_steps(start_mm), play_steps)
+        self._rx: deque[int] = deque()
+        self._state = self._after_jog = "Idle"
+        self._deaf = self._dead = self._owes_ok = self._jog_cancelled = self._asked_in_homing = False
+        self._zero: Counts = (0, 0, 0)
+        self._wait: Wait | None = None
+        self._alarm_clock: Handle | None = None
+        self._lines = LineAssembler()
+        self._modal = Modal()
+        self._realtime: dict[int, Callable[[float], None]] = {}
+        self.outputs: deque[tuple[float, str]] = deque(maxlen=_OUTPUTS_KEPT)  # every switching: s, M word
+        line.connect(self._on_bytes)
+        self.power_cycle()
+
+    def carriage_steps_at(self, t_s: float) -> Counts:
+        """Where the motors really are, steps from the home switches (x, y, z); past, present or planned."""
+        return self._planner.track.counts_at(t_s)
+
+    def nut_steps_at(self, t_s: float) -> Counts:
+        """Where what hangs on the screws is: behind the motors by the play where they went up last."""
+        return self._planner.track.nut_at(t_s)
+
+    def power_cycle(self) -> None:
+        """Switch off and on: motion stops, the board takes the place it wakes up at for zero."""
+        now_s = self._scheduler.monotonic_s()
+        self._planner.halt(now_s)
+        x, y, z = self.carriage_steps_at(now_s)
+        self._zero = (-x, -y, -z)
+        self._boot(now_s, locked=self._settings.flag(HOMING))
+
+    # --- bytes in and out ---
+
+    def _on_bytes(self, data: bytes) -> None:
+        now_s = self._scheduler.monotonic_s()
+        self._settle(now_s)
+        for byte in data:
+            act = self._realtime.get(byte)
+            if act is not None:
+                act(now_s)
+            elif byte < 0x80:
+                self._take(byte, now_s)
+
+    def _take(self, byte: int, now_s: float) -> None:
+        if not self._busy():
+            self._feed(byte, now_s)
+        elif len(self._rx) < report.RX_BYTES:
+            self._rx.append(byte)
+
+    def _pump(self, now_s: float) -> None:
+        while self._rx and not self._busy():
+            self._feed(self._rx.popleft(), now_s)
+
+    def _feed(self, byte: int, now_s: float) -> None:
+        line = self._lines.feed(byte)
+        if line is not None:
+            self._owes_ok = True
+            self._reply(OVERFLOW if self._lines.overflowed else self._execute(line, now_s))
+
+    def _reply(self, code: int | None) -> None:
+        if code is not None:
+            self._owes_ok = False
+            self._send(f"error:{code}" if code else "ok")
+
+    def _send(self, *lines: str) -> None:
+        self._wire.device_write("".join(f"{line}\r\n" for line in lines).encode("ascii"))
+
+    # --- state ---
+
+    def _busy(self) -> bool:
+        """Whether lines have to wait in the receive buffer."""
+        return self._wait is not None or self._deaf or self._jog_cancelled or self._state in ("Hold", "Door", "Sleep")
+
+    def _settle(self, now_s: float) -> None:
+        """Notice what has come to rest since the last byte."""
+        if self._state in ("Run", "Jog") and now_s >= self._planner.end_s:
+            self._state = "Idle"
+            if self._jog_cancelled:
+                self._planner.halt(now_s)
+                self._sync(now_s)
+                self._state, self._jog_cancelled = self._after_jog, False
+
+    def _boot(self, now_s: float, locked: bool) -> None:
+        self._planner.halt(now_s)
+        self._stop_waiting()
+        self._rx.clear()
+        self._lines.clear()
+        self._reports.start_over()
+        self._switch_outputs(Modal(), now_s)
+        self._modal = Modal()
+        self._deaf = self._dead = self._owes_ok = self._jog_cancelled = self._asked_in_homing = False
+        self._after_jog = "Idle"
+        self._state = "Alarm" if locked else "Idle"
+        self._sync(now_s)
+        self._send(report.BANNER, *([report.UNLOCK] if locked else []))
+
+    def _switch_outputs(self, to: Modal, now_s: float) -> None:
+        changed = [f"M{new}" for new, old in zip(to.outputs, self._modal.outputs, strict=True) if new != old]
+        self.outputs.extend((now_s, word) for word in changed)
+
+    def _sync(self, now_s: float) -> None:
+        """Let parser and planner start from where the board believes the carriage is."""
+        self._queued_to = self.carriage_steps_at(now_s)
+        self._parser_mm = self._machine_mm(self._queued_to)
+
+    def _machine_mm(self, carriage: Counts) -> Vec:
+        x, y, z = (
+            (steps + zero) / per
+            for steps, zero, per in zip(carriage, self._zero, self._settings.per_axis(100), strict=True)
+        )
+        return (x, y, z)
+
+    def _to_steps(self, mm: Vec) -> Counts:
+        x, y, z = (_nearest(d * per) for d, per in zip(mm, self._settings.per_axis(100), strict=True))
+        return (x, y, z)
+
+    # --- waiting ---
+
+    def _wait_for(self, wait: Wait) -> None:
+        self._wait = wait
+        self._arm()
+
+    def _stop_waiting(self) -> None:
+        self._wait = None
+        self._arm()
+
+    def _arm(self) -> None:
+        """Set the alarm clock for what is waited for, as the motion is planned now."""
+        if self._alarm_clock is not None:
+            self._alarm_clock.cancel()
+            self._alarm_clock = None
+        wait = self._wait
+        if wait is not None and (wait.through_hold or self._state not in ("Hold", "Door")):
+            ready_s = wait.ready_s()
+            if ready_s < inf:
+                self._alarm_clock = self._scheduler.call_at(ready_s, self._wake)
+
+    def _wake(self) -> None:
+        now_s = self._scheduler.monotonic_s()
+        self._settle(now_s)
+        wait, self._wait, self._alarm_clock = self._wait, None, None
+        if wait is not None:
+            wait.proceed(now_s)
+        self._pump(now_s)
+
+    def _execute(self, line: str, now_s: float) -> int | None:
+        """Returns the error number, 0 for ok, None if the answer comes later."""
+        raise NotImplementedError
+
+
+def _nearest(steps: float) -> int:
+    return int(copysign(floor(abs(steps) + 0.5), steps))

@@ -1,0 +1,109 @@
+"""What a GRBL 1.1h board says of itself. Source: GRBL 1.1 interface wiki."""
+
+from dataclasses import dataclass
+
+from sim.devices.grbl.gcode import MM_PER_INCH, Modal
+from sim.devices.grbl.motion import Vec
+from sim.devices.grbl.settings import GrblSettings
+
+BANNER = "\r\nGrbl 1.1h ['$' for help]"
+HELP = "[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x]"
+BUILD = ["[VER:1.1h.20190830:]", "[OPT:V,15,128]"]
+UNLOCK = "[MSG:'$H'|'$X' to unlock]"
+RX_BYTES = 128
+
+_WCO_EVERY = {True: 30, False: 10}
+_OV_EVERY = {True: 20, False: 10}
+_SPINDLE_LETTER = {3: "S", 4: "C", 5: ""}
+
+
+@dataclass
+class Snapshot:
+    """The board at the instant of a `?`: mm, mm/min, planner blocks and receive bytes free, limit pins."""
+
+    state: str
+    machine_mm: Vec
+    feed: float
+    blocks_free: int
+    bytes_free: int
+    pins: str
+    modal: Modal
+
+
+class StatusReports:
+    """Formats `<…>` lines; WCO and Ov come only now and then, less often while busy."""
+
+    def __init__(self, settings: GrblSettings, offset_mm: Vec) -> None:
+        self._settings = settings
+        self._offset_mm = offset_mm
+        self._wco_in = 0
+        self._ov_in = 0
+
+    def start_over(self) -> None:
+        self._wco_in = self._ov_in = 0
+
+    def show_overrides(self) -> None:
+        """Outputs were switched: Ov, and with it A, comes as soon as it can."""
+        self._ov_in = 0
+
+    def line(self, at: Snapshot) -> str:
+        mask = int(self._settings[10])
+        inches = self._settings.flag(13)
+        parts = [at.state, self._position(at.machine_mm, bool(mask & 1), inches)]
+        if mask & 2:
+            parts.append(f"Bf:{at.blocks_free},{at.bytes_free}")
+        parts.append(f"FS:{at.feed / (MM_PER_INCH if inches else 1):.0f},{_rpm(at.modal):.0f}")
+        if at.pins:
+            parts.append(f"Pn:{at.pins}")
+        return f"<{'|'.join(parts + self._now_and_then(at, inches))}>"
+
+    def _position(self, machine_mm: Vec, as_machine: bool, inches: bool) -> str:
+        if as_machine:
+            return "MPos:" + coordinates(machine_mm, inches)
+        (x, y, z), (i, j, k) = machine_mm, self._offset_mm
+        return "WPos:" + coordinates((x - i, y - j, z - k), inches)
+
+    def _now_and_then(self, at: Snapshot, inches: bool) -> list[str]:
+        busy = at.state not in ("Idle", "Alarm")
+        parts = []
+        if self._wco_in > 0:
+            self._wco_in -= 1
+        else:
+            self._wco_in = _WCO_EVERY[busy] - 1
+            # The firmware never sends both in one line: Ov follows in the next.
+            self._ov_in = max(self._ov_in, 1)
+            parts.append("WCO:" + coordinates(self._offset_mm, inches))
+        if self._ov_in > 0:
+            self._ov_in -= 1
+        else:
+            self._ov_in = _OV_EVERY[busy] - 1
+            parts.append("Ov:100,100,100")
+            accessories = _SPINDLE_LETTER[at.modal.spindle] + ("F" if at.modal.coolant == 8 else "")
+            parts += [f"A:{accessories}"] if accessories else []
+        return parts
+
+
+def _rpm(modal: Modal) -> float:
+    return 0.0 if modal.spindle == 5 else modal.speed
+
+
+def coordinates(mm: Vec, inches: bool = False) -> str:
+    x, y, z = mm
+    if inches:
+        return f"{x / MM_PER_INCH:.4f},{y / MM_PER_INCH:.4f},{z / MM_PER_INCH:.4f}"
+    return f"{x:.3f},{y:.3f},{z:.3f}"
+
+
+def parser_state(modal: Modal) -> str:
+    """The answer to `$G`."""
+    motion, units = 0 if modal.rapid else 1, 21 if modal.metric else 20
+    distance = 90 if modal.absolute else 91
+    outputs = f"M{modal.spindle} M{modal.coolant}"
+    return f"[GC:G{motion} G54 G17 G{units} G{distance} G94 {outputs} T0 F{modal.feed:.0f} S{modal.speed:.0f}]"
+
+
+def parameters(offset_mm: Vec) -> list[str]:
+    """The answer to `$#`; only G54 can be other than zero."""
+    zero = coordinates((0.0, 0.0, 0.0))
+    others = [f"[{name}:{zero}]" for name in ("G55", "G56", "G57", "G58", "G59", "G28", "G30", "G92")]
+    return [f"[G54:{coordinates(offset_mm)}]", *others, "[TLO:0.000]", f"[PRB:{zero}:0]"]

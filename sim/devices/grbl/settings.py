@@ -1,0 +1,78 @@
+"""The `$n=v` settings of a GRBL 1.1 board and the rules for storing them.
+
+Source: GRBL 1.1 configuration wiki. The defaults are this rig's, not the firmware's.
+"""
+
+from collections.abc import Mapping
+
+from sim.devices.grbl.motion import Vec
+from sim.devices.grbl.planner import AxisLimits
+
+SOFT_LIMITS, HOMING = 20, 22
+
+# 400 steps/mm: a 1.8° motor on a 0.5 mm screw. Z (vertical) is the slow axis; all are far under a stall.
+RIG_DEFAULTS: Mapping[int, float] = {
+    0: 10, 1: 255, 2: 0, 3: 0, 4: 0, 5: 0, 6: 0, 10: 1, 11: 0.010, 12: 0.002, 13: 0,
+    20: 1, 21: 0, 22: 1, 23: 0, 24: 25, 25: 300, 26: 250, 27: 1, 30: 1000, 31: 0, 32: 0,
+    100: 400, 101: 400, 102: 400, 110: 600, 111: 600, 112: 300, 120: 50, 121: 50, 122: 50,
+    130: 60, 131: 30, 132: 40,
+}  # fmt: skip
+_DECIMAL = {11, 12, 24, 25, 27}
+_DIVISORS = {100, 101, 102, 110, 111, 112, 120, 121, 122}
+_SWITCHES = {4, 5, 6, 13, 20, 21, 22, 32}
+
+UNKNOWN_SETTING, NEGATIVE_VALUE, SHORT_PULSE, NO_HOMING = 3, 4, 6, 10
+
+
+class GrblSettings:
+    """What the board keeps in its EEPROM."""
+
+    def __init__(self, changes: Mapping[int, float] | None = None) -> None:
+        self._values = {**RIG_DEFAULTS, **(changes or {})}
+
+    def __getitem__(self, number: int) -> float:
+        return self._values[number]
+
+    def flag(self, number: int) -> bool:
+        return bool(self._values[number])
+
+    def per_axis(self, number: int) -> Vec:
+        """Three settings in a row as (x, y, z)."""
+        return (self._values[number], self._values[number + 1], self._values[number + 2])
+
+    def store(self, number: float, value: float) -> int:
+        """Returns GRBL's error number, 0 if stored."""
+        if value < 0:
+            return NEGATIVE_VALUE
+        if number not in self._values:
+            return UNKNOWN_SETTING
+        if number == 0 and value < 3:
+            return SHORT_PULSE
+        if value == 0 and number in _DIVISORS:
+            # The firmware takes these and then divides by them; a simulation cannot.
+            return NEGATIVE_VALUE
+        if number == SOFT_LIMITS and value and not self.flag(HOMING):
+            return NO_HOMING
+        self._put(int(number), value)
+        return 0
+
+    def listing(self) -> list[str]:
+        """The answer to `$$`."""
+        return [f"${number}={_shown(number, value)}" for number, value in self._values.items()]
+
+    def limits(self) -> AxisLimits:
+        x, y, z = self.per_axis(110)
+        return AxisLimits(self.per_axis(100), (x / 60, y / 60, z / 60), self.per_axis(120), self[11])
+
+    def _put(self, number: int, value: float) -> None:
+        if number in _SWITCHES:
+            value = float(bool(value))
+        elif number not in _DECIMAL and number < 100:
+            value = float(int(value))
+        self._values[number] = value
+        if number == HOMING and not value:
+            self._values[SOFT_LIMITS] = 0.0
+
+
+def _shown(number: int, value: float) -> str:
+    return f"{value:.3f}" if number in _DECIMAL or number >= 100 else str(int(value))

@@ -1,0 +1,1 @@
+"""Fingertips to be indented: finger, section and half-space behind one interface."""

@@ -1,0 +1,139 @@
+"""Condensed models on disk, named by a hash of everything that made them."""
+
+import contextlib
+import hashlib
+import io
+import json
+import os
+from collections.abc import Callable, Iterator
+from importlib.resources import files
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+from filelock import FileLock
+from numpy.typing import NDArray
+from platformdirs import user_cache_path
+
+Arrays = dict[str, NDArray[np.generic]]
+Kind = Literal["model", "answers"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+"""Condensed models, and what they said."""
+
+MOST_BYTES = 5e9
+"""Of all models together; those that were not read for longest go first."""
+
+_SEAL_BYTES = hashlib.sha256().digest_size
+_CODE_ROOMS = ("finger", "fem", "measures", "config", "models/condensed.py", "contact/patch.py")
+
+
+class CacheError(ValueError):
+    """Models cannot be stored where they should be."""
+
+
+def cache_dir() -> Path:
+    """Folder of cached models: RIG_CACHE_DIR, or the user's cache folder."""
+    chosen = os.environ.get("RIG_CACHE_DIR")
+    return Path(chosen) if chosen else user_cache_path("indentation-rig")
+
+
+def content_key(parameters: object) -> str:
+    """Hash of JSON-serialisable parameters, of the published points and of the code that makes a model."""
+    digest = hashlib.sha256(json.dumps(parameters, sort_keys=True).encode())
+    root = Path(str(files("sim")))
+    sources = [root / "data" / "fingertip_surface_points.csv"]
+    for room in _CODE_ROOMS:
+        place = root / room
+        sources += sorted(place.rglob("*.py")) if place.is_dir() else [place]
+    for source in sources:
+        digest.update(source.relative_to(root).as_posix().encode())
+        digest.update(source.read_bytes())
+    return digest.hexdigest()[:32]
+
+
+def cached_arrays(key: str, make: Callable[[], Arrays], kind: Kind = "model") -> tuple[Arrays, bool]:
+    """The arrays stored under the key, and whether they were on disk; made and stored when absent or damaged.
+
+    The kind is the file's suffix. A file is believed only if it is whole: it begins with the SHA-256 of the key
+    and of all that follows. One process at a time makes it.
+    """
+    folder = cache_dir()
+    path = folder / f"{key}.{kind}"
+    found = _read(path, key)
+    if found is not None:
+        return found, True
+    with _alone(folder, key):
+        found = _read(path, key)  # another process may have just made it
+        if found is not None:
+            return found, True
+        made = make()
+        content = _packed(made)
+        with _replacing(path) as partial, partial.open("wb") as stream:
+            stream.write(_seal(key, content))
+            stream.write(content)
+    _forget_oldest(folder)
+    return made, False
+
+
+@contextlib.contextmanager
+def _alone(folder: Path, key: str) -> Iterator[None]:
+    """Nobody else makes what the key names meanwhile. Raises CacheError."""
+    lock = FileLock(folder / f"{key}.lock")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock.acquire()
+    except OSError as error:
+        raise CacheError(f"cache folder {folder} (RIG_CACHE_DIR): {error.strerror}") from None
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def _read(path: Path, key: str) -> Arrays | None:
+    """The stored arrays, or None when there are none or they are not to be trusted."""
+    try:
+        stored = memoryview(path.read_bytes())
+    except OSError:
+        return None
+    seal, content = stored[:_SEAL_BYTES], stored[_SEAL_BYTES:]
+    if bytes(seal) != _seal(key, content):
+        return None
+    with contextlib.suppress(OSError):  # a folder that may only be read
+        path.touch()
+    with np.load(io.BytesIO(content)) as arrays:
+        return {name: arrays[name] for name in arrays.files}
+
+
+def _forget_oldest(folder: Path) -> None:
+    """Remove models and answers until the rest takes MOST_BYTES or less; the newest always stays."""
+    with contextlib.suppress(OSError):  # another process may be at it too
+        found = (path for kind in KINDS for path in folder.glob(f"*.{kind}"))
+        stored = sorted(((path, path.stat()) for path in found), key=lambda s: -s[1].st_mtime_ns)
+        taken = np.cumsum([stat.st_size for _, stat in stored])
+        for (path, _), up_to_here in list(zip(stored, taken, strict=True))[1:]:
+            if up_to_here > MOST_BYTES:
+                path.unlink()
+
+
+def _packed(arrays: Arrays) -> memoryview:
+    stream = io.BytesIO()
+    np.savez(stream, **arrays)  # type: ignore[arg-type]
+    return stream.getbuffer()
+
+
+def _seal(key: str, content: memoryview) -> bytes:
+    digest = hashlib.sha256(key.encode())
+    digest.update(content)
+    return digest.digest()
+
+
+@contextlib.contextmanager
+def _replacing(path: Path) -> Iterator[Path]:
+    """A path to write to that replaces `path` only when the writing ended well."""
+    partial = path.with_suffix(f".{os.getpid()}.part")
+    try:
+        yield partial
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)

@@ -1,0 +1,138 @@
+"""Scenes as CalculiX input decks, for a second opinion by another program.
+
+CalculiX's C3D8 is fully integrated: compare with `mesh.element = "full"`. Format: CalculiX CrunchiX user's manual.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.config.fingertip_config import FingertipConfig
+from sim.contact.profiles import Profile
+from sim.finger.mesh import FingerMesh, MeshError
+from sim.models.condensed import young_ratios
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_PER_LINE = 12
+_INDENTOR_HALF_MM = 3.4
+_INDENTOR_TOP_MM = 1.0
+_STEEP = 20.0
+CONTACT_STIFFNESS_MPA_PER_MM = 2000.0
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A finger mesh and the stiffness of its layers, E(epidermis) in MPa. Raises MeshError for quadratic elements."""
+
+    config: FingertipConfig
+    mesh: FingerMesh
+    e_epidermis_mpa: float
+
+    def __post_init__(self) -> None:
+        if self.mesh.order > 1:
+            raise MeshError('mesh.element = "quadratic": a deck has elements of eight nodes, expected "full"')
+
+
+def write_load_deck(path: Path, scene: Scene, nodes: Ints, force_n: Array) -> None:
+    """The finger under (n, 3) N on n nodes; prints every node's displacement and the sum of the reactions."""
+    with path.open("w", encoding="ascii") as file:
+        _write_finger(file, scene)
+        file.write("*STEP\n*STATIC,SOLVER=SPOOLES\n*CLOAD\n")
+        for node, force in zip(nodes + 1, force_n, strict=True):
+            file.writelines(f"{node},{axis},{value:.12g}\n" for axis, value in enumerate(force, 1) if value)
+        file.write("*NODE PRINT,NSET=NALL\nU\n*NODE PRINT,NSET=NFIX,TOTALS=ONLY\nRF\n*END STEP\n")
+
+
+def write_contact_deck(
+    path: Path, scene: Scene, profile: Profile, x_mm: float, touch_mm: float, doi_mm: float
+) -> None:
+    """A rigid indentor pressed from first touch to a depth, node to surface; prints the sum of its reactions."""
+    mesh = scene.mesh
+    corners, bricks, faces = _indentor(profile, x_mm, touch_mm, mesh.nodes[:, 2].min(), mesh.nodes[:, 2].max())
+    n_nodes, n_elements = len(mesh.nodes), len(mesh.hexes)
+    with path.open("w", encoding="ascii") as file:
+        _write_finger(file, scene)
+        file.write("*NODE,NSET=NIND\n")
+        _write_nodes(file, corners, n_nodes)
+        file.write("*ELEMENT,TYPE=C3D8,ELSET=EIND\n")
+        _write_elements(file, bricks + n_nodes, n_elements)
+        file.write("*MATERIAL,NAME=RIGID\n*ELASTIC\n1.E5,0.3\n*SOLID SECTION,ELSET=EIND,MATERIAL=RIGID\n")
+        _write_set(file, "*NSET,NSET=NSKIN", mesh.patch_nodes)
+        file.write("*SURFACE,NAME=SKIN,TYPE=NODE\nNSKIN\n*SURFACE,NAME=TOOL,TYPE=ELEMENT\n")
+        file.writelines(f"{n_elements + element + 1},{face}\n" for element, face in faces)
+        file.write("*SURFACE INTERACTION,NAME=CONTACT\n*SURFACE BEHAVIOR,PRESSURE-OVERCLOSURE=LINEAR\n")
+        file.write(f"{CONTACT_STIFFNESS_MPA_PER_MM:.9g},1.E-6\n")
+        file.write("*CONTACT PAIR,INTERACTION=CONTACT,TYPE=NODE TO SURFACE\nSKIN,TOOL\n")
+        file.write("*STEP,INC=200\n*STATIC,SOLVER=SPOOLES\n0.25,1.,1.E-5,0.25\n*BOUNDARY\n")
+        file.write(f"NIND,1,1\nNIND,3,3\nNIND,2,2,{-doi_mm:.12g}\n")
+        file.write("*NODE PRINT,NSET=NIND,TOTALS=ONLY\nRF\n*END STEP\n")
+
+
+def _write_finger(file: TextIO, scene: Scene) -> None:
+    mesh, tissue = scene.mesh, scene.config.tissue
+    file.write("*NODE,NSET=NALL\n")
+    _write_nodes(file, mesh.nodes, 0)
+    file.write("*ELEMENT,TYPE=C3D8,ELSET=EALL\n")
+    _write_elements(file, mesh.hexes, 0)
+    for layer, ratio in enumerate(young_ratios(tissue)):
+        elements = np.flatnonzero(mesh.layer == layer)
+        if not len(elements):
+            continue
+        _write_set(file, f"*ELSET,ELSET=LAYER{layer}", elements)
+        file.write(f"*MATERIAL,NAME=TISSUE{layer}\n*ELASTIC\n")
+        file.write(f"{scene.e_epidermis_mpa * ratio:.12g},{tissue.poisson:.12g}\n")
+        file.write(f"*SOLID SECTION,ELSET=LAYER{layer},MATERIAL=TISSUE{layer}\n")
+    _write_set(file, "*NSET,NSET=NFIX", np.flatnonzero(mesh.fixed))
+    file.write("*BOUNDARY\nNFIX,1,3\n")
+
+
+def _indentor(
+    profile: Profile, x_mm: float, lowest_mm: float, z0: float, z1: float
+) -> tuple[Array, Ints, list[tuple[int, str]]]:
+    """Nodes, bricks and contact faces of the profile extruded along z, where it is not steeper than its flanks."""
+    s = np.unique(np.concatenate([np.linspace(-_INDENTOR_HALF_MM, _INDENTOR_HALF_MM, 137), *_bends(profile)]))
+    height, slope, _ = profile.evaluate(s)
+    s, height = s[np.abs(slope) < _STEEP], height[np.abs(slope) < _STEEP]
+    below = np.stack([s + x_mm, lowest_mm + height], axis=1)
+    above = np.stack([s + x_mm, np.full(len(s), lowest_mm + height.max() + _INDENTOR_TOP_MM)], axis=1)
+    flat = np.concatenate([below, above])
+    corners = np.concatenate([np.insert(flat, 2, z, axis=1) for z in (z0, z1)])
+    n = len(s)
+    k = np.arange(n - 1)
+    front = np.stack([k, k + 1, k + 1 + n, k + n], axis=1)
+    bricks = np.concatenate([front, front + 2 * n], axis=1)
+    return corners, bricks, [(int(element), "S3") for element in k]
+
+
+def _bends(profile: Profile) -> Iterable[Array]:
+    """Extra stations where the profile curves, so that facets follow it within a micrometre or so."""
+    s = np.linspace(-_INDENTOR_HALF_MM, _INDENTOR_HALF_MM, 40001)
+    _, slope, curvature = profile.evaluate(s)
+    bent = (np.abs(curvature) > 0) & (np.abs(slope) < _STEEP)
+    turned = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(np.arctan(slope))))])
+    stations = np.searchsorted(turned, np.arange(0.0, turned[-1], 0.05))
+    return (s[np.unique(stations[stations < len(s)])], s[np.flatnonzero(np.diff(bent.astype(int)))])
+
+
+def _write_nodes(file: TextIO, nodes: Array, offset: int) -> None:
+    file.writelines(f"{offset + k},{x:.12g},{y:.12g},{z:.12g}\n" for k, (x, y, z) in enumerate(nodes, 1))
+
+
+def _write_elements(file: TextIO, elements: Ints, offset: int) -> None:
+    file.writelines(f"{offset + k},{','.join(map(str, row))}\n" for k, row in enumerate((elements + 1).tolist(), 1))
+
+
+def _write_set(file: TextIO, card: str, numbers: Ints) -> None:
+    file.write(f"{card}\n")
+    file.writelines(f"{','.join(map(str, part))},\n" for part in _parts((numbers + 1).tolist()))
+
+
+def _parts(numbers: Sequence[int]) -> Iterator[Sequence[int]]:
+    for start in range(0, len(numbers), _PER_LINE):
+        yield numbers[start : start + _PER_LINE]

@@ -1,0 +1,74 @@
+"""The finger's section in the receptor plane, in plane strain.
+
+A slab 1 mm thick, all of whose faces move alike and not along z. Forces are per millimetre of a finger that has this
+section everywhere and is pressed along its whole length.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+
+from sim.config.fingertip_config import FingertipConfig
+from sim.contact.patch import Patch, X, Y
+from sim.fem.assembly import symmetric
+from sim.finger.mesh import FingerMesh, section_mesh
+from sim.finger.surface import FingertipSurface
+from sim.measures.receptors import ReceptorSet, strain_operator
+from sim.models.condensed import CondensedModel, assembled, condensed, skin_beside, young_ratios
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+AXES = (X, Y)
+
+
+def prismatic(surface: FingertipSurface, plane_mm: float) -> FingertipSurface:
+    """The skin of a finger that has one section everywhere."""
+    knots = np.array([0.0, 0.0, surface.geometry.length_mm, surface.geometry.length_mm])
+    return replace(surface, curves=BSpline(knots, np.tile(surface.parameters(plane_mm), (2, 1)), 1))
+
+
+def build_section(config: FingertipConfig, surface: FingertipSurface, receptors: ReceptorSet) -> CondensedModel:
+    """Condense the section of a prismatic skin onto its patch: one row of nodes, for prismatic shapes."""
+    mesh = section_mesh(config, surface)
+    unknown = _unknowns(mesh)
+    dof = np.flatnonzero(unknown.ravel() >= 0)
+    shape = (unknown.size, int(unknown.max()) + 1)
+    spread = sp.csr_array((np.ones(len(dof)), (dof, unknown.ravel()[dof])), shape=shape)
+    upper = sp.csr_array(sp.triu(spread.T @ symmetric(assembled(config, mesh)) @ spread, format="csr"))
+    pressed = unknown[mesh.patch_nodes][:, AXES].T.ravel()
+    kept = np.sort(pressed)
+    place = np.searchsorted(kept, pressed)
+    operator, layers = strain_operator(mesh, receptors)
+    with condensed(upper, kept, np.zeros(1, np.int64)) as factor:
+        compliance = factor.compliance[place].take(place, axis=1)
+        strain = factor.solve((operator @ spread).toarray()) @ spread.T
+    patch = Patch(mesh.nodes[mesh.patch_nodes], mesh.patch_area_mm2, compliance, mesh.patch_shape, AXES)
+    outside, neighbour = skin_beside(mesh, patch, slice(0, 1))
+    skin = np.arange(mesh.grid[1]) * mesh.grid[2]
+    return CondensedModel(
+        surface=surface,
+        patch=patch,
+        receptor_row=mesh.receptor_row,
+        nodes=mesh.grid[1] * mesh.grid[2],
+        receptors=receptors,
+        receptor_e=young_ratios(config.tissue)[layers],
+        strain_per_skin_force=strain.reshape(len(strain), -1, 3)[:, skin].reshape(-1, 1, len(skin), 3),
+        skin_z_mm=np.array([config.receptor_plane_mm]),
+        skin_phi=mesh.phi,
+        patch_in_skin=np.searchsorted(skin, mesh.patch_nodes),
+        outside_mm=outside,
+        outside_neighbour=neighbour,
+        kind="section",
+    )
+
+
+def _unknowns(mesh: FingerMesh) -> Ints:
+    """(n_nodes, 3) unknown of each displacement, the same on all faces; −1 where it is held, and along z."""
+    free = ~mesh.fixed.reshape(mesh.grid)[0].ravel()
+    face = np.full((len(free), 3), -1)
+    face[free, :2] = np.arange(2 * free.sum()).reshape(-1, 2)
+    return np.tile(face, (mesh.grid[0], 1))

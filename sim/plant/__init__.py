@@ -1,0 +1,1 @@
+"""What stands under a virtual indentor, on the clock of its devices."""

@@ -1,0 +1,245 @@
+"""The bench's physics: where the screws have really put the indentor, and the force that answers."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+
+from sim.contact.indentor import ALONG, ROUND, Indentor
+from sim.contact.profiles import Cylinder
+from sim.contact.shapes import parse_shape
+from sim.contact.solver import REQUIRED_RESIDUAL, ContactState
+from sim.models.fingertip import FARTHEST_X_MM, Fingertip, ModelRangeError
+
+_WARM_MOVE_MM = 0.1
+_FARTHEST_ONWARD = 2.0  # times the way between the last two states
+_DEPTH_TOLERANCE_MM = 1e-6
+
+StepsAt = Callable[[float], tuple[int, int, int]]
+
+
+@dataclass(frozen=True)
+class Screws:
+    """What the screws really are: steps for each millimetre of travel, x lateral, z vertical, y along the finger."""
+
+    x_steps_per_mm: float = 400.0
+    z_steps_per_mm: float = 400.0
+    y_steps_per_mm: float = 400.0
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where the finger really lies, in mm of true carriage travel from the home switches."""
+
+    pad_centre_x_mm: float = -30.0
+    apex_z_mm: float = -25.0  # carriage height at which an indentor's lowest point is level with the apex
+    pad_y_mm: float | None = None  # over the receptor plane; none: the stage has no axis along the finger
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where the indentor really is: x from the pad's centre, its lowest point above the apex, mm.
+
+    along_mm is from the receptor plane towards the tip.
+    """
+
+    x_mm: float
+    above_apex_mm: float
+    along_mm: float = 0.0
+
+    def over(self, other: "Pose") -> bool:
+        """Whether both are over the same place of the finger."""
+        return (self.x_mm, self.along_mm) == (other.x_mm, other.along_mm)
+
+
+@dataclass(frozen=True)
+class Turn:
+    """How a finger lies: rolled about its own axis, then tilted about x, degrees, both about the apex."""
+
+    roll_deg: float = 0.0
+    tilt_deg: float = 0.0
+
+    def seen_from_finger(self, pose: Pose, radius_mm: float) -> Pose:
+        """The pose of a sphere in the finger's own frame."""
+        if not (self.roll_deg or self.tilt_deg):
+            return pose
+        turn = Rotation.from_euler("zx", (self.roll_deg, self.tilt_deg), degrees=True)
+        centre = turn.inv().apply((pose.x_mm, pose.above_apex_mm + radius_mm, pose.along_mm))
+        return Pose(float(centre[0]), float(centre[1]) - radius_mm, float(centre[2]))
+
+
+STRAIGHT = Turn()
+
+
+@dataclass(frozen=True)
+class Truth:
+    """How finger and rig differ from what the model knows."""
+
+    stiffness: float = 1.0  # multiplies every force
+    compliance_mm_per_n: float = 0.0  # of the rig
+    turn: Turn = STRAIGHT
+
+
+AS_MODELLED = Truth()
+
+
+@dataclass(frozen=True)
+class TruePose:
+    """What no instrument of the rig can see; mm in the finger's frame."""
+
+    x_mm: float
+    height_mm: float  # of the indentor's lowest point, in the finger's y, if the rig were rigid
+    doi_mm: float  # negative above the skin, −∞ beside the finger
+
+
+@dataclass(frozen=True)
+class Carriage:
+    """From the steps a stage has really made to the pose of the indentor."""
+
+    steps_at: StepsAt
+    screws: Screws = Screws()
+    placement: Placement = Placement()
+
+    def pose_at(self, t_s: float) -> Pose:
+        """The indentor's true pose at an instant."""
+        x, y, z = self.steps_at(t_s)
+        pad_y_mm = self.placement.pad_y_mm
+        return Pose(
+            x / self.screws.x_steps_per_mm - self.placement.pad_centre_x_mm,
+            z / self.screws.z_steps_per_mm - self.placement.apex_z_mm,
+            0.0 if pad_y_mm is None else y / self.screws.y_steps_per_mm - pad_y_mm,
+        )
+
+
+@dataclass(frozen=True)
+class _Pressed:
+    """The finger at a pose: depth past first contact, mm, force, N, and what the contact was solved to."""
+
+    pose: Pose
+    doi_mm: float
+    force_n: float
+    state: ContactState
+
+
+class Press:
+    """A finger under an indentor: the force at one pose after another."""
+
+    def __init__(self, finger: Fingertip, indentor: str, truth: Truth = AS_MODELLED) -> None:
+        """Raises ShapeError, and ModelRangeError for anything but a sphere on a finger that is turned."""
+        self._finger, self._truth = finger, truth
+        self._indentor: Indentor = parse_shape(indentor)
+        profile = self._indentor.profile
+        sphere = self._indentor.axes == ROUND and isinstance(profile, Cylinder)
+        self._radius_mm = profile.sharpest_radius_mm
+        if truth.turn != STRAIGHT and not sphere:
+            raise ModelRangeError(f"{indentor} on a finger that is rolled or tilted: expected a sphere")
+        self._last: _Pressed | None = None
+        self._before: _Pressed | None = None  # the one before the last
+        self.contact_solves = 0
+
+    def doi_mm(self, pose: Pose) -> float:
+        """Depth past first contact; negative above the skin, −∞ beside the finger. Raises ModelRangeError."""
+        pose = self._truth.turn.seen_from_finger(pose, self._radius_mm)
+        way_mm = self._way_mm(pose)
+        return self._pressed(pose, way_mm).doi_mm if way_mm > 0 and self._truth.compliance_mm_per_n else way_mm
+
+    def force_n(self, pose: Pose) -> float:
+        """Downward force on the finger, N. Raises ModelRangeError."""
+        pose = self._truth.turn.seen_from_finger(pose, self._radius_mm)
+        if pose.above_apex_mm > 0:
+            return 0.0
+        way_mm = self._way_mm(pose)
+        return self._pressed(pose, way_mm).force_n if way_mm > 0 else 0.0
+
+    def _way_mm(self, pose: Pose) -> float:
+        """How far the stage has gone past first contact: the depth, if the rig were rigid."""
+        z_mm = self._z_mm(pose)
+        if abs(pose.x_mm) > FARTHEST_X_MM or not 0 <= (z_mm or 0.0) <= self._finger.config.geometry.length_mm:
+            return -math.inf
+        touch_mm = self._finger.touch_height_mm(self._indentor, pose.x_mm, z_mm=z_mm)
+        return touch_mm - (pose.above_apex_mm + self._finger.apex_height_mm)
+
+    def _z_mm(self, pose: Pose) -> float | None:
+        """Along the finger, where that makes a difference to the shape."""
+        return None if self._indentor.axes == ALONG else self._finger.config.receptor_plane_mm + pose.along_mm
+
+    def _pressed(self, pose: Pose, way_mm: float) -> _Pressed:
+        if self._last is None or self._last.pose != pose:
+            rigid = self._at_depth(pose, way_mm, self._last)
+            self._before, self._last = (
+                self._last,
+                self._given_way(rigid) if self._truth.compliance_mm_per_n else rigid,
+            )
+        return self._last
+
+    def _given_way(self, rigid: _Pressed) -> _Pressed:
+        """The depth at which finger and rig, in series, share the way; sideways the rig is rigid."""
+        nearest = rigid
+
+        def left_over_mm(doi_mm: float) -> float:
+            nonlocal nearest
+            if doi_mm <= 0:
+                return -rigid.doi_mm
+            nearest = self._at_depth(rigid.pose, doi_mm, nearest)
+            return doi_mm + self._truth.compliance_mm_per_n * nearest.force_n - rigid.doi_mm
+
+        doi_mm = brentq(left_over_mm, 0.0, rigid.doi_mm, xtol=_DEPTH_TOLERANCE_MM)
+        return self._at_depth(rigid.pose, doi_mm, nearest)
+
+    def _at_depth(self, pose: Pose, doi_mm: float, last: _Pressed | None) -> _Pressed:
+        """Continue from the last state when it is near: the branch reached by pressing in."""
+        self.contact_solves += 1
+        near = last is not None and last.pose.over(pose) and abs(last.doi_mm - doi_mm) <= _WARM_MOVE_MM
+        start = self._onward(last, doi_mm) if last is not None and near else None
+        result = self._finger.indent(
+            self._indentor, pose.x_mm, z_mm=self._z_mm(pose), doi_mm=doi_mm, start=start, target=REQUIRED_RESIDUAL
+        )
+        if not result.state.converged:
+            raise ModelRangeError(
+                f"the virtual finger has no answer for {self._indentor.name} at x = {pose.x_mm:g} mm, DOI "
+                f"{doi_mm:g} mm: residual {result.state.residual:.0e}"
+            )
+        return _Pressed(pose, doi_mm, self._truth.stiffness * result.force_n, result.state)
+
+    def _onward(self, last: _Pressed, doi_mm: float) -> ContactState:
+        """A start: the last state, under smooth shapes moved on by what changed before it.
+
+        Sharp shapes have several equilibria, and a start beyond the last state may lead to another one.
+        """
+        before = self._before
+        if self._indentor.sharp or before is None or last is not self._last or not before.pose.over(last.pose):
+            return last.state
+        gone_mm, going_mm = last.doi_mm - before.doi_mm, doi_mm - last.doi_mm
+        if gone_mm == 0 or abs(going_mm) > _FARTHEST_ONWARD * abs(gone_mm):
+            return last.state
+        change = (last.state.displacement - before.state.displacement) * (going_mm / gone_mm)
+        return replace(last.state, displacement=last.state.displacement + change)
+
+
+class Plant:
+    """A fingertip under a stage. Nothing is computed until somebody asks for a force."""
+
+    def __init__(self, finger: Fingertip, carriage: Carriage, truth: Truth = AS_MODELLED) -> None:
+        self._finger, self._carriage, self._truth = finger, carriage, truth
+        self._press: Press | None = None
+
+    @property
+    def contact_solves(self) -> int:
+        """How often the contact was solved for the indentor that is on."""
+        return 0 if self._press is None else self._press.contact_solves
+
+    def mount(self, indentor: str) -> None:
+        """Put an indentor on the carriage; raises ShapeError."""
+        self._press = Press(self._finger, indentor, self._truth)
+
+    def pose_at(self, t_s: float) -> TruePose:
+        """The indentor's true pose at an instant. Raises ModelRangeError."""
+        pose = self._carriage.pose_at(t_s)
+        doi = float("-inf") if self._press is None else self._press.doi_mm(pose)
+        return TruePose(pose.x_mm, pose.above_apex_mm + self._finger.apex_height_mm, doi)
+
+    def force_n(self, t_s: float) -> float:
+        """Downward force on the finger at an instant, N. Raises ModelRangeError."""
+        return 0.0 if self._press is None else self._press.force_n(self._carriage.pose_at(t_s))

@@ -1,0 +1,75 @@
+"""Real time for the virtual devices: one thread, one loop over timers and open files."""
+
+import math
+import selectors
+import socket
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+from sim.devices.clock import EventQueue, Handle
+
+
+class HasFileno(Protocol):
+    """A file, a socket, a pipe."""
+
+    def fileno(self) -> int: ...
+
+
+class WallScheduler:
+    """A Scheduler on the wall clock; seconds since its creation.
+
+    Nothing may block in the loop: a call that takes long makes every device late.
+    """
+
+    def __init__(self) -> None:
+        self._origin_s = time.monotonic()
+        self._queue = EventQueue()
+        # select() waits to the microsecond, where epoll rounds up to the millisecond: a byte takes 87 µs.
+        self._selector = selectors.SelectSelector()
+        self._waker, self._woken = socket.socketpair()
+        self._waker.setblocking(False)
+        self._stopped = False
+        self.watch(self._woken, lambda: None)
+
+    def monotonic_s(self) -> float:
+        return time.monotonic() - self._origin_s
+
+    def call_at(self, t_s: float, action: Callable[[], None]) -> Handle:
+        """Call action as soon after t_s as the loop can."""
+        return self._queue.push(t_s, action)
+
+    def watch(self, file: HasFileno, on_readable: Callable[[], None]) -> None:
+        """Call on_readable whenever file has something to read."""
+        self._selector.register(file, selectors.EVENT_READ, on_readable)
+
+    def unwatch(self, file: HasFileno) -> None:
+        """No more calls for file; before it is closed."""
+        self._selector.unregister(file)
+
+    def run(self) -> None:
+        """Until stop()."""
+        while not self._stopped:
+            self.run_once()
+
+    def run_once(self, until_s: float = math.inf) -> None:
+        """What is due, then whatever comes first: something to read, the next timer, or until_s."""
+        self._run_due()
+        left_s = max(min(self._queue.next_s(), until_s) - self.monotonic_s(), 0.0)
+        for key, _ in self._selector.select(None if left_s == math.inf else left_s):
+            key.data()
+
+    def stop(self) -> None:
+        """End run(), also from a signal handler or another thread."""
+        self._stopped = True
+        self._waker.send(b".")
+
+    def close(self) -> None:
+        """Give back what the loop itself holds open."""
+        self._selector.close()
+        self._waker.close()
+        self._woken.close()
+
+    def _run_due(self) -> None:
+        while self._queue.next_s() <= self.monotonic_s():
+            self._queue.pop()()
