@@ -311,6 +311,49 @@ def test_reset_in_a_finished_hold_keeps_the_position(bench: Bench) -> None:
     assert bench.say(b"?").startswith(b"<Idle|MPos:%.3f," % (here / 400))
 
 
+def test_hold_then_reset_drops_the_rest_byte_for_byte() -> None:
+    bench = Bench(slip_steps=7, play_steps=(3.0, 3.0, 3.0))
+    bench.say(b"$H\n", 60.0)
+    assert bench.say(b"??") != b""  # WCO and Ov
+    # Ten moves planned, a dwell under way, a line in the receive buffer.
+    assert bench.say(b"G91G1X-20F600\n" + b"X-1\nY-1\n" * 4 + b"G4P1\nG90\n", 1.0) == b"ok\r\n" * 9
+    assert bench.say(b"!", 1.0) == b""
+    assert bench.say(b"?") == b"<Hold:0|MPos:-11.000,-1.000,-1.000|FS:0,0>\r\n"
+    held = bench.steps()
+    assert bench.say(b"\x18", 0.1) == b"ok\r\n" + BANNER
+    assert bench.say(b"?") == b"<Idle|MPos:-11.000,-1.000,-1.000|FS:0,0|WCO:0.000,0.000,0.000>\r\n"
+    assert bench.say(b"~", 30.0) == b""
+    assert bench.steps() == held == (-4400, -400, -400)
+    # No lock, nothing left in planner, parser or buffer, and the board is still right about its carriage.
+    assert bench.say(b"G91G1X-1F600\n", 0.4) == b"ok\r\n"
+    assert bench.steps() == (-4800, -400, -400)
+    assert bench.say(b"?") == b"<Idle|MPos:-12.000,-1.000,-1.000|FS:0,0|Ov:100,100,100>\r\n"
+    assert bench.say(b"G4P0.01\n", 0.1) == b"ok\r\n"
+
+
+def test_reset_in_a_hold_at_rest_sets_no_lock(bench: Bench) -> None:
+    bench.say(b"!")
+    assert bench.say(b"\x18") == BANNER
+    assert bench.say(b"?") == b"<Idle|MPos:-1.000,-1.000,-1.000|FS:0,0|WCO:0.000,0.000,0.000>\r\n"
+
+
+def test_reset_in_a_hold_that_still_slows_down_is_alarm_3_and_locks(bench: Bench) -> None:
+    bench.say(b"G53G1X-20F600\n", 1.0)
+    assert bench.say(b"!", 0.1) == b""
+    assert bench.say(b"?", 0.05).startswith(b"<Hold:1|")
+    assert bench.say(b"\x18", 0.1) == b"ALARM:3\r\n"
+    assert bench.hear(1.0) == BANNER + UNLOCK
+    assert bench.state() == b"<Alarm"
+
+
+def test_reset_behind_an_open_door_keeps_the_position(bench: Bench) -> None:
+    bench.say(b"G53G1X-20F600\n", 1.0)
+    bench.say(b"\x84", 1.0)
+    here = bench.steps()
+    assert bench.say(b"\x18") == BANNER
+    assert bench.say(b"?").startswith(b"<Idle|MPos:%.3f,-1.000,-1.000|" % (here[0] / 400))
+
+
 def test_door(bench: Bench) -> None:
     bench.say(b"G53G1X-20F600\n", 1.0)
     assert bench.say(b"\x84") == b"[MSG:Check Door]\r\n"

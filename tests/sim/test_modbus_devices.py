@@ -218,6 +218,28 @@ def test_quick_stop_takes_ten_milliseconds(bench: Bench, rtu: Rtu) -> None:
     assert bench.say(rtu(STATUS)) == rtu("01 03 02 00 02")
 
 
+def test_a_quick_stop_slows_down_evenly_and_the_drive_knows_where_it_is(bench: Bench, rtu: Rtu) -> None:
+    """600 rpm are 4000 pulses/s: to rest in 10 ms after 20 pulses, 15 of them in the first half."""
+    bench.say(rtu(go("00 01", "00 01 00 00", "02 58")), 1.0)
+    order = rtu("01 06 60 02 00 40")
+    bench.line.host_write(order)
+    bench.clock.wait_s(len(order) * 10 / 115200)
+    start_s = bench.clock.monotonic_s()
+    bench.clock.wait_s(0.02)
+    start, half, end = (bench.drive.carriage_at(start_s + t_s) for t_s in (0.0, 0.005, 0.01))
+    assert (half - start, end - start) == (pytest.approx(15, abs=1), pytest.approx(20, abs=1))
+    assert bench.drive.carriage_at(start_s + 0.007) < end
+    assert bench.line.host_read() == order
+    counts = f"{end + 4000:08X}"
+    assert bench.say(rtu(POSITION)) == rtu(f"01 03 04 {counts}")
+    # The rest of the path is dropped, and the next one ends where it should.
+    assert bench.say(rtu(STATUS), 1.0) == rtu("01 03 02 00 02")
+    assert bench.say(rtu(POSITION)) == rtu(f"01 03 04 {counts}")
+    bench.say(rtu(go("00 01", "00 00 00 64", "02 58")), 5.0)
+    assert bench.say(rtu(POSITION)) == rtu("01 03 04 00 00 00 64")
+    assert bench.drive.carriage_at(bench.clock.monotonic_s()) == -3900
+
+
 def test_a_broadcast_stops_every_drive_and_nobody_answers(bench: Bench, rtu: Rtu) -> None:
     move = go("00 01", "00 01 00 00")
     bench.say(rtu(move))
