@@ -28,7 +28,8 @@ from rig.engine.streams import STREAMS
 from rig.plan.config import Config
 from rig.session.rehearsal import Spring
 from rig.transport import LoopbackTransport, TransportError
-from rig.virtual.virtual_devices import FORCES, STAGES, Load, true_carriage
+from rig.virtual.virtual_devices import FORCES, STAGES, true_carriage
+from sim.devices.cell import Load
 from sim.devices.clock import VirtualClock
 from sim.devices.line import SerialLine
 

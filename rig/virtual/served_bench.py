@@ -8,7 +8,6 @@ from rig.protocol.errors import BadInputError
 from rig.virtual.virtual_devices import (
     FORCES,
     STAGES,
-    Load,
     VirtualStage,
     load_on_sensor,
     true_carriage,
@@ -16,6 +15,7 @@ from rig.virtual.virtual_devices import (
     with_framing,
 )
 from sim.contact.shapes import parse_shape
+from sim.devices.cell import Load
 from sim.devices.line import SerialLine
 from sim.plant.plant import Carriage
 from sim.serve.ports import PortBusyError, PtyPort, TcpPort

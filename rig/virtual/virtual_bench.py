@@ -12,7 +12,8 @@ from rig.devices.stage.base import Stage
 from rig.plan.config import Config
 from rig.transport.byte_log import LoggedTransport
 from rig.transport.loopback import LoopbackTransport
-from rig.virtual.virtual_devices import FORCES, STAGES, Load, load_on_sensor, true_carriage, truth
+from rig.virtual.virtual_devices import FORCES, STAGES, load_on_sensor, true_carriage, truth
+from sim.devices.cell import Load
 from sim.devices.clock import VirtualClock
 from sim.devices.line import SerialLine
 from sim.models.fingertip import Fingertip

@@ -4,7 +4,6 @@ A new virtual device is one function here and one line in STAGES or FORCES.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Protocol
 
 from rig.devices.bench_settings import NOMINAL_STEPS_PER_MM, DriveSettings
@@ -12,12 +11,13 @@ from rig.devices.units import GWT_N
 from rig.plan.config import Config
 from rig.protocol.errors import BadInputError
 from rig.transport.port_settings import Framing
-from sim.devices.balance import VirtualBalance
-from sim.devices.cell import load_cell
+from sim.devices.balance import BalanceMenu, VirtualBalance
+from sim.devices.cell import Load, load_cell
 from sim.devices.clock import Scheduler
 from sim.devices.grbl.board import VirtualGrbl
-from sim.devices.laumas import VirtualLaumas
-from sim.devices.leadshine import DrivePair, VirtualDrive
+from sim.devices.grbl.core import Mechanics
+from sim.devices.laumas import TransmitterFirmware, TransmitterMenu, VirtualLaumas
+from sim.devices.leadshine import DrivePair, DriveParameters, VirtualDrive
 from sim.devices.line import SerialLine
 from sim.devices.modbus import ModbusBus
 from sim.plant.plant import Carriage, Placement, Screws, Truth, Turn
@@ -33,20 +33,13 @@ class VirtualStage(Protocol):
     def nut_steps_at(self, t_s: float) -> tuple[int, int, int]: ...
 
 
-@dataclass(frozen=True)
-class Load:
-    """What stands on a force sensor: N at an instant in s, and whether that is known or the last one before."""
-
-    force_n: Callable[[float], float]
-    fresh: Callable[[float], bool] = lambda t_s: True
-
-
 def _grbl(scheduler: Scheduler, line: SerialLine, config: Config) -> VirtualStage:
     x, y, z = config.stage.travel_mm
     steps = [_steps_per_mm(config, axis) for axis in "xyz"]
     reversed_axes = sum(1 << i for i, per_mm in enumerate(steps) if per_mm < 0)
     settings = {3: reversed_axes, 130: x, 131: y, 132: z, **{100 + i: abs(v) for i, v in enumerate(steps)}}
-    return VirtualGrbl(scheduler, line, settings=settings, play_steps=(_play(config, "x"), 0.0, _play(config, "z")))
+    mechanics = Mechanics(play_steps=(_play(config, "x"), 0.0, _play(config, "z")))
+    return VirtualGrbl(scheduler, line, settings=settings, mechanics=mechanics)
 
 
 def _leadshine(scheduler: Scheduler, line: SerialLine, config: Config) -> VirtualStage:
@@ -60,45 +53,38 @@ def _leadshine(scheduler: Scheduler, line: SerialLine, config: Config) -> Virtua
 
 
 def _drive(scheduler: Scheduler, config: Config, axis: str, drive: DriveSettings) -> VirtualDrive:
-    return VirtualDrive(
-        scheduler,
+    parameters = DriveParameters(
         pulses_per_rev=drive.pulses_per_rev,
         inverted=_steps_per_mm(config, axis) < 0,
         ramp_rpm=drive.ramp_rpm,
         pulses_per_rev_register=drive.pulses_per_rev_register,
         jog_rpm_register=drive.jog_rpm_register,
-        play=_play(config, axis),
         output_register=config.sync.register_address if axis == config.sync.drive else None,
     )
+    return VirtualDrive(scheduler, parameters, play=_play(config, axis))
 
 
 def _mtsics(scheduler: Scheduler, line: SerialLine, config: Config, load: Load) -> None:
-    VirtualBalance(
-        scheduler,
-        line,
-        load.force_n,
-        resolution_g=config.virtual.cell_resolution_gwt,
-        sample_period_s=config.force.sample_period_s,
-        fresh=load.fresh,
-    )
+    menu = BalanceMenu(resolution_g=config.virtual.cell_resolution_gwt, sample_period_s=config.force.sample_period_s)
+    VirtualBalance(scheduler, line, load, menu)
 
 
 def _laumas(scheduler: Scheduler, line: SerialLine, config: Config, load: Load) -> None:
     settings = config.force.laumas
-    transmitter = VirtualLaumas(
-        scheduler,
-        load.force_n,
+    menu = TransmitterMenu(
         sample_period_s=config.force.sample_period_s,
         filter_samples=settings.filter_samples,
         count_g=settings.count_g,
         division_g=config.virtual.cell_resolution_gwt,
         units_word=settings.units_word,
+    )
+    firmware = TransmitterFirmware(
         signs=settings.signs,
         tare_command=settings.tare_command,
         zero_command=settings.zero_command,
         gross_command=settings.gross_command,
-        fresh=load.fresh,
     )
+    transmitter = VirtualLaumas(scheduler, load, menu, firmware)
     devices = dict.fromkeys((*_USUAL_IDS, settings.device_id), transmitter)
     ModbusBus(scheduler, line, devices, framing=config.force.framing or "rtu")
 

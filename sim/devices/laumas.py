@@ -5,10 +5,11 @@ numbers. The command numbers and the coding of register 13 are second-hand and s
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal
 
-from sim.config.units import GWT_N
+from sim.devices.cell import Load, Samples
 from sim.devices.clock import Scheduler
 from sim.devices.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, RegisterFault, words
 
@@ -18,16 +19,43 @@ GROSS_MINUS, NET_MINUS, PEAK_MINUS, NET_SHOWN, STABLE, ZERO = (1 << bit for bit 
 MOST_REGISTERS = 32
 _WIDEST = 999_999
 _STABLE_SAMPLES = 3
-_CACHE = 256
+
+
+@dataclass(frozen=True)
+class TransmitterMenu:
+    """What is set on a transmitter itself.
+
+    A weight is the mean of the last filter_samples samples, rounded to division_g and told in counts of count_g,
+    which units_word stands for. max_g is the maximum weight, full_scale_g the cell's.
+    """
+
+    sample_period_s: float = 0.0125
+    filter_samples: int = 4
+    count_g: float = 0.01
+    division_g: float = 0.01
+    max_g: float = 200.0
+    full_scale_g: float = 300.0
+    units_word: int = 0x010C
+
+
+@dataclass(frozen=True)
+class TransmitterFirmware:
+    """What differs between transmitters: identity in registers 0–4, where a minus is told, numbers of commands.
+
+    signs: in the status word, or in the registers too.
+    """
+
+    identity: tuple[int, ...] = (0x0105, 30, 2024, 1234, 1)
+    signs: Literal["status", "registers"] = "status"
+    tare_command: int = 7
+    zero_command: int = 8
+    gross_command: int = 9
 
 
 class VirtualLaumas:
-    """Samples force_n (N at a time in s) every sample_period_s, and only those instants that somebody asks about.
+    """A transmitter under a load. A weight is stable when its samples, at least three, lie within a division.
 
-    A weight is the mean of the last filter_samples samples, rounded to division_g and told in counts of count_g. It
-    is stable when those samples, at least three, lie within a division and are fresh (known, not just the last one
-    before). max_g is the maximum weight, full_scale_g the cell's. signs says where a minus is told: in the status
-    word, or in the registers too. `broken` holds the status bits that a cut wire or a dead converter would set.
+    They must be fresh, too. `broken` holds the status bits that a cut wire or a dead converter would set.
     """
 
     functions = frozenset({0x03, 0x10})
@@ -35,36 +63,19 @@ class VirtualLaumas:
     def __init__(
         self,
         scheduler: Scheduler,
-        force_n: Callable[[float], float],
-        *,
-        sample_period_s: float = 0.0125,
-        filter_samples: int = 4,
-        count_g: float = 0.01,
-        division_g: float = 0.01,
-        max_g: float = 200.0,
-        full_scale_g: float = 300.0,
-        identity: Sequence[int] = (0x0105, 30, 2024, 1234, 1),
-        units_word: int = 0x010C,
-        signs: Literal["status", "registers"] = "status",
-        tare_command: int = 7,
-        zero_command: int = 8,
-        gross_command: int = 9,
-        fresh: Callable[[float], bool] = lambda t_s: True,
+        load: Load,
+        menu: TransmitterMenu | None = None,
+        firmware: TransmitterFirmware | None = None,
     ) -> None:
-        self._scheduler, self._force_n = scheduler, force_n
-        self._period_s, self._filter_samples = sample_period_s, filter_samples
-        self._count_g, self._division_g = count_g, division_g
-        self._max_g, self._full_scale_g = max_g, full_scale_g
-        self._identity, self._units_word = list(identity), units_word
+        self._menu, self._firmware = menu or TransmitterMenu(), firmware or TransmitterFirmware()
+        self._samples = Samples(scheduler, load, self._menu.sample_period_s)
         self._commands = {
-            tare_command: self._tare,
-            zero_command: self._zero,
-            gross_command: self._show_gross,
+            self._firmware.tare_command: self._tare,
+            self._firmware.zero_command: self._zero,
+            self._firmware.gross_command: self._show_gross,
         }
         self._zero_g = self._tare_g = self._peak_g = 0.0
         self._net_shown = False
-        self._signs, self._fresh = signs, fresh
-        self._samples: dict[int, float] = {}
         self.broken = 0
 
     def read(self, address: int, count: int) -> list[int]:
@@ -95,46 +106,42 @@ class VirtualLaumas:
         weights = (gross, net, self._peak_g)
         status = broken | self._status(gross, net) | STABLE * stable
         pairs = [self._pair(weight) for weight in weights]
-        return [*self._identity, 0, status, *(word for pair in pairs for word in pair), self._units_word]
+        return [
+            *self._firmware.identity,
+            0,
+            status,
+            *(word for pair in pairs for word in pair),
+            self._menu.units_word,
+        ]
 
     def _status(self, gross: float, net: float) -> int:
-        widest_g = _WIDEST * self._count_g
+        widest_g = _WIDEST * self._menu.count_g
         return (
-            OVER_MAX * (gross > self._max_g + 9 * self._division_g)
-            | OVER_SCALE * (gross > 1.1 * self._full_scale_g)
+            OVER_MAX * (gross > self._menu.max_g + 9 * self._menu.division_g)
+            | OVER_SCALE * (gross > 1.1 * self._menu.full_scale_g)
             | GROSS_OUT * (abs(gross) > widest_g)
             | NET_OUT * (abs(net) > widest_g)
             | GROSS_MINUS * (gross < 0)
             | NET_MINUS * (net < 0)
             | NET_SHOWN * self._net_shown
-            | ZERO * (abs(gross) < 0.25 * self._division_g)
+            | ZERO * (abs(gross) < 0.25 * self._menu.division_g)
         )
 
     def _pair(self, grams: float) -> list[int]:
-        counts = min(max(round(grams / self._count_g), -_WIDEST), _WIDEST)
-        return words(counts if self._signs == "registers" else abs(counts))
+        counts = min(max(round(grams / self._menu.count_g), -_WIDEST), _WIDEST)
+        return words(counts if self._firmware.signs == "registers" else abs(counts))
 
     def _rounded(self, grams: float) -> float:
-        return round(grams / self._division_g) * self._division_g
+        return round(grams / self._menu.division_g) * self._menu.division_g
 
     # --- samples ---
 
     def _filtered(self) -> tuple[float, bool]:
         """Mean of the last samples in g, and whether they lie within a division; not a number from a dead cell."""
-        index = math.floor(self._scheduler.monotonic_s() / self._period_s + 1e-6)
-        indices = range(index, index - max(self._filter_samples, _STABLE_SAMPLES), -1)
-        recent = [self._sample_g(k) for k in indices]
-        fresh = all(self._fresh(max(k, 0) * self._period_s) for k in indices)
-        mean = sum(recent[: self._filter_samples]) / self._filter_samples
-        return mean, fresh and max(recent) - min(recent) <= self._division_g
-
-    def _sample_g(self, index: int) -> float:
-        grams = self._samples.get(index)
-        if grams is None:
-            if len(self._samples) >= _CACHE:
-                self._samples.clear()
-            grams = self._samples[index] = self._force_n(max(index, 0) * self._period_s) / GWT_N
-        return grams
+        newest, averaged = self._samples.newest(), self._menu.filter_samples
+        recent = [self._samples.grams(newest - k) for k in range(averaged)]
+        stable = self._samples.steady(newest, max(averaged, _STABLE_SAMPLES), self._menu.division_g)
+        return sum(recent) / averaged, stable
 
     # --- commands ---
 

@@ -7,6 +7,7 @@ the homing mode says; a path begun while another runs brakes to rest first.
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from sim.devices.clock import Scheduler
 from sim.devices.drive_motion import DriveAxis
@@ -27,12 +28,26 @@ _NO_LIMIT = 1 << 31
 _OUTPUTS_KEPT = 1000
 
 
+@dataclass(frozen=True)
+class DriveParameters:
+    """What is set in a drive itself, and what differs between drives.
+
+    inverted: the motor runs against the axis. ramp_rpm: the ramp words are ms for that many rpm. output_register
+    switches a digital output, and is nothing more.
+    """
+
+    pulses_per_rev: int = 400
+    inverted: bool = False
+    ramp_rpm: float = 1000.0
+    pulses_per_rev_register: int = 0x0001
+    jog_rpm_register: int = 0x01E1
+    output_register: int | None = None
+
+
 class VirtualDrive:
     """Registers of one drive; its carriage is `carriage_at(t)` pulses from the home switch, + towards it.
 
-    inverted: the motor runs against the axis. start: where the carriage stands when switched on. ramp_rpm: the
-    ramp words are ms for that many rpm. play: the screw's lost motion, pulses, of which the drive knows nothing.
-    output_register switches a digital output, and is nothing more.
+    start: where the carriage stands when switched on. play: the screw's lost motion, pulses. The drive knows neither.
     """
 
     functions = frozenset({0x03, 0x06, 0x10})
@@ -40,26 +55,20 @@ class VirtualDrive:
     def __init__(
         self,
         scheduler: Scheduler,
+        parameters: DriveParameters | None = None,
         *,
-        pulses_per_rev: int = 400,
-        inverted: bool = False,
         start: int = -4000,
-        ramp_rpm: float = 1000.0,
-        pulses_per_rev_register: int = 0x0001,
-        jog_rpm_register: int = 0x01E1,
         play: float = 0.0,
-        output_register: int | None = None,
     ) -> None:
-        self._scheduler, self._ramp_rpm = scheduler, ramp_rpm
-        self._pulses_per_rev_register, self._jog_rpm_register = pulses_per_rev_register, jog_rpm_register
-        self._sign = -1 if inverted else 1
+        self._scheduler, self._parameters = scheduler, parameters or DriveParameters()
+        self._sign = -1 if self._parameters.inverted else 1
         self._axis = DriveAxis(start, play)
         self._held = dict.fromkeys((*range(0x6000, 0x6015), *range(PR0, PR0_TRIGGER + 1), CONTROL), 0)
-        self._held |= {pulses_per_rev_register: pulses_per_rev, jog_rpm_register: 60}
+        self._held[self._parameters.pulses_per_rev_register] = self._parameters.pulses_per_rev
+        self._held[self._parameters.jog_rpm_register] = 60
         self._held |= {HOMING_HIGH: 200, HOMING_LOW: 50, HOMING_RAMP_UP: 100, HOMING_RAMP_DOWN: 100}
-        self._output_register = output_register
-        if output_register is not None:
-            self._held[output_register] = 0
+        if self._parameters.output_register is not None:
+            self._held[self._parameters.output_register] = 0
         self.outputs: deque[tuple[float, int]] = deque(maxlen=_OUTPUTS_KEPT)  # every switching: s, word
         self._stopped_s = -1.0  # end of the last quick stop: one that is under way is not begun again
         self.eeprom_saves = 0
@@ -102,8 +111,9 @@ class VirtualDrive:
         if any(n not in self._held for n in range(address, address + len(values))):
             raise RegisterFault(ILLEGAL_ADDRESS)
         self._held |= dict(enumerate(values, address))
-        if self._output_register in range(address, address + len(values)):
-            self.outputs.append((self._scheduler.monotonic_s(), self._held[self._output_register]))
+        output = self._parameters.output_register
+        if output is not None and address <= output < address + len(values):
+            self.outputs.append((self._scheduler.monotonic_s(), self._held[output]))
         for register, obey in ((PR0_TRIGGER, self._trigger), (TRIGGER, self._trigger), (CONTROL, self._control)):
             if address <= register < address + len(values) and self._held[register]:
                 word, self._held[register] = self._held[register], 0
@@ -137,7 +147,7 @@ class VirtualDrive:
             self.eeprom_saves += 1
         elif word in (JOG_POSITIVE, JOG_NEGATIVE):
             sign = 1 if word == JOG_POSITIVE else -1
-            self._run(sign * self._held[self._jog_rpm_register], JOG_S, self._ramps(HOMING_RAMP_UP))
+            self._run(sign * self._held[self._parameters.jog_rpm_register], JOG_S, self._ramps(HOMING_RAMP_UP))
         else:
             raise RegisterFault(ILLEGAL_VALUE)
 
@@ -179,7 +189,7 @@ class VirtualDrive:
         fast, slow = (self._held[n] * self._per_rpm for n in (HOMING_HIGH, HOMING_LOW))
         if not (fast and slow):
             return
-        half_turn = self._held[self._pulses_per_rev_register] / 2
+        half_turn = self._held[self._parameters.pulses_per_rev_register] / 2
         self._homed, self._homing, self._done = False, True, True
         legs = [(0.0, fast), (-half_turn, fast), (0.0, slow)]
         self._axis.go(legs, *self._ramps(HOMING_RAMP_UP), self._scheduler.monotonic_s())
@@ -201,11 +211,13 @@ class VirtualDrive:
 
     @property
     def _per_rpm(self) -> float:
-        return self._held[self._pulses_per_rev_register] / 60
+        return self._held[self._parameters.pulses_per_rev_register] / 60
 
     def _ramps(self, register: int) -> tuple[float, float]:
         """Ramps up and down in pulses/s², from two words in ms for ramp_rpm."""
-        up, down = (1000 * self._ramp_rpm * self._per_rpm / max(self._held[register + n], 1) for n in (0, 1))
+        up, down = (
+            1000 * self._parameters.ramp_rpm * self._per_rpm / max(self._held[register + n], 1) for n in (0, 1)
+        )
         return up, down
 
     def _limits(self) -> tuple[int, int]:

@@ -20,7 +20,7 @@ from rig.plan.config import Config
 from rig.transport import LoopbackTransport
 from rig.transport.byte_log import LoggedTransport
 from rig.virtual.served_bench import ServedBench
-from sim.devices import SerialLine, VirtualBalance, VirtualGrbl
+from sim.devices import Load, SerialLine, VirtualBalance, VirtualGrbl
 from sim.devices.clock import VirtualClock
 
 Pair = tuple[bytes, bytes | list[bytes]]
@@ -107,7 +107,7 @@ class SpringBench:
         self.clock = VirtualClock(1.7e9)
         self.stage_line, self.force_line = SerialLine(self.clock, 115200), SerialLine(self.clock, 9600)
         self.board = VirtualGrbl(self.clock, self.stage_line)
-        self.balance = VirtualBalance(self.clock, self.force_line, self.force_n)
+        self.balance = VirtualBalance(self.clock, self.force_line, Load(self.force_n))
         self.wire = io.StringIO()
         self.events: list[tuple[str, dict[str, Any]]] = []
         self.on_event: Callable[[str, Mapping[str, Any]], None] = lambda stream, data: None

@@ -19,8 +19,8 @@ from rig.engine.jog import Direction, dead_man_jog
 from rig.engine.streams import STREAMS
 from rig.plan.config import Config
 from rig.transport import LoggedTransport, LoopbackTransport, TransportError
-from rig.virtual.virtual_devices import FORCES, STAGES, Load
-from sim.devices import ModbusBus, SerialLine, VirtualDrive
+from rig.virtual.virtual_devices import FORCES, STAGES
+from sim.devices import Load, ModbusBus, SerialLine, VirtualDrive
 from sim.devices.clock import VirtualClock
 from sim.devices.leadshine import DrivePair
 

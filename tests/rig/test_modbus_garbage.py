@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from rig.transport import LoopbackTransport, ModbusError, ModbusMaster
 from rig.transport.port_settings import Framing
-from sim.devices import ModbusBus, SerialLine, VirtualDrive, VirtualLaumas
+from sim.devices import Load, ModbusBus, SerialLine, VirtualDrive, VirtualLaumas
 from sim.devices.clock import VirtualClock
 
 FRAMINGS = pytest.mark.parametrize("framing", ["rtu", "tcp"])
@@ -69,7 +69,7 @@ def test_the_devices_survive_and_answer_the_next_question(
     clock = VirtualClock()
     line = SerialLine(clock, 115200)
     drive = VirtualDrive(clock)
-    ModbusBus(clock, line, {1: drive, 3: VirtualLaumas(clock, lambda t_s: 0.0)}, framing=framing)
+    ModbusBus(clock, line, {1: drive, 3: VirtualLaumas(clock, Load(lambda t_s: 0.0))}, framing=framing)
     for data, pause_s in chunks:
         line.host_write(data)
         clock.wait_s(pause_s)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from rig.devices.force import ForceOverload, ForceTimeout, MtSicsForce
 from rig.devices.stage import GrblStage, StageAlarm, StageError, StageReset, StageTimeout
 from rig.transport import LoopbackTransport
-from sim.devices import SerialLine, VirtualBalance, VirtualGrbl
+from sim.devices import Load, Mechanics, SerialLine, VirtualBalance, VirtualGrbl
 from sim.devices.clock import VirtualClock
 
 
@@ -39,7 +39,7 @@ def bench() -> Bench:
 
 
 def test_connect_home_and_where_it_then_is() -> None:
-    bench = Bench(start_mm=(-50.0, -3.0, -35.0))
+    bench = Bench(mechanics=Mechanics(start_mm=(-50.0, -3.0, -35.0)))
     assert bench.stage.connect() == "[VER:1.1h.20190830:] [OPT:V,15,128]"
     assert not bench.stage.homed
     assert bench.stage.status().state == "Alarm"
@@ -124,7 +124,7 @@ def test_stop_at_rest_is_heard_as_a_reset(bench: Bench) -> None:
 
 
 def test_the_driver_trusts_no_position_after_a_stop_and_homing_mends_it() -> None:
-    bench = Bench(slip_steps=9)
+    bench = Bench(mechanics=Mechanics(slip_steps=9))
     bench.stage.connect()
     bench.stage.home()
     bench.clock.call_at(bench.clock.monotonic_s() + 1.0, bench.stage.stop)
@@ -187,7 +187,7 @@ def test_resume_asked_for_while_still_slowing_down(bench: Bench) -> None:
 
 
 def test_homing_that_takes_longer_than_a_reply_is_waited_for() -> None:
-    bench = Bench(start_mm=(-59.0, -29.0, -39.0), settings={25: 60})
+    bench = Bench(mechanics=Mechanics(start_mm=(-59.0, -29.0, -39.0)), settings={25: 60})
     bench.stage.connect()
     bench.stage.home()
     assert bench.clock.monotonic_s() > 60.0
@@ -278,7 +278,7 @@ def test_stage_and_balance_share_one_clock(bench: Bench) -> None:
         return max(-5.0 - bench.board.carriage_steps_at(t_s)[2] / 400, 0.0) * 0.2
 
     line = SerialLine(bench.clock, 9600)
-    VirtualBalance(bench.clock, line, force_n)
+    VirtualBalance(bench.clock, line, Load(force_n))
     balance = MtSicsForce(LoopbackTransport(line, bench.clock, "balance"), bench.clock)
     assert balance.connect() == "MT-SICS balance 0123456789"
     balance.zero()
@@ -300,7 +300,7 @@ def test_stage_and_balance_share_one_clock(bench: Bench) -> None:
 
 def test_a_balance_that_falls_silent(clock: VirtualClock) -> None:
     line = SerialLine(clock, 9600)
-    device = VirtualBalance(clock, line, lambda t_s: 0.1)
+    device = VirtualBalance(clock, line, Load(lambda t_s: 0.1))
     balance = MtSicsForce(LoopbackTransport(line, clock, "balance"), clock)
     balance.connect()
     device.mute = True

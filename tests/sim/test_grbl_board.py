@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from sim.devices import SerialLine, VirtualGrbl
+from sim.devices import Mechanics, SerialLine, VirtualGrbl
 from sim.devices.clock import VirtualClock
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
@@ -207,7 +207,7 @@ def test_status_in_inches(bench: Bench) -> None:
 
 
 def test_pins_show_a_pressed_switch() -> None:
-    bench = Bench(start_mm=(0.0, -5.0, 0.0))
+    bench = Bench(mechanics=Mechanics(start_mm=(0.0, -5.0, 0.0)))
     bench.hear()
     assert b"|Pn:XZ|" in bench.say(b"?")
 
@@ -312,7 +312,7 @@ def test_reset_in_a_finished_hold_keeps_the_position(bench: Bench) -> None:
 
 
 def test_hold_then_reset_drops_the_rest_byte_for_byte() -> None:
-    bench = Bench(slip_steps=7, play_steps=(3.0, 3.0, 3.0))
+    bench = Bench(mechanics=Mechanics(slip_steps=7, play_steps=(3.0, 3.0, 3.0)))
     bench.say(b"$H\n", 60.0)
     assert bench.say(b"??") != b""  # WCO and Ov
     # Ten moves planned, a dwell under way, a line in the receive buffer.
@@ -473,7 +473,7 @@ def test_a_reset_gives_the_ok_of_the_line_under_way(bench: Bench) -> None:
 
 
 def test_after_a_reset_in_motion_the_board_may_be_wrong_about_the_carriage() -> None:
-    bench = Bench(slip_steps=7)
+    bench = Bench(mechanics=Mechanics(slip_steps=7))
     bench.say(b"$H\n", 60.0)
     bench.say(b"G53G1X-20F600\n", 1.0)
     bench.say(b"\x18", 1.0)
@@ -512,7 +512,7 @@ def test_z_homes_before_x_and_y(locked: Bench) -> None:
 
 
 def test_homing_duration_in_closed_form() -> None:
-    bench = Bench(start_mm=(-1.0, -1.0, -3.0), settings={26: 0})
+    bench = Bench(mechanics=Mechanics(start_mm=(-1.0, -1.0, -3.0)), settings={26: 0})
     bench.hear()
     start_s = bench.clock.monotonic_s()
     bench.line.host_write(b"$H\n")

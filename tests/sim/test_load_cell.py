@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim.devices import SerialLine, VirtualBalance
-from sim.devices.cell import load_cell
+from sim.devices.cell import Load, load_cell
 from sim.devices.clock import VirtualClock
 
 
@@ -37,7 +37,7 @@ def test_noise_is_gaussian_of_its_size_and_the_same_whenever_it_is_asked_for() -
 def test_a_force_that_is_not_fresh_is_not_called_stable() -> None:
     clock = VirtualClock()
     line = SerialLine(clock, 9600)
-    VirtualBalance(clock, line, lambda t_s: 0.1, fresh=lambda t_s: t_s < 1.0)
+    VirtualBalance(clock, line, Load(lambda t_s: 0.1, lambda t_s: t_s < 1.0))
     heard = []
     for _ in range(2):
         line.host_write(b"SI\r\n")

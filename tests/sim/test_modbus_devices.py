@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from sim.devices import ModbusBus, SerialLine, VirtualDrive, VirtualLaumas
+from sim.devices import Load, ModbusBus, SerialLine, VirtualDrive, VirtualLaumas
 from sim.devices.clock import VirtualClock
 
 Rtu = Callable[[str], bytes]
@@ -21,7 +21,7 @@ class Bench:
         self.clock = VirtualClock()
         self.line = SerialLine(self.clock, 115200)
         self.drive, self.seven = VirtualDrive(self.clock), VirtualDrive(self.clock)
-        self.cell = VirtualLaumas(self.clock, force_n)
+        self.cell = VirtualLaumas(self.clock, Load(force_n))
         devices = {1: self.drive, 7: self.seven, 3: self.cell}
         self.bus = ModbusBus(self.clock, self.line, devices, framing=framing)
 

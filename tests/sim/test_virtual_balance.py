@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from sim.devices import SerialLine, VirtualBalance
+from sim.devices import Load, SerialLine, VirtualBalance
 from sim.devices.clock import VirtualClock
 
 GRAM_N = 9.80665e-3
@@ -22,7 +22,7 @@ class Bench:
             self.asked.append(t_s)
             return force_n(t_s)
 
-        self.balance = VirtualBalance(self.clock, self.line, watched)
+        self.balance = VirtualBalance(self.clock, self.line, Load(watched))
 
     def say(self, data: bytes, wait_s: float = 0.04) -> bytes:
         self.line.host_write(data)

@@ -26,10 +26,8 @@ _SETTING = re.compile(r"\$(\d+\.?\d*)=([+-]?(?:\d+\.?\d*|\.\d+))$")
 class VirtualGrbl(GrblRealtime):
     """A board with three axes behind a serial line, switched on at once.
 
-    VirtualGrbl(scheduler, line, *, settings, start_mm, work_offset_mm, slip_steps, play_steps): settings change
-    the rig's defaults; start_mm is where the carriage stands, from the home switches; work_offset_mm is the stored
-    G54; slip_steps is how far inertia carries a moving axis past a reset, unknown to the board; play_steps is the
-    lost motion of each screw, unknown to it too.
+    VirtualGrbl(scheduler, line, *, settings, work_offset_mm, mechanics): settings change the rig's defaults,
+    work_offset_mm is the stored G54; of the mechanics the board knows nothing.
     """
 
     def _execute(self, line: str, now_s: float) -> int | None:

@@ -21,6 +21,19 @@ OVERFLOW = 11
 _OUTPUTS_KEPT = 1000
 
 
+@dataclass(frozen=True)
+class Mechanics:
+    """What hangs on the board's motors and of which it knows nothing.
+
+    start_mm is where the carriage stands, from the home switches; slip_steps is how far inertia carries a moving axis
+    past a reset; play_steps is the lost motion of each screw.
+    """
+
+    start_mm: Vec = (-30.0, -15.0, -10.0)
+    slip_steps: int = 0
+    play_steps: Vec = (0.0, 0.0, 0.0)
+
+
 @dataclass
 class Wait:
     """Something the main program stands still for; ready_s moves when the plan of motion does."""
@@ -38,16 +51,15 @@ class GrblCore:
         scheduler: Scheduler,
         line: SerialLine,
         settings: Mapping[int, float] | None,
-        start_mm: Vec,
         work_offset_mm: Vec,
-        play_steps: Vec,
+        mechanics: Mechanics,
     ) -> None:
         self._scheduler = scheduler
         self._wire = line
         self._settings = GrblSettings(settings)
-        self._offset_mm = work_offset_mm
+        self._offset_mm, self._slip_steps = work_offset_mm, mechanics.slip_steps
         self._reports = report.StatusReports(self._settings, work_offset_mm)
-        self._planner = Planner(self._settings.limits(), self._to_steps(start_mm), play_steps)
+        self._planner = Planner(self._settings.limits(), self._to_steps(mechanics.start_mm), mechanics.play_steps)
         self._rx: deque[int] = deque()
         self._state = self._after_jog = "Idle"
         self._deaf = self._dead = self._owes_ok = self._jog_cancelled = self._asked_in_homing = False

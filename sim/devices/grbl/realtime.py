@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 
 from sim.devices.clock import Scheduler
 from sim.devices.grbl import report
-from sim.devices.grbl.core import GrblCore, Wait
+from sim.devices.grbl.core import GrblCore, Mechanics, Wait
 from sim.devices.grbl.motion import Vec
 from sim.devices.grbl.planner import BLOCKS
 from sim.devices.line import SerialLine
@@ -27,13 +27,10 @@ class GrblRealtime(GrblCore):
         line: SerialLine,
         *,
         settings: Mapping[int, float] | None = None,
-        start_mm: Vec = (-30.0, -15.0, -10.0),
         work_offset_mm: Vec = (0.0, 0.0, 0.0),
-        slip_steps: int = 0,
-        play_steps: Vec = (0.0, 0.0, 0.0),
+        mechanics: Mechanics | None = None,
     ) -> None:
-        super().__init__(scheduler, line, settings, start_mm, work_offset_mm, play_steps)
-        self._slip_steps = slip_steps
+        super().__init__(scheduler, line, settings, work_offset_mm, mechanics or Mechanics())
         self._realtime = {
             ord("?"): self._report_status,
             ord("!"): self._hold,

@@ -21,7 +21,7 @@ from rig.plan.config import Config
 from rig.transport import open_port
 from rig.transport.clock import WallClock
 from rig.virtual.served_bench import ServedBench
-from sim.devices import SerialLine, VirtualBalance, VirtualGrbl
+from sim.devices import BalanceMenu, Load, SerialLine, VirtualBalance, VirtualGrbl
 from sim.serve.ports import PtyPort
 from sim.serve.wall_clock import WallScheduler
 
@@ -191,7 +191,8 @@ def block(rig_toml: Callable[..., Path]) -> Iterator[tuple[float, Callable[..., 
     def force_n(t_s: float) -> float:
         return max(top_mm - board.carriage_steps_at(t_s)[2] / 400, 0.0) / mm_per_n
 
-    VirtualBalance(scheduler, force_line, force_n, sample_period_s=NEAR["force"]["sample_period_s"])
+    menu = BalanceMenu(sample_period_s=NEAR["force"]["sample_period_s"])
+    VirtualBalance(scheduler, force_line, Load(force_n), menu)
     stage, force = PtyPort(scheduler, stage_line), PtyPort(scheduler, force_line)
     with _answering(scheduler, stage, force):
         set_up(stage.name)

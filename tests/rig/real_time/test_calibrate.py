@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from rig.plan.config import Config
-from sim.devices import SerialLine, VirtualBalance
+from sim.devices import Load, SerialLine, VirtualBalance
 from sim.serve.ports import PtyPort
 from sim.serve.wall_clock import WallScheduler
 
@@ -45,7 +45,7 @@ def test_force_scale_with_a_known_mass(rig: Rig, running: Running, tmp_path: Pat
     """50 g that the sensor takes for 49 g; then nothing on it, which is missed and said."""
     load_n, scheduler = [0.0], WallScheduler()
     line = SerialLine(scheduler, 115200)
-    VirtualBalance(scheduler, line, lambda t_s: load_n[0])
+    VirtualBalance(scheduler, line, Load(lambda t_s: load_n[0]))
     port = PtyPort(scheduler, line)
     config = tmp_path / "rig.toml"
     config.write_text(f'[force]\nport = "{port.name}"\nbaud = 115200\n', encoding="utf-8")
