@@ -20,7 +20,7 @@ demo: setup
 	$(BIN)/rig dry-run protocols/steps.py --set step=1 force_gwt=2.33
 
 study: setup
-	$(BIN)/python bench/study.py study
+	$(BIN)/python -m studies.source.pages study
 
 check: .venv/.ready-dev
 	$(BIN)/ruff check .
@@ -32,20 +32,20 @@ test: check
 	$(BIN)/pytest -n 2 --dist loadgroup
 
 bench: .venv/.ready-dev
-	$(BIN)/python bench/timing.py
-	$(BIN)/python bench/facts.py
-	$(BIN)/python bench/random_poses.py
-	$(BIN)/python bench/sharp_sweep.py
-	$(BIN)/python bench/branches.py
-	$(BIN)/python bench/oracles.py
+	$(BIN)/python -m studies.speed.timing
+	$(BIN)/python -m studies.source.facts_by_parameter
+	$(BIN)/python -m studies.accuracy.random_poses
+	$(BIN)/python -m studies.accuracy.sharp_sweep
+	$(BIN)/python -m studies.accuracy.branches
+	$(BIN)/python -m studies.accuracy.oracles
 	$(BIN)/rig bench
-	$(BIN)/python bench/serve_latency.py
-	$(BIN)/python bench/warm_contact.py
-	$(BIN)/python bench/recovery.py
-	$(BIN)/python bench/kills.py
-	$(BIN)/python bench/faults.py
-	$(BIN)/python bench/check.py
-	$(BIN)/python bench/coverage.py 100
+	$(BIN)/python -m studies.speed.serve_latency
+	$(BIN)/python -m studies.speed.warm_contact
+	$(BIN)/python -m studies.accuracy.strain_recovery
+	$(BIN)/python -m studies.faults.kills
+	$(BIN)/python -m studies.faults.outcomes
+	$(BIN)/python -m studies.accuracy.check_predictions
+	$(BIN)/python -m studies.accuracy.interval_coverage 100
 
 clean:
 	rm -rf .venv runs study build dist

@@ -1,4 +1,4 @@
-"""Which model is the cheapest that holds a tolerance, by the errors that `bench/model_errors.py` measured."""
+"""The cheapest model that holds a tolerance, by the errors that `studies/accuracy/model_errors.py` measured."""
 
 import json
 from collections.abc import Iterable, Iterator
@@ -112,5 +112,5 @@ def table_as_json(measured: Iterable[Measured], reference: Reference) -> str:
                 "errors": errors,
             }
         )
-    provenance = {"command": "bench/model_errors.py", "reference": dict(reference.provenance)}
+    provenance = {"command": "python -m studies.accuracy.model_errors", "reference": dict(reference.provenance)}
     return json.dumps({"provenance": provenance, "rows": lines}, indent=1) + "\n"

@@ -1,4 +1,7 @@
-"""The reference that errors are measured against: a fine mesh and its error bars, made by `bench/reference.py`."""
+"""The reference that errors are measured against: a fine mesh and its error bars.
+
+`studies/accuracy/reference_levels.py` makes it.
+"""
 
 import json
 from collections.abc import Mapping

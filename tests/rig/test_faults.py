@@ -1,12 +1,14 @@
-"""Every fault of the catalogue in bench/faults.py: what comes of it, and how hard the finger was pressed."""
+"""Every fault of the catalogue in studies/faults: what comes of it, and how hard the finger was pressed."""
 
 import re
 from pathlib import Path
 
 import pytest
 
-from faults import CATALOGUE, SOFT_TRIP_N, Fault, bound_gwt, suffer
 from rig.devices.units import GWT_N
+from studies.faults.catalogue import CATALOGUE, Fault
+from studies.faults.faulty_bench import SOFT_TRIP_N
+from studies.faults.outcomes import bound_gwt, suffer
 
 DOCS = Path(__file__).parents[2] / "docs" / "faults.md"
 

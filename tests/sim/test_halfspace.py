@@ -13,7 +13,7 @@ from sim.contact.solver import solve_contact
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.halfspace import interior_strain, surface_compliance
-from verification.halfspace import boussinesq_strain
+from studies.verification.halfspace import boussinesq_strain
 
 POISSON = 0.48
 SHEAR = 1 / (2 * (1 + POISSON))

@@ -5,7 +5,6 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from recovery import WAYS
 from sim.config.fingertip_config import FingertipConfig, MeshSpec
 from sim.fem.shape_functions import shape_functions
 from sim.finger.mesh import DERMIS, FingerMesh, build_mesh
@@ -22,6 +21,7 @@ from sim.measures.receptors import (
     strain_operator,
 )
 from sim.models.fingertip import Fingertip
+from studies.accuracy.strain_recovery import WAYS
 
 Array = NDArray[np.float64]
 PLANE_MM = 6.893

@@ -1,14 +1,14 @@
-"""Each seventh scene of bench/sharp_sweep.py: step 1, bars down to zero radius, gratings, wedges, hollows, kinks."""
+"""Each seventh scene of the sharp sweep: step 1, bars down to zero radius, gratings, wedges, hollows, kinks."""
 
 import pytest
 
-from sharp_sweep import groups, solved
 from sim.models.fingertip import Fingertip
+from studies.accuracy.sharp_sweep import groups, solved
 
 
 @pytest.mark.parametrize("group", groups())
 def test_every_sharp_scene_converges(finger: Fingertip, group: str) -> None:
-    # 1e-10 is the solver's aim, 1e-8 what is required; the whole sweep is in the bench. 7 has no factor in common
+    # 1e-10 is the solver's aim, 1e-8 what is required; `make bench` does the whole sweep. 7 has no factor in common
     # with the numbers of depths, places and shapes, so that all of them occur.
     scenes = groups()[group][::7]
     results = list(solved(finger, scenes))

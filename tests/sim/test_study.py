@@ -41,8 +41,9 @@ def test_scenes_are_spread_over_an_element() -> None:
 @pytest.mark.parametrize("kind", [SMOOTH, SHARP])
 @pytest.mark.parametrize("quantity", ["force", "sed", "ep1"])
 def test_a_further_level_lands_inside_the_error_bars(kind: tuple[str, ...], quantity: str) -> None:
-    # It takes no part in the reference; bench/reference.py measures it and stores what it found. Smooth and sharp are
-    # the kinds for which aims are set and errors promised; docs/performance.md has the families.
+    # It takes no part in the reference; studies/accuracy/reference_levels.py measures it and stores what it
+    # found. Smooth and sharp are the kinds for which aims are set and errors promised; docs/performance.md has the
+    # families.
     reference = stored()
     further = max(reference.provenance["further"][family][quantity] for family in kind)
     bar = max(reference.bars[family][quantity] for family in kind)

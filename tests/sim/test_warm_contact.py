@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim.models.fingertip import Fingertip
-from warm_contact import Pressed, ahead, behind, largest, pressed
+from studies.speed.warm_contact import Pressed, ahead, behind, largest, pressed
 
 TEN_MS, ONE_MS = np.arange(1, 101) / 100, np.arange(1, 1001) / 1000
 

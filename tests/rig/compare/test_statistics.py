@@ -1,4 +1,4 @@
-"""Correlations, intervals and sets, on profiles made by hand; bench/coverage.py measures them on the finger's."""
+"""Correlations, intervals and sets, on profiles made by hand; studies.accuracy.interval_coverage has the finger's."""
 
 import numpy as np
 import pytest

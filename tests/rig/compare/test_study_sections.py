@@ -7,11 +7,11 @@ import numpy as np
 from rig.compare.comparison import compare
 from rig.compare.stimuli import Stimulus
 from rig.report.comparison.comparison_report import Section
-from sensitivity import FORCES_GWT, HEADER, VARIANTS, Verdicts, sensitivity_section
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_X_MM
-from study import markdown
-from study_table import survivors_section, table_5_2
+from studies.source.pages import markdown
+from studies.source.table_agreement import survivors_section, table_5_2
+from studies.source.verdicts_by_parameter import FORCES_GWT, HEADER, VARIANTS, Verdicts, sensitivity_section
 
 X_MM = np.array([-1.5, -1.3, -1.1, -0.9, -0.7, -0.5])
 PEAK_THEN_DIP = np.array([1.0, 0.6, 0.2, 1.0, 3.0, 1.0])  # from right to left, as steps are moved

@@ -1,6 +1,6 @@
 """Sets and intervals when the finger is known within ranges, on profiles that are known functions of the finger.
 
-bench/coverage.py measures the same on the finger model.
+studies/accuracy/interval_coverage.py measures the same on the finger model.
 """
 
 from collections.abc import Callable

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from verification.halfspace import POISSON, boussinesq_strain, flamant_strain, largest_error, line_load, point_load
+from studies.verification.halfspace import (
+    POISSON,
+    boussinesq_strain,
+    flamant_strain,
+    largest_error,
+    line_load,
+    point_load,
+)
 
 Array = NDArray[np.float64]
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from verification.contact import contact_errors
-from verification.contrast import condensed
-from verification.layer import Layer, compliance, layers_compliance, one_layer_compliance
-from verification.line_contact import cylinder, half_space
+from studies.verification.contact import contact_errors
+from studies.verification.contrast import condensed
+from studies.verification.layer import Layer, compliance, layers_compliance, one_layer_compliance
+from studies.verification.line_contact import cylinder, half_space
 
 
 @pytest.mark.parametrize("poisson", [0.48, 0.49, 0.499, 0.4999])

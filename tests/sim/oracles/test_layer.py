@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from verification.layer import TISSUE, Layer, compliance, layers_compliance, one_layer_compliance
+from studies.verification.layer import TISSUE, Layer, compliance, layers_compliance, one_layer_compliance
 
 SIXTEEN_ROWS = (Layer(1.0, 1.0, 16),)
 

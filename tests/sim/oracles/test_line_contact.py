@@ -8,8 +8,8 @@ import pytest
 
 from sim.contact.patch import Patch
 from sim.contact.solver import ContactState
-from verification.contact import contact_errors, press_to_force
-from verification.line_contact import (
+from studies.verification.contact import contact_errors, press_to_force
+from studies.verification.line_contact import (
     cylinder,
     half_space,
     punch_edge_pressure,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from verification.membrane import tip_deflection, tip_deflection_taylor_hood
+from studies.verification.membrane import tip_deflection, tip_deflection_taylor_hood
 
 
 @pytest.fixture(scope="module")

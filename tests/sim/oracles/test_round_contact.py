@@ -7,8 +7,8 @@ in proportion to contact radius over size, and is extrapolated from two boxes.
 import pytest
 
 from sim.contact.patch import Patch
-from verification.contact import contact_errors
-from verification.round_contact import cone, doi_error, extrapolated, flat, quarter_space, sphere
+from studies.verification.contact import contact_errors
+from studies.verification.round_contact import cone, doi_error, extrapolated, flat, quarter_space, sphere
 
 Boxes = tuple[Patch, Patch]
 

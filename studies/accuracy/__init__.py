@@ -1,0 +1,1 @@
+"""How right the model, the solvers, the statistics and the predictions are."""

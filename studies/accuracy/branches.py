@@ -1,0 +1,116 @@
+"""How far the answers under sharp shapes hang on the path, and on where the nodes lie.
+
+    .venv/bin/python -m studies.accuracy.branches    # the tables of docs/hard_cases.md, some minutes
+
+First table: scenes solved at once from rest, pressed in by equal steps and as `rig indent` does it, against steps of
+0.0125 mm: near the middle of the finger, and at places and depths drawn at random. Second: the same shape at 8 places
+over one element; what a parabola over two elements leaves is scatter of the discretisation, with contact at nodes
+only and also between them.
+"""
+
+import time
+from collections.abc import Iterable
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.config.fingertip_config import Contact, FingertipConfig, MeshSpec
+from sim.contact.measured_profile import MeasuredProfile
+from sim.contact.profiles import Bar, Grating, Profile, Step, Wedge
+from sim.contact.solver import ContactState
+from sim.models.fingertip import Fingertip
+
+Pose = tuple[Profile, float, float]  # profile, x and DOI in mm
+Array = NDArray[np.float64]
+
+FINEST_MM = 0.0125
+PATHS_MM = {"at once": 9.0, "by 0.2 mm": 0.2, "by 0.1 mm": 0.1, "by 0.05 mm": 0.05, "as `rig indent`": 0.0}
+ZIGZAG = MeasuredProfile("zigzag", (-1.6, -0.8, 0.0, 0.8, 1.6), (0.3, 0.0, 0.3, 0.0, 0.3), linear=True)
+ROUNDED: list[Pose] = [
+    *product([Step("1")], (1.0, 0.0, -0.5, -1.0, -1.2, -1.63, -1.8, -2.25), (0.2, 0.3, 0.4, 0.73, 1.0)),
+    *product([Step("3")], (-1.0, 0.0), (0.73,)),
+    *product([Bar(1.5), Bar(3.0)], (-0.3, 0.0, 0.25), (0.4, 0.73, 1.0)),
+    *product([Wedge(60.0)], (0.0, 0.3, -0.5), (0.2, 0.4, 0.6)),
+    *product([Grating(0.5, 1.2), ZIGZAG], (0.1, 0.3), (0.3, 0.6)),
+]
+EDGES: list[Pose] = [
+    *product([Bar(1.5, 0.0), Bar(1.5, 0.01)], (-0.3, 0.0, 0.25), (0.4, 0.73, 1.0)),
+    *product([Wedge(60.0, 0.0)], (0.0, 0.3, -0.5), (0.2, 0.4, 0.6)),
+]
+_SHAPES = (Bar(1.5), Bar(3.0), Step("1"), Step("3"), Wedge(60.0), Wedge(40.0), Grating(0.5, 1.2), ZIGZAG)
+_EACH = 10
+_RNG = np.random.default_rng(0)
+ANYWHERE: list[Pose] = [
+    (shape, round(float(_RNG.uniform(-1.7, 1.7)), 3), round(float(_RNG.uniform(0.2, 1.3)), 3))
+    for shape in _SHAPES
+    for _ in range(_EACH)
+]
+OFFSETS = 8
+PLACES: dict[str, Pose] = {
+    "step 1, DOI 0.2": (Step("1"), -1.63, 0.2),
+    "step 1, DOI 0.73": (Step("1"), -1.63, 0.73),
+    "bar 1.5, DOI 0.73": (Bar(1.5), 0.0, 0.73),
+    "bar 1.5, edge radius 0, DOI 0.73": (Bar(1.5, 0.0), 0.0, 0.73),
+    "wedge 60, DOI 0.4": (Wedge(60.0), 0.0, 0.4),
+}
+
+
+def pressed(finger: Fingertip, pose: Pose, step_mm: float) -> float:
+    """Force in gwt at the end of a path in steps; 0: as `rig indent` does it."""
+    profile, x, doi = pose
+    if not step_mm:
+        return finger.indent(profile, x, doi_mm=doi).force_gwt
+    state: ContactState | None = None
+    for depth in (*np.arange(min(step_mm, doi), doi - 1e-9, step_mm), doi):
+        result = finger.indent(profile, x, doi_mm=float(depth), start=state or _at_rest(finger))
+        state = result.state
+    return result.force_gwt
+
+
+def paths(finger: Fingertip, poses: list[Pose]) -> Iterable[tuple[str, Array, float]]:
+    """Of each path its name, the forces relative to the finest path less one, and its processor seconds a pose."""
+    finest = np.array([pressed(finger, pose, FINEST_MM) for pose in poses])
+    for name, step in PATHS_MM.items():
+        began = time.process_time()
+        force = np.array([pressed(finger, pose, step) for pose in poses])
+        yield name, force / finest - 1, (time.process_time() - began) / len(poses)
+
+
+def _at_rest(finger: Fingertip) -> ContactState:
+    """No contact: a start that keeps `indent` from pressing in by itself."""
+    return finger.indent("bar:3.0", 0.0, doi_mm=1e-6).state
+
+
+def scatter(finger: Fingertip, pose: tuple[Profile, float, float]) -> float:
+    """Largest distance of forces over two elements of places from their parabola, over their mean."""
+    profile, x, doi = pose
+    offset = np.arange(-OFFSETS, OFFSETS + 1) * MeshSpec().spacing_mm / OFFSETS
+    force = np.array([finger.indent(profile, float(x + o), doi_mm=doi).force_gwt for o in offset])
+    return float(np.abs(force - np.polyval(np.polyfit(offset, force, 2), offset)).max() / force.mean())
+
+
+def _row(name: str, cells: Iterable[str]) -> None:
+    print(f"| {name} | {' | '.join(cells)} |", flush=True)
+
+
+def main() -> None:
+    """Print both tables."""
+    finger = Fingertip.load()
+    _row("path", ("edges", "poses that differ by more than 1e-8", "by at most", "processor ms a pose"))
+    print("|---|---|---|---|---|")
+    groups = {"rounded, near the middle": ROUNDED, "rounded, anywhere": ANYWHERE, "0.01 mm, 0": EDGES}
+    for edges, poses in groups.items():
+        for name, off, seconds in paths(finger, poses):
+            differ = int((np.abs(off) > 1e-8).sum())
+            _row(name, (edges, f"{differ} of {len(poses)}", f"{np.abs(off).max():.1e}", f"{1e3 * seconds:.0f}"))
+    print()
+    nodes_only = Fingertip.load(FingertipConfig(contact=Contact(between_nodes=False)))
+    _row("pose", ("scatter, nodes only", "scatter, also between nodes"))
+    print("|---|---|---|")
+    for name, pose in PLACES.items():
+        _row(name, (f"{scatter(f, pose):.2%}" for f in (nodes_only, finger)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,147 @@
+"""A virtual bench with real drivers, on which a wire or a device can be made to fail."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from pymodbus.framer import FramerRTU
+
+from rig.devices.bench import force_driver, stage_driver
+from rig.devices.heartbeat import Heartbeat
+from rig.devices.units import GWT_N
+from rig.engine import Engine, Journal, Target
+from rig.engine.streams import STREAMS
+from rig.plan.config import Config
+from rig.session.rehearsal import Spring
+from rig.transport import LoopbackTransport
+from rig.virtual.virtual_devices import FORCES, STAGES, true_carriage
+from sim.devices.cell import Load
+from sim.devices.clock import VirtualClock
+from sim.devices.line import SerialLine
+
+TARGET = Target("force_gwt", 8.0)
+PREDICTED = Spring(contact_mm=-0.3, doi_mm=1.0, force_n=10 * GWT_N, exponent=1.5)
+SOFT_TRIP_N = 2 * TARGET.value * GWT_N
+LOOK_S = 0.002
+
+Change = Callable[[bytes], list[bytes]]
+
+
+class FaultyBench:
+    """A finger of springs under real drivers; what the devices send can be changed on its way."""
+
+    def __init__(self, folder: Path, tables: Mapping[str, Any]) -> None:
+        self.config = config = Config.model_validate(tables)
+        self.clock = clock = VirtualClock(1.7e9)
+        self.stage_line, self.force_line = SerialLine(clock, config.stage.baud), SerialLine(clock, config.force.baud)
+        self.board: Any = STAGES[config.stage.kind](clock, self.stage_line, config)
+        self.carriage = true_carriage(self.board, config)
+        self.extra_n: Callable[[float], float] = lambda t_s: 0.0
+        self.stalled_mm: float | None = None
+        load = Load(lambda t_s: self.true_n(t_s) + self.extra_n(t_s))
+        self.sensor: Any = FORCES[config.force.kind](clock, self.force_line, config, load)
+        self.stage_wire = LoopbackTransport(self.stage_line, clock, "stage")
+        self.force_wire = LoopbackTransport(self.force_line, clock, "force")
+        stage = stage_driver(lambda _: self.stage_wire, clock, config)
+        force = force_driver(lambda _: self.force_wire, clock, config)
+        self.on_sample: dict[str, Callable[[], object]] = {}
+        self.journal_path = folder / "events.jsonl"
+        self.journal = Journal(self.journal_path, clock, STREAMS, self._watch)
+        self.heartbeat = Heartbeat(clock)
+        self.engine = Engine(
+            config, clock, stage, force, self.journal, self, soft_trip_n=SOFT_TRIP_N, heartbeat=self.heartbeat
+        )
+        self.worst_n = 0.0
+        self._look()
+
+    def mount(self, indentor: str) -> str:
+        """Whatever is asked for."""
+        return indentor
+
+    def confirm(self, request: str) -> None:
+        """Nobody is here."""
+
+    def true_pose(self) -> None:
+        """Not needed."""
+
+    @property
+    def height_mm(self) -> float:
+        """Where the carriage really is."""
+        return self.carriage.pose_at(self.clock.monotonic_s()).above_apex_mm
+
+    def true_n(self, t_s: float) -> float:
+        """What the finger really feels."""
+        height = self.carriage.pose_at(t_s).above_apex_mm
+        return PREDICTED.force_at(height if self.stalled_mm is None else max(height, self.stalled_mm))
+
+    def after(self, phase: str, act: Callable[[], object]) -> None:
+        """Do it once, when the first sample of this phase is on disk."""
+        self.on_sample[phase] = act
+
+    def change(self, line: SerialLine, change: Change) -> None:
+        """From now on what the device sends goes through this."""
+        send = line.device_write
+        line.device_write = lambda data: [send(part) for part in change(data)] and None  # type: ignore[method-assign]
+
+    def _look(self) -> None:
+        now_s = self.clock.monotonic_s()
+        self.worst_n = max(self.worst_n, self.true_n(now_s))
+        self.heartbeat.look()
+        self.clock.call_at(now_s + LOOK_S, self._look)
+
+    def _watch(self, stream: str, data: Mapping[str, Any]) -> None:
+        act = self.on_sample.pop(data["phase"], None) if stream == "sample" else None
+        if act is not None:
+            act()
+
+
+def once(change: Change) -> Change:
+    """The first time only that it makes a difference."""
+    done: list[bool] = []
+
+    def changed(data: bytes) -> list[bytes]:
+        if done:
+            return [data]
+        found = change(data)
+        if found != [data]:
+            done.append(True)
+        return found
+
+    return changed
+
+
+def lost(what: bytes) -> Change:
+    """These bytes never arrive."""
+    return lambda data: [data.replace(what, b"")]
+
+
+def framed(device_id: int, content: bytes) -> bytes:
+    """An RTU frame with a right CRC."""
+    body = bytes([device_id]) + content
+    return body + FramerRTU.compute_CRC(body).to_bytes(2, "big")
+
+
+def bad_crc(data: bytes) -> list[bytes]:
+    """Its last byte changed."""
+    return [data[:-1] + bytes([data[-1] ^ 0x55])]
+
+
+def swapped(data: bytes) -> list[bytes]:
+    """Registers of a weight low word first: the answer to a read of registers 6 to 13."""
+    if data[1] != 3 or data[2] != 16:
+        return [data]
+    words = [data[n : n + 2] for n in range(3, 19, 2)]
+    for high in (1, 3, 5):
+        words[high], words[high + 1] = words[high + 1], words[high]
+    return [framed(data[0], data[1:3] + b"".join(words))]
+
+
+def delayed(bench: FaultyBench, line: SerialLine, seconds: float) -> None:
+    """Every answer comes so much later."""
+    send = line.device_write
+    line.device_write = lambda data: (
+        bench.clock.call_at(  # type: ignore[method-assign]
+            bench.clock.monotonic_s() + seconds, lambda: send(data)
+        )
+        and None
+    )

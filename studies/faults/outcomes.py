@@ -1,0 +1,97 @@
+"""What the rig does when a wire, a device or the machine under it fails, on real bytes: every fault of the catalogue.
+
+    .venv/bin/python -m studies.faults.outcomes    # the table of docs/faults.md
+
+Each fault strikes an indentation to 8 gwt on a finger of springs, at its first move in contact, or later in its hold.
+Drivers, wire and virtual devices are those of a dry-run; bytes are lost, changed or delayed between them.
+"""
+
+import json
+import resource
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from rig.devices.force.base import ForceError
+from rig.devices.stage.base import StageError
+from rig.devices.units import GWT_N
+from rig.engine import EngineError, indent
+from rig.engine.stopping import Stopping
+from rig.plan.config import Config
+from rig.transport import TransportError
+from studies.faults.catalogue import CATALOGUE, Fault
+from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET, FaultyBench
+
+
+@dataclass(frozen=True)
+class Found:
+    """What came of a fault."""
+
+    outcome: str
+    reason: str
+    state: str
+    worst_gwt: float
+    journalled: int  # whole lines
+
+
+def bound_gwt() -> float:
+    """The soft trip, and what the worst increment may add."""
+    trip_gwt = SOFT_TRIP_N / GWT_N
+    return trip_gwt + Stopping.of(Config(), 1.0).overshoot_gwt(trip_gwt, PREDICTED.force_n / GWT_N, PREDICTED.doi_mm)
+
+
+@contextmanager
+def _file_sizes_restored() -> Iterator[None]:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def suffer(fault: Fault, folder: Path) -> Found:
+    """Two indentations, the fault in the first."""
+    bench = FaultyBench(folder, fault.tables)
+    reason = ""
+    with ExitStack() as stack:
+        stack.enter_context(_file_sizes_restored())
+        stack.callback(lambda: bench.journal._file.close())
+        try:
+            _two_presses(bench, fault)
+        except (EngineError, StageError, ForceError, TransportError) as error:
+            reason = str(error)
+    lifted = bench.height_mm > PREDICTED.contact_mm + 1.0
+    outcome = "done" if not reason else "lifted" if lifted else "held"
+    lines = bench.journal_path.read_bytes().split(b"\n")
+    assert lines[-1] == b"", "a torn line"
+    documents = [json.loads(line) for line in lines[:-1]]
+    return Found(outcome, reason, bench.engine.state.value, bench.worst_n / GWT_N, len(documents))
+
+
+def _two_presses(bench: FaultyBench, fault: Fault) -> None:
+    engine = bench.engine
+    engine.mount("bar:3.0")
+    engine.home()
+    engine.zero()
+    fault.strike(bench)
+    for x_mm in (0.0, 0.5):
+        engine.move_to(x_mm)
+        indent(engine, TARGET, hold_s=0.5, expected_contact_mm=PREDICTED.contact_mm)
+
+
+def main() -> None:
+    """Print the table."""
+    print(
+        f"| fault | what happens | the engine is then | worst force (gwt, of {bound_gwt():.2f}) |\n|---|---|---|---|"
+    )
+    for fault in CATALOGUE:
+        with tempfile.TemporaryDirectory() as folder:
+            found = suffer(fault, Path(folder))
+        reason = found.reason.replace(folder, "…").replace("|", "\\|") or "the run goes on"
+        print(f"| {fault.name} | {found.outcome}: {reason} | {found.state} | {found.worst_gwt:.2f} |")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,52 @@
+"""The tables and figures of docs/performance.md from a finished `rig bench`.
+
+.venv/bin/rig bench --json > bench.json
+.venv/bin/python -m studies.speed.performance bench.json docs/figures
+"""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rig.report.bench_page import cost_against_nodes, pareto
+
+FAMILIES = {"smooth": "smooth", "bar": "bars", "step": "step 1"}
+QUANTITIES = {"force": "force", "width": "width", "sed": "SED", "ep1": "ep1"}
+
+
+def largest(rows: list[dict[str, Any]], family: str, quantity: str) -> str:
+    """Largest error in per cent, or a dash."""
+    found = [row["error"] for row in rows if (row["family"], row["quantity"]) == (family, quantity)]
+    return f"{100 * max(found):.1f}" if found else "–"
+
+
+def table(rows: list[dict[str, Any]]) -> None:
+    """One line for each candidate."""
+    head = ["model, element", "mesh", "nodes", "from nothing (s)", "contact (ms)", "memory (MB)"]
+    head += [f"{name}: {' / '.join(QUANTITIES.values())} (%)" for name in FAMILIES.values()]
+    print(f"| {' | '.join(head)} |\n|{'---|' * len(head)}")
+    for model, element, mesh, nodes in dict.fromkeys(
+        (row["model"], row["element"], row["refinement"], row["nodes"]) for row in rows
+    ):
+        mine = [r for r in rows if (r["model"], r["element"], r["refinement"]) == (model, element, mesh)]
+        costs = {key: float(np.median([row[key] for row in mine])) for key in ("seconds", "contact_s", "memory_mb")}
+        errors = [" / ".join(largest(mine, family, quantity) for quantity in QUANTITIES) for family in FAMILIES]
+        cells = [f"{costs['seconds']:.1f}", f"{1e3 * costs['contact_s']:.0f}", f"{costs['memory_mb']:.0f}"]
+        print(f"| {' | '.join([f'{model} {element}', mesh, str(nodes), *cells, *errors])} |")
+
+
+def main() -> None:
+    """Print the table, write the figures."""
+    rows = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))["rows"]
+    folder = Path(sys.argv[2])
+    folder.mkdir(exist_ok=True)
+    (folder / "pareto.svg").write_text(pareto(rows).svg, encoding="utf-8")
+    (folder / "cost.svg").write_text(cost_against_nodes(rows).svg, encoding="utf-8")
+    table(rows)
+
+
+if __name__ == "__main__":
+    main()

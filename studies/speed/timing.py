@@ -1,0 +1,135 @@
+"""Times of the finger model on this machine, each beside a limit measured in the same run.
+
+.venv/bin/python -m studies.speed.timing            # the tables of the README, about a minute and a half
+.venv/bin/python -m studies.speed.timing --slabs    # also the portable solver (several minutes)
+"""
+
+import os
+import resource
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+
+import numpy as np
+from scipy.linalg import lapack
+from threadpoolctl import threadpool_limits
+
+from sim.config.fingertip_config import FingertipConfig
+from sim.fem import pardiso
+from sim.fem.pardiso import PardisoFactor
+from sim.finger.mesh import build_mesh
+from sim.finger.surface import FingertipSurface
+from sim.models.cache import cache_dir
+from sim.models.condensed import discretise, factorise
+from sim.models.fingertip import Fingertip
+
+SCENES = [
+    ("bar 3.0, DOI 0.2–1.0", "bar:3.0", (-0.3, 0.0, 0.25), (0.2, 0.4, 0.6, 0.8, 1.0)),
+    ("bar 1.5, DOI 0.2–1.0", "bar:1.5", (-0.3, 0.0, 0.25), (0.2, 0.4, 0.6, 0.8, 1.0)),
+    ("step 1, DOI 0.2–1.0", "step:1", (2.0, 0.5, -0.5, -1.0, -1.63, -2.25, -3.69), (0.2, 0.4, 0.73, 1.0)),
+    ("step 5, DOI 0.2–1.0", "step:5", (2.0, 0.5, -0.5, -1.0, -1.63, -2.25, -3.69), (0.2, 0.4, 0.73, 1.0)),
+    ("cylinder 9, DOI 0.2–1.0", "cylinder:9", (0.0,), (0.2, 0.4, 0.6, 0.8, 1.0)),
+]
+
+
+def seconds(action: Callable[[], object], repeats: int = 1) -> float:
+    """The best wall time of several calls."""
+    best = np.inf
+    for _ in range(repeats):
+        start = time.perf_counter()
+        action()
+        best = min(best, time.perf_counter() - start)
+    return float(best)
+
+
+def dense_cholesky_s(n: int, repeats: int = 3) -> float:
+    """One dense Cholesky factorisation of order n, LAPACK."""
+    a = np.random.default_rng(0).standard_normal((n, n + 8))
+    spd = a @ a.T
+    return seconds(lambda: lapack.dpotrf(spd, lower=1, clean=0), repeats)
+
+
+def cold() -> Fingertip:
+    """Build with an empty cache, then load from it."""
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["RIG_CACHE_DIR"] = folder
+        start = time.perf_counter()
+        finger = Fingertip.load()
+        whole = time.perf_counter() - start
+        warm = seconds(Fingertip.load, 3)
+        size = sum(p.stat().st_size for p in cache_dir().glob("*.model"))
+        del os.environ["RIG_CACHE_DIR"]
+    n_patch = 2 * len(finger.model.patch)
+    laps = finger.model.timing_s
+    print(f"{finger.model.nodes} nodes, patch of {len(finger.model.patch)} nodes, {os.cpu_count()} cores\n")
+    print("| step | seconds | beside it |\n|---|---|---|")
+    print(f"| mesh | {laps['mesh']:.2f} | |")
+    print(f"| assembly | {laps['assembly']:.2f} | |")
+    print(f"| condensation (factor and Schur complement) | {laps['condensation']:.2f} | {sparse_factor_s()} |")
+    print(f"| inverse of order {n_patch} | {laps['inverse']:.2f} | dense Cholesky of that order "
+          f"{dense_cholesky_s(n_patch, 1):.2f} s |")  # fmt: skip
+    print(f"| receptors | {laps['receptors']:.2f} | |")
+    print(f"| **cold, everything with the cache written ({size / 1e6:.0f} MB)** | **{whole:.1f}** | |")
+    print(f"| **warm start, checksums verified** | **{warm:.2f}** | |")
+    return finger
+
+
+def sparse_factor_s() -> str:
+    """The same matrix factorised by PARDISO without a Schur complement (one unknown kept)."""
+    if not pardiso.available():
+        return "PARDISO is not to be had here"
+    config = FingertipConfig()
+    problem = discretise(config, build_mesh(config, FingertipSurface.fit(config.geometry)))
+    start = time.perf_counter()
+    PardisoFactor(problem.upper, problem.kept[:1]).close()
+    return f"the same matrix factorised alone {time.perf_counter() - start:.1f} s"
+
+
+def indentations(finger: Fingertip) -> None:
+    """Median and 95th percentile by DOI and by force, from rest, one BLAS thread."""
+    columns = ("scene", "active nodes", "by DOI, median / p95 (ms)", "by force 2.33 gwt, median (ms)",
+               "passes, median / max", "residual, max", "dense Cholesky of the active set (ms)")  # fmt: skip
+    print(f"\n| {' | '.join(columns)} |\n|{'---|' * len(columns)}")
+    everything = []
+    for name, shape, xs, dois in SCENES:
+        results = [finger.indent(shape, x, doi_mm=doi) for x in xs for doi in dois]
+        forced = [finger.indent(shape, x, force_gwt=2.33) for x in xs]
+        ms = 1e3 * np.array([r.contact_s for r in results])
+        active = int(np.median([r.state.active.sum() for r in results]))
+        passes = [r.state.passes for r in results]
+        with threadpool_limits(1):
+            limit = 1e3 * dense_cholesky_s(active, 20)
+        everything += list(ms)
+        print(f"| {name} | {active} | {np.median(ms):.0f} / {np.percentile(ms, 95):.0f} | "
+              f"{np.median([1e3 * r.contact_s for r in forced]):.0f} | {np.median(passes):.0f} / {max(passes)} | "
+              f"{max(r.state.residual for r in results):.0e} | {limit:.2f} |")  # fmt: skip
+    print(f"\nall by DOI: median {np.median(everything):.0f} ms, p95 {np.percentile(everything, 95):.0f} ms")
+
+
+def slabs() -> None:
+    """The portable solver on the same problem."""
+    config = FingertipConfig()
+    problem = discretise(config, build_mesh(config, FingertipSurface.fit(config.geometry)))
+    answers = {}
+    for solver in ("pardiso", "slabs"):
+        start = time.perf_counter()
+        with factorise(problem, solver) as factor:
+            answers[solver] = factor.compliance
+        print(f"{solver}: condensation and inverse {time.perf_counter() - start:.1f} s", flush=True)
+    difference = np.abs(answers["slabs"] - answers["pardiso"]).max() / np.abs(answers["pardiso"]).max()
+    print(f"largest difference, relative: {difference:.1e}")
+
+
+def main() -> None:
+    """Print the tables."""
+    if "--slabs" in sys.argv:
+        slabs()
+        return
+    indentations(cold())
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(f"peak memory: {peak:.0f} MB")
+
+
+if __name__ == "__main__":
+    main()
