@@ -13,20 +13,21 @@ import typer
 from rig.cli.options import JsonOption, checked_file
 from rig.cli.output import loading_the_finger, out, print_json, told_in_one_line
 from rig.compare.comparison import Comparison, compare
-from rig.compare.cross_sections import cross_sections
 from rig.compare.fingers.on_fingers import on_plausible_fingers
-from rig.compare.fingers.plausible import PlausibleFingers, read_plausible
+from rig.compare.plausible import PlausibleFingers, read_plausible
 from rig.compare.recordings.inputs import SpikeReading, read_recordings, sha256
 from rig.compare.recordings.recorded import Recording
 from rig.compare.stimuli import Stimulus, stimuli
+from rig.compare.stimulus_maps import stimulus_maps
 from rig.compare.tables import as_json as comparison_as_json
 from rig.data import Run, read_run
 from rig.data.folder import replace_text
 from rig.plan.config import load_config
 from rig.protocol.errors import BadInputError
-from rig.report.comparison.comparison_report import Section, write_comparison
+from rig.report.comparison.comparison_report import write_comparison
 from rig.report.comparison.deflection import deflection_section, read_deflections, simulated
-from rig.report.comparison.finger_tables import finger_sections, fingers_as_json
+from rig.report.comparison.finger_tables import finger_section, finger_tables, fingers_as_json
+from rig.report.html import Section
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
 from sim.models.fingertip import Fingertip
 
@@ -76,6 +77,7 @@ def command(
         answered = _answered(found, receptors)
         line = _under_the_line(answered, deflection)
         comparison = _compared(answered, recordings, normalise, plausible)
+        tables = finger_tables(comparison)
         options = {
             "--recorded": recorded or [],
             "--mirror": mirror or [],
@@ -95,13 +97,13 @@ def command(
             found,
             answered[0].finger,
             _remade_by(runs, options, normalise),
-            [*finger_sections(comparison), *line],
-            sections=[s for one in answered for s in cross_sections(one.run, one.finger, one.stimuli)],
+            [*map(finger_section, tables), *line],
+            maps=[m for one in answered for m in stimulus_maps(one.run, one.finger, one.stimuli)],
             pdf=pdf,
         )
         _write_sidecar(report, time.perf_counter() - began)
         if as_json:
-            print_json(comparison_as_json(comparison, str(report)) | fingers_as_json(comparison))
+            print_json(comparison_as_json(comparison, str(report)) | fingers_as_json(comparison, tables))
         else:
             _print(comparison, report)
 

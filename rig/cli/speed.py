@@ -11,7 +11,7 @@ import typer
 
 from rig.cli.options import JsonOption, checked_file
 from rig.cli.output import err, out, print_json, told_in_one_line
-from rig.report.bench_page import page
+from rig.report.speed_page import page
 from sim.speed_and_error import calculix
 from sim.speed_and_error.measure import QUANTITIES, Measured, measure
 from sim.speed_and_error.reference import stored

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from rig.compare.errors import ComparisonError
-from rig.compare.fingers.plausible import PlausibleFingers
 from rig.compare.fit import Fit
+from rig.compare.plausible import PlausibleFingers
 from rig.compare.recordings.recorded import Recording
 from rig.compare.shape_test import THRESHOLD, shape_test
 from rig.compare.statistics import Flags, Interval, correlation, fit_all, in_play, indistinguishable, interval

@@ -12,8 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.measures.measures import PLOTTED_AS_MAGNITUDE
-
 Array = NDArray[np.float64]
 
 THRESHOLD = 0.05
@@ -35,15 +33,6 @@ class Verdict:
 
     passed: bool
     judged_by: dict[str, float]
-
-
-def shown(measure: str, values: Array) -> Array:
-    """A measure in the sign in which profiles are shown.
-
-    Measures that are compressive under every indentor (`PLOTTED_AS_MAGNITUDE`) change sign, so that more compression
-    is more; a value of the other sign stays visible as a negative one. All others, e13 among them, keep their sign.
-    """
-    return -values if measure in PLOTTED_AS_MAGNITUDE else values
 
 
 def shape_test(shape: str, x_mm: Array, profile: Array, threshold: float = THRESHOLD) -> Verdict | None:

@@ -13,11 +13,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compare.shape_test import shown
 from rig.data import Run
 from rig.plan.responses import Response, responses
 from sim.contact.shapes import parse_shape
-from sim.measures.measures import MEASURES
+from sim.measures.measures import MEASURES, shown
 from sim.models.cache import Arrays, cached_arrays, content_key
 from sim.models.fingertip import Fingertip
 from sim.models.result import IndentationResult

@@ -21,6 +21,17 @@ class Figure:
     caption: str
 
 
+@dataclass(frozen=True)
+class Section:
+    """A part of a page: its heading, a paragraph, a table and figures below it."""
+
+    title: str
+    text: str
+    header: tuple[str, ...] = ()
+    rows: tuple[tuple[str, ...], ...] = ()
+    figures: tuple[Figure, ...] = ()
+
+
 def figures_of(
     title: str, items: Sequence[Item], most: int, draw: Callable[[Sequence[Item]], Plot], caption: str
 ) -> list[Figure]:

@@ -1,18 +1,12 @@
-"""How measures and frames are written in figures and tables."""
+"""How measures and numbers are written in figures and tables."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
-from rig.compare.comparison import Pairing
-from rig.report.style import signed
 from sim.measures.measures import MEASURES, PLOTTED_AS_MAGNITUDE
-
-Pair = tuple[int, int]  # measure, receptor
 
 _STRAINS = MEASURES[:9]
 _ABBREVIATED = {"sed": "SED"}
+_WIDEST_PLAIN = 1e5
 
 
 def label(measure: str) -> str:
@@ -26,12 +20,19 @@ def unit(measure: str) -> str:
     return "strain" if measure in _STRAINS else "pseudo-units³" if measure == "third" else "pseudo-units"
 
 
-def frame(pairings: Sequence[Pairing]) -> str:
-    """How recorded positions and rates were laid over the simulation; printed on every figure that does."""
-    changed = {f"{p.stimulus.indentor} {change}" for p in pairings for change in p.recording.changes}
-    return "; ".join(["indentor x = recorded position + receptor x, no offset fitted", *sorted(changed)])
+def as_number(value: float | None, digits: int = 3) -> str:
+    """A number for a table with a typographic minus; a dash where there is none."""
+    if value is None:
+        return "–"
+    plain = f"{float(f'{value:.{digits}g}'):.12g}" if abs(value) < _WIDEST_PLAIN else f"{value:.{digits}g}"
+    return plain.replace("-", "−")
 
 
-def named(receptor_mm: NDArray[np.float64], pair: Pair) -> str:
-    """A measure at a receptor."""
-    return f"{label(MEASURES[pair[0]])} at {signed(receptor_mm[pair[1]])} mm"
+def as_positions(values: Iterable[float]) -> str:
+    """Places in mm for a table; a dash where there are none."""
+    return " ".join(as_number(round(float(v), 3) + 0.0, 4) for v in values) or "–"
+
+
+def as_limits(values: Sequence[float | None] | None) -> str:
+    """An interval for a table; nothing where there is none."""
+    return f"[{as_number(values[0])}, {as_number(values[1])}]" if values else ""

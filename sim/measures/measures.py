@@ -17,6 +17,15 @@ PLOTTED_AS_MAGNITUDE = frozenset({"e22", "ep1", "s11", "s22", "s33", "sp1", "sp2
 """Measures that are negative under every indentor here; profiles show their magnitude. e13 keeps its sign."""
 
 
+def shown(measure: str, values: Array) -> Array:
+    """A measure in the sign in which profiles are shown.
+
+    Measures that are compressive under every indentor (`PLOTTED_AS_MAGNITUDE`) change sign, so that more compression
+    is more; a value of the other sign stays visible as a negative one. All others, e13 among them, keep their sign.
+    """
+    return -values if measure in PLOTTED_AS_MAGNITUDE else values
+
+
 @dataclass(frozen=True)
 class Elastic:
     """Isotropic material; E in the unit that the stresses shall have."""

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.comparison import Joint, compare
-from rig.compare.fingers.plausible import PlausibleFingers, read_plausible
 from rig.compare.fingers.with_finger import WithFinger
+from rig.compare.plausible import PlausibleFingers, read_plausible
 from rig.compare.recordings.recorded import Recording, recording
 from rig.compare.recordings.synthetic import Afferent, afferent_for, record
 from rig.compare.statistics import Interval

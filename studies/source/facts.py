@@ -8,15 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
-from rig.compare.pressure_model import Constants
-from rig.compare.shape_test import shape_test, shown
+from rig.compare.pressure_formula import Constants
+from rig.compare.shape_test import shape_test
 from rig.compare.stimuli import Stimulus
-from rig.report.comparison.comparison_report import Section
+from rig.report.html import Section
 from sim.contact.profiles import STEP_HALF_WAVELENGTH_MM
+from sim.measures.measures import shown
 from sim.models.fingertip import Fingertip
 from sim.models.result import IndentationResult, median_of_four
 from studies.source.facts_by_parameter import BAR_DOIS_MM, edges_touched
-from studies.source.pressure_formula import PressureStudy, told
+from studies.source.pressure_fits import PressureStudy, told
 
 Array = NDArray[np.float64]
 

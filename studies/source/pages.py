@@ -17,23 +17,24 @@ from pathlib import Path
 import numpy as np
 
 from rig.compare.comparison import compare
-from rig.compare.cross_sections import cross_sections
 from rig.compare.recordings.inputs import SpikeReading, read_recordings
 from rig.compare.recordings.synthetic import afferent_for, record, write_synthetic
 from rig.compare.stimuli import Stimulus, stimuli
+from rig.compare.stimulus_maps import stimulus_maps
 from rig.data import Run, read_run
 from rig.data.folder import replace_text
 from rig.parameter_study.workers import spread
 from rig.plan.config import load_config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.report.comparison.comparison_report import Section, write_comparison
+from rig.report.comparison.comparison_report import write_comparison
 from rig.report.comparison.deflection import Deflection, deflection_section
+from rig.report.html import Section
 from rig.report.run.run_report import write_report
 from rig.session.session import Session, dry_run
 from sim.models.fingertip import Fingertip
 from studies.source.facts import DEPTHS_MM, FINE_X_MM, facts_section
-from studies.source.pressure_formula import layers_section, press_all, pressure_section
+from studies.source.pressure_fits import layers_section, press_all, pressure_section
 from studies.source.side_by_side import shapes_side_by_side
 from studies.source.table_agreement import survivors_section, table_5_2
 from studies.source.verdicts_by_parameter import all_verdicts, sensitivity_section
@@ -129,10 +130,10 @@ def study_page(folder: Path, done: Sequence[Done], finger: Fingertip) -> tuple[S
         pressure_section(pressures),
         layers_section(),
     )
-    maps = [section for run, members in pressed for section in cross_sections(run, finger, members)]
+    maps = [one for run, members in pressed for one in stimulus_maps(run, finger, members)]
     title = "The study: steps, bars and gratings"
     page = partial(write_comparison, folder / "study.html", found, runs, finger, COMMAND, extra, title)
-    page(sections=maps, pdf=folder / "study.pdf")
+    page(maps=maps, pdf=folder / "study.pdf")
     return extra
 
 

@@ -2,8 +2,7 @@
 
 from matplotlib.figure import Figure as Canvas
 
-from rig.report.comparison.comparison_report import Section
-from rig.report.html import Figure
+from rig.report.html import Figure, Section
 from rig.report.style import BLUE, GREEN, ORANGE, Plot
 from sim.models.fingertip import Fingertip
 from sim.models.result import IndentationResult

@@ -3,9 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compare.shape_test import shown
 from rig.compare.stimuli import Stimulus, answers_key, contact_regions
-from sim.measures.measures import MEASURES
+from sim.measures.measures import MEASURES, shown
 from sim.models.cache import Arrays, cached_arrays
 from sim.models.fingertip import Fingertip
 

@@ -6,7 +6,7 @@ from rig.compare.comparison import Comparison
 from rig.compare.shape_test import THRESHOLD, THRESHOLDS
 from rig.compare.stimuli import Stimulus
 from rig.compare.table_5_2 import SHAPES, agreement, source_flags
-from rig.report.comparison.comparison_report import Section
+from rig.report.html import Section
 from sim.measures.measures import MEASURES
 
 

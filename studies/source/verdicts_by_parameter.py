@@ -15,8 +15,7 @@ from rig.compare.comparison import compare
 from rig.compare.shape_test import THRESHOLD
 from rig.compare.table_5_2 import agreement, source_flags
 from rig.parameter_study.workers import spread
-from rig.report.comparison.comparison_report import Section
-from rig.report.html import Figure
+from rig.report.html import Figure, Section
 from rig.report.labels import label
 from rig.report.style import BLUE, Plot
 from sim.config.fingertip_config import FingertipConfig, Tissue

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compare.fingers.plausible import design_places
 from rig.compare.fit import Fit, fit_rates, predicted
+from rig.compare.plausible import design_places
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -7,15 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.errors import FingersError
-from rig.compare.fingers.plausible import DesignFinger, PlausibleFingers
-from rig.compare.shape_test import shown
+from rig.compare.plausible import DesignFinger, PlausibleFingers
 from rig.compare.stimuli import Stimulus, simulator_code
 from rig.data import Run
 from rig.parameter_study.workers import spread
 from sim.config.fingertip_config import FingertipConfig
 from sim.finger.mesh import MeshError
 from sim.finger.surface import SurfaceError
-from sim.measures.measures import MEASURES
+from sim.measures.measures import MEASURES, shown
 from sim.measures.receptors import ReceptorError
 from sim.models.cache import cached_arrays, content_key
 from sim.models.fingertip import Fingertip, ModelRangeError

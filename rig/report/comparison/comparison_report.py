@@ -1,7 +1,6 @@
 """The report of a comparison: one self-contained HTML file, the same bytes for the same input."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
@@ -9,28 +8,17 @@ from pathlib import Path
 from typing import Any
 
 from rig.compare.comparison import COLLINEAR, Comparison, Joint
-from rig.compare.cross_sections import CrossSection
 from rig.compare.recordings.inputs import sha256
 from rig.compare.shape_test import THRESHOLD
+from rig.compare.stimulus_maps import StimulusMap
 from rig.compare.tables import best_receptor, indistinguishable_rows, joint_row, threshold_rows
 from rig.data import Run
 from rig.data.folder import replace_bytes, replace_text
 from rig.report.comparison.report_figures import report_figures
-from rig.report.html import Figure, as_png, render
-from rig.report.labels import unit
+from rig.report.html import Section, as_png, render
+from rig.report.labels import as_limits, as_number, as_positions, unit
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
-
-
-@dataclass(frozen=True)
-class Section:
-    """A further table of a report, with figures below it."""
-
-    title: str
-    text: str
-    header: tuple[str, ...] = ()
-    rows: tuple[tuple[str, ...], ...] = ()
-    figures: tuple[Figure, ...] = ()
 
 
 def write_comparison(
@@ -41,7 +29,7 @@ def write_comparison(
     command: str,
     extra: Sequence[Section] = (),
     title: str = "Which measure explains the response?",
-    sections: Sequence[CrossSection] = (),
+    maps: Sequence[StimulusMap] = (),
     pdf: Path | None = None,
 ) -> None:
     """Write the report as HTML, and as PDF where asked for, dated by the newest run.
@@ -53,7 +41,7 @@ def write_comparison(
         "comparison.html.j2",
         title=title,
         extra=extra,
-        figures=report_figures(comparison, sections),
+        figures=report_figures(comparison, maps),
         **_verdicts(comparison),
         **_provenance(comparison, runs, finger, command),
         **_WRITTEN,
@@ -110,27 +98,6 @@ def verdict_rows(comparison: Comparison) -> list[dict[str, Any]]:
 def _best(joint: Joint, measure: int) -> dict[str, Any] | None:
     receptor = best_receptor(joint, measure)
     return None if receptor is None else joint_row(joint, (measure, receptor))
-
-
-def as_number(value: float | None, digits: int = 3) -> str:
-    """A number for a table with a typographic minus; a dash where there is none."""
-    if value is None:
-        return "–"
-    plain = f"{float(f'{value:.{digits}g}'):.12g}" if abs(value) < _WIDEST_PLAIN else f"{value:.{digits}g}"
-    return plain.replace("-", "−")
-
-
-_WIDEST_PLAIN = 1e5
-
-
-def as_positions(values: Iterable[float]) -> str:
-    """Places in mm for a table; a dash where there are none."""
-    return " ".join(as_number(round(float(v), 3) + 0.0, 4) for v in values) or "–"
-
-
-def as_limits(values: Sequence[float | None] | None) -> str:
-    """An interval for a table; nothing where there is none."""
-    return f"[{as_number(values[0])}, {as_number(values[1])}]" if values else ""
 
 
 _WRITTEN: dict[str, Any] = {

@@ -16,8 +16,7 @@ from rig.compare.errors import RecordingError
 from rig.compare.recordings.recorded import csv_number, csv_rows
 from rig.data import Run
 from rig.plan.responses import responses
-from rig.report.comparison.comparison_report import Section
-from rig.report.html import Figure
+from rig.report.html import Figure, Section
 from rig.report.style import Plot, shade
 from sim.contact.indentor import ACROSS
 from sim.contact.shapes import parse_shape

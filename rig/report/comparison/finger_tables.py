@@ -1,14 +1,17 @@
 """What is said with plausible fingers stated, as rows: for `--json` and as sections of the report."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from rig.compare.comparison import Comparison, Joint
-from rig.compare.fingers.plausible import PlausibleFingers
 from rig.compare.fingers.with_finger import WithFinger
+from rig.compare.plausible import PlausibleFingers
 from rig.compare.tables import Pair, joint_row, members, number
-from rig.report.comparison.comparison_report import Section, as_limits, as_number, as_positions
+from rig.report.html import Section
+from rig.report.labels import as_limits, as_number, as_positions
 
 Row = dict[str, Any]
 
@@ -18,25 +21,44 @@ _HEADER = (
 )  # fmt: skip
 
 
-def fingers_as_json(comparison: Comparison) -> dict[str, Any]:
+@dataclass(frozen=True)
+class FingerTable:
+    """What one joint fit says with the finger anywhere in the stated ranges.
+
+    `chosen` are the receptors of the set by measure, None with too few positions; `rows` has each measure of the set
+    at the receptor of the set that explains most, with and without doubt of the finger.
+    """
+
+    joint: Joint
+    plausible: PlausibleFingers
+    chosen: dict[str, list[float]] | None
+    rows: list[Row]
+
+
+def finger_tables(comparison: Comparison) -> list[FingerTable]:
+    """One for each joint fit, each fitted once; none where no fingers are stated."""
+    plausible = comparison.plausible
+    return [] if plausible is None else [_table(WithFinger(joint), plausible) for joint in comparison.joints]
+
+
+def _table(found: WithFinger, plausible: PlausibleFingers) -> FingerTable:
+    rows = [_row(found, pair, plausible) for pair in _best_of_set(found)]
+    return FingerTable(found.joint, plausible, members(found.joint, found.indistinguishable), rows)
+
+
+def fingers_as_json(comparison: Comparison, tables: Sequence[FingerTable]) -> dict[str, Any]:
     """What `rig compare --json` prints besides when fingers are stated; nothing without."""
     plausible = comparison.plausible
     if plausible is None:
         return {}
-    joints = [WithFinger(joint) for joint in comparison.joints]
     return {
         "fingers": {
             "ranges": {name: list(limits) for name, limits in plausible.ranges.items()},
             "built": 3 ** len(plausible.free),
-            "joint": [row for found in joints for row in finger_rows(found, plausible)],
-            "indistinguishable": [_set(found) for found in joints],
+            "joint": [row for table in tables for row in table.rows],
+            "indistinguishable": [_set(table) for table in tables],
         }
     }
-
-
-def finger_rows(found: WithFinger, plausible: PlausibleFingers) -> list[Row]:
-    """Each measure of the set at the receptor of the set that explains most, with and without doubt of the finger."""
-    return [_row(found, pair, plausible) for pair in _best_of_set(found)]
 
 
 def _best_of_set(found: WithFinger) -> list[Pair]:
@@ -66,38 +88,30 @@ def _row(found: WithFinger, pair: Pair, plausible: PlausibleFingers) -> Row:
 _GIVEN = ("k", "k_interval", "eps0", "eps0_interval", "r2", "indistinguishable_from_best")
 
 
-def _set(found: WithFinger) -> Row:
+def _set(table: FingerTable) -> Row:
     return {
-        "shapes": [pairing.stimulus.indentor for pairing in found.joint.pairings],
-        "condition": found.joint.pairings[0].stimulus.condition,
-        "measures": members(found.joint, found.indistinguishable),
+        "shapes": [pairing.stimulus.indentor for pairing in table.joint.pairings],
+        "condition": table.joint.pairings[0].stimulus.condition,
+        "measures": table.chosen,
     }
 
 
-def finger_sections(comparison: Comparison) -> list[Section]:
-    """One for each joint fit; none where no fingers are stated."""
-    plausible = comparison.plausible
-    if plausible is None:
-        return []
-    return [_section(joint, plausible) for joint in comparison.joints]
-
-
-def _section(joint: Joint, plausible: PlausibleFingers) -> Section:
-    found = WithFinger(joint)
+def finger_section(table: FingerTable) -> Section:
+    """For the report."""
+    plausible = table.plausible
     ranges = "; ".join(f"{name} {low:g} … {high:g}" for name, (low, high) in plausible.ranges.items())
-    chosen = members(joint, found.indistinguishable)
     said = "Too few recorded positions are covered to say which measures can be told apart."
-    if chosen is not None:
-        listed = "; ".join(f"{measure} at {as_positions(places)} mm" for measure, places in chosen.items())
+    if table.chosen is not None:
+        listed = "; ".join(f"{measure} at {as_positions(places)} mm" for measure, places in table.chosen.items())
         said = f"With the finger anywhere in these ranges the recordings cannot tell apart: {listed}."
     return Section(
-        f"On all plausible fingers: {joint.title}",
+        f"On all plausible fingers: {table.joint.title}",
         f"Stated as plausible: {ranges} (file with SHA-256 {plausible.sha256}). {said} Each pair may have its best "
         "finger. Intervals “on all fingers” are the hull of those on every finger of the ranges on which the pair "
         "does not fit significantly worse than on its best one: they hold for whatever finger lies within the "
         "ranges, and for no other. “On this finger” is what the run's own finger gives, as in the tables above.",
         _HEADER,
-        tuple(_cells(row) for row in finger_rows(found, plausible)),
+        tuple(_cells(row) for row in table.rows),
     )
 
 

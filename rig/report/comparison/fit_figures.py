@@ -7,7 +7,9 @@ from matplotlib.lines import Line2D
 
 from rig.compare.comparison import Joint, Pairing
 from rig.compare.fit import Fit, predicted
-from rig.report.labels import Pair, frame, label, named, unit
+from rig.compare.tables import Pair
+from rig.report.comparison.pair_labels import frame, named
+from rig.report.labels import label, unit
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, Plot
 from sim.measures.measures import MEASURES
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from rig.compare.comparison import Comparison
 from rig.compare.stimuli import Stimulus
-from rig.report.labels import frame, label
+from rig.report.comparison.pair_labels import frame
+from rig.report.labels import label
 from rig.report.style import GREY, Plot, signed
 from sim.measures.measures import MEASURES
 

@@ -7,12 +7,12 @@ from itertools import groupby
 import numpy as np
 
 from rig.compare.comparison import Comparison, Joint
-from rig.compare.cross_sections import CrossSection
 from rig.compare.shape_test import THRESHOLD
 from rig.compare.stimuli import Stimulus
+from rig.compare.stimulus_maps import StimulusMap
 from rig.compare.tables import best_pairs
 from rig.report.comparison import fit_figures, map_figures, profile_figures
-from rig.report.comparison.section_figures import strain_maps
+from rig.report.comparison.strain_figures import strain_maps
 from rig.report.html import Figure, figures_of
 from sim.measures.measures import MEASURES
 
@@ -20,7 +20,7 @@ _SHOWN_FIRST = ("ep1", "ep3", "sed")  # the source's survivors
 _MOST_SHOWN = 3
 
 
-def report_figures(comparison: Comparison, sections: Sequence[CrossSection]) -> list[Figure]:
+def report_figures(comparison: Comparison, maps: Sequence[StimulusMap]) -> list[Figure]:
     """In the order of the page; no figure is larger than a printed page holds."""
     measures = _shown(comparison)
     moved = [stimulus for stimulus in comparison.stimuli if len(stimulus.x_mm) > 1]
@@ -30,7 +30,7 @@ def report_figures(comparison: Comparison, sections: Sequence[CrossSection]) -> 
         *(_profiles(s, measures, tested=comparison.passes(s) is not None) for s in moved),
         *(_population(stimulus, measures) for stimulus in comparison.stimuli),
         *_pressures(moved),
-        *_strain_maps(sections),
+        *_strain_maps(maps),
     ]
 
 
@@ -112,7 +112,7 @@ def _pressures(moved: Sequence[Stimulus]) -> list[Figure]:
     )
 
 
-def _strain_maps(sections: Sequence[CrossSection]) -> list[Figure]:
+def _strain_maps(maps: Sequence[StimulusMap]) -> list[Figure]:
     return [
         Figure(
             f"Strain under the skin: {title}",
@@ -121,5 +121,5 @@ def _strain_maps(sections: Sequence[CrossSection]) -> list[Figure]:
             "smoothed. The epidermis is ten times as stiff as what lies below. White circles: receptors. The highest "
             "3 % of the elements share the top colour.",
         )
-        for title, members in groupby(sections, key=lambda section: section.stimulus.title)
+        for title, members in groupby(maps, key=lambda one: one.stimulus.title)
     ]

@@ -6,12 +6,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rig.compare.shape_test import shown
 from rig.data import Run
 from rig.plan.responses import Response, by_group, measured
 from rig.report.labels import label, unit
 from rig.report.style import BLUE, GREY, ORANGE, Plot, position_bar, shade, shade_of, signed
 from sim.contact.indentor import ACROSS
+from sim.measures.measures import shown
 
 CONTACTS_A_PAGE = 9
 _COLUMNS = 3

@@ -17,7 +17,7 @@ def write_report(run: Run, finger: Fingertip, wall_s: float | None = None) -> Pa
     """Write report.html into the run's folder; a run without a finished indentation gets its tables only."""
     found = responses(run, finger)
     text = render(
-        "report.html.j2",
+        "run.html.j2",
         run=run,
         found=found,
         figures=_figures(run, found) if found else [],

@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from rig.compare.fingers.finger_fit import fit_all_with_finger, fit_with_finger, weights
-from rig.compare.fingers.plausible import design_places
 from rig.compare.fit import fit_rates
+from rig.compare.plausible import design_places
 from rig.compare.statistics import fit_all
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rig.cli import main
 from rig.compare.errors import FingersError
 from rig.compare.fingers.on_fingers import on_plausible_fingers
-from rig.compare.fingers.plausible import PlausibleFingers
+from rig.compare.plausible import PlausibleFingers
 from rig.compare.recordings.synthetic import afferent_for, record, write_synthetic
 from rig.compare.stimuli import stimuli
 from rig.data import Run

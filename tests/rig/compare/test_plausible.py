@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rig.compare.errors import FingersError
-from rig.compare.fingers.plausible import PlausibleFingers, design_places, read_plausible
+from rig.compare.plausible import PlausibleFingers, design_places, read_plausible
 from sim.config.fingertip_config import FingertipConfig, Tissue
 
 FILE = """\

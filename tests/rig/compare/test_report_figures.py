@@ -8,9 +8,9 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.text import Text
 
 from rig.compare.comparison import Comparison, compare
-from rig.compare.cross_sections import CrossSection
 from rig.compare.recordings.recorded import recording
 from rig.compare.stimuli import Stimulus
+from rig.compare.stimulus_maps import StimulusMap
 from rig.report.comparison.report_figures import report_figures
 from rig.report.html import Figure
 from rig.report.style import PAGE_IN, position_bar, shade, shade_of
@@ -43,10 +43,10 @@ def comparison(make_stimulus: Callable[..., Stimulus]) -> Comparison:
 
 
 @pytest.fixture
-def section(comparison: Comparison) -> CrossSection:
+def section(comparison: Comparison) -> StimulusMap:
     corners = np.stack(np.meshgrid(np.linspace(-3, 3, 7), np.linspace(5, 2, 4), indexing="ij"), axis=-1)
     values = np.linspace(0, 1, 18).reshape(6, 3)
-    return CrossSection(comparison.stimuli[0], 0.5, corners, np.array([[0.0, 4.0]]), {"sed": values, "ep1": values})
+    return StimulusMap(comparison.stimuli[0], 0.5, corners, np.array([[0.0, 4.0]]), {"sed": values, "ep1": values})
 
 
 def drawn(figure: Figure) -> Canvas:
@@ -62,7 +62,7 @@ def written(canvas: Canvas) -> Iterator[Text]:
 
 
 def test_every_figure_is_printed_at_its_own_size_and_can_be_read(
-    comparison: Comparison, section: CrossSection
+    comparison: Comparison, section: StimulusMap
 ) -> None:
     found = report_figures(comparison, [section] * 3)
     titles = [figure.title for figure in found]

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from rig.compare.shape_test import shape_test, shown
-from sim.measures.measures import MEASURES
+from rig.compare.shape_test import shape_test
+from sim.measures.measures import MEASURES, shown
 
 Array = NDArray[np.float64]
 

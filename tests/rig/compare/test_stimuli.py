@@ -5,10 +5,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from rig.compare.shape_test import shown
 from rig.compare.stimuli import Stimulus, stimuli
 from rig.data import Run
-from sim.measures.measures import MEASURES
+from sim.measures.measures import MEASURES, shown
 from sim.models.fingertip import Fingertip
 
 Make = Callable[..., Stimulus]

@@ -6,7 +6,7 @@ import numpy as np
 
 from rig.compare.comparison import compare
 from rig.compare.stimuli import Stimulus
-from rig.report.comparison.comparison_report import Section
+from rig.report.html import Section
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_X_MM
 from studies.source.pages import markdown

@@ -11,11 +11,11 @@ import pytest
 from numpy.typing import NDArray
 
 from rig.compare.comparison import Joint, compare
-from rig.compare.fingers.plausible import PlausibleFingers
 from rig.compare.fingers.with_finger import WithFinger
+from rig.compare.plausible import PlausibleFingers
 from rig.compare.recordings.recorded import Recording, recording
 from rig.compare.stimuli import Stimulus
-from rig.report.comparison.finger_tables import finger_sections, fingers_as_json
+from rig.report.comparison.finger_tables import finger_section, finger_tables, fingers_as_json
 from sim.measures.measures import MEASURES
 
 Array = NDArray[np.float64]
@@ -122,19 +122,37 @@ def test_without_repeats_positions_are_resampled(stimulus: Stimulus) -> None:
 
 def test_rows_and_section_show_both_intervals(stimulus: Stimulus) -> None:
     comparison = compare([stimulus], {"step:1": recorded(np.random.default_rng(5))}, plausible=RANGES)
-    said = fingers_as_json(comparison)
-    assert said == fingers_as_json(comparison)  # a fixed seed
+    tables = finger_tables(comparison)
+    said = fingers_as_json(comparison, tables)
+    assert said == fingers_as_json(comparison, finger_tables(comparison))  # a fixed seed
     assert said["fingers"]["ranges"] == {"tissue.epidermis_mm": [0.3, 0.5]}
     row = next(row for row in said["fingers"]["joint"] if row["measure"] == "ep1")
     assert row["best_finger"]["tissue.epidermis_mm"] == pytest.approx(0.4 + 0.1 * TRUE_PLACE, abs=0.05)
     (given_low, given_high), (low, high) = row["on_this_finger"]["k_interval"], row["k_interval"]
     assert high - low > given_high - given_low
-    (section,) = finger_sections(comparison)
+    (section,) = map(finger_section, tables)
     assert "tissue.epidermis_mm 0.3 … 0.5" in section.text
     assert {len(cells) for cells in section.rows} == {len(section.header)}
 
 
+def test_a_joint_fit_on_all_fingers_is_made_once_for_report_and_json(
+    stimulus: Stimulus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[object] = []
+
+    def counted(joint: Joint) -> WithFinger:
+        made.append(joint)
+        return WithFinger(joint)
+
+    monkeypatch.setattr("rig.report.comparison.finger_tables.WithFinger", counted)
+    comparison = compare([stimulus], {"step:1": recorded(np.random.default_rng(5))}, plausible=RANGES)
+    tables = finger_tables(comparison)
+    fingers_as_json(comparison, tables)
+    assert [finger_section(table).title for table in tables] == ["On all plausible fingers: step:1 at 2.33 gwt"]
+    assert len(made) == 1
+
+
 def test_nothing_is_said_where_no_ranges_are_stated(stimulus: Stimulus) -> None:
     comparison = compare([stimulus], {"step:1": recorded(np.random.default_rng(6))})
-    assert fingers_as_json(comparison) == {}
-    assert finger_sections(comparison) == []
+    assert finger_tables(comparison) == []
+    assert fingers_as_json(comparison, []) == {}

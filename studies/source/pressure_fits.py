@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
-from rig.compare.pressure_model import (
+from rig.compare.pressure_formula import (
     FROM_EDGE_MM,
     Constants,
     Places,
@@ -21,8 +21,7 @@ from rig.compare.pressure_model import (
     residual,
     together,
 )
-from rig.report.comparison.comparison_report import Section
-from rig.report.html import Figure
+from rig.report.html import Figure, Section
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, Plot
 from sim.config.fingertip_config import FingertipConfig, Tissue
 from sim.models.fingertip import Fingertip

@@ -7,9 +7,9 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compare.shape_test import shown
 from rig.compare.stimuli import Stimulus, responses_key
 from rig.data import Run
+from sim.measures.measures import shown
 from sim.models.cache import Arrays, cached_arrays, content_key
 from sim.models.fingertip import Fingertip
 from sim.models.strain_map import strain_maps
@@ -21,7 +21,7 @@ _SHOWN_POSITIONS = 3
 
 
 @dataclass(frozen=True)
-class CrossSection:
+class StimulusMap:
     """One stimulus at one position, deformed: corners (n + 1, m + 1, 2), receptors (r, 2), values (n, m)."""
 
     stimulus: Stimulus
@@ -31,18 +31,18 @@ class CrossSection:
     values: dict[str, Array]  # in the signs of `shown`
 
 
-def cross_sections(run: Run, finger: Fingertip, stimuli: Sequence[Stimulus]) -> list[CrossSection]:
+def stimulus_maps(run: Run, finger: Fingertip, stimuli: Sequence[Stimulus]) -> list[StimulusMap]:
     """Maps at three positions of each stimulus of a run, fewer of a shorter schedule; cached like its responses."""
     scenes = [(stimulus, k) for stimulus in stimuli for k in _positions(len(stimulus.x_mm))]
-    key = content_key(["cross sections", *MAPPED, _SHOWN_POSITIONS, responses_key(run, finger)])
+    key = content_key(["stimulus maps", *MAPPED, _SHOWN_POSITIONS, responses_key(run, finger)])
     arrays, _ = cached_arrays(key, lambda: _arrays(finger, scenes), kind="answers")
     found = cast(dict[str, Array], arrays)
     return [_from_arrays(stimulus, k, found, n) for n, (stimulus, k) in enumerate(scenes)]
 
 
-def _from_arrays(stimulus: Stimulus, k: int, found: dict[str, Array], n: int) -> CrossSection:
+def _from_arrays(stimulus: Stimulus, k: int, found: dict[str, Array], n: int) -> StimulusMap:
     values = {name: found[f"{name} {n}"] for name in MAPPED}
-    return CrossSection(stimulus, float(stimulus.x_mm[k]), found[f"corner {n}"], found[f"receptor {n}"], values)
+    return StimulusMap(stimulus, float(stimulus.x_mm[k]), found[f"corner {n}"], found[f"receptor {n}"], values)
 
 
 def _positions(n: int) -> list[int]:

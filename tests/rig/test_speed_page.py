@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from rig.report.bench_page import exponent, page
+from rig.report.speed_page import exponent, page
 from sim.speed_and_error.candidates import Candidate, coarse
 from sim.speed_and_error.measure import QUANTITIES, measure
 from sim.speed_and_error.reference import stored

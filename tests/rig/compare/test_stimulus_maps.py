@@ -5,10 +5,10 @@ import time
 import numpy as np
 import pytest
 
-from rig.compare.cross_sections import MAPPED, cross_sections
 from rig.compare.stimuli import stimuli
+from rig.compare.stimulus_maps import MAPPED, stimulus_maps
 from rig.data import Run
-from rig.report.comparison.section_figures import strain_maps
+from rig.report.comparison.strain_figures import strain_maps
 from sim.fem import pardiso
 from sim.models.fingertip import Fingertip
 
@@ -17,10 +17,10 @@ pytestmark = pytest.mark.skipif(not pardiso.available(), reason="without MKL PAR
 
 def test_maps_at_three_positions_are_kept(bar_run: Run, finger: Fingertip) -> None:
     pressed = stimuli(bar_run, finger)
-    found = cross_sections(bar_run, finger, pressed)
+    found = stimulus_maps(bar_run, finger, pressed)
     assert [section.x_mm for section in found] == pytest.approx([-0.2, 0.1, 0.4], abs=1e-3)  # of −0.6 … 0.8
     began = time.process_time()
-    again = cross_sections(bar_run, finger, pressed)
+    again = stimulus_maps(bar_run, finger, pressed)
     assert time.process_time() - began < 1.0  # no factorisation
     for one, other in zip(found, again, strict=True):
         np.testing.assert_array_equal(one.values["sed"], other.values["sed"])
@@ -28,7 +28,7 @@ def test_maps_at_three_positions_are_kept(bar_run: Run, finger: Fingertip) -> No
 
 def test_a_map_shows_what_the_receptors_feel(bar_run: Run, finger: Fingertip) -> None:
     (stimulus,) = stimuli(bar_run, finger)
-    middle = cross_sections(bar_run, finger, [stimulus])[1]
+    middle = stimulus_maps(bar_run, finger, [stimulus])[1]
     k = int(np.argmin(np.abs(stimulus.x_mm - middle.x_mm)))
     outer = 0.5 * (middle.corner_mm[1:] + middle.corner_mm[:-1])
     centre = (0.5 * (outer[:, 1:] + outer[:, :-1])).reshape(-1, 2)
@@ -40,5 +40,5 @@ def test_a_map_shows_what_the_receptors_feel(bar_run: Run, finger: Fingertip) ->
 
 
 def test_the_figure_has_a_panel_for_each_position_and_measure(bar_run: Run, finger: Fingertip) -> None:
-    text = strain_maps(cross_sections(bar_run, finger, stimuli(bar_run, finger))).svg
+    text = strain_maps(stimulus_maps(bar_run, finger, stimuli(bar_run, finger))).svg
     assert text.count('<g id="axes_') == len(MAPPED) * (3 + 1)  # and a colour bar a row

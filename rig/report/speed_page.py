@@ -29,7 +29,7 @@ _FAMILIES = {"smooth": "smooth", "bar": "bars", "step": "step 1"}
 
 def page(rows: Sequence[Row], **about: Any) -> str:
     """The self-contained HTML page."""
-    return render("bench.html.j2", figures=_figures(rows), table=_table(rows), families=_FAMILIES, **about)
+    return render("speed.html.j2", figures=_figures(rows), table=_table(rows), families=_FAMILIES, **about)
 
 
 def pareto(rows: Sequence[Row], against: str = "seconds") -> Plot:

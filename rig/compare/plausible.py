@@ -7,7 +7,7 @@ The file is TOML; each key is given the lowest and the highest value that is pla
     epidermis_mm = [0.3, 0.5]
 
 SSRPs are computed on a design, every combination of the lowest, middle and highest value of each parameter, and are
-interpolated between its fingers (`rig/compare/finger_fit.py`).
+interpolated between its fingers (`rig/compare/fingers/finger_fit.py`).
 """
 
 import hashlib

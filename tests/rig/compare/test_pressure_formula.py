@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rig.compare.pressure_model import (
+from rig.compare.pressure_formula import (
     FROM_EDGE_MM,
     Constants,
     Places,
