@@ -13,7 +13,7 @@ from sim.config.fingertip_config import Contact
 from sim.contact.indentor import ALONG
 from sim.contact.shapes import parse_shape
 from sim.finger.mesh import build_mesh
-from sim.models.deck import Scene, write_contact_deck, write_load_deck
+from sim.models.deck import MeshedFinger, write_contact_deck, write_load_deck
 from sim.models.fingertip import Fingertip
 
 
@@ -42,14 +42,14 @@ def command(
         settings = load_config(config).finger.model_copy(update={"contact": Contact(between_nodes=False)})
         finger = Fingertip.load(settings)
         result = finger.indent(indentor, x_mm, doi_mm=doi_mm)
-        scene = Scene(settings, build_mesh(settings, finger.model.surface), finger.e_epidermis_mpa)
+        meshed = MeshedFinger(settings, build_mesh(settings, finger.model.surface), finger.e_epidermis_mpa)
         if loads:
             active = result.state.active
             force = np.zeros((int(active.sum()), 3))
             force[:, :2] = result.state.force[:, active].T * finger.e_epidermis_mpa
-            write_load_deck(out_file, scene, scene.mesh.patch_nodes[active], force)
+            write_load_deck(out_file, meshed, meshed.mesh.patch_nodes[active], force)
         else:
-            write_contact_deck(out_file, scene, result.indentor.profile, x_mm, result.touch_height_mm, doi_mm)
+            write_contact_deck(out_file, meshed, result.indentor.profile, x_mm, result.touch_height_mm, doi_mm)
         if settings.mesh.element != "full":
             err.print('rig: CalculiX\'s C3D8 is fully integrated: compare with mesh.element = "full"')
         out.print(f"{out_file}: expect a total reaction of {-result.force_n:.6g} N along y")

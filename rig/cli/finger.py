@@ -12,12 +12,13 @@ from rig.cli.output import complain, out, print_json, told_in_one_line
 from rig.plan.config import load_config
 from rig.protocol.errors import BadInputError
 from sim.config.fingertip_config import FingertipConfig
-from sim.finger.mesh import LAYERS, FingerMesh, build_mesh
+from sim.finger.layers import LAYERS
+from sim.finger.mesh import FingerMesh, build_mesh
 from sim.finger.quality import POOR_SCALED_JACOBIAN, MeshQuality, mesh_quality
 from sim.finger.surface import FingertipSurface
 from sim.finger.vtk import write_vtk
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, place_receptors
-from sim.models.condensed import young_ratios
+from sim.models.discretised import young_ratios
 
 
 def register(app: typer.Typer) -> None:

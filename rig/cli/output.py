@@ -18,11 +18,11 @@ from rig.parameter_study.errors import StudyError, WorkersError
 from rig.protocol.errors import BadInputError
 from rig.transport.base import TransportError
 from sim.contact.shapes import ShapeError
-from sim.finger.mesh import MeshError
+from sim.finger.grading import MeshError
 from sim.finger.surface import SurfaceError
 from sim.measures.receptors import ReceptorError
 from sim.models.cache import CacheError
-from sim.models.fingertip import ModelRangeError
+from sim.models.errors import ModelRangeError
 
 err = Console(stderr=True, highlight=False, soft_wrap=True, markup=False)
 out = Console(highlight=False, soft_wrap=True, markup=False)

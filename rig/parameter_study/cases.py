@@ -25,11 +25,12 @@ from rig.parameter_study.errors import StudyError
 from rig.plan.toml_file import told_of
 from sim.config.fingertip_config import FingertipConfig
 from sim.contact.shapes import ShapeError, parse_shape
-from sim.finger.mesh import MeshError
+from sim.finger.grading import MeshError
 from sim.finger.surface import SurfaceError
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorError
-from sim.models.fingertip import Fingertip, ModelRangeError
+from sim.models.errors import ModelRangeError
+from sim.models.fingertip import Fingertip
 
 _NATIVE_LISTS = ("points", "sections")
 """Keys of a finger whose values are tables; they are not varied."""

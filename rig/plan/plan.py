@@ -23,7 +23,8 @@ from rig.protocol.api import ProtocolParameters, Rig
 from rig.protocol.errors import BadInputError
 from rig.protocol.script import Script, where_in_script
 from sim.contact.shapes import ShapeError, parse_shape
-from sim.models.fingertip import Fingertip, ModelRangeError
+from sim.models.errors import ModelRangeError
+from sim.models.fingertip import Fingertip
 
 
 def make_plan(script: Script, config: Config, finger: Fingertip) -> Plan:

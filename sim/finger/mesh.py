@@ -6,9 +6,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.config.fingertip_config import FingertipConfig, MeshSpec, Tissue
-from sim.fem.elements import NODES
+from sim.config.fingertip_config import FingertipConfig, Tissue
 from sim.fem.shape_functions import HEX8, HEX27
+from sim.finger.grading import MeshError, angles_around, axial_places, order_of, with_middles
+from sim.finger.layers import nodes_on_rays
 from sim.finger.quality import corner_edges
 from sim.finger.skin import tributary_areas
 from sim.finger.surface import FingertipSurface
@@ -16,19 +17,8 @@ from sim.finger.surface import FingertipSurface
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-LAYERS = ("epidermis", "dermis", "fat", "bone")
-EPIDERMIS, DERMIS, FAT, BONE = range(4)
-
 MOST_PATCH_NODES = 6000
 """Their compliance alone is 1.2 GB; more would not fit beside its factor."""
-
-
-_DEEPEST_DERMIS = 0.7
-"""Lower face of the dermis: at most this part of the way to the bone, so that the fat's elements do not vanish."""
-
-
-class MeshError(ValueError):
-    """The geometry and the mesh settings do not make a valid mesh."""
 
 
 @dataclass(frozen=True)
@@ -71,15 +61,15 @@ class FingerMesh:
 
 def build_mesh(config: FingertipConfig, surface: FingertipSurface) -> FingerMesh:
     """Mesh with element faces on the layer interfaces; raises MeshError when an element is folded."""
-    z_mm, z_fine = _axial_grid(config)
-    phi, phi_fine = _circumferential_grid(config, surface)
+    z_mm, z_fine = axial_places(config)
+    phi, phi_fine = angles_around(config, surface)
     n_patch = int(z_fine.sum() * phi_fine.sum())
     if n_patch > MOST_PATCH_NODES:
         raise MeshError(
             f"a patch of {n_patch} nodes: expected at most {MOST_PATCH_NODES}; coarser, or a smaller patch"
         )
-    nodes, layers = _place_nodes(config, surface, phi, z_mm)
-    order = _order(config.mesh)
+    nodes, layers = nodes_on_rays(config, surface, phi, z_mm)
+    order = order_of(config.mesh)
     number = np.arange(nodes[..., 0].size).reshape(nodes.shape[:3])
     flat = nodes.reshape(-1, 3)
     _refuse_folded(flat, _connect(number, 1))
@@ -113,10 +103,10 @@ def section_mesh(config: FingertipConfig, surface: FingertipSurface) -> FingerMe
     middle one as in the finger.
     """
     plane = config.receptor_plane_mm
-    phi, fine = _circumferential_grid(config, surface)
-    order = _order(config.mesh)
-    z_mm = _with_middles(plane + np.arange(-1.5, 2.0) / 3, order)
-    nodes, layers = _place_nodes(config, surface, phi, z_mm)
+    phi, fine = angles_around(config, surface)
+    order = order_of(config.mesh)
+    z_mm = with_middles(plane + np.arange(-1.5, 2.0) / 3, order)
+    nodes, layers = nodes_on_rays(config, surface, phi, z_mm)
     number = np.arange(nodes[..., 0].size).reshape(nodes.shape[:3])
     fixed = np.zeros(number.shape, dtype=bool)
     fixed[:, :, -1] = True
@@ -137,15 +127,6 @@ def section_mesh(config: FingertipConfig, surface: FingertipSurface) -> FingerMe
     )
 
 
-def _order(mesh: MeshSpec) -> int:
-    return 1 if NODES[mesh.element] == len(HEX8) else 2
-
-
-def _with_middles(ends: Array, order: int) -> Array:
-    """Places of nodes from the places of the elements' ends: the same, or with the middles between them."""
-    return np.interp(np.arange(order * (len(ends) - 1) + 1) / order, np.arange(len(ends)), ends)
-
-
 def _on_every_ray(layers: Ints, number: Ints, order: int) -> Ints:
     """(n_elements,) from the layers along a ray."""
     return np.broadcast_to(layers, ((len(number) - 1) // order, number.shape[1] // order, len(layers))).ravel()
@@ -154,134 +135,6 @@ def _on_every_ray(layers: Ints, number: Ints, order: int) -> Ints:
 def _under_nail(tissue: Tissue, phi: Array) -> NDArray[np.bool_]:
     """(n_phi,) angles at which the nail holds the skin."""
     return np.asarray(np.abs(_wrap(phi + np.pi / 2)) <= np.radians(tissue.nail_arc_deg / 2) + 1e-6)
-
-
-def _axial_grid(config: FingertipConfig) -> tuple[Array, NDArray[np.bool_]]:
-    mesh, middle, length = config.mesh, config.receptor_plane_mm, config.geometry.length_mm
-    spacing = mesh.axial_mm
-    n = int(np.ceil(mesh.patch_z_mm / spacing - 1e-9))
-    fine = middle + np.arange(-n, n + 1) * spacing
-    if fine[0] < 0.5 or fine[-1] > length - 0.5:
-        raise MeshError(f"patch_z_mm = {mesh.patch_z_mm}: the patch leaves the finger, z 0 … {length} mm")
-    below = fine[0] - _graded(mesh, spacing, fine[0])
-    above = fine[-1] + _graded(mesh, spacing, length - fine[-1])
-    z = np.concatenate([below[::-1], fine, above])
-    is_fine = np.zeros(len(z))
-    is_fine[len(below) : len(below) + len(fine)] = 1
-    order = _order(mesh)
-    return _with_middles(z, order), _with_middles(is_fine, order) == 1
-
-
-def _circumferential_grid(config: FingertipConfig, surface: FingertipSurface) -> tuple[Array, NDArray[np.bool_]]:
-    """Angles spaced by arc length on the skin in the receptor plane, one of them at the pulp's apex."""
-    mesh = config.mesh
-    table = np.linspace(-np.pi / 2, 3 * np.pi / 2, 20001)
-    x, y = surface.section(table, config.receptor_plane_mm)
-    arc = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
-    apex = float(np.interp(np.pi / 2, table, arc))
-    sides = np.array([mesh.patch_x_mm, -mesh.patch_x_mm])
-    angles = surface.angle_at(sides, config.receptor_plane_mm)
-    if np.abs(surface.section(angles, config.receptor_plane_mm)[0] - sides).max() > 1e-6:
-        raise MeshError(
-            f"patch_x_mm = {mesh.patch_x_mm}: the patch leaves the pulp, which is x {x.min():.2f} … {x.max():.2f} mm "
-            f"in the receptor plane, z = {config.receptor_plane_mm:.2f} mm"
-        )
-    edges = np.interp(angles, table, arc)
-    right = int(np.ceil((apex - edges[0]) / mesh.spacing_mm - 1e-9))
-    left = int(np.ceil((edges[1] - apex) / mesh.spacing_mm - 1e-9))
-    fine = apex + np.arange(-right, left + 1) * mesh.spacing_mm
-    half_nail = np.radians(config.tissue.nail_arc_deg / 2)
-    nail = np.interp([-np.pi / 2 + half_nail, 3 * np.pi / 2 - half_nail], table, arc)
-    towards_right = fine[0] - _through(mesh, fine[0] - nail[0], fine[0])
-    towards_left = fine[-1] + _through(mesh, nail[1] - fine[-1], arc[-1] - fine[-1])
-    s = np.concatenate([towards_right[::-1], fine, towards_left])
-    is_fine = np.zeros(len(s))
-    is_fine[len(towards_right) : len(towards_right) + len(fine)] = 1
-    order = _order(mesh)
-    s, is_fine = _with_middles(s, order)[:-1], _with_middles(is_fine, order)[:-1]  # both ends are the nail's middle
-    return np.interp(s, arc, table), is_fine == 1
-
-
-def _through(mesh: MeshSpec, edge_mm: float, distance_mm: float) -> Array:
-    """Distances from the patch's edge, across the finger, of nodes that grow towards the nail's middle.
-
-    With `nail_on_nodes` one lies at the nail's edge: where the skin is held else depends on the mesh.
-    """
-    if not (mesh.nail_on_nodes and 0 < edge_mm < distance_mm):
-        return _graded(mesh, mesh.spacing_mm, distance_mm)
-    beyond = np.linspace(edge_mm, distance_mm, 1 + int(np.ceil((distance_mm - edge_mm) / mesh.far_spacing_mm)))
-    return np.concatenate([_graded(mesh, mesh.spacing_mm, edge_mm), beyond[1:]])
-
-
-def _graded(mesh: MeshSpec, spacing_mm: float, distance_mm: float) -> Array:
-    """Distances from the patch's edge of nodes that grow from the fine spacing to the far one."""
-    steps, x = [spacing_mm], spacing_mm
-    while x < distance_mm:
-        near = x < mesh.near_width_mm
-        growth, limit = (mesh.growth, mesh.near_spacing_mm) if near else (mesh.far_growth, mesh.far_spacing_mm)
-        steps.append(min(steps[-1] * growth, limit))
-        x += steps[-1]
-    if len(steps) > 1 and x - distance_mm > distance_mm - (x - steps[-1]):
-        steps.pop()
-    return np.cumsum(steps) * (distance_mm / np.sum(steps))
-
-
-def _place_nodes(config: FingertipConfig, surface: FingertipSurface, phi: Array, z_mm: Array) -> tuple[Array, Ints]:
-    """(n_z, n_phi, n_r, 3) nodes on rays from the bone's axis, and the layer of each radial element."""
-    tissue = config.tissue
-    p, z = np.meshgrid(phi, z_mm)
-    x, y = surface.section(p, z)
-    skin = np.stack([x, y, z], -1)
-    radius = np.hypot(x, y)
-    ray = np.stack([x, y, 0 * z], -1) / radius[..., None]
-    cosine = np.clip(np.einsum("zpk,zpk->zp", surface.normal(p, z), ray), 0.6, 1.0)
-    thickness = radius * (1 - tissue.bone_fraction)
-    stretch = np.minimum(1 / cosine, _DEEPEST_DERMIS * thickness / (tissue.epidermis_mm + tissue.dermis_mm))
-
-    # depths of the interfaces along each ray; the fractions between them are the same everywhere
-    apex_depth = float(thickness[np.argmin(np.abs(z_mm - config.receptor_plane_mm))].max())
-    ends, layers = _radial_fractions(config.mesh, tissue, apex_depth)
-    order = _order(config.mesh)
-    fractions = _with_middles(ends, order)
-    knots = np.stack(
-        [
-            0 * thickness,
-            tissue.epidermis_mm * stretch,
-            (tissue.epidermis_mm + tissue.dermis_mm) * stretch,
-            thickness,
-        ]
-    )
-    piece = np.minimum(fractions.astype(int), 2)
-    depth = knots[piece] + (knots[piece + 1] - knots[piece]) * (fractions - piece)[:, None, None]
-    nodes = skin[:, :, None] - np.moveaxis(depth, 0, -1)[..., None] * ray[:, :, None]
-    if tissue.bone == "elastic":
-        inwards = 1 - 0.5 * np.arange(1, order + 1)[:, None] / order
-        core = nodes[:, :, -1:] * np.concatenate([inwards, inwards, np.ones((order, 1))], axis=1)
-        nodes, layers = np.concatenate([nodes, core], axis=2), np.append(layers, BONE)
-    return nodes, layers
-
-
-def _radial_fractions(mesh: MeshSpec, tissue: Tissue, depth_mm: float) -> tuple[Array, Ints]:
-    """Node positions through the layers (0–1 epidermis, 1–2 dermis, 2–3 fat) and each element's layer."""
-    epidermis = np.linspace(0, 1, mesh.epidermis_elements + 1)
-    n_dermis = max(1, round(tissue.dermis_mm / mesh.dermis_spacing_mm))
-    dermis = 1 + np.linspace(0, 1, n_dermis + 1)[1:]
-    top = tissue.epidermis_mm + tissue.dermis_mm
-    below = depth_mm - top
-    if top > _DEEPEST_DERMIS * depth_mm:
-        raise MeshError(
-            f"epidermis + dermis = {top:.2f} mm reach the bone, {depth_mm:.2f} mm below the skin, or nearly: "
-            f"expected at most {_DEEPEST_DERMIS * depth_mm:.2f} mm, so that fat is left"
-        )
-    steps, x = [], 0.0
-    step = mesh.dermis_spacing_mm
-    while x < below:
-        step = step if top + x < mesh.dermis_fine_depth_mm - 1e-9 else step * mesh.growth
-        steps.append(min(step, mesh.near_spacing_mm))
-        x += steps[-1]
-    fat = 2 + np.cumsum(steps) / np.sum(steps)
-    layers = np.repeat([EPIDERMIS, DERMIS, FAT], [mesh.epidermis_elements, n_dermis, len(steps)])
-    return np.concatenate([epidermis, dermis, fat]), layers
 
 
 def _connect(number: Ints, order: int) -> Ints:

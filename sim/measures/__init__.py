@@ -1,1 +1,1 @@
-"""Strain and stress measures at the receptors."""
+"""Receptors under the skin and the strain at them (`receptors`), and the 18 measures of it (`measures`)."""

@@ -24,7 +24,11 @@ MOST_BYTES = 5e9
 """Of all models together; those that were not read for longest go first."""
 
 _SEAL_BYTES = hashlib.sha256().digest_size
-_CODE_ROOMS = ("finger", "fem", "measures", "config", "models/condensed.py", "contact/patch.py")
+_CODE = (
+    *("config", "contact/patch.py", "fem", "finger", "measures"),
+    *("models/condensed.py", "models/discretised.py", "models/whole_finger.py"),
+)
+"""Folders and modules of `sim` that say what a finger's model comes to."""
 
 
 class CacheError(ValueError):
@@ -41,14 +45,16 @@ def content_key(parameters: object) -> str:
     """Hash of JSON-serialisable parameters, of the published points and of the code that makes a model."""
     digest = hashlib.sha256(json.dumps(parameters, sort_keys=True).encode())
     root = Path(str(files("sim")))
-    sources = [root / "data" / "fingertip_surface_points.csv"]
-    for room in _CODE_ROOMS:
-        place = root / room
-        sources += sorted(place.rglob("*.py")) if place.is_dir() else [place]
-    for source in sources:
+    for source in (root / "data" / "fingertip_surface_points.csv", *model_code(root)):
         digest.update(source.relative_to(root).as_posix().encode())
         digest.update(source.read_bytes())
     return digest.hexdigest()[:32]
+
+
+def model_code(root: Path) -> list[Path]:
+    """The modules below `sim` that make a finger's model."""
+    places = [root / code for code in _CODE]
+    return [source for place in places for source in (sorted(place.rglob("*.py")) if place.is_dir() else [place])]
 
 
 def cached_arrays(key: str, make: Callable[[], Arrays], kind: Kind = "model") -> tuple[Arrays, bool]:

@@ -1,6 +1,9 @@
-"""Three models of growing cost behind one interface: half-space, section, finger."""
+"""The door to the simulator: models of growing cost by name, all indented the same way.
 
-from collections.abc import Sequence
+A new model is a module with a Builder, and a name and a line here.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
 from typing import Literal, get_args
 
 import numpy as np
@@ -8,14 +11,24 @@ import numpy as np
 from sim.config.fingertip_config import FingertipConfig
 from sim.contact.indentor import ALONG
 from sim.finger.surface import FingertipSurface
-from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, place_receptors
-from sim.models.condensed import CondensedModel, build_model
-from sim.models.fingertip import Fingertip, ModelRangeError
+from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorSet, place_receptors
+from sim.models.condensed import CondensedModel
+from sim.models.fingertip import Fingertip
 from sim.models.halfspace import build_halfspace
 from sim.models.plane_section import build_section, prismatic
+from sim.models.whole_finger import build_finger
 
 ModelName = Literal["halfspace", "section", "finger"]
 MODELS: tuple[ModelName, ...] = get_args(ModelName)
+
+Builder = Callable[[FingertipConfig, FingertipSurface, ReceptorSet, tuple[int, ...]], CondensedModel]
+"""Makes a model of a skin, with receptors under it, for indentors that slope along some axes."""
+
+BUILDERS: Mapping[ModelName, Builder] = {
+    "halfspace": build_halfspace,
+    "section": build_section,
+    "finger": build_finger,
+}
 
 
 def load(
@@ -40,13 +53,7 @@ def load(
     receptors = place_receptors(surface, np.array(receptor_x_mm), receptor_depth_mm, config.receptor_plane_mm)
 
     def build(slopes: tuple[int, ...]) -> tuple[CondensedModel, bool]:
-        if name == "finger":
-            return build_model(config, surface, receptors, slopes), False
-        if name == "halfspace":
-            return build_halfspace(config, surface, receptors, slopes), False
-        if slopes != ALONG:
-            raise ModelRangeError("a section takes shapes prismatic along the finger: expected --model finger")
-        return build_section(config, surface, receptors), False
+        return BUILDERS[name](config, surface, receptors, slopes), False
 
     model = Fingertip(config, surface, build)
     model.model_for(slopes)

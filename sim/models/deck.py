@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from sim.config.fingertip_config import FingertipConfig
 from sim.contact.profiles import Profile
-from sim.finger.mesh import FingerMesh, MeshError
-from sim.models.condensed import young_ratios
+from sim.finger.grading import MeshError
+from sim.finger.mesh import FingerMesh
+from sim.models.discretised import young_ratios
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -27,7 +28,7 @@ CONTACT_STIFFNESS_MPA_PER_MM = 2000.0
 
 
 @dataclass(frozen=True)
-class Scene:
+class MeshedFinger:
     """A finger mesh and the stiffness of its layers, E(epidermis) in MPa. Raises MeshError for quadratic elements."""
 
     config: FingertipConfig
@@ -39,10 +40,10 @@ class Scene:
             raise MeshError('mesh.element = "quadratic": a deck has elements of eight nodes, expected "full"')
 
 
-def write_load_deck(path: Path, scene: Scene, nodes: Ints, force_n: Array) -> None:
+def write_load_deck(path: Path, finger: MeshedFinger, nodes: Ints, force_n: Array) -> None:
     """The finger under (n, 3) N on n nodes; prints every node's displacement and the sum of the reactions."""
     with path.open("w", encoding="ascii") as file:
-        _write_finger(file, scene)
+        _write_finger(file, finger)
         file.write("*STEP\n*STATIC,SOLVER=SPOOLES\n*CLOAD\n")
         for node, force in zip(nodes + 1, force_n, strict=True):
             file.writelines(f"{node},{axis},{value:.12g}\n" for axis, value in enumerate(force, 1) if value)
@@ -50,14 +51,14 @@ def write_load_deck(path: Path, scene: Scene, nodes: Ints, force_n: Array) -> No
 
 
 def write_contact_deck(
-    path: Path, scene: Scene, profile: Profile, x_mm: float, touch_mm: float, doi_mm: float
+    path: Path, finger: MeshedFinger, profile: Profile, x_mm: float, touch_mm: float, doi_mm: float
 ) -> None:
     """A rigid indentor pressed from first touch to a depth, node to surface; prints the sum of its reactions."""
-    mesh = scene.mesh
+    mesh = finger.mesh
     corners, bricks, faces = _indentor(profile, x_mm, touch_mm, mesh.nodes[:, 2].min(), mesh.nodes[:, 2].max())
     n_nodes, n_elements = len(mesh.nodes), len(mesh.hexes)
     with path.open("w", encoding="ascii") as file:
-        _write_finger(file, scene)
+        _write_finger(file, finger)
         file.write("*NODE,NSET=NIND\n")
         _write_nodes(file, corners, n_nodes)
         file.write("*ELEMENT,TYPE=C3D8,ELSET=EIND\n")
@@ -74,8 +75,8 @@ def write_contact_deck(
         file.write("*NODE PRINT,NSET=NIND,TOTALS=ONLY\nRF\n*END STEP\n")
 
 
-def _write_finger(file: TextIO, scene: Scene) -> None:
-    mesh, tissue = scene.mesh, scene.config.tissue
+def _write_finger(file: TextIO, finger: MeshedFinger) -> None:
+    mesh, tissue = finger.mesh, finger.config.tissue
     file.write("*NODE,NSET=NALL\n")
     _write_nodes(file, mesh.nodes, 0)
     file.write("*ELEMENT,TYPE=C3D8,ELSET=EALL\n")
@@ -86,7 +87,7 @@ def _write_finger(file: TextIO, scene: Scene) -> None:
             continue
         _write_set(file, f"*ELSET,ELSET=LAYER{layer}", elements)
         file.write(f"*MATERIAL,NAME=TISSUE{layer}\n*ELASTIC\n")
-        file.write(f"{scene.e_epidermis_mpa * ratio:.12g},{tissue.poisson:.12g}\n")
+        file.write(f"{finger.e_epidermis_mpa * ratio:.12g},{tissue.poisson:.12g}\n")
         file.write(f"*SOLID SECTION,ELSET=LAYER{layer},MATERIAL=TISSUE{layer}\n")
     _write_set(file, "*NSET,NSET=NFIX", np.flatnonzero(mesh.fixed))
     file.write("*BOUNDARY\nNFIX,1,3\n")

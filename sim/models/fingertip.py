@@ -1,9 +1,8 @@
-"""The door to the simulator: a fingertip that can be indented."""
+"""A fingertip that can be indented, whatever model answers for it."""
 
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
 from typing import Literal
 
@@ -14,19 +13,22 @@ from threadpoolctl import ThreadpoolController
 from sim.config.fingertip_config import FingertipConfig
 from sim.config.stiffness import E_EPIDERMIS_MPA
 from sim.config.units import GWT_N
-from sim.contact.control import ForceNotReachedError, TooDeepError, solve_for_force
-from sim.contact.indentor import ALONG, SHARP_RADIUS_MM, Indentor
-from sim.contact.patch import X, Y, Z
-from sim.contact.points import Pose
+from sim.contact.control import ForceNotReachedError, solve_for_force
+from sim.contact.indentor import ALONG, Indentor
+from sim.contact.patch import X, Z
 from sim.contact.profiles import Profile
 from sim.contact.shapes import parse_shape
-from sim.contact.solver import TARGET_RESIDUAL, ContactState, solve_contact
-from sim.contact.touch import Touch, first_touch
+from sim.contact.solver import TARGET_RESIDUAL, ContactState
+from sim.contact.touch import first_touch
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, place_receptors
 from sim.models.cache import cached_arrays, content_key
-from sim.models.condensed import CondensedModel, build_model, from_arrays, to_arrays
+from sim.models.condensed import CondensedModel, from_arrays, to_arrays
+from sim.models.errors import ModelRangeError
+from sim.models.placed import PlacedIndentor
+from sim.models.pressing import Pressing
 from sim.models.result import IndentationResult, PointLoadResult
+from sim.models.whole_finger import build_finger
 
 Array = NDArray[np.float64]
 Reference = Literal["contact", "apex"]
@@ -40,19 +42,7 @@ FARTHEST_X_MM = 20.0
 
 _FORCE_GUESS_MM = 0.3
 _TOUCHES_KEPT = 64
-_PRESS_IN_MM, _PRESS_IN_CORNER_MM, _PRESS_IN_FINE_MM = 0.2, 0.05, 0.0125
-_ON_THE_WAY = 1e-4  # residual that is enough where the next step starts
-_CORNER_REACH_MM = 0.1
 _SIDE_RAD = 0.05  # of the section's widest places; below them the skin is no function of x
-_AXIS_NAMES = {X: "x", Z: "z"}
-
-
-class ModelRangeError(ValueError):
-    """The scene asks for something outside what the model can answer."""
-
-
-class _RimError(ModelRangeError, TooDeepError):
-    """The indentor would touch skin that the patch does not hold."""
 
 
 class Fingertip:
@@ -96,7 +86,7 @@ class Fingertip:
             built: list[CondensedModel] = []
 
             def make() -> dict[str, NDArray[np.generic]]:
-                built.append(build_model(config, surface, receptors, slopes, solver))
+                built.append(build_finger(config, surface, receptors, slopes, solver))
                 return to_arrays(built[0])
 
             arrays, from_cache = cached_arrays(key, make)
@@ -167,17 +157,18 @@ class Fingertip:
         touch = self._first_touch(shape, place)
         height = self.apex_height_mm if reference == "apex" else touch.height_mm
         between_nodes = self.config.contact.between_nodes and shape.sharp
-        scene = _Scene(shape, place, height, touch, self.model_for(shape.axes), between_nodes, target)
-        scene.refuse_touch_outside()
+        placed = PlacedIndentor(shape, place, height, touch, self.model_for(shape.axes))
+        placed.refuse_touch_outside()
+        pressing = Pressing(placed, between_nodes, target)
         began = time.thread_time()
         with self._threads.limit(limits=1, user_api="blas"):
             if doi_mm is not None:
                 if not 0 < doi_mm <= DEEPEST_DOI_MM:
                     raise ModelRangeError(f"DOI {doi_mm:g} mm: expected 0 < DOI ≤ {DEEPEST_DOI_MM:g} mm")
-                doi, state = doi_mm, scene.solve(doi_mm, start)
+                doi, state = doi_mm, pressing.solve(doi_mm, start)
             else:
                 assert force_gwt is not None
-                doi, state = self._solve_force(scene, force_gwt)
+                doi, state = self._solve_force(pressing, force_gwt)
         return IndentationResult(
             indentor=shape,
             x_mm=x_mm,
@@ -218,126 +209,13 @@ class Fingertip:
                 f"z = {z_mm} mm: expected 0 … {self.config.geometry.length_mm:g} mm along the finger"
             )
 
-    def _solve_force(self, scene: "_Scene", force_gwt: float) -> tuple[float, ContactState]:
+    def _solve_force(self, pressing: Pressing, force_gwt: float) -> tuple[float, ContactState]:
         force = _positive(force_gwt) * GWT_N / self.e_epidermis_mpa
         try:
-            solve = scene.solve_from_rest if scene.indentor.sharp else scene.solve
+            solve = pressing.solve_from_rest if pressing.placed.indentor.sharp else pressing.solve
             return solve_for_force(force, _FORCE_GUESS_MM, DEEPEST_DOI_MM, solve)
         except ForceNotReachedError as error:
             raise ModelRangeError(f"force {force_gwt:g} gwt: {error}") from None
-
-
-@dataclass(frozen=True)
-class _Scene:
-    """An indentor over a model's patch, ready to be pressed."""
-
-    indentor: Indentor
-    place: tuple[float, ...]
-    zero_mm: float  # height of the indentor's lowest point where DOI is zero
-    touch: Touch
-    model: CondensedModel
-    between_nodes: bool
-    target: float
-    _pressed: dict[float, ContactState] = field(default_factory=dict)  # by depth past first touch, loosely solved
-
-    def solve_from_rest(self, doi_mm: float, _: ContactState | None) -> ContactState:
-        """The answer at a depth, whatever was solved before."""
-        return self.solve(doi_mm, None)
-
-    def solve(self, doi_mm: float, start: ContactState | None) -> ContactState:
-        """At once from a start or for a smooth shape, else pressed in from first touch, finely if that misses."""
-        in_steps = start is None and self.indentor.sharp
-        state = self._pressed_in(doi_mm) if in_steps else self._at(doi_mm, start, self.target)
-        if state.residual <= self.target:
-            return state
-        finer = self._pressed_in_finely(doi_mm)
-        better = min((state, finer), key=lambda s: s.residual)
-        if not better.converged:
-            self._refuse_rim(self._pose(doi_mm), better)
-        return replace(better, passes=state.passes + finer.passes)
-
-    def _pressed_in(self, doi_mm: float) -> ContactState:
-        """From first touch in long steps, and from where a corner bears in short ones: its side is chosen there."""
-        before_mm, state = self._first_mm, None
-        for depth in self._depths(_PRESS_IN_MM, before_mm, doi_mm):
-            if depth not in self._pressed:
-                self._pressed[depth] = self._onward(before_mm, depth, state, _ON_THE_WAY)
-            before_mm, state = depth, self._pressed[depth]
-        return self._onward(before_mm, doi_mm, state, self.target)
-
-    def _onward(self, before_mm: float, doi_mm: float, start: ContactState | None, target: float) -> ContactState:
-        if start is None or not self._at_corner(start):
-            state = self._step(doi_mm, start, target)
-            if not self._at_corner(state):
-                return state
-        for depth in self._depths(_PRESS_IN_CORNER_MM, before_mm, doi_mm):
-            if depth not in self._pressed:
-                self._pressed[depth] = self._step(depth, start, _ON_THE_WAY)
-            start = self._pressed[depth]
-        return self._step(doi_mm, start, target)
-
-    def _pressed_in_finely(self, doi_mm: float) -> ContactState:
-        state = None
-        for depth in self._depths(_PRESS_IN_FINE_MM, self._first_mm, doi_mm):
-            state = self._step(depth, state, self.target)
-        return self._step(doi_mm, state, self.target)
-
-    def _step(self, doi_mm: float, start: ContactState | None, target: float) -> ContactState:
-        """Solved at a depth, the passes counted from rest."""
-        state = self._at(doi_mm, start, target)
-        return state if start is None else replace(state, passes=start.passes + state.passes)
-
-    @property
-    def _first_mm(self) -> float:
-        """DOI at first touch: 0, unless counted from the apex."""
-        return self.zero_mm - self.touch.height_mm
-
-    @staticmethod
-    def _depths(step_mm: float, after_mm: float, before_mm: float) -> list[float]:
-        """Depths in equal steps between two others, both left out."""
-        return np.arange(after_mm + step_mm, before_mm - 1e-9, step_mm).tolist()
-
-    def _at_corner(self, state: ContactState) -> bool:
-        """Whether a place that bears lies where the profile turns within less than a node's spacing."""
-        patch = self.model.patch
-        at = state.held.on(patch).interpolate(patch.tangential_mm + state.displacement[:-1])
-        turning = self.indentor.turning(at - np.array(self.place)[:, None], _CORNER_REACH_MM)
-        return bool((turning > 2 * _CORNER_REACH_MM / SHARP_RADIUS_MM).any())
-
-    def _at(self, doi_mm: float, start: ContactState | None, target: float) -> ContactState:
-        pose = self._pose(doi_mm)
-        state = solve_contact(self.model.patch, pose, start, between_nodes=self.between_nodes, target=target)
-        if state.converged:  # an unfinished state may touch anything on its way
-            self._refuse_rim(pose, state)
-        return state
-
-    def _pose(self, doi_mm: float) -> Pose:
-        return Pose(self.indentor, self.place, self.zero_mm - doi_mm, max(doi_mm, 1e-3))
-
-    def refuse_touch_outside(self) -> None:
-        """Refuse a scene in which the indentor first touches skin beside the patch."""
-        for axis, at, nodes in zip(self.indentor.axes, self.touch.at_mm, self.model.patch.tangential_mm, strict=True):
-            if not nodes.min() < at < nodes.max():
-                self._refuse(f"touches the skin at {_AXIS_NAMES[axis]} = {at:.2f} mm, outside the patch")
-
-    def _refuse_rim(self, pose: Pose, state: ContactState) -> None:
-        """Refuse an answer when the indentor touches skin that the patch does not hold."""
-        patch, beside = self.model.patch, self.model.outside_mm
-        at_rim = np.flatnonzero(state.active & patch.rim)
-        y = beside[:, Y] + state.displacement[-1][self.model.outside_neighbour]
-        gap = pose.gap(beside[:, list(self.indentor.axes)].T, y).height_mm
-        if len(at_rim) or (gap < 0).any():
-            x, _, z = patch.position_mm[at_rim[0]] if len(at_rim) else beside[np.argmin(gap)]
-            self._refuse(f"contact reaches the patch's rim at x = {x:.2f}, z = {z:.2f} mm")
-
-    def _refuse(self, what: str) -> None:
-        names = [_AXIS_NAMES[axis] for axis in self.indentor.axes]
-        where = ", ".join(f"{name} = {at:g}" for name, at in zip(names, self.place, strict=True))
-        size = "mesh.round_patch_mm" if len(names) > 1 else "mesh.patch_x_mm / patch_z_mm"
-        raise _RimError(
-            f"{self.indentor.name} at {where} mm: {what}; expected a smaller depth, a position nearer the pad's "
-            f"centre, or a wider {size}"
-        )
 
 
 def _positive(force_gwt: float) -> float:

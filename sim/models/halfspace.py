@@ -13,7 +13,8 @@ from sim.contact.patch import Patch, X, Y, Z
 from sim.finger.mesh import FingerMesh, build_mesh
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorSet
-from sim.models.condensed import CondensedModel, meshed_for, skin_beside
+from sim.models.condensed import CondensedModel, skin_beside
+from sim.models.discretised import meshed_for
 
 Array = NDArray[np.float64]
 

@@ -12,12 +12,15 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 from sim.config.fingertip_config import FingertipConfig
+from sim.contact.indentor import ALONG
 from sim.contact.patch import Patch, X, Y
 from sim.fem.assembly import symmetric
 from sim.finger.mesh import FingerMesh, section_mesh
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorSet, strain_operator
-from sim.models.condensed import CondensedModel, assembled, condensed, skin_beside, young_ratios
+from sim.models.condensed import CondensedModel, skin_beside
+from sim.models.discretised import assembled, condense, young_ratios
+from sim.models.errors import ModelRangeError
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -31,8 +34,15 @@ def prismatic(surface: FingertipSurface, plane_mm: float) -> FingertipSurface:
     return replace(surface, curves=BSpline(knots, np.tile(surface.parameters(plane_mm), (2, 1)), 1))
 
 
-def build_section(config: FingertipConfig, surface: FingertipSurface, receptors: ReceptorSet) -> CondensedModel:
-    """Condense the section of a prismatic skin onto its patch: one row of nodes, for prismatic shapes."""
+def build_section(
+    config: FingertipConfig, surface: FingertipSurface, receptors: ReceptorSet, slopes: tuple[int, ...] = ALONG
+) -> CondensedModel:
+    """Condense the section of a prismatic skin onto its patch: one row of nodes.
+
+    Raises ModelRangeError for indentors that slope along the finger.
+    """
+    if slopes != ALONG:
+        raise ModelRangeError("a section takes shapes prismatic along the finger: expected --model finger")
     mesh = section_mesh(config, surface)
     unknown = _unknowns(mesh)
     dof = np.flatnonzero(unknown.ravel() >= 0)
@@ -43,7 +53,7 @@ def build_section(config: FingertipConfig, surface: FingertipSurface, receptors:
     kept = np.sort(pressed)
     place = np.searchsorted(kept, pressed)
     operator, layers = strain_operator(mesh, receptors)
-    with condensed(upper, kept, np.zeros(1, np.int64)) as factor:
+    with condense(upper, kept, np.zeros(1, np.int64)) as factor:
         compliance = factor.compliance[place].take(place, axis=1)
         strain = factor.solve((operator @ spread).toarray()) @ spread.T
     patch = Patch(mesh.nodes[mesh.patch_nodes], mesh.patch_area_mm2, compliance, mesh.patch_shape, AXES)

@@ -12,7 +12,7 @@ from sim.fem.strain import strain_matrix
 from sim.finger.mesh import FingerMesh, build_mesh
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import sampled
-from sim.models.condensed import discretise, factorise, meshed_for, young_ratios
+from sim.models.discretised import discretise, factorise, meshed_for, young_ratios
 from sim.models.result import IndentationResult, measures_in_layers
 
 Array = NDArray[np.float64]

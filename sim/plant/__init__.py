@@ -1,1 +1,4 @@
-"""What stands under a virtual indentor, on the clock of its devices."""
+"""What stands under a virtual indentor, on the clock of its devices.
+
+`plant`: from the steps of a stage to the force of the finger; `relaxation`: a finger that creeps.
+"""

@@ -11,7 +11,8 @@ from sim.contact.indentor import ALONG, ROUND, Indentor
 from sim.contact.profiles import Cylinder
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import REQUIRED_RESIDUAL, ContactState
-from sim.models.fingertip import FARTHEST_X_MM, Fingertip, ModelRangeError
+from sim.models.errors import ModelRangeError
+from sim.models.fingertip import FARTHEST_X_MM, Fingertip
 
 _WARM_MOVE_MM = 0.1
 _FARTHEST_ONWARD = 2.0  # times the way between the last two states

@@ -10,7 +10,8 @@ from multiprocessing.connection import Connection
 
 from sim.config.fingertip_config import FingertipConfig
 from sim.contact.shapes import ShapeError
-from sim.models.fingertip import Fingertip, ModelRangeError
+from sim.models.errors import ModelRangeError
+from sim.models.fingertip import Fingertip
 from sim.models.workers import keep_freed_memory, leaving_ctrl_c_to_us
 from sim.plant.plant import AS_MODELLED, Pose, Press, Truth
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from sim.config.fingertip_config import Contact, FingertipConfig, MeshSpec
 from sim.finger.mesh import build_mesh
 from sim.models.catalogue import load
-from sim.models.deck import CONTACT_STIFFNESS_MPA_PER_MM, Scene, write_contact_deck
+from sim.models.deck import CONTACT_STIFFNESS_MPA_PER_MM, MeshedFinger, write_contact_deck
 
 CONFIG = FingertipConfig(
     contact=Contact(between_nodes=False),
@@ -57,10 +57,10 @@ def compare(config: FingertipConfig = CONFIG, shape: str = SHAPE, doi_mm: float 
     for _ in range(_REPEATS):
         finger.indent(shape, 0.0, doi_mm=doi_mm)
     our_cpu_s = (time.process_time() - start) / _REPEATS
-    scene = Scene(config, build_mesh(config, finger.surface), finger.e_epidermis_mpa)
+    meshed = MeshedFinger(config, build_mesh(config, finger.surface), finger.e_epidermis_mpa)
     with tempfile.TemporaryDirectory() as folder:
         deck = Path(folder) / "contact.inp"
-        write_contact_deck(deck, scene, result.indentor.profile, 0.0, result.touch_height_mm, doi_mm)
+        write_contact_deck(deck, meshed, result.indentor.profile, 0.0, result.touch_height_mm, doi_mm)
         force_n, cpu_s = _job(deck)
     return Comparison(
         f"{shape}, DOI {doi_mm} mm", finger.model.nodes, CONTACT_STIFFNESS_MPA_PER_MM, force_n, cpu_s,

@@ -9,7 +9,7 @@ from typing import Any
 
 from sim.contact.indentor import ALONG, Indentor
 from sim.models.catalogue import ModelName
-from sim.models.fingertip import ModelRangeError
+from sim.models.errors import ModelRangeError
 from sim.speed_and_error.measure import Measured
 from sim.speed_and_error.reference import Reference
 from sim.speed_and_error.rows import rows

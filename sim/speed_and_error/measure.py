@@ -18,7 +18,7 @@ from sim.fem.pardiso import PardisoFactor
 from sim.finger.mesh import build_mesh
 from sim.finger.surface import FingertipSurface
 from sim.models.catalogue import load
-from sim.models.condensed import discretise
+from sim.models.discretised import discretise
 from sim.models.result import IndentationResult
 from sim.models.workers import in_processes
 from sim.speed_and_error.candidates import Candidate

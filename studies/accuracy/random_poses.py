@@ -19,7 +19,8 @@ from sim.contact.patch import X, Z
 from sim.contact.profiles import Bar, Cylinder, Grating, Profile, Step, Wedge
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import TARGET_RESIDUAL
-from sim.models.fingertip import Fingertip, ModelRangeError
+from sim.models.errors import ModelRangeError
+from sim.models.fingertip import Fingertip
 from sim.models.result import IndentationResult
 
 PRISMATIC = ("step", "bar", "sharp bar", "cylinder", "grating", "wedge", "profile", "kinked profile")

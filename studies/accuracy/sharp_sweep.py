@@ -15,7 +15,8 @@ import numpy as np
 from sim.contact.measured_profile import MeasuredProfile
 from sim.contact.profiles import Bar, Grating, Profile, Step, Wedge
 from sim.contact.solver import TARGET_RESIDUAL
-from sim.models.fingertip import Fingertip, ModelRangeError
+from sim.models.errors import ModelRangeError
+from sim.models.fingertip import Fingertip
 from sim.models.result import IndentationResult
 
 Scene = tuple[Profile, float, float]  # profile, x and DOI in mm

@@ -34,7 +34,7 @@ from sim.measures.receptors import (
     sampled,
 )
 from sim.models.catalogue import load
-from sim.models.condensed import discretise, factorise, young_ratios
+from sim.models.discretised import discretise, factorise, young_ratios
 from sim.speed_and_error.candidates import QUADRATIC
 from sim.speed_and_error.reference import stored
 from sim.speed_and_error.scenes import FAMILIES, SCENES, Scene

@@ -10,7 +10,7 @@ from sim.config.fingertip_config import FingertipConfig, MeshSpec
 from sim.fem.pardiso import PardisoFactor
 from sim.finger.mesh import build_mesh
 from sim.finger.surface import FingertipSurface
-from sim.models.condensed import discretise
+from sim.models.discretised import discretise
 from sim.speed_and_error.candidates import QUADRATIC, SCENE_PATCH, nested
 
 MESHES = {

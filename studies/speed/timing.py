@@ -21,7 +21,7 @@ from sim.fem.pardiso import PardisoFactor
 from sim.finger.mesh import build_mesh
 from sim.finger.surface import FingertipSurface
 from sim.models.cache import cache_dir
-from sim.models.condensed import discretise, factorise
+from sim.models.discretised import discretise, factorise
 from sim.models.fingertip import Fingertip
 
 SCENES = [

@@ -175,14 +175,14 @@ def test_a_refusal_does_not_repeat_thousands_of_numbers(finger_command: Finger) 
 
 
 def test_a_folded_element_is_refused_by_name(finger_command: Finger, monkeypatch: pytest.MonkeyPatch) -> None:
-    place = mesh_module._place_nodes
+    place = mesh_module.nodes_on_rays
 
     def with_a_fold(*arguments: object) -> tuple[Any, Any]:
         nodes, layers = place(*arguments)  # type: ignore[arg-type]
         nodes[5, 6, 2] = nodes[5, 6, 4]  # through two of its neighbours
         return nodes, layers
 
-    monkeypatch.setattr(mesh_module, "_place_nodes", with_a_fold)
+    monkeypatch.setattr(mesh_module, "nodes_on_rays", with_a_fold)
     code, out, err = finger_command("--json")
     assert code == 2
     assert err.startswith("rig: element ")

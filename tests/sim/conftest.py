@@ -5,7 +5,7 @@ import pytest
 from sim.config.fingertip_config import FingertipConfig, Geometry, MeshSpec
 from sim.finger.mesh import FingerMesh, build_mesh
 from sim.finger.surface import FingertipSurface
-from sim.models.condensed import FiniteElements, discretise
+from sim.models.discretised import FiniteElements, discretise
 
 
 @pytest.fixture(scope="session")

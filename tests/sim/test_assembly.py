@@ -5,7 +5,7 @@ from scipy.sparse.linalg import eigsh
 
 from sim.fem.assembly import assemble_upper, symmetric
 from sim.fem.elements import stiffness
-from sim.models.condensed import FiniteElements
+from sim.models.discretised import FiniteElements
 
 
 def test_assembly_is_the_dense_loop() -> None:

@@ -1,9 +1,11 @@
 """Models on disk: damaged files are made anew, never trusted."""
 
+import ast
 import json
 import os
 import shutil
 from collections.abc import Iterator
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,9 @@ import pytest
 
 from sim.config.fingertip_config import FingertipConfig
 from sim.finger.surface import published_points
-from sim.models.cache import Arrays, CacheError, cache_dir, cached_arrays, content_key
+from sim.models.cache import Arrays, CacheError, cache_dir, cached_arrays, content_key, model_code
+
+ROOT = Path(str(files("sim")))
 
 
 @pytest.fixture(autouse=True)
@@ -148,6 +152,29 @@ def test_models_not_read_for_longest_go_from_a_full_folder(folder: Path, monkeyp
     monkeypatch.setattr("sim.models.cache.MOST_BYTES", 0.0)
     cached_arrays("fifth", lambda: {"a": np.zeros(1000)})
     assert stored() == {"fifth"}
+
+
+def imported(source: Path) -> set[Path]:
+    """The modules of sim that a module imports."""
+    found = set()
+    for node in ast.walk(ast.parse(source.read_text())):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("sim"):
+            place = ROOT.parent.joinpath(*(node.module or "").split("."))
+            candidates = [place.with_suffix(".py"), *(place / f"{alias.name}.py" for alias in node.names)]
+            found |= {candidate for candidate in candidates if candidate.exists()}
+    return found
+
+
+def test_the_key_covers_all_code_that_makes_a_model() -> None:
+    maker = ROOT / "models" / "whole_finger.py"
+    reached, new = {maker}, {maker}
+    while new:
+        new = set().union(*map(imported, new)) - reached
+        reached |= new
+    covered = set(model_code(ROOT))
+    assert len(reached) > 15
+    assert reached <= covered
+    assert not {path for path in covered - reached if path.parent.name in ("models", "contact")}
 
 
 def test_the_key_changes_with_every_parameter() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from sim.config.fingertip_config import Contact, FingertipConfig, MeshSpec
 from sim.finger.mesh import build_mesh
-from sim.models.deck import Scene, write_contact_deck, write_load_deck
+from sim.models.deck import MeshedFinger, write_contact_deck, write_load_deck
 from sim.models.fingertip import Fingertip
 from sim.models.result import IndentationResult
 
@@ -30,10 +30,10 @@ DOI_MM = 0.8
 
 
 @pytest.fixture(scope="module")
-def pressed() -> tuple[Scene, IndentationResult]:
+def pressed() -> tuple[MeshedFinger, IndentationResult]:
     finger = Fingertip.load(CONFIG)
-    scene = Scene(CONFIG, build_mesh(CONFIG, finger.model.surface), finger.e_epidermis_mpa)
-    return scene, finger.indent("bar:3.0", 0.0, doi_mm=DOI_MM)
+    meshed = MeshedFinger(CONFIG, build_mesh(CONFIG, finger.model.surface), finger.e_epidermis_mpa)
+    return meshed, finger.indent("bar:3.0", 0.0, doi_mm=DOI_MM)
 
 
 def run_ccx(folder: Path, job: str) -> str:
@@ -42,12 +42,12 @@ def run_ccx(folder: Path, job: str) -> str:
     return (folder / f"{job}.dat").read_text()
 
 
-def test_our_forces_move_its_nodes_as_ours(tmp_path: Path, pressed: tuple[Scene, IndentationResult]) -> None:
-    scene, result = pressed
-    mesh, active = scene.mesh, result.state.active
+def test_our_forces_move_its_nodes_as_ours(tmp_path: Path, pressed: tuple[MeshedFinger, IndentationResult]) -> None:
+    meshed, result = pressed
+    mesh, active = meshed.mesh, result.state.active
     force = np.zeros((int(active.sum()), 3))
-    force[:, :2] = result.state.force[:, active].T * scene.e_epidermis_mpa
-    write_load_deck(tmp_path / "load.inp", scene, mesh.patch_nodes[active], force)
+    force[:, :2] = result.state.force[:, active].T * meshed.e_epidermis_mpa
+    write_load_deck(tmp_path / "load.inp", meshed, mesh.patch_nodes[active], force)
     rows = [line.split() for line in run_ccx(tmp_path, "load").splitlines()]
     u = np.array([[float(v) for v in row[1:]] for row in rows if len(row) == 4 and row[0].isdigit()])
     assert u.shape == mesh.nodes.shape
@@ -56,10 +56,10 @@ def test_our_forces_move_its_nodes_as_ours(tmp_path: Path, pressed: tuple[Scene,
     np.testing.assert_allclose(u[mesh.patch_nodes, :2], ours, rtol=0, atol=1e-6 * np.abs(ours).max())
 
 
-def test_its_contact_carries_the_same_force(tmp_path: Path, pressed: tuple[Scene, IndentationResult]) -> None:
+def test_its_contact_carries_the_same_force(tmp_path: Path, pressed: tuple[MeshedFinger, IndentationResult]) -> None:
     # Node to surface with a penalty of 2000 MPa/mm; reactions are compared, never pressures: those depend on it.
-    scene, result = pressed
-    write_contact_deck(tmp_path / "contact.inp", scene, result.indentor.profile, 0.0, result.touch_height_mm, DOI_MM)
+    meshed, result = pressed
+    write_contact_deck(tmp_path / "contact.inp", meshed, result.indentor.profile, 0.0, result.touch_height_mm, DOI_MM)
     printed = run_ccx(tmp_path, "contact")
     totals = re.findall(r"total force.*?\n\s*\n\s*(\S+)\s+(\S+)\s+(\S+)", printed)
     assert float(totals[-1][1]) == pytest.approx(-result.force_n, rel=0.005)

@@ -11,7 +11,7 @@ from sim.fem.assembly import symmetric
 from sim.fem.dense import inverse_spd
 from sim.fem.pardiso import PardisoFactor
 from sim.fem.slabs import SlabFactor
-from sim.models.condensed import FiniteElements, factorise
+from sim.models.discretised import FiniteElements, factorise
 
 Factor = PardisoFactor | SlabFactor
 

@@ -10,7 +10,8 @@ from sim.config.fingertip_config import FingertipConfig, MeshSpec
 from sim.config.stiffness import E_EPIDERMIS_MPA
 from sim.config.units import GWT_N
 from sim.contact.shapes import ShapeError
-from sim.models.fingertip import DEEPEST_DOI_MM, Fingertip, ModelRangeError
+from sim.models.errors import ModelRangeError
+from sim.models.fingertip import DEEPEST_DOI_MM, Fingertip
 
 POSITIONS = [round(float(x), 4) for x in np.linspace(2.0, -3.7, 30)]
 

@@ -17,8 +17,9 @@ from sim.contact.profiles import Bar, Grating, Profile, Step, Wedge
 from sim.contact.shapes import parse_shape
 from sim.fem.assembly import symmetric
 from sim.finger.mesh import build_mesh
-from sim.models.condensed import discretise, factorise
-from sim.models.fingertip import Fingertip, ModelRangeError
+from sim.models.discretised import discretise, factorise
+from sim.models.errors import ModelRangeError
+from sim.models.fingertip import Fingertip
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,9 @@ from scipy.optimize import minimize
 
 from sim.config.fingertip_config import FingertipConfig, MeshSpec, Tissue
 from sim.finger import mesh as mesh_module
-from sim.finger.mesh import BONE, DERMIS, EPIDERMIS, FAT, FingerMesh, MeshError, build_mesh
+from sim.finger.grading import MeshError
+from sim.finger.layers import BONE, DERMIS, EPIDERMIS, FAT
+from sim.finger.mesh import FingerMesh, build_mesh
 from sim.finger.surface import FingertipSurface
 
 Array = NDArray[np.float64]
@@ -183,14 +185,14 @@ def test_an_elastic_bone_adds_its_core(coarse_config: FingertipConfig, skin: Fin
 def test_a_folded_mesh_is_refused_by_element(
     coarse_config: FingertipConfig, skin: FingertipSurface, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    place = mesh_module._place_nodes
+    place = mesh_module.nodes_on_rays
 
     def with_a_fold(*arguments: object) -> tuple[Array, NDArray[np.int64]]:
         nodes, layers = place(*arguments)  # type: ignore[arg-type]
         nodes[5, 6, 2] = nodes[5, 6, 4]  # through two of its neighbours
         return nodes, layers
 
-    monkeypatch.setattr(mesh_module, "_place_nodes", with_a_fold)
+    monkeypatch.setattr(mesh_module, "nodes_on_rays", with_a_fold)
     with pytest.raises(
         MeshError, match=r"element (\d+) is folded at \(.*\) mm: corner volume -.*expected > 0"
     ) as error:

@@ -8,7 +8,8 @@ import pytest
 from sim.config.fingertip_config import FingertipConfig, Geometry, MeshSpec, Tissue
 from sim.contact.profiles import Profile
 from sim.contact.shapes import parse_shape
-from sim.finger.mesh import MeshError, build_mesh
+from sim.finger.grading import MeshError
+from sim.finger.mesh import build_mesh
 from sim.finger.quality import mesh_quality
 from sim.finger.surface import FingertipSurface, published_points
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM

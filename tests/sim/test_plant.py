@@ -3,7 +3,8 @@
 import pytest
 
 from sim.contact.shapes import ShapeError
-from sim.models.fingertip import Fingertip, ModelRangeError
+from sim.models.errors import ModelRangeError
+from sim.models.fingertip import Fingertip
 from sim.plant.plant import Carriage, Placement, Plant, Screws, Truth
 
 PLACE = Placement(pad_centre_x_mm=-30.0, apex_z_mm=-25.0)

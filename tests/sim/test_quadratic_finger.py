@@ -9,14 +9,15 @@ from sim.config.fingertip_config import FingertipConfig, MeshSpec, Tissue
 from sim.fem.assembly import symmetric
 from sim.fem.shape_functions import HEX8, HEX27, gauss_points, gradients, shape_functions
 from sim.fem.slabs import SlabFactor
-from sim.finger.mesh import FingerMesh, MeshError, build_mesh, section_mesh
+from sim.finger.grading import MeshError
+from sim.finger.mesh import FingerMesh, build_mesh, section_mesh
 from sim.finger.quality import mesh_quality
 from sim.finger.skin import tributary_areas
 from sim.finger.surface import FingertipSurface
 from sim.finger.vtk import write_vtk
 from sim.models.catalogue import load
-from sim.models.condensed import assembled, discretise, factorise
-from sim.models.deck import Scene
+from sim.models.deck import MeshedFinger
+from sim.models.discretised import assembled, discretise, factorise
 
 COARSE = {
     "spacing_mm": 0.6,
@@ -138,4 +139,4 @@ def test_a_vtk_file_says_what_its_cells_are(mesh: FingerMesh, tmp_path: Path) ->
 
 def test_a_deck_is_refused(mesh: FingerMesh) -> None:
     with pytest.raises(MeshError, match=r'mesh.element = "quadratic": a deck has elements of eight nodes'):
-        Scene(CONFIG, mesh, 0.2)
+        MeshedFinger(CONFIG, mesh, 0.2)

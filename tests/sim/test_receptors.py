@@ -7,7 +7,8 @@ from scipy.optimize import minimize
 
 from sim.config.fingertip_config import FingertipConfig, MeshSpec
 from sim.fem.shape_functions import shape_functions
-from sim.finger.mesh import DERMIS, FingerMesh, build_mesh
+from sim.finger.layers import DERMIS
+from sim.finger.mesh import FingerMesh, build_mesh
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import (
     DEFAULT_DEPTH_MM,

@@ -7,7 +7,8 @@ from numpy.testing import assert_allclose
 from sim.config.fingertip_config import FingertipConfig
 from sim.finger.surface import FingertipSurface
 from sim.models.catalogue import load
-from sim.models.fingertip import Fingertip, ModelRangeError
+from sim.models.errors import ModelRangeError
+from sim.models.fingertip import Fingertip
 from sim.models.plane_section import prismatic
 from sim.speed_and_error.candidates import nested
 

@@ -11,7 +11,7 @@ from sim.fem import pardiso
 from sim.fem.assembly import symmetric
 from sim.finger.mesh import FingerMesh
 from sim.measures.receptors import strain_operator
-from sim.models.condensed import discretise, factorise
+from sim.models.discretised import discretise, factorise
 from sim.models.fingertip import Fingertip
 from sim.models.result import IndentationResult
 

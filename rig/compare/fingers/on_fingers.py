@@ -12,12 +12,13 @@ from rig.compare.stimuli import Stimulus, simulator_code
 from rig.data import Run
 from rig.parameter_study.workers import spread
 from sim.config.fingertip_config import FingertipConfig
-from sim.finger.mesh import MeshError
+from sim.finger.grading import MeshError
 from sim.finger.surface import SurfaceError
 from sim.measures.measures import MEASURES, shown
 from sim.measures.receptors import ReceptorError
 from sim.models.cache import cached_arrays, content_key
-from sim.models.fingertip import Fingertip, ModelRangeError
+from sim.models.errors import ModelRangeError
+from sim.models.fingertip import Fingertip
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,85 @@
+"""The finger in three dimensions: layered, held by nail and bone, condensed onto the patch under the indentor."""
+
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.config.fingertip_config import FingertipConfig
+from sim.contact.patch import Patch, X, Y
+from sim.finger.mesh import build_mesh
+from sim.finger.surface import FingertipSurface
+from sim.measures.receptors import ReceptorSet, strain_operator
+from sim.models.condensed import CondensedModel, skin_beside
+from sim.models.discretised import discretise, factorise, meshed_for, young_ratios
+
+Ints = NDArray[np.int64]
+
+
+def build_finger(
+    config: FingertipConfig,
+    surface: FingertipSurface,
+    receptors: ReceptorSet,
+    slopes: tuple[int, ...] = (X,),
+    solver: str = "auto",
+) -> CondensedModel:
+    """Mesh, assemble, condense for indentors that slope along some axes; `timing_s` says how long each took."""
+    clock = _Stopwatch()
+    mesh = build_mesh(meshed_for(config, slopes), surface)
+    clock.lap("mesh")
+    axes = (*slopes, Y)
+    problem = discretise(config, mesh, axes)
+    clock.lap("assembly")
+    with factorise(problem, solver) as factor:
+        clock.lap("condensation")
+        compliance = factor.compliance
+        clock.lap("inverse")
+        operator, layers = strain_operator(mesh, receptors)
+        strain = factor.solve(operator.tocsc()[:, problem.free].toarray())
+    clock.lap("receptors")
+    n_z, n_phi, _ = mesh.grid
+    skin = np.arange(len(mesh.nodes)).reshape(mesh.grid)[:, :, 0].ravel()
+    everywhere = np.zeros((len(strain), 3 * len(mesh.nodes)))
+    everywhere[:, problem.free] = strain
+    order = by_axis(axes, len(mesh.patch_nodes))
+    patch = Patch(
+        position_mm=mesh.nodes[mesh.patch_nodes],
+        area_mm2=mesh.patch_area_mm2,
+        compliance=compliance[order].take(order, axis=1),
+        shape=mesh.patch_shape,
+        axes=axes,
+    )
+    outside, neighbour = skin_beside(mesh, patch)
+    clock.lap("ordering")
+    return CondensedModel(
+        surface=surface,
+        patch=patch,
+        receptor_row=mesh.receptor_row,
+        nodes=len(mesh.nodes),
+        receptors=receptors,
+        receptor_e=young_ratios(config.tissue)[layers],
+        strain_per_skin_force=everywhere.reshape(len(strain), -1, 3)[:, skin].reshape(-1, n_z, n_phi, 3),
+        skin_z_mm=mesh.z_mm,
+        skin_phi=mesh.phi,
+        patch_in_skin=np.searchsorted(skin, mesh.patch_nodes),
+        outside_mm=outside,
+        outside_neighbour=neighbour,
+        timing_s=clock.laps,
+    )
+
+
+def by_axis(axes: tuple[int, ...], n: int) -> Ints:
+    """Kept unknowns, node by node with ascending components, in the order axis by axis."""
+    rank = np.argsort(np.argsort(axes))
+    return (len(axes) * np.arange(n) + rank[:, None]).ravel()
+
+
+class _Stopwatch:
+    def __init__(self) -> None:
+        self.laps: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, name: str) -> None:
+        now = time.perf_counter()
+        self.laps[name] = now - self._last
+        self._last = now
