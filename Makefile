@@ -2,7 +2,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 export OMP_NUM_THREADS ?= 2
 
-.PHONY: setup demo study test check bench clean
+.PHONY: setup demo study test check bench mutants clean
 
 setup: .venv/.ready
 
@@ -47,5 +47,9 @@ bench: .venv/.ready-dev
 	$(BIN)/python -m studies.accuracy.check_predictions
 	$(BIN)/python -m studies.accuracy.interval_coverage 100
 
+mutants: export OMP_NUM_THREADS = 1
+mutants: .venv/.ready-dev
+	$(BIN)/python -m studies.mutants --fresh
+
 clean:
-	rm -rf .venv runs study build dist
+	rm -rf .venv .mutants runs study build dist

@@ -1,0 +1,102 @@
+"""Which test runs which line, and for how long: recorded once, before anything is changed.
+
+python -m studies.mutants.cover FILE [pytest arguments]
+"""
+
+import json
+import sys
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import coverage
+import pytest
+
+ROOMS = ("rig", "sim")
+_WIDER = ("session", "package", "module", "class")
+
+
+class Recorder:
+    """A pytest plugin: a context for every test, and one for every fixture that tests share."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.cover = coverage.Coverage(data_file=None, config_file=False, source=[str(root / room) for room in ROOMS])
+        self.context = ""
+        self.fixtures: dict[str, list[str]] = {}
+        self.seconds: dict[str, float] = defaultdict(float)
+        self.failed: set[str] = set()
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[Any]:
+        """The test's lines are its own and those of the fixtures that it shares."""
+        shared = getattr(item, "_fixtureinfo", None)
+        found = (d for ds in shared.name2fixturedefs.values() for d in ds) if shared else ()
+        self.fixtures[item.nodeid] = [_named(d) for d in found if d.scope in _WIDER]
+        self._switch(item.nodeid)
+        try:
+            return (yield)
+        finally:
+            self._switch("between tests")
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_fixture_setup(self, fixturedef: Any) -> Iterator[Any]:
+        """What a shared fixture runs belongs to all that use it."""
+        outer = self.context
+        if fixturedef.scope in _WIDER:
+            self._switch(_named(fixturedef))
+        try:
+            return (yield)
+        finally:
+            self._switch(outer)
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Seconds of each test, without the making of shared fixtures as far as they were made before."""
+        self.seconds[report.nodeid] += report.duration
+        if report.outcome != "passed":
+            self.failed.add(report.nodeid)
+
+    def result(self) -> dict[str, Any]:
+        """By test its seconds and, by file, the lines that it runs; those that fail are left out."""
+        data = self.cover.get_data()
+        lines: dict[str, dict[str, list[int]]] = defaultdict(dict)
+        for file in data.measured_files():
+            path = Path(file).relative_to(self.root).as_posix()
+            for line, contexts in data.contexts_by_lineno(file).items():
+                for context in contexts:
+                    lines[context].setdefault(path, []).append(line)
+        return {
+            name: {"seconds": round(seconds, 3), "lines": _joined(lines[c] for c in (name, *self.fixtures[name]))}
+            for name, seconds in self.seconds.items()
+            if name not in self.failed
+        }
+
+    def _switch(self, context: str) -> None:
+        self.context = context
+        self.cover.switch_context(context)
+
+
+def _joined(parts: Iterable[dict[str, list[int]]]) -> dict[str, list[int]]:
+    whole: dict[str, set[int]] = defaultdict(set)
+    for part in parts:
+        for path, lines in part.items():
+            whole[path].update(lines)
+    return {path: sorted(lines) for path, lines in whole.items()}
+
+
+def _named(fixture: Any) -> str:
+    return f"fixture {fixture.baseid}::{fixture.argname}"
+
+
+def main() -> None:
+    """Run the tests once under coverage and write what was found."""
+    recorder = Recorder(Path.cwd())
+    recorder.cover.start()
+    pytest.main(["-q", "-p", "no:cacheprovider", "-p", "no:xdist", *sys.argv[2:]], plugins=[recorder])
+    recorder.cover.stop()
+    Path(sys.argv[1]).write_text(json.dumps(recorder.result()), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,66 @@
+"""Which tests may notice a mutant, those first that are likely to and quick."""
+
+import json
+import re
+from collections import Counter, defaultdict
+from pathlib import Path
+from typing import Any
+
+from studies.mutants.source import Mutant
+
+Coverage = dict[str, dict[str, Any]]
+
+
+class Choice:
+    """Tests by the line that they run, with a memory of which noticed what."""
+
+    def __init__(self, root: Path, coverage: Coverage) -> None:
+        self._root = root
+        self.seconds = {test: entry["seconds"] for test, entry in coverage.items()}
+        self._by_line: dict[str, dict[int, set[str]]] = defaultdict(lambda: defaultdict(set))
+        for test, entry in coverage.items():
+            for path, lines in entry["lines"].items():
+                for line in lines:
+                    self._by_line[path][line].add(test)
+        self._noticed: dict[str, Counter[str]] = defaultdict(Counter)
+
+    def likely(self, mutant: Mutant, budget_s: float) -> tuple[list[str], bool]:
+        """Tests in the order to try them, and whether these are all that run the changed lines."""
+        found = self._mentioning(mutant) if mutant.at_import else self._running(mutant.path, mutant.lines)
+        in_function, in_file = self._noticed[f"{mutant.path}::{mutant.function}"], self._noticed[mutant.path]
+        cost = {t: (self.seconds[t] + 0.02) / (1 + 4 * in_function[t] + in_file[t]) for t in found}
+        chosen: list[str] = []
+        total_s = 0.0
+        for test in sorted(found, key=lambda t: (cost[t], t)):
+            if chosen and total_s + self.seconds[test] > budget_s:
+                continue
+            chosen.append(test)
+            total_s += self.seconds[test]
+        return chosen, len(chosen) == len(found)
+
+    def noticed(self, mutant: Mutant, test: str) -> None:
+        """Remember what killed this one: its neighbours may die of the same."""
+        if test in self.seconds:
+            self._noticed[f"{mutant.path}::{mutant.function}"][test] += 1
+            self._noticed[mutant.path][test] += 1
+
+    def _running(self, path: str, lines: tuple[int, ...]) -> set[str]:
+        by_line = self._by_line.get(path, {})
+        return set().union(*(by_line.get(line, set()) for line in lines))
+
+    def _mentioning(self, mutant: Mutant) -> set[str]:
+        """Tests that run a line with the name that a statement outside functions assigns, or else this module."""
+        word = re.compile(rf"\b{re.escape(mutant.at_import)}\b")
+        found: set[str] = set()
+        for path in [p for p in self._by_line if mutant.at_import != "*" and (self._root / p).exists()]:
+            text = (self._root / path).read_text(encoding="utf-8").splitlines()
+            found |= self._running(path, tuple(k for k, line in enumerate(text, 1) if word.search(line)))
+        return found or self._running(mutant.path, tuple(self._by_line.get(mutant.path, {})))
+
+
+def read_coverage(folder: Path) -> Coverage:
+    """What all runs under coverage found."""
+    whole: Coverage = {}
+    for path in sorted(folder.glob("*.json")):
+        whole |= json.loads(path.read_text(encoding="utf-8"))
+    return whole

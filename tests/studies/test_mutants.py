@@ -1,0 +1,103 @@
+"""The mutation tool makes the slips that a review found, and says what became of them."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from studies.mutants.report import page, score
+from studies.mutants.source import Mutant, mutants_of, plain
+from studies.mutants.tests_of import Choice
+
+Mutants = Callable[[str], list[Mutant]]
+
+
+@pytest.fixture
+def mutants(tmp_path: Path) -> Mutants:
+    """The mutants of a module of these lines."""
+
+    def make(text: str) -> list[Mutant]:
+        (tmp_path / "module.py").write_text(text, encoding="utf-8")
+        return mutants_of(tmp_path, "module.py")
+
+    return make
+
+
+@pytest.mark.parametrize(
+    ("line", "slip"),
+    [
+        ("if speed > limits.fastest: stop()", "if speed > limits.fastest * 10:"),
+        ("if force > trip: stop()", "if force >= trip:"),
+        ("if force > trip: stop()", "if force <= trip:"),
+        ("if force > trip: stop()", "pass"),
+        ("height = min(lift, highest)", "height = lift"),
+        ("force = abs(reading)", "force = reading"),
+        ("needed = depth + search_mm", "needed = depth"),
+        ("needed = search_mm + depth", "needed = depth"),
+        ("pressure = mpa * 100", "pressure = mpa * 1000"),
+        ("pressure = mpa * 100.0", "pressure = mpa * 1000.0"),
+        ("self.trusted = False", "pass"),
+        ("self.trusted = False", "self.trusted = True"),
+        ("if echo.address != address or echo.count != count: refuse()", "if echo.address != address:"),
+        ("if echo.address != address: raise Refused(echo)", "pass"),
+        ("RECOVERY = 0.5", "RECOVERY = 0.3"),
+        ("spread = np.std(forces, ddof=1)", "spread = np.std(forces)"),
+        ("spread = np.std(forces, ddof=1)", "spread = np.std(forces, ddof=2)"),
+        ("near = close & same_layer", "near = close"),
+        ("if not homed: refuse()", "if homed:"),
+        ("if homed: go()", "if not homed:"),
+        ("def touch(search_mm=3.0): pass", "def touch(search_mm=30.0):"),
+        ("def trip(): return force", "return None"),
+        ("for x in xs: break", "pass"),
+    ],
+)
+def test_it_makes_the_slip(mutants: Mutants, line: str, slip: str) -> None:
+    assert slip in [m.after for m in mutants(line)]
+
+
+def test_texts_types_and_messages_are_left_alone(mutants: Mutants) -> None:
+    assert not mutants('"""Of 3 words."""\nfrom a import b\nx: list[int] | None\nname = f"{1 + 2}"\n')
+    assert [m.after for m in mutants("raise Refused(1 + 2)")] == ["pass"]
+
+
+def test_every_mutant_is_another_module_and_the_plain_one_the_same(mutants: Mutants, tmp_path: Path) -> None:
+    found = mutants("def f(a, b=2):\n    # a comment\n    return (a + b) * 2 if a < b else -a\n")
+    assert len({m.source for m in found}) == len(found) > 8
+    assert plain(tmp_path, "module.py") == "def f(a, b=2):\n    return (a + b) * 2 if a < b else -a"
+
+
+def test_a_key_holds_while_lines_shift(mutants: Mutants) -> None:
+    text = "class A:\n    def f(self):\n        if self.x < 1: return 2\n        if self.x < 1: return 2\n"
+    keys = [m.key for m in mutants(text)]
+    assert len(set(keys)) == len(keys)
+    assert keys == [m.key for m in mutants("# above\n\nLIMIT = 'mm'\n" + text)]
+    assert "module.py::A.f | if self.x < 1: → if self.x <= 1: #2" in keys
+
+
+def test_tests_that_run_the_line_are_tried_the_likely_and_quick_ones_first(mutants: Mutants, tmp_path: Path) -> None:
+    mutant = next(m for m in mutants("LIMIT = 3\ndef f(a):\n    return a < LIMIT\n") if m.lines == (3,))
+    lines = {"slow": [3], "quick": [3], "long": [3], "elsewhere": [2]}
+    seconds = {"slow": 1.0, "quick": 0.1, "long": 9.0, "elsewhere": 0.1}
+    tests = Choice(tmp_path, {t: {"seconds": seconds[t], "lines": {"module.py": lines[t]}} for t in lines})
+    assert tests.likely(mutant, 5.0) == (["quick", "slow"], False)
+    assert tests.likely(mutant, 50.0) == (["quick", "slow", "long"], True)
+    for _ in range(4):
+        tests.noticed(mutant, "slow")
+    assert tests.likely(mutant, 5.0)[0] == ["slow", "quick"]
+    constant = next(m for m in mutants("LIMIT = 3\ndef f(a):\n    return a < LIMIT\n") if m.lines == (1,))
+    assert constant.at_import == "LIMIT"
+    assert set(tests.likely(constant, 50.0)[0]) == {"quick", "slow", "long"}
+
+
+def test_the_score_leaves_equivalents_out_and_the_page_lists_every_survivor() -> None:
+    def result(key: str, outcome: str) -> dict[str, object]:
+        place = {"path": "a.py", "line": 1, "before": f"{key} | 1", "after": "2"}
+        return {"key": key, "group": "first", "outcome": outcome, **place}
+
+    results = [result("a", "killed"), result("b", "timeout"), result("c", "survived"), result("d", "survived")]
+    assert score(results, {"d": "the same"})["score"] == pytest.approx(2 / 3)
+    text = page(results, {"d": "the same", "gone": "was there once"})
+    assert "| first | 4 | 2 | 1 (25.0%) | 1 | 66.7% |" in text
+    assert "| a.py:1 | `c \\| 1` | `2` |  |" in text
+    assert "| a.py:1 | `d \\| 1` | `2` | the same |" in text
+    assert "- `gone`" in text
