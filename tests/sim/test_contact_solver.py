@@ -88,6 +88,25 @@ def test_an_unfinished_solve_says_so(finger: Fingertip, monkeypatch: pytest.Monk
     assert state.residual == pytest.approx(residual_by_definition(finger, done, state), rel=1e-9)
 
 
+@pytest.mark.parametrize("shape", ["cylinder:9", "bar:3.0"])
+def test_skin_left_out_of_the_region_counts_in_the_residual(
+    finger: Fingertip, monkeypatch: pytest.MonkeyPatch, shape: str
+) -> None:
+    # Cut off after one pass over the few nodes deeper than 0.35 mm: the nodes around them lie within the indentor.
+    monkeypatch.setattr(solver, "_CANDIDATE_GAP_MM", -0.35)
+    monkeypatch.setattr(solver, "MAX_PASSES", 1)
+    pose = Pose(parse_shape(shape), (0.0,), finger.touch_height_mm(shape, 0.0) - 0.4, 0.4)
+    state = solve_contact(finger.model.patch, pose, between_nodes=False)
+    patch, u = finger.model.patch, state.displacement
+    there = pose.gap(patch.tangential_mm + u[:-1], patch.y + u[-1])
+    depth = -there.height_mm / np.sqrt(1 + (there.slope**2).sum(axis=0))
+    outside = ~np.isin(np.arange(len(patch)), state.points.nodes)
+    assert depth[outside].max() > 0.02
+    assert depth[outside].max() == depth.max()
+    assert state.residual == pytest.approx(depth.max() / 0.4, rel=1e-12)
+    assert not state.converged
+
+
 @pytest.mark.parametrize("factor", [0.99, 1.001, 1.0 + 1e-6])
 def test_a_perturbed_multiplier_has_a_large_residual(finger: Fingertip, factor: float) -> None:
     # One force off by δ moves its node by δ times its own compliance: seen at once by the mismatch of u.

@@ -7,7 +7,7 @@ from scipy.optimize import minimize
 
 from sim.config.fingertip_config import FingertipConfig, MeshSpec
 from sim.fem.shape_functions import shape_functions
-from sim.finger.layers import DERMIS
+from sim.finger.layers import DERMIS, EPIDERMIS, FAT
 from sim.finger.mesh import FingerMesh, build_mesh
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import (
@@ -138,6 +138,30 @@ def test_strain_is_continuous_across_elements(skin: FingertipSurface, element: s
     strain = (strain_operator(mesh, ReceptorSet(sides, 0.76))[0] @ u).reshape(2, -1)
     assert len(faces) > 5
     np.testing.assert_allclose(strain[0], strain[1], rtol=0, atol=1e-5 * np.abs(strain).max())
+
+
+@pytest.mark.parametrize("element", ["bbar", "quadratic"])
+@pytest.mark.parametrize(("above", "below"), [(EPIDERMIS, DERMIS), (DERMIS, FAT)])
+def test_strain_beside_an_interface_is_of_its_own_layer(
+    skin: FingertipSurface, element: str, above: int, below: int
+) -> None:
+    # Nodes of one side of the interface move at random, those on it and beyond rest: beyond it there is no strain,
+    # however near the interface, since strain jumps there.
+    mesh = build_mesh(FingertipConfig(mesh=MeshSpec.model_validate({"spacing_mm": 0.3, "element": element})), skin)
+    row = mesh.order * int(np.argmax(mesh.layer[mesh.element_grid[0, 0]] == below))  # of nodes, on the interface
+    column = mesh.column_at(np.pi / 2, PLANE_MM)
+    outwards = (column[0] - column[-1]) / np.linalg.norm(column[0] - column[-1])
+    beside = ReceptorSet(column[row] + 1e-3 * np.array([[1.0], [-1.0]]) * outwards, 0.0)
+    operator, layers = strain_operator(mesh, beside)
+    assert layers.tolist() == [above, below]
+    u = np.random.default_rng(3).normal(size=(*mesh.grid, 3))
+    outer, inner = u.copy(), u.copy()
+    outer[:, :, row:], inner[:, :, : row + 1] = 0.0, 0.0
+    by_outer, by_inner = ((operator @ moved.ravel()).reshape(2, 6) for moved in (outer, inner))
+    assert not by_outer[1].any()
+    assert not by_inner[0].any()
+    assert np.abs(by_outer[0]).max() > 1
+    assert np.abs(by_inner[1]).max() > 1
 
 
 def test_strain_of_a_bent_field_converges_to_the_exact_one(default_mesh: FingerMesh, placed: ReceptorSet) -> None:
