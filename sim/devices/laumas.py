@@ -13,7 +13,7 @@ from sim.devices.cell import Load, Samples
 from sim.devices.clock import Scheduler
 from sim.devices.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, RegisterFault, words
 
-COMMAND, STATUS, GROSS, NET, PEAK, UNITS = 5, 6, 7, 9, 11, 13
+COMMAND = 5  # the only register that is written
 CELL, ADC, OVER_MAX, OVER_SCALE, GROSS_OUT, NET_OUT = (1 << bit for bit in range(6))
 GROSS_MINUS, NET_MINUS, PEAK_MINUS, NET_SHOWN, STABLE, ZERO = (1 << bit for bit in range(7, 13))
 MOST_REGISTERS = 32

@@ -1,4 +1,4 @@
-"""The bench's physics: where the screws have really put the indentor, and the force that answers."""
+"""What virtual screws and a virtual finger do: where the indentor really is, and the force that answers."""
 
 import math
 from collections.abc import Callable

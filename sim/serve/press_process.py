@@ -96,6 +96,6 @@ def _answer(press: Press, pose: Pose) -> PressAnswer:
     began = time.perf_counter()
     try:
         force, problem = press.force_n(pose), ""
-    except Exception as error:  # a scene beyond the model must not end the bench
+    except Exception as error:  # a scene beyond the model must not end this process
         force, problem = math.nan, _told(error)
     return PressAnswer(pose, force, time.perf_counter() - began, problem)

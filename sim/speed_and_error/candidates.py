@@ -6,7 +6,7 @@ from sim.config.fingertip_config import FingertipConfig, MeshSpec
 from sim.models.catalogue import ModelName
 
 SCENE_PATCH = {"patch_x_mm": 2.4, "patch_z_mm": 2.3}
-"""Enough for every scene of the study."""
+"""Enough for every scene."""
 
 _TO_NAIL_MM = 6.893 - 5.0 - 1e-6
 _ROWS = {1: 3, 2: 5, 3: 7, 4: 9, 5: 9, 8: 9}

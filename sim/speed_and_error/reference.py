@@ -19,7 +19,7 @@ from sim.speed_and_error.scenes import FAMILIES, Scene
 Array = NDArray[np.float64]
 Bars = Mapping[str, Mapping[str, float]]
 
-FILE = "study_reference.json"
+FILE = "reference_answers.json"
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 .venv/bin/python -m studies.accuracy.reference_levels    # 8 GB, a quarter of an hour
 
-Writes sim/data/study_reference.json.
+Writes sim/data/reference_answers.json.
 """
 
 import json

@@ -14,8 +14,8 @@ GOLDEN_ANSWER = bytes.fromhex("07 10 62 00 00 08 DE 11")
 GOLDEN_SAVE = bytes.fromhex("01 06 18 01 22 44 C6 39")
 
 
-class Bench:
-    """Drive 1 and 7 and transmitter 3 on one bus."""
+class Host:
+    """Has drives 1 and 7 and transmitter 3 on one bus."""
 
     def __init__(self, framing: str = "rtu", force_n: Callable[[float], float] = lambda t_s: 0.0) -> None:
         self.clock = VirtualClock()
@@ -32,63 +32,63 @@ class Bench:
 
 
 @pytest.fixture
-def bench() -> Bench:
-    return Bench()
+def host() -> Host:
+    return Host()
 
 
 # --- frames ---
 
 
-def test_the_golden_frame_with_speed_zero_is_answered_and_moves_nothing(bench: Bench) -> None:
+def test_the_golden_frame_with_speed_zero_is_answered_and_moves_nothing(host: Host) -> None:
     """CS2RS manual, p. 43; its speed word is 0."""
-    assert bench.say(GOLDEN_WRITE) == GOLDEN_ANSWER
-    bench.clock.wait_s(5.0)
-    assert bench.seven.carriage_at(bench.clock.monotonic_s()) == -4000
+    assert host.say(GOLDEN_WRITE) == GOLDEN_ANSWER
+    host.clock.wait_s(5.0)
+    assert host.seven.carriage_at(host.clock.monotonic_s()) == -4000
 
 
-def test_the_golden_save_is_echoed(bench: Bench) -> None:
-    assert bench.say(GOLDEN_SAVE) == GOLDEN_SAVE
-    assert bench.drive.eeprom_saves == 1
+def test_the_golden_save_is_echoed(host: Host) -> None:
+    assert host.say(GOLDEN_SAVE) == GOLDEN_SAVE
+    assert host.drive.eeprom_saves == 1
 
 
-def test_parameters_are_saved_only_when_told(bench: Bench, rtu: Rtu) -> None:
+def test_parameters_are_saved_only_when_told(host: Host, rtu: Rtu) -> None:
     """Stall time and current are 6013 and 6014; 2211 hex saves."""
     write = rtu("01 10 60 13 00 02 04 00 05 00 64")
-    assert bench.say(write) == rtu("01 10 60 13 00 02")
-    assert bench.say(rtu("01 03 60 13 00 02")) == rtu("01 03 04 00 05 00 64")
-    assert bench.drive.eeprom_saves == 0
-    assert bench.say(rtu("01 06 18 01 22 11")) == rtu("01 06 18 01 22 11")
-    assert bench.drive.eeprom_saves == 1
+    assert host.say(write) == rtu("01 10 60 13 00 02")
+    assert host.say(rtu("01 03 60 13 00 02")) == rtu("01 03 04 00 05 00 64")
+    assert host.drive.eeprom_saves == 0
+    assert host.say(rtu("01 06 18 01 22 11")) == rtu("01 06 18 01 22 11")
+    assert host.drive.eeprom_saves == 1
 
 
-def test_an_answer_comes_after_the_frame_and_the_turnaround(bench: Bench) -> None:
-    bench.line.host_write(GOLDEN_SAVE)
+def test_an_answer_comes_after_the_frame_and_the_turnaround(host: Host) -> None:
+    host.line.host_write(GOLDEN_SAVE)
     answered_s = 8 * 10 / 115200 + 2e-3 + 8 * 10 / 115200
-    bench.clock.wait_s(answered_s - 1e-9)
-    assert bench.line.host_read() == b""
-    bench.clock.wait_s(2e-9)
-    assert bench.line.host_read() == GOLDEN_SAVE
+    host.clock.wait_s(answered_s - 1e-9)
+    assert host.line.host_read() == b""
+    host.clock.wait_s(2e-9)
+    assert host.line.host_read() == GOLDEN_SAVE
 
 
-def test_a_bad_crc_and_another_device_get_no_answer(bench: Bench, rtu: Rtu) -> None:
-    assert bench.say(GOLDEN_SAVE[:-1] + b"\x00") == b""
-    assert bench.say(rtu("05 03 10 03 00 01")) == b""
-    assert bench.say(GOLDEN_SAVE) == GOLDEN_SAVE
+def test_a_bad_crc_and_another_device_get_no_answer(host: Host, rtu: Rtu) -> None:
+    assert host.say(GOLDEN_SAVE[:-1] + b"\x00") == b""
+    assert host.say(rtu("05 03 10 03 00 01")) == b""
+    assert host.say(GOLDEN_SAVE) == GOLDEN_SAVE
 
 
-def test_half_a_frame_is_forgotten(bench: Bench) -> None:
-    assert bench.say(GOLDEN_SAVE[:5], 0.2) == b""
-    assert bench.say(GOLDEN_SAVE) == GOLDEN_SAVE
+def test_half_a_frame_is_forgotten(host: Host) -> None:
+    assert host.say(GOLDEN_SAVE[:5], 0.2) == b""
+    assert host.say(GOLDEN_SAVE) == GOLDEN_SAVE
 
 
-def test_a_frame_may_come_in_pieces(bench: Bench) -> None:
-    bench.say(GOLDEN_SAVE[:5], 0.01)
-    assert bench.say(GOLDEN_SAVE[5:]) == GOLDEN_SAVE
+def test_a_frame_may_come_in_pieces(host: Host) -> None:
+    host.say(GOLDEN_SAVE[:5], 0.01)
+    assert host.say(GOLDEN_SAVE[5:]) == GOLDEN_SAVE
 
 
-def test_a_mute_device(bench: Bench) -> None:
-    bench.bus.mute.add(1)
-    assert bench.say(GOLDEN_SAVE) == b""
+def test_a_mute_device(host: Host) -> None:
+    host.bus.mute.add(1)
+    assert host.say(GOLDEN_SAVE) == b""
 
 
 @pytest.mark.parametrize(
@@ -109,21 +109,21 @@ def test_a_mute_device(bench: Bench) -> None:
         ("03 10 00 05 00 01 02 00 63", "03 90 03"),  # no such command
     ],
 )
-def test_exceptions(bench: Bench, rtu: Rtu, question: str, answer: str) -> None:
-    assert bench.say(rtu(question)) == rtu(answer)
+def test_exceptions(host: Host, rtu: Rtu, question: str, answer: str) -> None:
+    assert host.say(rtu(question)) == rtu(answer)
 
 
 def test_tcp_keeps_the_transaction(rtu: Rtu) -> None:
-    bench = Bench("tcp")
-    assert bench.say(bytes.fromhex("BEEF 0000 0006 01 03 1003 0001")) == bytes.fromhex("BEEF 0000 0005 01 03 02 0032")
-    assert bench.say(bytes.fromhex("0007 0000 0006 01 03 1234 0001")) == bytes.fromhex("0007 0000 0003 01 83 02")
-    assert bench.say(bytes.fromhex("0008 0000 0006 01 03 1003 0000")) == bytes.fromhex("0008 0000 0003 01 83 03")
+    host = Host("tcp")
+    assert host.say(bytes.fromhex("BEEF 0000 0006 01 03 1003 0001")) == bytes.fromhex("BEEF 0000 0005 01 03 02 0032")
+    assert host.say(bytes.fromhex("0007 0000 0006 01 03 1234 0001")) == bytes.fromhex("0007 0000 0003 01 83 02")
+    assert host.say(bytes.fromhex("0008 0000 0006 01 03 1003 0000")) == bytes.fromhex("0008 0000 0003 01 83 03")
 
 
 def test_tcp_two_questions_in_one_write() -> None:
     two = bytes.fromhex("0001 0000 0006 01 03 1003 0001 0002 0000 0006 07 03 2203 0001")
     answers = bytes.fromhex("0001 0000 0005 01 03 02 0032 0002 0000 0005 07 03 02 0000")
-    assert Bench("tcp").say(two) == answers
+    assert Host("tcp").say(two) == answers
 
 
 # --- the drive ---
@@ -137,152 +137,152 @@ def go(mode: str, position: str, rpm: str = "00 3C", ramps: str = "01 4D 01 4D")
 STATUS, POSITION = "01 03 10 03 00 01", "01 03 10 14 00 02"
 
 
-def test_an_absolute_move_takes_its_time_and_shows(bench: Bench, rtu: Rtu) -> None:
+def test_an_absolute_move_takes_its_time_and_shows(host: Host, rtu: Rtu) -> None:
     """1000 pulses at 60 rpm, 400 pulses/s: 2.5 s, and 20 ms of ramp (333 ms for 1000 rpm); 2.2 ms for the frame."""
-    began_s = bench.clock.monotonic_s()
-    bench.say(rtu(go("00 01", "00 00 03 E8")), 1.0)
-    assert bench.say(rtu(STATUS)) == rtu("01 03 02 00 06")
-    assert bench.say(rtu("01 03 10 46 00 02")) == rtu("01 03 04 00 00 00 3C")
-    bench.clock.wait_s(began_s + 2.515 - bench.clock.monotonic_s())
-    assert bench.say(rtu(STATUS), 0.01) == rtu("01 03 02 00 06")
-    assert bench.say(rtu(STATUS)) == rtu("01 03 02 00 32")
-    assert bench.say(rtu(POSITION)) == rtu("01 03 04 00 00 03 E8")
-    assert bench.say(rtu("01 03 60 2C 00 02")) == rtu("01 03 04 00 00 03 E8")
-    assert bench.drive.carriage_at(bench.clock.monotonic_s()) == -4000 + 1000
+    began_s = host.clock.monotonic_s()
+    host.say(rtu(go("00 01", "00 00 03 E8")), 1.0)
+    assert host.say(rtu(STATUS)) == rtu("01 03 02 00 06")
+    assert host.say(rtu("01 03 10 46 00 02")) == rtu("01 03 04 00 00 00 3C")
+    host.clock.wait_s(began_s + 2.515 - host.clock.monotonic_s())
+    assert host.say(rtu(STATUS), 0.01) == rtu("01 03 02 00 06")
+    assert host.say(rtu(STATUS)) == rtu("01 03 02 00 32")
+    assert host.say(rtu(POSITION)) == rtu("01 03 04 00 00 03 E8")
+    assert host.say(rtu("01 03 60 2C 00 02")) == rtu("01 03 04 00 00 03 E8")
+    assert host.drive.carriage_at(host.clock.monotonic_s()) == -4000 + 1000
 
 
-def test_high_word_first_and_twos_complement(bench: Bench, rtu: Rtu) -> None:
+def test_high_word_first_and_twos_complement(host: Host, rtu: Rtu) -> None:
     """−100000 is FFFE 7960."""
-    bench.say(rtu(go("00 01", "FF FE 79 60", "01 F4")), 60.0)
-    assert bench.say(rtu(POSITION)) == rtu("01 03 04 FF FE 79 60")
+    host.say(rtu(go("00 01", "FF FE 79 60", "01 F4")), 60.0)
+    assert host.say(rtu(POSITION)) == rtu("01 03 04 FF FE 79 60")
 
 
-def test_relative_and_velocity(bench: Bench, rtu: Rtu) -> None:
-    bench.say(rtu(go("00 41", "00 00 00 64")), 1.0)
-    bench.say(rtu(go("00 41", "FF FF FF CE")), 1.0)
-    assert bench.say(rtu(POSITION)) == rtu("01 03 04 00 00 00 32")
-    bench.say(rtu(go("00 02", "00 00 00 00", "FF C4")), 1.0)
-    assert bench.say(rtu("01 03 10 46 00 02")) == rtu("01 03 04 FF FF FF C4")
+def test_relative_and_velocity(host: Host, rtu: Rtu) -> None:
+    host.say(rtu(go("00 41", "00 00 00 64")), 1.0)
+    host.say(rtu(go("00 41", "FF FF FF CE")), 1.0)
+    assert host.say(rtu(POSITION)) == rtu("01 03 04 00 00 00 32")
+    host.say(rtu(go("00 02", "00 00 00 00", "FF C4")), 1.0)
+    assert host.say(rtu("01 03 10 46 00 02")) == rtu("01 03 04 FF FF FF C4")
 
 
-def test_6002_runs_pr0_too(bench: Bench, rtu: Rtu) -> None:
-    bench.say(rtu(go("00 01", "00 00 00 64")[:-5] + "00 00"), 1.0)
-    assert bench.say(rtu(POSITION)) == rtu("01 03 04 00 00 00 00")
-    bench.say(rtu("01 06 60 02 00 10"), 1.0)
-    assert bench.say(rtu(POSITION)) == rtu("01 03 04 00 00 00 64")
+def test_6002_runs_pr0_too(host: Host, rtu: Rtu) -> None:
+    host.say(rtu(go("00 01", "00 00 00 64")[:-5] + "00 00"), 1.0)
+    assert host.say(rtu(POSITION)) == rtu("01 03 04 00 00 00 00")
+    host.say(rtu("01 06 60 02 00 10"), 1.0)
+    assert host.say(rtu(POSITION)) == rtu("01 03 04 00 00 00 64")
 
 
-def test_set_zero_here(bench: Bench, rtu: Rtu) -> None:
-    bench.say(rtu(go("00 01", "00 00 00 64")), 1.0)
-    bench.say(rtu("01 06 60 02 00 21"))
-    assert bench.say(rtu(POSITION)) == rtu("01 03 04 00 00 00 00")
-    assert bench.drive.carriage_at(bench.clock.monotonic_s()) == -3900
+def test_set_zero_here(host: Host, rtu: Rtu) -> None:
+    host.say(rtu(go("00 01", "00 00 00 64")), 1.0)
+    host.say(rtu("01 06 60 02 00 21"))
+    assert host.say(rtu(POSITION)) == rtu("01 03 04 00 00 00 00")
+    assert host.drive.carriage_at(host.clock.monotonic_s()) == -3900
 
 
-def home(bench: Bench, rtu: Rtu) -> None:
-    bench.say(rtu("01 06 60 02 00 20"))
-    assert bench.say(rtu(STATUS)) == rtu("01 03 02 00 06")
-    bench.clock.wait_s(10.0)
-    assert bench.say(rtu(STATUS)) == rtu("01 03 02 00 72")
+def home(host: Host, rtu: Rtu) -> None:
+    host.say(rtu("01 06 60 02 00 20"))
+    assert host.say(rtu(STATUS)) == rtu("01 03 02 00 06")
+    host.clock.wait_s(10.0)
+    assert host.say(rtu(STATUS)) == rtu("01 03 02 00 72")
 
 
-def test_homing_finds_the_switch(bench: Bench, rtu: Rtu) -> None:
-    home(bench, rtu)
-    assert bench.say(rtu(POSITION)) == rtu("01 03 04 00 00 00 00")
-    assert bench.drive.carriage_at(bench.clock.monotonic_s()) == 0
+def test_homing_finds_the_switch(host: Host, rtu: Rtu) -> None:
+    home(host, rtu)
+    assert host.say(rtu(POSITION)) == rtu("01 03 04 00 00 00 00")
+    assert host.drive.carriage_at(host.clock.monotonic_s()) == 0
 
 
-def test_soft_limits_hold_in_the_drive(bench: Bench, rtu: Rtu) -> None:
+def test_soft_limits_hold_in_the_drive(host: Host, rtu: Rtu) -> None:
     """−1000 … 0; a move to −2000 ends at −1000, and its path is not done."""
-    home(bench, rtu)
-    bench.say(rtu("01 10 60 06 00 04 08 00 00 00 00 FF FF FC 18"))
-    bench.say(rtu("01 06 60 00 00 02"))
-    bench.say(rtu(go("00 01", "FF FF F8 30")), 10.0)
-    assert bench.say(rtu(POSITION)) == rtu("01 03 04 FF FF FC 18")
-    assert bench.say(rtu(STATUS)) == rtu("01 03 02 00 42")
-    bench.say(rtu("01 06 18 01 40 02"), 1.0)
-    assert bench.say(rtu(POSITION)) == rtu("01 03 04 FF FF FC 18")
-    bench.say(rtu("01 06 60 00 00 00"))
-    bench.say(rtu(go("00 01", "FF FF F8 30")), 10.0)
-    assert bench.say(rtu(POSITION)) == rtu("01 03 04 FF FF F8 30")
+    home(host, rtu)
+    host.say(rtu("01 10 60 06 00 04 08 00 00 00 00 FF FF FC 18"))
+    host.say(rtu("01 06 60 00 00 02"))
+    host.say(rtu(go("00 01", "FF FF F8 30")), 10.0)
+    assert host.say(rtu(POSITION)) == rtu("01 03 04 FF FF FC 18")
+    assert host.say(rtu(STATUS)) == rtu("01 03 02 00 42")
+    host.say(rtu("01 06 18 01 40 02"), 1.0)
+    assert host.say(rtu(POSITION)) == rtu("01 03 04 FF FF FC 18")
+    host.say(rtu("01 06 60 00 00 00"))
+    host.say(rtu(go("00 01", "FF FF F8 30")), 10.0)
+    assert host.say(rtu(POSITION)) == rtu("01 03 04 FF FF F8 30")
 
 
-def test_quick_stop_takes_ten_milliseconds(bench: Bench, rtu: Rtu) -> None:
-    bench.say(rtu(go("00 01", "00 01 00 00")), 1.0)
-    bench.say(rtu("01 06 60 02 00 40"), 0.0)
-    bench.clock.wait_s(0.011)
-    stopped = bench.drive.carriage_at(bench.clock.monotonic_s())
-    bench.clock.wait_s(1.0)
-    assert bench.drive.carriage_at(bench.clock.monotonic_s()) == stopped
-    bench.line.host_read()
-    assert bench.say(rtu(STATUS)) == rtu("01 03 02 00 02")
+def test_quick_stop_takes_ten_milliseconds(host: Host, rtu: Rtu) -> None:
+    host.say(rtu(go("00 01", "00 01 00 00")), 1.0)
+    host.say(rtu("01 06 60 02 00 40"), 0.0)
+    host.clock.wait_s(0.011)
+    stopped = host.drive.carriage_at(host.clock.monotonic_s())
+    host.clock.wait_s(1.0)
+    assert host.drive.carriage_at(host.clock.monotonic_s()) == stopped
+    host.line.host_read()
+    assert host.say(rtu(STATUS)) == rtu("01 03 02 00 02")
 
 
-def test_a_quick_stop_slows_down_evenly_and_the_drive_knows_where_it_is(bench: Bench, rtu: Rtu) -> None:
+def test_a_quick_stop_slows_down_evenly_and_the_drive_knows_where_it_is(host: Host, rtu: Rtu) -> None:
     """600 rpm are 4000 pulses/s: to rest in 10 ms after 20 pulses, 15 of them in the first half."""
-    bench.say(rtu(go("00 01", "00 01 00 00", "02 58")), 1.0)
+    host.say(rtu(go("00 01", "00 01 00 00", "02 58")), 1.0)
     order = rtu("01 06 60 02 00 40")
-    bench.line.host_write(order)
-    bench.clock.wait_s(len(order) * 10 / 115200)
-    start_s = bench.clock.monotonic_s()
-    bench.clock.wait_s(0.02)
-    start, half, end = (bench.drive.carriage_at(start_s + t_s) for t_s in (0.0, 0.005, 0.01))
+    host.line.host_write(order)
+    host.clock.wait_s(len(order) * 10 / 115200)
+    start_s = host.clock.monotonic_s()
+    host.clock.wait_s(0.02)
+    start, half, end = (host.drive.carriage_at(start_s + t_s) for t_s in (0.0, 0.005, 0.01))
     assert (half - start, end - start) == (pytest.approx(15, abs=1), pytest.approx(20, abs=1))
-    assert bench.drive.carriage_at(start_s + 0.007) < end
-    assert bench.line.host_read() == order
+    assert host.drive.carriage_at(start_s + 0.007) < end
+    assert host.line.host_read() == order
     counts = f"{end + 4000:08X}"
-    assert bench.say(rtu(POSITION)) == rtu(f"01 03 04 {counts}")
+    assert host.say(rtu(POSITION)) == rtu(f"01 03 04 {counts}")
     # The rest of the path is dropped, and the next one ends where it should.
-    assert bench.say(rtu(STATUS), 1.0) == rtu("01 03 02 00 02")
-    assert bench.say(rtu(POSITION)) == rtu(f"01 03 04 {counts}")
-    bench.say(rtu(go("00 01", "00 00 00 64", "02 58")), 5.0)
-    assert bench.say(rtu(POSITION)) == rtu("01 03 04 00 00 00 64")
-    assert bench.drive.carriage_at(bench.clock.monotonic_s()) == -3900
+    assert host.say(rtu(STATUS), 1.0) == rtu("01 03 02 00 02")
+    assert host.say(rtu(POSITION)) == rtu(f"01 03 04 {counts}")
+    host.say(rtu(go("00 01", "00 00 00 64", "02 58")), 5.0)
+    assert host.say(rtu(POSITION)) == rtu("01 03 04 00 00 00 64")
+    assert host.drive.carriage_at(host.clock.monotonic_s()) == -3900
 
 
-def test_a_broadcast_stops_every_drive_and_nobody_answers(bench: Bench, rtu: Rtu) -> None:
+def test_a_broadcast_stops_every_drive_and_nobody_answers(host: Host, rtu: Rtu) -> None:
     move = go("00 01", "00 01 00 00")
-    bench.say(rtu(move))
-    bench.say(rtu("07" + move[2:]), 0.5)
-    assert bench.say(rtu("00 06 60 02 00 40"), 0.1) == b""
-    assert bench.say(rtu(STATUS)) == rtu("01 03 02 00 02")
-    assert bench.say(rtu("07 03 10 03 00 01")) == rtu("07 03 02 00 02")
+    host.say(rtu(move))
+    host.say(rtu("07" + move[2:]), 0.5)
+    assert host.say(rtu("00 06 60 02 00 40"), 0.1) == b""
+    assert host.say(rtu(STATUS)) == rtu("01 03 02 00 02")
+    assert host.say(rtu("07 03 10 03 00 01")) == rtu("07 03 02 00 02")
 
 
 @pytest.mark.parametrize(("word", "sign"), [("40 01", 1), ("40 02", -1)])
-def test_a_jog_dies_50_ms_after_its_last_word(bench: Bench, rtu: Rtu, word: str, sign: int) -> None:
+def test_a_jog_dies_50_ms_after_its_last_word(host: Host, rtu: Rtu, word: str, sign: int) -> None:
     """60 rpm are 400 pulses/s: one word is 20 pulses, fifty at 40 ms from each other are 49 · 16 + 20."""
-    bench.say(rtu(f"01 06 18 01 {word}"), 1.0)
-    assert sign * (bench.drive.carriage_at(bench.clock.monotonic_s()) + 4000) == pytest.approx(20, abs=2)
+    host.say(rtu(f"01 06 18 01 {word}"), 1.0)
+    assert sign * (host.drive.carriage_at(host.clock.monotonic_s()) + 4000) == pytest.approx(20, abs=2)
     for _ in range(50):
-        bench.say(rtu(f"01 06 18 01 {word}"), 0.04)
-    assert bench.say(rtu(STATUS), 0.01)[4] == 0x06
-    bench.clock.wait_s(0.06)
-    assert bench.say(rtu(STATUS))[4] & 0x04 == 0
-    moved = sign * (bench.drive.carriage_at(bench.clock.monotonic_s()) + 4000)
+        host.say(rtu(f"01 06 18 01 {word}"), 0.04)
+    assert host.say(rtu(STATUS), 0.01)[4] == 0x06
+    host.clock.wait_s(0.06)
+    assert host.say(rtu(STATUS))[4] & 0x04 == 0
+    moved = sign * (host.drive.carriage_at(host.clock.monotonic_s()) + 4000)
     assert moved == pytest.approx(20 + 49 * 16 + 20, abs=2)
 
 
-def test_an_alarm_stops_and_stays_until_cleared(bench: Bench, rtu: Rtu) -> None:
-    bench.say(rtu(go("00 01", "00 01 00 00")), 0.5)
-    bench.drive.fault(0x152)
-    bench.clock.wait_s(0.1)
-    assert bench.say(rtu(STATUS)) == rtu("01 03 02 00 01")
-    assert bench.say(rtu("01 03 22 03 00 01")) == rtu("01 03 02 01 52")
-    before = bench.drive.carriage_at(bench.clock.monotonic_s())
+def test_an_alarm_stops_and_stays_until_cleared(host: Host, rtu: Rtu) -> None:
+    host.say(rtu(go("00 01", "00 01 00 00")), 0.5)
+    host.drive.fault(0x152)
+    host.clock.wait_s(0.1)
+    assert host.say(rtu(STATUS)) == rtu("01 03 02 00 01")
+    assert host.say(rtu("01 03 22 03 00 01")) == rtu("01 03 02 01 52")
+    before = host.drive.carriage_at(host.clock.monotonic_s())
     for order in (go("00 01", "00 00 00 64"), "01 06 60 02 00 20", "01 06 18 01 40 01"):
-        bench.say(rtu(order), 0.5)
-    assert bench.drive.carriage_at(bench.clock.monotonic_s()) == before
-    bench.say(rtu("01 06 18 01 11 11"))
-    assert bench.say(rtu(STATUS)) == rtu("01 03 02 00 02")
+        host.say(rtu(order), 0.5)
+    assert host.drive.carriage_at(host.clock.monotonic_s()) == before
+    host.say(rtu("01 06 18 01 11 11"))
+    assert host.say(rtu(STATUS)) == rtu("01 03 02 00 02")
 
 
-def test_power_cycle_forgets_where_home_is(bench: Bench, rtu: Rtu) -> None:
-    home(bench, rtu)
-    bench.say(rtu(go("00 01", "FF FF FC 18")), 10.0)
-    bench.drive.power_cycle()
-    assert bench.say(rtu(STATUS)) == rtu("01 03 02 00 32")
-    assert bench.say(rtu(POSITION)) == rtu("01 03 04 00 00 00 00")
+def test_power_cycle_forgets_where_home_is(host: Host, rtu: Rtu) -> None:
+    home(host, rtu)
+    host.say(rtu(go("00 01", "FF FF FC 18")), 10.0)
+    host.drive.power_cycle()
+    assert host.say(rtu(STATUS)) == rtu("01 03 02 00 32")
+    assert host.say(rtu(POSITION)) == rtu("01 03 04 00 00 00 00")
 
 
 # --- the transmitter ---
@@ -290,9 +290,9 @@ def test_power_cycle_forgets_where_home_is(bench: Bench, rtu: Rtu) -> None:
 WEIGHT = "03 03 00 06 00 08"
 
 
-def told(bench: Bench, rtu: Rtu) -> tuple[int, int, int]:
+def told(host: Host, rtu: Rtu) -> tuple[int, int, int]:
     """Status, gross and net counts."""
-    answer = bench.say(rtu(WEIGHT))
+    answer = host.say(rtu(WEIGHT))
     assert answer == rtu(answer[:-2].hex())
     assert answer[:3] == b"\x03\x03\x10"
     assert answer[-4:-2] == b"\x01\x0c"
@@ -300,59 +300,59 @@ def told(bench: Bench, rtu: Rtu) -> tuple[int, int, int]:
 
 
 def test_gross_and_net_are_counts(rtu: Rtu) -> None:
-    bench = Bench(force_n=lambda t_s: 2.334 * GRAM_N)
-    bench.clock.wait_s(1.0)
-    assert bench.say(rtu(WEIGHT)) == rtu("03 03 10 08 00 00 00 00 E9 00 00 00 E9 00 00 00 E9 01 0C")
+    host = Host(force_n=lambda t_s: 2.334 * GRAM_N)
+    host.clock.wait_s(1.0)
+    assert host.say(rtu(WEIGHT)) == rtu("03 03 10 08 00 00 00 00 E9 00 00 00 E9 00 00 00 E9 01 0C")
 
 
 def test_a_weight_of_two_words(rtu: Rtu) -> None:
-    bench = Bench(force_n=lambda t_s: 199.99 * GRAM_N * 4)
-    bench.clock.wait_s(1.0)
-    assert told(bench, rtu)[1] == 79996
+    host = Host(force_n=lambda t_s: 199.99 * GRAM_N * 4)
+    host.clock.wait_s(1.0)
+    assert told(host, rtu)[1] == 79996
 
 
 def test_a_minus_is_in_the_status(rtu: Rtu) -> None:
     """Bit 7 gross, 8 net, 11 stable."""
-    bench = Bench(force_n=lambda t_s: -2.334 * GRAM_N)
-    bench.clock.wait_s(1.0)
-    assert told(bench, rtu) == (0x0980, 233, 233)
+    host = Host(force_n=lambda t_s: -2.334 * GRAM_N)
+    host.clock.wait_s(1.0)
+    assert told(host, rtu) == (0x0980, 233, 233)
 
 
 def test_tare_zero_and_gross(rtu: Rtu) -> None:
     """Bit 10: net shown. Bit 12: zero."""
-    bench = Bench(force_n=lambda t_s: 5 * GRAM_N)
-    bench.clock.wait_s(1.0)
-    assert bench.say(rtu("03 10 00 05 00 01 02 00 07")) == rtu("03 10 00 05 00 01")
-    assert told(bench, rtu) == (0x0C00, 500, 0)
-    bench.say(rtu("03 10 00 05 00 01 02 00 09"))
-    assert told(bench, rtu) == (0x0800, 500, 500)
-    bench.say(rtu("03 10 00 05 00 01 02 00 08"))
-    assert told(bench, rtu) == (0x1800, 0, 0)
+    host = Host(force_n=lambda t_s: 5 * GRAM_N)
+    host.clock.wait_s(1.0)
+    assert host.say(rtu("03 10 00 05 00 01 02 00 07")) == rtu("03 10 00 05 00 01")
+    assert told(host, rtu) == (0x0C00, 500, 0)
+    host.say(rtu("03 10 00 05 00 01 02 00 09"))
+    assert told(host, rtu) == (0x0800, 500, 500)
+    host.say(rtu("03 10 00 05 00 01 02 00 08"))
+    assert told(host, rtu) == (0x1800, 0, 0)
 
 
 @pytest.mark.parametrize(("grams", "bits"), [(209.5, 0x0004), (331.0, 0x000C), (10_001.0, 0x003C)])
 def test_too_much(rtu: Rtu, grams: float, bits: int) -> None:
-    bench = Bench(force_n=lambda t_s: grams * GRAM_N)
-    bench.clock.wait_s(1.0)
-    assert told(bench, rtu)[0] & 0x003F == bits
+    host = Host(force_n=lambda t_s: grams * GRAM_N)
+    host.clock.wait_s(1.0)
+    assert told(host, rtu)[0] & 0x003F == bits
 
 
 def test_a_dead_cell_and_a_dead_converter(rtu: Rtu) -> None:
-    bench = Bench(force_n=lambda t_s: float("nan"))
-    bench.clock.wait_s(1.0)
-    assert told(bench, rtu)[0] & 0x0801 == 0x0001
-    bench = Bench()
-    bench.cell.broken = 0x0002
-    assert told(bench, rtu)[0] & 0x0803 == 0x0002
+    host = Host(force_n=lambda t_s: float("nan"))
+    host.clock.wait_s(1.0)
+    assert told(host, rtu)[0] & 0x0801 == 0x0001
+    host = Host()
+    host.cell.broken = 0x0002
+    assert told(host, rtu)[0] & 0x0803 == 0x0002
 
 
 def test_the_filter_is_a_mean_of_samples_on_a_grid(rtu: Rtu) -> None:
     """A step at 1 s; samples every 12.5 ms, four in the mean."""
-    bench = Bench(force_n=lambda t_s: 4 * GRAM_N if t_s >= 1.0 else 0.0)
+    host = Host(force_n=lambda t_s: 4 * GRAM_N if t_s >= 1.0 else 0.0)
     counts = []
     for n in range(5):
-        bench.clock.wait_s(1.0 + 0.0125 * n + 0.001 - bench.clock.monotonic_s())
-        bench.line.host_write(rtu(WEIGHT))
-        bench.clock.wait_s(0.008)
-        counts.append(int.from_bytes(bench.line.host_read()[5:9], "big"))
+        host.clock.wait_s(1.0 + 0.0125 * n + 0.001 - host.clock.monotonic_s())
+        host.line.host_write(rtu(WEIGHT))
+        host.clock.wait_s(0.008)
+        counts.append(int.from_bytes(host.line.host_read()[5:9], "big"))
     assert counts == [100, 200, 300, 400, 400]

@@ -1,4 +1,4 @@
-"""The bench's physics behind the virtual devices: steps and screws in, force out."""
+"""What stands behind the virtual devices: steps and screws in, force out."""
 
 import pytest
 
@@ -167,7 +167,7 @@ def test_another_indentor_is_another_force(finger: Fingertip, carriage: Steps) -
     bar = plant.force_n(0.0)
     assert bar != step
     exact = finger.indent("bar:1.5", 0.0, doi_mm=plant.pose_at(0.0).doi_mm).force_n
-    assert bar == pytest.approx(exact, rel=1e-8)  # the bench solves to a residual of 1e-8
+    assert bar == pytest.approx(exact, rel=1e-8)  # the plant solves to a residual of 1e-8
     with pytest.raises(ShapeError, match="no such indentor"):
         plant.mount("spoon")
 

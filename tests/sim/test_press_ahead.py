@@ -18,7 +18,7 @@ from sim.serve.wall_clock import WallScheduler
 PERIOD_S = 0.05
 
 
-class Bench:
+class Following:
     """A carriage whose plan a test changes as it likes, over a finger in real time."""
 
     def __init__(self) -> None:
@@ -44,33 +44,33 @@ class Bench:
 
 
 @pytest.fixture(scope="module")
-def bench(finger: Fingertip) -> Iterator[Bench]:
+def following(finger: Fingertip) -> Iterator[Following]:
     assert finger is not None  # in the cache from here on
-    bench = Bench()
-    yield bench
-    bench.close()
+    following = Following()
+    yield following
+    following.close()
 
 
 def force_at(finger: Fingertip, height_mm: float) -> float:
-    """Twice the model's answer: the stiffness of this bench."""
+    """Twice the model's answer: the stiffness of this finger."""
     doi = finger.touch_height_mm("bar:3.0", 0.0) - finger.apex_height_mm - height_mm
     return 2.0 * finger.indent("bar:3.0", 0.0, doi_mm=doi).force_n
 
 
-def test_a_planned_descent_is_answered_without_a_wait(bench: Bench, finger: Fingertip) -> None:
+def test_a_planned_descent_is_answered_without_a_wait(following: Following, finger: Fingertip) -> None:
     """0.5 mm in one second, each sample asked for at its instant; what is fresh is the model's answer."""
-    start_s = bench.scheduler.monotonic_s() + 0.5
-    bench.plan = lambda t_s: 0.2 - 0.5 * min(max(t_s - start_s, 0.0), 1.0)
-    bench.run(0.5)
+    start_s = following.scheduler.monotonic_s() + 0.5
+    following.plan = lambda t_s: 0.2 - 0.5 * min(max(t_s - start_s, 0.0), 1.0)
+    following.run(0.5)
     fresh, slowest_cpu_s = [], 0.0
     for _ in range(30):
-        bench.run(PERIOD_S)
-        t_s = PERIOD_S * math.floor(bench.scheduler.monotonic_s() / PERIOD_S)
+        following.run(PERIOD_S)
+        t_s = PERIOD_S * math.floor(following.scheduler.monotonic_s() / PERIOD_S)
         began = time.process_time()
-        force, known = bench.press.force_n(t_s), bench.press.fresh(t_s)
+        force, known = following.press.force_n(t_s), following.press.fresh(t_s)
         slowest_cpu_s = max(slowest_cpu_s, time.process_time() - began)
         if known:
-            fresh.append((round(400 * bench.plan(t_s)) / 400, force))
+            fresh.append((round(400 * following.plan(t_s)) / 400, force))
     assert slowest_cpu_s < 0.01, "nothing is solved in this process"
     assert len(fresh) > 10, "those at rest, and some on the way; nearly all where nothing else runs"
     for height_mm, force in fresh:
@@ -79,65 +79,65 @@ def test_a_planned_descent_is_answered_without_a_wait(bench: Bench, finger: Fing
         assert force == pytest.approx(expected, rel=1e-6)
 
 
-def test_a_force_between_two_solved_poses_lies_between_theirs(bench: Bench, finger: Fingertip) -> None:
+def test_a_force_between_two_solved_poses_lies_between_theirs(following: Following, finger: Fingertip) -> None:
     """Solved every 15 µm: on 10 µm a force bends by 0.15 % of the largest at most (docs/performance.md)."""
-    start_s = bench.scheduler.monotonic_s() + 0.5
-    bench.plan = lambda t_s: -0.1 - 0.3 * min(max(t_s - start_s, 0.0), 1.0)
-    bench.run(0.5)
+    start_s = following.scheduler.monotonic_s() + 0.5
+    following.plan = lambda t_s: -0.1 - 0.3 * min(max(t_s - start_s, 0.0), 1.0)
+    following.run(0.5)
     between = 0
     for _ in range(40):
-        bench.run(0.47 * PERIOD_S)
-        t_s = bench.scheduler.monotonic_s()
-        height_mm = round(400 * bench.plan(t_s)) / 400
-        if bench.press.fresh(t_s) and -0.39 < height_mm < -0.11:
+        following.run(0.47 * PERIOD_S)
+        t_s = following.scheduler.monotonic_s()
+        height_mm = round(400 * following.plan(t_s)) / 400
+        if following.press.fresh(t_s) and -0.39 < height_mm < -0.11:
             on_grid = abs(t_s / PERIOD_S - round(t_s / PERIOD_S)) < 0.1
             between += not on_grid
-            assert bench.press.force_n(t_s) == pytest.approx(force_at(finger, height_mm), rel=4e-3)
+            assert following.press.force_n(t_s) == pytest.approx(force_at(finger, height_mm), rel=4e-3)
     assert between > 5
 
 
-def test_a_plan_that_changes_gives_the_last_force_and_says_so(bench: Bench, finger: Fingertip) -> None:
-    bench.plan = lambda t_s: -0.3
-    bench.run(1.0)
-    now_s = bench.scheduler.monotonic_s()
-    before, late = bench.press.force_n(now_s), bench.press.statistics.late
+def test_a_plan_that_changes_gives_the_last_force_and_says_so(following: Following, finger: Fingertip) -> None:
+    following.plan = lambda t_s: -0.3
+    following.run(1.0)
+    now_s = following.scheduler.monotonic_s()
+    before, late = following.press.force_n(now_s), following.press.statistics.late
     assert before == pytest.approx(force_at(finger, -0.3), rel=1e-6)
-    bench.plan = lambda t_s: -0.41
-    assert bench.press.force_n(now_s) == before
-    assert not bench.press.fresh(now_s)
-    assert bench.press.statistics.late == late + 1
-    assert math.isnan(bench.press.force_n(now_s + STALE_S + 0.01)), "too old to be an answer"
-    bench.run(1.0)
-    now_s = bench.scheduler.monotonic_s()
-    assert bench.press.fresh(now_s)
-    assert bench.press.force_n(now_s) == pytest.approx(force_at(finger, -0.41), rel=1e-6)
+    following.plan = lambda t_s: -0.41
+    assert following.press.force_n(now_s) == before
+    assert not following.press.fresh(now_s)
+    assert following.press.statistics.late == late + 1
+    assert math.isnan(following.press.force_n(now_s + STALE_S + 0.01)), "too old to be an answer"
+    following.run(1.0)
+    now_s = following.scheduler.monotonic_s()
+    assert following.press.fresh(now_s)
+    assert following.press.force_n(now_s) == pytest.approx(force_at(finger, -0.41), rel=1e-6)
 
 
-def test_a_depth_beyond_the_model_is_no_force_and_one_complaint(bench: Bench) -> None:
+def test_a_depth_beyond_the_model_is_no_force_and_one_complaint(following: Following) -> None:
     """However many poses there are on the way."""
-    start_s = bench.scheduler.monotonic_s()
-    bench.plan = lambda t_s: -3.0 - 0.1 * (t_s - start_s)
-    bench.run(1.0)
-    assert math.isnan(bench.press.force_n(bench.scheduler.monotonic_s()))
-    assert len(bench.complaints) == 1
-    assert bench.complaints[0].startswith("DOI ")
-    assert "expected 0 < DOI ≤ 2 mm" in bench.complaints[0]
-    bench.plan = lambda t_s: 1.0
-    bench.run(1.0)
-    assert bench.press.force_n(bench.scheduler.monotonic_s()) == 0.0
+    start_s = following.scheduler.monotonic_s()
+    following.plan = lambda t_s: -3.0 - 0.1 * (t_s - start_s)
+    following.run(1.0)
+    assert math.isnan(following.press.force_n(following.scheduler.monotonic_s()))
+    assert len(following.complaints) == 1
+    assert following.complaints[0].startswith("DOI ")
+    assert "expected 0 < DOI ≤ 2 mm" in following.complaints[0]
+    following.plan = lambda t_s: 1.0
+    following.run(1.0)
+    assert following.press.force_n(following.scheduler.monotonic_s()) == 0.0
 
 
-def test_a_finger_whose_process_dies_stops_the_loop_and_is_told_once(bench: Bench) -> None:
-    """The last test of this bench."""
+def test_a_finger_whose_process_dies_stops_the_loop_and_is_told_once(following: Following) -> None:
+    """The last test with this process."""
     (process,) = multiprocessing.active_children()
     process.kill()
     process.join(5.0)
-    bench.complaints.clear()
-    bench.run(0.3)
-    assert bench.press.ended
-    assert bench.complaints == ["the process of the virtual finger has ended"]
-    bench.plan = lambda t_s: -0.777  # where it has not been
-    assert math.isnan(bench.press.force_n(bench.scheduler.monotonic_s() + 2 * STALE_S))
+    following.complaints.clear()
+    following.run(0.3)
+    assert following.press.ended
+    assert following.complaints == ["the process of the virtual finger has ended"]
+    following.plan = lambda t_s: -0.777  # where it has not been
+    assert math.isnan(following.press.force_n(following.scheduler.monotonic_s() + 2 * STALE_S))
 
 
 def test_a_finger_closed_while_it_answers_ends_without_a_word(

@@ -12,7 +12,7 @@ from sim.devices.clock import VirtualClock
 GRAM_N = 9.80665e-3
 
 
-class Bench:
+class Host:
     def __init__(self, force_n: Callable[[float], float]) -> None:
         self.clock = VirtualClock()
         self.line = SerialLine(self.clock, 9600)
@@ -31,120 +31,120 @@ class Bench:
 
 
 @pytest.fixture
-def bench() -> Bench:
+def host() -> Host:
     """100 g at rest."""
-    return Bench(lambda t_s: 100 * GRAM_N)
+    return Host(lambda t_s: 100 * GRAM_N)
 
 
-def test_stable_and_immediate_value(bench: Bench) -> None:
-    assert bench.say(b"S\r\n") == b"S S     100.00 g\r\n"
-    assert bench.say(b"SI\r\n") == b"S S     100.00 g\r\n"
+def test_stable_and_immediate_value(host: Host) -> None:
+    assert host.say(b"S\r\n") == b"S S     100.00 g\r\n"
+    assert host.say(b"SI\r\n") == b"S S     100.00 g\r\n"
 
 
 def test_a_moving_load_is_dynamic_and_of_the_last_sample() -> None:
-    bench = Bench(lambda t_s: 10 * t_s * GRAM_N)
-    bench.clock.wait_s(1.03)
+    host = Host(lambda t_s: 10 * t_s * GRAM_N)
+    host.clock.wait_s(1.03)
     # Samples at 0.95 and 1.00 s; the next would be at 1.05.
-    assert bench.say(b"SI\r\n", 0.01) == b""
-    assert bench.say(b"", 0.03) == b"S D      10.00 g\r\n"
+    assert host.say(b"SI\r\n", 0.01) == b""
+    assert host.say(b"", 0.03) == b"S D      10.00 g\r\n"
 
 
 def test_samples_are_taken_on_the_grid_and_only_when_asked() -> None:
-    bench = Bench(lambda t_s: t_s * GRAM_N)
-    bench.clock.wait_s(100.0)
-    assert bench.asked == []
-    bench.say(b"SI\r\n")
-    assert sorted(bench.asked) == pytest.approx([99.9, 99.95, 100.0])
-    bench.say(b"SI\r\n")
-    assert len(bench.asked) <= 4
+    host = Host(lambda t_s: t_s * GRAM_N)
+    host.clock.wait_s(100.0)
+    assert host.asked == []
+    host.say(b"SI\r\n")
+    assert sorted(host.asked) == pytest.approx([99.9, 99.95, 100.0])
+    host.say(b"SI\r\n")
+    assert len(host.asked) <= 4
 
 
 def test_s_waits_until_the_load_rests() -> None:
-    bench = Bench(lambda t_s: min(t_s, 1.0) * 50 * GRAM_N)
-    bench.clock.wait_s(0.5)
-    assert bench.say(b"S\r\n", 0.5) == b""
-    assert bench.say(b"", 0.2) == b"S S      50.00 g\r\n"
+    host = Host(lambda t_s: min(t_s, 1.0) * 50 * GRAM_N)
+    host.clock.wait_s(0.5)
+    assert host.say(b"S\r\n", 0.5) == b""
+    assert host.say(b"", 0.2) == b"S S      50.00 g\r\n"
 
 
 def test_s_gives_up_after_a_bounded_time() -> None:
-    bench = Bench(lambda t_s: 15 * t_s * GRAM_N)
-    bench.clock.wait_s(1.0)
-    assert bench.say(b"S\r\n", 2.9) == b""
-    assert bench.say(b"", 0.3) == b"S I\r\n"
+    host = Host(lambda t_s: 15 * t_s * GRAM_N)
+    host.clock.wait_s(1.0)
+    assert host.say(b"S\r\n", 2.9) == b""
+    assert host.say(b"", 0.3) == b"S I\r\n"
 
 
 def test_a_second_command_while_it_waits_is_refused_and_at_cancels() -> None:
-    bench = Bench(lambda t_s: 20 * t_s * GRAM_N)
-    bench.clock.wait_s(1.0)
-    bench.say(b"S\r\n")
-    assert bench.say(b"SI\r\n") == b"S I\r\n"
-    assert bench.say(b"@\r\n") == b'I4 A "0123456789"\r\n'
-    assert bench.say(b"", 10.0) == b""
+    host = Host(lambda t_s: 20 * t_s * GRAM_N)
+    host.clock.wait_s(1.0)
+    host.say(b"S\r\n")
+    assert host.say(b"SI\r\n") == b"S I\r\n"
+    assert host.say(b"@\r\n") == b'I4 A "0123456789"\r\n'
+    assert host.say(b"", 10.0) == b""
 
 
 @pytest.mark.parametrize(("grams", "sign"), [(200.5, b"+"), (-25.0, b"-")])
 def test_overload_and_underload(grams: float, sign: bytes) -> None:
-    bench = Bench(lambda t_s: grams * GRAM_N)
-    assert bench.say(b"SI\r\n") == b"S " + sign + b"\r\n"
-    assert bench.say(b"S\r\n") == b"S " + sign + b"\r\n"
-    assert bench.say(b"Z\r\n") == b"Z " + sign + b"\r\n"
-    assert bench.say(b"TI\r\n") == b"TI " + sign + b"\r\n"
+    host = Host(lambda t_s: grams * GRAM_N)
+    assert host.say(b"SI\r\n") == b"S " + sign + b"\r\n"
+    assert host.say(b"S\r\n") == b"S " + sign + b"\r\n"
+    assert host.say(b"Z\r\n") == b"Z " + sign + b"\r\n"
+    assert host.say(b"TI\r\n") == b"TI " + sign + b"\r\n"
 
 
 def test_a_broken_cell_has_no_value() -> None:
-    bench = Bench(lambda t_s: math.nan)
-    assert bench.say(b"SI\r\n") == b"S I\r\n"
-    assert bench.say(b"S\r\n", 4.0) == b"S I\r\n"
+    host = Host(lambda t_s: math.nan)
+    assert host.say(b"SI\r\n") == b"S I\r\n"
+    assert host.say(b"S\r\n", 4.0) == b"S I\r\n"
 
 
-def test_zero(bench: Bench) -> None:
-    assert bench.say(b"Z\r\n") == b"Z A\r\n"
-    assert bench.say(b"SI\r\n") == b"S S       0.00 g\r\n"
+def test_zero(host: Host) -> None:
+    assert host.say(b"Z\r\n") == b"Z A\r\n"
+    assert host.say(b"SI\r\n") == b"S S       0.00 g\r\n"
 
 
 def test_zero_at_once_tells_whether_it_was_stable() -> None:
-    bench = Bench(lambda t_s: 10 * t_s * GRAM_N)
-    bench.clock.wait_s(1.0)
-    assert bench.say(b"ZI\r\n") == b"ZI D\r\n"
+    host = Host(lambda t_s: 10 * t_s * GRAM_N)
+    host.clock.wait_s(1.0)
+    assert host.say(b"ZI\r\n") == b"ZI D\r\n"
 
 
-def test_tare(bench: Bench) -> None:
-    assert bench.say(b"T\r\n") == b"T S     100.00 g\r\n"
-    assert bench.say(b"TA\r\n") == b"TA A     100.00 g\r\n"
-    assert bench.say(b"SI\r\n") == b"S S       0.00 g\r\n"
-    assert bench.say(b"TAC\r\n") == b"TAC A\r\n"
-    assert bench.say(b"SI\r\n") == b"S S     100.00 g\r\n"
-    assert bench.say(b"TA 25.5 g\r\n") == b"TA A      25.50 g\r\n"
-    assert bench.say(b"SI\r\n") == b"S S      74.50 g\r\n"
-    assert bench.say(b"TI\r\n") == b"TI S     100.00 g\r\n"
+def test_tare(host: Host) -> None:
+    assert host.say(b"T\r\n") == b"T S     100.00 g\r\n"
+    assert host.say(b"TA\r\n") == b"TA A     100.00 g\r\n"
+    assert host.say(b"SI\r\n") == b"S S       0.00 g\r\n"
+    assert host.say(b"TAC\r\n") == b"TAC A\r\n"
+    assert host.say(b"SI\r\n") == b"S S     100.00 g\r\n"
+    assert host.say(b"TA 25.5 g\r\n") == b"TA A      25.50 g\r\n"
+    assert host.say(b"SI\r\n") == b"S S      74.50 g\r\n"
+    assert host.say(b"TI\r\n") == b"TI S     100.00 g\r\n"
 
 
 def test_sir_repeats_every_sample_until_at() -> None:
-    bench = Bench(lambda t_s: 10 * t_s * GRAM_N)
-    bench.clock.wait_s(1.0)
-    lines = bench.say(b"SIR\r\n", 1.0).split(b"\r\n")[:-1]
+    host = Host(lambda t_s: 10 * t_s * GRAM_N)
+    host.clock.wait_s(1.0)
+    lines = host.say(b"SIR\r\n", 1.0).split(b"\r\n")[:-1]
     assert len(lines) in (19, 20, 21)
     grams = [float(line.split()[2]) for line in lines]
     assert [b - a for a, b in pairwise(grams[1:])] == pytest.approx([0.5] * (len(grams) - 2))
-    assert bench.say(b"@\r\n", 0.2).endswith(b'I4 A "0123456789"\r\n')
-    assert bench.say(b"", 1.0) == b""
+    assert host.say(b"@\r\n", 0.2).endswith(b'I4 A "0123456789"\r\n')
+    assert host.say(b"", 1.0) == b""
 
 
-def test_errors(bench: Bench) -> None:
-    assert bench.say(b"si\r\n") == b"ES\r\n"
-    assert bench.say(b"XYZ\r\n") == b"ES\r\n"
-    assert bench.say(b"\r\n") == b"ES\r\n"
-    assert bench.say(b"S\xb2\r\n") == b"ET\r\n"
-    assert bench.say(b"SI 3\r\n") == b"EL\r\n"
-    assert bench.say(b"TA x g\r\n") == b"EL\r\n"
+def test_errors(host: Host) -> None:
+    assert host.say(b"si\r\n") == b"ES\r\n"
+    assert host.say(b"XYZ\r\n") == b"ES\r\n"
+    assert host.say(b"\r\n") == b"ES\r\n"
+    assert host.say(b"S\xb2\r\n") == b"ET\r\n"
+    assert host.say(b"SI 3\r\n") == b"EL\r\n"
+    assert host.say(b"TA x g\r\n") == b"EL\r\n"
 
 
-def test_commands_may_come_in_pieces(bench: Bench) -> None:
-    assert bench.say(b"I") == b""
-    assert bench.say(b"4\r") == b""
-    assert bench.say(b"\n") == b'I4 A "0123456789"\r\n'
+def test_commands_may_come_in_pieces(host: Host) -> None:
+    assert host.say(b"I") == b""
+    assert host.say(b"4\r") == b""
+    assert host.say(b"\n") == b'I4 A "0123456789"\r\n'
 
 
-def test_a_mute_balance(bench: Bench) -> None:
-    bench.balance.mute = True
-    assert bench.say(b"SI\r\n", 1.0) == b""
+def test_a_mute_balance(host: Host) -> None:
+    host.balance.mute = True
+    assert host.say(b"SI\r\n", 1.0) == b""

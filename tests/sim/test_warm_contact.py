@@ -1,4 +1,4 @@
-"""The bench of warm contact: what it serves, and that going on from a sample gives what rest would have given."""
+"""The study of warm contact: what it serves, and that going on from a sample gives what rest would have given."""
 
 import numpy as np
 import pytest

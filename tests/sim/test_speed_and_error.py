@@ -1,4 +1,4 @@
-"""The study of speed against error: its arithmetic, its reference, and the errors that `auto` promises."""
+"""Speed against error: the arithmetic, the reference, and the errors that `auto` promises."""
 
 import numpy as np
 import pytest
