@@ -9,7 +9,7 @@ from typing import Any, NoReturn
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from rig.cli.interrupts import at_a_safe_point
+from rig.cli.interrupts import Pause, at_a_safe_point
 from rig.cli.output import ExitCode, complain, err, loading_the_finger, out, print_json
 from rig.engine import RunAborted
 from rig.plan.config import Config
@@ -17,9 +17,16 @@ from rig.plan.plan import make_plan
 from rig.protocol.script import Script
 from rig.report.run.run_report import write_report
 from rig.session.resume import StoppedRun
-from rig.session.session import FinishedRun, Session, Watch
+from rig.session.session import FinishedRun, NewRun, Session, Watch
 from rig.session.subject import checked_subject
 from sim.models.fingertip import Fingertip
+
+
+class AtTheTerminal:
+    """Somebody with Ctrl-C at hand and a bar to look at."""
+
+    def __init__(self, pause: Pause, watch: Watch) -> None:
+        self.watch, self.interrupted, self.go_on = watch, pause.asked, pause.go_on
 
 
 def carry_out(
@@ -33,13 +40,13 @@ def carry_out(
     subject: str | None = None,
 ) -> FinishedRun:
     """Check the script, carry it out or take it up where it stopped, write its report, and say where it is."""
-    code = checked_subject(subject)
+    into = stopped or NewRun(out_dir, checked_subject(subject))
     with loading_the_finger():
         finger = Fingertip.load(config.finger)
-    plan = make_plan(script, config, finger)
+    plan = make_plan(script, config, finger, None if stopped is None else stopped.run)
     began = time.perf_counter()
     with at_a_safe_point() as pause, _progress(len(plan.indentations)) as watch:
-        done = how(Session(script, config, finger, plan, out_dir, pause.asked, watch, pause.go_on, stopped, code))
+        done = how(Session(script, config, finger, plan, into, AtTheTerminal(pause, watch)))
     done.folder.write_checksums()
     report = write_report(done.run, finger, done.wall_s)
     done.folder.write_checksums()

@@ -77,6 +77,7 @@ def _attempt(
             "target": target.kind,
             "value": target.value,
             "increments": increments,
+            **press.marks,
         },
     )
     try:

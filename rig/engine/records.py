@@ -1,7 +1,8 @@
 """What an indentation is asked to do and what it did."""
 
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
 
 
 @dataclass(frozen=True)
@@ -21,10 +22,11 @@ Purpose = Literal["data", "precondition", "reference", "find"]
 
 @dataclass(frozen=True)
 class PressId:
-    """Which press it is: its number among those of its purpose, in the order of the script."""
+    """Which press it is: its number among those of its purpose, in the order of the script; and in its schedule."""
 
     index: int
     purpose: Purpose = "data"
+    marks: Mapping[str, Any] = field(default_factory=dict, compare=False)  # block, repeat and condition
 
     def stream(self, name: str) -> str:
         """Where its events go: what is no data has streams of its own."""

@@ -1,7 +1,10 @@
 """The streams of a journal: their keys and units. Positions are in the finger's frame."""
 
 PRESS_STREAMS = {
-    "indentation_start": {"index": "", "indentor": "", "x_mm": "mm", "target": "", "value": "", "increments": ""},
+    "indentation_start": {
+        "index": "", "indentor": "", "x_mm": "mm", "target": "", "value": "", "increments": "",
+        "block": "", "repeat": "", "condition": "",
+    },
     "sample": {
         "index": "", "phase": "", "x_mm": "mm", "height_mm": "mm", "doi_mm": "mm", "force_gwt": "gwt", "stable": "",
         "contact_s": "s",

@@ -10,6 +10,7 @@ for block in schedule.on(rig):          # a checkpoint, and a zero before and af
 import random
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from reprlib import Repr
 from typing import Generic, Literal, TypeVar
 
 from pydantic import Field
@@ -18,6 +19,9 @@ from rig.protocol.api import ProtocolParameters, Rig
 
 T = TypeVar("T")
 Order = Literal["given", "random"]
+
+_SHORT = Repr()
+_SHORT.maxother = 80
 
 
 @dataclass(frozen=True)
@@ -31,12 +35,25 @@ class Block(Generic[T]):
 
     def __iter__(self) -> Iterator[T]:
         """The items, with a rest between one and the next, and the references that are due."""
-        for n, item in enumerate(self.items):
-            if n and self.schedule.rest_s:
-                self.rig.rest(self.schedule.rest_s)
-            if self.schedule.reference is not None and n % self.schedule.reference.every == 0:
-                self.rig.reference(x_mm=self.schedule.reference.x_mm, doi_mm=self.schedule.reference.doi_mm)
-            yield item
+        try:
+            for n, item in enumerate(self.items):
+                self.rig.mark({"block": self.number})
+                self._before(n)
+                self.rig.mark({"block": self.number, "repeat": self._repeat(n), "condition": _as_text(item)})
+                yield item
+        finally:
+            self.rig.mark({"block": self.number})
+
+    def _before(self, n: int) -> None:
+        schedule = self.schedule
+        if n and schedule.rest_s:
+            self.rig.rest(schedule.rest_s)
+        if schedule.reference is not None and n % schedule.reference.every == 0:
+            self.rig.reference(x_mm=schedule.reference.x_mm, doi_mm=schedule.reference.doi_mm)
+
+    def _repeat(self, n: int) -> int:
+        """How many times the item has come by now, this one included."""
+        return [repr(item) for item in self.items[: n + 1]].count(repr(self.items[n]))
 
 
 @dataclass(frozen=True)
@@ -79,8 +96,19 @@ class Schedule(Generic[T]):
                 rig.rest(self.block_rest_s)
             rig.checkpoint(f"block {number} of {self.blocks}")
             rig.zero()
-            yield Block(number, self.block(number), self, rig)
+            rig.mark({"block": number})
+            try:
+                yield Block(number, self.block(number), self, rig)
+            finally:
+                rig.mark({})
             rig.zero()
+
+
+def _as_text(item: object) -> str:
+    """An item as the name of a condition."""
+    if isinstance(item, float):
+        return f"{item:g}"
+    return item if isinstance(item, str) else _SHORT.repr(item)
 
 
 class ScheduledParameters(ProtocolParameters):

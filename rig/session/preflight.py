@@ -6,7 +6,8 @@ from typing import Any
 from rig.devices.units import GWT_N
 from rig.engine.stopping import Stopping
 from rig.plan.config import Config
-from rig.plan.planned import Plan, PlannedIndentation
+from rig.plan.plan import Plan
+from rig.protocol.planned import PlannedIndentation
 from rig.protocol.script import Script
 from rig.session.rehearsal import Rehearsed, rehearsed
 from sim.models.fingertip import Fingertip

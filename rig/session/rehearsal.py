@@ -6,22 +6,29 @@ for each press, fitted to two solutions of the finger model, since a spring cost
 
 import io
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
-from rig.engine import Engine, Indentation, PressId
+from rig.devices.units import GWT_N
+from rig.engine import Engine, Target
 from rig.engine.journal import NoJournal
 from rig.engine.touch import CONTACT_EXPONENT
 from rig.plan.config import Config, VirtualSettings
-from rig.plan.plan import CheckingRig
-from rig.plan.planned import Plan, PlannedIndentation
+from rig.plan.finger_model import FingerModel
+from rig.plan.plan import Plan
+from rig.protocol.api import Rig
+from rig.protocol.planned import Prediction
 from rig.protocol.script import Script
-from rig.session.live import LiveRig
+from rig.protocol.steps import ExpectedPresses, ExpectedTouch, Step
+from rig.protocol.walk import Model, NoPredictionError, Spot, Walk
 from rig.session.running import run_script
 from rig.virtual.virtual_bench import bench_around
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 from sim.plant.plant import Carriage, TruePose
+
+E = TypeVar("E")
+A = TypeVar("A")
 
 
 @dataclass(frozen=True)
@@ -34,12 +41,15 @@ class Spring:
     exponent: float
 
     @classmethod
-    def fitted(cls, planned: PlannedIndentation, finger: Fingertip) -> "Spring":
+    def fitted(cls, planned: Prediction, model: Model) -> "Spring":
         """Through the model's force at the target and at half of its depth; Hertz's where there is none yet."""
-        target = finger.indent(planned.indentor, planned.x_mm, doi_mm=planned.predicted_doi_mm)
-        half = finger.indent(planned.indentor, planned.x_mm, doi_mm=0.5 * planned.predicted_doi_mm)
-        exponent = math.log2(target.force_n / half.force_n) if half.force_n > 0 else CONTACT_EXPONENT
-        return cls(planned.expected_contact_mm, planned.predicted_doi_mm, target.force_n, exponent)
+        doi_mm, force_gwt = planned.predicted_doi_mm, planned.predicted_force_gwt
+        try:
+            half = model.press(planned.indentor, planned.x_mm, Target("doi_mm", 0.5 * doi_mm)).predicted_force_gwt
+        except NoPredictionError:
+            half = 0.0
+        exponent = math.log2(force_gwt / half) if half > 0 else CONTACT_EXPONENT
+        return cls(planned.expected_contact_mm, doi_mm, force_gwt * GWT_N, exponent)
 
     def force_at(self, height_mm: float) -> float:
         """N with the indentor's lowest point so far above the nominal apex."""
@@ -71,23 +81,20 @@ class SpringPlant:
 _UNDER_A_TOUCH = {"doi_mm": 1.0, "force_n": 0.1, "exponent": 1.5}
 
 
-class _RehearsedRig(LiveRig):
-    """Puts the right spring under the indentor before each press."""
+class Rehearsing:
+    """Puts the right spring under the indentor before the engine does a step."""
 
-    def __init__(self, engine: Engine, check: CheckingRig, plant: SpringPlant, finger: Fingertip) -> None:
-        super().__init__(engine, check)
-        self._plant, self._finger = plant, finger
-        self._springs: dict[PlannedIndentation, Spring] = {}
+    def __init__(self, engine: Engine, walk: Walk, plant: SpringPlant) -> None:
+        self._engine, self._walk, self._plant = engine, walk, plant
 
-    def _touch(self, index: int, deed: Callable[[], float]) -> float:
-        self._plant.spring = Spring(self._check.plan.touches[index], **_UNDER_A_TOUCH)
-        return deed()
-
-    def _press(self, press: PressId, planned: PlannedIndentation, speed_mm_s: float | None = None) -> Indentation:
-        if planned not in self._springs:
-            self._springs[planned] = Spring.fitted(planned, self._finger)
-        self._plant.spring = self._springs[planned]
-        return super()._press(press, planned, speed_mm_s)
+    def handle(self, step: Step[E, A], spot: Spot) -> A:
+        """What the engine finds on springs."""
+        expected = step.expect(spot, self._walk)
+        if isinstance(expected, ExpectedPresses):
+            self._plant.spring = Spring.fitted(expected.planned, self._walk.model)
+        elif isinstance(expected, ExpectedTouch):
+            self._plant.spring = Spring(expected.contact_mm, **_UNDER_A_TOUCH)
+        return step.carry_out(self._engine, expected)
 
 
 @dataclass(frozen=True)
@@ -110,6 +117,6 @@ def rehearsed(script: Script, config: Config, finger: Fingertip, plan: Plan) -> 
 
     bench = bench_around(make_plant, believed, clock, io.StringIO())
     engine = Engine(believed, clock, bench.stage, bench.force, NoJournal(), bench, soft_trip_n=plan.soft_trip_n)
-    check = CheckingRig(script.parameters, believed, finger)
-    run_script(script, engine, _RehearsedRig(engine, check, plants[0], finger))
+    walk = Walk(believed, FingerModel(finger, plan.predictions))
+    run_script(script, engine, Rig(script.parameters, walk, Rehearsing(engine, walk, plants[0])))
     return Rehearsed(clock.monotonic_s(), engine.contact.total_s)

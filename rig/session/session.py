@@ -4,7 +4,7 @@ import shutil
 import time
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol, TextIO
@@ -15,16 +15,21 @@ from rig.devices.force.base import ForceSensor
 from rig.devices.heartbeat import Heartbeat
 from rig.devices.stage.base import Stage
 from rig.engine import Engine, Journal, Operator, RunAborted
+from rig.engine.reference import Reference
 from rig.engine.streams import STREAMS
 from rig.plan.config import Config
-from rig.plan.plan import CheckingRig
-from rig.plan.planned import Plan
+from rig.plan.finger_model import FingerModel
+from rig.plan.plan import Plan
+from rig.protocol.api import Handler, Rig
 from rig.protocol.errors import BadInputError
 from rig.protocol.script import Script
+from rig.protocol.taken_up import TakenUp
+from rig.protocol.walk import Walk
+from rig.session.attendant import Attendant, Nobody
 from rig.session.calibration import refuse_expired
-from rig.session.live import LiveRig
+from rig.session.live import Live
 from rig.session.provenance import provenance
-from rig.session.resume import ResumedRig, StoppedRun
+from rig.session.resume import StoppedRun, first_reference_gwt
 from rig.session.running import ENDINGS, run_script
 from rig.transport.base import TransportError
 from rig.transport.clock import Clock, WallClock
@@ -85,29 +90,33 @@ class Bench(Operator, Protocol):
 
 
 @dataclass(frozen=True)
-class Session:
-    """One checked script with everything it needs to be carried out.
+class NewRun:
+    """A run that gets a folder of its own in `out`; `subject` is the code of whoever lies under the rig."""
 
-    `out` is the parent of the folder that a new run gets; `stopped` is the run that is taken up instead; `subject`
-    is the code of whoever lies under the rig.
-    """
+    out: Path
+    subject: str | None = None
+
+
+@dataclass(frozen=True)
+class Session:
+    """One checked script, what it was checked against, and the run that comes of it: a new one, or one taken up."""
 
     script: Script
     config: Config
     finger: Fingertip
     plan: Plan
-    out: Path
-    interrupted: Callable[[], bool]
-    watch: Watch = lambda stream, data: None
-    go_on: Callable[[], bool] = lambda: False
-    stopped: StoppedRun | None = None
-    subject: str | None = None
+    into: NewRun | StoppedRun
+    attendant: Attendant = field(default_factory=Nobody)
+
+    @property
+    def before(self) -> Run | None:
+        """What the run that is taken up has journalled."""
+        return self.into.run if isinstance(self.into, StoppedRun) else None
 
     @property
     def begins_at_s(self) -> float:
         """The first instant of the run's clock."""
-        run = None if self.stopped is None else self.stopped.run
-        return 0.0 if run is None else run.end_s
+        return 0.0 if self.before is None else self.before.end_s
 
 
 def dry_run(session: Session, speed: float | None = None) -> FinishedRun:
@@ -135,20 +144,23 @@ def _run_session(
     """A run that ends before its end has the reason in its journal and in `problem`, and is exported all the same."""
     began = time.perf_counter()
     now = datetime.now(UTC)
-    folder = session.stopped.folder if session.stopped else _new_folder(session, now, virtual=virtual)
+    folder = _folder(session, now, virtual=virtual)
     problem: Exception | None = None
     with folder.owned():
-        if session.stopped is None or not session.stopped.complete:
+        if session.before is None or not session.before.complete:
             problem = _on_a_bench(session, folder, lambda log: open_bench(log, now.timestamp()), speed)
         run = read_run(folder.path)
         export_run(run)
     return FinishedRun(run, time.perf_counter() - began, problem)
 
 
-def _new_folder(session: Session, now: datetime, *, virtual: bool) -> RunFolder:
-    script, config = session.script, session.config
-    about = provenance(script, config, session.finger, now, virtual=virtual, subject=session.subject)
-    return new_run_folder(session.out, script.name, now, script.path, config.as_toml(), about)
+def _folder(session: Session, now: datetime, *, virtual: bool) -> RunFolder:
+    """A new one, or that of the run that is taken up."""
+    script, config, into = session.script, session.config, session.into
+    if isinstance(into, StoppedRun):
+        return into.folder
+    about = provenance(script, config, session.finger, now, virtual=virtual, subject=into.subject)
+    return new_run_folder(into.out, script.name, now, script.path, config.as_toml(), about)
 
 
 def _on_a_bench(
@@ -159,7 +171,7 @@ def _on_a_bench(
         try:
             bench = open_bench(byte_log)
         except (TransportError, BadInputError):
-            if session.stopped is None:
+            if isinstance(session.into, NewRun):
                 shutil.rmtree(folder.path)  # nothing has happened
             raise
         try:
@@ -174,8 +186,7 @@ def _on_a_bench(
 
 
 def _carry_out(session: Session, folder: RunFolder, bench: Bench, watch: Watch) -> None:
-    script, config, plan = session.script, session.config, session.plan
-    before = None if session.stopped is None else session.stopped.run
+    before = session.before
     heartbeat = Heartbeat(bench.clock)
     with Journal(folder.events, bench.clock, STREAMS, watch) as journal, bench.look_after(heartbeat):
         if before is None:
@@ -183,26 +194,33 @@ def _carry_out(session: Session, folder: RunFolder, bench: Bench, watch: Watch) 
         else:
             journal.resume({"missing": before.missing, "after": before.last_checkpoint})
         engine = Engine(
-            config,
+            session.config,
             bench.clock,
             bench.stage,
             bench.force,
             journal,
             bench,
-            session.interrupted,
-            plan.soft_trip_n,
-            session.go_on,
+            session.attendant.interrupted,
+            session.plan.soft_trip_n,
+            session.attendant.go_on,
             heartbeat,
             contact_s=0.0 if before is None else before.contact_s,
         )
-        check = CheckingRig(script.parameters, config, session.finger)
-        if before is None:
-            run_script(script, engine, LiveRig(engine, check))
-        else:
+        if before is not None:
             bench.confirm("the rig stopped in this run: clear the finger, see to what stopped it; it will home")
             engine.home()
-            run_script(script, engine, ResumedRig(engine, check, before))
+        run_script(session.script, engine, _rig(session, engine))
         journal.stop("done")
+
+
+def _rig(session: Session, engine: Engine) -> Rig:
+    """The script's rig on an engine; in a run that is taken up, one that does what is missing."""
+    walk = Walk(session.config, FingerModel(session.finger, session.plan.predictions))
+    handler: Handler = Live(engine, walk)
+    if session.before is not None:
+        walk.reference = Reference(first_reference_gwt(session.before))
+        handler = TakenUp(session.before, handler)
+    return Rig(session.script.parameters, walk, handler)
 
 
 def _about(session: Session, *, virtual: bool) -> dict[str, Any]:
@@ -213,7 +231,8 @@ def _about(session: Session, *, virtual: bool) -> dict[str, Any]:
         "source": script.source,
         "parameters": script.parameters.model_dump(mode="json"),
         "planned_indentations": len(session.plan.indentations),
-        "subject": session.subject,
+        "soft_trip_n": session.plan.soft_trip_n,
+        "subject": session.into.subject,
         "virtual": virtual,
     }
 
@@ -221,12 +240,12 @@ def _about(session: Session, *, virtual: bool) -> dict[str, Any]:
 def _paced(session: Session, clock: Clock, speed: float | None) -> Watch:
     """The session's watch, waiting where the virtual clock has run ahead of `speed` times real time."""
     if speed is None:
-        return session.watch
+        return session.attendant.watch
     wall = WallClock()
     start_s = wall.monotonic_s()
 
     def paced(stream: str, data: Mapping[str, Any]) -> None:
-        wall.wait_until(session.interrupted, start_s + clock.monotonic_s() / speed)
-        session.watch(stream, data)
+        wall.wait_until(session.attendant.interrupted, start_s + clock.monotonic_s() / speed)
+        session.attendant.watch(stream, data)
 
     return paced

@@ -14,7 +14,7 @@ from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
 from rig.session.preflight import preflight
-from rig.session.session import Session, dry_run
+from rig.session.session import NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
 
 PROTOCOLS = (
@@ -58,7 +58,7 @@ def compared(words: tuple[str, ...], config: Config, finger: Fingertip, out: Pat
     script = load_script(words[0], words[1:])
     plan = make_plan(script, config, finger)
     said = preflight(script, config, finger, plan).as_json()
-    done = dry_run(Session(script, config, finger, plan, out, interrupted=lambda: False))
+    done = dry_run(Session(script, config, finger, plan, NewRun(out)))
     was_gwt = max(sample["force_gwt"] for sample in done.run.stream("sample"))
     ended = "done" if done.problem is None else str(done.problem)
     return Compared(" ".join(words), said["duration_s"], done.duration_s, said["peak_force_gwt"], was_gwt, ended)

@@ -28,8 +28,8 @@ from rig.engine.journal import Journal, read_journal
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import Script, load_script
-from rig.session.resume import read_stopped
-from rig.session.session import Session, dry_run
+from rig.session.resume import StoppedRun, read_stopped
+from rig.session.session import NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
 
 SCRIPT = """\
@@ -142,16 +142,16 @@ class Trials:
     def _run(self, name: str, kill: Kill | None) -> Path:
         """The run's folder, once its process has ended."""
         out = self._folder / name
-        _forked(lambda: dry_run(self._session(self._script, Config(), out)), kill)
+        _forked(lambda: dry_run(self._session(self._script, Config(), NewRun(out))), kill)
         (made,) = (path for path in out.iterdir() if not path.name.startswith("."))
         return made
 
     def _take_up(self, cut: Path) -> None:
         stopped = read_stopped(cut)
-        dry_run(self._session(stopped.script, stopped.config, cut.parent, stopped=stopped))
+        dry_run(self._session(stopped.script, stopped.config, stopped))
 
-    def _session(self, script: Script, config: Config, out: Path, **more: Any) -> Session:
-        return Session(script, config, self._finger, self._plan, out, lambda: False, **more)
+    def _session(self, script: Script, config: Config, into: NewRun | StoppedRun) -> Session:
+        return Session(script, config, self._finger, self._plan, into)
 
 
 def _forked(work: Callable[[], object], kill: Kill | None) -> int:

@@ -31,7 +31,7 @@ from rig.report.comparison.comparison_report import write_comparison
 from rig.report.comparison.deflection import Deflection, deflection_section
 from rig.report.html import Section
 from rig.report.run.run_report import write_report
-from rig.session.session import Session, dry_run
+from rig.session.session import NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
 from studies.source.facts import DEPTHS_MM, FINE_X_MM, facts_section
 from studies.source.pressure_fits import layers_section, press_all, pressure_section
@@ -83,7 +83,7 @@ def carry_out(words: Words, folder: Path) -> Done:
     config, finger = load_config(None), Fingertip.load()
     script = load_script(words[0], words[1:])
     plan = make_plan(script, config, finger)
-    done = dry_run(Session(script, config, finger, plan, folder, interrupted=lambda: False))
+    done = dry_run(Session(script, config, finger, plan, NewRun(folder)))
     write_report(done.run, finger)
     done.folder.write_checksums()
     return Done(words, done.folder.path, time.process_time() - began, str(done.problem or ""))

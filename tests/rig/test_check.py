@@ -19,7 +19,7 @@ from rig.plan.plan import make_plan
 from rig.protocol.errors import BadInputError
 from rig.protocol.script import load_script
 from rig.session.preflight import Preflight, preflight
-from rig.session.session import FinishedRun, Session, dry_run
+from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
 
 PRESSES = """\
@@ -42,7 +42,7 @@ def _both(folder: Path, finger: Fingertip, what: dict[str, Any], **tables: Any) 
     script, config = load_script(str(path)), Config.model_validate(tables)
     plan = make_plan(script, config, finger)
     found = preflight(script, config, finger, plan)
-    return found, dry_run(Session(script, config, finger, plan, folder / "runs", interrupted=lambda: False))
+    return found, dry_run(Session(script, config, finger, plan, NewRun(folder / "runs")))
 
 
 def _peak_gwt(run: Run) -> float:

@@ -362,7 +362,8 @@ def test_a_run_stopped_by_a_trip(rig: Rig, script: Path) -> None:
 
 
 def test_a_script_that_fails_only_when_it_is_carried_out(rig: Rig, script: Path) -> None:
-    script.write_text(SCRIPT + "    if type(rig).__name__ == 'LiveRig':\n        1 / 0\n", encoding="utf-8")
+    second = "vars(run).setdefault('passes', []) or run.passes.append(1)"
+    script.write_text(SCRIPT + f"    if {second}:\n        1 / 0\n", encoding="utf-8")
     ended = rig("dry-run", script, "--json")
     assert ended.code == 1
     assert ended.complaint == f"stopped: {script}, line 15: ZeroDivisionError: division by zero"

@@ -4,7 +4,7 @@ import base64
 import itertools
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,8 @@ from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
 from rig.report.run.run_report import write_report
-from rig.session.session import FinishedRun, Session, dry_run
+from rig.session.attendant import Nobody
+from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
 
 PRESS = """\
@@ -41,7 +42,7 @@ def _run(folder: Path, finger: Fingertip, what: dict[str, Any], **tables: Any) -
     path.write_text(PRESS.format(**what), encoding="utf-8")
     script, config = load_script(str(path)), Config.model_validate(tables)
     plan = make_plan(script, config, finger)
-    return dry_run(Session(script, config, finger, plan, folder / "runs", interrupted=lambda: False))
+    return dry_run(Session(script, config, finger, plan, NewRun(folder / "runs")))
 
 
 @pytest.fixture(scope="module")
@@ -254,15 +255,15 @@ def test_an_operators_stop_ends_the_run_lifted(finger: Fingertip, tmp_path: Path
     script, config = load_script(str(path)), Config()
     plan = make_plan(script, config, finger)
     seen: list[str] = []
-    session = Session(
-        script,
-        config,
-        finger,
-        plan,
-        tmp_path / "runs",
-        interrupted=lambda: "touch" in seen,
-        watch=lambda stream, data: seen.append(stream),
-    )
+
+    class Hasty(Nobody):
+        def watch(self, stream: str, data: Mapping[str, Any]) -> None:
+            seen.append(stream)
+
+        def interrupted(self) -> bool:
+            return "touch" in seen
+
+    session = Session(script, config, finger, plan, NewRun(tmp_path / "runs"), Hasty())
     done = dry_run(session)
     assert isinstance(done.problem, RunAborted)
     run = read_run(done.folder.path)

@@ -13,7 +13,7 @@ from rig.plan.find import Lie, find
 from rig.plan.plan import make_plan
 from rig.protocol.errors import BadInputError
 from rig.protocol.script import load_script
-from rig.session.session import Session, dry_run
+from rig.session.session import NewRun, Session, dry_run
 from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
 from sim.plant.plant import Pose, Press, Truth, Turn
@@ -102,7 +102,7 @@ def test_the_finger_is_found_by_touching_it(finger: Fingertip, tmp_path: Path) -
     )
     script = load_script("find_finger", ["across=3", "along=3"])
     plan = make_plan(script, config, finger)
-    done = dry_run(Session(script, config, finger, plan, tmp_path, interrupted=lambda: False))
+    done = dry_run(Session(script, config, finger, plan, NewRun(tmp_path)))
     assert done.complete, done.problem
     lie = find(done.run, config, finger)
     assert lie.touches == 9

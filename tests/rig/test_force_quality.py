@@ -12,7 +12,7 @@ from rig.devices.units import GWT_N
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.session.session import Session, dry_run
+from rig.session.session import NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
 
 TARGETS_GWT = (1.0, 2.33, 8.0)
@@ -49,7 +49,7 @@ def pressed(request: pytest.FixtureRequest, finger: Fingertip, tmp_path_factory:
     plan = make_plan(script, config, finger)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(devices, "load_cell", seen)
-        done = dry_run(Session(script, config, finger, plan, folder / "runs", interrupted=lambda: False))
+        done = dry_run(Session(script, config, finger, plan, NewRun(folder / "runs")))
     assert done.complete, done.problem
     return done.run, np.array(felt)
 

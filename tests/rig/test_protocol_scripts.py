@@ -188,7 +188,7 @@ def _plan_complaint(folder: Path, finger: Fingertip, body: str, **tables: object
             "indent: doi_mm = 1.6 is beyond limits.max_doi_mm = 1.5",
         ),
         (READY + "rig.indent(force_gwt=1e4)", "indent: force_gwt = 10000 is beyond limits.max_force_gwt = 100"),
-        (READY + "rig.jump()", "AttributeError: 'CheckingRig' object has no attribute 'jump'"),
+        (READY + "rig.jump()", "AttributeError: 'Rig' object has no attribute 'jump'"),
     ],
 )
 def test_a_step_that_cannot_be_done_is_named(tmp_path: Path, finger: Fingertip, body: str, complaint: str) -> None:

@@ -21,7 +21,7 @@ from rig.plan.plan import make_plan
 from rig.protocol.errors import BadInputError
 from rig.protocol.script import Script, load_script
 from rig.session.resume import StoppedRun, read_stopped
-from rig.session.session import FinishedRun, Session, dry_run
+from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 
@@ -52,9 +52,8 @@ def run(rig: Rig) -> None:
 Make = Callable[..., Any]
 
 
-def _session(script: Script, config: Config, finger: Fingertip, out: Path, **more: Any) -> Session:
-    plan = make_plan(script, config, finger)
-    return Session(script, config, finger, plan, out, interrupted=lambda: False, **more)
+def _session(script: Script, config: Config, finger: Fingertip, into: NewRun | StoppedRun) -> Session:
+    return Session(script, config, finger, make_plan(script, config, finger), into)
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +62,7 @@ def whole(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("whole")
     path = folder / "three.py"
     path.write_text(SCRIPT, encoding="utf-8")
-    done = dry_run(_session(load_script(str(path), ["seed=3"]), Config(), finger, folder / "runs"))
+    done = dry_run(_session(load_script(str(path), ["seed=3"]), Config(), finger, NewRun(folder / "runs")))
     assert done.complete, done.problem
     return done.folder.path
 
@@ -83,9 +82,9 @@ def cut(whole: Path, tmp_path: Path) -> Callable[[Callable[[dict[str, Any]], boo
     return make
 
 
-def _resume(folder: Path, finger: Fingertip, **more: Any) -> FinishedRun:
+def _resume(folder: Path, finger: Fingertip) -> FinishedRun:
     stopped = read_stopped(folder)
-    return dry_run(_session(stopped.script, stopped.config, finger, folder.parent, stopped=stopped, **more))
+    return dry_run(_session(stopped.script, stopped.config, finger, stopped))
 
 
 def _presses(folder: Path) -> list[tuple[int, str, float, float]]:

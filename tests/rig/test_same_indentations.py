@@ -9,7 +9,7 @@ from rig.data import Run, read_run
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.session.session import Session, dry_run
+from rig.session.session import NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
 
 pytestmark = pytest.mark.xdist_group("same indentations")  # one worker, one run to compare with
@@ -34,7 +34,7 @@ def _holds(folder: Path, finger: Fingertip, tables: dict[str, Any]) -> Run:
     path.write_text(SCRIPT, encoding="utf-8")
     script, config = load_script(str(path)), Config.model_validate(tables)
     plan = make_plan(script, config, finger)
-    done = dry_run(Session(script, config, finger, plan, folder / "runs", interrupted=lambda: False))
+    done = dry_run(Session(script, config, finger, plan, NewRun(folder / "runs")))
     assert done.complete, done.problem
     return read_run(done.folder.path)
 

@@ -21,7 +21,7 @@ from rig.protocol.errors import BadInputError
 from rig.protocol.script import load_script
 from rig.session.preflight import preflight
 from rig.session.resume import read_stopped
-from rig.session.session import FinishedRun, Session, dry_run
+from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from rig.session.subject import checked_subject
 from sim.models.fingertip import Fingertip
 
@@ -84,7 +84,7 @@ def done(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> Finishe
     (folder / "mine.py").write_text(SCRIPT, encoding="utf-8")
     script = load_script(str(folder / "mine.py"), SET)
     plan = make_plan(script, Config(), finger)
-    session = Session(script, Config(), finger, plan, folder / "runs", lambda: False, subject="S07")
+    session = Session(script, Config(), finger, plan, NewRun(folder / "runs", "S07"))
     found = dry_run(session)
     assert found.complete, found.problem
     return found
@@ -163,7 +163,7 @@ def test_after_a_resume_the_order_is_the_same(
     before_s = read_run(cut).contact_s
     stopped = read_stopped(cut)
     plan = make_plan(stopped.script, stopped.config, finger)
-    again = dry_run(Session(stopped.script, stopped.config, finger, plan, tmp_path, lambda: False, stopped=stopped))
+    again = dry_run(Session(stopped.script, stopped.config, finger, plan, stopped))
     run = read_run(cut)
     assert (again.complete, run.missing, run.repeated) == (True, 0, 0)
     assert _order(run) == _order(done.run)
@@ -183,7 +183,7 @@ def _with_references(folder: Path, finger: Fingertip, **tables: Any) -> Finished
     (folder / "mine.py").write_text(SCRIPT, encoding="utf-8")
     script, config = load_script(str(folder / "mine.py"), REFERENCES), Config.model_validate(tables)
     plan = make_plan(script, config, finger)
-    return dry_run(Session(script, config, finger, plan, folder / "runs", lambda: False))
+    return dry_run(Session(script, config, finger, plan, NewRun(folder / "runs")))
 
 
 def test_references_are_compared_and_no_data(finger: Fingertip, tmp_path: Path) -> None:
@@ -222,7 +222,7 @@ def test_a_resumed_run_compares_with_its_first_reference(finger: Fingertip, tmp_
     whole.folder.events.write_bytes(text)
     stopped = read_stopped(whole.folder.path)
     plan = make_plan(stopped.script, stopped.config, finger)
-    again = dry_run(Session(stopped.script, stopped.config, finger, plan, tmp_path, lambda: False, stopped=stopped))
+    again = dry_run(Session(stopped.script, stopped.config, finger, plan, stopped))
     assert again.complete
     assert [e["index"] for e in again.run.stream("reference")] == [0, 0, 1]
     assert again.run.stream("reference")[1]["deviation"] == pytest.approx(1.0, abs=0.1)

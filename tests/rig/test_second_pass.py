@@ -9,7 +9,7 @@ from rig.engine import ScriptError, TripError
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.session.session import FinishedRun, Session, dry_run
+from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
 
 READY = "rig.mount('bar:3.0'); rig.home(); rig.zero(); rig.move_to(x_mm=0.0)"
@@ -19,13 +19,14 @@ def carried_out(folder: Path, finger: Fingertip, live: str, **tables: object) ->
     """A script that indents once when checked and does something else when carried out."""
     path = folder / "sly.py"
     path.write_text(
-        f"import sys\ndef run(rig):\n    {READY}\n    if type(rig).__name__ == 'LiveRig':\n        {live}\n"
+        f"import sys; passes = []\ndef run(rig):\n    passes.append(1); {READY}\n    if len(passes) > 1:\n"
+        f"        {live}\n"
         "    else:\n        rig.indent(doi_mm=0.2)\n",
         encoding="utf-8",
     )
     script, config = load_script(str(path)), Config.model_validate(tables)
     plan = make_plan(script, config, finger)
-    return dry_run(Session(script, config, finger, plan, folder / "runs", interrupted=lambda: False))
+    return dry_run(Session(script, config, finger, plan, NewRun(folder / "runs")))
 
 
 @pytest.mark.parametrize(

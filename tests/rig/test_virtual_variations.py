@@ -11,7 +11,7 @@ from rig.data import Run
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.session.session import Session, dry_run
+from rig.session.session import NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
 
 PRESS = """\
@@ -33,7 +33,7 @@ def carried_out(folder: Path, finger: Fingertip, source: str, tables: dict[str, 
     path.write_text(source, encoding="utf-8")
     script, config = load_script(str(path)), Config.model_validate(tables)
     plan = make_plan(script, config, finger)
-    done = dry_run(Session(script, config, finger, plan, folder / "runs", interrupted=lambda: False))
+    done = dry_run(Session(script, config, finger, plan, NewRun(folder / "runs")))
     assert done.problem is None
     return done.run
 

@@ -11,7 +11,7 @@ from rig.data import Run
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.session.session import Session, dry_run
+from rig.session.session import NewRun, Session, dry_run
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
 
@@ -38,7 +38,7 @@ def bar_run(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> Run:
     path.write_text(BAR, encoding="utf-8")
     script, config = load_script(str(path)), Config()
     plan = make_plan(script, config, finger)
-    return dry_run(Session(script, config, finger, plan, folder, interrupted=lambda: False)).run
+    return dry_run(Session(script, config, finger, plan, NewRun(folder))).run
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
 from rig.report.comparison.deflection import Deflection, deflection_section, partner, read_deflections, simulated
-from rig.session.session import Session, dry_run
+from rig.session.session import NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
 
 
@@ -22,7 +22,7 @@ def line_run(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> Run
     script, config = load_script("line", ["deepest_mm=0.5"]), Config()
     plan = make_plan(script, config, finger)
     folder = tmp_path_factory.mktemp("line")
-    return dry_run(Session(script, config, finger, plan, folder, interrupted=lambda: False)).run
+    return dry_run(Session(script, config, finger, plan, NewRun(folder))).run
 
 
 def test_the_model_deflects_most_under_the_line(line_run: Run, bar_run: Run, finger: Fingertip) -> None:

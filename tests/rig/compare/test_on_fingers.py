@@ -18,7 +18,7 @@ from rig.data import Run
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.session.session import Session, dry_run
+from rig.session.session import NewRun, Session, dry_run
 from sim.config.fingertip_config import FingertipConfig, MeshSpec
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
@@ -58,7 +58,7 @@ def run(coarse: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> Run:
     path.write_text(PRESSES, encoding="utf-8")
     script, config = load_script(str(path)), Config(finger=coarse.config)
     plan = make_plan(script, config, coarse)
-    return dry_run(Session(script, config, coarse, plan, folder, interrupted=lambda: False)).run
+    return dry_run(Session(script, config, coarse, plan, NewRun(folder))).run
 
 
 def test_force_or_depth_stays_as_it_was_controlled(run: Run, coarse: Fingertip) -> None:

@@ -8,8 +8,8 @@ from rig.devices.bench_settings import SLOWEST_MM_S
 from rig.devices.units import GWT_N
 from rig.engine.records import Target
 from rig.engine.rig_settings import LimitSettings, RigSettings
-from rig.plan.planned import PlannedIndentation
 from rig.protocol.errors import BadInputError
+from rig.protocol.planned import PlannedIndentation
 
 _MAX_COUNT = 100
 _LONGEST_S = 3600.0
@@ -53,13 +53,22 @@ def refuse_seconds(verb: str, name: str, value: float) -> None:
         raise BadInputError(f"{verb}: {name} = {value!r}: expected 0 … {_LONGEST_S:g} s")
 
 
-def refuse_speed(verb: str, speed_mm_s: float, limits: LimitSettings) -> None:
-    """Slower than a board moves, or too fast for a finger."""
-    refuse_no_number(verb, "speed_mm_s", speed_mm_s)
+def refuse_speeds(verb: str, speed_mm_s: float | None, settings: RigSettings) -> None:
+    """Slower than a board moves, or too fast for a finger: the speed that was given, or what the habits say."""
+    habits = settings.habits
+    if speed_mm_s is not None:
+        refuse_no_number(verb, "speed_mm_s", speed_mm_s)
+        _refuse_speed(verb, "speed_mm_s", speed_mm_s, settings.limits)
+    else:
+        _refuse_speed(verb, "habits.press_speed_mm_s", habits.press_speed_mm_s, settings.limits)
+    _refuse_speed(verb, "habits.approach_speed_mm_s", habits.approach_speed_mm_s, settings.limits)
+
+
+def _refuse_speed(verb: str, name: str, speed_mm_s: float, limits: LimitSettings) -> None:
     fastest = limits.max_press_speed_mm_s
     if not SLOWEST_MM_S <= speed_mm_s <= fastest:
         expected = f"{SLOWEST_MM_S:.2g} … {fastest:g} mm/s"
-        raise BadInputError(f"{verb}: speed_mm_s = {speed_mm_s!r}: expected {expected}")
+        raise BadInputError(f"{verb}: {name} = {speed_mm_s!r}: expected {expected}")
 
 
 def refuse_target(verb: str, target: Target, limits: LimitSettings) -> None:
@@ -83,8 +92,20 @@ def refuse_reach(verb: str, planned: PlannedIndentation, settings: RigSettings) 
         )
     if force_gwt * GWT_N > limits.soft_trip_n:
         raise BadInputError(f"{means} {force_gwt * GWT_N:.3g} N, beyond limits.soft_trip_n = {limits.soft_trip_n:g}")
-    lowest = settings.frame.apex_z_mm + planned.expected_contact_mm - max(doi_mm, limits.search_mm)
-    refuse_travel("z", lowest, settings.stage.travel_mm[2])
+    given_mm = settings.calibration.value("compliance_mm_per_n", 0.0) * force_gwt * GWT_N
+    lowest_mm = planned.expected_contact_mm - max(doi_mm + given_mm, limits.search_mm)
+    refuse_travel("z", settings.frame.apex_z_mm + lowest_mm, settings)
+
+
+def refuse_approach(verb: str, contact_mm: float, settings: RigSettings) -> None:
+    """A touch that would be looked for below the stage's travel, or too fast."""
+    _refuse_speed(verb, "habits.approach_speed_mm_s", settings.habits.approach_speed_mm_s, settings.limits)
+    refuse_travel("z", settings.frame.apex_z_mm + contact_mm - settings.limits.search_mm, settings)
+
+
+def refuse_clearance(settings: RigSettings) -> None:
+    """A clearance that the stage does not reach."""
+    refuse_travel("z", settings.frame.apex_z_mm + settings.habits.clearance_mm, settings)
 
 
 def refuse_pressure(verb: str, planned: PlannedIndentation, limits: LimitSettings) -> None:
@@ -109,8 +130,9 @@ def refuse_along(along_mm: float, settings: RigSettings) -> None:
         raise BadInputError(f"move_to: along_mm = {along_mm:g}: a leadshine stage has no axis along the finger")
 
 
-def refuse_travel(axis: str, machine_mm: float, travel_mm: float) -> None:
+def refuse_travel(axis: Literal["x", "y", "z"], machine_mm: float, settings: RigSettings) -> None:
     """Where the stage cannot go."""
+    travel_mm = settings.stage.travel_mm["xyz".index(axis)]
     if not -travel_mm <= machine_mm <= 0:
         raise BadInputError(
             f"machine {axis} = {machine_mm:.3f} mm is outside the stage's travel, {-travel_mm:g} … 0 mm"

@@ -1,0 +1,47 @@
+"""The finger as a script's steps see it: predictions, each solved once."""
+
+from rig.engine.records import Target
+from rig.protocol.planned import Prediction
+from rig.protocol.walk import NoPredictionError
+from sim.contact.shapes import parse_shape
+from sim.models.fingertip import Fingertip
+
+Predictions = dict[tuple[str, float, Target], Prediction]
+
+
+class FingerModel:
+    """Predictions of a fingertip; those in `kept` are taken from there, new ones are put there."""
+
+    def __init__(self, finger: Fingertip, kept: Predictions) -> None:
+        self._finger, self._kept = finger, kept
+
+    def refuse_shape(self, indentor: str) -> None:
+        """Raises ShapeError where this is the name of no indentor."""
+        parse_shape(indentor)
+
+    def press(self, indentor: str, x_mm: float, target: Target) -> Prediction:
+        """What a press meets. Raises ModelRangeError, and NoPredictionError where the model does not converge."""
+        asked = indentor, x_mm, target
+        if asked not in self._kept:
+            self._kept[asked] = self._solved(*asked)
+        return self._kept[asked]
+
+    def touch_height_mm(self, indentor: str, x_mm: float, along_mm: float) -> float:
+        """Height of the indentor at first touch, from the nominal apex."""
+        z_mm = self._finger.config.receptor_plane_mm + along_mm
+        return self._finger.touch_height_mm(indentor, x_mm, z_mm=z_mm) - self._finger.apex_height_mm
+
+    def _solved(self, indentor: str, x_mm: float, target: Target) -> Prediction:
+        found = self._finger.indent(indentor, x_mm, **{target.kind: target.value})  # type: ignore[arg-type]
+        if not found.state.converged:
+            raise NoPredictionError(f"the model does not converge here (residual {found.state.residual:.0e})")
+        return Prediction(
+            indentor,
+            x_mm,
+            target,
+            found.touch_height_mm - self._finger.apex_height_mm,
+            found.force_gwt,
+            found.doi_mm,
+            found.contact_area_mm2,
+            found.peak_pressure_mpa,
+        )

@@ -1,0 +1,29 @@
+"""An indentor is put on."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from rig.engine import Engine
+from rig.protocol.errors import BadInputError
+from rig.protocol.steps.base import Owed, Step
+from rig.protocol.walk import Spot, Walk
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mount(Step[None, None]):
+    """Have an indentor mounted."""
+
+    verb: ClassVar[str] = "mount"
+    owed: ClassVar[Owed] = Owed.LAST
+
+    indentor: str
+
+    def check(self, walk: Walk) -> Spot:
+        if not isinstance(self.indentor, str):
+            raise BadInputError(f"mount: expected the name of an indentor, got {self.indentor!r}")
+        walk.model.refuse_shape(self.indentor)
+        walk.indentor = self.indentor
+        return walk.spot()
+
+    def carry_out(self, engine: Engine, expected: None) -> None:
+        engine.mount(self.indentor)

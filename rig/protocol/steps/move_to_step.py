@@ -1,0 +1,38 @@
+"""A place over the finger is gone to."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from rig.engine import Engine
+from rig.protocol.errors import BadInputError
+from rig.protocol.refusals import refuse_along, refuse_clearance, refuse_no_number, refuse_travel
+from rig.protocol.steps.base import Owed, Step
+from rig.protocol.walk import Spot, Walk
+
+
+@dataclass(frozen=True, kw_only=True)
+class MoveTo(Step[None, None]):
+    """Go sideways, and along the finger, at clearance."""
+
+    verb: ClassVar[str] = "move_to"
+    owed: ClassVar[Owed] = Owed.LAST
+
+    x_mm: float
+    along_mm: float = 0.0
+
+    def check(self, walk: Walk) -> Spot:
+        settings = walk.settings
+        walk.need(walk.homed, self.verb, "home()")
+        refuse_no_number(self.verb, "x_mm", self.x_mm)
+        refuse_along(self.along_mm, settings)
+        low, high = settings.limits.x_mm
+        if not low <= self.x_mm <= high:
+            raise BadInputError(f"move_to: x_mm = {self.x_mm:g} is outside limits.x_mm = {low:g} … {high:g}")
+        refuse_travel("x", settings.frame.pad_centre_x_mm + self.x_mm, settings)
+        refuse_travel("y", settings.frame.pad_y_mm + self.along_mm, settings)
+        refuse_clearance(settings)
+        walk.x_mm, walk.along_mm = self.x_mm, self.along_mm
+        return walk.spot()
+
+    def carry_out(self, engine: Engine, expected: None) -> None:
+        engine.move_to(float(self.x_mm), float(self.along_mm))

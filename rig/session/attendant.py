@@ -1,0 +1,32 @@
+"""Whoever looks on while a script is carried out."""
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+
+class Attendant(Protocol):
+    """Whoever looks on: sees every event, may ask for a pause, and says whether to go on after it."""
+
+    def watch(self, stream: str, data: Mapping[str, Any]) -> None:
+        """An event is on disk."""
+
+    def interrupted(self) -> bool:
+        """Whether a pause is asked for at the next safe point."""
+
+    def go_on(self) -> bool:
+        """Whether the run goes on after the pause."""
+
+
+class Nobody:
+    """Looks on and asks for nothing."""
+
+    def watch(self, stream: str, data: Mapping[str, Any]) -> None:
+        """Nothing comes of it."""
+
+    def interrupted(self) -> bool:
+        """No."""
+        return False
+
+    def go_on(self) -> bool:
+        """No."""
+        return False
