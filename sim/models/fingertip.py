@@ -25,8 +25,7 @@ from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, place_recepto
 from sim.models.cache import cached_arrays, content_key
 from sim.models.condensed import CondensedModel, from_arrays, to_arrays
 from sim.models.errors import ModelRangeError
-from sim.models.placed import PlacedIndentor
-from sim.models.pressing import Pressing
+from sim.models.pressing import PlacedIndentor, Pressing
 from sim.models.result import IndentationResult, PointLoadResult
 from sim.models.whole_finger import build_finger
 
