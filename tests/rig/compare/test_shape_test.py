@@ -38,6 +38,7 @@ def passed(shape: str, profile: Array | list[float], threshold: float = 0.05) ->
         ([1.4, 2, 1.5, 1, 0.8, 0.6, 0.6], False),  # never recovers
         ([1.2, 2, 1.5, 1, 0.6, 0.7, 0.8], True),  # recovers exactly half of q = 0.4
         ([1.2, 2, 1.5, 1, 0.6, 0.7, 0.7], False),  # q = 0.35, recovers 0.1
+        ([1.2, 2, 1.5, 1, 0.6, 0.7, 0.76], False),  # q = 0.38, recovers 0.16: not quite half
         ([1, 1, 1, 1, 1, 1, 1], False),  # nothing at all
     ],
 )

@@ -3,8 +3,18 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import stats
 
-from rig.compare.statistics import chance_correlation, correlation, fit_all, in_play, indistinguishable, interval
+from rig.compare import statistics
+from rig.compare.statistics import (
+    chance_correlation,
+    correlation,
+    fit_all,
+    in_play,
+    indistinguishable,
+    interval,
+    not_worse,
+)
 
 Array = NDArray[np.float64]
 
@@ -40,6 +50,13 @@ def test_the_largest_of_many_unrelated_correlations() -> None:
         np.abs(correlation(rng.normal(size=(40, 12, 1)), rng.normal(size=12))).max() > bound for _ in range(600)
     ]
     assert 0.023 < np.mean(exceeded) < 0.077
+
+
+def test_the_chance_of_one_unrelated_correlation_beyond_the_bound_is_its_share() -> None:
+    """Exactly: (1 + r)/2 of n unrelated normal pairs has a beta distribution with n/2 − 1 twice."""
+    bound, half = chance_correlation(positions=9, looked_at=180), 9 / 2 - 1
+    beyond = 2 * stats.beta.sf((1 + bound) / 2, half, half)
+    assert beyond == pytest.approx(0.05 / 180, rel=1e-6)
 
 
 def covered(with_repeats: bool, draws: int) -> tuple[float, float]:
@@ -92,6 +109,29 @@ def test_intervals_widen_with_noise_and_hold_the_estimate() -> None:
     assert quiet.k[0] < 50 < quiet.k[1]
 
 
+def test_intervals_over_few_repeats_are_wider_as_welch_s_t_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Two positions: k is a difference of two means, with 2 and with 7 repeats."""
+    few, many = np.array([20.0, 26.0]), np.array([50.0, 53.0, 47.0, 55.0, 49.0, 52.0, 46.0])
+    asked = (np.array([0.0, 1.0]), [few, many], np.zeros(2, dtype=int), 1)
+    k_low, k_high = interval(*asked).k
+    monkeypatch.setattr(statistics, "_stretch", lambda variance, freedom: 1.0)
+    plain_low, plain_high = interval(*asked).k
+    freedom = stats.ttest_ind(few, many, equal_var=False).df
+    expected = stats.t.ppf(0.975, freedom) / stats.norm.ppf(0.975)
+    assert (k_high - k_low) / (plain_high - plain_low) == pytest.approx(expected, rel=1e-9)
+
+
+def test_resampled_repeats_spread_as_their_mean_does() -> None:
+    """k of a line through two exact points and a repeated one: its bootstrap spread is the repeats' s/√m."""
+    repeats = [np.array([10.0, 10.0]), np.array([50.0, 56.0, 47.0])]
+    low, high = interval(np.array([0.0, 1.0]), repeats, np.zeros(2, dtype=int), 1).k
+    s = np.std(repeats[1], ddof=1) / np.sqrt(3)
+    # the limits of three repeats lie on a lattice, of 27 draws with a few distinct means: a tenth is what it can miss
+    assert high - low == pytest.approx(2 * stats.t.ppf(0.975, 2) * s, rel=0.1)
+
+
 def profiles() -> Array:
     """(3, 25, 1): a truth, one that is the truth by another name, and one that is something else."""
     truth = bump(0.3, 0.7)
@@ -119,6 +159,15 @@ def test_the_truth_stays_in_the_set() -> None:
         assert flags is not None
         kept += int(flags[4, 0])
     assert kept >= 0.95 * 300
+
+
+@pytest.mark.parametrize("level", [0.01, 0.025])
+def test_not_worse_is_a_one_sided_t_test_on_the_differences(level: float) -> None:
+    rng = np.random.default_rng(5)
+    residual, best = rng.exponential(size=(2000, 6)), rng.exponential(0.3, size=6)
+    p = stats.ttest_1samp(residual - best, 0.0, axis=1, alternative="greater").pvalue
+    np.testing.assert_array_equal(not_worse(residual, best, level), p >= level)
+    assert 0.1 < np.mean(p >= level) < 0.99
 
 
 def test_receptors_that_cover_too_little_do_not_compete() -> None:
