@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from rig.cli.bench import stage_at_hand
+from rig.cli.at_the_bench import stage_at_hand
 from rig.cli.interrupts import at_once
 from rig.cli.jog import way
 from rig.cli.options import ConfigOption, JsonOption

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from rig.cli.carrying_out import carry_out, leave
 from rig.cli.options import (
     FingerConfigOption,
     JsonOption,
@@ -15,7 +16,6 @@ from rig.cli.options import (
     SubjectOption,
 )
 from rig.cli.output import complain, told_in_one_line
-from rig.cli.session import carry_out, leave
 from rig.plan.config import load_config
 from rig.protocol.errors import BadInputError
 from rig.protocol.script import load_script

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import typer
 from rich.table import Table
 
-from rig.cli.models import Chosen, Wanted
+from rig.cli.chosen_model import Chosen, Wanted
 from rig.cli.options import JsonOption
 from rig.cli.output import ExitCode, complain, loading_the_finger, out, print_json, told_in_one_line
 from rig.plan.config import load_config

@@ -9,7 +9,7 @@ from typing import Annotated, get_args
 
 import typer
 
-from rig.cli.bench import stage_at_hand, tell
+from rig.cli.at_the_bench import stage_at_hand, tell
 from rig.cli.looking import position
 from rig.cli.options import ConfigOption, JsonOption
 from rig.cli.output import err, told_in_one_line

@@ -26,7 +26,7 @@ _MODULES = {
     "find": "find",
     "export-deck": "export_deck",
     "serve": "serve",
-    **dict.fromkeys(("home", "zero", "status", "stop"), "bench"),
+    **dict.fromkeys(("home", "zero", "status", "stop"), "at_the_bench"),
     "jog": "jog",
     "calibrate": "calibrate",
     "bench": "speed",

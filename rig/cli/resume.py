@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
+from rig.cli.carrying_out import carry_out, leave
 from rig.cli.options import JsonOption
 from rig.cli.output import err, told_in_one_line
 from rig.cli.run import ask_at_the_bench
-from rig.cli.session import carry_out, leave
 from rig.session.resume import read_stopped
 from rig.session.session import FinishedRun, Session, dry_run, real_run
 

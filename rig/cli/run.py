@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
+from rig.cli.carrying_out import carry_out, leave
 from rig.cli.options import JsonOption, MoreArgument, OutOption, ProtocolArgument, SetOption, SubjectOption
 from rig.cli.output import err, told_in_one_line
-from rig.cli.session import carry_out, leave
 from rig.engine import RunAborted
 from rig.plan.config import load_config
 from rig.protocol.script import load_script

@@ -28,7 +28,7 @@ NEAR_CENTRE_MM = 0.25
 
 
 @dataclass(frozen=True)
-class Pairing:
+class Overlay:
     """A recording laid over the SSRPs of one stimulus, in the frame x_indentor = position + x_receptor."""
 
     stimulus: Stimulus
@@ -54,22 +54,22 @@ class Pairing:
 class Joint:
     """Recordings of one family under one condition, explained by one k and one ε₀ for each pair."""
 
-    pairings: tuple[Pairing, ...]
+    overlays: tuple[Overlay, ...]
 
     @property
     def title(self) -> str:
         """For example "step:1, step:3, step:5 at 8 gwt"."""
-        return _conditions([pairing.stimulus for pairing in self.pairings])
+        return _conditions([overlay.stimulus for overlay in self.overlays])
 
     @cached_property
     def eps(self) -> Array:
         """(18, all positions, receptors)."""
-        return np.concatenate([pairing.eps for pairing in self.pairings], axis=1)
+        return np.concatenate([overlay.eps for overlay in self.overlays], axis=1)
 
     @cached_property
     def repeats(self) -> list[Array]:
         """The rates at each of all positions."""
-        return [rates for pairing in self.pairings for rates in pairing.recording.repeats]
+        return [rates for overlay in self.overlays for rates in overlay.recording.repeats]
 
     @cached_property
     def rate(self) -> Array:
@@ -78,8 +78,8 @@ class Joint:
 
     @cached_property
     def shape_of(self) -> NDArray[np.int64]:
-        """(all positions,) number of the pairing that each belongs to."""
-        return np.repeat(np.arange(len(self.pairings)), [len(p.recording.position_mm) for p in self.pairings])
+        """(all positions,) number of the recording that each belongs to."""
+        return np.repeat(np.arange(len(self.overlays)), [len(p.recording.position_mm) for p in self.overlays])
 
     @cached_property
     def fit(self) -> Fit:
@@ -121,7 +121,7 @@ class Joint:
     @cached_property
     def eps_on_fingers(self) -> Array:
         """(fingers, 18, all positions, receptors) on the design of plausible fingers."""
-        return np.concatenate([pairing.eps_on_fingers for pairing in self.pairings], axis=2)
+        return np.concatenate([overlay.eps_on_fingers for overlay in self.overlays], axis=2)
 
     def covered(self, receptor: int) -> tuple[Flags, list[Array]]:
         """(all positions,) those that the runs cover for a receptor, and the rates there."""
@@ -134,19 +134,19 @@ class Comparison:
     """Everything that is reported: stimuli in order, and the recordings that belong to them."""
 
     stimuli: tuple[Stimulus, ...]
-    pairings: tuple[Pairing, ...]
+    overlays: tuple[Overlay, ...]
     plausible: PlausibleFingers | None = None
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:
-        """Pairings of one family under one condition together; other shapes each alone."""
-        ordered = sorted(self.pairings, key=lambda p: _group(p.stimulus))
+        """Overlays of one family under one condition together; other shapes each alone."""
+        ordered = sorted(self.overlays, key=lambda p: _group(p.stimulus))
         return tuple(Joint(tuple(group)) for _, group in groupby(ordered, key=lambda p: _group(p.stimulus)))
 
     @property
     def judged(self) -> list[Stimulus]:
         """The stimuli of which there is something to say: a shape test is defined, or there is a recording."""
-        recorded = [pairing.stimulus for pairing in self.pairings]
+        recorded = [overlay.stimulus for overlay in self.overlays]
         return [s for s in self.stimuli if s in recorded or self.passes(s) is not None]
 
     def passes(self, stimulus: Stimulus, threshold: float = THRESHOLD) -> Flags | None:
@@ -222,8 +222,8 @@ def compare(
     ordered = tuple(sorted(stimuli, key=lambda s: (*_group(s), s.shape)))
     _refuse_twins(ordered)
     _refuse_strays(ordered, recordings)
-    pairings = tuple(Pairing(s, recordings[s.shape]) for s in ordered if s.shape in recordings)
-    return Comparison(ordered, pairings, plausible)
+    overlays = tuple(Overlay(s, recordings[s.shape]) for s in ordered if s.shape in recordings)
+    return Comparison(ordered, overlays, plausible)
 
 
 def _refuse_twins(ordered: Sequence[Stimulus]) -> None:

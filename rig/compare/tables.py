@@ -30,8 +30,8 @@ def as_json(comparison: Comparison, report: str) -> dict[str, Any]:
 def _rows(comparison: Comparison, stimulus: Stimulus) -> list[dict[str, Any]]:
     """One for each measure and receptor; what is not defined is None."""
     passed = comparison.passes(stimulus)
-    pairing = next((p for p in comparison.pairings if p.stimulus is stimulus), None)
-    fit = fit_all(pairing.eps, pairing.recording.rate) if pairing else None
+    overlay = next((p for p in comparison.overlays if p.stimulus is stimulus), None)
+    fit = fit_all(overlay.eps, overlay.recording.rate) if overlay else None
     return [
         {
             "shape": stimulus.indentor,
@@ -39,8 +39,8 @@ def _rows(comparison: Comparison, stimulus: Stimulus) -> list[dict[str, Any]]:
             "measure": measure,
             "receptor_mm": round(float(x), 6),
             "shape_test": None if passed is None else bool(passed[m, k]),
-            "r": number(pairing.r[m, k]) if pairing else None,
-            "positions": int(np.isfinite(pairing.eps[m, :, k]).sum()) if pairing else None,
+            "r": number(overlay.r[m, k]) if overlay else None,
+            "positions": int(np.isfinite(overlay.eps[m, :, k]).sum()) if overlay else None,
             "k": number(fit.k[m, k]) if fit else None,
             "eps0": number(fit.eps0[m, k]) if fit else None,
             "fires_unloaded": bool(fit.fires_unloaded[m, k]) if fit else None,
@@ -61,10 +61,10 @@ def joint_row(joint: Joint, pair: Pair) -> dict[str, Any]:
     limits = joint.interval(*pair)
     chosen = joint.indistinguishable
     return {
-        "shapes": [pairing.stimulus.indentor for pairing in joint.pairings],
-        "condition": joint.pairings[0].stimulus.condition,
+        "shapes": [overlay.stimulus.indentor for overlay in joint.overlays],
+        "condition": joint.overlays[0].stimulus.condition,
         "measure": MEASURES[pair[0]],
-        "receptor_mm": round(float(joint.pairings[0].stimulus.receptor_mm[pair[1]]), 6),
+        "receptor_mm": round(float(joint.overlays[0].stimulus.receptor_mm[pair[1]]), 6),
         "k": number(joint.fit.k[pair]),
         "k_interval": [number(v) for v in limits.k] if limits else None,
         "eps0": number(joint.fit.eps0[pair]),
@@ -90,11 +90,11 @@ def best_pairs(joint: Joint, measures: list[str]) -> list[Pair]:
 
 def indistinguishable_rows(joint: Joint) -> dict[str, Any]:
     """The set that the recordings cannot tell apart, and what chance would give."""
-    stimulus = joint.pairings[0].stimulus
+    stimulus = joint.overlays[0].stimulus
     positions = len(joint.rate)
     looked_at = len(MEASURES) * len(stimulus.receptor_mm)
     return {
-        "shapes": [pairing.stimulus.indentor for pairing in joint.pairings],
+        "shapes": [overlay.stimulus.indentor for overlay in joint.overlays],
         "condition": stimulus.condition,
         "measures": members(joint, joint.indistinguishable),
         "positions": positions,
@@ -107,7 +107,7 @@ def members(joint: Joint, chosen: Flags | None) -> dict[str, list[float]] | None
     """Receptors in mm of a set (18, receptors), by measure; None without a set."""
     if chosen is None:
         return None
-    receptors = joint.pairings[0].stimulus.receptor_mm
+    receptors = joint.overlays[0].stimulus.receptor_mm
     named = zip(MEASURES, chosen, strict=True)
     return {measure: [round(float(x), 6) for x in receptors[row]] for measure, row in named if row.any()}
 

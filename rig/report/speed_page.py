@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Drawing
+from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from rig.report.html import Figure, render
@@ -37,7 +37,7 @@ def pareto(rows: Sequence[Row], against: str = "seconds") -> Plot:
     labels = {"seconds": "from nothing to an answer (s)", "memory_mb": "peak memory (MB)", "contact_s": "contact (s)"}
     quantities = [q for q in _TITLES if any(row["quantity"] == q for row in rows)]
 
-    def draw(figure: Drawing) -> None:
+    def draw(figure: Canvas) -> None:
         grid = figure.subplots(len(_FAMILIES), len(quantities), sharex=True, sharey="col", squeeze=False)
         for down, (family, title) in enumerate(_FAMILIES.items()):
             for across, quantity in enumerate(quantities):
@@ -63,7 +63,7 @@ def pareto(rows: Sequence[Row], against: str = "seconds") -> Plot:
 def cost_against_nodes(rows: Sequence[Row]) -> Plot:
     """Time from nothing and memory against the number of nodes, with the exponents of straight lines through them."""
 
-    def draw(figure: Drawing) -> None:
+    def draw(figure: Canvas) -> None:
         for axes, key, label in zip(figure.subplots(1, 2), ("seconds", "memory_mb"),
                                     ("from nothing to an answer (s)", "peak memory (MB)"), strict=True):  # fmt: skip
             for line, points in _lines(rows).items():

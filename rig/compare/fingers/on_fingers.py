@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Schedule:
+class PressRow:
     """One indentor at a row of places, each to its own depth or force."""
 
     indentor: str
@@ -35,13 +35,13 @@ class Schedule:
 
 @dataclass(frozen=True)
 class FingerWork:
-    """All schedules on one finger: a piece of work."""
+    """All rows of presses on one finger: a piece of work."""
 
     name: str
     config_json: str
     receptor_x_mm: tuple[float, ...]
     receptor_depth_mm: float
-    schedules: tuple[Schedule, ...]
+    press_rows: tuple[PressRow, ...]
 
 
 def on_plausible_fingers(
@@ -55,10 +55,10 @@ def on_plausible_fingers(
     if not pressed:
         return []
     virtual = bool(run.start["virtual"])
-    schedules = tuple(_schedule(stimulus, virtual) for stimulus in pressed)
+    press_rows = tuple(_press_row(stimulus, virtual) for stimulus in pressed)
     design = plausible.design(finger.config, finger.model.receptors.depth_mm)
     x_mm = tuple(pressed[0].receptor_mm.tolist())
-    work = [_work(one, x_mm, schedules) for one in design]
+    work = [_work(one, x_mm, press_rows) for one in design]
     key = content_key([simulator_code(), [asdict(one) for one in work]])
     try:
         found, _ = cached_arrays(key, lambda: _all_answers(work), kind="answers")
@@ -67,37 +67,37 @@ def on_plausible_fingers(
     return [replace(s, on_fingers=np.asarray(found[f"{n}"], dtype=float)) for n, s in enumerate(pressed)]
 
 
-def _schedule(stimulus: Stimulus, virtual: bool) -> Schedule:
+def _press_row(stimulus: Stimulus, virtual: bool) -> PressRow:
     kind = stimulus.kind if virtual else "force_gwt"
     target = stimulus.doi_mm if kind == "doi_mm" else stimulus.force_gwt
-    return Schedule(stimulus.indentor, kind, tuple(stimulus.x_mm.tolist()), tuple(target.tolist()))
+    return PressRow(stimulus.indentor, kind, tuple(stimulus.x_mm.tolist()), tuple(target.tolist()))
 
 
-def _work(finger: DesignFinger, receptor_x_mm: tuple[float, ...], schedules: tuple[Schedule, ...]) -> FingerWork:
+def _work(finger: DesignFinger, receptor_x_mm: tuple[float, ...], press_rows: tuple[PressRow, ...]) -> FingerWork:
     return FingerWork(
-        finger.name, finger.config.model_dump_json(), receptor_x_mm, finger.receptor_depth_mm, schedules
+        finger.name, finger.config.model_dump_json(), receptor_x_mm, finger.receptor_depth_mm, press_rows
     )
 
 
 def _all_answers(work: Sequence[FingerWork]) -> dict[str, NDArray[np.generic]]:
-    """For each schedule by its number (fingers, 18, n, receptors)."""
+    """For each row by its number (fingers, 18, n, receptors)."""
     answers = list(spread(measures_on, work))
     return {f"{n}": np.stack(each) for n, each in enumerate(zip(*answers, strict=True))}
 
 
 def measures_on(work: FingerWork) -> list[Array]:
-    """For each schedule the measures (18, n, receptors) in the signs of `shown`. Raises FingersError."""
+    """For each row the measures (18, n, receptors) in the signs of `shown`. Raises FingersError."""
     config = FingertipConfig.model_validate_json(work.config_json)
     try:
         finger = Fingertip.load(config, receptor_x_mm=work.receptor_x_mm, receptor_depth_mm=work.receptor_depth_mm)
-        return [_measures(finger, schedule) for schedule in work.schedules]
+        return [_measures(finger, row) for row in work.press_rows]
     except (ModelRangeError, MeshError, SurfaceError, ReceptorError) as error:
         raise FingersError(f"on the finger with {work.name}: {error}") from None
 
 
-def _measures(finger: Fingertip, schedule: Schedule) -> Array:
+def _measures(finger: Fingertip, row: PressRow) -> Array:
     results = [
-        finger.indent(schedule.indentor, x, **{schedule.kind: target})  # type: ignore[arg-type]
-        for x, target in zip(schedule.x_mm, schedule.target, strict=True)
+        finger.indent(row.indentor, x, **{row.kind: target})  # type: ignore[arg-type]
+        for x, target in zip(row.x_mm, row.target, strict=True)
     ]
     return np.array([[shown(name, result.receptor_measures[name]) for result in results] for name in MEASURES])

@@ -14,7 +14,7 @@ from rig.compare.stimulus_maps import StimulusMap
 from rig.compare.tables import best_receptor, indistinguishable_rows, joint_row, threshold_rows
 from rig.data import Run
 from rig.data.folder import replace_bytes, replace_text
-from rig.report.comparison.report_figures import report_figures
+from rig.report.comparison.comparison_figures import comparison_figures
 from rig.report.html import Section, as_png, render
 from rig.report.labels import as_limits, as_number, as_positions, unit
 from sim.measures.measures import MEASURES
@@ -41,7 +41,7 @@ def write_comparison(
         "comparison.html.j2",
         title=title,
         extra=extra,
-        figures=report_figures(comparison, maps),
+        figures=comparison_figures(comparison, maps),
         **_verdicts(comparison),
         **_provenance(comparison, runs, finger, command),
         **_WRITTEN,
@@ -72,7 +72,7 @@ def _provenance(comparison: Comparison, runs: Sequence[Run], finger: Fingertip, 
     return {
         "finger": finger,
         "runs": [(run, sha256(run.folder.events), sha256(run.folder.path / "config.toml")) for run in runs],
-        "recordings": {p.stimulus.shape: p.recording for p in comparison.pairings},
+        "recordings": {p.stimulus.shape: p.recording for p in comparison.overlays},
         "command": command,
         "versions": {name: version(name) for name in ("indentation-rig", "numpy", "scipy", "matplotlib")},
     }

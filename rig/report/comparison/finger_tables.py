@@ -90,8 +90,8 @@ _GIVEN = ("k", "k_interval", "eps0", "eps0_interval", "r2", "indistinguishable_f
 
 def _set(table: FingerTable) -> Row:
     return {
-        "shapes": [pairing.stimulus.indentor for pairing in table.joint.pairings],
-        "condition": table.joint.pairings[0].stimulus.condition,
+        "shapes": [overlay.stimulus.indentor for overlay in table.joint.overlays],
+        "condition": table.joint.overlays[0].stimulus.condition,
         "measures": table.chosen,
     }
 

@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from rig.compare.comparison import Joint, Pairing
+from rig.compare.comparison import Joint, Overlay
 from rig.compare.fit import Fit, predicted
 from rig.compare.tables import Pair
 from rig.report.comparison.pair_labels import frame, named
@@ -20,7 +20,7 @@ _WIDEST_IN = 9.8
 
 def overlays(joint: Joint, pairs: list[Pair]) -> Plot:
     """Rates that the joint line predicts from the SSRP, over the recorded ones: pairs down, shapes across."""
-    rows, columns = (len(pairs), len(joint.pairings)) if len(joint.pairings) > 1 else (1, len(pairs))
+    rows, columns = (len(pairs), len(joint.overlays)) if len(joint.overlays) > 1 else (1, len(pairs))
     size = (0.6 + min(3.2 * columns, _WIDEST_IN), 0.7 + 1.85 * rows)
     return Plot(size, lambda figure: _overlays(figure, joint, pairs, rows, columns))
 
@@ -32,11 +32,11 @@ def scatter(joint: Joint, pairs: list[Pair]) -> Plot:
 
 def _overlays(figure: Figure, joint: Joint, pairs: list[Pair], rows: int, columns: int) -> None:
     panels = figure.subplots(rows, columns, squeeze=False, sharex=rows == 1 or "col", sharey=True)
-    figure.suptitle(frame(joint.pairings), fontsize=7, color=GREY)
-    shown = [(pairing, pair) for pair in pairs for pairing in joint.pairings]
-    for axes, (pairing, pair) in zip(panels.ravel(), shown, strict=True):
-        _overlay(axes, pairing, joint.fit, pair)
-        axes.set_title(f"{pairing.stimulus.title}: {named(pairing.stimulus.receptor_mm, pair)}", fontsize=8)
+    figure.suptitle(frame(joint.overlays), fontsize=7, color=GREY)
+    shown = [(overlay, pair) for pair in pairs for overlay in joint.overlays]
+    for axes, (overlay, pair) in zip(panels.ravel(), shown, strict=True):
+        _overlay(axes, overlay, joint.fit, pair)
+        axes.set_title(f"{overlay.stimulus.title}: {named(overlay.stimulus.receptor_mm, pair)}", fontsize=8)
     figure.supylabel(_RATE, fontsize=9)
     for axes in panels[-1]:
         axes.set_xlabel("position from field centre (mm)")
@@ -47,18 +47,18 @@ def _overlays(figure: Figure, joint: Joint, pairs: list[Pair], rows: int, column
     figure.legend(handles=handles, loc="outside lower center", ncols=2, fontsize=8)
 
 
-def _overlay(axes: Axes, pairing: Pairing, fit: Fit, pair: Pair) -> None:
-    recording = pairing.recording
+def _overlay(axes: Axes, overlay: Overlay, fit: Fit, pair: Pair) -> None:
+    recording = overlay.recording
     fine = np.linspace(recording.position_mm[0], recording.position_mm[-1], 241)
     line = Fit(*(np.asarray(v[pair]) for v in fit))
-    axes.plot(fine, predicted(line, pairing.stimulus.at(fine)[pair[0], :, pair[1]]), color=BLUE, lw=1.4)
+    axes.plot(fine, predicted(line, overlay.stimulus.at(fine)[pair[0], :, pair[1]]), color=BLUE, lw=1.4)
     bars = np.nan_to_num(recording.sd)
     axes.errorbar(recording.position_mm, recording.rate, bars, fmt="o", ms=3, color="black", elinewidth=0.7)
 
 
 def _scatter(figure: Figure, joint: Joint, pairs: list[Pair]) -> None:
     panels = figure.subplots(1, len(pairs), squeeze=False, sharey=True)[0]
-    figure.suptitle(frame(joint.pairings), fontsize=7, color=GREY)
+    figure.suptitle(frame(joint.overlays), fontsize=7, color=GREY)
     for axes, pair in zip(panels, pairs, strict=True):
         _against_measure(axes, joint, pair)
     figure.supylabel(_RATE, fontsize=9)
@@ -68,13 +68,13 @@ def _scatter(figure: Figure, joint: Joint, pairs: list[Pair]) -> None:
 
 def _against_measure(axes: Axes, joint: Joint, pair: Pair) -> None:
     measure, receptor = pair
-    for pairing, (colour, marker) in zip(joint.pairings, _SHAPE_STYLES, strict=False):
-        eps, name = pairing.eps[measure, :, receptor], pairing.stimulus.indentor
-        axes.plot(eps, pairing.recording.rate, marker, ms=4, mfc="none", mec=colour, label=name)
+    for overlay, (colour, marker) in zip(joint.overlays, _SHAPE_STYLES, strict=False):
+        eps, name = overlay.eps[measure, :, receptor], overlay.stimulus.indentor
+        axes.plot(eps, overlay.recording.rate, marker, ms=4, mfc="none", mec=colour, label=name)
     k, eps0 = joint.fit.k[pair], joint.fit.eps0[pair]
     low, high = (float(f(joint.eps[measure, :, receptor])) for f in (np.nanmin, np.nanmax))
     fine = np.linspace(low - 0.05 * (high - low), high + 0.05 * (high - low), 101)
     axes.plot(fine, np.maximum(0, k * (fine - eps0)), color="black", lw=1)
     fitted = f"R² = {joint.explained[pair]:.3f}, k = {k:.3g}, ε₀ = {eps0:.3g}".replace("-", "−")
-    axes.set_title(f"{named(joint.pairings[0].stimulus.receptor_mm, pair)}\n{fitted}", fontsize=8)
+    axes.set_title(f"{named(joint.overlays[0].stimulus.receptor_mm, pair)}\n{fitted}", fontsize=8)
     axes.set_xlabel(f"{label(MEASURES[measure])} ({unit(MEASURES[measure])})")

@@ -47,7 +47,7 @@ def _correlations(
     figure: Figure, comparison: Comparison, judged: Sequence[Stimulus], rows: int, columns: int
 ) -> None:
     panels = figure.subplots(rows, columns, squeeze=False, sharey=True).ravel()
-    recorded = {pairing.stimulus: pairing.r for pairing in comparison.pairings}
+    recorded = {overlay.stimulus: overlay.r for overlay in comparison.overlays}
     image = None
     for axes in panels[len(judged) :]:
         axes.set_visible(False)
@@ -57,7 +57,7 @@ def _correlations(
     figure.supxlabel("receptor x (mm)", fontsize=8)
     if image is not None:
         figure.colorbar(image, ax=panels.tolist(), label="Pearson's r", shrink=0.6)
-        figure.suptitle(frame(comparison.pairings), fontsize=7, color=GREY)
+        figure.suptitle(frame(comparison.overlays), fontsize=7, color=GREY)
 
 
 def _heat_map(axes: Axes, stimulus: Stimulus, r: Array | None, passed: NDArray[np.bool_] | None) -> AxesImage:

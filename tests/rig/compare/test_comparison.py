@@ -168,11 +168,11 @@ def test_measures_that_go_together_are_named(make_stimulus: Make) -> None:
 def test_rates_over_their_family_s_largest(steps: list[Stimulus]) -> None:
     afferent = Afferent("ep1", 1, k=20.0, eps0=1.1)
     plain, normalised = fitted(steps, afferent), fitted(steps, afferent, normalise=True)
-    largest = max(float(p.recording.rate.max()) for p in plain.pairings)
-    assert max(float(p.recording.rate.max()) for p in normalised.pairings) == pytest.approx(1.0)
+    largest = max(float(p.recording.rate.max()) for p in plain.overlays)
+    assert max(float(p.recording.rate.max()) for p in normalised.overlays) == pytest.approx(1.0)
     assert float(normalised.joints[0].fit.k[6, 1]) == pytest.approx(20.0 / largest)
-    assert normalised.pairings[0].recording.changes == (f"rates divided by {largest:g}",)
-    np.testing.assert_allclose(normalised.pairings[0].r, plain.pairings[0].r, rtol=1e-9)
+    assert normalised.overlays[0].recording.changes == (f"rates divided by {largest:g}",)
+    np.testing.assert_allclose(normalised.overlays[0].r, plain.overlays[0].r, rtol=1e-9)
 
 
 def test_positions_that_a_run_does_not_cover_are_left_out(steps: list[Stimulus]) -> None:

@@ -20,7 +20,7 @@ _SHOWN_FIRST = ("ep1", "ep3", "sed")  # the source's survivors
 _MOST_SHOWN = 3
 
 
-def report_figures(comparison: Comparison, maps: Sequence[StimulusMap]) -> list[Figure]:
+def comparison_figures(comparison: Comparison, maps: Sequence[StimulusMap]) -> list[Figure]:
     """In the order of the page; no figure is larger than a printed page holds."""
     measures = _shown(comparison)
     moved = [stimulus for stimulus in comparison.stimuli if len(stimulus.x_mm) > 1]
@@ -49,7 +49,7 @@ def _fits(joint: Joint, measures: list[str]) -> list[Figure]:
     pairs = best_pairs(joint, measures)
     if not pairs:
         return []
-    files = "; ".join(f"{p.stimulus.indentor}: {p.recording.name}" for p in joint.pairings)
+    files = "; ".join(f"{p.stimulus.indentor}: {p.recording.name}" for p in joint.overlays)
     return [
         Figure(
             f"Recorded over predicted: {joint.title}",
@@ -68,7 +68,7 @@ def _fits(joint: Joint, measures: list[str]) -> list[Figure]:
 
 def _heat_maps(comparison: Comparison) -> list[Figure]:
     title, caption = "Shape test, 18 measures × receptors", "Dots: the SSRP passes the shape test. "
-    if comparison.pairings:
+    if comparison.overlays:
         title = f"Correlation and {title[0].lower()}{title[1:]}"
         caption += (
             "Colour: Pearson's correlation between the recorded rates and the SSRP at the recorded positions; dash: "

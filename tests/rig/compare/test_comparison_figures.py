@@ -11,7 +11,7 @@ from rig.compare.comparison import Comparison, compare
 from rig.compare.recordings.recorded import recording
 from rig.compare.stimuli import Stimulus
 from rig.compare.stimulus_maps import StimulusMap
-from rig.report.comparison.report_figures import report_figures
+from rig.report.comparison.comparison_figures import comparison_figures
 from rig.report.html import Figure
 from rig.report.style import PAGE_IN, position_bar, shade, shade_of
 from sim.measures.receptors import DEFAULT_X_MM
@@ -64,7 +64,7 @@ def written(canvas: Canvas) -> Iterator[Text]:
 def test_every_figure_is_printed_at_its_own_size_and_can_be_read(
     comparison: Comparison, section: StimulusMap
 ) -> None:
-    found = report_figures(comparison, [section] * 3)
+    found = comparison_figures(comparison, [section] * 3)
     titles = [figure.title for figure in found]
     assert len(set(titles)) == len(titles)
     kinds = ("Recorded over", "Rate against", "Correlation", "SSRPs", "Population", "Pressure", "Strain under")
@@ -83,7 +83,7 @@ def test_every_figure_is_printed_at_its_own_size_and_can_be_read(
 
 def test_more_panels_than_a_page_holds_are_several_figures(comparison: Comparison) -> None:
     assert len(comparison.judged) == 10
-    titles = [figure.title for figure in report_figures(comparison, [])]
+    titles = [figure.title for figure in comparison_figures(comparison, [])]
     assert [title for title in titles if title.startswith("Correlation")] == [
         f"Correlation and shape test, 18 measures × receptors, {k} of 2" for k in (1, 2)
     ]
