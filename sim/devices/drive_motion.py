@@ -42,7 +42,8 @@ class DriveAxis:
         if (targets[0][0] - path.position) * velocity < 0.5 * abs(velocity) ** 3 / down:
             path, velocity = self._braked(down, now_s), 0.0
         for position, speed in targets:
-            path.run(position - path.position, trapeze(abs(position - path.position), abs(velocity), speed, up, down))
+            way = position - path.position
+            path.run(way, ramps_to_rest(abs(way), abs(velocity), speed, up, down))
             velocity = 0.0
         self._follow(path, now_s)
 
@@ -57,7 +58,7 @@ class DriveAxis:
         top = speed + up * rising_s
         ramps = [Ramp(rising_s, speed, up), Ramp(for_s - rising_s, top, 0.0), Ramp(top / down, top, -down)]
         if sum(ramp.mm for ramp in ramps) > room:
-            ramps = trapeze(room, speed, cruise, up, down)
+            ramps = ramps_to_rest(room, speed, cruise, up, down)
         path = _Path(self._track.position_at(now_s)[0], now_s)
         path.run(velocity, ramps)
         self._follow(path, now_s)
@@ -92,7 +93,7 @@ class _Path:
                 self.position += sign * ramp.mm
 
 
-def trapeze(length: float, speed: float, cruise: float, up: float, down: float) -> list[Ramp]:
+def ramps_to_rest(length: float, speed: float, cruise: float, up: float, down: float) -> list[Ramp]:
     """Ramps over `length` pulses from `speed` to rest, no faster than cruise; too short a way is braked harder."""
     if length < _NEGLIGIBLE_PULSES:
         return []

@@ -153,6 +153,17 @@ def test_settings_are_listed_and_stored(host: Host) -> None:
     assert b"$120=25.000\r\n" in host.say(b"$$\n")
 
 
+def test_the_rig_s_settings(host: Host) -> None:
+    """400 steps/mm, 10 mm/s (Z 5), 50 mm/s², 60 × 30 × 40 mm; homing and soft limits on."""
+    assert host.say(b"$$\n").decode().split() == [
+        *("$0=10", "$1=255", "$2=0", "$3=0", "$4=0", "$5=0", "$6=0", "$10=1", "$11=0.010", "$12=0.002", "$13=0"),
+        *("$20=1", "$21=0", "$22=1", "$23=0", "$24=25.000", "$25=300.000", "$26=250", "$27=1.000"),
+        *("$30=1000", "$31=0", "$32=0", "$100=400.000", "$101=400.000", "$102=400.000"),
+        *("$110=600.000", "$111=600.000", "$112=300.000", "$120=50.000", "$121=50.000", "$122=50.000"),
+        *("$130=60.000", "$131=30.000", "$132=40.000", "ok"),
+    ]
+
+
 def test_soft_limits_need_homing(host: Host) -> None:
     assert host.say(b"$22=0\n") == b"ok\r\n"
     assert b"$20=0\r\n" in host.say(b"$$\n")
@@ -578,6 +589,12 @@ def test_a_reset_switches_outputs_off(host: Host) -> None:
 def test_inches_and_relative_moves(host: Host) -> None:
     host.say(b"G20G91G1X-0.1F20\n", 20.0)
     assert host.steps()[0] == -400 - 1016
+
+
+def test_words_that_say_what_is_so_anyway_are_taken(host: Host) -> None:
+    assert host.say(b"G17G21G54G90G94\n") == b"ok\r\n"
+    for other in (b"G18", b"G55", b"G93", b"G81"):
+        assert host.say(other + b"\n") == b"error:20\r\n"
 
 
 def test_g53_ignores_offset_and_relative_mode() -> None:

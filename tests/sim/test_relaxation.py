@@ -103,3 +103,11 @@ def test_an_unknown_force_is_told_and_not_integrated() -> None:
     assert math.isnan(force.force_n(1.5))
     clock.wait_s(1.5)
     assert 0.5 < force.force_n(3.0) < 1.0
+
+
+def test_a_long_day_keeps_only_the_last_samples() -> None:
+    clock = VirtualClock()
+    force = RelaxingForce(clock, lambda t_s: 1.0, TERMS, 0.05)
+    clock.wait_s(100.0)
+    assert force.force_n(95.0) > 0
+    assert len(force._forces) <= 256
