@@ -165,6 +165,47 @@ def test_measures_that_go_together_are_named(make_stimulus: Make) -> None:
     assert found == ("step:1 at 2.33 gwt", [["ep1", "ep3", "sed"]])
 
 
+def test_measures_that_go_together_loosely_are_not_named(make_stimulus: Make) -> None:
+    """|r| = 1/√(1 + 0.25²) = 0.970, below the 0.98 that docs/comparison.md states."""
+    columns = np.column_stack([np.ones(3 * len(X)), np.random.default_rng(0).normal(size=(3 * len(X), 2))])
+    ep1, e13 = np.linalg.qr(columns)[0].T[1:].reshape(2, len(X), 3)  # of mean zero and orthogonal
+    profiles = {"ep1": ep1, "sed": ep1 + 0.25 * e13, "e13": e13}
+    assert compare([make_stimulus("step:1", X, RECEPTORS, profiles)], {}).collinear()[0][1] == []
+
+
+def test_what_a_line_explains_is_of_the_scatter_about_the_mean(steps: list[Stimulus]) -> None:
+    (joint,) = fitted(steps, Afferent("ep1", 1, k=20.0, eps0=1.1)).joints
+    pair = MEASURES.index("sed"), 0
+    expected = 1 - joint.fit.rss[pair] / ((joint.rate - joint.rate.mean()) ** 2).sum()
+    assert 0 < expected < 0.95
+    assert joint.explained[pair] == pytest.approx(expected)
+
+
+def test_a_receptor_that_covers_too_little_is_not_the_best(make_stimulus: Make) -> None:
+    """The receptor at 4 mm sees three of the twelve positions, and explains those exactly."""
+    profile = np.sin(3 * X)[:, None]
+    stimulus = make_stimulus("step:1", X, np.array([0.0, 4.0]), {"ep1": np.hstack([profile, profile])})
+    positions = np.linspace(-3.0, 1.4, 12)
+    far = stimulus.at(positions)[MEASURES.index("ep1"), :, 1]
+    rates = np.where(np.isfinite(far), 10 + 5 * np.nan_to_num(far), 3.0)
+    rows = [(float(x), float(r), np.nan) for x, r in zip(positions, rates, strict=True)]
+    (joint,) = compare([stimulus], {"step:1": recording("made.csv", rows)}).joints
+    ep1 = MEASURES.index("ep1")
+    assert joint.explained[ep1, 1] > joint.explained[ep1, 0]
+    np.testing.assert_array_equal(joint.in_play, [True, False])
+    assert best_receptor(joint, ep1) == 0
+
+
+def test_a_rate_that_falls_with_its_measure_has_an_interval_below_zero(steps: list[Stimulus]) -> None:
+    afferent, positions = Afferent("ep1", 1, k=-40.0, eps0=1.6), np.linspace(-1.5, 1.5, 16)
+    rng = np.random.default_rng(1)
+    (joint,) = compare(steps, {s.shape: record(afferent, s, positions, rng) for s in steps}).joints
+    limits = joint.interval(MEASURES.index("ep1"), 1)
+    assert limits is not None
+    assert limits.k[0] < -40 < limits.k[1] < 0
+    assert limits.eps0[0] < 1.6 < limits.eps0[1]
+
+
 def test_rates_over_their_family_s_largest(steps: list[Stimulus]) -> None:
     afferent = Afferent("ep1", 1, k=20.0, eps0=1.1)
     plain, normalised = fitted(steps, afferent), fitted(steps, afferent, normalise=True)

@@ -47,6 +47,7 @@ def test_mirrored_and_normalised(tmp_path: Path) -> None:
     np.testing.assert_array_equal(mirrored.rate, [16, 8, 4])
     np.testing.assert_array_equal(mirrored.sd, [4, 2, 1])
     np.testing.assert_array_equal(mirrored.normalised(16).rate, [1, 0.5, 0.25])
+    np.testing.assert_array_equal(mirrored.normalised(16).sd, [0.25, 0.125, 0.0625])
     assert mirrored.normalised(16).changes == ("mirrored", "rates divided by 16")
     np.testing.assert_array_equal(mirrored.mirrored().position_mm, found.position_mm)
 

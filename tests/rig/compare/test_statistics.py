@@ -109,18 +109,39 @@ def test_intervals_widen_with_noise_and_hold_the_estimate() -> None:
     assert quiet.k[0] < 50 < quiet.k[1]
 
 
-def test_intervals_over_few_repeats_are_wider_as_welch_s_t_is(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Two positions: k is a difference of two means, with 2 and with 7 repeats."""
+def test_intervals_over_few_repeats_are_wider_as_welch_s_t_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two positions: k is a difference of two means y, with 2 and with 7 repeats, and ε₀ = −y₀/(y₁ − y₀)."""
     few, many = np.array([20.0, 26.0]), np.array([50.0, 53.0, 47.0, 55.0, 49.0, 52.0, 46.0])
     asked = (np.array([0.0, 1.0]), [few, many], np.zeros(2, dtype=int), 1)
-    k_low, k_high = interval(*asked).k
+    found = interval(*asked)
     monkeypatch.setattr(statistics, "_stretch", lambda variance, freedom: 1.0)
-    plain_low, plain_high = interval(*asked).k
-    freedom = stats.ttest_ind(few, many, equal_var=False).df
-    expected = stats.t.ppf(0.975, freedom) / stats.norm.ppf(0.975)
-    assert (k_high - k_low) / (plain_high - plain_low) == pytest.approx(expected, rel=1e-9)
+    plain = interval(*asked)
+    variance = np.array([few.var(ddof=1) / 2, many.var(ddof=1) / 7])
+    assert wider(found.k, plain.k) == pytest.approx(t_over_normal(stats.ttest_ind(few, many, equal_var=False).df))
+    weighted = variance * np.array([many.mean(), few.mean()]) ** 2
+    freedom = weighted.sum() ** 2 / (weighted**2 / np.array([1, 6])).sum()
+    assert wider(found.eps0, plain.eps0) == pytest.approx(t_over_normal(freedom))
+
+
+def wider(one: tuple[float, float], other: tuple[float, float]) -> float:
+    return (one[1] - one[0]) / (other[1] - other[0])
+
+
+def t_over_normal(freedom: float) -> float:
+    return float(stats.t.ppf(0.975, freedom) / stats.norm.ppf(0.975))
+
+
+def test_no_limits_where_one_draw_in_four_has_no_fit() -> None:
+    """Of two repeats 0 and 9 a quarter of the draws is 0 twice: silence everywhere, no line."""
+    found = interval(np.array([1.0, 0.0]), [np.array([0.0, 9.0]), np.zeros(2)], np.zeros(2, dtype=int), 1)
+    assert np.isnan([*found.k, *found.eps0]).all()
+
+
+def test_a_resampled_mean_is_never_below_silence() -> None:
+    """Of 0 and 1 the mean 0.5 is spread by √2 to −0.21; a rate below zero would leave no line for a quarter."""
+    repeats = [np.array([10.0, 10.0]), np.array([0.0, 1.0]), np.zeros(2)]
+    found = interval(np.array([2.0, 1.0, 0.0]), repeats, np.zeros(3, dtype=int), 1)
+    assert np.isfinite([*found.k, *found.eps0]).all()
 
 
 def test_resampled_repeats_spread_as_their_mean_does() -> None:
