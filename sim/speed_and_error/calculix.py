@@ -1,6 +1,6 @@
 """One contact job by CalculiX on a mesh of ours, and the same contact here.
 
-Debian: apt-get install calculix-ccx. The deck and its settings are `sim/deck.py`'s.
+Debian: apt-get install calculix-ccx. The deck and its settings are `sim/models/deck.py`'s.
 """
 
 import re

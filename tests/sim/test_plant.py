@@ -5,7 +5,7 @@ import pytest
 from sim.contact.shapes import ShapeError
 from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.plant.plant import Carriage, Placement, Plant, Screws, Truth
+from sim.plant.plant import Carriage, Placement, Plant, Pose, Press, Screws, Truth
 
 PLACE = Placement(pad_centre_x_mm=-30.0, apex_z_mm=-25.0)
 
@@ -66,6 +66,29 @@ def test_nothing_is_felt_beside_the_finger(finger: Fingertip, carriage: Steps) -
         carriage.command(x, z)
         assert plant.pose_at(0.0).doi_mm == float("-inf")
         assert plant.force_n(0.0) == 0.0
+
+
+@pytest.mark.parametrize("along_mm", [-6.9, 5.9])
+def test_nothing_is_felt_beyond_the_ends_of_the_finger(finger: Fingertip, along_mm: float) -> None:
+    # The receptor plane is 6.893 mm from one end and 5.857 mm from the other.
+    press = Press(finger, "sphere:2")
+    beyond = Pose(0.0, -3.0, along_mm)
+    assert press.doi_mm(beyond) == float("-inf")
+    assert press.force_n(beyond) == 0.0
+    assert press.doi_mm(Pose(0.0, -3.0, 0.99 * along_mm)) > float("-inf")
+
+
+def test_a_contact_that_is_not_solved_is_no_answer(finger: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sim.contact.solver.MAX_PASSES", 1)
+    with pytest.raises(ModelRangeError, match=r"no answer for bar:3.0 at x = 0 mm, DOI .*: residual "):
+        Press(finger, "bar:3.0").force_n(Pose(0.0, -1.0))
+
+
+def test_only_the_same_place_of_the_finger_is_gone_on_from() -> None:
+    here = Pose(0.1, -0.5, 0.2)
+    assert here.over(Pose(0.1, 3.0, 0.2))
+    assert not here.over(Pose(0.1, -0.5, 0.3))
+    assert not here.over(Pose(0.2, -0.5, 0.2))
 
 
 def test_force_is_that_of_the_model_at_the_true_pose(finger: Fingertip, carriage: Steps) -> None:
