@@ -80,7 +80,7 @@ def test_nothing_is_felt_beyond_the_ends_of_the_finger(finger: Fingertip, along_
 
 def test_a_contact_that_is_not_solved_is_no_answer(finger: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sim.contact.solver.MAX_PASSES", 1)
-    with pytest.raises(ModelRangeError, match=r"no answer for bar:3.0 at x = 0 mm, DOI .*: residual "):
+    with pytest.raises(ModelRangeError, match=r"no answer for bar:3 at x = 0 mm, DOI .*: residual "):
         Press(finger, "bar:3.0").force_n(Pose(0.0, -1.0))
 
 
