@@ -13,6 +13,12 @@ from rig.data.reader import Run
 from rig.devices.units import GWT_N
 
 _M_PER_MM = 1e-3
+_MARKS = {
+    "block": "of the schedule, from 1; 0 outside of one",
+    "repeat": "of the condition in its block, from 1; 0 outside of a schedule",
+    "condition": "item of the schedule",
+}
+_OUTSIDE: dict[str, Any] = {"block": 0, "repeat": 0, "condition": ""}
 
 
 class NwbMissingError(Exception):
@@ -95,8 +101,13 @@ def _add_indentations(run: Run, file: Any) -> None:
         "increments": "holds at equal parts of the target",
     }.items():
         file.add_trial_column(name, about)
+    marked = any("block" in event for event in starts)
+    for name, about in _MARKS.items() if marked else ():
+        file.add_trial_column(name, about)
     for event in starts:
         columns = {name: event[name] for name in ("index", "indentor", "x_mm", "target", "value", "increments")}
+        if marked:
+            columns |= {name: event.get(name, outside) for name, outside in _OUTSIDE.items()}
         file.add_trial(start_time=event["t_s"], stop_time=ends[event["index"]], **columns)
 
 

@@ -66,3 +66,14 @@ class RigSettings(BenchSettings):
 
     limits: LimitSettings = LimitSettings()
     habits: HabitSettings = HabitSettings()
+
+    @model_validator(mode="after")
+    def _slow_enough(self) -> Self:
+        fastest = self.limits.max_press_speed_mm_s
+        for name in ("approach_speed_mm_s", "press_speed_mm_s"):
+            speed = getattr(self.habits, name)
+            if speed > fastest:
+                raise ValueError(
+                    f"limits.max_press_speed_mm_s = {fastest:g}: expected no less than habits.{name} = {speed:g}"
+                )
+        return self

@@ -1,11 +1,10 @@
 """The whole configuration: the rig's own settings, the finger model and the virtual bench."""
 
-import json
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
+import tomlkit
 from pydantic import Field, ValidationError, model_validator
 
 from rig.engine.rig_settings import RigSettings
@@ -53,17 +52,7 @@ class Config(RigSettings):
 
     def as_toml(self) -> str:
         """Every table and value, as a configuration file that gives this configuration."""
-        return "\n".join(_toml_tables(self.model_dump(mode="json", exclude_none=True))) + "\n"
-
-
-def _toml_tables(values: dict[str, Any], prefix: str = "") -> Iterator[str]:
-    for key, value in values.items():
-        if not isinstance(value, dict):
-            yield f"{key} = {json.dumps(value, ensure_ascii=False)}".replace("\x7f", "\\u007f")
-    for key, value in values.items():
-        if isinstance(value, dict):
-            yield f"\n[{prefix}{key}]"
-            yield from _toml_tables(value, f"{prefix}{key}.")
+        return tomlkit.dumps(self.model_dump(mode="json", exclude_none=True))
 
 
 def load_config(path: Path | None) -> Config:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+import tomlkit
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import t as student
@@ -39,8 +40,10 @@ class Lie:
 
     def as_toml(self) -> str:
         """[frame] for the configuration file."""
-        lines = (f"{name} = {self.value[name]:.4f}  # ± {2 * self.sd[name]:.4f} (95 %)" for name in self.value)
-        return "\n".join(("[frame]", *lines)) + "\n"
+        frame = tomlkit.table()
+        for name, value in self.value.items():
+            frame.add(name, tomlkit.value(f"{value:.4f}").comment(f"± {2 * self.sd[name]:.4f} (95 %)"))
+        return tomlkit.dumps({"frame": frame})
 
 
 class _Skin:

@@ -2,6 +2,8 @@
 
 import datetime
 
+import tomlkit
+
 from rig.plan.config import Config
 from rig.protocol.errors import BadInputError
 from rig.transport.clock import WallClock
@@ -30,5 +32,6 @@ def as_table(name: str, value: float, valid_days: int, sd: float | None = None) 
     """A calibration made today, as lines for the configuration file."""
     date = today()
     expires = date + datetime.timedelta(days=valid_days)
-    known_to = "" if sd is None else f"sd = {sd:.3g}\n"
-    return f"[calibration.{name}]\nvalue = {value:.6g}\n{known_to}date = {date}\nexpires = {expires}\n"
+    known_to = {} if sd is None else {"sd": tomlkit.value(f"{sd:.3g}")}
+    table = {"value": tomlkit.value(f"{value:.6g}"), **known_to, "date": date, "expires": expires}
+    return tomlkit.dumps({"calibration": {name: table}})

@@ -66,6 +66,14 @@ def test_no_file_means_the_defaults() -> None:
         ('[stage]\nport = "tcp://10.0.0.7"\n', "stage.port = 'tcp://10.0.0.7': expected tcp://HOST:PORT or the name"),
         ('[force]\nport = ""\n', "force.port = '': expected tcp://HOST:PORT or the name of a serial port"),
         ("[limits]\nx_mm = [-6.0]\n", "limits.x_mm.1"),
+        (
+            "[limits]\nmax_press_speed_mm_s = 0.8\n",
+            "limits.max_press_speed_mm_s = 0.8: expected no less than habits.press_speed_mm_s = 1",
+        ),
+        (
+            "[limits]\nmax_press_speed_mm_s = 0.3\n[habits]\npress_speed_mm_s = 0.2\n",
+            "limits.max_press_speed_mm_s = 0.3: expected no less than habits.approach_speed_mm_s = 0.5",
+        ),
         ("[virtual]\nz_screw_steps_per_mm = 0\n", "virtual.z_screw_steps_per_mm = 0: input should be greater than 1"),
     ],
 )
@@ -179,7 +187,7 @@ CHANGES = st.fixed_dictionaries({}, optional={place: st.floats(*ends) for place,
 
 @given(
     changes=CHANGES,
-    port=st.text(st.characters(codec="ascii"), min_size=1, max_size=20).filter(lambda s: "\x7f" not in s),
+    port=st.text(st.characters(codec="utf-8"), min_size=1, max_size=20),
 )
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_what_is_written_reads_back_the_same(toml: Path, changes: dict[tuple[str, str], float], port: str) -> None:

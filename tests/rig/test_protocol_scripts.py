@@ -214,6 +214,32 @@ def test_limits_of_force_and_of_travel(tmp_path: Path, finger: Fingertip) -> Non
     assert text == "machine x = -70.000 mm is outside the stage's travel, -60 … 0 mm"
 
 
+@pytest.mark.parametrize(
+    ("habit", "body", "complaint"),
+    [
+        (
+            "press_speed_mm_s",
+            "rig.indent(doi_mm=0.3)",
+            "indent: habits.press_speed_mm_s = 1.5: expected 0.017 … 1 mm/s",
+        ),
+        ("approach_speed_mm_s", "rig.indent(doi_mm=0.3)", "indent: habits.approach_speed_mm_s = 1.5: expected"),
+        ("approach_speed_mm_s", "rig.touch()", "touch: habits.approach_speed_mm_s = 1.5: expected 0.017 … 1 mm/s"),
+        ("press_speed_mm_s", "rig.reference(x_mm=0.0, doi_mm=0.3)", "reference: habits.press_speed_mm_s = 1.5"),
+    ],
+)
+def test_every_speed_is_checked(tmp_path: Path, finger: Fingertip, habit: str, body: str, complaint: str) -> None:
+    """Of settings that no file gave, since a file with these is refused."""
+    config = Config()
+    habits = config.habits.model_copy(update={habit: 1.5})
+    limits = config.limits.model_copy(update={"max_press_speed_mm_s": 1.0})
+    config = config.model_copy(update={"habits": habits, "limits": limits})
+    script = _script(tmp_path, READY + body)
+    with pytest.raises(BadInputError) as caught:
+        make_plan(script, config, finger)
+    assert complaint in str(caught.value)
+    make_plan(_script(tmp_path, READY + "rig.indent(doi_mm=0.3, speed_mm_s=0.5)"), Config(), finger)
+
+
 def test_the_plan_predicts(tmp_path: Path, finger: Fingertip) -> None:
     body = READY + "rig.indent(doi_mm=0.3); rig.indent(force_gwt=2.33, increments=2, hold_s=0.5)"
     script = _script(tmp_path, body)

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from rig.engine import Engine
-from rig.protocol.refusals import refuse_clearance
 from rig.protocol.steps.base import Owed, Step
 from rig.protocol.walk import Spot, Walk
 
@@ -18,7 +17,6 @@ class Retract(Step[None, None]):
 
     def check(self, walk: Walk) -> Spot:
         walk.need(walk.homed, self.verb, "home()")
-        refuse_clearance(walk.settings)
         return walk.spot()
 
     def carry_out(self, engine: Engine, expected: None) -> None:

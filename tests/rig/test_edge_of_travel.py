@@ -1,0 +1,141 @@
+"""Nothing that the plan can know is found by the board: at the edge of travel a verb is refused, or it is done.
+
+Each script is planned on a configuration just within and just beyond an end of the stage, and what is not refused is
+carried out on a finger of springs, over the wire, by the virtual board or drives that alarm beyond their travel.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.devices.stage.base import StageError
+from rig.plan.config import Config
+from rig.plan.finger_model import FingerModel
+from rig.plan.plan import make_plan
+from rig.protocol.errors import BadInputError
+from rig.protocol.planned import Prediction
+from rig.protocol.script import Script, load_script
+from rig.session.rehearsal import rehearsed
+from sim.models.fingertip import Fingertip
+
+READY = "rig.mount('cylinder:9'); rig.home(); rig.zero(); "
+PRESS = "rig.indent(doi_mm=0.2, hold_s=0); "
+SCRIPTS = {
+    "retract": READY + "rig.retract(); rig.move_to(x_mm=0.0); " + PRESS,
+    "move_to": READY
+    + "rig.move_to(x_mm=1.0); rig.move_to(x_mm=-1.0); rig.rest(0.1); rig.move_to(x_mm=0.0); "
+    + PRESS,
+    "touch": READY + "rig.move_to(x_mm=3.0); rig.touch(); rig.move_to(x_mm=0.0); " + PRESS,
+    "indent": READY + "rig.move_to(x_mm=0.0); " + PRESS + "rig.retract()",
+    "deep": READY + "rig.move_to(x_mm=0.0); rig.indent(doi_mm=1.0, increments=2, hold_s=0)",
+    "by force": READY + "rig.move_to(x_mm=0.0); rig.indent(force_gwt=20.0, hold_s=0)",
+    "precondition": READY + "rig.move_to(x_mm=0.0); rig.precondition(presses=2, doi_mm=0.8, hold_s=0); " + PRESS,
+    "reference": READY + "rig.reference(x_mm=1.0, doi_mm=0.8, hold_s=0); rig.move_to(x_mm=0.0); " + PRESS,
+}
+BY, X_TRAVEL_MM, Y_TRAVEL_MM, Z_TRAVEL_MM = 0.02, 60.0, 30.0, 40.0
+CLEARANCE_MM, SEARCH_MM = 0.3, 0.5
+MEASURED = {"date": "2026-01-05", "expires": "2126-01-05"}
+
+
+def _configurations() -> Iterator[tuple[str, dict[str, Any]]]:
+    """Each with an end of the stage within, at and beyond what some verb needs."""
+    for way, by in (("within", BY), ("at", 0.0), ("beyond", -BY)):
+        yield f"left {way}", {"frame": {"pad_centre_x_mm": -X_TRAVEL_MM + 1.0 + by}}
+        yield f"right {way}", {"frame": {"pad_centre_x_mm": -1.0 - by}}
+        yield f"front {way}", {"frame": {"pad_y_mm": -Y_TRAVEL_MM + by}}
+        yield f"back {way}", {"frame": {"pad_y_mm": -by}}
+        yield f"top {way}", {"frame": {"apex_z_mm": -CLEARANCE_MM - by}}
+        for what, below_mm in (("search", SEARCH_MM), ("0.8 mm", 0.8), ("1 mm", 1.0)):
+            yield f"bottom {way}, {what}", {"frame": {"apex_z_mm": -Z_TRAVEL_MM + below_mm + by}}
+        low = {"apex_z_mm": -Z_TRAVEL_MM + 1.0 + by}
+        given = {"compliance_mm_per_n": {"value": 0.5, **MEASURED}}
+        yield f"bottom {way}, the rig gives", {"frame": low, "calibration": given}
+        slack = {"z_backlash_mm": {"value": 0.1, **MEASURED}, "x_backlash_mm": {"value": 0.1, **MEASURED}}
+        yield f"top {way}, with backlash", {"frame": {"apex_z_mm": -CLEARANCE_MM - by}, "calibration": slack}
+        yield f"bottom {way}, with backlash", {"frame": {"apex_z_mm": -Z_TRAVEL_MM + 1.0 + by}, "calibration": slack}
+        yield f"right {way}, with backlash", {"frame": {"pad_centre_x_mm": -1.0 - by}, "calibration": slack}
+    yield "clearance above travel", {"frame": {"apex_z_mm": -0.1}}
+    yield "the apex above travel", {"frame": {"apex_z_mm": 0.5}}
+    yield "all below travel", {"frame": {"apex_z_mm": -Z_TRAVEL_MM - 1.0}}
+
+
+@pytest.fixture(scope="module")
+def scripts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Script]:
+    folder = tmp_path_factory.mktemp("scripts")
+    made = {}
+    for name, body in SCRIPTS.items():
+        path: Path = folder / f"{name.replace(' ', '_')}.py"
+        path.write_text(f"def run(rig):\n    {body}\n", encoding="utf-8")
+        made[name] = load_script(str(path))
+    return made
+
+
+@pytest.fixture
+def solved_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Predictions depend on no frame: one solve for all configurations."""
+    solve = FingerModel._solved
+
+    def kept(model: FingerModel, *asked: Any) -> Prediction:
+        if asked not in _SOLVED:
+            _SOLVED[asked] = solve(model, *asked)
+        return _SOLVED[asked]
+
+    monkeypatch.setattr(FingerModel, "_solved", kept)
+
+
+_SOLVED: dict[tuple[Any, ...], Prediction] = {}
+
+
+@pytest.mark.parametrize("stage", ["grbl", "leadshine"])
+@pytest.mark.parametrize(("what", "tables"), list(_configurations()), ids=[name for name, _ in _configurations()])
+@pytest.mark.usefixtures("solved_once")
+def test_refused_by_the_plan_or_done(
+    finger: Fingertip, scripts: dict[str, Script], stage: str, what: str, tables: dict[str, Any]
+) -> None:
+    habits = {"clearance_mm": CLEARANCE_MM, "descent_step_mm": 5.0}
+    config = Config.model_validate(
+        {"habits": habits, "limits": {"search_mm": SEARCH_MM}, "stage": {"kind": stage}} | tables
+    )
+    ended = {name: _ended(script, config, finger) for name, script in scripts.items()}
+    assert not any("\n" in end for end in ended.values())
+    if " within" in what and "backlash" not in what and "gives" not in what:
+        assert "done" in ended.values(), ended
+    if " beyond" in what:
+        assert any(end != "done" for end in ended.values()), ended
+
+
+def _ended(script: Script, config: Config, finger: Fingertip) -> str:
+    try:
+        plan = make_plan(script, config, finger)
+    except BadInputError as error:
+        return str(error)
+    try:
+        rehearsed(script, config, finger, plan)
+    except StageError as error:
+        pytest.fail(f"{script.name}: {error}")
+    return "done"
+
+
+READY_TO_PRESS = "rig.mount('cylinder:9'); rig.home(); rig.zero(); rig.move_to(x_mm=0.0); "
+
+
+@pytest.mark.parametrize(
+    "body", ["rig.indent(doi_mm=0.1)", "rig.indent(force_gwt=0.2)", "rig.touch(); rig.indent(doi_mm=0.1)"]
+)
+def test_where_contact_is_searched_for_belongs_to_the_travel(finger: Fingertip, tmp_path: Path, body: str) -> None:
+    """0.4 mm below the apex there is travel: enough for 0.1 mm, and not for a search of 0.5 mm."""
+    path = tmp_path / "mine.py"
+    path.write_text(f"def run(rig):\n    {READY_TO_PRESS}{body}\n", encoding="utf-8")
+    near = {"frame": {"apex_z_mm": -39.6}}
+    with pytest.raises(BadInputError, match=r"machine z = -40\.1\d* mm is outside the stage's travel, -40 … 0 mm"):
+        make_plan(load_script(str(path)), Config.model_validate(near), finger)
+    make_plan(load_script(str(path)), Config.model_validate({**near, "limits": {"search_mm": 0.3}}), finger)
+
+
+def test_a_touch_below_the_travel_is_refused(finger: Fingertip) -> None:
+    """What ended in ALARM:2 with a position that nobody could trust."""
+    config = Config.model_validate({"frame": {"apex_z_mm": -39.4}})
+    with pytest.raises(BadInputError, match=r"machine z = -40\.\d* mm is outside the stage's travel"):
+        make_plan(load_script("find_finger"), config, finger)

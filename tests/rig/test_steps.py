@@ -1,0 +1,329 @@
+"""Steps and their handlers: what is solved when, how steps are marked, and what a new verb needs."""
+
+import json
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import pytest
+
+from rig.data import Run, export_nwb, read_run
+from rig.engine import Engine
+from rig.plan.config import Config
+from rig.plan.finger_model import FingerModel
+from rig.plan.plan import make_plan
+from rig.protocol.api import Rig
+from rig.protocol.errors import BadInputError
+from rig.protocol.planned import Prediction
+from rig.protocol.script import Script, load_script
+from rig.protocol.steps import Indent, Mount, Owed, Step
+from rig.protocol.walk import Spot, Walk
+from rig.session.preflight import preflight
+from rig.session.resume import read_stopped
+from rig.session.session import FinishedRun, NewRun, Session, dry_run
+from sim.models.fingertip import Fingertip
+
+BODY = """\
+from rig.protocol import ScheduledParameters
+
+
+class Parameters(ScheduledParameters):
+    pass
+
+
+def run(rig):
+    rig.mount("cylinder:9")
+    rig.home()
+    rig.zero()
+    rig.move_to(x_mm=0.25)
+    rig.indent(doi_mm=0.3, hold_s=0.1)
+    for block in rig.parameters.schedule((-0.5, 0.5)).on(rig):
+        if rig.parameters.precondition:
+            rig.move_to(x_mm=0.0)
+            rig.precondition(presses=rig.parameters.precondition, force_gwt=1.5, hold_s=0.1)
+        for x_mm in block:
+            rig.move_to(x_mm=x_mm)
+            rig.indent(doi_mm=0.3, hold_s=0.1)
+    rig.note("finished")
+"""
+SCHEDULED = ("repeats=2", "blocks=2", "precondition=2", "reference_every=2", "reference_doi_mm=0.2")
+# Nine indentations at three places, four preconditioning presses and four references of one kind each.
+DIFFERENT = 5
+
+
+@pytest.fixture
+def solves(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
+    """What the model is asked for by plans, scripts and rehearsals, not what the virtual finger feels."""
+    found: list[tuple[Any, ...]] = []
+    solve = FingerModel._solved
+
+    def counted(model: FingerModel, *asked: Any) -> Prediction:
+        found.append(asked)
+        return solve(model, *asked)
+
+    monkeypatch.setattr(FingerModel, "_solved", counted)
+    return found
+
+
+def _script(folder: Path, body: str = BODY, *assignments: str) -> Script:
+    path = folder / "mine.py"
+    path.write_text(body, encoding="utf-8")
+    return load_script(str(path), assignments)
+
+
+def _run(script: Script, finger: Fingertip, out: Path) -> FinishedRun:
+    done = dry_run(Session(script, Config(), finger, make_plan(script, Config(), finger), NewRun(out)))
+    assert done.complete, done.problem
+    return done
+
+
+@pytest.fixture(scope="module")
+def whole(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """A run by a schedule, undisturbed."""
+    folder = tmp_path_factory.mktemp("whole")
+    return _run(_script(folder, BODY, *SCHEDULED), finger, folder / "runs").run
+
+
+# --- what is solved, and when ---
+
+
+def test_the_plan_solves_each_press_once_and_the_run_none(
+    finger: Fingertip, tmp_path: Path, solves: list[tuple[Any, ...]]
+) -> None:
+    script = _script(tmp_path, BODY, *SCHEDULED)
+    plan = make_plan(script, Config(), finger)
+    assert len(solves) == DIFFERENT
+    assert (len(plan.indentations), len(plan.all_presses)) == (9, 9 + 4 + 4)
+    assert dry_run(Session(script, Config(), finger, plan, NewRun(tmp_path / "runs"))).complete
+    assert len(solves) == DIFFERENT
+
+
+def test_the_rehearsal_adds_one_solve_at_half_depth(
+    finger: Fingertip, tmp_path: Path, solves: list[tuple[Any, ...]]
+) -> None:
+    script = _script(tmp_path, BODY, *SCHEDULED)
+    plan = make_plan(script, Config(), finger)
+    preflight(script, Config(), finger, plan)
+    assert len(solves) == 2 * DIFFERENT
+    doi_mm = {p.predicted_doi_mm for p in plan.all_presses}
+    assert {target.value for _, _, target in solves[DIFFERENT:]} == {0.5 * d for d in doi_mm}
+
+
+def test_a_step_that_differs_from_the_plan_is_solved_and_checked(
+    finger: Fingertip, tmp_path: Path, solves: list[tuple[Any, ...]]
+) -> None:
+    body = (
+        "passes = []\ndef run(rig):\n    passes.append(1)\n    rig.mount('cylinder:9')\n    rig.home()\n"
+        "    rig.zero()\n    rig.move_to(x_mm=0.0)\n    rig.indent(doi_mm=0.2, hold_s=0.1)\n"
+        "    rig.indent(doi_mm=0.2 if len(passes) == 1 else 0.3, hold_s=0.1)\n"
+        "    if len(passes) > 1:\n        rig.indent(force_gwt=30.0)\n"
+    )
+    script = _script(tmp_path, body)
+    plan = make_plan(script, Config(), finger)
+    assert [target.value for _, _, target in solves] == [0.2]
+    done = dry_run(Session(script, Config(), finger, plan, NewRun(tmp_path / "runs")))
+    assert [target.value for _, _, target in solves] == [0.2, 0.3, 30.0]
+    assert done.indentations == 2
+    assert "force_gwt = 30 at x = 0 mm means" in str(done.problem)
+
+
+# --- a run that is taken up ---
+
+
+@pytest.fixture
+def cut(whole: Run, tmp_path: Path) -> Callable[..., Path]:
+    """The whole run as a kill leaves it just after an indentation."""
+
+    def make(index: int, *, without_soft_trip: bool = False) -> Path:
+        folder = tmp_path / "cut"
+        shutil.copytree(whole.folder.path, folder)
+        documents = [json.loads(line) for line in (folder / "events.jsonl").read_bytes().splitlines()]
+        last = next(
+            n
+            for n, d in enumerate(documents)
+            if d.get("stream") == "indentation_end" and d["doc"] == "event" and d["data"]["index"] == index
+        )
+        if without_soft_trip:
+            del documents[0]["soft_trip_n"]
+        text = "".join(json.dumps(d) + "\n" for d in documents[: last + 1])
+        (folder / "events.jsonl").write_text(text, encoding="ascii")
+        return folder
+
+    return make
+
+
+@pytest.mark.parametrize(("index", "new"), [(0, 4), (6, 4), (8, 0)])
+def test_a_resumed_run_plans_only_what_is_missing(
+    finger: Fingertip, whole: Run, cut: Callable[..., Path], solves: list[tuple[Any, ...]], index: int, new: int
+) -> None:
+    """After 0: both places, reference and preconditioning; after 6 they are owed again; after 8 nothing is."""
+    stopped = read_stopped(cut(index))
+    plan = make_plan(stopped.script, stopped.config, finger, stopped.run)
+    assert len(solves) == new
+    assert len(plan.indentations) == 8 - index
+    assert plan.soft_trip_n == whole.start["soft_trip_n"] > 0.0
+    again = dry_run(Session(stopped.script, stopped.config, finger, plan, stopped))
+    assert len(solves) == new
+    run = again.run
+    assert (again.complete, run.missing, run.repeated, run.restarted) == (True, 0, 0, 0)
+    kept = ("index", "x_mm", "value", "block", "repeat", "condition")
+    assert [[e.get(key) for key in kept] for e in run.stream("indentation_start")] == [
+        [e.get(key) for key in kept] for e in whole.stream("indentation_start")
+    ]
+
+
+def test_an_old_run_is_planned_whole(
+    finger: Fingertip, whole: Run, cut: Callable[..., Path], solves: list[tuple[Any, ...]]
+) -> None:
+    """Its journal does not tell the soft trip."""
+    stopped = read_stopped(cut(6, without_soft_trip=True))
+    plan = make_plan(stopped.script, stopped.config, finger, stopped.run)
+    assert len(solves) == DIFFERENT
+    assert len(plan.indentations) == 9
+    assert plan.soft_trip_n == pytest.approx(whole.start["soft_trip_n"])
+
+
+# --- marks ---
+
+
+def test_indentations_by_a_schedule_are_marked(whole: Run) -> None:
+    starts = whole.stream("indentation_start")
+    assert {"block", "repeat", "condition"}.isdisjoint(starts[0])
+    assert [(e["block"], e["repeat"], e["condition"], e["x_mm"]) for e in starts[1:]] == [
+        (block, repeat, f"{x_mm:g}", x_mm) for block in (1, 2) for repeat in (1, 2) for x_mm in (-0.5, 0.5)
+    ]
+    for stream in ("precondition_indentation_start", "reference_indentation_start"):
+        assert [(e["block"], "repeat" in e, "condition" in e) for e in whole.stream(stream)] == [
+            (block, False, False) for block in (1, 1, 2, 2)
+        ]
+
+
+def test_marks_are_exported(whole: Run, tmp_path: Path) -> None:
+    import pynwb
+
+    table = (whole.folder.path / "indentation_start.csv").read_text(encoding="utf-8").splitlines()
+    assert table[0].endswith(",block,repeat,condition")
+    assert table[1].endswith(",,,")
+    assert table[3].endswith(",1,1,0.5")
+    with pynwb.NWBHDF5IO(export_nwb(whole), "r") as file:
+        trials = file.read().trials.to_dataframe()
+    assert list(trials["block"]) == [0, 1, 1, 1, 1, 2, 2, 2, 2]
+    assert list(trials["repeat"]) == [0, 1, 1, 2, 2, 1, 1, 2, 2]
+    assert list(trials["condition"])[:3] == ["", "-0.5", "0.5"]
+
+
+def test_marks_end_with_the_loop_that_made_them() -> None:
+    """Also with one that is left by `break`."""
+    from rig.protocol import Schedule
+
+    seen: list[Step[Any, Any]] = []
+
+    class Noting:
+        def handle(self, step: Step[Any, Any], spot: Spot) -> Any:
+            seen.append(step)
+
+    class Anything:
+        def refuse_shape(self, indentor: str) -> None:
+            """Every name will do."""
+
+    rig = Rig(None, Walk(Config(), Anything()), Noting())  # type: ignore[arg-type]
+    rig.home()
+    for block in Schedule(("a", ("b", 2)), repeats=2).on(rig):
+        for _ in block:
+            rig.mount("one")
+        rig.mount("two")
+        for _ in block:
+            rig.mount("three")
+            break
+        rig.mount("four")
+        break
+    rig.mount("five")
+    marks = [(s.block, s.repeat, s.condition) for s in seen if isinstance(s, Mount)]
+    assert marks[:4] == [(1, 1, "a"), (1, 1, "('b', 2)"), (1, 2, "a"), (1, 2, "('b', 2)")]
+    assert marks[4:] == [(1, None, None), (1, 1, "a"), (1, None, None), (None, None, None)]
+
+
+def test_a_step_is_data() -> None:
+    step = Indent(doi_mm=0.3, block=2)
+    assert step == Indent(doi_mm=0.3, block=2) != Indent(doi_mm=0.3)
+    assert step.arguments == {"doi_mm": 0.3, "force_gwt": None, "increments": 1, "speed_mm_s": None, "hold_s": 1.0}
+    with pytest.raises(AttributeError):
+        step.doi_mm = 0.4  # type: ignore[misc]
+
+
+# --- a new verb: its step, and a method of Rig ---
+
+
+@dataclass(frozen=True, kw_only=True)
+class Nudge(Step[None, str]):
+    """Go a little to the side and back again; answers how often it has said so."""
+
+    verb: ClassVar[str] = "nudge"
+    owed: ClassVar[Owed] = Owed.LAST
+
+    by_mm: float
+
+    def check(self, walk: Walk) -> Spot:
+        walk.need(walk.homed, self.verb, "home()")
+        if not abs(self.by_mm) <= 1.0:
+            raise BadInputError(f"nudge: by_mm = {self.by_mm:g}: expected −1 … 1")
+        return walk.spot()
+
+    def foreseen(self, expected: None) -> str:
+        return "planned"
+
+    def carry_out(self, engine: Engine, expected: None) -> str:
+        engine.note(f"nudged by {self.by_mm:g} mm")
+        return "done"
+
+
+@pytest.fixture
+def nudging(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
+    answers: list[str] = []
+
+    def nudge(rig: Rig, by_mm: float) -> None:
+        answers.append(rig._do(Nudge(by_mm=by_mm)))
+
+    monkeypatch.setattr(Rig, "nudge", nudge, raising=False)
+    return answers
+
+
+NUDGED = """\
+def run(rig):
+    rig.mount("cylinder:9")
+    rig.home()
+    rig.zero()
+    for x_mm in (-0.5, 0.5):
+        rig.nudge(0.5)
+        rig.move_to(x_mm=x_mm)
+        rig.indent(doi_mm=0.3, hold_s=0.1)
+    rig.nudge(0.25)
+"""
+
+
+def test_a_new_verb_is_planned_rehearsed_carried_out_and_taken_up(
+    finger: Fingertip, tmp_path: Path, nudging: list[str]
+) -> None:
+    script = _script(tmp_path, NUDGED)
+    plan = make_plan(script, Config(), finger)
+    assert nudging == ["planned"] * 3
+    preflight(script, Config(), finger, plan)
+    done = dry_run(Session(script, Config(), finger, plan, NewRun(tmp_path / "runs")))
+    assert nudging == ["planned"] * 3 + ["done"] * 6
+    assert [e["text"] for e in done.run.stream("note")] == ["nudged by 0.5 mm"] * 2 + ["nudged by 0.25 mm"]
+    lines = done.folder.events.read_bytes().splitlines(keepends=True)
+    first = next(n for n, line in enumerate(lines) if b'"event"' in line and b'"indentation_end"' in line)
+    done.folder.events.write_bytes(b"".join(lines[: first + 1]))
+    stopped = read_stopped(done.folder.path)
+    rest = make_plan(stopped.script, stopped.config, finger, stopped.run)
+    dry_run(Session(stopped.script, stopped.config, finger, rest, stopped))
+    run = read_run(done.folder.path)
+    assert run.complete
+    assert [e["text"] for e in run.stream("note")] == ["nudged by 0.5 mm"] * 2 + ["nudged by 0.25 mm"]
+
+
+def test_a_new_verb_is_refused_by_its_own_check(finger: Fingertip, tmp_path: Path, nudging: list[str]) -> None:
+    with pytest.raises(BadInputError, match=r"mine.py, line 6: nudge: by_mm = 2: expected −1 … 1"):
+        make_plan(_script(tmp_path, NUDGED.replace("0.5)\n        rig.m", "2)\n        rig.m")), Config(), finger)
