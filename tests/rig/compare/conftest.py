@@ -30,6 +30,26 @@ def run(rig: Rig) -> None:
 """
 
 
+COARSE_FINGERS = """\
+receptor_x_mm = [-1.0, 0.0]
+
+[finger.mesh]
+spacing_mm = 0.5
+patch_x_mm = 2.5
+patch_z_mm = 2.5
+
+[finger.tissue]
+epidermis_mm = [0.3, 0.5]
+
+"""
+
+
+@pytest.fixture
+def coarse_fingers() -> str:
+    """The tables of a parameter study of two fingers of some thousand nodes; presses are still to follow."""
+    return COARSE_FINGERS
+
+
 @pytest.fixture(scope="session")
 def bar_run(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> Run:
     """Bar 3.0 in two increments to DOI 0.4 at five places, x = 0.1 twice."""

@@ -16,18 +16,7 @@ from rig.parameter_study.cases import Case, columns, read_study, solve
 from rig.parameter_study.errors import StudyError, WorkersError
 from rig.parameter_study.workers import spread
 
-COARSE = """\
-receptor_x_mm = [-1.0, 0.0]
-receptor_depth_mm = [0.7, 0.9]
-
-[finger.mesh]
-spacing_mm = 0.5
-patch_x_mm = 2.5
-patch_z_mm = 2.5
-
-[finger.tissue]
-epidermis_mm = [0.3, 0.5]
-
+PRESSES = """\
 [[press]]
 shape = "cylinder:9"
 x_mm = [0.0, 0.5]
@@ -40,10 +29,10 @@ doi_mm = [0.2, 0.4]
 
 
 @pytest.fixture
-def coarse(tmp_path: Path) -> Path:
+def coarse(tmp_path: Path, coarse_fingers: str) -> Path:
     """Two fingers of some thousand nodes, two depths of receptors, two indentors: 12 cases."""
     path = tmp_path / "coarse.toml"
-    path.write_text(COARSE, encoding="utf-8")
+    path.write_text(f"receptor_depth_mm = [0.7, 0.9]\n{coarse_fingers}{PRESSES}", encoding="utf-8")
     return path
 
 
@@ -74,7 +63,7 @@ def test_every_combination_is_a_case(coarse: Path) -> None:
     ],
 )
 def test_a_file_that_is_not_understood(coarse: Path, old: str, new: str, complaint: str) -> None:
-    coarse.write_text(COARSE.replace(old, new), encoding="utf-8")
+    coarse.write_text(coarse.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
     with pytest.raises(StudyError) as caught:
         read_study(coarse)
     assert complaint in str(caught.value)
@@ -84,13 +73,14 @@ def test_a_file_that_is_not_understood(coarse: Path, old: str, new: str, complai
 def test_one_number_needs_no_list(coarse: Path) -> None:
     """Nor is a byte order mark a mistake."""
     with_lists = read_study(coarse)
-    coarse.write_text(COARSE.replace("[1.0]", "1"), encoding="utf-8-sig")
+    coarse.write_text(coarse.read_text(encoding="utf-8").replace("[1.0]", "1"), encoding="utf-8-sig")
     assert "force_gwt = 1\n" in coarse.read_text(encoding="utf-8-sig")
     assert read_study(coarse) == with_lists
 
 
 def test_what_has_no_answer_says_why_in_its_row(coarse: Path) -> None:
-    coarse.write_text(COARSE.replace("doi_mm = [0.2, 0.4]", "doi_mm = [5.0]"), encoding="utf-8")
+    deep = coarse.read_text(encoding="utf-8").replace("doi_mm = [0.2, 0.4]", "doi_mm = [5.0]")
+    coarse.write_text(deep, encoding="utf-8")
     (row,) = solve(read_study(coarse)[1])
     assert "DOI 5 mm: expected 0 < DOI" in row["problem"]
     assert row["shape"] == "bar:3.0"

@@ -28,16 +28,6 @@ pytestmark = [
 ]
 
 MANY_PLACES = """\
-receptor_x_mm = [-1.0, 0.0]
-
-[finger.mesh]
-spacing_mm = 0.5
-patch_x_mm = 2.5
-patch_z_mm = 2.5
-
-[finger.tissue]
-epidermis_mm = [0.3, 0.5]
-
 [[press]]
 shape = "bar:3.0"
 x_mm = [{places}]
@@ -86,7 +76,9 @@ class Cluster:
         busy: list[str] = []
 
         def caught() -> bool:
-            busy[:] = [worker for worker, stacks in _stacks(client).items() if "parameter_study.py" in str(stacks)]
+            busy[:] = [
+                worker for worker, stacks in _stacks(client).items() if "parameter_study/cases.py" in str(stacks)
+            ]
             return bool(busy) and bool(client.who_has())
 
         self._soon(caught)
@@ -127,9 +119,9 @@ def start_study(folder: Path, *options: str) -> subprocess.Popen[str]:
 
 
 @pytest.fixture
-def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def study(tmp_path: Path, coarse_fingers: str, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder of a study of eight cases, with a cache of its own that all processes share."""
-    (tmp_path / "study.toml").write_text(MANY_PLACES, encoding="utf-8")
+    (tmp_path / "study.toml").write_text(coarse_fingers + MANY_PLACES, encoding="utf-8")
     monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path / "cache"))
     return tmp_path
 
