@@ -11,7 +11,7 @@ from rig.cli.interrupts import STOP_SIGNAL, at_once
 from rig.cli.looking import look, position
 from rig.cli.options import ConfigOption, JsonOption
 from rig.cli.output import ExitCode, complain, out, print_json, told_in_one_line
-from rig.devices.bench import open_force, open_stage
+from rig.devices.catalogue import open_force, open_stage
 from rig.devices.stage.base import Stage
 from rig.plan.config import Config, load_config
 from rig.transport import TransportError, first_owner

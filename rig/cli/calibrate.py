@@ -14,17 +14,17 @@ from rig.cli.jog import way
 from rig.cli.options import ConfigOption, JsonOption
 from rig.cli.output import err, out, print_json, told_in_one_line
 from rig.cli.run import ask_at_the_bench
-from rig.devices.bench import open_bench, open_force
+from rig.devices.catalogue import open_force
 from rig.devices.force.base import ForceSensor
-from rig.devices.heartbeat import Heartbeat
 from rig.devices.units import GWT_N
-from rig.engine import Engine
-from rig.engine.compliance import Compliance, measure_compliance
+from rig.engine import Engine, verbs
 from rig.engine.jog import dead_man_jog
 from rig.engine.journal import NoJournal
+from rig.engine.pressing.compliance import Compliance, measure_compliance
 from rig.plan.config import Config, load_config
 from rig.protocol.errors import BadInputError
 from rig.session.calibration import as_table
+from rig.session.real_bench import open_bench
 from rig.transport.clock import WallClock
 
 _READINGS = 20
@@ -97,16 +97,15 @@ def compliance(
 
 
 def _on_a_block(settings: Config, to_gwt: float) -> Compliance:
-    bench = open_bench(settings, ask_at_the_bench, io.StringIO())
-    heartbeat = Heartbeat(bench.clock)
-    engine = Engine(settings, bench.clock, bench.stage, bench.force, NoJournal(), bench, heartbeat=heartbeat)
-    with closing(bench), bench.look_after(heartbeat):
+    bench = open_bench(settings, WallClock(), io.StringIO(), ask_at_the_bench)
+    engine = Engine(settings, bench, NoJournal())
+    with closing(bench), bench.look_after(engine.heartbeat):
         try:
             bench.confirm(f"put a rigid block under a flat indentor; it will be pressed to {to_gwt:g} gwt")
-            engine.mount("flat")
-            engine.home()
-            engine.zero()
-            engine.move_to(0.0)
+            verbs.mount(engine, "flat")
+            verbs.home(engine)
+            verbs.zero(engine)
+            verbs.move_to(engine, 0.0)
             return measure_compliance(engine, to_gwt)
         except KeyboardInterrupt:
             engine.stop()

@@ -1,13 +1,14 @@
 """The engine: it moves the stage one safe increment at a time, reads the force and journals what happens."""
 
+from rig.engine.bench import Bench, Operator, Pause, WatchedBench
 from rig.engine.engine import Engine
 from rig.engine.errors import EngineError, LimitError, NotReadyError, RecordError, RunAborted, ScriptError, TripError
-from rig.engine.indent import indent
 from rig.engine.journal import Journal
-from rig.engine.operator import Operator
+from rig.engine.pressing.indent import indent
 from rig.engine.records import Hold, Indentation, PressId, Target
 
 __all__ = [
+    "Bench",
     "Engine",
     "EngineError",
     "Hold",
@@ -16,11 +17,13 @@ __all__ = [
     "LimitError",
     "NotReadyError",
     "Operator",
+    "Pause",
     "PressId",
     "RecordError",
     "RunAborted",
     "ScriptError",
     "Target",
     "TripError",
+    "WatchedBench",
     "indent",
 ]

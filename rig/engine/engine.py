@@ -1,197 +1,300 @@
-"""The engine: what a rig can be told to do. Every verb of a protocol ends here."""
+"""The engine: states, watched moves, readings that trip, lifts and stops. Every verb of a protocol ends here."""
 
-from collections.abc import Callable
+import contextlib
+import math
+from collections.abc import Callable, Mapping
+from enum import Enum
+from typing import Any, NoReturn, TypeVar
 
-from rig.devices.force.base import ForceSensor
-from rig.devices.heartbeat import Heartbeat
-from rig.devices.stage.base import Stage
+from rig.devices.force.base import ForceReading
+from rig.devices.stage.base import StageError
 from rig.devices.units import GWT_N
-from rig.engine.errors import LimitError, NotReadyError, PressPaused, RunAborted
+from rig.engine.bench import Bench
+from rig.engine.errors import LimitError, NotReadyError, RecordError, TripError
+from rig.engine.heartbeat import Heartbeat
 from rig.engine.journal import Recorder
-from rig.engine.operator import Operator
+from rig.engine.limits import AT_MM, ContactTime, Trips, trip_height_mm
+from rig.engine.motion import FeltError, Motion
 from rig.engine.records import NO_PRESS, PressId
 from rig.engine.rig_settings import RigSettings
-from rig.engine.safety import State
-from rig.engine.sensing import SensingRig
-from rig.transport.clock import Clock
+from rig.engine.sensing import NoReadingError, Sensing
+from rig.transport.base import TransportError
+
+_T = TypeVar("_T")
+
+_LATE_FACTOR = 2.0  # a move may take so many times its length over its speed before the heartbeat is missed
 
 
-class Engine(SensingRig):
-    """A sensing rig with an operator; positions are x and height above the pad's nominal apex, in mm."""
+class State(Enum):
+    """What the engine may do next."""
+
+    UNHOMED = "unhomed"
+    READY = "ready"
+    IN_CONTACT = "in contact"  # anywhere below clearance
+    TRIPPED = "tripped"
+
+
+class Engine:
+    """One bench over one finger; positions are x, along and height above the pad's nominal apex, in mm.
+
+    Its parts: motion (where the indentor is), sensing (what is felt), trips (what must not be felt), contact (for how
+    long the finger was touched), heartbeat. What a script may ask of it is in rig/engine/verbs.py, what an
+    indentation is made of in rig/engine/pressing.
+    """
 
     def __init__(
         self,
         settings: RigSettings,
-        clock: Clock,
-        stage: Stage,
-        force: ForceSensor,
+        bench: Bench,
         journal: Recorder,
-        operator: Operator,
-        interrupted: Callable[[], bool] = lambda: False,
         soft_trip_n: float | None = None,
-        go_on: Callable[[], bool] = lambda: False,
-        heartbeat: Heartbeat | None = None,
         contact_s: float = 0.0,
     ) -> None:
         """contact_s: how long the finger was touched in the parts of the run before this one."""
-        super().__init__(settings, clock, stage, force, journal, soft_trip_n, heartbeat, contact_s)
-        self.operator = operator
+        self.settings, self.bench, self.clock = settings, bench, bench.clock
+        self.state = State.UNHOMED
+        self.problem: Exception | None = None  # the first trip or failure; a run does not end well after it
         self.indentor: str | None = None
-        self._placed = False
+        self.placed = False  # over a position that was asked for
+        self.trips = Trips(settings.limits, soft_trip_n)
+        self.sensing = Sensing(settings, bench.clock, bench.force)
+        self.motion = Motion(settings, bench.stage, self._glance)
+        self.contact = ContactTime(bench.clock, settings.limits, contact_s)
+        self.heartbeat = Heartbeat(bench.clock)
+        self.heartbeat.stop = self._stop_stage
+        self._journal = journal
+        self._may_touch = False  # below clearance since the last lift or homing
         self._next_index = 0
-        self._interrupted, self._go_on = interrupted, go_on
 
-    # verbs
+    # where it is
 
-    def mount(self, indentor: str) -> None:
-        """Have an indentor mounted; the finger must be clear of it."""
-        if self._may_touch or self.state is State.TRIPPED:
-            raise NotReadyError(f"mount: not allowed while {self.state.value}, the finger may be touched; lift first")
-        self.indentor = None
-        mounted = self.operator.mount(indentor)
-        if mounted != indentor:
-            raise NotReadyError(f"mount: {mounted} is on, expected {indentor}; nothing is pressed with the wrong one")
-        self.indentor = indentor
-        self.record("mount", {"indentor": indentor})
+    @property
+    def x_mm(self) -> float:
+        """Lateral position from the centre of the pad."""
+        return self.motion.x_mm
 
-    def home(self) -> None:
-        """Find the switches; from then on the position is trusted."""
-        if self.state is State.TRIPPED:
-            raise NotReadyError("home: the rig has tripped, an operator must reset it")
-        self._heartbeat.rest()  # homing lifts first, and takes its time
-        controller = self._guarded(self._stage.connect)
-        self._guarded(self._stage.home)
-        at = self._guarded(self._stage.status)
-        self.x_mm = at.x_mm - self.settings.frame.pad_centre_x_mm
-        self.height_mm = at.z_mm - self.settings.frame.apex_z_mm
-        self._placed = False
-        self._lifted()
-        self.record("home", {"controller": controller})
+    @property
+    def along_mm(self) -> float:
+        """Position along the finger from the receptor plane."""
+        return self.motion.along_mm
 
-    def move_to(self, x_mm: float, along_mm: float = 0.0) -> None:
-        """Go to a place, at clearance: sideways, and along the finger where the stage has that axis."""
-        self._require_clear("move_to")
-        limits = self.settings.limits
-        for name, mm, (low, high) in (("x", x_mm, limits.x_mm), ("along", along_mm, limits.along_mm)):
-            if not low <= mm <= high:
-                raise LimitError(f"move_to: {name} = {mm:g} mm is outside the limits {low:g} … {high:g} mm")
-        self.safe_point()
-        frame, speed = self.settings.frame, self.settings.habits.travel_speed_mm_s
-        self._guarded(
-            lambda: self._stage.move_to(
-                x_mm=frame.pad_centre_x_mm + x_mm, y_mm=frame.pad_y_mm + along_mm, speed_mm_s=speed
-            )
-        )
-        self.x_mm, self.along_mm = x_mm, along_mm
-        self._go_to_clearance(speed)
-        self._placed = True
-        self.record("move", {"x_mm": x_mm, "along_mm": along_mm, "height_mm": self.height_mm})
+    @property
+    def height_mm(self) -> float:
+        """Of the indentor above the pad's nominal apex."""
+        return self.motion.height_mm
 
-    def be_over(self, x_mm: float) -> None:
-        """Go to a lateral position unless there already."""
-        if not self._placed or (self.x_mm, self.along_mm) != (x_mm, 0.0):
-            self.move_to(x_mm)
+    @property
+    def may_touch(self) -> bool:
+        """Whether the indentor has been below clearance since the last lift or homing."""
+        return self._may_touch
 
-    def retract(self) -> None:
-        """Lift to clearance, straight up."""
-        if self.state not in (State.READY, State.IN_CONTACT):
-            raise NotReadyError(f"retract: not allowed while {self.state.value}")
-        self._lift(self.settings.habits.clearance_mm)
-        self._lifted()
-        self.record("retract", {"height_mm": self.height_mm, "contact_s": self._contact_s})
-
-    def rest(self, seconds: float) -> None:
-        """Let the finger be for so long, at clearance; a pause is taken at once, and its time counts."""
-        self._require_clear("rest")
-        until_s = self.clock.monotonic_s() + seconds
-        while self.clock.monotonic_s() < until_s:
-            self.clock.wait_until(self._interrupted, until_s)
-            self.safe_point()
-        self.record("rest", {"rest_s": seconds})
-
-    def checkpoint(self, name: str) -> None:
-        """Write into the journal that the script has come to here."""
-        self.record("checkpoint", {"name": name})
-
-    def note(self, text: str) -> None:
-        """Write a line into the journal."""
-        self.record("note", {"text": text})
-
-    # what an indentation is made of
-
-    def ready_to_indent(self) -> None:
-        """Raise NotReadyError unless homed, zeroed, mounted, placed and clear."""
-        self._require_clear("indent")
-        if self.indentor is None:
-            raise NotReadyError("indent: no indentor is mounted")
-        if self._zero is None:
-            raise NotReadyError("indent: the force sensor has not been zeroed")
-        if not self._placed:
-            raise NotReadyError("indent: the indentor has not been moved to a position since homing")
-        self._refuse_long_contact()
+    def require_clear(self, verb: str) -> None:
+        """Raises NotReadyError unless at clearance, homed and not tripped."""
+        if self.state is not State.READY:
+            raise NotReadyError(f"{verb}: not allowed while {self.state.value}")
 
     def next_index(self) -> int:
         """The number of the indentation that begins now; never given twice in a run."""
         self._next_index += 1
         return self._next_index - 1
 
-    def pulse(self, press: PressId, at: str) -> None:
-        """Tell the recording amplifier that this is the instant, where an output is configured; of data only.
+    # moving
 
-        rise_s is when the device had confirmed the rise, uncertainty_s how long before that it may have been.
-        """
-        sync = self.settings.sync
-        if sync.output == "off" or press.purpose != "data":
-            return
-        asked_s = self.clock.monotonic_s()
-        self._guarded(lambda: self._stage.set_output(True))
-        rise_s = self.clock.monotonic_s()
-        self.clock.wait_s(sync.width_s)
-        self._guarded(lambda: self._stage.set_output(False))
-        width_s = self.clock.monotonic_s() - rise_s
-        self.record(
-            "sync",
-            {
-                "index": press.index,
-                "at": at,
-                "rise_s": round(rise_s, 6),
-                "uncertainty_s": round(rise_s - asked_s, 6),
-                "width_s": round(width_s, 6),
-            },
-        )
-
-    def safe_point(self) -> None:
-        """Where an operator's pause takes effect: lift and journal; then go on, or raise RunAborted.
-
-        Raises PressPaused where the lift has interrupted an indentation.
-        """
-        if not self._interrupted():
-            return
-        pressing = self.state is State.IN_CONTACT
-        if pressing:
-            self.retract()
-        self.record("paused", {"reason": "operator"})
-        if not self._go_on():
-            raise RunAborted("stopped by the operator at a safe point; the indentor is lifted")
-        self.record("resumed", {"by": "operator"})
-        if pressing:
-            raise PressPaused("paused by the operator")
-
-    def _go_to_clearance(self, speed_mm_s: float) -> None:
-        """Down to clearance; the first time since homing step by step, since frame and screw may not be right."""
+    def go_to_height(self, height_mm: float, speed_mm_s: float) -> None:
+        """One vertical move; below clearance never down by more than one increment."""
         habits = self.settings.habits
-        clearance = habits.clearance_mm
-        while self._zero is not None and self.height_mm > clearance + habits.descent_step_mm:
-            self.go_to_height(self.height_mm - habits.descent_step_mm, speed_mm_s)
-            self._refuse_contact(self._reading().force_n / GWT_N)
-        self.go_to_height(clearance, speed_mm_s)
-        if self._zero is not None:
-            self._refuse_contact(self.read_force_gwt(NO_PRESS, "clearance"))
+        lowest = min(self.height_mm, habits.clearance_mm) - habits.increment_mm
+        if height_mm < lowest - 1e-9:
+            raise LimitError(f"a move down to {height_mm:.3f} mm is longer than one increment below clearance")
+        fastest = self.settings.limits.max_press_speed_mm_s
+        if height_mm < min(self.height_mm, habits.clearance_mm) and speed_mm_s > fastest:
+            raise LimitError(f"a move down below clearance at {speed_mm_s:g} mm/s is faster than {fastest:g}")
+        if height_mm < habits.clearance_mm - AT_MM:
+            self.state, self._may_touch = State.IN_CONTACT, True
+        self.beat(_LATE_FACTOR * abs(height_mm - self.height_mm) / speed_mm_s)
+        self.move(lambda: self.motion.to_height(height_mm, speed_mm_s))
 
-    def _refuse_contact(self, force_gwt: float) -> None:
-        if abs(force_gwt) >= self.touch_gwt:
-            self.trip(
-                f"{force_gwt:.2f} gwt at clearance, {self.height_mm:.2f} mm above the nominal apex: "
-                "is frame.apex_z_mm right, and the sensor zeroed?",
-                force_gwt,
-            )
+    def move(self, motion: Callable[[], None], *, away: bool = False) -> None:
+        """Carry a motion out, feeling on the way: a force or a reading that must not be trips, at rest again.
+
+        away: it leaves the finger before anything else.
+        """
+        try:
+            if self.state is not State.TRIPPED:
+                self.sensing.begin_motion(away=away)
+            self.guarded(motion)
+        except NoReadingError as error:
+            self.trip(str(error))
+        except FeltError as felt:
+            if felt.force_gwt is not None:
+                self._record_sample(NO_PRESS, "moving", round(felt.force_gwt, 6))
+            self.trip(str(felt), felt.force_gwt)
+
+    def _glance(self) -> None:
+        """One look at the force while something moves; on the way up from a trip there is nothing to wait for."""
+        if self.state is State.TRIPPED:
+            return
+        self.beat()
+        try:
+            force_gwt = self.sensing.glance_gwt()
+        except NoReadingError as error:
+            raise FeltError(str(error)) from error
+        if force_gwt is None:
+            return
+        passed = self.trips.passed_hard(force_gwt) or self.trips.passed(force_gwt)
+        if passed:
+            raise FeltError(f"{passed} while moving", force_gwt)
+
+    def lift(self, to_mm: float | None = None) -> None:
+        """Straight up to a height, clearance by default, where the indentor is lower."""
+        height_mm = self.settings.habits.clearance_mm if to_mm is None else to_mm
+        if self.height_mm < height_mm - AT_MM:
+            self.go_to_height(height_mm, self.settings.habits.travel_speed_mm_s)
+
+    def lifted(self) -> None:
+        """Nothing is touched any more."""
+        self.state, self._may_touch = State.READY, False
+        self.trips.press_on(math.inf)
+        self.heartbeat.rest()
+        self.contact.end()
+
+    # feeling
+
+    @property
+    def trip_gwt(self) -> float:
+        """The force that trips a press now."""
+        return self.trips.lowest_gwt
+
+    def read_force_gwt(self, press: PressId, phase: str, contact_height_mm: float | None = None) -> float:
+        """A reading taken after the last move ended, journalled. No reading, or one above the soft trip, trips.
+
+        Raises LimitError where the finger has been touched for longer than limits.max_contact_s.
+        """
+        reading = self.reading()
+        # Far finer than any sensor: a reading of just the threshold must not hang on how it was multiplied.
+        force = round(reading.force_n / GWT_N, 6)
+        doi = None if contact_height_mm is None else self.doi_mm(contact_height_mm, force)
+        if self.state is State.IN_CONTACT and force >= self.sensing.touch_gwt:
+            self.contact.begin()
+        self._record_sample(press, phase, force, doi, stable=reading.stable)
+        passed = self.trips.passed(force)
+        if passed:
+            self.trip(passed, force)
+        self.contact.refuse_more()
+        return force
+
+    def _record_sample(
+        self, press: PressId, phase: str, force_gwt: float, doi_mm: float | None = None, *, stable: bool = False
+    ) -> None:
+        about = {
+            "index": press.index,
+            "phase": phase,
+            "x_mm": None if math.isnan(self.x_mm) else self.x_mm,
+            "height_mm": None if math.isnan(self.height_mm) else round(self.height_mm, 6),
+            "doi_mm": None if doi_mm is None else round(doi_mm, 6),
+            "force_gwt": force_gwt,
+            "stable": stable,
+            "contact_s": self.contact.rounded_s,
+        }
+        self.record(press.stream("sample"), about)
+
+    def reading(self) -> ForceReading:
+        """A new reading, made when all motion was over. One that is none, or above the hard trip, trips."""
+        return self._told(self.sensing.settled)
+
+    def raw_reading(self) -> ForceReading:
+        """The same, not counted from any zero."""
+        return self._told(self.sensing.raw)
+
+    def _told(self, read: Callable[[], ForceReading]) -> ForceReading:
+        self.beat(self.sensing.wait_s)
+        try:
+            reading = read()
+        except NoReadingError as error:
+            self.trip(str(error))
+        force_gwt = reading.force_n / GWT_N
+        passed = self.trips.passed_hard(force_gwt)
+        if passed:
+            self.trip(passed, force_gwt)
+        return reading
+
+    def doi_mm(self, contact_height_mm: float, force_gwt: float) -> float:
+        """Depth past contact: how far the stage has gone, less what the rig itself gives under the force."""
+        return contact_height_mm - self.height_mm - self.sensing.given_mm(force_gwt)
+
+    # what ends it
+
+    def alarm(self, reason: str) -> None:
+        """Something has left its band: journalled, and a trip where limits.on_alarm says so."""
+        self.record("alarm", {"reason": reason})
+        if self.settings.limits.on_alarm == "trip":
+            self.trip(reason)
+
+    def trip(self, reason: str, force_gwt: float | None = None) -> NoReturn:
+        """Latch, do what limits.on_trip says, journal, raise TripError.
+
+        The stage is at rest and its position trusted, so that it can be lifted. Where it was stopped, or a lift
+        fails, it is held where it is.
+        """
+        self.state, self.problem = State.TRIPPED, TripError(reason)
+        try:
+            if self.settings.limits.on_trip == "stop":
+                self.stop()
+            elif not self.heartbeat.lost:
+                self.lift(trip_height_mm(self.settings, self.height_mm))
+        except (StageError, TransportError) as error:
+            reason = f"{reason}; and the lift failed: {error}"
+        self.heartbeat.rest()
+        self.state, self.problem = State.TRIPPED, TripError(reason)
+        with contextlib.suppress(RecordError):  # the trip says more
+            self.record("trip", {"reason": reason, "force_gwt": force_gwt, "contact_s": self.contact.rounded_s})
+        raise self.problem
+
+    def make_safe(self) -> None:
+        """After a failure elsewhere: lift where the stage is at rest and trusted, stop it where that fails."""
+        if self.state is State.IN_CONTACT:
+            try:
+                self.lift()
+                self.lifted()
+            except (StageError, TransportError, TripError):
+                self.stop()
+        self.heartbeat.rest()
+
+    def stop(self) -> None:
+        """Quick stop past every queue; the position is not trusted afterwards, a trip stays latched."""
+        if self.state is not State.TRIPPED:
+            self.state = State.UNHOMED
+        self.heartbeat.rest()
+        self._stop_stage()
+
+    def _stop_stage(self) -> None:
+        with contextlib.suppress(StageError, TransportError):  # whoever calls has the first error to report
+            self.bench.stage.stop()
+
+    # what it promises
+
+    def record(self, stream: str, data: Mapping[str, Any]) -> None:
+        """Journal an event; it is on disk when this returns. Where that fails: lift, and raise RecordError."""
+        try:
+            self._journal.event(stream, data)
+        except RecordError as error:
+            self.problem = self.problem or error
+            self.make_safe()
+            raise
+
+    def beat(self, longer_s: float = 0.0) -> None:
+        """Tell the heartbeat that all is well, where there is something to watch; too late is lost."""
+        self.heartbeat.look()
+        if self.heartbeat.lost and self.state is not State.TRIPPED:
+            self.trip("the engine's heartbeat was lost: the stage was stopped and stays where it is")
+        if self._may_touch:
+            self.heartbeat.beat(self.settings.limits.heartbeat_s + longer_s)
+
+    def guarded(self, action: Callable[[], _T]) -> _T:
+        """Run a call to the stage; its failure stops the stage before it is passed on."""
+        try:
+            return action()
+        except (StageError, TransportError) as error:
+            self.problem = self.problem or error
+            self.stop()
+            raise

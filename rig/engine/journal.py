@@ -48,12 +48,14 @@ class Journal:
         clock: Clock,
         streams: Mapping[str, Mapping[str, str]],
         watch: Callable[[str, Mapping[str, Any]], None] = lambda stream, data: None,
+        witness: Callable[[str, Mapping[str, Any]], Mapping[str, Any]] = lambda stream, data: {},
     ) -> None:
         """`streams` gives each stream's keys and their units ("" for text); `watch` sees what is on disk.
 
+        `witness` adds to an event what only the bench knows, keys that begin with `true_`.
         A journal that is there already is mended and added to. Raises JournalError.
         """
-        self._watch = watch
+        self._watch, self._witness = watch, witness
         self._clock = clock
         self._streams = streams
         self._described: set[str] = set()
@@ -72,14 +74,14 @@ class Journal:
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
         """One event of a stream; the stream's descriptor precedes its first event."""
-        keys = self._streams[stream]
+        keys, data = self._streams[stream], {**data, **self._witness(stream, data)}
         unknown = set(data) - set(keys)
         if unknown:
             raise KeyError(f"stream {stream!r} has no {sorted(unknown)}")
         if stream not in self._described:
             self._described.add(stream)
             self._write("descriptor", {"stream": stream, "units": dict(keys)})
-        self._write("event", {"stream": stream, "data": dict(data)})
+        self._write("event", {"stream": stream, "data": data})
         self._watch(stream, data)
 
     def stop(self, status: str, reason: str = "") -> None:

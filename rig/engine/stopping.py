@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
+from rig.engine.pressing.touch_fit import CONTACT_EXPONENT
 from rig.engine.rig_settings import RigSettings
-from rig.engine.touch import CONTACT_EXPONENT
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ PRESS_STREAMS = {
     },
     "touch": {
         "index": "", "threshold_gwt": "gwt", "height_at_threshold_mm": "mm", "contact_height_mm": "mm",
-        "fit_points": "", "doi_bias_mm": "mm", "true_doi_bias_mm": "mm",
+        "fit_points": "", "doi_bias_mm": "mm", "doi_mm": "mm", "true_doi_bias_mm": "mm",
     },
     "hold_start": {"index": "", "hold": "", "target": "", "commanded": "", "doi_mm": "mm", "force_gwt": "gwt"},
     "hold_end": {

@@ -12,7 +12,7 @@ from typing import TypeVar
 from rig.devices.units import GWT_N
 from rig.engine import Engine, Target
 from rig.engine.journal import NoJournal
-from rig.engine.touch import CONTACT_EXPONENT
+from rig.engine.pressing.touch_fit import CONTACT_EXPONENT
 from rig.plan.config import Config, VirtualSettings
 from rig.plan.finger_model import FingerModel
 from rig.plan.plan import Plan
@@ -116,7 +116,7 @@ def rehearsed(script: Script, config: Config, finger: Fingertip, plan: Plan) -> 
         return plants[0]
 
     bench = bench_around(make_plant, believed, clock, io.StringIO())
-    engine = Engine(believed, clock, bench.stage, bench.force, NoJournal(), bench, soft_trip_n=plan.soft_trip_n)
+    engine = Engine(believed, bench, NoJournal(), plan.soft_trip_n)
     walk = Walk(believed, FingerModel(finger, plan.predictions))
     run_script(script, engine, Rig(script.parameters, walk, Rehearsing(engine, walk, plants[0])))
     return Rehearsed(clock.monotonic_s(), engine.contact.total_s)

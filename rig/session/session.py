@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import Any, Protocol, TextIO
 
 from rig.data import Run, RunFolder, export_run, new_run_folder, read_run
-from rig.devices.bench import open_bench
+from rig.session.real_bench import open_bench
+from sim.devices.clock import VirtualClock
+from rig.engine import verbs
 from rig.devices.force.base import ForceSensor
-from rig.devices.heartbeat import Heartbeat
 from rig.devices.stage.base import Stage
-from rig.engine import Engine, Journal, Operator, RunAborted
-from rig.engine.reference import Reference
+from rig.engine import Engine, Journal, Pause, RunAborted, WatchedBench
+from rig.engine.pressing.reference import Reference
 from rig.engine.streams import STREAMS
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
@@ -35,6 +36,8 @@ from rig.transport.base import TransportError
 from rig.transport.clock import Clock, WallClock
 from rig.virtual.virtual_bench import virtual_bench
 from sim.models.fingertip import Fingertip
+
+_TAKEN_UP = "the rig stopped in this run: clear the finger, see to what stopped it; it will home"
 
 Watch = Callable[[str, Mapping[str, Any]], None]
 
@@ -68,27 +71,6 @@ class FinishedRun:
         return self.run.duration_s
 
 
-class Bench(Operator, Protocol):
-    """Where a script is carried out: clock, devices, and whoever mounts the indentors."""
-
-    @property
-    def clock(self) -> Clock: ...
-
-    @property
-    def stage(self) -> Stage: ...
-
-    @property
-    def force(self) -> ForceSensor: ...
-
-    @property
-    def virtual(self) -> bool: ...
-
-    def look_after(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
-        """Have the heartbeat looked at, whatever the engine waits for."""
-
-    def close(self) -> None: ...
-
-
 @dataclass(frozen=True)
 class NewRun:
     """A run that gets a folder of its own in `out`; `subject` is the code of whoever lies under the rig."""
@@ -114,6 +96,11 @@ class Session:
         return self.into.run if isinstance(self.into, StoppedRun) else None
 
     @property
+    def pause(self) -> Pause:
+        """Ctrl-C and what follows it."""
+        return Pause(self.attendant.interrupted, self.attendant.go_on)
+
+    @property
     def begins_at_s(self) -> float:
         """The first instant of the run's clock."""
         return 0.0 if self.before is None else self.before.end_s
@@ -122,8 +109,9 @@ class Session:
 def dry_run(session: Session, speed: float | None = None) -> FinishedRun:
     """Carry it out on the virtual bench; `speed` limits virtual seconds per real second."""
 
-    def open_bench(byte_log: TextIO, start_unix_s: float) -> Bench:
-        return virtual_bench(session.config, session.finger, byte_log, start_unix_s, session.begins_at_s)
+    def open_bench(byte_log: TextIO, start_unix_s: float) -> WatchedBench:
+        clock = VirtualClock(start_unix_s, session.begins_at_s)
+        return virtual_bench(session.config, session.finger, byte_log, clock, session.pause)
 
     return _run_session(session, open_bench, virtual=True, speed=speed)
 
@@ -132,14 +120,14 @@ def real_run(session: Session, ask: Callable[[str], str]) -> FinishedRun:
     """Carry it out on the ports of the configuration. Raises BadInputError for a calibration out of date."""
     refuse_expired(session.config)
 
-    def open_real_bench(byte_log: TextIO, _start_unix_s: float) -> Bench:
-        return open_bench(session.config, ask, byte_log, session.begins_at_s)
+    def open_real_bench(byte_log: TextIO, _start_unix_s: float) -> WatchedBench:
+        return open_bench(session.config, WallClock(session.begins_at_s), byte_log, ask, session.pause)
 
     return _run_session(session, open_real_bench, virtual=False)
 
 
 def _run_session(
-    session: Session, open_bench: Callable[[TextIO, float], Bench], *, virtual: bool, speed: float | None = None
+    session: Session, open_bench: Callable[[TextIO, float], WatchedBench], *, virtual: bool, speed: float | None = None
 ) -> FinishedRun:
     """A run that ends before its end has the reason in its journal and in `problem`, and is exported all the same."""
     began = time.perf_counter()
@@ -164,7 +152,7 @@ def _folder(session: Session, now: datetime, *, virtual: bool) -> RunFolder:
 
 
 def _on_a_bench(
-    session: Session, folder: RunFolder, open_bench: Callable[[TextIO], Bench], speed: float | None
+    session: Session, folder: RunFolder, open_bench: Callable[[TextIO], WatchedBench], speed: float | None
 ) -> Exception | None:
     """Carry the script out; returns what ended it before its end."""
     with folder.bytes_log.open("a", encoding="ascii", buffering=1) as byte_log:
@@ -185,31 +173,20 @@ def _on_a_bench(
     return None
 
 
-def _carry_out(session: Session, folder: RunFolder, bench: Bench, watch: Watch) -> None:
+def _carry_out(session: Session, folder: RunFolder, bench: WatchedBench, watch: Watch) -> None:
     before = session.before
-    heartbeat = Heartbeat(bench.clock)
-    with Journal(folder.events, bench.clock, STREAMS, watch) as journal, bench.look_after(heartbeat):
+    contact_s = 0.0 if before is None else before.contact_s
+    with Journal(folder.events, bench.clock, STREAMS, watch, bench.witness) as journal:
+        engine = Engine(session.config, bench, journal, session.plan.soft_trip_n, contact_s)
         if before is None:
             journal.start(_about(session, virtual=bench.virtual))
         else:
             journal.resume({"missing": before.missing, "after": before.last_checkpoint})
-        engine = Engine(
-            session.config,
-            bench.clock,
-            bench.stage,
-            bench.force,
-            journal,
-            bench,
-            session.attendant.interrupted,
-            session.plan.soft_trip_n,
-            session.attendant.go_on,
-            heartbeat,
-            contact_s=0.0 if before is None else before.contact_s,
-        )
-        if before is not None:
-            bench.confirm("the rig stopped in this run: clear the finger, see to what stopped it; it will home")
-            engine.home()
-        run_script(session.script, engine, _rig(session, engine))
+        with bench.look_after(engine.heartbeat):
+            if before is not None:
+                bench.operator.confirm(_TAKEN_UP)
+                verbs.home(engine)
+            run_script(session.script, engine, _rig(session, engine))
         journal.stop("done")
 
 

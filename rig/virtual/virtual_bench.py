@@ -1,14 +1,15 @@
 """The bench of a dry-run: real drivers, real bytes, and virtual devices on one virtual clock."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Literal, Protocol, TextIO
+from typing import Any, Literal, Protocol, Self, TextIO
 
-from rig.devices.bench import force_driver, stage_driver
+from rig.devices.catalogue import force_driver, stage_driver
 from rig.devices.force.base import ForceSensor
-from rig.devices.heartbeat import LOOK_S, Heartbeat
 from rig.devices.stage.base import Stage
+from rig.engine.bench import NO_PAUSE, Pause
+from rig.engine.heartbeat import LOOK_S, Heartbeat
 from rig.plan.config import Config
 from rig.transport.byte_log import LoggedTransport
 from rig.transport.loopback import LoopbackTransport
@@ -38,7 +39,13 @@ class VirtualBench:
     stage: Stage
     force: ForceSensor
     plant: AnyPlant
+    pause: Pause
     virtual: Literal[True] = True
+
+    @property
+    def operator(self) -> Self:
+        """Nobody else stands here."""
+        return self
 
     def mount(self, indentor: str) -> str:
         """The virtual operator never takes the wrong one."""
@@ -48,10 +55,15 @@ class VirtualBench:
     def confirm(self, request: str) -> None:
         """Nobody needs to be asked here."""
 
-    def true_pose(self) -> tuple[float, float]:
-        """True x and DOI in mm."""
-        pose = self.plant.pose_at(self.clock.monotonic_s())
-        return pose.x_mm, pose.doi_mm
+    def witness(self, stream: str, data: Mapping[str, Any]) -> dict[str, float]:
+        """Where the indentor truly is at a touch and at the end of a hold, mm."""
+        if stream.endswith("hold_end"):
+            pose = self.plant.pose_at(self.clock.monotonic_s())
+            return {"true_x_mm": round(pose.x_mm, 9), "true_doi_mm": round(pose.doi_mm, 9)}
+        if stream.endswith("touch"):
+            pose = self.plant.pose_at(self.clock.monotonic_s())
+            return {"true_doi_bias_mm": round(pose.doi_mm - data["doi_mm"], 6)}
+        return {}
 
     @contextmanager
     def look_after(self, heartbeat: Heartbeat) -> Iterator[None]:
@@ -74,18 +86,22 @@ class VirtualBench:
 
 
 def virtual_bench(
-    config: Config, finger: Fingertip, byte_log: TextIO, start_unix_s: float, start_s: float = 0.0
+    config: Config, finger: Fingertip, byte_log: TextIO, clock: VirtualClock, pause: Pause
 ) -> VirtualBench:
     """Devices as configured, with the fingertip under the indentor; the bytes go to `byte_log`."""
 
     def plant(carriage: Carriage) -> Plant:
         return Plant(finger, carriage, truth(config))
 
-    return bench_around(plant, config, VirtualClock(start_unix_s, start_s), byte_log)
+    return bench_around(plant, config, clock, byte_log, pause)
 
 
 def bench_around(
-    make_plant: Callable[[Carriage], AnyPlant], config: Config, clock: VirtualClock, byte_log: TextIO
+    make_plant: Callable[[Carriage], AnyPlant],
+    config: Config,
+    clock: VirtualClock,
+    byte_log: TextIO,
+    pause: Pause = NO_PAUSE,
 ) -> VirtualBench:
     """Devices as configured around a plant, which is told where the carriage is; the bytes go to `byte_log`."""
     stage_line = SerialLine(clock, config.stage.baud)
@@ -101,4 +117,5 @@ def bench_around(
         stage_driver(lambda _port: stage_port, clock, config),
         force_driver(lambda _port: force_port, clock, config),
         plant,
+        pause,
     )

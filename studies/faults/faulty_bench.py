@@ -6,10 +6,10 @@ from typing import Any
 
 from pymodbus.framer import FramerRTU
 
-from rig.devices.bench import force_driver, stage_driver
-from rig.devices.heartbeat import Heartbeat
+from rig.devices.catalogue import force_driver, stage_driver
 from rig.devices.units import GWT_N
 from rig.engine import Engine, Journal, Target
+from rig.engine.bench import NO_PAUSE
 from rig.engine.streams import STREAMS
 from rig.plan.config import Config
 from rig.session.rehearsal import Spring
@@ -42,15 +42,13 @@ class FaultyBench:
         self.sensor: Any = FORCES[config.force.kind](clock, self.force_line, config, load)
         self.stage_wire = LoopbackTransport(self.stage_line, clock, "stage")
         self.force_wire = LoopbackTransport(self.force_line, clock, "force")
-        stage = stage_driver(lambda _: self.stage_wire, clock, config)
-        force = force_driver(lambda _: self.force_wire, clock, config)
+        self.stage = stage_driver(lambda _: self.stage_wire, clock, config)
+        self.force = force_driver(lambda _: self.force_wire, clock, config)
         self.on_sample: dict[str, Callable[[], object]] = {}
         self.journal_path = folder / "events.jsonl"
         self.journal = Journal(self.journal_path, clock, STREAMS, self._watch)
-        self.heartbeat = Heartbeat(clock)
-        self.engine = Engine(
-            config, clock, stage, force, self.journal, self, soft_trip_n=SOFT_TRIP_N, heartbeat=self.heartbeat
-        )
+        self.operator, self.pause = self, NO_PAUSE
+        self.engine = Engine(config, self, self.journal, SOFT_TRIP_N)
         self.worst_n = 0.0
         self._look()
 
@@ -60,9 +58,6 @@ class FaultyBench:
 
     def confirm(self, request: str) -> None:
         """Nobody is here."""
-
-    def true_pose(self) -> None:
-        """Not needed."""
 
     @property
     def height_mm(self) -> float:
@@ -86,7 +81,7 @@ class FaultyBench:
     def _look(self) -> None:
         now_s = self.clock.monotonic_s()
         self.worst_n = max(self.worst_n, self.true_n(now_s))
-        self.heartbeat.look()
+        self.engine.heartbeat.look()
         self.clock.call_at(now_s + LOOK_S, self._look)
 
     def _watch(self, stream: str, data: Mapping[str, Any]) -> None:

@@ -17,7 +17,7 @@ from pathlib import Path
 from rig.devices.force.base import ForceError
 from rig.devices.stage.base import StageError
 from rig.devices.units import GWT_N
-from rig.engine import EngineError, indent
+from rig.engine import EngineError, indent, verbs
 from rig.engine.stopping import Stopping
 from rig.plan.config import Config
 from rig.transport import TransportError
@@ -72,12 +72,12 @@ def suffer(fault: Fault, folder: Path) -> Found:
 
 def _two_presses(bench: FaultyBench, fault: Fault) -> None:
     engine = bench.engine
-    engine.mount("bar:3.0")
-    engine.home()
-    engine.zero()
+    verbs.mount(engine, "bar:3.0")
+    verbs.home(engine)
+    verbs.zero(engine)
     fault.strike(bench)
     for x_mm in (0.0, 0.5):
-        engine.move_to(x_mm)
+        verbs.move_to(engine, x_mm)
         indent(engine, TARGET, hold_s=0.5, expected_contact_mm=PREDICTED.contact_mm)
 
 

@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
-from rig.devices.bench import force_driver, stage_driver
+from rig.devices.catalogue import force_driver, stage_driver
 from rig.devices.units import GWT_N
-from rig.engine import Engine, Journal
+from rig.engine import Engine, Journal, Pause, verbs
 from rig.engine.rig_settings import RigSettings
 from rig.engine.streams import STREAMS
 from rig.plan.config import Config
@@ -107,19 +107,18 @@ class SpringBench:
         self.clock = VirtualClock(1.7e9)
         self.stage_line, self.force_line = SerialLine(self.clock, 115200), SerialLine(self.clock, 9600)
         self.board = VirtualGrbl(self.clock, self.stage_line)
-        self.balance = VirtualBalance(self.clock, self.force_line, Load(self.force_n))
+        self.balance = VirtualBalance(self.clock, self.force_line, Load(lambda t_s: self.force_n(t_s)))
         self.wire = io.StringIO()
         self.events: list[tuple[str, dict[str, Any]]] = []
         self.on_event: Callable[[str, Mapping[str, Any]], None] = lambda stream, data: None
         self.interrupt: Callable[[], bool] = lambda: False
         self.mounted: str | None = None
         self.journal_path = folder / "events.jsonl"
-        self.journal = Journal(self.journal_path, self.clock, STREAMS, self._watch)
-        stage = stage_driver(lambda _: self._logged(self.stage_line, "stage"), self.clock, self.settings)
-        force = force_driver(lambda _: self._logged(self.force_line, "force"), self.clock, self.settings)
-        self.engine = Engine(
-            self.settings, self.clock, stage, force, self.journal, self, lambda: self.interrupt(), soft_trip_n
-        )
+        self.journal = Journal(self.journal_path, self.clock, STREAMS, self._watch, self.witness)
+        self.stage = stage_driver(lambda _: self._logged(self.stage_line, "stage"), self.clock, self.settings)
+        self.force = force_driver(lambda _: self._logged(self.force_line, "force"), self.clock, self.settings)
+        self.operator, self.pause = self, Pause(lambda: self.interrupt())
+        self.engine = Engine(self.settings, self, self.journal, soft_trip_n)
 
     def mount(self, indentor: str) -> str:
         self.mounted = indentor
@@ -133,16 +132,23 @@ class SpringBench:
         frame = self.settings.frame
         return x / 400 - frame.pad_centre_x_mm, self.contact_mm - (z / 400 - frame.apex_z_mm)
 
+    def witness(self, stream: str, data: Mapping[str, Any]) -> dict[str, float]:
+        """The truth at a touch and at the end of a hold, as a virtual bench has it."""
+        x_mm, doi_mm = self.true_pose()
+        if stream.endswith("hold_end"):
+            return {"true_x_mm": round(x_mm, 9), "true_doi_mm": round(doi_mm, 9)}
+        return {"true_doi_bias_mm": round(doi_mm - data["doi_mm"], 6)} if stream.endswith("touch") else {}
+
     def force_n(self, t_s: float) -> float:
         height = self.board.carriage_steps_at(t_s)[2] / 400 - self.settings.frame.apex_z_mm
         return float(self.k_gwt * max(self.contact_mm - height, 0.0) ** 1.5 * GWT_N)
 
     def ready(self, x_mm: float = 0.0) -> Engine:
         """Mounted, homed, zeroed and over x."""
-        self.engine.mount("bar:3.0")
-        self.engine.home()
-        self.engine.zero()
-        self.engine.move_to(x_mm)
+        verbs.mount(self.engine, "bar:3.0")
+        verbs.home(self.engine)
+        verbs.zero(self.engine)
+        verbs.move_to(self.engine, x_mm)
         return self.engine
 
     def of(self, stream: str) -> list[dict[str, Any]]:

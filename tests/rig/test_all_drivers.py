@@ -13,8 +13,8 @@ import pytest
 
 import rig.devices.force
 import rig.devices.stage
-from rig.devices.bench import _FORCES, _STAGES
 from rig.devices.bench_settings import ForceSettings, StageSettings
+from rig.devices.catalogue import _FORCES, _STAGES
 from rig.devices.force import ForceError, ForceSensor
 from rig.devices.stage import Stage, StageError
 from rig.devices.stage.base import DeadManStage

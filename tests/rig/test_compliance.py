@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from rig.engine import LimitError, Target, TripError, indent
-from rig.engine.compliance import measure_compliance
+from rig.engine.pressing.compliance import measure_compliance
 from rig.engine.rig_settings import RigSettings
 
 Make = Callable[..., Any]
@@ -25,7 +25,7 @@ def _block(spring: Make, rig_mm_per_n: float, top_mm: float = 0.1, noise_gwt: fl
         pressed_n = way_mm / (rig_mm_per_n + BLOCK_MM_PER_N)
         return pressed_n and pressed_n + next(wobble) * 9.80665e-3
 
-    bench.balance._force_n = force_n
+    bench.force_n = force_n
     return bench
 
 

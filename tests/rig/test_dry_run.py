@@ -112,9 +112,12 @@ def test_the_bytes_of_the_indentation(step: FinishedRun) -> None:
     assert told["stage", "tx"].count(b"?") >= len(moves)
     assert told["stage", "rx"].count(b"ok\r\n") == len(moves)
     assert told["stage", "rx"].count(b"<Idle|MPos:") >= len(moves)
-    assert told["force", "tx"] == b"SI\r\n" * len(samples)
-    weights = re.findall(rb"S [SD] +(-?\d+\.\d\d) g\r\n", told["force", "rx"])
-    assert [float(w) for w in weights] == pytest.approx([s["force_gwt"] for s in samples], abs=1e-6)
+    weights = [float(w) for w in re.findall(rb"S [SD] +(-?\d+\.\d\d) g\r\n", told["force", "rx"])]
+    assert told["force", "tx"] == b"SI\r\n" * len(weights)
+    in_the_lift = weights[len(samples) :]
+    assert weights[: len(samples)] == pytest.approx([s["force_gwt"] for s in samples], abs=1e-6)
+    assert 2 <= len(in_the_lift) <= told["stage", "rx"].count(b"<Run|MPos:")
+    assert in_the_lift == sorted(in_the_lift, reverse=True)
 
 
 def test_each_reading_was_on_the_wire_just_before_it_was_in_the_journal(step: FinishedRun) -> None:

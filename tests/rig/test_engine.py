@@ -1,13 +1,14 @@
 """What the engine lets each verb do, and how it stops."""
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from rig.devices.stage import StageAlarm, StageReset
-from rig.engine import LimitError, NotReadyError, PressId, RunAborted, Target, TripError, indent
+from rig.engine import LimitError, NotReadyError, PressId, RunAborted, Target, TripError, indent, verbs
 from rig.engine.engine import State
 from rig.engine.journal import read_journal
 from rig.engine.rig_settings import RigSettings
@@ -27,12 +28,12 @@ def _press(engine: Any, target: Target = FORCE, **manner: Any) -> Any:
 def test_nothing_moves_unhomed(spring: Make) -> None:
     bench = spring()
     engine = bench.engine
-    engine.mount("bar:3.0")
+    verbs.mount(engine, "bar:3.0")
     for verb, act in (
-        ("zero", engine.zero),
-        ("move_to", lambda: engine.move_to(0.0)),
+        ("zero", partial(verbs.zero, engine)),
+        ("move_to", lambda: verbs.move_to(engine, 0.0)),
         ("indent", lambda: _press(engine)),
-        ("retract", engine.retract),
+        ("retract", partial(verbs.retract, engine)),
     ):
         with pytest.raises(NotReadyError, match=f"{verb}: not allowed while unhomed"):
             act()
@@ -42,14 +43,14 @@ def test_nothing_moves_unhomed(spring: Make) -> None:
 
 def test_no_indentation_without_zero_or_indentor(spring: Make) -> None:
     engine = spring().engine
-    engine.home()
-    engine.move_to(0.0)
+    verbs.home(engine)
+    verbs.move_to(engine, 0.0)
     with pytest.raises(NotReadyError, match="no indentor is mounted"):
         _press(engine)
-    engine.mount("bar:3.0")
+    verbs.mount(engine, "bar:3.0")
     with pytest.raises(NotReadyError, match="has not been zeroed"):
         _press(engine)
-    engine.zero()
+    verbs.zero(engine)
     assert _press(engine).index == 0
 
 
@@ -59,18 +60,18 @@ def test_nothing_but_lifting_and_homing_in_contact(spring: Make) -> None:
     engine.go_to_height(1.96, 0.5)
     assert engine.state is State.IN_CONTACT
     for verb, act in (
-        ("zero", engine.zero),
-        ("move_to", lambda: engine.move_to(1.0)),
+        ("zero", partial(verbs.zero, engine)),
+        ("move_to", lambda: verbs.move_to(engine, 1.0)),
         ("indent", lambda: _press(engine)),
     ):
         with pytest.raises(NotReadyError, match=f"{verb}: not allowed while in contact"):
             act()
     with pytest.raises(NotReadyError, match="mount: not allowed while in contact, the finger may be touched"):
-        engine.mount("step:1")
-    engine.retract()
+        verbs.mount(engine, "step:1")
+    verbs.retract(engine)
     assert engine.state is State.READY
     assert bench.height_mm == pytest.approx(2.0, abs=0.002)
-    engine.move_to(1.0)
+    verbs.move_to(engine, 1.0)
 
 
 @pytest.mark.parametrize("x_mm", [-6.01, 6.01, float("nan"), float("inf")])
@@ -79,7 +80,7 @@ def test_lateral_limits(spring: Make, x_mm: float) -> None:
     engine = bench.ready()
     before = len(bench.moves())
     with pytest.raises(LimitError, match="outside the limits -6 … 6 mm"):
-        engine.move_to(x_mm)
+        verbs.move_to(engine, x_mm)
     assert len(bench.moves()) == before
     assert engine.state is State.READY
 
@@ -97,8 +98,8 @@ def test_a_long_move_down_below_clearance_is_refused_unsent(spring: Make) -> Non
 def test_each_verb_is_journalled(spring: Make) -> None:
     bench = spring()
     engine = bench.ready(0.5)
-    engine.note("a word")
-    engine.retract()
+    verbs.note(engine, "a word")
+    verbs.retract(engine)
     assert bench.mounted == "bar:3.0"
     assert [stream for stream, _ in bench.events] == ["mount", "home", "zero", "sample", "move", "note", "retract"]
     assert bench.of("home")[0]["controller"].startswith("[VER:1.1h")
@@ -135,15 +136,21 @@ def test_a_trip_lifts_latches_and_is_journalled(spring: Make) -> None:
     assert (last_sample[0], trip[0]) == ("sample", "trip")
     assert trip[1]["force_gwt"] == pytest.approx(last_sample[1]["force_gwt"], abs=1e-6)
     assert "soft trip" in trip[1]["reason"]
-    for act in (engine.zero, engine.home, engine.retract, lambda: engine.move_to(0.0), lambda: _press(engine)):
+    for act in (
+        partial(verbs.zero, engine),
+        partial(verbs.home, engine),
+        partial(verbs.retract, engine),
+        lambda: verbs.move_to(engine, 0.0),
+        lambda: _press(engine),
+    ):
         with pytest.raises(NotReadyError, match="tripped"):
             act()
 
 
 def test_the_soft_trip_is_the_lower_of_limit_and_prediction(spring: Make) -> None:
-    assert spring(soft_trip_n=0.5).engine.soft_trip_gwt == pytest.approx(50.986, abs=1e-3)
-    assert spring(soft_trip_n=50.0).engine.soft_trip_gwt == pytest.approx(203.943, abs=1e-3)
-    assert spring().engine.soft_trip_gwt == pytest.approx(203.943, abs=1e-3)
+    assert spring(soft_trip_n=0.5).engine.trips.soft_gwt == pytest.approx(50.986, abs=1e-3)
+    assert spring(soft_trip_n=50.0).engine.trips.soft_gwt == pytest.approx(203.943, abs=1e-3)
+    assert spring().engine.trips.soft_gwt == pytest.approx(203.943, abs=1e-3)
 
 
 def test_a_finger_that_stiffens_in_the_hold_trips(spring: Make) -> None:
@@ -185,7 +192,7 @@ def test_an_interrupt_between_indentations_moves_nothing(spring: Make) -> None:
     before = len(bench.moves())
     bench.interrupt = lambda: True
     with pytest.raises(RunAborted):
-        engine.move_to(1.0)
+        verbs.move_to(engine, 1.0)
     with pytest.raises(RunAborted):
         _press(engine)
     assert len(bench.moves()) == before
@@ -251,9 +258,9 @@ def test_a_board_that_restarts_in_a_move_stops_the_run_and_homing_mends_it(sprin
         _press(engine)
     assert engine.state is State.UNHOMED
     bench.clock.wait_s(1.0)
-    engine.home()
-    engine.zero()
-    engine.move_to(0.0)
+    verbs.home(engine)
+    verbs.zero(engine)
+    verbs.move_to(engine, 0.0)
     assert _press(engine).holds[0].force_gwt == pytest.approx(2.33, abs=0.05)
 
 
@@ -264,7 +271,7 @@ def test_stop_goes_out_in_one_write_and_trusts_nothing_after(spring: Make) -> No
     assert bench.sent("stage")[-1][1] == STOP
     assert engine.state is State.UNHOMED
     with pytest.raises(NotReadyError):
-        engine.retract()
+        verbs.retract(engine)
 
 
 def test_a_frame_of_its_own(spring: Make) -> None:

@@ -33,9 +33,10 @@ Make = Callable[..., GrblStage]
 def stage(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> Make:
     """A driver that has said hello to the far end of this script."""
 
-    def make(script: list[Any], **options: Any) -> GrblStage:
+    def make(script: list[Any], *, homed: bool = False, **options: Any) -> GrblStage:
         stage = GrblStage(scripted([HELLO, SETTINGS, *script]), clock, **options)
         assert stage.connect() == "[VER:1.1h.20190825:] [OPT:V,15,128]"
+        stage._link.trusted = homed
         return stage
 
     return make
@@ -223,7 +224,7 @@ def test_home_then_move(stage: Make, clock: VirtualClock) -> None:
 
 
 def test_an_arrival_elsewhere_is_an_error(stage: Make) -> None:
-    board = stage([(b"G53G1G90G21Z-2.9000F60.000\n", b"ok\r\n"), (b"?", IDLE)])
+    board = stage([(b"G53G1G90G21Z-2.9000F60.000\n", b"ok\r\n"), (b"?", IDLE)], homed=True)
     with pytest.raises(StageError, match=r"Z is at -3\.0 mm, not at -2\.9 mm"):
         board.move_to(z_mm=-2.9, speed_mm_s=1.0)
 
@@ -246,6 +247,7 @@ def test_a_move_that_does_not_end_has_a_bounded_wait(clock: VirtualClock) -> Non
 
     board = GrblStage(Stuck(), clock)
     board.connect()
+    board._link.trusted = True
     with pytest.raises(StageTimeout, match="not over in time, state Hold:0"):
         board.move_to(x_mm=1.0, speed_mm_s=1.0)
     with pytest.raises(StageTimeout, match="still held after 1 s"):
@@ -267,7 +269,7 @@ def test_bad_arguments_are_refused_before_any_byte(stage: Make, arguments: dict[
 
 
 def test_an_alarm_in_the_middle_of_a_move_is_heard_at_once(stage: Make, clock: VirtualClock) -> None:
-    board = stage([(b"?", IDLE), (b"G53G1G90G21X-20.0000F60.000\n", [b"ok\r\nALARM:1\r\n"])])
+    board = stage([(b"?", IDLE), (b"G53G1G90G21X-20.0000F60.000\n", [b"ok\r\nALARM:1\r\n"])], homed=True)
     board.status()
     with pytest.raises(StageAlarm, match="alarm 1: hard limit") as caught:
         board.move_to(x_mm=-20.0, speed_mm_s=1.0)
@@ -276,7 +278,7 @@ def test_an_alarm_in_the_middle_of_a_move_is_heard_at_once(stage: Make, clock: V
 
 
 def test_an_alarm_state_ends_a_move(stage: Make) -> None:
-    board = stage([(b"G53G1G90G21X-20.0000F60.000\n", b"ok\r\n"), (b"?", b"<Alarm|MPos:0,0,0>\r\n")])
+    board = stage([(b"G53G1G90G21X-20.0000F60.000\n", b"ok\r\n"), (b"?", b"<Alarm|MPos:0,0,0>\r\n")], homed=True)
     with pytest.raises(StageError, match="Alarm during a move"):
         board.move_to(x_mm=-20.0, speed_mm_s=1.0)
 
@@ -301,7 +303,7 @@ def test_a_banner_glued_to_half_a_line_is_a_reset(stage: Make) -> None:
 
 
 def test_an_alarm_that_came_between_is_raised_before_the_next_line(stage: Make, clock: VirtualClock) -> None:
-    board = stage([(b"?", IDLE + b"ALARM:1\r\n[MSG:Reset to continue]\r\n")])
+    board = stage([(b"?", IDLE + b"ALARM:1\r\n[MSG:Reset to continue]\r\n")], homed=True)
     board.status()
     with pytest.raises(StageAlarm):
         board.move_to(x_mm=-2.0, speed_mm_s=1.0)
@@ -320,6 +322,7 @@ def test_with_backlash_every_arrival_is_in_the_negative_direction(stage: Make) -
             (b"?", b"<Idle|MPos:-1.500,-2.000,-3.000|FS:0,0>\r\n"),
         ],
         backlash_mm=(0.0, 0.0, 0.01),
+        homed=True,
     )
     board.status()
     board.move_to(x_mm=-1.5, z_mm=-2.9, speed_mm_s=1.0)

@@ -10,7 +10,7 @@ import pytest
 from rig.data import RunError, read_run
 from rig.devices.force import ForceReading, ForceTimeout
 from rig.devices.stage import StageAlarm
-from rig.engine import LimitError, NotReadyError, RunAborted, Target, TripError, indent
+from rig.engine import LimitError, NotReadyError, RunAborted, Target, TripError, indent, verbs
 from rig.engine.engine import State
 from rig.plan.config import Config, load_config
 from rig.plan.plan import make_plan
@@ -38,7 +38,7 @@ def test_a_reading_that_is_not_a_number_trips(spring: Make, monkeypatch: pytest.
     bench = spring()
     engine = bench.ready()
     bad = ForceReading(force_n, True, 0.0)
-    _at_first(bench, "press", lambda: monkeypatch.setattr(engine._force, "read", lambda: bad))
+    _at_first(bench, "press", lambda: monkeypatch.setattr(engine.sensing.sensor, "read", lambda: bad))
     with pytest.raises(TripError):
         indent(engine, FORCE)
     assert bench.of("trip")
@@ -71,7 +71,7 @@ def test_a_trip_stays_latched_when_the_lift_fails(spring: Make) -> None:
         indent(engine, FORCE)
     assert engine.state is State.TRIPPED
     with pytest.raises(NotReadyError, match="tripped"):
-        engine.home()
+        verbs.home(engine)
 
 
 # 4
@@ -90,7 +90,7 @@ def test_a_silent_balance_is_a_trip(spring: Make) -> None:
 def test_an_unplugged_wire_stops_the_stage(spring: Make, which: str) -> None:
     bench = spring()
     engine = bench.ready()
-    device = engine._force if which == "force" else engine._stage
+    device = engine.sensing.sensor if which == "force" else engine.bench.stage
     _at_first(bench, "press", lambda: device._transport.close())
     with pytest.raises(TransportError if which == "stage" else TripError, match=f"{which} is closed"):
         indent(engine, FORCE)
@@ -106,7 +106,7 @@ def test_no_change_of_indentor_after_a_stop_in_contact(spring: Make) -> None:
     engine.go_to_height(1.96, 0.5)
     engine.stop()
     with pytest.raises(NotReadyError, match="mount"):
-        engine.mount("step:1")
+        verbs.mount(engine, "step:1")
 
 
 # 7
@@ -114,7 +114,7 @@ def test_no_indentation_where_the_switches_are(spring: Make) -> None:
     """Homing leaves the carriage outside the lateral limits."""
     bench = spring()
     engine = bench.ready()
-    engine.home()
+    verbs.home(engine)
     before = len(bench.of("sample"))
     with pytest.raises(NotReadyError, match="not been moved to a position since homing"):
         indent(engine, FORCE)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from rig.engine import LimitError, Target, TripError, indent
+from rig.engine import LimitError, Target, TripError, indent, verbs
 from rig.engine.engine import State
 from rig.engine.rig_settings import RigSettings
 
@@ -122,7 +122,7 @@ def test_lateral_moves_only_at_clearance(spring: Make) -> None:
     bench = spring()
     engine = bench.ready()
     for x_mm in (0.5, -0.5):
-        engine.move_to(x_mm)
+        verbs.move_to(engine, x_mm)
         indent(engine, Target("force_gwt", 2.33), hold_s=0.1)
     clearance_z = bench.settings.frame.apex_z_mm + bench.settings.habits.clearance_mm
     z = 0.0

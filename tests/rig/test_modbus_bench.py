@@ -9,11 +9,12 @@ from typing import Any
 
 import pytest
 
-from rig.devices.bench import force_driver, stage_driver
+from rig.devices.catalogue import force_driver, stage_driver
 from rig.devices.force import LaumasForce
 from rig.devices.stage import LeadshineStage, StageAlarm, StageError, StageTimeout
 from rig.devices.units import GWT_N
-from rig.engine import Engine, Journal, Target, TripError, indent
+from rig.engine import Engine, Journal, Target, TripError, indent, verbs
+from rig.engine.bench import NO_PAUSE
 from rig.engine.engine import State
 from rig.engine.jog import Direction, dead_man_jog
 from rig.engine.streams import STREAMS
@@ -53,16 +54,14 @@ class Bench:
         self.events: list[tuple[str, dict[str, Any]]] = []
         self.on_event: Callable[[str, Mapping[str, Any]], None] = lambda stream, data: None
         self.journal = Journal(folder / "events.jsonl", self.clock, STREAMS, self._watch)
-        self.engine = Engine(self.config, self.clock, driver, sensor, self.journal, self)
+        self.operator, self.pause = self, NO_PAUSE
+        self.engine = Engine(self.config, self, self.journal)
 
     def mount(self, indentor: str) -> str:
         return indentor
 
     def confirm(self, request: str) -> None:
         """There is nobody to ask."""
-
-    def true_pose(self) -> None:
-        """Not needed here."""
 
     def per_mm(self, axis: str) -> float:
         return abs(self.config.calibration.value(f"{axis}_steps_per_mm", 400.0))
@@ -81,10 +80,10 @@ class Bench:
         return self.k_gwt * max(self.contact_mm - height, 0.0) ** 1.5 * GWT_N
 
     def ready(self) -> Engine:
-        self.engine.mount("bar:3.0")
-        self.engine.home()
-        self.engine.zero()
-        self.engine.move_to(0.0)
+        verbs.mount(self.engine, "bar:3.0")
+        verbs.home(self.engine)
+        verbs.zero(self.engine)
+        verbs.move_to(self.engine, 0.0)
         return self.engine
 
     def at_first(self, phase: str, act: Callable[[], object]) -> None:
@@ -227,9 +226,9 @@ def test_an_alarm_in_contact_stops_the_run_and_is_left_alone(make: Make) -> None
         indent(engine, Target("force_gwt", 2.33))
     assert engine.state is State.UNHOMED
     with pytest.raises(StageAlarm):
-        engine.home()
+        verbs.home(engine)
     bench.stage.unlock()
-    engine.home()
+    verbs.home(engine)
 
 
 def test_a_silent_drive_stops_the_run(make: Make) -> None:

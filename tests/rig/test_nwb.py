@@ -13,7 +13,7 @@ from rig.compare.recordings.spikes import read_spike_times
 from rig.data import NwbMissingError, Run, export_nwb, read_run
 from rig.data.folder import RunFolder
 from rig.devices.units import GWT_N
-from rig.engine import Target, indent
+from rig.engine import Target, indent, verbs
 
 pynwb: Any = pytest.importorskip("pynwb", reason="needs pynwb: pip install 'indentation-rig[nwb]'")
 
@@ -27,7 +27,7 @@ def run(spring: Any, tmp_path: Path) -> Run:
     engine = bench.ready()
 
     for x_mm in (0.0, 0.4):
-        engine.move_to(x_mm)
+        verbs.move_to(engine, x_mm)
         indent(engine, Target("force_gwt", 2.0), hold_s=0.3)
     bench.journal.stop("done")
     return read_run(bench.journal_path.parent)

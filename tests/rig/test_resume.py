@@ -15,6 +15,7 @@ import pytest
 
 from rig.data import FolderBusyError, RunFolder, read_run
 from rig.engine import RecordError, Target, TripError, indent
+from rig.engine.bench import Pause
 from rig.engine.journal import Journal, mend_journal, read_journal
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
@@ -241,7 +242,7 @@ def test_a_pause_in_a_press_lifts_and_begins_it_again(spring: Make) -> None:
         bench.on_event, asked[0] = (lambda stream, data: None), False
         return True
 
-    bench.on_event, bench.interrupt, engine._go_on = look, lambda: asked[0], go_on
+    bench.on_event, bench.pause = look, Pause(lambda: asked[0], go_on)
     done = indent(engine, Target("force_gwt", 2.33), hold_s=0.2)
     assert done.index == 0
     assert [e["index"] for e in bench.of("indentation_start")] == [0, 0]

@@ -12,7 +12,7 @@ import h5py
 import pytest
 
 from rig.data import RunError, RunFolder, export_run, new_run_folder, read_run
-from rig.engine import Target, indent
+from rig.engine import Target, indent, verbs
 from rig.engine.streams import STREAMS
 from rig.plan.config import Config
 from rig.report.run.run_report import write_report
@@ -44,7 +44,7 @@ def folder(tmp_path: Path, spring: Callable[..., Any]) -> RunFolder:
     bench = spring()
     bench.journal.start(START)
     engine = bench.ready(0.5)
-    engine.note('a "word", and µ')
+    verbs.note(engine, 'a "word", and µ')
     indent(engine, Target("doi_mm", 0.3), hold_s=0.2)
     indent(engine, Target("doi_mm", 0.4), increments=2, hold_s=0.2)
     bench.journal.stop("done")

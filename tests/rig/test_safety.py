@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from rig.devices.heartbeat import Heartbeat, looked_after
 from rig.devices.units import GWT_N
-from rig.engine import NotReadyError, Target, TripError, indent
+from rig.engine import NotReadyError, Target, TripError, indent, verbs
 from rig.engine.engine import State
+from rig.engine.heartbeat import Heartbeat, looked_after
 from rig.engine.rig_settings import RigSettings
 from rig.engine.stopping import Stopping
 from rig.transport.clock import WallClock
@@ -76,8 +76,8 @@ def test_force_over_area_trips(spring: Make) -> None:
 def test_a_reading_from_before_the_question_is_stale(spring: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     bench = spring()
     engine = bench.ready()
-    last = [engine._force.read()]
-    _once(bench, "press", lambda: monkeypatch.setattr(engine._force, "read", lambda: last[0]))
+    last = [engine.sensing.sensor.read()]
+    _once(bench, "press", lambda: monkeypatch.setattr(engine.sensing.sensor, "read", lambda: last[0]))
     with pytest.raises(TripError, match="stale"):
         indent(engine, FORCE)
     assert bench.height_mm == pytest.approx(2.0, abs=0.002)
@@ -89,7 +89,6 @@ def test_a_frozen_reading_trips_in_the_press(spring: Make) -> None:
     engine = bench.ready()
     bench.force_n, live = (lambda t_s: frozen[0] if frozen else live(t_s)), bench.force_n
     frozen: list[float] = []
-    bench.balance._force_n = bench.force_n
     _once(bench, "press", lambda: frozen.append(live(bench.clock.monotonic_s())))
     with pytest.raises(TripError, match=r"the force stays at .* a frozen reading, or a motor that does not turn"):
         indent(engine, Target("force_gwt", 8.0))
@@ -113,7 +112,7 @@ def test_a_wrong_indentor_is_not_pressed_with(spring: Make, monkeypatch: pytest.
     engine = bench.ready()
     monkeypatch.setattr(bench, "mount", lambda indentor: "step:3")
     with pytest.raises(NotReadyError, match="step:3 is on, expected step:1"):
-        engine.mount("step:1")
+        verbs.mount(engine, "step:1")
     with pytest.raises(NotReadyError, match="no indentor is mounted"):
         indent(engine, FORCE)
 
@@ -127,7 +126,7 @@ def test_an_indentor_that_nobody_confirmed_is_not_pressed_with(spring: Make, mon
 
     monkeypatch.setattr(bench, "mount", nobody)
     with pytest.raises(NotReadyError, match="nobody answered"):
-        engine.mount("step:1")
+        verbs.mount(engine, "step:1")
     with pytest.raises(NotReadyError, match="no indentor is mounted"):
         indent(engine, FORCE)
 
@@ -166,7 +165,7 @@ def test_a_lost_heartbeat_holds_and_trips(spring: Make) -> None:
     """A disk that hangs under the journal: the stop goes out meanwhile, and nothing moves after it."""
     bench = spring()
     engine = bench.ready()
-    engine._heartbeat = heartbeat = Heartbeat(bench.clock)
+    engine.heartbeat = heartbeat = Heartbeat(bench.clock)
     heartbeat.stop = engine._stop_stage
 
     def hang() -> None:
@@ -208,7 +207,7 @@ def test_a_stiff_thing_is_felt_no_harder_than_computed(spring: Make, k_gwt: floa
     bench = spring(k_gwt=k_gwt, soft_trip_n=0.02)
     engine = bench.ready()
     felt = [0.0]
-    step = bench.balance._force_n
+    step = bench.force_n
 
     def watch() -> None:
         felt[0] = max(felt[0], step(bench.clock.monotonic_s()))
@@ -217,6 +216,6 @@ def test_a_stiff_thing_is_felt_no_harder_than_computed(spring: Make, k_gwt: floa
     watch()
     with pytest.raises(Exception, match="trip"):
         indent(engine, Target("doi_mm", 1.0))
-    trip_gwt = engine.soft_trip_gwt
+    trip_gwt = engine.trips.soft_gwt
     bound = trip_gwt + Stopping.of(bench.settings, 1.0).overshoot_gwt(trip_gwt, k_gwt, 1.0)
     assert 0.05 < felt[0] / GWT_N <= bound

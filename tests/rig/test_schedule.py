@@ -11,7 +11,7 @@ import pytest
 
 from rig.cli import main
 from rig.data import read_run
-from rig.engine import LimitError, NotReadyError, PressId, RunAborted, Target, indent
+from rig.engine import LimitError, NotReadyError, PressId, RunAborted, Target, indent, verbs
 from rig.engine.engine import State
 from rig.engine.rig_settings import RigSettings
 from rig.plan.config import Config
@@ -239,7 +239,7 @@ def test_a_pause_is_taken_in_the_middle_of_a_rest(spring: Make) -> None:
     bench.interrupt = lambda: bench.clock.monotonic_s() >= start_s + 2.0
     bench.clock.call_at(start_s + 2.0, lambda: None)
     with pytest.raises(RunAborted):
-        engine.rest(60.0)
+        verbs.rest(engine, 60.0)
     assert bench.clock.monotonic_s() == pytest.approx(start_s + 2.0, abs=0.01)
     assert not bench.of("rest")
 
@@ -248,7 +248,7 @@ def test_no_rest_in_contact(spring: Make) -> None:
     engine = spring().ready()
     engine.go_to_height(1.9 + 0.05, 0.5)
     with pytest.raises(NotReadyError, match="rest: not allowed while in contact"):
-        engine.rest(1.0)
+        verbs.rest(engine, 1.0)
 
 
 def test_presses_that_are_no_data_send_no_pulse(spring: Make) -> None:
@@ -278,8 +278,8 @@ def test_the_contact_time_is_limited_live(spring: Make) -> None:
 def test_a_drift_of_the_zero_is_told_and_alarms(spring: Make) -> None:
     bench = spring()
     engine = bench.ready()
-    bench.balance._force_n = lambda t_s: 0.04 * 9.80665e-3
-    engine.zero()
+    bench.force_n = lambda t_s: 0.04 * 9.80665e-3
+    verbs.zero(engine)
     assert bench.of("zero")[-1]["drift_gwt"] == pytest.approx(0.04, abs=1e-6)
     assert bench.of("alarm") == [{"reason": "the zero has drifted by +0.04 gwt, limits.zero_drift_gwt = 0.03"}]
     assert engine.state is State.READY
@@ -288,9 +288,9 @@ def test_a_drift_of_the_zero_is_told_and_alarms(spring: Make) -> None:
 def test_an_alarm_trips_where_that_is_configured(spring: Make) -> None:
     bench = spring(settings=RigSettings.model_validate({"limits": {"on_alarm": "trip"}}))
     engine = bench.ready()
-    bench.balance._force_n = lambda t_s: 0.04 * 9.80665e-3
+    bench.force_n = lambda t_s: 0.04 * 9.80665e-3
     with pytest.raises(Exception, match="the zero has drifted"):
-        engine.zero()
+        verbs.zero(engine)
     assert engine.state is State.TRIPPED
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from rig.devices.stage import StageError
-from rig.engine import EngineError, NotReadyError, Target, TripError, indent
+from rig.engine import EngineError, NotReadyError, Target, TripError, indent, verbs
 from rig.engine.engine import State
 
 Make = Callable[..., Any]
@@ -33,7 +33,7 @@ def _trip(bench: Any) -> None:
 
 
 def _press_a_stiff_thing(bench: Any) -> None:
-    bench.k_gwt, bench.engine.soft_trip_gwt = 5000.0, 2.0
+    bench.k_gwt, bench.engine.trips.soft_gwt = 5000.0, 2.0
     with pytest.raises(TripError):
         indent(bench.engine, FORCE)
 
@@ -47,15 +47,15 @@ def _lower(bench: Any) -> None:
 
 
 VERBS: dict[str, Callable[[Any], object]] = {
-    "mount": lambda bench: bench.engine.mount("step:1"),
-    "home": lambda bench: bench.engine.home(),
-    "zero": lambda bench: bench.engine.zero(),
-    "move_to": lambda bench: bench.engine.move_to(0.5),
+    "mount": lambda bench: verbs.mount(bench.engine, "step:1"),
+    "home": lambda bench: verbs.home(bench.engine),
+    "zero": lambda bench: verbs.zero(bench.engine),
+    "move_to": lambda bench: verbs.move_to(bench.engine, 0.5),
     "indent": _indent,
-    "retract": lambda bench: bench.engine.retract(),
-    "note": lambda bench: bench.engine.note("a word"),
-    "rest": lambda bench: bench.engine.rest(0.1),
-    "checkpoint": lambda bench: bench.engine.checkpoint("here"),
+    "retract": lambda bench: verbs.retract(bench.engine),
+    "note": lambda bench: verbs.note(bench.engine, "a word"),
+    "rest": lambda bench: verbs.rest(bench.engine, 0.1),
+    "checkpoint": lambda bench: verbs.checkpoint(bench.engine, "here"),
     "stop": _stop,
     "trip": _trip,
 }
@@ -87,7 +87,7 @@ MACHINE: dict[State, dict[str, State | None]] = {
 def _in(state: State, spring: Make) -> Any:
     bench = spring()
     if state is State.UNHOMED:
-        bench.engine.mount("bar:3.0")
+        verbs.mount(bench.engine, "bar:3.0")
         return bench
     bench.ready()
     if state is State.IN_CONTACT:
@@ -133,7 +133,7 @@ def test_a_stage_that_fails_is_unhomed(spring: Make, state: State) -> None:
     _alarm(bench)
     assert bench.engine.state is State.UNHOMED
     with pytest.raises(NotReadyError):
-        bench.engine.move_to(0.0)
+        verbs.move_to(bench.engine, 0.0)
 
 
 def test_a_force_above_the_trip_in_contact_trips(spring: Make) -> None:

@@ -1,10 +1,15 @@
 """What the engine needs of a stage, and how a stage fails."""
 
-from collections.abc import Callable
+import math
+from abc import abstractmethod
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Literal, Protocol, runtime_checkable
 
 Axis = Literal["x", "y", "z"]
+
+LOOK_S = 0.1
+"""A motion is looked at so often while it lasts; one that is over sooner, when it is over."""
 
 
 class StageError(Exception):
@@ -28,6 +33,13 @@ class StageTimeout(StageError):  # noqa: N818
     """No answer, or no arrival, within the time allowed."""
 
 
+class StageNotHomed(StageError):  # noqa: N818
+    """Nothing was moved: where the stage is would not be known."""
+
+    def __init__(self, who: str) -> None:
+        super().__init__(f"{who} must be homed before a move")
+
+
 class StageRejected(StageError):  # noqa: N818
     """The controller refused one line; code is the maker's number."""
 
@@ -48,16 +60,63 @@ class StageStatus:
     z_mm: float
 
 
-class Stage(Protocol):
-    """Three axes in machine coordinates (mm): x lateral, y axial, z vertical, + up."""
+Looks = Iterator[StageStatus | None]
+"""A motion under way: each item is a look at the stage, LOOK_S after the last one; it ends on arrival.
 
+None where the controller says nothing while it moves. The first look begins the motion. Whoever does not go to the
+end of it calls Stage.halt() or Stage.stop().
+"""
+
+
+class Stage(Protocol):
+    """Three axes in machine coordinates (mm): x lateral, y axial, z vertical, + up.
+
+    No move is accepted unhomed: StageNotHomed before any byte.
+    """
+
+    @property
+    @abstractmethod
+    def homed(self) -> bool:
+        """Whether the position is to be trusted: homed, and no alarm, reset, timeout or stop since."""
+        ...
+
+    @abstractmethod
     def connect(self) -> str:
         """Make contact; returns the controller's identity. Raises StageError."""
         ...
 
-    def home(self) -> None:
+    @abstractmethod
+    def homing(self) -> Looks:
         """Find the home switches; afterwards the position is trusted. Raises StageError."""
         ...
+
+    @abstractmethod
+    def moving(
+        self,
+        *,
+        x_mm: float | None = None,
+        y_mm: float | None = None,
+        z_mm: float | None = None,
+        speed_mm_s: float,
+        look_s: float = LOOK_S,
+    ) -> Looks:
+        """Move in a straight line, looked at each look_s.
+
+        Raises StageError; ValueError, StageNotHomed before any byte.
+        """
+        ...
+
+    @abstractmethod
+    def halt(self) -> None:
+        """Give up the motion under way and return at rest; the position stays as trusted as it was.
+
+        Raises StageError, TransportError.
+        """
+        ...
+
+    def home(self) -> None:
+        """Home and return when it is over. Raises StageError."""
+        arrive(self.homing())
 
     def move_to(
         self,
@@ -67,33 +126,40 @@ class Stage(Protocol):
         z_mm: float | None = None,
         speed_mm_s: float,
     ) -> None:
-        """Move in a straight line and return on arrival. Raises StageError, ValueError before any byte."""
-        ...
+        """Move and return on arrival. Raises StageError; ValueError, StageNotHomed before any byte."""
+        arrive(self.moving(x_mm=x_mm, y_mm=y_mm, z_mm=z_mm, speed_mm_s=speed_mm_s, look_s=math.inf))
 
+    @abstractmethod
     def status(self) -> StageStatus:
         """State and position now. Raises StageError."""
         ...
 
+    @abstractmethod
     def look(self) -> StageStatus:
         """Where a stage is that has not been spoken to; changes nothing. Raises StageError."""
         ...
 
+    @abstractmethod
     def steps_per_mm(self, axis: Axis) -> float:
         """What the controller takes for a millimetre, negative where the motor runs against the axis."""
         ...
 
+    @abstractmethod
     def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
         """Go on by so much and no farther, even if nothing is heard again; returns at once. Raises StageError."""
         ...
 
+    @abstractmethod
     def end_jog(self) -> None:
         """Stop jogging and return at rest; the position stays trusted. Raises StageError."""
         ...
 
+    @abstractmethod
     def set_output(self, on: bool) -> None:
         """Raise or lower the output that tells a recording amplifier; returns when it is done. Raises StageError."""
         ...
 
+    @abstractmethod
     def stop(self) -> None:
         """Stop now, past every queue and every wait; a driver may then make sure of it, for a second at most.
 
@@ -101,13 +167,28 @@ class Stage(Protocol):
         """
         ...
 
+    @abstractmethod
     def unlock(self) -> None:
         """Clear an alarm without homing; the position stays untrusted. Raises StageError."""
         ...
 
+    @abstractmethod
     def close(self) -> None:
         """Give the port back."""
         ...
+
+
+def next_look_s(last_s: float, over_s: float, look_s: float) -> float:
+    """When a motion that should be over at over_s is looked at again: not just before that, nor just after it."""
+    due_s = last_s + look_s
+    in_time = last_s >= over_s or over_s - due_s >= look_s
+    return due_s if in_time else max(due_s, over_s + look_s)
+
+
+def arrive(looks: Looks) -> None:
+    """Go to the end of a motion."""
+    for _ in looks:
+        pass
 
 
 @runtime_checkable

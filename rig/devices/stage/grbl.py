@@ -5,16 +5,29 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Literal
 
-from rig.devices.bench_settings import SLOWEST_MM_S
-from rig.devices.stage.base import Axis, StageAlarm, StageError, StageRejected, StageReset, StageStatus, StageTimeout
+from rig.devices.stage.base import (
+    LOOK_S,
+    Axis,
+    Looks,
+    Stage,
+    StageAlarm,
+    StageError,
+    StageNotHomed,
+    StageRejected,
+    StageReset,
+    StageStatus,
+    StageTimeout,
+    next_look_s,
+)
 from rig.devices.stage.grbl_link import ASK_TIMES, GrblLink
 from rig.devices.stage.grbl_settings import INCHES, STEP_DIRECTION, STEPS_PER_MM, differences
-from rig.devices.stage.grbl_words import Xyz, parse_setting
+from rig.devices.stage.grbl_words import Xyz, move_words, parse_setting, travel_s
 from rig.transport import Transport
 from rig.transport.clock import Clock
 
 POLL_S = 0.02
 HOME_S = 180.0
+HALT_S = 2.0
 # A move may take this much longer than its length, speed and acceleration say.
 LATE_FACTOR, LATE_S = 1.5, 5.0
 ASK_FOR_OFFSET = 35
@@ -25,7 +38,7 @@ JOG_CANCEL = b"\x85"
 OUTPUT_WORDS = {"coolant": ("M9", "M8"), "spindle": ("M5", "M3S1000")}
 
 
-class GrblStage:
+class GrblStage(Stage):
     """Stage over a GRBL board, one move at a time.
 
     poll_s: how often `?` asks whether a move is over, once it should be. tolerance_steps: how far from the
@@ -83,9 +96,11 @@ class GrblStage:
         self._settings = dict(pair for pair in map(parse_setting, lines) if pair)
         return dict(self._settings)
 
-    def home(self) -> None:
+    def homing(self) -> Looks:
+        """`$H`; while it lasts the board answers nothing, `?` included."""
         self._link.recover()
-        self._link.command("$H", HOME_S)
+        for _ in self._link.talking("$H", HOME_S, LOOK_S):
+            yield None
         self.status()
         self._link.trusted = True
 
@@ -106,24 +121,28 @@ class GrblStage:
         self._last = fields.machine or _sum(fields.work, self._link.offset)
         return StageStatus(fields.state, *self._last)
 
-    def move_to(
+    def moving(
         self,
         *,
         x_mm: float | None = None,
         y_mm: float | None = None,
         z_mm: float | None = None,
         speed_mm_s: float,
-    ) -> None:
-        """Straight to machine coordinates (mm) at speed_mm_s; returns when the board says it is there.
+        look_s: float = LOOK_S,
+    ) -> Looks:
+        """Straight to machine coordinates (mm) at speed_mm_s; over when the board says it is there.
 
-        Waits the expected travel time, then polls each poll_s. Where an axis has backlash it always arrives in its
-        negative direction: down, for Z. Raises StageError; ValueError before any byte.
+        It is asked each look_s, and after the expected travel time each poll_s. Where an axis has backlash it always
+        arrives in its negative direction: down, for Z. Raises StageError; ValueError, StageNotHomed before any byte.
         """
         target = {axis: mm for axis, mm in (("X", x_mm), ("Y", y_mm), ("Z", z_mm)) if mm is not None}
+        move_words(target, speed_mm_s)
+        if self._link.in_step and not self.homed:
+            raise StageNotHomed(f"{self._transport.name}: the stage")
         beyond = self._beyond(target)
         if beyond != target:
-            self._go(beyond, speed_mm_s)
-        self._go(target, speed_mm_s)
+            yield from self._going(beyond, speed_mm_s, look_s)
+        yield from self._going(target, speed_mm_s, look_s)
 
     def _beyond(self, target: dict[str, float]) -> dict[str, float]:
         """The target, overrun by twice the backlash on the axes that would get there in their positive direction."""
@@ -136,11 +155,23 @@ class GrblStage:
         }
         return {axis: min(mm + slack.get(axis, 0.0), 0.0) if slack.get(axis) else mm for axis, mm in target.items()}
 
-    def _go(self, target: dict[str, float], speed_mm_s: float) -> None:
-        line = "G53G1G90G21" + _words(target, speed_mm_s)
+    def _going(self, target: dict[str, float], speed_mm_s: float, look_s: float) -> Looks:
         expected_s = self._expected_s(target, speed_mm_s)
-        self._link.command(line)
-        self._arrive(target, expected_s)
+        self._link.command("G53G1G90G21" + move_words(target, speed_mm_s))
+        yield from self._arriving(target, expected_s, look_s)
+
+    def halt(self) -> None:
+        """Feed hold, and a reset once the board stands: from rest it loses no step, and what was queued is gone."""
+        deadline_s = self._clock.monotonic_s() + HALT_S
+        trusted = self._link.trusted
+        self.hold()
+        while (state := self.status().state) not in ("Hold:0", "Idle"):
+            if self._clock.monotonic_s() >= deadline_s:
+                raise StageTimeout(f"{self._transport.name}: not at rest {HALT_S:g} s after a hold, state {state}")
+            self._listen(self._poll_s)
+        self._link.reset()
+        self.status()
+        self._link.trusted = trusted
 
     def stop(self) -> None:
         """Feed hold and reset in one write: no queue, no lock, no waiting. Then home() or unlock()."""
@@ -180,7 +211,7 @@ class GrblStage:
 
     def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
         """`$J=`: needs a board that is idle or jogging. Raises StageError; ValueError before any byte."""
-        self._link.command("$J=G91G21" + _words({axis.upper(): by_mm}, speed_mm_s))
+        self._link.command("$J=G91G21" + move_words({axis.upper(): by_mm}, speed_mm_s))
 
     def end_jog(self, timeout_s: float = 5.0) -> None:
         """0x85 until the board is at rest: one that comes before the jog has begun is lost."""
@@ -204,15 +235,20 @@ class GrblStage:
     def _listen(self, seconds: float) -> None:
         self._link.listen_until(self._clock.monotonic_s() + seconds)
 
-    def _arrive(self, target: dict[str, float], expected_s: float) -> None:
-        deadline_s = self._clock.monotonic_s() + LATE_FACTOR * expected_s + LATE_S
-        self._listen(expected_s)
+    def _arriving(self, target: dict[str, float], expected_s: float, look_s: float) -> Looks:
+        begun_s = self._clock.monotonic_s()
+        over_s, deadline_s = begun_s + expected_s, begun_s + LATE_FACTOR * expected_s + LATE_S
+        due_s = next_look_s(begun_s, over_s, look_s)
+        self._link.listen_until(min(over_s, due_s))
         while (now := self.status()).state != "Idle":
             if now.state.startswith(("Alarm", "Sleep", "Check")):
                 raise StageError(f"{self._transport.name}: {now.state} during a move")
             if self._clock.monotonic_s() >= deadline_s:
                 raise StageTimeout(f"{self._transport.name}: move not over in time, state {now.state}")
-            self._listen(self._poll_s)
+            if self._clock.monotonic_s() >= due_s:
+                yield now
+                due_s = next_look_s(self._clock.monotonic_s(), over_s, look_s)
+            self._link.listen_until(min(max(over_s, self._clock.monotonic_s() + self._poll_s), due_s))
         self._verify(target, now)
 
     def _verify(self, target: dict[str, float], now: StageStatus) -> None:
@@ -235,29 +271,10 @@ class GrblStage:
             most, steepest = (self._setting(first, axis) for first in (110, 120))
             speed_mm_s = min(speed_mm_s, most / 60 * length / mm)
             accel = min(accel, steepest * length / mm)
-        return _travel_s(length, speed_mm_s, accel)
+        return travel_s(length, speed_mm_s, accel)
 
     def _setting(self, first: int, axis: str) -> float:
         return self._settings.get(first + "XYZ".index(axis), math.inf)
-
-
-def _words(target: dict[str, float], speed_mm_s: float) -> str:
-    """Axis words in mm and F in mm/min; raises ValueError."""
-    if not target:
-        raise ValueError("a move needs at least one of x_mm, y_mm, z_mm")
-    for name, value in (*target.items(), ("speed_mm_s", speed_mm_s)):
-        if not math.isfinite(value):
-            raise ValueError(f"{name} must be a finite number, got {value}")
-    if speed_mm_s < SLOWEST_MM_S:
-        raise ValueError(f"speed_mm_s must be at least {SLOWEST_MM_S:.4f}, got {speed_mm_s}")
-    return "".join(f"{axis}{mm:.4f}" for axis, mm in target.items()) + f"F{60 * speed_mm_s:.3f}"
-
-
-def _travel_s(mm: float, speed: float, accel: float) -> float:
-    ramp_mm = speed * speed / accel
-    if mm <= ramp_mm:
-        return 2 * math.sqrt(mm / accel)
-    return mm / speed + speed / accel
 
 
 def _sum(work: Xyz | None, offset: Xyz | None) -> Xyz:

@@ -4,6 +4,8 @@ Source: GRBL 1.1 interface wiki. Send-response on purpose, not character countin
 beyond one safe increment.
 """
 
+import math
+from collections.abc import Generator
 from contextlib import suppress
 
 from rig.devices.stage.base import StageAlarm, StageError, StageRejected, StageReset, StageTimeout
@@ -52,21 +54,38 @@ class GrblLink:
 
     def command(self, line: str, timeout_s: float = REPLY_S) -> list[str]:
         """Send one line and wait for its ok; returns what was printed before it. Raises StageError."""
+        talk = self.talking(line, timeout_s)
+        while True:
+            try:
+                next(talk)
+            except StopIteration as over:
+                return list(over.value)
+
+    def talking(self, line: str, timeout_s: float, look_s: float = math.inf) -> Generator[None, None, list[str]]:
+        """Send one line; gives way each look_s until its ok, and returns what came before it. Raises StageError."""
         if not self.in_step:
             raise StageError(f"{self._transport.name}: the board must be reset before {line!r}")
         self.hear_pending()
         self._transport.write(line.encode("ascii") + b"\n")
         deadline_s = self._clock.monotonic_s() + timeout_s
         printed: list[str] = []
-        while (heard := self._hear(deadline_s)) != "ok":
-            if heard is None:
+        while True:
+            heard = self._hear(min(deadline_s, self._clock.monotonic_s() + look_s))
+            if heard == "ok":
+                return printed
+            if heard is not None:
+                self._refuse_error(heard, line)
+                printed.append(heard)
+            elif self._clock.monotonic_s() < deadline_s:
+                yield
+            else:
                 self.in_step = self.trusted = False
                 raise StageTimeout(f"{self._transport.name}: no answer to {line!r} in {timeout_s:g} s")
-            code = number_after(heard, "error:")
-            if code is not None:
-                raise StageRejected(code, line, ERRORS.get(code, "see the controller's manual"))
-            printed.append(heard)
-        return printed
+
+    def _refuse_error(self, heard: str, line: str) -> None:
+        code = number_after(heard, "error:")
+        if code is not None:
+            raise StageRejected(code, line, ERRORS.get(code, "see the controller's manual"))
 
     def ask_status(self) -> StatusFields:
         """Send `?` and return its answer; a garbled one is asked again. Raises StageError."""

@@ -4,6 +4,8 @@ import math
 import re
 from dataclasses import dataclass
 
+from rig.devices.bench_settings import SLOWEST_MM_S
+
 ALARMS = {
     1: "hard limit",
     2: "soft limit: the target lies outside the travel",
@@ -74,6 +76,26 @@ def number_after(line: str, prefix: str) -> int | None:
         return None
     digits = line[len(prefix) :].strip()
     return int(digits) if digits.isdigit() else 0
+
+
+def move_words(target: dict[str, float], speed_mm_s: float) -> str:
+    """Axis words in mm and F in mm/min; raises ValueError."""
+    if not target:
+        raise ValueError("a move needs at least one of x_mm, y_mm, z_mm")
+    for name, value in (*target.items(), ("speed_mm_s", speed_mm_s)):
+        if not math.isfinite(value):
+            raise ValueError(f"{name} must be a finite number, got {value}")
+    if speed_mm_s < SLOWEST_MM_S:
+        raise ValueError(f"speed_mm_s must be at least {SLOWEST_MM_S:.4f}, got {speed_mm_s}")
+    return "".join(f"{axis}{mm:.4f}" for axis, mm in target.items()) + f"F{60 * speed_mm_s:.3f}"
+
+
+def travel_s(mm: float, speed: float, accel: float) -> float:
+    """From rest to rest over a length in mm, at mm/s and mm/s²."""
+    ramp_mm = speed * speed / accel
+    if mm <= ramp_mm:
+        return 2 * math.sqrt(mm / accel)
+    return mm / speed + speed / accel
 
 
 def _xyz(text: str | None) -> Xyz | None:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from rig.devices.bench_settings import SLOWEST_MM_S, SyncSettings
 from rig.devices.stage import leadshine_words as reg
-from rig.devices.stage.base import Axis, StageError, StageStatus
+from rig.devices.stage.base import LOOK_S, Axis, Looks, Stage, StageError, StageNotHomed, StageStatus
 from rig.devices.stage.leadshine_drive import LeadshineDrive
 from rig.devices.stage.leadshine_words import Status
 from rig.transport.modbus import ModbusMaster
@@ -13,7 +13,7 @@ from rig.transport.modbus import ModbusMaster
 _SAME_PLACE_MM = 1e-6
 
 
-class LeadshineStage:
+class LeadshineStage(Stage):
     """Stage over two drives, one axis at a time: two drives cannot keep a straight line between them.
 
     y_mm: where the stage was set by hand along the finger; it cannot change that. output: what set_output() switches.
@@ -47,11 +47,12 @@ class LeadshineStage:
         self._trusted = False
         return "; ".join(drive.connect() for drive in self._drives.values())
 
-    def home(self) -> None:
+    def homing(self) -> Looks:
         """Home z, then x, then set the soft limits in the drives. An alarm is not cleared. Raises StageError."""
         self._trusted = False
         for drive in self._up_first():
-            drive.home()
+            for _ in drive.homing():
+                yield None
             drive.set_soft_limits()
         self._trusted = True
 
@@ -67,17 +68,19 @@ class LeadshineStage:
         x_mm, z_mm = (drive.position_mm() for drive in self._drives.values())
         return StageStatus(_state(words), x_mm, self._y_mm, z_mm)
 
-    def move_to(
+    def moving(
         self,
         *,
         x_mm: float | None = None,
         y_mm: float | None = None,
         z_mm: float | None = None,
         speed_mm_s: float,
-    ) -> None:
-        """Straight to a place (machine mm) and return on arrival.
+        look_s: float = LOOK_S,
+    ) -> Looks:
+        """Straight to a place (machine mm).
 
-        Raises StageError; ValueError before any byte for two axes at once, another y, or a speed out of range.
+        Raises StageError; ValueError, StageNotHomed before any byte: for two axes at once, another y, or a speed out
+        of range.
         """
         axis, target_mm = self._one_axis(x_mm, y_mm, z_mm, speed_mm_s)
         if axis is None:
@@ -85,13 +88,18 @@ class LeadshineStage:
         drive = self._drives[axis]
         drive.rpm(speed_mm_s)
         if not self._trusted:
-            raise StageError("the drives must be homed before a move")
+            raise StageNotHomed("the drives")
         try:
             for stop_mm in self._stops(axis, drive.position_mm(), target_mm):
-                drive.move_to(stop_mm, speed_mm_s, lambda: self._trusted)
+                for _ in drive.moving(stop_mm, speed_mm_s, lambda: self._trusted, look_s):
+                    yield self.status()
         except StageError:
             self._trusted = False
             raise
+
+    def halt(self) -> None:
+        """A quick stop of each drive; its position feedback goes on counting."""
+        self.end_jog()
 
     def look(self) -> StageStatus:
         return self.status()

@@ -9,12 +9,12 @@ from contextlib import contextmanager
 
 from rig.devices.bench_settings import DriveSettings
 from rig.devices.stage import leadshine_words as reg
-from rig.devices.stage.base import StageAlarm, StageError, StageTimeout
+from rig.devices.stage.base import LOOK_S, StageAlarm, StageError, StageTimeout, next_look_s
 from rig.devices.stage.leadshine_words import Status
 from rig.transport.clock import Clock
 from rig.transport.modbus import ModbusError, ModbusMaster, ModbusTimeout
 
-POLL_S, LOOK_S = 0.02, 0.25
+POLL_S, ALARM_S = 0.02, 0.25
 HOME_S = 180.0
 # Until a trigger shows in the status word.
 START_S = 0.05
@@ -69,8 +69,8 @@ class LeadshineDrive:
 
     # --- motion ---
 
-    def home(self) -> None:
-        """Find the home switch, which is 0 from then on. Raises StageError."""
+    def homing(self) -> Iterator[None]:
+        """Find the home switch, which is 0 from then on; gives way at each look. Raises StageError."""
         self.refuse_fault()
         settings = self._settings
         ramp = settings.homing_ramp_ms
@@ -78,10 +78,12 @@ class LeadshineDrive:
         speeds = [settings.homing_high_rpm, settings.homing_low_rpm, ramp, ramp]
         self._set("homing speeds", reg.HOMING_SPEEDS, speeds)
         self._write(reg.TRIGGER, reg.HOME)
-        self._until(lambda status: Status.HOMED in status and self._commanded() == 0, HOME_S, START_S, "homing")
+        yield from self._until(
+            lambda status: Status.HOMED in status and self._commanded() == 0, HOME_S, START_S, "homing"
+        )
 
-    def move_to(self, to_mm: float, speed_mm_s: float, keep_on: Callable[[], bool]) -> None:
-        """To a position at up to speed_mm_s, and return on arrival.
+    def moving(self, to_mm: float, speed_mm_s: float, keep_on: Callable[[], bool], look_s: float) -> Iterator[None]:
+        """To a position at up to speed_mm_s; gives way each look_s, and is over on arrival.
 
         keep_on says whether to go on waiting. Raises StageError; ValueError before any byte where the drive cannot
         be so slow.
@@ -99,7 +101,7 @@ class LeadshineDrive:
                 raise StageError(f"{self._name}: stopped")
             return Status.PATH_DONE in status and self._commanded() == target
 
-        self._until(there, late_s, expected_s, f"the move to {to_mm:g} mm")
+        yield from self._until(there, late_s, expected_s, f"the move to {to_mm:g} mm", look_s)
         at_mm = self.position_mm()
         if abs(at_mm - target / self.pulses_per_mm) > self._tolerance_mm:
             raise StageError(f"{self._name} is at {at_mm:.4f} mm, not at {to_mm:g} mm")
@@ -130,7 +132,8 @@ class LeadshineDrive:
             written_s = self._clock.monotonic_s()
             self._write(reg.CONTROL, word)
             self._clock.wait_s(written_s + JOG_PERIOD_S - self._clock.monotonic_s())
-        self._until(lambda status: True, STOP_S, 0.0, "the end of a jog")
+        for _ in self._until(lambda status: True, STOP_S, 0.0, "the end of a jog"):
+            pass
 
     def confirm_stopped(self) -> None:
         """Tell it to stop until it says that it stands. Raises StageError."""
@@ -180,18 +183,27 @@ class LeadshineDrive:
 
     # --- words ---
 
-    def _until(self, done: Callable[[Status], bool], most_s: float, first_s: float, what: str) -> None:
-        """Poll until it stands and done() says so: now and then in the first first_s, for an alarm, then steadily."""
-        start_s = self._clock.monotonic_s()
+    def _until(
+        self, done: Callable[[Status], bool], most_s: float, first_s: float, what: str, look_s: float = LOOK_S
+    ) -> Iterator[None]:
+        """Until it stands and done() says so; gives way each look_s.
+
+        The drive is asked now and then in the first first_s, for an alarm, and steadily afterwards.
+        """
+        begun_s = self._clock.monotonic_s()
+        over_s, due_s = begun_s + first_s, next_look_s(begun_s, begun_s + first_s, look_s)
         while True:
-            left_s = start_s + first_s - self._clock.monotonic_s()
-            self._clock.wait_s(min(left_s, LOOK_S) if left_s > 0 else POLL_S)
+            now_s = self._clock.monotonic_s()
+            self._clock.wait_s(min(over_s - now_s, due_s - now_s, ALARM_S) if over_s > now_s else POLL_S)
             status = self.status()
             self._refuse(status)
             if done(status) and Status.RUNNING not in status:
                 return
-            if self._clock.monotonic_s() >= start_s + most_s:
+            if self._clock.monotonic_s() >= begun_s + most_s:
                 raise StageTimeout(f"{self._name}: {what} is not over after {most_s:.1f} s, status {status!r}")
+            if self._clock.monotonic_s() >= due_s:
+                yield
+                due_s = next_look_s(self._clock.monotonic_s(), over_s, look_s)
 
     def _refuse(self, status: Status) -> None:
         if Status.FAULT in status:

@@ -1,5 +1,6 @@
 """The home switches are found."""
 
+from rig.engine import verbs
 import math
 from dataclasses import dataclass
 from typing import ClassVar
@@ -21,4 +22,4 @@ class Home(Step[None, None]):
         return walk.spot()
 
     def carry_out(self, engine: Engine, expected: None) -> None:
-        engine.home()
+        verbs.home(engine)

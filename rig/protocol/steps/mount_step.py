@@ -1,5 +1,6 @@
 """An indentor is put on."""
 
+from rig.engine import verbs
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -26,4 +27,4 @@ class Mount(Step[None, None]):
         return walk.spot()
 
     def carry_out(self, engine: Engine, expected: None) -> None:
-        engine.mount(self.indentor)
+        verbs.mount(engine, self.indentor)

@@ -1,5 +1,6 @@
 """A place over the finger is gone to."""
 
+from rig.engine import verbs
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -35,4 +36,4 @@ class MoveTo(Step[None, None]):
         return walk.spot()
 
     def carry_out(self, engine: Engine, expected: None) -> None:
-        engine.move_to(float(self.x_mm), float(self.along_mm))
+        verbs.move_to(engine, float(self.x_mm), float(self.along_mm))

@@ -1,5 +1,6 @@
 """The skin is pressed until it answers the same: no data."""
 
+from rig.engine import verbs
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -39,5 +40,5 @@ class Precondition(Step[ExpectedPresses, None]):
 
     def carry_out(self, engine: Engine, expected: ExpectedPresses) -> None:
         for press_id in expected.ids:
-            engine.be_over(expected.planned.x_mm)
+            verbs.be_over(engine, expected.planned.x_mm)
             press(engine, press_id, expected.planned)

@@ -1,11 +1,12 @@
 """The same press again and again, to see whether the finger still answers the same: no data."""
 
+from rig.engine import verbs
 from dataclasses import dataclass
 from typing import ClassVar
 
 from rig.engine import Engine
 from rig.engine.records import Target
-from rig.engine.reference import Reference as Comparison
+from rig.engine.pressing.reference import Reference as Comparison
 from rig.protocol.errors import BadInputError
 from rig.protocol.refusals import checked_target
 from rig.protocol.steps.base import Owed, Step
@@ -59,5 +60,5 @@ class Reference(Step[ExpectedReference, None]):
         return ExpectedReference(found.ids, found.planned, walk.reference)
 
     def carry_out(self, engine: Engine, expected: ExpectedReference) -> None:
-        engine.be_over(expected.planned.x_mm)
+        verbs.be_over(engine, expected.planned.x_mm)
         expected.comparison.compare(engine, press(engine, expected.ids[0], expected.planned))

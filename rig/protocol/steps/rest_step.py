@@ -1,5 +1,6 @@
 """The finger is let be."""
 
+from rig.engine import verbs
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -24,4 +25,4 @@ class Rest(Step[None, None]):
         return walk.spot()
 
     def carry_out(self, engine: Engine, expected: None) -> None:
-        engine.rest(float(self.seconds))
+        verbs.rest(engine, float(self.seconds))

@@ -1,5 +1,6 @@
 """The indentor is lifted."""
 
+from rig.engine import verbs
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -20,4 +21,4 @@ class Retract(Step[None, None]):
         return walk.spot()
 
     def carry_out(self, engine: Engine, expected: None) -> None:
-        engine.retract()
+        verbs.retract(engine)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from rig.engine import Engine
-from rig.engine.indent import touch_place
+from rig.engine.pressing.indent import touch_place
 from rig.engine.records import PressId
 from rig.protocol.refusals import refuse_approach
 from rig.protocol.steps.base import Journalled, Owed, Step

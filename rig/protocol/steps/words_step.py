@@ -1,5 +1,6 @@
 """What a script writes into the journal."""
 
+from rig.engine import verbs
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -27,7 +28,7 @@ class Checkpoint(Step[None, None]):
         return walk.spot()
 
     def carry_out(self, engine: Engine, expected: None) -> None:
-        engine.checkpoint(self.name)
+        verbs.checkpoint(engine, self.name)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,4 +45,4 @@ class Note(Step[None, None]):
         return walk.spot()
 
     def carry_out(self, engine: Engine, expected: None) -> None:
-        engine.note(self.text)
+        verbs.note(engine, self.text)

@@ -1,5 +1,6 @@
 """The force sensor is zeroed in the air."""
 
+from rig.engine import verbs
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -21,4 +22,4 @@ class Zero(Step[None, None]):
         return walk.spot()
 
     def carry_out(self, engine: Engine, expected: None) -> None:
-        engine.zero()
+        verbs.zero(engine)

@@ -4,8 +4,10 @@ import math
 from dataclasses import dataclass
 
 from rig.engine.engine import Engine
+from rig.engine.pressing.pulse import pulse
+from rig.engine.pressing.touch_fit import fit_contact
 from rig.engine.records import PressId, Touch
-from rig.engine.touch import fit_contact
+from rig.engine.verbs import safe_point
 
 
 @dataclass(frozen=True)
@@ -26,7 +28,7 @@ class Approach:
         self._descend(habits.increment_mm, "approach")
         self._back_off()
         readings = self._descend(habits.touch_increment_mm, "touch")
-        touch = fit_contact(readings, self.engine.touch_gwt, self.engine.least_gwt)
+        touch = fit_contact(readings, self.engine.sensing.touch_gwt, self.engine.sensing.least_gwt)
         self._record(touch)
         return touch
 
@@ -34,7 +36,7 @@ class Approach:
         """Up by whole increments until no force shows or clearance is reached, and one more."""
         engine, habits = self.engine, self.engine.settings.habits
         force = math.inf
-        while force > 0.5 * engine.least_gwt and engine.height_mm < habits.clearance_mm:
+        while force > 0.5 * engine.sensing.least_gwt and engine.height_mm < habits.clearance_mm:
             engine.go_to_height(engine.height_mm + habits.increment_mm, habits.approach_speed_mm_s)
             force = engine.read_force_gwt(self.press, "back off")
         engine.go_to_height(engine.height_mm + habits.increment_mm, habits.approach_speed_mm_s)
@@ -43,7 +45,7 @@ class Approach:
         """(height, force) readings down to the touch threshold."""
         engine, readings = self.engine, list[tuple[float, float]]()
         while True:
-            engine.safe_point()
+            safe_point(engine)
             below = engine.height_mm - step_mm
             if below < self.lowest_mm - 1e-9:
                 engine.trip(
@@ -53,9 +55,9 @@ class Approach:
             engine.go_to_height(below, engine.settings.habits.approach_speed_mm_s)
             force = engine.read_force_gwt(self.press, phase)
             readings.append((engine.height_mm, force))
-            if force <= -engine.touch_gwt:
+            if force <= -engine.sensing.touch_gwt:
                 engine.trip(f"{force:.2f} gwt while descending: does the sensor read backwards?", force)
-            if force >= engine.touch_gwt:
+            if force >= engine.sensing.touch_gwt:
                 self._refuse_contact_too_high()
                 return readings
 
@@ -76,10 +78,7 @@ class Approach:
             "contact_height_mm": round(touch.contact_height_mm, 6),
             "fit_points": touch.fit_points,
             "doi_bias_mm": round(touch.doi_bias_mm, 6),
+            "doi_mm": round(engine.doi_mm(touch.contact_height_mm, touch.force_gwt), 6),
         }
-        true = engine.operator.true_pose()
-        if true is not None:
-            doi_mm = engine.doi_mm(touch.contact_height_mm, touch.force_gwt)
-            data["true_doi_bias_mm"] = round(true[1] - doi_mm, 6)
-        engine.pulse(self.press, "touch")
+        pulse(engine, self.press, "touch")
         engine.record(self.press.stream("touch"), data)

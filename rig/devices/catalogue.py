@@ -1,26 +1,23 @@
-"""Drivers by the names of their kinds, and the devices of a real bench on the ports of the configuration.
+"""Drivers by the names of their kinds, and on the ports of the configuration.
 
 A new driver is one function here and one line in _STAGES or _FORCES.
 """
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from functools import partial
-from typing import Literal, TextIO
+from typing import TextIO
 
 from rig.devices.bench_settings import NOMINAL_STEPS_PER_MM, BenchSettings, DriveSettings
 from rig.devices.force.base import ForceSensor
 from rig.devices.force.laumas import LaumasForce
 from rig.devices.force.mtsics import MtSicsForce
-from rig.devices.heartbeat import Heartbeat, looked_after
 from rig.devices.stage.base import Stage
 from rig.devices.stage.grbl import GrblStage
 from rig.devices.stage.grbl_settings import expected_settings
 from rig.devices.stage.leadshine import LeadshineStage
 from rig.devices.stage.leadshine_drive import LeadshineDrive
 from rig.transport import LoggedTransport, ModbusMaster, Transport, open_port
-from rig.transport.clock import Clock, WallClock
+from rig.transport.clock import Clock
 from rig.transport.port_settings import Framing
 from rig.transport.tcp import SCHEME
 
@@ -131,49 +128,3 @@ def open_force(settings: BenchSettings, clock: Clock, byte_log: TextIO | None = 
 def _open(port: str, *, baud: int, clock: Clock, byte_log: TextIO | None) -> Transport:
     transport = open_port(port, baud)
     return transport if byte_log is None else LoggedTransport(transport, clock, byte_log)
-
-
-@dataclass(frozen=True)
-class RealBench:
-    """What the engine needs, on real ports and the wall clock; `ask` puts a request to the person at the bench."""
-
-    clock: WallClock
-    stage: Stage
-    force: ForceSensor
-    ask: Callable[[str], str]
-    virtual: Literal[False] = False
-
-    def mount(self, indentor: str) -> str:
-        """What the person says is on: Enter for what was asked for, or a name."""
-        return self.ask(f"mount {indentor}").strip() or indentor
-
-    def confirm(self, request: str) -> None:
-        """Returns when the person says that it is done."""
-        self.ask(request)
-
-    def true_pose(self) -> None:
-        """Nobody knows it on a real bench."""
-
-    def look_after(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
-        """A thread looks at it."""
-        return looked_after(heartbeat)
-
-    def close(self) -> None:
-        """Give the ports back."""
-        self.stage.close()
-        self.force.close()
-
-
-def open_bench(
-    settings: BenchSettings, ask: Callable[[str], str], byte_log: TextIO, not_before_s: float = 0.0
-) -> RealBench:
-    """Open both ports; the bytes go to `byte_log`, the clock begins at not_before_s.
-
-    Raises TransportError."""
-    clock = WallClock(not_before_s)
-    stage = open_stage(settings, clock, byte_log)
-    try:
-        return RealBench(clock, stage, open_force(settings, clock, byte_log), ask)
-    except BaseException:
-        stage.close()
-        raise

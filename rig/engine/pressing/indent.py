@@ -2,11 +2,12 @@
 
 import math
 
-from rig.engine.approach import Approach
 from rig.engine.engine import Engine
-from rig.engine.errors import LimitError, PressPaused
-from rig.engine.press import Press
+from rig.engine.errors import LimitError, NotReadyError, PressPaused
+from rig.engine.pressing.approach import Approach
+from rig.engine.pressing.press import Press
 from rig.engine.records import Indentation, PressId, Target
+from rig.engine.verbs import retract, safe_point
 
 
 def indent(
@@ -28,14 +29,14 @@ def indent(
     contact_area_mm2 is what the pressure limit counts over. An indentation that the operator paused is done anew
     under the same press_id.
     """
-    engine.ready_to_indent()
+    ready_to_indent(engine)
     press = PressId(engine.next_index()) if press_id is None else press_id
     speed = engine.settings.habits.press_speed_mm_s if speed_mm_s is None else speed_mm_s
     search_mm = engine.settings.limits.search_mm
     approach = Approach(engine, press, expected_contact_mm - search_mm, expected_contact_mm + search_mm)
     while True:
         try:
-            engine.press_on(contact_area_mm2)
+            engine.trips.press_on(contact_area_mm2)
             return _attempt(engine, approach, target, increments, speed, hold_s)
         except PressPaused:
             continue
@@ -43,7 +44,7 @@ def indent(
 
 def touch_place(engine: Engine, index: int, expected_contact_mm: float) -> float:
     """Touch off at the present place and lift; returns where contact was, height above the nominal apex, mm."""
-    engine.ready_to_indent()
+    ready_to_indent(engine)
     search_mm = engine.settings.limits.search_mm
     approach = Approach(
         engine, PressId(index, "find"), expected_contact_mm - search_mm, expected_contact_mm + search_mm
@@ -55,9 +56,9 @@ def touch_place(engine: Engine, index: int, expected_contact_mm: float) -> float
         except PressPaused:
             continue
         except LimitError:
-            engine.retract()
+            retract(engine)
             raise
-    engine.retract()
+    retract(engine)
     found = {"indentor": engine.indentor, "x_mm": engine.x_mm, "along_mm": engine.along_mm}
     engine.record("find", {"index": index, **found, "contact_height_mm": round(height_mm, 6)})
     return height_mm
@@ -66,7 +67,7 @@ def touch_place(engine: Engine, index: int, expected_contact_mm: float) -> float
 def _attempt(
     engine: Engine, approach: Approach, target: Target, increments: int, speed_mm_s: float, hold_s: float
 ) -> Indentation:
-    engine.safe_point()
+    safe_point(engine)
     press, start_s = approach.press, engine.clock.monotonic_s()
     engine.record(
         press.stream("indentation_start"),
@@ -86,9 +87,21 @@ def _attempt(
             past_touch.hold_at(target.part(k, increments), hold=k, hold_s=hold_s) for k in range(1, increments + 1)
         )
     except LimitError:
-        engine.retract()
+        retract(engine)
         raise
-    engine.retract()
+    retract(engine)
     duration = engine.clock.monotonic_s() - start_s
     engine.record(press.stream("indentation_end"), {"index": press.index, "duration_s": round(duration, 6)})
     return Indentation(press.index, engine.x_mm, holds)
+
+
+def ready_to_indent(engine: Engine) -> None:
+    """Raise NotReadyError unless homed, zeroed, mounted, placed and clear."""
+    engine.require_clear("indent")
+    if engine.indentor is None:
+        raise NotReadyError("indent: no indentor is mounted")
+    if not engine.sensing.zeroed:
+        raise NotReadyError("indent: the force sensor has not been zeroed")
+    if not engine.placed:
+        raise NotReadyError("indent: the indentor has not been moved to a position since homing")
+    engine.contact.refuse_more()

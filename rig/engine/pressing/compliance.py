@@ -8,7 +8,9 @@ import numpy as np
 from rig.devices.units import GWT_N
 from rig.engine.engine import Engine
 from rig.engine.errors import LimitError
+from rig.engine.pressing.indent import ready_to_indent
 from rig.engine.records import NO_PRESS
+from rig.engine.verbs import safe_point
 
 _FROM_SHARE = 0.2  # of the largest force: below it the surfaces have not settled on each other
 _FEWEST = 4
@@ -28,7 +30,7 @@ def measure_compliance(engine: Engine, to_gwt: float) -> Compliance:
 
     The block's top is expected at the nominal apex. Raises LimitError where too few steps lie within the force.
     """
-    engine.ready_to_indent()
+    ready_to_indent(engine)
     try:
         readings = _pressed(engine, to_gwt)
     finally:
@@ -43,13 +45,13 @@ def _pressed(engine: Engine, to_gwt: float) -> list[tuple[float, float]]:
     readings: list[tuple[float, float]] = []
     force = 0.0
     while force < to_gwt:
-        engine.safe_point()
+        safe_point(engine)
         step = habits.increment_mm if engine.height_mm > search_mm else settings.stage.resolution_mm
         if engine.height_mm - step < -search_mm:
             engine.trip(f"no block down to {-search_mm:.3f} mm from the nominal apex: is frame.apex_z_mm its top?")
         engine.go_to_height(engine.height_mm - step, habits.approach_speed_mm_s)
         force = engine.read_force_gwt(NO_PRESS, "compliance")
-        if force >= engine.touch_gwt:
+        if force >= engine.sensing.touch_gwt:
             readings.append((engine.height_mm, force))
     return readings
 

@@ -7,8 +7,10 @@ from itertools import pairwise
 
 from rig.engine.engine import Engine
 from rig.engine.errors import LimitError
+from rig.engine.pressing.pulse import pulse
+from rig.engine.pressing.touch_fit import CONTACT_EXPONENT
 from rig.engine.records import Hold, PressId, Target, Touch
-from rig.engine.touch import CONTACT_EXPONENT
+from rig.engine.verbs import safe_point
 
 _MAX_SEEK_MOVES = 400
 _FORCE_TOLERANCE_GWT, _FORCE_TOLERANCE = 0.05, 0.01
@@ -88,11 +90,11 @@ class Press:
             )
 
     def _tolerance_gwt(self, target_gwt: float) -> float:
-        return max(_FORCE_TOLERANCE_GWT, _FORCE_TOLERANCE * target_gwt, self._engine.resolution_gwt)
+        return max(_FORCE_TOLERANCE_GWT, _FORCE_TOLERANCE * target_gwt, self._engine.sensing.resolution_gwt)
 
     def _averaged(self, to_gwt: float) -> int:
         """How many readings it takes to know a force to so much."""
-        return min(max(math.ceil((self._engine.noise_gwt / to_gwt) ** 2), 1), _MOST_AVERAGED)
+        return min(max(math.ceil((self._engine.sensing.noise_gwt / to_gwt) ** 2), 1), _MOST_AVERAGED)
 
     def _look_closer(self, target_gwt: float, tolerance_gwt: float) -> None:
         """Near the target a noisy reading is not enough: the mean of as many as it takes."""
@@ -122,11 +124,11 @@ class Press:
     def _press_by(self, step_mm: float, phase: str = "press") -> None:
         """One safe move in contact: at most an increment, and not past the soft trip at the present stiffness."""
         engine = self._engine
-        engine.safe_point()
+        safe_point(engine)
         room = _TRIP_MARGIN * self._to_force(engine.trip_gwt)
         if room < min(step_mm, self._smallest_mm):
             raise LimitError(
-                f"the next move at x = {engine.x_mm:g} mm would pass the {engine.which_trip}, "
+                f"the next move at x = {engine.x_mm:g} mm would pass the {engine.trips.lowest}, "
                 f"{engine.trip_gwt:.2f} gwt"
             )
         step = max(min(step_mm, self._habits.increment_mm, room), -self._habits.increment_mm)
@@ -150,7 +152,7 @@ class Press:
 
     def _notice_a_frozen_reading(self, before_gwt: float, expected_gwt: float) -> None:
         """Trip where the force has not answered the stage by any step of the sensor for far too long."""
-        resolution = self._engine.resolution_gwt
+        resolution = self._engine.sensing.resolution_gwt
         if abs(self._force_gwt - before_gwt) > 0.5 * resolution:
             self._unanswered_gwt, self._unanswered = 0.0, 0
             return
@@ -168,7 +170,7 @@ class Press:
     def _hold(self, target: Target, hold: int, hold_s: float) -> Hold:
         engine, clock = self._engine, self._engine.clock
         about = {"index": self.id.index, "hold": hold}
-        engine.pulse(self.id, "hold_start")
+        pulse(engine, self.id, "hold_start")
         start = clock.monotonic_s()
         ramp = {
             "ramp_gwt": round(self._force_gwt - self._ramp_from[0], 6),
@@ -179,14 +181,14 @@ class Press:
         engine.record(self.id.stream("hold_start"), {**about, **asked, **begin})
         readings, times = self._held_readings(target, hold_s)
         lasted_s = clock.monotonic_s() - start
-        engine.pulse(self.id, "hold_end")
+        pulse(engine, self.id, "hold_end")
         mean, sd, doi = statistics.fmean(readings), statistics.pstdev(readings), round(self._doi_mm, 6)
         data = {
             **about,
             **ramp,
             "x_mm": engine.x_mm,
             "doi_mm": doi,
-            "doi_sd_mm": round(engine.doi_sd_mm(self._force_gwt), 6),
+            "doi_sd_mm": round(engine.sensing.doi_sd_mm(self._force_gwt), 6),
             "commanded": target.value,
             "force_gwt": round(mean, 6),
             "force_sd_gwt": round(sd, 6),
@@ -196,9 +198,6 @@ class Press:
             "hold_s": round(lasted_s, 6),
             "interval_sd_s": round(statistics.pstdev([b - a for a, b in pairwise([start, *times])]), 6),
         }
-        true = engine.operator.true_pose()
-        if true is not None:
-            data |= {"true_x_mm": round(true[0], 9), "true_doi_mm": round(true[1], 9)}
         engine.record(self.id.stream("hold_end"), data)
         self._ramp_from, self._peak_gwt = (self._force_gwt, clock.monotonic_s()), 0.0
         return Hold(target, doi, mean, sd)
@@ -212,7 +211,7 @@ class Press:
         recent: deque[float] = deque(maxlen=few)
         start, aim_gwt, short_gwt = clock.monotonic_s(), self._force_gwt, 0.0
         while not readings or clock.monotonic_s() - start < hold_s:
-            engine.safe_point()
+            safe_point(engine)
             step_mm = 0.0
             if follow and len(recent) == few:
                 step_mm, aim_gwt = self._back_to(target.value, short_gwt / len(readings), aim_gwt)

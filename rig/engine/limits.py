@@ -1,0 +1,95 @@
+"""What must not be passed: forces, each layer on its own, and the time that a finger is touched."""
+
+import math
+
+from rig.devices.units import GWT_N
+from rig.engine.errors import LimitError
+from rig.engine.rig_settings import LimitSettings, RigSettings
+from rig.transport.clock import Clock
+
+AT_MM = 0.02  # heights closer than this are the same place
+
+
+class Trips:
+    """Three layers of force, gwt; a reading that passes one trips, whichever way it points.
+
+    Soft: the limit, lowered to what a plan allows. Area: limits.max_pressure_n_cm2 over a contact that is expected.
+    Hard: the same whatever is planned or pressed, and for every reading there is.
+    """
+
+    def __init__(self, limits: LimitSettings, soft_trip_n: float | None) -> None:
+        lowest_n = limits.soft_trip_n if soft_trip_n is None else min(limits.soft_trip_n, soft_trip_n)
+        self.soft_gwt = lowest_n / GWT_N
+        self.hard_gwt = limits.hard_trip_n / GWT_N
+        self._max_pressure_n_cm2 = limits.max_pressure_n_cm2
+        self._area_gwt = math.inf
+
+    def press_on(self, contact_area_mm2: float) -> None:
+        """From here on the area's layer counts, over this contact; infinite: it does not."""
+        self._area_gwt = self._max_pressure_n_cm2 * contact_area_mm2 / 100 / GWT_N
+
+    @property
+    def lowest_gwt(self) -> float:
+        """What a press must stay below."""
+        return min(self.soft_gwt, self._area_gwt)
+
+    @property
+    def lowest(self) -> str:
+        """The name of that."""
+        return "soft trip" if self.soft_gwt <= self._area_gwt else "pressure limit"
+
+    def passed(self, force_gwt: float) -> str | None:
+        """What a reading of a press has passed, or None."""
+        if abs(force_gwt) > self.lowest_gwt:
+            return f"force {force_gwt:.2f} gwt above the {self.lowest} {self.lowest_gwt:.2f} gwt"
+        return None
+
+    def passed_hard(self, force_gwt: float) -> str | None:
+        """Whether a reading, of whatever it is, has passed the hard trip."""
+        if abs(force_gwt) > self.hard_gwt:
+            return f"force {force_gwt:.2f} gwt above the hard trip {self.hard_gwt:.2f} gwt"
+        return None
+
+
+class ContactTime:
+    """Seconds from first touch to lift, added up over all the parts of a run."""
+
+    def __init__(self, clock: Clock, limits: LimitSettings, before_s: float = 0.0) -> None:
+        """before_s: what the parts of the run before this one have used up."""
+        self._clock, self._longest_s, self._before_s = clock, limits.max_contact_s, before_s
+        self._since_s: float | None = None
+
+    @property
+    def total_s(self) -> float:
+        """Until now."""
+        return self._before_s + (0.0 if self._since_s is None else self._clock.monotonic_s() - self._since_s)
+
+    def begin(self) -> None:
+        """Touched now, if not already before."""
+        if self._since_s is None:
+            self._since_s = self._clock.monotonic_s()
+
+    def end(self) -> None:
+        """Lifted."""
+        self._before_s, self._since_s = self.total_s, None
+
+    @property
+    def rounded_s(self) -> float:
+        """Until now, as it is journalled."""
+        return round(self.total_s, 6)
+
+    def refuse_more(self) -> None:
+        """Raises LimitError where the finger has been touched for longer than limits.max_contact_s."""
+        if self.total_s > self._longest_s:
+            raise LimitError(
+                f"the finger has been touched for {self.total_s:.1f} s in this run, "
+                f"limits.max_contact_s = {self._longest_s:g}"
+            )
+
+
+def trip_height_mm(settings: RigSettings, height_mm: float) -> float:
+    """Where a trip lifts to: clearance; farther up where that is configured, or where clearance is not clear."""
+    habits, highest = settings.habits, -settings.frame.apex_z_mm
+    if settings.limits.on_trip != "park" and height_mm <= habits.clearance_mm - AT_MM:
+        return habits.clearance_mm
+    return min(max(habits.park_height_mm, height_mm + habits.clearance_mm), highest)

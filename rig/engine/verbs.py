@@ -1,0 +1,147 @@
+"""What a script may ask of an engine besides pressing; each verb is allowed in some states only (docs/safety.md)."""
+
+import statistics
+from collections.abc import Callable
+
+from rig.devices.force.base import ForceReading
+from rig.devices.units import GWT_N
+from rig.engine.engine import Engine, State
+from rig.engine.errors import LimitError, NotReadyError, PressPaused, RunAborted
+from rig.engine.records import NO_PRESS
+
+_READINGS_AT_ZERO = 12
+
+
+def mount(engine: Engine, indentor: str) -> None:
+    """Have an indentor mounted; the finger must be clear of it."""
+    if engine.may_touch or engine.state is State.TRIPPED:
+        raise NotReadyError(f"mount: not allowed while {engine.state.value}, the finger may be touched; lift first")
+    engine.indentor = None
+    mounted = engine.bench.operator.mount(indentor)
+    if mounted != indentor:
+        raise NotReadyError(f"mount: {mounted} is on, expected {indentor}; nothing is pressed with the wrong one")
+    engine.indentor = indentor
+    engine.record("mount", {"indentor": indentor})
+
+
+def home(engine: Engine) -> None:
+    """Find the switches; from then on the position is trusted."""
+    if engine.state is State.TRIPPED:
+        raise NotReadyError("home: the rig has tripped, an operator must reset it")
+    engine.heartbeat.rest()  # homing lifts first, and takes its time
+    controller = engine.guarded(engine.bench.stage.connect)
+    engine.sensing.connect()
+    engine.move(engine.motion.home, away=True)
+    engine.placed = False
+    engine.lifted()
+    engine.record("home", {"controller": controller})
+
+
+def zero(engine: Engine) -> None:
+    """Zero the force sensor with the indentor in the air; how far it has drifted since the last one is told."""
+    engine.require_clear("zero")
+    sensing = engine.sensing
+    drift_gwt = statistics.fmean(_several(engine.reading)) if sensing.zeroed else None
+    name = sensing.connect()
+    engine.clock.wait_s(sensing.settle_s)
+    sensing.sensor.zero()
+    found = sensing.take_zero(_several(engine.raw_reading))
+    drift = None if drift_gwt is None else round(drift_gwt, 6)
+    known = {"noise_gwt": round(found.noise_gwt, 6), "offset_gwt": round(found.offset_n / GWT_N, 6)}
+    engine.record("zero", {"sensor": name, **known, "drift_gwt": drift})
+    band_gwt = engine.settings.limits.zero_drift_gwt
+    if drift_gwt is not None and abs(drift_gwt) > band_gwt:
+        engine.alarm(f"the zero has drifted by {drift_gwt:+.2f} gwt, limits.zero_drift_gwt = {band_gwt:g}")
+
+
+def _several(reading: Callable[[], ForceReading]) -> list[float]:
+    return [reading().force_n / GWT_N for _ in range(_READINGS_AT_ZERO)]
+
+
+def move_to(engine: Engine, x_mm: float, along_mm: float = 0.0) -> None:
+    """Go to a place, at clearance: sideways, and along the finger where the stage has that axis."""
+    engine.require_clear("move_to")
+    limits = engine.settings.limits
+    for name, mm, (low, high) in (("x", x_mm, limits.x_mm), ("along", along_mm, limits.along_mm)):
+        if not low <= mm <= high:
+            raise LimitError(f"move_to: {name} = {mm:g} mm is outside the limits {low:g} … {high:g} mm")
+    safe_point(engine)
+    speed = engine.settings.habits.travel_speed_mm_s
+    engine.move(lambda: engine.motion.aside(x_mm, along_mm, speed))
+    _go_to_clearance(engine, speed)
+    engine.placed = True
+    engine.record("move", {"x_mm": x_mm, "along_mm": along_mm, "height_mm": engine.height_mm})
+
+
+def be_over(engine: Engine, x_mm: float) -> None:
+    """Go to a lateral position unless there already."""
+    if not engine.placed or (engine.x_mm, engine.along_mm) != (x_mm, 0.0):
+        move_to(engine, x_mm)
+
+
+def retract(engine: Engine) -> None:
+    """Lift to clearance, straight up."""
+    if engine.state not in (State.READY, State.IN_CONTACT):
+        raise NotReadyError(f"retract: not allowed while {engine.state.value}")
+    engine.lift()
+    engine.lifted()
+    engine.record("retract", {"height_mm": engine.height_mm, "contact_s": engine.contact.rounded_s})
+
+
+def rest(engine: Engine, seconds: float) -> None:
+    """Let the finger be for so long, at clearance; a pause is taken at once, and its time counts."""
+    engine.require_clear("rest")
+    until_s = engine.clock.monotonic_s() + seconds
+    while engine.clock.monotonic_s() < until_s:
+        engine.clock.wait_until(engine.bench.operator.pause.asked, until_s)
+        safe_point(engine)
+    engine.record("rest", {"rest_s": seconds})
+
+
+def checkpoint(engine: Engine, name: str) -> None:
+    """Write into the journal that the script has come to here."""
+    engine.record("checkpoint", {"name": name})
+
+
+def note(engine: Engine, text: str) -> None:
+    """Write a line into the journal."""
+    engine.record("note", {"text": text})
+
+
+def safe_point(engine: Engine) -> None:
+    """Where an operator's pause takes effect: lift and journal; then go on, or raise RunAborted.
+
+    Raises PressPaused where the lift has interrupted an indentation.
+    """
+    pause = engine.bench.operator.pause
+    if not pause.asked():
+        return
+    pressing = engine.state is State.IN_CONTACT
+    if pressing:
+        retract(engine)
+    engine.record("paused", {"reason": "operator"})
+    if not pause.go_on():
+        raise RunAborted("stopped by the operator at a safe point; the indentor is lifted")
+    engine.record("resumed", {"by": "operator"})
+    if pressing:
+        raise PressPaused("paused by the operator")
+
+
+def _go_to_clearance(engine: Engine, speed_mm_s: float) -> None:
+    """Down to clearance; the first time since homing step by step, since frame and screw may not be right."""
+    habits = engine.settings.habits
+    while engine.sensing.zeroed and engine.height_mm > habits.clearance_mm + habits.descent_step_mm:
+        engine.go_to_height(engine.height_mm - habits.descent_step_mm, speed_mm_s)
+        _refuse_contact(engine, engine.reading().force_n / GWT_N)
+    engine.go_to_height(habits.clearance_mm, speed_mm_s)
+    if engine.sensing.zeroed:
+        _refuse_contact(engine, engine.read_force_gwt(NO_PRESS, "clearance"))
+
+
+def _refuse_contact(engine: Engine, force_gwt: float) -> None:
+    if abs(force_gwt) >= engine.sensing.touch_gwt:
+        engine.trip(
+            f"{force_gwt:.2f} gwt at clearance, {engine.height_mm:.2f} mm above the nominal apex: "
+            "is frame.apex_z_mm right, and the sensor zeroed?",
+            force_gwt,
+        )

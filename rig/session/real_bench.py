@@ -1,0 +1,67 @@
+"""The bench of a real run: devices on the ports of the configuration, and the person beside them."""
+
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any, Literal, Self, TextIO
+
+from rig.devices.bench_settings import BenchSettings
+from rig.devices.catalogue import open_force, open_stage
+from rig.devices.force.base import ForceSensor
+from rig.devices.stage.base import Stage
+from rig.engine.bench import NO_PAUSE, Pause
+from rig.engine.heartbeat import Heartbeat, looked_after
+from rig.transport.clock import WallClock
+
+
+@dataclass(frozen=True)
+class RealBench:
+    """What the engine needs, on real ports and the wall clock; `ask` puts a request to the person at the bench."""
+
+    clock: WallClock
+    stage: Stage
+    force: ForceSensor
+    ask: Callable[[str], str]
+    pause: Pause
+    virtual: Literal[False] = False
+
+    @property
+    def operator(self) -> Self:
+        """The person whom `ask` asks."""
+        return self
+
+    def mount(self, indentor: str) -> str:
+        """What the person says is on: Enter for what was asked for, or a name."""
+        return self.ask(f"mount {indentor}").strip() or indentor
+
+    def confirm(self, request: str) -> None:
+        """Returns when the person says that it is done."""
+        self.ask(request)
+
+    def witness(self, stream: str, data: Mapping[str, Any]) -> dict[str, float]:
+        """Nobody knows more than the devices say."""
+        return {}
+
+    def look_after(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
+        """A thread looks at it."""
+        return looked_after(heartbeat)
+
+    def close(self) -> None:
+        """Give the ports back."""
+        self.stage.close()
+        self.force.close()
+
+
+def open_bench(
+    settings: BenchSettings, clock: WallClock, byte_log: TextIO, ask: Callable[[str], str], pause: Pause = NO_PAUSE
+) -> RealBench:
+    """Open both ports; the bytes go to `byte_log`, and `ask` puts requests to whoever stands there.
+
+    Raises TransportError.
+    """
+    stage = open_stage(settings, clock, byte_log)
+    try:
+        return RealBench(clock, stage, open_force(settings, clock, byte_log), ask, pause)
+    except BaseException:
+        stage.close()
+        raise
