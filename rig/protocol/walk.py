@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from rig.engine.records import PressId, Purpose, Target
 from rig.engine.pressing.reference import Reference
+from rig.engine.records import PressId, Purpose, Target
 from rig.engine.rig_settings import RigSettings
 from rig.protocol.errors import BadInputError
 from rig.protocol.planned import Prediction

@@ -3,19 +3,13 @@
 import shutil
 import time
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Protocol, TextIO
+from typing import Any, TextIO
 
 from rig.data import Run, RunFolder, export_run, new_run_folder, read_run
-from rig.session.real_bench import open_bench
-from sim.devices.clock import VirtualClock
-from rig.engine import verbs
-from rig.devices.force.base import ForceSensor
-from rig.devices.stage.base import Stage
-from rig.engine import Engine, Journal, Pause, RunAborted, WatchedBench
+from rig.engine import Engine, Journal, Pause, RunAborted, WatchedBench, verbs
 from rig.engine.pressing.reference import Reference
 from rig.engine.streams import STREAMS
 from rig.plan.config import Config
@@ -30,11 +24,13 @@ from rig.session.attendant import Attendant, Nobody
 from rig.session.calibration import refuse_expired
 from rig.session.live import Live
 from rig.session.provenance import provenance
+from rig.session.real_bench import open_bench
 from rig.session.resume import StoppedRun, first_reference_gwt
 from rig.session.running import ENDINGS, run_script
 from rig.transport.base import TransportError
 from rig.transport.clock import Clock, WallClock
 from rig.virtual.virtual_bench import virtual_bench
+from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 
 _TAKEN_UP = "the rig stopped in this run: clear the finger, see to what stopped it; it will home"
@@ -127,7 +123,11 @@ def real_run(session: Session, ask: Callable[[str], str]) -> FinishedRun:
 
 
 def _run_session(
-    session: Session, open_bench: Callable[[TextIO, float], WatchedBench], *, virtual: bool, speed: float | None = None
+    session: Session,
+    open_bench: Callable[[TextIO, float], WatchedBench],
+    *,
+    virtual: bool,
+    speed: float | None = None,
 ) -> FinishedRun:
     """A run that ends before its end has the reason in its journal and in `problem`, and is exported all the same."""
     began = time.perf_counter()

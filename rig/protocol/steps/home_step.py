@@ -1,11 +1,10 @@
 """The home switches are found."""
 
-from rig.engine import verbs
 import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from rig.engine import Engine
+from rig.engine import Engine, verbs
 from rig.protocol.steps.base import Owed, Step
 from rig.protocol.walk import Spot, Walk
 

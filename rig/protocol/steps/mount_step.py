@@ -1,10 +1,9 @@
 """An indentor is put on."""
 
-from rig.engine import verbs
 from dataclasses import dataclass
 from typing import ClassVar
 
-from rig.engine import Engine
+from rig.engine import Engine, verbs
 from rig.protocol.errors import BadInputError
 from rig.protocol.steps.base import Owed, Step
 from rig.protocol.walk import Spot, Walk

@@ -1,10 +1,9 @@
 """A place over the finger is gone to."""
 
-from rig.engine import verbs
 from dataclasses import dataclass
 from typing import ClassVar
 
-from rig.engine import Engine
+from rig.engine import Engine, verbs
 from rig.protocol.errors import BadInputError
 from rig.protocol.refusals import refuse_along, refuse_clearance, refuse_no_number, refuse_travel
 from rig.protocol.steps.base import Owed, Step

@@ -1,10 +1,9 @@
 """The skin is pressed until it answers the same: no data."""
 
-from rig.engine import verbs
 from dataclasses import dataclass
 from typing import ClassVar
 
-from rig.engine import Engine
+from rig.engine import Engine, verbs
 from rig.engine.records import Target
 from rig.protocol.refusals import checked_target, refuse_count
 from rig.protocol.steps.base import Owed, Step

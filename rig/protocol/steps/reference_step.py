@@ -1,12 +1,11 @@
 """The same press again and again, to see whether the finger still answers the same: no data."""
 
-from rig.engine import verbs
 from dataclasses import dataclass
 from typing import ClassVar
 
-from rig.engine import Engine
-from rig.engine.records import Target
+from rig.engine import Engine, verbs
 from rig.engine.pressing.reference import Reference as Comparison
+from rig.engine.records import Target
 from rig.protocol.errors import BadInputError
 from rig.protocol.refusals import checked_target
 from rig.protocol.steps.base import Owed, Step

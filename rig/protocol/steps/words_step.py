@@ -1,10 +1,9 @@
 """What a script writes into the journal."""
 
-from rig.engine import verbs
 from dataclasses import dataclass
 from typing import ClassVar
 
-from rig.engine import Engine
+from rig.engine import Engine, verbs
 from rig.protocol.errors import BadInputError
 from rig.protocol.refusals import refuse_no_text
 from rig.protocol.steps.base import Owed, Step

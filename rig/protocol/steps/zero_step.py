@@ -1,10 +1,9 @@
 """The force sensor is zeroed in the air."""
 
-from rig.engine import verbs
 from dataclasses import dataclass
 from typing import ClassVar
 
-from rig.engine import Engine
+from rig.engine import Engine, verbs
 from rig.protocol.steps.base import Owed, Step
 from rig.protocol.walk import Spot, Walk
 
