@@ -181,7 +181,7 @@ class Stage(Protocol):
 def next_look_s(last_s: float, over_s: float, look_s: float) -> float:
     """When a motion that should be over at over_s is looked at again: not just before that, nor just after it."""
     due_s = last_s + look_s
-    in_time = last_s >= over_s or over_s - due_s >= look_s
+    in_time = last_s >= over_s or over_s - due_s >= look_s / 2
     return due_s if in_time else max(due_s, over_s + look_s)
 
 

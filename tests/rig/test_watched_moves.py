@@ -1,0 +1,366 @@
+"""Every motion is watched: the force is read while it lasts, on every stage, and what must not be felt ends it.
+
+The class, walked once: each verb that moves × each kind of stage. The bench is virtual, the bytes are real.
+"""
+
+import io
+import json
+from collections.abc import Callable, Iterator, Mapping
+from itertools import pairwise
+from typing import Any
+
+import pytest
+
+from rig.devices.stage import StageError
+from rig.devices.stage.base import LOOK_S, StageNotHomed, next_look_s
+from rig.devices.units import GWT_N
+from rig.engine import NotReadyError, Target, TripError, indent, verbs
+from rig.engine.bench import NO_PAUSE
+from rig.engine.engine import Engine, State
+from rig.engine.journal import NoJournal
+from rig.plan.config import Config
+from rig.virtual.virtual_bench import VirtualBench, bench_around
+from sim.devices.clock import VirtualClock
+from sim.plant.plant import Carriage, Pose, TruePose
+
+GRBL: dict[str, Any] = {"force": {"baud": 115200}}
+LEADSHINE: dict[str, Any] = {"stage": {"kind": "leadshine"}, "force": {"kind": "laumas", "baud": 115200}}
+STAGES = {"grbl": GRBL, "leadshine": LEADSHINE}
+
+
+class Hand:
+    """A plant that pushes when told to, wherever the indentor is; it keeps when it was felt, and where that was."""
+
+    def __init__(self, carriage: Carriage) -> None:
+        self.carriage = carriage
+        self.force_gwt: Callable[[float], float] = lambda t_s: 0.0
+        self.felt_s: list[float] = []
+
+    def mount(self, indentor: str) -> None:
+        """It does not matter."""
+
+    def pose_at(self, t_s: float) -> TruePose:
+        pose = self.carriage.pose_at(t_s)
+        return TruePose(pose.x_mm, pose.above_apex_mm, -pose.above_apex_mm)
+
+    def force_n(self, t_s: float) -> float:
+        self.felt_s.append(t_s)
+        return self.force_gwt(t_s) * GWT_N
+
+
+class Watched:
+    """An engine, ready at x = 0, over a hand."""
+
+    def __init__(self, tables: Mapping[str, Any], **limits: Any) -> None:
+        config = Config.model_validate({**tables, "limits": limits})
+        hands: list[Hand] = []
+
+        def make(carriage: Carriage) -> Hand:
+            hands.append(Hand(carriage))
+            return hands[0]
+
+        self.clock, self.wire = VirtualClock(1.7e9), io.StringIO()
+        self.bench: VirtualBench = bench_around(make, config, self.clock, self.wire, NO_PAUSE)
+        self.hand = hands[0]
+        self.events: list[tuple[str, dict[str, Any]]] = []
+        self.engine = Engine(config, self.bench, self, 0.5)
+
+    def event(self, stream: str, data: Mapping[str, Any]) -> None:
+        self.events.append((stream, dict(data)))
+
+    def ready(self) -> Engine:
+        for verb in (lambda e: verbs.mount(e, "bar:3.0"), verbs.home, verbs.zero, lambda e: verbs.move_to(e, 0.0)):
+            verb(self.engine)
+        return self.engine
+
+    @property
+    def pose(self) -> Pose:
+        return self.hand.carriage.pose_at(self.clock.monotonic_s())
+
+
+# Long enough to be looked at on the way, on both stages.
+MOTIONS: dict[str, Callable[[Engine], object]] = {
+    "home": verbs.home,
+    "move_to": lambda engine: verbs.move_to(engine, 4.0),
+    "down to clearance": lambda engine: (engine.go_to_height(8.0, 5.0), verbs.move_to(engine, 0.0)),
+    "retract": lambda engine: (engine.go_to_height(1.95, 0.5), engine.go_to_height(1.9, 0.5), engine.lift(9.0)),
+    "a slow increment": lambda engine: (engine.go_to_height(1.96, 0.5), engine.go_to_height(1.92, 1 / 60)),
+}
+
+
+@pytest.fixture(params=STAGES)
+def watched(request: pytest.FixtureRequest) -> Callable[..., Watched]:
+    return lambda **limits: Watched(STAGES[request.param], **limits)
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_a_force_on_the_way_ends_the_motion_and_trips(watched: Callable[..., Watched], motion: str) -> None:
+    """60 gwt with a soft trip of 51, from the middle of the motion on; it is felt before the motion would be over."""
+    whole = watched()
+    engine = whole.ready()
+    begun_s = whole.clock.monotonic_s()
+    MOTIONS[motion](engine)
+    lasts_s = whole.clock.monotonic_s() - begun_s
+    cut = watched()
+    engine = cut.ready()
+    from_s = cut.clock.monotonic_s() + 0.4 * lasts_s
+    cut.hand.force_gwt = lambda t_s: 60.0 if t_s >= from_s else 0.0
+    with pytest.raises(TripError, match=r"60\.\d\d gwt (above the soft trip 50\.99 gwt while moving|at clearance)"):
+        MOTIONS[motion](engine)
+    assert engine.state is State.TRIPPED
+    stream, tripped = cut.events[-1]
+    assert (stream, round(tripped["force_gwt"])) == ("trip", 60)
+    if "while moving" in tripped["reason"]:  # what ended it is on record like every other reading
+        assert cut.events[-2][1] | {"x_mm": 0, "height_mm": 0, "contact_s": 0, "force_gwt": 60} == {
+            "index": -1, "phase": "moving", "x_mm": 0, "height_mm": 0, "doi_mm": None, "force_gwt": 60,
+            "stable": False, "contact_s": 0,
+        }  # fmt: skip
+    felt = min(t_s for t_s in cut.hand.felt_s if t_s >= from_s)
+    assert felt - from_s < LOOK_S + 0.15
+
+
+@pytest.mark.parametrize("motion", [name for name in MOTIONS if name != "home"])
+def test_a_motion_that_was_ended_keeps_its_position_and_is_lifted(
+    watched: Callable[..., Watched], motion: str
+) -> None:
+    bench = watched()
+    engine = bench.ready()
+    from_s = bench.clock.monotonic_s() + 0.3
+    bench.hand.force_gwt = lambda t_s: 60.0 if t_s >= from_s else 0.0
+    with pytest.raises(TripError):
+        MOTIONS[motion](engine)
+    assert bench.bench.stage.homed
+    assert engine.x_mm == pytest.approx(bench.pose.x_mm, abs=0.003)
+    assert engine.height_mm == pytest.approx(bench.pose.above_apex_mm, abs=0.003)
+    assert bench.pose.above_apex_mm > 1.99
+
+
+def test_homing_that_was_ended_is_held_and_not_trusted(watched: Callable[..., Watched]) -> None:
+    bench = watched()
+    engine = bench.ready()
+    bench.hand.force_gwt = lambda t_s: 60.0
+    with pytest.raises(TripError, match="while moving"):
+        verbs.home(engine)
+    assert not bench.bench.stage.homed
+    assert engine.state is State.TRIPPED
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_a_sensor_that_falls_silent_on_the_way_trips(motion: str) -> None:
+    bench = Watched(GRBL)
+    engine = bench.ready()
+    sensor, read = engine.sensing.sensor, engine.sensing.sensor.read
+    from_s = bench.clock.monotonic_s() + 0.15
+
+    def silent() -> Any:
+        reading = read()
+        if bench.clock.monotonic_s() < from_s:
+            return reading
+        bench.clock.wait_s(0.2)
+        return type(reading)(float("nan"), False, bench.clock.monotonic_s())
+
+    sensor.read = silent  # type: ignore[method-assign]
+    with pytest.raises(TripError, match="not a number"):
+        MOTIONS[motion](engine)
+    assert engine.state is State.TRIPPED
+
+
+def test_before_the_first_zero_a_force_counts_from_what_was_there_before_the_motion() -> None:
+    """A sensor that was never zeroed shows the holder's weight, 80 gwt: no reason to refuse homing."""
+    bench = Watched(GRBL)
+    bench.hand.force_gwt = lambda t_s: 80.0
+    verbs.home(bench.engine)
+    from_s = bench.clock.monotonic_s() + 0.3
+    bench.hand.force_gwt = lambda t_s: 80.0 if t_s < from_s else 140.0
+    with pytest.raises(TripError, match=r"force 60\.00 gwt above the soft trip"):
+        verbs.move_to(bench.engine, 4.0)
+
+
+def test_a_sensor_beyond_its_range_is_left_by_homing_and_by_nothing_else() -> None:
+    """Pressed in before the program began: homing lifts first; sideways nothing goes unfelt."""
+    bench = Watched(GRBL)
+    bench.hand.force_gwt = lambda t_s: 500.0
+    verbs.home(bench.engine)
+    with pytest.raises(TripError, match="overloaded"):
+        verbs.move_to(bench.engine, 4.0)
+
+
+def test_a_sensor_that_does_not_answer_lets_nothing_move() -> None:
+    bench = Watched(GRBL)
+    verbs.home(bench.engine)
+    at = bench.pose
+
+    def nobody() -> Any:
+        raise TimeoutError
+
+    bench.engine.sensing.sensor._reader.read_line = lambda deadline_s: None  # type: ignore[attr-defined]
+    with pytest.raises(TripError, match="no force reading"):
+        verbs.move_to(bench.engine, 4.0)
+    assert bench.pose.x_mm == pytest.approx(at.x_mm, abs=1e-9)
+
+
+def test_a_lift_after_a_trip_waits_for_no_sensor(watched: Callable[..., Watched]) -> None:
+    """On the way up from a trip nothing is asked of a sensor that may be what is broken."""
+    bench = watched()
+    engine = bench.ready()
+    engine.go_to_height(1.96, 0.5)
+    asked = len(bench.hand.felt_s)
+    with pytest.raises(TripError):
+        engine.trip("for the test")
+    assert len(bench.hand.felt_s) == asked
+    assert bench.pose.above_apex_mm > 1.99
+
+
+def test_a_board_that_is_held_by_hand_is_named_at_the_next_look() -> None:
+    bench = Watched(GRBL)
+    engine = bench.ready()
+    held_s = bench.clock.monotonic_s() + 0.25
+    bench.clock.call_at(held_s, lambda: bench.bench.stage.hold())  # type: ignore[attr-defined]
+    with pytest.raises(StageError, match=r"the stage is held, Hold:\d: somebody stopped it at the controller"):
+        verbs.move_to(engine, 6.0)
+    assert bench.clock.monotonic_s() - held_s < 2 * LOOK_S
+    assert engine.state is State.UNHOMED
+
+
+# --- how often ---
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_the_force_is_read_at_every_look(watched: Callable[..., Watched], motion: str) -> None:
+    """Between two lie at most a stretch without a look (1.5), being late (1), settling and the devices' answers."""
+    bench = watched()
+    engine = bench.ready()
+    begun_s = bench.clock.monotonic_s()
+    MOTIONS[motion](engine)
+    read_s = [c["t_s"] for c in map(json.loads, bench.wire.getvalue().splitlines()) if c["port"] == "force"]
+    inside = [begun_s, *(t_s for t_s in read_s if t_s > begun_s), bench.clock.monotonic_s()]
+    assert max(later - earlier for earlier, later in pairwise(inside)) < 2.5 * LOOK_S + 0.2
+
+
+@pytest.mark.parametrize(
+    ("over_s", "looks_s"),
+    [(0.14, [0.24]), (0.16, [0.1, 0.26]), (0.34, [0.1, 0.2, 0.44]), (-1.0, [0.1, 0.2])],
+)
+def test_no_look_falls_just_before_the_end_or_just_after_it(over_s: float, looks_s: list[float]) -> None:
+    """An increment of 0.1 s is read at rest, as it is; a late motion is looked at all the same."""
+    found, last_s = [], 0.0
+    while len(found) < len(looks_s):
+        last_s = next_look_s(last_s, over_s, 0.1)
+        found.append(last_s)
+    assert found == pytest.approx(looks_s)
+
+
+# --- the contract of stages ---
+
+
+def _stages() -> Iterator[tuple[str, Watched]]:
+    for name, tables in STAGES.items():
+        yield name, Watched(tables)
+
+
+def test_no_stage_moves_unhomed_and_none_sends_a_byte() -> None:
+    """After connecting, after a stop, after unlocking: until it is homed again."""
+    for name, bench in _stages():
+        stage = bench.bench.stage
+        stage.connect()
+        for make_unhomed in (lambda: None, stage.stop, stage.unlock):
+            make_unhomed()
+            bench.clock.wait_s(3.0)
+            if make_unhomed == stage.stop and name == "grbl":
+                stage.unlock()
+            sent = bench.wire.tell()
+            assert not stage.homed, name
+            with pytest.raises(StageNotHomed, match="must be homed before a move"):
+                stage.move_to(z_mm=-1.0, speed_mm_s=1.0)
+            assert bench.wire.tell() == sent, name
+            stage.home()
+            assert stage.homed, name
+            stage.move_to(z_mm=-1.0, speed_mm_s=1.0)
+
+
+def test_a_halt_keeps_the_position_and_drops_the_rest_of_the_move() -> None:
+    """v²/2a and what is already on its way; then the stage is at rest, trusted, and goes where it is told."""
+    for name, bench in _stages():
+        stage = bench.bench.stage
+        stage.connect()
+        stage.home()
+        looks = stage.moving(x_mm=-20.0, speed_mm_s=5.0)
+        for _ in range(5):
+            next(looks)
+        looks.close()  # type: ignore[attr-defined]
+        was_mm = stage.status().x_mm
+        stage.halt()
+        at = stage.status()
+        assert stage.homed, name
+        assert at.state == "Idle", name
+        assert 0 < was_mm - at.x_mm < 1.5, name
+        bench.clock.wait_s(5.0)
+        assert stage.status() == at, name
+        stage.move_to(x_mm=-10.0, speed_mm_s=5.0)
+        assert stage.status().x_mm == pytest.approx(-10.0, abs=0.003), name
+
+
+# --- limits that are layers of their own ---
+
+
+def test_the_hard_trip_acts_on_every_reading_whatever_is_planned() -> None:
+    """Descent, zero and press, each with the soft trip out of the way."""
+    for act in (
+        lambda e: verbs.zero(e),
+        lambda e: (e.go_to_height(8.0, 5.0), verbs.move_to(e, 0.0)),
+        lambda e: indent(e, Target("doi_mm", 0.5)),
+    ):
+        bench = Watched(GRBL, hard_trip_n=1.0, soft_trip_n=1.0)
+        engine = bench.ready()
+        engine.trips.soft_gwt = float("inf")
+        bench.hand.force_gwt = lambda t_s: 110.0
+        with pytest.raises(TripError, match=r"force 110\.\d\d gwt above the hard trip 101\.97 gwt"):
+            act(engine)
+        assert engine.state is State.TRIPPED
+
+
+def test_no_plan_moves_the_hard_trip() -> None:
+    bench = Watched(GRBL, hard_trip_n=1.0, soft_trip_n=1.0)
+    assert Engine(bench.engine.settings, bench.bench, NoJournal(), 4.0).trips.hard_gwt == pytest.approx(
+        101.97, abs=0.01
+    )
+
+
+@pytest.mark.parametrize("force_gwt", [15.0, -15.0])
+def test_a_pull_trips_like_a_push(watched: Callable[..., Watched], force_gwt: float) -> None:
+    bench = watched()
+    engine = bench.ready()
+    engine.trips.soft_gwt = 14.0
+    bench.hand.force_gwt = lambda t_s: force_gwt
+    with pytest.raises(TripError, match="above the soft trip"):
+        engine.read_force_gwt(verbs.NO_PRESS, "press")
+
+
+def test_below_clearance_nothing_goes_down_faster_than_the_limit() -> None:
+    bench = Watched(GRBL, max_press_speed_mm_s=1.0)
+    engine = bench.ready()
+    at = bench.pose
+    with pytest.raises(Exception, match=r"at 1\.001 mm/s is faster than 1"):
+        engine.go_to_height(1.96, 1.001)
+    assert bench.pose == at
+    engine.go_to_height(1.96, 1.0)
+    engine.go_to_height(2.0, 5.0)  # up it may
+
+
+@pytest.mark.parametrize(("on_trip", "from_mm", "to_mm"), [("park", 1.96, 4.0), ("retract", 3.0, 4.0)])
+def test_a_trip_lifts_no_higher_than_the_stage_travels(on_trip: str, from_mm: float, to_mm: float) -> None:
+    """Apex 4 mm below the top: neither the park height of 10 mm nor clearance over clearance lies within."""
+    bench = Watched({**GRBL, "frame": {"apex_z_mm": -4.0}}, on_trip=on_trip)
+    engine = bench.ready()
+    engine.go_to_height(from_mm, 0.5)
+    with pytest.raises(TripError, match=r"^for the test$"):
+        engine.trip("for the test")
+    assert bench.pose.above_apex_mm == pytest.approx(to_mm, abs=0.003)
+
+
+def test_unhomed_nothing_is_done_that_moves() -> None:
+    bench = Watched(GRBL)
+    for verb in (verbs.zero, lambda e: verbs.move_to(e, 1.0), verbs.retract, lambda e: verbs.rest(e, 1.0)):
+        with pytest.raises(NotReadyError, match="unhomed"):
+            verb(bench.engine)
+    assert bench.wire.getvalue() == ""
