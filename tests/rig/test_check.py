@@ -157,12 +157,12 @@ def test_no_trip_is_missed_on_a_finger_that_is_not_the_one_expected(finger: Fing
     and the depth may be reached after all: then no reading was above the trip.
 
     Between two readings a finger that relaxes feels a little more than either says: by a few per cent of what a
-    share of 0.3 loses in the 50 ms to a reading, 1.5 %.
+    share of 0.3 loses in the 50 ms to a reading, 1.5 %. A reading is known to half a step of the balance, 0.005 gwt.
     """
     free, most_gwt = _felt(tmp_path / "free", finger, 2.0)
     assert free.complete
     highest_gwt, predicted_n = _peak_gwt(free.run), finger.indent("cylinder:9", 0.0, doi_mm=1.0).force_n
-    assert highest_gwt <= most_gwt <= 1.03 * highest_gwt
+    assert highest_gwt - 0.005 <= most_gwt <= 1.03 * highest_gwt
     assert highest_gwt > 1.03 * predicted_n / GWT_N
     for n, share in enumerate((0.9, 0.5, 0.01)):  # of the way from what was predicted to what is read
         trip_gwt = predicted_n / GWT_N + share * (highest_gwt - predicted_n / GWT_N)
