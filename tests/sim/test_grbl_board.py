@@ -619,3 +619,17 @@ def test_no_move_is_slower_than_one_millimetre_a_minute(free: Host) -> None:
 def test_a_rapid_runs_at_the_axis_rate(free: Host) -> None:
     free.say(b"G91G0Z-10\n", 1.0)
     assert b"|FS:300,0" in free.say(b"?")
+
+
+@pytest.mark.parametrize(("axis", "rate"), [(b"X", b"600"), (b"Y", b"480"), (b"Z", b"300")])
+def test_each_axis_has_a_rate_of_its_own(free: Host, axis: bytes, rate: bytes) -> None:
+    free.say(b"$111=480\n")
+    free.say(b"G91G0%s-20\n" % axis, 1.0)
+    assert b"|FS:%s,0" % rate in free.say(b"?")
+
+
+@pytest.mark.parametrize(("axis", "number"), [(b"X", 120), (b"Y", 121), (b"Z", 122)])
+def test_each_axis_has_an_acceleration_of_its_own(free: Host, axis: bytes, number: int) -> None:
+    free.say(b"$%d=2\n" % number)
+    free.say(b"G91G0%s-20\n" % axis, 0.5)
+    assert b"|FS:60,0" in free.say(b"?", 1e-4)  # 2 mm/s² for half a second: 1 mm/s
