@@ -1,0 +1,62 @@
+"""An indentor placed over a model's patch: what it may not touch, and how it is pressed."""
+
+from dataclasses import replace
+
+import pytest
+
+from sim.contact.shapes import parse_shape
+from sim.contact.solver import ContactState
+from sim.contact.touch import first_touch
+from sim.models.errors import ModelRangeError
+from sim.models.fingertip import Fingertip
+from sim.models.pressing import PlacedIndentor, Pressing
+
+SHALLOW_MM, DEEP_MM = 0.2, 3.0
+
+
+@pytest.fixture(scope="module")
+def placed(finger: Fingertip) -> PlacedIndentor:
+    indentor = parse_shape("cylinder:9")
+    touch = first_touch(indentor, (0.0,), finger.surface)
+    return PlacedIndentor(indentor, (0.0,), touch.height_mm, touch, finger.model)
+
+
+@pytest.fixture(scope="module")
+def shallow(placed: PlacedIndentor) -> ContactState:
+    return Pressing(placed, between_nodes=False, target=1e-10).solve(SHALLOW_MM, None)
+
+
+def test_contact_well_within_the_patch_is_an_answer(placed: PlacedIndentor, shallow: ContactState) -> None:
+    placed.refuse_rim(placed.pose(SHALLOW_MM), shallow)
+    assert shallow.converged
+
+
+def test_skin_beside_the_patch_may_not_be_touched(placed: PlacedIndentor, shallow: ContactState) -> None:
+    # No node of the rim bears; a pose that much deeper reaches the skin around the patch, unless that gives way.
+    pose = placed.pose(DEEP_MM)
+    with pytest.raises(ModelRangeError, match="contact reaches the patch's rim"):
+        placed.refuse_rim(pose, shallow)
+    gone = shallow.displacement.copy()
+    gone[-1] -= DEEP_MM
+    placed.refuse_rim(pose, replace(shallow, displacement=gone))
+
+
+def test_a_node_of_the_rim_may_not_bear(placed: PlacedIndentor, shallow: ContactState) -> None:
+    force = shallow.force.copy()
+    force[-1, placed.model.patch.rim.argmax()] = -1e-6
+    with pytest.raises(ModelRangeError, match="contact reaches the patch's rim"):
+        placed.refuse_rim(placed.pose(SHALLOW_MM), replace(shallow, force=force))
+
+
+def test_errors_are_scaled_by_the_depth_but_by_no_less_than_a_micrometre(placed: PlacedIndentor) -> None:
+    assert placed.pose(0.5).scale_mm == 0.5
+    assert placed.pose(1e-5).scale_mm == 1e-3
+    assert placed.pose(0.5).height_mm == placed.touch.height_mm - 0.5
+
+
+def test_passes_of_all_attempts_count(placed: PlacedIndentor) -> None:
+    # No residual meets this target: tried at once, then in steps of 12.5 µm, each one going on from the last.
+    pressing = Pressing(placed, between_nodes=False, target=-1.0)
+    attempts = [pressing._at(0.05, None, -1.0).passes, pressing._pressed_in_finely(0.05).passes]
+    assert pressing.solve(0.05, None).passes == sum(attempts)
+    assert attempts[1] > attempts[0] > 0
