@@ -18,6 +18,7 @@ from sim.measures.receptors import (
     blended,
     located,
     operator_of,
+    patch_around,
     place_receptors,
     strain_operator,
 )
@@ -162,6 +163,22 @@ def test_strain_beside_an_interface_is_of_its_own_layer(
     assert not by_inner[0].any()
     assert np.abs(by_outer[0]).max() > 1
     assert np.abs(by_inner[1]).max() > 1
+
+
+def test_the_cells_around_a_cell_are_centred_on_it(default_mesh: FingerMesh) -> None:
+    n_z, n_phi, _ = default_mesh.grid
+    rows = np.flatnonzero(default_mesh.layer[default_mesh.element_grid[0, 0]] == DERMIS)
+    assert len(rows) >= 3
+    for k, j, i, axial, around, radial in [
+        (9, 7, rows[1], [8, 9, 10], {6, 7, 8}, rows[:3]),
+        (0, 0, rows[0], [0, 1, 2], {n_phi - 1, 0, 1}, rows[:3]),
+        (n_z - 2, n_phi - 1, rows[-1], [n_z - 4, n_z - 3, n_z - 2], {n_phi - 2, n_phi - 1, 0}, rows[-3:]),
+    ]:
+        cells = patch_around(default_mesh, (k, j, int(i)))
+        assert len(cells) == 27
+        assert sorted(set(cells[:, 0])) == axial
+        assert set(cells[:, 1]) == around
+        assert sorted(set(cells[:, 2])) == list(radial)
 
 
 def test_strain_of_a_bent_field_converges_to_the_exact_one(default_mesh: FingerMesh, placed: ReceptorSet) -> None:
