@@ -1,6 +1,7 @@
 """A run as NWB, checked by pynwb's validator and nwbinspector, and spike times read from one."""
 
 import sys
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ pynwb: Any = pytest.importorskip("pynwb", reason="needs pynwb: pip install 'inde
 
 @pytest.fixture
 def run(spring: Any, tmp_path: Path) -> Run:
-    """Two indentations on the spring bench, with sync pulses."""
+    """Two indentations on the spring bench."""
     bench = spring()
     bench.journal.start({"protocol": "two", "title": "Two presses", "source": "a notebook", "virtual": True,
                          "planned_indentations": 2, "parameters": {}})  # fmt: skip
@@ -46,6 +47,8 @@ def test_the_file_is_valid_and_says_what_the_journal_says(run: Run) -> None:
         np.testing.assert_array_equal(force.timestamps[:], [sample["t_s"] for sample in samples])
         position = file.acquisition["position"]
         np.testing.assert_array_equal(position.data[:, 1], [sample["height_mm"] for sample in samples])
+        np.testing.assert_array_equal(position.data[:, 0], [sample["x_mm"] for sample in samples])
+        assert (position.unit, position.conversion) == ("meters", 1e-3)
         trials = file.trials.to_dataframe()
         assert trials["x_mm"].tolist() == [0.0, 0.4]
         assert trials["indentor"].tolist() == ["bar:3.0", "bar:3.0"]
@@ -54,6 +57,22 @@ def test_the_file_is_valid_and_says_what_the_journal_says(run: Run) -> None:
         assert holds["stop_time"].tolist() == [end["t_s"] for end in ends]
         assert holds["force_gwt"].tolist() == [end["force_gwt"] for end in ends]
         assert file.session_start_time == datetime.fromtimestamp(run.start["unix_s"] - run.start["t_s"], UTC)
+
+
+def test_sync_pulses_are_intervals(run: Run) -> None:
+    pulses = [{"t_s": t, "rise_s": t, "width_s": 0.25, "uncertainty_s": 0.001} for t in (1.5, 4.0)]
+    path = export_nwb(replace(run, events={**run.events, "sync": pulses}))
+    with pynwb.NWBHDF5IO(path, "r") as io:
+        seen = io.read().intervals["sync_pulses"].to_dataframe()
+        assert seen["start_time"].tolist() == [1.5, 4.0]
+        assert seen["stop_time"].tolist() == [1.75, 4.25]
+        assert seen["uncertainty_s"].tolist() == [0.001, 0.001]
+
+
+def test_a_session_starts_where_the_run_s_clock_shows_zero(run: Run) -> None:
+    path = export_nwb(replace(run, start={**run.start, "unix_s": 1.7e9, "t_s": 2.5}))
+    with pynwb.NWBHDF5IO(path, "r") as io:
+        assert io.read().session_start_time == datetime.fromtimestamp(1.7e9 - 2.5, UTC)
 
 
 def test_the_validators_find_nothing(run: Run) -> None:

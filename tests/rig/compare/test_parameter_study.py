@@ -15,6 +15,8 @@ from rig.cli import main
 from rig.parameter_study.cases import Case, columns, read_study, solve
 from rig.parameter_study.errors import StudyError, WorkersError
 from rig.parameter_study.workers import spread
+from sim.config.fingertip_config import FingertipConfig
+from sim.models.fingertip import Fingertip
 
 PRESSES = """\
 [[press]]
@@ -84,6 +86,16 @@ def test_what_has_no_answer_says_why_in_its_row(coarse: Path) -> None:
     (row,) = solve(read_study(coarse)[1])
     assert "DOI 5 mm: expected 0 < DOI" in row["problem"]
     assert row["shape"] == "bar:3.0"
+
+
+def test_a_row_is_the_models_answer_at_its_receptor(coarse: Path) -> None:
+    case = read_study(coarse)[1]
+    rows = solve(case)
+    config = FingertipConfig.model_validate_json(case.config_json)
+    finger = Fingertip.load(config, receptor_x_mm=(-1.0, 0.0), receptor_depth_mm=0.7)
+    sed = finger.indent("bar:3.0", 0.0, doi_mm=0.2).receptor_measures["sed"]
+    assert [(row["receptor_x_mm"], row["sed"]) for row in rows] == [(-1.0, sed[0]), (0.0, sed[1])]
+    assert sed[1] != pytest.approx(sed[0], rel=0.1)
 
 
 Command = Callable[..., tuple[int, str, str]]

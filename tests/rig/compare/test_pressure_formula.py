@@ -75,6 +75,8 @@ def test_what_is_sampled_under_a_cylinder(finger: Fingertip) -> None:
     assert at.displacement_mm.max() > 0.98
     # 1/4.5 of the cylinder and 1/3.7 of the finger at its apex
     assert at.curvature_per_mm.mean() == pytest.approx(1 / 4.5 + 1 / 3.66, rel=0.05)
+    own = finger_curvature(finger.surface, result.pressure_profile[0][touching], result.z_mm)
+    np.testing.assert_allclose(at.curvature_per_mm - own, 1 / 4.5, rtol=1e-9)  # of a circle, however it slopes
     assert (at.inside.from_end_mm >= FROM_EDGE_MM).all()
     assert 0 < len(at.inside.pressure) < len(at.pressure)
 
