@@ -2,7 +2,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 export OMP_NUM_THREADS ?= 2
 
-.PHONY: setup demo study test check bench mutants clean
+.PHONY: setup demo study test shake check bench mutants clean
 
 setup: .venv/.ready
 
@@ -29,7 +29,10 @@ check: .venv/.ready-dev
 	$(BIN)/lint-imports
 
 test: check
-	$(BIN)/pytest -n 2 --dist loadgroup
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --durations=20
+
+shake: .venv/.ready-dev
+	$(BIN)/python -m tests.shake
 
 bench: .venv/.ready-dev
 	$(BIN)/python -m studies.speed.timing

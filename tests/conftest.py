@@ -1,16 +1,72 @@
-"""What every test may use: the default fingertip, loaded once."""
+"""What every test may use: the default fingertip, loaded once, and a count of the costly work done."""
 
+import pkgutil
+from collections import Counter
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 
 from sim.models.fingertip import Fingertip
+
+# Processes, threads, ports and clocks of the real world: what `make shake` repeats beside a busy machine.
+REAL_TIME = (
+    "rig/real_time/",
+    "rig/compare/test_parameter_study.py::test_processes_give_what_one_gives",
+    "rig/compare/test_parameter_study.py::test_a_killed_process_is_told_of",
+    "rig/compare/test_parameter_study.py::test_a_process_has_one_thread",
+    "rig/compare/test_study_on_a_cluster.py",
+    "rig/test_command_line.py::test_ctrl_c_stops_at_a_safe_point",
+    "rig/test_command_line.py::test_a_killed_run_leaves_a_readable_journal",
+    "rig/test_grbl_conformance.py",
+    "rig/test_how_it_ends.py",
+    "rig/test_kills.py",
+    "rig/test_modbus_counterparties.py",
+    "rig/test_resume.py::test_a_terminal_pauses_and_goes_on",
+    "rig/test_safety.py::test_a_silent_engine_stops_the_stage_while_another_thread_blocks",
+    "rig/test_safety.py::test_a_beating_or_resting_engine_is_left_alone",
+    "rig/test_transport.py",
+    "rig/test_wall_clock.py",
+    "sim/test_press_ahead.py",
+    "sim/test_served_ports.py",
+    "sim/test_study.py::test_candidates_are_measured_in_their_own_processes",
+    "sim/test_wall_clock.py",
+    "sim/test_workers.py",
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what runs in real time."""
+    for item in items:
+        if item.nodeid.removeprefix("tests/").startswith(REAL_TIME):
+            item.add_marker("real_time")
 
 
 @pytest.fixture(scope="session")
 def finger() -> Fingertip:
     """The default fingertip, from the user's cache or built in seconds."""
     return Fingertip.load()
+
+
+@pytest.fixture
+def work(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
+    """How often this process built a model, solved a contact, factorised, and began processes to do so for it."""
+    done: Counter[str] = Counter()
+
+    def count(name: str, place: str) -> None:
+        real = pkgutil.resolve_name(place)
+
+        def counted(*arguments: Any, **options: Any) -> Any:
+            done[name] += 1
+            return real(*arguments, **options)
+
+        monkeypatch.setattr(place.replace(":", "."), counted)
+
+    count("models", "sim.models.fingertip:build_finger")
+    count("contacts", "sim.models.pressing:solve_contact")
+    count("factors", "sim.models.strain_map:factorise")
+    count("processes", "sim.models.workers:ProcessPoolExecutor")
+    return done
 
 
 @pytest.fixture

@@ -22,6 +22,7 @@ from rig.transport.byte_log import LoggedTransport
 from rig.virtual.served_bench import ServedBench
 from sim.devices import Load, SerialLine, VirtualBalance, VirtualGrbl
 from sim.devices.clock import VirtualClock
+from tests.waiting import DEADLINE_S
 
 Pair = tuple[bytes, bytes | list[bytes]]
 
@@ -211,6 +212,6 @@ def served() -> Iterator[Callable[..., ServedBench]]:
     yield make
     for bench, thread in running:
         bench.stop()
-        thread.join(5.0)
+        thread.join(DEADLINE_S)
         assert not thread.is_alive()
         bench.close()

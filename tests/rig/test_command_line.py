@@ -6,7 +6,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ from rig.cli import main
 from rig.cli.not_built import COMMANDS
 from rig.engine.journal import read_journal
 from sim.models.fingertip import Fingertip
+from tests.waiting import DEADLINE_S, journal_says, until
 
 INDENT_KEYS = {
     "force_n", "force_gwt", "doi_mm", "peak_pressure_pseudo", "contact_regions_mm", "pressure", "receptors", "solver",
@@ -390,15 +390,12 @@ class Running:
 
     def wait_for(self, needle: str) -> None:
         """Until the journal says so."""
-        deadline = time.monotonic() + 60
-        while time.monotonic() < deadline and self.process.poll() is None:
-            if any(needle in p.read_text(encoding="utf-8") for p in self.out.glob("*/events.jsonl")):
-                return
-            time.sleep(0.02)
-        raise AssertionError(f"{needle!r} never came: {self.process.communicate()}")
+        said = journal_says(self.out, needle)
+        until(lambda: said() or self.process.poll() is not None)
+        assert said(), f"{needle!r} never came: {self.process.communicate()}"
 
     def end(self) -> Ended:
-        out, err = self.process.communicate(timeout=60)
+        out, err = self.process.communicate(timeout=DEADLINE_S)
         return Ended(self.process.returncode, out, err)
 
 

@@ -6,7 +6,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,7 @@ from rig.session.resume import StoppedRun, read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
+from tests.waiting import DEADLINE_S, journal_says, until
 
 SCRIPT = """\
 import random
@@ -263,11 +263,11 @@ def test_a_terminal_pauses_and_goes_on(finger: Fingertip, tmp_path: Path) -> Non
     run = subprocess.Popen([*COMMAND, *options], stdin=theirs, stdout=subprocess.PIPE, stderr=theirs)
     os.close(theirs)
     try:
-        _wait_for(lambda: any('"press"' in p.read_text() for p in tmp_path.glob("out/*/events.jsonl")))
+        until(journal_says(tmp_path / "out", '"press"'))
         run.send_signal(signal.SIGINT)
-        _wait_for(lambda: any('"paused"' in p.read_text() for p in tmp_path.glob("out/*/events.jsonl")))
+        until(journal_says(tmp_path / "out", '"paused"'))
         os.write(ours, b"\n")
-        out, _ = run.communicate(timeout=60)
+        out, _ = run.communicate(timeout=DEADLINE_S)
     finally:
         run.kill()
         run.wait()
@@ -277,13 +277,6 @@ def test_a_terminal_pauses_and_goes_on(finger: Fingertip, tmp_path: Path) -> Non
     assert answer["complete"] is True
     assert answer["indentations"] == 3
     assert read_run(Path(answer["run"])).restarted == 1
-
-
-def _wait_for(condition: Callable[[], bool]) -> None:
-    deadline_s = time.monotonic() + 60
-    while not condition():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.02)
 
 
 # --- a journal that cannot be written ---

@@ -1,7 +1,6 @@
 """Trips, the heartbeat, and how far a stage goes on after it was told to stop."""
 
 import threading
-import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -14,6 +13,8 @@ from rig.engine.heartbeat import Heartbeat, looked_after
 from rig.engine.rig_settings import RigSettings
 from rig.engine.stopping import Stopping
 from rig.transport.clock import WallClock
+from sim.devices.clock import VirtualClock
+from tests.waiting import DEADLINE_S, until
 
 Make = Callable[..., Any]
 FORCE = Target("force_gwt", 2.33)
@@ -134,30 +135,50 @@ def test_an_indentor_that_nobody_confirmed_is_not_pressed_with(spring: Make, mon
 # --- the heartbeat ---
 
 
+class Watched(Heartbeat):
+    """One that says how often it was looked at."""
+
+    looks = 0
+
+    def look(self) -> None:
+        super().look()
+        self.looks += 1
+
+
+def looked_at(heartbeat: Watched, times: int) -> None:
+    seen = heartbeat.looks
+    until(lambda: heartbeat.looks >= seen + times)
+
+
 def test_a_silent_engine_stops_the_stage_while_another_thread_blocks() -> None:
     """On the real clock: nobody beats, as in a read that never returns."""
     stopped_s: list[float] = []
-    heartbeat = Heartbeat(WallClock())
-    heartbeat.stop = lambda: stopped_s.append(time.monotonic())
+    clock, stopped = WallClock(), threading.Event()
+    heartbeat = Watched(clock)
+    heartbeat.stop = lambda: (stopped_s.append(clock.monotonic_s()), stopped.set())
     with looked_after(heartbeat):
+        began_s = clock.monotonic_s()
         heartbeat.beat(0.1)
-        began_s = time.monotonic()
-        threading.Event().wait(0.6)
+        assert stopped.wait(DEADLINE_S)
+        looked_at(heartbeat, 3)
     assert heartbeat.lost
     assert len(stopped_s) == 1
-    assert 0.1 <= stopped_s[0] - began_s < 0.5
+    assert stopped_s[0] >= began_s + 0.1
 
 
 def test_a_beating_or_resting_engine_is_left_alone() -> None:
     stopped: list[bool] = []
-    heartbeat = Heartbeat(WallClock())
+    clock = VirtualClock()
+    heartbeat = Watched(clock)
     heartbeat.stop = lambda: stopped.append(True)
     with looked_after(heartbeat):
         for _ in range(5):
             heartbeat.beat(0.5)
-            time.sleep(0.05)
+            clock.wait_s(0.45)
+            looked_at(heartbeat, 3)
         heartbeat.rest()
-        time.sleep(0.6)
+        clock.wait_s(60.0)
+        looked_at(heartbeat, 3)
     assert not stopped
 
 

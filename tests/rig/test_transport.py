@@ -22,6 +22,7 @@ from rig.transport import (
 from rig.transport.clock import WallClock
 from sim.devices import SerialLine
 from sim.devices.clock import VirtualClock
+from tests.waiting import DEADLINE_S
 
 pty = pytest.importorskip("pty", reason="needs pseudo-terminals")
 tty = pytest.importorskip("tty", reason="needs pseudo-terminals")
@@ -170,7 +171,7 @@ def test_a_port_that_goes_away_is_an_error(port: tuple[int, str]) -> None:
 def listener() -> Iterator[tuple[socket.socket, str]]:
     """A listening socket and the name of its port."""
     with socket.create_server(("127.0.0.1", 0)) as server:
-        server.settimeout(5.0)
+        server.settimeout(DEADLINE_S)
         yield server, f"tcp://127.0.0.1:{server.getsockname()[1]}"
 
 

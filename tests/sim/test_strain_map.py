@@ -1,30 +1,65 @@
 """Strain in the whole receptor plane against the condensed model's own answers."""
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from sim.fem import pardiso
 from sim.models.fingertip import Fingertip
-from sim.models.strain_map import displacements, mesh_of, strain_maps
+from sim.models.result import IndentationResult
+from sim.models.strain_map import StrainMap, displacements, mesh_of, strain_maps
 
 pytestmark = pytest.mark.skipif(not pardiso.available(), reason="without MKL PARDISO this takes minutes")
 
 
+@dataclass(frozen=True)
+class Solved:
+    """Indentations, the displacements under their forces, which belong to one mesh, and their maps."""
+
+    results: list[IndentationResult]
+    moved: NDArray[np.float64]
+    maps: list[StrainMap]
+
+
+@pytest.fixture(scope="module")
+def solved(finger: Fingertip) -> dict[str, Solved]:
+    """Along the finger and across it: two meshes, each factorised once."""
+    along = [finger.indent("bar:3.0", doi_mm=doi) for doi in (0.3, 0.6)] + [finger.indent("cylinder:9", doi_mm=0.8)]
+    across = [finger.indent("line", doi_mm=doi) for doi in (0.3, 0.6)]
+    moved: list[NDArray[np.float64]] = []
+
+    def noted(*arguments: Any) -> NDArray[np.float64]:
+        moved.append(displacements(*arguments))
+        return moved[-1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sim.models.strain_map.displacements", noted)
+        maps = strain_maps(finger.config, [across[0], *along, across[1]])
+    first, second = sorted(moved, key=len)
+    return {
+        "line": Solved(across, first, [maps[0], maps[-1]]),
+        "bar:3.0": Solved(along[:2], second[:2], maps[1:3]),
+        "cylinder:9": Solved(along[2:], second[2:], maps[3:4]),
+    }
+
+
 @pytest.mark.parametrize("shape", ["bar:3.0", "line"])
-def test_displacements_of_the_skin_are_the_contacts(finger: Fingertip, shape: str) -> None:
-    results = [finger.indent(shape, doi_mm=doi) for doi in (0.3, 0.6)]
+def test_displacements_of_the_skin_are_the_contacts(finger: Fingertip, solved: dict[str, Solved], shape: str) -> None:
+    results = solved[shape].results
     mesh = mesh_of(finger.config, results[0])
     skin = np.arange(len(mesh.nodes)).reshape(mesh.grid)[:, :, 0].ravel()
-    for result, u in zip(results, displacements(finger.config, mesh, results), strict=True):
+    for result, u in zip(results, solved[shape].moved, strict=True):
         there = u[skin[result.model.patch_in_skin]][:, result.model.patch.axes].T
         # the same equations, solved whole and condensed: they agreed to 1e-10 in test_uncondensed.py
         np.testing.assert_allclose(there, result.state.displacement, rtol=0, atol=1e-9)
 
 
-def test_the_map_agrees_with_the_receptors(finger: Fingertip) -> None:
+def test_the_map_agrees_with_the_receptors(solved: dict[str, Solved]) -> None:
     """Receptors are a quadratic through 27 centroids; the map has one value an element of the plane."""
-    result = finger.indent("cylinder:9", 0.0, doi_mm=0.8)
-    (found,) = strain_maps(finger.config, [result])
+    (result,), (found,) = solved["cylinder:9"].results, solved["cylinder:9"].maps
     outer = 0.5 * (found.corner_mm[1:] + found.corner_mm[:-1])
     centre = 0.5 * (outer[:, 1:] + outer[:, :-1])
     receptors = result.model.receptors.position_mm[:, None, None, :2]
@@ -35,9 +70,8 @@ def test_the_map_agrees_with_the_receptors(finger: Fingertip) -> None:
         np.testing.assert_allclose(near, read, rtol=0, atol=0.13 * np.abs(read).max())
 
 
-def test_the_skin_is_where_the_contact_says(finger: Fingertip) -> None:
-    result, across = finger.indent("bar:3.0", 0.0, doi_mm=0.6), finger.indent("line", doi_mm=0.3)
-    other, found = strain_maps(finger.config, [across, result])  # two meshes
+def test_the_skin_is_where_the_contact_says(finger: Fingertip, solved: dict[str, Solved]) -> None:
+    result, found, other = solved["bar:3.0"].results[1], solved["bar:3.0"].maps[1], solved["line"].maps[0]
     assert other.moved_mm[:, 0, 1].max() < found.corner_mm[:, 0, 1].max()
     x, y = result.skin_profile
     skin = found.moved_mm[:, 0]

@@ -27,12 +27,10 @@ def test_they_leave_ctrl_c_to_us() -> None:
 
 
 def test_they_end_at_once_when_no_more_is_asked_for() -> None:
-    """One that sleeps for a minute is not waited for."""
-    answers = in_processes(time.sleep, [0.0, 60.0], 1)
+    """One that sleeps for an hour is not waited for: this test would not end in time."""
+    answers = in_processes(time.sleep, [0.0, 3600.0], 1)
     next(answers)
-    began = time.monotonic()
     answers.close()  # type: ignore[attr-defined]
-    assert time.monotonic() - began < 10
     assert multiprocessing.active_children() == []
 
 

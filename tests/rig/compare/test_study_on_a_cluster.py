@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +15,7 @@ import pytest
 from rig.parameter_study import cluster as cluster_module
 from rig.parameter_study.errors import WorkersError
 from rig.parameter_study.workers import spread
+from tests.waiting import DEADLINE_S, until
 
 distributed: Any = pytest.importorskip(
     "distributed", reason="needs dask.distributed: pip install 'indentation-rig[cluster]'"
@@ -24,7 +24,7 @@ distributed: Any = pytest.importorskip(
 # a client's sockets are closed by the garbage collector
 pytestmark = [
     pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"),
-    pytest.mark.timeout(120),
+    pytest.mark.timeout(5 * DEADLINE_S),
 ]
 
 MANY_PLACES = """\
@@ -37,6 +37,25 @@ CASES = 2 * 4
 
 SCHEDULER = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
 WORKER = "from distributed.cli.dask_worker import main; main()"
+WORKER_HELD_AT_A_CASE = f"""\
+import os, pathlib, time
+from rig.parameter_study import cases
+
+solve = cases.solve
+
+def held(case):
+    if pathlib.Path("solved").exists():
+        pathlib.Path(f"{{os.getpid()}}.held").touch()
+        while not pathlib.Path("let go").exists():
+            time.sleep(0.01)
+    rows = solve(case)
+    pathlib.Path("solved").touch()
+    return rows
+
+cases.solve = held
+{WORKER}
+"""
+"""After another case is done, until the test lets it go."""
 WORKER_WITHOUT_THE_PROGRAM = f"import sys; sys.modules['rig'] = None; {WORKER}"
 WORKER_OF_ANOTHER_VERSION = f"""\
 import importlib.metadata as metadata
@@ -53,56 +72,50 @@ class Cluster:
 
     folder: Path
     scheduler: subprocess.Popen[bytes] = field(init=False)
+    address: str = field(init=False)
     workers: list[subprocess.Popen[bytes]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         told = self.folder / "scheduler.json"
         self.scheduler = self._start([*SCHEDULER, "--no-dashboard", "--scheduler-file", str(told)])
-        self._soon(told.exists)
-        self.address: str = json.loads(told.read_text())["address"]
+        self.address = until(lambda: _address(told), self._log)
 
     def add_worker(self, code: str = WORKER) -> None:
         options = ["--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", "127.0.0.1"]
         self.workers.append(self._start([sys.executable, "-c", code, self.address, *options]))
 
     def client(self) -> Any:
-        client = distributed.Client(self.address, timeout=20)
-        client.wait_for_workers(len(self.workers), timeout=30)
+        client = distributed.Client(self.address, timeout=DEADLINE_S)
+        client.wait_for_workers(len(self.workers), timeout=DEADLINE_S)
         return client
 
-    def worker_at_a_case(self, client: Any) -> subprocess.Popen[bytes]:
-        """The process of one that is inside solve() right now, after another case is done."""
-        pids = client.run(os.getpid)
-        busy: list[str] = []
+    def worker_at_a_case(self) -> subprocess.Popen[bytes]:
+        """The process of one that is inside solve() until it is let go, after another case is done."""
+        (held, *_) = until(lambda: list(self.folder.glob("*.held")), self._log)
+        return next(process for process in self.workers if process.pid == int(held.stem))
 
-        def caught() -> bool:
-            busy[:] = [
-                worker for worker, stacks in _stacks(client).items() if "parameter_study/cases.py" in str(stacks)
-            ]
-            return bool(busy) and bool(client.who_has())
-
-        self._soon(caught)
-        return next(process for process in self.workers if process.pid == pids[busy[0]])
+    def let_go(self) -> None:
+        (self.folder / "let go").touch()
 
     def stop(self) -> None:
         for process in (*self.workers, self.scheduler):
             process.kill()
-            process.wait(10)
+            process.wait(DEADLINE_S)
 
     def _start(self, words: Sequence[str]) -> subprocess.Popen[bytes]:
         with (self.folder / "log.txt").open("ab") as log:
             return subprocess.Popen(words, stdout=log, stderr=log, cwd=self.folder)
 
-    def _soon(self, true: Any) -> None:
-        for _ in range(6000):
-            if true():
-                return
-            time.sleep(0.005)
-        raise AssertionError((self.folder / "log.txt").read_text())
+    def _log(self) -> str:
+        return (self.folder / "log.txt").read_text()
 
 
-def _stacks(client: Any) -> dict[str, Any]:
-    return dict(client.sync(client.scheduler.call_stack, keys=None))
+def _address(told: Path) -> str | None:
+    """From the scheduler's file, which is there before it is written."""
+    try:
+        return str(json.loads(told.read_text())["address"])
+    except (FileNotFoundError, json.JSONDecodeError):
+        return None
 
 
 @pytest.fixture
@@ -127,16 +140,17 @@ def study(tmp_path: Path, coarse_fingers: str, monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_a_worker_killed_at_a_case_changes_no_byte(study: Path, cluster: Cluster) -> None:
-    cluster.add_worker()
-    cluster.add_worker()
-    out, err = start_study(study, "--processes", "2", "--out", "processes.csv").communicate(timeout=60)
+    cluster.add_worker(WORKER_HELD_AT_A_CASE)
+    cluster.add_worker(WORKER_HELD_AT_A_CASE)
+    out, err = start_study(study, "--processes", "2", "--out", "processes.csv").communicate(timeout=2 * DEADLINE_S)
     expected = json.loads(out)
     with cluster.client() as client:
         program = start_study(study, "--scheduler", cluster.address, "--out", "cluster.csv")
-        killed = cluster.worker_at_a_case(client)
+        killed = cluster.worker_at_a_case()
         killed.send_signal(signal.SIGKILL)
-        out, err = program.communicate(timeout=60)
-        assert killed.wait(10) == -signal.SIGKILL
+        assert killed.wait(DEADLINE_S) == -signal.SIGKILL
+        cluster.let_go()
+        out, err = program.communicate(timeout=2 * DEADLINE_S)
         assert len(client.nthreads()) == 1
     assert (program.returncode, err) == (0, "")
     assert (study / "cluster.csv").read_bytes() == (study / "processes.csv").read_bytes()
@@ -147,12 +161,11 @@ def test_a_worker_killed_at_a_case_changes_no_byte(study: Path, cluster: Cluster
 
 
 def test_a_scheduler_that_dies_midway_leaves_one_line_and_no_file(study: Path, cluster: Cluster) -> None:
-    cluster.add_worker()
-    with cluster.client() as client:
-        program = start_study(study, "--scheduler", cluster.address)
-        cluster.worker_at_a_case(client)
+    cluster.add_worker(WORKER_HELD_AT_A_CASE)
+    program = start_study(study, "--scheduler", cluster.address)
+    cluster.worker_at_a_case()
     cluster.scheduler.kill()
-    _, err = program.communicate(timeout=60)
+    _, err = program.communicate(timeout=2 * DEADLINE_S)
     assert (program.returncode, err) == (2, f"rig: --scheduler {cluster.address}: the scheduler has gone\n")
     assert not list(study.glob("study.csv*"))
 
@@ -164,7 +177,7 @@ def test_a_scheduler_that_dies_midway_leaves_one_line_and_no_file(study: Path, c
 )
 def test_a_worker_with_another_program_is_named(study: Path, cluster: Cluster, code: str, has: str) -> None:
     cluster.add_worker(code)
-    _, err = (program := start_study(study, "--scheduler", cluster.address)).communicate(timeout=60)
+    _, err = (program := start_study(study, "--scheduler", cluster.address)).communicate(timeout=2 * DEADLINE_S)
     assert program.returncode == 2
     assert err.startswith(f"rig: --scheduler {cluster.address}: worker tcp://127.0.0.1:")
     assert has in err

@@ -24,6 +24,7 @@ from rig.virtual.served_bench import ServedBench
 from sim.devices import BalanceMenu, Load, SerialLine, VirtualBalance, VirtualGrbl
 from sim.serve.ports import PtyPort
 from sim.serve.wall_clock import WallScheduler
+from tests.waiting import DEADLINE_S, gathered, until
 
 # Close to the switches, on a board that homes fast: a short way to go in real time. A reading is taken 0.1 s after a
 # move: until then a busy machine may still give the force from before it.
@@ -38,14 +39,10 @@ FAST = (b"$110=3000", b"$111=3000", b"$112=3000", b"$120=500", b"$121=500", b"$1
 
 def set_up(port: str) -> None:
     """A board that homes in a second; its settings outlast the client, as in a real one."""
-    wire, clock = open_port(port, 115200), WallClock()
+    wire = open_port(port, 115200)
     for line in FAST:
         wire.write(line + b"\n")
-        heard = b""
-        deadline_s = clock.monotonic_s() + 5.0
-        while b"ok" not in heard and clock.monotonic_s() < deadline_s:
-            heard += wire.read(0.1)
-        assert b"ok" in heard, (line, heard)
+        gathered(partial(wire.read, 0.1), lambda heard: b"ok" in heard)
     wire.close()
 
 
@@ -62,7 +59,7 @@ class Serving:
 
     def end(self, number: signal.Signals) -> tuple[int, str, str]:
         self.process.send_signal(number)
-        out, err = self.process.communicate(timeout=20)
+        out, err = self.process.communicate(timeout=DEADLINE_S)
         return self.process.returncode, out, err
 
 
@@ -141,23 +138,48 @@ def apart(served: Callable[..., ServedBench], rig_toml: Callable[..., Path]) -> 
     return stage, force, rig_toml(stage, force)
 
 
+@dataclass(frozen=True)
+class FreeStage:
+    """An unlocked board: its port, its configuration, and how far its carriage really went, whoever owns the port."""
+
+    port: str
+    config: Path
+    x_mm: Callable[[], float]
+
+    def state(self) -> str:
+        """What the board says; nobody may own the port."""
+        stage = GrblStage(open_port(self.port, 115200), WallClock())
+        try:
+            return stage.look().state
+        finally:
+            stage.close()
+
+
 @pytest.fixture
-def free_stage(served: Callable[..., ServedBench], rig_toml: Callable[..., Path]) -> tuple[Callable[[], float], Path]:
-    """Where the carriage really is (x in mm), and the configuration of an unlocked board."""
-    bench = served(stage="grbl")
-    stage = GrblStage(open_port(bench.ports["stage"], 115200), WallClock())
-    stage.connect()
-    stage.unlock()
-    stage.close()
+def free_stage(rig_toml: Callable[..., Path]) -> Iterator[FreeStage]:
+    scheduler = WallScheduler()
+    line = SerialLine(scheduler, 115200)
+    board, port = VirtualGrbl(scheduler, line), PtyPort(scheduler, line)
+    start, noted = board.carriage_steps_at(0.0)[0], [0.0]
+
+    def note() -> None:
+        """In the loop's own thread, which is the only one that may ask the board."""
+        now_s = scheduler.monotonic_s()
+        noted.append((board.carriage_steps_at(now_s)[0] - start) / 400)
+        scheduler.call_at(now_s + 0.01, note)
 
     def x_mm() -> float:
-        look = GrblStage(open_port(bench.ports["stage"], 115200), WallClock())
-        try:
-            return look.look().x_mm
-        finally:
-            look.close()
+        seen = len(noted)
+        until(lambda: len(noted) > seen)
+        return noted[-1]
 
-    return x_mm, rig_toml(**bench.ports)
+    note()
+    with _answering(scheduler, port):
+        stage = GrblStage(open_port(port.name, 115200), WallClock())
+        stage.connect()
+        stage.unlock()
+        stage.close()
+        yield FreeStage(port.name, rig_toml(port.name), x_mm)
 
 
 @contextmanager
@@ -168,7 +190,8 @@ def _answering(scheduler: WallScheduler, *ports: PtyPort) -> Iterator[None]:
         yield
     finally:
         scheduler.stop()
-        loop.join(5.0)
+        loop.join(DEADLINE_S)
+        assert not loop.is_alive()
         for port in ports:
             port.close()
         scheduler.close()

@@ -12,11 +12,23 @@ from rig.devices.stage import GrblStage
 from rig.transport import open_port
 from rig.transport.clock import WallClock
 from sim.models.fingertip import Fingertip
+from tests.waiting import until
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 
 Serving = Callable[..., Any]
 Rig = Callable[..., Any]
+
+
+def two_free_ports() -> int | None:
+    """The first of two TCP ports in a row that nobody has."""
+    with socket.create_server(("127.0.0.1", 0)) as first:
+        number: int = first.getsockname()[1]
+        try:
+            socket.create_server(("127.0.0.1", number + 1)).close()
+        except OSError:
+            return None
+    return number
 
 
 def test_one_device_one_line_and_a_clean_end(serving: Serving) -> None:
@@ -31,8 +43,7 @@ def test_one_device_one_line_and_a_clean_end(serving: Serving) -> None:
 
 
 def test_both_devices_behind_two_tcp_ports(serving: Serving, finger: Fingertip) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        number = free.getsockname()[1]
+    number = until(two_free_ports)
     serve = serving("--tcp", str(number), "--indentor", "step:1")
     ports = serve.ports()
     assert ports == {"stage": f"tcp://127.0.0.1:{number}", "force": f"tcp://127.0.0.1:{number + 1}"}

@@ -1,5 +1,7 @@
 """Strain inside a half-space under a line load (Flamant) and a point load (Boussinesq), as recovered at receptors."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -9,11 +11,12 @@ from studies.verification.halfspace import (
     boussinesq_strain,
     flamant_strain,
     largest_error,
-    line_load,
-    point_load,
 )
+from studies.verification.halfspace import line_load as solved_line_load
+from studies.verification.halfspace import point_load as solved_point_load
 
 Array = NDArray[np.float64]
+line_load, point_load = cache(solved_line_load), cache(solved_point_load)  # the same boxes serve several tests
 
 
 def boussinesq_displacement(p: Array) -> Array:

@@ -1,0 +1,68 @@
+"""`make shake`: the suite twice and its real-time tests many times, beside as many busy processes as cores."""
+
+import argparse
+import multiprocessing
+import os
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--whole", type=int, default=2, help="times the whole suite")
+    parser.add_argument("--real-time", type=int, default=20, help="times what is marked real_time")
+    parser.add_argument("tests", nargs="*", help="files, folders or single tests instead of all of them")
+    asked = parser.parse_args()
+    failed: Counter[str] = Counter()
+    with busy(os.cpu_count() or 1):
+        for options, times in (((), asked.whole), (("-m", "real_time"), asked.real_time)):
+            for n in range(times):
+                print(f"{' '.join(options) or 'the whole suite'}, {n + 1} of {times}", flush=True)
+                failed.update(failures([*options, *asked.tests]))
+    for name, times in failed.most_common():
+        print(f"{times} × {name}")
+    print(f"{failed.total()} failures")
+    sys.exit(bool(failed))
+
+
+def failures(words: list[str]) -> Iterator[str]:
+    """The tests of one run that failed, as they do; or the run itself, where there was none."""
+    how = ["-n", "2", "--dist", "loadfile", "--no-loadscope-reorder", "-q", "-rfE"]
+    command = [sys.executable, "-m", "pytest", *how, *words]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as run:
+        assert run.stdout is not None
+        named = 0
+        for line in run.stdout:
+            kind, _, name = line.strip().partition(" ")
+            if kind in ("FAILED", "ERROR"):
+                named += 1
+                print(line, end="", flush=True)
+                yield name.partition(" - ")[0]
+    if run.returncode and not named:
+        yield f"pytest ended with {run.returncode}"
+
+
+@contextmanager
+def busy(processes: int) -> Iterator[None]:
+    """So many others that never rest."""
+    others = [multiprocessing.Process(target=_never_rest, daemon=True) for _ in range(processes)]
+    for other in others:
+        other.start()
+    try:
+        yield
+    finally:
+        for other in others:
+            other.terminate()
+            other.join()
+
+
+def _never_rest() -> None:
+    while True:
+        pass
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,113 @@
+"""No test asks how long something took, and none waits for anything but the thing itself, with a deadline."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import REAL_TIME
+
+TESTS = Path(__file__).parent
+CLOCKS = {"sleep", "time", "time_ns", "monotonic", "monotonic_ns", "perf_counter", "perf_counter_ns",
+          "process_time", "process_time_ns", "thread_time", "thread_time_ns"}  # fmt: skip
+WAITS = {"join", "wait", "communicate", "result", "acquire", "settimeout", "create_connection"}
+REAL = {"subprocess", "threading", "socket", "multiprocessing", "ProcessPoolExecutor", "WallClock", "WallScheduler",
+        "in_processes", "openpty"}  # fmt: skip
+MAY = {
+    "waiting.py": "waits for all the others",
+    "shake.py": "is no test",
+    "rig/test_wall_clock.py": "the clock itself, against the system's",
+    "sim/test_workers.py": "a sleep as a piece of work that never ends",
+    "rig/test_kills.py": "a study of its own, that ends before pytest's deadline",
+    "sim/test_calculix.py": "another program, that ends before pytest's deadline",
+}
+
+
+def _forbidden(tree: ast.AST) -> Iterator[str]:
+    """Clocks and sleeps of the module time; waits for so many seconds; upper bounds in seconds of a real clock."""
+    real = not {"WallClock", "WallScheduler"}.isdisjoint(_names(tree))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module == "time":
+            yield f"line {node.lineno}: from time import"
+        elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            if node.value.id == "time" and node.attr in CLOCKS:
+                yield f"line {node.lineno}: time.{node.attr}"
+        elif isinstance(node, ast.Call) and _is_wait(node) and any(_is_number(given) for given in _given(node)):
+            yield f"line {node.lineno}: a wait for a number of seconds, expected DEADLINE_S or until()"
+        elif real and isinstance(node, ast.Assert) and any(map(_bounds_a_clock, ast.walk(node))):
+            yield f"line {node.lineno}: an upper bound in seconds"
+
+
+def _is_wait(call: ast.Call) -> bool:
+    """By its name, or because it takes a timeout."""
+    named = isinstance(call.func, ast.Attribute) and call.func.attr in WAITS
+    return named or any(word.arg == "timeout" for word in call.keywords)
+
+
+def _given(call: ast.Call) -> list[ast.expr]:
+    named = isinstance(call.func, ast.Attribute) and call.func.attr in WAITS
+    return [*(call.args if named else []), *(word.value for word in call.keywords if word.arg == "timeout")]
+
+
+def _is_number(node: ast.expr) -> bool:
+    return isinstance(node, ast.Constant) and isinstance(node.value, int | float)
+
+
+def _bounds_a_clock(compare: ast.AST) -> bool:
+    if not isinstance(compare, ast.Compare):
+        return False
+    sides = [compare.left, *compare.comparators]
+    return any(
+        (isinstance(op, ast.Lt | ast.LtE) and _asks_a_clock(low) and _is_number(high))
+        or (isinstance(op, ast.Gt | ast.GtE) and _is_number(low) and _asks_a_clock(high))
+        for op, low, high in zip(compare.ops, sides, sides[1:], strict=False)
+    )
+
+
+def _asks_a_clock(node: ast.expr) -> bool:
+    return any(isinstance(inner, ast.Attribute) and inner.attr == "monotonic_s" for inner in ast.walk(node))
+
+
+def _names(tree: ast.AST) -> set[str]:
+    """All that is imported and called by name."""
+    imported = {
+        alias.name for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom) for alias in node.names
+    }
+    return imported | {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+
+
+def _trees() -> Iterator[tuple[str, ast.AST]]:
+    for path in sorted(TESTS.rglob("*.py")):
+        yield path.relative_to(TESTS).as_posix(), ast.parse(path.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "import time\nassert time.perf_counter() - began < 1.0",
+        "import time\ntime.sleep(0.1)",
+        "from time import sleep",
+        "thread.join(5.0)",
+        "run.communicate(timeout=20)",
+        "subprocess.run(words, timeout=20)",
+        "from rig import WallClock\nassert WallClock().monotonic_s() - began < 0.5",
+        "from rig import WallClock\nassert 0.1 <= clock.monotonic_s() - began <= 0.5",
+        "from rig import WallClock\nassert 1.0 > clock.monotonic_s() - began",
+    ],
+)
+def test_the_walk_finds_them(source: str) -> None:
+    assert len(list(_forbidden(ast.parse(source)))) == 1
+
+
+def test_no_test_sleeps_or_asks_for_seconds() -> None:
+    found = {name: uses for name, tree in _trees() if (uses := list(_forbidden(tree)))}
+    assert {name: uses for name, uses in found.items() if name not in MAY} == {}
+    assert set(MAY) - {"waiting.py", "shake.py"} <= set(found), "what is allowed is still needed"
+
+
+def test_what_runs_in_real_time_is_shaken() -> None:
+    """Every file with processes, threads, sockets or a wall clock has tests that `make shake` repeats."""
+    found = {name for name, tree in _trees() if "test_" in name and not REAL.isdisjoint(_names(tree))}
+    shaken = {name for name in found if any(name.startswith(place.partition("::")[0]) for place in REAL_TIME)}
+    assert found - shaken == {"sim/test_calculix.py"}, "CalculiX takes minutes"
