@@ -1,1 +1,1 @@
-"""Runs against the model and against recordings: responses, fits, sets, studies over many processes."""
+"""Runs against the model and against recordings: shape tests, fits, intervals and sets."""

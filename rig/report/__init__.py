@@ -1,1 +1,1 @@
-"""Pages and figures of runs, comparisons and benches: HTML that fetches nothing, and PDF."""
+"""Pages and figures of runs, comparisons and speed against error: HTML that fetches nothing, and PDF."""
