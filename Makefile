@@ -36,6 +36,7 @@ shake: .venv/.ready-dev
 
 bench: .venv/.ready-dev
 	$(BIN)/python -m studies.speed.timing
+	$(BIN)/python -m studies.speed.planning
 	$(BIN)/python -m studies.source.facts_by_parameter
 	$(BIN)/python -m studies.accuracy.random_poses
 	$(BIN)/python -m studies.accuracy.sharp_sweep

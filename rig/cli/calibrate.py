@@ -23,6 +23,7 @@ from rig.engine.journal import NoJournal
 from rig.engine.pressing.compliance import Compliance, measure_compliance
 from rig.plan.config import Config, load_config
 from rig.protocol.errors import BadInputError
+from rig.protocol.refusals import refuse_approach, refuse_place
 from rig.session.calibration import as_table
 from rig.session.real_bench import open_bench
 from rig.transport.clock import WallClock
@@ -91,6 +92,8 @@ def compliance(
     """A rigid block where the finger will lie, its top at frame.apex_z_mm, and a flat indentor."""
     with told_in_one_line(as_json=as_json), at_once():
         settings = load_config(config)
+        refuse_place(0.0, 0.0, settings)
+        refuse_approach("calibrate compliance", 0.0, settings)
         found = _on_a_block(settings, to_gwt)
         name, sd = "compliance_mm_per_n", found.sd_mm_per_n
         _tell(name, found.mm_per_n, valid_days, as_json=as_json, sd=sd)

@@ -103,8 +103,10 @@ def refuse_approach(verb: str, contact_mm: float, settings: RigSettings) -> None
     refuse_travel("z", settings.frame.apex_z_mm + contact_mm - settings.limits.search_mm, settings)
 
 
-def refuse_clearance(settings: RigSettings) -> None:
-    """A clearance that the stage does not reach."""
+def refuse_place(x_mm: float, along_mm: float, settings: RigSettings) -> None:
+    """A place over the finger, at clearance, that the stage does not reach."""
+    refuse_travel("x", settings.frame.pad_centre_x_mm + x_mm, settings)
+    refuse_travel("y", settings.frame.pad_y_mm + along_mm, settings)
     refuse_travel("z", settings.frame.apex_z_mm + settings.habits.clearance_mm, settings)
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from rig.cli import main
 from rig.devices.stage.base import StageError
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
@@ -139,3 +140,24 @@ def test_a_touch_below_the_travel_is_refused(finger: Fingertip) -> None:
     config = Config.model_validate({"frame": {"apex_z_mm": -39.4}})
     with pytest.raises(BadInputError, match=r"machine z = -40\.\d* mm is outside the stage's travel"):
         make_plan(load_script("find_finger"), config, finger)
+
+
+@pytest.mark.parametrize(
+    ("frame", "beyond"),
+    [({"apex_z_mm": -39.6}, "z = -40.1"), ({"apex_z_mm": -1.0}, "z = 1.0"), ({"pad_centre_x_mm": 0.5}, "x = 0.5")],
+)
+def test_a_block_out_of_reach_is_refused_before_a_port_is_opened(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    frame: dict[str, float],
+    beyond: str,
+) -> None:
+    """`rig calibrate compliance` searches for a block as far as for a finger."""
+    path = tmp_path / "rig.toml"
+    path.write_text(Config.model_validate({"frame": frame}).as_toml(), encoding="utf-8")
+    monkeypatch.setattr("sys.argv", ["rig", "calibrate", "compliance", "--config", str(path)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert capsys.readouterr().err.startswith(f"rig: machine {beyond}00 mm is outside the stage's travel")

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from rig.engine import Engine, verbs
 from rig.protocol.errors import BadInputError
-from rig.protocol.refusals import refuse_along, refuse_clearance, refuse_no_number, refuse_travel
+from rig.protocol.refusals import refuse_along, refuse_no_number, refuse_place
 from rig.protocol.steps.base import Owed, Step
 from rig.protocol.walk import Spot, Walk
 
@@ -28,9 +28,7 @@ class MoveTo(Step[None, None]):
         low, high = settings.limits.x_mm
         if not low <= self.x_mm <= high:
             raise BadInputError(f"move_to: x_mm = {self.x_mm:g} is outside limits.x_mm = {low:g} … {high:g}")
-        refuse_travel("x", settings.frame.pad_centre_x_mm + self.x_mm, settings)
-        refuse_travel("y", settings.frame.pad_y_mm + self.along_mm, settings)
-        refuse_clearance(settings)
+        refuse_place(self.x_mm, self.along_mm, settings)
         walk.x_mm, walk.along_mm = self.x_mm, self.along_mm
         return walk.spot()
 
