@@ -45,6 +45,7 @@ bench: .venv/.ready-dev
 	$(BIN)/rig bench
 	$(BIN)/python -m studies.speed.serve_latency
 	$(BIN)/python -m studies.speed.warm_contact
+	$(BIN)/python -m studies.speed.commands
 	$(BIN)/python -m studies.accuracy.strain_recovery
 	$(BIN)/python -m studies.faults.kills
 	$(BIN)/python -m studies.faults.outcomes
