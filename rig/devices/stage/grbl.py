@@ -26,6 +26,8 @@ from rig.transport import Transport
 from rig.transport.clock import Clock
 
 POLL_S = 0.02
+# How far from the target an arrival may be: the board rounds to a step and prints 0.001 mm.
+TOLERANCE_STEPS = 1.0
 HOME_S = 180.0
 HALT_S = 2.0
 # A move may take this much longer than its length, speed and acceleration say.
@@ -41,8 +43,7 @@ OUTPUT_WORDS = {"coolant": ("M9", "M8"), "spindle": ("M5", "M3S1000")}
 class GrblStage(Stage):
     """Stage over a GRBL board, one move at a time.
 
-    poll_s: how often `?` asks whether a move is over, once it should be. tolerance_steps: how far from the
-    target an arrival may be; the board rounds to a step and prints 0.001 mm. expected: settings, by number, without
+    expected: settings, by number, without
     which connect() refuses the board. output: what set_output() switches.
     """
 
@@ -51,8 +52,6 @@ class GrblStage(Stage):
         transport: Transport,
         clock: Clock,
         *,
-        poll_s: float = POLL_S,
-        tolerance_steps: float = 1.0,
         expected: Mapping[int, float] = MappingProxyType({INCHES: 0}),
         output: Literal["off", "coolant", "spindle"] = "off",
         backlash_mm: Xyz = (0.0, 0.0, 0.0),
@@ -60,8 +59,6 @@ class GrblStage(Stage):
         self._transport = transport
         self._clock = clock
         self._link = GrblLink(transport, clock)
-        self._poll_s = poll_s
-        self._tolerance_steps = tolerance_steps
         self._expected = expected
         self._output = output
         self._backlash_mm = backlash_mm
@@ -132,7 +129,7 @@ class GrblStage(Stage):
     ) -> Looks:
         """Straight to machine coordinates (mm) at speed_mm_s; over when the board says it is there.
 
-        It is asked each look_s, and after the expected travel time each poll_s. Where an axis has backlash it always
+        It is asked each look_s, and after the expected travel time each POLL_S. Where an axis has backlash it always
         arrives in its negative direction: down, for Z. Raises StageError; ValueError, StageNotHomed before any byte.
         """
         target = {axis: mm for axis, mm in (("X", x_mm), ("Y", y_mm), ("Z", z_mm)) if mm is not None}
@@ -168,7 +165,7 @@ class GrblStage(Stage):
         while (state := self.status().state) not in ("Hold:0", "Idle"):
             if self._clock.monotonic_s() >= deadline_s:
                 raise StageTimeout(f"{self._transport.name}: not at rest {HALT_S:g} s after a hold, state {state}")
-            self._listen(self._poll_s)
+            self._listen(POLL_S)
         self._link.reset()
         self.status()
         self._link.trusted = trusted
@@ -192,7 +189,7 @@ class GrblStage(Stage):
             if self._clock.monotonic_s() >= deadline_s:
                 raise StageTimeout(f"{self._transport.name}: still held after {timeout_s:g} s")
             self._link.send_now(b"~")
-            self._listen(self._poll_s)
+            self._listen(POLL_S)
 
     def look(self) -> StageStatus:
         # Opening the port may have reset the board, or somebody stopped it: what that prints is not an answer.
@@ -220,7 +217,7 @@ class GrblStage(Stage):
         while self.status().state == "Jog":
             if self._clock.monotonic_s() >= deadline_s:
                 raise StageTimeout(f"{self._transport.name}: still jogging after {timeout_s:g} s")
-            self._listen(self._poll_s)
+            self._listen(POLL_S)
             self._link.send_now(JOG_CANCEL)
 
     def set_output(self, on: bool) -> None:
@@ -248,14 +245,14 @@ class GrblStage(Stage):
             if self._clock.monotonic_s() >= due_s:
                 yield now
                 due_s = next_look_s(self._clock.monotonic_s(), over_s, look_s)
-            self._link.listen_until(min(max(over_s, self._clock.monotonic_s() + self._poll_s), due_s))
+            self._link.listen_until(min(max(over_s, self._clock.monotonic_s() + POLL_S), due_s))
         self._verify(target, now)
 
     def _verify(self, target: dict[str, float], now: StageStatus) -> None:
         for axis, is_mm in (("X", now.x_mm), ("Y", now.y_mm), ("Z", now.z_mm)):
             if axis not in target:
                 continue
-            if abs(is_mm - target[axis]) * self._setting(100, axis) > self._tolerance_steps:
+            if abs(is_mm - target[axis]) * self._setting(100, axis) > TOLERANCE_STEPS:
                 raise StageError(f"{self._transport.name}: {axis} is at {is_mm} mm, not at {target[axis]} mm")
 
     def _expected_s(self, target: dict[str, float], speed_mm_s: float) -> float:

@@ -21,6 +21,8 @@ START_S = 0.05
 # A move may take this much longer than its length, speed and ramps say.
 LATE_FACTOR, LATE_S = 1.5, 5.0
 STOP_S = 1.0
+# How far from the target the feedback may be at arrival.
+TOLERANCE_MM = 0.0025
 # The drive stops by itself 50 ms after the last jog word.
 JOG_PERIOD_S = 0.02
 
@@ -28,8 +30,7 @@ JOG_PERIOD_S = 0.02
 class LeadshineDrive:
     """Moves of one axis in mm, + away from the finger for the vertical one.
 
-    pulses_per_mm is the measured number, negative where the motor runs against the axis. tolerance_mm: how far from
-    the target the feedback may be at arrival.
+    pulses_per_mm is the measured number, negative where the motor runs against the axis.
     """
 
     def __init__(
@@ -41,12 +42,11 @@ class LeadshineDrive:
         *,
         pulses_per_mm: float,
         travel_mm: float,
-        tolerance_mm: float = 0.0025,
     ) -> None:
         self.bus, self.axis, self.device_id = bus, axis, settings.device_id
         self._clock, self._settings = clock, settings
         self.travel_mm = travel_mm
-        self.pulses_per_mm, self._tolerance_mm = pulses_per_mm, tolerance_mm
+        self.pulses_per_mm = pulses_per_mm
         self._going_to: int | None = None
 
     # --- settings ---
@@ -103,7 +103,7 @@ class LeadshineDrive:
 
         yield from self._until(there, late_s, expected_s, f"the move to {to_mm:g} mm", look_s)
         at_mm = self.position_mm()
-        if abs(at_mm - target / self.pulses_per_mm) > self._tolerance_mm:
+        if abs(at_mm - target / self.pulses_per_mm) > TOLERANCE_MM:
             raise StageError(f"{self._name} is at {at_mm:.4f} mm, not at {to_mm:g} mm")
 
     def go_on(self, by_mm: float, speed_mm_s: float) -> None:
