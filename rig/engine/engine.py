@@ -15,7 +15,7 @@ from rig.engine.heartbeat import Heartbeat
 from rig.engine.journal import Recorder
 from rig.engine.limits import AT_MM, ContactTime, Trips, trip_height_mm
 from rig.engine.motion import FeltError, Motion
-from rig.engine.records import NO_PRESS, PressId
+from rig.engine.records import NO_PRESS, Phase, PressId
 from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import NoReadingError, Sensing
 from rig.transport.base import TransportError
@@ -165,7 +165,7 @@ class Engine:
         """The force that trips a press now."""
         return self.trips.lowest_gwt
 
-    def read_force_gwt(self, press: PressId, phase: str, contact_height_mm: float | None = None) -> float:
+    def read_force_gwt(self, press: PressId, phase: Phase, contact_height_mm: float | None = None) -> float:
         """A reading taken after the last move ended, journalled. No reading, or one above the soft trip, trips.
 
         Raises LimitError where the finger has been touched for longer than limits.max_contact_s.
@@ -184,7 +184,7 @@ class Engine:
         return force
 
     def _record_sample(
-        self, press: PressId, phase: str, force_gwt: float, doi_mm: float | None = None, *, stable: bool = False
+        self, press: PressId, phase: Phase, force_gwt: float, doi_mm: float | None = None, *, stable: bool = False
     ) -> None:
         about = {
             "index": press.index,

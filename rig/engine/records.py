@@ -17,6 +17,9 @@ class Target:
         return Target(self.kind, self.value * hold / increments)
 
 
+Phase = Literal["clearance", "moving", "approach", "back off", "touch", "press", "hold", "compliance"]
+"""What was being done when the force was read."""
+
 Purpose = Literal["data", "precondition", "reference", "find"]
 
 

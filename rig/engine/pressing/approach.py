@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from rig.engine.engine import Engine
 from rig.engine.pressing.pulse import pulse
 from rig.engine.pressing.touch_fit import fit_contact
-from rig.engine.records import PressId, Touch
+from rig.engine.records import Phase, PressId, Touch
 from rig.engine.verbs import safe_point
 
 
@@ -41,7 +41,7 @@ class Approach:
             force = engine.read_force_gwt(self.press, "back off")
         engine.go_to_height(engine.height_mm + habits.increment_mm, habits.approach_speed_mm_s)
 
-    def _descend(self, step_mm: float, phase: str) -> list[tuple[float, float]]:
+    def _descend(self, step_mm: float, phase: Phase) -> list[tuple[float, float]]:
         """(height, force) readings down to the touch threshold."""
         engine, readings = self.engine, list[tuple[float, float]]()
         while True:

@@ -9,7 +9,7 @@ from rig.engine.engine import Engine
 from rig.engine.errors import LimitError
 from rig.engine.pressing.pulse import pulse
 from rig.engine.pressing.touch_fit import CONTACT_EXPONENT
-from rig.engine.records import Hold, PressId, Target, Touch
+from rig.engine.records import Hold, Phase, PressId, Target, Touch
 from rig.engine.verbs import safe_point
 
 _MAX_SEEK_MOVES = 400
@@ -111,7 +111,7 @@ class Press:
         step = self._to_force(self._force_gwt + gap_gwt)
         return min(step, gap_gwt / self._stiffness_gwt_mm) if min(gap_gwt, self._stiffness_gwt_mm) > 0 else step
 
-    def _read(self, phase: str) -> float:
+    def _read(self, phase: Phase) -> float:
         force = self._engine.read_force_gwt(self.id, phase, self._contact_mm)
         self._peak_gwt = max(self._peak_gwt, force)
         return force
@@ -121,7 +121,7 @@ class Press:
         present = max(self._force_gwt, 0.5 * self._habits.touch_force_gwt)
         return max(self._doi_mm, self._smallest_mm) * ((force_gwt / present) ** (1 / CONTACT_EXPONENT) - 1)
 
-    def _press_by(self, step_mm: float, phase: str = "press") -> None:
+    def _press_by(self, step_mm: float, phase: Phase = "press") -> None:
         """One safe move in contact: at most an increment, and not past the soft trip at the present stiffness."""
         engine = self._engine
         safe_point(engine)

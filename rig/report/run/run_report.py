@@ -85,7 +85,7 @@ def _phase_durations(run: Run) -> list[tuple[str, float]]:
     """Seconds of the run's clock that led to each kind of event, summed over the run."""
     leads_to = {
         **dict.fromkeys(("mount", "home", "zero", "note", "paused", "trip"), "homing, zero and notes"),
-        **dict.fromkeys(("clearance", "move"), "lateral moves"),
+        **dict.fromkeys(("clearance", "move", "moving"), "lateral moves"),
         "approach": "approach",
         "back off": "touch-off",
         "touch": "touch-off",
