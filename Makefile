@@ -44,6 +44,7 @@ bench: .venv/.ready-dev
 	$(BIN)/python -m studies.accuracy.oracles
 	$(BIN)/rig bench
 	$(BIN)/python -m studies.speed.serve_latency
+	$(BIN)/python -m studies.speed.looks
 	$(BIN)/python -m studies.speed.warm_contact
 	$(BIN)/python -m studies.speed.commands
 	$(BIN)/python -m studies.accuracy.strain_recovery

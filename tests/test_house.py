@@ -74,7 +74,7 @@ def test_every_path_on_the_page_is_there() -> None:
         re.findall(r"`((?:rig|sim|studies|tests|docs|protocols|examples)/[\w./-]*\w)", PAGE.read_text("utf-8"))
     )
     assert len(named) > 60
-    assert not [name for name in sorted(named) if not (ROOT / name).exists()]
+    assert not [name for name in sorted(named) if "NAME" not in name and not (ROOT / name).exists()]
 
 
 def test_every_room_is_on_the_page() -> None:
@@ -101,11 +101,11 @@ def test_every_name_after_a_path_is_in_that_file() -> None:
 def test_every_path_in_the_documentation_is_there(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     named = set(re.findall(r"`((?:rig|sim|studies|tests|docs|protocols|examples)/[\w./-]*\w)`", text))
-    assert not [name for name in sorted(named) if not (ROOT / name).exists()]
+    assert not [name for name in sorted(named) if "NAME" not in name and not (ROOT / name).exists()]
 
 
 @pytest.mark.parametrize(
-    "page", sorted((ROOT / "docs").rglob("*.md")) + [ROOT / "README.md", ROOT / "Makefile"], ids=lambda p: p.name
+    "page", [*sorted((ROOT / "docs").rglob("*.md")), ROOT / "README.md", ROOT / "Makefile"], ids=lambda p: p.name
 )
 def test_every_study_that_is_named_can_be_run(page: Path) -> None:
     for name in re.findall(r"python3? -m (studies[\w.]*)", page.read_text(encoding="utf-8")):
