@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import pytest
 
 from rig.data import Run, export_nwb, read_run
-from rig.engine import Engine
+from rig.engine import Engine, verbs
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
 from rig.plan.plan import make_plan
@@ -275,7 +275,7 @@ class Nudge(Step[None, str]):
         return "planned"
 
     def carry_out(self, engine: Engine, expected: None) -> str:
-        engine.note(f"nudged by {self.by_mm:g} mm")
+        verbs.note(engine, f"nudged by {self.by_mm:g} mm")
         return "done"
 
 
