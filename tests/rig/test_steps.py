@@ -248,7 +248,6 @@ def test_marks_end_with_the_loop_that_made_them() -> None:
 def test_a_step_is_data() -> None:
     step = Indent(doi_mm=0.3, block=2)
     assert step == Indent(doi_mm=0.3, block=2) != Indent(doi_mm=0.3)
-    assert step.arguments == {"doi_mm": 0.3, "force_gwt": None, "increments": 1, "speed_mm_s": None, "hold_s": 1.0}
     with pytest.raises(AttributeError):
         step.doi_mm = 0.4  # type: ignore[misc]
 

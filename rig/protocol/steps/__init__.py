@@ -6,7 +6,7 @@ from rig.protocol.steps.indent_step import Indent
 from rig.protocol.steps.mount_step import Mount
 from rig.protocol.steps.move_to_step import MoveTo
 from rig.protocol.steps.precondition_step import Precondition
-from rig.protocol.steps.pressing import ExpectedPresses
+from rig.protocol.steps.presses import ExpectedPresses
 from rig.protocol.steps.reference_step import Reference
 from rig.protocol.steps.rest_step import Rest
 from rig.protocol.steps.retract_step import Retract

@@ -5,7 +5,7 @@ A verb is a step in a file here, and the method of `rig.protocol.api.Rig` that m
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import Enum
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
@@ -56,11 +56,6 @@ class Step(ABC, Generic[E, A]):
         """Where it stands in a schedule, as far as it stands in one."""
         given = {"block": self.block, "repeat": self.repeat, "condition": self.condition}
         return {name: value for name, value in given.items() if value is not None}
-
-    @property
-    def arguments(self) -> dict[str, Any]:
-        """What the script gave."""
-        return {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("block", "repeat", "condition")}
 
     @abstractmethod
     def check(self, walk: Walk) -> Spot:

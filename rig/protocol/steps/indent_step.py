@@ -7,7 +7,7 @@ from rig.engine import Engine, Hold, Indentation
 from rig.engine.records import Target
 from rig.protocol.refusals import checked_target
 from rig.protocol.steps.base import Journalled, Owed, Step
-from rig.protocol.steps.pressing import ExpectedPresses, check_press, expect_press, press
+from rig.protocol.steps.presses import ExpectedPresses, check_press, expect_press, press
 from rig.protocol.walk import Spot, Walk
 
 

@@ -7,7 +7,7 @@ from rig.engine import Engine, verbs
 from rig.engine.records import Target
 from rig.protocol.refusals import checked_target, refuse_count
 from rig.protocol.steps.base import Owed, Step
-from rig.protocol.steps.pressing import ExpectedPresses, check_press, expect_press, press
+from rig.protocol.steps.presses import ExpectedPresses, check_press, expect_press, press
 from rig.protocol.walk import Spot, Walk
 
 

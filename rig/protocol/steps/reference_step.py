@@ -10,7 +10,7 @@ from rig.protocol.errors import BadInputError
 from rig.protocol.refusals import checked_target
 from rig.protocol.steps.base import Owed, Step
 from rig.protocol.steps.move_to_step import MoveTo
-from rig.protocol.steps.pressing import ExpectedPresses, check_press, expect_press, press
+from rig.protocol.steps.presses import ExpectedPresses, check_press, expect_press, press
 from rig.protocol.walk import Spot, Walk
 
 
