@@ -73,7 +73,9 @@ def _installation(settings: Config) -> dict[str, Any]:
             "force": f"{settings.force.kind} on {settings.force.port}",
         },
         "limits": settings.limits.model_dump(),
-        "solver": "MKL PARDISO" if pardiso.available() else "slabs (portable; MKL PARDISO is not to be had here)",
+        "solver": "MKL PARDISO"
+        if pardiso.available()
+        else "nested dissection (portable; MKL PARDISO is not installed)",
         "cache": f"{folder}, {len(stored['model'])} models, {len(stored['answers'])} answers, {size / 1e6:.0f} MB",
         "protocols": [path.stem for path in sorted(shipped_protocols().glob("*.py"))],
     }

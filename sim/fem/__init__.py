@@ -1,1 +1,1 @@
-"""Elements, assembly and condensation: by MKL (`pardiso`), or slab by slab without it (`slabs`)."""
+"""Elements, assembly and condensation: by MKL (`pardiso`), or without it (`dissection`)."""

@@ -10,13 +10,14 @@ from sim.config.fingertip_config import FingertipConfig, Tissue
 from sim.contact.patch import X, Y
 from sim.fem import pardiso
 from sim.fem.assembly import assemble_upper
+from sim.fem.dissection import DissectionFactor
 from sim.fem.elements import stiffness
 from sim.fem.pardiso import PardisoFactor
-from sim.fem.slabs import SlabFactor
 from sim.finger.mesh import FingerMesh
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Factor = PardisoFactor | DissectionFactor
 
 
 @dataclass(frozen=True)
@@ -29,10 +30,9 @@ class FiniteElements:
     kept: Ints  # ascending positions in `free` of the patch's displacements along its axes
 
     @property
-    def slabs(self) -> Ints:
-        """First unknown of each axial slab: a row of nodes, or of quadratic elements two."""
-        per_slab = 3 * self.mesh.order * self.mesh.grid[1] * self.mesh.grid[2]
-        return np.searchsorted(self.free // per_slab, np.arange(-(-self.mesh.grid[0] // self.mesh.order)))
+    def places(self) -> Ints:
+        """(n_free, 3) where each unknown is on the grid of nodes."""
+        return np.column_stack(np.unravel_index(self.free // 3, self.mesh.grid))
 
 
 def young_ratios(tissue: Tissue) -> Array:
@@ -71,13 +71,13 @@ def discretise(config: FingertipConfig, mesh: FingerMesh, axes: tuple[int, ...] 
     return FiniteElements(mesh, upper[free][:, free], free, np.searchsorted(free, patch))
 
 
-def factorise(problem: FiniteElements, solver: str = "auto") -> PardisoFactor | SlabFactor:
-    """Condense onto the patch: by MKL PARDISO where it exists ("pardiso"), else slab by slab ("slabs")."""
-    return condense(problem.upper, problem.kept, problem.slabs, solver)
+def factorise(problem: FiniteElements, solver: str = "auto") -> Factor:
+    """Condense onto the patch: by MKL PARDISO where it is installed ("pardiso"), else by LAPACK ("dissection")."""
+    return condense(problem.upper, problem.kept, problem.places, solver)
 
 
-def condense(upper: sp.csr_array, kept: Ints, slabs: Ints, solver: str = "auto") -> PardisoFactor | SlabFactor:
-    """The same for any symmetric matrix of slabs that touch only their neighbours."""
+def condense(upper: sp.csr_array, kept: Ints, places: Ints, solver: str = "auto") -> Factor:
+    """The same for any symmetric matrix whose unknowns have places (n, d)."""
     if solver == "pardiso" or (solver == "auto" and pardiso.available()):
         return PardisoFactor(upper, kept)
-    return SlabFactor(upper, kept, slabs)
+    return DissectionFactor(upper, kept, places)

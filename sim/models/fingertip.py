@@ -69,7 +69,7 @@ class Fingertip:
         slopes: tuple[int, ...] = ALONG,
         receptor_x_mm: Sequence[float] = DEFAULT_X_MM,
         receptor_depth_mm: float = DEFAULT_DEPTH_MM,
-        solver: Literal["auto", "pardiso", "slabs"] = "auto",
+        solver: Literal["auto", "pardiso", "dissection"] = "auto",
     ) -> "Fingertip":
         """The fingertip of a configuration, its model for shapes that slope so read or built (seconds).
 

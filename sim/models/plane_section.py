@@ -53,7 +53,7 @@ def build_section(
     kept = np.sort(pressed)
     place = np.searchsorted(kept, pressed)
     operator, layers = strain_operator(mesh, receptors)
-    with condense(upper, kept, np.zeros(1, np.int64)) as factor:
+    with condense(upper, kept, np.zeros((upper.shape[0], 1), np.int64)) as factor:
         compliance = factor.compliance[place].take(place, axis=1)
         strain = factor.solve((operator @ spread).toarray()) @ spread.T
     patch = Patch(mesh.nodes[mesh.patch_nodes], mesh.patch_area_mm2, compliance, mesh.patch_shape, AXES)

@@ -1,7 +1,7 @@
 """Times of the finger model on this machine, each beside a limit measured in the same run.
 
 .venv/bin/python -m studies.speed.timing            # the tables of the README, about a minute and a half
-.venv/bin/python -m studies.speed.timing --slabs    # also the portable solver (several minutes)
+.venv/bin/python -m studies.speed.timing --solvers  # MKL and the portable solver on one problem
 """
 
 import os
@@ -107,24 +107,25 @@ def indentations(finger: Fingertip) -> None:
     print(f"\nall by DOI: median {np.median(everything):.0f} ms, p95 {np.percentile(everything, 95):.0f} ms")
 
 
-def slabs() -> None:
-    """The portable solver on the same problem."""
+def solvers() -> None:
+    """MKL and the portable solver on the same problem."""
     config = FingertipConfig()
     problem = discretise(config, build_mesh(config, FingertipSurface.fit(config.geometry)))
     answers = {}
-    for solver in ("pardiso", "slabs"):
-        start = time.perf_counter()
+    for solver in ("pardiso", "dissection"):
+        start, processor = time.perf_counter(), time.process_time()
         with factorise(problem, solver) as factor:
             answers[solver] = factor.compliance
-        print(f"{solver}: condensation and inverse {time.perf_counter() - start:.1f} s", flush=True)
-    difference = np.abs(answers["slabs"] - answers["pardiso"]).max() / np.abs(answers["pardiso"]).max()
+        wall, processor = time.perf_counter() - start, time.process_time() - processor
+        print(f"{solver}: condensation and inverse {wall:.1f} s, processor {processor:.1f} s", flush=True)
+    difference = np.abs(answers["dissection"] - answers["pardiso"]).max() / np.abs(answers["pardiso"]).max()
     print(f"largest difference, relative: {difference:.1e}")
 
 
 def main() -> None:
     """Print the tables."""
-    if "--slabs" in sys.argv:
-        slabs()
+    if "--solvers" in sys.argv:
+        solvers()
         return
     indentations(cold())
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

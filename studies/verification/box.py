@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from sim.contact.patch import Patch, X, Y, Z
 from sim.fem import pardiso
 from sim.fem.assembly import assemble_upper, symmetric
+from sim.fem.dissection import DissectionFactor
 from sim.fem.elements import Element, stiffness
 from sim.fem.pardiso import PardisoFactor
-from sim.fem.slabs import SlabFactor
 from sim.fem.strain import strain_matrix
 
 Array = NDArray[np.float64]
@@ -109,18 +109,20 @@ class Body:
         """E of each element in MPa; other places for the box's nodes and other supports than a rigid base, if any."""
         self.nodes, self.hexes = box.nodes if nodes is None else nodes, box.hexes
         free = ~(on_rigid_base(box) if held is None else held)
-        self.unknown, self._slabs = _numbered(box, free)
+        self.unknown = _numbered(box, free)
         matrices = stiffness(self.nodes, self.hexes, young, poisson, element)
         dof = np.flatnonzero(self.unknown.ravel() >= 0)
         shape = (self.nodes.size, int(self.unknown.max()) + 1)
         self._spread = sp.csr_array((np.ones(len(dof)), (dof, self.unknown.ravel()[dof])), shape=shape)
+        self._places = np.empty((shape[1], 3))
+        self._places[self.unknown.ravel()[dof]] = box.nodes[dof // 3]
         whole = symmetric(assemble_upper(matrices, self.hexes, len(self.nodes)))
         self.stiffness = sp.csr_array(self._spread.T @ whole @ self._spread)
 
-    def factor(self, kept: Ints) -> PardisoFactor | SlabFactor:
+    def factor(self, kept: Ints) -> PardisoFactor | DissectionFactor:
         """Factor condensed onto some unknowns."""
         upper = sp.csr_array(sp.triu(self.stiffness, format="csr"))
-        return PardisoFactor(upper, kept) if pardiso.available() else SlabFactor(upper, kept, self._slabs)
+        return PardisoFactor(upper, kept) if pardiso.available() else DissectionFactor(upper, kept, self._places)
 
     def solve(self, loads: Array) -> Array:
         """(k, n, 3) displacements in mm under (k, n, 3) forces in N."""
@@ -143,15 +145,15 @@ class Body:
         return np.einsum("nrk,nk->nr", at_centre, u[hexes].reshape(-1, 24))
 
 
-def _numbered(box: Box, free: Bools) -> tuple[Ints, Ints]:
-    """(n, 3) unknown of each displacement, −1 where it is held, and the first unknown of each slab of equal x."""
+def _numbered(box: Box, free: Bools) -> Ints:
+    """(n, 3) unknown of each displacement, −1 where it is held."""
     own = free.copy()
     if box.plane:
         own[box.number[..., 1].ravel()] = False
     unknown = np.where(own.ravel(), np.cumsum(own) - 1, -1).reshape(-1, 3)
     if box.plane:
         unknown[box.number[..., 1].ravel()] = unknown[box.number[..., 0].ravel()]
-    return unknown, np.cumsum(np.append(0, own.reshape(len(box.x), -1).sum(axis=1)))[:-1]
+    return unknown
 
 
 def condense(box: Box, body: Body, reach_mm: float) -> Patch:

@@ -6,25 +6,25 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
-from sim.fem import pardiso
+from sim.fem import dissection, pardiso
 from sim.fem.assembly import symmetric
 from sim.fem.dense import inverse_spd
+from sim.fem.dissection import DissectionFactor
 from sim.fem.pardiso import PardisoFactor
-from sim.fem.slabs import SlabFactor
 from sim.models.discretised import FiniteElements, factorise
 
-Factor = PardisoFactor | SlabFactor
+Factor = PardisoFactor | DissectionFactor
 
 KINDS = [
     pytest.param(
-        "pardiso", marks=pytest.mark.skipif(not pardiso.available(), reason="MKL PARDISO exists for x86-64 only")
+        "pardiso", marks=pytest.mark.skipif(not pardiso.available(), reason="MKL PARDISO is not installed")
     ),
-    "slabs",
+    "dissection",
 ]
 
 
 def block_tridiagonal() -> tuple[sp.csr_array, NDArray[np.int64], NDArray[np.int64]]:
-    """A well-conditioned SPD matrix with unequal slabs, one of them empty; kept unknowns; slab starts."""
+    """A well-conditioned SPD matrix with unequal slabs, one of them empty; kept unknowns; the slab of each."""
     rng = np.random.default_rng(3)
     sizes = [4, 7, 0, 5, 9, 3]
     slab = np.repeat(np.arange(6), sizes)
@@ -34,11 +34,11 @@ def block_tridiagonal() -> tuple[sp.csr_array, NDArray[np.int64], NDArray[np.int
     a = lower + lower.T
     a += np.diag(np.abs(a).sum(axis=1))
     kept = np.sort(rng.choice(28, 9, replace=False))
-    return sp.csr_array(np.triu(a)), kept, np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    return sp.csr_array(np.triu(a)), kept, slab[:, None]
 
 
-def make(kind: str, upper: sp.csr_array, kept: NDArray[np.int64], slabs: NDArray[np.int64]) -> Factor:
-    return PardisoFactor(upper, kept) if kind == "pardiso" else SlabFactor(upper, kept, slabs)
+def make(kind: str, upper: sp.csr_array, kept: NDArray[np.int64], places: NDArray[np.int64]) -> Factor:
+    return PardisoFactor(upper, kept) if kind == "pardiso" else DissectionFactor(upper, kept, places)
 
 
 def against_direct(factor: Factor, upper: sp.csr_array, kept: NDArray[np.int64], rtol: float) -> None:
@@ -60,8 +60,8 @@ def against_direct(factor: Factor, upper: sp.csr_array, kept: NDArray[np.int64],
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_small_matrix_is_condensed_exactly(kind: str) -> None:
     # Diagonally dominant, condition < 1e2: round-off 1e-14; 1e-12 leaves room for the order of sums.
-    upper, kept, slabs = block_tridiagonal()
-    with make(kind, upper, kept, slabs) as factor:
+    upper, kept, places = block_tridiagonal()
+    with make(kind, upper, kept, places) as factor:
         against_direct(factor, upper, kept, 1e-12)
 
 
@@ -72,10 +72,10 @@ def test_a_finger_is_condensed_exactly(kind: str, coarse_problem: FiniteElements
         against_direct(factor, coarse_problem.upper, coarse_problem.kept, 1e-10)
 
 
-@pytest.mark.skipif(not pardiso.available(), reason="MKL PARDISO exists for x86-64 only")
+@pytest.mark.skipif(not pardiso.available(), reason="MKL PARDISO is not installed")
 def test_the_two_condensations_agree(coarse_problem: FiniteElements) -> None:
     loads = np.random.default_rng(7).normal(size=(3, len(coarse_problem.free)))
-    with factorise(coarse_problem, "pardiso") as one, factorise(coarse_problem, "slabs") as other:
+    with factorise(coarse_problem, "pardiso") as one, factorise(coarse_problem, "dissection") as other:
         for a, b in (
             (one.compliance, other.compliance),
             (one.solve(loads), other.solve(loads)),
@@ -83,22 +83,41 @@ def test_the_two_condensations_agree(coarse_problem: FiniteElements) -> None:
             np.testing.assert_allclose(a, b, rtol=0, atol=1e-9 * np.abs(b).max())
 
 
-def test_slabs_start_where_an_axial_layer_starts(coarse_problem: FiniteElements) -> None:
-    # The portable solver is right only if nothing couples beyond neighbouring slabs.
-    upper = sp.coo_array(coarse_problem.upper)
-    slab = np.searchsorted(coarse_problem.slabs, np.arange(upper.shape[0]), side="right")
-    assert np.abs(slab[upper.row] - slab[upper.col]).max() == 1
+@pytest.mark.parametrize("leaf", [1, 2, 5])
+@pytest.mark.parametrize("axes", [1, 2])
+def test_it_is_cut_down_to_leaves_of_any_size(monkeypatch: pytest.MonkeyPatch, leaf: int, axes: int) -> None:
+    # 1e-12 as above; along the second axis, of places drawn by lot, what parts the halves may be most of one.
+    monkeypatch.setattr(dissection, "_LEAF_PLACES", leaf)
+    upper, kept, slab = block_tridiagonal()
+    drawn = np.random.default_rng(13).permutation(28)[:, None]
+    against_direct(DissectionFactor(upper, kept, np.hstack([slab, drawn])[:, :axes]), upper, kept, 1e-12)
 
 
-@pytest.mark.skipif(not pardiso.available(), reason="MKL PARDISO exists for x86-64 only")
+def test_bodies_that_do_not_touch_are_condensed_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dissection, "_LEAF_PLACES", 1)
+    upper = sp.csr_array(np.diag(np.arange(1.0, 9.0)))
+    factor = DissectionFactor(upper, np.array([2, 5]), np.arange(8)[:, None])
+    np.testing.assert_allclose(factor.compliance, np.diag([1 / 3, 1 / 6]), rtol=1e-15)
+    np.testing.assert_allclose(factor.solve(np.ones((1, 8))), 1 / np.arange(1.0, 9.0)[None], rtol=1e-15)
+
+
+def test_the_finger_is_cut_into_small_fronts(coarse_problem: FiniteElements) -> None:
+    # What makes it fast: nothing but the cut itself would be noticed if it were one dense block.
+    factor = DissectionFactor(coarse_problem.upper, coarse_problem.kept, coarse_problem.places)
+    sizes = [front.own.stop - front.own.start for front in factor._fronts]
+    assert len(sizes) >= 15
+    assert max(sizes) < 0.15 * len(coarse_problem.free)
+
+
+@pytest.mark.skipif(not pardiso.available(), reason="MKL PARDISO is not installed")
 def test_the_disc_is_searched_for_mkl_but_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    upper, kept, slabs = block_tridiagonal()
-    make("pardiso", upper, kept, slabs).close()
+    upper, kept, places = block_tridiagonal()
+    make("pardiso", upper, kept, places).close()
     monkeypatch.setattr("sys.prefix", "/nowhere")  # where pypardiso searches
-    make("pardiso", upper, kept, slabs).close()
+    make("pardiso", upper, kept, places).close()
 
 
-@pytest.mark.skipif(not pardiso.available(), reason="MKL PARDISO exists for x86-64 only")
+@pytest.mark.skipif(not pardiso.available(), reason="MKL PARDISO is not installed")
 def test_a_closed_factor_can_be_closed_again() -> None:
     upper, kept, _ = block_tridiagonal()
     factor = PardisoFactor(upper, kept)
@@ -106,7 +125,7 @@ def test_a_closed_factor_can_be_closed_again() -> None:
     factor.close()
 
 
-@pytest.mark.skipif(not pardiso.available(), reason="MKL PARDISO exists for x86-64 only")
+@pytest.mark.skipif(not pardiso.available(), reason="MKL PARDISO is not installed")
 def test_an_indefinite_matrix_is_refused_by_pardiso() -> None:
     upper, kept, _ = block_tridiagonal()
     bad = upper.toarray()
@@ -114,6 +133,15 @@ def test_an_indefinite_matrix_is_refused_by_pardiso() -> None:
     bad[interior, interior] *= -1
     with pytest.raises((pardiso.PardisoError, ValueError), match=r"PARDISO phase 12|not positive definite"):
         PardisoFactor(sp.csr_array(bad), kept)
+
+
+def test_an_indefinite_matrix_is_refused_without_it() -> None:
+    upper, kept, places = block_tridiagonal()
+    bad = upper.toarray()
+    interior = np.setdiff1d(np.arange(28), kept)[3]
+    bad[interior, interior] *= -1
+    with pytest.raises(ValueError, match="not positive definite"):
+        DissectionFactor(sp.csr_array(bad), kept, places)
 
 
 def test_inverse_of_a_definite_matrix() -> None:

@@ -7,8 +7,8 @@ import pytest
 
 from sim.config.fingertip_config import FingertipConfig, MeshSpec, Tissue
 from sim.fem.assembly import symmetric
+from sim.fem.dissection import DissectionFactor
 from sim.fem.shape_functions import HEX8, HEX27, gauss_points, gradients, shape_functions
-from sim.fem.slabs import SlabFactor
 from sim.finger.grading import MeshError
 from sim.finger.mesh import FingerMesh, build_mesh, section_mesh
 from sim.finger.quality import mesh_quality
@@ -87,13 +87,12 @@ def test_a_rigid_motion_needs_no_force(mesh: FingerMesh) -> None:
         assert np.abs(k @ u).max() <= 1e-12 * abs(k).max() * np.abs(u).max()
 
 
-def test_slabs_hold_two_rows_of_nodes(skin: FingertipSurface) -> None:
-    # Elements reach over three rows: with slabs of one the matrix would not be block tridiagonal. 1e-9 as for
-    # eight nodes.
+def test_elements_that_reach_over_three_rows_of_nodes_are_condensed(skin: FingertipSurface) -> None:
+    # What parts two halves is as thick as an element, not one row of nodes. 1e-9 as for eight nodes.
     coarser = {"spacing_mm": 0.9, "axial_spacing_mm": 1.0, "dermis_spacing_mm": 0.8, "near_spacing_mm": 2.0}
     config = FingertipConfig(mesh=MeshSpec.model_validate({**COARSE, **coarser, "element": "quadratic"}))
     problem = discretise(config, build_mesh(config, skin))
-    with factorise(problem) as factor, SlabFactor(problem.upper, problem.kept, problem.slabs) as other:
+    with factorise(problem) as factor, DissectionFactor(problem.upper, problem.kept, problem.places) as other:
         scale = np.abs(factor.compliance).max()
         np.testing.assert_allclose(other.compliance, factor.compliance, rtol=0, atol=1e-9 * scale)
 

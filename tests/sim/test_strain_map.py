@@ -7,12 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim.fem import pardiso
 from sim.models.fingertip import Fingertip
 from sim.models.result import IndentationResult
 from sim.models.strain_map import StrainMap, displacements, mesh_of, strain_maps
-
-pytestmark = pytest.mark.skipif(not pardiso.available(), reason="without MKL PARDISO this takes minutes")
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ import pytest
 from numpy.typing import NDArray
 
 from sim.config.fingertip_config import FingertipConfig
-from sim.fem import pardiso
 from sim.fem.assembly import symmetric
 from sim.finger.mesh import FingerMesh
 from sim.measures.receptors import strain_operator
@@ -18,8 +17,6 @@ from sim.models.result import IndentationResult
 Array = NDArray[np.float64]
 
 SCENES = (("step:1", -1.63, 0.73), ("bar:3.0", 0.0, 1.33), ("cylinder:9", -0.4, 1.0))
-
-pytestmark = pytest.mark.skipif(not pardiso.available(), reason="without MKL PARDISO this takes minutes")
 
 
 @dataclass(frozen=True)

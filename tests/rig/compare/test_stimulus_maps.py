@@ -9,10 +9,7 @@ from rig.compare.stimuli import stimuli
 from rig.compare.stimulus_maps import MAPPED, stimulus_maps
 from rig.data import Run
 from rig.report.comparison.strain_figures import strain_maps
-from sim.fem import pardiso
 from sim.models.fingertip import Fingertip
-
-pytestmark = pytest.mark.skipif(not pardiso.available(), reason="without MKL PARDISO this takes minutes")
 
 
 def test_maps_at_three_positions_are_kept(bar_run: Run, finger: Fingertip, work: Counter[str]) -> None:
