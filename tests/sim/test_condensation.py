@@ -16,9 +16,7 @@ from sim.models.discretised import FiniteElements, factorise
 Factor = PardisoFactor | DissectionFactor
 
 KINDS = [
-    pytest.param(
-        "pardiso", marks=pytest.mark.skipif(not pardiso.available(), reason="MKL PARDISO is not installed")
-    ),
+    pytest.param("pardiso", marks=pytest.mark.skipif(not pardiso.available(), reason="MKL PARDISO is not installed")),
     "dissection",
 ]
 
