@@ -11,6 +11,7 @@ import pytest
 
 from rig.data import Run, export_nwb, read_run
 from rig.engine import Engine, verbs
+from rig.engine.records import PressId
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
 from rig.plan.plan import make_plan
@@ -18,7 +19,8 @@ from rig.protocol.api import Rig
 from rig.protocol.errors import BadInputError
 from rig.protocol.planned import Prediction
 from rig.protocol.script import Script, load_script
-from rig.protocol.steps import Indent, Mount, Owed, Step
+from rig.protocol.steps import Home, Indent, Mount, MoveTo, Note, Owed, Rest, Retract, Step, Zero
+from rig.protocol.taken_up import TakenUp
 from rig.protocol.walk import Spot, Walk
 from rig.session.preflight import preflight
 from rig.session.resume import read_stopped
@@ -183,6 +185,46 @@ def test_an_old_run_is_planned_whole(
     assert len(solves) == DIFFERENT
     assert len(plan.indentations) == 9
     assert plan.soft_trip_n == pytest.approx(whole.start["soft_trip_n"])
+
+
+class _Two:
+    """A journal with one indentation done and one note written."""
+
+    done: ClassVar[dict[int, list[dict[str, Any]]]] = {
+        0: [{"hold": 1, "x_mm": 0.0, "doi_mm": 0.3, "force_gwt": 1.0, "force_sd_gwt": 0.0}]
+    }
+
+    def stream(self, name: str) -> list[dict[str, Any]]:
+        held = {"index": 0, "hold": 1, "target": "doi_mm", "commanded": 0.3}
+        return {"hold_start": [held], "note": [{"text": "a"}]}.get(name, [])
+
+
+def test_what_a_missing_press_is_owed() -> None:
+    """The last of each kind in the script's order; no rest for a press that is done, nothing written twice."""
+    handed: list[Step[Any, Any]] = []
+
+    class Noting:
+        def handle(self, step: Step[Any, Any], spot: Spot) -> Any:
+            handed.append(step)
+
+    taken_up = TakenUp(_Two(), Noting())
+    at = Spot("bar:3", 0.0, 0.0, ())
+    indents = [Spot("bar:3", 0.0, 0.0, (PressId(n),)) for n in range(3)]
+    for step in (Mount(indentor="a"), Home(), Zero(), Note(text="a"), Rest(seconds=1), MoveTo(x_mm=1.0)):
+        taken_up.handle(step, at)
+    assert taken_up.handle(Indent(doi_mm=0.3), indents[0]).holds[0].force_gwt == 1.0
+    assert handed == []
+    for step in (MoveTo(x_mm=2.0), Zero(), Retract(), Note(text="b")):
+        taken_up.handle(step, at)
+    assert handed == [Note(text="b")]
+    taken_up.handle(Indent(doi_mm=0.4), indents[1])
+    taken_up.handle(Rest(seconds=2), at)
+    taken_up.handle(Note(text="c"), at)
+    taken_up.handle(Indent(doi_mm=0.5), indents[2])
+    assert handed == [
+        *(Note(text="b"), Mount(indentor="a"), MoveTo(x_mm=2.0), Zero(), Indent(doi_mm=0.4)),
+        *(Rest(seconds=2), Note(text="c"), Indent(doi_mm=0.5)),
+    ]
 
 
 # --- marks ---
