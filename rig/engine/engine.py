@@ -10,10 +10,10 @@ from rig.devices.force.base import ForceReading
 from rig.devices.stage.base import StageError
 from rig.devices.units import GWT_N
 from rig.engine.bench import Bench
-from rig.engine.errors import LimitError, NotReadyError, RecordError, TripError
+from rig.engine.errors import NotReadyError, RecordError, TripError
 from rig.engine.heartbeat import Heartbeat
 from rig.engine.journal import Recorder
-from rig.engine.limits import AT_MM, ContactTime, Trips, trip_height_mm
+from rig.engine.limits import AT_MM, ContactTime, Trips, refuse_height, trip_height_mm
 from rig.engine.motion import FeltError, Motion
 from rig.engine.records import NO_PRESS, Phase, PressId
 from rig.engine.rig_settings import RigSettings
@@ -103,12 +103,7 @@ class Engine:
     def go_to_height(self, height_mm: float, speed_mm_s: float) -> None:
         """One vertical move; below clearance never down by more than one increment."""
         habits = self.settings.habits
-        lowest = min(self.height_mm, habits.clearance_mm) - habits.increment_mm
-        if height_mm < lowest - 1e-9:
-            raise LimitError(f"a move down to {height_mm:.3f} mm is longer than one increment below clearance")
-        fastest = self.settings.limits.max_press_speed_mm_s
-        if height_mm < min(self.height_mm, habits.clearance_mm) and speed_mm_s > fastest:
-            raise LimitError(f"a move down below clearance at {speed_mm_s:g} mm/s is faster than {fastest:g}")
+        refuse_height(self.settings, self.height_mm, height_mm, speed_mm_s)
         if height_mm < habits.clearance_mm - AT_MM:
             self.state, self._may_touch = State.IN_CONTACT, True
         self.beat(_LATE_FACTOR * abs(height_mm - self.height_mm) / speed_mm_s)

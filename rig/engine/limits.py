@@ -93,3 +93,15 @@ def trip_height_mm(settings: RigSettings, height_mm: float) -> float:
     if settings.limits.on_trip != "park" and height_mm <= habits.clearance_mm - AT_MM:
         return habits.clearance_mm
     return min(max(habits.park_height_mm, height_mm + habits.clearance_mm), highest)
+
+
+def refuse_height(settings: RigSettings, from_mm: float, to_mm: float, speed_mm_s: float) -> None:
+    """Raises LimitError for a vertical move beyond the travel, or too long or too fast below clearance."""
+    habits, fastest = settings.habits, settings.limits.max_press_speed_mm_s
+    if to_mm < min(from_mm, habits.clearance_mm) - habits.increment_mm - 1e-9:
+        raise LimitError(f"a move down to {to_mm:.3f} mm is longer than one increment below clearance")
+    if to_mm < min(from_mm, habits.clearance_mm) and speed_mm_s > fastest:
+        raise LimitError(f"a move down below clearance at {speed_mm_s:g} mm/s is faster than {fastest:g}")
+    machine_mm, travel_mm = settings.frame.apex_z_mm + to_mm, settings.stage.travel_mm[2]
+    if not -travel_mm - 1e-9 <= machine_mm <= 1e-9:
+        raise LimitError(f"machine z = {machine_mm:.3f} mm is outside the stage's travel, {-travel_mm:g} … 0 mm")

@@ -14,7 +14,7 @@ import pytest
 from rig.devices.stage import StageError
 from rig.devices.stage.base import LOOK_S, StageNotHomed, next_look_s
 from rig.devices.units import GWT_N
-from rig.engine import NotReadyError, Target, TripError, indent, verbs
+from rig.engine import LimitError, NotReadyError, Target, TripError, indent, verbs
 from rig.engine.bench import NO_PAUSE
 from rig.engine.engine import Engine, State
 from rig.engine.journal import NoJournal
@@ -51,8 +51,8 @@ class Hand:
 class Watched:
     """An engine, ready at x = 0, over a hand."""
 
-    def __init__(self, tables: Mapping[str, Any], **limits: Any) -> None:
-        config = Config.model_validate({**tables, "limits": limits})
+    def __init__(self, kind: Mapping[str, Any], tables: Mapping[str, Any] | None = None, **limits: Any) -> None:
+        config = Config.model_validate({**kind, **(tables or {}), "limits": limits})
         hands: list[Hand] = []
 
         def make(carriage: Carriage) -> Hand:
@@ -364,3 +364,18 @@ def test_unhomed_nothing_is_done_that_moves() -> None:
         with pytest.raises(NotReadyError, match="unhomed"):
             verb(bench.engine)
     assert bench.wire.getvalue() == ""
+
+
+def test_no_height_beyond_the_travel_is_asked_of_a_stage(watched: Callable[..., Watched]) -> None:
+    """A finger that lies lower, or is softer, than could be planned: refused, and no alarm of the board."""
+    bench = watched(tables={"frame": {"apex_z_mm": -39.9}})
+    engine = bench.ready()
+    while engine.height_mm > -0.08:
+        engine.go_to_height(engine.height_mm - 0.05, 0.5)
+    with pytest.raises(LimitError, match=r"machine z = -40\.050 mm is outside the stage's travel, -40 … 0 mm"):
+        engine.go_to_height(engine.height_mm - 0.05, 0.5)
+    assert bench.bench.stage.homed
+    verbs.retract(engine)
+    with pytest.raises(LimitError, match=r"machine z = 0\.100 mm is outside the stage's travel"):
+        engine.go_to_height(40.0, 5.0)
+    assert bench.pose.above_apex_mm == pytest.approx(2.0, abs=0.003)
