@@ -32,6 +32,7 @@ REAL_TIME = (
     "sim/test_study.py::test_candidates_are_measured_in_their_own_processes",
     "sim/test_wall_clock.py",
     "sim/test_workers.py",
+    "test_adding_a_part.py::test_a_command",
 )
 
 

@@ -14,6 +14,7 @@ from rig.protocol.errors import BadInputError
 from sim.contact.indentor import ACROSS, ALONG, ROUND, Indentor
 from sim.contact.shapes import EXPECTED, parse_shape
 from sim.measures.receptors import DEFAULT_DEPTH_MM
+from sim.models.catalogue import MODELS
 from sim.models.fingertip import Fingertip
 from sim.models.result import IndentationResult, PointLoadResult
 
@@ -33,7 +34,7 @@ def command(
     z_mm: Annotated[
         float | None, typer.Option(metavar="Z", help="Along the finger, for line, round shapes and point.")
     ] = None,
-    model: Annotated[str, typer.Option(metavar="M", help="finger, section, halfspace or auto")] = "finger",
+    model: Annotated[str, typer.Option(metavar="M", help=f"{', '.join(reversed(MODELS))} or auto")] = "finger",
     tolerance: Annotated[str, typer.Option("--tol", metavar="T", help="For auto, as 2% or 0.02.")] = "2%",
     quantity: Annotated[
         str, typer.Option(metavar="Q", help="That shall be right: force, width, sed, ep1.")

@@ -20,8 +20,8 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
-    stage: Annotated[str | None, typer.Option(metavar="grbl|leadshine", help="The stage's kind.")] = None,
-    force: Annotated[str | None, typer.Option(metavar="mtsics|laumas", help="The sensor's kind.")] = None,
+    stage: Annotated[str | None, typer.Option(metavar="|".join(STAGES), help="The stage's kind.")] = None,
+    force: Annotated[str | None, typer.Option(metavar="|".join(FORCES), help="The sensor's kind.")] = None,
     pty: Annotated[bool, typer.Option("--pty", help="Behind pseudo-terminals (the default).")] = False,
     tcp: Annotated[
         int | None, typer.Option(metavar="PORT", help="Stage on PORT, force on PORT + 1; 0 takes free ones.")

@@ -61,7 +61,7 @@ def source_flags(receptor_mm: NDArray[np.float64]) -> Flags:
     """(18, 3, receptors) what the table says at receptors (n,) mm."""
     flags = np.zeros((len(MEASURES), len(SHAPES), len(receptor_mm)), dtype=bool)
     for m, measure in enumerate(MEASURES):
-        for k, receptors in enumerate(TABLE[measure]):
+        for k, receptors in enumerate(TABLE.get(measure, ())):  # () of one that the source does not have
             flags[m, k] = np.isin(receptor_mm.round(6), receptors)
     measure, shape, x = DOUBTFUL
     flags[MEASURES.index(measure), SHAPES.index(shape)] |= receptor_mm.round(6) == x

@@ -112,9 +112,14 @@ class StageSettings(Settings):
     @property
     def ports(self) -> tuple[str, ...]:
         """Every port that the stage is on: its own, or those of its drives."""
-        if self.kind == "grbl":
-            return (self.port,)
-        return tuple(dict.fromkeys(drive.port or self.port for drive in (self.drives.x, self.drives.z)))
+        if self.kind == "leadshine":
+            return tuple(dict.fromkeys(drive.port or self.port for drive in (self.drives.x, self.drives.z)))
+        return (self.port,)
+
+    @property
+    def moves_along(self) -> bool:
+        """Whether there is an axis along the finger."""
+        return self.kind != "leadshine"
 
     @model_validator(mode="after")
     def _told_apart(self) -> Self:
@@ -191,6 +196,9 @@ class SyncSettings(Settings):
         return self.register_address, self.on_word, self.off_word
 
 
+_OUTPUTS = {"grbl": ("off", "coolant", "spindle"), "leadshine": ("off", "drive")}
+
+
 class FrameSettings(Settings):
     """The finger's frame in machine coordinates (mm)."""
 
@@ -214,7 +222,7 @@ class BenchSettings(Settings):
 
     @model_validator(mode="after")
     def _output_there(self) -> Self:
-        allowed = {"grbl": ("off", "coolant", "spindle"), "leadshine": ("off", "drive")}[self.stage.kind]
+        allowed = _OUTPUTS.get(self.stage.kind, ("off",))
         if self.sync.output not in allowed:
             raise ValueError(f"sync.output: expected {' or '.join(allowed)} with a {self.stage.kind} stage")
         if self.sync.output == "drive" and self.sync.words is None:

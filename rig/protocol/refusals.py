@@ -128,8 +128,10 @@ def refuse_along(along_mm: float, settings: RigSettings) -> None:
     low, high = settings.limits.along_mm
     if not low <= along_mm <= high:
         raise BadInputError(f"move_to: along_mm = {along_mm:g} is outside limits.along_mm = {low:g} … {high:g}")
-    if along_mm and settings.stage.kind == "leadshine":
-        raise BadInputError(f"move_to: along_mm = {along_mm:g}: a leadshine stage has no axis along the finger")
+    if along_mm and not settings.stage.moves_along:
+        raise BadInputError(
+            f"move_to: along_mm = {along_mm:g}: a {settings.stage.kind} stage has no axis along the finger"
+        )
 
 
 def refuse_travel(axis: Literal["x", "y", "z"], machine_mm: float, settings: RigSettings) -> None:

@@ -2,9 +2,8 @@
 
 from collections.abc import Iterable, Sequence
 
-from sim.measures.measures import MEASURES, PLOTTED_AS_MAGNITUDE
+from sim.measures.measures import PLOTTED_AS_MAGNITUDE, STRAINS
 
-_STRAINS = MEASURES[:9]
 _ABBREVIATED = {"sed": "SED"}
 _WIDEST_PLAIN = 1e5
 
@@ -17,7 +16,7 @@ def label(measure: str) -> str:
 
 def unit(measure: str) -> str:
     """Strains are numbers, everything else is in pseudo-units."""
-    return "strain" if measure in _STRAINS else "pseudo-units³" if measure == "third" else "pseudo-units"
+    return "strain" if measure in STRAINS else "pseudo-units³" if measure == "third" else "pseudo-units"
 
 
 def as_number(value: float | None, digits: int = 3) -> str:

@@ -132,7 +132,7 @@ def true_carriage(stage: VirtualStage, config: Config) -> Carriage:
         Placement(
             frame.pad_centre_x_mm + virtual.finger_x_offset_mm,
             frame.apex_z_mm + virtual.finger_z_offset_mm,
-            frame.pad_y_mm + virtual.finger_along_offset_mm if config.stage.kind == "grbl" else None,
+            frame.pad_y_mm + virtual.finger_along_offset_mm if config.stage.moves_along else None,
         ),
     )
 

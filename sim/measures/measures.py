@@ -7,11 +7,14 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-MEASURES = (
-    *("e11", "e22", "e33", "e12", "e23", "e13", "ep1", "ep2", "ep3"),
-    *("s11", "s22", "s33", "sp1", "sp2", "sp3", "mean", "sed", "third"),
-)
-"""Strains first, then stresses; shear strains are engineering ones (e12 = s12/G)."""
+STRAINS = ("e11", "e22", "e33", "e12", "e23", "e13", "ep1", "ep2", "ep3")
+"""Numbers; shear strains are engineering ones (e12 = s12/G)."""
+
+STRESSES = ("s11", "s22", "s33", "sp1", "sp2", "sp3", "mean", "sed", "third")
+"""In the unit of E, `third` in its cube."""
+
+MEASURES = (*STRAINS, *STRESSES)
+"""In the order of what `measures_from_strain` computes."""
 
 PLOTTED_AS_MAGNITUDE = frozenset({"e22", "ep1", "s11", "s22", "s33", "sp1", "sp2", "sp3", "mean", "third"})
 """Measures that are negative under every indentor here; profiles show their magnitude. e13 keeps its sign."""

@@ -67,7 +67,7 @@ def _fits(joint: Joint, measures: list[str]) -> list[Figure]:
 
 
 def _heat_maps(comparison: Comparison) -> list[Figure]:
-    title, caption = "Shape test, 18 measures × receptors", "Dots: the SSRP passes the shape test. "
+    title, caption = f"Shape test, {len(MEASURES)} measures × receptors", "Dots: the SSRP passes the shape test. "
     if comparison.overlays:
         title = f"Correlation and {title[0].lower()}{title[1:]}"
         caption += (

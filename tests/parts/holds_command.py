@@ -1,0 +1,27 @@
+"""A command that is not there, `rig holds`: what a run held."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rig.cli.options import JsonOption
+from rig.cli.output import out, print_json, told_in_one_line
+from rig.data import read_run
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("holds", help="Say what force was held at each hold of a run.")(command)
+
+
+def command(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="The run's folder.")], as_json: JsonOption = False
+) -> None:
+    """Print the forces, gwt."""
+    with told_in_one_line(as_json=as_json):
+        force_gwt = [hold["force_gwt"] for hold in read_run(run).stream("hold_end")]
+        if as_json:
+            print_json({"force_gwt": force_gwt})
+        else:
+            out.print(" ".join(f"{force:.2f}" for force in force_gwt))

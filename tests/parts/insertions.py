@@ -1,0 +1,186 @@
+"""What is written into files that are there, for each part: (file, before which text, what)."""
+
+VERB = [
+    (
+        "rig/protocol/steps/__init__.py",
+        "from rig.protocol.steps.touch_step",
+        "from rig.protocol.steps.tap_step import Tap\n",
+    ),
+    ("rig/protocol/steps/__init__.py", '    "Touch",\n', '    "Tap",\n'),
+    ("rig/protocol/api.py", "    Touch,\n", "    Tap,\n"),
+    (
+        "rig/protocol/api.py",
+        "    def touch(self)",
+        '    def tap(self, *, times: int) -> None:\n        """Tap."""\n        self._do(Tap(times=times))\n\n',
+    ),
+    (
+        "rig/engine/streams.py",
+        '    "note": {"text": ""},\n',
+        '    "tap": {"times": "", "x_mm": "mm", "contact_height_mm": "mm"},\n',
+    ),
+]
+
+STAGE = [
+    ("rig/devices/bench_settings.py", '"grbl", "leadshine"] = "grbl"', '"hobby", '),
+    (
+        "rig/devices/catalogue.py",
+        "from rig.devices.stage.leadshine import",
+        "from rig.devices.stage.hobby import HobbyStage\n",
+    ),
+    (
+        "rig/devices/catalogue.py",
+        "def _leadshine(",
+        "def _hobby(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:\n"
+        "    return HobbyStage(opener(settings.stage.port), clock, expected=expected_settings(settings))\n\n\n",
+    ),
+    ("rig/devices/catalogue.py", '"grbl": _grbl', '"hobby": _hobby, '),
+    (
+        "rig/virtual/virtual_devices.py",
+        "from sim.devices.laumas import",
+        "from sim.devices.hobby import VirtualHobby\n",
+    ),
+    (
+        "rig/virtual/virtual_devices.py",
+        "def _leadshine(",
+        "def _hobby(scheduler: Scheduler, line: SerialLine, config: Config) -> VirtualStage:\n"
+        "    x, y, z = config.stage.travel_mm\n"
+        "    return VirtualHobby(scheduler, line, settings={130: x, 131: y, 132: z})\n\n\n",
+    ),
+    ("rig/virtual/virtual_devices.py", '"grbl": _grbl', '"hobby": _hobby, '),
+]
+
+FORCE_SENSOR = [
+    ("rig/devices/bench_settings.py", '"mtsics", "laumas"] = "mtsics"', '"plain", '),
+    (
+        "rig/devices/catalogue.py",
+        "from rig.devices.stage.base import",
+        "from rig.devices.force.plain import PlainForce\n",
+    ),
+    (
+        "rig/devices/catalogue.py",
+        "def _laumas(",
+        "def _plain(opener: Opener, clock: Clock, settings: BenchSettings) -> ForceSensor:\n"
+        "    force, scale = settings.force, settings.calibration.value('force_scale', 1.0)\n"
+        "    period_s, step_gwt = force.sample_period_s, force.resolution_gwt\n"
+        "    port = opener(force.port)\n"
+        "    return PlainForce(port, clock, sample_period_s=period_s, resolution_gwt=step_gwt, scale=scale)\n\n\n",
+    ),
+    ("rig/devices/catalogue.py", '"mtsics": _mtsics', '"plain": _plain, '),
+    ("rig/virtual/virtual_devices.py", "from sim.plant.plant", "from sim.devices.plain import PlainScale\n"),
+    (
+        "rig/virtual/virtual_devices.py",
+        "def _laumas(",
+        "def _plain(scheduler: Scheduler, line: SerialLine, config: Config, load: Load) -> None:\n"
+        "    PlainScale(scheduler, line, load, config.force.sample_period_s)\n\n\n",
+    ),
+    ("rig/virtual/virtual_devices.py", '"mtsics": _mtsics', '"plain": _plain, '),
+]
+
+SHAPE = [
+    (
+        "sim/contact/profiles.py",
+        "def _floored(",
+        '''\
+@dataclass(frozen=True)
+class Parabola(Profile):
+    """Ridge with a parabola for its section."""
+
+    radius_mm: float
+
+    @property
+    def name(self) -> str:
+        """The shape as it is written on the command line."""
+        return f"parabola:{self.radius_mm:g}"
+
+    @property
+    def sharpest_radius_mm(self) -> float:
+        """At the tip."""
+        return self.radius_mm
+
+    def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
+        """Height, slope and curvature: h = s² / 2R."""
+        slope = s_mm / self.radius_mm
+        return 0.5 * slope * s_mm, slope, np.full_like(s_mm, 1 / self.radius_mm)
+
+
+''',
+    ),
+    ("sim/contact/shapes.py", "Step, Wedge\n", "Parabola, "),
+    ("sim/contact/shapes.py", "sphere:RADIUS, flat", "parabola:RADIUS, "),
+    (
+        "sim/contact/shapes.py",
+        "def _sphere(",
+        "def _parabola(text: str, argument: str) -> Indentor:\n"
+        '    return Indentor.along(Parabola(_number(text, argument, "radius", "mm", 0.25, 25.0)))\n\n\n',
+    ),
+    ("sim/contact/shapes.py", '    "sphere": _sphere', '    "parabola": _parabola,\n'),
+]
+
+MEASURE = [
+    ("sim/measures/measures.py", ')\n"""Numbers; shear strains', ', "gmax"'),
+    ("sim/measures/measures.py", "*np.moveaxis(stress[..., :3], -1, 0)]", "ep[..., 2] - ep[..., 0], "),
+]
+
+MODEL = [
+    ("sim/models/catalogue.py", "from sim.models.whole_finger", "from sim.models.soft import build_soft\n"),
+    ("sim/models/catalogue.py", '"finger"]\n', '"soft", '),
+    ("sim/models/catalogue.py", '    "finger": build_finger', '    "soft": build_soft,\n'),
+]
+
+COMMAND = [("rig/cli/program.py", '    "find": "find"', '    "holds": "holds",\n')]
+
+RUN_SECTION = [
+    (
+        "rig/report/run/run_figures.py",
+        "def contact_panels(",
+        '''\
+def force_time(run: Run) -> Plot:
+    """Force against the run's clock."""
+    return Plot((6.6, 2.6), lambda figure: _force_time(figure, run))
+
+
+def _force_time(figure: Figure, run: Run) -> None:
+    axes, samples = figure.subplots(), run.stream("sample")
+    axes.plot([s["t_s"] for s in samples], [s["force_gwt"] for s in samples], color=BLUE, lw=1)
+    axes.set(xlabel="time (s)", ylabel="force (gwt)")
+
+
+''',
+    ),
+    (
+        "rig/report/run/run_report.py",
+        '        *figures_of(\n            "Contact at each',
+        '        Figure("Force against time", run_figures.force_time(run), "Every reading."),\n',
+    ),
+]
+
+COMPARISON_SECTION = [
+    (
+        "rig/report/comparison/profile_figures.py",
+        "def populations(",
+        '''\
+def depths(stimulus: Stimulus) -> Plot:
+    """Depth at each position."""
+    return Plot((4.6, 2.6), lambda figure: _depths(figure, stimulus))
+
+
+def _depths(figure: Figure, stimulus: Stimulus) -> None:
+    axes = figure.subplots()
+    axes.plot(stimulus.x_mm, stimulus.doi_mm, "-o", ms=2, lw=1, color=BLUE)
+    axes.set(xlabel="indentor x (mm)", ylabel="depth (mm)")
+
+
+''',
+    ),
+    (
+        "rig/report/comparison/comparison_figures.py",
+        "        *_pressures(moved),\n",
+        "        *map(_depths, moved),\n",
+    ),
+    (
+        "rig/report/comparison/comparison_figures.py",
+        "def _pressures(",
+        "def _depths(stimulus: Stimulus) -> Figure:\n"
+        '    return Figure(f"Depths: {stimulus.title}", profile_figures.depths(stimulus), "As held.")\n\n\n',
+    ),
+]

@@ -1,0 +1,222 @@
+"""docs/code_overview.md says where a new part goes: one of each is added there, in no other file, and used."""
+
+import filecmp
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from sim.models.catalogue import load
+from sim.models.fingertip import Fingertip
+from tests.parts import insertions
+
+ROOT = Path(__file__).parents[1]
+PARTS = ROOT / "tests" / "parts"
+OLD_RUN = ROOT / "tests" / "data" / "runs_of_0_1" / "complete"
+PLACES = ("rig", "sim", "protocols")
+PRESS = ("--x-mm", "0", "--doi-mm", "0.2")
+COMMAND_LINE = "from rig.cli import main; main()"
+SCRIPT = """\
+from rig.protocol import ProtocolParameters, Rig
+
+METADATA = {"title": "Two light presses"}
+
+
+class Parameters(ProtocolParameters):
+    taps: bool = False
+
+
+def run(rig: Rig) -> None:
+    rig.mount("bar:3.0")
+    rig.home()
+    rig.zero()
+    rig.move_to(x_mm=0.0)
+    for times in (2, 3):
+        if rig.parameters.taps:
+            rig.tap(times=times)
+        rig.indent(doi_mm=0.1, hold_s=0.1)
+"""
+
+
+def _rows() -> dict[str, list[str]]:
+    """The files of each line of the table, NAME and all."""
+    page = (ROOT / "docs" / "code_overview.md").read_text(encoding="utf-8")
+    table = page.partition("\n## Adding a part\n")[2].partition("\n## ")[0]
+    lines = [line.strip("| ").split(" | ", 1) for line in table.splitlines() if line.startswith("| ")]
+    return {part: re.findall(r"`((?:rig|sim)/[\w/*]+\.py)`", files) for part, files in lines}
+
+
+class Tree:
+    """A copy of the program that a part is added to."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        for place in PLACES:
+            shutil.copytree(ROOT / place, folder / place)
+
+    def add(self, part: str, name: str, made: dict[str, str], inserted: Sequence[tuple[str, str, str]]) -> None:
+        """Write files (from tests/parts) and insert text before anchors; all is where the page says, and no more."""
+        for path, text in made.items():
+            assert not (self.folder / path).exists(), path
+            shutil.copy(PARTS / text, self.folder / path)
+        for path, anchor, text in inserted:
+            before = (self.folder / path).read_text(encoding="utf-8")
+            assert before.count(anchor) == 1, f"{path}: {anchor!r} {before.count(anchor)} times"
+            (self.folder / path).write_text(before.replace(anchor, text + anchor), encoding="utf-8")
+        named = [path.replace("NAME", name) for path in _rows()[part]]
+        touched = self.touched()
+        assert touched
+        assert not [path for path in touched if not any(fnmatch(path, one) for one in named)], "not on the page"
+        assert not [one for one in named if not any(fnmatch(path, one) for path in touched)], "not needed"
+
+    def touched(self) -> set[str]:
+        """What differs from the program."""
+        now = {path.relative_to(self.folder) for place in PLACES for path in (self.folder / place).rglob("*.py")}
+        assert not [p for place in PLACES for p in (ROOT / place).rglob("*.py") if p.relative_to(ROOT) not in now]
+        return {
+            path.as_posix()
+            for path in now
+            if not (ROOT / path).exists() or not filecmp.cmp(ROOT / path, self.folder / path, shallow=False)
+        }
+
+    def python(self, code: str, *arguments: str | Path) -> str:
+        """What a Python of its own prints."""
+        done = subprocess.run(
+            [sys.executable, "-c", code, *map(str, arguments)],
+            env={**os.environ, "PYTHONPATH": str(self.folder), "PYTHONSAFEPATH": "1"},
+            cwd=self.folder,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    def rig(self, *arguments: str | Path) -> Any:
+        """What a command says with --json."""
+        return json.loads(self.python(COMMAND_LINE, *arguments, "--json"))
+
+    def dry_run(self, *arguments: str | Path) -> Path:
+        """The folder of a run of the script."""
+        (self.folder / "light.py").write_text(SCRIPT, encoding="utf-8")
+        run = self.rig("dry-run", "light.py", "--out", self.folder / "runs", *arguments)["run"]
+        return Path(run)
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Tree:
+    return Tree(tmp_path)
+
+
+def _events(run: Path, stream: str) -> list[dict[str, Any]]:
+    documents = map(json.loads, (run / "events.jsonl").read_text(encoding="utf-8").splitlines())
+    return [one["data"] for one in documents if one["doc"] == "event" and one["stream"] == stream]
+
+
+def _lasted_s(run: Path) -> float:
+    return float(json.loads((run / "events.jsonl").read_text(encoding="utf-8").splitlines()[-1])["t_s"])
+
+
+def _sent(run: Path, port: str) -> bytes:
+    chunks = map(json.loads, (run / "bytes.jsonl").read_text(encoding="utf-8").splitlines())
+    return b"".join(bytes.fromhex(one["hex"]) for one in chunks if one["port"] == port and one["dir"] == "tx")
+
+
+def _cut(run: Path, last: Callable[[dict[str, Any]], bool]) -> None:
+    """As a kill leaves it."""
+    lines = (run / "events.jsonl").read_text(encoding="utf-8").splitlines(keepends=True)
+    end = next(n for n, line in enumerate(lines) if last(json.loads(line)))
+    (run / "events.jsonl").write_text("".join(lines[: end + 1]), encoding="utf-8")
+
+
+def test_a_verb(tree: Tree, finger: Fingertip) -> None:
+    """It is planned, checked, rehearsed, carried out, journalled, and owed by a run that is taken up again."""
+    tree.add("verb", "tap", {"rig/protocol/steps/tap_step.py": "tap_step.py"}, insertions.VERB)
+    run = tree.dry_run("--set", "taps=true")
+    told = tree.rig("check", "light.py", "--set", "taps=true")
+    assert told["indentations"] == 2
+    assert told["duration_s"] == pytest.approx(_lasted_s(run), rel=0.02)
+    assert [event["times"] for event in _events(run, "tap")] == [2, 3]
+    assert len(_events(run, "find")) == 5
+    _cut(
+        run, lambda one: one["doc"] == "event" and one["stream"] == "indentation_start" and one["data"]["index"] == 1
+    )
+    tree.rig("resume", run)
+    assert [event["times"] for event in _events(run, "tap")] == [2, 3, 3]
+
+
+def test_a_stage(tree: Tree, finger: Fingertip) -> None:
+    made = {"rig/devices/stage/hobby.py": "hobby_driver.py", "sim/devices/hobby.py": "hobby_twin.py"}
+    tree.add("stage", "hobby", made, insertions.STAGE)
+    (tree.folder / "rig.toml").write_text('[stage]\nkind = "hobby"\n', encoding="utf-8")
+    run = tree.dry_run("--config", "rig.toml")
+    assert [event["controller"] for event in _events(run, "home")] == ["[VER:1.1h.hobby:]"]
+    assert len(_events(run, "hold_end")) == 2
+    assert "hobby" in json.loads((run / "provenance.json").read_text(encoding="utf-8"))["devices"]["stage"]
+
+
+def test_a_force_sensor(tree: Tree, finger: Fingertip) -> None:
+    made = {"rig/devices/force/plain.py": "plain_driver.py", "sim/devices/plain.py": "plain_twin.py"}
+    tree.add("force sensor", "plain", made, insertions.FORCE_SENSOR)
+    (tree.folder / "rig.toml").write_text('[force]\nkind = "plain"\n', encoding="utf-8")
+    run = tree.dry_run("--config", "rig.toml")
+    assert set(_sent(run, "force").split()) == {b"W", b"Z"}
+    assert [hold["doi_mm"] for hold in _events(run, "hold_end")] == pytest.approx([0.1, 0.1], abs=0.02)
+    assert "plain" in tree.python(COMMAND_LINE, "serve", "--help")
+
+
+def test_a_shape(tree: Tree) -> None:
+    """A circle is its parabola where contact is narrow beside its radius."""
+    tree.add("shape", "parabola", {}, insertions.SHAPE)
+    found = tree.rig("indent", "--shape", "parabola:4.5", *PRESS, "--model", "halfspace")
+    like = load("halfspace").indent("cylinder:9", 0.0, doi_mm=0.2)
+    assert found["force_n"] == pytest.approx(like.force_n, rel=0.02)
+    assert found["force_n"] != like.force_n
+
+
+def test_a_measure(tree: Tree) -> None:
+    tree.add("measure", "gmax", {}, insertions.MEASURE)
+    found = tree.rig("indent", "--shape", "bar:3.0", *PRESS, "--model", "halfspace")["receptors"]
+    assert found["gmax"] == pytest.approx([high - low for high, low in zip(found["ep3"], found["ep1"], strict=True)])
+    assert tree.python("from rig.report.labels import *; print(unit('gmax'), unit('s11'))").split() == [
+        "strain",
+        "pseudo-units",
+    ]
+
+
+def test_a_model(tree: Tree) -> None:
+    tree.add("model", "soft", {"sim/models/soft.py": "soft_model.py"}, insertions.MODEL)
+    found = tree.rig("indent", "--shape", "cylinder:9", *PRESS, "--model", "soft")
+    assert found["solver"]["model"] == "soft"
+    hard = load("halfspace").indent("cylinder:9", 0.0, doi_mm=0.2)
+    assert "soft" in tree.python(COMMAND_LINE, "indent", "--help")
+    assert found["force_n"] == pytest.approx(0.5 * hard.force_n, rel=1e-6)
+
+
+def test_a_command(tree: Tree) -> None:
+    tree.add("command", "holds", {"rig/cli/holds.py": "holds_command.py"}, insertions.COMMAND)
+    assert "what force was held" in tree.python(COMMAND_LINE, "holds", "--help")
+    forces = tree.rig("holds", OLD_RUN)["force_gwt"]
+    assert forces == [hold["force_gwt"] for hold in _events(OLD_RUN, "hold_end")]
+    assert len(forces) == 5
+
+
+def test_a_section_of_the_report_of_a_run(tree: Tree, finger: Fingertip) -> None:
+    tree.add("section of the run's report", "", {}, insertions.RUN_SECTION)
+    page = (tree.dry_run() / "report.html").read_text(encoding="utf-8")
+    assert re.findall(r"<h2[^>]*>(F.*)</h2>", page) == ["Force against depth", "Force against time"]
+
+
+def test_a_section_of_the_report_of_a_comparison(tree: Tree, finger: Fingertip) -> None:
+    tree.add("section of the comparison's report", "", {}, insertions.COMPARISON_SECTION)
+    page = tree.folder / "page.html"
+    tree.rig("compare", OLD_RUN, "--out", page)
+    assert re.search(r"<h2[^>]*>Depths: bar:3.0 at 0.4 mm</h2>", page.read_text(encoding="utf-8"))
