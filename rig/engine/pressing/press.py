@@ -21,7 +21,7 @@ _WIDE_GAP, _CLOSED_AT_ONCE = 0.05, 0.75
 _MOST_AVERAGED = 25
 # What has relaxed under a held force answers a move more stiffly than the force it has left says: by 1 / 0.6, say.
 _FOLLOWED = 0.6
-_HIGHEST_AIM = 1.03  # of the target, in a hold: noise comes on top, and 1.05 must not be felt
+_HIGHEST_AIM = 1.02  # of the target, in a hold: noise comes on top, and 1.05 must not be felt
 
 
 class Press:
