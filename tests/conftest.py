@@ -65,7 +65,7 @@ def work(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
 
     count("models", "sim.models.fingertip:build_finger")
     count("contacts", "sim.models.pressing:solve_contact")
-    count("factors", "sim.models.strain_map:factorise")
+    count("factors", "sim.models.uncondensed.strain_map:factorise")
     count("processes", "sim.models.workers:ProcessPoolExecutor")
     return done
 

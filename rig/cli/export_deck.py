@@ -13,8 +13,8 @@ from sim.config.fingertip_config import Contact
 from sim.contact.indentor import ALONG
 from sim.contact.shapes import parse_shape
 from sim.finger.mesh import build_mesh
-from sim.models.deck import MeshedFinger, write_contact_deck, write_load_deck
 from sim.models.fingertip import Fingertip
+from sim.models.uncondensed.deck import MeshedFinger, write_contact_deck, write_load_deck
 
 
 def register(app: typer.Typer) -> None:

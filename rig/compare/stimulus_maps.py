@@ -12,7 +12,7 @@ from rig.data import Run
 from sim.measures.measures import shown
 from sim.models.cache import Arrays, cached_arrays, content_key
 from sim.models.fingertip import Fingertip
-from sim.models.strain_map import strain_maps
+from sim.models.uncondensed.strain_map import strain_maps
 
 Array = NDArray[np.float64]
 

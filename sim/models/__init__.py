@@ -3,6 +3,6 @@
 `catalogue` is the door: `load(name)` gives a `Fingertip` (`fingertip`), which places an indentor, presses it
 (`pressing`) and returns a `result`. Behind it is a `CondensedModel` (`condensed`) made by a builder:
 `whole_finger` and `plane_section` from a mesh (`discretised`), `halfspace` from formulas. A new model is a module
-with a builder, and a name and a line in `catalogue`. `cache` keeps made models on disk. Beside these: `strain_map`,
-strain everywhere in a section; `deck`, the finger for CalculiX; `workers`, models in processes of their own.
+with a builder, and a name and a line in `catalogue`. `cache` keeps made models on disk. Beside these: `uncondensed`,
+strain everywhere in a section and the finger for CalculiX; `workers`, models in processes of their own.
 """

@@ -1,6 +1,6 @@
 """One contact job by CalculiX on a mesh of ours, and the same contact here.
 
-Debian: apt-get install calculix-ccx. The deck and its settings are `sim/models/deck.py`'s.
+Debian: apt-get install calculix-ccx. The deck and its settings are `sim/models/uncondensed/deck.py`'s.
 """
 
 import re
@@ -15,7 +15,7 @@ from pathlib import Path
 from sim.config.fingertip_config import Contact, FingertipConfig, MeshSpec
 from sim.finger.mesh import build_mesh
 from sim.models.catalogue import load
-from sim.models.deck import CONTACT_STIFFNESS_MPA_PER_MM, MeshedFinger, write_contact_deck
+from sim.models.uncondensed.deck import CONTACT_STIFFNESS_MPA_PER_MM, MeshedFinger, write_contact_deck
 
 CONFIG = FingertipConfig(
     contact=Contact(between_nodes=False),

@@ -2,7 +2,7 @@
 
     .venv/bin/python -m studies.accuracy.calculix_jobs
 
-Fully integrated elements and contact at nodes in both; the deck and its settings are `sim/models/deck.py`'s.
+Fully integrated elements and contact at nodes in both; deck and settings are `sim/models/uncondensed/deck.py`'s.
 """
 
 from sim.config.fingertip_config import Contact, FingertipConfig, MeshSpec

@@ -10,9 +10,9 @@ import pytest
 
 from sim.config.fingertip_config import Contact, FingertipConfig, MeshSpec
 from sim.finger.mesh import build_mesh
-from sim.models.deck import MeshedFinger, write_contact_deck, write_load_deck
 from sim.models.fingertip import Fingertip
 from sim.models.result import IndentationResult
+from sim.models.uncondensed.deck import MeshedFinger, write_contact_deck, write_load_deck
 
 pytestmark = [
     pytest.mark.skipif(shutil.which("ccx") is None, reason="no ccx (Debian package calculix-ccx)"),

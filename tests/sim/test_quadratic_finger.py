@@ -16,8 +16,8 @@ from sim.finger.skin import tributary_areas
 from sim.finger.surface import FingertipSurface
 from sim.finger.vtk import write_vtk
 from sim.models.catalogue import load
-from sim.models.deck import MeshedFinger
 from sim.models.discretised import assembled, discretise, factorise
+from sim.models.uncondensed.deck import MeshedFinger
 
 COARSE = {
     "spacing_mm": 0.6,

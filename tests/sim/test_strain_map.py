@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sim.models.fingertip import Fingertip
 from sim.models.result import IndentationResult
-from sim.models.strain_map import StrainMap, displacements, mesh_of, strain_maps
+from sim.models.uncondensed.strain_map import StrainMap, displacements, mesh_of, strain_maps
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ def solved(finger: Fingertip) -> dict[str, Solved]:
         return moved[-1]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sim.models.strain_map.displacements", noted)
+        patch.setattr("sim.models.uncondensed.strain_map.displacements", noted)
         maps = strain_maps(finger.config, [across[0], *along, across[1]])
     first, second = sorted(moved, key=len)
     return {
