@@ -1,5 +1,6 @@
 """Signals: Ctrl-C, a terminal that goes away, and `rig stop` from another process."""
 
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -12,15 +13,17 @@ from rig.cli.output import err
 STOP_SIGNAL: signal.Signals | None = getattr(signal, "SIGUSR1", None)
 _HANG_UP: signal.Signals | None = getattr(signal, "SIGHUP", None)
 
+Handlers = dict[signal.Signals | None, Callable[[int, FrameType | None], object]]
+
 
 class Pause:
     """Whether the operator has asked for a pause, and whether to go on after it."""
 
     def __init__(self) -> None:
-        self._asked = False
+        self._asked = self._alone = False
 
     def asked(self) -> bool:
-        """Whether Ctrl-C (or SIGTERM) has come."""
+        """Whether Ctrl-C, SIGTERM or the end of the terminal has come."""
         return self._asked
 
     def ask(self, *_: object) -> None:
@@ -29,9 +32,16 @@ class Pause:
         signal.signal(signal.SIGINT, signal.default_int_handler)
         err.print("pausing: stopping at the next safe point; Ctrl-C again stops now")
 
+    def hang_up(self, *_: object) -> None:
+        """The terminal has gone: nobody can be told anything, and nobody will say that it goes on."""
+        silence = os.open(os.devnull, os.O_RDWR)
+        for stream in (0, 1, 2):
+            os.dup2(silence, stream)
+        self._asked = self._alone = True
+
     def go_on(self) -> bool:
         """The answer of whoever sits at the terminal; without one there is nobody to wait for."""
-        if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        if self._alone or not (sys.stdin.isatty() and sys.stderr.isatty()):
             return False
         err.print("paused, the indentor is lifted: Enter goes on, Ctrl-C ends the run; rig resume can take it up")
         if not sys.stdin.readline():
@@ -43,9 +53,19 @@ class Pause:
 
 @contextmanager
 def at_a_safe_point() -> Iterator[Pause]:
-    """Ctrl-C (or SIGTERM) once asks for a pause at the next safe point; twice, or `rig stop`, stops at once."""
+    """Ctrl-C (or SIGTERM) once asks for a pause at the next safe point; twice, or `rig stop`, stops at once.
+
+    A terminal that goes away ends the run there, lifted, unless the program was told not to mind (`nohup`).
+    """
     pause = Pause()
-    with _handling({signal.SIGINT: pause.ask, signal.SIGTERM: pause.ask, STOP_SIGNAL: signal.default_int_handler}):
+    handlers: Handlers = {
+        signal.SIGINT: pause.ask,
+        signal.SIGTERM: pause.ask,
+        STOP_SIGNAL: signal.default_int_handler,
+    }
+    if _HANG_UP is not None and signal.getsignal(_HANG_UP) is not signal.SIG_IGN:
+        handlers[_HANG_UP] = pause.hang_up
+    with _handling(handlers):
         yield pause
 
 
@@ -58,7 +78,7 @@ def at_once() -> Iterator[None]:
 
 
 @contextmanager
-def _handling(handlers: dict[signal.Signals | None, Callable[[int, FrameType | None], object]]) -> Iterator[None]:
+def _handling(handlers: Handlers) -> Iterator[None]:
     before = [(number, signal.signal(number, act)) for number, act in handlers.items() if number is not None]
     try:
         yield

@@ -6,10 +6,12 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from tests.waiting import DEADLINE_S
+from sim.models.fingertip import Fingertip
+from tests.waiting import DEADLINE_S, until
 
 HELD_AT_NUMPY = """\
 import sys
@@ -23,6 +25,7 @@ class Held:
 
 sys.meta_path.insert(0, Held)
 """
+OWN_TERMINAL = "import fcntl, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0)"
 START = "from rig.cli import main; print('begun', file=sys.stderr, flush=True); main()"
 
 
@@ -69,3 +72,62 @@ def test_a_full_disk_is_said(options: list[str]) -> None:
     assert (ended.returncode, begun) == (2, "begun")
     assert line.startswith("rig: ")
     assert line.endswith(": No space left on device")
+
+
+# --- the terminal goes away ---
+
+THREE = """\
+def run(rig):
+    rig.mount("bar:3.0")
+    rig.home()
+    rig.zero()
+    for x_mm in (-0.5, 0.0, 0.5):
+        rig.move_to(x_mm=x_mm)
+        rig.indent(doi_mm=0.2, hold_s=2.0)
+"""
+
+
+def _journal(out: Path) -> list[dict[str, Any]]:
+    return [
+        json.loads(line) for path in out.glob("*/events.jsonl") for line in path.read_text().splitlines(True)[:-1]
+    ]
+
+
+@pytest.mark.parametrize("way", ["terminal", "SIGHUP", "SIGTERM"])
+def test_a_run_whose_terminal_goes_away_lifts_and_can_be_taken_up(
+    way: str, finger: Fingertip, tmp_path: Path
+) -> None:
+    """In a hold: the master of its pseudo-terminal is closed, or the signal sent. Nobody is left to be told."""
+    script, out = tmp_path / "three.py", tmp_path / "out"
+    script.write_text(THREE, encoding="utf-8")
+    master, terminal = os.openpty()
+    command = [sys.executable, "-c", f"{OWN_TERMINAL}; {START}", "dry-run", str(script), "--out", str(out)]
+    process = subprocess.Popen(
+        [*command, "--speed", "10"],
+        stdin=terminal, stdout=terminal, stderr=terminal, start_new_session=True,
+    )  # fmt: skip
+    os.close(terminal)
+    try:
+        until(lambda: any(d.get("stream") == "hold_start" for d in _journal(out)) or process.poll() is not None)
+        if way == "terminal":
+            os.close(master)
+        else:
+            process.send_signal(getattr(signal, way))
+            if way == "SIGTERM":  # which pauses: Ctrl-D is nobody's Enter
+                until(lambda: b"Enter goes on" in os.read(master, 4096))
+                os.write(master, b"\x04")
+        assert process.wait(timeout=DEADLINE_S) == 130
+    finally:
+        process.kill()
+        process.wait()
+        if way != "terminal":
+            os.close(master)
+    (folder,) = out.iterdir()
+    told = [json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()]
+    assert [d["stream"] for d in told if d["doc"] == "event"][-2:] == ["retract", "paused"]
+    assert (told[-1]["doc"], told[-1]["status"]) == ("stop", "aborted")
+    assert (folder / "report.html").exists()
+    again = subprocess.run(_started("resume", str(folder), "--json"), capture_output=True, text=True, check=True)
+    assert {k: json.loads(again.stdout)[k] for k in ("complete", "missing", "repeated")} == {
+        "complete": True, "missing": 0, "repeated": 0,
+    }  # fmt: skip
