@@ -1,0 +1,222 @@
+"""Every wait of a stage driver has an end, and it is the one that was meant: to the millisecond of the virtual clock.
+
+The far end is a controller that answers, and never comes to what is waited for.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from rig.devices.bench_settings import DriveSettings
+from rig.devices.stage import GrblStage, LeadshineDrive, LeadshineStage, StageAlarm, StageError, StageTimeout
+from rig.transport import ModbusMaster
+from sim.devices.clock import VirtualClock
+
+SETTINGS = b"$13=0\r\n$100=400.000\r\n$110=600.000\r\n$120=50.000\r\nok\r\n"
+
+
+class Board:
+    """Answers at once: what it is told to, `ok` to every other line, and this status to `?`."""
+
+    name = "board"
+
+    def __init__(self, clock: VirtualClock, status: bytes) -> None:
+        self.clock, self.status = clock, status
+        self.answers: dict[bytes, bytes] = {b"$$\n": SETTINGS}
+        self.sent: list[bytes] = []
+        self._waiting = b""
+
+    def write(self, data: bytes) -> None:
+        self.sent.append(data)
+        self._waiting += self.status if data == b"?" else self.answers.get(data, b"" if len(data) < 2 else b"ok\r\n")
+
+    def read(self, timeout_s: float) -> bytes:
+        data, self._waiting = self._waiting, b""
+        if not data:
+            self.clock.wait_s(timeout_s)
+        return data
+
+    def close(self) -> None: ...
+
+
+def _grbl(clock: VirtualClock, status: bytes, **options: Any) -> tuple[Board, GrblStage]:
+    board = Board(clock, status)
+    stage = GrblStage(board, clock, **options)
+    stage.connect()
+    stage._link.trusted = True
+    board.sent.clear()
+    return board, stage
+
+
+def _lasts_s(clock: VirtualClock, act: Callable[[], object], why: str) -> float:
+    begun_s = clock.monotonic_s()
+    with pytest.raises(StageError, match=why):
+        act()
+    return clock.monotonic_s() - begun_s
+
+
+def test_a_board_that_never_homes(clock: VirtualClock) -> None:
+    board, stage = _grbl(clock, b"<Home|MPos:0,0,0>\r\n")
+    board.answers[b"$H\n"] = b""
+    assert _lasts_s(clock, stage.home, r"no answer to '\$H' in 180 s") == pytest.approx(180.0)
+    assert not stage.homed
+
+
+def test_a_board_that_never_arrives(clock: VirtualClock) -> None:
+    """10 mm at 1 mm/s and 50 mm/s² are 10.02 s: half as much again and five seconds more, seen at the next poll."""
+    _, stage = _grbl(clock, b"<Run|MPos:-1.000,-2.000,-3.000>\r\n")
+    stage.status()
+    lasted_s = _lasts_s(clock, lambda: stage.move_to(x_mm=-11.0, speed_mm_s=1.0), "not over in time, state Run")
+    assert lasted_s == pytest.approx(1.5 * 10.02 + 5.0, abs=0.021)
+
+
+def test_a_board_that_never_comes_to_rest(clock: VirtualClock) -> None:
+    board, stage = _grbl(clock, b"<Run|MPos:-1.000,-2.000,-3.000>\r\n")
+    assert _lasts_s(clock, stage.halt, "not at rest 2 s after a hold, state Run") == pytest.approx(2.0, abs=0.021)
+    assert board.sent[0] == b"!"
+    assert b"\x18" not in board.sent  # a reset in motion would lose the position
+
+
+@pytest.mark.parametrize(("printed", "fine"), [("-11.002", True), ("-11.003", False)])
+def test_an_arrival_is_within_a_step(clock: VirtualClock, printed: str, fine: bool) -> None:
+    """Of 0.0025 mm."""
+    _, stage = _grbl(clock, f"<Idle|MPos:{printed},0.000,0.000>\r\n".encode())
+    if fine:
+        stage.move_to(x_mm=-11.0, speed_mm_s=1.0)
+    else:
+        with pytest.raises(StageError, match=r"X is at -11\.003 mm, not at -11\.0 mm"):
+            stage.move_to(x_mm=-11.0, speed_mm_s=1.0)
+
+
+def test_a_work_offset_is_waited_for_in_thirty_six_answers(clock: VirtualClock) -> None:
+    """A board tells it in every tenth to thirtieth."""
+    board, stage = _grbl(clock, b"<Idle|WPos:0.000,0.000,0.000>\r\n")
+    with pytest.raises(StageError, match="no machine position"):
+        stage.status()
+    assert board.sent.count(b"?") == 36
+
+
+@pytest.mark.parametrize(("pieces", "fine"), [(4, True), (5, False)])
+def test_a_look_takes_in_four_pieces_of_news(clock: VirtualClock, pieces: int, fine: bool) -> None:
+    """An alarm, the banner after it, and one more of each."""
+    board, stage = _grbl(clock, b"<Idle|MPos:0.000,0.000,0.000>\r\n")
+    news, write = [b"ALARM:1\r\n"] * pieces, board.write
+
+    def first_the_news(data: bytes) -> None:
+        if news:
+            board._waiting += news.pop()
+        write(data)
+
+    board.write = first_the_news  # type: ignore[method-assign]
+    if fine:
+        assert stage.look().state == "Idle"
+    else:
+        with pytest.raises(StageAlarm):
+            stage.look()
+
+
+def test_without_backlash_a_move_is_one_line(clock: VirtualClock) -> None:
+    board, stage = _grbl(clock, b"<Idle|MPos:-1.000,-1.000,-1.000>\r\n")
+    stage.status()
+    stage.move_to(x_mm=-1.0, y_mm=-1.0, z_mm=-1.0, speed_mm_s=1.0)
+    board.status = b"<Idle|MPos:-0.500,-0.500,-0.500>\r\n"
+    stage.move_to(x_mm=-0.5, y_mm=-0.5, z_mm=-0.5, speed_mm_s=1.0)
+    assert len([line for line in board.sent if line.startswith(b"G53")]) == 2
+
+
+# --- drives ---
+
+
+class Drive:
+    """A drive's registers, 0 where nothing is said; writes are taken and echoed, and nothing ever comes of them."""
+
+    name = "drive"
+
+    def __init__(self, clock: VirtualClock, rtu: Callable[[str], bytes], status: int) -> None:
+        self.clock, self.rtu = clock, rtu
+        self.registers = {0x1003: status, 0x0001: 400}
+        self.asked: list[tuple[float, bytes]] = []
+        self._waiting = b""
+
+    def write(self, data: bytes) -> None:
+        self.asked.append((self.clock.monotonic_s(), data))
+        address, count = int.from_bytes(data[2:4]), int.from_bytes(data[4:6])
+        if data[1] == 3:
+            words = "".join(f" {self.registers.get(address + n, 0):04X}" for n in range(count))
+            self._waiting += self.rtu(f"{data[0]:02X} 03 {2 * count:02X}{words}")
+        elif data[1] == 6:
+            self._waiting += data
+        else:
+            for n in range(count):
+                self.registers[address + n] = int.from_bytes(data[7 + 2 * n : 9 + 2 * n])
+            self._waiting += self.rtu(data[:6].hex(" "))
+
+    def read(self, timeout_s: float) -> bytes:
+        data, self._waiting = self._waiting, b""
+        if not data:
+            self.clock.wait_s(timeout_s)
+        return data
+
+    def close(self) -> None: ...
+
+
+ENABLED, RUNNING = 0x02, 0x06
+
+
+def _drive(clock: VirtualClock, rtu: Callable[[str], bytes], status: int) -> tuple[Drive, LeadshineStage]:
+    wire = Drive(clock, rtu, status)
+    bus = ModbusMaster(wire, clock)
+    x, z = (
+        LeadshineDrive(bus, clock, axis, DriveSettings(device_id=n), pulses_per_mm=400.0, travel_mm=60.0)
+        for n, axis in ((1, "x"), (2, "z"))
+    )
+    stage = LeadshineStage(x, z)
+    stage._trusted = True
+    return wire, stage
+
+
+def test_a_drive_that_never_homes(clock: VirtualClock, rtu: Callable[[str], bytes]) -> None:
+    _, stage = _drive(clock, rtu, ENABLED)
+    assert _lasts_s(clock, stage.home, r"homing is not over after 180\.0 s") == pytest.approx(180.0, abs=0.1)
+
+
+def test_a_drive_that_never_arrives(clock: VirtualClock, rtu: Callable[[str], bytes]) -> None:
+    """10 mm at 1 mm/s, 60 rpm with ramps of 20 ms: 10.02 s, half as much again, and five seconds."""
+    _, stage = _drive(clock, rtu, RUNNING)
+    lasted_s = _lasts_s(
+        clock, lambda: stage.move_to(x_mm=-10.0, speed_mm_s=1.0), r"the move to -10 mm is not over after 20\.0 s"
+    )
+    assert lasted_s == pytest.approx(1.5 * 10.02 + 5.0, abs=0.1)
+
+
+def test_a_drive_that_never_stops(clock: VirtualClock, rtu: Callable[[str], bytes]) -> None:
+    """A second for each, told again every 20 ms and some for the answers."""
+    wire, stage = _drive(clock, rtu, RUNNING)
+    lasted_s = _lasts_s(clock, stage.halt, "still runs 1 s after a quick stop")
+    assert lasted_s == pytest.approx(1.0, abs=0.05)
+    assert sum(data[:6] == bytes.fromhex("02 06 60 02 00 40") for _, data in wire.asked) > 20
+
+
+def test_a_drive_on_its_way_is_asked_for_alarms_every_quarter_of_a_second(
+    clock: VirtualClock, rtu: Callable[[str], bytes]
+) -> None:
+    wire, stage = _drive(clock, rtu, RUNNING)
+    with pytest.raises(StageTimeout):
+        stage.move_to(x_mm=-10.0, speed_mm_s=1.0)
+    asked_s = [t_s for t_s, data in wire.asked if data[1:4] == bytes.fromhex("03 10 03") and data[0] == 1]
+    under_way = [t_s for t_s in asked_s if asked_s[0] < t_s < asked_s[0] + 9.0]
+    assert len(under_way) == pytest.approx(9.0 / 0.25, rel=0.1)
+
+
+@pytest.mark.parametrize(("pulses", "fine"), [(4001, True), (4002, False)])
+def test_a_drives_arrival_is_within_a_step(
+    clock: VirtualClock, rtu: Callable[[str], bytes], pulses: int, fine: bool
+) -> None:
+    wire, stage = _drive(clock, rtu, 0x32)
+    wire.registers |= {0x602C: 0xFFFF, 0x602D: (-4000) & 0xFFFF, 0x1014: 0xFFFF, 0x1015: -pulses & 0xFFFF}
+    if fine:
+        stage.move_to(x_mm=-10.0, speed_mm_s=1.0)
+    else:
+        with pytest.raises(StageError, match=r"is at -10\.0050 mm, not at -10 mm"):
+            stage.move_to(x_mm=-10.0, speed_mm_s=1.0)
