@@ -28,8 +28,10 @@ ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / ".mutants"
 FIRST_GROUP = (
     "rig/engine/*.py",
+    "rig/engine/*/*.py",
     "rig/plan/*.py",
     "rig/protocol/*.py",
+    "rig/protocol/*/*.py",
     "rig/session/resume.py",
     "rig/transport/modbus.py",
     "rig/devices/stage/leadshine*.py",
