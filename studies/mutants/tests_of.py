@@ -26,17 +26,21 @@ class Choice:
 
     def likely(self, mutant: Mutant, budget_s: float) -> tuple[list[str], bool]:
         """Tests in the order to try them, and whether these are all that run the changed lines."""
-        found = self._mentioning(mutant) if mutant.at_import else self._running(mutant.path, mutant.lines)
+        found = self._running(mutant.path, mutant.lines)
+        if mutant.at_import:
+            found = self._mentioning(mutant.at_import)
+        others = self._running(mutant.path, tuple(self._by_line[mutant.path])) - found if mutant.at_import else set()
         in_function, in_file = self._noticed[f"{mutant.path}::{mutant.function}"], self._noticed[mutant.path]
-        cost = {t: (self.seconds[t] + 0.02) / (1 + 4 * in_function[t] + in_file[t]) for t in found}
+        cost = {t: (self.seconds[t] + 0.02) / (1 + 4 * in_function[t] + in_file[t]) for t in found | others}
+        cost |= {t: 4 * cost[t] for t in others}
         chosen: list[str] = []
         total_s = 0.0
-        for test in sorted(found, key=lambda t: (cost[t], t)):
+        for test in sorted(cost, key=lambda t: (cost[t], t)):
             if chosen and total_s + self.seconds[test] > budget_s:
                 continue
             chosen.append(test)
             total_s += self.seconds[test]
-        return chosen, len(chosen) == len(found)
+        return chosen, len(chosen) == len(cost)
 
     def noticed(self, mutant: Mutant, test: str) -> None:
         """Remember what killed this one: its neighbours may die of the same."""
@@ -48,14 +52,14 @@ class Choice:
         by_line = self._by_line.get(path, {})
         return set().union(*(by_line.get(line, set()) for line in lines))
 
-    def _mentioning(self, mutant: Mutant) -> set[str]:
-        """Tests that run a line with the name that a statement outside functions assigns, or else this module."""
-        word = re.compile(rf"\b{re.escape(mutant.at_import)}\b")
+    def _mentioning(self, name: str) -> set[str]:
+        """Tests that run a line with this name; "*" is none."""
+        word = re.compile(rf"\b{re.escape(name)}\b")
         found: set[str] = set()
-        for path in [p for p in self._by_line if mutant.at_import != "*" and (self._root / p).exists()]:
+        for path in [p for p in self._by_line if name != "*" and (self._root / p).exists()]:
             text = (self._root / path).read_text(encoding="utf-8").splitlines()
             found |= self._running(path, tuple(k for k, line in enumerate(text, 1) if word.search(line)))
-        return found or self._running(mutant.path, tuple(self._by_line.get(mutant.path, {})))
+        return found
 
 
 def read_coverage(folder: Path) -> Coverage:

@@ -98,7 +98,11 @@ def test_after_a_frame_that_nobody_answers_the_bus_is_left_until_it_is_over(
 
 @pytest.mark.parametrize(
     ("code", "meaning"),
-    [(1, "illegal function"), (2, "illegal data address"), (3, "illegal data value"), (9, "manual")],
+    [
+        *[(1, "illegal function"), (2, "illegal data address"), (3, "illegal data value"), (4, "device failure")],
+        *[(5, "not done yet"), (6, "device busy"), (7, "manual"), (8, "memory parity"), (9, "manual")],
+        *[(10, "path unavailable"), (11, "does not answer"), (12, "manual")],
+    ],
 )
 def test_an_exception_response_says_function_register_and_code(
     master: Any, rtu: Rtu, code: int, meaning: str
@@ -106,8 +110,9 @@ def test_an_exception_response_says_function_register_and_code(
     bus = master([(READ_2, rtu(f"01 83 {code:02X}"))])
     with pytest.raises(
         ModbusRefused, match=rf"scripted: device 1, read \(function 3\) of 2 registers at 0x0007.*{meaning}"
-    ):
+    ) as refused:
         bus.read(1, 7, 2)
+    assert refused.value.code == code
 
 
 def test_a_bad_crc_is_read_again(master: Any, rtu: Rtu, clock: VirtualClock) -> None:
@@ -147,6 +152,77 @@ def test_fewer_registers_than_asked_for(master: Any, rtu: Rtu) -> None:
 def test_a_write_must_be_echoed(master: Any, rtu: Rtu, answer: str) -> None:
     with pytest.raises(ModbusGarbled, match="does not fit the question"):
         master([(GOLDEN_SAVE, rtu(answer))]).write_one(1, 0x1801, 0x2244)
+
+
+@pytest.mark.parametrize("answer", ["07 10 62 01 00 08", "07 10 62 00 00 07", "07 06 62 00 00 08"])
+def test_a_write_of_several_must_be_echoed(master: Any, rtu: Rtu, answer: str) -> None:
+    with pytest.raises(ModbusGarbled, match="does not fit the question"):
+        master([(GOLDEN_WRITE, rtu(answer))]).write(7, 0x6200, [1, 0, 0x2710, 0, 0x2710, 0x2710, 0, 0x10])
+
+
+def test_another_function_is_not_believed(master: Any, rtu: Rtu) -> None:
+    one_register = rtu("01 03 00 07 00 01")
+    with pytest.raises(ModbusGarbled, match="does not fit the question"):
+        master([(one_register, rtu("01 06 00 07 00 01"))] * 3).read(1, 7)
+
+
+def test_a_read_that_may_never_be_tried_is_refused(master: Any) -> None:
+    with pytest.raises(ValueError, match="read_tries must be positive, got 0"):
+        master([], read_tries=0).read(1, 7)
+
+
+class LateTransport:
+    """Answers the n-th write with chunks, each so many seconds after it."""
+
+    name = "late"
+
+    def __init__(self, clock: VirtualClock, answers: list[list[tuple[float, bytes]]]) -> None:
+        self.clock, self.answers = clock, answers
+        self.due: list[tuple[float, bytes]] = []
+        self.sent_s: list[float] = []
+
+    def write(self, data: bytes) -> None:
+        now_s = self.clock.monotonic_s()
+        self.sent_s.append(now_s)
+        self.due += [(now_s + after_s, chunk) for after_s, chunk in self.answers.pop(0)]
+
+    def read(self, timeout_s: float) -> bytes:
+        wait_s = self.due[0][0] - self.clock.monotonic_s() if self.due else float("inf")
+        self.clock.wait_s(min(max(wait_s, 0.0), timeout_s))
+        return self.due.pop(0)[1] if wait_s <= timeout_s else b""
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+
+@pytest.mark.parametrize(("baud", "gap_s"), [(9600, 8e-3), (115200, 1.5e-3)])
+def test_the_rest_of_a_garbled_answer_is_let_pass(clock: VirtualClock, rtu: Rtu, baud: int, gap_s: float) -> None:
+    # Longer than 3.5 characters at 9600 baud, longer than 10 at 115200.
+    bad = [
+        (0.01 + k * gap_s, chunk) for k, chunk in enumerate([bytes.fromhex("01 03 04 00 01 86 A0 00 00"), b"?", b"?"])
+    ]
+    wire = LateTransport(clock, [bad, [(0.01, rtu("01 03 04 00 01 86 A0"))]])
+    assert ModbusMaster(wire, clock, baud=baud).read(1, 7, 2) == [1, 0x86A0]
+    quiet_s = max(10 * 10 / baud, 3.5 * 11 / baud if baud == 9600 else 1.75e-3)
+    assert wire.sent_s[1] - bad[-1][0] == pytest.approx(quiet_s)
+
+
+def test_noise_without_end_is_let_pass_no_longer_than_an_answer(clock: VirtualClock) -> None:
+    wire = LateTransport(clock, [[(k * 1e-3, b"?") for k in range(2000)], []])
+    with pytest.raises(ModbusTimeout):
+        ModbusMaster(wire, clock, read_tries=2).read(1, 7)
+    assert wire.sent_s[1] == pytest.approx(2 * 0.2, abs=2e-3)
+
+
+def test_transactions_are_counted_from_one_again(clock: VirtualClock) -> None:
+    written: list[bytes] = []
+    wire = LateTransport(clock, [[]] * 3)
+    wire.write = written.append
+    bus = ModbusMaster(wire, clock, framing="tcp")
+    bus._transaction = 0xFFFE
+    for _ in range(2):
+        bus.send_now([1], 7, 1)
+    assert [frame[:2] for frame in written] == [b"\xff\xff", b"\x00\x01"]
 
 
 @pytest.mark.parametrize("answer", [b"", bytes.fromhex("07 10 62 00 00 08 00 00")])
