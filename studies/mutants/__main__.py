@@ -180,7 +180,7 @@ class Run:
 
     def _require_sound(self, worker: Worker, mutant: Mutant) -> None:
         """The module written as mutants are, but unchanged, must live."""
-        tests, _ = self._tests.likely(mutant, self._budget_s)
+        tests, *_ = self._tests.likely(mutant, self._budget_s)
         if tests:
             outcome, test, _ = worker.ask(
                 path=mutant.path, source=plain(ROOT, mutant.path), tests=tests, limit_s=120.0
@@ -192,10 +192,10 @@ class Run:
                 )
 
     def _try(self, worker: Worker, group: str, mutant: Mutant) -> None:
-        tests, every = self._tests.likely(mutant, self._budget_s)
+        tests, usual_s, every = self._tests.likely(mutant, self._budget_s)
         outcome, test, seconds = "survived", "", 0.0
         if tests:
-            limit_s = 8.0 + 4 * sum(self._tests.seconds[t] for t in tests)
+            limit_s = 8.0 + 4 * usual_s
             outcome, test, seconds = worker.ask(path=mutant.path, source=mutant.source, tests=tests, limit_s=limit_s)
         result = {"key": mutant.key, "group": group, "outcome": outcome, "by": test, "seconds": round(seconds, 2),
                   "tests": len(tests), "every": every, "path": mutant.path, "line": mutant.lines[0],

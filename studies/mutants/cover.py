@@ -5,6 +5,7 @@ python -m studies.mutants.cover FILE [pytest arguments]
 
 import json
 import sys
+import time
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -26,6 +27,7 @@ class Recorder:
         self.context = ""
         self.fixtures: dict[str, list[str]] = {}
         self.seconds: dict[str, float] = defaultdict(float)
+        self.shared_s: dict[str, float] = defaultdict(float)
         self.failed: set[str] = set()
 
     @pytest.hookimpl(wrapper=True)
@@ -43,22 +45,26 @@ class Recorder:
     @pytest.hookimpl(wrapper=True)
     def pytest_fixture_setup(self, fixturedef: Any) -> Iterator[Any]:
         """What a shared fixture runs belongs to all that use it."""
-        outer = self.context
-        if fixturedef.scope in _WIDER:
-            self._switch(_named(fixturedef))
+        if fixturedef.scope not in _WIDER:
+            return (yield)
+        outer, start, name = self.context, time.perf_counter(), _named(fixturedef)
+        self._switch(name)
         try:
             return (yield)
         finally:
             self._switch(outer)
+            spent = time.perf_counter() - start
+            self.shared_s[name] += spent
+            self.seconds[outer] -= spent
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Seconds of each test, without the making of shared fixtures as far as they were made before."""
+        """Seconds of each test, without the making of shared fixtures."""
         self.seconds[report.nodeid] += report.duration
         if report.outcome != "passed":
             self.failed.add(report.nodeid)
 
     def result(self) -> dict[str, Any]:
-        """By test its seconds and, by file, the lines that it runs; those that fail are left out."""
+        """By test its seconds, those of the fixtures that it shares, and the lines that it runs; no test that fails."""
         data = self.cover.get_data()
         lines: dict[str, dict[str, list[int]]] = defaultdict(dict)
         for file in data.measured_files():
@@ -67,9 +73,13 @@ class Recorder:
                 for context in contexts:
                     lines[context].setdefault(path, []).append(line)
         return {
-            name: {"seconds": round(seconds, 3), "lines": _joined(lines[c] for c in (name, *self.fixtures[name]))}
-            for name, seconds in self.seconds.items()
-            if name not in self.failed
+            name: {
+                "seconds": round(max(self.seconds[name], 0.0), 3),
+                "shared": {f: round(self.shared_s[f], 3) for f in shared if f in self.shared_s},
+                "lines": _joined(lines[c] for c in (name, *shared)),
+            }
+            for name, shared in self.fixtures.items()
+            if name in self.seconds and name not in self.failed
         }
 
     def _switch(self, context: str) -> None:

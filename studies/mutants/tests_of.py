@@ -17,6 +17,7 @@ class Choice:
     def __init__(self, root: Path, coverage: Coverage) -> None:
         self._root = root
         self.seconds = {test: entry["seconds"] for test, entry in coverage.items()}
+        self._shared: dict[str, dict[str, float]] = {test: entry["shared"] for test, entry in coverage.items()}
         self._by_line: dict[str, dict[int, set[str]]] = defaultdict(lambda: defaultdict(set))
         for test, entry in coverage.items():
             for path, lines in entry["lines"].items():
@@ -24,23 +25,28 @@ class Choice:
                     self._by_line[path][line].add(test)
         self._noticed: dict[str, Counter[str]] = defaultdict(Counter)
 
-    def likely(self, mutant: Mutant, budget_s: float) -> tuple[list[str], bool]:
-        """Tests in the order to try them, and whether these are all that run the changed lines."""
+    def likely(self, mutant: Mutant, budget_s: float) -> tuple[list[str], float, bool]:
+        """Tests in the order to try them, their seconds, and whether these are all that run the changed lines."""
         found = self._running(mutant.path, mutant.lines)
+        others: set[str] = set()
         if mutant.at_import:
             found = self._mentioning(mutant.at_import)
-        others = self._running(mutant.path, tuple(self._by_line[mutant.path])) - found if mutant.at_import else set()
+            others = self._running(mutant.path, tuple(self._by_line[mutant.path])) - found
         in_function, in_file = self._noticed[f"{mutant.path}::{mutant.function}"], self._noticed[mutant.path]
-        cost = {t: (self.seconds[t] + 0.02) / (1 + 4 * in_function[t] + in_file[t]) for t in found | others}
+        cost = {t: (self._alone_s(t) + 0.02) / (1 + 4 * in_function[t] + in_file[t]) for t in found | others}
         cost |= {t: 4 * cost[t] for t in others}
         chosen: list[str] = []
-        total_s = 0.0
+        total_s, made = 0.0, set[str]()
         for test in sorted(cost, key=lambda t: (cost[t], t)):
-            if chosen and total_s + self.seconds[test] > budget_s:
-                continue
-            chosen.append(test)
-            total_s += self.seconds[test]
-        return chosen, len(chosen) == len(cost)
+            own_s = self.seconds[test] + sum(s for f, s in self._shared[test].items() if f not in made)
+            if not chosen or total_s + own_s <= budget_s:
+                chosen.append(test)
+                made.update(self._shared[test])
+                total_s += own_s
+        return chosen, total_s, len(chosen) == len(cost)
+
+    def _alone_s(self, test: str) -> float:
+        return self.seconds[test] + float(sum(self._shared[test].values()))
 
     def noticed(self, mutant: Mutant, test: str) -> None:
         """Remember what killed this one: its neighbours may die of the same."""
