@@ -1,6 +1,6 @@
 """Which test runs which line, and for how long: recorded once, before anything is changed.
 
-python -m studies.mutants.cover FILE [pytest arguments]
+python -m studies.mutants.cover TEST_FILE=RESULT.json ... [--pytest-option=value ...]
 """
 
 import json
@@ -64,7 +64,7 @@ class Recorder:
             self.failed.add(report.nodeid)
 
     def result(self) -> dict[str, Any]:
-        """By test its seconds, those of the fixtures that it shares, and the lines that it runs; no test that fails."""
+        """By test its seconds, those of the fixtures that it shares, and the lines it runs; no test that fails."""
         data = self.cover.get_data()
         lines: dict[str, dict[str, list[int]]] = defaultdict(dict)
         for file in data.measured_files():
@@ -100,12 +100,19 @@ def _named(fixture: Any) -> str:
 
 
 def main() -> None:
-    """Run the tests once under coverage and write what was found."""
+    """Run test files once under coverage and write what was found of each."""
+    wanted = [pair.split("=", 1) for pair in sys.argv[1:] if "=" in pair and not pair.startswith("-")]
+    options = [option for option in sys.argv[1:] if option.startswith("-")]
     recorder = Recorder(Path.cwd())
     recorder.cover.start()
-    pytest.main(["-q", "-p", "no:cacheprovider", "-p", "no:xdist", *sys.argv[2:]], plugins=[recorder])
+    pytest.main(
+        ["-q", "-p", "no:cacheprovider", "-p", "no:xdist", *options, *(p for p, _ in wanted)], plugins=[recorder]
+    )
     recorder.cover.stop()
-    Path(sys.argv[1]).write_text(json.dumps(recorder.result()), encoding="utf-8")
+    found = recorder.result()
+    for path, out in wanted:
+        mine = {test: entry for test, entry in found.items() if test.startswith(f"{path}::")}
+        Path(out).write_text(json.dumps(mine), encoding="utf-8")
 
 
 if __name__ == "__main__":
