@@ -125,6 +125,74 @@ def test_without_backlash_a_move_is_one_line(clock: VirtualClock) -> None:
     assert len([line for line in board.sent if line.startswith(b"G53")]) == 2
 
 
+def test_a_held_board_that_does_not_go_on(clock: VirtualClock) -> None:
+    _, stage = _grbl(clock, b"<Hold:0|MPos:0.000,0.000,0.000>\r\n")
+    assert _lasts_s(clock, stage.resume, "still held after 5 s") == pytest.approx(5.0, abs=0.021)
+
+
+@pytest.mark.parametrize("after", ["Idle", "Alarm"])
+def test_a_halt_that_ends_in_an_alarm_has_lost_the_position(clock: VirtualClock, after: str) -> None:
+    board, stage = _grbl(clock, b"<Hold:0|MPos:-5.000,0.000,0.000>\r\n")
+    board.answers[b"\x18"] = b"\r\nGrbl 1.1h ['$' for help]\r\n"
+    write = board.write
+
+    def reset(data: bytes) -> None:
+        if data == b"\x18":
+            board.status = f"<{after}|MPos:-5.000,0.000,0.000>\r\n".encode()
+        write(data)
+
+    board.write = reset  # type: ignore[method-assign]
+    if after == "Idle":
+        stage.halt()
+    else:
+        with pytest.raises(StageError, match="Alarm after a halt, the position is lost"):
+            stage.halt()
+    assert stage.homed is (after == "Idle")
+    assert board.sent == [b"!", b"?", b"\x18", b"?"]
+
+
+def test_an_identity_is_what_stands_in_brackets_and_is_no_message(clock: VirtualClock) -> None:
+    board = Board(clock, b"")
+    board.answers[b"$I\n"] = b"[MSG:'$H'|'$X' to unlock]\r\n[VER:1.1h:]\r\n$10=1\r\n[OPT:V,15,128]\r\nok\r\n"
+    assert GrblStage(board, clock).connect() == "[VER:1.1h:] [OPT:V,15,128]"
+
+
+def test_a_status_without_a_position_is_asked_again_though_the_offset_is_known(clock: VirtualClock) -> None:
+    board, stage = _grbl(clock, b"<Idle|WPos:1.000,1.000,1.000|WCO:-3.000,-3.000,-3.000>\r\n")
+    stage.status()
+    answers = [b"<Idle|WPos:2.000,1.000,1.000>\r\n", b"<Idle|FS:0,0>\r\n"]
+    write = board.write
+
+    def one_by_one(data: bytes) -> None:
+        board.status = answers.pop()
+        write(data)
+
+    board.write = one_by_one  # type: ignore[method-assign]
+    assert stage.status().x_mm == -1.0
+
+
+@pytest.mark.parametrize(
+    ("to_mm", "lines"),
+    [(-0.015, ["Z0.0000", "Z-0.0150"]), (-0.5, ["Z-0.4800", "Z-0.5000"]), (-1.0, ["Z-1.0000"]), (-2.0, ["Z-2.0000"])],
+)
+def test_backlash_is_taken_up_on_the_way_up_and_not_beyond_the_top(
+    clock: VirtualClock, to_mm: float, lines: list[str]
+) -> None:
+    """10 µm of it, from −1 mm; where nothing moves there is nothing to take up."""
+    board, stage = _grbl(clock, b"<Idle|MPos:0.000,0.000,-1.000>\r\n", backlash_mm=(0.0, 0.0, 0.01))
+    stage.status()
+    write = board.write
+
+    def arrived(data: bytes) -> None:
+        if data.startswith(b"G53"):
+            board.status = b"<Idle|MPos:0.000,0.000," + data[12:].split(b"F")[0] + b">\r\n"
+        write(data)
+
+    board.write = arrived  # type: ignore[method-assign]
+    stage.move_to(z_mm=to_mm, speed_mm_s=1.0)
+    assert [line[11:].split(b"F")[0].decode() for line in board.sent if line.startswith(b"G53")] == lines
+
+
 # --- drives ---
 
 

@@ -1,12 +1,14 @@
 """The numbers a press goes by, each where it alone decides: how near to a trip, how long unanswered, how far."""
 
+import contextlib
 from collections.abc import Callable, Mapping
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import Any
 
 import pytest
 
 from rig.engine import LimitError, Target, TripError, indent
+from rig.engine.errors import EngineError
 from rig.engine.rig_settings import RigSettings
 
 Make = Callable[..., Any]
@@ -112,3 +114,17 @@ def test_what_is_within_half_of_the_tolerance_is_left_as_it_is(
 ) -> None:
     """1 % of 48.05 gwt, or 0.05 gwt where that is more: half of it is 0.24 and 0.025 gwt."""
     assert _gaps(spring, target_gwt)[-1] == pytest.approx(left_gwt, abs=0.006)
+
+
+# --- noise ---
+
+
+def test_no_more_than_twenty_five_readings_are_averaged(spring: Make) -> None:
+    """Noise of 0.3 gwt would ask for hundreds, to know 20 gwt to a quarter of the tolerance."""
+    bench = spring(k_gwt=60.0)
+    engine = bench.ready()
+    engine.sensing.take_zero([-0.3, 0.3])
+    with contextlib.suppress(EngineError):
+        indent(engine, Target("force_gwt", 20.0), hold_s=0.1)
+    heights = [event["height_mm"] for event in _samples(bench, "press")]
+    assert max(len(list(same)) for _, same in groupby(heights)) == 25

@@ -167,7 +167,9 @@ class GrblStage(Stage):
                 raise StageTimeout(f"{self._transport.name}: not at rest {HALT_S:g} s after a hold, state {state}")
             self._listen(POLL_S)
         self._link.reset()
-        self.status()
+        state = self.status().state
+        if state != "Idle":
+            raise StageError(f"{self._transport.name}: {state} after a halt, the position is lost")
         self._link.trusted = trusted
 
     def stop(self) -> None:
