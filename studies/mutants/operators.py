@@ -37,6 +37,7 @@ _ARITHMETIC: dict[type[ast.operator], type[ast.operator]] = {
     ast.RShift: ast.LShift,
 }
 _ROUND_OFF = 1e-6
+_UNITS = {"mm", "s", "n", "gwt", "mpa", "deg", "rad", "hz", "cm2", "mm2", "rpm", "ms", "mm/s", "s2"}
 _ORDER = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
 
 
@@ -53,11 +54,14 @@ def _times_ten(node: ast.expr) -> ast.expr:
 
 
 def comparison(node: ast.AST) -> Nodes:
-    """Boundary and sense of a comparison, and a limit times ten."""
+    """Boundary and sense of a comparison, and a limit times ten.
+
+    Between quantities with a unit the boundary is left alone: no measured value falls on it.
+    """
     if not isinstance(node, ast.Compare):
         return
     for k, operator in enumerate(node.ops):
-        for other in _COMPARISONS[type(operator)]:
+        for other in _COMPARISONS[type(operator)][_measured(node) :]:
             yield changed(node, ops=[*node.ops[:k], other(), *node.ops[k + 1 :]])
     last = node.comparators[-1]
     if isinstance(node.ops[-1], _ORDER) and isinstance(last, ast.Attribute | ast.BinOp):
@@ -121,7 +125,7 @@ def call(node: ast.AST) -> Nodes:
     if name in {"min", "max", "minimum", "maximum"} and len(node.args) == 2:
         yield from node.args
     for k, keyword in enumerate(node.keywords):
-        if keyword.arg and isinstance(keyword.value, ast.Constant | ast.Attribute):
+        if keyword.arg and keyword.arg != "strict" and isinstance(keyword.value, ast.Constant | ast.Attribute):
             yield changed(node, keywords=[*node.keywords[:k], *node.keywords[k + 1 :]])
 
 
@@ -159,6 +163,14 @@ OPERATORS: tuple[Callable[[ast.AST], Nodes], ...] = (
     condition,
     deletion,
 )
+
+
+def _measured(node: ast.Compare) -> bool:
+    """Whether an order is one of quantities: of names that end in a unit."""
+    if not isinstance(node.ops[0], _ORDER):
+        return False
+    names = (getattr(n, "attr", getattr(n, "id", "")) for n in ast.walk(node))
+    return any(str(name).rsplit("_", 1)[-1].lower() in _UNITS for name in names if "_" in str(name))
 
 
 def _is_none(node: ast.AST | None) -> bool:

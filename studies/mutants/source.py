@@ -73,7 +73,11 @@ def _places(node: ast.AST, owners: tuple[ast.AST, ...]) -> Iterator[tuple[_Place
     """Where an expression or statement that does something stands; texts, types and messages are left out."""
     here = (*owners, node)
     for name, value in ast.iter_fields(node):
-        if name in _NOT_RUN or (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"):
+        if (
+            name in _NOT_RUN
+            or (isinstance(node, ast.keyword) and node.arg == "strict")
+            or (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING")
+        ):
             continue
         for k, child in enumerate(value) if isinstance(value, list) else [(None, value)]:
             if isinstance(child, ast.AST) and not isinstance(child, _SPEECH):

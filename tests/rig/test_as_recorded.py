@@ -3,11 +3,8 @@
 A change on purpose: delete the file under tests/data/as_recorded, run the test twice, and look at the difference.
 """
 
-import json
 import math
-import re
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -21,38 +18,10 @@ from rig.engine.rig_settings import RigSettings
 from rig.plan.config import Config
 
 Make = Callable[..., Any]
-FOLDER = Path(__file__).parents[1] / "data" / "as_recorded"
-# Of seconds, mm and gwt that are rounded to 1e-6 where they are recorded.
-ROUND_OFF = 2e-6
+Recorded = Callable[[str, Any], None]
 
 
-def recorded(name: str, found: Any) -> None:
-    """Compare with the file of that name; write it where there is none."""
-    path = FOLDER / (re.sub(r"\W+", "_", name) + ".json")
-    if not path.exists():
-        path.write_text(json.dumps(found, indent=0, default=str) + "\n", encoding="utf-8")
-        pytest.fail(f"{path.name} was not there and is written now: look at it, and run again")
-    known = _flat(json.loads(path.read_text(encoding="utf-8")))
-    now = _flat(json.loads(json.dumps(found, default=str)))
-    assert [place for place, _ in now] == [place for place, _ in known]
-    pairs = [(place, was, then) for (place, was), (_, then) in zip(known, now, strict=True)]
-    different = [(place, was, then) for place, was, then in pairs if not _same(was, then)]
-    assert not different
-
-
-def _same(was: Any, now: Any) -> bool:
-    return was == now or (isinstance(was, float) and math.isclose(was, now, rel_tol=1e-7, abs_tol=ROUND_OFF))
-
-
-def _flat(value: Any, place: str = "") -> list[tuple[str, Any]]:
-    if isinstance(value, Mapping):
-        return [leaf for key in sorted(value) for leaf in _flat(value[key], f"{place}.{key}")]
-    if isinstance(value, list):
-        return [leaf for k, item in enumerate(value) for leaf in _flat(item, f"{place}[{k}]")]
-    return [(place, value)]
-
-
-def test_the_configuration() -> None:
+def test_the_configuration(recorded: Recorded) -> None:
     """Every key with its default and its bounds."""
     recorded("configuration", _keys(Config()))
 
@@ -148,7 +117,7 @@ def _said(bench: Any, problem: str) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_an_indentation(spring: Make, name: str) -> None:
+def test_an_indentation(spring: Make, recorded: Recorded, name: str) -> None:
     scene = SCENES[name]
     bench = _bench(spring, scene)
     kind, value = scene["target"]
@@ -161,13 +130,13 @@ def test_an_indentation(spring: Make, name: str) -> None:
     recorded(name, _said(bench, problem))
 
 
-def test_a_touch_to_find_the_finger(spring: Make) -> None:
+def test_a_touch_to_find_the_finger(spring: Make, recorded: Recorded) -> None:
     bench = _bench(spring, {"wobble_gwt": 0.01})
     touch_place(bench.ready(0.7), 3, -0.2)
     recorded("a touch to find the finger", _said(bench, ""))
 
 
-def test_the_compliance_of_the_rig(spring: Make) -> None:
+def test_the_compliance_of_the_rig(spring: Make, recorded: Recorded) -> None:
     bench = _bench(spring, {"k_gwt": 400.0, "contact_mm": 0.1, "wobble_gwt": 0.02})
     found = measure_compliance(bench.ready(), 20.0)
     recorded("the compliance of the rig", {**_said(bench, ""), "found": vars(found)})

@@ -60,6 +60,13 @@ def test_texts_types_and_messages_are_left_alone(mutants: Mutants) -> None:
     assert [m.after for m in mutants("raise Refused(1 + 2)")] == ["pass"]
 
 
+def test_what_no_test_can_tell_is_left_alone(mutants: Mutants) -> None:
+    # Whether lengths that are equal must be, and the boundary between quantities.
+    assert not mutants("pairs = zip(a, b, strict=True)")
+    assert [m.after for m in mutants("near = height_mm < 3")] == ["near = height_mm >= 3", "near = height_mm < 4"]
+    assert "near = count <= n" in [m.after for m in mutants("near = count < n")]
+
+
 def test_every_mutant_is_another_module_and_the_plain_one_the_same(mutants: Mutants, tmp_path: Path) -> None:
     found = mutants("def f(a, b=2):\n    # a comment\n    return (a + b) * 2 if a < b else -a\n")
     assert len({m.source for m in found}) == len(found) > 8
