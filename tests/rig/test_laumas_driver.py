@@ -149,3 +149,28 @@ def test_tare_and_gross(transmitter: Make) -> None:
     there = transmitter([command("00 07"), command("00 09")])
     there.tare()
     there.show_gross()
+
+
+@pytest.mark.parametrize(("status", "gross"), [(STABLE, "00 00 00 02"), ("08 80", "00 00 00 02")])
+def test_what_is_left_after_zeroing_is_refused_on_either_side(transmitter: Make, status: str, gross: str) -> None:
+    """Two counts are 0.02 gwt, the resolution is 0.01; a sign in bit 7 of the status is pull."""
+    script = [snapshot(STABLE, "00 00 00 05"), command("00 08"), snapshot(status, gross)]
+    with pytest.raises(ForceBusy, match=r"still -?0\.02 gwt after zeroing"):
+        transmitter(script).zero()
+
+
+def test_a_load_that_never_rests_is_waited_for_ten_seconds(
+    transmitter: Make, clock: VirtualClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock.wait_s(100.0)
+    force = transmitter([])
+    monkeypatch.setattr(force, "read", lambda: ForceReading(0.1, False, clock.monotonic_s()))
+    with pytest.raises(ForceBusy, match="no stable load in 10 s"):
+        force.zero()
+    assert clock.monotonic_s() == pytest.approx(110.0, abs=0.06)
+
+
+def test_closing_it_closes_the_wire(scripted: Callable[[list[Any]], Any], clock: VirtualClock) -> None:
+    wire = scripted([])
+    LaumasForce(ModbusMaster(wire, clock), clock, LaumasSettings()).close()
+    assert wire.closed
