@@ -193,6 +193,44 @@ def test_backlash_is_taken_up_on_the_way_up_and_not_beyond_the_top(
     assert [line[11:].split(b"F")[0].decode() for line in board.sent if line.startswith(b"G53")] == lines
 
 
+def test_a_board_that_jogs_on(clock: VirtualClock) -> None:
+    board, stage = _grbl(clock, b"<Jog|MPos:0.000,0.000,0.000>\r\n")
+    assert _lasts_s(clock, stage.end_jog, "still jogging after 5 s") == pytest.approx(5.0, abs=0.021)
+    assert board.sent.count(b"\x85") == pytest.approx(5.0 / 0.02, rel=0.1)
+
+
+def test_what_a_board_takes_for_a_millimetre_has_the_sign_of_its_motor(clock: VirtualClock) -> None:
+    board = Board(clock, b"")
+    board.answers[b"$$\n"] = b"$3=5\r\n$13=0\r\n$100=400.0\r\n$101=250.0\r\n$102=80.0\r\nok\r\n"
+    stage = GrblStage(board, clock)
+    stage.connect()
+    assert [stage.steps_per_mm(axis) for axis in ("x", "y", "z")] == [-400.0, 250.0, -80.0]
+
+
+@pytest.mark.parametrize(
+    ("from_mm", "expected_s"),
+    [(None, 0.0), (b"-1.000,-2.000,-3.000", 10.02), (b"-11.000,-2.000,-3.000", 0.0)],
+    ids=["from nobody knows where", "10 mm", "nowhere"],
+)
+def test_a_move_is_given_the_time_that_the_boards_own_limits_ask_for(
+    clock: VirtualClock, from_mm: bytes | None, expected_s: float
+) -> None:
+    """5 mm/s are asked for; X may do 60 mm/min, 1 mm/s, at 50 mm/s²; the other axes' limits do not count."""
+    board = Board(clock, b"<Idle|MPos:%s>\r\n" % (from_mm or b"-11.000,-2.000,-3.000"))
+    board.answers[b"$$\n"] = (
+        b"$13=0\r\n$100=400.0\r\n$110=60.0\r\n$111=6.0\r\n$112=6.0\r\n$120=50.0\r\n$121=1.0\r\nok\r\n"
+    )
+    stage = GrblStage(board, clock)
+    stage.connect()
+    stage._link.trusted = True
+    if from_mm is not None:
+        stage.status()
+    board.status = b"<Idle|MPos:-11.000,-2.000,-3.000>\r\n"
+    begun_s = clock.monotonic_s()
+    stage.move_to(x_mm=-11.0, speed_mm_s=5.0)
+    assert clock.monotonic_s() - begun_s == pytest.approx(expected_s)
+
+
 # --- drives ---
 
 
