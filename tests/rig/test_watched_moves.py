@@ -304,11 +304,13 @@ def test_a_halt_keeps_the_position_and_drops_the_rest_of_the_move() -> None:
 
 
 def test_the_hard_trip_acts_on_every_reading_whatever_is_planned() -> None:
-    """Descent, zero and press, each with the soft trip out of the way."""
+    """Descent, zero, press, move and homing, each with the soft trip out of the way."""
     for act in (
         lambda e: verbs.zero(e),
         lambda e: (e.go_to_height(8.0, 5.0), verbs.move_to(e, 0.0)),
         lambda e: indent(e, Target("doi_mm", 0.5)),
+        lambda e: verbs.move_to(e, 4.0),
+        verbs.home,
     ):
         bench = Watched(GRBL, hard_trip_n=1.0, soft_trip_n=1.0)
         engine = bench.ready()
