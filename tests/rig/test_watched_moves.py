@@ -190,9 +190,6 @@ def test_a_sensor_that_does_not_answer_lets_nothing_move() -> None:
     verbs.home(bench.engine)
     at = bench.pose
 
-    def nobody() -> Any:
-        raise TimeoutError
-
     bench.engine.sensing.sensor._reader.read_line = lambda deadline_s: None  # type: ignore[attr-defined]
     with pytest.raises(TripError, match="no force reading"):
         verbs.move_to(bench.engine, 4.0)
