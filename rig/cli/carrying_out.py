@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -29,6 +30,10 @@ class AtTheTerminal:
         self.watch, self.interrupted, self.go_on = watch, pause.asked, pause.go_on
 
 
+def nothing_to_confirm(session: Session) -> None:
+    """A dry-run begins at once."""
+
+
 def carry_out(
     script: Script,
     config: Config,
@@ -38,31 +43,47 @@ def carry_out(
     as_json: bool,
     stopped: StoppedRun | None = None,
     subject: str | None = None,
+    confirm: Callable[[Session], None] = nothing_to_confirm,
 ) -> FinishedRun:
-    """Check the script, carry it out or take it up where it stopped, write its report, and say where it is."""
+    """Check the script, carry it out or take it up where it stopped, write its report, and say where it is.
+
+    confirm is called when all is checked and nothing has moved.
+    """
     into = stopped or NewRun(out_dir, checked_subject(subject))
     with loading_the_finger():
         finger = Fingertip.load(config.finger)
     plan = make_plan(script, config, finger, None if stopped is None else stopped.run)
+    confirm(Session(script, config, finger, plan, into))
     began = time.perf_counter()
     with at_a_safe_point() as pause, _progress(len(plan.indentations)) as watch:
         done = how(Session(script, config, finger, plan, into, AtTheTerminal(pause, watch)))
-    done.folder.write_checksums()
-    report = write_report(done.run, finger, done.wall_s)
-    done.folder.write_checksums()
-    _print(done, report, time.perf_counter() - began, as_json=as_json, resumed=stopped is not None)
+    done = _reported(done, finger)
+    _print(done, time.perf_counter() - began, as_json=as_json, resumed=stopped is not None)
+    return done
+
+
+def _reported(done: FinishedRun, finger: Fingertip) -> FinishedRun:
+    """With its report and its checksums; what cannot be written is the run's problem, if it has no other."""
+    ending = done.ending
+    try:
+        done.folder.write_checksums()
+        write_report(done.run, finger, done.wall_s, None if ending is None else ending.told)
+        done.folder.write_checksums()
+    except OSError as error:
+        return replace(done, problem=done.problem or error)
     return done
 
 
 def leave(done: FinishedRun) -> NoReturn:
     """End the command with one line on what stopped the run, if anything did."""
-    if done.problem is not None:
-        complain(f"stopped: {done.problem}")
+    if done.problem is not None and done.ending is not None:
+        complain(f"stopped: {done.ending.reason}")
     raise typer.Exit(_exit_code(done))
 
 
-def _print(done: FinishedRun, report: Path, wall_s: float, *, as_json: bool, resumed: bool) -> None:
-    run = done.run
+def _print(done: FinishedRun, wall_s: float, *, as_json: bool, resumed: bool) -> None:
+    run, ending = done.run, done.ending
+    report = str(done.folder.report) if done.folder.report.exists() else None
     counts = {"missing": run.missing, "repeated": run.repeated, "restarted": run.restarted} if resumed else {}
     if as_json:
         print_json(
@@ -72,18 +93,23 @@ def _print(done: FinishedRun, report: Path, wall_s: float, *, as_json: bool, res
                 "indentations": done.indentations,
                 "duration_s": done.duration_s,
                 "wall_s": wall_s,
-                "report": str(report),
+                "report": report,
                 **counts,
+                **({} if ending is None else {"ending": ending.as_json()}),
             }
         )
     else:
         out.print(f"{done.indentations} indentations, {done.duration_s:.0f} s of bench time in {wall_s:.1f} s")
         if counts:
             out.print(", ".join(f"{number} {what}" for what, number in counts.items()))
-        out.print(f"run     {done.folder.path}\nreport  {report}")
+        out.print(f"run     {done.folder.path}\nreport  {report or 'none'}")
+        for about, words in {} if ending is None else ending.told.items():
+            out.print(f"{about:<8}{words}")
 
 
 def _exit_code(done: FinishedRun) -> ExitCode:
+    if isinstance(done.problem, OSError):
+        return ExitCode.BAD_INPUT
     if done.complete:
         return ExitCode.DONE
     return ExitCode.ABORTED if isinstance(done.problem, RunAborted) else ExitCode.STOPPED

@@ -9,12 +9,14 @@ from typing import Annotated, Any
 import typer
 from serial.tools import list_ports
 
+from rig.cli.confirming import careful
 from rig.cli.looking import look
 from rig.cli.options import JsonOption
 from rig.cli.output import out, print_json, told_in_one_line
 from rig.plan.config import Config, load_config
 from rig.protocol.script import shipped_protocols
 from rig.session.calibration import today
+from rig.session.resume import last_left
 from sim.fem import pardiso
 from sim.models.cache import KINDS, cache_dir
 
@@ -50,13 +52,15 @@ def _examine(config: Path | None) -> dict[str, Any]:
 
 
 def _bench(settings: Config) -> dict[str, Any]:
-    """What is on the ports, and how long the calibrations hold."""
+    """On the ports: what answers; how long calibrations hold; how the last run left the indentor."""
     expired = settings.calibration.expired(today())
+    left = last_left(Path("runs"), settings)
     return look(settings, closely=True) | {
         "calibrated": {
             name: f"{one.value:g}, {'expired' if name in expired else 'until'} {one.expires}"
             for name, one in settings.calibration.measured()
-        }
+        },
+        "last run": "clear of the finger, as far as runs/ tells" if left is None else careful(left),
     }
 
 

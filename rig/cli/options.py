@@ -17,6 +17,7 @@ FingerConfigOption = Annotated[
     Path | None, typer.Option("--config", metavar="TOML", help="Configuration of rig and finger.")
 ]
 ConfigOption = Annotated[Path, typer.Option("--config", metavar="TOML", help="Configuration of the rig.")]
+YesOption = Annotated[bool, typer.Option("--yes", help="Begin without a confirmation; the page is printed.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
 
 

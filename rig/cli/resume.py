@@ -1,15 +1,17 @@
 """`rig resume`: a run that stopped goes on with the indentations that are missing."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from rig.cli.carrying_out import carry_out, leave
-from rig.cli.options import JsonOption
-from rig.cli.output import err, told_in_one_line
+from rig.cli.carrying_out import carry_out, leave, nothing_to_confirm
+from rig.cli.confirming import at_the_page, careful, ready_for_a_real_run
+from rig.cli.options import JsonOption, YesOption
+from rig.cli.output import complain, err, told_in_one_line
 from rig.cli.run import ask_at_the_bench
-from rig.session.resume import read_stopped
+from rig.session.resume import ending_on_record, read_stopped
 from rig.session.session import FinishedRun, Session, dry_run, real_run
 
 
@@ -20,16 +22,26 @@ def register(app: typer.Typer) -> None:
 
 def command(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="The run's folder.")],
+    yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Take the script, its parameters and the configuration from the run's own copies, and go on."""
     with told_in_one_line(as_json=as_json):
         stopped = read_stopped(run)
+        left = None if stopped.run is None else ending_on_record(stopped.run)
         if stopped.run is not None and stopped.run.last_checkpoint is not None:
             err.print(f"goes on after the checkpoint {stopped.run.last_checkpoint!r}")
+        confirm: Callable[[Session], None] = nothing_to_confirm
+        if not (stopped.virtual or stopped.complete):
+            ready_for_a_real_run("resume", stopped.config, run.parent, yes=yes)
+            confirm = at_the_page(left, yes=yes, as_json=as_json)
+        elif left is not None:
+            complain(careful(left))
 
         def go_on(session: Session) -> FinishedRun:
             return dry_run(session) if stopped.virtual else real_run(session, ask_at_the_bench)
 
-        done = carry_out(stopped.script, stopped.config, run.parent, go_on, as_json=as_json, stopped=stopped)
+        done = carry_out(
+            stopped.script, stopped.config, run.parent, go_on, as_json=as_json, stopped=stopped, confirm=confirm
+        )
     leave(done)

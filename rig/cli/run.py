@@ -7,11 +7,21 @@ from typing import Annotated
 import typer
 
 from rig.cli.carrying_out import carry_out, leave
-from rig.cli.options import JsonOption, MoreArgument, OutOption, ProtocolArgument, SetOption, SubjectOption
+from rig.cli.confirming import at_the_page, ready_for_a_real_run
+from rig.cli.options import (
+    JsonOption,
+    MoreArgument,
+    OutOption,
+    ProtocolArgument,
+    SetOption,
+    SubjectOption,
+    YesOption,
+)
 from rig.cli.output import err, told_in_one_line
 from rig.engine import RunAborted
 from rig.plan.config import load_config
 from rig.protocol.script import load_script
+from rig.session.resume import last_left
 from rig.session.session import real_run
 
 
@@ -27,12 +37,14 @@ def command(
     set_: SetOption = None,
     out_dir: OutOption = Path("runs"),
     subject: SubjectOption = None,
+    yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Check the script, carry it out, write the run folder and its report."""
+    """Check the script, have the page confirmed, carry it out, write the run folder and its report."""
     with told_in_one_line(as_json=as_json):
         settings = load_config(config)
         script = load_script(protocol, [*(set_ or []), *(more or [])])
+        ready_for_a_real_run("run", settings, out_dir, yes=yes)
         done = carry_out(
             script,
             settings,
@@ -40,6 +52,7 @@ def command(
             lambda session: real_run(session, ask_at_the_bench),
             as_json=as_json,
             subject=subject,
+            confirm=at_the_page(last_left(out_dir, settings), yes=yes, as_json=as_json),
         )
     leave(done)
 

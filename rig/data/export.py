@@ -2,13 +2,12 @@
 
 import csv
 import io
-import os
 from typing import Any
 
 import h5py
 import numpy as np
 
-from rig.data.folder import replace_text
+from rig.data.folder import replace_bytes, replace_text
 from rig.data.reader import Run
 
 
@@ -30,8 +29,8 @@ def _columns(units: dict[str, str], events: list[dict[str, Any]]) -> dict[str, l
 
 
 def _write_hdf5(run: Run, tables: dict[str, dict[str, list[Any]]]) -> None:
-    partial = run.folder.data.with_suffix(".h5.part")
-    with h5py.File(partial, "w") as file:
+    image = io.BytesIO()  # a full disk met by HDF5 itself leaves a file that nobody can close
+    with h5py.File(image, "w") as file:
         for key in ("protocol", "title", "planned_indentations"):
             file.attrs[key] = run.start[key]
         file.attrs["complete"] = run.complete
@@ -41,9 +40,7 @@ def _write_hdf5(run: Run, tables: dict[str, dict[str, list[Any]]]) -> None:
             for key, values in columns.items():
                 dataset = group.create_dataset(key, data=_as_array(values))
                 dataset.attrs["unit"] = "s" if key == "t_s" else run.units[stream.removesuffix("_superseded")][key]
-    with partial.open("rb+") as stream_file:
-        os.fsync(stream_file.fileno())
-    partial.replace(run.folder.data)
+    replace_bytes(run.folder.data, image.getvalue())
 
 
 def _as_array(values: list[Any]) -> Any:

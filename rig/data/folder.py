@@ -1,9 +1,11 @@
 """The folder of one run: copies of everything that made it, hashed, beside what it recorded."""
 
+import contextlib
 import hashlib
 import json
 import os
 import secrets
+import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,6 +21,18 @@ _COPIES = ("protocol.py", "config.toml", "provenance.json")
 
 class FolderBusyError(Exception):
     """Another process writes to this run."""
+
+
+class UnwritableError(OSError):
+    """A file cannot be written, and is what it was before."""
+
+    @classmethod
+    def of(cls, path: Path, error: OSError) -> "UnwritableError":
+        """What kept a file from being written, as an error about that file."""
+        return cls(error.errno, f"cannot be written: {error.strerror or error}, {free_space(path)}", str(path))
+
+    def __str__(self) -> str:
+        return f"{self.filename}: {self.strerror}"
 
 
 @dataclass(frozen=True)
@@ -48,6 +62,11 @@ class RunFolder:
         return self.path / "report.html"
 
     @property
+    def config(self) -> Path:
+        """The whole configuration that the run went by."""
+        return self.path / "config.toml"
+
+    @property
     def provenance(self) -> Path:
         """Versions, command and parameters."""
         return self.path / "provenance.json"
@@ -67,11 +86,15 @@ class RunFolder:
     @contextmanager
     def owned(self) -> Iterator[None]:
         """Hold the folder against every other process that would write to it. Raises FolderBusyError."""
+        lock = filelock.FileLock(self.path / _LOCK, timeout=0)
         try:
-            with filelock.FileLock(self.path / _LOCK, timeout=0):
-                yield
+            lock.acquire()
         except filelock.Timeout:
             raise FolderBusyError(f"run {self.path}: another process is at it") from None
+        try:
+            yield
+        finally:
+            lock.release()
 
 
 def new_run_folder(
@@ -84,12 +107,21 @@ def new_run_folder(
     name = f"{when:%Y%m%dT%H%M%S}-{name}-{secrets.token_hex(3)}"
     partial = parent / f".{name}.part"
     partial.mkdir(parents=True)
-    replace_bytes(partial / "protocol.py", protocol.read_bytes())
-    replace_text(partial / "config.toml", config_toml)
-    replace_text(partial / "provenance.json", json.dumps(provenance, indent=2) + "\n")
-    RunFolder(partial).write_checksums()
-    partial.rename(parent / name)
+    try:
+        replace_bytes(partial / "protocol.py", protocol.read_bytes())
+        replace_text(partial / "config.toml", config_toml)
+        replace_text(partial / "provenance.json", json.dumps(provenance, indent=2) + "\n")
+        RunFolder(partial).write_checksums()
+        partial.rename(parent / name)
+    except OSError:
+        shutil.rmtree(partial, ignore_errors=True)
+        raise
     return RunFolder(parent / name)
+
+
+def free_space(path: Path) -> str:
+    """How much room there is beside a file or in a folder."""
+    return f"{shutil.disk_usage(path if path.is_dir() else path.parent).free / 1e6:.3g} MB free"
 
 
 def replace_text(path: Path, text: str) -> None:
@@ -98,13 +130,18 @@ def replace_text(path: Path, text: str) -> None:
 
 
 def replace_bytes(path: Path, content: bytes) -> None:
-    """Write a file so that it is either the old one or the whole new one, on disk."""
+    """Write a file so that it is either the old one or the whole new one, on disk. Raises UnwritableError."""
     partial = path.with_name(path.name + ".part")
-    with partial.open("wb") as stream:
-        stream.write(content)
-        stream.flush()
-        os.fsync(stream.fileno())
-    partial.replace(path)
+    try:
+        with partial.open("wb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        partial.replace(path)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            partial.unlink(missing_ok=True)
+        raise UnwritableError.of(path, error) from error
 
 
 def _digest(path: Path) -> str:

@@ -76,6 +76,11 @@ class Run:
         return max((event["contact_s"] for events in found for event in events if "contact_s" in event), default=0.0)
 
     @property
+    def killed(self) -> bool:
+        """Whether the journal has no end: the program was killed, and could neither lift nor say so."""
+        return self.stop is None
+
+    @property
     def complete(self) -> bool:
         """Whether the run ended by itself with every planned indentation done."""
         return self.stop is not None and self.stop["status"] == "done" and self.missing == 0

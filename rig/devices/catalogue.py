@@ -5,7 +5,6 @@ A new driver is one function here and one line in _STAGES or _FORCES.
 
 from collections.abc import Callable
 from functools import partial
-from typing import TextIO
 
 from rig.devices.bench_settings import NOMINAL_STEPS_PER_MM, BenchSettings, DriveSettings
 from rig.devices.force.base import ForceSensor
@@ -17,6 +16,7 @@ from rig.devices.stage.grbl_settings import expected_settings
 from rig.devices.stage.leadshine import LeadshineStage
 from rig.devices.stage.leadshine_drive import LeadshineDrive
 from rig.transport import LoggedTransport, ModbusMaster, Transport, open_port
+from rig.transport.byte_log import Sink
 from rig.transport.clock import Clock
 from rig.transport.port_settings import Framing
 from rig.transport.tcp import SCHEME
@@ -113,18 +113,18 @@ def force_driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Force
     return _FORCES[settings.force.kind](opener, clock, settings)
 
 
-def open_stage(settings: BenchSettings, clock: Clock, byte_log: TextIO | None = None) -> Stage:
+def open_stage(settings: BenchSettings, clock: Clock, byte_log: Sink | None = None) -> Stage:
     """The stage on its port, not yet spoken to. Raises TransportError."""
     opener = partial(_open, baud=settings.stage.baud, clock=clock, byte_log=byte_log)
     return stage_driver(opener, clock, settings)
 
 
-def open_force(settings: BenchSettings, clock: Clock, byte_log: TextIO | None = None) -> ForceSensor:
+def open_force(settings: BenchSettings, clock: Clock, byte_log: Sink | None = None) -> ForceSensor:
     """The force sensor on its port, not yet spoken to. Raises TransportError."""
     opener = partial(_open, baud=settings.force.baud, clock=clock, byte_log=byte_log)
     return force_driver(opener, clock, settings)
 
 
-def _open(port: str, *, baud: int, clock: Clock, byte_log: TextIO | None) -> Transport:
+def _open(port: str, *, baud: int, clock: Clock, byte_log: Sink | None) -> Transport:
     transport = open_port(port, baud)
     return transport if byte_log is None else LoggedTransport(transport, clock, byte_log)

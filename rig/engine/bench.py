@@ -34,10 +34,6 @@ class Operator(Protocol):
         """Put this indentor on the carriage; returns the name of the one that is on then."""
         ...
 
-    def confirm(self, request: str) -> None:
-        """Do what is asked for before anything moves; returns when it is done."""
-        ...
-
 
 class Bench(Protocol):
     """Devices on one clock, and their operator."""

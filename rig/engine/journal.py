@@ -59,10 +59,11 @@ class Journal:
         self._clock = clock
         self._streams = streams
         self._described: set[str] = set()
-        self._path = path
+        self.path = path
         self._seq = mend_journal(path)
         self._file = path.open("ab", buffering=0)
         self._stopped = False
+        self.at_end: Callable[[], Mapping[str, Any]] = dict  # what a stop before the end says besides
 
     def start(self, about: Mapping[str, Any]) -> None:
         """The first document: what is run, with what."""
@@ -86,7 +87,7 @@ class Journal:
 
     def stop(self, status: str, reason: str = "") -> None:
         """The last document; status is done, aborted, tripped, limited or failed."""
-        self._write("stop", {"status": status, "reason": reason})
+        self._write("stop", {"status": status, "reason": reason, **({} if status == "done" else self.at_end())})
         self._stopped = True
 
     def _write(self, kind: str, body: Mapping[str, Any]) -> None:
@@ -113,7 +114,7 @@ class Journal:
             with contextlib.suppress(OSError):  # a torn line is mended before the journal is used again
                 self._file.truncate(end)
                 self._file.seek(end)
-            raise RecordError(f"{self._path}: cannot be written: {error.strerror or error}") from error
+            raise RecordError(f"{self.path}: cannot be written: {error.strerror or error}") from error
 
     def __enter__(self) -> "Journal":
         return self

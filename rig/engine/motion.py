@@ -24,6 +24,7 @@ class Motion:
         """glance: what is done at each look at the stage; a FeltError from it brings the stage to rest."""
         self._settings, self._stage, self._glance = settings, stage, glance
         self.x_mm, self.along_mm, self.height_mm = math.nan, 0.0, math.nan
+        self.begun = False  # whether anything was ever told to move
 
     def home(self) -> None:
         """Find the switches. Raises StageError, and what a glance raises."""
@@ -46,6 +47,7 @@ class Motion:
         self.height_mm = height_mm
 
     def _watched(self, looks: Looks, seen: Callable[[StageStatus], None], halt: Callable[[], None]) -> None:
+        self.begun = True
         for at in looks:
             if at is not None:
                 seen(at)

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Any, Literal, Self, TextIO
+from typing import Any, Literal, Self
 
 from rig.devices.bench_settings import BenchSettings
 from rig.devices.catalogue import open_force, open_stage
@@ -11,6 +11,7 @@ from rig.devices.force.base import ForceSensor
 from rig.devices.stage.base import Stage
 from rig.engine.bench import NO_PAUSE, Pause
 from rig.engine.heartbeat import Heartbeat, looked_after
+from rig.transport.byte_log import Sink
 from rig.transport.clock import WallClock
 
 
@@ -53,7 +54,7 @@ class RealBench:
 
 
 def open_bench(
-    settings: BenchSettings, clock: WallClock, byte_log: TextIO, ask: Callable[[str], str], pause: Pause = NO_PAUSE
+    settings: BenchSettings, clock: WallClock, byte_log: Sink, ask: Callable[[str], str], pause: Pause = NO_PAUSE
 ) -> RealBench:
     """Open both ports; the bytes go to `byte_log`, and `ask` puts requests to whoever stands there.
 

@@ -9,17 +9,19 @@ import math
 from dataclasses import dataclass
 from typing import TypeVar
 
+from rig.data import Run
 from rig.devices.units import GWT_N
-from rig.engine import Engine, Target
+from rig.engine import Engine, Target, verbs
 from rig.engine.journal import NoJournal
 from rig.engine.pressing.touch_fit import CONTACT_EXPONENT
 from rig.plan.config import Config, VirtualSettings
 from rig.plan.finger_model import FingerModel
 from rig.plan.plan import Plan
-from rig.protocol.api import Rig
+from rig.protocol.api import Handler, Rig
 from rig.protocol.planned import Prediction
 from rig.protocol.script import Script
 from rig.protocol.steps import ExpectedPresses, ExpectedTouch, Step
+from rig.protocol.taken_up import TakenUp
 from rig.protocol.walk import Model, NoPredictionError, Spot, Walk
 from rig.session.running import run_script
 from rig.virtual.virtual_bench import bench_around
@@ -105,8 +107,11 @@ class Rehearsed:
     contact_s: float
 
 
-def rehearsed(script: Script, config: Config, finger: Fingertip, plan: Plan) -> Rehearsed:
-    """Carry a script out on springs. Raises EngineError where it would not come to its end."""
+def rehearsed(script: Script, config: Config, finger: Fingertip, plan: Plan, before: Run | None = None) -> Rehearsed:
+    """Carry a script out on springs, or what is missing of a run that is taken up.
+
+    Raises EngineError where it would not come to its end.
+    """
     believed = config.model_copy(update={"virtual": VirtualSettings()})
     clock = VirtualClock()
     plants: list[SpringPlant] = []
@@ -118,5 +123,9 @@ def rehearsed(script: Script, config: Config, finger: Fingertip, plan: Plan) -> 
     bench = bench_around(make_plant, believed, clock, io.StringIO())
     engine = Engine(believed, bench, NoJournal(), plan.soft_trip_n)
     walk = Walk(believed, FingerModel(finger, plan.predictions))
-    run_script(script, engine, Rig(script.parameters, walk, Rehearsing(engine, walk, plants[0])))
+    handler: Handler = Rehearsing(engine, walk, plants[0])
+    if before is not None:
+        verbs.home(engine)
+        handler = TakenUp(before, handler)
+    run_script(script, engine, Rig(script.parameters, walk, handler))
     return Rehearsed(clock.monotonic_s(), engine.contact.total_s)

@@ -5,11 +5,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rig.data import Run, RunError, RunFolder, read_run
+from rig.data import FolderBusyError, Run, RunError, RunFolder, read_run
+from rig.engine import RunAborted
 from rig.engine.journal import JournalError, mend_journal
 from rig.plan.config import Config, load_config
 from rig.protocol.errors import BadInputError
 from rig.protocol.script import Script, script_with
+from rig.session.ending import Ending, Whereabouts
 
 
 @dataclass(frozen=True)
@@ -55,11 +57,40 @@ def _read(folder: RunFolder) -> StoppedRun:
     return StoppedRun(
         folder=folder,
         script=script_with(copy, Path(about["protocol"]).stem, about["parameters"]),
-        config=load_config(folder.path / "config.toml"),
+        config=load_config(folder.config),
         virtual=about["virtual"],
         run=read_run(folder.path) if mend_journal(folder.events) else None,
         subject=about.get("subject"),
     )
+
+
+def last_left(runs: Path, config: Config) -> Ending | None:
+    """How the last real run on this stage left the indentor, where it may still be on the finger.
+
+    `runs` is the folder of run folders. A run that another process is at is none of ours.
+    """
+    folders = sorted(runs.iterdir(), reverse=True) if runs.is_dir() else []
+    for folder in map(RunFolder, folders):
+        try:
+            about = json.loads(folder.provenance.read_text(encoding="utf-8"))
+            if about["virtual"] or not set(load_config(folder.config).stage.ports) & set(config.stage.ports):
+                continue
+            with folder.owned():
+                return ending_on_record(read_run(folder.path))
+        except FolderBusyError:
+            return None
+        except (OSError, ValueError, KeyError, BadInputError, RunError):
+            continue
+    return None
+
+
+def ending_on_record(run: Run) -> Ending | None:
+    """What a run's journal says of an end that left the indentor where it may touch; None where it did not."""
+    if run.killed:
+        return Ending.killed(run)
+    assert run.stop is not None
+    at = Whereabouts(**run.stop["indentor"]) if "indentor" in run.stop else Whereabouts("lifted", may_touch=False)
+    return Ending.of(RunAborted(run.stop["reason"]), at, run.folder.path) if at.may_touch else None
 
 
 def first_reference_gwt(run: Run) -> list[float] | None:

@@ -1,5 +1,8 @@
 """A script run on a rig, and the ends that it may come to."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 from rig.devices.force.base import ForceError
 from rig.devices.stage.base import StageError
 from rig.engine import Engine, EngineError, ScriptError
@@ -9,6 +12,17 @@ from rig.transport.base import TransportError
 
 ENDINGS = (EngineError, StageError, ForceError, TransportError)
 """What ends a run before its end: the engine has lifted or stopped before it raises these."""
+
+
+@contextmanager
+def stopped_at_once(engine: Engine) -> Iterator[None]:
+    """A second Ctrl-C, or `rig stop`, stops the stage past every queue, whatever is being done."""
+    try:
+        yield
+    except BaseException as error:
+        if not isinstance(error, Exception):
+            engine.stop()
+        raise
 
 
 def run_script(script: Script, engine: Engine, rig: Rig) -> None:
@@ -21,8 +35,5 @@ def run_script(script: Script, engine: Engine, rig: Rig) -> None:
         engine.make_safe()
         place = where_in_script(script.path, error)
         raise ScriptError(f"{place}: {type(error).__name__}: {error}") from error
-    except BaseException:
-        engine.stop()
-        raise
     if engine.problem is not None:
         raise engine.problem

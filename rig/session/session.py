@@ -2,38 +2,38 @@
 
 import shutil
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing, contextmanager
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from rig.data import Run, RunFolder, export_run, new_run_folder, read_run
-from rig.engine import Engine, Journal, Pause, RunAborted, WatchedBench, verbs
+from rig.data.folder import UnwritableError
+from rig.engine import Engine, Journal, Pause, RecordError, RunAborted, WatchedBench, verbs
 from rig.engine.pressing.reference import Reference
 from rig.engine.streams import STREAMS
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
 from rig.plan.plan import Plan
 from rig.protocol.api import Handler, Rig
-from rig.protocol.errors import BadInputError
 from rig.protocol.script import Script
 from rig.protocol.taken_up import TakenUp
 from rig.protocol.walk import Walk
 from rig.session.attendant import Attendant, Nobody
 from rig.session.calibration import refuse_expired
+from rig.session.ending import Ending, Whereabouts
 from rig.session.live import Live
 from rig.session.provenance import provenance
 from rig.session.real_bench import open_bench
 from rig.session.resume import StoppedRun, first_reference_gwt
-from rig.session.running import ENDINGS, run_script
-from rig.transport.base import TransportError
+from rig.session.running import ENDINGS, run_script, stopped_at_once
+from rig.transport.byte_log import ByteLog, Sink
 from rig.transport.clock import Clock, WallClock
 from rig.virtual.virtual_bench import virtual_bench
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
-
-_TAKEN_UP = "the rig stopped in this run: clear the finger, see to what stopped it; it will home"
 
 Watch = Callable[[str, Mapping[str, Any]], None]
 
@@ -44,7 +44,8 @@ class FinishedRun:
 
     run: Run
     wall_s: float
-    problem: Exception | None  # what ended it before its end
+    problem: Exception | None  # what ended it before its end, or kept its files from being written
+    at: Whereabouts  # where that left the indentor
 
     @property
     def folder(self) -> RunFolder:
@@ -65,6 +66,13 @@ class FinishedRun:
     def duration_s(self) -> float:
         """Seconds of the run's clock."""
         return self.run.duration_s
+
+    @property
+    def ending(self) -> Ending | None:
+        """What is to be said of any end but the right one."""
+        if self.complete and self.problem is None:
+            return None
+        return Ending.of(self.problem, self.at, self.folder.path)
 
 
 @dataclass(frozen=True)
@@ -105,7 +113,7 @@ class Session:
 def dry_run(session: Session, speed: float | None = None) -> FinishedRun:
     """Carry it out on the virtual bench; `speed` limits virtual seconds per real second."""
 
-    def open_bench(byte_log: TextIO, start_unix_s: float) -> WatchedBench:
+    def open_bench(byte_log: Sink, start_unix_s: float) -> WatchedBench:
         clock = VirtualClock(start_unix_s, session.begins_at_s)
         return virtual_bench(session.config, session.finger, byte_log, clock, session.pause)
 
@@ -116,7 +124,7 @@ def real_run(session: Session, ask: Callable[[str], str]) -> FinishedRun:
     """Carry it out on the ports of the configuration. Raises BadInputError for a calibration out of date."""
     refuse_expired(session.config)
 
-    def open_real_bench(byte_log: TextIO, _start_unix_s: float) -> WatchedBench:
+    def open_real_bench(byte_log: Sink, _start_unix_s: float) -> WatchedBench:
         return open_bench(session.config, WallClock(session.begins_at_s), byte_log, ask, session.pause)
 
     return _run_session(session, open_real_bench, virtual=False)
@@ -124,7 +132,7 @@ def real_run(session: Session, ask: Callable[[str], str]) -> FinishedRun:
 
 def _run_session(
     session: Session,
-    open_bench: Callable[[TextIO, float], WatchedBench],
+    open_bench: Callable[[Sink, float], WatchedBench],
     *,
     virtual: bool,
     speed: float | None = None,
@@ -133,13 +141,16 @@ def _run_session(
     began = time.perf_counter()
     now = datetime.now(UTC)
     folder = _folder(session, now, virtual=virtual)
-    problem: Exception | None = None
+    problem, at = None, Whereabouts("not moved")
     with folder.owned():
         if session.before is None or not session.before.complete:
-            problem = _on_a_bench(session, folder, lambda log: open_bench(log, now.timestamp()), speed)
+            problem, at = _on_a_bench(session, folder, lambda log: open_bench(log, now.timestamp()), speed)
         run = read_run(folder.path)
-        export_run(run)
-    return FinishedRun(run, time.perf_counter() - began, problem)
+        try:
+            export_run(run)
+        except OSError as error:
+            problem = problem or error
+    return FinishedRun(run, time.perf_counter() - began, problem, at)
 
 
 def _folder(session: Session, now: datetime, *, virtual: bool) -> RunFolder:
@@ -152,42 +163,62 @@ def _folder(session: Session, now: datetime, *, virtual: bool) -> RunFolder:
 
 
 def _on_a_bench(
-    session: Session, folder: RunFolder, open_bench: Callable[[TextIO], WatchedBench], speed: float | None
-) -> Exception | None:
-    """Carry the script out; returns what ended it before its end."""
-    with folder.bytes_log.open("a", encoding="ascii", buffering=1) as byte_log:
-        try:
-            bench = open_bench(byte_log)
-        except (TransportError, BadInputError):
-            if isinstance(session.into, NewRun):
-                shutil.rmtree(folder.path)  # nothing has happened
-            raise
-        try:
-            _carry_out(session, folder, bench, _paced(session, bench.clock, speed))
-        except ENDINGS as error:
-            return error
-        except KeyboardInterrupt:  # the stage has been stopped; what is on disk is still worth a report
-            return RunAborted("at once, by the operator")
-        finally:
-            bench.close()
+    session: Session, folder: RunFolder, open_bench: Callable[[Sink], WatchedBench], speed: float | None
+) -> tuple[Exception | None, Whereabouts]:
+    """Carry the script out; returns what ended it before its end, and where that left the indentor."""
+    contact_s = 0.0 if session.before is None else session.before.contact_s
+    with _nothing_left(session, folder), ByteLog(folder.bytes_log) as byte_log:
+        bench = open_bench(byte_log)
+        watch = _recorded(folder, byte_log, _paced(session, bench.clock, speed))
+        with closing(bench):
+            journal = Journal(folder.events, bench.clock, STREAMS, watch, bench.witness)
+            engine = Engine(session.config, bench, journal, session.plan.soft_trip_n, contact_s)
+            journal.at_end = lambda: {"indentor": asdict(Whereabouts.of(engine))}
+            _begin(session, journal, virtual=bench.virtual)
+            problem = _carry_out(session, journal, engine, bench)
+            return problem, Whereabouts.of(engine)
+
+
+def _carry_out(session: Session, journal: Journal, engine: Engine, bench: WatchedBench) -> Exception | None:
+    try:
+        with journal, stopped_at_once(engine):
+            with bench.look_after(engine.heartbeat):
+                if session.before is not None:
+                    verbs.home(engine)
+                run_script(session.script, engine, _rig(session, engine))
+            journal.stop("done")
+    except ENDINGS as error:
+        return error
+    except KeyboardInterrupt:  # the stage has been stopped; what is on disk is still worth a report
+        return RunAborted("at once, by the operator")
     return None
 
 
-def _carry_out(session: Session, folder: RunFolder, bench: WatchedBench, watch: Watch) -> None:
+def _begin(session: Session, journal: Journal, *, virtual: bool) -> None:
+    """The first document of the run, or of its next part. Raises UnwritableError; nothing has moved."""
     before = session.before
-    contact_s = 0.0 if before is None else before.contact_s
-    with Journal(folder.events, bench.clock, STREAMS, watch, bench.witness) as journal:
-        engine = Engine(session.config, bench, journal, session.plan.soft_trip_n, contact_s)
+    try:
         if before is None:
-            journal.start(_about(session, virtual=bench.virtual))
+            journal.start(_about(session, virtual=virtual))
         else:
             journal.resume({"missing": before.missing, "after": before.last_checkpoint})
-        with bench.look_after(engine.heartbeat):
-            if before is not None:
-                bench.operator.confirm(_TAKEN_UP)
-                verbs.home(engine)
-            run_script(session.script, engine, _rig(session, engine))
-        journal.stop("done")
+    except RecordError as error:
+        cause = error.__cause__
+        raise UnwritableError.of(
+            journal.path, cause if isinstance(cause, OSError) else OSError(str(error))
+        ) from error
+
+
+@contextmanager
+def _nothing_left(session: Session, folder: RunFolder) -> Iterator[None]:
+    """A new run that has journalled nothing leaves no folder behind."""
+    try:
+        yield
+    except BaseException:
+        begun = folder.events.exists() and folder.events.stat().st_size > 0
+        if isinstance(session.into, NewRun) and not begun:
+            shutil.rmtree(folder.path, ignore_errors=True)
+        raise
 
 
 def _rig(session: Session, engine: Engine) -> Rig:
@@ -212,6 +243,17 @@ def _about(session: Session, *, virtual: bool) -> dict[str, Any]:
         "subject": session.into.subject,
         "virtual": virtual,
     }
+
+
+def _recorded(folder: RunFolder, byte_log: ByteLog, watch: Watch) -> Watch:
+    """The same, ending the run where the bytes are not recorded any more."""
+
+    def recorded(stream: str, data: Mapping[str, Any]) -> None:
+        if byte_log.problem is not None:
+            raise RecordError(f"{folder.bytes_log}: cannot be written: {byte_log.problem.strerror}")
+        watch(stream, data)
+
+    return recorded
 
 
 def _paced(session: Session, clock: Clock, speed: float | None) -> Watch:

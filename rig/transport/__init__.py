@@ -11,7 +11,7 @@ from rig.transport.modbus import (
     ModbusRefused,
     ModbusTimeout,
 )
-from rig.transport.opening import open_port
+from rig.transport.opening import open_port, refuse_missing
 from rig.transport.ownership import first_owner, port_owner
 from rig.transport.serial_port import SerialTransport
 from rig.transport.tcp import TcpTransport
@@ -32,4 +32,5 @@ __all__ = [
     "first_owner",
     "open_port",
     "port_owner",
+    "refuse_missing",
 ]

@@ -1,16 +1,56 @@
 """Every byte on the wire, with its time, into bytes.jsonl."""
 
+import contextlib
 import json
-from typing import TextIO
+from pathlib import Path
+from types import TracebackType
+from typing import Protocol
 
 from rig.transport.base import Transport
 from rig.transport.clock import Clock
 
 
+class Sink(Protocol):
+    """Where lines go."""
+
+    def write(self, text: str, /) -> object:
+        """Take one whole line."""
+
+
+class ByteLog:
+    """A file of whole lines. One that cannot be written ends it and is its `problem`: it stands before no stop."""
+
+    def __init__(self, path: Path) -> None:
+        """One that is there already is added to. Raises OSError."""
+        self._file = path.open("ab", buffering=0)
+        self.problem: OSError | None = None
+
+    def write(self, text: str, /) -> None:
+        if self.problem is not None:
+            return
+        end = self._file.tell()
+        try:
+            left = memoryview(text.encode("ascii"))
+            while left:
+                left = left[self._file.write(left) :]
+        except OSError as error:
+            self.problem = error
+            with contextlib.suppress(OSError):
+                self._file.truncate(end)
+
+    def __enter__(self) -> "ByteLog":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+
+
 class LoggedTransport:
     """A transport that writes one JSON line for each chunk: t_s (monotonic), port, dir (tx or rx), hex."""
 
-    def __init__(self, inner: Transport, clock: Clock, sink: TextIO) -> None:
+    def __init__(self, inner: Transport, clock: Clock, sink: Sink) -> None:
         self.name = inner.name
         self._inner = inner
         self._clock = clock

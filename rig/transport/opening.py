@@ -1,7 +1,9 @@
 """A port by its name."""
 
+import os
+
 from rig.transport import tcp
-from rig.transport.base import Transport
+from rig.transport.base import Transport, TransportError
 from rig.transport.serial_port import SerialTransport
 
 
@@ -10,3 +12,9 @@ def open_port(port: str, baud: int, *, name: str | None = None) -> Transport:
     if port.startswith(tcp.SCHEME):
         return tcp.TcpTransport(port, name=name)
     return SerialTransport(port, baud, name=name)
+
+
+def refuse_missing(port: str) -> None:
+    """Raises TransportError for a device that is not there; opens nothing, and asks nothing of a URL."""
+    if os.name == "posix" and "://" not in port and not os.path.exists(port):
+        raise TransportError(f"there is no port {port}")

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol, Self, TextIO
+from typing import Any, Literal, Protocol, Self
 
 from rig.devices.catalogue import force_driver, stage_driver
 from rig.devices.force.base import ForceSensor
@@ -11,7 +11,7 @@ from rig.devices.stage.base import Stage
 from rig.engine.bench import NO_PAUSE, Pause
 from rig.engine.heartbeat import LOOK_S, Heartbeat
 from rig.plan.config import Config
-from rig.transport.byte_log import LoggedTransport
+from rig.transport.byte_log import LoggedTransport, Sink
 from rig.transport.loopback import LoopbackTransport
 from rig.virtual.virtual_devices import FORCES, STAGES, load_on_sensor, true_carriage, truth
 from sim.devices.cell import Load
@@ -52,9 +52,6 @@ class VirtualBench:
         self.plant.mount(indentor)
         return indentor
 
-    def confirm(self, request: str) -> None:
-        """Nobody needs to be asked here."""
-
     def witness(self, stream: str, data: Mapping[str, Any]) -> dict[str, float]:
         """Where the indentor truly is at a touch and at the end of a hold, mm."""
         if stream.endswith("hold_end"):
@@ -86,7 +83,7 @@ class VirtualBench:
 
 
 def virtual_bench(
-    config: Config, finger: Fingertip, byte_log: TextIO, clock: VirtualClock, pause: Pause
+    config: Config, finger: Fingertip, byte_log: Sink, clock: VirtualClock, pause: Pause
 ) -> VirtualBench:
     """Devices as configured, with the fingertip under the indentor; the bytes go to `byte_log`."""
 
@@ -100,7 +97,7 @@ def bench_around(
     make_plant: Callable[[Carriage], AnyPlant],
     config: Config,
     clock: VirtualClock,
-    byte_log: TextIO,
+    byte_log: Sink,
     pause: Pause = NO_PAUSE,
 ) -> VirtualBench:
     """Devices as configured around a plant, which is told where the carriage is; the bytes go to `byte_log`."""

@@ -56,9 +56,6 @@ class FaultyBench:
         """Whatever is asked for."""
         return indentor
 
-    def confirm(self, request: str) -> None:
-        """Nobody is here."""
-
     @property
     def height_mm(self) -> float:
         """Where the carriage really is."""

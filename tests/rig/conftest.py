@@ -131,9 +131,6 @@ class SpringBench:
         self.mounted = indentor
         return indentor
 
-    def confirm(self, request: str) -> None:
-        """There is nobody to ask."""
-
     def true_pose(self) -> tuple[float, float]:
         x, _, z = self.board.carriage_steps_at(self.clock.monotonic_s())
         frame = self.settings.frame

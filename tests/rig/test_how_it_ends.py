@@ -127,6 +127,8 @@ def test_a_run_whose_terminal_goes_away_lifts_and_can_be_taken_up(
     assert [d["stream"] for d in told if d["doc"] == "event"][-2:] == ["retract", "paused"]
     assert (told[-1]["doc"], told[-1]["status"]) == ("stop", "aborted")
     assert (folder / "report.html").exists()
+    assert (told[-1]["indentor"]["left"], told[-1]["indentor"]["may_touch"]) == ("lifted", False)
+    assert f"rig resume {folder}" in (folder / "report.html").read_text(encoding="utf-8")
     again = subprocess.run(_started("resume", str(folder), "--json"), capture_output=True, text=True, check=True)
     assert {k: json.loads(again.stdout)[k] for k in ("complete", "missing", "repeated")} == {
         "complete": True, "missing": 0, "repeated": 0,

@@ -60,9 +60,6 @@ class Bench:
     def mount(self, indentor: str) -> str:
         return indentor
 
-    def confirm(self, request: str) -> None:
-        """There is nobody to ask."""
-
     def per_mm(self, axis: str) -> float:
         return abs(self.config.calibration.value(f"{axis}_steps_per_mm", 400.0))
 

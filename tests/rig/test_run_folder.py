@@ -138,7 +138,7 @@ def test_an_export_that_fails_leaves_the_old_one(folder: RunFolder, monkeypatch:
     def full(fd: int) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("rig.data.export.os.fsync", full)
+    monkeypatch.setattr("rig.data.folder.os.fsync", full)
     with pytest.raises(OSError, match="No space left"):
         export_run(read_run(folder.path))
     assert {p.name: p.read_bytes() for p in folder.path.iterdir() if p.suffix != ".part"} == before

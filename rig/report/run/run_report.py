@@ -1,6 +1,7 @@
 """One self-contained HTML file for a run."""
 
 import json
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,8 +14,13 @@ from rig.report.run import run_figures
 from sim.models.fingertip import Fingertip
 
 
-def write_report(run: Run, finger: Fingertip, wall_s: float | None = None) -> Path:
-    """Write report.html into the run's folder; a run without a finished indentation gets its tables only."""
+def write_report(
+    run: Run, finger: Fingertip, wall_s: float | None = None, ending: Mapping[str, str] | None = None
+) -> Path:
+    """Write report.html into the run's folder; a run without a finished indentation gets its tables only.
+
+    ending: what is to be said of a run that ended before its end, by what it is about.
+    """
     found = responses(run, finger)
     text = render(
         "run.html.j2",
@@ -26,6 +32,7 @@ def write_report(run: Run, finger: Fingertip, wall_s: float | None = None) -> Pa
         checksums=_checksums(run),
         finger=finger,
         wall_s=wall_s,
+        ending=ending,
     )
     replace_text(run.folder.report, text)
     return run.folder.report

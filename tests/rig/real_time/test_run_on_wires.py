@@ -28,7 +28,7 @@ def test_a_protocol_on_a_real_wire(
     clock = WallClock()
     began_s = clock.monotonic_s()
     ended = rig("run", "first_press", "presses=2", "hold_s=0.2", "--config", config, "--out", tmp_path / "runs",
-                "--json", typed="\n")  # fmt: skip
+                "--yes", "--json", typed="\n")  # fmt: skip
     assert ended.code == 0, ended.err
     answer = ended.json
     assert (answer["complete"], answer["indentations"]) == (True, 2)
@@ -71,7 +71,7 @@ def test_run_refuses_a_calibration_out_of_date(rig: Rig, finger: Fingertip, tmp_
 
 def test_nobody_mounts(rig: Rig, apart: Apart, finger: Fingertip, tmp_path: Path) -> None:
     _, _, config = apart
-    ended = rig("run", "first_press", "--config", config, "--out", tmp_path / "runs")
+    ended = rig("run", "first_press", "--yes", "--config", config, "--out", tmp_path / "runs")
     assert ended.code == 130
     assert "nobody answered: mount bar:3.0" in ended.err
 
@@ -80,7 +80,7 @@ def test_stop_from_another_process_ends_a_run_at_once(
     rig: Rig, apart: Apart, finger: Fingertip, tmp_path: Path
 ) -> None:
     stage, _, config = apart
-    command = [sys.executable, "-c", "from rig.cli import main; main()", "run", "first_press"]
+    command = [sys.executable, "-c", "from rig.cli import main; main()", "run", "first_press", "--yes"]
     run = subprocess.Popen(
         [*command, "--config", str(config), "--out", str(tmp_path / "runs")],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,

@@ -1,0 +1,60 @@
+"""The page that `rig run` and `rig resume` begin with, and the one answer to it."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from rig.cli.output import ExitCode, err, fail, loading_the_finger
+from rig.plan.config import Config
+from rig.protocol.errors import BadInputError
+from rig.session.calibration import refuse_expired
+from rig.session.ending import Ending
+from rig.session.page import Page
+from rig.session.session import Session
+from rig.transport import refuse_missing
+
+_YES = ("", "y", "yes")
+
+
+def ready_for_a_real_run(command: str, config: Config, out: Path, *, yes: bool) -> None:
+    """Refuse what would stop a real run, before anything is planned or a port is opened.
+
+    Raises BadInputError, TransportError, OSError.
+    """
+    refuse_expired(config)
+    out.mkdir(parents=True, exist_ok=True)
+    for port in (*config.stage.ports, config.force.port):
+        refuse_missing(port)
+    if not (yes or _somebody_there()):
+        raise BadInputError(f"{command}: nobody can be asked here, expected a terminal or --yes")
+
+
+def at_the_page(before: Ending | None, *, yes: bool, as_json: bool) -> Callable[[Session], None]:
+    """Print the page, and wait for the one answer to it; before: how the last run left the indentor."""
+
+    def confirm(session: Session) -> None:
+        with loading_the_finger("rehearsing on springs …"):
+            page = Page.of(session).lines
+        if before is not None:
+            page = {"careful": careful(before), **page}
+        for about, words in page.items():
+            err.print(f"{about:<10}{words}")
+        if not yes and not _confirmed():
+            fail("not confirmed: nothing has moved", ExitCode.ABORTED, as_json=as_json)
+
+    return confirm
+
+
+def careful(before: Ending) -> str:
+    """One line on a run that left the indentor where it may touch."""
+    return f"{before.reason}; the indentor was {before.at.words}; {before.next} ({before.resume})"
+
+
+def _confirmed() -> bool:
+    err.print("press Enter to begin, Ctrl-C to leave")
+    answer = sys.stdin.readline()
+    return bool(answer) and answer.strip().lower() in _YES
+
+
+def _somebody_there() -> bool:
+    return sys.stdin.isatty() and sys.stderr.isatty()

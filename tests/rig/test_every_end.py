@@ -1,0 +1,244 @@
+"""Every way in which a run ends before its end: where the indentor is, what to do next, how it goes on."""
+
+import json
+import shlex
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import rig.session.session as sessions
+from rig.cli import main
+from rig.devices.force import ForceReading
+from rig.engine.journal import Journal, read_journal
+from sim.models.fingertip import Fingertip
+from tests.waiting import DEADLINE_S, journal_says, until
+
+SCRIPT = """\
+passes = []
+
+def run(rig):
+    passes.append(1)
+    rig.mount("bar:3.0")
+    rig.home()
+    rig.zero()
+    for x_mm in (-0.5, 0.5):
+        rig.move_to(x_mm=x_mm)
+        rig.indent(doi_mm=0.2, hold_s=1.0)
+        if FAILS and len(passes) == 2:
+            1 / 0
+"""
+Bench = Any
+Strike = Callable[[Bench, pytest.MonkeyPatch], object]
+
+
+def _trip(bench: Bench, patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(bench.force, "read", lambda: ForceReading(10.0, True, bench.clock.monotonic_s()))
+
+
+def _full(fd: int) -> None:
+    raise OSError(28, "No space left on device")
+
+
+def _nothing(bench: Bench, patch: pytest.MonkeyPatch) -> None:
+    """It comes by itself."""
+
+
+def _signal(name: str) -> Strike:
+    return lambda bench, patch: signal.raise_signal(getattr(signal, name))
+
+
+@dataclass(frozen=True)
+class End:
+    """A way to end: what strikes in the press, and what is said then."""
+
+    code: int
+    says: str  # the line on standard error
+    left: str
+    may_touch: bool
+    next: str
+    strike: Strike = _nothing
+    limits: Mapping[str, Any] | None = None
+    fails: bool = False
+    again: bool = True  # taken up, it comes to its end
+
+
+FREE, WELL = "free the finger before anything else", "see that the finger is well"
+ENDS = {
+    "a trip that lifts": End(1, "above the hard trip", "lifted", False, f"{WELL}, and to what tripped it", _trip),
+    "a trip that parks": End(1, "above the hard trip", "lifted", False, WELL, _trip, {"on_trip": "park"}),
+    "a trip that stops": End(1, "above the hard trip", "held", True, FREE, _trip, {"on_trip": "stop"}, again=False),
+    "the stage fails": End(
+        1, "stage is closed", "held", True, f"{FREE}, by hand or by the controller's own jog",
+        lambda bench, patch: bench.stage._transport.close(),
+    ),
+    "the sensor fails": End(
+        1, "no force reading: force is closed", "lifted", False, WELL,
+        lambda bench, patch: bench.force._transport.close(),
+    ),
+    "the journal cannot be written": End(
+        1, "events.jsonl: cannot be written: No space left on device, ", "lifted", False, "free space, then resume",
+        lambda bench, patch: patch.setattr("os.fsync", _full),
+    ),
+    "Ctrl-C": End(130, "stopped by the operator at a safe point", "lifted", False, WELL, _signal("SIGINT")),
+    "SIGTERM": End(130, "stopped by the operator at a safe point", "lifted", False, WELL, _signal("SIGTERM")),
+    "rig stop, or Ctrl-C twice": End(130, "at once, by the operator", "held", True, FREE, _signal("SIGUSR1")),
+    "a limit": End(
+        1, "the finger has been touched for", "lifted", False, "change the script or the limit",
+        limits={"max_contact_s": 2.5}, again=False,
+    ),
+    "the script fails": End(
+        1, "ZeroDivisionError", "lifted", False, "correct the script and begin a new run", fails=True, again=False
+    ),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a command ended and what it printed."""
+
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def rig(
+    finger: Fingertip, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> Callable[..., Ended]:
+    """Run the program in this process, in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: str) -> Ended:
+        monkeypatch.setattr(sys, "argv", ["rig", *arguments])
+        with pytest.raises(SystemExit) as caught:
+            main()
+        printed = capsys.readouterr()
+        return Ended(int(caught.value.code or 0), printed.out, printed.err)
+
+    return run
+
+
+@pytest.fixture
+def striking() -> Iterator[Callable[[Strike], pytest.MonkeyPatch]]:
+    """Have something strike once, at the first reading of a press; undone by hand or at the end."""
+    patch = pytest.MonkeyPatch()
+
+    def make(strike: Strike) -> pytest.MonkeyPatch:
+        benches: list[Bench] = []
+        make_bench, event = sessions.virtual_bench, Journal.event
+
+        def kept(*arguments: Any) -> Bench:
+            benches.append(make_bench(*arguments))
+            return benches[0]
+
+        def struck(journal: Journal, stream: str, data: Mapping[str, Any]) -> None:
+            event(journal, stream, data)
+            if benches and stream == "sample" and data["phase"] == "press":
+                strike(benches.pop(), patch)
+
+        patch.setattr(sessions, "virtual_bench", kept)
+        patch.setattr(Journal, "event", struck)
+        return patch
+
+    yield make
+    patch.undo()
+
+
+def _written(folder: Path, end: End) -> list[str]:
+    (folder / "mine.py").write_text(SCRIPT.replace("FAILS", str(end.fails)), encoding="utf-8")
+    tables = "".join(f"{name} = {json.dumps(value)}\n" for name, value in (end.limits or {}).items())
+    (folder / "rig.toml").write_text(f"[limits]\n{tables}", encoding="utf-8")
+    return ["dry-run", "mine.py", "--config", "rig.toml"]
+
+
+@pytest.mark.parametrize(
+    ("name", "as_json"), [*((name, True) for name in ENDS), ("the stage fails", False), ("Ctrl-C", False)]
+)
+def test_every_end_says_where_the_indentor_is_and_how_to_go_on(
+    rig: Callable[..., Ended],
+    striking: Callable[[Strike], pytest.MonkeyPatch],
+    tmp_path: Path,
+    name: str,
+    as_json: bool,
+) -> None:
+    end = ENDS[name]
+    command = _written(tmp_path, end)
+    patch = striking(end.strike)
+    ended = rig(*command, *(["--json"] if as_json else []))
+    patch.undo()
+    assert ended.code == end.code, ended.err
+    (line,) = [line for line in ended.err.splitlines() if line.startswith("rig: ")]
+    assert end.says in line
+    (folder,) = (tmp_path / "runs").iterdir()
+    resume = f"rig resume {shlex.quote(str(folder))}"
+    if as_json:
+        said = json.loads(ended.out)["ending"]
+        assert said["reason"] in line
+        assert (said["indentor"]["left"], said["indentor"]["may_touch"]) == (end.left, end.may_touch)
+        assert said["indentor"]["trusted"] is (end.left == "lifted")
+        assert said["indentor"]["x_mm"] == pytest.approx(-0.5, abs=0.01)
+        lifted = said["indentor"]["height_mm"] > 1.9
+        assert lifted is (end.left == "lifted")
+        assert said["next"].startswith(end.next)
+        assert said["resume"] == resume
+        words = said["words"]
+    else:
+        lines = dict(line.split(maxsplit=1) for line in ended.out.splitlines()[-3:])
+        words = lines["where"]
+        assert lines["next"].startswith(end.next)
+        assert lines["resume"] == resume
+    assert words.startswith(f"{end.left}, at x = -0.50 mm, ")
+    assert ("it may still touch the finger" if end.may_touch else "it does not touch the finger") in words
+    if (folder / "report.html").exists():
+        report = (folder / "report.html").read_text(encoding="utf-8")
+        assert words in report
+        assert resume in report
+        last = list(read_journal(folder / "events.jsonl"))[-1]
+        assert last["indentor"]["left"] == end.left
+    else:
+        assert name == "the journal cannot be written"
+    if not as_json:
+        return
+    again = rig(*shlex.split(resume)[1:], "--json")
+    assert (json.loads(again.out)["complete"], again.code) == (
+        (True, 0) if end.again else (again.code == 0, again.code)
+    )
+
+
+def test_a_run_that_comes_to_its_end_says_nothing_of_it(rig: Callable[..., Ended], tmp_path: Path) -> None:
+    ended = rig(*_written(tmp_path, ENDS["Ctrl-C"]), "--json")
+    assert ended.code == 0
+    assert "ending" not in json.loads(ended.out)
+    (folder,) = (tmp_path / "runs").iterdir()
+    assert list(read_journal(folder / "events.jsonl"))[-1]["reason"] == ""
+
+
+@pytest.mark.parametrize("needle", ['"press"', '"home"'])
+def test_the_next_command_says_that_a_program_was_killed(
+    rig: Callable[..., Ended], finger: Fingertip, tmp_path: Path, needle: str
+) -> None:
+    """kill -9 in a press, and in the air: where it was last known, and whether it may still be on the finger."""
+    command = [sys.executable, "-c", "from rig.cli import main; main()", *_written(tmp_path, ENDS["Ctrl-C"])]
+    process = subprocess.Popen(
+        [*command, "--speed", "10"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    try:
+        until(journal_says(tmp_path / "runs", needle))
+        process.kill()
+        process.communicate(timeout=DEADLINE_S)
+    finally:
+        process.kill()
+        process.wait()
+    (folder,) = (tmp_path / "runs").iterdir()
+    again = rig("resume", str(folder))
+    assert again.code == 0
+    assert "the run ended without its end" in again.err
+    assert "last known" in again.err
+    touches = "it may still touch the finger" in again.err
+    assert touches is (needle == '"press"')

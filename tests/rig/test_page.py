@@ -1,0 +1,166 @@
+"""The page that a real run begins with: what it says, the one answer to it, and what it knows of the last run."""
+
+import io
+import json
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import rig.cli.confirming as confirming
+import rig.session.session as sessions
+from rig.cli import main
+from rig.devices.units import GWT_N
+from rig.virtual.virtual_bench import VirtualBench, virtual_bench
+from sim.devices.clock import VirtualClock
+from sim.models.fingertip import Fingertip
+from tests.rig.test_every_end import Ended
+
+SCRIPT = """\
+METADATA = {"title": "Two presses"}
+
+def run(rig):
+    rig.mount("bar:3.0")
+    rig.home()
+    rig.zero()
+    rig.move_to(x_mm=-0.5)
+    rig.precondition(presses=1, doi_mm=0.2, hold_s=0.1)
+    for x_mm in (-0.5, 0.5):
+        rig.move_to(x_mm=x_mm)
+        rig.indent(doi_mm=0.2, hold_s=0.1)
+"""
+Run = Callable[..., Ended]
+
+
+@pytest.fixture
+def opened(finger: Fingertip, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """The ports of a real run lead to virtual devices; each time that they are opened is noted."""
+    found: list[Any] = []
+
+    def open_bench(config: Any, clock: Any, log: Any, ask: Any, pause: Any) -> VirtualBench:
+        found.append(config.stage.port)
+        return virtual_bench(config, finger, log, VirtualClock(0.0, clock.monotonic_s()), pause)
+
+    monkeypatch.setattr(sessions, "open_bench", open_bench)
+    return found
+
+
+@pytest.fixture
+def rig(
+    opened: list[Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> Run:
+    """Run the program in a folder with a script and a configuration; typed=None: there is no terminal."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("stage", "force"):
+        (tmp_path / name).touch()
+    (tmp_path / "mine.py").write_text(SCRIPT, encoding="utf-8")
+    (tmp_path / "rig.toml").write_text(
+        f"[stage]\nport = '{tmp_path / 'stage'}'\n[force]\nport = '{tmp_path / 'force'}'\n", encoding="utf-8"
+    )
+
+    def run(*arguments: str, typed: str | None = None) -> Ended:
+        monkeypatch.setattr(sys, "argv", ["rig", *arguments])
+        monkeypatch.setattr(sys, "stdin", io.StringIO(typed or ""))
+        monkeypatch.setattr(confirming, "_somebody_there", lambda: typed is not None)
+        with pytest.raises(SystemExit) as caught:
+            main()
+        printed = capsys.readouterr()
+        return Ended(int(caught.value.code or 0), printed.out, printed.err)
+
+    return run
+
+
+RUN = ("run", "mine.py", "--config", "rig.toml")
+
+
+def _page(ended: Ended) -> dict[str, str]:
+    return dict(line.split(maxsplit=1) for line in ended.err.splitlines() if re.match(r"[a-z]+ {2,}\S", line))
+
+
+def test_the_page_says_what_will_be_done(rig: Run, opened: list[Any], finger: Fingertip) -> None:
+    ended = rig(*RUN, "--subject", "S07", "--yes", "--json")
+    assert ended.code == 0, ended.err
+    page = _page(ended)
+    assert page["protocol"] == "Two presses (mine.py)"
+    assert page["subject"] == "S07"
+    assert page["steps"] == "2 indentations, 1 preconditioning presses"
+    assert re.fullmatch(
+        r"about \d+ s, the finger touched for \d+ s of them \(rehearsed on springs in \d+\.\d s\)", page["duration"]
+    )
+    said_s = float(page["duration"].split()[1])
+    assert said_s == pytest.approx(json.loads(ended.out)["duration_s"], rel=0.05)
+    peak = max(finger.indent("bar:3.0", x, doi_mm=0.2).force_gwt for x in (-0.5, 0.5))
+    peak_said, left_said = (float(text) for text in re.findall(r"\(([\d.]+) gwt\)", page["force"]))
+    assert peak_said == pytest.approx(peak, rel=1e-3)
+    soft, hard = (float(text) for text in re.findall(r"\(([\d.]+) gwt\)", page["trips"]))
+    assert (soft, hard) == (pytest.approx(2 * peak, rel=1e-3), pytest.approx(5.0 / GWT_N, rel=1e-3))
+    assert left_said == pytest.approx(soft - peak_said, rel=1e-3)
+    assert [float(text) for text in re.findall(r"([\d.]+) N", page["trips"])][1] == 5.0
+    assert page["first"].startswith("you mount bar:3.0; homing, the indentor up to its switch before anything")
+    assert "then to x = -0.5 mm and down to 2 mm above the finger" in page["first"]
+    assert "emergency stop" in page["safety"]
+    assert len(opened) == 1
+
+
+@pytest.mark.parametrize("command", ["run", "resume"])
+def test_without_a_terminal_nothing_is_opened(rig: Run, opened: list[Any], command: str, tmp_path: Path) -> None:
+    arguments: tuple[str, ...] = RUN
+    if command == "resume":
+        arguments = ("resume", str(_killed(rig, tmp_path)))
+    opened.clear()
+    ended = rig(*arguments)
+    assert ended.code == 2
+    assert ended.err.splitlines()[-1] == f"rig: {command}: nobody can be asked here, expected a terminal or --yes"
+    assert (opened, ended.out) == ([], "")
+    assert len(list((tmp_path / "runs").iterdir())) == (0 if command == "run" else 1)
+
+
+@pytest.mark.parametrize(("typed", "code"), [("\n", 0), ("y\n", 0), ("n\n", 130), ("", 130)])
+def test_the_page_is_confirmed_once(rig: Run, opened: list[Any], tmp_path: Path, typed: str, code: int) -> None:
+    ended = rig(*RUN, typed=typed)
+    assert ended.code == code, ended.err
+    assert ended.err.count("press Enter to begin, Ctrl-C to leave") == 1
+    assert len(opened) == (1 if code == 0 else 0)
+    assert len(list((tmp_path / "runs").iterdir())) == len(opened)
+    assert ("not confirmed: nothing has moved" in ended.err) is (code != 0)
+
+
+def test_a_dry_run_asks_nothing(rig: Run) -> None:
+    ended = rig("dry-run", "mine.py")
+    assert (ended.code, ended.err) == (0, "")
+
+
+def _killed(rig: Run, folder: Path) -> Path:
+    """A real run as a kill in its second press leaves it."""
+    assert rig(*RUN, "--yes").code == 0
+    (run,) = (folder / "runs").iterdir()
+    lines = (run / "events.jsonl").read_bytes().splitlines(keepends=True)
+    documents = [json.loads(line) for line in lines]
+    readings = {n: d["data"] for n, d in enumerate(documents) if d["doc"] == "event" and d["stream"] == "sample"}
+    last = max(n for n, data in readings.items() if data["phase"] == "press")
+    (run / "events.jsonl").write_bytes(b"".join(lines[: last + 1]))
+    return run
+
+
+def test_every_next_command_knows_of_a_kill(rig: Run, opened: list[Any], tmp_path: Path) -> None:
+    """Until the run is taken up and has come to its end, doctor, run and resume say where the indentor was."""
+    run = _killed(rig, tmp_path)
+    line = f"rig resume {run}"
+    doctor = json.loads(rig("doctor", "--config", "rig.toml", "--json").out)["last run"]
+    again = rig(*RUN, typed="n\n")
+    resumed = rig("resume", str(run), typed="\n")
+    for words in (doctor, _page(again)["careful"], _page(resumed)["careful"]):
+        assert words.startswith("the run ended without its end")
+        assert re.search(
+            r"held, at x = 0.50 mm, \d\.\d\d mm below the nominal apex \(last known and not trusted\)", words
+        )
+        assert "it may still touch the finger" in words
+        assert line in words
+    assert resumed.code == 0, resumed.err
+    assert _page(resumed)["steps"] == "1 indentations, 1 preconditioning presses: what is missing of 2 indentations"
+    assert resumed.err.count("press Enter") == 1
+    assert "careful" not in _page(rig(*RUN, typed="n\n"))
+    assert "clear of the finger" in rig("doctor", "--config", "rig.toml").out
