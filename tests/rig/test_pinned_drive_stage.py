@@ -1,0 +1,243 @@
+"""What a Leadshine stage refuses, when it trusts its position, and how it takes up backlash."""
+
+from collections.abc import Callable
+from functools import partial
+
+import pytest
+
+from rig.devices.bench_settings import SyncSettings
+from rig.devices.stage import LeadshineStage, StageAlarm, StageError
+from rig.devices.stage.leadshine_words import number, words
+from sim.devices.clock import VirtualClock
+from tests.drives_as_registers import ALARM, DISABLED, HOMED, RUNNING, Bus, X, Z, homed_stage
+
+Make = Callable[..., tuple[Bus, LeadshineStage]]
+
+
+@pytest.fixture
+def bench(clock: VirtualClock) -> Make:
+    return partial(homed_stage, clock)
+
+
+# --- what is refused ---
+
+VERBS: dict[str, Callable[[LeadshineStage], object]] = {
+    "home": lambda stage: stage.home(),
+    "move_to": lambda stage: stage.move_to(z_mm=-1.0, speed_mm_s=1.0),
+    "jog": lambda stage: stage.jog("z", -1.0, 1.0),
+    "jog_while": lambda stage: stage.jog_while("z", -1, lambda: True, 1.0),
+}
+
+
+@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize(
+    ("word", "kind", "why"),
+    [(ALARM, StageAlarm, "over-current"), (DISABLED, StageError, "z axis, drive 2: the drive is not enabled")],
+    ids=["alarm", "disabled"],
+)
+def test_nothing_is_written_to_a_drive_that_would_not_obey(
+    bench: Make, verb: str, word: int, kind: type[StageError], why: str
+) -> None:
+    bus, stage = bench()
+    bus.status = lambda device, t_s: word
+    bus.registers[Z, 0x2203] = 0xE0
+    with pytest.raises(kind, match=why):
+        VERBS[verb](stage)
+    assert bus.told == []
+
+
+NO_NUMBER = [float("nan"), float("inf"), float("-inf")]
+
+
+@pytest.mark.parametrize(
+    "move",
+    [
+        *({"x_mm": -1.0, name: value} for name in ("x_mm", "y_mm", "speed_mm_s") for value in NO_NUMBER),
+        *({"z_mm": value} for value in NO_NUMBER),
+        *({"x_mm": -1.0, "y_mm": mm} for mm in (-14.0, -16.0, 15.0, 0.0, -15.00001)),
+        *({"y_mm": mm} for mm in (-14.0, -16.0)),
+        *({"x_mm": -1.0, "speed_mm_s": speed} for speed in (0.0, -1.0, 0.0166)),
+        {"x_mm": -1.0, "z_mm": -1.0},
+        {"x_mm": -1.0, "y_mm": -15.0, "z_mm": -1.0},
+        {},
+    ],
+    ids=str,
+)
+def test_what_is_no_move_is_refused_before_any_word(bench: Make, move: dict[str, float]) -> None:
+    bus, stage = bench(y_mm=-15.0)
+    with pytest.raises(ValueError, match=r"must be|needs one of"):
+        stage.move_to(**{"speed_mm_s": 1.0, **move})
+    assert (bus.asked, bus.told) == ([], [])
+    assert stage.homed
+
+
+def test_to_stay_where_it_was_set_by_hand_is_no_move(bench: Make) -> None:
+    bus, stage = bench(y_mm=-15.0)
+    stage.move_to(y_mm=-15.0, speed_mm_s=1.0)
+    assert (bus.asked, bus.told) == ([], [])
+
+
+def test_set_by_hand_means_at_0_where_nothing_is_said(bench: Make) -> None:
+    _, stage = bench()
+    assert stage.status().y_mm == 0.0
+
+
+@pytest.mark.parametrize(
+    "act",
+    [
+        lambda stage: stage.steps_per_mm("y"),
+        lambda stage: stage.jog("y", 1.0, 1.0),
+        lambda stage: stage.jog_while("y", 1, lambda: True, 1.0),
+    ],
+    ids=["steps_per_mm", "jog", "jog_while"],
+)
+def test_there_is_no_drive_along_the_finger(bench: Make, act: Callable[[LeadshineStage], object]) -> None:
+    bus, stage = bench()
+    with pytest.raises(StageError, match="no drive for y; it is set by hand"):
+        act(stage)
+    assert (bus.asked, bus.told) == ([], [])
+
+
+@pytest.mark.parametrize("by_mm", NO_NUMBER)
+def test_a_jog_by_no_number_is_refused_before_any_word(bench: Make, by_mm: float) -> None:
+    bus, stage = bench()
+    with pytest.raises(ValueError, match="by_mm must be a finite number"):
+        stage.jog("x", by_mm, 1.0)
+    assert (bus.asked, bus.told) == ([], [])
+
+
+@pytest.mark.parametrize("per_mm", [200.0, -200.0])
+def test_a_drive_runs_no_slower_than_a_turn_a_minute(bench: Make, per_mm: float) -> None:
+    """A turn is 2 mm: 2 mm/min, 0.0333 mm/s, is one rpm; and no faster than asked for, 0.0999 mm/s is two."""
+    bus, stage = bench(per_mm=per_mm)
+    for speed_mm_s, rpm in ((1 / 30, 1), (0.0999, 2), (0.1, 3), (5.0, 150)):
+        stage.move_to(x_mm=-1.0, speed_mm_s=speed_mm_s)
+        assert bus.told[-1][3][3] == rpm
+    with pytest.raises(ValueError, match=r"speed_mm_s must be at least 0\.0333, got 0\.033"):
+        stage.move_to(x_mm=-1.0, speed_mm_s=0.033)
+
+
+# --- trust ---
+
+
+@pytest.mark.parametrize(
+    "act",
+    [lambda stage: stage.connect(), lambda stage: stage.unlock(), lambda stage: stage.stop()],
+    ids=["connect", "unlock", "stop"],
+)
+def test_what_makes_the_position_doubtful_makes_it_untrusted(
+    bench: Make, act: Callable[[LeadshineStage], object]
+) -> None:
+    _, stage = bench()
+    assert stage.homed
+    act(stage)
+    assert not stage.homed
+    with pytest.raises(StageError, match="must be homed"):
+        stage.move_to(x_mm=-1.0, speed_mm_s=1.0)
+
+
+def test_while_it_homes_the_position_is_not_trusted(bench: Make, clock: VirtualClock) -> None:
+    bus, stage = bench()
+    begun_s = clock.monotonic_s()
+    bus.status = lambda device, t_s: RUNNING if begun_s < t_s < begun_s + 1.0 else HOMED
+    trusted = [stage.homed for _ in stage.homing()]
+    assert len(trusted) > 5
+    assert not any(trusted)
+    assert stage.homed
+
+
+def test_a_homing_that_fails_leaves_the_position_untrusted(bench: Make) -> None:
+    bus, stage = bench()
+    bus.status = lambda device, t_s: ALARM
+    with pytest.raises(StageAlarm):
+        stage.home()
+    assert not stage.homed
+
+
+@pytest.mark.parametrize(
+    "act",
+    [
+        lambda stage: stage.halt(),
+        lambda stage: stage.jog("x", -1.0, 1.0),
+        lambda stage: stage.end_jog(),
+        lambda stage: stage.look(),
+    ],
+    ids=["halt", "jog", "end_jog", "look"],
+)
+def test_what_keeps_the_position_keeps_it_trusted(bench: Make, act: Callable[[LeadshineStage], object]) -> None:
+    _, stage = bench()
+    act(stage)
+    assert stage.homed
+
+
+def test_a_new_stage_is_not_homed(bench: Make) -> None:
+    _, stage = bench()
+    assert LeadshineStage(*stage._drives.values()).homed is False
+
+
+def test_a_look_is_the_state_and_the_place(bench: Make) -> None:
+    bus, stage = bench(y_mm=-15.0)
+    bus.stands(X, -12000)
+    bus.stands(Z, -400)
+    seen = stage.look()
+    assert (seen.state, seen.x_mm, seen.y_mm, seen.z_mm) == ("Idle", -30.0, -15.0, -1.0)
+    assert bus.told == []
+
+
+# --- backlash ---
+
+
+@pytest.mark.parametrize("axis", ["x", "z"])
+@pytest.mark.parametrize(
+    ("backlash_mm", "to_mm", "targets"),
+    [
+        (0.025, -1.0, [-380, -400]),
+        (0.025, -0.02, [0, -8]),  # not beyond the top
+        (0.025, -2.0, [-800]),
+        (0.025, -3.0, [-1200]),
+        (None, -1.0, [-400]),
+    ],
+    ids=["up", "up to the top", "nowhere", "down", "none"],
+)
+def test_backlash_is_taken_up_by_twice_as_much_on_the_way_up(
+    bench: Make, axis: str, backlash_mm: float | None, to_mm: float, targets: list[int]
+) -> None:
+    bus, stage = bench(**({} if backlash_mm is None else {f"{axis}_backlash_mm": backlash_mm}))
+    device, other = (X, Z) if axis == "x" else (Z, X)
+    bus.stands(device, -800)
+    stage.move_to(**{f"{axis}_mm": to_mm}, speed_mm_s=1.0)
+    assert bus.paths() == [(device, pulses) for pulses in targets]
+    bus.stands(other, -800)
+    stage.move_to(**{f"{'z' if axis == 'x' else 'x'}_mm": to_mm}, speed_mm_s=1.0)
+    assert bus.paths()[-1][0] == other
+    assert len(bus.paths()) == len(targets) + 1
+
+
+# --- the rest ---
+
+
+@pytest.mark.parametrize("output", [None, SyncSettings(), SyncSettings(output="drive", register_address=1)])
+def test_an_output_that_lacks_its_words_is_refused(bench: Make, output: SyncSettings | None) -> None:
+    bus, stage = bench(output=output)
+    for on in (True, False):
+        with pytest.raises(StageError, match=r"see sync\.output"):
+            stage.set_output(on)
+    assert bus.told == []
+
+
+@pytest.mark.parametrize("per_mm", [400.0, -250.0])
+def test_what_a_drive_takes_for_a_millimetre_has_the_sign_of_its_motor(bench: Make, per_mm: float) -> None:
+    _, stage = bench(per_mm=per_mm)
+    assert [stage.steps_per_mm("x"), stage.steps_per_mm("z")] == [per_mm, per_mm]
+
+
+@pytest.mark.parametrize(
+    ("value", "pair"),
+    [
+        (0, [0, 0]), (1, [0, 1]), (0x12345678, [0x1234, 0x5678]), (65535, [0, 0xFFFF]), (65536, [1, 0]),
+        (-1, [0xFFFF, 0xFFFF]), (-65536, [0xFFFF, 0]), (2**31 - 1, [0x7FFF, 0xFFFF]), (-(2**31), [0x8000, 0]),
+    ],
+)  # fmt: skip
+def test_a_number_is_two_registers_high_word_first(value: int, pair: list[int]) -> None:
+    assert words(value) == pair
+    assert number(pair) == value

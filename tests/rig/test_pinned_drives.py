@@ -1,0 +1,271 @@
+"""How a Leadshine drive is moved, jogged and stopped: what it is asked and told, and when."""
+
+import math
+from collections.abc import Callable
+from functools import partial
+from itertools import pairwise
+from typing import Any
+
+import pytest
+
+from rig.devices.bench_settings import DriveSettings
+from rig.devices.stage import LeadshineDrive, LeadshineStage, StageError, StageTimeout
+from rig.transport.modbus import ModbusRefused
+from sim.devices.clock import VirtualClock
+from tests.drives_as_registers import CONTROL, HOMED, PR0, RUNNING, STATUS, TRIGGER, Bus, X, Z, homed_stage
+
+QUICK_STOP, HOME = 0x40, 0x20
+
+Make = Callable[..., tuple[Bus, LeadshineStage]]
+
+
+@pytest.fixture
+def bench(clock: VirtualClock) -> Make:
+    return partial(homed_stage, clock)
+
+
+# --- moves ---
+
+# With 400 pulses a turn and a mm: way, speed, the drive's ramp in ms for 1000 rpm, and how long the trapezium lasts.
+WAYS = [
+    (1.0, 5.0, 333, 400 / 2000 + 0.0999),
+    (40.0, 10.0, 2000, 16000 / 4000 + 1.2),
+    (10.0, 10.0, 10000, 2 * math.sqrt(4000 * 6.0 / 4000)),  # never at full speed
+]
+
+
+@pytest.mark.parametrize(("by_mm", "speed_mm_s", "ramp_ms", "lasts_s"), WAYS)
+def test_a_drive_is_asked_when_it_should_have_arrived_and_each_20_ms_from_then_on(
+    bench: Make, clock: VirtualClock, by_mm: float, speed_mm_s: float, ramp_ms: int, lasts_s: float
+) -> None:
+    """For alarms each 0.25 s on the way; it runs 50 ms longer than it should."""
+    bus, stage = bench(drive={"ramp_ms": ramp_ms})
+    bus.stands(X, -400)
+    begun_s = clock.monotonic_s()
+    bus.status = lambda device, t_s: RUNNING if begun_s < t_s < begun_s + lasts_s + 0.05 else HOMED
+    stage.move_to(x_mm=-1.0 - by_mm, speed_mm_s=speed_mm_s)
+    asked_s = [t_s - begun_s for t_s, device, register in bus.asked if (device, register) == (X, STATUS)]
+    on_the_way = [0.25 * k for k in range(math.ceil(lasts_s / 0.25))]
+    assert asked_s == pytest.approx(on_the_way + [lasts_s + 0.02 * k for k in range(4)])
+
+
+@pytest.mark.parametrize(
+    ("by_mm", "arrives_s", "looks_s"), [(1.0, 0.31, [0.1, 0.2]), (0.25, 0.16, [])], ids=["0.3 s", "0.14 s"]
+)
+def test_a_move_is_looked_at_each_tenth_of_a_second_and_not_just_before_its_end(
+    bench: Make, clock: VirtualClock, by_mm: float, arrives_s: float, looks_s: list[float]
+) -> None:
+    bus, stage = bench()
+    begun_s = clock.monotonic_s()
+    bus.status = lambda device, t_s: RUNNING if begun_s < t_s < begun_s + arrives_s else HOMED
+    looked_s = []
+    for look in stage.moving(z_mm=-by_mm, speed_mm_s=5.0):
+        assert look is not None
+        assert look.state == "Run"
+        looked_s.append(clock.monotonic_s() - begun_s)
+    assert looked_s == pytest.approx(looks_s)
+    assert clock.monotonic_s() - begun_s < arrives_s + 0.021
+
+
+@pytest.mark.parametrize(
+    ("word", "pulses"), [(0x76, -400), (0x52, -400), (0x72, -399)], ids=["runs", "path not done", "elsewhere"]
+)
+def test_a_drive_has_arrived_when_it_stands_with_its_path_done_and_the_target_for_command(
+    bench: Make, clock: VirtualClock, word: int, pulses: int
+) -> None:
+    bus, stage = bench()
+    over_s = clock.monotonic_s() + 1.0
+    begun_s = clock.monotonic_s()
+
+    def status(device: int, t_s: float) -> int:
+        if t_s > begun_s:
+            bus.stands(X, pulses if t_s < over_s else -400)
+        return word if begun_s < t_s < over_s else HOMED
+
+    bus.status = status
+    stage.move_to(x_mm=-1.0, speed_mm_s=5.0)
+    assert over_s <= clock.monotonic_s() < over_s + 0.03
+
+
+@pytest.mark.parametrize(("word", "pulses"), [(0x76, 0), (0x32, 0), (0x72, 1)], ids=["runs", "not homed", "not at 0"])
+def test_a_drive_is_homed_when_it_stands_and_says_so_and_is_at_0(
+    bench: Make, clock: VirtualClock, word: int, pulses: int
+) -> None:
+    bus, stage = bench()
+    begun_s = clock.monotonic_s()
+
+    def status(device: int, t_s: float) -> int:
+        early = begun_s < t_s < begun_s + 1.0
+        bus.stands(Z, pulses if early else 0)
+        return word if early else HOMED
+
+    bus.status = status
+    stage.home()
+    assert begun_s + 1.0 <= clock.monotonic_s() < begun_s + 1.2
+
+
+def test_what_a_drive_said_before_it_began_to_home_is_not_taken_for_the_end(bench: Make) -> None:
+    """It has 50 ms from the trigger on to show that it runs."""
+    bus, stage = bench()
+    stage.home()
+    for device in (X, Z):
+        triggered_s = next(t_s for t_s, *what in bus.told if what == [device, TRIGGER, [HOME]])
+        asked_s = next(t_s for t_s, *what in bus.asked if what == [device, STATUS] and t_s > triggered_s)
+        assert asked_s - triggered_s == pytest.approx(0.05)
+
+
+def test_homing_is_given_three_minutes(bench: Make) -> None:
+    bus, stage = bench()
+    bus.takes_s = 1.0
+    bus.status = lambda device, t_s: RUNNING
+    with pytest.raises(StageTimeout, match=r"z axis, drive 2: homing is not over after 180\.0 s"):
+        stage.home()
+
+
+@pytest.mark.parametrize(("bit", "name"), [(2, "RUNNING"), (4, "COMMAND_DONE")])
+def test_a_timeout_tells_what_the_drive_says_of_itself(bench: Make, clock: VirtualClock, bit: int, name: str) -> None:
+    """Bits by the manual; bit 1 is enabled, bit 6 homed."""
+    bus, stage = bench()
+    begun_s = clock.monotonic_s()
+    bus.status = lambda device, t_s: 0x42 | 1 << bit if t_s > begun_s else HOMED
+    with pytest.raises(StageTimeout, match=rf"status <Status\.ENABLED\|{name}\|HOMED: "):
+        stage.move_to(x_mm=-1.0, speed_mm_s=5.0)
+
+
+def test_a_move_that_is_stopped_by_another_is_over_with_an_error(bench: Make) -> None:
+    bus, stage = bench()
+    bus.status = lambda device, t_s: RUNNING if bus.paths() and bus.told[-1][2] == PR0 else HOMED
+    looks = stage.moving(x_mm=-10.0, speed_mm_s=1.0)
+    next(looks)
+    stage.stop()
+    with pytest.raises(StageError, match="x axis, drive 1: stopped"):
+        next(looks)
+    assert not stage.homed
+
+
+# --- jogs ---
+
+
+@pytest.mark.parametrize("per_mm", [400.0, -400.0, 0.5, -0.5])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_held_jog_goes_the_way_that_was_asked_for_whatever_way_the_motor_runs(
+    bench: Make, per_mm: float, sign: int
+) -> None:
+    bus, stage = bench(per_mm=per_mm)
+    held = iter([True, False])
+    stage.jog_while("x", sign, lambda: next(held), 20.0)
+    assert bus.told[-1][1:] == (X, CONTROL, [0x4001 if sign * per_mm > 0 else 0x4002])
+
+
+def test_a_held_jog_is_told_again_each_20_ms_however_long_an_answer_takes(bench: Make, clock: VirtualClock) -> None:
+    bus, stage = bench()
+    bus.takes_s = 0.003
+    held = iter([True] * 6 + [False])
+    stage.jog_while("z", 1, lambda: next(held), 1.0)
+    told_s = [t_s for t_s, _, register, _ in bus.told if register == CONTROL]
+    assert len(told_s) == 6
+    assert [b - a for a, b in pairwise(told_s)] == pytest.approx([0.02] * 5)
+
+
+def test_a_held_jog_is_over_as_soon_as_the_drive_stands(bench: Make, clock: VirtualClock) -> None:
+    """And it is asked until then."""
+    bus, stage = bench()
+    held = iter([True, False])
+    begun_s = clock.monotonic_s()
+    bus.status = lambda device, t_s: RUNNING if begun_s < t_s < begun_s + 0.07 else HOMED
+    stage.jog_while("z", 1, lambda: next(held), 1.0)
+    assert 0.07 <= clock.monotonic_s() - begun_s < 0.1
+
+
+def test_a_drive_that_jogs_on_after_the_key_is_told_of_after_a_second(bench: Make, clock: VirtualClock) -> None:
+    bus, stage = bench()
+    held = iter([True, False])
+    begun_s = clock.monotonic_s()
+    bus.status = lambda device, t_s: RUNNING if t_s > begun_s else HOMED
+    with pytest.raises(StageTimeout, match=r"the end of a jog is not over after 1\.0 s"):
+        stage.jog_while("z", 1, lambda: next(held), 1.0)
+
+
+def test_a_jog_goes_on_from_where_the_drive_is_going_to(bench: Make) -> None:
+    """At rest that is where it stands, wherever an earlier jog led."""
+    bus, stage = bench()
+    bus.stands(X, -400)
+    stage.jog("x", -1.0, 1.0)
+    bus.status = lambda device, t_s: RUNNING
+    bus.stands(X, -500)  # on its way
+    stage.jog("x", -1.0, 1.0)
+    bus.status = lambda device, t_s: HOMED
+    bus.stands(X, -4000)
+    stage.jog("x", 0.5, 1.0)
+    assert bus.paths() == [(X, -800), (X, -1200), (X, -3800)]
+
+
+def test_a_jog_of_a_drive_that_somebody_else_runs_begins_where_it_is(bench: Make) -> None:
+    bus, stage = bench()
+    bus.status = lambda device, t_s: RUNNING
+    bus.stands(Z, -2000)
+    stage.jog("z", 0.25, 1.0)
+    assert bus.paths() == [(Z, -1900)]
+
+
+# --- stopping ---
+
+
+def test_a_stop_is_told_again_each_20_ms_until_the_drive_stands(bench: Make, clock: VirtualClock) -> None:
+    bus, stage = bench()
+    begun_s = clock.monotonic_s()
+    bus.status = lambda device, t_s: RUNNING if device == Z and t_s < begun_s + 0.05 else HOMED
+    stage.halt()
+    told = [(t_s - begun_s, device) for t_s, device, register, said in bus.told if said == [QUICK_STOP]]
+    assert [t_s for t_s, device in told if device == Z] == pytest.approx([0.0, 0.02, 0.04, 0.06])
+    assert [device for _, device in told] == [Z, Z, Z, Z, X]
+
+
+def test_a_drive_that_takes_no_stop_is_told_of_in_its_own_words(bench: Make) -> None:
+    bus, stage = bench()
+    bus.trouble = ModbusRefused("refused with exception 3", 3)
+    with pytest.raises(StageError, match="z axis: refused with exception 3"):
+        stage.halt()
+    with pytest.raises(StageError, match="z axis: refused with exception 3"):
+        stage.stop()
+    assert {device for _, device, *_ in bus.told} == {X, Z}
+
+
+def test_a_drive_that_runs_on_is_told_of(bench: Make, clock: VirtualClock) -> None:
+    bus, stage = bench()
+    bus.takes_s = 0.01
+    bus.status = lambda device, t_s: RUNNING
+    begun_s = clock.monotonic_s()
+    with pytest.raises(StageTimeout, match="z axis, drive 2 still runs 1 s after a quick stop"):
+        stage.halt()
+    assert clock.monotonic_s() - begun_s == pytest.approx(1.0, abs=0.04)
+
+
+def test_drives_on_buses_of_their_own_are_all_told_to_stop_before_one_is_asked(clock: VirtualClock) -> None:
+    one: Any = Bus(clock)
+    two: Any = Bus(clock)
+    x, z = (
+        LeadshineDrive(bus, clock, axis, DriveSettings(device_id=7), pulses_per_mm=400.0, travel_mm=60.0)
+        for bus, axis in ((one, "x"), (two, "z"))
+    )
+    told_before_asked: list[tuple[int, int]] = []
+
+    def status(device: int, t_s: float) -> int:
+        told_before_asked.append((len(one.told), len(two.told)))
+        return HOMED
+
+    one.status = two.status = status
+    stage = LeadshineStage(x, z)
+    stage.stop()
+    assert told_before_asked[0] == (1, 2)
+    assert {tuple(what[1:3]) for what in one.told + two.told} == {(7, TRIGGER)}
+    stage.close()
+    assert (one.closed, two.closed) == (1, 1)
+
+
+def test_a_bus_for_both_is_told_once_for_each_and_closed_once(bench: Make) -> None:
+    bus, stage = bench()
+    stage.stop()
+    assert [what[1] for what in bus.told] == [Z, X, Z, X]
+    stage.close()
+    assert bus.closed == 1

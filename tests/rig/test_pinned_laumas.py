@@ -1,0 +1,188 @@
+"""What the Laumas driver promises, on a transmitter that is registers without frames, at a late hour of the clock."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import pytest
+
+from rig.devices.bench_settings import LaumasSettings
+from rig.devices.force import (
+    ForceBroken,
+    ForceBusy,
+    ForceError,
+    ForceOverload,
+    ForceReading,
+    ForceUnderload,
+    LaumasForce,
+)
+from rig.devices.force.laumas import COMMAND, IDENTITY, STATUS
+from sim.devices.clock import VirtualClock
+
+GWT_N = 9.80665e-3
+STABLE = 1 << 11
+
+
+class Bus:
+    """A transmitter: registers, and when which command came. Its load is `status` and `counts` at each asking."""
+
+    name = "bus"
+
+    def __init__(self, clock: VirtualClock) -> None:
+        self.clock = clock
+        self.status: Callable[[], int] = lambda: STABLE
+        self.gross = self.net = 0
+        self.units = 0x010C
+        self.asked_s: list[float] = []
+        self.told: list[tuple[float, int, int, list[int]]] = []
+
+    def read(self, device: int, register: int, count: int) -> list[int]:
+        assert device == 1
+        if register == IDENTITY:
+            return [261, 30, 2024, 1234][:count] + [0] * (count - 4)
+        assert (register, count) == (STATUS, 8)
+        self.asked_s.append(self.clock.monotonic_s())
+        weights = [part for counts in (self.gross, self.net) for part in (counts >> 16 & 0xFFFF, counts & 0xFFFF)]
+        return [self.status(), *weights, 0, 0, self.units]
+
+    def write(self, device: int, register: int, values: Sequence[int]) -> None:
+        self.told.append((self.clock.monotonic_s(), device, register, list(values)))
+        self.gross = self.net = 0
+
+
+Make = Callable[..., tuple[Bus, LaumasForce]]
+
+
+@pytest.fixture
+def transmitter(clock: VirtualClock) -> Make:
+    def make(driver: dict[str, float] | None = None, **changes: Any) -> tuple[Bus, Any]:
+        clock.wait_s(1000.0)
+        bus: Any = Bus(clock)
+        return bus, LaumasForce(bus, clock, LaumasSettings(**changes), **(driver or {}))
+
+    return make
+
+
+# By the manual of the LCB, status register 1.
+KINDS: dict[int, tuple[type[ForceError], str]] = {
+    0: (ForceBroken, "load cell error, is its cable whole"),
+    1: (ForceBroken, "the analogue-to-digital converter fails"),
+    2: (ForceOverload, "maximum weight exceeded"),
+    3: (ForceOverload, "more than 110 % of full scale"),
+    4: (ForceOverload, "gross weight out of range"),
+    5: (ForceOverload, "net weight out of range"),
+}
+
+
+@pytest.mark.parametrize("weight", ["gross", "net"])
+@pytest.mark.parametrize("bit", range(16))
+def test_each_bit_of_the_status_means_what_the_manual_says(transmitter: Make, weight: str, bit: int) -> None:
+    """Of 233 counts; a sign counts for its own weight only."""
+    bus, force = transmitter(weight=weight)
+    bus.status, bus.gross, bus.net = lambda: 1 << bit, 233, 233
+    if bit in KINDS:
+        with pytest.raises(KINDS[bit][0], match=f"bus: transmitter 1: {KINDS[bit][1]}") as caught:
+            force.read()
+        assert type(caught.value) is KINDS[bit][0]
+    else:
+        minus = -1 if bit == {"gross": 7, "net": 8}[weight] else 1
+        assert force.read() == ForceReading(pytest.approx(minus * 2.33 * GWT_N), bit == 11, 1000.0)
+
+
+@pytest.mark.parametrize("weight", ["gross", "net"])
+@pytest.mark.parametrize("bit", [2, 3, 4, 5])
+def test_beyond_the_range_with_a_minus_is_underload(transmitter: Make, weight: str, bit: int) -> None:
+    bus, force = transmitter(weight=weight)
+    bus.status = lambda: 1 << bit | 1 << {"gross": 7, "net": 8}[weight]
+    with pytest.raises(ForceUnderload):
+        force.read()
+
+
+@pytest.mark.parametrize("weight", ["gross", "net"])
+@pytest.mark.parametrize("counts", [0, 1, 65535, 65536, 2**31 - 1, -1, -65536, -100000, -(2**31)])
+def test_a_weight_in_twos_complement_has_its_sign_in_its_first_bit(
+    transmitter: Make, weight: str, counts: int
+) -> None:
+    """And nowhere else: bits 7 and 8 of the status are no signs here."""
+    bus, force = transmitter(signs="registers", weight=weight)
+    setattr(bus, weight, counts)
+    for status in (0, 0x180):
+        bus.status = lambda status=status: status  # type: ignore[misc]
+        assert force.read().force_n == pytest.approx(counts * 0.01 * GWT_N)
+    bus.status = lambda: 1 << 2
+    with pytest.raises(ForceUnderload if counts < 0 else ForceOverload):
+        force.read()
+
+
+@pytest.mark.parametrize(("count_g", "scale"), [(0.01, 1.0), (0.5, 1.0), (0.01, 1.25), (2.0, 0.8)])
+def test_a_count_is_so_many_grams_and_the_scale_is_measured(transmitter: Make, count_g: float, scale: float) -> None:
+    bus, force = transmitter({"scale": scale, "resolution_gwt": 0.02}, count_g=count_g)
+    bus.gross = 300
+    assert force.read().force_n == pytest.approx(300 * count_g * scale * GWT_N)
+    assert force.resolution_gwt == pytest.approx(0.02 * scale)
+
+
+def test_a_transmitter_that_nothing_is_said_of_shows_grams_in_hundredths_each_twentieth_of_a_second(
+    transmitter: Make,
+) -> None:
+    bus, force = transmitter()
+    bus.gross = 100
+    assert (force.sample_period_s, force.resolution_gwt) == (0.05, 0.01)
+    assert force.read().force_n == pytest.approx(GWT_N)
+
+
+@pytest.mark.parametrize("ask", ["connect", "identify"])
+def test_an_identity_is_given_where_the_unit_is_right_and_nothing_is_written(transmitter: Make, ask: str) -> None:
+    bus, force = transmitter()
+    assert getattr(force, ask)() == "Laumas transmitter type 30, serial 1234 of 2024, firmware 261"
+    bus.units = 0x000C
+    with pytest.raises(ForceError, match="are 0x000C, expected 0x010C"):
+        getattr(force, ask)()
+    assert bus.told == []
+
+
+@pytest.mark.parametrize(("weight", "command"), [("gross", 8), ("net", 7)])
+def test_zero_is_taken_of_the_first_load_at_rest_and_looked_at_once_its_filter_is_new(
+    transmitter: Make, clock: VirtualClock, weight: str, command: int
+) -> None:
+    """Four samples of 0.05 s: asked each 0.2 s, and 0.2 s after the command; at rest after a second."""
+    bus, force = transmitter(weight=weight, filter_samples=4)
+    bus.gross = bus.net = 200
+    bus.status = lambda: STABLE if clock.monotonic_s() > 1000.9 else 0
+    force.zero()
+    assert bus.asked_s == pytest.approx([1000.0, 1000.2, 1000.4, 1000.6, 1000.8, 1001.0, 1001.2])
+    assert bus.told == [(pytest.approx(1001.0), 1, COMMAND, [command])]
+
+
+@pytest.mark.parametrize(("rests_s", "fine"), [(9.9, True), (10.2, False)])
+def test_a_load_may_take_ten_seconds_to_rest(
+    transmitter: Make, clock: VirtualClock, rests_s: float, fine: bool
+) -> None:
+    bus, force = transmitter()
+    bus.status = lambda: STABLE if clock.monotonic_s() > 1000.0 + rests_s else 0
+    if fine:
+        force.zero()
+    else:
+        with pytest.raises(ForceBusy, match="transmitter 1: no stable load in 10 s"):
+            force.zero()
+        assert clock.monotonic_s() == pytest.approx(1010.0, abs=0.06)
+    assert len(bus.told) == fine
+
+
+@pytest.mark.parametrize(("left", "fine"), [(0, True), (1, True), (-1, True), (3, False), (-3, False)])
+def test_what_is_left_after_zeroing_is_a_step_of_the_display_at_most(
+    transmitter: Make, left: int, fine: bool
+) -> None:
+    """Counts of 0.01 gwt, and a display of 0.02."""
+    bus, force = transmitter({"resolution_gwt": 0.02}, signs="registers")
+    write = bus.write
+
+    def zeroed(device: int, register: int, values: Sequence[int]) -> None:
+        write(device, register, values)
+        bus.gross = left
+
+    bus.write = zeroed  # type: ignore[method-assign]
+    if fine:
+        force.zero()
+    else:
+        with pytest.raises(ForceBusy, match=f"still {left / 100:g} gwt after zeroing"):
+            force.zero()
