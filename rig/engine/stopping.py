@@ -5,6 +5,9 @@ from dataclasses import dataclass
 from rig.engine.pressing.touch_fit import CONTACT_EXPONENT
 from rig.engine.rig_settings import RigSettings
 
+# What a controller has prepared it steps at full speed first: 0.05 s GRBL 1.1h, 0.11 s grblHAL (docs/devices.md).
+PREPARED_S = 0.11
+
 
 @dataclass(frozen=True)
 class Stopping:
@@ -17,8 +20,9 @@ class Stopping:
 
     @classmethod
     def of(cls, settings: RigSettings, speed_mm_s: float) -> "Stopping":
-        """Late by the sensor and the wait for a reading; no more than an increment is ever queued."""
-        late_s = settings.force.latency_s + settings.habits.settle_readings * settings.force.sample_period_s
+        """Late by sensor, wait for a reading and what is prepared; no more than an increment is ever queued."""
+        waited_s = settings.habits.settle_readings * settings.force.sample_period_s
+        late_s = settings.force.latency_s + waited_s + PREPARED_S
         return cls(speed_mm_s, late_s, settings.stage.acceleration_mm_s2, settings.habits.increment_mm)
 
     @property

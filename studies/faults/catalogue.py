@@ -35,6 +35,13 @@ def _stage(change: Change) -> Callable[[FaultyBench], object]:
     return _press(lambda bench: bench.change(bench.stage_line, change))
 
 
+def _bytes(data: bytes) -> Callable[[FaultyBench], object]:
+    """Somebody else writes to the board in the middle of the next move."""
+    return lambda bench: bench.clock.call_at(
+        bench.clock.monotonic_s() + 0.04, lambda: bench.stage_line.host_write(data)
+    )
+
+
 def _freeze(bench: FaultyBench) -> None:
     frozen = bench.true_n(bench.clock.monotonic_s())
     bench.extra_n = lambda t_s: frozen - bench.true_n(t_s)
@@ -94,6 +101,11 @@ CATALOGUE = (
         _press(lambda b: b.stage_line.host_write(b"G53G0Z-500\n")),
         GRBL,
     ),
+    Fault("feed at 200 %", "held", "feed override 200 %", _press(_bytes(b"\x91" * 10)), GRBL),
+    Fault("feed at 10 %", "held", "feed override 10 %", _press(_bytes(b"\x92" * 9)), GRBL),
+    Fault("rapids at 25 %", "held", "rapid override 25 %", _press(_bytes(b"\x97")), GRBL),
+    Fault("a hold at the board", "held", "the stage is held, Hold", _press(_bytes(b"!")), GRBL),
+    Fault("the safety door", "held", "the stage is held, Door", _press(_bytes(b"\x84")), GRBL),
     Fault("the stage's port unplugged", "held", "stage is closed", _press(lambda b: b.stage_wire.close()), GRBL),
     Fault("the sensor's port unplugged", "lifted", "force is closed", _press(lambda b: b.force_wire.close()), GRBL),
     Fault("answers 0.4 s late", "done", "", _press(lambda b: delayed(b, b.force_line, 0.4)), GRBL),

@@ -195,8 +195,23 @@ def test_backlash_is_taken_up_on_the_way_up_and_not_beyond_the_top(
 
 def test_a_board_that_jogs_on(clock: VirtualClock) -> None:
     board, stage = _grbl(clock, b"<Jog|MPos:0.000,0.000,0.000>\r\n")
+    write = board.write
+
+    def creeping(data: bytes) -> None:
+        board.status = f"<Jog|MPos:{clock.monotonic_s():.3f},0.000,0.000>\r\n".encode()
+        write(data)
+
+    board.write = creeping  # type: ignore[method-assign]
     assert _lasts_s(clock, stage.end_jog, "still jogging after 5 s") == pytest.approx(5.0, abs=0.021)
     assert board.sent.count(b"\x85") == pytest.approx(5.0 / 0.02, rel=0.1)
+
+
+def test_a_board_that_says_jog_and_stands_is_at_rest(clock: VirtualClock) -> None:
+    """Half a second: longer than a step of 1/400 mm takes at 1 mm/min, the slowest there is."""
+    _board, stage = _grbl(clock, b"<Jog|MPos:0.000,0.000,0.000>\r\n")
+    begun_s = clock.monotonic_s()
+    stage.end_jog()
+    assert clock.monotonic_s() - begun_s == pytest.approx(0.5, abs=0.021)
 
 
 def test_what_a_board_takes_for_a_millimetre_has_the_sign_of_its_motor(clock: VirtualClock) -> None:

@@ -57,8 +57,8 @@ def test_the_driver_finds_its_way_in(wire: Wire) -> None:
 @pytest.mark.parametrize(
     ("sent", "answer"),
     [
-        (b"G90\n", "ok"), (b"\n", "ok"), (b"G999\n", "error:20"), (b"$999=1\n", "error:3"),
-        (b"G1X0F0\n", "error:22"), (b"$J=G91X1\n", "error:22"), (b"N1" + b"0" * 80 + b"\n", "error:11"),
+        (b"G90\n", "ok"), (b"\n", "ok"), (b"G999\n", "error:20"),
+        (b"G1X0F0\n", "error:22"), (b"$J=G91X1\n", "error:22"),
         (b"M8\n", "ok"), (b"M9\n", "ok"), (b"M3S1000\n", "ok"), (b"M5\n", "ok"), (b"M8M9\n", "error:21"),
         (b"$J=G91X-1F60M8\n", "error:16"),
     ],
@@ -67,6 +67,57 @@ def test_answers(wire: Wire, stage: GrblStage, sent: bytes, answer: str) -> None
     transport, clock = wire
     transport.write(sent)
     assert LineReader(transport, clock).read_line(clock.monotonic_s() + 2.0) == answer
+
+
+@pytest.mark.parametrize(
+    ("sent", "grbl", "grblhal"),
+    [(b"$999=1\n", "error:3", "error:53"), (b"N1" + b"0" * 80 + b"\n", "error:11", "ok")],
+)
+def test_answers_that_firmwares_give_differently(wire: Wire, sent: bytes, grbl: str, grblhal: str) -> None:
+    transport, clock = wire
+    stage = GrblStage(*wire)
+    says = stage.connect()
+    stage.unlock()
+    transport.write(sent)
+    answer = LineReader(transport, clock).read_line(clock.monotonic_s() + 2.0)
+    assert answer == (grblhal if "grblHAL" in says else grbl)
+
+
+def test_overrides_are_reported_refused_and_end_at_connecting(wire: Wire, stage: GrblStage) -> None:
+    transport, clock = wire
+    transport.write(b"\x91")
+    _until_overrides(stage, clock, (110, 100, 100))
+    before = stage.status()
+    with pytest.raises(StageError, match="feed override 110 %: somebody changed it at the controller"):
+        stage.jog("x", -1.0, 5.0)
+    assert stage.status() == before
+    stage.connect()
+    transport.write(b"\x96\x9b")
+    _until_overrides(stage, clock, (100, 50, 90))
+    stage.connect()
+    transport.write(b"\x93")
+    _until_overrides(stage, clock, (101, 100, 100))
+    stage.connect()
+    stage.jog("x", -0.1, 5.0)
+    _until(stage, clock, lambda state: state == "Idle")
+
+
+@pytest.mark.parametrize("after_mm", [0.2, 1.0])
+def test_an_override_during_a_jog_is_named_and_the_jog_can_be_ended(
+    stage: GrblStage, wire: Wire, after_mm: float
+) -> None:
+    transport, clock = wire
+    start_mm = stage.status().x_mm
+    stage.jog("x", -20.0, 2.0)
+    _until(stage, clock, lambda _state: abs(stage.status().x_mm - start_mm) > after_mm)
+    transport.write(b"\x92")
+    with pytest.raises(StageError, match="feed override 90 %"):
+        _until(stage, clock, lambda state: state == "Idle")
+    stage.end_jog()
+    at = stage.status()
+    clock.wait_s(0.3)
+    assert stage.status().x_mm == at.x_mm
+    assert abs(at.x_mm - start_mm) < 20.0
 
 
 def test_a_jog_ends_where_it_was_sent(stage: GrblStage, wire: Wire) -> None:
@@ -140,6 +191,15 @@ def test_out_of_travel_a_jog_is_refused_and_a_move_is_an_alarm_with_a_way_back(s
     assert caught.value.code == 2
     stage.unlock()
     assert stage.status().state == "Idle"
+
+
+def _until_overrides(stage: GrblStage, clock: Clock, overrides: tuple[int, int, int]) -> None:
+    """A change is in the next status, or in the one after it."""
+    deadline_s = clock.monotonic_s() + 30.0
+    while stage._link.overrides != overrides:
+        assert clock.monotonic_s() < deadline_s
+        stage.status()
+        clock.wait_s(0.01)
 
 
 def _wait_until_it_moves(stage: GrblStage, clock: Clock) -> None:

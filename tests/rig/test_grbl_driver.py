@@ -24,7 +24,8 @@ from sim.devices.clock import VirtualClock
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
 HELLO = (b"$I\n", b"[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n")
-SETTINGS = (b"$$\n", b"$13=0\r\n$100=400.000\r\n$110=600.000\r\n$120=50.000\r\nok\r\n")
+ASKED = b"\x90\x95\x99$$\n"
+SETTINGS = (ASKED, b"$13=0\r\n$100=400.000\r\n$110=600.000\r\n$120=50.000\r\nok\r\n")
 IDLE = b"<Idle|MPos:-1.000,-2.000,-3.000|FS:0,0>\r\n"
 Make = Callable[..., GrblStage]
 
@@ -83,7 +84,7 @@ def test_nobody_there(clock: VirtualClock, scripted: Callable[[list[Any]], Any])
 
 
 def test_a_board_that_reports_inches_is_refused(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
-    stage = GrblStage(scripted([HELLO, (b"$$\n", b"$13=1\r\nok\r\n")]), clock)
+    stage = GrblStage(scripted([HELLO, (ASKED, b"$13=1\r\nok\r\n")]), clock)
     with pytest.raises(StageError, match=r"\$13=0"):
         stage.connect()
 
@@ -98,9 +99,7 @@ def test_a_board_that_reports_inches_is_refused(clock: VirtualClock, scripted: C
 def test_a_board_that_is_not_set_as_configured_is_refused(
     clock: VirtualClock, scripted: Callable[[list[Any]], Any], board: bytes, complaint: str
 ) -> None:
-    stage = GrblStage(
-        scripted([HELLO, (b"$$\n", board + b"ok\r\n")]), clock, expected=expected_settings(RigSettings())
-    )
+    stage = GrblStage(scripted([HELLO, (ASKED, board + b"ok\r\n")]), clock, expected=expected_settings(RigSettings()))
     with pytest.raises(StageError, match=complaint):
         stage.connect()
 
@@ -152,7 +151,7 @@ def test_no_answer_is_a_bounded_wait_and_then_only_a_reset_helps(stage: Make, cl
     ("line", "fields"),
     [
         ("<Idle|MPos:0.000,1.000,-2.500|Bf:15,128|FS:0,0|Pn:XZ|WCO:1,2,3|Ov:100,100,100>",
-         StatusFields("Idle", (0.0, 1.0, -2.5), None, (1.0, 2.0, 3.0))),
+         StatusFields("Idle", (0.0, 1.0, -2.5), None, (1.0, 2.0, 3.0), (100, 100, 100))),
         ("<Hold:1|WPos:0,0,0|FS:0,0>", StatusFields("Hold:1", None, (0.0, 0.0, 0.0), None)),
         ("<Run|MPos:0,0,0,7.5|FS:0,0>", StatusFields("Run", (0.0, 0.0, 0.0), None, None)),
         ("<Alarm>", StatusFields("Alarm", None, None, None)),
@@ -207,6 +206,7 @@ def test_a_status_without_position_is_an_error(stage: Make) -> None:
 def test_home_then_move(stage: Make, clock: VirtualClock) -> None:
     board = stage(
         [
+            (b"?", IDLE),
             (b"$H\n", b"ok\r\n"),
             (b"?", IDLE),
             (b"G53G1G90G21X-11.0000F60.000\n", b"ok\r\n"),
@@ -232,10 +232,10 @@ def test_an_arrival_elsewhere_is_an_error(stage: Make) -> None:
 def test_a_move_that_does_not_end_has_a_bounded_wait(clock: VirtualClock) -> None:
     class Stuck:
         name = "stuck"
-        answers = b""
+        answers, state = b"", b"Run"
 
         def write(self, data: bytes) -> None:
-            self.answers += b"<Hold:0|MPos:0,0,0>\r\n" if data == b"?" else b"ok\r\n"
+            self.answers += b"<" + self.state + b"|MPos:0,0,0>\r\n" if data == b"?" else b"ok\r\n"
 
         def read(self, timeout_s: float) -> bytes:
             data, self.answers = self.answers, b""
@@ -245,11 +245,13 @@ def test_a_move_that_does_not_end_has_a_bounded_wait(clock: VirtualClock) -> Non
 
         def close(self) -> None: ...
 
-    board = GrblStage(Stuck(), clock)
+    stuck = Stuck()
+    board = GrblStage(stuck, clock)
     board.connect()
     board._link.trusted = True
-    with pytest.raises(StageTimeout, match="not over in time, state Hold:0"):
+    with pytest.raises(StageTimeout, match="not over in time, state Run"):
         board.move_to(x_mm=1.0, speed_mm_s=1.0)
+    stuck.state = b"Hold:0"
     with pytest.raises(StageTimeout, match="still held after 1 s"):
         board.resume(1.0)
 
@@ -289,7 +291,7 @@ def test_unknown_alarms_are_alarms_too(stage: Make) -> None:
 
 
 def test_a_banner_at_any_time_is_a_reset(stage: Make) -> None:
-    home = [(b"$H\n", b"ok\r\n"), (b"?", IDLE)]
+    home = [(b"?", IDLE), (b"$H\n", b"ok\r\n"), (b"?", IDLE)]
     board = stage([*home, (b"?", b"<Idle|MPos:-1.0" + BANNER)])
     board.home()
     with pytest.raises(StageReset, match=r"was reset \(Grbl 1\.1h"):
@@ -384,6 +386,7 @@ def test_home_after_a_stop_begins_with_a_reset(stage: Make) -> None:
         [
             (b"!\x18", b"ALARM:3\r\nok\r\n" + BANNER),
             (b"\x18", BANNER + b"[MSG:'$H'|'$X' to unlock]\r\n"),
+            (b"?", IDLE),
             (b"$H\n", b"ok\r\n"),
             (b"?", IDLE),
         ]

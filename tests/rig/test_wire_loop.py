@@ -171,7 +171,7 @@ def test_a_hold_and_a_lost_resume(bench: Bench) -> None:
 
     bench.clock.call_at(bench.clock.monotonic_s() + 1.0, hold)
     bench.clock.call_at(bench.clock.monotonic_s() + 1.05, look)
-    with pytest.raises(StageTimeout, match="Hold:0"):
+    with pytest.raises(StageError, match="the stage is held, Hold:0"):
         bench.stage.move_to(x_mm=-20.0, speed_mm_s=10.0)
     states.append(bench.stage.status().state)
     bench.stage.resume()

@@ -329,16 +329,16 @@ def test_hold_then_reset_drops_the_rest_byte_for_byte() -> None:
     # Ten moves planned, a dwell under way, a line in the receive buffer.
     assert host.say(b"G91G1X-20F600\n" + b"X-1\nY-1\n" * 4 + b"G4P1\nG90\n", 1.0) == b"ok\r\n" * 9
     assert host.say(b"!", 1.0) == b""
-    assert host.say(b"?") == b"<Hold:0|MPos:-11.000,-1.000,-1.000|FS:0,0>\r\n"
+    assert host.say(b"?") == b"<Hold:0|MPos:-11.400,-1.000,-1.000|FS:0,0>\r\n"
     held = host.steps()
     assert host.say(b"\x18", 0.1) == b"ok\r\n" + BANNER
-    assert host.say(b"?") == b"<Idle|MPos:-11.000,-1.000,-1.000|FS:0,0|WCO:0.000,0.000,0.000>\r\n"
+    assert host.say(b"?") == b"<Idle|MPos:-11.400,-1.000,-1.000|FS:0,0|WCO:0.000,0.000,0.000>\r\n"
     assert host.say(b"~", 30.0) == b""
-    assert host.steps() == held == (-4400, -400, -400)
+    assert host.steps() == held == (-4560, -400, -400)
     # No lock, nothing left in planner, parser or buffer, and the board is still right about its carriage.
     assert host.say(b"G91G1X-1F600\n", 0.4) == b"ok\r\n"
-    assert host.steps() == (-4800, -400, -400)
-    assert host.say(b"?") == b"<Idle|MPos:-12.000,-1.000,-1.000|FS:0,0|Ov:100,100,100>\r\n"
+    assert host.steps() == (-4960, -400, -400)
+    assert host.say(b"?") == b"<Idle|MPos:-12.400,-1.000,-1.000|FS:0,0|Ov:100,100,100>\r\n"
     assert host.say(b"G4P0.01\n", 0.1) == b"ok\r\n"
 
 

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sim.devices.grbl.blocks import AxisLimits, Share
 from sim.devices.grbl.motion import Counts, Track, trapezoid
-from sim.devices.grbl.planner import AxisLimits, Planner
+from sim.devices.grbl.planner import Planner
 
 PER_MM = 400
 LIMITS = AxisLimits((400.0, 400.0, 400.0), (10.0, 10.0, 5.0), (50.0, 50.0, 50.0), 0.01)
@@ -78,11 +79,18 @@ def test_a_collinear_block_that_comes_late_still_does_not_stop() -> None:
 def test_a_block_that_comes_in_the_final_slowing_down_speeds_up_again() -> None:
     plan = planner()
     plan.queue(HOME, steps(1.0), 5.0, 0.0)
-    t_s = 0.28  # 0.02 s before the stop
-    speed = plan.track.speed_at(t_s)
+    t_s = 0.23  # 0.07 s before the stop, 0.02 s before the end of what is prepared
     plan.queue(steps(1.0), steps(2.0), 5.0, t_s)
-    assert speed == pytest.approx(1.0)
-    assert plan.track.speed_at(t_s + 0.01) == pytest.approx(1.5)
+    assert plan.track.speed_at(t_s + 0.05) == pytest.approx(1.0)
+    assert plan.track.speed_at(t_s + 0.06) == pytest.approx(1.5)
+
+
+def test_a_block_that_comes_when_the_stop_is_prepared_begins_from_rest() -> None:
+    plan = planner()
+    plan.queue(HOME, steps(1.0), 5.0, 0.0)
+    plan.queue(steps(1.0), steps(2.0), 5.0, 0.28)
+    assert plan.track.speed_at(0.3) == pytest.approx(0.0)
+    assert plan.end_s == pytest.approx(0.6)
 
 
 def test_a_reversal_stops_and_a_corner_slows_to_the_junction_speed() -> None:
@@ -97,13 +105,37 @@ def test_a_reversal_stops_and_a_corner_slows_to_the_junction_speed() -> None:
     assert corner.end_s == pytest.approx(2 * half_s, rel=1e-12)
 
 
-def test_a_hold_stops_after_v_squared_over_2a() -> None:
+def test_a_hold_stops_after_the_prepared_segments_and_v_squared_over_2a() -> None:
     plan = planner()
     queue_path(plan, [steps(10.0)], 10.0)
     at = plan.track.position_at(0.5)[0]
     plan.hold(0.5)
-    assert plan.end_s == pytest.approx(0.5 + 10.0 / 50, rel=1e-12)
-    assert plan.track.position_at(9.0)[0] - at == pytest.approx(10.0**2 / (2 * 50) * PER_MM, rel=1e-12)
+    assert plan.end_s == pytest.approx(0.5 + 0.05 + 10.0 / 50, rel=1e-12)
+    travel_mm = 10.0 * 0.05 + 10.0**2 / (2 * 50)
+    assert plan.track.position_at(9.0)[0] - at == pytest.approx(travel_mm * PER_MM, rel=1e-12)
+
+
+@pytest.mark.parametrize("speed", [0.05, 0.1, 0.5, 1.0, 2.0, 5.0, 10.0])
+@pytest.mark.parametrize("phase_s", [0.0, 0.0033, 0.0099])
+def test_what_is_prepared_is_five_segments_of_10_ms_or_of_a_step_and_a_quarter(speed: float, phase_s: float) -> None:
+    """The one being stepped has been stepped in part already; at 0.05 mm/s a segment takes 70 ms."""
+    plan = planner()
+    queue_path(plan, [steps(10.0)], speed)
+    segment_s = max(0.01 * math.ceil(1.25 / PER_MM / speed / 0.01), 0.01)
+    t_s = math.ceil(0.5 / segment_s) * segment_s + phase_s
+    at = plan.track.position_at(t_s)[0]
+    plan.hold(t_s)
+    travel_mm = speed * (5 * segment_s - phase_s) + speed**2 / (2 * 50)
+    assert plan.track.position_at(plan.end_s)[0] - at == pytest.approx(travel_mm * PER_MM, rel=1e-6)
+
+
+def test_a_hold_when_all_is_prepared_ends_where_the_move_ends() -> None:
+    plan = planner()
+    queue_path(plan, [steps(0.05)], 1.0)
+    end_s = plan.end_s
+    plan.hold(end_s - 0.02)
+    assert (plan.end_s, plan.track.position_at(9.0)) == (end_s, steps(0.05))
+    assert not plan.resume(end_s + 1.0)
 
 
 def test_a_hold_runs_across_blocks_and_resumes_to_the_end() -> None:
@@ -113,7 +145,7 @@ def test_a_hold_runs_across_blocks_and_resumes_to_the_end() -> None:
     plan.hold(0.22)
     stop = plan.track.position_at(plan.end_s)[0] / PER_MM
     speed = 50 * 0.22 if 50 * 0.22 < 10 else 10.0
-    assert stop == pytest.approx(speed * 0.22 - speed**2 / 100 + speed**2 / 100, abs=1e-9)
+    assert stop == pytest.approx(speed * (0.22 + 0.05) - speed**2 / 100 + speed**2 / 100, abs=1e-9)
     assert plan.resume(plan.end_s + 1.0)
     assert plan.track.position_at(plan.end_s) == path[-1]
 
@@ -180,10 +212,42 @@ def test_a_trapezoid_covers_its_length(mm: float, v0: float, v1: float, cruise: 
     assert speed == pytest.approx(v1, abs=1e-5)
 
 
+@pytest.mark.parametrize(("share", "mm_s"), [(2.0, 2.0), (0.5, 0.5), (0.1, 0.1), (20.0, 10.0)])
+def test_an_override_changes_the_block_under_way_and_the_next(share: float, mm_s: float) -> None:
+    """From 1 mm/s, once the prepared segments have run out, at 50 mm/s²; never beyond what the axis allows."""
+    plan = planner()
+    queue_path(plan, [steps(6.0), steps(12.0)], 1.0)
+    plan.override(Share(feed=share), 1.0, moving=True)
+    assert plan.track.speed_at(1.049) == pytest.approx(1.0)
+    assert plan.track.speed_at(1.05 + abs(mm_s - 1.0) / 50 + 1e-6) == pytest.approx(mm_s)
+    assert plan.track.speed_at(plan.next_end_s() + 0.1) == pytest.approx(mm_s)
+    assert plan.track.position_at(plan.end_s) == steps(12.0)
+
+
+def test_an_override_that_comes_too_late_for_a_block_slows_the_next_one() -> None:
+    plan = planner()
+    queue_path(plan, [steps(0.7), steps(4.0)], 5.0)
+    plan.override(Share(feed=0.1), 0.12, moving=True)
+    crossed_s = plan.next_end_s()
+    assert plan.track.speed_at(crossed_s) > 0.5
+    assert plan.track.speed_at(crossed_s + 0.1) == pytest.approx(0.5)
+    assert plan.track.position_at(plan.end_s) == steps(4.0)
+
+
+def test_a_jog_goes_at_its_own_speed_and_a_rapid_at_its_own_share() -> None:
+    jog, rapid = planner(), planner()
+    for plan in (jog, rapid):
+        plan.override(Share(feed=2.0, rapid=0.25), 0.0, moving=False)
+    jog.queue(HOME, steps(5.0), 1.0, 0.0, jog=True)
+    rapid.queue(HOME, steps(5.0), math.inf, 0.0)
+    assert jog.track.speed_at(1.0) == pytest.approx(1.0)
+    assert rapid.track.speed_at(1.0) == pytest.approx(2.5)
+
+
 EVENTS = st.lists(
     st.tuples(
         st.floats(0.0, 0.5),  # seconds until it happens
-        st.sampled_from(["move", "move", "move", "hold"]),
+        st.sampled_from(["move", "move", "move", "hold", "override"]),
         st.tuples(st.integers(-2000, 2000), st.integers(-2000, 2000), st.integers(-2000, 2000)),
         st.floats(0.1, 10.0),
     ),
@@ -206,6 +270,8 @@ def test_no_history_of_moves_and_holds_jumps_or_misses(
         if kind == "move":
             plan.queue(last, target, speed, now_s)
             last = target
+        elif kind == "override":
+            plan.override(Share(speed / 5, min(speed / 10, 1.0)), now_s, moving=now_s < plan.end_s)
         else:
             plan.hold(now_s)
             _check_smooth(plan.track, now_s, plan.end_s)

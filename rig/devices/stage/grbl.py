@@ -20,8 +20,15 @@ from rig.devices.stage.base import (
     next_look_s,
 )
 from rig.devices.stage.grbl_link import ASK_TIMES, GrblLink
-from rig.devices.stage.grbl_settings import INCHES, STEP_DIRECTION, STEPS_PER_MM, differences
-from rig.devices.stage.grbl_words import Xyz, move_words, parse_setting, travel_s
+from rig.devices.stage.grbl_settings import (
+    INCHES,
+    STEP_DIRECTION,
+    STEPS_PER_MM,
+    differences,
+    expected_s_of,
+    unreported,
+)
+from rig.devices.stage.grbl_words import HELD, Xyz, machine_from, move_words, parse_setting
 from rig.transport import Transport
 from rig.transport.clock import Clock
 
@@ -30,6 +37,8 @@ POLL_S = 0.02
 TOLERANCE_STEPS = 1.0
 HOME_S = 180.0
 HALT_S = 2.0
+# Longer than a step takes at the slowest speed there is, 1 mm/min.
+STANDS_S = 0.5
 # A move may take this much longer than its length, speed and acceleration say.
 LATE_FACTOR, LATE_S = 1.5, 5.0
 ASK_FOR_OFFSET = 35
@@ -64,6 +73,7 @@ class GrblStage(Stage):
         self._backlash_mm = backlash_mm
         self._settings: dict[int, float] = {}
         self._last: Xyz | None = None
+        self._jogging = False
 
     @property
     def homed(self) -> bool:
@@ -80,7 +90,8 @@ class GrblStage(Stage):
         except (StageTimeout, StageRejected, StageAlarm, StageReset):
             self._link.reset()
             printed = self._link.command("$I")
-        wrong = differences(self.settings(), self._expected)
+        self._link.full_speed()
+        wrong = differences(self.settings(), self._expected) + unreported(printed, self._settings)
         if wrong:
             raise StageError(
                 f"{self._transport.name}: the board is not set as configured, expected {', '.join(wrong)}"
@@ -96,6 +107,7 @@ class GrblStage(Stage):
     def homing(self) -> Looks:
         """`$H`; while it lasts the board answers nothing, `?` included."""
         self._link.recover()
+        self._link.refuse_interference(self.status().state)
         for _ in self._link.talking("$H", HOME_S, LOOK_S):
             yield None
         self.status()
@@ -106,7 +118,13 @@ class GrblStage(Stage):
         self._link.command("$X")
 
     def status(self) -> StageStatus:
-        """Where the stage is now. Raises StageError."""
+        """Where the stage is now. Raises StageError, also where somebody interferes with a jog."""
+        now = self._status()
+        if self._jogging:
+            self._link.refuse_interference(now.state)
+        return now
+
+    def _status(self) -> StageStatus:
         fields = self._link.ask_status()
         asked = 0
         while fields.machine is None and (fields.work is None or self._link.offset is None):
@@ -115,7 +133,7 @@ class GrblStage(Stage):
             if asked > (ASK_TIMES if fields.work is None else ASK_FOR_OFFSET):
                 raise StageError(f"{self._transport.name}: the status holds no machine position")
             fields = self._link.ask_status()
-        self._last = fields.machine or _sum(fields.work, self._link.offset)
+        self._last = fields.machine or machine_from(fields.work, self._link.offset)
         return StageStatus(fields.state, *self._last)
 
     def moving(
@@ -153,7 +171,9 @@ class GrblStage(Stage):
         return {axis: min(mm + slack.get(axis, 0.0), 0.0) if slack.get(axis) else mm for axis, mm in target.items()}
 
     def _going(self, target: dict[str, float], speed_mm_s: float, look_s: float) -> Looks:
-        expected_s = self._expected_s(target, speed_mm_s)
+        self._link.refuse_interference("")
+        self._jogging = False
+        expected_s = expected_s_of(self._settings, self._last, target, speed_mm_s)
         self._link.command("G53G1G90G21" + move_words(target, speed_mm_s))
         yield from self._arriving(target, expected_s, look_s)
 
@@ -162,12 +182,12 @@ class GrblStage(Stage):
         deadline_s = self._clock.monotonic_s() + HALT_S
         trusted = self._link.trusted
         self.hold()
-        while (state := self.status().state) not in ("Hold:0", "Idle"):
+        while (state := self._status().state) not in ("Hold:0", "Idle"):
             if self._clock.monotonic_s() >= deadline_s:
                 raise StageTimeout(f"{self._transport.name}: not at rest {HALT_S:g} s after a hold, state {state}")
             self._listen(POLL_S)
         self._link.reset()
-        state = self.status().state
+        state = self._status().state
         if state != "Idle":
             raise StageError(f"{self._transport.name}: {state} after a halt, the position is lost")
         self._link.trusted = trusted
@@ -187,7 +207,7 @@ class GrblStage(Stage):
         Raises StageError.
         """
         deadline_s = self._clock.monotonic_s() + timeout_s
-        while self.status().state.startswith(("Hold", "Door")):
+        while self._status().state.startswith(HELD):
             if self._clock.monotonic_s() >= deadline_s:
                 raise StageTimeout(f"{self._transport.name}: still held after {timeout_s:g} s")
             self._link.send_now(b"~")
@@ -210,14 +230,26 @@ class GrblStage(Stage):
 
     def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
         """`$J=`: needs a board that is idle or jogging. Raises StageError; ValueError before any byte."""
+        self._link.refuse_interference("")
+        self._jogging = True
         self._link.command("$J=G91G21" + move_words({axis.upper(): by_mm}, speed_mm_s))
 
     def end_jog(self, timeout_s: float = 5.0) -> None:
-        """0x85 until the board is at rest: one that comes before the jog has begun is lost."""
+        """0x85 until the board is at rest: one that comes before the jog has begun is lost.
+
+        A board that says Jog and stands, as some grblHAL do after a cancel, is at rest.
+        """
         deadline_s = self._clock.monotonic_s() + timeout_s
+        self._jogging = False
         self._link.send_now(JOG_CANCEL)
-        while self.status().state == "Jog":
-            if self._clock.monotonic_s() >= deadline_s:
+        stood_at, stood_s = None, 0.0
+        while (now := self.status()).state == "Jog":
+            now_s = self._clock.monotonic_s()
+            if now != stood_at:
+                stood_at, stood_s = now, now_s
+            if now_s - stood_s >= STANDS_S:
+                return
+            if now_s >= deadline_s:
                 raise StageTimeout(f"{self._transport.name}: still jogging after {timeout_s:g} s")
             self._listen(POLL_S)
             self._link.send_now(JOG_CANCEL)
@@ -240,6 +272,7 @@ class GrblStage(Stage):
         due_s = next_look_s(begun_s, over_s, look_s)
         self._link.listen_until(min(over_s, due_s))
         while (now := self.status()).state != "Idle":
+            self._link.refuse_interference(now.state)
             if now.state.startswith(("Alarm", "Sleep", "Check")):
                 raise StageError(f"{self._transport.name}: {now.state} during a move")
             if self._clock.monotonic_s() >= deadline_s:
@@ -248,6 +281,7 @@ class GrblStage(Stage):
                 yield now
                 due_s = next_look_s(self._clock.monotonic_s(), over_s, look_s)
             self._link.listen_until(min(max(over_s, self._clock.monotonic_s() + POLL_S), due_s))
+        self._link.refuse_interference(now.state)
         self._verify(target, now)
 
     def _verify(self, target: dict[str, float], now: StageStatus) -> None:
@@ -257,26 +291,5 @@ class GrblStage(Stage):
             if abs(is_mm - target[axis]) * self._setting(100, axis) > TOLERANCE_STEPS:
                 raise StageError(f"{self._transport.name}: {axis} is at {is_mm} mm, not at {target[axis]} mm")
 
-    def _expected_s(self, target: dict[str, float], speed_mm_s: float) -> float:
-        if self._last is None:
-            return 0.0
-        moves = {
-            axis: abs(target[axis] - was)
-            for axis, was in zip("XYZ", self._last, strict=True)
-            if target.get(axis, was) != was
-        }
-        length, accel = math.hypot(*moves.values()), math.inf
-        for axis, mm in moves.items():
-            most, steepest = (self._setting(first, axis) for first in (110, 120))
-            speed_mm_s = min(speed_mm_s, most / 60 * length / mm)
-            accel = min(accel, steepest * length / mm)
-        return travel_s(length, speed_mm_s, accel)
-
     def _setting(self, first: int, axis: str) -> float:
         return self._settings.get(first + "XYZ".index(axis), math.inf)
-
-
-def _sum(work: Xyz | None, offset: Xyz | None) -> Xyz:
-    assert work is not None
-    assert offset is not None
-    return (work[0] + offset[0], work[1] + offset[1], work[2] + offset[2])

@@ -9,7 +9,18 @@ from collections.abc import Generator
 from contextlib import suppress
 
 from rig.devices.stage.base import StageAlarm, StageError, StageRejected, StageReset, StageTimeout
-from rig.devices.stage.grbl_words import ALARMS, ERRORS, StatusFields, Xyz, is_banner, number_after, parse_status
+from rig.devices.stage.grbl_words import (
+    ALARMS,
+    ERRORS,
+    FULL,
+    HELD,
+    OVERRIDDEN,
+    StatusFields,
+    Xyz,
+    is_banner,
+    number_after,
+    parse_status,
+)
 from rig.transport import LineReader, Transport
 from rig.transport.clock import Clock
 
@@ -20,6 +31,7 @@ BANNER_S = 3.0
 QUIET_S = 0.05
 ASK_TIMES = 3
 RESET = b"\x18"
+FULL_SPEED = b"\x90\x95\x99"
 
 
 class GrblLink:
@@ -32,6 +44,7 @@ class GrblLink:
         self.in_step = False
         self.trusted = False
         self.offset: Xyz | None = None
+        self.overrides = FULL
 
     def hello(self) -> list[str]:
         """Ask a board of unknown state who it is. Raises StageError."""
@@ -41,6 +54,27 @@ class GrblLink:
             self.hear_pending()
         self.in_step = True
         return self.command("$I")
+
+    def full_speed(self) -> None:
+        """End what overrides there are; a change from here on is somebody else's."""
+        self.send_now(FULL_SPEED)
+        self.overrides = FULL
+
+    def refuse_interference(self, state: str) -> None:
+        """Raises StageError where somebody holds the board, or has changed how fast it goes."""
+        if state.startswith(HELD):
+            raise StageError(
+                f"{self._transport.name}: the stage is held, {state}: somebody stopped it at the controller"
+            )
+        if self.overrides != FULL:
+            found = ", ".join(
+                f"{what} override {is_now} %"
+                for what, is_now in zip(OVERRIDDEN, self.overrides, strict=True)
+                if is_now != 100
+            )
+            raise StageError(
+                f"{self._transport.name}: {found}: somebody changed it at the controller, expected 100 %"
+            )
 
     def recover(self) -> None:
         """Reset the board if it may still owe an answer or be deaf; the position is not trusted from here."""
@@ -97,6 +131,7 @@ class GrblLink:
                 fields = parse_status(heard)
                 if fields is not None:
                     self.offset = fields.offset or self.offset
+                    self.overrides = fields.overrides or self.overrides
                     return fields
                 if heard.startswith("<"):
                     break
@@ -124,7 +159,7 @@ class GrblLink:
             self._transport.write(RESET)
             if self._await_banner():
                 self.in_step = True
-                self.offset = None
+                self.offset, self.overrides = None, FULL
                 return
         raise StageTimeout(f"{self._transport.name}: no banner after a reset")
 
@@ -146,7 +181,7 @@ class GrblLink:
     def _notice(self, line: str) -> None:
         if is_banner(line):
             # It may have crossed with a line on the wire: whether that line still gets an answer is unknown.
-            self.in_step, self.trusted, self.offset = False, False, None
+            self.in_step, self.trusted, self.offset, self.overrides = False, False, None, FULL
             raise StageReset(f"{self._transport.name}: the board was reset ({line})")
         code = number_after(line, "ALARM:")
         if code is not None:

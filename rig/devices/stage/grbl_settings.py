@@ -1,11 +1,14 @@
 """What the configuration says about the settings of a GRBL board. Source: GRBL 1.1 configuration wiki."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping
 
 from rig.devices.bench_settings import BenchSettings
+from rig.devices.stage.grbl_words import Xyz, travel_s
 
-STEP_DIRECTION, INCHES, SOFT_LIMITS, HOMING, LASER = 3, 13, 20, 22, 32
-STEPS_PER_MM, TRAVEL = 100, 130
+STEP_DIRECTION, REPORTS, INCHES, SOFT_LIMITS, HOMING, LASER = 3, 10, 13, 20, 22, 32
+OVERRIDES_REPORTED = 1 << 6
+STEPS_PER_MM, MOST_MM_MIN, ACCELERATION, TRAVEL = 100, 110, 120, 130
 
 # Boards print three decimals.
 _TOLERANCE = 5e-4
@@ -30,3 +33,25 @@ def differences(board: Mapping[int, float], expected: Mapping[int, float]) -> li
         for number, value in expected.items()
         if abs(board.get(number, 0.0) - value) > _TOLERANCE
     ]
+
+
+def unreported(printed: Iterable[str], board: Mapping[int, float]) -> list[str]:
+    """What to send to a grblHAL board that would not report its overrides ($10, bit 6); GRBL 1.1 always does."""
+    mask = int(board.get(REPORTS, OVERRIDES_REPORTED))
+    blind = "[FIRMWARE:grblHAL]" in printed and not mask & OVERRIDES_REPORTED
+    return [f"${REPORTS}={mask | OVERRIDES_REPORTED} (it has {mask}, which hides its overrides)"] if blind else []
+
+
+def expected_s_of(
+    board: Mapping[int, float], was: Xyz | None, target: Mapping[str, float], speed_mm_s: float
+) -> float:
+    """How long a move from where it was takes a board of these settings; 0 where either is not known."""
+    if was is None:
+        return 0.0
+    moves = {i: abs(target[axis] - was[i]) for i, axis in enumerate("XYZ") if target.get(axis, was[i]) != was[i]}
+    length, accel = math.hypot(*moves.values()), math.inf
+    for i, mm in moves.items():
+        most, steepest = (board.get(first + i, math.inf) for first in (MOST_MM_MIN, ACCELERATION))
+        speed_mm_s = min(speed_mm_s, most / 60 * length / mm)
+        accel = min(accel, steepest * length / mm)
+    return travel_s(length, speed_mm_s, accel)

@@ -35,16 +35,24 @@ ERRORS = {
 }
 _BANNER = re.compile(r"Grbl(HAL)? \d\S* \[")
 Xyz = tuple[float, float, float]
+Overrides = tuple[int, int, int]
+FULL: Overrides = (100, 100, 100)
+OVERRIDDEN = ("feed", "rapid", "spindle")
+HELD = ("Hold", "Door")
 
 
 @dataclass(frozen=True, slots=True)
 class StatusFields:
-    """One `<…>` line, as far as it went: mm; machine or work position, seldom the offset between them."""
+    """One `<…>` line, as far as it went: mm; machine or work position, seldom the offset between them.
+
+    Seldom the overrides too, in per cent.
+    """
 
     state: str
     machine: Xyz | None
     work: Xyz | None
     offset: Xyz | None
+    overrides: Overrides | None = None
 
 
 def is_banner(line: str) -> bool:
@@ -59,9 +67,17 @@ def parse_status(line: str) -> StatusFields | None:
     state, *parts = line[1:-1].split("|")
     fields = dict(part.partition(":")[::2] for part in parts)
     try:
-        return StatusFields(state, _xyz(fields.get("MPos")), _xyz(fields.get("WPos")), _xyz(fields.get("WCO")))
+        machine, work, offset = (_xyz(fields.get(name)) for name in ("MPos", "WPos", "WCO"))
+        return StatusFields(state, machine, work, offset, _overrides(fields.get("Ov")))
     except ValueError:
         return None
+
+
+def machine_from(work: Xyz | None, offset: Xyz | None) -> Xyz:
+    """A machine position from a work position and what lies between them."""
+    assert work is not None
+    assert offset is not None
+    return (work[0] + offset[0], work[1] + offset[1], work[2] + offset[2])
 
 
 def parse_setting(line: str) -> tuple[int, float] | None:
@@ -96,6 +112,13 @@ def travel_s(mm: float, speed: float, accel: float) -> float:
     if mm <= ramp_mm:
         return 2 * math.sqrt(mm / accel)
     return mm / speed + speed / accel
+
+
+def _overrides(text: str | None) -> Overrides | None:
+    if text is None:
+        return None
+    feed, rapid, spindle = map(int, text.split(","))
+    return (feed, rapid, spindle)
 
 
 def _xyz(text: str | None) -> Xyz | None:

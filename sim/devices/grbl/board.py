@@ -2,7 +2,7 @@
 
 Source: GRBL 1.1 interface wiki and the behaviour of the 1.1h firmware. Nothing ticks: the board works when
 a byte arrives and at the few instants it waits for. Spindle and coolant are outputs and nothing more. Not simulated:
-overrides, probe, hard limits, check mode.
+probe, hard limits, check mode.
 """
 
 import re
@@ -189,6 +189,7 @@ class VirtualGrbl(GrblRealtime):
 
     def _queue(self, target_mm: Vec, feed: float, now_s: float, state: str) -> None:
         x, y, z = (b - zero for b, zero in zip(self._to_steps(target_mm), self._zero, strict=True))
-        if self._planner.queue(self._queued_to, (x, y, z), feed / 60 if feed < inf else inf, now_s):
+        speed = feed / 60 if feed < inf else inf
+        if self._planner.queue(self._queued_to, (x, y, z), speed, now_s, jog=state == "Jog"):
             self._state = state
         self._queued_to = (x, y, z)

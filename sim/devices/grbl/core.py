@@ -13,6 +13,7 @@ from sim.devices.grbl import report
 from sim.devices.grbl.gcode import Modal
 from sim.devices.grbl.lines import LineAssembler
 from sim.devices.grbl.motion import Counts, Vec
+from sim.devices.grbl.overrides import Overrides
 from sim.devices.grbl.planner import Planner
 from sim.devices.grbl.settings import HOMING, GrblSettings
 from sim.devices.line import SerialLine
@@ -67,7 +68,7 @@ class GrblCore:
         self._wait: Wait | None = None
         self._alarm_clock: Handle | None = None
         self._lines = LineAssembler()
-        self._modal = Modal()
+        self._modal, self._overrides = Modal(), Overrides()
         self._realtime: dict[int, Callable[[float], None]] = {}
         self.outputs: deque[tuple[float, str]] = deque(maxlen=_OUTPUTS_KEPT)  # every switching: s, M word
         line.connect(self._on_bytes)
@@ -148,6 +149,7 @@ class GrblCore:
         self._reports.start_over()
         self._switch_outputs(Modal(), now_s)
         self._modal = Modal()
+        self._set_overrides(Overrides(), now_s)
         self._deaf = self._dead = self._owes_ok = self._jog_cancelled = self._asked_in_homing = False
         self._after_jog = "Idle"
         self._state = "Alarm" if locked else "Idle"
@@ -157,6 +159,15 @@ class GrblCore:
     def _switch_outputs(self, to: Modal, now_s: float) -> None:
         changed = [f"M{new}" for new, old in zip(to.outputs, self._modal.outputs, strict=True) if new != old]
         self.outputs.extend((now_s, word) for word in changed)
+
+    def _set_overrides(self, to: Overrides, now_s: float) -> None:
+        """They last until the next reset, and change what is under way unless that is stopping already."""
+        if to != self._overrides:
+            under_way = self._state in ("Run", "Jog") and not self._jog_cancelled and now_s < self._planner.end_s
+            self._overrides = to
+            self._planner.override(to.share, now_s, moving=under_way)
+            self._reports.show_overrides()
+            self._arm()
 
     def _sync(self, now_s: float) -> None:
         """Let parser and planner start from where the board believes the carriage is."""

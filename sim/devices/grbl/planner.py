@@ -1,47 +1,19 @@
 """Look-ahead motion planner with GRBL's rules: entry speeds by a backward and a forward pass.
 
-Source: GRBL 1.1 interface wiki and firmware behaviour (junction deviation, $11; per-axis limits, $110–122).
+What is planned anew (a hold, another move, an override) begins where the segments end that are prepared already.
+Source: GRBL 1.1 interface wiki and the 1.1h firmware: planner.c (junction deviation, $11; per-axis limits, $110–122;
+overrides), stepper.c (segments).
 """
 
-from dataclasses import dataclass
-from math import inf, sqrt
+from math import floor, inf, sqrt
 
+from sim.devices.grbl.blocks import AxisLimits, Block, Share, block_between, max_entry_sq
 from sim.devices.grbl.motion import Counts, Piece, Ramp, Track, Vec, trapezoid
 
 BLOCKS = 15
-# The firmware moves no slower than 1 mm/min, whatever F says.
-SLOWEST_MM_S = 1 / 60
-_STRAIGHT = 0.999999
-
-
-@dataclass(frozen=True, slots=True)
-class AxisLimits:
-    """Per axis: steps/mm, mm/s, mm/s²; the junction deviation in mm."""
-
-    steps_per_mm: Vec
-    max_speed: Vec
-    accel: Vec
-    junction_mm: float
-
-
-@dataclass(slots=True)
-class Block:
-    """One straight move; done_mm of it lie behind, end_s is when it will be over."""
-
-    start: Counts
-    target: Counts
-    mm: float
-    unit: Vec
-    slope: Vec
-    cruise: float
-    accel: float
-    max_entry_sq: float = 0.0
-    done_mm: float = 0.0
-    end_s: float = inf
-
-    def at(self, done_mm: float) -> Vec:
-        (x, y, z), (i, j, k) = self.start, self.slope
-        return (x + i * done_mm, y + j * done_mm, z + k * done_mm)
+_NEGLIGIBLE_MM, _NEGLIGIBLE_SQ = 1e-9, 1e-9
+# Segments that lie ready, the one that is being stepped included (stepper.h: a ring of 6, of which one stays free).
+PREPARED = 5
 
 
 class Planner:
@@ -51,6 +23,8 @@ class Planner:
         self.limits = limits
         self.track = Track(start, play)
         self._blocks: list[Block] = []
+        self._share = Share()
+        self._begun_s = 0.0  # when the carriage last set out from rest
 
     @property
     def end_s(self) -> float:
@@ -66,30 +40,43 @@ class Planner:
         """When the block under way frees its place."""
         return self._blocks[0].end_s if self._blocks else 0.0
 
-    def queue(self, start: Counts, target: Counts, speed: float, now_s: float) -> bool:
+    def queue(self, start: Counts, target: Counts, speed: float, now_s: float, *, jog: bool = False) -> bool:
         """Append a move at up to speed (mm/s, inf for a rapid) and plan again; False if it is no move."""
         self._retire(now_s)
         if start == target:
             return False
-        block = _block(self.limits, start, target, speed)
+        block = block_between(self.limits, start, target, speed, jog)
+        block.obey(self._share)
         if self._blocks:
-            block.max_entry_sq = _max_entry_sq(self.limits, self._blocks[-1], block)
-        self._note_progress(now_s)
+            block.max_entry_sq = max_entry_sq(self.limits, self._blocks[-1], block)
         self._blocks.append(block)
-        self._plan(now_s, self.track.speed_at(now_s))
+        self._plan_anew(now_s)
         return True
 
     def hold(self, now_s: float) -> None:
-        """Slow down along the path at the blocks' own acceleration, to a stop; the queue is kept."""
+        """Once the segments run out, slow down along the path at the blocks' own acceleration; the queue is kept."""
         self._retire(now_s)
-        self._note_progress(now_s)
-        pieces, stop = self._braking(now_s, self.track.speed_at(now_s))
-        self.track.replace_from(now_s, pieces, stop)
+        from_s, left = self._unprepared(now_s)
+        pieces, stop = self._braking(from_s, self.track.speed_at(from_s), left)
+        self.track.replace_from(from_s, pieces, stop)
+
+    def override(self, share: Share, now_s: float, *, moving: bool) -> None:
+        """From now on blocks go at these shares of their speeds, the one under way too; jogs do not."""
+        self._retire(now_s)
+        self._share = share
+        left = self._unprepared(now_s)[1] if moving else self._blocks
+        for i, block in enumerate(left):
+            block.obey(share)
+            if i:
+                block.max_entry_sq = max_entry_sq(self.limits, left[i - 1], block)
+        if moving:
+            self._plan_anew(now_s)
 
     def resume(self, now_s: float) -> bool:
         """Go on from rest; False if nothing is queued."""
         self._retire(now_s)
-        self._plan(now_s, 0.0)
+        self._begun_s = now_s
+        self._plan(now_s, 0.0, self._blocks)
         return bool(self._blocks)
 
     def follow(self, pieces: list[Piece], rest: Counts, now_s: float) -> None:
@@ -113,26 +100,41 @@ class Planner:
         while self._blocks and self._blocks[0].end_s <= now_s:
             del self._blocks[0]
 
-    def _note_progress(self, now_s: float) -> None:
-        if self._blocks and now_s < self.end_s:
-            piece = self.track.piece_at(now_s)
+    def _unprepared(self, now_s: float) -> tuple[float, list[Block]]:
+        """When the prepared segments end, and the blocks not over by then; the first one's progress is noted."""
+        from_s = self._prepared_s(now_s)
+        left = [block for block in self._blocks if block.end_s > from_s]
+        if left and from_s < self.end_s:
+            piece = self.track.piece_at(from_s)
             assert piece is not None
-            self._blocks[0].done_mm = piece.done_mm + piece.mm_at(now_s)
+            left[0].done_mm = piece.done_mm + piece.mm_at(from_s)
+        return from_s, left
 
-    def _plan(self, now_s: float, speed: float) -> None:
+    def _prepared_s(self, now_s: float) -> float:
+        if now_s >= self.end_s or not self._blocks:
+            self._begun_s = now_s
+            return now_s
+        segment_s = self._blocks[0].segment_s(self.track.speed_at(now_s))
+        running = floor((now_s - self._begun_s) / segment_s + 1e-9)
+        return min(self._begun_s + (running + PREPARED) * segment_s, self.end_s)
+
+    def _plan_anew(self, now_s: float) -> None:
+        from_s, left = self._unprepared(now_s)
+        self._plan(from_s, self.track.speed_at(from_s), left)
+
+    def _plan(self, from_s: float, speed: float, blocks: list[Block]) -> None:
         pieces: list[Piece] = []
-        rest = self.track.position_at(now_s)
-        t_s, entry_sq = now_s, speed * speed
-        for block, exit_sq in zip(self._blocks, _exit_speeds_sq(self._blocks, entry_sq), strict=True):
-            ramps = trapezoid(block.mm - block.done_mm, sqrt(entry_sq), sqrt(exit_sq), block.cruise, block.accel)
-            t_s = _lay(block, ramps, t_s, pieces)
+        rest = self.track.position_at(from_s)
+        t_s, entry_sq = from_s, speed * speed
+        for block, exit_sq in zip(blocks, _exit_speeds_sq(blocks, entry_sq), strict=True):
+            t_s = _lay(block, _ramps(block, entry_sq, exit_sq), t_s, pieces)
             block.end_s, rest, entry_sq = t_s, block.target, exit_sq
-        self.track.replace_from(now_s, pieces, rest)
+        self.track.replace_from(from_s, pieces, rest)
 
-    def _braking(self, now_s: float, speed: float) -> tuple[list[Piece], Vec]:
+    def _braking(self, from_s: float, speed: float, blocks: list[Block]) -> tuple[list[Piece], Vec]:
         pieces: list[Piece] = []
-        t_s, speed_sq = now_s, speed * speed
-        for block in self._blocks:
+        t_s, speed_sq = from_s, speed * speed
+        for block in blocks:
             needed_mm = speed_sq / (2 * block.accel)
             mm = min(needed_mm, block.mm - block.done_mm)
             exit_sq = max(speed_sq - 2 * block.accel * mm, 0.0) if mm < needed_mm else 0.0
@@ -143,41 +145,7 @@ class Planner:
                 block.end_s = inf
                 return pieces, block.at(block.done_mm)
             block.end_s, speed_sq = t_s, exit_sq
-        return pieces, self._blocks[-1].target if self._blocks else self.track.position_at(now_s)
-
-
-def _block(limits: AxisLimits, start: Counts, target: Counts, speed: float) -> Block:
-    steps = [b - a for a, b in zip(start, target, strict=True)]
-    mm = [n / per for n, per in zip(steps, limits.steps_per_mm, strict=True)]
-    length = sqrt(sum(d * d for d in mm))
-    unit = (mm[0] / length, mm[1] / length, mm[2] / length)
-    slope = (steps[0] / length, steps[1] / length, steps[2] / length)
-    cruise = max(min(speed, _along(limits.max_speed, unit)), SLOWEST_MM_S)
-    return Block(start, target, length, unit, slope, cruise, _along(limits.accel, unit))
-
-
-def _along(limit: Vec, unit: Vec) -> float:
-    """The largest value along unit that keeps each axis within its own limit."""
-    return min(most / abs(part) for most, part in zip(limit, unit, strict=True) if part)
-
-
-def _max_entry_sq(limits: AxisLimits, before: Block, block: Block) -> float:
-    slower = min(before.cruise, block.cruise) ** 2
-    cosine = sum(a * b for a, b in zip(before.unit, block.unit, strict=True))
-    if cosine > _STRAIGHT:
-        return slower
-    if cosine < -_STRAIGHT:
-        return 0.0
-    return min(slower, _junction_sq(limits, before.unit, block.unit, cosine))
-
-
-def _junction_sq(limits: AxisLimits, before: Vec, after: Vec, cosine: float) -> float:
-    """Speed² at which a circle that cuts the corner by the junction deviation needs the allowed accel."""
-    turn = [b - a for a, b in zip(before, after, strict=True)]
-    size = sqrt(sum(d * d for d in turn))
-    accel = _along(limits.accel, (turn[0] / size, turn[1] / size, turn[2] / size))
-    sine_half = sqrt(0.5 * (1 + cosine))
-    return accel * limits.junction_mm * sine_half / (1 - sine_half)
+        return pieces, blocks[-1].target if blocks else self.track.position_at(from_s)
 
 
 def _exit_speeds_sq(blocks: list[Block], entry_sq: float) -> list[float]:
@@ -185,9 +153,23 @@ def _exit_speeds_sq(blocks: list[Block], entry_sq: float) -> list[float]:
     for i in range(len(blocks) - 1, 0, -1):
         exits[i - 1] = min(blocks[i].max_entry_sq, exits[i] + 2 * blocks[i].accel * blocks[i].mm)
     for i, block in enumerate(blocks):
-        exits[i] = min(exits[i], entry_sq + 2 * block.accel * (block.mm - block.done_mm))
+        most_by = 2 * block.accel * (block.mm - block.done_mm)
+        exits[i] = min(exits[i], entry_sq + most_by)
+        if entry_sq - most_by > exits[i] + _NEGLIGIBLE_SQ:
+            exits[i] = entry_sq - most_by  # an override came too late for this block
         entry_sq = exits[i]
     return exits
+
+
+def _ramps(block: Block, entry_sq: float, exit_sq: float) -> list[Ramp]:
+    """What is left of a block; faster than its cruise, as an override may find it, it slows down first."""
+    mm, v0, v1 = block.mm - block.done_mm, sqrt(entry_sq), sqrt(exit_sq)
+    top = max(block.cruise, v1)
+    slowing_mm = (entry_sq - top * top) / (2 * block.accel)
+    if not _NEGLIGIBLE_MM < slowing_mm < mm:
+        return trapezoid(mm, v0, v1, block.cruise, block.accel)
+    slowing = Ramp((v0 - top) / block.accel, v0, -block.accel)
+    return [slowing, *trapezoid(mm - slowing_mm, top, v1, block.cruise, block.accel)]
 
 
 def _lay(block: Block, ramps: list[Ramp], t_s: float, pieces: list[Piece]) -> float:

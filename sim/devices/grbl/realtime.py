@@ -1,14 +1,16 @@
-"""The real-time commands of the virtual GRBL board, and its alarms.
+"""The real-time commands of the virtual GRBL board, overrides included, and its alarms.
 
 Source: GRBL 1.1 interface wiki and the behaviour of the 1.1h firmware.
 """
 
 from collections.abc import Callable, Mapping
+from functools import partial
 
 from sim.devices.clock import Scheduler
 from sim.devices.grbl import report
 from sim.devices.grbl.core import GrblCore, Mechanics, Wait
 from sim.devices.grbl.motion import Vec
+from sim.devices.grbl.overrides import OVERRIDE_BYTES
 from sim.devices.grbl.planner import BLOCKS
 from sim.devices.line import SerialLine
 
@@ -19,7 +21,7 @@ RESET_IN_MOTION, RESET_IN_HOMING, DOOR_IN_HOMING = 3, 6, 7
 
 
 class GrblRealtime(GrblCore):
-    """A board that answers `?` `!` `~` 0x18 0x84 0x85 at any time."""
+    """A board that answers `?` `!` `~` 0x18 0x84 0x85, and 0x90 to 0x9D, at any time."""
 
     def __init__(
         self,
@@ -39,6 +41,7 @@ class GrblRealtime(GrblCore):
             0x84: self._open_door,
             0x85: self._cancel_jog,
         }
+        self._realtime.update({byte: partial(self._override, byte) for byte in OVERRIDE_BYTES})
 
     def _report_status(self, now_s: float) -> None:
         if self._state == "Home":
@@ -56,6 +59,7 @@ class GrblRealtime(GrblCore):
             bytes_free=report.RX_BYTES - len(self._rx),
             pins="".join(axis for axis, steps in zip("XYZ", carriage, strict=True) if steps >= 0),
             modal=self._modal,
+            overrides=self._overrides,
         )
 
     def _state_text(self, now_s: float) -> str:
@@ -65,6 +69,10 @@ class GrblRealtime(GrblCore):
         if self._state == "Door":
             return "Door:2" if stopping else "Door:0"
         return self._state
+
+    def _override(self, byte: int, now_s: float) -> None:
+        if not self._deaf:
+            self._set_overrides(self._overrides.after(byte), now_s)
 
     def _hold(self, now_s: float) -> None:
         if self._state == "Jog":

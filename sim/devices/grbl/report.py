@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from sim.devices.grbl.gcode import MM_PER_INCH, Modal
 from sim.devices.grbl.motion import Vec
+from sim.devices.grbl.overrides import FULL, Overrides
 from sim.devices.grbl.settings import GrblSettings
 
 BANNER = "\r\nGrbl 1.1h ['$' for help]"
@@ -28,6 +29,7 @@ class Snapshot:
     bytes_free: int
     pins: str
     modal: Modal
+    overrides: Overrides
 
 
 class StatusReports:
@@ -43,7 +45,7 @@ class StatusReports:
         self._wco_in = self._ov_in = 0
 
     def show_overrides(self) -> None:
-        """Outputs were switched: Ov, and with it A, comes as soon as it can."""
+        """Outputs were switched, or an override: Ov, and with it A, comes as soon as it can."""
         self._ov_in = 0
 
     def line(self, at: Snapshot) -> str:
@@ -52,10 +54,14 @@ class StatusReports:
         parts = [at.state, self._position(at.machine_mm, bool(mask & 1), inches)]
         if mask & 2:
             parts.append(f"Bf:{at.blocks_free},{at.bytes_free}")
-        parts.append(f"FS:{at.feed / (MM_PER_INCH if inches else 1):.0f},{_rpm(at.modal):.0f}")
+        parts.append(f"FS:{at.feed / (MM_PER_INCH if inches else 1):.0f},{self._rpm(at):.0f}")
         if at.pins:
             parts.append(f"Pn:{at.pins}")
         return f"<{'|'.join(parts + self._now_and_then(at, inches))}>"
+
+    def _rpm(self, at: Snapshot) -> float:
+        asked = 0.0 if at.modal.spindle == 5 else at.modal.speed * at.overrides.spindle / FULL
+        return min(max(asked, self._settings[31]), self._settings[30]) if asked else 0.0
 
     def _position(self, machine_mm: Vec, as_machine: bool, inches: bool) -> str:
         if as_machine:
@@ -77,14 +83,10 @@ class StatusReports:
             self._ov_in -= 1
         else:
             self._ov_in = _OV_EVERY[busy] - 1
-            parts.append("Ov:100,100,100")
+            parts.append(f"Ov:{at.overrides}")
             accessories = _SPINDLE_LETTER[at.modal.spindle] + ("F" if at.modal.coolant == 8 else "")
             parts += [f"A:{accessories}"] if accessories else []
         return parts
-
-
-def _rpm(modal: Modal) -> float:
-    return 0.0 if modal.spindle == 5 else modal.speed
 
 
 def coordinates(mm: Vec, inches: bool = False) -> str:

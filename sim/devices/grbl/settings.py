@@ -5,8 +5,8 @@ Source: GRBL 1.1 configuration wiki. The defaults are this rig's, not the firmwa
 
 from collections.abc import Mapping
 
+from sim.devices.grbl.blocks import AxisLimits
 from sim.devices.grbl.motion import Vec
-from sim.devices.grbl.planner import AxisLimits
 
 SOFT_LIMITS, HOMING = 20, 22
 

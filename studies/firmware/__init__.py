@@ -1,0 +1,1 @@
+"""What GRBL firmware does, recorded from a port, and the virtual board held against it."""

@@ -1,0 +1,161 @@
+"""Somebody else at the controller: overrides and holds are named at the next look, whatever is being done."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from rig.devices.stage import GrblStage, StageError
+from rig.devices.stage.base import LOOK_S, arrive
+from rig.engine.jog import Direction, dead_man_jog
+from rig.transport import LoopbackTransport
+from sim.devices import SerialLine, VirtualGrbl
+from sim.devices.clock import VirtualClock
+
+OVERRIDES = {
+    "twice the feed": (b"\x91" * 10, "feed override 200 %"),
+    "a tenth of the feed": (b"\x92" * 9, "feed override 10 %"),
+    "a little more": (b"\x93", "feed override 101 %"),
+    "a quarter of the rapids": (b"\x97", "rapid override 25 %"),
+    "the spindle": (b"\x9b", "spindle override 90 %"),
+    "feed and rapids": (b"\x92\x96", "feed override 90 %, rapid override 50 %"),
+}
+HOLDS = {"a hold": (b"!", r"the stage is held, Hold:\d"), "the door": (b"\x84", r"the stage is held, Door:\d")}
+PREPARED_S = 0.05
+# A status may carry WCO instead, and then the next one carries Ov; and the bytes take their time.
+NAMED_S = 2 * LOOK_S + 0.02
+
+
+class Bench:
+    """A homed board at -1, -1, -1, with a driver; somebody else has the same wire."""
+
+    def __init__(self) -> None:
+        self.clock = VirtualClock()
+        self.line = SerialLine(self.clock, 115200)
+        self.board = VirtualGrbl(self.clock, self.line)
+        self.stage = GrblStage(LoopbackTransport(self.line, self.clock, "stage"), self.clock)
+        self.stage.connect()
+        self.stage.home()
+
+    def z_mm(self) -> float:
+        return self.board.carriage_steps_at(self.clock.monotonic_s())[2] / 400
+
+    def later(self, seconds: float, data: bytes) -> float:
+        at_s = self.clock.monotonic_s() + seconds
+        self.clock.call_at(at_s, lambda: self.line.host_write(data))
+        return at_s
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+def _move(bench: Bench) -> None:
+    arrive(bench.stage.moving(z_mm=-21.0, speed_mm_s=1.0))
+
+
+def _jog(bench: Bench, by_mm: float | None = None) -> None:
+    dead_man_jog(bench.stage, bench.clock, lambda: Direction("z", -1), 1.0, by_mm)
+
+
+MOTIONS: dict[str, Callable[[Bench], None]] = {"move": _move, "jog": _jog, "jog by": lambda b: _jog(b, 20.0)}
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("what", OVERRIDES)
+def test_an_override_is_named_at_the_next_look(bench: Bench, motion: str, what: str) -> None:
+    """Not by a timeout while the board goes on, and not after the press is over."""
+    data, says = OVERRIDES[what]
+    at_s = bench.later(1.05, data)
+    with pytest.raises(StageError, match=f"^stage: {says}: somebody changed it at the controller, expected 100 %$"):
+        MOTIONS[motion](bench)
+    assert bench.clock.monotonic_s() - at_s <= NAMED_S + (PREPARED_S + 0.1 if "jog" in motion else 0.0)
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("what", HOLDS)
+def test_a_held_board_is_named_at_the_next_look(bench: Bench, motion: str, what: str) -> None:
+    data, says = HOLDS[what]
+    if motion != "move" and what == "a hold":
+        pytest.skip("a hold during a jog is a jog cancel: the board is Idle again, not held")
+    at_s = bench.later(1.05, data)
+    with pytest.raises(StageError, match=f"^stage: {says}: somebody stopped it at the controller$"):
+        MOTIONS[motion](bench)
+    assert bench.clock.monotonic_s() - at_s <= NAMED_S + PREPARED_S
+
+
+@pytest.mark.parametrize("what", HOLDS)
+def test_homing_a_held_board_is_refused_at_once(bench: Bench, what: str) -> None:
+    """Told to home it would say nothing at all, and home as soon as somebody lets go."""
+    data, says = HOLDS[what]
+    bench.line.host_write(data)
+    bench.clock.wait_s(0.01)
+    begun_s = bench.clock.monotonic_s()
+    with pytest.raises(StageError, match=says):
+        bench.stage.home()
+    assert bench.clock.monotonic_s() - begun_s < LOOK_S
+
+
+@pytest.mark.parametrize(("data", "factor"), [(b"\x91" * 10, 2.0), (b"\x92" * 9, 0.1)])
+def test_at_another_speed_it_goes_no_farther_than_two_looks(bench: Bench, data: bytes, factor: float) -> None:
+    """Twice the speed for two looks at most. Then the stage is stopped, as the engine does."""
+    bench.later(1.05, data)
+    depth: list[float] = []
+    bench.clock.call_at(bench.clock.monotonic_s() + 1.05, lambda: depth.append(bench.z_mm()))
+    with pytest.raises(StageError):
+        _move(bench)
+    bench.stage.stop()
+    bench.clock.wait_s(1.0)
+    gone_mm = depth[0] - bench.z_mm()
+    assert 0 < gone_mm <= 1.0 * PREPARED_S + factor * NAMED_S
+    bench.clock.wait_s(5.0)
+    assert depth[0] - bench.z_mm() == gone_mm, "it stands"
+
+
+def test_a_jog_that_was_ended_for_an_override_stands_and_is_trusted(bench: Bench) -> None:
+    bench.later(0.5, b"\x92" * 5)
+    with pytest.raises(StageError, match="feed override 50 %"):
+        _jog(bench)
+    assert bench.stage.homed
+    assert bench.stage.status().state == "Idle"
+    at_mm = bench.z_mm()
+    bench.clock.wait_s(2.0)
+    assert bench.z_mm() == at_mm
+
+
+def test_connecting_ends_what_overrides_there_are(bench: Bench) -> None:
+    bench.line.host_write(b"\x91\x96\x9a")
+    bench.stage.connect()
+    bench.stage.home()
+    bench.stage.move_to(z_mm=-3.0, speed_mm_s=1.0)
+    assert bench.board._overrides.share.feed == 1.0
+    assert str(bench.board._overrides) == "100,100,100"
+
+
+def test_after_an_override_nothing_moves_until_the_board_was_reset_or_connected(bench: Bench) -> None:
+    bench.later(0.5, b"\x91")
+    with pytest.raises(StageError, match="110 %"):
+        _move(bench)
+    bench.stage.halt()
+    bench.stage.move_to(z_mm=-5.0, speed_mm_s=1.0)
+    bench.line.host_write(b"\x91")
+    bench.clock.wait_s(0.01)
+    for _ in range(2):
+        bench.stage.look()
+    at_mm = bench.z_mm()
+    for move in (_move, _jog):
+        with pytest.raises(StageError, match="110 %"):
+            move(bench)
+    assert bench.z_mm() == at_mm
+    bench.stage.connect()
+    bench.stage.jog("z", -0.1, 1.0)
+
+
+@pytest.mark.parametrize("mask", [1, 511 - 64])
+def test_a_grblhal_that_hides_its_overrides_is_refused(scripted: Any, mask: int) -> None:
+    hello = (b"$I\n", b"[VER:1.1f.20260817:]\r\n[FIRMWARE:grblHAL]\r\nok\r\n")
+    settings = (b"\x90\x95\x99$$\n", b"$10=%d\r\n$13=0\r\nok\r\n" % mask)
+    stage = GrblStage(scripted([hello, settings]), VirtualClock())
+    with pytest.raises(StageError, match=rf"expected \$10={mask | 64} \(it has {mask}, which hides its overrides\)$"):
+        stage.connect()
