@@ -38,6 +38,7 @@ _ARITHMETIC: dict[type[ast.operator], type[ast.operator]] = {
 }
 _ROUND_OFF = 1e-6
 _UNITS = {"mm", "s", "n", "gwt", "mpa", "deg", "rad", "hz", "cm2", "mm2", "rpm", "ms", "mm/s", "s2"}
+_WORDS = {"strict", "description"}  # what a keyword says to whoever reads, or to nobody
 _ORDER = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
 
 
@@ -125,7 +126,7 @@ def call(node: ast.AST) -> Nodes:
     if name in {"min", "max", "minimum", "maximum"} and len(node.args) == 2:
         yield from node.args
     for k, keyword in enumerate(node.keywords):
-        if keyword.arg and keyword.arg != "strict" and isinstance(keyword.value, ast.Constant | ast.Attribute):
+        if keyword.arg and keyword.arg not in _WORDS and isinstance(keyword.value, ast.Constant | ast.Attribute):
             yield changed(node, keywords=[*node.keywords[:k], *node.keywords[k + 1 :]])
 
 

@@ -1,4 +1,4 @@
-"""What the rig does, move by move, as it was when somebody last looked at it: speeds, waits, tolerances, defaults.
+"""What the rig does, move by move, as it was when somebody last looked at it: speeds, waits, tolerances.
 
 A change on purpose: delete the file under tests/data/as_recorded, run the test twice, and look at the difference.
 """
@@ -8,33 +8,15 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import pytest
-from pydantic import BaseModel
 
 from rig.devices.units import GWT_N
 from rig.engine import EngineError, Target, indent
 from rig.engine.pressing.compliance import measure_compliance
 from rig.engine.pressing.indent import touch_place
 from rig.engine.rig_settings import RigSettings
-from rig.plan.config import Config
 
 Make = Callable[..., Any]
 Recorded = Callable[[str, Any], None]
-
-
-def test_the_configuration(recorded: Recorded) -> None:
-    """Every key with its default and its bounds."""
-    recorded("configuration", _keys(Config()))
-
-
-def _keys(settings: BaseModel, place: str = "") -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for name, field in type(settings).model_fields.items():
-        value = getattr(settings, name)
-        inner = _keys(value, f"{place}{name}.") if isinstance(value, BaseModel) else {}
-        found |= inner or {
-            f"{place}{name}": [repr(value), sorted(str(m) for m in field.metadata if " at 0x" not in str(m))]
-        }
-    return found
 
 
 class Finger:

@@ -1,22 +1,163 @@
-"""Every key of the configuration with its default, its kind and its bounds, as they were decided.
+"""Every key of the configuration: its default, its kind, and the first value that is refused on either side.
 
-tests/data/config_bounds.json is the schema without its words. A bound that changes is a decision, and changes there.
+tests/data/config_keys.txt says what was decided. A bound that changes is a decision, and changes there.
 """
 
 import json
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+import pytest
+from pydantic import BaseModel, ValidationError
+
 from rig.plan.config import Config
 
-DECIDED = Path(__file__).parents[1] / "data" / "config_bounds.json"
+DECIDED = Path(__file__).parents[1] / "data" / "config_keys.txt"
+SAFETY = Path(__file__).parents[2] / "docs" / "safety.md"
+WRONG_KIND: dict[str, list[Any]] = {
+    "number": ["high", math.nan, math.inf, -math.inf],
+    "integer": [2.5, "high"],
+    "text": [3],
+    "flag": ["perhaps"],
+    "date": ["yesterday"],
+    "word": ["elsewhere"],
+}
 
 
-def _without_words(schema: Any) -> Any:
-    if isinstance(schema, dict):
-        return {key: _without_words(value) for key, value in schema.items() if key not in ("description", "title")}
-    return [_without_words(value) for value in schema] if isinstance(schema, list) else schema
+@dataclass(frozen=True)
+class Key:
+    """A row of the table. Lists of numbers are of one length, and each number is within the range."""
+
+    name: str
+    default: Any
+    kind: str
+    length: int | None
+    lists: bool
+    words: list[str]
+    bounds: list[tuple[str, float]]
+
+    def refuses(self, value: Any) -> bool:
+        """Whether a configuration with this value, of a list all of these, is refused, and this key is named."""
+        several = value if self.length is None or isinstance(value, list) else [value] * self.length
+        tables: Any = [several] if self.lists else several
+        place = self.name.split(".")
+        for name in reversed(place):
+            tables = {name: tables}
+        try:
+            Config.model_validate(tables)
+        except ValidationError as error:
+            return any(list(problem["loc"][: len(place)]) == place for problem in error.errors())
+        return False
 
 
-def test_every_key_has_the_default_and_the_bounds_that_were_decided() -> None:
-    assert _without_words(Config.model_json_schema()) == json.loads(DECIDED.read_text(encoding="utf-8"))
+def _table() -> Iterator[Key]:
+    for line in DECIDED.read_text(encoding="utf-8").splitlines()[2:]:
+        name, default, many, allowed = re.split(r" {2,}", f"{line}  ")[:4]
+        length = re.search(r"\d", many)
+        kind = many.split()[-1].removesuffix("s") if length else many
+        words = allowed.split() if kind == "word" else []
+        bounds = [(sign, float(Fraction(n))) for sign, n in re.findall(r"([<>]=?) ([^,]+)", allowed)]
+        found = int(length.group()) if length else None
+        yield Key(name, _value(default), kind, found, many.startswith("lists"), words, bounds)
+
+
+def _value(text: str) -> Any:
+    try:
+        return json.loads({"none": "null", "yes": "true"}.get(text, text))
+    except json.JSONDecodeError:
+        return text
+
+
+TABLE = {key.name: key for key in _table()}
+every_table = pytest.mark.parametrize("table", dict.fromkeys(name.rpartition(".")[0] for name in TABLE))
+
+
+def _keys_of(table: str) -> list[Key]:
+    return [key for name, key in TABLE.items() if name.rpartition(".")[0] == table]
+
+
+@every_table
+def test_the_first_value_beyond_a_bound_is_refused_and_the_last_within_it_is_not(table: str) -> None:
+    for key, (sign, bound) in [(k, limit) for k in _keys_of(table) for limit in k.bounds]:
+        outwards = -math.inf if ">" in sign else math.inf
+        towards = outwards if "=" in sign else -outwards
+        step = math.copysign(1, towards) if key.kind == "integer" else math.nextafter(bound, towards) - bound
+        last, first = (bound, bound + step) if "=" in sign else (bound + step, bound)
+        assert not key.refuses(last), f"{key.name} = {last!r} is {sign} {bound:g}"
+        assert key.refuses(first), f"{key.name} = {first!r} is not {sign} {bound:g}"
+
+
+@every_table
+def test_a_side_without_a_bound_is_open(table: str) -> None:
+    for key in _keys_of(table):
+        if key.kind in ("number", "integer") and not key.lists:
+            bounded = {sign[0] for sign, _ in key.bounds}
+            far = [value for sign, value in ((">", -(10**9)), ("<", 10**9)) if sign not in bounded]
+            assert not [value for value in far if key.refuses(value)], key.name
+
+
+@every_table
+def test_a_value_of_another_kind_is_refused(table: str) -> None:
+    for key in _keys_of(table):
+        assert not [value for value in WRONG_KIND[key.kind] if not key.refuses(value)], key.name
+        assert not [word for word in key.words if key.refuses(word)], key.name
+        if key.length:
+            assert key.refuses([1.0] * (key.length - 1)), key.name
+            assert key.refuses([1.0] * (key.length + 1)), key.name
+
+
+def _defaults(settings: BaseModel, place: str = "") -> Iterator[tuple[str, Any]]:
+    for name in type(settings).model_fields:
+        value = getattr(settings, name)
+        if isinstance(value, BaseModel):
+            yield from _defaults(value, f"{place}{name}.")
+        else:
+            yield f"{place}{name}", list(value) if isinstance(value, tuple) else value
+
+
+REQUIRED = [name for name, key in TABLE.items() if key.default == "required"]
+
+
+def _calibrations(without: str = "") -> dict[str, dict[str, dict[str, Any]]]:
+    """A configuration with every calibration there may be, less one key."""
+    tables: dict[str, dict[str, Any]] = {}
+    for name in REQUIRED:
+        _, what, part = name.split(".")
+        if name != without:
+            tables.setdefault(what, {})[part] = 1.0 if part == "value" else "2026-03-01"
+    return {"calibration": tables}
+
+
+def test_every_key_is_in_the_table_with_its_default() -> None:
+    told = dict(_defaults(Config.model_validate(_calibrations())))
+    assert list(told) == list(TABLE)
+    assert {name: value for name, value in told.items() if name not in REQUIRED} == {
+        name: key.default for name, key in TABLE.items() if name not in REQUIRED
+    }
+    assert not list(Config().calibration.measured())
+
+
+@pytest.mark.parametrize("name", REQUIRED)
+def test_a_calibration_is_told_whole(name: str) -> None:
+    with pytest.raises(ValidationError, match=rf"{name}\n +Field required"):
+        Config.model_validate(_calibrations(without=name))
+
+
+def test_the_limits_in_the_docs_are_those_of_the_table() -> None:
+    """docs/safety.md: | `key`, `key` | default, default | what it does |"""
+    rows = re.search(r"keys of `\[limits\]`:\n\n.*\n.*\n((\|.*\n)+)", SAFETY.read_text(encoding="utf-8"))
+    assert rows
+    told: dict[str, Any] = {}
+    for row in rows[1].splitlines():
+        keys, defaults, _ = (cell.strip() for cell in row.strip("|").split("|", 2))
+        values = [re.sub(r"± (.*)", r"[-\1, \1]", default).strip("`") for default in defaults.split(", ")]
+        told |= dict(zip(re.findall(r"`(\w+)`", keys), map(_value, values), strict=True))
+    assert {f"limits.{name}" for name in told} == {name for name in TABLE if name.startswith("limits.")} - {
+        "limits.along_mm"
+    }
+    assert told == {name: TABLE[f"limits.{name}"].default for name in told}

@@ -63,6 +63,7 @@ def test_texts_types_and_messages_are_left_alone(mutants: Mutants) -> None:
 def test_what_no_test_can_tell_is_left_alone(mutants: Mutants) -> None:
     # Whether lengths that are equal must be, and the boundary between quantities.
     assert not mutants("pairs = zip(a, b, strict=True)")
+    assert not mutants("x_mm = Field(default, description='of the pad')")
     assert [m.after for m in mutants("near = height_mm < 3")] == ["near = height_mm >= 3", "near = height_mm < 4"]
     assert "near = count <= n" in [m.after for m in mutants("near = count < n")]
 

@@ -1,0 +1,181 @@
+"""The finger's frame from touches, against the simulator's own first touch: what is found, and what is said of it.
+
+The fit knows the skin as points, the simulator as a surface; they share nothing but the finger.
+"""
+
+from collections.abc import Callable
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import t as student
+
+from rig.plan.config import Config
+from rig.plan.find import NAMES, Lie, find
+from rig.protocol.errors import BadInputError
+from sim.models.fingertip import Fingertip
+from sim.plant.plant import Pose, Turn
+
+RADIUS_MM = 2.0
+Above = Callable[[float, float, float, tuple[float, ...]], float]
+Places = list[tuple[float, float]]
+
+WIDE = [(x, a) for x in (-2.5, 0.0, 2.5) for a in (-2.0, 0.0, 2.0)]
+ACROSS = [(x, 0.0) for x in (-2.5, -1.5, -0.5, 0.5, 1.5, 2.5)]
+FRAME = np.array([-30.0, -25.0, -15.0, 0.0, 0.0])  # by default
+LEAST_SD_MM = 0.003  # a touch is known no better
+
+
+@pytest.fixture(scope="module")
+def above(finger: Fingertip) -> Above:
+    """How far a sphere at a place and height is above the skin of a finger moved and turned by so much, mm."""
+
+    @cache
+    def at(x: float, a: float, height: float, moved: tuple[float, ...]) -> float:
+        dx, dy, along, *turn = moved
+        seen = Turn(*turn).seen_from_finger(Pose(x - dx, height - dy, a - along), RADIUS_MM)
+        z_mm = finger.config.receptor_plane_mm + seen.along_mm
+        touch = finger.touch_height_mm(f"sphere:{RADIUS_MM:g}", seen.x_mm, z_mm=z_mm)
+        return seen.above_apex_mm - (touch - finger.apex_height_mm)
+
+    return at
+
+
+def _heights(above: Above, places: Places, moved: tuple[float, ...]) -> list[float]:
+    """Where a sphere over each place touches, mm above the nominal apex."""
+    heights = [0.0] * len(places)
+    for _ in range(5 if any(moved[3:]) else 1):  # under a turned finger the place hangs on the height
+        heights = [h - above(x, a, h, moved) for (x, a), h in zip(places, heights, strict=True)]
+    return heights
+
+
+def _run(places: Places, heights: list[float], indentor: str = "sphere:2") -> Any:
+    events = [
+        {"indentor": indentor, "x_mm": x, "along_mm": a, "contact_height_mm": h}
+        for (x, a), h in zip(places, heights, strict=True)
+    ]
+    return SimpleNamespace(stream=lambda name: {"find": events}[name], folder=SimpleNamespace(path="here"))
+
+
+def _found(finger: Fingertip, above: Above, places: Places, moved: tuple[float, ...], off: Any = 0.0) -> Lie:
+    return find(_run(places, list(np.add(_heights(above, places, moved), off))), Config(), finger)
+
+
+def _slopes(above: Above, places: Places, moved: tuple[float, ...], free: list[int]) -> Any:
+    """(touches, free): what each does to how far they are off, by central differences of 0.1 mm and half a degree."""
+    heights, columns = _heights(above, places, moved), []
+    for i in free:
+        step = np.zeros(5)
+        step[i] = 0.1 if i < 3 else 0.5
+        up, down = (tuple(np.add(moved, sign * step)) for sign in (1, -1))
+        at = [(x, a, h) for (x, a), h in zip(places, heights, strict=True)]
+        columns.append([(above(*p, up) - above(*p, down)) / (2 * step[i]) for p in at])
+    return np.array(columns).T
+
+
+MOVED, TURNED = (0.4, -0.15, 0.3, 0.0, 0.0), (0.2, 0.1, -0.3, 3.0, -2.0)
+
+
+def test_on_exact_touches_the_points_of_the_skin_cost_a_fraction_of_a_micrometre(
+    finger: Fingertip, above: Above, recorded: Any
+) -> None:
+    """The steps of the derivatives and the points of the skin show in the third digit of what is stated."""
+    lie = _found(finger, above, WIDE, TURNED)
+    assert lie.touches == 9
+    assert list(lie.value) == list(NAMES)
+    assert lie.residual_mm < 0.0003
+    off = np.abs(np.array(list(lie.value.values())) - FRAME - TURNED)
+    assert off[:3].max() < 0.01
+    assert off[3:].max() < 0.15
+    told = {"sd": lie.sd, "correlation": dict(zip(NAMES, lie.correlation[0], strict=True))}
+    recorded("the frame of a finger", {key: {n: f"{x:.3g}" for n, x in v.items()} for key, v in told.items()})
+
+
+@pytest.mark.parametrize("off_mm", [0.0, 0.006], ids=["exact", "off by 6 µm"])
+@pytest.mark.parametrize(("places", "free"), [(WIDE, [0, 1, 2, 3, 4]), (ACROSS, [0, 1, 3])], ids=["wide", "across"])
+def test_what_is_stated_is_the_covariance_of_a_least_squares_fit(
+    finger: Fingertip, above: Above, places: Places, free: list[int], off_mm: float
+) -> None:
+    """s² (JᵀJ)⁻¹ with s of what is left over, 3 µm at least; twice what is stated holds 95 % by Student's t."""
+    moved = (0.1, -0.1, 0.0, 0.0, 0.0)
+    slopes = _slopes(above, places, moved, free)
+    off = np.random.default_rng(5).standard_normal(len(places))
+    off -= slopes @ np.linalg.lstsq(slopes, off, rcond=None)[0]  # what no frame explains
+    off *= off_mm / np.sqrt(np.mean(off**2))
+    lie = _found(finger, above, places, moved, off)
+    assert lie.residual_mm == pytest.approx(off_mm, rel=0.02, abs=0.0003)
+    spare = len(places) - len(free)
+    s_mm = max(off_mm * np.sqrt(len(places) / spare), LEAST_SD_MM)
+    covariance = s_mm**2 * np.linalg.inv(slopes.T @ slopes)
+    sd = np.sqrt(np.diag(covariance))
+    assert list(lie.sd) == list(lie.value) == [NAMES[i] for i in free]
+    assert list(lie.sd.values()) == pytest.approx(sd * student.ppf(0.975, spare) / 2, rel=0.2)
+    if not off_mm:  # else it is that of the place found, where roll and tilt are others
+        assert lie.correlation == pytest.approx(covariance / np.outer(sd, sd), abs=0.05)
+
+
+def test_the_frame_that_was_is_what_the_finger_moved_from(finger: Fingertip, above: Above) -> None:
+    """Place and height are corrected; a turn of the configured frame is not in the touches, and is told anew."""
+    frame = {"pad_centre_x_mm": -20.0, "apex_z_mm": -12.0, "pad_y_mm": -9.0, "roll_deg": 5.0, "tilt_deg": 2.0}
+    moved = MOVED
+    run = _run(WIDE, _heights(above, WIDE, moved))
+    lie = find(run, Config.model_validate({"frame": frame}), finger)
+    expected = np.array([-20.0, -12.0, -9.0, 0.0, 0.0]) + moved
+    assert list(lie.value.values())[:3] == pytest.approx(expected[:3], abs=0.01)
+    assert list(lie.value.values())[3:] == pytest.approx([0.0, 0.0], abs=0.15)
+
+
+def test_the_lines_for_the_configuration_say_how_sure_they_are() -> None:
+    lie = Lie(
+        {"apex_z_mm": -25.12344, "roll_deg": 4.0}, {"apex_z_mm": 0.00654, "roll_deg": 1.05}, np.eye(2), 0.001, 9
+    )
+    assert lie.as_toml().splitlines() == [
+        "[frame]",
+        "apex_z_mm = -25.1234 # ± 0.0131 (95 %)",
+        "roll_deg = 4.0000 # ± 2.1000 (95 %)",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("places", "enough"),
+    [
+        ([(x, 0.0) for x in (-2.0, 0.0, 1.0, 2.0)], False),
+        ([(x, 0.0) for x in (-2.0, -1.0, 0.0, 1.0, 2.0)], True),
+        ([(x, a) for x in (-2.0, 0.0, 2.0) for a in (-1.0, 1.0)], False),
+        ([(x, a) for x in (-2.0, 0.0, 2.0) for a in (-1.0, 1.0)] + [(0.0, 0.0)], True),
+        ([(0.5, a / 4) for a in range(-6, 7)], False),
+        ([(0.5, 0.0)] * 8, False),
+    ],
+    ids=["4 across", "5 across", "6 over the pad", "7 over the pad", "13 at one x", "8 at one place"],
+)
+def test_two_touches_more_than_unknowns_at_several_x(
+    finger: Fingertip, above: Above, places: Places, enough: bool
+) -> None:
+    run = _run(places, _heights(above, places, (0.0,) * 5))
+    if enough:
+        assert find(run, Config(), finger).touches == len(places)
+        return
+    with pytest.raises(BadInputError, match=f"^run here: {len(places)} touches, expected more, at several x$"):
+        find(run, Config(), finger)
+
+
+@pytest.mark.parametrize("indentors", [[], ["bar:3.0"], ["sphere:2", "sphere:3"], ["flat:2"]], ids=str)
+def test_touches_of_anything_but_one_sphere_are_refused(finger: Fingertip, indentors: list[str]) -> None:
+    runs = [_run([(0.0, 0.0)] * 9, [0.0] * 9, indentor).stream("find") for indentor in indentors]
+    run = SimpleNamespace(stream=lambda name: [e for r in runs for e in r], folder=SimpleNamespace(path="here"))
+    with pytest.raises(
+        BadInputError, match=r"^run here: expected touches of one sphere, as of rig dry-run find_finger$"
+    ):
+        find(run, Config(), finger)
+
+
+def test_a_touch_far_beside_the_finger_is_no_error(finger: Fingertip, above: Above) -> None:
+    """There is no skin to have been touched: it is off by as much as the sphere is above its own radius below."""
+    moved = (0.0,) * 5
+    places = [*WIDE, (40.0, 0.0)]
+    heights = [*_heights(above, WIDE, moved), -RADIUS_MM]
+    lie = find(_run(places, heights), Config(), finger)
+    assert lie.touches == 10
+    assert lie.residual_mm < 0.0003

@@ -1,0 +1,181 @@
+"""What a plan keeps of a script, and what the model is asked."""
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from rig.engine.records import Target
+from rig.plan.config import Config
+from rig.plan.finger_model import FingerModel
+from rig.plan.plan import Plan, make_plan
+from rig.protocol.errors import BadInputError
+from rig.protocol.planned import PlannedIndentation
+from rig.protocol.script import load_script
+from rig.protocol.walk import NoPredictionError
+from sim.contact.shapes import ShapeError
+from sim.models.fingertip import Fingertip
+
+GWT_N = 9.80665e-3
+
+
+def _planned(force_gwt: float) -> PlannedIndentation:
+    return PlannedIndentation(
+        "bar:3.0", 0.0, Target("force_gwt", force_gwt), -0.1, force_gwt, 0.5, 4.0, 0.01, increments=1, hold_s=1.0
+    )
+
+
+# --- the soft trip ---
+
+
+def test_the_soft_trip_is_twice_the_highest_force_of_any_purpose() -> None:
+    plan = Plan()
+    plan.presses["data"] += [_planned(5.0), _planned(20.0)]
+    plan.presses["reference"].append(_planned(30.0))
+    plan.presses["precondition"].append(_planned(10.0))
+    assert plan.peak_force_gwt == 30.0
+    assert plan.soft_trip_n == pytest.approx(60.0 * GWT_N)
+    assert plan.indentations == plan.presses["data"]
+    assert sorted(p.predicted_force_gwt for p in plan.all_presses) == [5.0, 10.0, 20.0, 30.0]
+
+
+@pytest.mark.parametrize("forces_gwt", [[], [0.5], [1.01]], ids=["no press", "a light one", "just as light"])
+def test_noise_does_not_trip_the_lightest_press(forces_gwt: list[float]) -> None:
+    """0.02 N, some 2 gwt, at least."""
+    plan = Plan()
+    plan.presses["data"] += [_planned(force) for force in forces_gwt]
+    assert plan.peak_force_gwt == max(forces_gwt, default=0.0)
+    assert plan.soft_trip_n == 0.02
+
+
+def test_a_run_that_is_taken_up_keeps_its_soft_trip() -> None:
+    plan = Plan(first_soft_trip_n=0.7)
+    plan.presses["data"].append(_planned(50.0))
+    assert plan.soft_trip_n == 0.7
+
+
+# --- a script ---
+
+
+def _plan(tmp_path: Path, finger: Fingertip, body: str, **options: Any) -> Plan:
+    path = tmp_path / "mine.py"
+    path.write_text(body, encoding="utf-8")
+    return make_plan(load_script(str(path)), Config(), finger, **options)
+
+
+READY = "    rig.mount('sphere:2'); rig.home(); rig.zero(); rig.move_to(x_mm=0.0)\n"
+
+
+def test_presses_go_into_the_plan_by_purpose_and_touches_in_their_order(tmp_path: Path, finger: Fingertip) -> None:
+    body = (
+        f"def run(rig):\n{READY}"
+        "    rig.precondition(presses=2, doi_mm=0.2)\n"
+        "    rig.indent(doi_mm=0.3)\n"
+        "    rig.move_to(x_mm=0.5)\n"
+        "    rig.indent(doi_mm=0.4)\n"
+        "    rig.touch()\n"
+        "    rig.move_to(x_mm=-0.5, along_mm=1.0)\n"
+        "    rig.touch()\n"
+    )
+    plan = _plan(tmp_path, finger, body)
+    assert [(p.x_mm, p.target.value) for p in plan.presses["precondition"]] == [(0.0, 0.2)] * 2
+    assert [(p.x_mm, p.target.value) for p in plan.indentations] == [(0.0, 0.3), (0.5, 0.4)]
+    assert len(plan.touches) == 2
+    assert len(plan.predictions) == 3
+    assert plan.peak_force_gwt == max(p.predicted_force_gwt for p in plan.predictions.values())
+    assert plan.first_soft_trip_n is None
+
+
+@pytest.mark.parametrize(
+    ("body", "complaint"),
+    [
+        (f"async def run(rig):\n{READY}", "run(rig) is asynchronous, expected an ordinary function"),
+        (f"def run(rig):\n{READY}", "run(rig) indents nowhere"),
+        (f"def run(rig):\n{READY}    rig.precondition(presses=1, doi_mm=0.2)\n", "run(rig) indents nowhere"),
+        (f"def run(rig):\n{READY}    1 / 0\n", "line 3: ZeroDivisionError: division by zero"),
+        (f"def run(rig):\n{READY}    raise SystemExit('enough')\n", "line 3: SystemExit: enough"),
+        ("def run(rig):\n    rig.mount('blob:3')\n", "line 2: "),
+        (
+            f"def run(rig):\n{READY}    rig.indent(doi_mm=9.0)\n",
+            "line 3: indent: doi_mm = 9 is beyond limits.max_doi_mm",
+        ),
+    ],
+    ids=["asynchronous", "nothing", "no data", "an error", "an exit", "no shape", "too deep"],
+)
+def test_a_script_that_cannot_be_carried_out(tmp_path: Path, finger: Fingertip, body: str, complaint: str) -> None:
+    with pytest.raises(BadInputError) as caught:
+        _plan(tmp_path, finger, body)
+    assert complaint in str(caught.value)
+    assert "mine.py" in str(caught.value)
+
+
+@pytest.mark.parametrize(("start", "soft_trip_n"), [({}, None), ({"soft_trip_n": 0.35}, 0.35)], ids=["0.1", "now"])
+def test_a_run_that_tells_no_soft_trip_is_planned_whole(
+    tmp_path: Path,
+    finger: Fingertip,
+    monkeypatch: pytest.MonkeyPatch,
+    start: dict[str, float],
+    soft_trip_n: float | None,
+) -> None:
+    """Only where the journal tells it is what has been done answered from there."""
+    asked: list[str] = []
+
+    def taken_up(before: Any, planner: Any) -> Any:
+        asked.append("journal")
+        return planner
+
+    monkeypatch.setattr("rig.plan.plan.TakenUp", taken_up)
+    before: Any = SimpleNamespace(start=start)
+    plan = _plan(tmp_path, finger, f"def run(rig):\n{READY}    rig.indent(doi_mm=0.3)\n", before=before)
+    assert plan.first_soft_trip_n == soft_trip_n
+    assert asked == ([] if soft_trip_n is None else ["journal"])
+
+
+# --- the model ---
+
+
+def test_the_model_is_asked_once_for_a_press(finger: Fingertip) -> None:
+    """And says what the fingertip says, heights from the nominal apex."""
+    kept: dict[Any, Any] = {}
+    model = FingerModel(finger, kept)
+    target = Target("doi_mm", 0.4)
+    said = model.press("bar:3.0", 0.5, target)
+    assert model.press("bar:3.0", 0.5, target) is said
+    assert kept == {("bar:3.0", 0.5, target): said}
+    result = finger.indent("bar:3.0", 0.5, doi_mm=0.4)
+    assert (said.predicted_force_gwt, said.predicted_doi_mm) == pytest.approx((result.force_gwt, 0.4))
+    assert (said.contact_area_mm2, said.peak_pressure_mpa) == (result.contact_area_mm2, result.peak_pressure_mpa)
+    assert said.expected_contact_mm == pytest.approx(model.touch_height_mm("bar:3.0", 0.5, 0.0))
+    assert -0.2 < said.expected_contact_mm < 0.2
+
+
+@pytest.mark.parametrize(("along_mm", "z_mm"), [(-1.5, 5.393), (0.0, 6.893), (1.5, 8.393)])
+def test_along_the_finger_is_counted_from_the_receptor_plane_towards_the_tip(
+    finger: Fingertip, along_mm: float, z_mm: float
+) -> None:
+    """The plane is 6.893 mm from the proximal end: 12.75 − 5.857."""
+    height = FingerModel(finger, {}).touch_height_mm("sphere:2", 0.3, along_mm)
+    apex = finger.touch_height_mm("sphere:2", 0.3, "apex")
+    assert height == pytest.approx(finger.touch_height_mm("sphere:2", 0.3, z_mm=z_mm) - apex, abs=1e-9)
+
+
+def test_no_indentor_of_that_name(finger: Fingertip) -> None:
+    FingerModel(finger, {}).refuse_shape("step:3")
+    with pytest.raises(ShapeError):
+        FingerModel(finger, {}).refuse_shape("blob:3")
+
+
+@pytest.mark.parametrize("converged", [True, False])
+def test_what_does_not_converge_is_no_prediction(finger: Fingertip, converged: bool) -> None:
+    state = SimpleNamespace(converged=converged, residual=3e-5)
+    result = SimpleNamespace(
+        state=state, touch_height_mm=4.0, force_gwt=2.0, doi_mm=0.1, contact_area_mm2=1.0, peak_pressure_mpa=0.1
+    )
+    stub: Any = SimpleNamespace(indent=lambda *what, **how: result, apex_height_mm=4.5)
+    model = FingerModel(stub, {})
+    if converged:
+        assert model.press("bar:3.0", 0.0, Target("doi_mm", 0.1)).expected_contact_mm == -0.5
+        return
+    with pytest.raises(NoPredictionError, match=r"^the model does not converge here \(residual 3e-05\)$"):
+        model.press("bar:3.0", 0.0, Target("doi_mm", 0.1))

@@ -1,0 +1,287 @@
+"""What a script may ask besides pressing, to the letter: readings at a zero, the way down, rests, places, pauses."""
+
+import math
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+import pytest
+
+from rig.devices.force import ForceError
+from rig.devices.units import GWT_N
+from rig.engine import LimitError, NotReadyError, RunAborted, Target, TripError, indent, verbs
+from rig.engine.engine import State
+from rig.engine.rig_settings import RigSettings
+
+Make = Callable[..., Any]
+
+
+def _readings(bench: Any) -> int:
+    return sum(data == b"SI\r\n" for _, data in bench.sent("force"))
+
+
+def _heights(bench: Any) -> list[float]:
+    """Where each vertical move went, mm above the apex."""
+    apex = bench.settings.frame.apex_z_mm
+    return [round(move["Z"] - apex, 6) for move in bench.moves() if "Z" in move]
+
+
+def _homed(spring: Make, **options: Any) -> Any:
+    bench = spring(**options)
+    verbs.mount(bench.engine, "bar:3.0")
+    verbs.home(bench.engine)
+    return bench
+
+
+def _feels(bench: Any, gwt: float, below_mm: float = math.inf) -> None:
+    """From now on, and below a height, the sensor shows so much."""
+    bench.force_n = lambda t_s: gwt * GWT_N if bench.height_mm < below_mm else 0.0
+
+
+# --- zero ---
+
+
+def test_a_zero_is_twelve_readings_and_twelve_more_tell_the_drift(spring: Make) -> None:
+    bench = _homed(spring)
+    before = _readings(bench)
+    verbs.zero(bench.engine)
+    assert _readings(bench) - before == 12
+    assert bench.of("zero")[0]["drift_gwt"] is None
+    verbs.zero(bench.engine)
+    assert _readings(bench) - before == 12 + 24
+
+
+def test_a_zero_is_read_once_the_sensor_has_settled(spring: Make) -> None:
+    """What it showed before the wait of force.latency_s is not taken for the zero."""
+    bench = _homed(spring, settings=RigSettings.model_validate({"force": {"latency_s": 1.5}}))
+    asked = len(bench.sent("force"))
+    start_s = bench.clock.monotonic_s()
+    verbs.zero(bench.engine)
+    zeroing_s = next(t_s for t_s, data in bench.sent("force")[asked:] if data.startswith(b"Z"))
+    assert zeroing_s - start_s >= 1.5
+
+
+def test_a_zero_tells_offset_and_noise_and_takes_the_offset_off(
+    spring: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A balance that does not zero itself still shows 0.04 or 0.05 gwt: so is the offset, to a millionth of a gwt."""
+    bench = _homed(spring)
+    monkeypatch.setattr(bench.engine.sensing.sensor, "zero", lambda: None)
+    shown = iter([0.04, 0.05, 0.05] * 100)
+    bench.force_n = lambda t_s: next(shown) * GWT_N
+    verbs.zero(bench.engine)
+    _feels(bench, 0.04)
+    verbs.zero(bench.engine)
+    first, second = bench.of("zero")
+    assert 0.04 < first["offset_gwt"] < 0.05
+    assert 0.001 < first["noise_gwt"] < 0.01
+    assert second["drift_gwt"] == pytest.approx(0.04 - first["offset_gwt"], abs=1e-6)
+    told = [first["offset_gwt"], first["noise_gwt"], second["drift_gwt"]]
+    assert told == [round(value, 6) for value in told] != [round(value, 5) for value in told]
+
+
+def test_the_sensor_is_zeroed_and_not_only_counted_from(spring: Make) -> None:
+    bench = _homed(spring)
+    _feels(bench, 0.6)
+    verbs.zero(bench.engine)
+    assert bench.of("zero")[0]["offset_gwt"] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("drift_gwt", [-0.04, -0.03, 0.03, 0.04])
+def test_a_drift_beyond_the_band_alarms_either_way(spring: Make, drift_gwt: float) -> None:
+    """limits.zero_drift_gwt is 0.03."""
+    bench = spring()
+    bench.ready()
+    _feels(bench, drift_gwt)
+    verbs.zero(bench.engine)
+    assert bench.of("zero")[1]["drift_gwt"] == pytest.approx(drift_gwt, abs=1e-6)
+    expected = f"the zero has drifted by {drift_gwt:+.2f} gwt, limits.zero_drift_gwt = 0.03"
+    assert bench.of("alarm") == ([{"reason": expected}] if abs(drift_gwt) > 0.03 else [])
+
+
+# --- home ---
+
+
+def test_a_sensor_that_is_not_there_lets_nothing_home(spring: Make) -> None:
+    bench = spring()
+    bench.balance.mute = True
+    with pytest.raises(ForceError):
+        verbs.home(bench.engine)
+    assert not any(b"$H" in data for _, data in bench.sent("stage"))
+
+
+def test_a_sensor_beyond_its_range_lets_the_rig_home_since_that_lifts_first(spring: Make) -> None:
+    """And nothing else: the way down is refused."""
+    bench = spring()
+    bench.force_n = lambda t_s: 1e6 * GWT_N
+    verbs.home(bench.engine)
+    assert bench.engine.state is State.READY
+    with pytest.raises(TripError, match="overloaded"):
+        verbs.move_to(bench.engine, 0.0)
+
+
+@pytest.mark.parametrize("mounted", ["step:3", "bar:3.0"])
+def test_no_indentor_is_on_until_the_right_one_is(
+    spring: Make, monkeypatch: pytest.MonkeyPatch, mounted: str
+) -> None:
+    bench = spring()
+    engine = bench.ready()
+    monkeypatch.setattr(bench, "mount", lambda indentor: mounted)
+    with pytest.raises(NotReadyError, match=f"^mount: {mounted} is on, expected step:1; nothing is pressed"):
+        verbs.mount(engine, "step:1")
+    assert engine.indentor is None
+    assert len(bench.of("mount")) == 1
+
+
+def test_homing_takes_its_time(spring: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    """limits.heartbeat_s is 3: a board that takes 10 s to answer, with the finger below, is waited for."""
+    bench = spring()
+    engine = bench.ready()
+    engine.go_to_height(1.96, 0.5)
+    connect = bench.stage.connect
+
+    def slow() -> str:
+        bench.clock.wait_s(10.0)
+        return str(connect())
+
+    monkeypatch.setattr(bench.stage, "connect", slow)
+    verbs.home(engine)
+    assert engine.state is State.READY
+    assert not engine.heartbeat.lost
+
+
+def test_after_homing_a_place_must_be_asked_for_again(spring: Make) -> None:
+    bench = spring()
+    engine = bench.ready()
+    verbs.home(engine)
+    with pytest.raises(NotReadyError):
+        indent(engine, Target("force_gwt", 1.0))
+
+
+# --- move_to and the way down ---
+
+
+@pytest.mark.parametrize(("x_mm", "along_mm"), [(-6.0, 0.0), (6.0, 0.0), (0.0, -4.0), (0.0, 4.0)])
+def test_the_limits_themselves_may_be_gone_to(spring: Make, x_mm: float, along_mm: float) -> None:
+    """limits.x_mm is ± 6, limits.along_mm ± 4."""
+    bench = spring()
+    verbs.move_to(bench.ready(), x_mm, along_mm)
+    assert bench.of("move")[-1] == {"x_mm": x_mm, "along_mm": along_mm, "height_mm": 2.0}
+    frame = bench.settings.frame
+    aside = next(move for move in reversed(bench.moves()) if "X" in move)
+    assert (aside["X"], aside["Y"]) == pytest.approx((frame.pad_centre_x_mm + x_mm, frame.pad_y_mm + along_mm))
+
+
+@pytest.mark.parametrize("along_mm", [-4.01, 4.01])
+def test_beyond_a_limit_along_the_finger_nothing_moves(spring: Make, along_mm: float) -> None:
+    bench = spring()
+    engine = bench.ready()
+    before = len(bench.moves())
+    with pytest.raises(LimitError, match=rf"^move_to: along = {along_mm:g} mm is outside the limits -4 … 4 mm$"):
+        verbs.move_to(engine, 0.0, along_mm)
+    assert len(bench.moves()) == before
+
+
+def test_after_homing_the_way_down_is_read_step_by_step(spring: Make) -> None:
+    """In steps of habits.descent_step_mm, the last one shorter and down to habits.clearance_mm; a reading at each."""
+    habits = {"descent_step_mm": 0.7, "clearance_mm": 2.0}
+    bench = _homed(spring, settings=RigSettings.model_validate({"habits": habits}))
+    verbs.zero(bench.engine)
+    top_mm = bench.engine.height_mm
+    verbs.move_to(bench.engine, 0.0)
+    heights = [top_mm, *_heights(bench)]
+    steps = [upper - lower for upper, lower in pairwise(heights)]
+    assert len(steps) > 20
+    assert steps[:-1] == pytest.approx([0.7] * (len(steps) - 1))
+    assert 0 < steps[-1] <= 0.7
+    assert heights[-1] == 2.0
+    assert len(bench.of("sample")) == 1  # at clearance; those on the way are looked at only
+
+
+def test_the_second_place_is_gone_to_in_one_move_each(spring: Make) -> None:
+    bench = spring()
+    engine = bench.ready()
+    before = len(bench.moves())
+    verbs.move_to(engine, 1.0)
+    assert len(bench.moves()) - before <= 2
+
+
+def test_without_a_zero_there_is_nothing_to_read_and_one_move_down(spring: Make) -> None:
+    bench = _homed(spring)
+    _feels(bench, 0.04)
+    verbs.move_to(bench.engine, 0.0)
+    assert _heights(bench) == [2.0]
+    assert bench.of("sample") == []
+
+
+@pytest.mark.parametrize("gwt", [0.06, -0.06, 0.4])
+@pytest.mark.parametrize(("below_mm", "stops_mm"), [(8.2, 8.0), (2.2, 2.0)], ids=["on the way down", "at clearance"])
+def test_a_force_in_the_air_ends_the_way_down(spring: Make, gwt: float, below_mm: float, stops_mm: float) -> None:
+    """habits.touch_force_gwt is 0.05: where that is felt, push or pull, is no air."""
+    bench = _homed(spring)
+    verbs.zero(bench.engine)
+    _feels(bench, gwt, below_mm)
+    complaint = rf"{gwt:.2f} gwt at clearance, {stops_mm:.2f} mm above the nominal apex: is frame\.apex_z_mm right"
+    with pytest.raises(TripError, match=complaint):
+        verbs.move_to(bench.engine, 0.0)
+    assert min(_heights(bench)) == pytest.approx(stops_mm, abs=0.51)
+    assert bench.of("trip")[0]["force_gwt"] == pytest.approx(gwt, abs=1e-6)
+    assert not bench.engine.placed
+
+
+def test_a_force_below_that_of_a_touch_does_not(spring: Make) -> None:
+    bench = _homed(spring)
+    verbs.zero(bench.engine)
+    _feels(bench, 0.04, 8.2)
+    verbs.move_to(bench.engine, 0.0)
+    assert bench.engine.height_mm == 2.0
+
+
+@pytest.mark.parametrize(
+    ("was", "moves"), [((0.5, 0.0), 0), ((0.0, 0.0), 1), ((0.5, 1.0), 1)], ids=["there", "elsewhere", "along"]
+)
+def test_over_a_place_already_it_stays(spring: Make, was: tuple[float, float], moves: int) -> None:
+    bench = spring()
+    engine = bench.ready()
+    verbs.move_to(engine, *was)
+    before = len(bench.of("move"))
+    verbs.be_over(engine, 0.5)
+    assert len(bench.of("move")) - before == moves
+    assert (engine.x_mm, engine.along_mm) == (0.5, 0.0)
+
+
+def test_over_a_place_by_chance_it_goes_there(spring: Make) -> None:
+    """Homed again: where it is was not asked for."""
+    bench = spring()
+    engine = bench.ready()
+    verbs.home(engine)
+    engine.motion.x_mm, engine.motion.along_mm = 0.5, 0.0
+    verbs.be_over(engine, 0.5)
+    assert bench.of("move")[-1] == {"x_mm": 0.5, "along_mm": 0.0, "height_mm": 2.0}
+
+
+# --- rest and pauses ---
+
+
+def test_a_rest_takes_its_seconds_whenever_it_begins(spring: Make) -> None:
+    bench = spring()
+    engine = bench.ready()
+    for seconds in (2.0, 7.5):
+        start_s = bench.clock.monotonic_s()
+        verbs.rest(engine, seconds)
+        assert bench.clock.monotonic_s() - start_s == pytest.approx(seconds, abs=1e-6)
+        assert bench.of("rest")[-1] == {"rest_s": seconds}
+
+
+def test_a_pause_in_a_rest_is_taken_at_once(spring: Make) -> None:
+    bench = spring()
+    engine = bench.ready()
+    start_s = bench.clock.monotonic_s()
+    asked: list[bool] = []
+    bench.clock.call_at(start_s + 3.0, lambda: asked.append(True))
+    bench.interrupt = lambda: bool(asked)
+    with pytest.raises(RunAborted):
+        verbs.rest(engine, 600.0)
+    assert bench.clock.monotonic_s() - start_s == pytest.approx(3.0, abs=0.1)
+    assert bench.of("paused") == [{"reason": "operator"}]
+    assert bench.of("rest") == []
