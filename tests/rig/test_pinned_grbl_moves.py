@@ -1,0 +1,153 @@
+"""How a GRBL stage moves: what is asked on the way, when a move is over, and where it must have arrived."""
+
+import math
+
+import pytest
+
+from rig.devices.stage import StageAlarm, StageError, StageReset, StageStatus
+from sim.devices.clock import VirtualClock
+from tests.told_board import BANNER, At, Board, at, connected
+
+
+@pytest.fixture
+def board(clock: VirtualClock) -> Board:
+    return Board(clock)
+
+
+LINE_X = b"G53G1G90G21X-11.0000F60.000\n"
+"""10 mm at 1 mm/s and 50 mm/s²: 10.02 s."""
+
+
+def _asked_s(board: Board, line: bytes = LINE_X) -> list[float]:
+    """The `?` of a move, in seconds from its line."""
+    (begun_s,) = board.times(line)
+    return [t_s - begun_s for t_s in board.times(b"?") if t_s >= begun_s]
+
+
+def _arrives(board: Board, after_s: float, line: bytes = LINE_X) -> None:
+    """From its line on the board runs so long, and is then where it was told to be."""
+    answer = board._answer
+
+    def answered(data: bytes) -> bytes | list[At]:
+        begun = board.times(line)
+        if data != b"?" or not begun:
+            return answer(data)
+        there = board.clock.monotonic_s() - begun[-1] >= after_s - 1e-9
+        return at("Idle", -11.0) if there else at("Run", -5.0)
+
+    board._answer = answered  # type: ignore[method-assign]
+
+
+def test_a_move_is_looked_at_ten_times_a_second_and_its_end_is_polled(board: Board, clock: VirtualClock) -> None:
+    """No look falls just before the end, where the board is asked anyway; each look says where the stage is."""
+    stage = connected(board)
+    _arrives(board, 10.13)
+    begun_s, looks = clock.monotonic_s(), list[float]()
+    for look in stage.moving(x_mm=-11.0, speed_mm_s=1.0):
+        looks.append(clock.monotonic_s() - begun_s)
+        assert look == StageStatus("Run", -5.0, -2.0, -3.0)
+    tenths = [0.1 * k for k in range(1, 100)]
+    assert looks == pytest.approx([*tenths, 10.12])
+    asked_s = sorted({round(t_s, 6) for t_s in _asked_s(board)})  # once more where it comes to the same by round-off
+    assert asked_s == pytest.approx([*tenths, 10.02, 10.04, 10.06, 10.08, 10.10, 10.12, 10.14])
+
+
+def test_without_looks_the_board_is_left_alone_until_the_move_should_be_over(board: Board) -> None:
+    stage = connected(board)
+    _arrives(board, 10.07)
+    stage.move_to(x_mm=-11.0, speed_mm_s=1.0)
+    assert _asked_s(board) == pytest.approx([10.02, 10.04, 10.06, 10.08], abs=1e-6)
+
+
+@pytest.mark.parametrize("state", ["Alarm", "Sleep", "Check", "Alarm:1"])
+def test_a_state_that_cannot_end_in_an_arrival_ends_the_move(board: Board, state: str) -> None:
+    stage = connected(board)
+    board.status = at(state)
+    with pytest.raises(StageError, match=f"{state} during a move"):
+        stage.move_to(x_mm=-11.0, speed_mm_s=1.0)
+    assert len(board.times(b"?")) == 1
+
+
+@pytest.mark.parametrize("state", ["Run", "Jog", "Home"])
+def test_while_the_board_is_busy_its_arrival_is_waited_for(board: Board, state: str) -> None:
+    stage = connected(board)
+    board.next[b"?"] = [at(state), at("Idle", -11.0)]
+    stage.move_to(x_mm=-11.0, speed_mm_s=1.0)
+    assert _asked_s(board) == pytest.approx([10.02, 10.04], abs=1e-6)
+
+
+@pytest.mark.parametrize("news", [b"ALARM:1\r\n", BANNER])
+def test_news_during_a_move_is_heard_when_it_comes(board: Board, clock: VirtualClock, news: bytes) -> None:
+    stage = connected(board)
+    board.says(news, 3.3)
+    begun_s = clock.monotonic_s()
+    with pytest.raises((StageAlarm, StageReset)):
+        stage.move_to(x_mm=-11.0, speed_mm_s=1.0)
+    assert clock.monotonic_s() - begun_s == pytest.approx(3.3)
+
+
+LIMITS = (
+    b"$13=0\r\n$100=400.0\r\n$101=400.0\r\n$102=400.0\r\n$110=600.0\r\n$111=300.0\r\n$112=120.0\r\n"
+    b"$120=50.0\r\n$121=10.0\r\n$122=4.0\r\nok\r\n"
+)
+"""10, 5 and 2 mm/s; 50, 10 and 4 mm/s²."""
+
+
+@pytest.mark.parametrize(
+    ("by_mm", "speed_mm_s", "expected_s"),
+    [
+        ((10.0, 0.0, 0.0), 1.0, 10.0 + 1.0 / 50.0),
+        ((-10.0, 0.0, 0.0), 1.0, 10.0 + 1.0 / 50.0),
+        ((20.0, 0.0, 0.0), 99.0, 20.0 / 10.0 + 10.0 / 50.0),
+        ((0.0, 10.0, 0.0), 99.0, 10.0 / 5.0 + 5.0 / 10.0),
+        ((0.0, 0.0, 10.0), 99.0, 10.0 / 2.0 + 2.0 / 4.0),
+        ((0.5, 0.0, 0.0), 99.0, 2 * math.sqrt(0.5 / 50.0)),
+        ((0.0, 0.0, 0.25), 99.0, 2 * math.sqrt(0.25 / 4.0)),
+        # 5 mm of which 4 are in Z: 2 mm/s there are 2.5 mm/s on the way, 4 mm/s² are 5.
+        ((3.0, 0.0, 4.0), 99.0, 5.0 / 2.5 + 2.5 / 5.0),
+        ((3.0, 0.0, 4.0), 1.0, 5.0 / 1.0 + 1.0 / 5.0),
+        # 13 mm of which 12 in X: 10.83 mm/s by X, 13 mm/s by Y; 26 mm/s² by Y.
+        ((12.0, 5.0, 0.0), 99.0, 13.0 / (10.0 * 13.0 / 12.0) + (10.0 * 13.0 / 12.0) / 26.0),
+        # 25 mm of which 24 in Y: 5.21 mm/s and 10.42 mm/s² by Y, which comes before Z.
+        ((0.0, 24.0, 7.0), 99.0, 25.0 / (5.0 * 25.0 / 24.0) + 0.5),
+        ((0.0, 0.0, 0.0), 1.0, 0.0),
+    ],
+)
+def test_a_move_is_asked_after_when_its_length_and_the_axes_limits_say(
+    board: Board,
+    by_mm: tuple[float, float, float],
+    speed_mm_s: float,
+    expected_s: float,
+) -> None:
+    board.answers[b"$$\n"] = LIMITS
+    board.status = at("Idle", -30.0, -30.0, -30.0)
+    stage = connected(board)
+    x_mm, y_mm, z_mm = (-30.0 + mm for mm in by_mm)
+    board.status = at("Idle", x_mm, y_mm, z_mm)
+    stage.move_to(x_mm=x_mm, y_mm=y_mm, z_mm=z_mm, speed_mm_s=speed_mm_s)
+    (line,) = (data for data in board.said if data.startswith(b"G53"))
+    assert _asked_s(board, line) == pytest.approx([expected_s])
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+@pytest.mark.parametrize("off_mm", [-0.003, -0.002, 0.002, 0.003])
+def test_each_axis_must_arrive_within_a_step_of_its_own(board: Board, axis: str, off_mm: float) -> None:
+    """Of 0.0025 mm; the other axes of this board have steps of a tenth of it, and were not told to go anywhere."""
+    fine = "\r\n".join(f"${100 + k}={400 if one == axis else 4000}" for k, one in enumerate("xyz"))
+    board.answers[b"$$\n"] = fine.encode() + b"\r\n$13=0\r\nok\r\n"
+    stage = connected(board)
+    board.status = at("Idle", **{f"{one}_mm": -5.0 + (off_mm if one == axis else 1.0) for one in "xyz"})
+    if abs(off_mm) < 0.0025:
+        stage.move_to(**{f"{axis}_mm": -5.0}, speed_mm_s=1.0)  # type: ignore[arg-type]
+    else:
+        with pytest.raises(StageError, match=f"{axis.upper()} is at"):
+            stage.move_to(**{f"{axis}_mm": -5.0}, speed_mm_s=1.0)  # type: ignore[arg-type]
+
+
+def test_a_board_that_tells_no_steps_is_not_held_to_them(board: Board) -> None:
+    """Its arrival is only exact."""
+    board.answers[b"$$\n"] = b"$13=0\r\nok\r\n"
+    stage = connected(board)
+    board.status = at("Idle", -5.001)
+    with pytest.raises(StageError, match="X is at"):
+        stage.move_to(x_mm=-5.0, speed_mm_s=1.0)

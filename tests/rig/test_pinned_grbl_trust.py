@@ -1,0 +1,166 @@
+"""When the position of a GRBL stage is trusted, and what it takes to find it again: by the wire alone."""
+
+from collections.abc import Callable
+
+import pytest
+
+from rig.devices.stage import GrblStage, StageAlarm, StageError, StageRejected, StageReset, StageTimeout
+from rig.devices.stage.base import StageNotHomed
+from sim.devices.clock import VirtualClock
+from tests.told_board import BANNER, Board, at, connected
+
+
+@pytest.fixture
+def board(clock: VirtualClock) -> Board:
+    return Board(clock)
+
+
+def _told(board: Board) -> list[bytes]:
+    """All but the questions where it is."""
+    return [data for data in board.said if data != b"?"]
+
+
+def _no_answer_to_a_line(board: Board, stage: GrblStage) -> None:
+    board.answers[b"G53G1G90G21X-2.0000F60.000\n"] = b""
+    with pytest.raises(StageTimeout, match="no answer to 'G53"):
+        stage.move_to(x_mm=-2.0, speed_mm_s=1.0)
+
+
+def _no_answer_to_the_status_question(board: Board, stage: GrblStage) -> None:
+    board.next[b"?"] = [b"", b"", b""]
+    with pytest.raises(StageTimeout, match=r"no answer to \?"):
+        stage.status()
+
+
+def test_after_a_line_without_an_answer_the_position_is_not_trusted(board: Board) -> None:
+    """The move may have been made or not; and an `ok` that comes late must answer no other line."""
+    stage = connected(board)
+    _no_answer_to_a_line(board, stage)
+    assert not stage.homed
+    board.heard.clear()
+    with pytest.raises(StageError, match="must be reset"):
+        stage.move_to(x_mm=-3.0, speed_mm_s=1.0)
+    assert board.said == []
+
+
+def test_after_a_status_without_an_answer_the_position_is_not_trusted(board: Board) -> None:
+    """Though the board may answer again: it may have lost its power in between."""
+    stage = connected(board)
+    _no_answer_to_the_status_question(board, stage)
+    assert not stage.homed
+    assert stage.status().state == "Idle"
+    assert not stage.homed
+    board.heard.clear()
+    with pytest.raises(StageNotHomed):
+        stage.move_to(x_mm=-3.0, speed_mm_s=1.0)
+    assert board.said == []
+
+
+def _alarm(board: Board, stage: GrblStage) -> None:
+    board.says(b"ALARM:1\r\n")
+    with pytest.raises(StageAlarm):
+        stage.status()
+
+
+def _banner(board: Board, stage: GrblStage) -> None:
+    board.says(BANNER)
+    with pytest.raises(StageReset):
+        stage.status()
+
+
+def _lost_arrival(board: Board, stage: GrblStage) -> None:
+    board.answers[b"$H\n"] = b""
+    with pytest.raises(StageTimeout):
+        stage.home()
+
+
+def _refused_homing(board: Board, stage: GrblStage) -> None:
+    board.answers[b"$H\n"] = b"error:5\r\n"
+    with pytest.raises(StageRejected):
+        stage.home()
+
+
+def _homed_but_deaf(board: Board, stage: GrblStage) -> None:
+    board.next[b"?"] = [b"", b"", b""]
+    with pytest.raises(StageTimeout):
+        stage.home()
+
+
+def _stop(board: Board, stage: GrblStage) -> None:
+    stage.stop()
+
+
+def _unlock(board: Board, stage: GrblStage) -> None:
+    stage.unlock()
+
+
+def _connect(board: Board, stage: GrblStage) -> None:
+    stage.connect()
+
+
+def _halt_that_never_rests(board: Board, stage: GrblStage) -> None:
+    board.status = at("Hold:0")
+    board.answers[b"\x18"] = b""
+    with pytest.raises(StageTimeout):
+        stage.halt()
+
+
+LOSSES = [
+    _no_answer_to_a_line, _no_answer_to_the_status_question, _alarm, _banner, _lost_arrival, _refused_homing,
+    _homed_but_deaf, _stop, _unlock, _connect, _halt_that_never_rests,
+]  # fmt: skip
+NEEDS_A_RESET = [_no_answer_to_a_line, _alarm, _banner, _lost_arrival, _stop]
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_what_loses_the_position_and_that_homing_finds_it(
+    board: Board, loss: Callable[[Board, GrblStage], None]
+) -> None:
+    """Homing begins with a reset where the board may still owe an answer, and only there."""
+    stage = connected(board)
+    usual = dict(board.answers)
+    assert stage.homed
+    loss(board, stage)
+    assert not stage.homed
+    with pytest.raises(StageError, match=r"must be (reset|homed)"):
+        stage.move_to(x_mm=-1.0, speed_mm_s=1.0)
+    board.answers, board.status, board.next = usual, at("Idle"), {}
+    board.heard.clear()
+    stage.home()
+    assert stage.homed
+    assert _told(board) == [b"\x18", b"$H\n"][loss not in NEEDS_A_RESET :]
+    stage.move_to(x_mm=-1.0, speed_mm_s=1.0)
+
+
+def test_before_a_connection_nothing_is_trusted_and_no_line_is_sent(board: Board, clock: VirtualClock) -> None:
+    """What the board was told before is not known; homing begins with a reset and needs no connection."""
+    stage = GrblStage(board, clock)
+    assert not stage.homed
+    for act in (lambda: stage.move_to(x_mm=-1.0, speed_mm_s=1.0), lambda: stage.jog("x", -1.0, 1.0), stage.settings):
+        with pytest.raises(StageError, match="must be reset"):
+            act()
+    assert board.said == []
+    stage.home()
+    assert _told(board) == [b"\x18", b"$H\n"]
+    assert stage.homed
+
+
+@pytest.mark.parametrize("state", ["Idle", "Hold:0"])
+def test_a_halt_keeps_the_trust_there_was(board: Board, state: str) -> None:
+    for homed in (True, False):
+        stage = connected(board, homed=homed)
+        board.status = at(state)
+        board.next[b"?"] = [at("Hold:1"), at(state), at("Idle")]
+        stage.halt()
+        assert stage.homed is homed
+        assert board.said == [b"!", b"?", b"?", b"\x18", b"?"]
+        board.status = at("Idle")
+
+
+def test_a_refused_line_loses_nothing(board: Board) -> None:
+    stage = connected(board)
+    board.answers[b"$J=G91G21X1.0000F60.000\n"] = b"error:15\r\n"
+    with pytest.raises(StageRejected):
+        stage.jog("x", 1.0, 1.0)
+    assert stage.homed
+    stage.move_to(x_mm=-1.0, speed_mm_s=1.0)

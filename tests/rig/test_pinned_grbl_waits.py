@@ -1,0 +1,126 @@
+"""How long the GRBL driver waits for an answer, and which answers it believes: by the wire alone."""
+
+from collections.abc import Callable
+
+import pytest
+
+from rig.devices.stage import StageError, StageRejected, StageStatus, StageTimeout
+from sim.devices.clock import VirtualClock
+from tests.told_board import BANNER, SETTINGS, Board, at, connected
+
+
+@pytest.fixture
+def board(clock: VirtualClock) -> Board:
+    return Board(clock)
+
+
+def _lasts_s(clock: VirtualClock, act: Callable[[], object], why: type[StageError]) -> float:
+    begun_s = clock.monotonic_s()
+    with pytest.raises(why):
+        act()
+    return clock.monotonic_s() - begun_s
+
+
+def test_a_silent_board_is_asked_three_times_for_its_status(board: Board, clock: VirtualClock) -> None:
+    stage = connected(board)
+    board.status = b""
+    assert _lasts_s(clock, stage.status, StageTimeout) == pytest.approx(3 * 0.3)
+    assert board.said == [b"?"] * 3
+
+
+def test_a_garbled_status_is_asked_again_at_once(board: Board, clock: VirtualClock) -> None:
+    """And what is no status at all is passed over, not asked after."""
+    stage = connected(board)
+    board.next[b"?"] = [b"<Idle|MPos:-1.0\xf3,-2\r\n", b"[MSG:hm]\r\n$1=2\r\n" + at("Run")]
+    begun_s = clock.monotonic_s()
+    assert stage.status().state == "Run"
+    assert clock.monotonic_s() == begun_s
+    assert board.said == [b"?", b"?"]
+
+
+@pytest.mark.parametrize(
+    "garbled",
+    [
+        b"<Idle|MPos:-1.000,-2.000,-13.500|FS:0,0\r\n",
+        b"<Idle|MPos:-1.000,-2.000,-1\r\n",
+        b"Idle|MPos:-1.000,-2.000,-13.500|FS:0,0>\r\n",
+        b"<<Idle|MPos:-1.000,-2.000,-13.500|FS:0,0>\r\n",
+        b"le|MPos:-1.000,-2.000,-13.500|FS:0,0>\r\n",
+        b"<Idle|MPos:-1.000,-2.0<Idle|MPos:-1.000,-2.000,-13.500|FS:0,0>\r\n",
+        b"<Idle|MPos:inf,-2.000,-13.500>\r\n",
+        b"<Idle|MPos:inf,-inf,-13.500>\r\n",
+        b"<Idle|MPos:-1.000,-2.000,-1e999>\r\n",
+        b"<Idle|MPos:-1.000,inf,-13.500>\r\n",
+        b"<Idle|MPos:nan,-2.000,-13.500>\r\n",
+    ],
+)
+def test_a_damaged_status_is_not_believed(board: Board, garbled: bytes) -> None:
+    """A number that was cut short is another number."""
+    stage = connected(board)
+    board.next[b"?"] = [garbled]
+    assert stage.status().z_mm == -3.0
+    assert board.said == [b"?", b"?"]
+
+
+def test_a_status_may_take_almost_its_time(board: Board, clock: VirtualClock) -> None:
+    stage = connected(board)
+    board.next[b"?"] = [[(0.29, at("Run"))]]
+    assert stage.status().state == "Run"
+    assert board.said == [b"?"]
+
+
+def test_a_line_is_answered_within_two_seconds(board: Board, clock: VirtualClock) -> None:
+    stage = connected(board)
+    board.next[b"$$\n"] = [[(1.99, SETTINGS)], b""]
+    assert stage.settings()[100] == 400.0
+    assert _lasts_s(clock, stage.settings, StageTimeout) == pytest.approx(2.0)
+
+
+def test_a_banner_is_waited_for_three_seconds_and_twice(board: Board, clock: VirtualClock) -> None:
+    stage = connected(board)
+    stage.stop()
+    board.heard.clear()
+    board.answers[b"\x18"] = b""
+    assert _lasts_s(clock, stage.unlock, StageTimeout) == pytest.approx(2 * 3.0)
+    assert board.said == [b"\x18"] * 2
+    board.answers[b"\x18"] = [(2.9, BANNER)]
+    stage.unlock()
+    assert board.said == [b"\x18"] * 3 + [b"$X\n"]
+
+
+def test_after_a_banner_the_board_may_still_speak(board: Board, clock: VirtualClock) -> None:
+    """A message, and the banner of a reset that was on its way: each within 50 ms of what came before it."""
+    stage = connected(board)
+    stage.stop()
+    board.answers[b"\x18"] = [(0.5, BANNER), (0.54, b"[MSG:'$H'|'$X' to unlock]\r\n"), (0.58, BANNER)]
+    begun_s = clock.monotonic_s()
+    stage.unlock()
+    assert clock.monotonic_s() - begun_s == pytest.approx(0.58 + 0.05)
+
+
+def test_a_reset_forgets_what_came_before_it(board: Board) -> None:
+    """Late answers, an alarm's text, the banner of a reset before it, and half a line."""
+    stage = connected(board)
+    stage.stop()
+    board.says(b"ok\r\nALARM:3\r\n[MSG:Reset to continue]\r\n" + BANNER + b"<Idle|MP")
+    board.answers[b"\x18"] = [(0.5, BANNER)]
+    board.answers[b"$X\n"] = b"error:9\r\n"
+    with pytest.raises(StageRejected, match=r"refused '\$X' with error 9"):
+        stage.unlock()
+
+
+@pytest.mark.parametrize("asked_for", [True, False], ids=["the driver's", "the board's own"])
+def test_after_a_reset_the_work_offset_is_waited_for_again(board: Board, asked_for: bool) -> None:
+    """A board may come up with another."""
+    work = "<Idle|WPos:1.000,2.000,3.000|FS:0,0{}>\r\n"
+    board.status = work.format("").encode()
+    board.next[b"?"] = [work.format("|WCO:-10.000,-10.000,-10.000").encode()]
+    stage = connected(board)
+    assert stage.status() == StageStatus("Idle", -9.0, -8.0, -7.0)
+    if asked_for:
+        stage.stop()
+        stage.unlock()
+    else:
+        board.says(BANNER)
+    board.next[b"?"] = [work.format("").encode(), work.format("|WCO:-20.000,-20.000,-20.000").encode()]
+    assert stage.look() == StageStatus("Idle", -19.0, -18.0, -17.0)

@@ -1,0 +1,178 @@
+"""What the lines of a GRBL board mean to a user: alarms, errors, settings. Source: GRBL 1.1 interface wiki."""
+
+from typing import Any
+
+import pytest
+
+from rig.devices.stage import GrblStage, StageAlarm, StageError, StageRejected
+from rig.devices.stage.grbl_settings import expected_settings
+from rig.devices.stage.grbl_words import travel_s
+from rig.engine.rig_settings import RigSettings
+from sim.devices.clock import VirtualClock
+from tests.told_board import Board
+
+ALARMS = {
+    1: "hard limit", 2: "soft limit", 3: "reset while in motion", 4: "probe not in", 5: "probe found nothing",
+    6: "homing: reset", 7: "homing: door", 8: "homing: pull-off", 9: "homing: switch", 10: "manual", 14: "manual",
+}  # fmt: skip
+ERRORS = {
+    1: "no letter", 2: "bad number", 3: r"unknown \$ command", 4: "negative value", 5: "homing is switched off",
+    6: "manual", 7: "manual", 8: "busy", 9: "locked", 10: "soft limits need homing", 11: "line too long",
+    12: "manual", 14: "manual", 15: "jog target", 16: "not allowed in a jog", 17: "manual", 20: "unsupported",
+    21: "manual", 22: "no feed rate", 23: "manual", 53: "unknown setting", 54: "manual",
+}  # fmt: skip
+
+
+@pytest.fixture
+def board(clock: VirtualClock) -> Board:
+    return Board(clock)
+
+
+@pytest.mark.parametrize(("code", "meaning"), ALARMS.items())
+def test_an_alarm_has_its_meaning(board: Board, clock: VirtualClock, code: int, meaning: str) -> None:
+    stage = GrblStage(board, clock)
+    stage.connect()
+    board.says(f"ALARM:{code}\r\n".encode())
+    with pytest.raises(StageAlarm, match=f"^stage alarm {code}: .*{meaning}") as caught:
+        stage.status()
+    assert caught.value.code == code
+
+
+@pytest.mark.parametrize(("code", "meaning"), ERRORS.items())
+def test_an_error_has_its_meaning(board: Board, clock: VirtualClock, code: int, meaning: str) -> None:
+    stage = GrblStage(board, clock)
+    stage.connect()
+    board.answers[b"$X\n"] = f"error:{code}\r\n".encode()
+    with pytest.raises(StageRejected, match=rf"^stage refused '\$X' with error {code}: .*{meaning}") as caught:
+        stage.unlock()
+    assert caught.value.code == code
+
+
+@pytest.mark.parametrize("garbled", ["", "1\N{REPLACEMENT CHARACTER}", "x"])
+def test_a_garbled_number_is_an_error_and_an_alarm_all_the_same(
+    board: Board, clock: VirtualClock, garbled: str
+) -> None:
+    stage = GrblStage(board, clock)
+    stage.connect()
+    raw = garbled.encode("ascii", "ignore") + b"\xff" * ("\N{REPLACEMENT CHARACTER}" in garbled)
+    board.answers[b"$X\n"] = b"error:" + raw + b"\r\n"
+    with pytest.raises(StageRejected, match="error 0: see the controller's manual"):
+        stage.unlock()
+    board.says(b"ALARM:" + raw + b"\r\n")
+    with pytest.raises(StageAlarm, match="alarm 0: see the controller's manual"):
+        stage.status()
+
+
+# --- settings ---
+
+SET: dict[int, Any] = {13: 0, 20: 1, 22: 1, 32: 0, 130: 60.0, 131: 30.0, 132: 40.0}
+"""What a board must be set to on the default bench: millimetres, soft limits, homing, no laser, and the travel."""
+
+
+def _connect(board: Board, clock: VirtualClock, settings: dict[int, Any]) -> None:
+    lines = "".join(f"${number}={value}\r\n" for number, value in settings.items())
+    board.answers[b"$$\n"] = lines.encode() + b"ok\r\n"
+    GrblStage(board, clock, expected=expected_settings(RigSettings())).connect()
+
+
+def test_a_board_as_configured_is_taken(board: Board, clock: VirtualClock) -> None:
+    assert expected_settings(RigSettings()) == SET
+    _connect(board, clock, SET)
+    _connect(board, clock, {n: value for n, value in SET.items() if value})  # one that it lacks counts as 0
+
+
+@pytest.mark.parametrize("number", SET)
+@pytest.mark.parametrize("by", [-1, 1])
+def test_each_setting_is_held_to_its_value(board: Board, clock: VirtualClock, number: int, by: int) -> None:
+    has = SET[number] + by
+    with pytest.raises(StageError, match=rf"expected \${number}={SET[number]:g} \(it has {has:g}\)$"):
+        _connect(board, clock, SET | {number: has})
+
+
+@pytest.mark.parametrize(
+    ("number", "printed", "fine"),
+    [
+        (130, "60.0004", True),
+        (130, "59.9996", True),
+        (130, "60.001", False),
+        (130, "59.999", False),
+        (32, "0.0005", True),
+        (32, "0.001", False),
+    ],
+)
+def test_a_setting_is_compared_as_far_as_a_board_prints_it(
+    board: Board, clock: VirtualClock, number: int, printed: str, fine: bool
+) -> None:
+    """To three decimals: half of the last one is no difference."""
+    if fine:
+        _connect(board, clock, SET | {number: printed})
+    else:
+        with pytest.raises(StageError, match=rf"expected \${number}={SET[number]:g} "):
+            _connect(board, clock, SET | {number: printed})
+
+
+def test_a_driver_that_is_told_nothing_expects_millimetres(board: Board, clock: VirtualClock) -> None:
+    board.answers[b"$$\n"] = b"$20=0\r\n$130=1.000\r\nok\r\n"
+    GrblStage(board, clock).connect()
+    board.answers[b"$$\n"] = b"$13=1\r\nok\r\n"
+    with pytest.raises(StageError, match=r"expected \$13=0 \(it has 1\)$"):
+        GrblStage(board, clock).connect()
+
+
+@pytest.mark.parametrize(
+    ("measured", "direction"),
+    [
+        ((400.0, 401.0, 402.0), 0),
+        ((0.5, 0.5, 0.5), 0),
+        ((-400.0, 401.0, 402.0), 1),
+        ((400.0, -401.0, 402.0), 2),
+        ((400.0, 401.0, -402.0), 4),
+        ((-0.5, -0.5, -0.5), 7),
+    ],
+)
+def test_the_direction_of_each_motor_is_expected_once_all_are_measured(
+    measured: tuple[float, float, float], direction: int
+) -> None:
+    """A board has one setting for all three, and its steps per millimetre without a sign."""
+    day = {"date": "2026-01-01", "expires": "2027-01-01"}
+    steps = {f"{axis}_steps_per_mm": {"value": mm, **day} for axis, mm in zip("xyz", measured, strict=True)}
+    x, y, z = map(abs, measured)
+    expected = expected_settings(RigSettings.model_validate({"calibration": steps}))
+    assert expected == SET | {100: x, 101: y, 102: z, 3: direction}
+    del steps["y_steps_per_mm"]
+    expected = expected_settings(RigSettings.model_validate({"calibration": steps}))
+    assert expected == SET | {100: x, 102: z}
+
+
+@pytest.mark.parametrize(("told", "sign"), [(b"", 1), (b"$3=0\r\n", 1), (b"$3=7\r\n", -1)])
+def test_a_motor_whose_direction_the_board_does_not_tell_runs_with_its_axis(
+    board: Board, clock: VirtualClock, told: bytes, sign: int
+) -> None:
+    board.answers[b"$$\n"] = told + b"$100=400.0\r\n$101=250.0\r\n$102=80.0\r\nok\r\n"
+    stage = GrblStage(board, clock)
+    stage.connect()
+    assert [stage.steps_per_mm(axis) for axis in ("x", "y", "z")] == [sign * 400.0, sign * 250.0, sign * 80.0]
+
+
+# --- moves as words ---
+
+
+@pytest.mark.parametrize(("speed_mm_s", "told"), [(1 / 60, "F1.000"), (0.5, "F30.000"), (10.0, "F600.000")])
+def test_a_speed_is_told_per_minute(board: Board, clock: VirtualClock, speed_mm_s: float, told: str) -> None:
+    """From 1 mm/min on, below which a board moves no slower whatever it is told."""
+    stage = GrblStage(board, clock)
+    stage.connect()
+    stage.jog("y", 0.25, speed_mm_s)
+    assert board.said[-1] == f"$J=G91G21Y0.2500{told}\n".encode()
+    heard = len(board.said)
+    with pytest.raises(ValueError, match=r"at least 0\.0167"):
+        stage.jog("y", 0.25, 0.99 / 60)
+    assert len(board.said) == heard
+
+
+@pytest.mark.parametrize(
+    ("mm", "expected_s"), [(0.0, 0.0), (0.5, 2 * 0.5), (2.0, 2 * 1.0), (8.0, 4.0 + 1.0), (8.02, 4.01 + 1.0)]
+)
+def test_travel_from_rest_to_rest(mm: float, expected_s: float) -> None:
+    """At 2 mm/s and 2 mm/s² a ramp takes a second and a millimetre; a shorter way is two ramps of √(d/a)."""
+    assert travel_s(mm, 2.0, 2.0) == pytest.approx(expected_s)
