@@ -11,12 +11,14 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from rig.cli.interrupts import Pause, at_a_safe_point
-from rig.cli.output import ExitCode, complain, err, loading_the_finger, out, print_json
+from rig.cli.output import ExitCode, checking_the_script, complain, err, loading_the_finger, out, print_json
+from rig.data import Run, export_run
 from rig.engine import RunAborted
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import Script
 from rig.report.run.run_report import write_report
+from rig.session.ending import Whereabouts
 from rig.session.resume import StoppedRun
 from rig.session.session import FinishedRun, NewRun, Session, Watch
 from rig.session.subject import checked_subject
@@ -52,13 +54,35 @@ def carry_out(
     into = stopped or NewRun(out_dir, checked_subject(subject))
     with loading_the_finger():
         finger = Fingertip.load(config.finger)
-    plan = make_plan(script, config, finger, None if stopped is None else stopped.run)
+    before, folder = (None, None) if stopped is None else (stopped.run, stopped.folder.path)
+    with checking_the_script() as told:
+        plan = make_plan(script, config, finger, before, folder, told)
     confirm(Session(script, config, finger, plan, into))
     began = time.perf_counter()
     with at_a_safe_point() as pause, _progress(len(plan.indentations)) as watch:
         done = how(Session(script, config, finger, plan, into, AtTheTerminal(pause, watch)))
     done = _reported(done, finger)
     _print(done, time.perf_counter() - began, as_json=as_json, resumed=stopped is not None)
+    return done
+
+
+def make_whole(stopped: StoppedRun, run: Run, *, as_json: bool) -> FinishedRun:
+    """Make what a complete run lacks of its exports, report and checksums; what is there stays as it is."""
+    folder, began = stopped.folder, time.perf_counter()
+    done = FinishedRun(run, 0.0, None, Whereabouts("not moved"))
+    with folder.owned():
+        there = folder.files
+        try:
+            export_run(run, again=False)
+            if not folder.report.exists():
+                with loading_the_finger():
+                    finger = Fingertip.load(stopped.config.finger)
+                write_report(run, finger)
+            if folder.files != there:
+                folder.add_checksums(folder.files - there)
+        except OSError as error:
+            done = replace(done, problem=error)
+    _print(done, time.perf_counter() - began, as_json=as_json, resumed=True)
     return done
 
 

@@ -6,10 +6,11 @@ import typer
 from rich.table import Table
 
 from rig.cli.options import FingerConfigOption, JsonOption, MoreArgument, ProtocolArgument, SetOption
-from rig.cli.output import loading_the_finger, out, print_json, told_in_one_line
+from rig.cli.output import checking_the_script, loading_the_finger, out, print_json, told_in_one_line
 from rig.plan.config import load_config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
+from rig.session.bench_problems import refuse_bench
 from rig.session.preflight import preflight
 from sim.models.fingertip import Fingertip
 
@@ -40,10 +41,14 @@ def command(
     """Walk through the script against the limits and the finger model, and rehearse it on springs."""
     with told_in_one_line(as_json=as_json):
         settings = load_config(config)
+        refuse_bench(settings)
         script = load_script(protocol, [*(set_ or []), *(more or [])])
         with loading_the_finger():
             finger = Fingertip.load(settings.finger)
-        found = preflight(script, settings, finger, make_plan(script, settings, finger)).as_json()
+        with checking_the_script() as told:
+            plan = make_plan(script, settings, finger, told=told)
+        with loading_the_finger("rehearsing on springs …"):
+            found = preflight(script, settings, finger, plan).as_json()
         if as_json:
             print_json({"protocol": script.name, **found})
         else:

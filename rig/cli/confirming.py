@@ -7,6 +7,7 @@ from pathlib import Path
 from rig.cli.output import ExitCode, err, fail, loading_the_finger
 from rig.plan.config import Config
 from rig.protocol.errors import BadInputError
+from rig.session.bench_problems import refuse_bench
 from rig.session.calibration import refuse_expired
 from rig.session.ending import Ending
 from rig.session.page import Page
@@ -22,6 +23,7 @@ def ready_for_a_real_run(command: str, config: Config, out: Path, *, yes: bool) 
     Raises BadInputError, TransportError, OSError.
     """
     refuse_expired(config)
+    refuse_bench(config)
     out.mkdir(parents=True, exist_ok=True)
     for port in (*config.stage.ports, config.force.port):
         refuse_missing(port)

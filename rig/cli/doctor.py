@@ -15,6 +15,7 @@ from rig.cli.options import JsonOption
 from rig.cli.output import out, print_json, told_in_one_line
 from rig.plan.config import Config, load_config
 from rig.protocol.script import shipped_protocols
+from rig.session.bench_problems import bench_problems
 from rig.session.calibration import today
 from rig.session.resume import last_left
 from sim.fem import pardiso
@@ -48,7 +49,8 @@ def command(
 
 def _examine(config: Path | None) -> dict[str, Any]:
     settings = load_config(config)
-    return _installation(settings) | ({} if config is None else _bench(settings))
+    problems = {"problems": bench_problems(settings)}
+    return _installation(settings) | ({} if config is None else problems | _bench(settings))
 
 
 def _bench(settings: Config) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from enum import IntEnum
 from typing import Any, NoReturn
@@ -43,6 +43,16 @@ def loading_the_finger(what: str = "fingertip: from the cache, or built in about
         return
     with err.status(what):
         yield
+
+
+@contextmanager
+def checking_the_script() -> Iterator[Callable[[int], None]]:
+    """The steps are counted on the screen, where there is one."""
+    if not err.is_terminal:
+        yield lambda steps: None
+        return
+    with err.status("checking the script …") as status:
+        yield lambda steps: status.update(f"checking the script: {steps} steps")
 
 
 class ExitCode(IntEnum):

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from rig.cli.carrying_out import carry_out, leave, nothing_to_confirm
+from rig.cli.carrying_out import carry_out, leave, make_whole, nothing_to_confirm
 from rig.cli.confirming import at_the_page, careful, ready_for_a_real_run
 from rig.cli.options import JsonOption, YesOption
 from rig.cli.output import complain, err, told_in_one_line
@@ -28,11 +28,13 @@ def command(
     """Take the script, its parameters and the configuration from the run's own copies, and go on."""
     with told_in_one_line(as_json=as_json):
         stopped = read_stopped(run)
+        if stopped.run is not None and stopped.complete:
+            leave(make_whole(stopped, stopped.run, as_json=as_json))
         left = None if stopped.run is None else ending_on_record(stopped.run)
         if stopped.run is not None and stopped.run.last_checkpoint is not None:
             err.print(f"goes on after the checkpoint {stopped.run.last_checkpoint!r}")
         confirm: Callable[[Session], None] = nothing_to_confirm
-        if not (stopped.virtual or stopped.complete):
+        if not stopped.virtual:
             ready_for_a_real_run("resume", stopped.config, run.parent, yes=yes)
             confirm = at_the_page(left, yes=yes, as_json=as_json)
         elif left is not None:

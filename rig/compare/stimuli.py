@@ -6,7 +6,7 @@ against the indentor's position (Raju 1998, ch. 5). One run gives both.
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from rig.data import Run
 from rig.plan.responses import Response, responses
-from sim.contact.shapes import parse_shape
+from rig.plan.shape_files import from_copy
+from sim.contact.shapes import shape_name
 from sim.measures.measures import MEASURES, shown
 from sim.models.cache import Arrays, cached_arrays, content_key
 from sim.models.fingertip import Fingertip
@@ -51,11 +52,17 @@ class Stimulus:
     pressure: Array
     regions_mm: Array
     on_fingers: Array | None = None
+    pressed_with: str | None = None  # the indentor's name, naming the run's own copy of its file
+
+    @property
+    def read_as(self) -> str:
+        """The name that the indentor is read by."""
+        return self.pressed_with or self.indentor
 
     @property
     def shape(self) -> str:
         """The indentor's canonical name: "bar:3" for bar:3.0."""
-        return parse_shape(self.indentor).name
+        return shape_name(self.indentor)
 
     @property
     def family(self) -> str:
@@ -123,9 +130,10 @@ def stimuli(run: Run, finger: Fingertip) -> list[Stimulus]:
     if not len(table["x_mm"]):
         return []
     what = list(zip(*(table[name].tolist() for name in ("indentor", "kind", "commanded")), strict=True))
-    return [
+    found = [
         _stimulus(run.folder.path.name, one, table, [one == other for other in what]) for one in sorted(set(what))
     ]
+    return [replace(one, pressed_with=from_copy(run.folder.path, one.indentor)) for one in found]
 
 
 def _stimulus(run: str, what: tuple[str, str, float], table: Arrays, mine: list[bool]) -> Stimulus:

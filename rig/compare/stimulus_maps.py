@@ -52,7 +52,7 @@ def _positions(n: int) -> list[int]:
 
 
 def _arrays(finger: Fingertip, scenes: Sequence[tuple[Stimulus, int]]) -> Arrays:
-    results = [finger.indent(s.indentor, float(s.x_mm[k]), doi_mm=float(s.doi_mm[k])) for s, k in scenes]
+    results = [finger.indent(s.read_as, float(s.x_mm[k]), doi_mm=float(s.doi_mm[k])) for s, k in scenes]
     maps = strain_maps(finger.config, results) if results else []
     arrays: Arrays = {}
     for n, one in enumerate(maps):  # a mesh for each kind of indentor: they need not be of one size

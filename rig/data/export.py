@@ -11,16 +11,19 @@ from rig.data.folder import replace_bytes, replace_text
 from rig.data.reader import Run
 
 
-def export_run(run: Run) -> None:
-    """Write data.h5 (units as attributes) and STREAM.csv beside the journal.
+def export_run(run: Run, *, again: bool = True) -> None:
+    """Write data.h5 (units as attributes) and STREAM.csv beside the journal; not again: only those that are missing.
 
     Events of indentations that were interrupted and begun again go into tables of their own, STREAM_superseded.
     """
     tables = {name: _columns(run.units[name], found) for name, found in run.events.items() if found}
     tables |= {f"{name}_superseded": _columns(run.units[name], found) for name, found in run.superseded.items()}
-    _write_hdf5(run, tables)
+    if again or not run.folder.data.exists():
+        _write_hdf5(run, tables)
     for name, columns in tables.items():
-        replace_text(run.folder.path / f"{name}.csv", _as_csv(columns))
+        path = run.folder.path / f"{name}.csv"
+        if again or not path.exists():
+            replace_text(path, _as_csv(columns))
 
 
 def _columns(units: dict[str, str], events: list[dict[str, Any]]) -> dict[str, list[Any]]:

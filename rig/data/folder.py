@@ -17,6 +17,8 @@ import filelock
 
 _SUMS, _LOCK = "SHA256SUMS", ".lock"
 _COPIES = ("protocol.py", "config.toml", "provenance.json")
+SHAPE_COPY = "shape_"
+"""Copies of the files that shapes name begin so."""
 
 
 class FolderBusyError(Exception):
@@ -71,17 +73,31 @@ class RunFolder:
         """Versions, command and parameters."""
         return self.path / "provenance.json"
 
+    @property
+    def files(self) -> set[str]:
+        """Names of all the files that are there, but for the checksums."""
+        return {p.name for p in self.path.iterdir() if p.is_file() and p.name not in (_SUMS, _LOCK)}
+
     def write_checksums(self) -> None:
         """SHA256SUMS over every file of the folder, as `sha256sum -c` reads it."""
-        names = sorted(p.name for p in self.path.iterdir() if p.is_file() and p.name not in (_SUMS, _LOCK))
-        lines = [f"{_digest(self.path / name)}  {name}\n" for name in names]
-        replace_text(self.path / _SUMS, "".join(lines))
+        self._write_sums({name: _digest(self.path / name) for name in self.files})
+
+    def add_checksums(self, made: set[str]) -> None:
+        """The same over files that were made just now, the other lines as they were."""
+        self._write_sums(self._known_sums() | {name: _digest(self.path / name) for name in made})
+
+    def _write_sums(self, sums: Mapping[str, str]) -> None:
+        replace_text(self.path / _SUMS, "".join(f"{sums[name]}  {name}\n" for name in sorted(sums)))
+
+    def _known_sums(self) -> dict[str, str]:
+        lines = (self.path / _SUMS).read_text(encoding="utf-8").splitlines()
+        return {name: digest for digest, name in (line.split("  ", 1) for line in lines)}
 
     def changed(self) -> list[str]:
         """Which of the copies that a run was made from are not what they were when it began. Raises OSError."""
-        lines = (self.path / _SUMS).read_text(encoding="utf-8").splitlines()
-        known = {name: digest for digest, name in (line.split("  ", 1) for line in lines)}
-        return [name for name in _COPIES if known.get(name) != _digest(self.path / name)]
+        known = self._known_sums()
+        copies = [*_COPIES, *(name for name in known if name.startswith(SHAPE_COPY))]
+        return [name for name in copies if known.get(name) != _digest(self.path / name)]
 
     @contextmanager
     def owned(self) -> Iterator[None]:
@@ -98,11 +114,18 @@ class RunFolder:
 
 
 def new_run_folder(
-    parent: Path, name: str, when: datetime, protocol: Path, config_toml: str, provenance: Mapping[str, Any]
+    parent: Path,
+    name: str,
+    when: datetime,
+    protocol: Path,
+    config_toml: str,
+    provenance: Mapping[str, Any],
+    shape_files: Mapping[str, bytes] | None = None,
 ) -> RunFolder:
     """Make a folder of its own for a run, with copies of the protocol, the configuration and the versions.
 
-    It is there with all of them, hashed, or not at all.
+    shape_files: what the files that shapes name hold, by the names of their copies. The folder is there with all of
+    them, hashed, or not at all.
     """
     name = f"{when:%Y%m%dT%H%M%S}-{name}-{secrets.token_hex(3)}"
     partial = parent / f".{name}.part"
@@ -111,6 +134,8 @@ def new_run_folder(
         replace_bytes(partial / "protocol.py", protocol.read_bytes())
         replace_text(partial / "config.toml", config_toml)
         replace_text(partial / "provenance.json", json.dumps(provenance, indent=2) + "\n")
+        for copy, content in (shape_files or {}).items():
+            replace_bytes(partial / copy, content)
         RunFolder(partial).write_checksums()
         partial.rename(parent / name)
     except OSError:

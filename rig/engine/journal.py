@@ -164,7 +164,7 @@ def mend_journal(path: Path) -> int:
         whole = data.rindex(b"\n") + 1 if b"\n" in data else 0
         if _document(data[whole:]) is not None:
             file.write(b"\n")
-        else:
+        elif whole < len(data):
             file.truncate(whole)
         os.fsync(file.fileno())
     return sum(1 for _ in read_journal(path))

@@ -71,4 +71,4 @@ def load_config(path: Path | None) -> Config:
     try:
         return Config.model_validate(tables, context={"folder": path.parent})
     except ValidationError as error:
-        raise first_problem(f"config {path}", error) from None
+        raise first_problem(f"config {path}", error, Config) from None

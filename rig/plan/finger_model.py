@@ -1,23 +1,31 @@
 """The finger as a script's steps see it: predictions, each solved once."""
 
+from collections.abc import Callable
+
 from rig.engine.records import Target
 from rig.protocol.planned import Prediction
-from rig.protocol.walk import NoPredictionError
+from rig.protocol.walk import ForceTooDeepError, NoPredictionError
+from sim.contact.indentor import Indentor
 from sim.contact.shapes import parse_shape
+from sim.models.errors import ForceOutOfReachError
 from sim.models.fingertip import Fingertip
 
 Predictions = dict[tuple[str, float, Target], Prediction]
 
 
 class FingerModel:
-    """Predictions of a fingertip; those in `kept` are taken from there, new ones are put there."""
+    """Predictions of a fingertip; those in `kept` are taken from there, new ones are put there.
 
-    def __init__(self, finger: Fingertip, kept: Predictions) -> None:
-        self._finger, self._kept = finger, kept
+    A shape is read once, by the name that `where` makes of the script's: a file that is edited meanwhile is not seen.
+    """
+
+    def __init__(self, finger: Fingertip, kept: Predictions, where: Callable[[str], str] = str) -> None:
+        self._finger, self._kept, self._where = finger, kept, where
+        self._shapes: dict[str, Indentor] = {}
 
     def refuse_shape(self, indentor: str) -> None:
         """Raises ShapeError where this is the name of no indentor."""
-        parse_shape(indentor)
+        self._shape(indentor)
 
     def press(self, indentor: str, x_mm: float, target: Target) -> Prediction:
         """What a press meets. Raises ModelRangeError, and NoPredictionError where the model does not converge."""
@@ -29,10 +37,20 @@ class FingerModel:
     def touch_height_mm(self, indentor: str, x_mm: float, along_mm: float) -> float:
         """Height of the indentor at first touch, from the nominal apex."""
         z_mm = self._finger.config.receptor_plane_mm + along_mm
-        return self._finger.touch_height_mm(indentor, x_mm, z_mm=z_mm) - self._finger.apex_height_mm
+        height_mm = self._finger.touch_height_mm(self._shape(indentor), x_mm, z_mm=z_mm)
+        return height_mm - self._finger.apex_height_mm
+
+    def _shape(self, indentor: str) -> Indentor:
+        if indentor not in self._shapes:
+            self._shapes[indentor] = parse_shape(self._where(indentor))
+        return self._shapes[indentor]
 
     def _solved(self, indentor: str, x_mm: float, target: Target) -> Prediction:
-        found = self._finger.indent(indentor, x_mm, **{target.kind: target.value})  # type: ignore[arg-type]
+        shape = self._shape(indentor)
+        try:
+            found = self._finger.indent(shape, x_mm, **{target.kind: target.value})  # type: ignore[arg-type]
+        except ForceOutOfReachError as error:
+            raise ForceTooDeepError(str(error)) from None
         if not found.state.converged:
             raise NoPredictionError(f"the model does not converge here (residual {found.state.residual:.0e})")
         return Prediction(

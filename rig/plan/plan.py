@@ -1,7 +1,10 @@
 """The check before anything moves: a script is walked through against the limits and the finger model."""
 
 import inspect
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
 from typing import TypeVar
 
 from rig.data import Run
@@ -9,10 +12,12 @@ from rig.devices.units import GWT_N
 from rig.engine.records import Purpose
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel, Predictions
+from rig.plan.patience import Patience, SilentScriptError, impatient
+from rig.plan.shape_files import copy_name, kept_in, named_file
 from rig.protocol.api import Handler, Rig
 from rig.protocol.errors import BadInputError
 from rig.protocol.planned import PlannedIndentation
-from rig.protocol.script import Script, where_in_script
+from rig.protocol.script import Script, in_words, where_in_script
 from rig.protocol.steps import ExpectedPresses, ExpectedTouch, Step
 from rig.protocol.taken_up import TakenUp
 from rig.protocol.walk import Spot, Walk
@@ -43,6 +48,7 @@ class Plan:
     touches: list[ExpectedTouch] = field(default_factory=list)
     predictions: Predictions = field(default_factory=dict)
     first_soft_trip_n: float | None = None
+    shape_files: dict[str, bytes] = field(default_factory=dict)  # as they were read, by the names of their copies
 
     @property
     def indentations(self) -> list[PlannedIndentation]:
@@ -67,30 +73,50 @@ class Plan:
         return max(_SOFT_TRIP_OVER_PREDICTED * self.peak_force_gwt * GWT_N, _SMALLEST_SOFT_TRIP_N)
 
 
-def make_plan(script: Script, config: Config, finger: Fingertip, before: Run | None = None) -> Plan:
+def make_plan(
+    script: Script,
+    config: Config,
+    finger: Fingertip,
+    before: Run | None = None,
+    folder: Path | None = None,
+    told: Callable[[int], None] = lambda steps: None,
+) -> Plan:
     """Walk through the script; raises BadInputError at the first step that cannot be done.
 
     `before` is the run that is to be taken up: what it has done is answered by its journal, and not planned, where
-    that tells the soft trip of the whole.
+    that tells the soft trip of the whole; `folder` is that run's, whose copies of files that shapes name are read.
+    `told` hears how many steps there are so far.
     """
     if inspect.iscoroutinefunction(script.run):
         raise BadInputError(f"protocol {script.path}: run(rig) is asynchronous, expected an ordinary function")
     first_soft_trip_n = None if before is None else before.start.get("soft_trip_n")
     plan = Plan(first_soft_trip_n=first_soft_trip_n)
-    walk = Walk(config, FingerModel(finger, plan.predictions))
+    walk = Walk(
+        config,
+        FingerModel(finger, plan.predictions, partial(_kept, plan) if folder is None else partial(kept_in, folder)),
+    )
     planner: Handler = Planner(walk, plan)
     if before is not None and first_soft_trip_n is not None:
         planner = TakenUp(before, planner)
     try:
-        script.run(Rig(script.parameters, walk, planner))
-    except (BadInputError, ShapeError, ModelRangeError) as error:
+        with impatient():
+            script.run(Rig(script.parameters, walk, Patience(planner, told)))
+    except (BadInputError, ShapeError, ModelRangeError, SilentScriptError) as error:
         raise BadInputError(f"{where_in_script(script.path, error)}: {error}") from None
     except (Exception, SystemExit) as error:
         place = where_in_script(script.path, error)
-        raise BadInputError(f"{place}: {type(error).__name__}: {error}") from None
+        raise BadInputError(f"{place}: {in_words(error)}") from None
     if not walk.pressed["data"]:
         raise BadInputError(f"protocol {script.path}: run(rig) indents nowhere")
     return plan
+
+
+def _kept(plan: Plan, indentor: str) -> str:
+    """The name as it is; what a file that it names holds now is what the run will have."""
+    file = named_file(indentor)
+    if file is not None and Path(file).is_file():
+        plan.shape_files[copy_name(file)] = Path(file).read_bytes()
+    return indentor
 
 
 class Planner:

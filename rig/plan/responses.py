@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.data import Run
+from rig.plan.shape_files import from_copy
 from sim.models.fingertip import Fingertip
 from sim.models.result import IndentationResult
 
@@ -49,10 +50,11 @@ def responses(run: Run, finger: Fingertip, *, last_only: bool = False) -> list[R
         if index not in run.done or (last_only and not last):
             continue
         indentor, start = starts[index]["indentor"], asked[index, hold["hold"]]
+        shape = from_copy(run.folder.path, indentor)
         if hold.get("true_doi_mm") is not None:
-            result = finger.indent(indentor, hold["true_x_mm"], doi_mm=hold["true_doi_mm"])
+            result = finger.indent(shape, hold["true_x_mm"], doi_mm=hold["true_doi_mm"])
         else:
-            result = finger.indent(indentor, hold["x_mm"], force_gwt=hold["force_gwt"])
+            result = finger.indent(shape, hold["x_mm"], force_gwt=hold["force_gwt"])
         found.append(
             Response(index, indentor, start["target"], start["commanded"], last, hold, touches[index], result)
         )

@@ -1,8 +1,11 @@
 """Bad input, told in one line: what, where, and what was expected."""
 
+from collections.abc import Iterator
+from difflib import get_close_matches
 from reprlib import Repr
+from typing import Any, get_args
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 _SHORT = Repr()
 _SHORT.maxlist = _SHORT.maxdict = 3
@@ -13,13 +16,44 @@ class BadInputError(Exception):
     """Something the user gave is not usable; nothing has moved."""
 
 
-def first_problem(where: str, error: ValidationError) -> BadInputError:
-    """The first complaint of a validation, with the place and the value it is about."""
+def first_problem(where: str, error: ValidationError, model: type[BaseModel] | None = None) -> BadInputError:
+    """The first complaint of a validation, with the place and the value it is about.
+
+    model: what was validated; an unknown key is then told with its nearest neighbours.
+    """
     problem = error.errors()[0]
     place = ".".join(str(part) for part in problem["loc"])
     if problem["type"] == "extra_forbidden":
-        return BadInputError(f"{where}: {place}: there is no such key")
+        near = [] if model is None else _neighbours(problem["loc"], model)
+        meant = f", did you mean {' or '.join(near)}?" if near else ""
+        return BadInputError(f"{where}: {place}: there is no such key{meant}")
     what = str(problem["ctx"]["error"]) if problem["type"] == "value_error" else problem["msg"].lower()
     if isinstance(problem["input"], dict):  # about a whole table: the message says which keys
         return BadInputError(": ".join(part for part in (where, place, what) if part))
     return BadInputError(f"{where}: {place} = {_SHORT.repr(problem['input'])}: {what}")
+
+
+def _neighbours(place: tuple[str | int, ...], model: type[BaseModel]) -> list[str]:
+    """Keys that look like the last one of a place: in its own table, else in any other one."""
+    table, wanted = model, str(place[-1])
+    for name in place[:-1]:
+        inner = _table(table.model_fields[str(name)].annotation) if str(name) in table.model_fields else None
+        table = inner or table
+    near = get_close_matches(wanted, table.model_fields, n=2)
+    everywhere = dict(_keys(model))
+    return near or [everywhere[key] for key in get_close_matches(wanted, everywhere, n=2)]
+
+
+def _keys(model: type[BaseModel], above: str = "") -> Iterator[tuple[str, str]]:
+    """Every key of a model and of its tables, with its whole place."""
+    for name, field in model.model_fields.items():
+        yield name, f"{above}{name}"
+        inner = _table(field.annotation)
+        if inner is not None:
+            yield from _keys(inner, f"{above}{name}.")
+
+
+def _table(annotation: Any) -> type[BaseModel] | None:
+    """The table that a key holds, or may hold."""
+    kinds = (annotation, *get_args(annotation))
+    return next((kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)), None)

@@ -1,10 +1,13 @@
 """Protocol scripts: found, loaded and given their parameters."""
 
 import importlib.util
+import inspect
+import re
 import sys
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -77,6 +80,22 @@ def where_in_script(path: Path, error: BaseException) -> str:
     """ "file.py, line N" of the script's own innermost frame."""
     frames = [f for f in traceback.extract_tb(error.__traceback__) if Path(f.filename) == path]
     return f"{path}, line {frames[-1].lineno}" if frames else str(path)
+
+
+def in_words(error: BaseException) -> str:
+    """What a script did wrong; of a verb that is none, or is not called as it should be, what there is instead."""
+    words = f"{type(error).__name__}: {error}"
+    if isinstance(error, AttributeError) and isinstance(error.obj, Rig):
+        verbs = [name for name in vars(Rig) if not name.startswith("_")]
+        near = get_close_matches(error.name or "", verbs, n=1)
+        meant = f"did you mean rig.{near[0]}?" if near else f"expected one of {', '.join(verbs)}"
+        return f"{words}: there is no rig.{error.name}, {meant}"
+    called = re.match(r"Rig\.(\w+)\(\) ", str(error)) if isinstance(error, TypeError) else None
+    if called and hasattr(Rig, called[1]):
+        signature = inspect.signature(getattr(Rig, called[1]))
+        names = [f"{p.name}=" if p.kind is p.KEYWORD_ONLY else p.name for p in signature.parameters.values()][1:]
+        return f"{words}: expected rig.{called[1]}({', '.join(names)})"
+    return words
 
 
 def _import(path: Path) -> ModuleType:

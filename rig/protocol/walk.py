@@ -17,6 +17,10 @@ class NoPredictionError(Exception):
     """The model has no answer that could be relied upon."""
 
 
+class ForceTooDeepError(NoPredictionError):
+    """The force is not reached at any depth that is allowed."""
+
+
 class Model(Protocol):
     """The finger, as far as a script's steps need it."""
 

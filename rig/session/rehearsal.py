@@ -7,6 +7,7 @@ for each press, fitted to two solutions of the finger model, since a spring cost
 import io
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeVar
 
 from rig.data import Run
@@ -17,6 +18,7 @@ from rig.engine.pressing.touch_fit import CONTACT_EXPONENT
 from rig.plan.config import Config, VirtualSettings
 from rig.plan.finger_model import FingerModel
 from rig.plan.plan import Plan
+from rig.plan.shape_files import kept_in
 from rig.protocol.api import Handler, Rig
 from rig.protocol.planned import Prediction
 from rig.protocol.script import Script
@@ -122,7 +124,8 @@ def rehearsed(script: Script, config: Config, finger: Fingertip, plan: Plan, bef
 
     bench = bench_around(make_plant, believed, clock, io.StringIO())
     engine = Engine(believed, bench, NoJournal(), plan.soft_trip_n)
-    walk = Walk(believed, FingerModel(finger, plan.predictions))
+    where = str if before is None else partial(kept_in, before.folder.path)
+    walk = Walk(believed, FingerModel(finger, plan.predictions, where))
     handler: Handler = Rehearsing(engine, walk, plants[0])
     if before is not None:
         verbs.home(engine)

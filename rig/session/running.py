@@ -7,7 +7,7 @@ from rig.devices.force.base import ForceError
 from rig.devices.stage.base import StageError
 from rig.engine import Engine, EngineError, ScriptError
 from rig.protocol.api import Rig
-from rig.protocol.script import Script, where_in_script
+from rig.protocol.script import Script, in_words, where_in_script
 from rig.transport.base import TransportError
 
 ENDINGS = (EngineError, StageError, ForceError, TransportError)
@@ -34,6 +34,6 @@ def run_script(script: Script, engine: Engine, rig: Rig) -> None:
     except (Exception, SystemExit) as error:
         engine.make_safe()
         place = where_in_script(script.path, error)
-        raise ScriptError(f"{place}: {type(error).__name__}: {error}") from error
+        raise ScriptError(f"{place}: {in_words(error)}") from error
     if engine.problem is not None:
         raise engine.problem

@@ -4,8 +4,9 @@ import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from rig.engine.streams import STREAMS
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
 from rig.plan.plan import Plan
+from rig.plan.shape_files import kept_in
 from rig.protocol.api import Handler, Rig
 from rig.protocol.script import Script
 from rig.protocol.taken_up import TakenUp
@@ -113,9 +115,10 @@ class Session:
 def dry_run(session: Session, speed: float | None = None) -> FinishedRun:
     """Carry it out on the virtual bench; `speed` limits virtual seconds per real second."""
 
-    def open_bench(byte_log: Sink, start_unix_s: float) -> WatchedBench:
+    def open_bench(folder: RunFolder, byte_log: Sink, start_unix_s: float) -> WatchedBench:
         clock = VirtualClock(start_unix_s, session.begins_at_s)
-        return virtual_bench(session.config, session.finger, byte_log, clock, session.pause)
+        bench = virtual_bench(session.config, session.finger, byte_log, clock, session.pause)
+        return replace(bench, shape_files=folder.path)
 
     return _run_session(session, open_bench, virtual=True, speed=speed)
 
@@ -124,7 +127,7 @@ def real_run(session: Session, ask: Callable[[str], str]) -> FinishedRun:
     """Carry it out on the ports of the configuration. Raises BadInputError for a calibration out of date."""
     refuse_expired(session.config)
 
-    def open_real_bench(byte_log: Sink, _start_unix_s: float) -> WatchedBench:
+    def open_real_bench(_folder: RunFolder, byte_log: Sink, _start_unix_s: float) -> WatchedBench:
         return open_bench(session.config, WallClock(session.begins_at_s), byte_log, ask, session.pause)
 
     return _run_session(session, open_real_bench, virtual=False)
@@ -132,7 +135,7 @@ def real_run(session: Session, ask: Callable[[str], str]) -> FinishedRun:
 
 def _run_session(
     session: Session,
-    open_bench: Callable[[Sink, float], WatchedBench],
+    open_bench: Callable[[RunFolder, Sink, float], WatchedBench],
     *,
     virtual: bool,
     speed: float | None = None,
@@ -142,12 +145,13 @@ def _run_session(
     now = datetime.now(UTC)
     folder = _folder(session, now, virtual=virtual)
     problem, at = None, Whereabouts("not moved")
+    there = session.before is not None and session.before.complete
     with folder.owned():
-        if session.before is None or not session.before.complete:
-            problem, at = _on_a_bench(session, folder, lambda log: open_bench(log, now.timestamp()), speed)
+        if not there:
+            problem, at = _on_a_bench(session, folder, lambda log: open_bench(folder, log, now.timestamp()), speed)
         run = read_run(folder.path)
         try:
-            export_run(run)
+            export_run(run, again=not there)
         except OSError as error:
             problem = problem or error
     return FinishedRun(run, time.perf_counter() - began, problem, at)
@@ -159,7 +163,7 @@ def _folder(session: Session, now: datetime, *, virtual: bool) -> RunFolder:
     if isinstance(into, StoppedRun):
         return into.folder
     about = provenance(script, config, session.finger, now, virtual=virtual, subject=into.subject)
-    return new_run_folder(into.out, script.name, now, script.path, config.as_toml(), about)
+    return new_run_folder(into.out, script.name, now, script.path, config.as_toml(), about, session.plan.shape_files)
 
 
 def _on_a_bench(
@@ -175,17 +179,17 @@ def _on_a_bench(
             engine = Engine(session.config, bench, journal, session.plan.soft_trip_n, contact_s)
             journal.at_end = lambda: {"indentor": asdict(Whereabouts.of(engine))}
             _begin(session, journal, virtual=bench.virtual)
-            problem = _carry_out(session, journal, engine, bench)
+            problem = _carry_out(session, journal, engine, _rig(session, folder, engine), bench)
             return problem, Whereabouts.of(engine)
 
 
-def _carry_out(session: Session, journal: Journal, engine: Engine, bench: WatchedBench) -> Exception | None:
+def _carry_out(session: Session, journal: Journal, engine: Engine, rig: Rig, bench: WatchedBench) -> Exception | None:
     try:
         with journal, stopped_at_once(engine):
             with bench.look_after(engine.heartbeat):
                 if session.before is not None:
                     verbs.home(engine)
-                run_script(session.script, engine, _rig(session, engine))
+                run_script(session.script, engine, rig)
             journal.stop("done")
     except ENDINGS as error:
         return error
@@ -221,9 +225,9 @@ def _nothing_left(session: Session, folder: RunFolder) -> Iterator[None]:
         raise
 
 
-def _rig(session: Session, engine: Engine) -> Rig:
+def _rig(session: Session, folder: RunFolder, engine: Engine) -> Rig:
     """The script's rig on an engine; in a run that is taken up, one that does what is missing."""
-    walk = Walk(session.config, FingerModel(session.finger, session.plan.predictions))
+    walk = Walk(session.config, FingerModel(session.finger, session.plan.predictions, partial(kept_in, folder.path)))
     handler: Handler = Live(engine, walk)
     if session.before is not None:
         walk.reference = Reference(first_reference_gwt(session.before))

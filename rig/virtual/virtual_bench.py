@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal, Protocol, Self
 
 from rig.devices.catalogue import force_driver, stage_driver
@@ -11,6 +12,7 @@ from rig.devices.stage.base import Stage
 from rig.engine.bench import NO_PAUSE, Pause
 from rig.engine.heartbeat import LOOK_S, Heartbeat
 from rig.plan.config import Config
+from rig.plan.shape_files import kept_in
 from rig.transport.byte_log import LoggedTransport, Sink
 from rig.transport.loopback import LoopbackTransport
 from rig.virtual.virtual_devices import FORCES, STAGES, load_on_sensor, true_carriage, truth
@@ -41,6 +43,7 @@ class VirtualBench:
     plant: AnyPlant
     pause: Pause
     virtual: Literal[True] = True
+    shape_files: Path | None = None  # the folder of the run, which has its own copies of them
 
     @property
     def operator(self) -> Self:
@@ -49,7 +52,7 @@ class VirtualBench:
 
     def mount(self, indentor: str) -> str:
         """The virtual operator never takes the wrong one."""
-        self.plant.mount(indentor)
+        self.plant.mount(indentor if self.shape_files is None else kept_in(self.shape_files, indentor))
         return indentor
 
     def witness(self, stream: str, data: Mapping[str, Any]) -> dict[str, float]:

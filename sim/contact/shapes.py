@@ -28,6 +28,11 @@ def parse_shape(text: str) -> Indentor:
     return _KINDS[kind](text, argument)
 
 
+def shape_name(text: str) -> str:
+    """The canonical name, "bar:3" for bar:3.0, without reading a file that it names. Raises ShapeError."""
+    return text if text.startswith("profile:") else parse_shape(text).name
+
+
 def _step(text: str, argument: str) -> Indentor:
     if argument not in STEP_HALF_WAVELENGTH_MM:
         raise ShapeError(f"shape {text!r}: expected step:1, step:3 or step:5")

@@ -24,7 +24,7 @@ from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, place_receptors
 from sim.models.cache import cached_arrays, content_key
 from sim.models.condensed import CondensedModel, from_arrays, to_arrays
-from sim.models.errors import ModelRangeError
+from sim.models.errors import ForceOutOfReachError, ModelRangeError
 from sim.models.pressing import PlacedIndentor, Pressing
 from sim.models.result import IndentationResult, PointLoadResult
 from sim.models.whole_finger import build_finger
@@ -214,7 +214,7 @@ class Fingertip:
             solve = pressing.solve_from_rest if pressing.placed.indentor.sharp else pressing.solve
             return solve_for_force(force, _FORCE_GUESS_MM, DEEPEST_DOI_MM, solve)
         except ForceNotReachedError as error:
-            raise ModelRangeError(f"force {force_gwt:g} gwt: {error}") from None
+            raise ForceOutOfReachError(f"force {force_gwt:g} gwt: {error}") from None
 
 
 def _positive(force_gwt: float) -> float:

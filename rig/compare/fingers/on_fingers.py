@@ -70,7 +70,7 @@ def on_plausible_fingers(
 def _press_row(stimulus: Stimulus, virtual: bool) -> PressRow:
     kind = stimulus.kind if virtual else "force_gwt"
     target = stimulus.doi_mm if kind == "doi_mm" else stimulus.force_gwt
-    return PressRow(stimulus.indentor, kind, tuple(stimulus.x_mm.tolist()), tuple(target.tolist()))
+    return PressRow(stimulus.read_as, kind, tuple(stimulus.x_mm.tolist()), tuple(target.tolist()))
 
 
 def _work(finger: DesignFinger, receptor_x_mm: tuple[float, ...], press_rows: tuple[PressRow, ...]) -> FingerWork:

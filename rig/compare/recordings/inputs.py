@@ -9,7 +9,7 @@ from rig.compare.errors import RecordingError
 from rig.compare.recordings.recorded import Recording, csv_header, read_srp
 from rig.compare.recordings.spikes import NWB, rates_in_run, read_spike_times
 from rig.data import Run
-from sim.contact.shapes import parse_shape
+from sim.contact.shapes import shape_name
 
 
 @dataclass(frozen=True)
@@ -33,13 +33,13 @@ def read_recordings(
         shape, equals, file = text.partition("=")
         if not (equals and file):
             raise RecordingError(f"--recorded {text!r}: expected SHAPE=CSV")
-        name = parse_shape(shape).name
+        name = shape_name(shape)
         if name in found:
             raise RecordingError(f"--recorded {text!r}: {shape} is given twice")
         path, unit = _file_and_unit(file)
         found[name] = replace(_read(path, unit, shape, runs, spikes), sha256=sha256(path))
     for shape in mirror:
-        name = parse_shape(shape).name
+        name = shape_name(shape)
         if name not in found:
             raise RecordingError(f"--mirror {shape}: nothing recorded for it, expected --recorded {shape}=CSV")
         found[name] = found[name].mirrored()
@@ -55,8 +55,8 @@ def _file_and_unit(text: str) -> tuple[Path, str]:
 def _read(path: Path, unit: str, shape: str, runs: Sequence[Run], spikes: SpikeReading) -> Recording:
     if path.suffix != NWB and "time_s" not in csv_header(path):
         return read_srp(path)
-    name = parse_shape(shape).name
-    holding = [run for run in runs if any(parse_shape(e["indentor"]).name == name for e in run.stream("mount"))]
+    name = shape_name(shape)
+    holding = [run for run in runs if any(shape_name(e["indentor"]) == name for e in run.stream("mount"))]
     if len(holding) != 1:
         raise RecordingError(f"{path}: spike times belong to one run with {shape}, {len(holding)} are given")
     (run,) = holding

@@ -9,7 +9,7 @@ from rig.compare.errors import RecordingError
 from rig.compare.recordings.nwb_spikes import read_nwb
 from rig.compare.recordings.recorded import Recording, csv_number, csv_rows, recording
 from rig.data import Run
-from sim.contact.shapes import parse_shape
+from sim.contact.shapes import shape_name
 
 Array = NDArray[np.float64]
 
@@ -98,11 +98,11 @@ def _last_holds(run: Run, shape: str) -> list[tuple[float, float, float]]:
     finished = {event["index"] for event in run.stream("indentation_end")}
     asked = {event["index"]: event for event in run.stream("indentation_start")}
     began = {(event["index"], event["hold"]): event["t_s"] for event in run.stream("hold_start")}
-    name = parse_shape(shape).name
+    name = shape_name(shape)
     return [
         (hold["x_mm"], began[hold["index"], hold["hold"]], hold["t_s"])
         for hold in run.stream("hold_end")
         if hold["index"] in finished
         and hold["hold"] == asked[hold["index"]]["increments"]
-        and parse_shape(asked[hold["index"]]["indentor"]).name == name
+        and shape_name(asked[hold["index"]]["indentor"]) == name
     ]

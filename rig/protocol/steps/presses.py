@@ -14,7 +14,7 @@ from rig.protocol.refusals import (
     refuse_speeds,
     refuse_target,
 )
-from rig.protocol.walk import NoPredictionError, Spot, Walk
+from rig.protocol.walk import ForceTooDeepError, NoPredictionError, Spot, Walk
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,11 @@ def expect_press(
     """What the model says of it, within the limits."""
     try:
         found = walk.model.press(spot.indentor, spot.x_mm, target)
+    except ForceTooDeepError:
+        raise BadInputError(
+            f"{verb}: {target.kind} = {target.value:g} at x = {spot.x_mm:g} mm is not reached at a DOI of "
+            f"limits.max_doi_mm = {walk.settings.limits.max_doi_mm:g}"
+        ) from None
     except NoPredictionError as error:
         raise BadInputError(f"{verb}: {error}") from None
     planned = PlannedIndentation(**vars(found), increments=increments, hold_s=hold_s)

@@ -16,6 +16,7 @@ from rig.compare.errors import RecordingError
 from rig.compare.recordings.recorded import csv_number, csv_rows
 from rig.data import Run
 from rig.plan.responses import responses
+from rig.plan.shape_files import from_copy
 from rig.report.html import Figure, Section
 from rig.report.style import Plot, shade
 from sim.contact.indentor import ACROSS
@@ -38,7 +39,9 @@ class Deflection:
 
 def simulated(run: Run, finger: Fingertip) -> list[Deflection]:
     """What the model gives at every hold of a run with an indentor that lies across the finger; none of others."""
-    if not any(parse_shape(event["indentor"]).axes == ACROSS for event in run.stream("mount")):
+    if not any(
+        parse_shape(from_copy(run.folder.path, event["indentor"])).axes == ACROSS for event in run.stream("mount")
+    ):
         return []
     results = [one.result for one in responses(run, finger) if one.result.indentor.axes == ACROSS]
     return [Deflection(result.doi_mm, *result.axial_profile) for result in results]

@@ -1,0 +1,175 @@
+"""Mistakes of a configuration or a script: told before anything moves, in the words of whoever made them."""
+
+import json
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import rig.plan.patience as patience
+from rig.cli import main
+from rig.plan.config import Config, load_config
+from rig.plan.plan import make_plan
+from rig.protocol.errors import BadInputError
+from rig.protocol.script import load_script
+from rig.session.bench_problems import bench_problems
+from sim.models.fingertip import Fingertip
+
+READY = "rig.mount('bar:3.0'); rig.home(); rig.zero(); rig.move_to(x_mm=0.0)"
+
+
+def _complaint(folder: Path, finger: Fingertip, body: str, **tables: object) -> str:
+    path = folder / "mine.py"
+    path.write_text(f"import time\ndef run(rig):\n    {READY}\n    {body}\n", encoding="utf-8")
+    with pytest.raises(BadInputError) as refused:
+        make_plan(load_script(str(path)), Config.model_validate(tables), finger)
+    return str(refused.value).removeprefix(f"{path}, ")
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        (
+            "rig.tare()",
+            "there is no rig.tare, expected one of parameters, mark, mount, home, zero, move_to",
+        ),
+        ("rig.ident(doi_mm=0.2)", "there is no rig.ident, did you mean rig.indent?"),
+        ("rig.indent(depth_mm=0.2)", "expected rig.indent(doi_mm=, force_gwt=, increments=, speed_mm_s=, hold_s=)"),
+        ("rig.move_to(0.5)", "expected rig.move_to(x_mm=, along_mm=)"),
+        ("rig.mount()", "expected rig.mount(indentor)"),
+        ("rig.rest()", "expected rig.rest(seconds)"),
+    ],
+)
+def test_a_mistake_of_a_script_is_told_in_its_words(tmp_path: Path, finger: Fingertip, body: str, words: str) -> None:
+    said = _complaint(tmp_path, finger, body)
+    assert said.startswith("line 4: ")
+    assert words in said
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[limits]\nmax_dio_mm = 1.0\n", "limits.max_dio_mm: there is no such key, did you mean max_doi_mm"),
+        ("[limit]\nmax_doi_mm = 1.0\n", "limit: there is no such key, did you mean limits?"),
+        (
+            "[stage]\nclearance_mm = 1.0\n",
+            "stage.clearance_mm: there is no such key, did you mean habits.clearance_mm",
+        ),
+        (
+            "[stage.drives.x]\ndevice_id = 1\nprot = 'a'\n",
+            "stage.drives.x.prot: there is no such key, did you mean port?",
+        ),
+        ("[stage]\nqqqqqq = 1\n", "stage.qqqqqq: there is no such key"),
+    ],
+)
+def test_an_unknown_key_is_told_with_its_neighbours(tmp_path: Path, text: str, said: str) -> None:
+    (tmp_path / "rig.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(BadInputError) as refused:
+        load_config(tmp_path / "rig.toml")
+    line = str(refused.value).removeprefix(f"config {tmp_path / 'rig.toml'}: ")
+    assert line.startswith(said)
+    assert ("did you mean" in line) is ("did you mean" in said)
+
+
+def test_the_depth_limit_that_binds_is_named(tmp_path: Path, finger: Fingertip) -> None:
+    """The model answers to 2 mm; what the script may not pass is the configuration's limit."""
+    tables = {"limits": {"max_force_gwt": 500, "max_doi_mm": 0.5, "soft_trip_n": 5.0}}
+    said = _complaint(tmp_path, finger, "rig.indent(force_gwt=500)", **tables)
+    assert said == "line 4: indent: force_gwt = 500 at x = 0 mm is not reached at a DOI of limits.max_doi_mm = 0.5"
+
+
+# --- too many steps, or none ---
+
+
+def test_too_many_steps_are_refused_at_the_stated_cap(
+    tmp_path: Path, finger: Fingertip, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(patience, "MOST_STEPS", 50)
+    said = _complaint(tmp_path, finger, "while True: rig.note('again')")
+    assert said == "line 4: note: the script makes more than 50 steps, expected no more"
+    assert patience.MOST_STEPS == 50
+
+
+@pytest.mark.skipif(not hasattr(__import__("signal"), "SIGALRM"), reason="needs alarms (POSIX)")
+@pytest.mark.parametrize(
+    "body",
+    ["while True: pass", "time.sleep(3600)", "while True:\n        try: rig.note(3)\n        except Exception: pass"],
+)
+def test_a_script_that_makes_no_step_is_refused(
+    tmp_path: Path, finger: Fingertip, monkeypatch: pytest.MonkeyPatch, body: str
+) -> None:
+    monkeypatch.setattr(patience, "LONGEST_SILENCE_S", 0.3)
+    said = _complaint(tmp_path, finger, body)
+    assert said.endswith("the script makes no step for 0.3 s, expected one")
+    assert said.startswith("line ")
+
+
+@pytest.mark.skipif(not hasattr(__import__("signal"), "SIGALRM"), reason="needs alarms (POSIX)")
+def test_what_the_model_takes_is_no_silence_of_the_script(
+    tmp_path: Path, finger: Fingertip, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(patience, "LONGEST_SILENCE_S", 0.3)
+    indent = Fingertip.indent
+
+    def slow(*arguments: object, **more: object) -> object:
+        time.sleep(0.6)
+        return indent(*arguments, **more)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Fingertip, "indent", slow)
+    path = tmp_path / "mine.py"
+    path.write_text(f"def run(rig):\n    {READY}\n    rig.indent(doi_mm=0.2)\n", encoding="utf-8")
+    counted: list[int] = []
+    plan = make_plan(load_script(str(path)), Config(), finger, told=counted.append)
+    assert len(plan.indentations) == 1
+    assert counted == [1, 2, 3, 4, 5]
+
+
+# --- what no bench can be ---
+
+BENCHES = {
+    "one port": (
+        "[stage]\nport = '/dev/one'\n[force]\nport = '/dev/one'\n", "stage.port and force.port: both are /dev/one"),
+    "one device under two names": (
+        "[stage]\nport = 'link'\n[force]\nport = 'device'\n", "stage.port and force.port: both are link"),
+    "a drive's port": (
+        "[stage]\nkind='leadshine'\n[stage.drives.z]\ndevice_id=2\nport = '/dev/two'\n[force]\nport = '/dev/two'\n",
+        "stage.port and force.port: both are /dev/two",
+    ),
+    "the apex too low": ("[frame]\napex_z_mm = -45.0\n", "frame.apex_z_mm = -45: outside the stage's travel, -40"),
+    "the apex above the switch": ("[frame]\napex_z_mm = 1.0\n", "frame.apex_z_mm = 1: outside the stage's travel"),
+    "no room for clearance": ("[frame]\napex_z_mm = -1.0\n", "frame: the pad at clearance: machine z = 1.000 mm"),
+    "beside the pad": ("[frame]\npad_centre_x_mm = -70.0\n", "frame: the pad at clearance: machine x = -70.000 mm"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BENCHES)
+def test_what_no_bench_can_be_is_told(
+    tmp_path: Path, finger: Fingertip, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    """By doctor, which goes on, and by check and run, which refuse."""
+    text, said = BENCHES[name]
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "device").touch()
+    (tmp_path / "link").symlink_to("device")
+    (tmp_path / "rig.toml").write_text(text, encoding="utf-8")
+    assert any(problem.startswith(said) for problem in bench_problems(load_config(Path("rig.toml"))))
+
+    def ended(*arguments: str) -> tuple[int, dict[str, object]]:
+        monkeypatch.setattr(sys, "argv", ["rig", *arguments, "--config", "rig.toml", "--json"])
+        with pytest.raises(SystemExit) as caught:
+            main()
+        return int(caught.value.code or 0), json.loads(capsys.readouterr().out)
+
+    code, doctor = ended("doctor")
+    problems = doctor["problems"]
+    assert code == 0
+    assert isinstance(problems, list)
+    assert any(problem.startswith(said) for problem in problems)
+    for command in (["check", "first_press"], ["run", "first_press"]):
+        code, refused = ended(*command)
+        assert (code, refused["error"]) == (2, problems[0])
+
+
+def test_the_defaults_are_a_bench() -> None:
+    assert bench_problems(Config()) == []
