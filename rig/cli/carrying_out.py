@@ -78,8 +78,7 @@ def make_whole(stopped: StoppedRun, run: Run, *, as_json: bool) -> FinishedRun:
                 with loading_the_finger():
                     finger = Fingertip.load(stopped.config.finger)
                 write_report(run, finger)
-            if folder.files != there:
-                folder.add_checksums(folder.files - there)
+            folder.add_checksums(folder.files - there)
         except OSError as error:
             done = replace(done, problem=error)
     _print(done, time.perf_counter() - began, as_json=as_json, resumed=True)

@@ -11,6 +11,7 @@ from rich.console import Console
 
 from rig.compare.errors import ComparisonError, RecordingError
 from rig.data import FolderBusyError, NwbMissingError, RunError
+from rig.data.folder import UnwritableError
 from rig.devices.force.base import ForceError
 from rig.devices.stage.base import StageError
 from rig.engine import EngineError
@@ -99,6 +100,8 @@ def told_in_one_line(*, as_json: bool) -> Iterator[None]:
         fail("stopped at once by the operator", ExitCode.ABORTED, as_json=as_json)
     except (EngineError, StageError, ForceError, TransportError) as error:
         fail(f"stopped: {error}", ExitCode.STOPPED, as_json=as_json)
+    except UnwritableError as error:
+        fail(f"{error}: free space, then the same again", ExitCode.BAD_INPUT, as_json=as_json)
     except OSError as error:
         what = error.strerror or str(error)
         fail(f"{error.filename}: {what}" if error.filename else what, ExitCode.BAD_INPUT, as_json=as_json)

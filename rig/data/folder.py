@@ -83,8 +83,11 @@ class RunFolder:
         self._write_sums({name: _digest(self.path / name) for name in self.files})
 
     def add_checksums(self, made: set[str]) -> None:
-        """The same over files that were made just now, the other lines as they were."""
-        self._write_sums(self._known_sums() | {name: _digest(self.path / name) for name in made})
+        """The same over files that were made just now or have no line yet, the other lines as they were."""
+        known = self._known_sums()
+        new = made | (self.files - set(known))
+        if new:
+            self._write_sums(known | {name: _digest(self.path / name) for name in new})
 
     def _write_sums(self, sums: Mapping[str, str]) -> None:
         replace_text(self.path / _SUMS, "".join(f"{sums[name]}  {name}\n" for name in sorted(sums)))

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from rig.data.folder import UnwritableError
 from rig.data.reader import Run
 from rig.devices.units import GWT_N
 
@@ -26,16 +27,20 @@ class NwbMissingError(Exception):
 
 
 def export_nwb(run: Run) -> Path:
-    """Write run.nwb into the run's folder, by one rename; raises NwbMissingError without pynwb."""
+    """Write run.nwb into the run's folder, by one rename; raises NwbMissingError without pynwb, UnwritableError."""
     try:
         import pynwb
     except ImportError:
         raise NwbMissingError("export --nwb: needs pynwb, expected pip install 'indentation-rig[nwb]'") from None
     path = run.folder.path / "run.nwb"
     partial = path.with_suffix(".part.nwb")
-    with pynwb.NWBHDF5IO(partial, "w") as file:
-        file.write(_as_nwb(run, pynwb))
-    partial.replace(path)
+    try:
+        with pynwb.NWBHDF5IO(partial, "w") as file:
+            file.write(_as_nwb(run, pynwb))
+        partial.replace(path)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
+        raise UnwritableError.of(path, error) from error
     return path
 
 

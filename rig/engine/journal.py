@@ -90,6 +90,10 @@ class Journal:
         self._write("stop", {"status": status, "reason": reason, **({} if status == "done" else self.at_end())})
         self._stopped = True
 
+    def close(self) -> None:
+        """Give the file back."""
+        self._file.close()
+
     def _write(self, kind: str, body: Mapping[str, Any]) -> None:
         document = {
             "doc": kind,
@@ -128,7 +132,7 @@ class Journal:
                 with contextlib.suppress(RecordError):  # the first error says more
                     self.stop(status, str(error) or type(error).__name__)
         finally:
-            self._file.close()
+            self.close()
 
 
 class NoJournal:

@@ -207,6 +207,7 @@ def _begin(session: Session, journal: Journal, *, virtual: bool) -> None:
         else:
             journal.resume({"missing": before.missing, "after": before.last_checkpoint})
     except RecordError as error:
+        journal.close()
         cause = error.__cause__
         raise UnwritableError.of(
             journal.path, cause if isinstance(cause, OSError) else OSError(str(error))

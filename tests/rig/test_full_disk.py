@@ -1,0 +1,177 @@
+"""A full disk, at every file that a run writes: one line, no half file, and the run goes on when there is room."""
+
+import errno
+import io
+import json
+import os
+import shlex
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.cli import main
+from rig.data import read_run
+from sim.models.fingertip import Fingertip
+
+SCRIPT = """\
+def run(rig):
+    rig.mount("profile:mine.csv")
+    rig.home()
+    rig.zero()
+    rig.move_to(x_mm=0.0)
+    rig.indent(force_gwt=1.0, hold_s=0.1)
+"""
+PROFILE = "x_mm,height_mm\n-3,1.2\n-1,0.1\n0,0\n1,0.1\n3,1.2\n"
+
+BEGINNING = ("protocol.py", "config.toml", "provenance.json", "shape_", "SHA256SUMS")
+ENDING = ("data.h5", "sample.csv", "hold_end.csv", "report.html", "SHA256SUMS")
+WHILE_IT_RUNS = ("events.jsonl", "bytes.jsonl")
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a command ended and what it printed."""
+
+    code: int
+    out: str
+    err: str
+
+
+class FullDisk:
+    """Writes to a file whose name begins so fail from the nth on, when half of what was to be written has been."""
+
+    def __init__(self, name: str, nth: int) -> None:
+        self.name, self.left, self.struck = name, nth, False
+
+    def strikes(self, name: str) -> bool:
+        if not Path(name).name.startswith(self.name):
+            return False
+        self.left -= 1
+        self.struck = self.struck or self.left <= 0
+        return self.left <= 0
+
+
+class FullFile(io.FileIO):
+    """A file on such a disk."""
+
+    disk: FullDisk
+
+    def write(self, data: Any, /) -> int:
+        content = bytes(data)
+        if self.disk.strikes(str(self.name)):
+            super().write(content[: len(content) // 2])
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return int(super().write(content) or 0)
+
+
+@pytest.fixture
+def rig(
+    finger: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., Ended]:
+    """Run the program beside a script and a profile."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(SCRIPT, encoding="utf-8")
+    (tmp_path / "mine.csv").write_text(PROFILE, encoding="utf-8")
+
+    def run(*arguments: str) -> Ended:
+        monkeypatch.setattr(sys, "argv", ["rig", *arguments, "--json"])
+        with pytest.raises(SystemExit) as caught:
+            main()
+        printed = capsys.readouterr()
+        return Ended(int(caught.value.code or 0), printed.out, printed.err)
+
+    return run
+
+
+@pytest.fixture
+def full_at() -> Iterator[Callable[[str, int], tuple[FullDisk, Callable[[], None]]]]:
+    """Make the disk full at the nth write of a file, until the returned function makes room."""
+    patch = pytest.MonkeyPatch()
+    opened = Path.open
+
+    def make(name: str, nth: int) -> tuple[FullDisk, Callable[[], None]]:
+        disk = FullDisk(name, nth)
+
+        def on_the_disk(path: Path, mode: str = "r", *arguments: Any, **more: Any) -> Any:
+            if "b" not in mode or not set(mode) & set("wa"):
+                return opened(path, mode, *arguments, **more)
+            file = FullFile(path, mode.replace("b", ""))
+            file.disk = disk
+            return file
+
+        patch.setattr(Path, "open", on_the_disk)
+        return disk, patch.undo
+
+    yield make
+    patch.undo()
+
+
+def _no_half_file(folder: Path) -> None:
+    assert not [path for path in folder.rglob("*") if ".part" in path.name]
+    for path in folder.rglob("*.jsonl"):
+        assert path.read_bytes() == b"" or path.read_bytes().endswith(b"\n")
+        [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+
+
+def _line(ended: Ended) -> str:
+    (line,) = [line for line in ended.err.splitlines() if line.startswith("rig: ")]
+    return line
+
+
+@pytest.mark.parametrize("name", BEGINNING)
+def test_before_a_run_nothing_is_left_of_it(
+    rig: Callable[..., Ended], full_at: Callable[..., Any], tmp_path: Path, name: str
+) -> None:
+    disk, make_room = full_at(name, 1)
+    ended = rig("dry-run", "mine.py")
+    make_room()
+    assert disk.struck
+    assert ended.code == 2
+    assert f"/{name}" in _line(ended)
+    assert ": cannot be written: No space left on device, " in _line(ended)
+    assert " MB free: free space, then the same again" in _line(ended)
+    assert list((tmp_path / "runs").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "nth"),
+    [
+        *((name, nth) for name in WHILE_IT_RUNS for nth in (1, 30)),
+        *((name, 1) for name in ENDING[:-1]),
+        (ENDING[-1], 2),
+    ],
+)
+def test_a_run_is_whole_again_when_there_is_room(
+    rig: Callable[..., Ended], full_at: Callable[..., Any], tmp_path: Path, name: str, nth: int
+) -> None:
+    disk, make_room = full_at(name, nth)
+    ended = rig("dry-run", "mine.py")
+    make_room()
+    assert disk.struck
+    line = _line(ended)
+    assert f"/{name}: cannot be written: No space left on device, " in line
+    assert " MB free: free space, then " in line
+    _no_half_file(tmp_path / "runs")
+    folders = list((tmp_path / "runs").iterdir())
+    if (name, nth) == ("events.jsonl", 1):  # nothing was journalled, nothing has moved
+        assert (ended.code, folders) == (2, [])
+        return
+    (folder,) = folders
+    assert ended.code == (1 if name in WHILE_IT_RUNS else 2)
+    said = json.loads(ended.out)
+    assert (said["run"], said["complete"]) == (str(folder.relative_to(tmp_path)), name not in WHILE_IT_RUNS)
+    assert said["ending"]["indentor"]["left"] == "lifted"
+    resume = line.partition("free space, then ")[2]
+    assert said["ending"]["resume"] == resume == f"rig resume {folder}"
+    again = rig(*shlex.split(resume)[1:])
+    assert again.code == 0, again.err
+    run = read_run(folder)
+    assert (run.complete, run.missing, run.repeated) == (True, 0, 0)
+    there = {path.name for path in folder.iterdir()}
+    assert {"data.h5", "report.html", "sample.csv", "hold_end.csv", "SHA256SUMS"} <= there
+    listed = {line.split("  ", 1)[1] for line in (folder / "SHA256SUMS").read_text(encoding="utf-8").splitlines()}
+    assert listed == there - {"SHA256SUMS", ".lock"}
