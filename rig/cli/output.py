@@ -52,7 +52,7 @@ def checking_the_script() -> Iterator[Callable[[int], None]]:
     if not err.is_terminal:
         yield lambda steps: None
         return
-    with err.status("checking the script …") as status:
+    with err.status("checking the script …", refresh_per_second=2) as status:
         yield lambda steps: status.update(f"checking the script: {steps} steps")
 
 
