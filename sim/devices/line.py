@@ -15,6 +15,10 @@ class _OneWay:
         self._byte_s = BITS_PER_BYTE / baud
         self._busy_until_s = 0.0
 
+    def full_until_s(self, buffered: int) -> float:
+        """When no more than so many bytes are still to be sent."""
+        return self._busy_until_s - buffered * self._byte_s
+
     def send(self, data: bytes, deliver: Callable[[bytes], None]) -> None:
         start_s = max(self._scheduler.monotonic_s(), self._busy_until_s)
         self._busy_until_s = start_s + len(data) * self._byte_s
@@ -57,6 +61,10 @@ class SerialLine:
     def device_write(self, data: bytes) -> None:
         if data:
             self._to_host.send(data, self._hand_to_host)
+
+    def device_blocked_until_s(self, buffered: int) -> float:
+        """When a device with a transmit buffer of so many bytes has all that it wrote in it, or sent."""
+        return self._to_host.full_until_s(buffered)
 
     def _hand_to_host(self, data: bytes) -> None:
         self._on_host_bytes(data)

@@ -109,7 +109,7 @@ def test_lower_case_spaces_and_comments(host: Host) -> None:
 
 def test_everything_is_locked_in_alarm(locked: Host) -> None:
     locked.hear()
-    assert locked.say(b"G91\nG0X1\n$J=G91X1F100\n") == b"error:9\r\n" * 3
+    assert locked.say(b"G91\nG0X1\n$J=G91X1F100\n") == b"error:9\r\n" * 2 + b"error:8\r\n"
     assert locked.say(b"$X\n") == b"[MSG:Caution: Unlocked]\r\nok\r\n"
     assert locked.say(b"G91\n") == b"ok\r\n"
 
@@ -125,13 +125,13 @@ def test_79_characters_are_a_line_and_80_are_too_many(host: Host) -> None:
 @pytest.mark.parametrize(
     ("line", "code"),
     [
-        (b"G92X0", 20), (b"G10L2P1X0", 20), (b"M7", 20), (b"M8M9", 21), (b"$J=M8X1F100", 16), (b"S-1", 4),
+        (b"G43", 20), (b"G10L3P1X0", 20), (b"M7", 20), (b"M8M9", 21), (b"$J=M8X1F100", 16), (b"S-1", 4),
         (b"G2X1Y1R1F100", 20),
         (b"G38.2Z-1F10", 20), (b"A1", 20), (b"G1X-2", 22), (b"G1X-2F0", 22),
-        (b"G1X-2F-3", 4), (b"G0G1X-2", 21), (b"X-2X-3", 25), (b"G4", 28),
+        (b"G1X-2F-3", 4), (b"G0G1X-2", 24), (b"X-2X-3", 25), (b"G4", 28),
         (b"G4P-1", 4), (b"=", 1), (b"GX", 2), (b"G0X-2P1", 36),
-        (b"$J=G91X-1", 22), (b"$J=G91F100", 26), (b"$J=G91G1X-1F100", 16), (b"$JG91X1F100", 3),
-        (b"$999=1", 3), (b"$100", 3), (b"$100=x", 3), (b"$foo", 2),
+        (b"$J=G91X-1", 22), (b"$J=G91P1X1F100", 36), (b"$J=G91G1X-1F100", 16), (b"$JG91X1F100", 3),
+        (b"$999=1", 3), (b"$100", 3), (b"$100=x", 2), (b"$foo", 2),
         (b"$110=-1", 4), (b"$0=1", 6), (b"$100=0", 4),
     ],
 )  # fmt: skip
@@ -591,10 +591,64 @@ def test_inches_and_relative_moves(host: Host) -> None:
     assert host.steps()[0] == -400 - 1016
 
 
-def test_words_that_say_what_is_so_anyway_are_taken(host: Host) -> None:
+def test_words_of_a_cam_header_are_taken_and_reported(host: Host) -> None:
     assert host.say(b"G17G21G54G90G94\n") == b"ok\r\n"
-    for other in (b"G18", b"G55", b"G93", b"G81"):
-        assert host.say(other + b"\n") == b"error:20\r\n"
+    for other in (b"G18", b"G55", b"G93", b"G40", b"G49", b"G61", b"G91.1", b"G80"):
+        assert host.say(other + b"\n") == b"ok\r\n"
+    assert host.say(b"G81\n") == b"error:20\r\n"
+    assert host.say(b"$G\n") == b"[GC:G80 G55 G18 G21 G90 G93 M5 M9 T0 F0 S0]\r\nok\r\n"
+    assert host.say(b"M30\n") == b"[MSG:Pgm End]\r\nok\r\n"
+    assert host.say(b"$G\n") == b"[GC:G1 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]\r\nok\r\n"
+
+
+def test_work_coordinates_move_what_follows(host: Host) -> None:
+    """G54 by G10 L20, then G92 on top of it, a stored place by G28.1, and back to it by way of another."""
+    host.say(b"G10L20P1X0Y0Z0\nG92X1\nG1X-1F600\n", 2.0)
+    assert host.steps() == (-1200, -400, -400)
+    host.say(b"G28.1\nG1X-3\n", 2.0)
+    assert host.steps()[0] == -2000
+    assert host.say(b"?").split(b"|WCO:")[1] == b"-2.000,-1.000,-1.000>\r\n"
+    host.say(b"G28Z-1\n", 5.0)
+    assert host.steps() == (-2000, -400, -400), "only the axis that was named, there and back"
+    host.say(b"G92.1\nG54X-3F600G1\n", 2.0)
+    assert host.steps()[0] == -1600
+
+
+def test_inverse_time_is_a_share_of_a_minute(host: Host) -> None:
+    start_s = host.clock.monotonic_s()
+    host.say(b"G93G1G91X-2F30\nG4P0\n", 0.01)
+    host.clock.wait_until(host.line.host_pending, start_s + 60)
+    assert host.clock.monotonic_s() - start_s == pytest.approx(2.0, abs=0.05)
+
+
+def test_check_mode_reads_everything_and_moves_nothing(host: Host) -> None:
+    assert host.say(b"$C\n") == b"[MSG:Enabled]\r\nok\r\n"
+    assert host.say(b"G53G1X-20F600\nG1X\n", 3.0) == b"ok\r\nerror:2\r\n"
+    assert host.state() == b"<Check"
+    assert host.steps() == (-400, -400, -400)
+    assert host.say(b"$C\n") == b"[MSG:Disabled]\r\nok\r\n" + BANNER
+
+
+def test_a_pause_is_answered_once_it_is_resumed(host: Host) -> None:
+    assert host.say(b"M0\n", 0.5) == b""
+    assert host.state() == b"<Hold:0"
+    assert host.say(b"~") == b"ok\r\n"
+    assert host.state() == b"<Idle"
+
+
+def test_a_flood_of_questions_is_answered_by_a_few(host: Host) -> None:
+    """On a line at 115200 baud; what asks while a report waits for its place to be sent is forgotten."""
+    clock = VirtualClock()
+    line = SerialLine(clock, 115200)
+    VirtualGrbl(clock, line, settings={20: 0, 22: 0})
+    clock.wait_s(0.1)
+    line.host_read()
+    line.host_write(b"?" * 50)
+    clock.wait_s(1.0)
+    assert 1 <= line.host_read().count(b"<Idle") <= 5
+    line.host_write(b"?")
+    clock.wait_s(0.1)
+    assert line.host_read().count(b"<Idle") == 1
 
 
 def test_g53_ignores_offset_and_relative_mode() -> None:

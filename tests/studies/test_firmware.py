@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from studies.firmware.__main__ import Record, record, virtual_board
+from studies.firmware.__main__ import Record, differences, record, virtual_board
 from studies.firmware.stop_distances import SPEEDS_MM_S, STOPS
 
 RECORDS = Path(__file__).parents[1] / "data" / "firmware"
@@ -31,3 +31,22 @@ def test_it_goes_on_as_far_as_the_real_one(ours: Record, how: str, speed_mm_s: f
     here = ours["stops_mm"][how][f"{speed_mm_s:g}"]
     assert len(there) == len(here) == 7
     assert mean(here) == pytest.approx(mean(there), rel=0.1)
+
+
+# Arcs and probing are not simulated; a host is slower than the motion and the pause that these reports are of.
+NOT_SIMULATED = ["G2 X1", "G2 X1 Y1 R1 F60", "G38.2 X1"]
+HOST_S_PACE = ["?"] * 4
+
+
+def test_it_answers_line_by_line_what_the_real_one_answers(ours: Record) -> None:
+    """Some 240 lines and real-time bytes: g-code, `$` lines, reports in mm and inches, overrides, errors, alarms."""
+    there = recorded("grbl_1_1h")
+    assert len(there["conversation"]) > 230
+    found = differences(ours, there)
+    assert [row.split("`")[1] for row in found] == NOT_SIMULATED + HOST_S_PACE
+    assert there["reports_of_a_flood"] == 3
+    assert 1 <= ours["reports_of_a_flood"] <= 5
+
+
+def test_the_other_firmware_was_asked_the_same(ours: Record) -> None:
+    assert [sent for sent, _ in recorded("grblhal")["conversation"]] == [sent for sent, _ in ours["conversation"]]

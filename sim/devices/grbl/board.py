@@ -2,28 +2,27 @@
 
 Source: GRBL 1.1 interface wiki and the behaviour of the 1.1h firmware. Nothing ticks: the board works when
 a byte arrives and at the few instants it waits for. Spindle and coolant are outputs and nothing more. Not simulated:
-probe, hard limits, check mode.
+arcs, probe, hard limits.
 """
 
-import re
 from math import inf
 
 from sim.devices.grbl import report
 from sim.devices.grbl.core import Wait
-from sim.devices.grbl.gcode import Command, GcodeError, parse
-from sim.devices.grbl.homing import homing_motion
+from sim.devices.grbl.gcode import Command, parse
+from sim.devices.grbl.lines import GcodeError
 from sim.devices.grbl.motion import Vec
+from sim.devices.grbl.overrides import Overrides
 from sim.devices.grbl.planner import BLOCKS
-from sim.devices.grbl.realtime import GrblRealtime
-from sim.devices.grbl.settings import HOMING, SOFT_LIMITS
+from sim.devices.grbl.settings import SOFT_LIMITS
+from sim.devices.grbl.system import INVALID_STATEMENT, NOT_IDLE, GrblSystem
 
-BAD_NUMBER, INVALID_STATEMENT, NO_HOMING, NOT_IDLE, LOCKED, TRAVEL = 2, 3, 5, 8, 9, 15
+LOCKED, TRAVEL = 9, 15
 SOFT_LIMIT = 2
+END, FLOWS = (2, 30), (0, 2, 30)
 
-_SETTING = re.compile(r"\$(\d+\.?\d*)=([+-]?(?:\d+\.?\d*|\.\d+))$")
 
-
-class VirtualGrbl(GrblRealtime):
+class VirtualGrbl(GrblSystem):
     """A board with three axes behind a serial line, switched on at once.
 
     VirtualGrbl(scheduler, line, *, settings, work_offset_mm, mechanics): settings change the rig's defaults,
@@ -38,9 +37,13 @@ class VirtualGrbl(GrblRealtime):
         if self._state in ("Alarm", "Jog"):
             return LOCKED
         try:
-            command = parse(line, self._modal, self._parser_mm, self._offset_mm)
+            command = parse(line, self._modal, self._offsets, self._parser_mm)
         except GcodeError as problem:
             return problem.code
+        if self._state == "Check":
+            self._modal, self._offsets = command.modal, command.offsets
+            self._parser_mm = command.targets_mm[-1] if command.targets_mm else self._parser_mm
+            return 0
         if command.modal.outputs != self._modal.outputs:
             self._wait_for(Wait(lambda: self._planner.end_s, lambda then_s: self._switch(command, then_s)))
             return None
@@ -53,79 +56,43 @@ class VirtualGrbl(GrblRealtime):
         self._reply(self._proceed(command, now_s))
 
     def _proceed(self, command: Command, now_s: float) -> int | None:
-        self._modal = command.modal
+        before, self._modal = self._offsets.of(self._modal.system), command.modal
+        self._offsets = command.offsets
+        if self._offsets.of(self._modal.system) != before:
+            self._reports.show_offset()
         if command.dwell_s is not None:
             self._dwell(command.dwell_s)
             return None
-        return 0 if command.target_mm is None else self._move(command.target_mm, command.feed, now_s)
-
-    def _execute_system(self, line: str, now_s: float) -> int | None:
-        if line.startswith("$J"):
-            return self._jog(line, now_s)
-        if line == "$":
-            return self._print(report.HELP)
-        if line == "$G":
-            return self._print(report.parser_state(self._modal))
-        if line == "$$":
-            return NOT_IDLE if self._state == "Run" else self._print(*self._settings.listing())
-        if line == "$X":
-            return self._unlock()
-        return self._execute_at_rest(line, now_s) if self._state in ("Idle", "Alarm") else NOT_IDLE
-
-    def _execute_at_rest(self, line: str, now_s: float) -> int | None:
-        if line == "$I":
-            return self._print(*report.BUILD)
-        if line == "$#":
-            return self._print(*report.parameters(self._offset_mm))
-        if line == "$N":
-            return self._print("$N0=", "$N1=")
-        if line == "$H":
-            return self._home(now_s)
-        if line == "$SLP":
-            self._sleep()
+        if command.flow in FLOWS:
+            self._wait_for(Wait(lambda: self._planner.end_s, self._end if command.flow in END else self._pause))
             return None
-        setting = _SETTING.match(line)
-        if setting is None:
-            return INVALID_STATEMENT if line[1].isdigit() or line[1] in "HIN#S" else BAD_NUMBER
-        code = self._settings.store(float(setting[1]), float(setting[2]))
-        self._planner.limits = self._settings.limits()
-        self._sync(now_s)
-        return code
+        return self._moves(command.targets_mm, command.feed, now_s)
 
-    def _print(self, *lines: str) -> int:
-        self._send(*lines)
-        return 0
-
-    def _unlock(self) -> int:
-        if self._state == "Alarm":
-            self._state = "Idle"
-            self._send("[MSG:Caution: Unlocked]")
-        return 0
-
-    def _sleep(self) -> None:
-        self._reply(0)
-        self._state = "Sleep"
-        self._send("[MSG:Sleeping]")
-
-    def _home(self, now_s: float) -> int | None:
-        if not self._settings.flag(HOMING):
-            return NO_HOMING
-        pieces, end_s, rest = homing_motion(self._settings, self.carriage_steps_at(now_s), now_s)
-        self._planner.follow(pieces, rest, now_s)
-        self._state = "Home"
-        self._wait_for(Wait(lambda: end_s, self._homed))
+    def _moves(self, targets_mm: tuple[Vec, ...], feed: float, now_s: float) -> int | None:
+        """One after another; the second of two, as G28 has, once the first is over."""
+        if not targets_mm:
+            return 0
+        if len(targets_mm) == 1:
+            return self._move(targets_mm[0], feed, now_s)
+        self._move(targets_mm[0], feed, now_s)
+        self._wait_for(
+            Wait(lambda: self._planner.end_s, lambda then_s: self._reply(self._moves(targets_mm[1:], feed, then_s)))
+        )
         return None
 
-    def _homed(self, now_s: float) -> None:
-        pull_off = -self._settings[27]
-        believed = self._to_steps((pull_off, pull_off, pull_off))
-        x, y, z = (b - c for b, c in zip(believed, self.carriage_steps_at(now_s), strict=True))
-        self._zero = (x, y, z)
-        self._sync(now_s)
-        if self._asked_in_homing:
-            self._asked_in_homing = False
-            self._send(self._reports.line(self._snapshot(now_s)))
-        self._state = "Idle"
+    def _pause(self, now_s: float) -> None:
+        """M0: held until somebody resumes, and only then answered."""
+        self._suspend(now_s, "Hold")
+        self._wait_for(Wait(lambda: self._planner.end_s, lambda _: self._reply(0)))
+
+    def _end(self, now_s: float) -> None:
+        """M2, M30: outputs off, most modes and all overrides as after a reset."""
+        ended = self._modal.after_program()
+        self._switch_outputs(ended, now_s)
+        self._modal = ended
+        self._set_overrides(Overrides(), now_s)
+        self._reports.show_offset()
+        self._send(report.PROGRAM_END)
         self._reply(0)
 
     def _dwell(self, seconds: float) -> None:
@@ -138,15 +105,14 @@ class VirtualGrbl(GrblRealtime):
 
     def _jog(self, line: str, now_s: float) -> int | None:
         if self._state not in ("Idle", "Jog"):
-            return LOCKED if self._state == "Alarm" else NOT_IDLE
+            return NOT_IDLE
         if not line.startswith("$J="):
             return INVALID_STATEMENT
         try:
-            command = parse(line[3:], self._modal, self._parser_mm, self._offset_mm, jog=True)
+            command = parse(line[3:], self._modal, self._offsets, self._parser_mm, jog=True)
         except GcodeError as problem:
             return problem.code
-        target = command.target_mm
-        assert target is not None
+        target = command.targets_mm[0]
         if self._beyond_travel(target):
             return TRAVEL
         return self._enqueue(target, command.feed, now_s, "Jog")

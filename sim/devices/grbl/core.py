@@ -13,6 +13,7 @@ from sim.devices.grbl import report
 from sim.devices.grbl.gcode import Modal
 from sim.devices.grbl.lines import LineAssembler
 from sim.devices.grbl.motion import Counts, Vec
+from sim.devices.grbl.offsets import Offsets
 from sim.devices.grbl.overrides import Overrides
 from sim.devices.grbl.planner import Planner
 from sim.devices.grbl.settings import HOMING, GrblSettings
@@ -58,8 +59,8 @@ class GrblCore:
         self._scheduler = scheduler
         self._wire = line
         self._settings = GrblSettings(settings)
-        self._offset_mm, self._slip_steps = work_offset_mm, mechanics.slip_steps
-        self._reports = report.StatusReports(self._settings, work_offset_mm)
+        self._offsets, self._slip_steps = Offsets().with_system(0, work_offset_mm), mechanics.slip_steps
+        self._reports = report.StatusReports(self._settings)
         self._planner = Planner(self._settings.limits(), self._to_steps(mechanics.start_mm), mechanics.play_steps)
         self._rx: deque[int] = deque()
         self._state = self._after_jog = "Idle"
@@ -149,6 +150,7 @@ class GrblCore:
         self._reports.start_over()
         self._switch_outputs(Modal(), now_s)
         self._modal = Modal()
+        self._offsets = self._offsets.after_reset()
         self._set_overrides(Overrides(), now_s)
         self._deaf = self._dead = self._owes_ok = self._jog_cancelled = self._asked_in_homing = False
         self._after_jog = "Idle"

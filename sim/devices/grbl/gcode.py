@@ -1,45 +1,53 @@
-"""The part of GRBL's g-code that a rig needs: G0 G1 G4 G20 G21 G53 G90 G91, F, and the same inside `$J=`.
+"""GRBL's g-code without arcs and probing: what a line asks for, or the number of the error it is.
 
-Also the outputs: M3 M4 M5 with S, M8 M9. Source: GRBL 1.1 wiki (supported g-codes, error codes). Everything else is
-error:20, arcs, offsets (G10, G92), probing and other M words included.
+Source: the 1.1h firmware, gcode.c, steps 3 and 4, in its order of checks; GRBL 1.1 wiki (error codes).
 """
 
-import re
-from dataclasses import dataclass, field, replace
-from math import inf
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import dist, inf
 
+from sim.devices.grbl.lines import (
+    COOLANT,
+    DISTANCE,
+    FEED_MODE,
+    FLOW,
+    LENGTH,
+    MOTION,
+    MOVE,
+    ONCE,
+    PLANE,
+    SPINDLE,
+    SYSTEM,
+    TOOL_LENGTH,
+    UNITS,
+    UNSUPPORTED,
+    GcodeError,
+    Line,
+    read,
+)
 from sim.devices.grbl.motion import Vec
+from sim.devices.grbl.offsets import SYSTEMS, ZERO, Offsets
 
 MM_PER_INCH = 25.4
-_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)")
-_WORDS = "FGMNPSXYZ"
-_MOTION, _DISTANCE, _UNITS, _ONCE = "motion", "distance", "units", "once"
-_GROUPS = {0.0: _MOTION, 1.0: _MOTION, 4.0: _ONCE, 53.0: _ONCE, 20.0: _UNITS, 21.0: _UNITS,
-           90.0: _DISTANCE, 91.0: _DISTANCE, 17.0: "plane", 54.0: "system", 94.0: "feed mode"}  # fmt: skip
-_SPINDLE, _COOLANT = "spindle", "coolant"
-_M_GROUPS = {3.0: _SPINDLE, 4.0: _SPINDLE, 5.0: _SPINDLE, 8.0: _COOLANT, 9.0: _COOLANT}
-_IN_JOG = {20.0, 21.0, 53.0, 90.0, 91.0}
-
-NO_LETTER, BAD_NUMBER, INVALID_STATEMENT, NEGATIVE_VALUE = 1, 2, 3, 4
-INVALID_JOG, UNSUPPORTED, GROUP_TWICE, NO_FEED = 16, 20, 21, 22
-REPEATED_WORD, NO_AXIS_WORDS, NO_VALUE_WORD, UNUSED_WORDS = 25, 26, 28, 36
-
-
-class GcodeError(Exception):
-    """A line the parser refuses; code is GRBL's error number."""
-
-    def __init__(self, code: int) -> None:
-        super().__init__(f"error:{code}")
-        self.code = code
+NO_MOTION = 80
+_LARGEST_LINE_NUMBER = 10_000_000
+_INTEGER_OVERFLOW = 2.0**31  # and the firmware takes what comes of it for negative
+_IN_JOG = {DISTANCE, UNITS, ONCE}
+INVALID_JOG, NO_FEED, NO_AXIS_WORDS, LINE_NUMBER, NO_VALUE_WORD = 16, 22, 26, 27, 28
+NO_SYSTEM, G53_MOTION, AXIS_WORDS_LEFT, UNUSED_WORDS, LENGTH_AXIS = 29, 30, 31, 36, 37
 
 
 @dataclass(frozen=True)
 class Modal:
     """What one line leaves behind for the next; feed in mm/min, speed of the spindle in rpm."""
 
-    rapid: bool = True
+    motion: int = 0
     absolute: bool = True
     metric: bool = True
+    inverse_time: bool = False
+    plane: int = 17
+    system: int = 0
     feed: float = 0.0
     spindle: int = 5
     coolant: int = 9
@@ -50,117 +58,163 @@ class Modal:
         """The M words in force, spindle and coolant."""
         return (self.spindle, self.coolant)
 
+    def after_program(self) -> "Modal":
+        """What M2 and M30 leave."""
+        return Modal(motion=1, metric=self.metric, feed=self.feed, speed=self.speed)
+
 
 @dataclass(frozen=True)
 class Command:
-    """What a line asks for: a machine position in mm at a feed in mm/min (inf: rapid), or a dwell in s."""
+    """What a line asks for: machine positions in mm, one after another, at a feed in mm/min (inf: rapid), or a dwell.
+
+    flow is the M word of a pause or an end, None if there is none.
+    """
 
     modal: Modal
-    target_mm: Vec | None = None
+    offsets: Offsets
+    targets_mm: tuple[Vec, ...] = ()
     feed: float = inf
     dwell_s: float | None = None
+    flow: int | None = None
 
 
-@dataclass
-class _Line:
-    codes: dict[str, float] = field(default_factory=dict)
-    values: dict[str, float] = field(default_factory=dict)
-
-
-def parse(text: str, modal: Modal, position_mm: Vec, offset_mm: Vec, *, jog: bool = False) -> Command:
-    """Read one line without spaces; position is the end of the last move, offset that of G54, both in mm.
-
-    Raises GcodeError.
-    """
-    line = _read(text, jog)
-    after = _modes(line, modal)
+def parse(text: str, modal: Modal, offsets: Offsets, position_mm: Vec, *, jog: bool = False) -> Command:
+    """Read one line without spaces; position is the end of the last move, mm. Raises GcodeError."""
+    line = read(text)
+    if line.axes and not line.axis_command:
+        line.axis_command = MOVE
+    _need(not _LARGEST_LINE_NUMBER < line.values.get("N", 0.0) < _INTEGER_OVERFLOW, LINE_NUMBER)
+    after = _modes(line, modal, jog)
+    once = line.codes.get(ONCE, 0.0)
+    if once == 4.0:
+        _need("P" in line.values, NO_VALUE_WORD)
+    moved = _offsets(line, after, offsets, position_mm, once)
+    targets = _targets(line, after, moved, position_mm, once)
+    _check_motion(line, after)
+    _check_unused(line, once, jog)
     if jog:
-        target = _target(line, after, position_mm, offset_mm)
-        if target is None:
-            raise GcodeError(NO_AXIS_WORDS)
-        return Command(modal, target, _feed(line.values.get("F", 0.0) * _unit(after)))
-    if line.codes.get(_ONCE) == 4.0:
-        return Command(after, dwell_s=_dwell(line))
-    if "P" in line.values:
-        raise GcodeError(UNUSED_WORDS)
-    target = _target(line, after, position_mm, offset_mm)
-    return Command(after, target, inf if after.rapid or target is None else _feed(after.feed))
+        _need(set(line.codes) <= _IN_JOG and once in (0.0, 53.0), INVALID_JOG)
+        # Without axis words the firmware jogs to machine zero.
+        return Command(modal, offsets, targets or (ZERO,), after.feed)
+    dwell_s = line.values["P"] if once == 4.0 else None
+    flow = int(line.codes[FLOW]) if FLOW in line.codes else None
+    return Command(after, moved, targets, _feed(line, after, once, position_mm, targets), dwell_s, flow)
 
 
-def _read(text: str, jog: bool) -> _Line:
-    line, at = _Line(), 0
-    while at < len(text):
-        letter = text[at]
-        match = _NUMBER.match(text, at + 1)
-        if not letter.isalpha():
-            raise GcodeError(NO_LETTER)
-        if match is None:
-            raise GcodeError(BAD_NUMBER)
-        _add_word(line, letter, float(match[0]), jog)
-        at = match.end()
-    return line
+def _need(fulfilled: bool, code: int) -> None:
+    if not fulfilled:
+        raise GcodeError(code)
 
 
-def _add_word(line: _Line, letter: str, value: float, jog: bool) -> None:
-    if letter not in _WORDS:
-        raise GcodeError(UNSUPPORTED)
-    if letter in "FNPS" and value < 0:
-        raise GcodeError(NEGATIVE_VALUE)
-    if letter not in "GM":
-        if letter in line.values:
-            raise GcodeError(REPEATED_WORD)
-        line.values[letter] = value
-        return
-    group = (_GROUPS if letter == "G" else _M_GROUPS).get(value)
-    if group is None:
-        raise GcodeError(UNSUPPORTED)
-    if jog and (letter == "M" or value not in _IN_JOG):
-        raise GcodeError(INVALID_JOG)
-    if group in line.codes:
-        raise GcodeError(GROUP_TWICE)
-    line.codes[group] = value
-
-
-def _modes(line: _Line, modal: Modal) -> Modal:
+def _modes(line: Line, modal: Modal, jog: bool) -> Modal:
     codes = line.codes
-    modal = replace(
+    after = replace(
         modal,
-        rapid=codes[_MOTION] == 0 if _MOTION in codes else modal.rapid,
-        absolute=codes[_DISTANCE] == 90 if _DISTANCE in codes else modal.absolute,
-        metric=codes[_UNITS] == 21 if _UNITS in codes else modal.metric,
-        spindle=int(codes.get(_SPINDLE, modal.spindle)),
-        coolant=int(codes.get(_COOLANT, modal.coolant)),
+        motion=1 if jog else int(codes.get(MOTION, modal.motion)),
+        absolute=codes.get(DISTANCE, 90 if modal.absolute else 91) == 90,
+        metric=codes.get(UNITS, 21 if modal.metric else 20) == 21,
+        inverse_time=not jog and codes.get(FEED_MODE, 93 if modal.inverse_time else 94) == 93,
+        plane=int(codes.get(PLANE, modal.plane)),
+        system=int(codes.get(SYSTEM, modal.system + 54)) - 54,
+        spindle=int(codes.get(SPINDLE, modal.spindle)),
+        coolant=int(codes.get(COOLANT, modal.coolant)),
         speed=line.values.get("S", modal.speed),
     )
-    return replace(modal, feed=line.values["F"] * _unit(modal)) if "F" in line.values else modal
+    return replace(after, feed=_feed_word(line, modal, after, jog))
+
+
+def _feed_word(line: Line, before: Modal, after: Modal, jog: bool) -> float:
+    needed = jog or (after.inverse_time and line.axis_command == MOVE and after.motion == 1)
+    _need("F" in line.values or not needed, NO_FEED)
+    if after.inverse_time:
+        return line.values.get("F", 0.0)
+    kept = 0.0 if before.inverse_time else before.feed
+    return line.values["F"] * _unit(after) if "F" in line.values else kept
 
 
 def _unit(modal: Modal) -> float:
     return 1.0 if modal.metric else MM_PER_INCH
 
 
-def _target(line: _Line, modal: Modal, position_mm: Vec, offset_mm: Vec) -> Vec | None:
-    if not any(axis in line.values for axis in "XYZ"):
-        return None
-    base: Vec = offset_mm if modal.absolute else position_mm
-    if line.codes.get(_ONCE) == 53.0:
-        base = (0.0, 0.0, 0.0)
+def _offsets(line: Line, modal: Modal, offsets: Offsets, position_mm: Vec, once: float) -> Offsets:
+    length = line.codes.get(LENGTH)
+    if length == 43.1:
+        _need(line.axes == "Z", LENGTH_AXIS)
+        return replace(offsets, length_mm=line.values["Z"] * _unit(modal))
+    if length == 49.0:
+        return replace(offsets, length_mm=0.0)
+    if once == 10.0:
+        return _set_system(line, modal, offsets, position_mm)
+    if once == 92.0:
+        _need(bool(line.axes), NO_AXIS_WORDS)
+        here = replace(offsets, g92=ZERO).of(modal.system)
+        return replace(offsets, g92=_axes(line, modal, offsets.g92, lambda i, mm: position_mm[i] - here[i] - mm))
+    if once == 92.1:
+        return replace(offsets, g92=ZERO)
+    if once == 28.1:
+        return replace(offsets, g28=position_mm)
+    return replace(offsets, g30=position_mm) if once == 30.1 else offsets
+
+
+def _set_system(line: Line, modal: Modal, offsets: Offsets, position_mm: Vec) -> Offsets:
+    values = line.values
+    _need(bool(line.axes), NO_AXIS_WORDS)
+    _need("P" in values or "L" in values, NO_VALUE_WORD)
+    chosen = int(values.get("P", 0.0))
+    _need(chosen <= SYSTEMS, NO_SYSTEM)
+    _need(values.get("L") in (2.0, 20.0) and not (values["L"] == 2.0 and "R" in values), UNSUPPORTED)
+    system = chosen - 1 if chosen else modal.system
+    others = replace(offsets, systems=(ZERO,) * SYSTEMS).of(0)
+    here = values["L"] == 20.0
+    zero = _axes(line, modal, offsets.systems[system], lambda i, mm: position_mm[i] - others[i] - mm if here else mm)
+    return offsets.with_system(system, zero)
+
+
+def _axes(line: Line, modal: Modal, without: Vec, of: Callable[[int, float], float]) -> Vec:
+    """Axis by axis: of(number, word in mm), or what it is without a word."""
     x, y, z = (
-        origin + line.values[axis] * _unit(modal) if axis in line.values else now
-        for axis, now, origin in zip("XYZ", position_mm, base, strict=True)
+        of(i, line.values[axis] * _unit(modal)) if axis in line.values else without[i] for i, axis in enumerate("XYZ")
     )
     return (x, y, z)
 
 
-def _feed(mm_per_min: float) -> float:
-    if mm_per_min <= 0:
-        raise GcodeError(NO_FEED)
-    return mm_per_min
+def _targets(line: Line, modal: Modal, offsets: Offsets, position_mm: Vec, once: float) -> tuple[Vec, ...]:
+    if once == 53.0:
+        _need(modal.motion in (0, 1), G53_MOTION)
+    if line.axis_command == TOOL_LENGTH or once in (10.0, 92.0):
+        return ()
+    base = ZERO if once == 53.0 else offsets.of(modal.system) if modal.absolute else position_mm
+    target = _axes(line, modal, position_mm, lambda i, mm: base[i] + mm)
+    if once in (28.0, 30.0):
+        home = offsets.g28 if once == 28.0 else offsets.g30
+        if not line.axes:
+            line.axis_command = ""
+            return (home,)
+        return (target, _axes(line, modal, position_mm, lambda i, _: home[i]))
+    return (target,) if line.axes and line.axis_command == MOVE else ()
 
 
-def _dwell(line: _Line) -> float:
-    if "P" not in line.values:
-        raise GcodeError(NO_VALUE_WORD)
-    if any(axis in line.values for axis in "XYZ"):
-        raise GcodeError(UNUSED_WORDS)
-    return line.values["P"]
+def _check_motion(line: Line, modal: Modal) -> None:
+    if modal.motion == NO_MOTION:
+        _need(not line.axes, AXIS_WORDS_LEFT)
+    elif line.axis_command == MOVE:
+        _need(modal.motion == 0 or modal.feed > 0, NO_FEED)
+        if not line.axes:
+            line.axis_command = ""
+
+
+def _check_unused(line: Line, once: float, jog: bool) -> None:
+    used = set("NF" if jog else "NFST")
+    if line.axis_command:
+        used |= set("XYZ")
+    if once in (4.0, 10.0):
+        used |= {"P"}
+    if once == 10.0:
+        used |= {"L"}
+    _need(set(line.values) <= used, UNUSED_WORDS)
+
+
+def _feed(line: Line, modal: Modal, once: float, position_mm: Vec, targets: tuple[Vec, ...]) -> float:
+    if not targets or modal.motion == 0 or once in (28.0, 30.0):
+        return inf
+    return modal.feed * dist(position_mm, targets[0]) if modal.inverse_time else modal.feed

@@ -4,6 +4,7 @@ Source: GRBL 1.1 interface wiki and the behaviour of the 1.1h firmware.
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 
 from sim.devices.clock import Scheduler
@@ -16,6 +17,9 @@ from sim.devices.line import SerialLine
 
 # The firmware stands still this long after printing an alarm, and is deaf meanwhile.
 ALARM_PAUSE_S = 0.5
+
+# A report waits for a place in the transmit buffer; what asks for another meanwhile is forgotten.
+TX_BYTES = 104
 
 RESET_IN_MOTION, RESET_IN_HOMING, DOOR_IN_HOMING = 3, 6, 7
 
@@ -33,6 +37,7 @@ class GrblRealtime(GrblCore):
         mechanics: Mechanics | None = None,
     ) -> None:
         super().__init__(scheduler, line, settings, work_offset_mm, mechanics or Mechanics())
+        self._reporting_until_s = 0.0
         self._realtime = {
             ord("?"): self._report_status,
             ord("!"): self._hold,
@@ -40,14 +45,16 @@ class GrblRealtime(GrblCore):
             0x18: self._reset,
             0x84: self._open_door,
             0x85: self._cancel_jog,
+            0xA0: self._toggle_coolant,
         }
         self._realtime.update({byte: partial(self._override, byte) for byte in OVERRIDE_BYTES})
 
     def _report_status(self, now_s: float) -> None:
         if self._state == "Home":
             self._asked_in_homing = True
-        elif not self._deaf:
+        elif not self._deaf and now_s >= self._reporting_until_s:
             self._send(self._reports.line(self._snapshot(now_s)))
+            self._reporting_until_s = self._wire.device_blocked_until_s(TX_BYTES)
 
     def _snapshot(self, now_s: float) -> report.Snapshot:
         carriage = self.carriage_steps_at(now_s)
@@ -59,6 +66,7 @@ class GrblRealtime(GrblCore):
             bytes_free=report.RX_BYTES - len(self._rx),
             pins="".join(axis for axis, steps in zip("XYZ", carriage, strict=True) if steps >= 0),
             modal=self._modal,
+            offset_mm=self._offsets.of(self._modal.system),
             overrides=self._overrides,
         )
 
@@ -73,6 +81,13 @@ class GrblRealtime(GrblCore):
     def _override(self, byte: int, now_s: float) -> None:
         if not self._deaf:
             self._set_overrides(self._overrides.after(byte), now_s)
+
+    def _toggle_coolant(self, now_s: float) -> None:
+        if self._state in ("Idle", "Run", "Hold", "Jog"):
+            toggled = replace(self._modal, coolant=9 if self._modal.coolant == 8 else 8)
+            self._switch_outputs(toggled, now_s)
+            self._modal = toggled
+            self._reports.show_overrides()
 
     def _hold(self, now_s: float) -> None:
         if self._state == "Jog":

@@ -4,12 +4,13 @@ from dataclasses import dataclass
 
 from sim.devices.grbl.gcode import MM_PER_INCH, Modal
 from sim.devices.grbl.motion import Vec
+from sim.devices.grbl.offsets import Offsets
 from sim.devices.grbl.overrides import FULL, Overrides
 from sim.devices.grbl.settings import GrblSettings
 
 BANNER = "\r\nGrbl 1.1h ['$' for help]"
 HELP = "[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x]"
-BUILD = ["[VER:1.1h.20190830:]", "[OPT:V,15,128]"]
+ENABLED, DISABLED, PROGRAM_END = "[MSG:Enabled]", "[MSG:Disabled]", "[MSG:Pgm End]"
 UNLOCK = "[MSG:'$H'|'$X' to unlock]"
 RX_BYTES = 128
 
@@ -29,20 +30,24 @@ class Snapshot:
     bytes_free: int
     pins: str
     modal: Modal
+    offset_mm: Vec
     overrides: Overrides
 
 
 class StatusReports:
     """Formats `<…>` lines; WCO and Ov come only now and then, less often while busy."""
 
-    def __init__(self, settings: GrblSettings, offset_mm: Vec) -> None:
+    def __init__(self, settings: GrblSettings) -> None:
         self._settings = settings
-        self._offset_mm = offset_mm
         self._wco_in = 0
         self._ov_in = 0
 
     def start_over(self) -> None:
         self._wco_in = self._ov_in = 0
+
+    def show_offset(self) -> None:
+        """Work coordinates, or what they are printed in, have changed."""
+        self._wco_in = 0
 
     def show_overrides(self) -> None:
         """Outputs were switched, or an override: Ov, and with it A, comes as soon as it can."""
@@ -51,10 +56,10 @@ class StatusReports:
     def line(self, at: Snapshot) -> str:
         mask = int(self._settings[10])
         inches = self._settings.flag(13)
-        parts = [at.state, self._position(at.machine_mm, bool(mask & 1), inches)]
+        parts = [at.state, self._position(at, bool(mask & 1), inches)]
         if mask & 2:
             parts.append(f"Bf:{at.blocks_free},{at.bytes_free}")
-        parts.append(f"FS:{at.feed / (MM_PER_INCH if inches else 1):.0f},{self._rpm(at):.0f}")
+        parts.append(f"FS:{rate(at.feed, inches)},{self._rpm(at):.0f}")
         if at.pins:
             parts.append(f"Pn:{at.pins}")
         return f"<{'|'.join(parts + self._now_and_then(at, inches))}>"
@@ -63,14 +68,14 @@ class StatusReports:
         asked = 0.0 if at.modal.spindle == 5 else at.modal.speed * at.overrides.spindle / FULL
         return min(max(asked, self._settings[31]), self._settings[30]) if asked else 0.0
 
-    def _position(self, machine_mm: Vec, as_machine: bool, inches: bool) -> str:
+    def _position(self, at: Snapshot, as_machine: bool, inches: bool) -> str:
         if as_machine:
-            return "MPos:" + coordinates(machine_mm, inches)
-        (x, y, z), (i, j, k) = machine_mm, self._offset_mm
+            return "MPos:" + coordinates(at.machine_mm, inches)
+        (x, y, z), (i, j, k) = at.machine_mm, at.offset_mm
         return "WPos:" + coordinates((x - i, y - j, z - k), inches)
 
     def _now_and_then(self, at: Snapshot, inches: bool) -> list[str]:
-        busy = at.state not in ("Idle", "Alarm")
+        busy = at.state not in ("Idle", "Alarm", "Check", "Sleep")
         parts = []
         if self._wco_in > 0:
             self._wco_in -= 1
@@ -78,7 +83,7 @@ class StatusReports:
             self._wco_in = _WCO_EVERY[busy] - 1
             # The firmware never sends both in one line: Ov follows in the next.
             self._ov_in = max(self._ov_in, 1)
-            parts.append("WCO:" + coordinates(self._offset_mm, inches))
+            parts.append("WCO:" + coordinates(at.offset_mm, inches))
         if self._ov_in > 0:
             self._ov_in -= 1
         else:
@@ -96,16 +101,27 @@ def coordinates(mm: Vec, inches: bool = False) -> str:
     return f"{x:.3f},{y:.3f},{z:.3f}"
 
 
-def parser_state(modal: Modal) -> str:
-    """The answer to `$G`."""
-    motion, units = 0 if modal.rapid else 1, 21 if modal.metric else 20
-    distance = 90 if modal.absolute else 91
+def build(info: str) -> list[str]:
+    """The answer to `$I`."""
+    return [f"[VER:1.1h.20190830:{info}]", "[OPT:V,15,128]"]
+
+
+def rate(mm_min: float, inches: bool) -> str:
+    return f"{mm_min / MM_PER_INCH:.1f}" if inches else f"{mm_min:.0f}"
+
+
+def parser_state(modal: Modal, inches: bool) -> str:
+    """The answer to `$G`; the tool is that of the line before, so nearly always 0."""
+    units, distance, mode = 21 if modal.metric else 20, 90 if modal.absolute else 91, 93 if modal.inverse_time else 94
+    places = f"G{modal.motion} G{54 + modal.system} G{modal.plane} G{units} G{distance} G{mode}"
     outputs = f"M{modal.spindle} M{modal.coolant}"
-    return f"[GC:G{motion} G54 G17 G{units} G{distance} G94 {outputs} T0 F{modal.feed:.0f} S{modal.speed:.0f}]"
+    return f"[GC:{places} {outputs} T0 F{rate(modal.feed, inches)} S{modal.speed:.0f}]"
 
 
-def parameters(offset_mm: Vec) -> list[str]:
-    """The answer to `$#`; only G54 can be other than zero."""
-    zero = coordinates((0.0, 0.0, 0.0))
-    others = [f"[{name}:{zero}]" for name in ("G55", "G56", "G57", "G58", "G59", "G28", "G30", "G92")]
-    return [f"[G54:{coordinates(offset_mm)}]", *others, "[TLO:0.000]", f"[PRB:{zero}:0]"]
+def parameters(offsets: Offsets, inches: bool) -> list[str]:
+    """The answer to `$#`; nothing was ever probed."""
+    stored = [*offsets.systems, offsets.g28, offsets.g30, offsets.g92]
+    names = ("G54", "G55", "G56", "G57", "G58", "G59", "G28", "G30", "G92")
+    places = [f"[{name}:{coordinates(mm, inches)}]" for name, mm in zip(names, stored, strict=True)]
+    length = coordinates((offsets.length_mm, 0.0, 0.0), inches).split(",")[0]
+    return [*places, f"[TLO:{length}]", f"[PRB:{coordinates((0.0, 0.0, 0.0), inches)}:0]"]

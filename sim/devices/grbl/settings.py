@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from sim.devices.grbl.blocks import AxisLimits
 from sim.devices.grbl.motion import Vec
 
-SOFT_LIMITS, HOMING = 20, 22
+INCHES, SOFT_LIMITS, HOMING = 13, 20, 22
 
 # 400 steps/mm: a 1.8° motor on a 0.5 mm screw. Z (vertical) is the slow axis; all are far under a stall.
 RIG_DEFAULTS: Mapping[int, float] = {
