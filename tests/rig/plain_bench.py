@@ -1,0 +1,171 @@
+"""A bench without a wire: its stage is exactly where it was told to be, its sensor shows what a test says."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from rig.devices.force.base import ForceReading
+from rig.devices.stage.base import LOOK_S, Looks, Stage, StageStatus
+from rig.devices.units import GWT_N
+from rig.engine import Engine, PressId, verbs
+from rig.engine.bench import Pause
+from rig.engine.pressing.press import Press
+from rig.engine.records import Touch
+from rig.engine.rig_settings import RigSettings
+from sim.devices.clock import VirtualClock
+
+HERTZ = 1.5
+
+
+class PlainStage(Stage):
+    """Keeps where it is, machine mm, and how many moves it was told."""
+
+    def __init__(self, clock: VirtualClock) -> None:
+        self._clock = clock
+        self.at = StageStatus("Idle", 0.0, 0.0, 0.0)
+        self.moves, self.switching_s = 0, 0.002
+        self.outputs: list[tuple[float, bool]] = []
+
+    @property
+    def homed(self) -> bool:
+        return True
+
+    def connect(self) -> str:
+        return "plain"
+
+    def homing(self) -> Looks:
+        self.at = StageStatus("Idle", 0.0, 0.0, 0.0)
+        yield self.at
+
+    def moving(
+        self,
+        *,
+        x_mm: float | None = None,
+        y_mm: float | None = None,
+        z_mm: float | None = None,
+        speed_mm_s: float,
+        look_s: float = LOOK_S,
+    ) -> Looks:
+        old, self.moves = self.at, self.moves + 1
+        to = [was if mm is None else mm for mm, was in ((x_mm, old.x_mm), (y_mm, old.y_mm), (z_mm, old.z_mm))]
+        far_mm = max(abs(new - was) for new, was in zip(to, (old.x_mm, old.y_mm, old.z_mm), strict=True))
+        self._clock.wait_s(far_mm / speed_mm_s)
+        self.at = StageStatus("Idle", *to)
+        yield self.at
+
+    def halt(self) -> None:
+        """At rest already."""
+
+    def status(self) -> StageStatus:
+        return self.at
+
+    look = status
+
+    def set_output(self, on: bool) -> None:
+        self._clock.wait_s(self.switching_s)
+        self.outputs.append((self._clock.monotonic_s(), on))
+
+    def stop(self) -> None:
+        """At rest already."""
+
+    def steps_per_mm(self, axis: str) -> float:
+        raise NotImplementedError
+
+    def jog(self, axis: str, by_mm: float, speed_mm_s: float) -> None:
+        raise NotImplementedError
+
+    end_jog = unlock = close = halt
+
+
+class PlainBench:
+    """Stage, sensor, operator and journal of an engine; `felt_gwt` is what the sensor shows now."""
+
+    sample_period_s = 0.05
+
+    def __init__(
+        self, felt_gwt: Callable[["PlainBench"], float], settings: Mapping[str, Any], **options: Any
+    ) -> None:
+        self.felt_gwt = felt_gwt
+        self.settings = RigSettings.model_validate(settings)
+        self.resolution_gwt = self.settings.force.resolution_gwt
+        self.clock = VirtualClock(1.7e9)
+        self.stage = PlainStage(self.clock)
+        self.force = self.operator = self
+        self.wants_pause: Callable[[], bool] = lambda: False
+        self.goes_on = True
+        self.pause = Pause(lambda: self.wants_pause(), lambda: self.goes_on)
+        self.events: list[tuple[str, dict[str, Any]]] = []
+        self.engine = Engine(self.settings, self, self, **options)
+
+    @property
+    def height_mm(self) -> float:
+        """Of the indentor above the nominal apex."""
+        return self.stage.at.z_mm - self.settings.frame.apex_z_mm
+
+    def hertz(self, k_gwt: float, contact_mm: float) -> float:
+        """What a finger shows that follows F = k d^1.5."""
+        return float(k_gwt * max(contact_mm - self.height_mm, 0.0) ** HERTZ)
+
+    def ready(self, noise_gwt: float = 0.0) -> Engine:
+        """Mounted, homed, zeroed with so much noise, and over the pad's centre."""
+        verbs.mount(self.engine, "bar:3.0")
+        verbs.home(self.engine)
+        self.engine.sensing.take_zero([-noise_gwt, noise_gwt])
+        verbs.move_to(self.engine, 0.0)
+        return self.engine
+
+    def of(self, stream: str) -> list[dict[str, Any]]:
+        """The events of one stream so far."""
+        return [data for name, data in self.events if name == stream]
+
+    def readings(self, phase: str) -> list[tuple[float, float]]:
+        """(height mm, force gwt) of the readings of one phase so far."""
+        samples = [data for name, data in self.events if name.endswith("sample")]
+        return [(data["height_mm"], data["force_gwt"]) for data in samples if data["phase"] == phase]
+
+    # what an engine asks of a sensor, of an operator and of a journal
+
+    def connect(self) -> str:
+        return "plain"
+
+    identify = connect
+
+    def read(self) -> ForceReading:
+        return ForceReading(self.felt_gwt(self) * GWT_N, True, self.clock.monotonic_s())
+
+    def zero(self) -> None:
+        """It shows what it shows."""
+
+    close = zero
+
+    def mount(self, indentor: str) -> str:
+        return indentor
+
+    def confirm(self, request: str) -> None:
+        """There is nobody to ask."""
+
+    def event(self, stream: str, data: Mapping[str, Any]) -> None:
+        self.events.append((stream, dict(data)))
+
+
+def pressing(
+    felt_gwt: Callable[[PlainBench], float],
+    doi_mm: float,
+    *,
+    noise_gwt: float = 0.0,
+    settings: Mapping[str, Any] | None = None,
+    **options: Any,
+) -> tuple[PlainBench, Press]:
+    """A press that has just touched: so deep already, contact at the nominal apex, feeling what is felt there."""
+    shown: list[Callable[[PlainBench], float]] = [lambda bench: 0.0]
+    bench = PlainBench(lambda bench: shown[0](bench), settings or {}, **options)
+    engine = bench.ready(noise_gwt)
+    while engine.height_mm > -doi_mm + 1e-9:
+        engine.go_to_height(max(engine.height_mm - 0.05, -doi_mm), 2.0)
+    bench.stage.moves, shown[0] = 0, felt_gwt
+    touch = Touch(0.05, engine.height_mm, round(felt_gwt(bench), 6), 0.0, 2)
+    return bench, Press(engine, PressId(0), touch, 1.0)
+
+
+def shows(*gwt: float) -> Callable[[PlainBench], float]:
+    """One force after each move, the first before any; the last from then on."""
+    return lambda bench: gwt[min(bench.stage.moves, len(gwt) - 1)]

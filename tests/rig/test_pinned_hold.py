@@ -1,0 +1,230 @@
+"""A hold: what is journalled of it, and the small moves that bring a force back which has drifted."""
+
+import itertools
+import math
+from typing import Any
+
+import pytest
+
+from rig.engine import Hold, PressId, Target
+from rig.engine.pressing.press import Press
+from tests.rig.plain_bench import PlainBench, pressing
+
+# What was asked for, and the force at the start of a hold, as it was read or as the mean of readings.
+AS_IT_IS = {
+    *itertools.product(("hold_start", "hold_end"), ("commanded", "asked_s")),
+    ("hold_start", "force_gwt"),
+}
+FINE = {"stage": {"resolution_mm": 0.0005}}
+COARSE = {**FINE, "force": {"resolution_gwt": 1.0}}
+
+
+def _held(
+    target_gwt: float,
+    shown_gwt: tuple[float, ...],
+    doi_mm: float,
+    *,
+    noise_gwt: float = 0.0,
+    settings: dict[str, Any] | None = None,
+) -> list[float]:
+    """What follows the readings of a hold that begins on its target: a move, mm, or 0, another reading."""
+
+    def felt(bench: PlainBench) -> float:
+        known = len(bench.readings("hold"))
+        return shown_gwt[known] if bench.of("hold_start") and known < len(shown_gwt) else target_gwt
+
+    bench, press = pressing(felt, doi_mm, noise_gwt=noise_gwt, settings=settings)
+    press.hold_at(Target("force_gwt", target_gwt), hold=1, hold_s=0.1 * len(shown_gwt))
+    heights = [-doi_mm, *(height for height, _ in bench.readings("hold"))]
+    moves = [a - b for a, b in itertools.pairwise(heights)]
+    return moves[1 : len(shown_gwt) + 1]
+
+
+def _law(doi_mm: float, from_gwt: float, to_gwt: float) -> float:
+    """0.6 of the way along F ∝ d^1.5."""
+    return 0.6 * doi_mm * ((to_gwt / from_gwt) ** (2 / 3) - 1)
+
+
+@pytest.mark.parametrize(
+    ("target_gwt", "shown_gwt", "doi_mm", "step_mm"),
+    [
+        # within a quarter of the tolerance of 0.1 gwt nothing is done
+        (10.0, 9.98, 1.4, 0.0),
+        (10.0, 10.02, 1.4, 0.0),
+        (10.0, 9.97, 1.4, _law(1.4, 9.97, 10.045)),
+        # 0.05 short: as much more for the mean and half as much again
+        (10.0, 9.95, 1.0, _law(1.0, 9.95, 10.075)),
+        (10.0, 10.05, 1.0, _law(1.0, 10.05, 9.925)),
+        # far off: the tolerance and half of it more
+        (10.0, 9.5, 1.0, _law(1.0, 9.5, 10.15)),
+        (10.0, 10.5, 1.0, _law(1.0, 10.5, 9.85)),
+        # never to more than 1.02 of the target
+        (2.0, 1.9, 1.0, _law(1.0, 1.9, 2.04)),
+        (2.0, 2.1, 1.0, _law(1.0, 2.1, 1.925)),
+        # less than a step of the stage, 0.0025 mm, is not made
+        (10.0, 9.95, 0.49, 0.0),
+        (10.0, 9.95, 0.51, _law(0.51, 9.95, 10.075)),
+        (10.0, 10.05, 0.49, 0.0),
+        (10.0, 10.05, 0.51, _law(0.51, 10.05, 9.925)),
+    ],
+)
+def test_a_force_that_has_drifted_is_brought_back(
+    target_gwt: float, shown_gwt: float, doi_mm: float, step_mm: float
+) -> None:
+    """The first reading of the hold shows it, the first move answers it."""
+    assert _held(target_gwt, (shown_gwt,), doi_mm) == pytest.approx([step_mm], abs=2e-6)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(
+    ("off_gwt", "moves"),
+    [
+        # force and mean are both near: whatever is left to make up
+        ((-0.015, -0.015), False),
+        # after a start so far off and a move that brought it back: the mean is still 0.05 short
+        ((-0.15, 0.0, 0.0), True),
+        # the mean is right, the force is not
+        ((-0.15, 0.07, 0.08), True),
+        # the force is off by what makes up for the mean, 0.03
+        ((-0.15, 0.02, 0.04), False),
+        # so it is not quite
+        ((-0.15, 0.02, 0.08), True),
+    ],
+)
+def test_neither_the_force_nor_its_mean_may_be_off_by_a_quarter_of_the_tolerance(
+    off_gwt: tuple[float, ...], moves: bool, sign: int
+) -> None:
+    """10 gwt within 0.1, on a stage with steps of 0.0005 mm; what the last reading leads to."""
+    made = _held(10.0, tuple(10.0 + sign * off for off in off_gwt), 1.0, settings=FINE)
+    assert (abs(made[-1]) > 0.0005) == moves
+    assert all(abs(step) > 0.0005 for step in made[:-2])
+
+
+@pytest.mark.parametrize(
+    ("shown_gwt", "moves"),
+    [
+        # off by 0.25 exactly
+        ((31.75,), False),
+        ((31.7,), True),
+        # 0.25 short of the 0.5625 that the mean is short of
+        ((30.0, 32.0, 32.3125), False),
+        ((30.0, 32.0, 32.3), True),
+    ],
+)
+def test_a_quarter_of_the_tolerance_is_near_enough(shown_gwt: tuple[float, ...], moves: bool) -> None:
+    """32 gwt within a step of the sensor, 1 gwt."""
+    assert (_held(32.0, shown_gwt, 1.0, settings=COARSE)[-1] != 0.0) == moves
+
+
+def test_what_was_lost_since_the_last_move_counts_from_its_aim() -> None:
+    """9.95 gwt led to 10.075; 9.98 after that has lost 0.095 of it, on a mean that is 0.03 short."""
+    first, read, second = _held(10.0, (9.95, 9.98, 9.98), 1.0, settings=FINE)
+    assert first == pytest.approx(_law(1.0, 9.95, 10.075), abs=2e-6)
+    assert read == 0.0
+    assert second == pytest.approx(_law(1.0 + first, 9.98, 10.0 + 0.03 + 0.0475), abs=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("target_gwt", "noise_gwt", "readings"), [(2.0, 0.0, 1), (2.0, 0.02, 3), (20.0, 0.1, 4), (2.0, 0.1, 25)]
+)
+def test_a_force_is_followed_by_the_mean_of_as_many_readings_as_it_takes(
+    target_gwt: float, noise_gwt: float, readings: int
+) -> None:
+    """To a quarter of its tolerance, 0.0125 and 0.05 gwt; after a move as many new ones."""
+    shown = tuple(0.95 * target_gwt + 0.02 * (k % 2) for k in range(3 * readings + 3))
+    made = _held(target_gwt, shown, 0.8, noise_gwt=noise_gwt)
+    after = [k for k, step in enumerate(made, 1) if step]
+    assert after[:2] == [readings, 2 * readings + 1]
+
+
+def test_a_depth_is_held_as_it_is_whatever_the_force_does() -> None:
+    bench, press = pressing(lambda bench: 5.0 - bench.clock.monotonic_s() / 100, 0.5)
+    press.hold_at(Target("doi_mm", 0.5), hold=1, hold_s=3.0)
+    assert bench.stage.moves == 0
+
+
+# --- what is journalled ---
+
+
+def _known(bench: PlainBench) -> int:
+    """How many readings there are of the press."""
+    return len(bench.readings("press") + bench.readings("hold"))
+
+
+def _two_holds() -> tuple[PlainBench, list[Hold]]:
+    """To 0.6 mm in two moves, and to 0.65 mm in one; 0.05 s a move and 0.05 s a reading, three readings a hold."""
+    shown = [2.0, 2.8, 3.0, 3.3, 3.0, 3.6, *([3.7] * 4)]
+    bench, press = pressing(lambda bench: shown[_known(bench)], 0.5)
+    return bench, [
+        press.hold_at(Target("doi_mm", doi_mm), hold=k, hold_s=0.12) for k, doi_mm in enumerate((0.6, 0.65), 1)
+    ]
+
+
+def test_a_hold_is_journalled_as_it_was() -> None:
+    bench, holds = _two_holds()
+    starts, ends = bench.of("hold_start"), bench.of("hold_end")
+    about: dict[str, Any] = {"index": 0, "target": "doi_mm"}
+    assert starts[0] == pytest.approx(about | {"hold": 1, "commanded": 0.6, "doi_mm": 0.6, "force_gwt": 2.8})
+    assert starts[1] == pytest.approx(about | {"hold": 2, "commanded": 0.65, "doi_mm": 0.65, "force_gwt": 3.6})
+    same = {"index": 0, "x_mm": 0.0, "doi_sd_mm": 0.000722, "readings": 3, "asked_s": 0.12, "hold_s": 0.15,
+            "interval_sd_s": 0.0}  # fmt: skip
+    # from 2 gwt at the touch by two moves; from the last reading of a hold by one
+    first = {"hold": 1, "ramp_gwt": 0.8, "ramp_s": 0.2, "force_gwt": 3.1, "force_sd_gwt": 0.141421, "peak_gwt": 3.3}
+    second = {"hold": 2, "ramp_gwt": 0.6, "ramp_s": 0.1, "force_gwt": 3.7, "force_sd_gwt": 0.0, "peak_gwt": 3.7}
+    assert ends[0] == pytest.approx(same | first | {"commanded": 0.6, "doi_mm": 0.6}, abs=2e-6)
+    assert ends[1] == pytest.approx(same | second | {"commanded": 0.65, "doi_mm": 0.65}, abs=2e-6)
+    assert [(hold.doi_mm, hold.force_gwt, hold.force_sd_gwt) for hold in holds] == [
+        pytest.approx((0.6, 3.1, 0.02**0.5)),
+        pytest.approx((0.65, 3.7, 0.0)),
+    ]
+
+
+def test_readings_that_a_move_delays_are_said_to_be_uneven() -> None:
+    """A move of 0.005 mm at 1 mm/s between three readings: by √2 / 3 of 5 ms."""
+    bench, press = pressing(lambda bench: 9.95 if bench.of("hold_start") and not bench.stage.moves else 10.0, 1.0)
+    press.hold_at(Target("force_gwt", 10.0), hold=1, hold_s=0.12)
+    (end,) = bench.of("hold_end")
+    move_s = _law(1.0, 9.95, 10.075)
+    assert end["interval_sd_s"] == pytest.approx(move_s * 2**0.5 / 3, abs=2e-6)
+    assert end["hold_s"] == pytest.approx(0.15 + move_s, abs=2e-6)
+    assert end["readings"] == len(bench.readings("hold")) == 3
+    assert end["force_gwt"] == pytest.approx((9.95 + 2 * 10.0) / 3, abs=2e-6)
+
+
+def test_the_mean_under_noise_is_what_a_second_hold_rises_from() -> None:
+    """A noise of 0.02 gwt: the last three of 2.0, 2.2, 2.3 and 2.4."""
+    shown = [2.0, 2.2, 2.3, 2.4]
+    bench, press = pressing(
+        lambda bench: 3.0 if bench.stage.moves else shown[min(len(bench.readings("hold")), 3)], 0.5, noise_gwt=0.02
+    )
+    for k, doi_mm in enumerate((0.5, 0.55), 1):
+        press.hold_at(Target("doi_mm", doi_mm), hold=k, hold_s=0.18)
+    assert bench.of("hold_end")[1]["ramp_gwt"] == pytest.approx(0.7, abs=2e-6)
+
+
+def test_whatever_is_journalled_is_rounded_to_a_millionth() -> None:
+    """Depths, forces and times of odd numbers; with the pulses, and a rig that gives."""
+    settings = {
+        "sync": {"output": "coolant", "width_s": math.pi / 100},
+        "force": {"latency_s": math.pi / 100},
+        "calibration": {
+            "compliance_mm_per_n": {"value": 0.1 * math.e, "sd": 0.01, "date": "2026-01-01", "expires": "2027-01-01"}
+        },
+    }
+    bench, press = pressing(
+        lambda bench: 6.0 * (-bench.height_mm) ** 1.5 * (1 - 0.1 * math.sin(bench.clock.monotonic_s())),
+        math.pi / 10,
+        noise_gwt=0.02,
+        settings=settings,
+    )
+    assert isinstance(press, Press)
+    assert press.id == PressId(0)
+    bench.stage.switching_s = math.e / 1000
+    for k, gwt in enumerate((math.e, math.pi), 1):
+        press.hold_at(Target("force_gwt", gwt), hold=k, hold_s=0.5)
+    events = [(stream, data) for stream, data in bench.events if stream in ("hold_start", "hold_end", "sync")]
+    assert len(events) == 8
+    for stream, data in events:
+        for key, value in data.items():
+            if isinstance(value, float) and (stream, key) not in AS_IT_IS:
+                assert value == round(value, 6), (stream, key)

@@ -1,0 +1,125 @@
+"""From clearance to the skin: where contact is looked for, what counts as contact, what is journalled of it."""
+
+import itertools
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from rig.engine import PressId, TripError
+from rig.engine.pressing.approach import Approach
+from tests.rig.plain_bench import PlainBench
+
+Felt = Callable[[PlainBench], float]
+CONTACT_MM = -0.3
+
+
+def _finger(bench: PlainBench) -> float:
+    return round(bench.hertz(6.0, CONTACT_MM), 2)
+
+
+def _bench(felt: Felt = _finger, settings: dict[str, Any] | None = None, **options: Any) -> PlainBench:
+    return PlainBench(felt, settings or {}, **options)
+
+
+@pytest.mark.parametrize(("lowest_mm", "last_mm"), [(-0.5, -0.5), (-0.524, -0.5), (0.2, 0.2), (0.151, 0.2)])
+def test_contact_is_looked_for_down_to_the_lowest_height_and_no_farther(lowest_mm: float, last_mm: float) -> None:
+    """By increments of 0.05 mm from clearance, 2 mm."""
+    bench = _bench(lambda bench: 0.0)
+    with pytest.raises(TripError, match=rf"no contact at x = 0 mm down to {lowest_mm:.3f} mm"):
+        Approach(bench.ready(), PressId(0), lowest_mm, 3.0).touch_off()
+    heights = [height for height, _ in bench.readings("approach")]
+    assert heights[-1] == pytest.approx(last_mm)
+    assert [a - b for a, b in itertools.pairwise([2.0, *heights])] == pytest.approx([0.05] * len(heights))
+
+
+@pytest.mark.parametrize(("highest_mm", "trips"), [(0.79, True), (0.81, False)])
+def test_contact_above_the_highest_height_trips(highest_mm: float, trips: bool) -> None:
+    """The first reading of contact is at 0.8 mm."""
+    bench = _bench(lambda bench: 0.2 if bench.height_mm < 0.805 else 0.0)
+    approach = Approach(bench.ready(), PressId(0), -0.5, highest_mm)
+    if trips:
+        with pytest.raises(TripError, match=r"already 0\.800 mm above the nominal apex: expected below 0\.790 mm"):
+            approach.touch_off()
+    else:
+        assert approach.touch_off().height_at_threshold_mm == pytest.approx(0.8)
+
+
+@pytest.mark.parametrize(
+    ("gwt", "noise_gwt", "touched"),
+    [(0.05, 0.0, True), (0.04, 0.0, False), (0.12, 0.02, True), (0.11, 0.02, False)],
+)
+def test_contact_is_the_threshold_or_six_times_the_noise_and_as_much_backwards_trips(
+    gwt: float, noise_gwt: float, touched: bool
+) -> None:
+    for sign in (1, -1):
+        bench = _bench(lambda bench, sign=sign: sign * gwt if bench.height_mm < 0.005 else 0.0)  # type: ignore[misc]
+        approach = Approach(bench.ready(noise_gwt), PressId(0), -0.2, 0.2)
+        if touched and sign > 0:
+            assert approach.touch_off().threshold_gwt == gwt
+            continue
+        with pytest.raises(TripError) as trip:
+            approach.touch_off()
+        assert ("does the sensor read backwards" if touched else "no contact") in str(trip.value)
+        assert bench.of("trip")[0]["force_gwt"] == (-gwt if touched else None)
+
+
+@pytest.mark.parametrize(
+    ("left_gwt", "noise_gwt", "heights_mm"),
+    [
+        # as long as half a step of the sensor or more shows, at 0 here and up to 0.1; then one more, unread
+        (0.01, 0.0, [0.05, 0.1, 0.15]),
+        (0.004, 0.0, [0.05]),
+        # of a noise of 0.02, six times that: 0.06 is half
+        (0.065, 0.02, [0.05, 0.1, 0.15]),
+        (0.055, 0.02, [0.05]),
+    ],
+)
+def test_the_fine_descent_begins_an_increment_above_where_nothing_shows_any_more(
+    left_gwt: float, noise_gwt: float, heights_mm: list[float]
+) -> None:
+    bench = _bench(lambda bench: 0.5 if bench.height_mm < 0.005 else left_gwt if bench.height_mm < 0.105 else 0.0)
+    Approach(bench.ready(noise_gwt), PressId(0), -0.5, 0.5).touch_off()
+    assert [height for height, _ in bench.readings("back off")] == pytest.approx(heights_mm)
+    assert bench.readings("touch")[0][0] == pytest.approx(heights_mm[-1] + 0.05 - 0.01)
+
+
+def test_a_force_that_never_goes_is_backed_off_from_to_clearance() -> None:
+    bench = _bench(lambda bench: 0.5 if bench.height_mm < 0.005 else 0.03)
+    Approach(bench.ready(), PressId(0), -0.5, 0.5).touch_off()
+    assert bench.readings("back off")[-1][0] == pytest.approx(2.0)
+    assert bench.readings("touch")[0][0] == pytest.approx(2.04)
+
+
+def test_the_skin_is_approached_at_the_approach_speed() -> None:
+    """Coarse and fine descent and the way between them: 0.05 mm at 0.5 mm/s and a reading, 0.05 s; 0.01 mm less."""
+    bench = _bench()
+    engine = bench.ready()
+    start_s = bench.clock.monotonic_s()
+    Approach(engine, PressId(0), -0.8, 0.2).touch_off()
+    counts = {phase: len(bench.readings(phase)) for phase in ("approach", "back off", "touch")}
+    increments = counts["approach"] + counts["back off"] + 1
+    took_s = 0.1 * increments + 0.02 * counts["touch"] + 0.05 * (increments - 1 + counts["touch"])
+    assert bench.clock.monotonic_s() - start_s == pytest.approx(took_s, abs=1e-6)
+
+
+def test_a_touch_is_journalled_as_it_was_fitted_to_a_millionth() -> None:
+    """By increments of 1/299 mm, on a rig that gives 0.3 mm/N."""
+    gives = {"value": 0.3, "sd": 0.01, "date": "2026-01-01", "expires": "2027-01-01"}
+    habits = {"touch_increment_mm": 1 / 299, "increment_mm": 1 / 30}
+    bench = _bench(
+        lambda bench: round(bench.hertz(6.0, 0.1), 2),
+        {"habits": habits, "calibration": {"compliance_mm_per_n": gives}},
+    )
+    touch = Approach(bench.ready(), PressId(3), -0.5, 0.5).touch_off()
+    (told,) = bench.of("touch")
+    assert touch.contact_height_mm == pytest.approx(0.1, abs=0.01)
+    assert told == {
+        "index": 3,
+        "threshold_gwt": 0.05,
+        "height_at_threshold_mm": round(bench.height_mm, 6),
+        "contact_height_mm": round(touch.contact_height_mm, 6),
+        "fit_points": touch.fit_points,
+        "doi_bias_mm": round(touch.contact_height_mm - bench.height_mm, 6),
+        "doi_mm": round(touch.contact_height_mm - bench.height_mm - 0.3 * touch.force_gwt * 9.80665e-3, 6),
+    }
