@@ -136,13 +136,17 @@ def test_an_indentor_that_nobody_confirmed_is_not_pressed_with(spring: Make, mon
 
 
 class Watched(Heartbeat):
-    """One that says how often it was looked at."""
+    """One that says how often it was looked at, and by whom; `slow`: a look takes its time."""
 
     looks = 0
+    slow = False
 
     def look(self) -> None:
         super().look()
+        self.thread = threading.current_thread()
         self.looks += 1
+        if self.slow:
+            sum(range(3_000_000))
 
 
 def looked_at(heartbeat: Watched, times: int) -> None:
@@ -179,7 +183,11 @@ def test_a_beating_or_resting_engine_is_left_alone() -> None:
         heartbeat.rest()
         clock.wait_s(60.0)
         looked_at(heartbeat, 3)
+        heartbeat.slow = True
+        looked_at(heartbeat, 1)  # and it has not finished looking
     assert not stopped
+    thread = heartbeat.thread  # by its name in a debugger, of no program that ends, and gone with what it watched
+    assert (thread.name, thread.daemon, thread.is_alive()) == ("heartbeat", True, False)
 
 
 def test_a_lost_heartbeat_holds_and_trips(spring: Make) -> None:

@@ -1,0 +1,292 @@
+"""The engine over a stage and a sensor that do as they are told: where it is, what it reads, journals and promises.
+
+Clearance is 2 mm; heights within 0.02 mm of it are clearance. The heartbeat is 3 s, the soft trip 203.94 gwt.
+"""
+
+import re
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from rig.devices.force.base import ForceTimeout
+from rig.devices.units import GWT_N
+from rig.engine import LimitError, PressId, TripError, verbs
+from rig.engine.engine import State
+from tests.told import Told, raising
+
+# --- a new engine ---
+
+
+def test_a_new_engine_is_nowhere_and_has_touched_nothing() -> None:
+    engine = Told().engine
+    assert (engine.state, engine.placed, engine.may_touch) == (State.UNHOMED, False, False)
+    assert (engine.problem, engine.indentor, engine.contact.total_s) == (None, None, 0.0)
+    assert [engine.next_index() for _ in range(3)] == [0, 1, 2]
+
+
+def test_an_engine_goes_on_counting_what_earlier_parts_of_the_run_have_touched() -> None:
+    bench = Told(contact_s=12.5)
+    bench.ready()
+    assert bench.of("sample")[-1]["contact_s"] == 12.5
+
+
+def test_a_plan_lowers_the_force_that_trips_a_press() -> None:
+    assert Told(soft_trip_n=0.5).engine.trip_gwt == pytest.approx(50.986, abs=1e-3)
+
+
+# --- clearance and contact ---
+
+
+@pytest.mark.parametrize(("height_mm", "clear"), [(10.0, True), (1.985, True), (1.97, False), (1.95, False)])
+def test_below_clearance_is_in_contact(height_mm: float, clear: bool) -> None:
+    engine = Told().ready()
+    engine.go_to_height(height_mm, 0.5)
+    assert (engine.state, engine.may_touch) == ((State.READY, False) if clear else (State.IN_CONTACT, True))
+
+
+@pytest.mark.parametrize("height_mm", [10.0, 2.0, 1.985])
+def test_at_clearance_a_lift_does_nothing(height_mm: float) -> None:
+    bench = Told()
+    engine = bench.ready()
+    engine.go_to_height(height_mm, 0.5)
+    told = list(bench.stage.told)
+    engine.lift()
+    assert bench.stage.told == told
+
+
+@pytest.mark.parametrize(("to_mm", "lifted_mm"), [(None, 2.0), (1.99, 1.99), (5.0, 5.0), (1.955, 1.95)])
+def test_a_lift_is_straight_up_at_the_speed_of_travel(to_mm: float | None, lifted_mm: float) -> None:
+    bench = Told()
+    bench.in_contact().lift(to_mm)
+    assert bench.height_mm == pytest.approx(lifted_mm)
+    assert bench.stage.told[-1][3] == (0.5 if lifted_mm == 1.95 else 5.0)
+
+
+def test_what_was_lifted_is_clear_and_no_press() -> None:
+    bench = Told()
+    engine = bench.in_contact()
+    engine.trips.press_on(1.0)
+    bench.force.shows_gwt = 1.0
+    engine.read_force_gwt(PressId(0), "press")
+    bench.clock.wait_s(1.0)
+    verbs.retract(engine)
+    assert (engine.state, engine.may_touch) == (State.READY, False)
+    assert engine.trip_gwt == pytest.approx(203.943, abs=1e-3)
+    touched_s = bench.of("retract")[0]["contact_s"]
+    bench.clock.wait_s(100.0)
+    assert engine.contact.total_s == pytest.approx(touched_s)
+    engine.heartbeat.look()
+    assert not engine.heartbeat.lost
+
+
+# --- readings ---
+
+
+def test_a_sample_says_where_and_how_much_to_a_millionth() -> None:
+    bench = Told()
+    engine = bench.in_contact(1.9512345678)
+    bench.force.shows_gwt, bench.force.stable = 3.123456789, False
+    force_gwt = engine.read_force_gwt(PressId(4), "press", contact_height_mm=1.9999999)
+    assert repr(force_gwt) == "3.123457"
+    sample = bench.of("sample")[-1]
+    assert {name: repr(value) for name, value in sample.items()} == {
+        "index": "4", "phase": "'press'", "x_mm": "0.0", "height_mm": "1.951235", "doi_mm": "0.048765",
+        "force_gwt": "3.123457", "stable": "False", "contact_s": "0.0",
+    }  # fmt: skip
+    bench.force.stable = True
+    engine.read_force_gwt(PressId(0, "reference"), "hold")
+    assert (
+        bench.of("reference_sample")[-1] | {"index": 0, "phase": "hold", "doi_mm": None, "stable": True}
+        == (bench.of("reference_sample")[-1])
+    )
+
+
+def test_a_sample_from_before_homing_says_that_nobody_knows_where() -> None:
+    bench = Told()
+    bench.engine.read_force_gwt(PressId(0), "clearance")
+    assert (bench.of("sample")[0]["x_mm"], bench.of("sample")[0]["height_mm"]) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("height_mm", "force_gwt", "touched"), [(1.95, 0.06, True), (1.95, 0.04, False), (2.0, 0.06, False)]
+)
+def test_the_finger_is_touched_from_the_first_reading_that_means_contact_below_clearance(
+    height_mm: float, force_gwt: float, touched: bool
+) -> None:
+    """Contact is 0.05 gwt; what a sensor shows at clearance is no touch."""
+    bench = Told()
+    engine = bench.ready()
+    engine.go_to_height(height_mm, 0.5)
+    bench.force.shows_gwt = force_gwt
+    engine.read_force_gwt(PressId(0), "approach")
+    bench.clock.wait_s(2.0)
+    assert engine.contact.total_s == (pytest.approx(2.0) if touched else 0.0)
+
+
+def test_a_finger_touched_for_too_long_is_left_by_the_next_reading() -> None:
+    bench = Told({"limits": {"max_contact_s": 1.0}})
+    engine = bench.in_contact()
+    bench.force.shows_gwt = 1.0
+    engine.read_force_gwt(PressId(0), "hold")
+    bench.clock.wait_s(1.5)
+    with pytest.raises(LimitError, match=r"touched for 1\.\d s in this run"):
+        engine.read_force_gwt(PressId(0), "hold")
+    assert bench.of("sample")[-1]["contact_s"] > 1.5  # it is on record
+
+
+def test_depth_is_travel_less_what_the_rig_gives() -> None:
+    """0.02 mm/N at 2 N: of 0.10 mm past contact 0.04 mm are the rig's."""
+    compliance = {"value": 0.02, "date": "2026-01-01", "expires": "2027-01-01"}
+    engine = Told({"calibration": {"compliance_mm_per_n": compliance}}).in_contact()
+    assert engine.doi_mm(2.05, 2.0 / GWT_N) == pytest.approx(0.06)
+    assert engine.doi_mm(2.05, 0.0) == pytest.approx(0.10)
+
+
+READINGS: dict[str, Callable[[Any], Any]] = {
+    "reading": lambda engine: engine.reading(),
+    "raw_reading": lambda engine: engine.raw_reading(),
+    "read_force_gwt": lambda engine: engine.read_force_gwt(PressId(0), "press"),
+}
+
+
+@pytest.mark.parametrize("read", READINGS)
+def test_every_reading_trips_on_a_sensor_that_fails_and_above_the_hard_trip(read: str) -> None:
+    bench = Told()
+    engine = bench.ready()
+    engine.trips.soft_gwt = 1e9
+    bench.force.shows_gwt = -511.0
+    with pytest.raises(TripError, match=r"^force -511\.00 gwt above the hard trip 509\.86 gwt$"):
+        READINGS[read](engine)
+    assert bench.of("trip")[0]["force_gwt"] == pytest.approx(-511.0)
+    bench = Told()
+    engine = bench.ready()
+    bench.force.at_read = raising(ForceTimeout("no answer"))
+    with pytest.raises(TripError, match=r"^no force reading: no answer$"):
+        READINGS[read](engine)
+    assert bench.of("trip")[0]["force_gwt"] is None
+
+
+def test_readings_count_from_zero_and_raw_ones_do_not() -> None:
+    bench = Told()
+    bench.force.shows_gwt = 5.0
+    engine = bench.ready()
+    bench.force.shows_gwt = 7.0
+    assert engine.reading().force_n == pytest.approx(2.0 * GWT_N)
+    assert engine.raw_reading().force_n == pytest.approx(7.0 * GWT_N)
+
+
+# --- what is felt on the way ---
+
+
+@pytest.mark.parametrize(
+    ("soft_gwt", "force_gwt", "said"),
+    [
+        (50.0, 60.123456789, "force 60.12 gwt above the soft trip 50.00 gwt"),
+        (1e9, 600.123456789, "force 600.12 gwt above the hard trip 509.86 gwt"),
+        (50.0, 600.123456789, "force 600.12 gwt above the hard trip 509.86 gwt"),
+    ],
+)
+def test_what_is_felt_on_the_way_is_on_record_and_trips(soft_gwt: float, force_gwt: float, said: str) -> None:
+    bench = Told()
+    engine = bench.ready()
+    engine.trips.soft_gwt = soft_gwt
+    bench.stage.at_look = lambda: setattr(bench.force, "shows_gwt", force_gwt)
+    with pytest.raises(TripError, match=f"^{re.escape(said)} while moving$"):
+        verbs.move_to(engine, 3.0)
+    sample, trip = bench.events[-2:]
+    assert (sample[0], sample[1]["phase"], repr(sample[1]["force_gwt"])) == (
+        "sample",
+        "moving",
+        repr(round(force_gwt, 6)),
+    )
+    assert (sample[1]["index"], sample[1]["stable"], sample[1]["doi_mm"]) == (-1, False, None)
+    assert (trip[0], trip[1]["force_gwt"]) == ("trip", pytest.approx(force_gwt))
+
+
+def test_no_reading_on_the_way_trips_and_leaves_no_sample() -> None:
+    bench = Told()
+    engine = bench.ready()
+    samples = len(bench.of("sample"))
+    bench.force.at_read = raising(ForceTimeout("no answer"))
+    with pytest.raises(TripError, match=r"^no force reading: no answer$"):
+        verbs.move_to(engine, 3.0)
+    assert len(bench.of("sample")) == samples
+    assert bench.stage.told[-2] == "halt"  # and then the lift
+
+
+def test_on_the_way_up_from_a_trip_nothing_is_asked_of_the_sensor() -> None:
+    bench = Told()
+    engine = bench.in_contact()
+    asked = len(bench.force.read_s)
+    bench.force.at_read = raising(ForceTimeout("no answer"))
+    with pytest.raises(TripError, match=r"^for the test$"):
+        engine.trip("for the test")
+    assert len(bench.force.read_s) == asked
+    assert bench.height_mm == pytest.approx(2.0)
+
+
+# --- the heartbeat ---
+
+
+@pytest.mark.parametrize(
+    ("to_mm", "speed_mm_s", "promised_s"),
+    [(1.90, 0.5, 3.2), (1.90, 0.05, 5.0), (2.0, 0.5, 3.2), (1.94, 0.5, 3.04)],
+)
+def test_a_move_below_clearance_may_take_twice_its_time_before_the_heartbeat_is_missed(
+    to_mm: float, speed_mm_s: float, promised_s: float
+) -> None:
+    """From 1.95 mm; at each look it promises 3 s again."""
+    bench = Told()
+    engine = bench.in_contact()
+    promised = bench.promises()
+    engine.go_to_height(to_mm, speed_mm_s)
+    assert promised[0] == pytest.approx(promised_s)
+    assert len(promised) > 1
+    assert set(promised[1:]) == {3.0}
+
+
+def test_the_wait_for_a_reading_is_part_of_the_promise() -> None:
+    """Two periods of 0.05 s and 0.1 s late after a move, then one period."""
+    bench = Told({"force": {"latency_s": 0.1}, "habits": {"settle_readings": 2}, "limits": {"heartbeat_s": 4.0}})
+    engine = bench.in_contact()
+    promised = bench.promises()
+    for read in READINGS.values():
+        read(engine)
+    assert promised == pytest.approx([4.2, 4.05, 4.05])
+
+
+def test_at_clearance_nothing_is_promised() -> None:
+    bench = Told()
+    engine = bench.ready()
+    promised = bench.promises()
+    engine.reading()
+    engine.go_to_height(5.0, 5.0)
+    assert promised == []
+
+
+def test_an_engine_that_comes_back_too_late_finds_its_promise_broken() -> None:
+    """Nobody else looked: it stops the stage itself, stays where it is, and can still be read afterwards."""
+    bench = Told()
+    engine = bench.in_contact()
+    bench.clock.wait_s(3.5)
+    said = "the engine's heartbeat was lost: the stage was stopped and stays where it is"
+    with pytest.raises(TripError, match=f"^{said}$"):
+        engine.reading()
+    assert bench.of("trip")[0]["reason"] == said
+    assert bench.stage.told[-1] == "stop"
+    assert bench.height_mm == pytest.approx(1.95)
+    bench.force.shows_gwt = 3.0
+    assert engine.reading().force_n == pytest.approx(3.0 * GWT_N)
+    assert len(bench.of("trip")) == 1
+
+
+def test_who_looks_first_stops_the_stage() -> None:
+    bench = Told()
+    engine = bench.in_contact()
+    bench.clock.wait_s(3.5)
+    engine.heartbeat.look()
+    assert bench.stage.told[-1] == "stop"
+    with pytest.raises(TripError, match="heartbeat was lost"):
+        engine.go_to_height(1.94, 0.5)
+    assert bench.stage.told[-1] == "stop"

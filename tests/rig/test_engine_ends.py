@@ -1,0 +1,200 @@
+"""How an engine ends: trips, stops, failures elsewhere; over a stage and a sensor that do as they are told."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from rig.devices.force.base import ForceTimeout
+from rig.devices.stage.base import StageError
+from rig.engine import NotReadyError, PressId, RecordError, TripError, verbs
+from rig.engine.engine import State
+from rig.transport.base import TransportError
+from tests.told import Told, raising
+
+
+def _retract(engine: Any) -> None:
+    verbs.retract(engine)
+
+
+def _trip(engine: Any) -> None:
+    with pytest.raises(TripError):
+        engine.trip("for the test")
+
+
+def _trip_unlifted(engine: Any) -> None:
+    engine.bench.stage.at_look = raising(StageError("it does not move"))
+    _trip(engine)
+
+
+def _stop(engine: Any) -> None:
+    engine.stop()
+
+
+def _make_safe(engine: Any) -> None:
+    engine.make_safe()
+
+
+def _stop_read_make_safe(engine: Any) -> None:
+    engine.stop()
+    engine.reading()  # a finger that may be touched is watched again
+    engine.make_safe()
+
+
+@pytest.mark.parametrize(
+    "end", [_retract, _trip, _trip_unlifted, _stop, _make_safe, _stop_read_make_safe], ids=lambda f: f.__name__
+)
+def test_after_an_end_there_is_nothing_to_watch(end: Callable[[Any], None]) -> None:
+    engine = Told().in_contact()
+    end(engine)
+    engine.clock.wait_s(3600.0)
+    engine.heartbeat.look()
+    assert not engine.heartbeat.lost
+
+
+# --- trips ---
+
+
+@pytest.mark.parametrize(("on_trip", "height_mm"), [("retract", 2.0), ("park", 10.0), ("stop", 1.95)])
+def test_a_trip_does_what_is_configured_and_is_kept(on_trip: str, height_mm: float) -> None:
+    bench = Told({"limits": {"on_trip": on_trip}})
+    engine = bench.in_contact()
+    bench.force.shows_gwt = 1.0
+    engine.read_force_gwt(PressId(0), "press")
+    with pytest.raises(TripError, match=r"^for the test$") as tripped:
+        engine.trip("for the test", 7.0)
+    assert bench.height_mm == pytest.approx(height_mm)
+    assert (bench.stage.told[-1] == "stop", bench.stage.homed) == (on_trip == "stop", on_trip != "stop")
+    assert (engine.state, engine.problem) == (State.TRIPPED, tripped.value)
+    assert bench.events[-1] == (
+        "trip", {"reason": "for the test", "force_gwt": 7.0, "contact_s": engine.contact.rounded_s},
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("error", [StageError("it does not move"), TransportError("stage is closed")])
+def test_a_lift_that_fails_is_told_with_the_trip(error: Exception) -> None:
+    bench = Told()
+    engine = bench.in_contact()
+    bench.stage.at_look = raising(error)
+    with pytest.raises(TripError, match=f"^for the test; and the lift failed: {error}$"):
+        engine.trip("for the test")
+    assert engine.state is State.TRIPPED
+    assert str(engine.problem) == bench.of("trip")[0]["reason"] == f"for the test; and the lift failed: {error}"
+    assert bench.stage.told[-1] == "stop"
+
+
+def test_a_trip_that_cannot_be_written_is_a_trip() -> None:
+    bench = Told()
+    engine = bench.in_contact()
+    bench.at_event = raising(RecordError("the disk is full"))
+    with pytest.raises(TripError, match=r"^for the test$"):
+        engine.trip("for the test")
+    assert str(engine.problem) == "for the test"
+
+
+@pytest.mark.parametrize(("on_alarm", "trips"), [("warn", False), ("trip", True)])
+def test_an_alarm_is_journalled_and_trips_where_configured(on_alarm: str, trips: bool) -> None:
+    bench = Told({"limits": {"on_alarm": on_alarm}})
+    engine = bench.ready()
+    if trips:
+        with pytest.raises(TripError, match=r"^too warm$"):
+            engine.alarm("too warm")
+    else:
+        engine.alarm("too warm")
+    assert bench.of("alarm") == [{"reason": "too warm"}]
+    assert engine.state is (State.TRIPPED if trips else State.READY)
+
+
+def test_a_stop_unhomes_and_leaves_a_trip_latched() -> None:
+    bench = Told()
+    engine = bench.ready()
+    engine.stop()
+    assert (engine.state, bench.stage.told[-1]) == (State.UNHOMED, "stop")
+    with pytest.raises(NotReadyError, match=r"^zero: not allowed while unhomed$"):
+        verbs.zero(engine)
+    _trip(engine)
+    engine.stop()
+    assert engine.state is State.TRIPPED
+
+
+@pytest.mark.parametrize("error", [StageError("no answer"), TransportError("stage is closed")])
+def test_a_stop_that_fails_has_nothing_to_add(error: Exception) -> None:
+    bench = Told()
+    engine = bench.ready()
+    bench.stage.at_stop = raising(error)
+    engine.stop()
+    assert engine.state is State.UNHOMED
+
+
+# --- failures elsewhere ---
+
+
+@pytest.mark.parametrize("error", [StageError("no answer"), TransportError("stage is closed")])
+def test_a_stage_that_fails_is_stopped_and_the_first_failure_is_kept(error: Exception) -> None:
+    bench = Told()
+    engine = bench.in_contact()
+    with pytest.raises(type(error)) as failed:
+        engine.guarded(raising(error))
+    assert failed.value is error
+    assert (engine.state, engine.problem, bench.stage.told[-1]) == (State.UNHOMED, error, "stop")
+    with pytest.raises(StageError, match="again"):
+        engine.guarded(raising(StageError("again")))
+    assert engine.problem is error
+
+
+def test_what_the_stage_answers_is_handed_on() -> None:
+    engine = Told().engine
+    assert engine.guarded(lambda: "answer") == "answer"
+    assert engine.problem is None
+
+
+def test_after_a_failure_elsewhere_the_finger_is_left() -> None:
+    bench = Told()
+    engine = bench.in_contact()
+    engine.make_safe()
+    assert bench.height_mm == pytest.approx(2.0)
+    assert (engine.state, engine.may_touch) == (State.READY, False)
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda bench: setattr(bench.stage, "at_look", raising(StageError("it does not move"))),
+        lambda bench: setattr(bench.stage, "homed", False),
+        lambda bench: setattr(bench.force, "at_read", raising(ForceTimeout("no answer"))),
+    ],
+    ids=["failed", "untrusted", "unfelt"],
+)
+def test_where_the_finger_cannot_be_left_the_stage_is_stopped(spoil: Callable[[Told], None]) -> None:
+    bench = Told()
+    engine = bench.in_contact()
+    spoil(bench)
+    engine.make_safe()
+    assert bench.stage.told[-1] == "stop"
+    assert engine.state is not State.READY
+
+
+def test_at_clearance_there_is_nothing_to_make_safe() -> None:
+    bench = Told()
+    engine = bench.ready()
+    told = list(bench.stage.told)
+    engine.make_safe()
+    assert bench.stage.told == told
+    assert engine.state is State.READY
+
+
+def test_what_cannot_be_recorded_does_not_go_on() -> None:
+    bench = Told()
+    engine = bench.in_contact()
+    error = RecordError("the disk is full")
+    bench.at_event = raising(error)
+    with pytest.raises(RecordError) as failed:
+        verbs.note(engine, "a word")
+    assert failed.value is error
+    assert engine.problem is error
+    assert bench.height_mm == pytest.approx(2.0)
+    assert engine.state is State.READY
+    bench.at_event = raising(RecordError("still full"))
+    with pytest.raises(RecordError, match="still full"):
+        verbs.note(engine, "a word")
+    assert engine.problem is error

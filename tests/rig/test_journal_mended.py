@@ -1,0 +1,202 @@
+"""A journal that is torn, mended, or on a disk that is full; and which lines are documents."""
+
+import errno
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from rig.engine import RecordError
+from rig.engine.journal import Journal, JournalError, mend_journal, read_journal
+from sim.devices.clock import VirtualClock
+
+SOME = {"note": {"text": ""}}
+START = b'{"doc": "start", "t_s": 0.0}\n'
+NOTE = b'{"doc": "event", "t_s": 1.0, "stream": "note", "data": {"text": "a"}}\n'
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "events.jsonl"
+
+
+@pytest.fixture
+def synced(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Each flush to the disk; none is made."""
+    done: list[int] = []
+    monkeypatch.setattr("rig.engine.journal.os.fsync", done.append)
+    return done
+
+
+# --- mending ---
+
+
+@pytest.mark.parametrize(
+    ("found", "mended"),
+    [
+        (b"", b""),
+        (START, START),
+        (START + NOTE, START + NOTE),
+        (START + NOTE[:-1], START + NOTE),  # lacks its line end only
+        (START[:-1], START),
+        (START + NOTE[:-2], START),
+        (START + NOTE + b"{", START + NOTE),
+        (START + NOTE + b"\xff\xfe", START + NOTE),
+        (START + NOTE + b"7", START + NOTE),
+        (START[:-2], b""),
+        (b"{", b""),
+    ],
+)
+def test_a_journal_ends_on_a_whole_line_and_loses_no_other(
+    path: Path, synced: list[int], found: bytes, mended: bytes
+) -> None:
+    path.write_bytes(found)
+    assert mend_journal(path) == mended.count(b"\n")
+    assert path.read_bytes() == mended
+    assert len(synced) == 1  # what was mended is on the disk
+
+
+def test_what_is_not_there_is_left_so_and_holds_nothing(path: Path, synced: list[int]) -> None:
+    assert mend_journal(path) == 0
+    assert not path.exists()
+    assert not synced
+
+
+def test_numbers_go_on_where_they_were(path: Path, synced: list[int], clock: VirtualClock) -> None:
+    path.write_bytes(START + NOTE + b"{")
+    with Journal(path, clock, SOME) as journal:
+        journal.resume({"by": "hand"})
+        journal.event("note", {"text": "b"})
+    found = list(read_journal(path))
+    assert [(d["doc"], d.get("seq")) for d in found[2:]] == [("resume", 2), ("descriptor", 3), ("event", 4)]
+    assert found[2]["by"] == "hand"
+
+
+# --- what is a document ---
+
+
+@pytest.mark.parametrize(
+    "line",
+    [b"7", b"[]", b'"start"', b"null", b"{}", b'{"t_s": 0.0}', b'{"doc": "end", "t_s": 0.0}', b'{"doc": "start"}',
+     b'{"doc": "event", "t_s": 1.0, "stream": "note"}', b'{"doc": "descriptor", "t_s": 1.0, "stream": "note"}',
+     b'{"doc": "stop", "t_s": 1.0}', b'{"doc": "resume"}'],
+)  # fmt: skip
+def test_a_line_that_is_no_document_is_named(path: Path, line: bytes) -> None:
+    path.write_bytes(START + line + b"\n" + NOTE)
+    with pytest.raises(JournalError) as refused:
+        list(read_journal(path))
+    assert str(refused.value) == f"{path}, line 2: not a journal document"
+    path.write_bytes(START + line)  # the last one, torn
+    assert [d["doc"] for d in read_journal(path)] == ["start"]
+
+
+def test_a_line_that_ends_is_not_torn(path: Path) -> None:
+    path.write_bytes(START + b"{\n")
+    with pytest.raises(JournalError, match="line 2: not a journal document"):
+        list(read_journal(path))
+
+
+def test_an_empty_line_is_nothing(path: Path) -> None:
+    path.write_bytes(START + b"\n" + NOTE + b"\n")
+    assert [d["doc"] for d in read_journal(path)] == ["start", "event"]
+
+
+def test_documents_come_whole(path: Path) -> None:
+    path.write_bytes(START + NOTE)
+    assert list(read_journal(path)) == [json.loads(START), json.loads(NOTE)]
+
+
+# --- writing ---
+
+
+def test_times_are_kept_in_microseconds(path: Path, synced: list[int]) -> None:
+    with Journal(path, VirtualClock(1.7e9 + 0.123456789, 5.123456789), SOME) as journal:
+        journal.start({})
+    document = next(iter(read_journal(path)))
+    assert repr(document["t_s"]) == "5.123457"
+    assert repr(document["unix_s"]) == "1700000000.123457"
+
+
+def _full(after: int) -> Callable[[int], None]:
+    """A disk that is full at this flush and the next, and then has room again."""
+    left = [OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)) for _ in range(2)]
+    good = [None] * after
+
+    def fsync(fd: int) -> None:
+        if good:
+            good.pop()
+        elif left:
+            raise left.pop()
+
+    return fsync
+
+
+def test_a_full_disk_keeps_whole_lines_and_what_comes_after_it(
+    path: Path, clock: VirtualClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rig.engine.journal.os.fsync", _full(after=3))
+    with Journal(path, clock, SOME) as journal:
+        journal.start({})
+        journal.event("note", {"text": "a"})
+        before = path.read_bytes()
+        for _ in range(2):
+            with pytest.raises(RecordError) as refused:
+                journal.event("note", {"text": "x" * 100})
+            assert str(refused.value) == f"{path}: cannot be written: No space left on device"
+            assert path.read_bytes() == before
+        journal.event("note", {"text": "b"})
+        journal.stop("done")
+    assert path.read_bytes().startswith(before)
+    found = list(read_journal(path))
+    assert [d["seq"] for d in found] == [0, 1, 2, 3, 4]
+    assert [d["data"]["text"] for d in found if d["doc"] == "event"] == ["a", "b"]
+
+
+def test_an_error_without_words_from_the_system_is_told_in_its_own(
+    path: Path, clock: VirtualClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(fd: int) -> None:
+        raise OSError("the disk is gone")
+
+    with Journal(path, clock, SOME) as journal:
+        monkeypatch.setattr("rig.engine.journal.os.fsync", broken)
+        with pytest.raises(RecordError, match=r"events\.jsonl: cannot be written: the disk is gone$"):
+            journal.start({})
+    assert path.read_bytes() == b""
+
+
+def test_the_end_of_a_script_says_what_the_script_says_and_gives_the_file_back(
+    path: Path, synced: list[int], clock: VirtualClock
+) -> None:
+    with Journal(path, clock, SOME) as journal:
+        journal.start({})
+    assert [d["doc"] for d in read_journal(path)] == ["start"]  # nobody said stop, and nothing failed
+    with pytest.raises(ValueError, match="closed file"):
+        journal.start({})
+
+
+def test_each_stream_is_described_once_before_its_first_event(
+    path: Path, synced: list[int], clock: VirtualClock
+) -> None:
+    with Journal(path, clock, {"note": {"text": ""}, "rest": {"rest_s": "s"}}) as journal:
+        journal.event("note", {"text": "a"})
+        journal.event("rest", {"rest_s": 1.0})
+        journal.event("note", {"text": "b"})
+    found = list(read_journal(path))
+    assert [(d["doc"], d["stream"]) for d in found] == [
+        ("descriptor", "note"), ("event", "note"), ("descriptor", "rest"), ("event", "rest"), ("event", "note"),
+    ]  # fmt: skip
+    assert found[2]["units"] == {"rest_s": "s"}
+
+
+def test_what_a_stream_has_no_key_for_is_refused_and_named(
+    path: Path, synced: list[int], clock: VirtualClock
+) -> None:
+    with (
+        Journal(path, clock, SOME, witness=lambda stream, data: {"true_x_mm": 0.0}) as journal,
+        pytest.raises(KeyError, match=r"stream 'note' has no \['true_x_mm', 'word'\]"),
+    ):
+        journal.event("note", {"text": "a", "word": "b"})
+    assert path.read_bytes() == b""

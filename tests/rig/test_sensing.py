@@ -1,0 +1,192 @@
+"""What a sensor's readings are taken for: waits, zero, noise, and what is felt while something moves."""
+
+import math
+from typing import Any
+
+import pytest
+
+from rig.devices.force.base import ForceBroken, ForceBusy, ForceOverload, ForceReading, ForceTimeout, ForceUnderload
+from rig.devices.units import GWT_N
+from rig.engine.rig_settings import RigSettings
+from rig.engine.sensing import NoReadingError, Sensing, read
+from rig.transport.base import TransportError
+from sim.devices.clock import VirtualClock
+from tests.told import ToldSensor, raising
+
+COMPLIANCE = {"value": 0.02, "sd": 0.003, "date": "2026-01-01", "expires": "2027-01-01"}
+
+
+def _sensing(**tables: Any) -> tuple[ToldSensor, Sensing]:
+    clock = VirtualClock(1.7e9, 100.0)
+    sensor = ToldSensor(clock)
+    return sensor, Sensing(RigSettings.model_validate(tables), clock, sensor)
+
+
+# --- one reading ---
+
+
+def test_a_reading_is_made_after_the_wait_and_handed_on_as_it_is() -> None:
+    sensor, _ = _sensing()
+    sensor.shows_gwt, sensor.stable = 3.0, False
+    assert read(sensor, sensor.clock, 0.3) == ForceReading(pytest.approx(3.0 * GWT_N), False, 100.3)
+    assert sensor.read_s == [pytest.approx(100.3)]
+
+
+@pytest.mark.parametrize("error", [ForceTimeout("no answer to SI"), TransportError("force is closed")])
+def test_a_sensor_that_fails_gives_no_reading(error: Exception) -> None:
+    sensor, _ = _sensing()
+    sensor.at_read = raising(error)
+    with pytest.raises(NoReadingError, match=f"^no force reading: {error}$") as found:
+        read(sensor, sensor.clock, 0.0)
+    assert found.value.__cause__ is error
+
+
+@pytest.mark.parametrize("shown", [math.nan, math.inf, -math.inf])
+def test_what_is_not_a_number_is_no_reading(shown: float) -> None:
+    sensor, _ = _sensing()
+    sensor.shows_gwt = shown
+    with pytest.raises(NoReadingError, match=f"^the force reading is {shown}, not a number$"):
+        read(sensor, sensor.clock, 0.0)
+
+
+def test_what_is_older_than_the_question_is_no_reading() -> None:
+    """Waited for 0.2 s and then asked: a reading of 0.1 s ago is from before the question."""
+    sensor, _ = _sensing()
+    sensor.age_s = 0.1
+    with pytest.raises(NoReadingError, match=r"^the force reading is stale, 0\.100 s older than the question$"):
+        read(sensor, sensor.clock, 0.2)
+
+
+# --- how long is waited ---
+
+
+@pytest.mark.parametrize(
+    ("settle_readings", "latency_s", "settle_s"), [(1, 0.0, 0.05), (1, 0.08, 0.13), (3, 0.08, 0.23), (20, 0.0, 1.0)]
+)
+def test_after_a_move_a_reading_settles_and_the_next_one_is_a_new_sample(
+    settle_readings: int, latency_s: float, settle_s: float
+) -> None:
+    """Sample periods of 0.05 s, as many as are asked for, and what the sensor is late by."""
+    sensor, sensing = _sensing(habits={"settle_readings": settle_readings}, force={"latency_s": latency_s})
+    for _ in range(2):
+        begun_s = sensor.clock.monotonic_s()
+        sensor.read_s.clear()
+        assert (sensing.settle_s, sensing.wait_s) == pytest.approx((settle_s, settle_s))
+        sensing.settled()
+        assert sensing.wait_s == 0.05
+        sensing.raw()
+        assert sensor.read_s == pytest.approx([begun_s + settle_s, begun_s + settle_s + 0.05])
+        sensing.take_zero([0.0])
+        sensing.begin_motion(away=False)
+
+
+def test_a_sensor_says_who_it_is() -> None:
+    _, sensing = _sensing()
+    assert sensing.connect() == "told sensor"
+
+
+# --- zero and noise ---
+
+
+def test_forces_count_from_the_mean_of_the_readings_in_the_air() -> None:
+    sensor, sensing = _sensing()
+    sensor.shows_gwt = 7.0
+    assert not sensing.zeroed
+    assert sensing.settled().force_n == pytest.approx(7.0 * GWT_N)
+    zero = sensing.take_zero([1.9, 2.0, 2.1])
+    assert sensing.zeroed
+    assert (zero.offset_n, zero.noise_gwt) == pytest.approx((2.0 * GWT_N, math.sqrt(0.02 / 3)))
+    assert sensing.settled().force_n == pytest.approx(5.0 * GWT_N)
+    assert sensing.raw().force_n == pytest.approx(7.0 * GWT_N)
+    sensing.begin_motion(away=False)
+    assert sensing.glance_gwt() == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize(
+    ("noise_gwt", "least_gwt", "touch_gwt"),
+    [(None, 0.01, 0.05), (0.0, 0.01, 0.05), (0.001, 0.01, 0.05), (0.005, 0.03, 0.05), (0.02, 0.12, 0.12)],
+)
+def test_contact_is_six_standard_deviations_or_a_step_or_what_is_configured(
+    noise_gwt: float | None, least_gwt: float, touch_gwt: float
+) -> None:
+    """A step is 0.01 gwt, configured are 0.05."""
+    _, sensing = _sensing()
+    if noise_gwt is not None:
+        sensing.take_zero([1.0 - noise_gwt, 1.0 + noise_gwt])
+    assert sensing.noise_gwt == pytest.approx(noise_gwt or 0.0)
+    assert sensing.resolution_gwt == 0.01
+    assert (sensing.least_gwt, sensing.touch_gwt) == pytest.approx((least_gwt, touch_gwt))
+
+
+# --- while something moves ---
+
+
+def test_without_a_zero_a_force_counts_from_the_reading_before_the_motion() -> None:
+    sensor, sensing = _sensing()
+    sensor.shows_gwt = 80.0
+    assert sensing.glance_gwt() == pytest.approx(80.0)
+    sensing.begin_motion(away=False)
+    sensor.shows_gwt = 83.0
+    assert sensing.glance_gwt() == pytest.approx(3.0)
+    assert sensing.moved
+
+
+def test_with_a_zero_nothing_is_read_before_the_motion() -> None:
+    sensor, sensing = _sensing()
+    sensor.shows_gwt = 3.0
+    sensing.begin_motion(away=False)
+    sensing.take_zero([1.0])
+    sensor.read_s.clear()
+    sensing.begin_motion(away=False)
+    assert not sensor.read_s
+    assert sensing.glance_gwt() == pytest.approx(2.0)
+
+
+def test_nothing_is_waited_for_while_something_moves() -> None:
+    sensor, sensing = _sensing()
+    sensing.begin_motion(away=False)
+    sensing.glance_gwt()
+    assert sensor.read_s == [100.0, 100.0]
+
+
+BEYOND = [ForceOverload("overloaded"), ForceUnderload("underloaded"), ForceBusy("busy")]
+BROKEN = [ForceBroken("the cell is broken"), ForceTimeout("no answer"), TransportError("closed")]
+
+
+@pytest.mark.parametrize("error", BEYOND, ids=lambda e: type(e).__name__)
+def test_a_sensor_beyond_its_range_is_left_unfelt_and_by_a_lift_only(error: Exception) -> None:
+    sensor, sensing = _sensing()
+    sensor.at_read = raising(error)
+    with pytest.raises(NoReadingError, match=str(error)):
+        sensing.begin_motion(away=False)
+    sensing.begin_motion(away=True)
+    assert sensing.glance_gwt() is None
+
+
+@pytest.mark.parametrize("away", [False, True])
+@pytest.mark.parametrize("error", BROKEN, ids=lambda e: type(e).__name__)
+def test_from_a_broken_sensor_nothing_moves(error: Exception, away: bool) -> None:
+    sensor, sensing = _sensing()
+    sensor.at_read = raising(error)
+    with pytest.raises(NoReadingError, match=str(error)):
+        sensing.begin_motion(away=away)
+
+
+# --- depths ---
+
+
+@pytest.mark.parametrize(
+    ("calibration", "given_mm", "sd_mm"),
+    [
+        ({}, 0.0, 0.0025 / math.sqrt(12)),
+        ({"compliance_mm_per_n": COMPLIANCE}, 0.04, math.hypot(0.0025 / math.sqrt(12), 0.006)),
+        ({"compliance_mm_per_n": {**COMPLIANCE, "sd": 0.0}}, 0.04, 0.0025 / math.sqrt(12)),
+    ],
+)
+def test_what_the_rig_gives_and_how_well_a_depth_is_known(
+    calibration: dict[str, Any], given_mm: float, sd_mm: float
+) -> None:
+    """At 2 N: 0.02 mm/N give 0.04 mm, known to 0.006 mm; a step of the stage is 0.0025 mm."""
+    _, sensing = _sensing(calibration=calibration)
+    assert sensing.given_mm(2.0 / GWT_N) == pytest.approx(given_mm)
+    assert sensing.doi_sd_mm(2.0 / GWT_N) == pytest.approx(sd_mm)

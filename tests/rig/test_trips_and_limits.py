@@ -1,0 +1,182 @@
+"""Each layer of force, the time of contact, and which heights are refused: numbers by hand from the settings.
+
+1 gwt is 9.80665 mN: 2 N are 203.943 gwt, 5 N are 509.858 gwt. Clearance is 2 mm, an increment 0.05 mm, the apex 25 mm
+below the top of a travel of 40 mm.
+"""
+
+import math
+from typing import Any
+
+import pytest
+
+from rig.engine import LimitError
+from rig.engine.limits import ContactTime, Trips, refuse_height, trip_height_mm
+from rig.engine.rig_settings import LimitSettings, RigSettings
+from sim.devices.clock import VirtualClock
+
+SETTINGS = RigSettings()
+
+
+def _settings(**tables: Any) -> RigSettings:
+    return RigSettings.model_validate(tables)
+
+
+# --- forces ---
+
+
+@pytest.mark.parametrize(
+    ("plan_n", "soft_gwt"), [(None, 203.943), (0.5, 50.986), (2.5, 203.943)], ids=["no plan", "lower", "higher"]
+)
+def test_a_plan_only_lowers_the_soft_trip_and_leaves_the_hard_one(plan_n: float | None, soft_gwt: float) -> None:
+    trips = Trips(LimitSettings(), plan_n)
+    assert (trips.soft_gwt, trips.hard_gwt) == pytest.approx((soft_gwt, 509.858), abs=1e-3)
+    assert (trips.lowest_gwt, trips.lowest) == (trips.soft_gwt, "soft trip")  # nothing is pressed on yet
+
+
+@pytest.mark.parametrize(
+    ("area_mm2", "lowest_gwt", "name"),
+    [(10.0, 203.943, "soft trip"), (5.0, 152.957, "pressure limit"), (0.1, 3.05915, "pressure limit")],
+)
+def test_what_a_press_must_stay_below(area_mm2: float, lowest_gwt: float, name: str) -> None:
+    """30 N/cm² over 10 mm² are 3 N, more than the soft trip; over 5 mm² 1.5 N, less."""
+    trips = Trips(LimitSettings(), None)
+    trips.press_on(area_mm2)
+    assert trips.lowest_gwt == pytest.approx(lowest_gwt, rel=1e-5)
+    assert trips.lowest == name
+    trips.press_on(math.inf)
+    assert trips.lowest_gwt == pytest.approx(203.943, rel=1e-5)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_reading_passes_each_layer_whichever_way_it_points(sign: int) -> None:
+    trips = Trips(LimitSettings(), None)
+    for force_gwt in (0.0, 203.9):
+        assert trips.passed(sign * force_gwt) is None
+    said = "204.00" if sign > 0 else "-204.00"
+    assert trips.passed(sign * 204.0) == f"force {said} gwt above the soft trip 203.94 gwt"
+    trips.press_on(5.0)
+    assert trips.passed(sign * 152.9) is None
+    said = "153.00" if sign > 0 else "-153.00"
+    assert trips.passed(sign * 153.0) == f"force {said} gwt above the pressure limit 152.96 gwt"
+    for force_gwt in (0.0, 153.0, 204.0, 509.8):
+        assert trips.passed_hard(sign * force_gwt) is None
+    said = "510.00" if sign > 0 else "-510.00"
+    assert trips.passed_hard(sign * 510.0) == f"force {said} gwt above the hard trip 509.86 gwt"
+
+
+# --- the time of contact ---
+
+
+def _contact(before_s: float | None = None, longest_s: float = 3600.0) -> tuple[VirtualClock, ContactTime]:
+    clock = VirtualClock(1.7e9, 100.0)
+    limits = LimitSettings(max_contact_s=longest_s)
+    return clock, ContactTime(clock, limits) if before_s is None else ContactTime(clock, limits, before_s)
+
+
+@pytest.mark.parametrize("before_s", [None, 12.5])
+def test_contact_is_added_up_over_touches_and_over_the_parts_of_a_run(before_s: float | None) -> None:
+    clock, contact = _contact(before_s)
+    start_s = before_s or 0.0
+    clock.wait_s(7.0)  # in the air
+    assert contact.total_s == start_s
+    contact.begin()
+    clock.wait_s(2.0)
+    contact.begin()  # the next reading of the same touch
+    clock.wait_s(1.0)
+    assert contact.total_s == start_s + 3.0
+    contact.end()
+    clock.wait_s(7.0)
+    assert contact.total_s == start_s + 3.0
+    contact.begin()
+    clock.wait_s(0.25)
+    assert contact.total_s == start_s + 3.25
+
+
+def test_contact_is_journalled_in_microseconds() -> None:
+    clock, contact = _contact()
+    contact.begin()
+    clock.wait_s(1.23456789)
+    assert contact.rounded_s == 1.234568
+
+
+def test_contact_for_too_long_is_refused() -> None:
+    clock, contact = _contact(longest_s=10.0)
+    contact.begin()
+    clock.wait_s(9.9)
+    contact.refuse_more()
+    clock.wait_s(0.2)
+    with pytest.raises(
+        LimitError, match=r"^the finger has been touched for 10\.1 s in this run, limits\.max_contact_s = 10$"
+    ):
+        contact.refuse_more()
+
+
+# --- where a trip lifts to ---
+
+
+@pytest.mark.parametrize(
+    ("on_trip", "from_mm", "to_mm"),
+    [
+        ("retract", -1.0, 2.0),
+        ("retract", 1.97, 2.0),
+        ("retract", 1.985, 10.0),  # at clearance, and clearance is not clear
+        ("retract", 2.01, 10.0),
+        ("retract", 3.0, 10.0),
+        ("retract", 9.0, 11.0),  # a clearance farther
+        ("retract", 15.0, 17.0),
+        ("retract", 24.0, 25.0),  # the top of the travel
+        ("park", -1.0, 10.0),
+        ("park", 1.97, 10.0),
+        ("park", 9.0, 11.0),
+    ],
+)
+def test_where_a_trip_lifts_to(on_trip: str, from_mm: float, to_mm: float) -> None:
+    assert trip_height_mm(_settings(limits={"on_trip": on_trip}), from_mm) == pytest.approx(to_mm)
+
+
+# --- heights ---
+
+
+@pytest.mark.parametrize(
+    ("from_mm", "to_mm", "speed_mm_s"),
+    [
+        (10.0, 2.0, 10.0),  # to clearance, as fast as it travels
+        (10.0, 3.0, 10.0),
+        (10.0, 1.95, 5.0),  # past clearance by an increment
+        (2.0, 2.0 - 0.05, 5.0),
+        (1.0, 1.0 - 0.05, 0.5),
+        (-1.0, -1.0 - 0.05, 0.5),
+        (1.0, 1.5, 10.0),  # up it may as fast as it travels
+        (-1.0, 25.0, 10.0),  # to the top of the travel
+        (-14.95, -15.0, 0.5),  # to its bottom
+    ],
+)
+def test_moves_that_are_allowed(from_mm: float, to_mm: float, speed_mm_s: float) -> None:
+    refuse_height(SETTINGS, from_mm, to_mm, speed_mm_s)
+
+
+@pytest.mark.parametrize(
+    ("from_mm", "to_mm", "speed_mm_s", "said"),
+    [
+        (10.0, 1.949, 0.5, "a move down to 1.949 mm is longer than one increment below clearance"),
+        (2.0, 1.949, 0.5, "a move down to 1.949 mm is longer than one increment below clearance"),
+        (1.0, 0.949, 0.5, "a move down to 0.949 mm is longer than one increment below clearance"),
+        (10.0, 1.96, 5.1, "a move down below clearance at 5.1 mm/s is faster than 5"),
+        (1.0, 0.96, 5.1, "a move down below clearance at 5.1 mm/s is faster than 5"),
+        (2.0, 25.001, 0.5, "machine z = 0.001 mm is outside the stage's travel, -40 … 0 mm"),
+        (-15.0, -15.001, 0.5, "machine z = -40.001 mm is outside the stage's travel, -40 … 0 mm"),
+    ],
+)
+def test_moves_that_are_refused(from_mm: float, to_mm: float, speed_mm_s: float, said: str) -> None:
+    with pytest.raises(LimitError) as refused:
+        refuse_height(SETTINGS, from_mm, to_mm, speed_mm_s)
+    assert str(refused.value) == said
+
+
+def test_the_travel_is_that_of_the_vertical_axis_in_the_frame() -> None:
+    settings = _settings(stage={"travel_mm": (1.0, 2.0, 30.0)}, frame={"apex_z_mm": -15.0})
+    refuse_height(settings, 2.0, 15.0, 0.5)
+    refuse_height(settings, -14.95, -15.0, 0.5)
+    for from_mm, to_mm in ((2.0, 15.01), (-15.0, -15.01)):
+        with pytest.raises(LimitError, match="-30 … 0 mm"):
+            refuse_height(settings, from_mm, to_mm, 0.5)
