@@ -1,19 +1,28 @@
 """The bench-side verbs: `rig home`, `zero`, `status` and `stop`, each for whoever stands beside the rig."""
 
+import io
 import os
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from typing import Any
+from datetime import datetime
+from typing import Annotated, Any
 
 import typer
 
 from rig.cli.interrupts import STOP_SIGNAL, at_once
 from rig.cli.looking import look, position
-from rig.cli.options import ConfigOption, JsonOption
-from rig.cli.output import ExitCode, complain, out, print_json, told_in_one_line
+from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
+from rig.cli.output import ExitCode, complain, out, print_json, told_in_one_line, unfelt
 from rig.devices.catalogue import open_force, open_stage
-from rig.devices.stage.base import Stage
+from rig.devices.force.base import ForceError
+from rig.devices.stage.base import Stage, StageStatus
+from rig.devices.units import GWT_N
+from rig.engine import Engine, LimitError, verbs
+from rig.engine.journal import NoJournal
+from rig.engine.sensing import READINGS_AT_ZERO, Sensing
 from rig.plan.config import Config, load_config
+from rig.session.bench_memory import BenchMemory, LastKnown
+from rig.session.real_bench import RealBench, open_bench
 from rig.transport import TransportError, first_owner
 from rig.transport.clock import WallClock
 
@@ -41,22 +50,73 @@ def stage_at_hand(settings: Config) -> Iterator[tuple[Stage, WallClock]]:
             raise
 
 
-def home(config: ConfigOption, as_json: JsonOption = False) -> None:
-    """Home all axes and say where they then are."""
-    with told_in_one_line(as_json=as_json), stage_at_hand(load_config(config)) as (stage, _):
+def home(config: ConfigOption, without_force: WithoutForceOption = False, as_json: JsonOption = False) -> None:
+    """Home all axes and say where they then are; the force is read all the way."""
+    with told_in_one_line(as_json=as_json):
+        settings = load_config(config)
+        at = _home_unfelt(settings) if without_force else _home(settings)
+        tell(position(at), as_json=as_json)
+
+
+def _home(settings: Config) -> StageStatus:
+    with at_once(), closing(_bench_at_hand(settings)) as bench:
+        engine = Engine(settings, bench, NoJournal())
+        engine.sensing.zero = bench.memory.read().zero
+        try:
+            verbs.home(engine)
+        except ForceError as error:
+            raise unfelt(error) from None
+        except KeyboardInterrupt:
+            engine.stop()
+            raise
+        return bench.stage.status()
+
+
+def _bench_at_hand(settings: Config) -> RealBench:
+    """Both ports; a sensor that is not there is told from a stage that is not."""
+    try:
+        return open_bench(settings, WallClock(), io.StringIO(), ask=lambda request: "")
+    except TransportError as error:
+        raise unfelt(error) if settings.force.port in str(error) else error from None
+
+
+def _home_unfelt(settings: Config) -> StageStatus:
+    memory = BenchMemory(settings)
+    with stage_at_hand(settings) as (stage, _):
+        memory.moves()
         stage.home()
-        tell(position(stage.status()), as_json=as_json)
+        at = stage.status()
+        memory.left(at)
+        return at
 
 
-def zero(config: ConfigOption, as_json: JsonOption = False) -> None:
-    """Take the present load for zero."""
+def zero(
+    config: ConfigOption,
+    anyway: Annotated[bool, typer.Option("--anyway", help="Although something seems to be touched.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Take the present load for zero; refused where the last zero on record says that something is touched."""
     with told_in_one_line(as_json=as_json), at_once():
-        clock = WallClock()
-        with closing(open_force(load_config(config), clock)) as force:
-            name = force.connect()
+        settings, clock = load_config(config), WallClock()
+        with closing(open_force(settings, clock)) as force:
+            sensing, memory = Sensing(settings, clock, force), BenchMemory(settings)
+            name, last = sensing.connect(), memory.read()
+            sensing.zero = last.zero
+            if not anyway:
+                _refuse_touched(sensing, last)
             force.zero()
-            clock.wait_s(2 * force.sample_period_s)
-            tell({"identity": name, "force_n": force.read().force_n}, as_json=as_json)
+            memory.zeroed(sensing.take_zero([sensing.raw().force_n / GWT_N for _ in range(READINGS_AT_ZERO)]))
+            tell({"identity": name, "force_n": sensing.raw().force_n}, as_json=as_json)
+
+
+def _refuse_touched(sensing: Sensing, last: LastKnown) -> None:
+    """Raises LimitError for a load that is no drift of the zero on record."""
+    if sensing.zeroed and abs(force_gwt := sensing.settled().force_n / GWT_N) > sensing.touch_gwt:
+        taken = datetime.fromtimestamp(last.zero_unix_s).isoformat(" ", "minutes")
+        raise LimitError(
+            f"{force_gwt:.2f} gwt against the last zero on record, of {taken}, more than {sensing.touch_gwt:.2f}: "
+            "is something touched? Nothing was zeroed; --anyway zeroes all the same"
+        )
 
 
 def status(config: ConfigOption, as_json: JsonOption = False) -> None:

@@ -8,17 +8,16 @@ from typing import Annotated
 
 import typer
 
-from rig.cli.at_the_bench import stage_at_hand
+from rig.cli.by_hand import by_hand, live_line
 from rig.cli.interrupts import at_once
 from rig.cli.jog import way
-from rig.cli.options import ConfigOption, JsonOption
+from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import err, out, print_json, told_in_one_line
 from rig.cli.run import ask_at_the_bench
 from rig.devices.catalogue import open_force
 from rig.devices.force.base import ForceSensor
 from rig.devices.units import GWT_N
 from rig.engine import Engine, verbs
-from rig.engine.jog import dead_man_jog
 from rig.engine.journal import NoJournal
 from rig.engine.pressing.compliance import Compliance, measure_compliance
 from rig.plan.config import Config, load_config
@@ -50,16 +49,19 @@ def steps(
     by_mm: Annotated[float, typer.Option(metavar="D", help="How far to move, + or −.")] = -20.0,
     speed_mm_s: Annotated[float, typer.Option(metavar="V", min=0.1, max=10, help="How fast.")] = 2.0,
     valid_days: ValidDays = 365,
+    without_force: WithoutForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Home first, clear the way, and have a caliper or a dial gauge on the carriage."""
     with told_in_one_line(as_json=as_json):
         settings = load_config(config)
         direction, far_mm = way(axis, by_mm)
-        with stage_at_hand(settings) as (stage, clock):
-            now_per_mm, start = stage.steps_per_mm(direction.axis), stage.status()
-            end = dead_man_jog(stage, clock, lambda: direction, speed_mm_s, far_mm)
-        moved_mm = abs(getattr(end, f"{axis}_mm") - getattr(start, f"{axis}_mm"))
+        with live_line(settings) as show, by_hand(settings, show, without_force=without_force) as (hand, _):
+            now_per_mm, start = hand.steps_per_mm(direction.axis), hand.look()
+            end = hand.go(lambda: direction, speed_mm_s, far_mm)
+        if end.ended_by is not None:
+            raise BadInputError(f"{end.ended_by}; nothing was measured")
+        moved_mm = abs(getattr(end.at, f"{axis}_mm") - getattr(start.at, f"{axis}_mm"))
         measured_mm = _asked(f"the board says {moved_mm:.3f} mm; how many did you measure, in mm?")
         value = now_per_mm * _ratio(moved_mm, measured_mm)
         _tell(f"{axis}_steps_per_mm", value, valid_days, as_json=as_json)

@@ -9,13 +9,15 @@ from typing import Annotated, get_args
 
 import typer
 
-from rig.cli.at_the_bench import stage_at_hand, tell
+from rig.cli.at_the_bench import tell
+from rig.cli.by_hand import by_hand, live_line
 from rig.cli.looking import position
-from rig.cli.options import ConfigOption, JsonOption
-from rig.cli.output import err, told_in_one_line
+from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
+from rig.cli.output import ExitCode, complain, err, told_in_one_line
 from rig.devices.bench_settings import SLOWEST_MM_S
-from rig.devices.stage.base import Axis, Stage, StageStatus
-from rig.engine.jog import Direction, dead_man_jog
+from rig.devices.stage.base import Axis
+from rig.engine.by_hand import ByHand, Direction, Moved
+from rig.engine.errors import LimitError
 from rig.plan.config import load_config
 from rig.protocol.errors import BadInputError
 from rig.transport.clock import Clock
@@ -43,6 +45,7 @@ def command(
     axis: Annotated[str | None, typer.Option(metavar="x|y|z", help="With --by-mm: the axis.")] = None,
     by_mm: Annotated[float | None, typer.Option(metavar="D", help="With --axis: how far, + or −.")] = None,
     speed_mm_s: Annotated[float, typer.Option(metavar="V", help="How fast.")] = 1.0,
+    without_force: WithoutForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """The stage stops within a fifth of a second's way when the key, this process or the wire goes."""
@@ -51,13 +54,16 @@ def command(
         if not SLOWEST_MM_S <= speed_mm_s <= FASTEST_MM_S:
             raise BadInputError(f"--speed-mm-s {speed_mm_s:g}: expected {SLOWEST_MM_S:.2g} … {FASTEST_MM_S:g}")
         target = _target(axis, by_mm)
-        with stage_at_hand(settings) as (stage, clock):
+        with live_line(settings) as show, by_hand(settings, show, without_force=without_force) as (hand, clock):
             if target is None:
-                at = _jog_by_keys(stage, clock, speed_mm_s)
+                moved = _jog_by_keys(hand, clock, speed_mm_s)
             else:
                 direction, far_mm = target
-                at = dead_man_jog(stage, clock, lambda: direction, speed_mm_s, far_mm)
-            tell(position(at), as_json=as_json)
+                moved = hand.go(lambda: direction, speed_mm_s, far_mm)
+        tell({**position(moved.at), "force_gwt": moved.force_gwt, "ended_by": moved.ended_by}, as_json=as_json)
+    if moved.ended_by is not None:
+        complain(f"stopped: {moved.ended_by}")
+        raise typer.Exit(ExitCode.STOPPED)
 
 
 def _target(axis: str | None, by_mm: float | None) -> tuple[Direction, float] | None:
@@ -79,16 +85,25 @@ def way(axis: str, by_mm: float) -> tuple[Direction, float]:
     return Direction(found, 1 if by_mm > 0 else -1), abs(by_mm)
 
 
-def _jog_by_keys(stage: Stage, clock: Clock, speed_mm_s: float) -> StageStatus:
+def _jog_by_keys(hand: ByHand, clock: Clock, speed_mm_s: float) -> Moved:
+    """Until q; what ended a motion before its key was released is told, and the key must be pressed anew."""
     err.print("hold d a (x + −), e c (y + −), w s (z + −); q ends")
     with _single_keys() as read_keys:
         held = HeldKey(clock, read_keys)
         while not held.finished:
             if held() is None:
+                hand.look()
                 clock.wait_s(_IDLE_LOOK_S)
-            else:
-                dead_man_jog(stage, clock, held, speed_mm_s)
-    return stage.status()
+                continue
+            try:
+                ended_by = hand.go(held, speed_mm_s).ended_by
+            except LimitError as error:
+                ended_by = str(error)
+            if ended_by is not None:
+                complain(f"stopped: {ended_by}")
+                while held() is not None:
+                    clock.wait_s(_IDLE_LOOK_S)
+    return hand.look()
 
 
 class HeldKey:

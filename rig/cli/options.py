@@ -26,3 +26,8 @@ def checked_file(option: str, path: Path) -> Path:
     if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
         raise BadInputError(f"{option} {path}: expected a file in a folder that exists and may be written to")
     return path
+
+
+WithoutForceOption = Annotated[
+    bool, typer.Option("--without-force", help="Move although no force sensor answers. Nothing stops it at a finger.")
+]

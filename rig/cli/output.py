@@ -89,6 +89,11 @@ def fail(message: str, code: ExitCode, *, as_json: bool) -> NoReturn:
     sys.exit(code)
 
 
+def unfelt(error: Exception) -> BadInputError:
+    """A sensor that does not answer, where something should be moved."""
+    return BadInputError(f"{error}; nothing was moved: without a force sensor only --without-force moves")
+
+
 @contextmanager
 def told_in_one_line(*, as_json: bool) -> Iterator[None]:
     """Turn what can go wrong into one line and the right exit code."""

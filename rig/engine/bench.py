@@ -8,6 +8,7 @@ from typing import Any, Protocol
 from rig.devices.force.base import ForceSensor
 from rig.devices.stage.base import Stage
 from rig.engine.heartbeat import Heartbeat
+from rig.engine.sensing import Zero
 from rig.transport.clock import Clock
 
 
@@ -63,6 +64,10 @@ class WatchedBench(Bench, Protocol):
 
     def look_after(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
         """Have the heartbeat looked at, whatever the engine waits for."""
+        ...
+
+    def left_with(self, zero: Zero | None) -> None:
+        """What forces were counted from, for whoever uses the bench next."""
         ...
 
     def close(self) -> None:

@@ -12,11 +12,20 @@ from rig.transport.base import TransportError
 from rig.transport.clock import Clock
 
 _OUT_OF_RANGE = (ForceOverload, ForceUnderload, ForceBusy)
+READINGS_AT_ZERO = 12
+BUSY_S = 1.0
+"""At rest an instrument that has no answer just now is waited for so long; in motion it is no reading."""
+
 _NOISE_WIDTH = 6.0  # standard deviations that a whole step is taken for
 
 
 class NoReadingError(Exception):
     """There is no reading, or none to rely on; the message says why."""
+
+    @property
+    def out_of_range(self) -> bool:
+        """Whether the sensor works, and feels more or less than it can measure."""
+        return isinstance(self.__cause__, _OUT_OF_RANGE)
 
 
 def read(sensor: ForceSensor, clock: Clock, wait_s: float) -> ForceReading:
@@ -56,8 +65,8 @@ class Sensing:
 
     def __init__(self, settings: RigSettings, clock: Clock, sensor: ForceSensor) -> None:
         self.sensor, self.moved = sensor, True  # moved: since the last settled reading
+        self.zero: Zero | None = None  # what forces are counted from
         self._settings, self._clock = settings, clock
-        self._zero: Zero | None = None
         self._felt_from_n: float | None = 0.0  # in the motion that is under way
 
     def connect(self) -> str:
@@ -67,7 +76,7 @@ class Sensing:
     @property
     def zeroed(self) -> bool:
         """Whether forces are counted from a zero."""
-        return self._zero is not None
+        return self.zero is not None
 
     @property
     def resolution_gwt(self) -> float:
@@ -82,7 +91,7 @@ class Sensing:
     @property
     def noise_gwt(self) -> float:
         """Standard deviation of single readings, measured at each zero."""
-        return 0.0 if self._zero is None else self._zero.noise_gwt
+        return 0.0 if self.zero is None else self.zero.noise_gwt
 
     @property
     def touch_gwt(self) -> float:
@@ -104,10 +113,17 @@ class Sensing:
         return self._from_zero(self.raw())
 
     def raw(self) -> ForceReading:
-        """The same as the sensor has it. Raises NoReadingError."""
-        reading = read(self.sensor, self._clock, self.wait_s)
-        self.moved = False
-        return reading
+        """The same as the sensor has it; one that is busy is asked again, for BUSY_S. Raises NoReadingError."""
+        until_s = self._clock.monotonic_s() + self.wait_s + BUSY_S
+        while True:
+            try:
+                reading = read(self.sensor, self._clock, self.wait_s)
+            except NoReadingError as error:
+                if not isinstance(error.__cause__, ForceBusy) or self._clock.monotonic_s() >= until_s:
+                    raise
+            else:
+                self.moved = False
+                return reading
 
     def begin_motion(self, *, away: bool) -> None:
         """Something will move; without a zero its forces count from the reading before it. Raises NoReadingError.
@@ -120,7 +136,7 @@ class Sensing:
         try:
             self._felt_from_n = read(self.sensor, self._clock, 0.0).force_n
         except NoReadingError as error:
-            if not (away and isinstance(error.__cause__, _OUT_OF_RANGE)):
+            if not (away and error.out_of_range):
                 raise
             self._felt_from_n = None
 
@@ -136,11 +152,11 @@ class Sensing:
 
     def take_zero(self, readings_gwt: Sequence[float]) -> Zero:
         """From here on forces are counted from the mean of these readings in the air."""
-        self._zero = Zero.of(readings_gwt)
-        return self._zero
+        self.zero = Zero.of(readings_gwt)
+        return self.zero
 
     def _from_zero(self, reading: ForceReading) -> ForceReading:
-        return reading if self._zero is None else self._zero.taken_off(reading)
+        return reading if self.zero is None else self.zero.taken_off(reading)
 
     def given_mm(self, force_gwt: float) -> float:
         """How far the rig itself gives under a force."""

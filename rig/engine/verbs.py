@@ -8,8 +8,7 @@ from rig.devices.units import GWT_N
 from rig.engine.engine import Engine, State
 from rig.engine.errors import LimitError, NotReadyError, PressPaused, RunAborted
 from rig.engine.records import NO_PRESS
-
-_READINGS_AT_ZERO = 12
+from rig.engine.sensing import READINGS_AT_ZERO
 
 
 def mount(engine: Engine, indentor: str) -> None:
@@ -55,7 +54,7 @@ def zero(engine: Engine) -> None:
 
 
 def _several(reading: Callable[[], ForceReading]) -> list[float]:
-    return [reading().force_n / GWT_N for _ in range(_READINGS_AT_ZERO)]
+    return [reading().force_n / GWT_N for _ in range(READINGS_AT_ZERO)]
 
 
 def move_to(engine: Engine, x_mm: float, along_mm: float = 0.0) -> None:

@@ -1,16 +1,19 @@
 """The bench of a real run: devices on the ports of the configuration, and the person beside them."""
 
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from typing import Any, Literal, Self
 
 from rig.devices.bench_settings import BenchSettings
 from rig.devices.catalogue import open_force, open_stage
 from rig.devices.force.base import ForceSensor
-from rig.devices.stage.base import Stage
+from rig.devices.stage.base import Stage, StageError
 from rig.engine.bench import NO_PAUSE, Pause
 from rig.engine.heartbeat import Heartbeat, looked_after
+from rig.engine.sensing import Zero
+from rig.session.bench_memory import BenchMemory
+from rig.transport import TransportError
 from rig.transport.byte_log import Sink
 from rig.transport.clock import WallClock
 
@@ -24,6 +27,7 @@ class RealBench:
     force: ForceSensor
     ask: Callable[[str], str]
     pause: Pause
+    memory: BenchMemory
     virtual: Literal[False] = False
 
     @property
@@ -47,8 +51,16 @@ class RealBench:
         """A thread looks at it."""
         return looked_after(heartbeat)
 
+    def left_with(self, zero: Zero | None) -> None:
+        """Remember for the next command what forces were counted from."""
+        if zero is not None:
+            self.memory.zeroed(zero)
+
     def close(self) -> None:
-        """Give the ports back."""
+        """Give the ports back; where a homed stage stands is remembered."""
+        if self.stage.homed:
+            with suppress(StageError, TransportError):
+                self.memory.left(self.stage.status())
         self.stage.close()
         self.force.close()
 
@@ -60,9 +72,12 @@ def open_bench(
 
     Raises TransportError.
     """
+    memory = BenchMemory(settings)
     stage = open_stage(settings, clock, byte_log)
     try:
-        return RealBench(clock, stage, open_force(settings, clock, byte_log), ask, pause)
+        force = open_force(settings, clock, byte_log)
+        memory.moves()
+        return RealBench(clock, stage, force, ask, pause, memory)
     except BaseException:
         stage.close()
         raise

@@ -195,6 +195,8 @@ def _carry_out(session: Session, journal: Journal, engine: Engine, rig: Rig, ben
         return error
     except KeyboardInterrupt:  # the stage has been stopped; what is on disk is still worth a report
         return RunAborted("at once, by the operator")
+    finally:
+        bench.left_with(engine.sensing.zero)
     return None
 
 

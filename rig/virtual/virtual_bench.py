@@ -11,6 +11,7 @@ from rig.devices.force.base import ForceSensor
 from rig.devices.stage.base import Stage
 from rig.engine.bench import NO_PAUSE, Pause
 from rig.engine.heartbeat import LOOK_S, Heartbeat
+from rig.engine.sensing import Zero
 from rig.plan.config import Config
 from rig.plan.shape_files import kept_in
 from rig.transport.byte_log import LoggedTransport, Sink
@@ -80,6 +81,9 @@ class VirtualBench:
             yield
         finally:
             looking = False
+
+    def left_with(self, zero: Zero | None) -> None:
+        """The next virtual bench is a new one."""
 
     def close(self) -> None:
         """There is nothing to give back."""

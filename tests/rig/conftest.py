@@ -74,6 +74,12 @@ class ScriptedTransport:
         self.chunks.extend([reply] if isinstance(reply, bytes) else reply)
 
 
+@pytest.fixture(autouse=True)
+def _own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What benches are remembered by is each test's own: ports of the same name come again."""
+    monkeypatch.setenv("RIG_STATE_DIR", str(tmp_path / "state"))
+
+
 @pytest.fixture
 def clock() -> VirtualClock:
     return VirtualClock()

@@ -7,7 +7,7 @@ import pytest
 
 from rig.cli.jog import RELEASED_S, HeldKey
 from rig.devices.stage import GrblStage, StageRejected, StageStatus
-from rig.engine.jog import SLICE_S, Direction, dead_man_jog
+from rig.engine.by_hand.dead_man import SLICE_S, Direction, dead_man_jog
 from rig.transport import LoopbackTransport, TransportError
 from sim.devices import SerialLine, VirtualGrbl
 from sim.devices.clock import VirtualClock

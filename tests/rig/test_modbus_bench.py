@@ -15,8 +15,8 @@ from rig.devices.stage import LeadshineStage, StageAlarm, StageError, StageTimeo
 from rig.devices.units import GWT_N
 from rig.engine import Engine, Journal, Target, TripError, indent, verbs
 from rig.engine.bench import NO_PAUSE
+from rig.engine.by_hand.dead_man import Direction, dead_man_jog
 from rig.engine.engine import State
-from rig.engine.jog import Direction, dead_man_jog
 from rig.engine.streams import STREAMS
 from rig.plan.config import Config
 from rig.transport import LoggedTransport, LoopbackTransport, TransportError

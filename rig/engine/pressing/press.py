@@ -7,6 +7,7 @@ from itertools import pairwise
 
 from rig.engine.engine import Engine
 from rig.engine.errors import LimitError
+from rig.engine.pressing.frozen import Unanswered
 from rig.engine.pressing.pulse import pulse
 from rig.engine.pressing.touch_fit import CONTACT_EXPONENT
 from rig.engine.records import Hold, Phase, PressId, Target, Touch
@@ -15,7 +16,6 @@ from rig.engine.verbs import safe_point
 _MAX_SEEK_MOVES = 400
 _FORCE_TOLERANCE_GWT, _FORCE_TOLERANCE = 0.05, 0.01
 _TRIP_MARGIN = 0.9
-_FROZEN_MOVES, _FROZEN_STEPS, _FROZEN_SHARE = 3, 5, 0.1
 # Of a gap in force wider than this share of the target, a step closes only so much: no step lands beyond it.
 _WIDE_GAP, _CLOSED_AT_ONCE = 0.05, 0.75
 _MOST_AVERAGED = 25
@@ -35,8 +35,7 @@ class Press:
         self._ramp_from = (touch.force_gwt, engine.clock.monotonic_s())  # at contact, or at the end of the last hold
         self._stiffness_gwt_mm = 0.0  # as the last move was answered
         self._peak_gwt = 0.0  # highest reading since then
-        self._unanswered = 0  # moves since the reading last changed
-        self._unanswered_gwt = 0.0  # change of force that was expected since the reading last changed
+        self._unanswered = Unanswered(engine.sensing.resolution_gwt)
 
     @property
     def _doi_mm(self) -> float:
@@ -143,29 +142,17 @@ class Press:
         self._force_gwt = self._read(phase)
         if abs(step) >= self._smallest_mm:
             self._stiffness_gwt_mm = (self._force_gwt - before) / step
-        self._notice_a_frozen_reading(before, expected)
+        if self._unanswered.too_long(before, self._force_gwt, expected):
+            engine.trip(
+                f"the force stays at {self._force_gwt:.2f} gwt while the stage moves: "
+                "a frozen reading, or a motor that does not turn",
+                self._force_gwt,
+            )
 
     def _force_after(self, step_mm: float) -> float:
         """The force that F ∝ d^1.5 through the present reading expects after a step."""
         doi = max(self._doi_mm, self._smallest_mm)
         return self._force_gwt * (max(doi + step_mm, 0.0) / doi) ** CONTACT_EXPONENT
-
-    def _notice_a_frozen_reading(self, before_gwt: float, expected_gwt: float) -> None:
-        """Trip where the force has not answered the stage by any step of the sensor for far too long."""
-        resolution = self._engine.sensing.resolution_gwt
-        if abs(self._force_gwt - before_gwt) > 0.5 * resolution:
-            self._unanswered_gwt, self._unanswered = 0.0, 0
-            return
-        self._unanswered_gwt += expected_gwt
-        self._unanswered += 1
-        if self._unanswered >= _FROZEN_MOVES and self._unanswered_gwt > max(
-            _FROZEN_STEPS * resolution, _FROZEN_SHARE * self._force_gwt
-        ):
-            self._engine.trip(
-                f"the force stays at {self._force_gwt:.2f} gwt while the stage moves: "
-                "a frozen reading, or a motor that does not turn",
-                self._force_gwt,
-            )
 
     def _hold(self, target: Target, hold: int, hold_s: float) -> Hold:
         engine, clock = self._engine, self._engine.clock

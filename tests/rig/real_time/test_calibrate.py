@@ -22,7 +22,19 @@ Running = Callable[..., AbstractContextManager[None]]
 
 def test_steps_per_mm_with_a_caliper(rig: Rig, free_stage: Any) -> None:
     """The board says 2 mm, the caliper 1.96: it takes 2 % more steps for a millimetre than it believes."""
-    steps = ("calibrate", "steps", "--config", free_stage.config, "--axis", "x", "--by-mm", "-2", "--speed-mm-s", "5")
+    steps = (
+        "calibrate",
+        "steps",
+        "--config",
+        free_stage.config,
+        "--axis",
+        "x",
+        "--by-mm",
+        "-2",
+        "--speed-mm-s",
+        "5",
+        "--without-force",
+    )
     ended = rig(*steps, "--json", typed="1.96\n")
     assert ended.code == 0, ended.err
     assert "the board says 2.000 mm; how many did you measure" in ended.err

@@ -20,7 +20,7 @@ FreeStage = Any  # of conftest.py
 
 
 def test_jog_by_a_distance(rig: Rig, free_stage: FreeStage) -> None:
-    by_hand = ("--axis", "x", "--by-mm", "-1.23", "--speed-mm-s", "5")
+    by_hand = ("--axis", "x", "--by-mm", "-1.23", "--speed-mm-s", "5", "--without-force")
     ended = rig("jog", "--config", free_stage.config, *by_hand, "--json")
     assert ended.code == 0, ended.err
     assert ended.json["x_mm"] == pytest.approx(-1.23, abs=0.0026)
@@ -44,7 +44,7 @@ def test_what_jog_refuses(rig: Rig, tmp_path: Path, options: tuple[str, ...], co
 
 
 def test_jog_beyond_the_travel_says_so(rig: Rig, free_stage: FreeStage) -> None:
-    ended = rig("jog", "--config", free_stage.config, "--axis", "x", "--by-mm", "5")
+    ended = rig("jog", "--config", free_stage.config, "--axis", "x", "--by-mm", "5", "--without-force")
     assert ended.code == 1
     assert "the jog target lies outside the travel" in ended.err
 
@@ -54,12 +54,13 @@ def jogging(config: Path, speed_mm_s: float) -> Iterator[subprocess.Popen[bytes]
     """`rig jog` in a process of its own, once it is ready for keys."""
     command = [sys.executable, "-c", "from rig.cli import main; main()", "jog", "--config", str(config)]
     jog = subprocess.Popen(
-        [*command, "--speed-mm-s", str(speed_mm_s)],
+        [*command, "--speed-mm-s", str(speed_mm_s), "--without-force"],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
     try:
         assert jog.stderr is not None
-        jog.stderr.readline()
+        assert b"without force" in jog.stderr.readline()
+        assert b"hold d a" in jog.stderr.readline()
         yield jog
     finally:
         jog.kill()

@@ -1,7 +1,7 @@
 """Jogging with a dead man's switch: the stage goes on only as long as somebody keeps saying so."""
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from rig.devices.stage.base import Axis, DeadManStage, Stage, StageError, StageStatus
@@ -21,48 +21,59 @@ class Direction:
 
 
 def dead_man_jog(
-    stage: Stage, clock: Clock, held: Callable[[], Direction | None], speed_mm_s: float, by_mm: float | None = None
+    stage: Stage,
+    clock: Clock,
+    held: Callable[[], Direction | None],
+    speed_mm_s: float,
+    by_mm: float | None = None,
+    look: Callable[[StageStatus], None] | None = None,
 ) -> StageStatus:
     """Jog while held() keeps its first answer, by_mm at most; returns where the stage has then come to rest.
 
-    A controller with a dead man's switch of its own is left to it, unless the way is limited. Otherwise the stage is
-    told of no more than two slices of SLICE_S ahead of where it is: if this process dies, or its wire is cut, it
-    stops by itself within 2 · speed_mm_s · SLICE_S. Raises StageError.
+    The stage is told of no more than two slices of SLICE_S ahead of where it is: if this process dies, or its wire is
+    cut, it stops by itself within 2 · speed_mm_s · SLICE_S. look is called with every status; what it raises ends the
+    jog, at rest, and is passed on. Where there is none and the way is not limited, a controller with a dead man's
+    switch of its own is left to it. Raises StageError.
     """
     start, direction = stage.status(), held()
     if direction is None:
         return start
     try:
-        if by_mm is None and isinstance(stage, DeadManStage):
+        if by_mm is None and look is None and isinstance(stage, DeadManStage):
             stage.jog_while(direction.axis, direction.sign, lambda: held() == direction, speed_mm_s)
             return stage.status()
-        return _jog(stage, clock, direction, held, speed_mm_s, start, by_mm)
+        for now in _jogging(stage, clock, direction, held, speed_mm_s, by_mm):
+            if look is not None:
+                look(now)
+        return stage.status()
     except BaseException:
         _end(stage)
         raise
 
 
-def _jog(
+def _jogging(
     stage: Stage,
     clock: Clock,
     direction: Direction,
     held: Callable[[], Direction | None],
     speed_mm_s: float,
-    start: StageStatus,
     by_mm: float | None,
-) -> StageStatus:
+) -> Iterator[StageStatus]:
+    """Looks at the stage while it goes; when they end it is at rest."""
+    start: StageStatus | None = None
     slice_mm, told_mm = speed_mm_s * SLICE_S, 0.0
     while held() == direction:
         now = stage.status()
+        start = start or now
         left_mm = slice_mm if by_mm is None else min(slice_mm, by_mm - told_mm)
         if left_mm <= 0 and now.state == "Idle":
-            return now
+            return
         if left_mm > 0 and told_mm - _gone_mm(now, start, direction.axis) < slice_mm:
             stage.jog(direction.axis, direction.sign * left_mm, speed_mm_s)
             told_mm += left_mm
+        yield now
         clock.wait_s(_LOOK_S)
     stage.end_jog()
-    return stage.status()
 
 
 def _gone_mm(now: StageStatus, start: StageStatus, axis: Axis) -> float:

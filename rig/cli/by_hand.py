@@ -1,0 +1,70 @@
+"""What the commands share that move a stage by hand: the guard of its force, and what the last command left."""
+
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+
+from rich.live import Live
+
+from rig.cli.at_the_bench import stage_at_hand
+from rig.cli.output import err, unfelt
+from rig.devices.catalogue import open_force
+from rig.devices.force.base import ForceError
+from rig.devices.stage.base import StageStatus
+from rig.engine.by_hand import ByHand, Guard, Show
+from rig.engine.sensing import Sensing
+from rig.plan.config import Config
+from rig.session.bench_memory import BenchMemory
+from rig.transport import TransportError
+from rig.transport.clock import Clock
+
+
+@contextmanager
+def by_hand(settings: Config, show: Show, *, without_force: bool) -> Iterator[tuple[ByHand, Clock]]:
+    """Motions on the ports of the configuration. Raises BadInputError where no force sensor answers."""
+    memory = BenchMemory(settings)
+    with stage_at_hand(settings) as (stage, clock), _guard(settings, memory, clock, without=without_force) as guard:
+        placed = stage.homed or memory.read().stands_there(stage.status())
+        memory.moves()
+        yield ByHand(settings, stage, clock, guard, show, placed=placed), clock
+        if placed:
+            memory.left(stage.status())
+
+
+@contextmanager
+def _guard(settings: Config, memory: BenchMemory, clock: Clock, *, without: bool) -> Iterator[Guard | None]:
+    if without:
+        err.print("without force: nothing stops the stage at a finger")
+        yield None
+        return
+    try:
+        sensor = open_force(settings, clock)
+    except TransportError as error:
+        raise unfelt(error) from None
+    with closing(sensor):
+        sensing = Sensing(settings, clock, sensor)
+        try:
+            sensing.connect()
+        except (ForceError, TransportError) as error:
+            raise unfelt(error) from None
+        sensing.zero = memory.read().zero
+        yield Guard(settings, sensing)
+
+
+@contextmanager
+def live_line(settings: Config) -> Iterator[Show]:
+    """Where the stage is and what is felt, on a line that is kept up to date where somebody looks."""
+    if not err.is_terminal:
+        yield lambda at, force_gwt: None
+        return
+    with Live(console=err, transient=True, refresh_per_second=10) as live:
+        yield _shown(live.update, settings)
+
+
+def _shown(update: Callable[[str], None], settings: Config) -> Show:
+    apex_mm = settings.frame.apex_z_mm
+
+    def show(at: StageStatus, force_gwt: float | None) -> None:
+        force = "no force" if force_gwt is None else f"{force_gwt:.2f} gwt"
+        update(f"x {at.x_mm:.3f}  y {at.y_mm:.3f}  z {at.z_mm:.3f} mm (apex {apex_mm:g})  {force}  {at.state}")
+
+    return show

@@ -1,0 +1,151 @@
+"""One motion at a time that a person asks for: felt on the way, and down only as far as what is felt allows."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from rig.devices.stage.base import Axis, Stage, StageStatus
+from rig.engine.by_hand.dead_man import Direction, dead_man_jog
+from rig.engine.by_hand.guard import Guard
+from rig.engine.errors import LimitError
+from rig.engine.motion import FeltError
+from rig.engine.rig_settings import RigSettings
+from rig.transport.clock import Clock
+
+Held = Callable[[], Direction | None]
+Show = Callable[[StageStatus, float | None], None]
+"""What is told where the stage is and what is felt there (gwt; None: nothing is)."""
+
+DOWN, UP = Direction("z", -1), Direction("z", +1)
+_TINY_MM = 1e-6
+
+
+@dataclass(frozen=True)
+class Moved:
+    """Where a motion came to rest, the last force (gwt), and what ended it before its time, if anything did."""
+
+    at: StageStatus
+    force_gwt: float | None
+    ended_by: str | None = None
+
+
+class ByHand:
+    """Jogs over a finger that may be anywhere.
+
+    Sideways and up a motion goes on until the force says otherwise. Down it goes in steps, at rest between them for a
+    reading: of habits.descent_step_mm above clearance, of habits.increment_mm below it or where the height is not
+    known. It ends at the first touch; a new motion goes on from there, up to what the soft trip allows.
+    """
+
+    def __init__(
+        self, settings: RigSettings, stage: Stage, clock: Clock, guard: Guard | None, show: Show, *, placed: bool
+    ) -> None:
+        """guard: None moves without force. placed: where the stage is homed, so that heights are known."""
+        self._settings, self._stage, self._clock = settings, stage, clock
+        self._guard, self._show, self._placed = guard, show, placed
+
+    def go(self, held: Held, speed_mm_s: float, by_mm: float | None = None) -> Moved:
+        """Move while held() keeps its first answer, by_mm at most.
+
+        Raises LimitError before anything moves: a way that ends too deep in the known finger, or a sensor that does
+        not answer (up it is not needed where it is merely beyond its range). Raises StageError.
+        """
+        direction, at = held(), self._stage.status()
+        if direction is None:
+            return Moved(at, None)
+        if direction == DOWN and by_mm is not None:
+            self._refuse_depth(at, by_mm)
+        if self._guard is not None:
+            self._guard.begin(up=direction == UP, down=direction == DOWN)
+        try:
+            end = self._down(held, speed_mm_s, by_mm) if direction == DOWN else self._aside(held, speed_mm_s, by_mm)
+        except FeltError as felt:
+            return self._ended(direction, at, str(felt))
+        return Moved(end, self._force_gwt)
+
+    def steps_per_mm(self, axis: Axis) -> float:
+        """What the controller takes for a millimetre. Raises StageError."""
+        return self._stage.steps_per_mm(axis)
+
+    def look(self) -> Moved:
+        """Where it stands and what is felt there; moves nothing. Raises StageError."""
+        at = self._stage.status()
+        if self._guard is not None:
+            self._guard.look()
+        self._show(at, self._force_gwt)
+        return Moved(at, self._force_gwt)
+
+    @property
+    def _force_gwt(self) -> float | None:
+        return None if self._guard is None else self._guard.force_gwt
+
+    def _aside(self, held: Held, speed_mm_s: float, by_mm: float | None) -> StageStatus:
+        """One motion, sideways or up, looked at while it lasts; unguarded the controller may look after it."""
+        return dead_man_jog(
+            self._stage, self._clock, held, speed_mm_s, by_mm, None if self._guard is None else self._glance
+        )
+
+    def _glance(self, at: StageStatus) -> None:
+        if self._guard is not None:
+            self._guard.glance(at.z_mm)
+        self._show(at, self._force_gwt)
+
+    def _down(self, held: Held, speed_mm_s: float, by_mm: float | None) -> StageStatus:
+        """Step by step, each from a reading at rest."""
+        speed_mm_s = min(speed_mm_s, self._settings.limits.max_press_speed_mm_s)
+        at, left_mm = self._stage.status(), math.inf if by_mm is None else by_mm
+        while held() == DOWN and left_mm > _TINY_MM:
+            step_mm = self._step_mm(at, left_mm)
+            end = dead_man_jog(self._stage, self._clock, held, speed_mm_s, step_mm, self._glance)
+            left_mm -= step_mm
+            if self._guard is not None:
+                self._guard.rest(end.z_mm, at.z_mm - end.z_mm)
+            self._show(end, self._force_gwt)
+            at = end
+        return at
+
+    def _step_mm(self, at: StageStatus, left_mm: float) -> float:
+        """The next step down. Raises FeltError where there is none."""
+        habits, height_mm = self._settings.habits, self._height_mm(at)
+        step_mm = min(habits.increment_mm, left_mm)
+        if height_mm is not None:
+            above_mm = height_mm - habits.clearance_mm
+            if above_mm > _TINY_MM:
+                step_mm = min(habits.descent_step_mm, left_mm, above_mm)
+            if height_mm - step_mm < self._lowest_mm - _TINY_MM:
+                raise FeltError(self._too_deep(height_mm - step_mm))
+        room_mm = math.inf if self._guard is None else self._guard.room_mm
+        if room_mm < min(step_mm, self._settings.stage.resolution_mm):
+            raise FeltError("the next step down would pass the soft trip")
+        return min(step_mm, room_mm)
+
+    def _height_mm(self, at: StageStatus) -> float | None:
+        """Above the nominal apex, where that is known."""
+        return at.z_mm - self._settings.frame.apex_z_mm if self._placed else None
+
+    @property
+    def _lowest_mm(self) -> float:
+        return -self._settings.limits.max_doi_mm
+
+    def _refuse_depth(self, at: StageStatus, by_mm: float) -> None:
+        height_mm = self._height_mm(at)
+        if height_mm is not None and height_mm - by_mm < self._lowest_mm - _TINY_MM:
+            raise LimitError(f"{self._too_deep(height_mm - by_mm)}; nothing was moved")
+
+    def _too_deep(self, height_mm: float) -> str:
+        limits, frame = self._settings.limits, self._settings.frame
+        return (
+            f"{-height_mm:.2f} mm below the nominal apex is deeper than limits.max_doi_mm = {limits.max_doi_mm:g}: "
+            f"is frame.apex_z_mm = {frame.apex_z_mm:g} right?"
+        )
+
+    def _ended(self, direction: Direction, start: StageStatus, reason: str) -> Moved:
+        """At rest; from a force above a trip it goes back the way it came, to clearance from there at most."""
+        at = self._stage.status()
+        back_mm = min(start.z_mm - at.z_mm, self._settings.habits.clearance_mm)
+        lifts = self._guard is not None and self._guard.tripped and self._settings.limits.on_trip != "stop"
+        if direction == DOWN and lifts and back_mm > _TINY_MM:
+            at = dead_man_jog(self._stage, self._clock, lambda: UP, self._settings.habits.travel_speed_mm_s, back_mm)
+            reason = f"{reason}; lifted by {back_mm:.2f} mm"
+        self._show(at, self._force_gwt)
+        return Moved(at, self._force_gwt, reason)

@@ -1,0 +1,138 @@
+"""What is felt while a person moves the stage, and what must not be."""
+
+import math
+
+from rig.devices.units import GWT_N
+from rig.engine.errors import LimitError
+from rig.engine.limits import Trips
+from rig.engine.motion import FeltError
+from rig.engine.pressing.frozen import Unanswered
+from rig.engine.rig_settings import RigSettings
+from rig.engine.sensing import READINGS_AT_ZERO, NoReadingError, Sensing
+
+_TRIP_MARGIN = 0.9
+_LOST_INCREMENTS = 2.0
+
+
+class Guard:
+    """The force (gwt) through the motions of one program; heights are the stage's own z, mm.
+
+    A touch is told from the force before the motion that found it, so that an old zero that has drifted does not hide
+    it; trips count from the zero.
+    """
+
+    def __init__(self, settings: RigSettings, sensing: Sensing) -> None:
+        self._sensing, self._trips = sensing, Trips(settings.limits, None)
+        self._lost_mm = _LOST_INCREMENTS * settings.habits.increment_mm
+        self.force_gwt: float | None = None  # at the last look; None: the sensor cannot say
+        self._up = False
+        self._began_gwt = math.inf  # before this motion
+        self._air_gwt = 0.0  # before the motion that touched
+        self._touched_z_mm: float | None = None
+        self._rest_gwt = self._stiffness_gwt_mm = 0.0  # at the last rest, and as the step before it was answered
+        self._unanswered = Unanswered(sensing.resolution_gwt)
+
+    @property
+    def tripped(self) -> bool:
+        """Whether the last reading was above a trip."""
+        return self.force_gwt is not None and self._passed(self.force_gwt) is not None
+
+    @property
+    def room_mm(self) -> float:
+        """How far down the force stays below nine tenths of the soft trip, at the stiffness of the last step."""
+        if self._stiffness_gwt_mm <= 0:
+            return math.inf
+        return max(_TRIP_MARGIN * self._trips.lowest_gwt - self._rest_gwt, 0.0) / self._stiffness_gwt_mm
+
+    def begin(self, *, up: bool, down: bool) -> None:
+        """A motion begins. Raises LimitError where the force is not known, or above a trip: then it may only go up.
+
+        A sensor that does not answer at all moves nothing.
+        """
+        self._up, self._unanswered = up, Unanswered(self._sensing.resolution_gwt)
+        try:
+            if not self._sensing.zeroed:
+                self._sensing.take_zero([self._sensing.raw().force_n / GWT_N for _ in range(READINGS_AT_ZERO)])
+            self._sensing.begin_motion(away=up)
+            self._rest_gwt = self._sensing.settled().force_n / GWT_N
+        except NoReadingError as error:
+            if not (up and error.out_of_range):
+                raise LimitError(f"{error}; nothing was moved, --without-force moves all the same") from error
+            self.force_gwt, self._began_gwt, self._touched_z_mm = None, math.inf, None
+            return
+        self.force_gwt = self._began_gwt = self._rest_gwt
+        if self.tripped and not up:
+            raise LimitError(f"{self._passed(self._rest_gwt)}; nothing was moved: up first, or rig zero")
+        if not (down and self._touched_z_mm is not None):
+            self._touched_z_mm, self._air_gwt, self._stiffness_gwt_mm = None, self._rest_gwt, 0.0
+
+    def look(self) -> None:
+        """Between motions; a sensor that has nothing to say is no harm."""
+        try:
+            self.force_gwt = self._sensing.settled().force_n / GWT_N
+        except NoReadingError:
+            self.force_gwt = None
+
+    def glance(self, z_mm: float) -> None:
+        """While it lasts. Raises FeltError; on the way up only for a force that has grown beyond a trip."""
+        try:
+            self.force_gwt = self._sensing.glance_gwt()
+        except NoReadingError as error:
+            self.force_gwt = None
+            if not self._up:
+                raise FeltError(str(error)) from error
+            return
+        if self.force_gwt is None or (
+            self._up and abs(self.force_gwt) <= abs(self._began_gwt) + self._sensing.touch_gwt
+        ):
+            return
+        self._refuse_trip(self.force_gwt)
+        if not self._up:
+            self._refuse_touch(z_mm, self.force_gwt)
+
+    def rest(self, z_mm: float, step_mm: float) -> None:
+        """At rest after a step down. Raises FeltError."""
+        before_gwt = self._rest_gwt
+        try:
+            force_gwt = self._sensing.settled().force_n / GWT_N
+        except NoReadingError as error:
+            self.force_gwt = None
+            raise FeltError(str(error)) from error
+        self.force_gwt = self._rest_gwt = force_gwt
+        self._refuse_trip(force_gwt)
+        if force_gwt <= self._air_gwt - self._sensing.touch_gwt:
+            raise FeltError(f"{force_gwt:.2f} gwt while going down: does the sensor read backwards?", force_gwt)
+        self._refuse_silence(before_gwt, force_gwt, z_mm, step_mm)
+        if step_mm > 0 and force_gwt - before_gwt > 0.5 * self._sensing.resolution_gwt:
+            self._stiffness_gwt_mm = (force_gwt - before_gwt) / step_mm
+        self._refuse_touch(z_mm, force_gwt)
+
+    def _refuse_silence(self, before_gwt: float, force_gwt: float, z_mm: float, step_mm: float) -> None:
+        """A sensor that has felt the finger, and does not feel it any more farther down."""
+        if self._touched_z_mm is None:
+            return
+        if z_mm < self._touched_z_mm - self._lost_mm and not self._touches(force_gwt):
+            raise FeltError(
+                f"{force_gwt:.2f} gwt, {self._touched_z_mm - z_mm:.2f} mm below a touch: a frozen reading?", force_gwt
+            )
+        if self._unanswered.too_long(before_gwt, force_gwt, abs(self._stiffness_gwt_mm) * step_mm):
+            raise FeltError(f"the force stays at {force_gwt:.2f} gwt while the stage moves: a frozen reading?")
+
+    def _touches(self, force_gwt: float) -> bool:
+        return force_gwt - self._air_gwt >= self._sensing.touch_gwt
+
+    def _refuse_touch(self, z_mm: float, force_gwt: float) -> None:
+        if self._touched_z_mm is None and self._touches(force_gwt):
+            self._touched_z_mm = z_mm
+            more_gwt = force_gwt - self._air_gwt
+            raise FeltError(
+                f"touched, {more_gwt:.2f} gwt more than before; a new motion goes on from here", force_gwt
+            )
+
+    def _refuse_trip(self, force_gwt: float) -> None:
+        passed = self._passed(force_gwt)
+        if passed:
+            raise FeltError(passed, force_gwt)
+
+    def _passed(self, force_gwt: float) -> str | None:
+        return self._trips.passed_hard(force_gwt) or self._trips.passed(force_gwt)

@@ -1,0 +1,84 @@
+"""What the last command on a bench left behind: the zero of its force sensor, and where its homed stage stood.
+
+A command is a process of its own, and a driver that has just connected trusts no position. It may where the stage
+still says the very place that the last command left it at, homed.
+"""
+
+import os
+from hashlib import sha256
+from pathlib import Path
+
+from platformdirs import user_state_path
+from pydantic import BaseModel, ValidationError
+
+from rig.devices.bench_settings import BenchSettings
+from rig.devices.stage.base import StageStatus
+from rig.engine.sensing import Zero
+from rig.transport.clock import WallClock
+
+_SAME_PLACE_MM = 0.003  # a board prints 0.001 mm and stands on a step
+
+
+class LastKnown(BaseModel):
+    """As it is on disk: mm, N, gwt, seconds since 1970; None where it is not known."""
+
+    zero_offset_n: float | None = None
+    zero_noise_gwt: float = 0.0
+    zero_unix_s: float = 0.0
+    left_at_mm: tuple[float, float, float] | None = None
+
+    @property
+    def zero(self) -> Zero | None:
+        """What forces were counted from."""
+        return None if self.zero_offset_n is None else Zero(self.zero_offset_n, self.zero_noise_gwt)
+
+    def stands_there(self, at: StageStatus) -> bool:
+        """Whether a stage is where it was left, homed."""
+        if self.left_at_mm is None or at.state != "Idle":
+            return False
+        now = (at.x_mm, at.y_mm, at.z_mm)
+        return all(abs(a - b) <= _SAME_PLACE_MM for a, b in zip(now, self.left_at_mm, strict=True))
+
+
+class BenchMemory:
+    """The file of one bench, known by its ports."""
+
+    def __init__(self, settings: BenchSettings) -> None:
+        ports = " ".join((*settings.stage.ports, settings.force.port))
+        self._path = _folder() / f"bench-{sha256(ports.encode()).hexdigest()[:16]}.json"
+
+    def read(self) -> LastKnown:
+        """What is known; nothing, where nothing can be read."""
+        try:
+            return LastKnown.model_validate_json(self._path.read_text(encoding="utf-8"))
+        except (OSError, ValidationError):
+            return LastKnown()
+
+    def zeroed(self, zero: Zero) -> None:
+        """A zero was taken."""
+        now_s = WallClock().unix_s()
+        self._write(zero_offset_n=zero.offset_n, zero_noise_gwt=zero.noise_gwt, zero_unix_s=now_s)
+
+    def moves(self) -> None:
+        """Something is about to move: where it stands is not known until `left`."""
+        self._write(left_at_mm=None)
+
+    def left(self, at: StageStatus) -> None:
+        """A homed stage is left at rest."""
+        self._write(left_at_mm=(at.x_mm, at.y_mm, at.z_mm))
+
+    def _write(self, **changes: object) -> None:
+        known = self.read().model_copy(update=changes)
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            temporary = self._path.with_suffix(f".{os.getpid()}")
+            temporary.write_text(known.model_dump_json(), encoding="utf-8")
+            temporary.replace(self._path)
+        except OSError:
+            return
+
+
+def _folder() -> Path:
+    """RIG_STATE_DIR, or the user's state folder."""
+    chosen = os.environ.get("RIG_STATE_DIR")
+    return Path(chosen) if chosen else user_state_path("indentation-rig")

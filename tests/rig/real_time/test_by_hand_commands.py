@@ -1,0 +1,83 @@
+"""`rig home`, `rig jog`, `rig zero` and `rig calibrate steps` feel what they do, one process after the other."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.plan.config import load_config
+from rig.session.bench_memory import BenchMemory
+from rig.virtual.served_bench import ServedBench
+
+pytest.importorskip("pty", reason="needs pseudo-terminals")
+
+Rig = Callable[..., Any]
+
+
+@pytest.fixture
+def bench(whole: tuple[ServedBench, Path]) -> Path:
+    """The configuration of a board and a balance with the finger between them, its apex at z = −4 mm."""
+    return whole[1]
+
+
+def jog(rig: Rig, config: Path, by_mm: float, *more: str) -> Any:
+    return rig("jog", "--config", config, "--axis", "z", "--by-mm", by_mm, "--speed-mm-s", 5, "--json", *more)
+
+
+def test_down_to_the_finger_by_hand(rig: Rig, bench: Path) -> None:
+    """What the one process has left, homed and zeroed, the next one knows; at the finger every one of them stops."""
+    assert rig("home", "--config", bench, "--json").code == 0
+    assert rig("zero", "--config", bench, "--json").code == 0
+    refused = jog(rig, bench, -20)
+    assert refused.code == 1
+    assert "below the nominal apex is deeper than limits.max_doi_mm = 1.5" in refused.err
+    assert "nothing was moved" in refused.err
+    assert rig("jog", "--config", bench, "--axis", "x", "--by-mm", -2, "--speed-mm-s", 5).code == 0
+    touched = jog(rig, bench, -3.5)
+    assert touched.code == 1
+    assert "rig: stopped: touched" in touched.err
+    found = touched.json
+    assert found["force_gwt"] >= 0.05
+    assert -4.3 < found["z_mm"] < -3.5
+    contact = rig("zero", "--config", bench)
+    assert contact.code == 1
+    assert "gwt against the last zero on record, of 20" in contact.err
+    assert "Nothing was zeroed; --anyway zeroes all the same" in contact.err
+    assert jog(rig, bench, 2).code == 0
+    assert rig("zero", "--config", bench).code == 0
+
+
+def test_zero_anyway(rig: Rig, bench: Path) -> None:
+    assert rig("home", "--config", bench).code == 0
+    assert rig("zero", "--config", bench).code == 0
+    assert rig("jog", "--config", bench, "--axis", "x", "--by-mm", -2, "--speed-mm-s", 5).code == 0
+    assert "touched" in jog(rig, bench, -3.5).err
+    assert rig("zero", "--config", bench, "--anyway").code == 0
+    memory = BenchMemory(load_config(bench)).read()
+    assert memory.zero is not None
+    assert rig("zero", "--config", bench).code == 0
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("home",),
+        ("jog", "--axis", "x", "--by-mm", "-1"),
+        ("jog", "--axis", "z", "--by-mm", "1"),
+        ("jog", "--axis", "z", "--by-mm", "-1"),
+        ("jog",),
+        ("calibrate", "steps", "--axis", "z"),
+    ],
+    ids=" ".join,
+)
+def test_without_a_sensor_nothing_moves(rig: Rig, free_stage: Any, command: tuple[str, ...]) -> None:
+    """Every command that moves by hand; --without-force is the one way to move."""
+    verb = command[:2] if command[0] == "calibrate" else command[:1]
+    before = free_stage.x_mm()
+    ended = rig(*verb, "--config", free_stage.config, *command[len(verb) :])
+    assert ended.code in (1, 2)
+    assert "/dev/ttyNOWHERE7" in ended.err
+    assert "without-force" in ended.err
+    assert free_stage.x_mm() == before
+    assert "--without-force" in rig(*verb, "--help").out

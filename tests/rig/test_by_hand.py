@@ -1,0 +1,358 @@
+"""Motions by hand read the force: what each may do to a finger, on every stage. Bench virtual, bytes real.
+
+The finger is a spring F = k d^1.5 below its skin; the truth is sampled every 2 ms.
+"""
+
+import io
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from rig.devices.force.base import ForceBusy, ForceReading
+from rig.devices.stage.base import StageStatus
+from rig.devices.units import GWT_N
+from rig.engine.by_hand import ByHand, Direction, Guard, Moved
+from rig.engine.errors import LimitError
+from rig.engine.sensing import Sensing, Zero
+from rig.plan.config import Config
+from rig.virtual.virtual_bench import bench_around
+from sim.devices.clock import VirtualClock
+from sim.plant.plant import Carriage, TruePose
+
+STAGES: dict[str, dict[str, Any]] = {
+    "grbl": {"force": {"baud": 115200}},
+    "leadshine": {"stage": {"kind": "leadshine"}, "force": {"kind": "laumas", "baud": 115200}},
+}
+APEX_MM = Config().frame.apex_z_mm
+TOUCH_GWT = Config().habits.touch_force_gwt
+INCREMENT_MM = Config().habits.increment_mm
+# One increment of the stage, and what the stage and the noise of a settled reading may add.
+SPRINGS = {"finger": 6.0, "ten times": 60.0, "a block": 6000.0}
+
+
+class Spring:
+    """A finger; `skin_mm` is how much higher it lies than the nominal apex, `side_mm` where a wall begins."""
+
+    def __init__(self, carriage: Carriage, k_gwt: float, skin_mm: float) -> None:
+        self.carriage, self.k_gwt, self.skin_mm, self.wall_x_mm = carriage, k_gwt, skin_mm, math.inf
+        self.offset_gwt = 0.0
+
+    def mount(self, indentor: str) -> None:
+        """It does not matter."""
+
+    def pose_at(self, t_s: float) -> TruePose:
+        pose = self.carriage.pose_at(t_s)
+        return TruePose(pose.x_mm, pose.above_apex_mm, self.skin_mm - pose.above_apex_mm)
+
+    def true_gwt(self, t_s: float) -> float:
+        pose = self.pose_at(t_s)
+        wall_gwt = abs(self.k_gwt) * max(pose.x_mm - self.wall_x_mm, 0.0) ** 1.5
+        return float(self.k_gwt * max(pose.doi_mm, 0.0) ** 1.5 + wall_gwt)
+
+    def force_n(self, t_s: float) -> float:
+        return (self.true_gwt(t_s) + self.offset_gwt) * GWT_N
+
+
+class AtHand:
+    """A homed stage over a spring, some way above it, and its force as a person's motions are told of it."""
+
+    def __init__(
+        self,
+        kind: str,
+        *,
+        k_gwt: float = 6.0,
+        skin_mm: float = 0.0,
+        above_mm: float = 3.0,
+        placed: bool = True,
+        felt: bool = True,
+        zero: Zero | None = None,
+        **limits: Any,
+    ) -> None:
+        self.config = Config.model_validate({**STAGES[kind], "limits": limits})
+        springs: list[Spring] = []
+
+        def make(carriage: Carriage) -> Spring:
+            springs.append(Spring(carriage, k_gwt, skin_mm))
+            return springs[0]
+
+        self.clock, self.wire = VirtualClock(1.7e9), io.StringIO()
+        self.bench = bench_around(make, self.config, self.clock, self.wire)
+        self.spring, self.worst_gwt = springs[0], 0.0
+        self.bench.stage.connect()
+        self.bench.stage.home()
+        self.bench.stage.move_to(x_mm=self.config.frame.pad_centre_x_mm, speed_mm_s=10)
+        self.bench.stage.move_to(z_mm=APEX_MM + above_mm, speed_mm_s=10)
+        self.bench.force.connect()
+        self.sensing = Sensing(self.config, self.clock, self.bench.force)
+        self.sensing.zero = zero
+        guard = Guard(self.config, self.sensing) if felt else None
+        self.shown: list[tuple[StageStatus, float | None]] = []
+        self.hand = ByHand(self.config, self.bench.stage, self.clock, guard, self._show, placed=placed)
+        self._sample()
+
+    def _show(self, at: StageStatus, force_gwt: float | None) -> None:
+        self.shown.append((at, force_gwt))
+
+    def _sample(self) -> None:
+        self.worst_gwt = max(self.worst_gwt, self.spring.true_gwt(self.clock.monotonic_s()))
+        self.clock.call_at(self.clock.monotonic_s() + 0.002, self._sample)
+
+    def jog(self, axis: Any, by_mm: float, speed_mm_s: float = 2.0) -> Moved:
+        direction = Direction(axis, 1 if by_mm > 0 else -1)
+        return self.hand.go(lambda: direction, speed_mm_s, abs(by_mm))
+
+    @property
+    def height_mm(self) -> float:
+        return self.spring.carriage.pose_at(self.clock.monotonic_s()).above_apex_mm
+
+    @property
+    def x_mm(self) -> float:
+        return self.spring.pose_at(self.clock.monotonic_s()).x_mm
+
+    @property
+    def written(self) -> int:
+        """How much was sent to the stage."""
+        return sum('"stage"' in line and '"tx"' in line for line in self.wire.getvalue().splitlines())
+
+    def one_increment_gwt(self, from_gwt: float) -> float:
+        """What the spring adds over one increment from a force, with two readings' rounding."""
+        depth_mm = (from_gwt / self.spring.k_gwt) ** (2 / 3) + INCREMENT_MM + 0.003
+        return float(self.spring.k_gwt * depth_mm**1.5)
+
+
+@pytest.fixture(params=STAGES)
+def at_hand(request: pytest.FixtureRequest) -> Callable[..., AtHand]:
+    return lambda **options: AtHand(request.param, **options)
+
+
+# --- down ---
+
+
+@pytest.mark.parametrize("k_gwt", SPRINGS.values(), ids=SPRINGS)
+@pytest.mark.parametrize("placed", [True, False], ids=["height known", "height unknown"])
+def test_down_ends_at_the_first_touch(at_hand: Callable[..., AtHand], k_gwt: float, placed: bool) -> None:
+    """Within one increment of it, however stiff what lies there."""
+    bench = at_hand(k_gwt=k_gwt, placed=placed, above_mm=1.0)
+    moved = bench.jog("z", -2.4, 5.0)
+    assert moved.ended_by is not None
+    assert "touched" in moved.ended_by or "trip" in moved.ended_by
+    assert bench.worst_gwt <= bench.one_increment_gwt(TOUCH_GWT)
+
+
+def test_from_above_clearance_a_finger_that_lies_higher_is_met_by_one_step(at_hand: Callable[..., AtHand]) -> None:
+    """frame.apex_z_mm is 4 mm too low: down it is read every habits.descent_step_mm, 0.5 mm, 2 gwt on a finger."""
+    bench = at_hand(skin_mm=4.0, above_mm=8.0)
+    moved = bench.jog("z", -7.0, 10.0)
+    assert moved.ended_by is not None
+    assert moved.ended_by.startswith("touched")
+    assert bench.worst_gwt <= 6.0 * 0.51**1.5
+
+
+def test_a_new_motion_goes_on_and_never_passes_the_soft_trip(at_hand: Callable[..., AtHand]) -> None:
+    """0.05 N, 5.1 gwt; a jog used to press to 0.17 N."""
+    bench = at_hand(soft_trip_n=0.05, above_mm=0.2, placed=False)
+    ended = [str(bench.jog("z", -1.2).ended_by) for _ in range(4)]
+    assert ended[0].startswith("touched")
+    assert all("the next step down would pass the soft trip" in reason for reason in ended[1:])
+    assert 3.0 < bench.worst_gwt < 0.05 / GWT_N
+
+
+def test_too_deep_in_the_known_finger_is_refused_before_anything_moves(at_hand: Callable[..., AtHand]) -> None:
+    bench = at_hand(above_mm=3.0)
+    written, at_mm = bench.written, bench.height_mm
+    with pytest.raises(
+        LimitError, match=r"17\.00 mm below the nominal apex is deeper than limits\.max_doi_mm = 1\.5"
+    ):
+        bench.jog("z", -20.0)
+    assert bench.height_mm == at_mm
+    assert bench.written - written <= 4, "only asked where it is"
+
+
+def test_with_a_key_held_a_dead_sensor_is_stopped_by_depth(at_hand: Callable[..., AtHand]) -> None:
+    """Frozen at 0 from the beginning no sensor can show; the known height can."""
+    bench = at_hand(above_mm=0.5)
+    freeze(bench, 0.0)
+    moved = bench.hand.go(lambda: Direction("z", -1), 2.0)
+    assert moved.ended_by is not None
+    assert "deeper than limits.max_doi_mm" in moved.ended_by
+    assert bench.height_mm == pytest.approx(-1.5, abs=0.051)
+
+
+def freeze(bench: AtHand, at_gwt: float | None) -> None:
+    """The sensor stays at a value, its own last one if none is given."""
+    sensor = bench.sensing.sensor
+    last_n = sensor.read().force_n if at_gwt is None else at_gwt * GWT_N
+
+    def read() -> ForceReading:
+        bench.clock.wait_s(0.02)
+        return ForceReading(last_n, True, bench.clock.monotonic_s())
+
+    sensor.read = read  # type: ignore[method-assign]
+
+
+@pytest.mark.parametrize(
+    ("value_gwt", "reason"), [(0.0, "mm below a touch: a frozen reading"), (None, "stays at")], ids=["0", "last"]
+)
+@pytest.mark.parametrize("placed", [True, False], ids=["height known", "height unknown"])
+def test_a_sensor_that_freezes_after_a_touch_is_noticed(
+    at_hand: Callable[..., AtHand], placed: bool, value_gwt: float | None, reason: str
+) -> None:
+    """0: known to have been touched. At its last value: the finger does not answer for three moves."""
+    bench = at_hand(above_mm=0.2, placed=placed)
+    assert "touched" in str(bench.jog("z", -1.0).ended_by)
+    for _ in range(2):
+        bench.jog("z", -0.2)
+    before_gwt = bench.worst_gwt
+    freeze(bench, value_gwt)
+    assert reason in str(bench.jog("z", -0.9).ended_by)
+    depth_mm = (before_gwt / 6.0) ** (2 / 3)
+    assert bench.worst_gwt <= 6.0 * (depth_mm + 5 * INCREMENT_MM) ** 1.5
+
+
+def test_a_reading_that_falls_as_it_goes_down_is_a_sensor_that_reads_backwards(
+    at_hand: Callable[..., AtHand],
+) -> None:
+    bench = at_hand(above_mm=0.2, k_gwt=-6.0)
+    assert "does the sensor read backwards?" in str(bench.jog("z", -1.0).ended_by)
+
+
+def test_above_a_trip_it_is_lifted_again(at_hand: Callable[..., AtHand]) -> None:
+    """A block so stiff that one increment passes the trip: at rest after it, and back the way it came."""
+    bench = at_hand(above_mm=0.52, k_gwt=6000.0, soft_trip_n=0.1)
+    moved = bench.jog("z", -1.0)
+    assert "above the soft trip" in str(moved.ended_by)
+    assert "lifted by 0." in str(moved.ended_by)
+    assert bench.spring.true_gwt(bench.clock.monotonic_s()) == 0.0
+    assert bench.height_mm == pytest.approx(0.52, abs=0.004)
+
+
+def test_with_on_trip_stop_it_stays(at_hand: Callable[..., AtHand]) -> None:
+    bench = at_hand(above_mm=0.52, k_gwt=6000.0, soft_trip_n=0.1, on_trip="stop")
+    assert "lifted" not in str(bench.jog("z", -1.0).ended_by)
+    assert bench.height_mm < 0.0
+
+
+# --- sideways and up ---
+
+
+def test_sideways_into_something_it_stops(at_hand: Callable[..., AtHand]) -> None:
+    bench = at_hand()
+    bench.spring.wall_x_mm = 2.0
+    moved = bench.jog("x", 6.0, 2.0)
+    assert "touched" in str(moved.ended_by)
+    assert 2.0 < bench.x_mm < 2.0 + 2.0 * 0.6
+
+
+def test_up_is_always_free(at_hand: Callable[..., AtHand]) -> None:
+    """Above the trip only up; there no force that falls stops it."""
+    bench = at_hand(above_mm=-0.8, soft_trip_n=0.02, zero=Zero())
+    with pytest.raises(LimitError, match=r"above the soft trip 2\.04 gwt; nothing was moved: up first"):
+        bench.jog("x", 1.0)
+    with pytest.raises(LimitError, match="up first"):
+        bench.jog("z", -0.1)
+    assert bench.jog("z", 2.0).ended_by is None
+    assert bench.height_mm == pytest.approx(1.2, abs=0.003)
+
+
+def test_up_into_something_it_stops(at_hand: Callable[..., AtHand]) -> None:
+    bench = at_hand(soft_trip_n=0.02)
+    from_s = bench.clock.monotonic_s() + 2.0
+    bench.spring.true_gwt = lambda t_s: 30.0 if t_s > from_s else 0.0  # type: ignore[method-assign]
+    assert "above the soft trip" in str(bench.jog("z", 12.0, 2.0).ended_by)
+    assert bench.height_mm < 3.0 + 2.0 * 3.2
+
+
+def test_a_sensor_beyond_its_range_lets_it_go_up_and_nowhere_else(at_hand: Callable[..., AtHand]) -> None:
+    bench = at_hand(above_mm=0.5)
+    bench.spring.offset_gwt = 500.0
+    for axis, by_mm in (("x", 1.0), ("z", -0.2)):
+        with pytest.raises(LimitError, match="nothing was moved"):
+            bench.jog(axis, by_mm)
+    assert bench.jog("z", 1.0).ended_by is None
+    assert bench.height_mm == pytest.approx(1.5, abs=0.003)
+
+
+# --- the sensor ---
+
+
+@pytest.mark.parametrize(("axis", "by_mm"), [("x", 1.0), ("x", -1.0), ("z", -0.5), ("z", 1.0)])
+def test_a_sensor_that_does_not_answer_moves_nothing(at_hand: Callable[..., AtHand], axis: str, by_mm: float) -> None:
+    bench = at_hand()
+    at = bench.x_mm, bench.height_mm
+
+    def nan() -> ForceReading:
+        return ForceReading(float("nan"), True, bench.clock.monotonic_s())
+
+    bench.sensing.sensor.read = nan  # type: ignore[method-assign]
+    with pytest.raises(LimitError, match="not a number; nothing was moved, --without-force moves all the same"):
+        bench.jog(axis, by_mm)
+    assert (bench.x_mm, bench.height_mm) == at
+
+
+def test_without_force_it_moves_and_depth_still_counts(at_hand: Callable[..., AtHand]) -> None:
+    bench = at_hand(felt=False, above_mm=1.0)
+    assert bench.jog("z", -2.0).ended_by is None
+    assert bench.height_mm == pytest.approx(-1.0, abs=0.003)
+    with pytest.raises(LimitError, match=r"deeper than limits\.max_doi_mm"):
+        bench.jog("z", -1.0)
+
+
+def test_without_a_zero_force_counts_from_before_the_motion(at_hand: Callable[..., AtHand]) -> None:
+    """A holder of 80 gwt hangs on the sensor, and the soft trip is 51."""
+    bench = at_hand(above_mm=0.3, soft_trip_n=0.5)
+    bench.spring.offset_gwt = 80.0
+    moved = bench.jog("z", -1.0)
+    assert "touched" in str(moved.ended_by)
+    assert moved.force_gwt == pytest.approx(bench.worst_gwt, abs=0.02)
+
+
+def test_a_zero_that_has_drifted_does_not_hide_a_touch(at_hand: Callable[..., AtHand]) -> None:
+    bench = at_hand(above_mm=0.3, zero=Zero())
+    bench.spring.offset_gwt = 3.0
+    assert "touched" in str(bench.jog("z", -1.0).ended_by)
+    assert bench.worst_gwt <= bench.one_increment_gwt(TOUCH_GWT)
+
+
+def test_position_and_force_are_shown_while_it_moves(at_hand: Callable[..., AtHand]) -> None:
+    bench = at_hand(above_mm=0.3)
+    bench.jog("z", -0.6)
+    forces = [force for _, force in bench.shown]
+    assert len({round(at.z_mm, 3) for at, _ in bench.shown}) >= 5
+    assert forces[0] == pytest.approx(0.0, abs=0.011)
+    assert max(force for force in forces if force is not None) >= TOUCH_GWT
+
+
+@pytest.mark.parametrize("felt", [True, False])
+@pytest.mark.parametrize(("axis", "by_mm"), [("x", 1.5), ("z", 1.5), ("z", -1.5), ("z", -0.123)])
+def test_a_way_that_is_free_is_gone_to_its_end(
+    at_hand: Callable[..., AtHand], axis: str, by_mm: float, felt: bool
+) -> None:
+    bench = at_hand(felt=felt)
+    before = {"x": bench.x_mm, "z": bench.height_mm}[axis]
+    assert bench.jog(axis, by_mm).ended_by is None
+    assert {"x": bench.x_mm, "z": bench.height_mm}[axis] - before == pytest.approx(by_mm, abs=0.0035)
+
+
+@pytest.mark.parametrize(("busy_s", "moves"), [(0.9, True), (1.4, False)])
+def test_a_sensor_that_is_busy_at_rest_is_waited_for(
+    at_hand: Callable[..., AtHand], busy_s: float, moves: bool
+) -> None:
+    """BUSY_S = 1 s: a balance may find no value for a moment; then it is as good as silent."""
+    bench = at_hand(zero=Zero())
+    sensor, read = bench.sensing.sensor, bench.sensing.sensor.read
+    until_s = bench.clock.monotonic_s() + busy_s
+
+    def busy() -> ForceReading:
+        reading = read()
+        if bench.clock.monotonic_s() < until_s:
+            raise ForceBusy("no value now")
+        return reading
+
+    sensor.read = busy  # type: ignore[method-assign]
+    if moves:
+        assert bench.jog("x", 0.5).ended_by is None
+    else:
+        with pytest.raises(LimitError, match="no value now; nothing was moved"):
+            bench.jog("x", 0.5)
