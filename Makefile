@@ -50,6 +50,7 @@ bench: .venv/.ready-dev
 	$(BIN)/python -m studies.accuracy.strain_recovery
 	$(BIN)/python -m studies.faults.kills
 	$(BIN)/python -m studies.faults.outcomes
+	$(BIN)/python -m studies.faults.phases
 	$(BIN)/python -m studies.accuracy.check_predictions
 	$(BIN)/python -m studies.accuracy.interval_coverage 100
 

@@ -38,7 +38,8 @@ class FaultyBench:
         self.carriage = true_carriage(self.board, config)
         self.extra_n: Callable[[float], float] = lambda t_s: 0.0
         self.stalled_mm: float | None = None
-        load = Load(lambda t_s: self.true_n(t_s) + self.extra_n(t_s))
+        self.felt_n: Callable[[float], float] = lambda t_s: self.true_n(t_s) + self.extra_n(t_s)
+        load = Load(lambda t_s: self.felt_n(t_s))
         self.sensor: Any = FORCES[config.force.kind](clock, self.force_line, config, load)
         self.stage_wire = LoopbackTransport(self.stage_line, clock, "stage")
         self.force_wire = LoopbackTransport(self.force_line, clock, "force")
@@ -67,7 +68,7 @@ class FaultyBench:
         return PREDICTED.force_at(height if self.stalled_mm is None else max(height, self.stalled_mm))
 
     def after(self, phase: str, act: Callable[[], object]) -> None:
-        """Do it once, when the first sample of this phase is on disk."""
+        """Do it once, when the first sample of this phase, or event of this stream, is on disk."""
         self.on_sample[phase] = act
 
     def change(self, line: SerialLine, change: Change) -> None:
@@ -82,7 +83,7 @@ class FaultyBench:
         self.clock.call_at(now_s + LOOK_S, self._look)
 
     def _watch(self, stream: str, data: Mapping[str, Any]) -> None:
-        act = self.on_sample.pop(data["phase"], None) if stream == "sample" else None
+        act = self.on_sample.pop(data["phase"] if stream == "sample" else stream, None)
         if act is not None:
             act()
 

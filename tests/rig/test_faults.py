@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from rig.devices.units import GWT_N
+from studies.faults import phases
 from studies.faults.catalogue import CATALOGUE, Fault
 from studies.faults.faulty_bench import SOFT_TRIP_N
 from studies.faults.outcomes import bound_gwt, suffer
@@ -34,3 +35,50 @@ def test_the_bound_is_below_the_hard_trip_and_its_overshoot() -> None:
 def test_every_fault_has_its_row() -> None:
     rows = re.findall(r"^\| ([^|]+) \|", DOCS.read_text(encoding="utf-8"), re.MULTILINE)
     assert {fault.name for fault in CATALOGUE} <= set(rows)
+
+
+# --- a failing sensor, by phase ---
+
+
+def _cells() -> dict[str, dict[str, float]]:
+    """The table of docs/faults.md: worst force by phase and fault."""
+    rows = [line.strip("| \n").split(" | ") for line in DOCS.read_text(encoding="utf-8").splitlines()]
+    head = next(row for row in rows if row[0] == "worst force, gwt")
+    table = [row for row in rows if row[0] in phases.PHASES and len(row) == len(head)]
+    return {row[0]: dict(zip(head[1:], (float(cell.split()[0]) for cell in row[1:]), strict=True)) for row in table}
+
+
+def test_the_table_is_whole_and_within_its_bounds() -> None:
+    """A fault that shows stays below trip and overshoot; one that a single sensor cannot show, below depth."""
+    cells = _cells()
+    assert tuple(cells) == phases.PHASES
+    for row in cells.values():
+        assert set(row) == set(phases.FAULTS)
+        for fault, worst_gwt in row.items():
+            silent = fault in phases.SHOWN_BY_NOTHING
+            assert worst_gwt <= (phases.deep_gwt() if silent else bound_gwt())
+
+
+def _worst_cells() -> list[tuple[str, str, float]]:
+    """Of each phase the worst fault that shows, and the worst that need not."""
+    found = []
+    for phase, row in _cells().items():
+        for silent in (False, True):
+            fault = max((f for f in row if (f in phases.SHOWN_BY_NOTHING) is silent), key=row.__getitem__)
+            found.append((phase, fault, row[fault]))
+    return found
+
+
+@pytest.mark.parametrize(("phase", "fault", "documented_gwt"), _worst_cells())
+def test_the_worst_cell_of_each_phase(phase: str, fault: str, documented_gwt: float, tmp_path: Path) -> None:
+    assert phases.suffer(phase, fault, tmp_path).worst_gwt == pytest.approx(documented_gwt, abs=0.02)
+
+
+@pytest.mark.parametrize("phase", ["touch", "press"])
+def test_a_sensor_that_dies_at_0_is_noticed_within_an_increment_or_two(phase: str, tmp_path: Path) -> None:
+    """It used to go on to search_mm, 0.5 mm past the contact, and in a press to the deepest that is allowed."""
+    cell = phases.suffer(phase, "frozen at 0", tmp_path)
+    assert cell.worst_gwt < 10.0 * (0.11 + 0.05) ** 1.5
+    assert {"touch": "where it was felt just before", "press": "mm below the touch: a dead sensor"}[
+        phase
+    ] in cell.reason

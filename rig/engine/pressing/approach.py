@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import NoReturn
 
 from rig.engine.engine import Engine
 from rig.engine.pressing.pulse import pulse
@@ -25,9 +26,12 @@ class Approach:
         Trips where contact is not found, found too high, or pulls.
         """
         habits = self.engine.settings.habits
-        self._descend(habits.increment_mm, "approach")
+        self._descend(habits.increment_mm, "approach", self.lowest_mm)
+        felt_mm = self.engine.height_mm
         self._back_off()
-        readings = self._descend(habits.touch_increment_mm, "touch")
+        readings = self._descend(
+            habits.touch_increment_mm, "touch", max(felt_mm - habits.increment_mm, self.lowest_mm)
+        )
         touch = fit_contact(readings, self.engine.sensing.touch_gwt, self.engine.sensing.least_gwt)
         self._record(touch)
         return touch
@@ -41,17 +45,14 @@ class Approach:
             force = engine.read_force_gwt(self.press, "back off")
         engine.go_to_height(engine.height_mm + habits.increment_mm, habits.approach_speed_mm_s)
 
-    def _descend(self, step_mm: float, phase: Phase) -> list[tuple[float, float]]:
-        """(height, force) readings down to the touch threshold."""
+    def _descend(self, step_mm: float, phase: Phase, lowest_mm: float) -> list[tuple[float, float]]:
+        """(height, force) readings down to the touch threshold; trips where there is none."""
         engine, readings = self.engine, list[tuple[float, float]]()
         while True:
             safe_point(engine)
             below = engine.height_mm - step_mm
-            if below < self.lowest_mm - 1e-9:
-                engine.trip(
-                    f"no contact at x = {engine.x_mm:g} mm down to {self.lowest_mm:.3f} mm from the nominal apex: "
-                    "is the sensor alive, the finger in place, frame.apex_z_mm right?"
-                )
+            if below < lowest_mm - 1e-9:
+                self._miss(lowest_mm)
             engine.go_to_height(below, engine.settings.habits.approach_speed_mm_s)
             force = engine.read_force_gwt(self.press, phase)
             readings.append((engine.height_mm, force))
@@ -60,6 +61,12 @@ class Approach:
             if force >= engine.sensing.touch_gwt:
                 self._refuse_contact_too_high()
                 return readings
+
+    def _miss(self, lowest_mm: float) -> NoReturn:
+        """What was felt coarsely must be felt again within one coarse increment: a dead sensor would go on."""
+        place = f"no contact at x = {self.engine.x_mm:g} mm down to {lowest_mm:.3f} mm from the nominal apex"
+        again = ", where it was felt just before" if lowest_mm > self.lowest_mm else ""
+        self.engine.trip(f"{place}{again}: is the sensor alive, the finger in place, frame.apex_z_mm right?")
 
     def _refuse_contact_too_high(self) -> None:
         engine = self.engine

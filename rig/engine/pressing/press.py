@@ -16,6 +16,7 @@ from rig.engine.verbs import safe_point
 _MAX_SEEK_MOVES = 400
 _FORCE_TOLERANCE_GWT, _FORCE_TOLERANCE = 0.05, 0.01
 _TRIP_MARGIN = 0.9
+_LOST_SHARE = 0.5  # of the touch threshold: less than that, an increment below the touch, is no finger
 # Of a gap in force wider than this share of the target, a step closes only so much: no step lands beyond it.
 _WIDE_GAP, _CLOSED_AT_ONCE = 0.05, 0.75
 _MOST_AVERAGED = 25
@@ -31,6 +32,7 @@ class Press:
         self._engine, self.id, self._speed = engine, press, speed_mm_s
         self._habits = engine.settings.habits
         self._smallest_mm = engine.settings.stage.resolution_mm
+        self._touch = touch
         self._contact_mm, self._force_gwt = touch.contact_height_mm, touch.force_gwt
         self._ramp_from = (touch.force_gwt, engine.clock.monotonic_s())  # at contact, or at the end of the last hold
         self._stiffness_gwt_mm = 0.0  # as the last move was answered
@@ -113,7 +115,19 @@ class Press:
     def _read(self, phase: Phase) -> float:
         force = self._engine.read_force_gwt(self.id, phase, self._contact_mm)
         self._peak_gwt = max(self._peak_gwt, force)
+        self._refuse_lost_finger(force)
         return force
+
+    def _refuse_lost_finger(self, force_gwt: float) -> None:
+        """Deeper than where it was touched a finger is felt: what hardly shows it, or pulls, is no finger's force."""
+        engine, least_gwt = self._engine, _LOST_SHARE * self._touch.threshold_gwt
+        below_mm = self._touch.height_at_threshold_mm - engine.height_mm
+        if force_gwt < least_gwt and below_mm >= self._habits.increment_mm - 1e-9:
+            engine.trip(
+                f"{force_gwt:.2f} gwt, {below_mm:.2f} mm below the touch: a dead sensor, one that reads backwards, "
+                "or the finger has gone",
+                force_gwt,
+            )
 
     def _to_force(self, force_gwt: float) -> float:
         """Move in mm that would reach a force on F ∝ d^1.5 through the present reading."""
