@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, PositiveFloat, model_validator
 
-from rig.transport.port_settings import Framing, Port, Settings
+from rig.transport.port_settings import EIGHT_N_ONE, Character, Framing, Port, Settings
 
 SLOWEST_MM_S = 1 / 60  # GRBL moves no slower, whatever F says
 NOMINAL_STEPS_PER_MM = 400.0
@@ -103,6 +103,8 @@ class StageSettings(Settings):
     kind: Literal["grbl", "leadshine"] = "grbl"
     port: Port = "/dev/ttyUSB0"
     baud: int = Field(115200, ge=300, le=1_000_000)
+    character: Character = EIGHT_N_ONE
+    dtr: bool = Field(True, description="raised on opening, which resets many boards; false: left low")
     travel_mm: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = (60.0, 30.0, 40.0)
     resolution_mm: float = Field(0.0025, gt=0, le=0.05, description="one step of the vertical axis")
     acceleration_mm_s2: float = Field(50.0, gt=0, le=1e4, description="of the vertical axis, for the stop distance")
@@ -164,6 +166,8 @@ class ForceSettings(Settings):
     kind: Literal["mtsics", "laumas"] = "mtsics"
     port: Port = "/dev/ttyUSB1"
     baud: int = Field(9600, ge=300, le=1_000_000)
+    character: Character = EIGHT_N_ONE
+    dtr: bool = Field(True, description="raised on opening; false: left low")
     sample_period_s: float = Field(0.05, ge=0.01, le=10)
     latency_s: float = Field(0.0, ge=0, le=2, description="how late a reading is; waited for after every move")
     resolution_gwt: float = Field(0.01, gt=0, le=1, description="one step of what the sensor shows")

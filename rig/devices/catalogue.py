@@ -6,7 +6,13 @@ A new driver is one function here and one line in _STAGES or _FORCES.
 from collections.abc import Callable
 from functools import partial
 
-from rig.devices.bench_settings import NOMINAL_STEPS_PER_MM, BenchSettings, DriveSettings
+from rig.devices.bench_settings import (
+    NOMINAL_STEPS_PER_MM,
+    BenchSettings,
+    DriveSettings,
+    ForceSettings,
+    StageSettings,
+)
 from rig.devices.force.base import ForceSensor
 from rig.devices.force.laumas import LaumasForce
 from rig.devices.force.mtsics import MtSicsForce
@@ -115,16 +121,16 @@ def force_driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Force
 
 def open_stage(settings: BenchSettings, clock: Clock, byte_log: Sink | None = None) -> Stage:
     """The stage on its port, not yet spoken to. Raises TransportError."""
-    opener = partial(_open, baud=settings.stage.baud, clock=clock, byte_log=byte_log)
+    opener = partial(_open, settings=settings.stage, clock=clock, byte_log=byte_log)
     return stage_driver(opener, clock, settings)
 
 
 def open_force(settings: BenchSettings, clock: Clock, byte_log: Sink | None = None) -> ForceSensor:
     """The force sensor on its port, not yet spoken to. Raises TransportError."""
-    opener = partial(_open, baud=settings.force.baud, clock=clock, byte_log=byte_log)
+    opener = partial(_open, settings=settings.force, clock=clock, byte_log=byte_log)
     return force_driver(opener, clock, settings)
 
 
-def _open(port: str, *, baud: int, clock: Clock, byte_log: Sink | None) -> Transport:
-    transport = open_port(port, baud)
+def _open(port: str, *, settings: StageSettings | ForceSettings, clock: Clock, byte_log: Sink | None) -> Transport:
+    transport = open_port(port, settings.baud, character=settings.character, dtr=settings.dtr)
     return transport if byte_log is None else LoggedTransport(transport, clock, byte_log)

@@ -25,7 +25,8 @@ BROADCAST = 0
 # A character has 11 bits on a serial line; above 19200 baud the silence is fixed.
 SILENT_BITS, FIXED_SILENCE_S, FAST_BAUD = 38.5, 1.75e-3, 19200
 
-_FUNCTIONS = {3: "read", 6: "write", 16: "write"}
+_READ = 3
+_FUNCTIONS = {_READ: "read", 6: "write", 16: "write"}
 _EXCEPTIONS = {
     1: "illegal function", 2: "illegal data address", 3: "illegal data value", 4: "device failure",
     5: "acknowledged, not done yet", 6: "device busy", 8: "memory parity error",
@@ -58,6 +59,9 @@ class ModbusMaster:
 
     baud gives RTU its silence between frames. reply_s bounds the wait for an answer. A read that times out or comes
     garbled is tried again, read_tries times in all; a write never is, since it may have been obeyed.
+
+    Many RS-485 adapters hear themselves. The first read tells: what comes back is then taken off every answer, so
+    that a write's own echo, which looks just like function 06's answer, is none.
     """
 
     def __init__(
@@ -80,6 +84,9 @@ class ModbusMaster:
         self._free_s = 0.0
         self._reply_s, self._read_tries = reply_s, read_tries
         self._transaction = 0
+        self.echoes: bool | None = (
+            None if self._rtu else False
+        )  # whether what is sent comes back; None: not known yet
 
     def read(self, device_id: int, address: int, count: int = 1) -> list[int]:
         """Function 03: `count` registers of 16 bits from `address` on. Raises ModbusError, TransportError."""
@@ -122,8 +129,9 @@ class ModbusMaster:
         self._clock.wait_s(self._free_s - self._clock.monotonic_s())
         while self._transport.read(0.0):
             pass
-        self._send(self._frame(request))
-        answer = self._answer(request)
+        frame = self._frame(request)
+        self._send(frame)
+        answer = self._answer(request, frame)
         if answer.isError():
             raise self._refused(request, answer)
         if answer.function_code != request.function_code or not fits(answer):
@@ -139,23 +147,38 @@ class ModbusMaster:
         self._transport.write(frame)
         self._free_s = self._clock.monotonic_s() + len(frame) * self._byte_s + self._silence_s
 
-    def _answer(self, request: ModbusPDU) -> ModbusPDU:
+    def _answer(self, request: ModbusPDU, sent: bytes) -> ModbusPDU:
         """The answer to this request; older answers of a TCP connection are passed over."""
         deadline_s = self._clock.monotonic_s() + self._reply_s
-        heard = b""
+        heard, echo_due = b"", self.echoes is True or (self.echoes is None and request.function_code == _READ)
         while (left_s := deadline_s - self._clock.monotonic_s()) > 0:
             chunk = self._transport.read(left_s)
             if not chunk:
                 continue
             self._free_s = self._clock.monotonic_s() + self._silence_s
-            heard, answer = self._decoded(request, heard + chunk)
+            heard += chunk
+            if echo_due:
+                if len(heard) < len(sent) and sent.startswith(heard):
+                    continue
+                heard, echo_due = self._without_echo(request, heard, sent), False
+            heard, answer = self._decoded(request, heard)
             if answer is None or not (self._rtu or answer.transaction_id == request.transaction_id):
                 continue
             if answer.dev_id != request.dev_id:
                 raise ModbusGarbled(f"{self._about(request)}: device {answer.dev_id} answered")
             return answer
-        came = f"only {heard.hex(' ')}" if heard else "no answer"
+        came = (
+            "only its own echo" if self.echoes and not heard else f"only {heard.hex(' ')}" if heard else "no answer"
+        )
         raise ModbusTimeout(f"{self._about(request)}: {came} in {self._reply_s:g} s")
+
+    def _without_echo(self, request: ModbusPDU, heard: bytes, sent: bytes) -> bytes:
+        """What was heard after one's own frame, where the adapter hears it; the first read tells whether it does."""
+        found = heard.startswith(sent)
+        if self.echoes and not found:
+            raise ModbusGarbled(f"{self._about(request)}: the adapter's echo is missing in {heard.hex(' ')}")
+        self.echoes = found
+        return heard[len(sent) :] if found else heard
 
     def _decoded(self, request: ModbusPDU, heard: bytes) -> tuple[bytes, ModbusPDU | None]:
         """What is left of `heard`, and the answer in it if it is whole."""

@@ -4,14 +4,17 @@ import os
 
 from rig.transport import tcp
 from rig.transport.base import Transport, TransportError
+from rig.transport.port_settings import EIGHT_N_ONE
 from rig.transport.serial_port import SerialTransport
 
 
-def open_port(port: str, baud: int, *, name: str | None = None) -> Transport:
+def open_port(
+    port: str, baud: int, *, name: str | None = None, character: str = EIGHT_N_ONE, dtr: bool = True
+) -> Transport:
     """Open `tcp://HOST:PORT`, a serial device or a pyserial URL. Raises TransportError."""
     if port.startswith(tcp.SCHEME):
         return tcp.TcpTransport(port, name=name)
-    return SerialTransport(port, baud, name=name)
+    return SerialTransport(port, baud, name=name, character=character, dtr=dtr)
 
 
 def refuse_missing(port: str) -> None:

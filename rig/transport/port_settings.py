@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict
 
 Framing = Literal["rtu", "tcp"]
+EIGHT_N_ONE = "8N1"
 
 
 class Settings(BaseModel):
@@ -19,5 +20,14 @@ def _addressed(port: str) -> str:
         raise ValueError("expected tcp://HOST:PORT or the name of a serial port")
     return port
 
+
+def _spelled(character: str) -> str:
+    if not re.fullmatch(r"[78][NEO][12]", character):
+        raise ValueError("expected data bits, parity and stop bits, such as 8N1 or 7E1")
+    return character
+
+
+Character = Annotated[str, AfterValidator(_spelled)]
+"""Of a serial line: data bits, parity (none, even, odd) and stop bits."""
 
 Port = Annotated[str, AfterValidator(_addressed)]

@@ -7,24 +7,33 @@ import serial
 
 from rig.transport.base import TransportError
 from rig.transport.ownership import PortOwnership
+from rig.transport.port_settings import EIGHT_N_ONE
 
 WRITE_TIMEOUT_S = 1.0
 
 
 class SerialTransport:
-    """Transport over pyserial, 8N1.
+    """Transport over pyserial.
 
     port is a device or a pyserial URL such as rfc2217://host:port. Raises TransportError, in one line that
-    names the port, if it is missing, not permitted, or owned by somebody else. Opening resets many GRBL
-    boards (DTR).
+    names the port, if it is missing, not permitted, or owned by somebody else. character: data bits, parity, stop
+    bits. Opening raises DTR, which resets many GRBL boards, or leaves it low.
     """
 
-    def __init__(self, port: str, baud: int = 115200, *, name: str | None = None) -> None:
+    def __init__(
+        self,
+        port: str,
+        baud: int = 115200,
+        *,
+        name: str | None = None,
+        character: str = EIGHT_N_ONE,
+        dtr: bool = True,
+    ) -> None:
         self.name = name or port
         self._port = port
         self._ownership = PortOwnership(port)
         try:
-            self._serial = _open(port, baud)
+            self._serial = _open(port, baud, character, dtr=dtr)
         except BaseException:
             self._ownership.release()
             raise
@@ -49,9 +58,22 @@ class SerialTransport:
         self._ownership.release()
 
 
-def _open(port: str, baud: int) -> Any:
+def _open(port: str, baud: int, character: str, *, dtr: bool) -> Any:
     try:
-        return serial.serial_for_url(port, baudrate=baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True)
+        wire = serial.serial_for_url(
+            port,
+            do_not_open=True,
+            baudrate=baud,
+            bytesize=int(character[0]),
+            parity=character[1],
+            stopbits=int(character[2]),
+            timeout=0,
+            write_timeout=WRITE_TIMEOUT_S,
+            exclusive=True,
+        )
+        wire.dtr = dtr
+        wire.open()
+        return wire
     except (serial.SerialException, OSError, ValueError) as problem:
         raise TransportError(_why_not(port, problem)) from problem
 

@@ -36,6 +36,7 @@ class SerialLine:
         self._arrived = bytearray()
         self._on_bytes: Callable[[bytes], None] = _nobody
         self._on_host_bytes: Callable[[bytes], object] = self._arrived.extend
+        self.echoes = False  # as an RS-485 adapter that hears itself: what the host writes comes back, as it goes out
 
     def host_write(self, data: bytes) -> None:
         if data:
@@ -70,6 +71,8 @@ class SerialLine:
         self._on_host_bytes(data)
 
     def _hand_over(self, data: bytes) -> None:
+        if self.echoes:
+            self._hand_to_host(data)
         self._on_bytes(data)
 
 

@@ -237,6 +237,31 @@ def test_a_silent_drive_stops_the_run(make: Make) -> None:
     assert engine.state is State.UNHOMED
 
 
+# --- adapters that hear themselves ---
+
+
+def test_with_echoing_adapters_everything_is_as_without(make: Make) -> None:
+    """Homing, a press to a force and a lift; the same readings."""
+    ends = []
+    for echoes in (False, True):
+        bench = make()
+        bench.stage_line.echoes = bench.force_line.echoes = echoes
+        ends.append(indent(bench.ready(), Target("force_gwt", 2.33)).holds[0].force_gwt)
+    assert ends[1] == pytest.approx(ends[0], abs=0.02)
+
+
+def test_with_an_echo_a_drive_that_died_is_noticed(make: Make) -> None:
+    bench = make()
+    bench.stage_line.echoes = True
+    engine = bench.ready()
+    hear = bench.stage_line._on_bytes
+    bench.at_first("press", lambda: bench.stage_line.connect(lambda data: None))
+    with pytest.raises(StageTimeout, match="only its own echo"):
+        indent(engine, Target("force_gwt", 2.33))
+    assert engine.state is State.UNHOMED
+    bench.stage_line.connect(hear)
+
+
 # --- jog ---
 
 

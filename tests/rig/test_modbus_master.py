@@ -272,3 +272,59 @@ def test_a_stop_goes_past_a_read_that_waits(clock: VirtualClock, scripted: Scrip
     alone = scripted([(rtu("02 06 60 02 00 40"), b"")])
     ModbusMaster(alone, clock).send_now([2], 0x6002, 0x40)
     assert clock.monotonic_s() == 0.0
+
+
+# --- an RS-485 adapter that hears itself ---
+
+ANSWER_2 = "01 03 04 00 01 86 A0"
+
+
+@pytest.mark.parametrize("pieces", ["whole", "bytes", "echo, then answer"])
+def test_an_echo_is_recognised_by_the_first_read_and_taken_off(master: Any, rtu: Rtu, pieces: str) -> None:
+    """Read: the echo, 8 bytes, and the answer. Then function 06: two copies, of which the second is the answer."""
+    answer = rtu(ANSWER_2)
+    comes = {
+        "whole": READ_2 + answer,
+        "bytes": [bytes([b]) for b in READ_2 + answer],
+        "echo, then answer": [READ_2, answer],
+    }[pieces]
+    bus = master(
+        [(READ_2, comes), (GOLDEN_SAVE, [GOLDEN_SAVE, GOLDEN_SAVE]), (GOLDEN_WRITE, [GOLDEN_WRITE, GOLDEN_ANSWER])]
+    )
+    assert bus.echoes is None
+    assert bus.read(1, 7, 2) == [1, 0x86A0]
+    assert bus.echoes is True
+    bus.write_one(1, 0x1801, 0x2244)
+    bus.write(7, 0x6200, [1, 0, 0x2710, 0, 0x2710, 0x2710, 0, 0x10])
+
+
+def test_with_an_echo_a_dead_device_has_not_obeyed(master: Any, rtu: Rtu) -> None:
+    """Function 06 answers with the very bytes of its question: one copy is the adapter's, and nobody's answer."""
+    bus = master([(READ_2, READ_2 + rtu(ANSWER_2)), (GOLDEN_SAVE, GOLDEN_SAVE)])
+    bus.read(1, 7, 2)
+    with pytest.raises(ModbusTimeout, match=r"register.* at 0x1801: only its own echo in 0\.2 s"):
+        bus.write_one(1, 0x1801, 0x2244)
+
+
+def test_a_dead_device_behind_an_echo_does_not_answer_the_first_read_either(master: Any) -> None:
+    bus = master([(READ_2, READ_2)], read_tries=1)
+    with pytest.raises(ModbusTimeout, match="only its own echo"):
+        bus.read(1, 7, 2)
+
+
+def test_without_an_echo_one_copy_is_the_answer(master: Any, rtu: Rtu) -> None:
+    bus = master([(READ_2, rtu(ANSWER_2)), (GOLDEN_SAVE, GOLDEN_SAVE)])
+    bus.read(1, 7, 2)
+    assert bus.echoes is False
+    bus.write_one(1, 0x1801, 0x2244)
+
+
+def test_an_echo_that_is_missing_is_said(master: Any, rtu: Rtu) -> None:
+    bus = master([(READ_2, READ_2 + rtu(ANSWER_2)), (GOLDEN_WRITE, GOLDEN_ANSWER)])
+    bus.read(1, 7, 2)
+    with pytest.raises(ModbusGarbled, match="the adapter's echo is missing in 07 10 62 00 00 08 de 11"):
+        bus.write(7, 0x6200, [1, 0, 0x2710, 0, 0x2710, 0x2710, 0, 0x10])
+
+
+def test_tcp_has_no_echo(master: Any) -> None:
+    assert master([], framing="tcp").echoes is False

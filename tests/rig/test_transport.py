@@ -5,9 +5,13 @@ import json
 import os
 import socket
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
+from pydantic import ValidationError
 
+from rig.devices.catalogue import open_force, open_stage
+from rig.plan.config import Config
 from rig.transport import (
     LineReader,
     LoggedTransport,
@@ -133,6 +137,41 @@ def test_serial_port_both_ways(port: tuple[int, str]) -> None:
     assert LineReader(wire, WallClock()).read_line(WallClock().monotonic_s() + 5.0) == "ok"
     assert wire.read(0.001) == b""
     wire.close()
+
+
+@pytest.mark.parametrize(("character", "dtr"), [("8N1", True), ("7E1", True), ("8O2", False)])
+def test_a_port_is_opened_as_it_is_set(character: str, dtr: bool) -> None:
+    """On pyserial's own loop, where DTR comes back as DSR; a pseudo-terminal has neither parity nor DTR."""
+    wire = SerialTransport("loop://", 9600, character=character, dtr=dtr)
+    try:
+        inner = wire._serial
+        assert f"{inner.bytesize}{inner.parity}{inner.stopbits}" == character
+        assert inner.dsr is dtr
+        wire.write(b"S S      0.00 g")
+        assert wire.read(1.0) == b"S S      0.00 g"
+    finally:
+        wire.close()
+
+
+@pytest.mark.parametrize("table", ["stage", "force"])
+def test_the_settings_of_a_port_reach_it(table: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both devices: stage and force each have baud, character and dtr of their own."""
+    opened: list[tuple[Any, ...]] = []
+
+    def note(port: str, baud: int, *, character: str, dtr: bool) -> LoopbackTransport:
+        opened.append((port, baud, character, dtr))
+        return LoopbackTransport(SerialLine(VirtualClock(), 9600), VirtualClock())
+
+    monkeypatch.setattr("rig.devices.catalogue.open_port", note)
+    config = Config.model_validate({table: {"port": "/dev/ttyX", "baud": 2400, "character": "7E1", "dtr": False}})
+    {"stage": open_stage, "force": open_force}[table](config, WallClock())
+    assert opened == [("/dev/ttyX", 2400, "7E1", False)]
+
+
+@pytest.mark.parametrize("character", ["9N1", "8X1", "8N3", "8N", "8n1", ""])
+def test_a_character_format_that_there_is_not_is_refused(character: str) -> None:
+    with pytest.raises(ValidationError, match="expected data bits, parity and stop bits, such as 8N1 or 7E1"):
+        Config.model_validate({"force": {"character": character}})
 
 
 def test_one_owner_a_port(port: tuple[int, str]) -> None:
