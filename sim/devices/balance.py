@@ -12,6 +12,9 @@ from sim.devices.cell import Load, Samples
 from sim.devices.clock import Handle, Scheduler
 from sim.devices.line import SerialLine
 
+MODEL, SOFTWARE = "virtual-balance", "1.00"
+LEVEL_0 = ("@", "I0", "I1", "I2", "I3", "I4", "S", "SI", "SIR", "Z", "ZI")
+
 
 @dataclass
 class _Pending:
@@ -104,6 +107,10 @@ class VirtualBalance:
             "TI": lambda: self._set_tare("TI", "S" if self._stable(self._samples.newest()) else "D"),
             "TA": lambda: self._send(f"TA A {self._shown(self._tare_g)}"),
             "TAC": self._clear_tare,
+            "I0": self._list_commands,
+            "I1": lambda: self._send('I1 A "01" "2.30" "2.20" "" ""'),
+            "I2": lambda: self._send(f'I2 A "{MODEL} {self._menu.range_g:.{self._decimals}f} g"'),
+            "I3": lambda: self._send(f'I3 A "{SOFTWARE}"'),
             "I4": self._identify,
             "@": self._cancel,
         }
@@ -156,6 +163,13 @@ class VirtualBalance:
     def _clear_tare(self) -> None:
         self._tare_g = 0.0
         self._send("TAC A")
+
+    def _list_commands(self) -> None:
+        """One line each with the level it belongs to; all but the last say that more will come (B)."""
+        names = sorted(self._commands())
+        for name in names:
+            level = 0 if name in LEVEL_0 else 1
+            self._send(f'I0 {"A" if name == names[-1] else "B"} {level} "{name}"')
 
     def _identify(self) -> None:
         self._send(f'I4 A "{self._menu.serial_number}"')

@@ -7,6 +7,10 @@ from sim.devices.clock import Scheduler
 BITS_PER_BYTE = 10
 
 
+def _nothing() -> None:
+    """Most devices do not notice who is at the other end."""
+
+
 class _OneWay:
     """One direction: chunks follow each other, none arrives before its last bit."""
 
@@ -35,6 +39,7 @@ class SerialLine:
         self._to_host = _OneWay(scheduler, baud)
         self._arrived = bytearray()
         self._on_bytes: Callable[[bytes], None] = _nobody
+        self.renewed: Callable[[], None] = _nothing
         self._on_host_bytes: Callable[[bytes], object] = self._arrived.extend
         self.echoes = False  # as an RS-485 adapter that hears itself: what the host writes comes back, as it goes out
 
@@ -55,9 +60,9 @@ class SerialLine:
         """From now on on_host_bytes gets what arrives at the host, at the instant it arrives."""
         self._on_host_bytes = on_host_bytes
 
-    def connect(self, on_bytes: Callable[[bytes], None]) -> None:
-        """Attach the device: on_bytes gets each chunk at the instant it arrives."""
-        self._on_bytes = on_bytes
+    def connect(self, on_bytes: Callable[[bytes], None], on_renewed: Callable[[], None] = _nothing) -> None:
+        """Attach the device: on_bytes gets each chunk at the instant it arrives; on_renewed is told of a new host."""
+        self._on_bytes, self.renewed = on_bytes, on_renewed
 
     def device_write(self, data: bytes) -> None:
         if data:

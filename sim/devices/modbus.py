@@ -24,8 +24,12 @@ from sim.devices.line import SerialLine
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, DEVICE_BUSY = 1, 2, 3, 6
 BROADCAST = 0
-# Half a frame that is not continued is forgotten; a host process may be held up for longer than 3.5 characters.
+ALONE = (0, 255)
+"""Unit ids on TCP that mean whoever is behind the port, where that is one device (guide V1.0b, 4.4.2)."""
+
+# Half an RTU frame that is not continued is forgotten; a host process may be held up for longer than 3.5 characters.
 FORGET_S = 0.05
+_HEADER, _SHORTEST, _LONGEST = 6, 2, 254  # of a TCP frame: bytes before the length counts, and what it may be
 
 
 class RegisterFault(Exception):  # noqa: N818
@@ -73,33 +77,60 @@ class ModbusBus:
         self._heard = b""
         self._last_s = 0.0
         self.mute: set[int] = set()
-        line.connect(self._on_bytes)
+        line.connect(self._on_bytes, self._renew)
 
     def _on_bytes(self, data: bytes) -> None:
         now_s = self._scheduler.monotonic_s()
-        if now_s - self._last_s > FORGET_S:
+        if self._rtu and now_s - self._last_s > FORGET_S:
             self._heard = b""
         self._last_s = now_s
         self._heard += data
-        while self._heard:
-            try:
-                used, request = self._framer.handleFrame(self._heard, 0, 0)
-            except ModbusException:
-                self._refuse_nonsense()
-                return
-            if not used:
-                return
-            self._heard = self._heard[used:]
-            if request is not None:
-                self._serve(request)
+        while (frame := self._heard if self._rtu else self._whole_tcp()) and self._take(frame):
+            pass
+        if self._rtu and self._heard:
+            self._scheduler.call_at(now_s + FORGET_S, self._refuse_unknown)
 
-    def _refuse_nonsense(self) -> None:
-        """A whole frame whose content makes no sense, such as a count of zero."""
-        start = 0 if self._rtu else 6
-        device_id, function = self._heard[start], self._heard[start + 1]
-        if self._device(device_id) is not None:
-            transaction = 0 if self._rtu else int.from_bytes(self._heard[:2], "big")
-            self._answer(ExceptionResponse(function, ILLEGAL_VALUE, device_id, transaction))
+    def _whole_tcp(self) -> bytes:
+        """The first whole frame heard, or nothing; a slow one is waited for as long as the connection lasts."""
+        if len(self._heard) < _HEADER:
+            return b""
+        length = int.from_bytes(self._heard[4:_HEADER], "big")
+        if not _SHORTEST <= length <= _LONGEST:
+            self._heard = b""
+        return self._heard[: _HEADER + length] if len(self._heard) >= _HEADER + length else b""
+
+    def _take(self, frame: bytes) -> bool:
+        """Serve what has come whole; False where there is nothing more to serve."""
+        try:
+            used, request = self._framer.handleFrame(frame, 0, 0)
+        except ModbusException:
+            self._refuse_nonsense(frame)
+            return not self._rtu
+        self._heard = self._heard[used:]
+        if request is not None:
+            self._serve(request)
+        return used > 0
+
+    def _refuse_nonsense(self, frame: bytes) -> None:
+        """A whole frame that is no request: a function that nobody has, or a content such as a count of zero."""
+        start = 0 if self._rtu else _HEADER
+        device_id, function = frame[start], frame[start + 1]
+        device = self._device(device_id)
+        if device is not None:
+            code = ILLEGAL_VALUE if function in device.functions else ILLEGAL_FUNCTION
+            transaction = 0 if self._rtu else int.from_bytes(frame[:2], "big")
+            self._answer(ExceptionResponse(function, code, device_id, transaction))
+        self._heard = b"" if self._rtu else self._heard[len(frame) :]
+
+    def _refuse_unknown(self) -> None:
+        """An RTU frame whose length pymodbus cannot know is over with the silence after it, if its CRC is right."""
+        quiet = self._scheduler.monotonic_s() - self._last_s >= FORGET_S * 0.999
+        body, crc = self._heard[:-2], self._heard[-2:]
+        if quiet and len(body) >= _SHORTEST and FramerRTU.compute_CRC(body).to_bytes(2, "big") == crc:
+            self._refuse_nonsense(self._heard)
+
+    def _renew(self) -> None:
+        """Another client: what the one before left unfinished is nobody's."""
         self._heard = b""
 
     def _serve(self, request: ModbusPDU) -> None:
@@ -114,6 +145,8 @@ class ModbusBus:
             self._answer(answer)
 
     def _device(self, device_id: int) -> Registers | None:
+        if not self._rtu and device_id in ALONE and len(self._devices) == 1:
+            device_id = next(iter(self._devices))
         return None if device_id in self.mute else self._devices.get(device_id)
 
     def _answer(self, answer: ModbusPDU) -> None:

@@ -89,6 +89,7 @@ class TcpPort:
                 if hasattr(socket, name):
                     client.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
             self._client = client
+            self._line.renewed()
             self._scheduler.watch(client, self._from_client)
 
     def _from_client(self) -> None:

@@ -104,6 +104,17 @@ def test_a_board_that_is_not_set_as_configured_is_refused(
         stage.connect()
 
 
+@pytest.mark.parametrize(("travel", "named"), [(b"$132=50.000", True), (b"$132=40.000\r\n$13=1", False)])
+def test_a_travel_that_differs_is_told_by_the_key_of_the_configuration(
+    clock: VirtualClock, scripted: Callable[[list[Any]], Any], travel: bytes, named: bool
+) -> None:
+    board = b"$20=1\r\n$22=1\r\n$130=60.000\r\n$131=30.000\r\n" + travel + b"\r\nok\r\n"
+    stage = GrblStage(scripted([HELLO, (b"$$\n", board)]), clock, expected=expected_settings(RigSettings()))
+    with pytest.raises(StageError, match="not set as configured") as caught:
+        stage.connect()
+    assert ("not set as configured (stage.travel_mm), expected $132=40 (it has 50)" in str(caught.value)) is named
+
+
 def test_what_was_calibrated_is_expected_of_the_board() -> None:
     day = {"date": "2026-01-01", "expires": "2027-01-01"}
     steps = {

@@ -356,3 +356,76 @@ def test_the_filter_is_a_mean_of_samples_on_a_grid(rtu: Rtu) -> None:
         host.clock.wait_s(0.008)
         counts.append(int.from_bytes(host.line.host_read()[5:9], "big"))
     assert counts == [100, 200, 300, 400, 400]
+
+
+# --- what other masters do ---
+
+READ_2_OF_TCP = bytes.fromhex("0001 0000 0006 03 03 0007 0002")
+ANSWER_OF_TCP = bytes.fromhex("0001 0000 0007 03 03 04")
+
+
+def test_a_tcp_frame_may_come_as_slowly_as_it_likes(rtu: Rtu) -> None:
+    """A byte each 2 s; an RTU frame so slow is none, and is forgotten."""
+    tcp = Host("tcp")
+    for k in range(len(READ_2_OF_TCP)):
+        heard = tcp.say(READ_2_OF_TCP[k : k + 1], 2.0)
+        assert (heard != b"") == (k == len(READ_2_OF_TCP) - 1)
+    assert heard.startswith(ANSWER_OF_TCP)
+    serial, frame = Host(), rtu("03 03 00 07 00 02")
+    assert b"".join(serial.say(frame[k : k + 1], 2.0) for k in range(len(frame))) == b""
+    assert serial.say(frame) != b""
+
+
+def test_two_tcp_frames_in_one_chunk_are_two_questions() -> None:
+    second = bytes.fromhex("0002") + READ_2_OF_TCP[2:]
+    answers = Host("tcp").say(READ_2_OF_TCP + second, 0.1)
+    assert answers.count(ANSWER_OF_TCP[2:]) == 2
+    assert bytes.fromhex("0002 0000 0007") in answers
+
+
+def test_half_a_frame_of_a_client_that_went_is_nobodys() -> None:
+    tcp = Host("tcp")
+    tcp.say(READ_2_OF_TCP[:7])
+    tcp.line.renewed()
+    assert tcp.say(READ_2_OF_TCP).startswith(ANSWER_OF_TCP)
+
+
+def test_a_tcp_length_that_cannot_be_ends_in_nothing_and_not_in_silence_for_ever() -> None:
+    tcp = Host("tcp")
+    assert tcp.say(bytes.fromhex("0001 0000 FFFF 03 03 0007 0002")) == b""
+    assert tcp.say(READ_2_OF_TCP).startswith(ANSWER_OF_TCP)
+
+
+@pytest.mark.parametrize("function", [0x01, 0x02, 0x05, 0x08, 0x2B, 0x41, 0x64])
+@pytest.mark.parametrize("framing", ["rtu", "tcp"])
+def test_an_unknown_function_is_answered_by_exception_1(rtu: Rtu, framing: str, function: int) -> None:
+    """Also one whose frame pymodbus cannot cut: on a serial line its end is the silence after it."""
+    body = bytes([3, function, 0, 1, 0, 1])
+    exception = bytes([3, function | 0x80, 1])
+    host = Host(framing)
+    if framing == "rtu":
+        assert host.say(rtu(body.hex()), 0.2) == rtu(exception.hex())
+        assert host.say(rtu("03 03 00 07 00 02")) != b"", "and the next question is heard"
+    else:
+        head = bytes.fromhex("0007 0000")
+        assert host.say(head + b"\0\6" + body) == head + b"\0\3" + exception
+        assert host.say(READ_2_OF_TCP).startswith(ANSWER_OF_TCP)
+
+
+def test_nobody_answers_an_unknown_function_to_somebody_else(rtu: Rtu) -> None:
+    assert Host().say(rtu("09 41 00 01"), 0.2) == b""
+
+
+def test_noise_is_no_unknown_function(rtu: Rtu) -> None:
+    assert Host().say(bytes.fromhex("03 41 00 01 12 34"), 0.2) == b""
+
+
+@pytest.mark.parametrize("unit", [0, 255])
+def test_units_0_and_255_are_the_one_device_behind_a_tcp_port(unit: int) -> None:
+    """Modbus messaging on TCP/IP, implementation guide V1.0b, 4.4.2; with several nobody is meant."""
+    question = READ_2_OF_TCP[:6] + bytes([unit]) + READ_2_OF_TCP[7:]
+    several = Host("tcp")
+    assert several.say(question) == b""
+    one = Host("tcp")
+    ModbusBus(one.clock, one.line, {3: one.cell}, framing="tcp")
+    assert one.say(question).startswith(ANSWER_OF_TCP[:6] + bytes([unit]) + ANSWER_OF_TCP[7:])

@@ -26,6 +26,7 @@ from rig.devices.stage.grbl_settings import (
     STEPS_PER_MM,
     differences,
     expected_s_of,
+    keys_of,
     unreported,
 )
 from rig.devices.stage.grbl_words import HELD, Xyz, machine_from, move_words, parse_setting
@@ -91,10 +92,12 @@ class GrblStage(Stage):
             self._link.reset()
             printed = self._link.command("$I")
         self._link.full_speed()
-        wrong = differences(self.settings(), self._expected) + unreported(printed, self._settings)
+        board = self.settings()
+        wrong = differences(board, self._expected) + unreported(printed, board)
         if wrong:
+            keys = keys_of(board, self._expected)
             raise StageError(
-                f"{self._transport.name}: the board is not set as configured, expected {', '.join(wrong)}"
+                f"{self._transport.name}: the board is not set as configured{keys}, expected {', '.join(wrong)}"
             )
         return " ".join(line for line in printed if line.startswith("[") and not line.startswith("[MSG"))
 

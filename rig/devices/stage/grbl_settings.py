@@ -31,7 +31,7 @@ def differences(board: Mapping[int, float], expected: Mapping[int, float]) -> li
     return [
         f"${number}={value:g} (it has {board.get(number, 0.0):g})"
         for number, value in expected.items()
-        if abs(board.get(number, 0.0) - value) > _TOLERANCE
+        if _differs(board, number, value)
     ]
 
 
@@ -55,3 +55,13 @@ def expected_s_of(
         speed_mm_s = min(speed_mm_s, most / 60 * length / mm)
         accel = min(accel, steepest * length / mm)
     return travel_s(length, speed_mm_s, accel)
+
+
+def keys_of(board: Mapping[int, float], expected: Mapping[int, float]) -> str:
+    """Which key of the configuration a difference may be about, in brackets; nothing for what is always expected."""
+    travel = any(_differs(board, TRAVEL + axis, expected.get(TRAVEL + axis, 0.0)) for axis in range(3))
+    return " (stage.travel_mm)" if travel and TRAVEL in expected else ""
+
+
+def _differs(board: Mapping[int, float], number: int, value: float) -> bool:
+    return abs(board.get(number, 0.0) - value) > _TOLERANCE
