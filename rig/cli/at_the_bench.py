@@ -18,10 +18,10 @@ from rig.devices.force.base import ForceError
 from rig.devices.stage.base import Stage, StageStatus
 from rig.devices.units import GWT_N
 from rig.engine import Engine, LimitError, verbs
+from rig.engine.by_hand.bench_memory import BenchMemory, LastKnown
 from rig.engine.journal import NoJournal
 from rig.engine.sensing import READINGS_AT_ZERO, Sensing
 from rig.plan.config import Config, load_config
-from rig.session.bench_memory import BenchMemory, LastKnown
 from rig.session.real_bench import RealBench, open_bench
 from rig.transport import TransportError, first_owner
 from rig.transport.clock import WallClock

@@ -11,9 +11,9 @@ from rig.devices.catalogue import open_force
 from rig.devices.force.base import ForceError
 from rig.devices.stage.base import StageStatus
 from rig.engine.by_hand import ByHand, Guard, Show
+from rig.engine.by_hand.bench_memory import BenchMemory
 from rig.engine.sensing import Sensing
 from rig.plan.config import Config
-from rig.session.bench_memory import BenchMemory
 from rig.transport import TransportError
 from rig.transport.clock import Clock
 

@@ -10,9 +10,9 @@ from rig.devices.catalogue import open_force, open_stage
 from rig.devices.force.base import ForceSensor
 from rig.devices.stage.base import Stage, StageError
 from rig.engine.bench import NO_PAUSE, Pause
+from rig.engine.by_hand.bench_memory import BenchMemory
 from rig.engine.heartbeat import Heartbeat, looked_after
 from rig.engine.sensing import Zero
-from rig.session.bench_memory import BenchMemory
 from rig.transport import TransportError
 from rig.transport.byte_log import Sink
 from rig.transport.clock import WallClock

@@ -109,7 +109,7 @@ def test_a_travel_that_differs_is_told_by_the_key_of_the_configuration(
     clock: VirtualClock, scripted: Callable[[list[Any]], Any], travel: bytes, named: bool
 ) -> None:
     board = b"$20=1\r\n$22=1\r\n$130=60.000\r\n$131=30.000\r\n" + travel + b"\r\nok\r\n"
-    stage = GrblStage(scripted([HELLO, (b"$$\n", board)]), clock, expected=expected_settings(RigSettings()))
+    stage = GrblStage(scripted([HELLO, (ASKED, board)]), clock, expected=expected_settings(RigSettings()))
     with pytest.raises(StageError, match="not set as configured") as caught:
         stage.connect()
     assert ("not set as configured (stage.travel_mm), expected $132=40 (it has 50)" in str(caught.value)) is named

@@ -7,7 +7,7 @@ import pytest
 
 from rig.devices.stage import GrblStage, StageError
 from rig.devices.stage.base import LOOK_S, arrive
-from rig.engine.jog import Direction, dead_man_jog
+from rig.engine.by_hand.dead_man import Direction, dead_man_jog
 from rig.transport import LoopbackTransport
 from sim.devices import SerialLine, VirtualGrbl
 from sim.devices.clock import VirtualClock

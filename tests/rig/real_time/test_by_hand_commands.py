@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
+from rig.engine.by_hand.bench_memory import BenchMemory
 from rig.plan.config import load_config
-from rig.session.bench_memory import BenchMemory
 from rig.virtual.served_bench import ServedBench
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
