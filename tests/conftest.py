@@ -18,6 +18,7 @@ REAL_TIME = (
     "rig/compare/test_study_on_a_cluster.py",
     "rig/test_command_line.py::test_ctrl_c_stops_at_a_safe_point",
     "rig/test_command_line.py::test_a_killed_run_leaves_a_readable_journal",
+    "rig/test_every_end.py",
     "rig/test_grbl_conformance.py",
     "rig/test_how_it_ends.py",
     "rig/test_kills.py",

@@ -1,8 +1,8 @@
 """Mistakes of a configuration or a script: told before anything moves, in the words of whoever made them."""
 
 import json
+import signal
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -91,7 +91,7 @@ def test_too_many_steps_are_refused_at_the_stated_cap(
     assert patience.MOST_STEPS == 50
 
 
-@pytest.mark.skipif(not hasattr(__import__("signal"), "SIGALRM"), reason="needs alarms (POSIX)")
+@pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="needs alarms (POSIX)")
 @pytest.mark.parametrize(
     "body",
     ["while True: pass", "time.sleep(3600)", "while True:\n        try: rig.note(3)\n        except Exception: pass"],
@@ -105,24 +105,26 @@ def test_a_script_that_makes_no_step_is_refused(
     assert said.startswith("line ")
 
 
-@pytest.mark.skipif(not hasattr(__import__("signal"), "SIGALRM"), reason="needs alarms (POSIX)")
+@pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="needs alarms (POSIX)")
 def test_what_the_model_takes_is_no_silence_of_the_script(
     tmp_path: Path, finger: Fingertip, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(patience, "LONGEST_SILENCE_S", 0.3)
-    indent = Fingertip.indent
+    """No alarm is set while the model is asked."""
+    indent, in_the_model = Fingertip.indent, list[float]()
 
-    def slow(*arguments: object, **more: object) -> object:
-        time.sleep(0.6)
+    def watched(*arguments: object, **more: object) -> object:
+        in_the_model.append(signal.getitimer(signal.ITIMER_REAL)[0])
         return indent(*arguments, **more)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(Fingertip, "indent", slow)
+    monkeypatch.setattr(Fingertip, "indent", watched)
     path = tmp_path / "mine.py"
     path.write_text(f"def run(rig):\n    {READY}\n    rig.indent(doi_mm=0.2)\n", encoding="utf-8")
     counted: list[int] = []
     plan = make_plan(load_script(str(path)), Config(), finger, told=counted.append)
     assert len(plan.indentations) == 1
     assert counted == [1, 2, 3, 4, 5]
+    assert in_the_model
+    assert set(in_the_model) == {0.0}
 
 
 # --- what no bench can be ---
