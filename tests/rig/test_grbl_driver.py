@@ -356,9 +356,10 @@ def test_a_jog_beyond_the_travel_is_refused_by_the_board(stage: Make) -> None:
         stage([(b"$J=G91G21X99.0000F60.000\n", b"error:15\r\n")]).jog("x", 99.0, 1.0)
 
 
-def test_a_jog_cancel_is_sent_until_the_board_is_at_rest(stage: Make) -> None:
+def test_a_jog_cancel_is_waited_for_and_not_sent_again_at_once(stage: Make) -> None:
+    """A second one at the very end of the jog leaves GRBL 1.1h Idle and deaf to lines."""
     jogging = b"<Jog|MPos:-1.000,-2.000,-3.000|FS:60,0>\r\n"
-    stage([(b"\x85", b""), (b"?", jogging), (b"\x85", b""), (b"?", IDLE)]).end_jog()
+    stage([(b"\x85", b""), (b"?", jogging), (b"?", jogging), (b"?", IDLE)]).end_jog()
 
 
 @pytest.mark.parametrize(("output", "words"), [("coolant", (b"M8\n", b"M9\n")), ("spindle", (b"M3S1000\n", b"M5\n"))])

@@ -40,6 +40,8 @@ HOME_S = 180.0
 HALT_S = 2.0
 # Longer than a step takes at the slowest speed there is, 1 mm/min.
 STANDS_S = 0.5
+# A second 0x85 at the very end of a jog leaves GRBL 1.1h suspended, Idle and deaf to lines until `~` or a reset.
+CANCEL_AGAIN_S = 0.5
 # A move may take this much longer than its length, speed and acceleration say.
 LATE_FACTOR, LATE_S = 1.5, 5.0
 ASK_FOR_OFFSET = 35
@@ -245,7 +247,7 @@ class GrblStage(Stage):
         deadline_s = self._clock.monotonic_s() + timeout_s
         self._jogging = False
         self._link.send_now(JOG_CANCEL)
-        stood_at, stood_s = None, 0.0
+        stood_at, stood_s, sent_s = None, 0.0, self._clock.monotonic_s()
         while (now := self.status()).state == "Jog":
             now_s = self._clock.monotonic_s()
             if now != stood_at:
@@ -255,7 +257,9 @@ class GrblStage(Stage):
             if now_s >= deadline_s:
                 raise StageTimeout(f"{self._transport.name}: still jogging after {timeout_s:g} s")
             self._listen(POLL_S)
-            self._link.send_now(JOG_CANCEL)
+            if self._clock.monotonic_s() - sent_s >= CANCEL_AGAIN_S:
+                sent_s = self._clock.monotonic_s()
+                self._link.send_now(JOG_CANCEL)
 
     def set_output(self, on: bool) -> None:
         """Coolant (M8, M9) or spindle (M3, M5); the board switches when all motion before is over."""
