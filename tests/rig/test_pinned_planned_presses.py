@@ -1,0 +1,174 @@
+"""Presses as the plan foresees them, and every verb as the engine carries it out beside a spring."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from rig.engine import EngineError
+from rig.engine.pressing.reference import Reference as Comparison
+from rig.engine.records import Hold, Indentation, PressId, Target
+from rig.engine.rig_settings import RigSettings
+from rig.protocol import Rig
+from rig.protocol.api import ProtocolParameters
+from rig.protocol.planned import PlannedIndentation
+from rig.protocol.steps import Precondition, Reference
+from rig.protocol.walk import Spot, Walk
+from rig.session.live import Live
+from tests.rig.walked import StandIn, Walked, ready, walked
+
+Make = Callable[..., Any]
+
+
+def _from_ready(script: Callable[[Rig], object]) -> Walked:
+    """What a script hands on from where everything is ready."""
+
+    def whole(rig: Rig) -> None:
+        script(ready(rig))
+
+    found = walked(whole)
+    del found.expected[:4], found.answers[:4]
+    return found
+
+
+# --- what the plan expects and answers ---
+
+
+def test_an_indentation_is_foreseen_in_equal_parts() -> None:
+    """10 gwt/mm: 0.5, 1 and 1.5 mm; a force that is foreseen does not scatter."""
+    found = _from_ready(lambda rig: rig.indent(force_gwt=15.0, increments=3, hold_s=0.25))
+    parts = [(5.0, 0.5), (10.0, 1.0), (15.0, 1.5)]
+    holds = tuple(Hold(Target("force_gwt", gwt), mm, gwt, 0.0) for gwt, mm in parts)
+    assert found.answers == [Indentation(0, 0.0, holds)]
+    target = Target("force_gwt", 15.0)
+    (expected,) = found.expected
+    assert expected.ids == (PressId(0),)
+    assert expected.planned == PlannedIndentation(
+        "bar", 0.0, target, -0.3, 15.0, 1.5, 40.0, 0.1, increments=3, hold_s=0.25
+    )
+
+
+def test_preconditioning_is_pressed_in_one_go() -> None:
+    (expected,) = _from_ready(lambda rig: rig.precondition(presses=3, doi_mm=0.5, hold_s=0.25)).expected
+    assert [press.index for press in expected.ids] == [0, 1, 2]
+    assert (expected.planned.increments, expected.planned.hold_s) == (1, 0.25)
+    assert expected.planned.target == Target("doi_mm", 0.5)
+
+
+def test_references_of_a_pass_are_compared_with_one_another() -> None:
+    def script(rig: Rig) -> None:
+        for _ in range(2):
+            rig.reference(x_mm=0.5, doi_mm=0.3, increments=4, hold_s=0.25)
+
+    first, second = _from_ready(script).expected
+    assert (first.planned.x_mm, first.planned.increments, first.planned.hold_s) == (0.5, 4, 0.25)
+    assert isinstance(first.comparison, Comparison)
+    assert first.comparison is second.comparison
+    assert Walk(RigSettings(), StandIn()).reference is not first.comparison
+
+
+def test_a_touch_is_foreseen_where_the_model_has_contact() -> None:
+    found = _from_ready(lambda rig: rig.touch())
+    assert found.answers == [-0.3]
+    assert (found.expected[0].press, found.expected[0].contact_mm) == (PressId(0, "find"), -0.3)
+
+
+def test_the_first_press_of_a_pass_is_held_from_nothing() -> None:
+    assert walked(lambda rig: ready(rig).indent(doi_mm=0.5, hold_s=3.0), limits={"max_contact_s": 3.0}).steps
+
+
+# --- what the engine does: a spring of k · DOI^1.5 that is touched 0.9 mm below the nominal apex ---
+
+DEEP_MM = -0.9
+
+
+def _live(bench: Any, finger: StandIn) -> tuple[Rig, Live, Walk]:
+    walk = Walk(bench.settings, finger)
+    live = Live(bench.engine, walk)
+    return Rig(ProtocolParameters(), walk, live), live, walk
+
+
+def test_every_verb_is_carried_out(spring: Make) -> None:
+    """Contact lies 0.9 mm down, 0.4 mm further than it would be looked for without the model."""
+    bench = spring(contact_mm=DEEP_MM)
+    rig, _, _ = _live(bench, StandIn(contact_mm=DEEP_MM))
+    rig.note("begun")
+    rig.mount("bar")
+    rig.home()
+    rig.zero()
+    rig.checkpoint("zeroed")
+    rig.move_to(x_mm=1, along_mm=-2)
+    touched_mm = rig.touch()
+    rig.move_to(x_mm=1)
+    rig.precondition(presses=2, doi_mm=0.2, hold_s=0.1)
+    rig.reference(x_mm=-1, doi_mm=0.2, hold_s=0.1)
+    found = rig.indent(doi_mm=0.3, increments=2, hold_s=0.1)
+    rig.rest(2)
+    rig.retract()
+
+    assert [data["text"] for data in bench.of("note")] == ["begun"]
+    assert bench.mounted == "bar"
+    assert len(bench.of("home")) == len(bench.of("zero")) == 1
+    assert [data["name"] for data in bench.of("checkpoint")] == ["zeroed"]
+    assert [(e["x_mm"], e["along_mm"]) for e in bench.of("move")] == [(1.0, -2.0), (1.0, 0.0), (-1.0, 0.0)]
+    assert touched_mm == pytest.approx(DEEP_MM, abs=0.01)
+    assert [e["index"] for e in bench.of("find")] == [0]
+    assert [(e["index"], e["x_mm"]) for e in bench.of("precondition_hold_end")] == [(0, 1.0), (1, 1.0)]
+    assert [(e["index"], e["hold"], e["x_mm"]) for e in bench.of("reference_hold_end")] == [
+        (0, 1, -1.0),
+        (0, 2, -1.0),
+    ]
+    assert [e["index"] for e in bench.of("reference")] == [0]
+    assert [(e["index"], e["commanded"], e["asked_s"]) for e in bench.of("hold_end")] == [
+        (0, 0.15, 0.1),
+        (0, 0.3, 0.1),
+    ]
+    assert (found.index, found.x_mm) == (0, -1.0)
+    assert [hold.target for hold in found.holds] == [Target("doi_mm", 0.15), Target("doi_mm", 0.3)]
+    assert [data["rest_s"] for data in bench.of("rest")] == [2.0]
+    assert [stream for stream, _ in bench.events][-1] == "retract"
+
+
+def test_a_press_goes_at_the_speed_that_was_asked(spring: Make) -> None:
+    """F is in mm/min; the habits' press speed is 1 mm/s."""
+    bench = spring()
+    rig, _, _ = _live(bench, StandIn())
+    ready(rig).indent(doi_mm=0.3, hold_s=0.1)
+    assert 60.0 in {move["F"] for move in bench.moves()}
+    before = len(bench.moves())
+    rig.indent(doi_mm=0.3, hold_s=0.1, speed_mm_s=0.25)
+    speeds = {move["F"] for move in bench.moves()[before:]}
+    assert 15.0 in speeds
+    assert 60.0 not in speeds
+
+
+def test_contact_is_looked_for_where_the_model_has_it(spring: Make) -> None:
+    """0.9 mm below the apex it is looked for from 0.4 to 1.4 mm below, limits.search_mm being 0.5."""
+    bench = spring(contact_mm=DEEP_MM)
+    rig, _, _ = _live(bench, StandIn(contact_mm=DEEP_MM))
+    found = ready(rig).indent(doi_mm=0.05, hold_s=0.0)
+    assert found.holds[0].target == Target("doi_mm", 0.05)
+
+
+def test_a_press_is_limited_over_the_area_that_the_model_expects(spring: Make) -> None:
+    """25 gwt at 0.3 mm are short of every other limit, but 30 N/cm² over 0.1 mm² are 3 gwt."""
+    bench = spring(k_gwt=150.0)
+    rig, _, _ = _live(bench, StandIn(gwt_mm=1.0, area_mm2=0.1))
+    with pytest.raises(EngineError, match="pressure limit"):
+        ready(rig).indent(doi_mm=0.3, hold_s=0.0)
+    assert not bench.of("hold_end")
+
+
+def test_what_a_resumed_run_owes_is_done_where_the_script_had_it(spring: Make) -> None:
+    """The move that is owed may be a later one, to another place."""
+    bench = spring()
+    rig, live, walk = _live(bench, StandIn())
+    ready(rig, 0.5)
+    owed = Spot("bar", -0.5, 0.0, (PressId(3, "precondition"),))
+    live.handle(Precondition(presses=1, doi_mm=0.2, hold_s=0.1), owed)
+    assert [(e["index"], e["x_mm"]) for e in bench.of("precondition_hold_end")] == [(3, -0.5)]
+    walk.x_mm = 0.5
+    owed = Spot("bar", 1.0, 0.0, (PressId(1, "reference"),))
+    live.handle(Reference(x_mm=1.0, doi_mm=0.2, increments=1, hold_s=0.1), owed)
+    assert [(e["index"], e["x_mm"]) for e in bench.of("reference_hold_end")] == [(1, 1.0)]
+    assert [e["index"] for e in bench.of("reference")] == [1]

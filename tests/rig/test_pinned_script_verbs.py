@@ -1,0 +1,287 @@
+"""The verbs of a script: what each hands on, where it stands, what must come before it, and what the plan answers."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+from rig.engine.records import PressId
+from rig.protocol import Field, Rig
+from rig.protocol.api import ProtocolParameters
+from rig.protocol.steps import (
+    Checkpoint,
+    Home,
+    Indent,
+    Mount,
+    MoveTo,
+    Note,
+    Precondition,
+    Reference,
+    Rest,
+    Retract,
+    Step,
+    Touch,
+    Zero,
+)
+from tests.rig.walked import Walked, complaint, ready, walked
+
+Script = Callable[[Rig], object]
+
+# As briefly as a script may say it; the step as briefly as it may be made; the step in full.
+VERBS: dict[str, tuple[Script, Step[Any, Any], Step[Any, Any]]] = {
+    "mount": (lambda rig: rig.mount("step"), Mount(indentor="step"), Mount(indentor="step")),
+    "home": (lambda rig: rig.home(), Home(), Home()),
+    "zero": (lambda rig: rig.zero(), Zero(), Zero()),
+    "move_to": (lambda rig: rig.move_to(x_mm=1.0), MoveTo(x_mm=1.0), MoveTo(x_mm=1.0, along_mm=0.0)),
+    "touch": (lambda rig: rig.touch(), Touch(), Touch()),
+    "indent": (
+        lambda rig: rig.indent(doi_mm=0.3),
+        Indent(doi_mm=0.3),
+        Indent(doi_mm=0.3, force_gwt=None, increments=1, speed_mm_s=None, hold_s=1.0),
+    ),
+    "precondition": (
+        lambda rig: rig.precondition(presses=2, force_gwt=1.0),
+        Precondition(presses=2, force_gwt=1.0),
+        Precondition(presses=2, doi_mm=None, force_gwt=1.0, hold_s=1.0),
+    ),
+    "reference": (
+        lambda rig: rig.reference(x_mm=0.5, doi_mm=0.3),
+        Reference(x_mm=0.5, doi_mm=0.3),
+        Reference(x_mm=0.5, doi_mm=0.3, increments=2, hold_s=0.5),
+    ),
+    "retract": (lambda rig: rig.retract(), Retract(), Retract()),
+    "rest": (lambda rig: rig.rest(3.0), Rest(seconds=3.0), Rest(seconds=3.0)),
+    "checkpoint": (lambda rig: rig.checkpoint("a"), Checkpoint(name="a"), Checkpoint(name="a")),
+    "note": (lambda rig: rig.note("a"), Note(text="a"), Note(text="a")),
+}
+
+
+def _from_ready(script: Script, parameters: ProtocolParameters | None = None) -> Walked:
+    """What a script hands on from where everything is ready."""
+
+    def whole(rig: Rig) -> None:
+        ready(rig)
+        rig.note("ready")
+        script(rig)
+
+    found = walked(whole, parameters=parameters)
+    for kept in (found.steps, found.spots, found.expected, found.answers):
+        del kept[:5]
+    return found
+
+
+def test_every_verb_is_in_the_table() -> None:
+    """The rest of what a script sees are `parameters` and `mark`."""
+    assert {name for name in vars(Rig) if not name.startswith("_")} == {*VERBS, "parameters", "mark"}
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_a_verb_hands_on_its_step_with_the_defaults_that_were_decided(verb: str) -> None:
+    script, brief, whole = VERBS[verb]
+    assert _from_ready(script).steps == [brief] == [whole]
+    assert whole.verb == verb
+
+
+class Light(ProtocolParameters):
+    """Of a script that presses lightly."""
+
+    force_gwt: float = Field(2.0, le=3)
+
+
+class Heavy(Light):
+    """With a default that is not allowed."""
+
+    force_gwt: float = Field(4.0, le=3)
+
+
+def test_a_script_sees_its_own_parameters() -> None:
+    found = _from_ready(lambda rig: rig.indent(force_gwt=rig.parameters.force_gwt), Light(force_gwt=2.5))
+    assert found.steps == [Indent(force_gwt=2.5)]
+
+
+def test_a_script_cannot_change_its_parameters() -> None:
+    def script(rig: Rig) -> None:
+        rig.parameters.force_gwt = 4.0
+
+    with pytest.raises(ValidationError, match="frozen"):
+        _from_ready(script, Light())
+
+
+@pytest.mark.parametrize(
+    ("kind", "given", "said"),
+    [
+        (Light, {"force_gwt": 4.0}, "less than or equal to 3"),
+        (Light, {"force_gwt": float("nan")}, "a finite number"),
+        (Light, {"force_gwt": -float("inf")}, "a finite number"),
+        (Light, {"hold_s": 1.0}, "not permitted"),
+        (Heavy, {}, "less than or equal to 3"),
+    ],
+)
+def test_parameters_are_what_the_script_says_they_may_be(
+    kind: type[ProtocolParameters], given: dict[str, float], said: str
+) -> None:
+    assert _from_ready(lambda rig: rig.rest(rig.parameters.force_gwt), Light()).steps == [Rest(seconds=2.0)]
+    with pytest.raises(ValidationError, match=said):
+        kind.model_validate(given)
+
+
+# --- where a step stands ---
+
+
+def test_before_anything_is_done_a_step_stands_nowhere() -> None:
+    (spot,) = walked(lambda rig: rig.note("a")).spots
+    assert (spot.indentor, spot.along_mm, spot.ids) == ("", 0.0, ())
+    assert math.isnan(spot.x_mm)
+
+
+def test_a_step_stands_where_the_ones_before_it_have_led() -> None:
+    def script(rig: Rig) -> None:
+        rig.mount("step")
+        rig.home()
+        rig.zero()
+        rig.move_to(x_mm=1.0, along_mm=-2.0)
+        rig.retract()
+        rig.rest(1.0)
+        rig.checkpoint("here")
+        rig.note("here")
+        rig.touch()
+        rig.reference(x_mm=-0.5, doi_mm=0.3)
+        rig.indent(doi_mm=0.3)
+
+    spots = walked(script).spots
+    assert [(s.indentor, s.x_mm, s.along_mm) for s in spots[3:9]] == 6 * [("step", 1.0, -2.0)]
+    assert [(s.indentor, s.x_mm, s.along_mm) for s in spots[9:]] == 2 * [("step", -0.5, 0.0)]
+    assert [len(s.ids) for s in spots] == 8 * [0] + 3 * [1]
+
+
+def test_presses_are_numbered_among_those_of_their_purpose() -> None:
+    def script(rig: Rig) -> None:
+        for _ in range(2):
+            rig.indent(doi_mm=0.3)
+            rig.precondition(presses=3, doi_mm=0.3)
+            rig.reference(x_mm=0.0, doi_mm=0.3)
+            rig.touch()
+
+    assert [s.ids for s in _from_ready(script).spots] == [
+        (PressId(0),),
+        tuple(PressId(n, "precondition") for n in (0, 1, 2)),
+        (PressId(0, "reference"),),
+        (PressId(0, "find"),),
+        (PressId(1),),
+        tuple(PressId(n, "precondition") for n in (3, 4, 5)),
+        (PressId(1, "reference"),),
+        (PressId(1, "find"),),
+    ]
+
+
+PRESSING = ("indent", "precondition", "reference")
+
+
+@pytest.mark.parametrize("verb", PRESSING)
+def test_a_press_carries_the_marks_of_its_schedule(verb: str) -> None:
+    def script(rig: Rig) -> None:
+        rig.mark({"block": 2, "condition": "wide"})
+        VERBS[verb][0](rig)
+
+    (spot,) = _from_ready(script).spots
+    assert [press.marks for press in spot.ids] == len(spot.ids) * [{"block": 2, "condition": "wide"}]
+
+
+@pytest.mark.parametrize("verb", [*PRESSING, "touch"])
+def test_a_press_outside_schedules_is_unmarked(verb: str) -> None:
+    (spot,) = _from_ready(VERBS[verb][0]).spots
+    assert [press.marks for press in spot.ids] == len(spot.ids) * [{}]
+
+
+# --- what must come before ---
+
+FREE = ("mount", "home", "note", "checkpoint")
+AFTER_HOMING = ("zero", "move_to", "retract", "rest", "reference")
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_only_words_mounting_and_homing_may_come_first(verb: str) -> None:
+    script = VERBS[verb][0]
+    if verb in FREE:
+        walked(script)
+    else:
+        first = "home()" if verb in AFTER_HOMING else "mount()"
+        said = "move_to" if verb == "reference" else verb  # it goes there first
+        assert complaint(script) == f"{said}: {first} must come first"
+
+
+def _without(left_out: str) -> Script:
+    def script(rig: Rig) -> None:
+        for verb in ("mount", "home", "zero", "move_to"):
+            if verb != left_out:
+                VERBS[verb][0](rig)
+
+    return script
+
+
+@pytest.mark.parametrize("verb", ["indent", "precondition", "touch"])
+@pytest.mark.parametrize("left_out", ["mount", "zero", "move_to"])
+def test_what_touches_comes_last(verb: str, left_out: str) -> None:
+    def script(rig: Rig) -> None:
+        _without(left_out)(rig)
+        VERBS[verb][0](rig)
+
+    assert complaint(script) == f"{verb}: {left_out}() must come first"
+
+
+@pytest.mark.parametrize("verb", ["indent", "precondition", "touch"])
+def test_homing_leaves_the_place(verb: str) -> None:
+    def script(rig: Rig) -> None:
+        ready(rig).home()
+        VERBS[verb][0](rig)
+
+    assert complaint(script) == f"{verb}: move_to() must come first"
+
+
+@pytest.mark.parametrize("verb", ["indent", "precondition"])
+def test_elsewhere_along_the_finger_is_only_touched(verb: str) -> None:
+    def script(rig: Rig) -> None:
+        ready(rig).move_to(x_mm=0.0, along_mm=1.5)
+        rig.touch()
+        VERBS[verb][0](rig)
+
+    assert complaint(script) == f"{verb}: along_mm = 1.5: expected 0, elsewhere only touch()"
+
+
+@pytest.mark.parametrize(
+    ("script", "said"),
+    [
+        (lambda rig: rig.mount(3), "mount: expected the name of an indentor, got 3"),
+        (lambda rig: rig.mount("tube"), "shape 'tube': expected bar or step"),
+        (lambda rig: rig.note(3), "note: expected text, got 3"),
+        (lambda rig: rig.checkpoint(None), "checkpoint: expected text, got None"),
+    ],
+)
+def test_words_are_text(script: Script, said: str) -> None:
+    assert complaint(script) == said
+
+
+def test_a_checkpoint_is_passed_once() -> None:
+    def script(rig: Rig) -> None:
+        rig.checkpoint("a")
+        rig.checkpoint("b")
+        rig.checkpoint("a")
+
+    assert complaint(script) == "checkpoint: 'a' has been passed already, expected another name"
+
+
+FIRST = {"x_mm": 0.5, "doi_mm": 0.3, "increments": 2, "hold_s": 0.5}
+
+
+@pytest.mark.parametrize("change", [{"x_mm": 0.6}, {"doi_mm": 0.4}, {"increments": 3}, {"hold_s": 0.6}, "step"])
+def test_a_reference_is_the_same_each_time(change: dict[str, float] | str) -> None:
+    def script(rig: Rig) -> None:
+        ready(rig).reference(**FIRST)  # type: ignore[arg-type]
+        rig.reference(**FIRST)  # type: ignore[arg-type]
+        if isinstance(change, str):
+            rig.mount(change)
+        rig.reference(**{**FIRST, **(change if isinstance(change, dict) else {})})  # type: ignore[arg-type]
+
+    assert complaint(script) == ("reference: expected the same press each time, bar at x = 0.5 mm to 0.3 mm in 2")

@@ -1,0 +1,250 @@
+"""A run that is taken up: what its folder tells, what its journal answers, and what is done again."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, ClassVar
+
+import pytest
+
+from rig.data import Run, RunFolder, new_run_folder
+from rig.engine.journal import Journal
+from rig.engine.records import Hold, Indentation, PressId, Target
+from rig.engine.streams import STREAMS
+from rig.plan.config import Config
+from rig.protocol.errors import BadInputError
+from rig.protocol.steps import Checkpoint, Home, Indent, MoveTo, Note, Owed, Rest, Retract, Step, Touch, Zero
+from rig.protocol.taken_up import TakenUp
+from rig.protocol.walk import Spot
+from rig.session.resume import first_reference_gwt, read_stopped
+from sim.devices.clock import VirtualClock
+
+# --- what is answered, and what is done ---
+
+
+def _end(hold: int, force_gwt: float) -> dict[str, Any]:
+    return {"hold": hold, "x_mm": 0.5, "doi_mm": 0.1 * hold, "force_gwt": force_gwt, "force_sd_gwt": 0.01}
+
+
+@dataclass
+class Told:
+    """A journal with these indentations done, in two holds each, and these events in its streams."""
+
+    indentations: tuple[int, ...] = ()
+    streams: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
+
+    @property
+    def done(self) -> dict[int, list[dict[str, Any]]]:
+        return {index: [_end(1, 1.0 + index), _end(2, 2.0 + index)] for index in self.indentations}
+
+    def stream(self, name: str) -> list[dict[str, Any]]:
+        held = [
+            {"index": index, "hold": k, "target": "doi_mm", "commanded": 0.1 * k}
+            for index in self.indentations
+            for k in (1, 2)
+        ]
+        return held if name == "hold_start" else self.streams.get(name, [])
+
+
+@dataclass
+class Again:
+    """Hands a script's steps to a run that is taken up, and keeps what is done."""
+
+    told: Told
+    done: list[Step[Any, Any]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._taken_up = TakenUp(self.told, self)
+
+    def handle(self, step: Step[Any, Any], spot: Spot) -> str:
+        self.done.append(step)
+        return "done now"
+
+    def give(self, *steps: Step[Any, Any]) -> None:
+        for step in steps:
+            self._taken_up.handle(step, Spot("bar", 0.0, 0.0, ()))
+
+    def press(self, step: Step[Any, Any], index: int) -> Any:
+        purpose: Any = "find" if isinstance(step, Touch) else "data"
+        return self._taken_up.handle(step, Spot("bar", 0.0, 0.0, (PressId(index, purpose),)))
+
+
+INDENT = Indent(doi_mm=0.2, increments=2)
+
+
+def test_an_indentation_that_is_done_answers_what_it_found() -> None:
+    again = Again(Told((0, 1)))
+    holds = tuple(
+        Hold(Target("doi_mm", 0.1 * k), doi_mm=0.1 * k, force_gwt=k + 1.0, force_sd_gwt=0.01) for k in (1, 2)
+    )
+    assert again.press(INDENT, 1) == Indentation(1, 0.5, holds)
+    assert again.done == []
+
+
+@pytest.mark.parametrize("told", [Told(), Told((0, 1))])
+def test_from_the_first_missing_indentation_on_everything_is_done(told: Told) -> None:
+    again = Again(told)
+    again.give(Home(), Zero(), MoveTo(x_mm=1.0))
+    for index in told.indentations:
+        again.press(INDENT, index)
+    assert again.press(INDENT, len(told.indentations)) == "done now"
+    assert again.done == [Zero(), MoveTo(x_mm=1.0), INDENT]
+    after = (Retract(), Home(), Note(text="a"), Rest(seconds=1.0), MoveTo(x_mm=2.0))
+    again.give(*after)
+    assert again.done[3:] == list(after)
+
+
+def test_an_indentation_missing_between_others_is_made_up_for() -> None:
+    """What lies between it and the last one that is done is owed only by what is missing after that."""
+    again = Again(Told((0, 2)))
+    again.give(MoveTo(x_mm=0.0))
+    again.press(INDENT, 0)
+    again.give(MoveTo(x_mm=1.0))
+    assert again.press(INDENT, 1) == "done now"
+    again.give(Retract(), MoveTo(x_mm=2.0), Rest(seconds=5.0))
+    assert again.press(INDENT, 2).index == 2
+    again.give(MoveTo(x_mm=3.0), Rest(seconds=6.0))
+    again.press(INDENT, 3)
+    again.give(Retract())
+    third = [MoveTo(x_mm=3.0), Rest(seconds=6.0), INDENT, Retract()]
+    assert again.done == [MoveTo(x_mm=1.0), INDENT, *third]
+
+
+def test_words_that_are_written_are_not_written_again() -> None:
+    """By their number, each kind by itself."""
+    again = Again(Told((0,), {"note": [{}, {}], "checkpoint": [{}]}))
+    again.give(Note(text="1"), Note(text="2"), Checkpoint(name="1"))
+    assert again.done == []
+    again.give(Checkpoint(name="2"), Note(text="3"), Note(text="4"), Checkpoint(name="3"))
+    assert again.done == [Checkpoint(name="2"), Note(text="3"), Note(text="4"), Checkpoint(name="3")]
+
+
+def test_touches_are_answered_and_missing_ones_are_owed_their_place() -> None:
+    """A touch is no data: after a missing one what is already done by the journal is still not done again."""
+    again = Again(Told((0,), {"find": [{"index": 0, "contact_height_mm": -0.25}]}))
+    again.give(Home(), Zero(), MoveTo(x_mm=1.0), Rest(seconds=1.0))
+    assert again.press(Touch(), 0) == -0.25
+    again.give(MoveTo(x_mm=2.0))
+    assert again.press(Touch(), 1) == "done now"
+    owed = [Zero(), Rest(seconds=1.0), MoveTo(x_mm=2.0), Touch()]
+    assert again.done == owed
+    again.give(Retract(), MoveTo(x_mm=3.0), Rest(seconds=2.0))
+    assert again.press(INDENT, 0).index == 0
+    assert again.done == owed
+    again.press(INDENT, 1)
+    assert again.done == [*owed, MoveTo(x_mm=3.0), INDENT]
+
+
+def test_a_verb_that_keeps_no_answers_is_done_again() -> None:
+    class Ask(Touch):
+        """Answers, and leaves nothing in the journal."""
+
+        verb: ClassVar[str] = "ask"
+        owed: ClassVar[Owed] = Owed.ANSWER
+        answers = Step.answers
+
+    assert Again(Told((0,))).press(Ask(), 0) == "done now"
+
+
+# --- what the folder tells ---
+
+SCRIPT = "def run(rig):\n    rig.mount('bar:3')\n"
+
+
+@pytest.fixture
+def stopped(tmp_path: Path) -> Callable[..., Path]:
+    """A run of a script that says two things, stopped with this status, or killed before it has one."""
+
+    def make(status: str | None = None, planned: int = 0) -> Path:
+        script = tmp_path / "mine.py"
+        script.write_text(SCRIPT, encoding="utf-8")
+        about = {"protocol": "mine.py", "parameters": {}, "virtual": False, "subject": "S07"}
+        folder = new_run_folder(tmp_path, "mine", datetime.now(UTC), script, Config().as_toml(), about)
+        with Journal(folder.events, VirtualClock(), STREAMS) as journal:
+            journal.start({"planned_indentations": planned})
+            journal.event("note", {"text": "one"})
+            journal.event("note", {"text": "two"})
+            journal.stop(status or "done")
+        if status is None:
+            lines = folder.events.read_bytes().splitlines(keepends=True)
+            folder.events.write_bytes(b"".join(lines[:-1]))
+        return folder.path
+
+    return make
+
+
+@pytest.mark.parametrize(
+    ("status", "planned", "complete"),
+    [("done", 0, True), ("done", 1, False), ("aborted", 0, False), (None, 0, False)],
+)
+def test_a_run_is_complete_when_it_ended_by_itself_with_all_done(
+    stopped: Callable[..., Path], status: str | None, planned: int, complete: bool
+) -> None:
+    found = read_stopped(stopped(status, planned))
+    assert found.complete is complete
+    assert (found.script.name, found.virtual, found.subject, found.config) == ("mine", False, "S07", Config())
+    assert found.run is not None
+    assert [event["text"] for event in found.run.stream("note")] == ["one", "two"]
+
+
+def test_a_run_of_which_nothing_is_journalled_is_not_complete(stopped: Callable[..., Path]) -> None:
+    path = stopped()
+    RunFolder(path).events.write_bytes(b'{"doc": "sta')
+    found = read_stopped(path)
+    assert found.run is None
+    assert found.complete is False
+
+
+@pytest.mark.parametrize("name", ["provenance.json", "protocol.py", "config.toml", "SHA256SUMS"])
+def test_a_file_that_is_missing_is_named(stopped: Callable[..., Path], name: str) -> None:
+    path = stopped()
+    (path / name).unlink()
+    with pytest.raises(BadInputError) as caught:
+        read_stopped(path)
+    assert str(caught.value) == f"run {path}: {path / name}: No such file or directory, expected a run folder"
+
+
+def test_all_copies_that_were_changed_are_named(stopped: Callable[..., Path]) -> None:
+    path = stopped()
+    for name in ("config.toml", "protocol.py"):
+        (path / name).write_text("# another\n", encoding="utf-8")
+    with pytest.raises(BadInputError) as caught:
+        read_stopped(path)
+    assert str(caught.value) == (
+        f"run {path}: protocol.py, config.toml: changed since the run began, cannot go on with it"
+    )
+
+
+@pytest.mark.parametrize("spoil", ["{no json}\n", '{"doc": "event", "t_s": 1.0}\n'])
+def test_a_journal_with_an_unreadable_line_is_bad_input(stopped: Callable[..., Path], spoil: str) -> None:
+    path = stopped()
+    events = RunFolder(path).events
+    first, *rest = events.read_text(encoding="ascii").splitlines(keepends=True)
+    events.write_text("".join([first, spoil, *rest]), encoding="ascii")
+    with pytest.raises(BadInputError, match="line 2"):
+        read_stopped(path)
+
+
+def test_a_journal_that_does_not_begin_is_bad_input(stopped: Callable[..., Path]) -> None:
+    path = stopped()
+    lines = RunFolder(path).events.read_bytes().splitlines(keepends=True)
+    RunFolder(path).events.write_bytes(b"".join(lines[1:]))
+    with pytest.raises(BadInputError, match="does not begin with a start document"):
+        read_stopped(path)
+
+
+# --- the first reference ---
+
+
+def _run(compared: list[int], forces: dict[tuple[int, int], float]) -> Run:
+    ends = [{"index": i, "hold": k, "force_gwt": gwt} for (i, k), gwt in forces.items()]
+    events = {"reference": [{"index": i} for i in compared], "reference_hold_end": ends}
+    return Run(RunFolder(Path()), {}, None, {}, events, {}, duration_s=0.0, end_s=0.0)
+
+
+def test_the_first_reference_is_the_first_that_was_compared() -> None:
+    """In the order of its holds; one that was interrupted between its holds was not compared."""
+    forces = {(0, 1): 9.0, (2, 2): 2.0, (2, 1): 1.0, (3, 1): 3.0, (3, 2): 4.0}
+    assert first_reference_gwt(_run([3, 2], forces)) == [1.0, 2.0]
+    assert first_reference_gwt(_run([], forces)) is None
