@@ -76,6 +76,24 @@ def test_while_the_board_is_busy_its_arrival_is_waited_for(board: Board, state: 
     assert _asked_s(board) == pytest.approx([10.02, 10.04], abs=1e-6)
 
 
+def test_an_override_that_only_the_arrival_tells_of_is_named(board: Board) -> None:
+    """The move was too short to be looked at on the way: it went at another speed all the same."""
+    stage = connected(board)
+    board.status = b"<Idle|MPos:-11.000,-2.000,-3.000|FS:0,0|Ov:50,100,100>\r\n"
+    with pytest.raises(StageError, match="feed override 50 %"):
+        stage.move_to(x_mm=-11.0, speed_mm_s=1.0)
+
+
+def test_a_jog_is_over_with_the_next_move(board: Board) -> None:
+    """A board that is held after that holds nothing up: where it is can be asked."""
+    stage = connected(board)
+    stage.jog("x", -10.0, 1.0)
+    board.status = at("Idle", -11.0)
+    stage.move_to(x_mm=-11.0, speed_mm_s=1.0)
+    board.status = at("Hold:0", -11.0)
+    assert stage.status().state == "Hold:0"
+
+
 @pytest.mark.parametrize("news", [b"ALARM:1\r\n", BANNER])
 def test_news_during_a_move_is_heard_when_it_comes(board: Board, clock: VirtualClock, news: bytes) -> None:
     stage = connected(board)

@@ -124,3 +124,11 @@ def test_after_a_reset_the_work_offset_is_waited_for_again(board: Board, asked_f
         board.says(BANNER)
     board.next[b"?"] = [work.format("").encode(), work.format("|WCO:-20.000,-20.000,-20.000").encode()]
     assert stage.look() == StageStatus("Idle", -19.0, -18.0, -17.0)
+
+
+@pytest.mark.parametrize("state", ["Hold:0", "Door:0", "Alarm", "Jog", "Run"])
+def test_a_board_that_nobody_has_told_to_move_may_be_in_any_state(board: Board, state: str) -> None:
+    """Asked where it is, it is not refused for being held: that is for what moves."""
+    stage = connected(board, homed=False)
+    board.status = at(state)
+    assert stage.look() == stage.status() == StageStatus(state, -1.0, -2.0, -3.0)
