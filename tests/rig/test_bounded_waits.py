@@ -282,7 +282,7 @@ class Drive:
     def close(self) -> None: ...
 
 
-ENABLED, RUNNING = 0x02, 0x06
+ENABLED, RUNNING = 0x02, 0x46  # homed, too
 
 
 def _drive(clock: VirtualClock, rtu: Callable[[str], bytes], status: int) -> tuple[Drive, LeadshineStage]:
@@ -334,7 +334,7 @@ def test_a_drive_on_its_way_is_asked_for_alarms_every_quarter_of_a_second(
 def test_a_drives_arrival_is_within_a_step(
     clock: VirtualClock, rtu: Callable[[str], bytes], pulses: int, fine: bool
 ) -> None:
-    wire, stage = _drive(clock, rtu, 0x32)
+    wire, stage = _drive(clock, rtu, 0x72)
     wire.registers |= {0x602C: 0xFFFF, 0x602D: (-4000) & 0xFFFF, 0x1014: 0xFFFF, 0x1015: -pulses & 0xFFFF}
     if fine:
         stage.move_to(x_mm=-10.0, speed_mm_s=1.0)

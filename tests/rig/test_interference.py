@@ -159,3 +159,14 @@ def test_a_grblhal_that_hides_its_overrides_is_refused(scripted: Any, mask: int)
     stage = GrblStage(scripted([hello, settings]), VirtualClock())
     with pytest.raises(StageError, match=rf"expected \$10={mask | 64} \(it has {mask}, which hides its overrides\)$"):
         stage.connect()
+
+
+@pytest.mark.parametrize("at_s", [0.3, 0.8, 1.9])
+def test_a_jog_that_was_cut_short_at_the_controller_does_not_end_well(bench: Bench, at_s: float) -> None:
+    """A feed hold in a jog cancels what was told so far: the way is shorter by that, a caliper misled."""
+    bench.later(at_s, b"!")
+    with pytest.raises(StageError, match=r"stopped at the controller, 0\.\d+ mm short of what it was told"):
+        _jog(bench, 2.0)
+    at_mm = bench.z_mm()
+    bench.clock.wait_s(3.0)
+    assert bench.z_mm() == at_mm > -3.0

@@ -177,7 +177,7 @@ def test_a_move_is_one_frame_and_arrival_is_seen(homed: Make, clock: VirtualCloc
             status(2, HOMED),
             commanded(2, "00 00 00 00"),
             written("02 10 62 00 00 08 10 00 01 FF FF FC 18 00 1E 01 4D 01 4D 00 00 00 10"),
-            *[status(2, RUNNING)] * 21,
+            *[status(2, "00 46")] * 21,  # running, homed
             status(2, HOMED),
             commanded(2, "FF FF FC 18"),
             feedback(2, "FF FF FC 18"),

@@ -237,6 +237,32 @@ def test_a_silent_drive_stops_the_run(make: Make) -> None:
     assert engine.state is State.UNHOMED
 
 
+@pytest.mark.parametrize("axis", ["x", "z"])
+def test_a_drive_that_was_switched_off_is_not_homed(make: Make, axis: str) -> None:
+    """Its next move is refused before a byte of it; 2 mm above the finger was taken for a place 23 mm deeper."""
+    bench = make()
+    bench.ready()
+    getattr(bench.drives, axis).power_cycle()
+    at, frame = bench.carriage_mm, bench.config.frame
+    target = {"x": {"x_mm": frame.pad_centre_x_mm + 1.0}, "z": {"z_mm": frame.apex_z_mm + 1.0}}[axis]
+    with pytest.raises(StageError, match=rf"{axis} axis, drive \d is no longer homed: was it switched off"):
+        bench.stage.move_to(**target, speed_mm_s=1.0)
+    assert bench.carriage_mm == at
+    assert not bench.stage.homed
+
+
+def test_the_other_drive_stops_too_when_one_was_switched_off(make: Make) -> None:
+    """A look asks both; the motion under way is given up within it."""
+    bench = make()
+    engine = bench.ready()
+    bench.drives.z.power_cycle()
+    start_mm = bench.carriage_mm[0]
+    with pytest.raises((StageError, TripError)):
+        verbs.move_to(engine, 5.0)
+    assert abs(bench.carriage_mm[0] - start_mm) < 1.5
+    assert engine.state is State.UNHOMED
+
+
 # --- adapters that hear themselves ---
 
 

@@ -53,10 +53,9 @@ OUTPUT_WORDS = {"coolant": ("M9", "M8"), "spindle": ("M5", "M3S1000")}
 
 
 class GrblStage(Stage):
-    """Stage over a GRBL board, one move at a time.
+    """Stage over a GRBL board, one move at a time; output: what set_output() switches.
 
-    expected: settings, by number, without
-    which connect() refuses the board. output: what set_output() switches.
+    expected: settings, by number, without which connect() refuses the board.
     """
 
     def __init__(
@@ -97,10 +96,8 @@ class GrblStage(Stage):
         board = self.settings()
         wrong = differences(board, self._expected) + unreported(printed, board)
         if wrong:
-            keys = keys_of(board, self._expected)
-            raise StageError(
-                f"{self._transport.name}: the board is not set as configured{keys}, expected {', '.join(wrong)}"
-            )
+            place = f"{self._transport.name}: the board is not set as configured{keys_of(board, self._expected)}"
+            raise StageError(f"{place}, expected {', '.join(wrong)}")
         return " ".join(line for line in printed if line.startswith("[") and not line.startswith("[MSG"))
 
     def settings(self) -> dict[int, float]:

@@ -65,6 +65,8 @@ class LeadshineStage(Stage):
     def status(self) -> StageStatus:
         """State and position of both drives. Raises StageError."""
         words = [drive.status() for drive in self._drives.values()]
+        if any(Status.HOMED not in word for word in words):
+            self._trusted = False
         x_mm, z_mm = (drive.position_mm() for drive in self._drives.values())
         return StageStatus(_state(words), x_mm, self._y_mm, z_mm)
 

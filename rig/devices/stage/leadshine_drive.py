@@ -91,6 +91,7 @@ class LeadshineDrive:
         target, rpm = self._pulses(to_mm), self.rpm(speed_mm_s)
         status, start = self.status(), self._commanded()
         self._refuse(status)
+        self._refuse_unhomed(status)
         with self._errors():
             self.bus.write(self.device_id, reg.PR0, reg.path(target, rpm, self._settings.ramp_ms))
         expected_s = self._travel_s(abs(target - start), rpm)
@@ -99,6 +100,7 @@ class LeadshineDrive:
         def there(status: Status) -> bool:
             if not keep_on():
                 raise StageError(f"{self._name}: stopped")
+            self._refuse_unhomed(status)
             return Status.PATH_DONE in status and self._commanded() == target
 
         yield from self._until(there, late_s, expected_s, f"the move to {to_mm:g} mm", look_s)
@@ -204,6 +206,11 @@ class LeadshineDrive:
             if self._clock.monotonic_s() >= due_s:
                 yield
                 due_s = next_look_s(self._clock.monotonic_s(), over_s, look_s)
+
+    def _refuse_unhomed(self, status: Status) -> None:
+        """A drive that was switched off counts from where it stood when it came back."""
+        if Status.HOMED not in status:
+            raise StageError(f"{self._name} is no longer homed: was it switched off?")
 
     def _refuse(self, status: Status) -> None:
         if Status.FAULT in status:

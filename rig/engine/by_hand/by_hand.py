@@ -141,9 +141,14 @@ class ByHand:
 
     def _ended(self, direction: Direction, start: StageStatus, reason: str) -> Moved:
         """At rest; from a force above a trip it goes back the way it came, to clearance from there at most."""
-        at = self._stage.status()
+        at, above = self._stage.status(), None
+        if self._guard is not None and direction != UP:
+            self._guard.look()  # it went on a little after what ended it
+            above = self._guard.above_trip
+        if above is not None and above not in reason:
+            reason = f"{reason}; then {above}"
         back_mm = min(start.z_mm - at.z_mm, self._settings.habits.clearance_mm)
-        lifts = self._guard is not None and self._guard.tripped and self._settings.limits.on_trip != "stop"
+        lifts = above is not None and self._settings.limits.on_trip != "stop"
         if direction == DOWN and lifts and back_mm > _TINY_MM:
             at = dead_man_jog(self._stage, self._clock, lambda: UP, self._settings.habits.travel_speed_mm_s, back_mm)
             reason = f"{reason}; lifted by {back_mm:.2f} mm"

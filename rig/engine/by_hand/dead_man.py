@@ -10,6 +10,8 @@ from rig.transport.clock import Clock
 
 SLICE_S = 0.1
 _LOOK_S = 0.02
+# A board that stands short of what it was told at so many looks in a row was stopped by somebody else.
+_ROUNDING_MM, _STANDS = 0.02, 5
 
 
 @dataclass(frozen=True)
@@ -61,14 +63,19 @@ def _jogging(
 ) -> Iterator[StageStatus]:
     """Looks at the stage while it goes; when they end it is at rest."""
     start: StageStatus | None = None
-    slice_mm, told_mm = speed_mm_s * SLICE_S, 0.0
+    step_mm = 1 / abs(stage.steps_per_mm(direction.axis))
+    slice_mm, told_mm, stood = max(round(speed_mm_s * SLICE_S / step_mm), 1) * step_mm, 0.0, 0
     while held() == direction:
         now = stage.status()
         start = start or now
+        ahead_mm = told_mm - _gone_mm(now, start, direction.axis)
+        stood = stood + 1 if now.state == "Idle" and ahead_mm > _ROUNDING_MM else 0
+        if stood > _STANDS:
+            raise StageError(f"the jog was stopped at the controller, {ahead_mm:.3f} mm short of what it was told")
         left_mm = slice_mm if by_mm is None else min(slice_mm, by_mm - told_mm)
-        if left_mm <= 0 and now.state == "Idle":
+        if left_mm <= 0 and now.state == "Idle" and not stood:
             return
-        if left_mm > 0 and told_mm - _gone_mm(now, start, direction.axis) < slice_mm:
+        if left_mm > 0 and ahead_mm < slice_mm and not stood:
             stage.jog(direction.axis, direction.sign * left_mm, speed_mm_s)
             told_mm += left_mm
         yield now

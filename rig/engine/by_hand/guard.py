@@ -33,9 +33,9 @@ class Guard:
         self._unanswered = Unanswered(sensing.resolution_gwt)
 
     @property
-    def tripped(self) -> bool:
-        """Whether the last reading was above a trip."""
-        return self.force_gwt is not None and self._passed(self.force_gwt) is not None
+    def above_trip(self) -> str | None:
+        """Which trip the last reading was above, if any."""
+        return None if self.force_gwt is None else self._passed(self.force_gwt)
 
     @property
     def room_mm(self) -> float:
@@ -61,8 +61,8 @@ class Guard:
             self.force_gwt, self._began_gwt, self._touched_z_mm = None, math.inf, None
             return
         self.force_gwt = self._began_gwt = self._rest_gwt
-        if self.tripped and not up:
-            raise LimitError(f"{self._passed(self._rest_gwt)}; nothing was moved: up first, or rig zero")
+        if self.above_trip and not up:
+            raise LimitError(f"{self.above_trip}; nothing was moved: up first, or rig zero")
         if not (down and self._touched_z_mm is not None):
             self._touched_z_mm, self._air_gwt, self._stiffness_gwt_mm = None, self._rest_gwt, 0.0
 
