@@ -47,8 +47,8 @@ def read(sensor: ForceSensor, clock: Clock, wait_s: float) -> ForceReading:
 class Zero:
     """What a zeroed sensor still shows with nothing touched: an offset, and the sd of single readings."""
 
-    offset_n: float = 0.0
-    noise_gwt: float = 0.0
+    offset_n: float
+    noise_gwt: float
 
     @classmethod
     def of(cls, readings_gwt: Sequence[float]) -> "Zero":

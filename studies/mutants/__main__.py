@@ -37,6 +37,9 @@ FIRST_GROUP = (
     "rig/devices/stage/leadshine*.py",
     "rig/devices/stage/grbl*.py",
     "rig/devices/force/laumas.py",
+    "rig/devices/force/mtsics.py",
+    "rig/devices/bench_settings.py",
+    "rig/cli/interrupts.py",
 )
 LEFT_OUT = ("tests/rig/real_time", "tests/sim/oracles")
 """Tests in real time and against closed forms: slow, and what they notice others notice too."""

@@ -247,7 +247,7 @@ def test_sideways_into_something_it_stops(at_hand: Callable[..., AtHand]) -> Non
 
 def test_up_is_always_free(at_hand: Callable[..., AtHand]) -> None:
     """Above the trip only up; there no force that falls stops it."""
-    bench = at_hand(above_mm=-0.8, soft_trip_n=0.02, zero=Zero())
+    bench = at_hand(above_mm=-0.8, soft_trip_n=0.02, zero=Zero(0.0, 0.0))
     with pytest.raises(LimitError, match=r"above the soft trip 2\.04 gwt; nothing was moved: up first"):
         bench.jog("x", 1.0)
     with pytest.raises(LimitError, match="up first"):
@@ -309,7 +309,7 @@ def test_without_a_zero_force_counts_from_before_the_motion(at_hand: Callable[..
 
 
 def test_a_zero_that_has_drifted_does_not_hide_a_touch(at_hand: Callable[..., AtHand]) -> None:
-    bench = at_hand(above_mm=0.3, zero=Zero())
+    bench = at_hand(above_mm=0.3, zero=Zero(0.0, 0.0))
     bench.spring.offset_gwt = 3.0
     assert "touched" in str(bench.jog("z", -1.0).ended_by)
     assert bench.worst_gwt <= bench.one_increment_gwt(TOUCH_GWT)
@@ -340,7 +340,7 @@ def test_a_sensor_that_is_busy_at_rest_is_waited_for(
     at_hand: Callable[..., AtHand], busy_s: float, moves: bool
 ) -> None:
     """BUSY_S = 1 s: a balance may find no value for a moment; then it is as good as silent."""
-    bench = at_hand(zero=Zero())
+    bench = at_hand(zero=Zero(0.0, 0.0))
     sensor, read = bench.sensing.sensor, bench.sensing.sensor.read
     until_s = bench.clock.monotonic_s() + busy_s
 

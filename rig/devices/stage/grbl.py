@@ -170,7 +170,7 @@ class GrblStage(Stage):
             for axis, backlash, was in zip("XYZ", self._backlash_mm, self._last, strict=True)
             if target.get(axis, was) > was
         }
-        return {axis: min(mm + slack.get(axis, 0.0), 0.0) if slack.get(axis) else mm for axis, mm in target.items()}
+        return {axis: min(mm + slack[axis], 0.0) if slack.get(axis) else mm for axis, mm in target.items()}
 
     def _going(self, target: dict[str, float], speed_mm_s: float, look_s: float) -> Looks:
         self._link.refuse_interference("")
