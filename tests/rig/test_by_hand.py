@@ -196,13 +196,14 @@ def freeze(bench: AtHand, at_gwt: float | None) -> None:
     ("value_gwt", "reason"), [(0.0, "mm below a touch: a frozen reading"), (None, "stays at")], ids=["0", "last"]
 )
 @pytest.mark.parametrize("placed", [True, False], ids=["height known", "height unknown"])
+@pytest.mark.parametrize("presses", [0, 2])
 def test_a_sensor_that_freezes_after_a_touch_is_noticed(
-    at_hand: Callable[..., AtHand], placed: bool, value_gwt: float | None, reason: str
+    at_hand: Callable[..., AtHand], placed: bool, value_gwt: float | None, reason: str, presses: int
 ) -> None:
     """0: known to have been touched. At its last value: the finger does not answer for three moves."""
     bench = at_hand(above_mm=0.2, placed=placed)
     assert "touched" in str(bench.jog("z", -1.0).ended_by)
-    for _ in range(2):
+    for _ in range(presses):
         bench.jog("z", -0.2)
     before_gwt = bench.worst_gwt
     freeze(bench, value_gwt)

@@ -14,7 +14,8 @@ DRIVE = {
     "homing_mode": 1, "homing_high_rpm": 300, "homing_low_rpm": 25, "homing_ramp_ms": 333, "jog_rpm_register": 0x1E1,
 }  # fmt: skip
 STAGE = {
-    "kind": "grbl", "port": "/dev/ttyUSB0", "baud": 115200, "travel_mm": (60.0, 30.0, 40.0), "resolution_mm": 0.0025,
+    "kind": "grbl", "port": "/dev/ttyUSB0", "baud": 115200, "character": "8N1", "dtr": True,
+    "travel_mm": (60.0, 30.0, 40.0), "resolution_mm": 0.0025,
     "acceleration_mm_s2": 50.0, "framing": None,
     "drives": {"x": {"device_id": 1, **DRIVE}, "z": {"device_id": 2, **DRIVE}},
 }  # fmt: skip
@@ -27,7 +28,8 @@ LAUMAS = {
     "tare_command": 7, "zero_command": 8, "gross_command": 9, "bits": BITS,
 }  # fmt: skip
 FORCE = {
-    "kind": "mtsics", "port": "/dev/ttyUSB1", "baud": 9600, "sample_period_s": 0.05, "latency_s": 0.0,
+    "kind": "mtsics", "port": "/dev/ttyUSB1", "baud": 9600, "character": "8N1", "dtr": True, "sample_period_s": 0.05,
+    "latency_s": 0.0,
     "resolution_gwt": 0.01, "framing": None, "laumas": LAUMAS,
 }  # fmt: skip
 SYNC = {"output": "off", "width_s": 0.01, "drive": "z", "register_address": None, "on_word": None, "off_word": None}
@@ -100,9 +102,9 @@ def _refuses(name: str, key: str, value: float) -> None:
 PLAIN: dict[str, set[str]] = {
     "Calibration": {"value", "date", "expires"},
     "DriveSettings": {"device_id", "homing_high_rpm", "homing_low_rpm", "homing_ramp_ms"},
-    "StageSettings": {"kind", "port", "baud", "travel_mm", "drives"},
+    "StageSettings": {"kind", "port", "baud", "character", "travel_mm", "drives"},
     "LaumasSettings": {"device_id", "weight", "tare_command", "zero_command", "gross_command", "bits"},
-    "ForceSettings": {"kind", "port", "baud", "sample_period_s", "laumas"},
+    "ForceSettings": {"kind", "port", "baud", "character", "sample_period_s", "laumas"},
     "SyncSettings": {"width_s", "on_word", "off_word"},
     "FrameSettings": set(),
 }

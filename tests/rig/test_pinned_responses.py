@@ -35,7 +35,8 @@ def _run(*, virtual: bool) -> Any:
         ],
         "hold_end": [{**hold, **(truth if virtual else {"true_doi_mm": None})} for hold in holds],
     }
-    return SimpleNamespace(stream=lambda name: streams[name], done={0, 1})
+    nowhere = SimpleNamespace(path=Path("of-no-run"))
+    return SimpleNamespace(stream=lambda name: streams[name], done={0, 1}, folder=nowhere)
 
 
 @pytest.fixture

@@ -23,7 +23,7 @@ class Guard:
 
     def __init__(self, settings: RigSettings, sensing: Sensing) -> None:
         self._sensing, self._trips = sensing, Trips(settings.limits, None)
-        self._lost_mm = _LOST_INCREMENTS * settings.habits.increment_mm
+        self._increment_mm = settings.habits.increment_mm
         self.force_gwt: float | None = None  # at the last look; None: the sensor cannot say
         self._up = False
         self._began_gwt = math.inf  # before this motion
@@ -111,11 +111,13 @@ class Guard:
         """A sensor that has felt the finger, and does not feel it any more farther down."""
         if self._touched_z_mm is None:
             return
-        if z_mm < self._touched_z_mm - self._lost_mm and not self._touches(force_gwt):
+        if z_mm < self._touched_z_mm - _LOST_INCREMENTS * self._increment_mm and not self._touches(force_gwt):
             raise FeltError(
                 f"{force_gwt:.2f} gwt, {self._touched_z_mm - z_mm:.2f} mm below a touch: a frozen reading?", force_gwt
             )
-        if self._unanswered.too_long(before_gwt, force_gwt, abs(self._stiffness_gwt_mm) * step_mm):
+        # a touch that was felt in motion has told no stiffness yet: it is a touch's force in an increment, or more
+        stiffness_gwt_mm = self._stiffness_gwt_mm or self._sensing.touch_gwt / self._increment_mm
+        if self._unanswered.too_long(before_gwt, force_gwt, stiffness_gwt_mm * step_mm):
             raise FeltError(f"the force stays at {force_gwt:.2f} gwt while the stage moves: a frozen reading?")
 
     def _touches(self, force_gwt: float) -> bool:
