@@ -18,7 +18,7 @@ from rig.protocol.errors import BadInputError
 from sim.models.fingertip import Fingertip
 from sim.plant.plant import Pose, Turn
 
-RADIUS_MM = 2.0
+RADIUS_MM = 2.4
 Above = Callable[[float, float, float, tuple[float, ...]], float]
 Places = list[tuple[float, float]]
 
@@ -51,7 +51,7 @@ def _heights(above: Above, places: Places, moved: tuple[float, ...]) -> list[flo
     return heights
 
 
-def _run(places: Places, heights: list[float], indentor: str = "sphere:2") -> Any:
+def _run(places: Places, heights: list[float], indentor: str = f"sphere:{RADIUS_MM:g}") -> Any:
     events = [
         {"indentor": indentor, "x_mm": x, "along_mm": a, "contact_height_mm": h}
         for (x, a), h in zip(places, heights, strict=True)
@@ -91,6 +91,14 @@ def test_on_exact_touches_the_points_of_the_skin_cost_a_fraction_of_a_micrometre
     assert off[3:].max() < 0.15
     told = {"sd": lie.sd, "correlation": dict(zip(NAMES, lie.correlation[0], strict=True))}
     recorded("the frame of a finger", {key: {n: f"{x:.3g}" for n, x in v.items()} for key, v in told.items()})
+
+
+def test_a_small_sphere_will_do(finger: Fingertip) -> None:
+    plane, apex = finger.config.receptor_plane_mm, finger.apex_height_mm
+    heights = [finger.touch_height_mm("sphere:0.8", x, z_mm=plane + a) - apex for x, a in WIDE]
+    lie = find(_run(WIDE, heights, "sphere:0.8"), Config(), finger)
+    assert lie.residual_mm < 0.001
+    assert list(lie.value.values())[:3] == pytest.approx(FRAME[:3], abs=0.03)
 
 
 @pytest.mark.parametrize("off_mm", [0.0, 0.006], ids=["exact", "off by 6 µm"])
@@ -171,11 +179,13 @@ def test_touches_of_anything_but_one_sphere_are_refused(finger: Fingertip, inden
         find(run, Config(), finger)
 
 
-def test_a_touch_far_beside_the_finger_is_no_error(finger: Fingertip, above: Above) -> None:
-    """There is no skin to have been touched: it is off by as much as the sphere is above its own radius below."""
+def test_touches_on_the_flank_of_the_finger_count_and_one_beside_it_is_no_error(
+    finger: Fingertip, above: Above
+) -> None:
+    """At x = ± 5 the skin is steep; at 40 there is none, and a sphere its radius below the apex is not off."""
     moved = (0.0,) * 5
-    places = [*WIDE, (40.0, 0.0)]
-    heights = [*_heights(above, WIDE, moved), -RADIUS_MM]
-    lie = find(_run(places, heights), Config(), finger)
-    assert lie.touches == 10
+    places = [*WIDE, (-5.0, 0.0), (5.0, 0.0)]
+    heights = [*_heights(above, places, moved), -RADIUS_MM]
+    lie = find(_run([*places, (40.0, 0.0)], heights), Config(), finger)
+    assert lie.touches == 12
     assert lie.residual_mm < 0.0003

@@ -87,6 +87,13 @@ def test_presses_go_into_the_plan_by_purpose_and_touches_in_their_order(tmp_path
     assert plan.first_soft_trip_n is None
 
 
+def test_a_script_that_is_planned_is_answered_by_the_model(tmp_path: Path, finger: Fingertip) -> None:
+    """It may go by the answer: here it presses half as deep as it did at first."""
+    pressed = "    found = rig.indent(doi_mm=0.4)\n    rig.indent(doi_mm=found.holds[0].doi_mm / 2)\n"
+    plan = _plan(tmp_path, finger, f"def run(rig):\n{READY}{pressed}")
+    assert [p.target.value for p in plan.indentations] == pytest.approx([0.4, 0.2])
+
+
 @pytest.mark.parametrize(
     ("body", "complaint"),
     [

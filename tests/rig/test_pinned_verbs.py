@@ -9,7 +9,7 @@ import pytest
 
 from rig.devices.force import ForceError
 from rig.devices.units import GWT_N
-from rig.engine import LimitError, NotReadyError, RunAborted, Target, TripError, indent, verbs
+from rig.engine import LimitError, NotReadyError, Target, TripError, indent, verbs
 from rig.engine.engine import State
 from rig.engine.rig_settings import RigSettings
 
@@ -258,30 +258,3 @@ def test_over_a_place_by_chance_it_goes_there(spring: Make) -> None:
     engine.motion.x_mm, engine.motion.along_mm = 0.5, 0.0
     verbs.be_over(engine, 0.5)
     assert bench.of("move")[-1] == {"x_mm": 0.5, "along_mm": 0.0, "height_mm": 2.0}
-
-
-# --- rest and pauses ---
-
-
-def test_a_rest_takes_its_seconds_whenever_it_begins(spring: Make) -> None:
-    bench = spring()
-    engine = bench.ready()
-    for seconds in (2.0, 7.5):
-        start_s = bench.clock.monotonic_s()
-        verbs.rest(engine, seconds)
-        assert bench.clock.monotonic_s() - start_s == pytest.approx(seconds, abs=1e-6)
-        assert bench.of("rest")[-1] == {"rest_s": seconds}
-
-
-def test_a_pause_in_a_rest_is_taken_at_once(spring: Make) -> None:
-    bench = spring()
-    engine = bench.ready()
-    start_s = bench.clock.monotonic_s()
-    asked: list[bool] = []
-    bench.clock.call_at(start_s + 3.0, lambda: asked.append(True))
-    bench.interrupt = lambda: bool(asked)
-    with pytest.raises(RunAborted):
-        verbs.rest(engine, 600.0)
-    assert bench.clock.monotonic_s() - start_s == pytest.approx(3.0, abs=0.1)
-    assert bench.of("paused") == [{"reason": "operator"}]
-    assert bench.of("rest") == []
