@@ -27,7 +27,7 @@ class Skin(Protocol):
         """Highest y over all x as a function of z; mm."""
 
     def height(self, x_mm: ArrayLike, z_mm: ArrayLike) -> Array:
-        """y at (x, z); mm."""
+        """y at (x, z), −inf where there is no skin; mm."""
 
 
 class Touch(NamedTuple):

@@ -18,6 +18,7 @@ from sim.finger.fit import fit_curves
 Array = NDArray[np.float64]
 
 _TOUCHABLE = np.array([2.0, 11.0]) / 12.75  # of the finger's length: beyond, it ends or is steep
+_BESIDE_MM = 1e-6
 _RIDGE_STEP_MM = 0.02
 
 
@@ -114,8 +115,9 @@ class FingertipSurface:
         return phi
 
     def height(self, x_mm: ArrayLike, z_mm: ArrayLike) -> Array:
-        """y in mm of the pulp at (x, z)."""
-        return self.section(self.angle_at(x_mm, z_mm), z_mm)[1]
+        """y in mm of the pulp at (x, z); −inf beside the section at z, where there is no skin."""
+        there, y = self.section(self.angle_at(x_mm, z_mm), z_mm)
+        return np.where(np.abs(there - np.asarray(x_mm)) < _BESIDE_MM, y, -np.inf)
 
     @cached_property
     def ridge(self) -> CubicSpline:

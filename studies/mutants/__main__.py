@@ -1,6 +1,7 @@
 """Mutation testing of the product: `make mutants`, or
 
-python -m studies.mutants [--fresh] [--jobs 2] [--only 'rig/engine/*.py' ...] [--survivors] [--list]
+python -m studies.mutants [--fresh] [--jobs 2] [--only 'rig/engine/*.py' ...] [--tests 'tests/rig/*.py' ...]
+                          [--survivors] [--list]
 
 Begins with one run of the tests under coverage. Results are appended to .mutants/results.jsonl as they come; a run
 that was stopped goes on where it was. `--survivors` tries again what survived, with more of the tests that run it.
@@ -60,7 +61,7 @@ def main() -> None:
     trees = [FOLDER / f"tree{k}" for k in range(options.jobs)]
     with ThreadPoolExecutor(options.jobs) as pool:
         list(pool.map(lambda tree: copy_project(ROOT, tree), trees))
-    _cover(trees)
+    _cover(trees, options.tests)
     if options.fresh:
         (FOLDER / "results.jsonl").unlink(missing_ok=True)
     Run(trees, Choice(ROOT, read_coverage(FOLDER / "coverage")), options.budget).run(wanted, again=options.survivors)
@@ -76,6 +77,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument(
         "--only", nargs="+", metavar="GLOB", help="these modules of the first group or elsewhere, whole"
     )
+    parser.add_argument("--tests", nargs="+", metavar="GLOB", default=["*"], help="these test files alone")
     parser.add_argument("--sample", type=int, default=300, help="mutants elsewhere in rig/ and sim/")
     parser.add_argument("--seed", type=int, default=7)
     parser.add_argument("--budget", type=float, default=6.0, help="seconds of tests for one mutant")
@@ -112,8 +114,8 @@ def _digest(paths: Iterable[Path]) -> str:
     return digest.hexdigest()[:16]
 
 
-def _cover(trees: list[Path]) -> None:
-    """Run under coverage each test file whose result is not known for this state of it and of the product."""
+def _cover(trees: list[Path], globs: list[str]) -> None:
+    """Run under coverage each test file asked for whose result is not known for this state of it and the product."""
     folder = FOLDER / "coverage"
     folder.mkdir(exist_ok=True)
     shared = sorted(
@@ -121,7 +123,9 @@ def _cover(trees: list[Path]) -> None:
     )
     state = _digest(shared)
     files = [
-        p for p in sorted((ROOT / "tests").rglob("test_*.py")) if not str(p.relative_to(ROOT)).startswith(LEFT_OUT)
+        p
+        for p in sorted((ROOT / "tests").rglob("test_*.py"))
+        if not str(p.relative_to(ROOT)).startswith(LEFT_OUT) and any(p.match(glob) for glob in globs)
     ]
     due = {folder / f"{p.stem}-{state}-{_digest([p])}.json": p.relative_to(ROOT).as_posix() for p in files}
     for old in set(folder.glob("*.json")) - set(due):

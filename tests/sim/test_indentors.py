@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from sim.contact.profiles import BAR_EDGE_RADIUS_MM, STEEPEST_SLOPE, Bar, Step
 from sim.contact.shapes import ShapeError, parse_shape
+from sim.models.fingertip import Fingertip
 
 Array = NDArray[np.float64]
 
@@ -253,3 +254,24 @@ def test_profiles_are_refused_by_line(tmp_path: Path, lines: tuple[str, ...], ex
 def test_a_profile_that_is_not_there() -> None:
     with pytest.raises(ShapeError, match=r"profile nowhere.csv: No such file or directory"):
         parse_shape("profile:nowhere.csv")
+
+
+@pytest.mark.parametrize(
+    ("x_mm", "z_mm"), [(-3.2, 4.093), (-3.1, 4.093), (-3.2, 4.4), (-3.0, 4.093), (0.5, 7.0), (2.9, 5.0)]
+)
+@pytest.mark.parametrize("radius_mm", [0.5, 2.0])
+def test_a_sphere_touches_the_skin_that_is_there(
+    finger: Fingertip, x_mm: float, z_mm: float, radius_mm: float
+) -> None:
+    """Against the highest of 640 000 points of the parametrised skin, 12 µm apart: 0.05 µm below the touch.
+
+    Where a section is narrower than the sphere's reach there is no skin; it was touched there, up to 0.31 mm high.
+    """
+    surface = finger.surface
+    phi, z = np.meshgrid(np.linspace(0.05, np.pi - 0.05, 800), np.linspace(z_mm - radius_mm, z_mm + radius_mm, 800))
+    inside = (z > surface.crest.x[0]) & (z < surface.crest.x[-1])
+    x, y = surface.section(phi[inside], z[inside])
+    across2 = (x - x_mm) ** 2 + (z[inside] - z_mm) ** 2
+    under = across2 < radius_mm**2
+    highest = (y[under] + np.sqrt(radius_mm**2 - across2[under])).max() - radius_mm
+    assert finger.touch_height_mm(f"sphere:{radius_mm:g}", x_mm, z_mm=z_mm) == pytest.approx(highest, abs=5e-5)
