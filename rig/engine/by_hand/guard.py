@@ -25,12 +25,14 @@ class Guard:
         self._sensing, self._trips = sensing, Trips(settings.limits, None)
         self._increment_mm = settings.habits.increment_mm
         self.force_gwt: float | None = None  # at the last look; None: the sensor cannot say
-        self._up = False
-        self._began_gwt = math.inf  # before this motion
-        self._air_gwt = 0.0  # before the motion that touched
         self._touched_z_mm: float | None = None
-        self._rest_gwt = self._stiffness_gwt_mm = 0.0  # at the last rest, and as the step before it was answered
-        self._unanswered = Unanswered(sensing.resolution_gwt)
+        # of each motion, from `begin` on
+        self._up: bool
+        self._unanswered: Unanswered
+        self._began_gwt: float  # before this motion
+        self._air_gwt: float  # before the motion that touched
+        self._rest_gwt: float  # at the last rest
+        self._stiffness_gwt_mm: float  # as the step before it was answered
 
     @property
     def above_trip(self) -> str | None:
