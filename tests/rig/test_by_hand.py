@@ -4,7 +4,9 @@ The finger is a spring F = k d^1.5 below its skin; the truth is sampled every 2 
 """
 
 import io
+import json
 import math
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -357,3 +359,103 @@ def test_a_sensor_that_is_busy_at_rest_is_waited_for(
     else:
         with pytest.raises(LimitError, match="no value now; nothing was moved"):
             bench.jog("x", 0.5)
+
+
+# --- steps, speeds, and a key that is let go ---
+
+
+def jogged(bench: AtHand) -> list[tuple[float, float]]:
+    """What a GRBL board was told to jog along z: mm and mm/s."""
+    texts = [bytes.fromhex(json.loads(line)["hex"]) for line in bench.wire.getvalue().splitlines()]
+    told = re.findall(rb"\$J=G91G21Z(-?[\d.]+)F([\d.]+)", b"".join(texts))
+    return [(float(mm), round(float(feed) / 60, 6)) for mm, feed in told]
+
+
+def test_down_to_clearance_by_descent_steps_and_then_by_increments() -> None:
+    """From 3.1 mm with clearance at 2: two whole steps and what is left, then increments; at most 5 mm/s."""
+    bench = AtHand("grbl", above_mm=3.1)
+    assert bench.jog("z", -1.22, 10.0).ended_by is None
+    assert jogged(bench) == [
+        *[(-0.5, 5.0)] * 2,
+        *[(pytest.approx(-0.1, abs=2e-4), 5.0)],
+        *[(-0.05, 5.0)] * 2,
+        *[(pytest.approx(-0.02, abs=2e-4), 5.0)],
+    ]
+
+
+def test_a_slower_speed_is_kept() -> None:
+    bench = AtHand("grbl", above_mm=0.5)
+    bench.jog("z", -0.1, 1.0)
+    assert jogged(bench) == [(-0.05, 1.0)] * 2
+
+
+def test_with_nothing_held_nothing_moves(at_hand: Callable[..., AtHand]) -> None:
+    bench = at_hand()
+    at = bench.height_mm
+    moved = bench.hand.go(lambda: None, 2.0)
+    assert (moved.force_gwt, moved.ended_by) == (None, None)
+    assert moved.at.z_mm == pytest.approx(APEX_MM + 3.0, abs=0.002)
+    assert bench.height_mm == at
+    assert not bench.shown
+
+
+@pytest.mark.parametrize("axis", ["x", "z"])
+@pytest.mark.parametrize("felt", [True, False])
+def test_a_key_that_is_let_go_ends_it_well(at_hand: Callable[..., AtHand], axis: Any, felt: bool) -> None:
+    bench = at_hand(above_mm=2.0, felt=felt)
+    until_s = bench.clock.monotonic_s() + 1.5
+    start = bench.x_mm, bench.height_mm
+    way = Direction(axis, -1)
+    moved = bench.hand.go(lambda: way if bench.clock.monotonic_s() < until_s else None, 1.0)
+    assert moved.ended_by is None
+    gone_mm = {"x": start[0] - bench.x_mm, "z": start[1] - bench.height_mm}[axis]
+    assert 0.1 < gone_mm < 1.8
+    assert bench.clock.monotonic_s() < until_s + 1.0
+
+
+def test_the_deepest_that_is_allowed_is_allowed(at_hand: Callable[..., AtHand]) -> None:
+    """limits.max_doi_mm = 1.5 and not a micrometre more, by a distance; with a key as deep as whole steps go."""
+    bench = at_hand(felt=False, above_mm=0.2)
+    with pytest.raises(LimitError, match="nothing was moved"):
+        bench.jog("z", -1.701)
+    assert bench.jog("z", -1.7).ended_by is None
+    assert bench.height_mm == pytest.approx(-1.5, abs=0.003)
+    key = at_hand(felt=False, above_mm=0.5)
+    assert "deeper than limits.max_doi_mm" in str(key.hand.go(lambda: Direction("z", -1), 2.0).ended_by)
+    assert key.height_mm == pytest.approx(-1.5, abs=0.003)
+
+
+def test_near_the_trip_steps_become_smaller(at_hand: Callable[..., AtHand]) -> None:
+    """It comes within a tenth of a gwt of nine tenths of the trip, 4.59 gwt, where an increment has 0.4 gwt."""
+    bench = at_hand(soft_trip_n=0.05, above_mm=0.2, placed=False)
+    for _ in range(4):
+        bench.jog("z", -1.2)
+    assert 4.4 < bench.worst_gwt < 4.75
+
+
+@pytest.mark.parametrize("felt", [True, False])
+def test_a_look_says_where_it_stands_and_what_is_felt(at_hand: Callable[..., AtHand], felt: bool) -> None:
+    bench = at_hand(felt=felt, zero=Zero(0.0, 0.0))
+    bench.spring.offset_gwt = 2.5
+    bench.clock.wait_s(0.5)
+    seen = bench.hand.look()
+    assert seen.at.z_mm == pytest.approx(APEX_MM + 3.0, abs=0.002)
+    assert seen.force_gwt == (pytest.approx(2.5, abs=0.011) if felt else None)
+    assert bench.shown == [(seen.at, seen.force_gwt)]
+    assert abs(bench.hand.steps_per_mm("z")) == pytest.approx(400.0)
+
+
+def test_it_is_shown_while_it_moves_and_at_every_rest(at_hand: Callable[..., AtHand]) -> None:
+    """At rest the settled force of each step; in motion more often than that."""
+    bench = at_hand(above_mm=0.5)
+    bench.jog("z", -0.2)
+    rests = [at.z_mm for at, _ in bench.shown]
+    assert {round(z - APEX_MM, 2) for z in rests} >= {0.45, 0.4, 0.35, 0.3}
+    bench.shown.clear()
+    bench.jog("x", 1.0, 1.0)
+    assert len({round(at.x_mm, 2) for at, _ in bench.shown}) > 4
+    bench.shown.clear()
+    bench.spring.wall_x_mm = bench.x_mm + 0.2
+    moved = bench.jog("x", 2.0, 1.0)
+    assert moved.ended_by is not None
+    assert bench.shown[-1] == (moved.at, moved.force_gwt), "what ended it is shown too"

@@ -326,5 +326,21 @@ def test_an_echo_that_is_missing_is_said(master: Any, rtu: Rtu) -> None:
         bus.write(7, 0x6200, [1, 0, 0x2710, 0, 0x2710, 0x2710, 0, 0x10])
 
 
+def test_what_is_cut_short_behind_an_echo_is_told_without_it(master: Any, rtu: Rtu) -> None:
+    bus = master([(READ_2, READ_2 + rtu(ANSWER_2)), (READ_2, READ_2 + b"\x01\x03\x04")], read_tries=1)
+    bus.read(1, 7, 2)
+    with pytest.raises(ModbusTimeout, match=r": only 01 03 04 in 0\.2 s"):
+        bus.read(1, 7, 2)
+
+
+def test_an_adapter_does_not_begin_to_echo(master: Any, rtu: Rtu) -> None:
+    """Once a bus is known to have none, its own frame coming back is no answer, and nothing to take off."""
+    bus = master([(READ_2, rtu(ANSWER_2)), (READ_2, READ_2 + rtu(ANSWER_2))], read_tries=1)
+    bus.read(1, 7, 2)
+    with pytest.raises(ModbusGarbled):
+        bus.read(1, 7, 2)
+    assert bus.echoes is False
+
+
 def test_tcp_has_no_echo(master: Any) -> None:
     assert master([], framing="tcp").echoes is False
