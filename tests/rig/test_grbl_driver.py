@@ -104,15 +104,29 @@ def test_a_board_that_is_not_set_as_configured_is_refused(
         stage.connect()
 
 
-@pytest.mark.parametrize(("travel", "named"), [(b"$132=50.000", True), (b"$132=40.000\r\n$13=1", False)])
+@pytest.mark.parametrize(
+    ("setting", "says"),
+    [
+        (b"$130=50", "(stage.travel_mm), expected $130=60 (it has 50)"),
+        (b"$131=50", "(stage.travel_mm), expected $131=30 (it has 50)"),
+        (b"$132=50", "(stage.travel_mm), expected $132=40 (it has 50)"),
+        (b"$13=1", "configured, expected $13=0 (it has 1)"),
+    ],
+)
 def test_a_travel_that_differs_is_told_by_the_key_of_the_configuration(
-    clock: VirtualClock, scripted: Callable[[list[Any]], Any], travel: bytes, named: bool
+    clock: VirtualClock, scripted: Callable[[list[Any]], Any], setting: bytes, says: str
 ) -> None:
-    board = b"$20=1\r\n$22=1\r\n$130=60.000\r\n$131=30.000\r\n" + travel + b"\r\nok\r\n"
+    board = b"$20=1\r\n$22=1\r\n$130=60.000\r\n$131=30.000\r\n$132=40.000\r\n" + setting + b"\r\nok\r\n"
     stage = GrblStage(scripted([HELLO, (ASKED, board)]), clock, expected=expected_settings(RigSettings()))
     with pytest.raises(StageError, match="not set as configured") as caught:
         stage.connect()
-    assert ("not set as configured (stage.travel_mm), expected $132=40 (it has 50)" in str(caught.value)) is named
+    assert says in str(caught.value)
+
+
+def test_where_no_travel_is_expected_none_is_named(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
+    stage = GrblStage(scripted([HELLO, (ASKED, b"$13=1\r\n$132=1\r\nok\r\n")]), clock)
+    with pytest.raises(StageError, match=r"configured, expected \$13=0"):
+        stage.connect()
 
 
 def test_what_was_calibrated_is_expected_of_the_board() -> None:
