@@ -141,7 +141,8 @@ class FingertipSurface:
         x_mm = np.arange(-half, half, _RIDGE_STEP_MM)
         inside = np.abs(x_mm[:, None]) < 0.95 * a[None]
         y = np.where(inside, self.height(np.where(inside, x_mm[:, None], 0.0), z_mm[None]), -np.inf)
-        return x_mm, z_mm, y
+        there = np.isfinite(y).any(axis=1)  # a finger that lies off the middle does not reach as far on one side
+        return x_mm[there], z_mm, y[there]
 
     @cached_property
     def apex(self) -> Apex:
