@@ -25,6 +25,19 @@ def jog(rig: Rig, config: Path, by_mm: float, *more: str) -> Any:
     return rig("jog", "--config", config, "--axis", "z", "--by-mm", by_mm, "--speed-mm-s", 5, "--json", *more)
 
 
+def down_to_the_finger(rig: Rig, config: Path) -> Any:
+    """As a person would: where a busy machine solves the finger too late for the balance, press again."""
+    for _ in range(10):
+        ended = jog(rig, config, -3.5 if ended_at(rig, config) > -3 else -0.5)
+        if "cannot answer SI now" not in ended.err:
+            return ended
+    raise AssertionError("ten times no reading")
+
+
+def ended_at(rig: Rig, config: Path) -> float:
+    return float(rig("status", "--config", config, "--json").json["stage"]["z_mm"])
+
+
 def test_down_to_the_finger_by_hand(rig: Rig, bench: Path) -> None:
     """What the one process has left, homed and zeroed, the next one knows; at the finger every one of them stops."""
     assert rig("home", "--config", bench, "--json").code == 0
@@ -34,7 +47,7 @@ def test_down_to_the_finger_by_hand(rig: Rig, bench: Path) -> None:
     assert "below the nominal apex is deeper than limits.max_doi_mm = 1.5" in refused.err
     assert "nothing was moved" in refused.err
     assert rig("jog", "--config", bench, "--axis", "x", "--by-mm", -2, "--speed-mm-s", 5).code == 0
-    touched = jog(rig, bench, -3.5)
+    touched = down_to_the_finger(rig, bench)
     assert touched.code == 1
     assert "rig: stopped: touched" in touched.err
     found = touched.json
@@ -52,7 +65,7 @@ def test_zero_anyway(rig: Rig, bench: Path) -> None:
     assert rig("home", "--config", bench).code == 0
     assert rig("zero", "--config", bench).code == 0
     assert rig("jog", "--config", bench, "--axis", "x", "--by-mm", -2, "--speed-mm-s", 5).code == 0
-    assert "touched" in jog(rig, bench, -3.5).err
+    assert "touched" in down_to_the_finger(rig, bench).err
     assert rig("zero", "--config", bench, "--anyway").code == 0
     memory = BenchMemory(load_config(bench)).read()
     assert memory.zero is not None
