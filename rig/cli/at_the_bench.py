@@ -20,9 +20,10 @@ from rig.devices.units import GWT_N
 from rig.engine import Engine, LimitError, verbs
 from rig.engine.by_hand.bench_memory import BenchMemory, LastKnown
 from rig.engine.journal import NoJournal
-from rig.engine.sensing import READINGS_AT_ZERO, Sensing
+from rig.engine.sensing import Sensing, several_gwt
 from rig.plan.config import Config, load_config
 from rig.session.real_bench import RealBench, open_bench
+from rig.session.running import stopped_at_once
 from rig.transport import TransportError, first_owner
 from rig.transport.clock import WallClock
 
@@ -63,12 +64,10 @@ def _home(settings: Config) -> StageStatus:
         engine = Engine(settings, bench, NoJournal())
         engine.sensing.zero = bench.memory.read().zero
         try:
-            verbs.home(engine)
+            with stopped_at_once(engine):
+                verbs.home(engine)
         except ForceError as error:
             raise unfelt(error) from None
-        except KeyboardInterrupt:
-            engine.stop()
-            raise
         return bench.stage.status()
 
 
@@ -105,7 +104,7 @@ def zero(
             if not anyway:
                 _refuse_touched(sensing, last)
             force.zero()
-            memory.zeroed(sensing.take_zero([sensing.raw().force_n / GWT_N for _ in range(READINGS_AT_ZERO)]))
+            memory.zeroed(sensing.take_zero(several_gwt(sensing.raw)))
             tell({"identity": name, "force_n": sensing.raw().force_n}, as_json=as_json)
 
 

@@ -12,7 +12,7 @@ from rig.devices.force.base import ForceError
 from rig.devices.stage.base import StageStatus
 from rig.engine.by_hand import ByHand, Guard, Show
 from rig.engine.by_hand.bench_memory import BenchMemory
-from rig.engine.sensing import Sensing
+from rig.engine.sensing import Sensing, Zero
 from rig.plan.config import Config
 from rig.transport import TransportError
 from rig.transport.clock import Clock
@@ -22,16 +22,18 @@ from rig.transport.clock import Clock
 def by_hand(settings: Config, show: Show, *, without_force: bool) -> Iterator[tuple[ByHand, Clock]]:
     """Motions on the ports of the configuration. Raises BadInputError where no force sensor answers."""
     memory = BenchMemory(settings)
-    with stage_at_hand(settings) as (stage, clock), _guard(settings, memory, clock, without=without_force) as guard:
-        placed = stage.homed or memory.read().stands_there(stage.status())
-        memory.moves()
-        yield ByHand(settings, stage, clock, guard, show, placed=placed), clock
-        if placed:
-            memory.left(stage.status())
+    with stage_at_hand(settings) as (stage, clock):
+        known = memory.read()
+        with _guard(settings, known.zero, clock, without=without_force) as guard:
+            placed = stage.homed or known.stands_there(stage.status())
+            memory.moves()
+            yield ByHand(settings, stage, clock, guard, show, placed=placed), clock
+            if placed:
+                memory.left(stage.status())
 
 
 @contextmanager
-def _guard(settings: Config, memory: BenchMemory, clock: Clock, *, without: bool) -> Iterator[Guard | None]:
+def _guard(settings: Config, zero: Zero | None, clock: Clock, *, without: bool) -> Iterator[Guard | None]:
     if without:
         err.print("without force: nothing stops the stage at a finger")
         yield None
@@ -46,7 +48,7 @@ def _guard(settings: Config, memory: BenchMemory, clock: Clock, *, without: bool
             sensing.connect()
         except (ForceError, TransportError) as error:
             raise unfelt(error) from None
-        sensing.zero = memory.read().zero
+        sensing.zero = zero
         yield Guard(settings, sensing)
 
 

@@ -25,6 +25,7 @@ from rig.protocol.errors import BadInputError
 from rig.protocol.refusals import refuse_approach, refuse_place
 from rig.session.calibration import as_table
 from rig.session.real_bench import open_bench
+from rig.session.running import stopped_at_once
 from rig.transport.clock import WallClock
 
 _READINGS = 20
@@ -104,17 +105,13 @@ def compliance(
 def _on_a_block(settings: Config, to_gwt: float) -> Compliance:
     bench = open_bench(settings, WallClock(), io.StringIO(), ask_at_the_bench)
     engine = Engine(settings, bench, NoJournal())
-    with closing(bench), bench.look_after(engine.heartbeat):
-        try:
-            bench.confirm(f"put a rigid block under a flat indentor; it will be pressed to {to_gwt:g} gwt")
-            verbs.mount(engine, "flat")
-            verbs.home(engine)
-            verbs.zero(engine)
-            verbs.move_to(engine, 0.0)
-            return measure_compliance(engine, to_gwt)
-        except KeyboardInterrupt:
-            engine.stop()
-            raise
+    with closing(bench), bench.look_after(engine.heartbeat), stopped_at_once(engine):
+        bench.confirm(f"put a rigid block under a flat indentor; it will be pressed to {to_gwt:g} gwt")
+        verbs.mount(engine, "flat")
+        verbs.home(engine)
+        verbs.zero(engine)
+        verbs.move_to(engine, 0.0)
+        return measure_compliance(engine, to_gwt)
 
 
 def _mean_n(sensor: ForceSensor, clock: WallClock) -> float:

@@ -136,7 +136,7 @@ class Engine:
             raise FeltError(str(error)) from error
         if force_gwt is None:
             return
-        passed = self.trips.passed_hard(force_gwt) or self.trips.passed(force_gwt)
+        passed = self.trips.passed_any(force_gwt)
         if passed:
             raise FeltError(f"{passed} while moving", force_gwt)
 

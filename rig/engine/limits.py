@@ -7,6 +7,7 @@ from rig.engine.errors import LimitError
 from rig.engine.rig_settings import LimitSettings, RigSettings
 from rig.transport.clock import Clock
 
+TRIP_MARGIN = 0.9  # no step is made that would go beyond so much of a trip, at the last stiffness
 AT_MM = 0.02  # heights closer than this are the same place
 
 
@@ -49,6 +50,10 @@ class Trips:
         if abs(force_gwt) > self.hard_gwt:
             return f"force {force_gwt:.2f} gwt above the hard trip {self.hard_gwt:.2f} gwt"
         return None
+
+    def passed_any(self, force_gwt: float) -> str | None:
+        """What a force has passed while something moves: every layer counts."""
+        return self.passed_hard(force_gwt) or self.passed(force_gwt)
 
 
 class ContactTime:

@@ -2,7 +2,7 @@
 
 import math
 import statistics
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from rig.devices.force.base import ForceBusy, ForceError, ForceOverload, ForceReading, ForceSensor, ForceUnderload
@@ -12,7 +12,7 @@ from rig.transport.base import TransportError
 from rig.transport.clock import Clock
 
 _OUT_OF_RANGE = (ForceOverload, ForceUnderload, ForceBusy)
-READINGS_AT_ZERO = 12
+_READINGS_AT_ZERO = 12
 BUSY_S = 1.0
 """At rest an instrument that has no answer just now is waited for so long; in motion it is no reading."""
 
@@ -41,6 +41,11 @@ def read(sensor: ForceSensor, clock: Clock, wait_s: float) -> ForceReading:
     if reading.t_s < asked_s:
         raise NoReadingError(f"the force reading is stale, {asked_s - reading.t_s:.3f} s older than the question")
     return reading
+
+
+def several_gwt(reading: Callable[[], ForceReading]) -> list[float]:
+    """As many readings as a zero is made of."""
+    return [reading().force_n / GWT_N for _ in range(_READINGS_AT_ZERO)]
 
 
 @dataclass(frozen=True)

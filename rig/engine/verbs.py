@@ -1,14 +1,12 @@
 """What a script may ask of an engine besides pressing; each verb is allowed in some states only (docs/safety.md)."""
 
 import statistics
-from collections.abc import Callable
 
-from rig.devices.force.base import ForceReading
 from rig.devices.units import GWT_N
 from rig.engine.engine import Engine, State
 from rig.engine.errors import LimitError, NotReadyError, PressPaused, RunAborted
 from rig.engine.records import NO_PRESS
-from rig.engine.sensing import READINGS_AT_ZERO
+from rig.engine.sensing import several_gwt
 
 
 def mount(engine: Engine, indentor: str) -> None:
@@ -40,21 +38,17 @@ def zero(engine: Engine) -> None:
     """Zero the force sensor with the indentor in the air; how far it has drifted since the last one is told."""
     engine.require_clear("zero")
     sensing = engine.sensing
-    drift_gwt = statistics.fmean(_several(engine.reading)) if sensing.zeroed else None
+    drift_gwt = statistics.fmean(several_gwt(engine.reading)) if sensing.zeroed else None
     name = sensing.connect()
     engine.clock.wait_s(sensing.settle_s)
     sensing.sensor.zero()
-    found = sensing.take_zero(_several(engine.raw_reading))
+    found = sensing.take_zero(several_gwt(engine.raw_reading))
     drift = None if drift_gwt is None else round(drift_gwt, 6)
     known = {"noise_gwt": round(found.noise_gwt, 6), "offset_gwt": round(found.offset_n / GWT_N, 6)}
     engine.record("zero", {"sensor": name, **known, "drift_gwt": drift})
     band_gwt = engine.settings.limits.zero_drift_gwt
     if drift_gwt is not None and abs(drift_gwt) > band_gwt:
         engine.alarm(f"the zero has drifted by {drift_gwt:+.2f} gwt, limits.zero_drift_gwt = {band_gwt:g}")
-
-
-def _several(reading: Callable[[], ForceReading]) -> list[float]:
-    return [reading().force_n / GWT_N for _ in range(READINGS_AT_ZERO)]
 
 
 def move_to(engine: Engine, x_mm: float, along_mm: float = 0.0) -> None:

@@ -4,13 +4,12 @@ import math
 
 from rig.devices.units import GWT_N
 from rig.engine.errors import LimitError
-from rig.engine.limits import Trips
+from rig.engine.limits import TRIP_MARGIN, Trips
 from rig.engine.motion import FeltError
 from rig.engine.pressing.frozen import Unanswered
 from rig.engine.rig_settings import RigSettings
-from rig.engine.sensing import READINGS_AT_ZERO, NoReadingError, Sensing
+from rig.engine.sensing import NoReadingError, Sensing, several_gwt
 
-_TRIP_MARGIN = 0.9
 _LOST_INCREMENTS = 2.0
 
 
@@ -37,14 +36,14 @@ class Guard:
     @property
     def above_trip(self) -> str | None:
         """Which trip the last reading was above, if any."""
-        return None if self.force_gwt is None else self._passed(self.force_gwt)
+        return None if self.force_gwt is None else self._trips.passed_any(self.force_gwt)
 
     @property
     def room_mm(self) -> float:
         """How far down the force stays below nine tenths of the soft trip, at the stiffness of the last step."""
         if self._stiffness_gwt_mm <= 0:
             return math.inf
-        return max(_TRIP_MARGIN * self._trips.lowest_gwt - self._rest_gwt, 0.0) / self._stiffness_gwt_mm
+        return max(TRIP_MARGIN * self._trips.lowest_gwt - self._rest_gwt, 0.0) / self._stiffness_gwt_mm
 
     def begin(self, *, up: bool, down: bool) -> None:
         """A motion begins. Raises LimitError where the force is not known, or above a trip: then it may only go up.
@@ -54,7 +53,7 @@ class Guard:
         self._up, self._unanswered = up, Unanswered(self._sensing.resolution_gwt)
         try:
             if not self._sensing.zeroed:
-                self._sensing.take_zero([self._sensing.raw().force_n / GWT_N for _ in range(READINGS_AT_ZERO)])
+                self._sensing.take_zero(several_gwt(self._sensing.raw))
             self._sensing.begin_motion(away=up)
             self._rest_gwt = self._sensing.settled().force_n / GWT_N
         except NoReadingError as error:
@@ -134,9 +133,6 @@ class Guard:
             )
 
     def _refuse_trip(self, force_gwt: float) -> None:
-        passed = self._passed(force_gwt)
+        passed = self._trips.passed_any(force_gwt)
         if passed:
             raise FeltError(passed, force_gwt)
-
-    def _passed(self, force_gwt: float) -> str | None:
-        return self._trips.passed_hard(force_gwt) or self._trips.passed(force_gwt)

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 from rig.engine.engine import Engine
 from rig.engine.errors import LimitError
+from rig.engine.limits import TRIP_MARGIN
 from rig.engine.pressing.frozen import Unanswered
 from rig.engine.pressing.pulse import pulse
 from rig.engine.pressing.touch_fit import CONTACT_EXPONENT
@@ -15,7 +16,6 @@ from rig.engine.verbs import safe_point
 
 _MAX_SEEK_MOVES = 400
 _FORCE_TOLERANCE_GWT, _FORCE_TOLERANCE = 0.05, 0.01
-_TRIP_MARGIN = 0.9
 _LOST_SHARE = 0.5  # of the touch threshold: less than that, an increment below the touch, is no finger
 # Of a gap in force wider than this share of the target, a step closes only so much: no step lands beyond it.
 _WIDE_GAP, _CLOSED_AT_ONCE = 0.05, 0.75
@@ -138,7 +138,7 @@ class Press:
         """One safe move in contact: at most an increment, and not past the soft trip at the present stiffness."""
         engine = self._engine
         safe_point(engine)
-        room = _TRIP_MARGIN * self._to_force(engine.trip_gwt)
+        room = TRIP_MARGIN * self._to_force(engine.trip_gwt)
         if room < min(step_mm, self._smallest_mm):
             raise LimitError(
                 f"the next move at x = {engine.x_mm:g} mm would pass the {engine.trips.lowest}, "
