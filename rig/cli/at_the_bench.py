@@ -12,7 +12,7 @@ import typer
 from rig.cli.interrupts import STOP_SIGNAL, at_once
 from rig.cli.looking import look, position
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
-from rig.cli.output import ExitCode, complain, out, print_json, told_in_one_line, unfelt
+from rig.cli.output import ExitCode, complain, out, print_json, told_in_one_line
 from rig.devices.catalogue import open_force, open_stage
 from rig.devices.force.base import ForceError
 from rig.devices.stage.base import Stage, StageStatus
@@ -22,20 +22,13 @@ from rig.engine.by_hand.bench_memory import BenchMemory, LastKnown
 from rig.engine.journal import NoJournal
 from rig.engine.sensing import Sensing, several_gwt
 from rig.plan.config import Config, load_config
+from rig.protocol.errors import BadInputError
 from rig.session.real_bench import RealBench, open_bench
 from rig.session.running import stopped_at_once
 from rig.transport import TransportError, first_owner
 from rig.transport.clock import WallClock
 
 _LET_GO_S = 5.0
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    app.command("home", help="Find the home switches.")(home)
-    app.command("zero", help="Zero the force sensor, with nothing on it.")(zero)
-    app.command("status", help="Where the stage is and what the sensor feels; moves nothing.")(status)
-    app.command("stop", help="Stop the stage now, whoever moves it.")(stop)
 
 
 @contextmanager
@@ -77,6 +70,11 @@ def _bench_at_hand(settings: Config) -> RealBench:
         return open_bench(settings, WallClock(), io.StringIO(), ask=lambda request: "")
     except TransportError as error:
         raise unfelt(error) if settings.force.port in str(error) else error from None
+
+
+def unfelt(error: Exception) -> BadInputError:
+    """A sensor that does not answer, where something should be moved."""
+    return BadInputError(f"{error}; nothing was moved: without a force sensor only --without-force moves")
 
 
 def _home_unfelt(settings: Config) -> StageStatus:

@@ -35,15 +35,6 @@ _LARGEST_CORRECTION = 0.2
 ValidDays = Annotated[int, typer.Option(metavar="N", min=1, max=3650, help="How long the calibration may be used.")]
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    calibrate = typer.Typer(help="Measure the rig: steps/mm, force scale, compliance.", no_args_is_help=True)
-    calibrate.command("steps", help="Move an axis, measure how far it went, get its steps/mm.")(steps)
-    calibrate.command("force", help="Weigh a known mass, get the force scale.")(force)
-    calibrate.command("compliance", help="Press on a rigid block, get how far the rig itself gives.")(compliance)
-    app.add_typer(calibrate, name="calibrate")
-
-
 def steps(
     config: ConfigOption,
     axis: Annotated[str, typer.Option(metavar="x|y|z", help="Which one.")],
@@ -152,3 +143,9 @@ def _tell(name: str, value: float, valid_days: int, *, as_json: bool, sd: float 
         print_json({"name": name, "value": value, "sd": sd, "toml": table})
     else:
         out.print(f"put this into the configuration (and into the board, where it keeps it):\n\n{table}")
+
+
+calibrate = typer.Typer(no_args_is_help=True)
+calibrate.command("steps", help="Move an axis, measure how far it went, get its steps/mm.")(steps)
+calibrate.command("force", help="Weigh a known mass, get the force scale.")(force)
+calibrate.command("compliance", help="Press on a rigid block, get how far the rig itself gives.")(compliance)

@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import typer
 from rich.table import Table
 
 from rig.cli.options import FingerConfigOption, JsonOption, MoreArgument, ProtocolArgument, SetOption
@@ -24,11 +23,6 @@ _COLUMNS = {
     "peak_pressure_n_cm2": "peak (N/cm²)",
     "overshoot_gwt": "overshoot at a trip (gwt)",
 }
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("check", help="Say what a protocol will do and how near the limits it goes; moves nothing.")(command)
 
 
 def command(

@@ -32,11 +32,6 @@ from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
 from sim.models.fingertip import Fingertip
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("compare", help="SSRPs, shape test, correlations, fits and a report of finished runs.")(command)
-
-
 def command(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run folders.")],
     recorded: Annotated[

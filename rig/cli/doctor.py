@@ -24,11 +24,6 @@ from sim.models.cache import KINDS, cache_dir
 _PACKAGES = ("indentation-rig", "numpy", "scipy", "h5py", "pydantic", "pyserial", "pymodbus", "matplotlib")
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("doctor", help="Ports, versions, limits, solver and cache of this installation.")(command)
-
-
 def command(
     config: Annotated[Path | None, typer.Option(metavar="TOML", help="Also look at the devices it names.")] = None,
     as_json: JsonOption = False,

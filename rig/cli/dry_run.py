@@ -23,11 +23,6 @@ from rig.session.calibration import expired_calibrations
 from rig.session.session import dry_run
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("dry-run", help="Run a protocol on virtual devices, over the wire protocol.")(command)
-
-
 def command(
     protocol: ProtocolArgument,
     more: MoreArgument = None,

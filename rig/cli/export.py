@@ -11,11 +11,6 @@ from rig.data import export_nwb, export_run, read_run
 from rig.protocol.errors import BadInputError
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("export", help="Write a run's journal as HDF5 and CSV, or as NWB, into its folder.")(command)
-
-
 def command(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.")],
     as_csv: Annotated[bool, typer.Option("--csv", help="HDF5 and tidy CSV.")] = False,

@@ -17,11 +17,6 @@ from sim.models.fingertip import Fingertip
 from sim.models.uncondensed.deck import MeshedFinger, write_contact_deck, write_load_deck
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("export-deck", help="Write a scene as a CalculiX input deck.")(command)
-
-
 def command(
     shape: Annotated[str, typer.Option(metavar="S", help="As for `rig indent`; one that lies along the finger.")],
     x_mm: Annotated[float, typer.Option(metavar="X", help="Indentor's reference point from the pad's centre.")],

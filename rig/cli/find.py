@@ -15,11 +15,6 @@ from sim.models.fingertip import Fingertip
 _LARGEST_TURN_DEG = 3.0
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("find", help="Say where the finger lies, from a run of find_finger.")(command)
-
-
 def command(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run that touched at several places.")],
     as_json: JsonOption = False,

@@ -21,11 +21,6 @@ from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, place_recepto
 from sim.models.discretised import young_ratios
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("finger", help="Fit the finger's skin, build its mesh and say how good both are.")(command)
-
-
 def command(
     config: Annotated[Path | None, typer.Option(metavar="TOML", help="Configuration of the finger.")] = None,
     vtk: Annotated[Path | None, typer.Option(metavar="FILE.vtk", help="Write the mesh there.")] = None,

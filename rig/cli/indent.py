@@ -19,11 +19,6 @@ from sim.models.fingertip import Fingertip
 from sim.models.result import IndentationResult, PointLoadResult
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("indent", help="One simulated indentation.")(command)
-
-
 def command(
     shape: Annotated[str, typer.Option(metavar="S", help=f"{EXPECTED}; or point.")],
     x_mm: Annotated[

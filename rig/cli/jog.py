@@ -35,11 +35,6 @@ RELEASED_S = 0.15
 _IDLE_LOOK_S = 0.02
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("jog", help="Move an axis by hand: hold a key, or give --axis and --by-mm.")(command)
-
-
 def command(
     config: ConfigOption,
     axis: Annotated[str | None, typer.Option(metavar="x|y|z", help="With --by-mm: the axis.")] = None,

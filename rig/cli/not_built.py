@@ -7,7 +7,7 @@ from rig.cli.output import ExitCode, fail
 COMMANDS = ("shift-invariance", "impulse", "decode")
 
 
-def register(app: typer.Typer) -> None:
+def say_so_for_each(app: typer.Typer) -> None:
     """Add every such command, hidden from the help."""
     for name in COMMANDS:
         app.command(name, hidden=True, context_settings={"ignore_unknown_options": True, "allow_extra_args": True})(

@@ -9,31 +9,8 @@ from typing import Any, NoReturn
 
 from rich.console import Console
 
-from rig.compare.errors import ComparisonError, RecordingError
-from rig.data import FolderBusyError, NwbMissingError, RunError
-from rig.data.folder import UnwritableError
-from rig.devices.force.base import ForceError
-from rig.devices.stage.base import StageError
-from rig.engine import EngineError
-from rig.parameter_study.errors import StudyError, WorkersError
-from rig.protocol.errors import BadInputError
-from rig.transport.base import TransportError
-from sim.contact.shapes import ShapeError
-from sim.finger.grading import MeshError
-from sim.finger.surface import SurfaceError
-from sim.measures.receptors import ReceptorError
-from sim.models.cache import CacheError
-from sim.models.errors import ModelRangeError
-
 err = Console(stderr=True, highlight=False, soft_wrap=True, markup=False)
 out = Console(highlight=False, soft_wrap=True, markup=False)
-
-
-_BAD_INPUT = (
-    *(BadInputError, RunError, FolderBusyError, NwbMissingError),
-    *(RecordingError, ComparisonError, StudyError, WorkersError),
-    *(ShapeError, ModelRangeError, SurfaceError, MeshError, ReceptorError, CacheError),
-)
 
 
 @contextmanager
@@ -89,24 +66,16 @@ def fail(message: str, code: ExitCode, *, as_json: bool) -> NoReturn:
     sys.exit(code)
 
 
-def unfelt(error: Exception) -> BadInputError:
-    """A sensor that does not answer, where something should be moved."""
-    return BadInputError(f"{error}; nothing was moved: without a force sensor only --without-force moves")
-
-
 @contextmanager
 def told_in_one_line(*, as_json: bool) -> Iterator[None]:
     """Turn what can go wrong into one line and the right exit code."""
     try:
         yield
-    except _BAD_INPUT as error:
-        fail(str(error), ExitCode.BAD_INPUT, as_json=as_json)
     except KeyboardInterrupt:
         fail("stopped at once by the operator", ExitCode.ABORTED, as_json=as_json)
-    except (EngineError, StageError, ForceError, TransportError) as error:
-        fail(f"stopped: {error}", ExitCode.STOPPED, as_json=as_json)
-    except UnwritableError as error:
-        fail(f"{error}: free space, then the same again", ExitCode.BAD_INPUT, as_json=as_json)
-    except OSError as error:
-        what = error.strerror or str(error)
-        fail(f"{error.filename}: {what}" if error.filename else what, ExitCode.BAD_INPUT, as_json=as_json)
+    except Exception as error:
+        from rig.cli.outcomes import outcome  # it imports both packages, and a help is not to wait for them
+
+        if (found := outcome(error)) is None:
+            raise
+        fail(*found, as_json=as_json)

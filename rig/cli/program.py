@@ -2,36 +2,52 @@
 
 import logging
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from difflib import get_close_matches
 from importlib import import_module
+from typing import NamedTuple
 
 import typer
+from rich.live import Live
+from rich.spinner import Spinner
 
-from rig.cli.not_built import COMMANDS as NOT_BUILT
-from rig.cli.output import ExitCode, fail
+from rig.cli.not_built import say_so_for_each
+from rig.cli.output import ExitCode, err, fail
 
 # typer carries its own copy of click in some versions: its exceptions are reached through a public one.
 _ClickException = typer.BadParameter.mro()[2]
 
-# Only what is asked for is imported: a stop must not wait for the libraries that draw a report.
-_MODULES = {
-    "dry-run": "dry_run",
-    "run": "run",
-    "check": "check",
-    "resume": "resume",
-    "compare": "compare",
-    "export": "export",
-    "study": "study",
-    "indent": "indent",
-    "finger": "finger",
-    "find": "find",
-    "export-deck": "export_deck",
-    "serve": "serve",
-    **dict.fromkeys(("home", "zero", "status", "stop"), "at_the_bench"),
-    "jog": "jog",
-    "calibrate": "calibrate",
-    "bench": "speed",
-    "doctor": "doctor",
-    **dict.fromkeys(NOT_BUILT, "not_built"),
+
+class Command(NamedTuple):
+    """A module's function or group of commands, and its line in the help."""
+
+    where: str
+    line: str
+
+
+# Only what is asked for is imported: a help comes at once, and a stop does not wait for libraries that draw a report.
+COMMANDS = {
+    "dry-run": Command("dry_run.command", "Run a protocol on virtual devices, over the wire protocol."),
+    "run": Command("run.command", "Run a protocol on the ports of the configuration."),
+    "check": Command("check.command", "Say what a protocol will do and how near the limits it goes; moves nothing."),
+    "resume": Command("resume.command", "Go on with a run that stopped: home, zero, then exactly what is missing."),
+    "compare": Command("compare.command", "SSRPs, shape test, correlations, fits and a report of finished runs."),
+    "export": Command("export.command", "Write a run's journal as HDF5 and CSV, or as NWB, into its folder."),
+    "study": Command("study.command", "A parameter study: every combination of fingers, receptors and presses."),
+    "indent": Command("indent.command", "One simulated indentation."),
+    "finger": Command("finger.command", "Fit the finger's skin, build its mesh and say how good both are."),
+    "find": Command("find.command", "Say where the finger lies, from a run of find_finger."),
+    "export-deck": Command("export_deck.command", "Write a scene as a CalculiX input deck."),
+    "serve": Command("serve.command", "Virtual devices in real time, behind ports that any program can open."),
+    "home": Command("at_the_bench.home", "Find the home switches."),
+    "zero": Command("at_the_bench.zero", "Zero the force sensor, with nothing on it."),
+    "status": Command("at_the_bench.status", "Where the stage is and what the sensor feels; moves nothing."),
+    "stop": Command("at_the_bench.stop", "Stop the stage now, whoever moves it."),
+    "jog": Command("jog.command", "Move an axis by hand: hold a key, or give --axis and --by-mm."),
+    "calibrate": Command("calibrate.calibrate", "Measure the rig: steps/mm, force scale, compliance."),
+    "bench": Command("speed.command", "Speed against error on this machine: one HTML page."),
+    "doctor": Command("doctor.command", "Ports, versions, limits, solver and cache of this installation."),
 }
 
 
@@ -52,13 +68,46 @@ def run() -> None:
 
 
 def _app(arguments: list[str]) -> typer.Typer:
-    """The program with the command that is asked for, or with all of them."""
+    """The program with the command that is asked for, or with the names of all of them."""
     app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
     app.callback()(_about)  # a program of one command would have no command's name
-    asked = _MODULES.get(arguments[0]) if arguments else None
-    for name in [asked] if asked else dict.fromkeys(_MODULES.values()):
-        import_module(f"rig.cli.{name}").register(app)
+    asked = arguments[0] if arguments else ""
+    if asked in COMMANDS:
+        module, _, command = COMMANDS[asked].where.partition(".")
+        with _starting(asked):
+            _add(app, asked, getattr(import_module(f"rig.cli.{module}"), command))
+        return app
+    if near := get_close_matches(asked, COMMANDS):
+        raise typer.BadParameter(
+            f"No such command {asked!r}, expected one that rig --help lists: {' or '.join(near)}?"
+        )
+    say_so_for_each(app)
+    for name in COMMANDS:
+        _add(app, name, _named)
     return app
+
+
+def _add(app: typer.Typer, name: str, command: Callable[..., None] | typer.Typer) -> None:
+    """A command, or a group of them, with its line in the help."""
+    line = COMMANDS[name].line
+    if isinstance(command, typer.Typer):
+        app.add_typer(command, name=name, help=line)
+    else:
+        app.command(name, help=line)(command)
+
+
+@contextmanager
+def _starting(name: str) -> Iterator[None]:
+    """Something to look at while the libraries are imported, where somebody looks."""
+    if not err.is_terminal:
+        yield
+        return
+    with Live(Spinner("dots", f"rig {name}: starting …"), console=err, transient=True):
+        yield
+
+
+def _named() -> None:
+    """A command in the list of them, when none is asked for."""
 
 
 def _about() -> None:

@@ -15,11 +15,6 @@ from rig.session.resume import ending_on_record, read_stopped
 from rig.session.session import FinishedRun, Session, dry_run, real_run
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("resume", help="Go on with a run that stopped: home, zero, then exactly what is missing.")(command)
-
-
 def command(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="The run's folder.")],
     yes: YesOption = False,

@@ -25,11 +25,6 @@ from rig.session.resume import last_left
 from rig.session.session import real_run
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("run", help="Run a protocol on the ports of the configuration.")(command)
-
-
 def command(
     protocol: ProtocolArgument,
     config: Annotated[Path, typer.Option(metavar="TOML", help="Configuration of rig and finger.")],

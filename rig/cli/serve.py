@@ -14,11 +14,6 @@ from rig.virtual.virtual_devices import FORCES, STAGES, checked_kind
 from sim.serve.press_ahead import PressStatistics
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("serve", help="Virtual devices in real time, behind ports that any program can open.")(command)
-
-
 def command(
     stage: Annotated[str | None, typer.Option(metavar="|".join(STAGES), help="The stage's kind.")] = None,
     force: Annotated[str | None, typer.Option(metavar="|".join(FORCES), help="The sensor's kind.")] = None,

@@ -21,11 +21,6 @@ from sim.speed_and_error.scenes import QUICK_SCENES, SCENES
 _STEPS = ("mesh", "assembly", "condensation", "inverse", "receptors")
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("bench", help="Speed against error on this machine: one HTML page.")(command)
-
-
 def command(
     quick: Annotated[bool, typer.Option("--quick", help="Coarse meshes only: about a minute.")] = False,
     page_file: Annotated[Path, typer.Option("--out", metavar="HTML", help="The page to write.")] = Path("bench.html"),

@@ -16,11 +16,6 @@ from rig.parameter_study.cases import Row, columns, read_study, solve
 from rig.parameter_study.workers import spread
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("study", help="A parameter study: every combination of fingers, receptors and presses.")(command)
-
-
 def command(
     study: Annotated[Path, typer.Argument(metavar="TOML", help="What is varied and what is pressed.")],
     out_file: Annotated[Path | None, typer.Option("--out", metavar="CSV", help="The table; beside the TOML.")] = None,

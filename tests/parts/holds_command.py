@@ -10,11 +10,6 @@ from rig.cli.output import out, print_json, told_in_one_line
 from rig.data import read_run
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("holds", help="Say what force was held at each hold of a run.")(command)
-
-
 def command(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="The run's folder.")], as_json: JsonOption = False
 ) -> None:

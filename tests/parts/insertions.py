@@ -127,7 +127,13 @@ MODEL = [
     ("sim/models/catalogue.py", '    "finger": build_finger', '    "soft": build_soft,\n'),
 ]
 
-COMMAND = [("rig/cli/program.py", '    "find": "find"', '    "holds": "holds",\n')]
+COMMAND = [
+    (
+        "rig/cli/program.py",
+        '    "find": ',
+        '    "holds": Command("holds.command", "Say what force was held at each hold of a run."),\n',
+    )
+]
 
 RUN_SECTION = [
     (

@@ -1,0 +1,39 @@
+"""What each error of the packages says of how a command ended: the only module that imports them all."""
+
+from rig.cli.output import ExitCode
+from rig.compare.errors import ComparisonError, RecordingError
+from rig.data import FolderBusyError, NwbMissingError, RunError
+from rig.data.folder import UnwritableError
+from rig.devices.force.base import ForceError
+from rig.devices.stage.base import StageError
+from rig.engine import EngineError
+from rig.parameter_study.errors import StudyError, WorkersError
+from rig.protocol.errors import BadInputError
+from rig.transport.base import TransportError
+from sim.contact.shapes import ShapeError
+from sim.finger.grading import MeshError
+from sim.finger.surface import SurfaceError
+from sim.measures.receptors import ReceptorError
+from sim.models.cache import CacheError
+from sim.models.errors import ModelRangeError
+
+_BAD_INPUT = (
+    *(BadInputError, RunError, FolderBusyError, NwbMissingError),
+    *(RecordingError, ComparisonError, StudyError, WorkersError),
+    *(ShapeError, ModelRangeError, SurfaceError, MeshError, ReceptorError, CacheError),
+)
+
+
+def outcome(error: Exception) -> tuple[str, ExitCode] | None:
+    """The line to say and how the command ended; None for what is no foreseen error."""
+    match error:
+        case _ if isinstance(error, _BAD_INPUT):
+            return str(error), ExitCode.BAD_INPUT
+        case EngineError() | StageError() | ForceError() | TransportError():
+            return f"stopped: {error}", ExitCode.STOPPED
+        case UnwritableError():
+            return f"{error}: free space, then the same again", ExitCode.BAD_INPUT
+        case OSError():
+            what = error.strerror or str(error)
+            return f"{error.filename}: {what}" if error.filename else what, ExitCode.BAD_INPUT
+    return None

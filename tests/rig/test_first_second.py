@@ -1,0 +1,100 @@
+"""What is seen of a command in its first second: its help, a word that it starts, a name that was mistyped."""
+
+import io
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import pytest
+import typer
+from rich.console import Console
+
+from rig.cli import main, program
+from rig.cli.not_built import COMMANDS as NOT_BUILT
+from rig.cli.program import COMMANDS
+
+LIBRARIES = {
+    "numpy",
+    "scipy",
+    "h5py",
+    "matplotlib",
+    "serial",
+    "pymodbus",
+    "rig.engine",
+    "rig.plan",
+    "sim",
+}
+
+
+def said(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *words: str) -> tuple[int, str, str]:
+    monkeypatch.setattr(sys, "argv", ["rig", *words])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    printed = capsys.readouterr()
+    return int(ended.value.code or 0), " ".join(printed.out.split()), printed.err
+
+
+@pytest.mark.parametrize(
+    "words", [["--help"], [], ["decode"], ["danse"]], ids=lambda words: " ".join(words) or "nothing"
+)
+def test_what_needs_no_library_imports_none(words: list[str]) -> None:
+    """A help takes the time that Python, typer and rich take."""
+    asked = (
+        "import sys; from rig.cli import main\n"
+        f"sys.argv = ['rig', *{words!r}]\n"
+        "try:\n    main()\nfinally:\n    print(*sys.modules, file=sys.stderr)"
+    )
+    ended = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=False)
+    imported = set(ended.stderr.split("\n")[-2].split())
+    assert "rig.cli.program" in imported
+    assert not imported & LIBRARIES
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_of_the_help_is_there_and_says_the_same_of_itself(
+    name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    code, all_of_them, _ = said(capsys, monkeypatch, "--help")
+    assert code == 0
+    assert f"{name} {COMMANDS[name].line}" in all_of_them
+    code, its_own, _ = said(capsys, monkeypatch, name, "--help")
+    assert code == 0
+    assert f"Usage: rig {name} " in its_own
+    assert COMMANDS[name].line in its_own
+
+
+def test_what_is_not_built_is_not_in_the_help(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, listed, _ = said(capsys, monkeypatch, "--help")
+    assert not any(name in listed for name in NOT_BUILT)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_on_a_terminal_a_command_says_that_it_starts_before_its_libraries_are_there(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    screen = io.StringIO()
+    monkeypatch.setattr(program, "err", Console(file=screen, force_terminal=True))
+    seen: list[str] = []
+
+    def importing(module: str) -> SimpleNamespace:
+        seen.append(screen.getvalue())
+        return SimpleNamespace(**{COMMANDS[name].where.partition(".")[2]: typer.Typer()})
+
+    monkeypatch.setattr(program, "import_module", importing)
+    program._app([name])
+    assert f"rig {name}: starting" in seen[0]
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"), [("dryrun", "dry-run"), ("chek", "check"), ("calibrat", "calibrate"), ("resum", "resume")]
+)
+def test_a_mistyped_command_is_told_its_neighbour(
+    typed: str, meant: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code, _, complaint = said(capsys, monkeypatch, typed)
+    assert code == 2
+    assert complaint.count("\n") == 1
+    assert f"No such command {typed!r}, expected one that rig --help lists: {meant}" in complaint
