@@ -14,7 +14,7 @@ from rig.engine.errors import NotReadyError, RecordError, TripError
 from rig.engine.heartbeat import Heartbeat
 from rig.engine.journal import Recorder
 from rig.engine.limits import AT_MM, ContactTime, Trips, refuse_height, trip_height_mm
-from rig.engine.motion import FeltError, Motion
+from rig.engine.motion import FeltError, Motion, insist
 from rig.engine.records import NO_PRESS, Phase, PressId
 from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import NoReadingError, Sensing
@@ -121,6 +121,8 @@ class Engine:
         except NoReadingError as error:
             self.trip(str(error))
         except FeltError as felt:
+            if self.state is State.TRIPPED:
+                raise  # on the way up from the trip, which goes on
             if felt.force_gwt is not None:
                 self._record_sample(NO_PRESS, "moving", round(felt.force_gwt, 6))
             self.trip(str(felt), felt.force_gwt)
@@ -236,8 +238,9 @@ class Engine:
             if self.settings.limits.on_trip == "stop":
                 self.stop()
             elif not self.heartbeat.lost:
-                self.lift(trip_height_mm(self.settings, self.height_mm))
-        except (StageError, TransportError) as error:
+                to_mm = trip_height_mm(self.settings, self.height_mm)
+                insist(lambda: self.lift(to_mm))
+        except (FeltError, StageError, TransportError) as error:
             reason = f"{reason}; and the lift failed: {error}"
         self.heartbeat.rest()
         self.state, self.problem = State.TRIPPED, TripError(reason)

@@ -2,19 +2,28 @@
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 
-from rig.devices.stage.base import Looks, Stage, StageError, StageStatus
+from rig.devices.stage.base import Looks, Stage, StageHeld, StageOverridden, StageStatus, is_held
 from rig.engine.rig_settings import RigSettings
 
-_HELD = ("Hold", "Door")
+_ATTEMPTS = 5
 
 
 class FeltError(Exception):
-    """What was felt while something moved must end the motion; the stage is at rest again."""
+    """What was felt or changed while something moved must end the motion; the stage is at rest again."""
 
     def __init__(self, reason: str, force_gwt: float | None = None) -> None:
         super().__init__(reason)
         self.force_gwt = force_gwt
+
+
+def insist(lift: Callable[[], None]) -> None:
+    """Go up from a trip. Somebody who changes the speed meanwhile does not keep it down: it goes on at full speed."""
+    for _ in range(_ATTEMPTS - 1):
+        with suppress(FeltError):
+            return lift()
+    return lift()
 
 
 class Motion:
@@ -48,18 +57,28 @@ class Motion:
 
     def _watched(self, looks: Looks, seen: Callable[[StageStatus], None], halt: Callable[[], None]) -> None:
         self.begun = True
-        for at in looks:
-            if at is not None:
-                seen(at)
-                if at.state.startswith(_HELD):
-                    raise StageError(f"the stage is held, {at.state}: somebody stopped it at the controller")
-            try:
-                self._glance()
-            except FeltError:
-                halt()
-                if self._stage.homed:
-                    seen(self._stage.status())
-                raise
+        try:
+            for at in looks:
+                if at is not None:
+                    seen(at)
+                    if is_held(at.state):
+                        raise StageHeld(at.state)
+                self._felt(seen, halt)
+        except StageOverridden as error:
+            self._come_to_rest(seen, self._stage.halt)
+            raise FeltError(str(error)) from error
+
+    def _felt(self, seen: Callable[[StageStatus], None], halt: Callable[[], None]) -> None:
+        try:
+            self._glance()
+        except FeltError:
+            self._come_to_rest(seen, halt)
+            raise
+
+    def _come_to_rest(self, seen: Callable[[StageStatus], None], halt: Callable[[], None]) -> None:
+        halt()
+        if self._stage.homed:
+            seen(self._stage.status())
 
     def _be_over(self, at: StageStatus) -> None:
         frame = self._settings.frame

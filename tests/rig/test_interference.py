@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from rig.devices.stage import GrblStage, StageError
-from rig.devices.stage.base import LOOK_S, arrive
-from rig.engine.by_hand.dead_man import Direction, dead_man_jog
+from rig.devices.stage.base import LOOK_S, StageHeld, StageOverridden, arrive, is_held
+from rig.engine.by_hand.dead_man import SLICE_S, Direction, dead_man_jog
 from rig.transport import LoopbackTransport
 from sim.devices import SerialLine, VirtualGrbl
 from sim.devices.clock import VirtualClock
@@ -29,11 +29,11 @@ NAMED_S = 2 * LOOK_S + 0.02
 class Bench:
     """A homed board at -1, -1, -1, with a driver; somebody else has the same wire."""
 
-    def __init__(self) -> None:
+    def __init__(self, **driver: Any) -> None:
         self.clock = VirtualClock()
         self.line = SerialLine(self.clock, 115200)
         self.board = VirtualGrbl(self.clock, self.line)
-        self.stage = GrblStage(LoopbackTransport(self.line, self.clock, "stage"), self.clock)
+        self.stage = GrblStage(LoopbackTransport(self.line, self.clock, "stage"), self.clock, **driver)
         self.stage.connect()
         self.stage.home()
 
@@ -170,3 +170,100 @@ def test_a_jog_that_was_cut_short_at_the_controller_does_not_end_well(bench: Ben
     at_mm = bench.z_mm()
     bench.clock.wait_s(3.0)
     assert bench.z_mm() == at_mm > -3.0
+
+
+# --- a key that is held on ---
+
+CYCLE_S = [0.6 + 0.0083 * i for i in range(13)]  # from one slice to the next
+
+
+def _key(bench: Bench, speed_mm_s: float, release_s: float = 3.0) -> None:
+    until_s = bench.clock.monotonic_s() + release_s
+    held = lambda: Direction("z", -1) if bench.clock.monotonic_s() < until_s else None  # noqa: E731
+    dead_man_jog(bench.stage, bench.clock, held, speed_mm_s)
+
+
+@pytest.mark.parametrize("speed_mm_s", [1.0, 2.0, 5.0])
+@pytest.mark.parametrize("after_s", CYCLE_S)
+def test_a_held_key_does_not_go_on_after_a_feed_hold(bench: Bench, speed_mm_s: float, after_s: float) -> None:
+    """The board cancels the jog and says nothing. Told more while it slows down, it used to go on."""
+    bench.later(after_s, b"!")
+    at_mm: list[float] = []
+    bench.clock.call_at(bench.clock.monotonic_s() + after_s, lambda: at_mm.append(bench.z_mm()))
+    with pytest.raises(StageError, match=r"stopped (it )?at the controller"):
+        _key(bench, speed_mm_s)
+    assert at_mm[0] - bench.z_mm() < 2 * speed_mm_s * SLICE_S + 0.05
+    rest_mm = bench.z_mm()
+    bench.clock.wait_s(2.0)
+    assert bench.z_mm() == rest_mm
+
+
+@pytest.mark.parametrize("after_s", CYCLE_S)
+@pytest.mark.parametrize("by_mm", [None, 20.0], ids=["key", "distance"])
+def test_an_open_door_is_named_also_where_the_next_line_waits_for_it(
+    bench: Bench, after_s: float, by_mm: float | None
+) -> None:
+    """Half of the time the jog's next line used to wait for its ok for 2 s, and then for whoever shuts the door."""
+    at_s = bench.later(after_s, b"\x84")
+    with pytest.raises(StageHeld, match=r"^stage: the stage is held, Door:\d: somebody stopped it"):
+        _jog(bench, by_mm)
+    assert bench.clock.monotonic_s() - at_s <= NAMED_S + PREPARED_S + 0.02
+    rest_mm = bench.z_mm()
+    bench.line.host_write(b"~")
+    bench.clock.wait_s(2.0)
+    assert bench.z_mm() == rest_mm, "nothing waits in the board"
+
+
+@pytest.mark.parametrize("motion", [*MOTIONS, "key", "output"])
+@pytest.mark.parametrize("what", HOLDS)
+def test_what_begins_at_a_held_board_is_refused_at_the_first_look(what: str, motion: str) -> None:
+    """It reads no line: an `ok` used to be waited for, and the line carried out when somebody let go."""
+    bench = Bench(output="coolant")
+    data, says = HOLDS[what]
+    bench.line.host_write(data)
+    bench.clock.wait_s(0.01)
+    begun_s, at_mm = bench.clock.monotonic_s(), bench.z_mm()
+    begin = MOTIONS | {"key": lambda b: _key(b, 1.0), "output": lambda b: b.stage.set_output(True)}
+    with pytest.raises(StageHeld, match=says):
+        begin[motion](bench)
+    assert bench.clock.monotonic_s() - begun_s <= LOOK_S + 0.02
+    bench.stage.stop()
+    bench.line.host_write(b"~")
+    bench.clock.wait_s(2.0)
+    assert bench.z_mm() == at_mm
+
+
+@pytest.mark.parametrize(
+    ("state", "held"),
+    [("Hold:0", True), ("Hold:1", True), ("Door:3", True), ("Idle", False), ("Jog", False), ("Alarm", False)],
+)
+def test_what_a_held_board_says_of_itself(state: str, held: bool) -> None:
+    assert is_held(state) is held
+
+
+def test_homing_at_another_speed_is_refused_before_the_position_is_given_up(bench: Bench) -> None:
+    bench.line.host_write(b"\x91")
+    bench.clock.wait_s(0.01)
+    for _ in range(2):
+        bench.stage.look()
+    at_mm = bench.z_mm()
+    with pytest.raises(StageOverridden, match="110 %"):
+        bench.stage.home()
+    assert (bench.stage.homed, bench.z_mm()) == (True, at_mm)
+
+
+@pytest.mark.parametrize("data", [b"\x91", b"\x92\x92", b"\x97"])
+def test_a_halt_brings_the_board_to_rest_at_full_speed_again(bench: Bench, data: bytes) -> None:
+    """Also one that keeps its overrides through a reset: they are ended by themselves, before it."""
+    bench.later(1.05, data)
+    with pytest.raises(StageOverridden):
+        _move(bench)
+    sent: list[bytes] = []
+    write = bench.stage._transport.write
+    bench.stage._transport.write = lambda data: (sent.append(data), write(data))[1]  # type: ignore[method-assign]
+    bench.stage.halt()
+    assert sent[0] == b"\x90\x95\x99"
+    assert (bench.stage.homed, str(bench.board._overrides)) == (True, "100,100,100")
+    sent.clear()
+    bench.stage.halt()
+    assert b"\x90\x95\x99" not in sent, "nothing to end"

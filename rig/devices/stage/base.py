@@ -40,6 +40,17 @@ class StageNotHomed(StageError):  # noqa: N818
         super().__init__(f"{who} must be homed before a move")
 
 
+class StageHeld(StageError):  # noqa: N818
+    """Somebody stopped it at the controller: whatever it was told waits for them, and is not to be waited for."""
+
+    def __init__(self, state: str, who: str = "") -> None:
+        super().__init__(f"{who}the stage is held, {state}: somebody stopped it at the controller")
+
+
+class StageOverridden(StageError):  # noqa: N818
+    """Somebody changed how fast it goes; its position is trusted. halt() brings it to rest at full speed again."""
+
+
 class StageRejected(StageError):  # noqa: N818
     """The controller refused one line; code is the maker's number."""
 
@@ -48,6 +59,11 @@ class StageRejected(StageError):  # noqa: N818
         self.code = code
         self.line = line
         self.meaning = meaning
+
+
+def is_held(state: str) -> bool:
+    """Whether a controller of this state was stopped by somebody, and goes on when they let go."""
+    return state.startswith(("Hold", "Door"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +87,8 @@ end of it calls Stage.halt() or Stage.stop().
 class Stage(Protocol):
     """Three axes in machine coordinates (mm): x lateral, y axial, z vertical, + up.
 
-    No move is accepted unhomed: StageNotHomed before any byte.
+    No move is accepted unhomed: StageNotHomed before any byte. Moves and jogs that somebody interferes with raise
+    StageHeld or StageOverridden at the next look; a driver whose status names a hold need not.
     """
 
     @property
@@ -110,7 +127,7 @@ class Stage(Protocol):
     def halt(self) -> None:
         """Give up the motion under way and return at rest; the position stays as trusted as it was.
 
-        Raises StageError, TransportError.
+        What somebody changed of its speed is ended, too. Raises StageError, TransportError.
         """
         ...
 

@@ -1,6 +1,5 @@
 """A stage on a GRBL 1.1 or grblHAL board. Source: GRBL 1.1 interface wiki."""
 
-import math
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Literal
@@ -17,6 +16,7 @@ from rig.devices.stage.base import (
     StageReset,
     StageStatus,
     StageTimeout,
+    is_held,
     next_look_s,
 )
 from rig.devices.stage.grbl_link import ASK_TIMES, GrblLink
@@ -27,15 +27,24 @@ from rig.devices.stage.grbl_settings import (
     differences,
     expected_s_of,
     keys_of,
+    misplaced,
+    overrun,
     unreported,
 )
-from rig.devices.stage.grbl_words import HELD, Xyz, machine_from, move_words, parse_setting
+from rig.devices.stage.grbl_words import (
+    FULL,
+    HOLD_AND_RESET,
+    JOG_CANCEL,
+    OUTPUT_WORDS,
+    Xyz,
+    machine_from,
+    move_words,
+    parse_setting,
+)
 from rig.transport import Transport
 from rig.transport.clock import Clock
 
 POLL_S = 0.02
-# How far from the target an arrival may be: the board rounds to a step and prints 0.001 mm.
-TOLERANCE_STEPS = 1.0
 HOME_S = 180.0
 HALT_S = 2.0
 # Longer than a step takes at the slowest speed there is, 1 mm/min.
@@ -47,9 +56,6 @@ LATE_FACTOR, LATE_S = 1.5, 5.0
 ASK_FOR_OFFSET = 35
 # An alarm, the banner after it, and one more of each.
 NEWS = 4
-HOLD_AND_RESET = b"!\x18"
-JOG_CANCEL = b"\x85"
-OUTPUT_WORDS = {"coolant": ("M9", "M8"), "spindle": ("M5", "M3S1000")}
 
 
 class GrblStage(Stage):
@@ -107,9 +113,11 @@ class GrblStage(Stage):
         return dict(self._settings)
 
     def homing(self) -> Looks:
-        """`$H`; while it lasts the board answers nothing, `?` included."""
-        self._link.recover()
+        """`$H`; while it lasts the board answers nothing, `?` included. The position is given up as it begins."""
+        if not self._link.in_step:
+            self._link.reset()
         self._link.refuse_interference(self.status().state)
+        self._link.trusted = False
         for _ in self._link.talking("$H", HOME_S, LOOK_S):
             yield None
         self.status()
@@ -156,31 +164,25 @@ class GrblStage(Stage):
         move_words(target, speed_mm_s)
         if self._link.in_step and not self.homed:
             raise StageNotHomed(f"{self._transport.name}: the stage")
-        beyond = self._beyond(target)
+        beyond = overrun(target, self._last, self._backlash_mm)
         if beyond != target:
             yield from self._going(beyond, speed_mm_s, look_s)
         yield from self._going(target, speed_mm_s, look_s)
-
-    def _beyond(self, target: dict[str, float]) -> dict[str, float]:
-        """The target, overrun by twice the backlash on the axes that would get there in their positive direction."""
-        if self._last is None:
-            return target
-        slack = {
-            axis: 2 * backlash
-            for axis, backlash, was in zip("XYZ", self._backlash_mm, self._last, strict=True)
-            if target.get(axis, was) > was
-        }
-        return {axis: min(mm + slack[axis], 0.0) if slack.get(axis) else mm for axis, mm in target.items()}
 
     def _going(self, target: dict[str, float], speed_mm_s: float, look_s: float) -> Looks:
         self._link.refuse_interference("")
         self._jogging = False
         expected_s = expected_s_of(self._settings, self._last, target, speed_mm_s)
-        self._link.command("G53G1G90G21" + move_words(target, speed_mm_s))
+        self._link.command("G53G1G90G21" + move_words(target, speed_mm_s), look_s=LOOK_S)
         yield from self._arriving(target, expected_s, look_s)
 
     def halt(self) -> None:
-        """Feed hold, and a reset once the board stands: from rest it loses no step, and what was queued is gone."""
+        """Feed hold, and a reset once the board stands: from rest it loses no step, and what was queued is gone.
+
+        Overrides end first: some grblHAL boards keep them through a reset.
+        """
+        if self._link.overrides != FULL:
+            self._link.full_speed()
         deadline_s = self._clock.monotonic_s() + HALT_S
         trusted = self._link.trusted
         self.hold()
@@ -209,7 +211,7 @@ class GrblStage(Stage):
         Raises StageError.
         """
         deadline_s = self._clock.monotonic_s() + timeout_s
-        while self._status().state.startswith(HELD):
+        while is_held(self._status().state):
             if self._clock.monotonic_s() >= deadline_s:
                 raise StageTimeout(f"{self._transport.name}: still held after {timeout_s:g} s")
             self._link.send_now(b"~")
@@ -234,13 +236,16 @@ class GrblStage(Stage):
         """`$J=`: needs a board that is idle or jogging. Raises StageError; ValueError before any byte."""
         self._link.refuse_interference("")
         self._jogging = True
-        self._link.command("$J=G91G21" + move_words({axis.upper(): by_mm}, speed_mm_s))
+        self._link.command("$J=G91G21" + move_words({axis.upper(): by_mm}, speed_mm_s), look_s=LOOK_S)
 
     def end_jog(self, timeout_s: float = 5.0) -> None:
         """0x85 until the board is at rest: one that comes before the jog has begun is lost.
 
-        A board that says Jog and stands, as some grblHAL do after a cancel, is at rest.
+        A board that says Jog and stands, as some grblHAL do after a cancel, is at rest. Raises StageError, also where
+        a line may still wait in the board.
         """
+        if not self._link.in_step:
+            raise StageError(f"{self._transport.name}: a line may still wait in the board")
         deadline_s = self._clock.monotonic_s() + timeout_s
         self._jogging = False
         self._link.send_now(JOG_CANCEL)
@@ -262,7 +267,7 @@ class GrblStage(Stage):
         """Coolant (M8, M9) or spindle (M3, M5); the board switches when all motion before is over."""
         if self._output == "off":
             raise StageError(f"{self._transport.name}: no output of the board is configured, see sync.output")
-        self._link.command(OUTPUT_WORDS[self._output][on])
+        self._link.command(OUTPUT_WORDS[self._output][on], look_s=LOOK_S)
 
     def close(self) -> None:
         self._transport.close()
@@ -286,14 +291,6 @@ class GrblStage(Stage):
                 due_s = next_look_s(self._clock.monotonic_s(), over_s, look_s)
             self._link.listen_until(min(max(over_s, self._clock.monotonic_s() + POLL_S), due_s))
         self._link.refuse_interference(now.state)
-        self._verify(target, now)
-
-    def _verify(self, target: dict[str, float], now: StageStatus) -> None:
-        for axis, is_mm in (("X", now.x_mm), ("Y", now.y_mm), ("Z", now.z_mm)):
-            if axis not in target:
-                continue
-            if abs(is_mm - target[axis]) * self._setting(100, axis) > TOLERANCE_STEPS:
-                raise StageError(f"{self._transport.name}: {axis} is at {is_mm} mm, not at {target[axis]} mm")
-
-    def _setting(self, first: int, axis: str) -> float:
-        return self._settings.get(first + "XYZ".index(axis), math.inf)
+        missed = misplaced(self._settings, target, (now.x_mm, now.y_mm, now.z_mm))
+        if missed:
+            raise StageError(f"{self._transport.name}: {missed}")

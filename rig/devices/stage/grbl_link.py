@@ -8,12 +8,20 @@ import math
 from collections.abc import Generator
 from contextlib import suppress
 
-from rig.devices.stage.base import StageAlarm, StageError, StageRejected, StageReset, StageTimeout
+from rig.devices.stage.base import (
+    StageAlarm,
+    StageError,
+    StageHeld,
+    StageOverridden,
+    StageRejected,
+    StageReset,
+    StageTimeout,
+    is_held,
+)
 from rig.devices.stage.grbl_words import (
     ALARMS,
     ERRORS,
     FULL,
-    HELD,
     OVERRIDDEN,
     StatusFields,
     Xyz,
@@ -61,18 +69,16 @@ class GrblLink:
         self.overrides = FULL
 
     def refuse_interference(self, state: str) -> None:
-        """Raises StageError where somebody holds the board, or has changed how fast it goes."""
-        if state.startswith(HELD):
-            raise StageError(
-                f"{self._transport.name}: the stage is held, {state}: somebody stopped it at the controller"
-            )
+        """Raises StageHeld where somebody holds the board, StageOverridden where they changed how fast it goes."""
+        if is_held(state):
+            raise StageHeld(state, f"{self._transport.name}: ")
         if self.overrides != FULL:
             found = ", ".join(
                 f"{what} override {is_now} %"
                 for what, is_now in zip(OVERRIDDEN, self.overrides, strict=True)
                 if is_now != 100
             )
-            raise StageError(
+            raise StageOverridden(
                 f"{self._transport.name}: {found}: somebody changed it at the controller, expected 100 %"
             )
 
@@ -86,12 +92,16 @@ class GrblLink:
         """Real-time bytes: they wait for nothing."""
         self._transport.write(data)
 
-    def command(self, line: str, timeout_s: float = REPLY_S) -> list[str]:
-        """Send one line and wait for its ok; returns what was printed before it. Raises StageError."""
-        talk = self.talking(line, timeout_s)
+    def command(self, line: str, *, look_s: float = math.inf) -> list[str]:
+        """Send one line and wait for its ok; returns what was printed before it. Raises StageError.
+
+        A board that somebody holds reads no line but answers `?`: look_s is how often it is asked.
+        """
+        talk = self.talking(line, REPLY_S, look_s)
         while True:
             try:
                 next(talk)
+                self.send_now(b"?")
             except StopIteration as over:
                 return list(over.value)
 
@@ -109,6 +119,7 @@ class GrblLink:
                 return printed
             if heard is not None:
                 self._refuse_error(heard, line)
+                self._refuse_hold(heard)
                 printed.append(heard)
             elif self._clock.monotonic_s() < deadline_s:
                 yield
@@ -120,6 +131,13 @@ class GrblLink:
         code = number_after(heard, "error:")
         if code is not None:
             raise StageRejected(code, line, ERRORS.get(code, "see the controller's manual"))
+
+    def _refuse_hold(self, heard: str) -> None:
+        """The line waits in the board's buffer for whoever holds it: only a reset takes it back."""
+        fields = parse_status(heard)
+        if fields is not None and is_held(fields.state):
+            self.in_step = self.trusted = False
+            self.refuse_interference(fields.state)
 
     def ask_status(self) -> StatusFields:
         """Send `?` and return its answer; a garbled one is asked again. Raises StageError."""

@@ -12,6 +12,8 @@ STEPS_PER_MM, MOST_MM_MIN, ACCELERATION, TRAVEL = 100, 110, 120, 130
 
 # Boards print three decimals.
 _TOLERANCE = 5e-4
+# How far from the target an arrival may be: the board rounds to a step and prints 0.001 mm.
+_TOLERANCE_STEPS = 1.0
 
 
 def expected_settings(settings: BenchSettings) -> dict[int, float]:
@@ -55,6 +57,27 @@ def expected_s_of(
         speed_mm_s = min(speed_mm_s, most / 60 * length / mm)
         accel = min(accel, steepest * length / mm)
     return travel_s(length, speed_mm_s, accel)
+
+
+def overrun(target: dict[str, float], was: Xyz | None, backlash_mm: Xyz) -> dict[str, float]:
+    """The target, overrun by twice the backlash on the axes that would get there in their positive direction."""
+    if was is None:
+        return target
+    slack = {
+        axis: 2 * backlash
+        for axis, backlash, from_mm in zip("XYZ", backlash_mm, was, strict=True)
+        if target.get(axis, from_mm) > from_mm
+    }
+    return {axis: min(mm + slack[axis], 0.0) if slack.get(axis) else mm for axis, mm in target.items()}
+
+
+def misplaced(board: Mapping[int, float], target: Mapping[str, float], at: Xyz) -> str:
+    """Which axis is not where it was told to be, in words; nothing where all are."""
+    for i, (axis, is_mm) in enumerate(zip("XYZ", at, strict=True)):
+        steps_per_mm = board.get(STEPS_PER_MM + i, math.inf)
+        if axis in target and abs(is_mm - target[axis]) * steps_per_mm > _TOLERANCE_STEPS:
+            return f"{axis} is at {is_mm} mm, not at {target[axis]} mm"
+    return ""
 
 
 def keys_of(board: Mapping[int, float], expected: Mapping[int, float]) -> str:

@@ -37,8 +37,9 @@ _BANNER = re.compile(r"Grbl(HAL)? \d\S* \[")
 Xyz = tuple[float, float, float]
 Overrides = tuple[int, int, int]
 FULL: Overrides = (100, 100, 100)
+HOLD_AND_RESET, JOG_CANCEL = b"!\x18", b"\x85"
+OUTPUT_WORDS = {"coolant": ("M9", "M8"), "spindle": ("M5", "M3S1000")}
 OVERRIDDEN = ("feed", "rapid", "spindle")
-HELD = ("Hold", "Door")
 
 
 @dataclass(frozen=True, slots=True)

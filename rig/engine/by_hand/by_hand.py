@@ -4,11 +4,11 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from rig.devices.stage.base import Axis, Stage, StageStatus
+from rig.devices.stage.base import Axis, Stage, StageOverridden, StageStatus
 from rig.engine.by_hand.dead_man import Direction, dead_man_jog
 from rig.engine.by_hand.guard import Guard
 from rig.engine.errors import LimitError
-from rig.engine.motion import FeltError
+from rig.engine.motion import FeltError, insist
 from rig.engine.rig_settings import RigSettings
 from rig.transport.clock import Clock
 
@@ -61,6 +61,9 @@ class ByHand:
             end = self._down(held, speed_mm_s, by_mm) if direction == DOWN else self._aside(held, speed_mm_s, by_mm)
         except FeltError as felt:
             return self._ended(direction, at, str(felt))
+        except StageOverridden as error:
+            self._stage.halt()
+            return self._ended(direction, at, str(error))
         return Moved(end, self._force_gwt)
 
     def steps_per_mm(self, axis: Axis) -> float:
@@ -119,6 +122,19 @@ class ByHand:
             raise FeltError("the next step down would pass the soft trip")
         return min(step_mm, room_mm)
 
+    def _up_to(self, z_mm: float) -> StageStatus:
+        """Away from a trip: whoever changes the speed meanwhile does not keep it down."""
+        speed_mm_s = self._settings.habits.travel_speed_mm_s
+        insist(lambda: self._lift(z_mm, speed_mm_s))
+        return self._stage.status()
+
+    def _lift(self, z_mm: float, speed_mm_s: float) -> None:
+        try:
+            dead_man_jog(self._stage, self._clock, lambda: UP, speed_mm_s, z_mm - self._stage.status().z_mm)
+        except StageOverridden as error:
+            self._stage.halt()
+            raise FeltError(str(error)) from error
+
     def _height_mm(self, at: StageStatus) -> float | None:
         """Above the nominal apex, where that is known."""
         return at.z_mm - self._settings.frame.apex_z_mm if self._placed else None
@@ -150,7 +166,7 @@ class ByHand:
         back_mm = min(start.z_mm - at.z_mm, self._settings.habits.clearance_mm)
         lifts = above is not None and self._settings.limits.on_trip != "stop"
         if direction == DOWN and lifts and back_mm > _TINY_MM:
-            at = dead_man_jog(self._stage, self._clock, lambda: UP, self._settings.habits.travel_speed_mm_s, back_mm)
+            at = self._up_to(at.z_mm + back_mm)
             reason = f"{reason}; lifted by {back_mm:.2f} mm"
         self._show(at, self._force_gwt)
         return Moved(at, self._force_gwt, reason)

@@ -4,14 +4,15 @@ import contextlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from rig.devices.stage.base import Axis, DeadManStage, Stage, StageError, StageStatus
+from rig.devices.stage.base import Axis, DeadManStage, Stage, StageError, StageHeld, StageStatus, is_held
+from rig.engine.by_hand.pace import Pace
 from rig.transport.base import TransportError
 from rig.transport.clock import Clock
 
 SLICE_S = 0.1
 _LOOK_S = 0.02
 # A board that stands short of what it was told at so many looks in a row was stopped by somebody else.
-_ROUNDING_MM, _STANDS = 0.02, 5
+_ROUNDING_MM, _STANDS = 0.003, 5
 
 
 @dataclass(frozen=True)
@@ -65,18 +66,28 @@ def _jogging(
     start: StageStatus | None = None
     step_mm = 1 / abs(stage.steps_per_mm(direction.axis))
     slice_mm, told_mm, stood = max(round(speed_mm_s * SLICE_S / step_mm), 1) * step_mm, 0.0, 0
+    pace = Pace(step_mm)
     while held() == direction:
-        now = stage.status()
+        asked_s, now, heard_s = clock.monotonic_s(), stage.status(), clock.monotonic_s()
+        if is_held(now.state):
+            raise StageHeld(now.state)
         start = start or now
-        ahead_mm = told_mm - _gone_mm(now, start, direction.axis)
-        stood = stood + 1 if now.state == "Idle" and ahead_mm > _ROUNDING_MM else 0
+        gone_mm = _gone_mm(now, start, direction.axis)
+        ahead_mm = told_mm - gone_mm
+        pace.seen(asked_s, heard_s, gone_mm, at_rest=now.state == "Idle")
+        if pace.stood and by_mm is None:
+            raise StageError("the jog stood still while a key was held: somebody stopped it at the controller")
+        stood = stood + 1 if now.state == "Idle" and ahead_mm > step_mm + _ROUNDING_MM else 0
         if stood > _STANDS:
             raise StageError(f"the jog was stopped at the controller, {ahead_mm:.3f} mm short of what it was told")
-        left_mm = slice_mm if by_mm is None else min(slice_mm, by_mm - told_mm)
+        # as finely as a controller is told, so that what was told adds up
+        left_mm = round(slice_mm if by_mm is None else min(slice_mm, by_mm - told_mm), 4)
         if left_mm <= 0 and now.state == "Idle" and not stood:
             return
-        if left_mm > 0 and ahead_mm < slice_mm and not stood:
+        if left_mm > 0 and ahead_mm < slice_mm and not (stood or pace.doubtful):
+            begun_s = clock.monotonic_s()
             stage.jog(direction.axis, direction.sign * left_mm, speed_mm_s)
+            pace.told(clock.monotonic_s() - begun_s)
             told_mm += left_mm
         yield now
         clock.wait_s(_LOOK_S)

@@ -1,0 +1,195 @@
+"""Somebody changes the speed at the controller: what is under way ends, and is left at full speed."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from rig.devices.stage.base import StageOverridden
+from rig.engine import Target, TripError, indent, verbs
+from rig.engine.by_hand import Moved
+from rig.engine.engine import Engine, State
+from rig.engine.motion import FeltError, insist
+from tests.rig.test_by_hand import AtHand
+from tests.rig.test_watched_moves import GRBL, Watched
+
+OVERRIDES = {
+    "twice the feed": (b"\x91" * 10, "feed override 200 %"),
+    "a tenth of the feed": (b"\x92" * 9, "feed override 10 %"),
+    "a quarter of the rapids": (b"\x97", "rapid override 25 %"),
+}
+CLEARANCE_MM = 2.0
+
+
+def _struck(bench: Watched | AtHand, data: bytes, *, after_s: float = 0.0) -> None:
+    """Somebody else's bytes on the same wire."""
+    wire = bench.bench.stage._link._transport  # type: ignore[attr-defined]
+    bench.clock.call_at(bench.clock.monotonic_s() + after_s, lambda: wire.write(data))
+
+
+def _pressed(engine: Engine) -> None:
+    for height_mm in (1.95, 1.9):
+        engine.go_to_height(height_mm, 0.5)
+
+
+def _looks(engine: Engine) -> None:
+    """A status carries the overrides or the offset."""
+    engine.clock.wait_s(1.0)
+    for _ in range(2):
+        engine.bench.stage.look()
+
+
+def _in_a_press(engine: Engine) -> None:
+    indent(engine, Target("force_gwt", 8.0), hold_s=5.0, expected_contact_mm=0.0)
+
+
+# What is under way when it happens, and so long after it began.
+MOTIONS: dict[str, tuple[Callable[[Engine], object], float]] = {
+    "aside": (lambda engine: verbs.move_to(engine, 4.0), 0.25),
+    "down to clearance": (lambda engine: (engine.go_to_height(8.0, 5.0), verbs.move_to(engine, 0.0)), 1.6),
+    "descent": (lambda engine: engine.go_to_height(1.95, 0.02), 0.25),
+    "press": (_in_a_press, 3.0),
+    "hold": (lambda engine: (_pressed(engine), engine.clock.wait_s(1.0), engine.go_to_height(1.89, 0.5)), 0.9),
+    "lift": (lambda engine: (_pressed(engine), engine.lift(9.0)), 0.8),
+}
+
+
+@pytest.fixture
+def watched() -> Watched:
+    return Watched(GRBL)
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("what", OVERRIDES)
+def test_it_trips_and_is_lifted_at_full_speed(watched: Watched, motion: str, what: str) -> None:
+    data, says = OVERRIDES[what]
+    engine = watched.ready()
+    begin, after_s = MOTIONS[motion]
+    _struck(watched, data, after_s=after_s)
+    with pytest.raises(TripError, match=f"^stage: {says}: somebody changed it at the controller, expected 100 %$"):
+        begin(engine)
+    assert engine.state is State.TRIPPED
+    assert watched.bench.stage.homed
+    assert watched.pose.above_apex_mm > CLEARANCE_MM - 0.01
+    assert engine.height_mm == pytest.approx(watched.pose.above_apex_mm, abs=0.003)
+    assert watched.events[-1][0] == "trip"
+    assert [stream for stream, _ in watched.events].count("trip") == 1
+
+
+def test_homing_ends_it_as_it_connects(watched: Watched) -> None:
+    engine = watched.ready()
+    _pressed(engine)
+    _struck(watched, b"\x92" * 9, after_s=0.9)
+    _looks(engine)
+    verbs.home(engine)
+    assert engine.state is State.READY
+    verbs.move_to(engine, 1.0)
+
+
+@pytest.mark.parametrize(("on_trip", "above_mm"), [("park", 10.0), ("retract", CLEARANCE_MM)])
+def test_it_is_lifted_as_high_as_any_trip_lifts(on_trip: str, above_mm: float) -> None:
+    watched = Watched(GRBL, on_trip=on_trip)
+    engine = watched.ready()
+    _pressed(engine)
+    _struck(watched, b"\x91", after_s=0.25)
+    with pytest.raises(TripError, match="feed override 110 %"):
+        engine.go_to_height(1.88, 0.02)
+    assert watched.pose.above_apex_mm == pytest.approx(above_mm, abs=0.003)
+
+
+def test_where_a_trip_stays_so_does_this_one() -> None:
+    watched = Watched(GRBL, on_trip="stop")
+    engine = watched.ready()
+    _struck(watched, b"\x91", after_s=0.25)
+    with pytest.raises(TripError, match="feed override 110 %"):
+        engine.go_to_height(1.95, 0.02)
+    assert 1.95 < watched.pose.above_apex_mm < 2.0
+    assert not watched.bench.stage.homed
+
+
+@pytest.mark.parametrize("data", [b"\x92" * 9, b"\x91" * 10])
+def test_on_the_way_up_from_a_trip_it_is_ended_and_goes_on(watched: Watched, data: bytes) -> None:
+    """It goes up at the speed it was told, and further up each time."""
+    engine = watched.ready()
+    _pressed(engine)
+    for after_s in (0.1, 0.5):
+        _struck(watched, data, after_s=after_s)
+    with pytest.raises(TripError, match=r"^for the test$"):
+        engine.trip("for the test")
+    assert watched.pose.above_apex_mm == pytest.approx(CLEARANCE_MM, abs=0.003)
+    assert [stream for stream, _ in watched.events].count("trip") == 1
+    assert watched.bench.stage.homed
+
+
+def test_whoever_changes_it_again_and_again_is_named_in_the_end(watched: Watched) -> None:
+    engine = watched.ready()
+    engine.go_to_height(1.95, 0.5)
+    stage, went = watched.bench.stage, []
+
+    def overridden(**_: Any) -> Any:
+        went.append(1)
+        yield None
+        raise StageOverridden("somebody changed it")
+
+    stage.moving = overridden  # type: ignore[method-assign]
+    with pytest.raises(TripError, match=r"^for the test; and the lift failed: somebody changed it$"):
+        engine.trip("for the test")
+    assert len(went) == 5
+
+
+def test_what_is_insisted_on_is_done_once_where_it_succeeds() -> None:
+    done: list[int] = []
+    insist(lambda: done.append(1))
+    assert done == [1]
+
+    def third() -> None:
+        done.append(2)
+        if len(done) < 4:
+            raise FeltError("not yet")
+
+    insist(third)
+    assert done == [1, 2, 2, 2]
+
+
+# --- by hand ---
+
+JOGS: dict[str, Callable[[AtHand], Moved]] = {
+    "down": lambda hand: hand.jog("z", -1.5),
+    "up": lambda hand: hand.jog("z", 3.0),
+    "sideways": lambda hand: hand.jog("x", 3.0),
+    "calibrate steps": lambda hand: hand.jog("x", -20.0, 4.0),
+}
+
+
+@pytest.mark.parametrize("jog", JOGS)
+@pytest.mark.parametrize("felt", [True, False])
+def test_a_motion_by_hand_ends_at_rest_says_why_and_the_next_one_goes_at_full_speed(jog: str, felt: bool) -> None:
+    hand = AtHand("grbl", felt=felt)
+    _struck(hand, b"\x92" * 5, after_s=0.6)
+    moved = JOGS[jog](hand)
+    assert moved.ended_by == "stage: feed override 50 %: somebody changed it at the controller, expected 100 %"
+    assert moved.at.state == "Idle"
+    height_mm, x_mm = hand.height_mm, hand.x_mm
+    hand.clock.wait_s(2.0)
+    assert (hand.height_mm, hand.x_mm) == (height_mm, x_mm)
+    assert hand.jog("z", 0.5).ended_by is None
+    assert hand.height_mm == pytest.approx(height_mm + 0.5, abs=0.003)
+
+
+def test_by_hand_a_force_above_a_trip_is_left_all_the_same() -> None:
+    """Pressed to the trip, and somebody changes the speed just as it goes back up."""
+    hand = AtHand("grbl", k_gwt=6000.0, above_mm=0.52, soft_trip_n=0.1)
+    jog, struck = hand.bench.stage.jog, []
+
+    def strikes_at_the_first_way_up(axis: Any, by_mm: float, speed_mm_s: float) -> None:
+        jog(axis, by_mm, speed_mm_s)
+        if by_mm > 0 and not struck:
+            struck.append(by_mm)
+            _struck(hand, b"\x92" * 9)
+
+    hand.bench.stage.jog = strikes_at_the_first_way_up  # type: ignore[method-assign]
+    moved = hand.jog("z", -1.0)
+    assert struck
+    assert moved.ended_by is not None
+    assert "lifted by" in moved.ended_by
+    assert hand.spring.true_gwt(hand.clock.monotonic_s()) == 0.0
