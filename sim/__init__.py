@@ -1,5 +1,9 @@
 """A simulator: a finite-element fingertip, and virtual devices that answer the bytes of real ones.
 
+    from sim import Fingertip
+    result = Fingertip.load().indent("bar:3.0", doi_mm=1.0)
+
+What a user needs is named here and imported when first used.
 From the bottom up, each room using only those above it in this list:
 
 - `config`: what a fingertip is made from, measured skin, units.
@@ -12,3 +16,67 @@ From the bottom up, each room using only those above it in this list:
 - `serve`: the same in real time, behind ports.
 - `speed_and_error`: what each model costs and how wrong it is.
 """
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from sim.config.fingertip_config import FingertipConfig, Geometry, MeshSpec, Tissue
+    from sim.contact.indentor import Indentor
+    from sim.contact.measured_profile import MeasuredProfile, ProfileError
+    from sim.contact.shapes import ShapeError, parse_shape
+    from sim.measures.measures import MEASURES
+    from sim.models.catalogue import load
+    from sim.models.errors import ForceOutOfReachError, ModelRangeError
+    from sim.models.fingertip import Fingertip
+    from sim.models.results.indentation import IndentationResult
+    from sim.models.results.point_load import PointLoadResult
+
+    __version__: str
+
+_HOMES = {
+    "sim.config.fingertip_config": ("FingertipConfig", "Geometry", "MeshSpec", "Tissue"),
+    "sim.contact.indentor": ("Indentor",),
+    "sim.contact.measured_profile": ("MeasuredProfile", "ProfileError"),
+    "sim.contact.shapes": ("ShapeError", "parse_shape"),
+    "sim.measures.measures": ("MEASURES",),
+    "sim.models.catalogue": ("load",),
+    "sim.models.errors": ("ForceOutOfReachError", "ModelRangeError"),
+    "sim.models.fingertip": ("Fingertip",),
+    "sim.models.results.indentation": ("IndentationResult",),
+    "sim.models.results.point_load": ("PointLoadResult",),
+}
+_HOME = {name: home for home, names in _HOMES.items() for name in names}
+
+__all__ = [
+    "MEASURES",
+    "Fingertip",
+    "FingertipConfig",
+    "ForceOutOfReachError",
+    "Geometry",
+    "IndentationResult",
+    "Indentor",
+    "MeasuredProfile",
+    "MeshSpec",
+    "ModelRangeError",
+    "PointLoadResult",
+    "ProfileError",
+    "ShapeError",
+    "Tissue",
+    "__version__",
+    "load",
+    "parse_shape",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import what is asked for."""
+    if name == "__version__":
+        return import_module("importlib.metadata").version("indentation-rig")
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_HOME[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

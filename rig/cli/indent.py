@@ -16,7 +16,8 @@ from sim.contact.shapes import EXPECTED, parse_shape
 from sim.measures.receptors import DEFAULT_DEPTH_MM
 from sim.models.catalogue import MODELS
 from sim.models.fingertip import Fingertip
-from sim.models.result import IndentationResult, PointLoadResult
+from sim.models.results.indentation import IndentationResult
+from sim.models.results.point_load import PointLoadResult
 
 
 def command(

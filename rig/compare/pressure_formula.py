@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sim.finger import section
 from sim.finger.surface import FingertipSurface
-from sim.models.result import IndentationResult
+from sim.models.results.indentation import IndentationResult
 
 Array = NDArray[np.float64]
 

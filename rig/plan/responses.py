@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rig.data import Run
 from rig.plan.shape_files import from_copy
 from sim.models.fingertip import Fingertip
-from sim.models.result import IndentationResult
+from sim.models.results.indentation import IndentationResult
 
 Array = NDArray[np.float64]
 

@@ -3,6 +3,7 @@
 Values marked [free] are not given by Raju (1998); `docs/model.md` says where each default comes from.
 """
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
@@ -11,8 +12,22 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validat
 from sim.config.measured_skin import POINT_COLUMNS, SECTION_COLUMNS, check_points, check_sections, rows_from
 
 
+class _Many(int):
+    """A number of rows, in a repr."""
+
+    def __repr__(self) -> str:
+        return f"<{int(self)} rows>"
+
+
 class _Settings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    def __repr_args__(self) -> Iterator[tuple[str | None, object]]:
+        """What differs from the defaults; many rows by their number."""
+        for name, field in type(self).model_fields.items():
+            value = getattr(self, name)
+            if value != field.default:
+                yield name, _Many(len(value)) if isinstance(value, tuple) else value
 
 
 class Geometry(_Settings):
@@ -22,15 +37,23 @@ class Geometry(_Settings):
     to the validation context's `folder`; only the numbers are kept.
     """
 
-    length_mm: float = Field(12.75, gt=10, lt=30)
-    proximal_apex_mm: float = Field(2.6, gt=0.5, lt=8, description="height of the top profile at z = 0")
-    proximal_half_width_mm: float = Field(3.4, gt=0.5, lt=10)
-    proximal_lean_mm: float = Field(-0.6, gt=-3, lt=3, description="lateral shift of the pulp at z = 0")
-    tip_radius_mm: float = Field(1.0, gt=0.2, lt=4, description="radius of the blunt section at the distal tip")
-    nail_depth_ratio: float = Field(0.75, gt=0.2, lt=2, description="depth of the nail side / height of the pulp")
-    stiffness_of_fit: float = Field(0.06, gt=0, lt=10, description="weight of the surface's second derivatives")
-    points: tuple[tuple[float, float, float], ...] = Field((), description="x, y, z of the pulp's skin")
-    sections: tuple[tuple[float, float, float, float], ...] = Field((), description="z, half-width, height, lean")
+    length_mm: float = Field(default=12.75, gt=10, lt=30)
+    proximal_apex_mm: float = Field(default=2.6, gt=0.5, lt=8, description="height of the top profile at z = 0")
+    proximal_half_width_mm: float = Field(default=3.4, gt=0.5, lt=10)
+    proximal_lean_mm: float = Field(default=-0.6, gt=-3, lt=3, description="lateral shift of the pulp at z = 0")
+    tip_radius_mm: float = Field(
+        default=1.0, gt=0.2, lt=4, description="radius of the blunt section at the distal tip"
+    )
+    nail_depth_ratio: float = Field(
+        default=0.75, gt=0.2, lt=2, description="depth of the nail side / height of the pulp"
+    )
+    stiffness_of_fit: float = Field(
+        default=0.06, gt=0, lt=10, description="weight of the surface's second derivatives"
+    )
+    points: tuple[tuple[float, float, float], ...] = Field(default=(), description="x, y, z of the pulp's skin")
+    sections: tuple[tuple[float, float, float, float], ...] = Field(
+        default=(), description="z, half-width, height, lean"
+    )
 
     @field_validator("points", "sections", mode="before")
     @classmethod
@@ -51,16 +74,16 @@ class Geometry(_Settings):
 class Tissue(_Settings):
     """Layers from the outside in. Ratios of E and Poisson's ratio: Raju (1998, ch. 3); thicknesses [free]."""
 
-    epidermis_mm: float = Field(0.4, gt=0.05, lt=1.0)
-    dermis_mm: float = Field(0.8, gt=0.1, lt=2.0)
-    bone_fraction: float = Field(0.32, gt=0.05, lt=0.6, description="bone radius / section radius")
-    e_dermis: float = Field(0.1, gt=1e-6, le=10, description="E / E(epidermis)")
-    e_fat: float = Field(0.1, gt=1e-6, le=10, description="E / E(epidermis)")
-    e_bone: float = Field(1.0e4, ge=1, le=1e10, description="E / E(epidermis), for an elastic bone")
-    poisson: float = Field(0.48, ge=0, lt=0.5)
+    epidermis_mm: float = Field(default=0.4, gt=0.05, lt=1.0)
+    dermis_mm: float = Field(default=0.8, gt=0.1, lt=2.0)
+    bone_fraction: float = Field(default=0.32, gt=0.05, lt=0.6, description="bone radius / section radius")
+    e_dermis: float = Field(default=0.1, gt=1e-6, le=10, description="E / E(epidermis)")
+    e_fat: float = Field(default=0.1, gt=1e-6, le=10, description="E / E(epidermis)")
+    e_bone: float = Field(default=1.0e4, ge=1, le=1e10, description="E / E(epidermis), for an elastic bone")
+    poisson: float = Field(default=0.48, ge=0, lt=0.5)
     bone: Literal["rigid", "elastic"] = "rigid"
-    nail_arc_deg: float = Field(140.0, ge=0, le=200, description="dorsal arc whose skin nodes are fixed")
-    nail_from_z_mm: float = Field(5.0, ge=0, le=20)
+    nail_arc_deg: float = Field(default=140.0, ge=0, le=200, description="dorsal arc whose skin nodes are fixed")
+    nail_from_z_mm: float = Field(default=5.0, ge=0, le=20)
 
 
 MESH_LEVELS: dict[str, dict[str, float]] = {
@@ -82,25 +105,28 @@ AXIAL_STRETCH = 1.855
 class MeshSpec(_Settings):
     """Sizes of elements, mm; a quadratic one has nodes half way too. `patch_*` bound what an indentor may touch."""
 
-    level: Literal["default", "fine"] = Field("default", description="fine: for sharp shapes")
-    spacing_mm: float = Field(0.17, gt=0.02, le=1.0, description="lateral, on the pulp")
+    level: Literal["default", "fine"] = Field(default="default", description="fine: for sharp shapes")
+    spacing_mm: float = Field(default=0.17, gt=0.02, le=1.0, description="lateral, on the pulp")
     axial_spacing_mm: float | None = Field(
-        None, gt=0.02, le=1.0, description="along the finger; default: 1.855 × spacing_mm"
+        default=None, gt=0.02, le=1.0, description="along the finger; default: 1.855 × spacing_mm"
     )
-    patch_x_mm: float = Field(3.3, gt=0.5, le=4.0)
-    patch_z_mm: float = Field(3.5, gt=0.5, le=4.5)
+    patch_x_mm: float = Field(default=3.3, gt=0.5, le=4.0)
+    patch_z_mm: float = Field(default=3.5, gt=0.5, le=4.5)
     round_patch_mm: float = Field(
-        2.5, gt=0.3, le=4.5, description="half-width of the nodes that a sphere, a cone or a round punch may touch"
+        default=2.5,
+        gt=0.3,
+        le=4.5,
+        description="half-width of the nodes that a sphere, a cone or a round punch may touch",
     )
-    epidermis_elements: int = Field(2, ge=1, le=8)
-    dermis_spacing_mm: float = Field(0.2, gt=0.02, le=1.0)
-    dermis_fine_depth_mm: float = Field(1.2, gt=0.2, le=3.0)
-    growth: float = Field(1.2, gt=1.0, le=2.0, description="between neighbours, near the patch")
-    far_growth: float = Field(1.5, gt=1.0, le=3.0)
-    near_spacing_mm: float = Field(0.5, gt=0.05, le=2.0, description="largest element just outside the patch")
-    near_width_mm: float = Field(1.5, gt=0, le=5.0)
-    far_spacing_mm: float = Field(1.5, gt=0.05, le=3.0)
-    nail_on_nodes: bool = Field(True, description="a row of nodes along each of the nail's edges")
+    epidermis_elements: int = Field(default=2, ge=1, le=8)
+    dermis_spacing_mm: float = Field(default=0.2, gt=0.02, le=1.0)
+    dermis_fine_depth_mm: float = Field(default=1.2, gt=0.2, le=3.0)
+    growth: float = Field(default=1.2, gt=1.0, le=2.0, description="between neighbours, near the patch")
+    far_growth: float = Field(default=1.5, gt=1.0, le=3.0)
+    near_spacing_mm: float = Field(default=0.5, gt=0.05, le=2.0, description="largest element just outside the patch")
+    near_width_mm: float = Field(default=1.5, gt=0, le=5.0)
+    far_spacing_mm: float = Field(default=1.5, gt=0.05, le=3.0)
+    nail_on_nodes: bool = Field(default=True, description="a row of nodes along each of the nail's edges")
     element: Literal["bbar", "full", "incompatible", "quadratic"] = "bbar"
 
     @model_validator(mode="before")
@@ -117,7 +143,7 @@ class MeshSpec(_Settings):
 class Contact(_Settings):
     """Where contact is enforced."""
 
-    between_nodes: bool = Field(True, description="under sharp corners also at points between nodes")
+    between_nodes: bool = Field(default=True, description="under sharp corners also at points between nodes")
 
 
 class FingertipConfig(_Settings):
@@ -127,7 +153,9 @@ class FingertipConfig(_Settings):
     tissue: Tissue = Tissue()
     mesh: MeshSpec = MeshSpec()
     contact: Contact = Contact()
-    receptor_plane_from_tip_mm: float = Field(5.857, gt=1, lt=12, description="Raju (1998): 5.86 from the tip")
+    receptor_plane_from_tip_mm: float = Field(
+        default=5.857, gt=1, lt=12, description="Raju (1998): 5.86 from the tip"
+    )
 
     @property
     def receptor_plane_mm(self) -> float:

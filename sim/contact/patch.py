@@ -1,6 +1,6 @@
 """The condensed skin: nodes that an indentor may touch, the points between them, and their compliance."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -15,15 +15,11 @@ _ROWS_AT_ONCE = 64
 
 
 @dataclass(frozen=True)
-class Patch:
-    """Skin nodes on a (rows along z, columns along φ) grid with their compliance along some axes.
-
-    Forces and pressures are per unit of E(epidermis) = 1 MPa: N and MPa for a finger that stiff.
-    """
+class PatchNodes:
+    """Skin nodes on a (rows along z, columns along φ) grid, which indentors that slope along some axes may touch."""
 
     position_mm: Array  # (n, 3) undeformed
     area_mm2: Array  # (n,) tributary, undeformed
-    compliance: Array  # (m n, m n) mm/N, all displacements along the first axis, then along the next
     shape: tuple[int, int]
     axes: tuple[int, ...] = (X, Y)  # those along which an indentor's surface may slope, then the vertical
 
@@ -62,6 +58,21 @@ class Patch:
             return np.empty((0, 2), dtype=np.int64)
         first, second = (number[:, :-1], number[:, 1:]) if self.axes[0] == X else (number[:-1], number[1:])
         return np.stack([first.ravel(), second.ravel()], axis=1)
+
+
+@dataclass(frozen=True)
+class Patch(PatchNodes):
+    """The nodes with their compliance along the axes.
+
+    Forces and pressures are per unit of E(epidermis) = 1 MPa: N and MPa for a finger that stiff.
+    """
+
+    compliance: Array = field(kw_only=True)  # (m n, m n) mm/N, all displacements along the first axis, then the next
+
+    @property
+    def nodes(self) -> PatchNodes:
+        """The nodes alone."""
+        return PatchNodes(self.position_mm, self.area_mm2, self.shape, self.axes)
 
     def block(self, moved: int, pushed: int) -> Array:
         """(n, n) mm/N, a view: displacements along one axis under forces along another, by their numbers."""

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.config.units import PSEUDO_E_EPIDERMIS
+
 Array = NDArray[np.float64]
 
 STRAINS = ("e11", "e22", "e33", "e12", "e23", "e13", "ep1", "ep2", "ep3")
@@ -58,6 +60,17 @@ def measures_from_strain(strain: Array, material: Elastic) -> dict[str, Array]:
     columns = [*np.moveaxis(strain, -1, 0), *np.moveaxis(ep, -1, 0), *np.moveaxis(stress[..., :3], -1, 0)]
     columns += [*np.moveaxis(sp, -1, 0), stress[..., :3].mean(axis=-1), sed, np.prod(sp, axis=-1)]
     return dict(zip(MEASURES, columns, strict=True))
+
+
+def measures_in_layers(strain: Array, young_ratio: Array, poisson: float) -> dict[str, Array]:
+    """The 18 measures (n,) from (n, 6) strains and (n,) E / E(epidermis); stresses in pseudo-units."""
+    values: dict[str, Array] = {}
+    for ratio in np.unique(young_ratio):
+        here = young_ratio == ratio
+        material = Elastic(PSEUDO_E_EPIDERMIS * float(ratio), poisson)
+        for name, value in measures_from_strain(strain[here], material).items():
+            values.setdefault(name, np.empty(len(here)))[here] = value
+    return values
 
 
 def _tensor(v: Array, shear: float) -> Array:

@@ -16,6 +16,7 @@ from sim.models.condensed import CondensedModel
 from sim.models.fingertip import Fingertip
 from sim.models.halfspace import build_halfspace
 from sim.models.plane_section import build_section, prismatic
+from sim.models.recipe import Recipe
 from sim.models.whole_finger import build_finger
 
 ModelName = Literal["halfspace", "section", "finger"]
@@ -55,6 +56,8 @@ def load(
     def build(slopes: tuple[int, ...]) -> tuple[CondensedModel, bool]:
         return BUILDERS[name](config, surface, receptors, slopes), False
 
-    model = Fingertip(config, surface, build)
+    places = {"receptor_x_mm": tuple(receptor_x_mm), "receptor_depth_mm": receptor_depth_mm}
+    recipe = Recipe.of(load, name, config, slopes=slopes, cached=cached, **places)
+    model = Fingertip(config, surface, build, recipe)
     model.model_for(slopes)
     return model

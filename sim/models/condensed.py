@@ -42,6 +42,10 @@ class CondensedModel:
         on_patch = by_node[:, self.patch_in_skin][:, :, list(self.patch.axes)]
         return np.ascontiguousarray(on_patch.swapaxes(1, 2)).reshape(len(by_node), -1)
 
+    def strain(self, force: Array) -> Array:
+        """(n_receptors, 6) strains under (m, n_patch) forces on the patch."""
+        return (self.strain_per_force @ force.ravel()).reshape(-1, 6)
+
     def point_load(self, x_mm: float, z_mm: float) -> Array:
         """(6 n_receptors,) strain per N of an inward force along the skin's normal at (x, z).
 
@@ -95,7 +99,7 @@ def from_arrays(arrays: dict[str, Any], surface: FingertipSurface, receptors: Re
     """The model that `to_arrays` stored."""
     shape = (int(arrays["shape"][0]), int(arrays["shape"][1]))
     axes = tuple(int(axis) for axis in arrays["axes"])
-    patch = Patch(arrays["position_mm"], arrays["area_mm2"], arrays["compliance"], shape, axes)
+    patch = Patch(arrays["position_mm"], arrays["area_mm2"], shape, axes, compliance=arrays["compliance"])
     row, nodes = (int(n) for n in arrays["counts"])
     plain = {name: arrays[name] for name in _PLAIN}
     return CondensedModel(surface, patch, row, nodes, receptors, **plain)

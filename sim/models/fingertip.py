@@ -3,6 +3,8 @@
 import math
 import time
 from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import replace
 from functools import cached_property, lru_cache, partial
 from typing import Literal
 
@@ -26,7 +28,10 @@ from sim.models.cache import cached_arrays, content_key
 from sim.models.condensed import CondensedModel, from_arrays, to_arrays
 from sim.models.errors import ForceOutOfReachError, ModelRangeError
 from sim.models.pressing import PlacedIndentor, Pressing
-from sim.models.result import IndentationResult, PointLoadResult
+from sim.models.recipe import Recipe, made
+from sim.models.results.indentation import IndentationResult
+from sim.models.results.outline import ModelOutline
+from sim.models.results.point_load import PointLoadResult
 from sim.models.whole_finger import build_finger
 
 Array = NDArray[np.float64]
@@ -47,17 +52,22 @@ _SIDE_RAD = 0.05  # of the section's widest places; below them the skin is no fu
 class Fingertip:
     """A condensed 3-D fingertip. It keeps no state: an indentation starts from rest unless told where from.
 
-    A model is condensed for indentors that slope along some axes, when one is first needed.
+    A model is condensed for indentors that slope along some axes, when one is first needed. Copies share models; a
+    pickle holds the recipe only, and whoever reads it takes the models from the cache.
     """
 
-    def __init__(self, config: FingertipConfig, surface: FingertipSurface, load_model: ModelLoader) -> None:
+    def __init__(
+        self, config: FingertipConfig, surface: FingertipSurface, load_model: ModelLoader, recipe: Recipe
+    ) -> None:
         self.config = config
         self.surface = surface
+        self.recipe = recipe
         self.e_epidermis_mpa = E_EPIDERMIS_MPA
         self.from_cache = True
         self.build_s = 0.0
         self._load_model = load_model
         self._models: dict[tuple[int, ...], CondensedModel] = {}
+        self._outlines: dict[tuple[int, ...], ModelOutline] = {}
         self._threads = ThreadpoolController()
         self._first_touch = lru_cache(maxsize=_TOUCHES_KEPT)(partial(first_touch, skin=surface))
 
@@ -82,24 +92,42 @@ class Fingertip:
 
         def load_model(slopes: tuple[int, ...]) -> tuple[CondensedModel, bool]:
             key = content_key([described, list(receptor_x_mm), receptor_depth_mm, solver, list(slopes)])
-            built: list[CondensedModel] = []
+            timing_s: dict[str, float] = {}
 
             def make() -> dict[str, NDArray[np.generic]]:
-                built.append(build_finger(config, surface, receptors, slopes, solver))
-                return to_arrays(built[0])
+                built = build_finger(config, surface, receptors, slopes, solver)
+                timing_s.update(built.timing_s)
+                return {name: np.ascontiguousarray(array) for name, array in to_arrays(built).items()}
 
-            arrays, from_cache = cached_arrays(key, make)
-            return (from_arrays(arrays, surface, receptors) if from_cache else built[0]), from_cache
+            arrays, from_cache = cached_arrays(key, make)  # the same to the last bit, made or read
+            return replace(from_arrays(arrays, surface, receptors), timing_s=timing_s), from_cache
 
-        finger = cls(config, surface, load_model)
+        places = {"receptor_x_mm": tuple(receptor_x_mm), "receptor_depth_mm": receptor_depth_mm}
+        finger = cls(config, surface, load_model, Recipe.of(cls.load, config, slopes=slopes, solver=solver, **places))
         finger.model_for(slopes)
         return finger
+
+    def __copy__(self) -> "Fingertip":
+        copied = object.__new__(type(self))
+        copied.__dict__.update(self.__dict__)
+        return copied
+
+    def __deepcopy__(self, _: dict[int, object]) -> "Fingertip":
+        return copy(self)
+
+    def __reduce__(self) -> tuple[Callable[..., "Fingertip"], tuple[Recipe, float]]:
+        return _made_anew, (self.recipe, self.e_epidermis_mpa)
+
+    def __repr__(self) -> str:
+        kind = next(iter(self._outlines.values())).kind if self._outlines else "finger"
+        return f"<Fingertip {kind}, {self.config!r}>"
 
     def model_for(self, slopes: tuple[int, ...]) -> CondensedModel:
         """The model condensed for indentors that slope along some axes, from the cache or built (seconds)."""
         if slopes not in self._models:
             start = time.perf_counter()
             self._models[slopes], from_cache = self._load_model(slopes)
+            self._outlines[slopes] = _outline(self._models[slopes], self.config.tissue.poisson)
             self.from_cache = self.from_cache and from_cache
             self.build_s += time.perf_counter() - start
         return self._models[slopes]
@@ -176,10 +204,10 @@ class Fingertip:
             touch_height_mm=height,
             force_n=state.normal_force * self.e_epidermis_mpa,
             state=state,
-            model=self.model_for(shape.axes),
+            model=self._outlines[shape.axes],
             e_epidermis_mpa=self.e_epidermis_mpa,
             contact_s=time.thread_time() - began,
-            poisson=self.config.tissue.poisson,
+            _strain=partial(placed.model.strain, state.force),
         )
 
     def point_load(self, x_mm: float, force_gwt: float, *, z_mm: float | None = None) -> PointLoadResult:
@@ -191,9 +219,9 @@ class Fingertip:
         if not left < x_mm < right:
             raise ModelRangeError(f"x = {x_mm} mm: expected {left:.2f} … {right:.2f} mm, the pulp at z = {z:g} mm")
         force_n = _positive(force_gwt) * GWT_N
-        model = next(iter(self._models.values()))
+        slopes, model = next(iter(self._models.items()))
         strain = model.point_load(x_mm, z) * (force_n / self.e_epidermis_mpa)
-        return PointLoadResult(x_mm, z, force_n, strain.reshape(-1, 6), model, self.config.tissue.poisson)
+        return PointLoadResult(x_mm, z, force_n, strain.reshape(-1, 6), self._outlines[slopes])
 
     def _place(self, shape: Indentor, x_mm: float, z_mm: float | None) -> tuple[float, ...]:
         """Where the reference point is, along the indentor's axes."""
@@ -215,6 +243,26 @@ class Fingertip:
             return solve_for_force(force, _FORCE_GUESS_MM, DEEPEST_DOI_MM, solve)
         except ForceNotReachedError as error:
             raise ForceOutOfReachError(f"force {force_gwt:g} gwt: {error}") from None
+
+
+def _outline(model: CondensedModel, poisson: float) -> ModelOutline:
+    """What a model's answers keep of it."""
+    return ModelOutline(
+        patch=model.patch.nodes,
+        patch_in_skin=model.patch_in_skin,
+        receptor_row=model.receptor_row,
+        receptors=model.receptors,
+        receptor_e=model.receptor_e,
+        nodes=model.nodes,
+        kind=model.kind,
+        poisson=poisson,
+    )
+
+
+def _made_anew(recipe: Recipe, e_epidermis_mpa: float) -> Fingertip:
+    finger: Fingertip = copy(made(recipe))
+    finger.e_epidermis_mpa = e_epidermis_mpa
+    return finger
 
 
 def _positive(force_gwt: float) -> float:

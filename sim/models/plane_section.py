@@ -56,7 +56,7 @@ def build_section(
     with condense(upper, kept, np.zeros((upper.shape[0], 1), np.int64)) as factor:
         compliance = factor.compliance[place].take(place, axis=1)
         strain = factor.solve((operator @ spread).toarray()) @ spread.T
-    patch = Patch(mesh.nodes[mesh.patch_nodes], mesh.patch_area_mm2, compliance, mesh.patch_shape, AXES)
+    patch = Patch(mesh.nodes[mesh.patch_nodes], mesh.patch_area_mm2, mesh.patch_shape, AXES, compliance=compliance)
     outside, neighbour = skin_beside(mesh, patch, slice(0, 1))
     skin = np.arange(mesh.grid[1]) * mesh.grid[2]
     return CondensedModel(

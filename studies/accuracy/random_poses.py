@@ -21,7 +21,7 @@ from sim.contact.shapes import parse_shape
 from sim.contact.solver import TARGET_RESIDUAL
 from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.models.result import IndentationResult
+from sim.models.results.indentation import IndentationResult
 
 PRISMATIC = ("step", "bar", "sharp bar", "cylinder", "grating", "wedge", "profile", "kinked profile")
 ROUND_OR_LINE = ("sphere", "cone", "flat", "line")

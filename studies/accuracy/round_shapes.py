@@ -15,7 +15,7 @@ from sim.config.fingertip_config import FingertipConfig, MeshSpec
 from sim.contact.shapes import parse_shape
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
-from sim.models.result import IndentationResult
+from sim.models.results.indentation import IndentationResult
 from sim.speed_and_error.candidates import nested
 from sim.speed_and_error.measure import Answer, answered
 from sim.speed_and_error.scenes import Scene

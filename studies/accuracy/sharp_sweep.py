@@ -17,7 +17,7 @@ from sim.contact.profiles import Bar, Grating, Profile, Step, Wedge
 from sim.contact.solver import TARGET_RESIDUAL
 from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.models.result import IndentationResult
+from sim.models.results.indentation import IndentationResult
 
 Scene = tuple[Profile, float, float]  # profile, x and DOI in mm
 

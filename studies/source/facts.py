@@ -15,7 +15,7 @@ from rig.report.html import Section
 from sim.contact.profiles import STEP_HALF_WAVELENGTH_MM
 from sim.measures.measures import shown
 from sim.models.fingertip import Fingertip
-from sim.models.result import IndentationResult, median_of_four
+from sim.models.results.indentation import IndentationResult, median_of_four
 from studies.source.facts_by_parameter import BAR_DOIS_MM, edges_touched
 from studies.source.pressure_fits import PressureStudy, told
 

@@ -16,7 +16,7 @@ from scipy.signal import find_peaks
 from sim.config.fingertip_config import FingertipConfig, MeshSpec, Tissue
 from sim.contact.profiles import BAR_EDGE_RADIUS_MM, Bar
 from sim.models.fingertip import Fingertip
-from sim.models.result import IndentationResult, median_of_four
+from sim.models.results.indentation import IndentationResult, median_of_four
 
 SPACING_MM = 0.17
 STEP_POSITIONS_MM = (2.0, 1.5, 1.0, 0.5, *np.arange(0.17, -2.6, -0.17).round(2), -2.75, -3.0, -3.25, -3.5, -3.69)

@@ -25,7 +25,7 @@ from rig.report.html import Figure, Section
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, Plot
 from sim.config.fingertip_config import FingertipConfig, Tissue
 from sim.models.fingertip import Fingertip
-from sim.models.result import IndentationResult
+from sim.models.results.indentation import IndentationResult
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from matplotlib.figure import Figure as Canvas
 from rig.report.html import Figure, Section
 from rig.report.style import BLUE, GREEN, ORANGE, Plot
 from sim.models.fingertip import Fingertip
-from sim.models.result import IndentationResult
+from sim.models.results.indentation import IndentationResult
 
 DOI_MM = 1.33
 _LINES = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."), ("black", ":"))

@@ -171,4 +171,4 @@ def condense(box: Box, body: Body, reach_mm: float) -> Patch:
         at = np.searchsorted(kept, unknown[moves])
         compliance = np.zeros((len(unknown), len(unknown)))
         compliance[np.ix_(moves, moves)] = factor.compliance[np.ix_(at, at)]
-    return Patch(box.nodes[nodes], area, compliance, (n_z, n_x), axes)
+    return Patch(box.nodes[nodes], area, (n_z, n_x), axes, compliance=compliance)

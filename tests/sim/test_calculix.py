@@ -11,7 +11,7 @@ import pytest
 from sim.config.fingertip_config import Contact, FingertipConfig, MeshSpec
 from sim.finger.mesh import build_mesh
 from sim.models.fingertip import Fingertip
-from sim.models.result import IndentationResult
+from sim.models.results.indentation import IndentationResult
 from sim.models.uncondensed.deck import MeshedFinger, write_contact_deck, write_load_deck
 
 pytestmark = [

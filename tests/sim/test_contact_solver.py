@@ -14,7 +14,7 @@ from sim.contact.solver import ContactState, solve_contact
 from sim.contact.touch import first_touch
 from sim.finger.surface import FingertipSurface
 from sim.models.fingertip import Fingertip
-from sim.models.result import IndentationResult
+from sim.models.results.indentation import IndentationResult
 
 Array = NDArray[np.float64]
 

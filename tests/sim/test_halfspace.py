@@ -73,9 +73,9 @@ def test_a_sphere_on_it_is_hertzs() -> None:
     patch = Patch(
         np.stack([x, 0 * x, z], axis=1),
         np.full(len(x), h * h),
-        surface_compliance(at, half, AXES, SHEAR, POISSON),
         (len(side), len(side)),
         AXES,
+        compliance=surface_compliance(at, half, AXES, SHEAR, POISSON),
     )
     doi, radius = 0.006, 10.0
     state = solve_contact(patch, Pose(parse_shape("sphere:10"), (0.0, 0.0), -doi, doi), between_nodes=False)

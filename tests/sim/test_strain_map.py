@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from sim.models.fingertip import Fingertip
-from sim.models.result import IndentationResult
+from sim.models.results.indentation import IndentationResult
 from sim.models.uncondensed.strain_map import StrainMap, displacements, mesh_of, strain_maps
 
 

@@ -12,7 +12,7 @@ from sim.finger.mesh import FingerMesh
 from sim.measures.receptors import strain_operator
 from sim.models.discretised import discretise, factorise
 from sim.models.fingertip import Fingertip
-from sim.models.result import IndentationResult
+from sim.models.results.indentation import IndentationResult
 
 Array = NDArray[np.float64]
 

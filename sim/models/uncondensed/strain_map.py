@@ -11,9 +11,10 @@ from sim.config.fingertip_config import FingertipConfig
 from sim.fem.strain import strain_matrix
 from sim.finger.mesh import FingerMesh, build_mesh
 from sim.finger.surface import FingertipSurface
+from sim.measures.measures import measures_in_layers
 from sim.measures.receptors import sampled
 from sim.models.discretised import discretise, factorise, meshed_for, young_ratios
-from sim.models.result import IndentationResult, measures_in_layers
+from sim.models.results.indentation import IndentationResult
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -1,7 +1,8 @@
 """One simulated indentation and everything that is read from it."""
 
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -9,10 +10,10 @@ from numpy.typing import NDArray
 
 from sim.config.units import GWT_N, PSEUDO_E_EPIDERMIS
 from sim.contact.indentor import Indentor
-from sim.contact.patch import X
+from sim.contact.patch import X, Z
+from sim.contact.points import Pose
 from sim.contact.solver import ContactState
-from sim.measures.measures import Elastic, measures_from_strain
-from sim.models.condensed import CondensedModel
+from sim.models.results.outline import ModelOutline
 
 Array = NDArray[np.float64]
 
@@ -42,9 +43,12 @@ def _opens_beyond(x_mm: Array, gap_mm: Array, last_mm: float) -> float:
     return float(max(last_mm, x_mm[free] - (x_mm[free + 1] - x_mm[free]) * near / (far - near)))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class IndentationResult:
-    """One simulated indentation; pressures and stresses in pseudo-units (E(epidermis) = 10 000)."""
+    """One simulated indentation; pressures and stresses in pseudo-units (E(epidermis) = 10 000).
+
+    It pickles without the finger: strains are computed then, at the latest.
+    """
 
     indentor: Indentor
     x_mm: float
@@ -53,10 +57,10 @@ class IndentationResult:
     touch_height_mm: float
     force_n: float
     state: ContactState
-    model: CondensedModel
+    model: ModelOutline
     e_epidermis_mpa: float
     contact_s: float  # processor time of the one thread that solves
-    poisson: float
+    _strain: Callable[[], Array]  # made when first asked for
 
     @property
     def force_gwt(self) -> float:
@@ -88,34 +92,25 @@ class IndentationResult:
     @property
     def plane(self) -> slice:
         """The patch nodes that lie in the receptor plane."""
-        columns = self.model.patch.shape[1]
-        return slice(self.model.receptor_row * columns, (self.model.receptor_row + 1) * columns)
-
-    @cached_property
-    def _across(self) -> NDArray[np.int64]:
-        """The patch nodes that lie in the receptor plane, by ascending x."""
-        nodes = np.arange(len(self.model.patch))[self.plane]
-        return nodes[np.argsort(self.model.patch.x[nodes])]
+        return self.model.plane
 
     @property
     def pressure_profile(self) -> tuple[Array, Array]:
         """Undeformed x (mm, ascending) and pressure (pseudo-units) in the receptor plane."""
-        return self.model.patch.x[self._across], self.nodal_pressure_pseudo[self._across]
+        return self.model.patch.x[self.model.across], self.nodal_pressure_pseudo[self.model.across]
 
     @property
     def skin_profile(self) -> tuple[Array, Array]:
         """Deformed x and y (mm) of the skin in the receptor plane, in the order of `pressure_profile`."""
-        patch, u = self.model.patch, self.state.displacement[:, self._across]
-        x = patch.x[self._across] + (u[0] if patch.axes[0] == X else 0.0)
-        return x, patch.y[self._across] + u[-1]
+        patch, u = self.model.patch, self.state.displacement[:, self.model.across]
+        x = patch.x[self.model.across] + (u[0] if patch.axes[0] == X else 0.0)
+        return x, patch.y[self.model.across] + u[-1]
 
     @property
     def axial_profile(self) -> tuple[Array, Array]:
         """Undeformed z and downward deflection (mm) of the skin along the pad's centre line."""
-        columns = self.model.patch.shape[1]
-        centre = int(np.argmin(np.abs(self.model.patch.x[self.plane])))
-        line = slice(centre, None, columns)
-        return self.model.patch.position_mm[line, 2], -self.state.displacement[-1][line]
+        line = self.model.along
+        return self.model.patch.position_mm[line, Z], -self.state.displacement[-1][line]
 
     @cached_property
     def touching_mm(self) -> tuple[Array, Array]:
@@ -148,18 +143,18 @@ class IndentationResult:
         return regions if self.indentor.sharp else [self._opened(*region) for region in regions]
 
     def _opened(self, low_mm: float, high_mm: float) -> tuple[float, float]:
-        x, gap = self.model.patch.x[self._across], self.state.gap[self._across]
+        x, gap = self.model.patch.x[self.model.across], self.state.gap[self.model.across]
         return -_opens_beyond(-x[::-1], gap[::-1], -low_mm), _opens_beyond(x, gap, high_mm)
 
     @cached_property
     def receptor_strain(self) -> Array:
         """(n_receptors, 6) engineering strains e11 e22 e33 e12 e23 e13."""
-        return (self.model.strain_per_force @ self.state.force.ravel()).reshape(-1, 6)
+        return self._strain()
 
     @cached_property
     def receptor_measures(self) -> dict[str, Array]:
         """The 18 measures at the receptors; tension positive, stresses in pseudo-units."""
-        return measures_in_layers(self.receptor_strain, self.model.receptor_e, self.poisson)
+        return self.model.measures(self.receptor_strain)
 
     def as_json(self) -> dict[str, Any]:
         """What `rig indent --json` prints, without the model's build time."""
@@ -171,7 +166,7 @@ class IndentationResult:
             "peak_pressure_pseudo": self.peak_pressure_pseudo,
             "contact_regions_mm": [list(region) for region in self.contact_regions_mm],
             "pressure": {"x_mm": x.tolist(), "pseudo": p.tolist()},
-            "receptors": _receptors_as_json(self.model, self.receptor_measures),
+            "receptors": self.model.receptors_as_json(self.receptor_measures),
             "solver": {
                 "model": self.model.kind,
                 "nodes": self.model.nodes,
@@ -182,62 +177,39 @@ class IndentationResult:
             },
         }
 
+    def receptor_table(self) -> dict[str, Array]:
+        """Columns x_mm, depth_mm and the 18 measures, one row a receptor."""
+        return self.model.receptor_columns(self.receptor_measures)
 
-@dataclass(frozen=True)
-class PointLoadResult:
-    """A force on one point of the skin, along its inward normal; there is no contact, and no depth is defined."""
-
-    x_mm: float
-    z_mm: float
-    force_n: float
-    receptor_strain: Array  # (n_receptors, 6) engineering
-    model: CondensedModel
-    poisson: float
+    def __repr__(self) -> str:
+        name, pressed = type(self).__name__, f"{self.doi_mm:.4g} mm deep, {self.force_gwt:.4g} gwt"
+        return f"<{name} {self.indentor.name} at x = {self.x_mm:g}, z = {self.z_mm:g} mm: {pressed}>"
 
     @property
-    def force_gwt(self) -> float:
-        """Force in gram-weight."""
-        return self.force_n / GWT_N
+    def _pose(self) -> Pose:
+        """Where the indentor is; gaps are measured to it."""
+        at_mm = tuple({X: self.x_mm, Z: self.z_mm}[axis] for axis in self.indentor.axes)
+        return Pose(self.indentor, at_mm, self.touch_height_mm - self.doi_mm, self.doi_mm)
 
-    @cached_property
-    def receptor_measures(self) -> dict[str, Array]:
-        """The 18 measures at the receptors; tension positive, stresses in pseudo-units."""
-        return measures_in_layers(self.receptor_strain, self.model.receptor_e, self.poisson)
+    def __getstate__(self) -> dict[str, Any]:
+        kept = {field.name: getattr(self, field.name) for field in fields(self)}
+        return kept | {"state": _packed(self.state), "_strain": partial(np.array, self.receptor_strain)}
 
-    def as_json(self) -> dict[str, Any]:
-        """As of an indentation; what a point load does not have is null or empty."""
-        return {
-            "force_n": self.force_n,
-            "force_gwt": self.force_gwt,
-            "doi_mm": None,
-            "peak_pressure_pseudo": None,
-            "contact_regions_mm": [],
-            "pressure": {"x_mm": [], "pseudo": []},
-            "receptors": _receptors_as_json(self.model, self.receptor_measures),
-            "solver": {
-                "model": "finger",
-                "nodes": self.model.nodes,
-                "iterations": 0,
-                "kkt_residual": 0.0,
-                "converged": True,
-                "contact_s": 0.0,
-            },
-        }
+    def __setstate__(self, kept: dict[str, Any]) -> None:
+        self.__dict__.update(kept)
+        patch, u = self.model.patch, self.state.displacement
+        gap = self._pose.gap(patch.tangential_mm + u[:-1], patch.y + u[-1]).height_mm
+        self.__dict__["state"] = replace(self.state, force=_unpacked(self.state.force, len(patch)), gap=gap)
 
 
-def measures_in_layers(strain: Array, young_ratio: Array, poisson: float) -> dict[str, Array]:
-    """The 18 measures (n,) from (n, 6) strains and (n,) E / E(epidermis); stresses in pseudo-units."""
-    values: dict[str, Array] = {}
-    for ratio in np.unique(young_ratio):
-        here = young_ratio == ratio
-        material = Elastic(PSEUDO_E_EPIDERMIS * float(ratio), poisson)
-        for name, value in measures_from_strain(strain[here], material).items():
-            values.setdefault(name, np.empty(len(here)))[here] = value
-    return values
+def _packed(state: ContactState) -> ContactState:
+    """A state with the forces of the nodes that bear only, their numbers above them, and without the gap."""
+    bearing = np.flatnonzero(state.force.any(axis=0))
+    return replace(state, force=np.concatenate([bearing[None], state.force[:, bearing]]), gap=np.zeros(0))
 
 
-def _receptors_as_json(model: CondensedModel, measures: dict[str, Array]) -> dict[str, list[float]]:
-    return {
-        "x_mm": model.receptors.position_mm[:, 0].tolist(),
-        **{name: value.tolist() for name, value in measures.items()},
-    }
+def _unpacked(force: Array, nodes: int) -> Array:
+    """(m, n) forces of all nodes."""
+    everywhere = np.zeros((len(force) - 1, nodes))
+    everywhere[:, force[0].astype(np.int64)] = force[1:]
+    return everywhere

@@ -1,0 +1,4 @@
+"""What an indentation or a point load answers: arrays and numbers, which pickle small and know no model.
+
+`indentation` and `point_load` are the answers; `outline` is what they keep of the model that gave them.
+"""

@@ -1,0 +1,72 @@
+"""`from sim import …`: a handful of names, found when first used, with types that hold without plugins."""
+
+import ast
+import subprocess
+import sys
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+import sim
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_every_name_is_there() -> None:
+    assert sim.__version__ == version("indentation-rig")
+    assert set(sim.__all__) <= set(dir(sim))
+    for name in sim.__all__:
+        assert getattr(sim, name) is not None
+    with pytest.raises(AttributeError, match="module 'sim' has no attribute 'Fingertop'"):
+        sim.__getattr__("Fingertop")
+
+
+def test_what_a_type_checker_sees_is_what_there_is() -> None:
+    tree = ast.parse((ROOT / "sim" / "__init__.py").read_text(encoding="utf-8"))
+    imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and str(node.module)[:4] == "sim."]
+    seen = {alias.name: node.module for node in imports for alias in node.names}
+    assert seen == sim._HOME
+    assert sorted([*seen, "__version__"]) == sorted(sim.__all__)
+    for name, home in seen.items():
+        assert getattr(sim, name) is getattr(sys.modules[str(home)], name)
+
+
+def test_the_door_itself_weighs_nothing() -> None:
+    code = "import sys, sim; dir(sim); assert not {'numpy', 'pydantic', 'sim.models'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def checked(files: Sequence[Path], tmp_path: Path) -> str:
+    """What mypy --strict says of a user's files, with no plugin and no configuration but an empty one."""
+    empty = tmp_path / "mypy.ini"
+    empty.write_text("[mypy]\n")
+    options = ("--strict", "--follow-imports=silent", "--config-file", str(empty))
+    cache = ("--cache-dir", str(ROOT / ".mypy_cache" / "without_plugins"))
+    command = [sys.executable, "-m", "mypy", *options, *cache, *map(str, files)]
+    return subprocess.run(command, capture_output=True, text=True, check=False).stdout
+
+
+USER = """\
+from sim import Fingertip, FingertipConfig, Geometry, MeshSpec, Tissue, __version__
+
+config = FingertipConfig(
+    tissue=Tissue(epidermis_mm=0.3), mesh=MeshSpec(level="fine"), geometry=Geometry(length_mm=13.0)
+)
+result = Fingertip.load(config).indent("bar:3.0", doi_mm=0.5)
+reveal_type(result.force_n)
+reveal_type(__version__)
+"""
+
+
+def test_a_type_checker_without_plugins_agrees_and_warns(tmp_path: Path) -> None:
+    right, wrong = tmp_path / "right.py", tmp_path / "wrong.py"
+    right.write_text(USER)
+    wrong.write_text("from sim import MeshSpec, Tissue\nTissue(epidermis=0.3)\nMeshSpec(level='finest')\n")
+    said = checked([right, wrong], tmp_path)
+    assert 'right.py:7: note: Revealed type is "float"' in said.replace("builtins.float", "float")
+    assert 'right.py:8: note: Revealed type is "str"' in said.replace("builtins.str", "str")
+    assert "wrong.py:2: error" in said
+    assert "wrong.py:3: error" in said
+    assert said.count("error:") == 2, said
