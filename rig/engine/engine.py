@@ -15,7 +15,7 @@ from rig.engine.heartbeat import Heartbeat
 from rig.engine.journal import Recorder
 from rig.engine.limits import AT_MM, ContactTime, Trips, refuse_height, trip_height_mm
 from rig.engine.motion import FeltError, Motion, insist
-from rig.engine.records import NO_PRESS, Phase, PressId
+from rig.engine.records import NO_PRESS, Phase, PressId, as_fine
 from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import NoReadingError, Sensing
 from rig.transport.base import TransportError
@@ -124,7 +124,7 @@ class Engine:
             if self.state is State.TRIPPED:
                 raise  # on the way up from the trip, which goes on
             if felt.force_gwt is not None:
-                self._record_sample(NO_PRESS, "moving", round(felt.force_gwt, 6))
+                self._record_sample(NO_PRESS, "moving", felt.force_gwt)
             self.trip(str(felt), felt.force_gwt)
 
     def _glance(self) -> None:
@@ -274,7 +274,7 @@ class Engine:
     def record(self, stream: str, data: Mapping[str, Any]) -> None:
         """Journal an event; it is on disk when this returns. Where that fails: lift, and raise RecordError."""
         try:
-            self._journal.event(stream, data)
+            self._journal.event(stream, as_fine(data))
         except RecordError as error:
             self.problem = self.problem or error
             self.make_safe()

@@ -17,6 +17,17 @@ class Target:
         return Target(self.kind, self.value * hold / increments)
 
 
+_FORCE_DIGITS = 6
+
+
+def as_fine(data: Mapping[str, Any]) -> dict[str, Any]:
+    """An event as it is journalled: no force (a key that ends in _gwt) finer than a millionth of a gram-weight."""
+    return {
+        key: round(value, _FORCE_DIGITS) if key.endswith("_gwt") and isinstance(value, float) else value
+        for key, value in data.items()
+    }
+
+
 Phase = Literal["clearance", "moving", "approach", "back off", "touch", "press", "hold", "compliance"]
 """What was being done when the force was read."""
 

@@ -1,12 +1,16 @@
 """What a script may ask of an engine besides pressing; each verb is allowed in some states only (docs/safety.md)."""
 
 import statistics
+from collections.abc import Callable
+from typing import TypeVar
 
 from rig.devices.units import GWT_N
 from rig.engine.engine import Engine, State
 from rig.engine.errors import LimitError, NotReadyError, PressPaused, RunAborted
 from rig.engine.records import NO_PRESS
 from rig.engine.sensing import several_gwt
+
+_T = TypeVar("_T")
 
 
 def mount(engine: Engine, indentor: str) -> None:
@@ -43,9 +47,8 @@ def zero(engine: Engine) -> None:
     engine.clock.wait_s(sensing.settle_s)
     sensing.sensor.zero()
     found = sensing.take_zero(several_gwt(engine.raw_reading))
-    drift = None if drift_gwt is None else round(drift_gwt, 6)
-    known = {"noise_gwt": round(found.noise_gwt, 6), "offset_gwt": round(found.offset_n / GWT_N, 6)}
-    engine.record("zero", {"sensor": name, **known, "drift_gwt": drift})
+    known = {"noise_gwt": found.noise_gwt, "offset_gwt": found.offset_n / GWT_N}
+    engine.record("zero", {"sensor": name, **known, "drift_gwt": drift_gwt})
     band_gwt = engine.settings.limits.zero_drift_gwt
     if drift_gwt is not None and abs(drift_gwt) > band_gwt:
         engine.alarm(f"the zero has drifted by {drift_gwt:+.2f} gwt, limits.zero_drift_gwt = {band_gwt:g}")
@@ -118,6 +121,15 @@ def safe_point(engine: Engine) -> None:
     engine.record("resumed", {"by": "operator"})
     if pressing:
         raise PressPaused("paused by the operator")
+
+
+def unpaused(press: Callable[[], _T]) -> _T:
+    """Press, and begin again, from clearance, as often as the operator pauses it and goes on."""
+    while True:
+        try:
+            return press()
+        except PressPaused:
+            continue
 
 
 def _go_to_clearance(engine: Engine, speed_mm_s: float) -> None:

@@ -86,7 +86,7 @@ def find(run: Run, config: Config, finger: Fingertip) -> Lie:
         return np.array([pose.above_apex_mm - skin.touched_at(pose, radius_mm) for pose in poses])
 
     walk = np.array(_WALK)[free]
-    fit = least_squares(off_mm, np.zeros(len(free)), x_scale=walk, diff_step=1e-2, jac=_by_differences(off_mm, walk))
+    fit = least_squares(off_mm, np.zeros(len(free)), x_scale=walk, jac=_by_differences(off_mm, walk))
     return _lie(fit.x, _by_differences(off_mm, walk)(fit.x), off_mm(fit.x), free, config)
 
 

@@ -63,18 +63,18 @@ class MtSicsForce:
 
     def tare(self) -> float:
         """Take the next stable load for the container; returns it in N. Raises ForceError."""
-        return self._newton(self._ask("T", SETTLE_S), "T")
+        return self._newton(self._ask("T", SETTLE_S))
 
     def close(self) -> None:
         self._transport.close()
 
     def _weight(self, command: str, timeout_s: float) -> ForceReading:
         words = self._ask(command, timeout_s)
-        force_n = self._newton(words, "S")
+        force_n = self._newton(words)
         return ForceReading(force_n, words[1] == "S", self._clock.monotonic_s())
 
-    def _newton(self, words: list[str], key: str) -> float:
-        if len(words) != 4 or words[0] != key or words[1] not in ("S", "D") or not _VALUE.fullmatch(words[2]):
+    def _newton(self, words: list[str]) -> float:
+        if len(words) != 4 or words[1] not in ("S", "D") or not _VALUE.fullmatch(words[2]):
             raise self._garbled(" ".join(words))
         if words[3] != "g":
             raise ForceError(f"{self._transport.name}: the balance reports {words[3]}, it must be set to g")

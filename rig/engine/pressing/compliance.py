@@ -10,7 +10,7 @@ from rig.engine.engine import Engine
 from rig.engine.errors import LimitError
 from rig.engine.pressing.indent import ready_to_indent
 from rig.engine.records import NO_PRESS
-from rig.engine.verbs import safe_point
+from rig.engine.verbs import safe_point, unpaused
 
 _FROM_SHARE = 0.2  # of the largest force: below it the surfaces have not settled on each other
 _FEWEST = 4
@@ -32,7 +32,7 @@ def measure_compliance(engine: Engine, to_gwt: float) -> Compliance:
     """
     ready_to_indent(engine)
     try:
-        readings = _pressed(engine, to_gwt)
+        readings = unpaused(lambda: _pressed(engine, to_gwt))
     finally:
         engine.make_safe()
     return _fitted(readings, engine.settings.stage.resolution_mm)

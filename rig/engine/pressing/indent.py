@@ -3,11 +3,11 @@
 import math
 
 from rig.engine.engine import Engine
-from rig.engine.errors import LimitError, NotReadyError, PressPaused
+from rig.engine.errors import LimitError, NotReadyError
 from rig.engine.pressing.approach import Approach
 from rig.engine.pressing.press import Press
 from rig.engine.records import Indentation, PressId, Target
-from rig.engine.verbs import retract, safe_point
+from rig.engine.verbs import retract, safe_point, unpaused
 
 
 def indent(
@@ -34,12 +34,12 @@ def indent(
     speed = engine.settings.habits.press_speed_mm_s if speed_mm_s is None else speed_mm_s
     search_mm = engine.settings.limits.search_mm
     approach = Approach(engine, press, expected_contact_mm - search_mm, expected_contact_mm + search_mm)
-    while True:
-        try:
-            engine.trips.press_on(contact_area_mm2)
-            return _attempt(engine, approach, target, increments, speed, hold_s)
-        except PressPaused:
-            continue
+
+    def attempt() -> Indentation:
+        engine.trips.press_on(contact_area_mm2)
+        return _attempt(engine, approach, target, increments, speed, hold_s)
+
+    return unpaused(attempt)
 
 
 def touch_place(engine: Engine, index: int, expected_contact_mm: float) -> float:
@@ -49,15 +49,11 @@ def touch_place(engine: Engine, index: int, expected_contact_mm: float) -> float
     approach = Approach(
         engine, PressId(index, "find"), expected_contact_mm - search_mm, expected_contact_mm + search_mm
     )
-    while True:
-        try:
-            height_mm = approach.touch_off().contact_height_mm
-            break
-        except PressPaused:
-            continue
-        except LimitError:
-            retract(engine)
-            raise
+    try:
+        height_mm = unpaused(lambda: approach.touch_off().contact_height_mm)
+    except LimitError:
+        retract(engine)
+        raise
     retract(engine)
     found = {"indentor": engine.indentor, "x_mm": engine.x_mm, "along_mm": engine.along_mm}
     engine.record("find", {"index": index, **found, "contact_height_mm": round(height_mm, 6)})

@@ -174,7 +174,7 @@ class Press:
         pulse(engine, self.id, "hold_start")
         start = clock.monotonic_s()
         ramp = {
-            "ramp_gwt": round(self._force_gwt - self._ramp_from[0], 6),
+            "ramp_gwt": self._force_gwt - self._ramp_from[0],
             "ramp_s": round(start - self._ramp_from[1], 6),
         }
         begin = {"doi_mm": round(self._doi_mm, 6), "force_gwt": self._force_gwt}
@@ -191,9 +191,9 @@ class Press:
             "doi_mm": doi,
             "doi_sd_mm": round(engine.sensing.doi_sd_mm(self._force_gwt), 6),
             "commanded": target.value,
-            "force_gwt": round(mean, 6),
-            "force_sd_gwt": round(sd, 6),
-            "peak_gwt": round(self._peak_gwt, 6),
+            "force_gwt": mean,
+            "force_sd_gwt": sd,
+            "peak_gwt": self._peak_gwt,
             "readings": len(readings),
             "asked_s": hold_s,
             "hold_s": round(lasted_s, 6),

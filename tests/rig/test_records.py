@@ -1,0 +1,68 @@
+"""What every journalled event has in common, and what is done wherever an operator may pause a press."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from rig.engine import Pause, Target, indent
+from rig.engine.errors import PressPaused
+from rig.engine.pressing.compliance import measure_compliance
+from rig.engine.pressing.indent import touch_place
+from rig.engine.records import as_fine
+from rig.engine.streams import STREAMS
+from rig.engine.verbs import unpaused
+from tests.told import Told
+
+Make = Callable[..., Any]
+FORCES = [(stream, key) for stream, keys in STREAMS.items() for key, unit in keys.items() if unit == "gwt"]
+
+
+@pytest.mark.parametrize(("stream", "key"), FORCES)
+def test_no_force_is_finer_in_the_journal_than_any_other(stream: str, key: str) -> None:
+    """Each force of each stream, whoever made it: hold_start, trip and threshold once went in as they were."""
+    told = Told()
+    told.engine.record(stream, {key: 1 / 3, "x_mm": 1 / 3, "index": 3})
+    assert told.events[-1] == (stream, {key: 0.333333, "x_mm": 1 / 3, "index": 3})
+
+
+def test_a_force_that_is_none_stays_none() -> None:
+    assert as_fine({"force_gwt": None, "peak_gwt": 2}) == {"force_gwt": None, "peak_gwt": 2}
+
+
+PRESSES: dict[str, Callable[[Any], object]] = {
+    "indent": lambda engine: indent(engine, Target("force_gwt", 3.0), hold_s=0.2),
+    "touch_place": lambda engine: touch_place(engine, 0, 0.0),
+    "measure_compliance": lambda engine: measure_compliance(engine, 5.0),
+}
+
+
+@pytest.mark.parametrize("press", PRESSES)
+@pytest.mark.parametrize("pauses", [1, 3])
+def test_a_press_that_was_paused_begins_again(spring: Make, press: str, pauses: int) -> None:
+    """Wherever a press may be paused: the pause is over when the operator goes on, and none of it gets out."""
+    bench = spring(k_gwt=400.0 if press == "measure_compliance" else 6.0)
+    engine, left = bench.ready(), [None] * pauses
+
+    def asked() -> bool:
+        return bool(left) and engine.height_mm < 1.0
+
+    bench.pause = Pause(asked, lambda: (left.pop(), True)[1])
+    PRESSES[press](engine)
+    assert not left
+    assert [stream for stream, _ in bench.events].count("resumed") == pauses
+    assert engine.height_mm == pytest.approx(engine.settings.habits.clearance_mm)
+
+
+def test_what_is_not_paused_is_done_once_and_what_else_it_raises_is_passed_on() -> None:
+    done: list[int] = []
+
+    def press() -> int:
+        done.append(1)
+        if len(done) < 3:
+            raise PressPaused("by the operator")
+        return len(done)
+
+    assert unpaused(press) == 3
+    with pytest.raises(ValueError, match="else"):
+        unpaused(lambda: (_ for _ in ()).throw(ValueError("else")))
