@@ -23,7 +23,7 @@ from rig.engine.journal import NoJournal
 from rig.engine.sensing import Sensing, several_gwt
 from rig.plan.config import Config, load_config
 from rig.protocol.errors import BadInputError
-from rig.session.real_bench import RealBench, open_bench
+from rig.session.real_bench import PortError, RealBench, open_bench
 from rig.session.running import stopped_at_once
 from rig.transport import TransportError, first_owner
 from rig.transport.clock import WallClock
@@ -68,8 +68,8 @@ def _bench_at_hand(settings: Config) -> RealBench:
     """Both ports; a sensor that is not there is told from a stage that is not."""
     try:
         return open_bench(settings, WallClock(), io.StringIO(), ask=lambda request: "")
-    except TransportError as error:
-        raise unfelt(error) if settings.force.port in str(error) else error from None
+    except PortError as error:
+        raise unfelt(error) if error.device == "force" else error from None
 
 
 def unfelt(error: Exception) -> BadInputError:

@@ -2,15 +2,21 @@
 
 import tomllib
 from pathlib import Path
-from typing import Self
+from typing import Annotated, Self
 
 import tomlkit
-from pydantic import Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from rig.engine.rig_settings import RigSettings
 from rig.protocol.errors import BadInputError, first_problem
 from rig.transport.port_settings import Settings
 from sim.config.fingertip_config import FingertipConfig
+
+
+def _named(indentor: str) -> str:
+    if not indentor.strip():
+        raise ValueError("expected an indentor, such as bar:3.0")
+    return indentor
 
 
 class VirtualSettings(Settings):
@@ -34,7 +40,7 @@ class VirtualSettings(Settings):
     cell_latency_s: float = Field(0.0, ge=0, le=1)
     cell_resolution_gwt: float = Field(0.01, ge=0.001, le=10)
     noise_seed: int = Field(0, ge=0)
-    indentor: str = Field("bar:3.0", description="on the carriage of `rig serve`")
+    indentor: Annotated[str, AfterValidator(_named)] = Field("bar:3.0", description="on the carriage of `rig serve`")
 
     @model_validator(mode="after")
     def _relaxes(self) -> Self:

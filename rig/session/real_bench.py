@@ -1,7 +1,7 @@
 """The bench of a real run: devices on the ports of the configuration, and the person beside them."""
 
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager, suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, Literal, Self
 
@@ -16,6 +16,14 @@ from rig.engine.sensing import Zero
 from rig.transport import TransportError
 from rig.transport.byte_log import Sink
 from rig.transport.clock import WallClock
+
+
+class PortError(TransportError):
+    """A port of the bench could not be opened; device says which."""
+
+    def __init__(self, device: Literal["stage", "force"], error: TransportError) -> None:
+        super().__init__(str(error))
+        self.device = device
 
 
 @dataclass(frozen=True)
@@ -70,14 +78,24 @@ def open_bench(
 ) -> RealBench:
     """Open both ports; the bytes go to `byte_log`, and `ask` puts requests to whoever stands there.
 
-    Raises TransportError.
+    Raises PortError.
     """
     memory = BenchMemory(settings)
-    stage = open_stage(settings, clock, byte_log)
+    with _named("stage"):
+        stage = open_stage(settings, clock, byte_log)
     try:
-        force = open_force(settings, clock, byte_log)
+        with _named("force"):
+            force = open_force(settings, clock, byte_log)
         memory.moves()
         return RealBench(clock, stage, force, ask, pause, memory)
     except BaseException:
         stage.close()
         raise
+
+
+@contextmanager
+def _named(device: Literal["stage", "force"]) -> Iterator[None]:
+    try:
+        yield
+    except TransportError as error:
+        raise PortError(device, error) from error

@@ -16,7 +16,7 @@ class Settings(BaseModel):
 
 
 def _addressed(port: str) -> str:
-    if not port or (port.startswith("tcp://") and not re.fullmatch(r"tcp://[^/]+:\d{1,5}", port)):
+    if not port.strip() or (port.startswith("tcp://") and not re.fullmatch(r"tcp://[^/]+:\d{1,5}", port)):
         raise ValueError("expected tcp://HOST:PORT or the name of a serial port")
     return port
 

@@ -3,12 +3,9 @@
 tests/data/config_keys.txt says what was decided. A bound that changes is a decision, and changes there.
 """
 
-import json
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
-from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -16,64 +13,19 @@ import pytest
 from pydantic import BaseModel, ValidationError
 
 from rig.plan.config import Config
+from tests.config_keys import TABLE, Key, value_of
 
-DECIDED = Path(__file__).parents[1] / "data" / "config_keys.txt"
 SAFETY = Path(__file__).parents[2] / "docs" / "safety.md"
 WRONG_KIND: dict[str, list[Any]] = {
     "number": ["high", math.nan, math.inf, -math.inf],
     "integer": [2.5, "high"],
-    "text": [3],
+    "text": [3, "", " "],
     "flag": ["perhaps"],
     "date": ["yesterday"],
     "word": ["elsewhere"],
 }
 
 
-@dataclass(frozen=True)
-class Key:
-    """A row of the table. Lists of numbers are of one length, and each number is within the range."""
-
-    name: str
-    default: Any
-    kind: str
-    length: int | None
-    lists: bool
-    words: list[str]
-    bounds: list[tuple[str, float]]
-
-    def refuses(self, value: Any) -> bool:
-        """Whether a configuration with this value, of a list all of these, is refused, and this key is named."""
-        several = value if self.length is None or isinstance(value, list) else [value] * self.length
-        tables: Any = [several] if self.lists else several
-        place = self.name.split(".")
-        for name in reversed(place):
-            tables = {name: tables}
-        try:
-            Config.model_validate(tables)
-        except ValidationError as error:
-            return any(list(problem["loc"][: len(place)]) == place for problem in error.errors())
-        return False
-
-
-def _table() -> Iterator[Key]:
-    for line in DECIDED.read_text(encoding="utf-8").splitlines()[2:]:
-        name, default, many, allowed = re.split(r" {2,}", f"{line}  ")[:4]
-        length = re.search(r"\d", many)
-        kind = many.split()[-1].removesuffix("s") if length else many
-        words = allowed.split() if kind == "word" else []
-        bounds = [(sign, float(Fraction(n))) for sign, n in re.findall(r"([<>]=?) ([^,]+)", allowed)]
-        found = int(length.group()) if length else None
-        yield Key(name, _value(default), kind, found, many.startswith("lists"), words, bounds)
-
-
-def _value(text: str) -> Any:
-    try:
-        return json.loads({"none": "null", "yes": "true"}.get(text, text))
-    except json.JSONDecodeError:
-        return text
-
-
-TABLE = {key.name: key for key in _table()}
 every_table = pytest.mark.parametrize("table", dict.fromkeys(name.rpartition(".")[0] for name in TABLE))
 
 
@@ -156,6 +108,6 @@ def test_the_limits_in_the_docs_are_those_of_the_table() -> None:
     for row in rows[1].splitlines():
         keys, defaults, _ = (cell.strip() for cell in row.strip("|").split("|", 2))
         values = [re.sub(r"± (.*)", r"[-\1, \1]", default).strip("`") for default in defaults.split(", ")]
-        told |= dict(zip(re.findall(r"`(\w+)`", keys), map(_value, values), strict=True))
+        told |= dict(zip(re.findall(r"`(\w+)`", keys), map(value_of, values), strict=True))
     assert {f"limits.{name}" for name in told} == {name for name in TABLE if name.startswith("limits.")}
     assert told == {name: TABLE[f"limits.{name}"].default for name in told}

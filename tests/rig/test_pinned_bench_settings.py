@@ -1,6 +1,7 @@
 """What a bench is where nothing is said, what each number may be, and what cannot be true together."""
 
 import datetime
+import re
 from typing import Any
 
 import pytest
@@ -8,67 +9,60 @@ from pydantic import BaseModel, ValidationError
 
 from rig.devices import bench_settings as room
 from rig.devices.bench_settings import BenchSettings, Calibration, DriveSettings, StageSettings, SyncSettings
-
-DRIVE = {
-    "port": None, "pulses_per_rev": 400, "pulses_per_rev_register": 1, "ramp_ms": 333, "ramp_rpm": 1000.0,
-    "homing_mode": 1, "homing_high_rpm": 300, "homing_low_rpm": 25, "homing_ramp_ms": 333, "jog_rpm_register": 0x1E1,
-}  # fmt: skip
-STAGE = {
-    "kind": "grbl", "port": "/dev/ttyUSB0", "baud": 115200, "character": "8N1", "dtr": True,
-    "travel_mm": (60.0, 30.0, 40.0), "resolution_mm": 0.0025,
-    "acceleration_mm_s2": 50.0, "framing": None,
-    "drives": {"x": {"device_id": 1, **DRIVE}, "z": {"device_id": 2, **DRIVE}},
-}  # fmt: skip
-BITS = {
-    "cell_error": 0, "converter_error": 1, "over_max": 2, "over_full_scale": 3, "gross_out_of_range": 4,
-    "net_out_of_range": 5, "gross_negative": 7, "net_negative": 8, "stable": 11,
-}  # fmt: skip
-LAUMAS = {
-    "device_id": 1, "weight": "gross", "count_g": 0.01, "units_word": 0x10C, "signs": "status", "filter_samples": 1,
-    "tare_command": 7, "zero_command": 8, "gross_command": 9, "bits": BITS,
-}  # fmt: skip
-FORCE = {
-    "kind": "mtsics", "port": "/dev/ttyUSB1", "baud": 9600, "character": "8N1", "dtr": True, "sample_period_s": 0.05,
-    "latency_s": 0.0,
-    "resolution_gwt": 0.01, "framing": None, "laumas": LAUMAS,
-}  # fmt: skip
-SYNC = {"output": "off", "width_s": 0.01, "drive": "z", "register_address": None, "on_word": None, "off_word": None}
-FRAME = {"pad_centre_x_mm": -30.0, "pad_y_mm": -15.0, "apex_z_mm": -25.0, "roll_deg": 0.0, "tilt_deg": 0.0}
-MEASURED = ("x_steps_per_mm", "y_steps_per_mm", "z_steps_per_mm", "x_backlash_mm", "y_backlash_mm", "z_backlash_mm",
-            "force_scale", "compliance_mm_per_n")  # fmt: skip
+from tests.config_keys import TABLE, Key
 
 JUST_ABOVE_0 = 1e-6
-# By model and key: the lowest and the highest that may be; None where there is no end.
-BOUNDS: dict[str, dict[str, tuple[float, float | None]]] = {
-    "DriveSettings": {
-        "device_id": (1, 31), "pulses_per_rev": (200, 51200), "pulses_per_rev_register": (0, 0xFFFF),
-        "ramp_ms": (1, 10_000), "ramp_rpm": (JUST_ABOVE_0, None), "homing_mode": (0, 0xFFFF),
-        "homing_high_rpm": (1, 600), "homing_low_rpm": (1, 100), "homing_ramp_ms": (1, 10_000),
-        "jog_rpm_register": (0, 0xFFFF),
-    },
-    "StageSettings": {
-        "baud": (300, 1_000_000), "resolution_mm": (JUST_ABOVE_0, 0.05), "acceleration_mm_s2": (JUST_ABOVE_0, 1e4),
-    },
-    "StatusBits": dict.fromkeys(BITS, (0, 15)),
-    "LaumasSettings": {
-        "device_id": (1, 99), "count_g": (JUST_ABOVE_0, 10.0), "units_word": (0, 0xFFFF), "filter_samples": (1, 64),
-        "tare_command": (0, 0xFFFF), "zero_command": (0, 0xFFFF), "gross_command": (0, 0xFFFF),
-    },
-    "ForceSettings": {
-        "baud": (300, 1_000_000), "sample_period_s": (0.01, 10.0), "latency_s": (0.0, 2.0),
-        "resolution_gwt": (JUST_ABOVE_0, 1.0),
-    },
-    "SyncSettings": {
-        "width_s": (0.001, 1.0), "register_address": (0, 0xFFF), "on_word": (0, 0xFFFF), "off_word": (0, 0xFFFF),
-    },
-    "FrameSettings": {"roll_deg": (-20.0, 20.0), "tilt_deg": (-20.0, 20.0)},
+# Each model of a bench, and where its keys stand in tests/data/config_keys.txt, the one list of them.
+PLACES = {
+    "DriveSettings": "stage.drives.x", "StageSettings": "stage", "StatusBits": "force.laumas.bits",
+    "LaumasSettings": "force.laumas", "ForceSettings": "force", "SyncSettings": "sync", "FrameSettings": "frame",
 }  # fmt: skip
+MEASURED = tuple(name.split(".")[1] for name in TABLE if re.fullmatch(r"calibration\.\w+\.value", name))
+
+
+def _of(place: str) -> dict[str, Key]:
+    return {name.rpartition(".")[2]: key for name, key in TABLE.items() if name.rpartition(".")[0] == place}
+
+
+def _within(key: Key) -> tuple[float, float | None]:
+    """The lowest and the highest that it may be; None where there is no end."""
+    number = int if key.kind == "integer" else float
+    ends = {sign[0]: number(bound) + (0 if "=" in sign else JUST_ABOVE_0) for sign, bound in key.bounds}
+    return ends[">"], ends.get("<")
+
+
+BOUNDS = {
+    model: {name: _within(key) for name, key in _of(place).items() if key.bounds and not key.length}
+    for model, place in PLACES.items()
+}
+
+
+def _as_tables(place: str) -> dict[str, Any]:
+    tables: dict[str, Any] = {}
+    for name, key in TABLE.items():
+        if name.startswith(f"{place}."):
+            *inner, last = name.removeprefix(f"{place}.").split(".")
+            table = tables
+            for step in inner:
+                table = table.setdefault(step, {})
+            table[last] = key.default
+    return tables
+
+
+def test_every_bound_of_a_bench_is_looked_at() -> None:
+    """The list was read: so many numbers of each model have bounds."""
+    assert {model: len(keys) for model, keys in BOUNDS.items()} == {
+        "DriveSettings": 10, "StageSettings": 3, "StatusBits": 9, "LaumasSettings": 7, "ForceSettings": 4,
+        "SyncSettings": 4, "FrameSettings": 2,
+    }  # fmt: skip
+    assert BOUNDS["StageSettings"]["resolution_mm"] == (JUST_ABOVE_0, 0.05)
+    assert BOUNDS["DriveSettings"]["device_id"] == (1, 31)
 
 
 def test_a_bench_of_which_nothing_is_said_has_these_numbers() -> None:
-    assert BenchSettings().model_dump() == {
-        "stage": STAGE, "force": FORCE, "sync": SYNC, "frame": FRAME, "calibration": dict.fromkeys(MEASURED),
-    }  # fmt: skip
+    tables = {place: _as_tables(place) for place in ("stage", "force", "sync", "frame")}
+    assert BenchSettings().model_dump(mode="json") == {**tables, "calibration": dict.fromkeys(MEASURED)}
+    assert len(MEASURED) == 8
 
 
 @pytest.mark.parametrize("name", BOUNDS)

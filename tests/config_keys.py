@@ -1,0 +1,63 @@
+"""tests/data/config_keys.txt, the one list of the keys of the configuration: defaults, kinds, bounds as decided."""
+
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from rig.plan.config import Config
+
+DECIDED = Path(__file__).parent / "data" / "config_keys.txt"
+
+
+@dataclass(frozen=True)
+class Key:
+    """A row of the table. Lists of numbers are of one length, and each number is within the range."""
+
+    name: str
+    default: Any
+    kind: str
+    length: int | None
+    lists: bool
+    words: list[str]
+    bounds: list[tuple[str, float]]
+
+    def refuses(self, value: Any) -> bool:
+        """Whether a configuration with this value, of a list all of these, is refused, and this key is named."""
+        several = value if self.length is None or isinstance(value, list) else [value] * self.length
+        tables: Any = [several] if self.lists else several
+        place = self.name.split(".")
+        for name in reversed(place):
+            tables = {name: tables}
+        try:
+            Config.model_validate(tables)
+        except ValidationError as error:
+            return any(list(problem["loc"][: len(place)]) == place for problem in error.errors())
+        return False
+
+
+def _table() -> Iterator[Key]:
+    for line in DECIDED.read_text(encoding="utf-8").splitlines()[2:]:
+        name, default, many, allowed = re.split(r" {2,}", f"{line}  ")[:4]
+        length = re.search(r"\d", many)
+        kind = many.split()[-1].removesuffix("s") if length else many
+        words = allowed.split() if kind == "word" else []
+        bounds = [(sign, float(Fraction(n))) for sign, n in re.findall(r"([<>]=?) ([^,]+)", allowed)]
+        found = int(length.group()) if length else None
+        yield Key(name, value_of(default), kind, found, many.startswith("lists"), words, bounds)
+
+
+def value_of(text: str) -> Any:
+    """A default as it is written in the table."""
+    try:
+        return json.loads({"none": "null", "yes": "true"}.get(text, text))
+    except json.JSONDecodeError:
+        return text
+
+
+TABLE = {key.name: key for key in _table()}
