@@ -35,6 +35,7 @@ REAL_TIME = (
     "sim/test_wall_clock.py",
     "sim/test_workers.py",
     "test_adding_a_part.py::test_a_command",
+    "test_third_party_device.py::test_nothing_is_imported_but_the_kinds_that_are_used",
 )
 
 

@@ -4,9 +4,10 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from rig.devices.bench_settings import DriveSettings
-from rig.devices.stage import LeadshineDrive, LeadshineStage
-from rig.devices.stage.leadshine_words import number, words
+from rig.devices.stage.leadshine.leadshine_drive import LeadshineDrive
+from rig.devices.stage.leadshine.leadshine_settings import DriveSettings
+from rig.devices.stage.leadshine.leadshine_stage import LeadshineStage
+from rig.devices.stage.leadshine.leadshine_words import number, words
 from sim.devices.clock import VirtualClock
 
 X, Z = 1, 2

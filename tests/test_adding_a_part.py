@@ -67,6 +67,7 @@ class Tree:
         """Write files (from tests/parts) and insert text before anchors; all is where the page says, and no more."""
         for path, text in made.items():
             assert not (self.folder / path).exists(), path
+            (self.folder / path).parent.mkdir(exist_ok=True)
             shutil.copy(PARTS / text, self.folder / path)
             room = (self.folder / path).parent
             assert room.name == "cli" or len(list(room.glob("*.py"))) <= MOST_MODULES, (
@@ -159,8 +160,14 @@ def test_a_verb(tree: Tree, finger: Fingertip) -> None:
 
 
 def test_a_stage(tree: Tree, finger: Fingertip) -> None:
-    made = {"rig/devices/stage/hobby.py": "hobby_driver.py", "sim/devices/hobby.py": "hobby_twin.py"}
-    tree.add("stage", "hobby", made, insertions.STAGE)
+    made = {
+        "rig/devices/stage/hobby/__init__.py": "hobby_room.py",
+        "rig/devices/stage/hobby/hobby_kind.py": "hobby_kind.py",
+        "rig/devices/stage/hobby/hobby_stage.py": "hobby_driver.py",
+        "sim/devices/hobby.py": "hobby_twin.py",
+    }
+    tree.add("stage", "hobby", made, [])
+    assert {str(Path(path).parent) for path in tree.touched()} == {"rig/devices/stage/hobby", "sim/devices"}
     (tree.folder / "rig.toml").write_text('[stage]\nkind = "hobby"\n', encoding="utf-8")
     run = tree.dry_run("--config", "rig.toml")
     assert [event["controller"] for event in _events(run, "home")] == ["[VER:1.1h.hobby:]"]
@@ -169,9 +176,15 @@ def test_a_stage(tree: Tree, finger: Fingertip) -> None:
 
 
 def test_a_force_sensor(tree: Tree, finger: Fingertip) -> None:
-    made = {"rig/devices/force/plain.py": "plain_driver.py", "sim/devices/plain.py": "plain_twin.py"}
-    tree.add("force sensor", "plain", made, insertions.FORCE_SENSOR)
-    (tree.folder / "rig.toml").write_text('[force]\nkind = "plain"\n', encoding="utf-8")
+    made = {
+        "rig/devices/force/plain/__init__.py": "plain_room.py",
+        "rig/devices/force/plain/plain_kind.py": "plain_kind.py",
+        "rig/devices/force/plain/plain_force.py": "plain_driver.py",
+        "sim/devices/plain.py": "plain_twin.py",
+    }
+    tree.add("force sensor", "plain", made, [])
+    assert {str(Path(path).parent) for path in tree.touched()} == {"rig/devices/force/plain", "sim/devices"}
+    (tree.folder / "rig.toml").write_text('[force]\nkind = "plain"\n[force.plain]\ndecimals = 2\n', encoding="utf-8")
     run = tree.dry_run("--config", "rig.toml")
     assert set(_sent(run, "force").split()) == {b"W", b"Z"}
     assert [hold["doi_mm"] for hold in _events(run, "hold_end")] == pytest.approx([0.1, 0.1], abs=0.02)

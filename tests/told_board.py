@@ -2,7 +2,7 @@
 
 import math
 
-from rig.devices.stage import GrblStage
+from rig.devices.stage.grbl.grbl_stage import GrblStage
 from sim.devices.clock import VirtualClock
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"

@@ -13,7 +13,7 @@ from rig.cli.interrupts import STOP_SIGNAL, at_once
 from rig.cli.looking import look, position
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import ExitCode, complain, out, print_json, told_in_one_line
-from rig.devices.catalogue import open_force, open_stage
+from rig.devices.drivers import open_force, open_stage
 from rig.devices.force.base import ForceError
 from rig.devices.stage.base import Stage, StageStatus
 from rig.devices.units import GWT_N

@@ -7,7 +7,7 @@ from rich.live import Live
 
 from rig.cli.at_the_bench import stage_at_hand, unfelt
 from rig.cli.output import err
-from rig.devices.catalogue import open_force
+from rig.devices.drivers import open_force
 from rig.devices.force.base import ForceError
 from rig.devices.stage.base import StageStatus
 from rig.engine.by_hand import ByHand, Guard, Show

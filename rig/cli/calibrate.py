@@ -14,7 +14,7 @@ from rig.cli.jog import way
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import err, out, print_json, told_in_one_line
 from rig.cli.run import ask_at_the_bench
-from rig.devices.catalogue import open_force
+from rig.devices.drivers import open_force
 from rig.devices.force.base import ForceSensor
 from rig.devices.units import GWT_N
 from rig.engine import Engine, verbs

@@ -13,6 +13,7 @@ from rig.cli.confirming import careful
 from rig.cli.looking import look
 from rig.cli.options import JsonOption
 from rig.cli.output import out, print_json, told_in_one_line
+from rig.devices import catalogue
 from rig.plan.config import Config, load_config
 from rig.protocol.script import shipped_protocols
 from rig.session.bench_problems import bench_problems
@@ -44,8 +45,23 @@ def command(
 
 def _examine(config: Path | None) -> dict[str, Any]:
     settings = load_config(config)
-    problems = {"problems": bench_problems(settings)}
-    return _installation(settings) | ({} if config is None else problems | _bench(settings))
+    found = _installation(settings)
+    broken = list(catalogue.problems())
+    if config is not None:
+        return found | {"problems": [*broken, *bench_problems(settings)]} | _bench(settings)
+    return found | ({"problems": broken} if broken else {})
+
+
+def _kinds() -> dict[str, str]:
+    """Those of packages with their packages."""
+    added = catalogue.third_party()
+    return {
+        kind.room: " ".join(
+            f"{name} ({added[f'{kind.room}.{name}']})" if name not in catalogue.built_in(kind.room) else name
+            for name in catalogue.names(kind.room)
+        )
+        for kind in catalogue.KINDS
+    }
 
 
 def _bench(settings: Config) -> dict[str, Any]:
@@ -73,6 +89,7 @@ def _installation(settings: Config) -> dict[str, Any]:
             "stage": f"{settings.stage.kind} on {settings.stage.port}",
             "force": f"{settings.force.kind} on {settings.force.port}",
         },
+        "devices": _kinds(),
         "limits": settings.limits.model_dump(),
         "solver": "MKL PARDISO"
         if pardiso.available()

@@ -21,6 +21,7 @@ from rig.protocol.errors import BadInputError
 from rig.protocol.script import load_script
 from rig.session.calibration import expired_calibrations
 from rig.session.session import dry_run
+from rig.virtual.twins import refuse_twinless
 
 
 def command(
@@ -36,6 +37,7 @@ def command(
     """Check the script, run it on the virtual bench, write the run folder and its report."""
     with told_in_one_line(as_json=as_json):
         settings = load_config(config)
+        refuse_twinless(settings.stage, settings.force)
         for problem in expired_calibrations(settings):
             complain(f"warning: {problem}; `rig run` would refuse")
         script = load_script(protocol, [*(set_ or []), *(more or [])])

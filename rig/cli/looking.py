@@ -3,7 +3,7 @@
 from contextlib import closing
 from typing import Any
 
-from rig.devices.catalogue import open_force, open_stage
+from rig.devices.drivers import open_force, open_stage
 from rig.devices.force.base import ForceError
 from rig.devices.stage.base import StageError, StageStatus
 from rig.plan.config import Config

@@ -7,16 +7,17 @@ import typer
 
 from rig.cli.options import FingerConfigOption
 from rig.cli.output import ExitCode, complain, err, loading_the_finger, print_json, told_in_one_line
+from rig.devices.catalogue import names
+from rig.devices.kinds import Room
 from rig.plan.config import Config, load_config
 from rig.protocol.errors import BadInputError
 from rig.virtual.served_bench import ServedBench
-from rig.virtual.virtual_devices import FORCES, STAGES, checked_kind
 from sim.serve.press_ahead import PressStatistics
 
 
 def command(
-    stage: Annotated[str | None, typer.Option(metavar="|".join(STAGES), help="The stage's kind.")] = None,
-    force: Annotated[str | None, typer.Option(metavar="|".join(FORCES), help="The sensor's kind.")] = None,
+    stage: Annotated[str | None, typer.Option(metavar="|".join(names("stage")), help="The stage's kind.")] = None,
+    force: Annotated[str | None, typer.Option(metavar="|".join(names("force")), help="The sensor's kind.")] = None,
     pty: Annotated[bool, typer.Option("--pty", help="Behind pseudo-terminals (the default).")] = False,
     tcp: Annotated[
         int | None, typer.Option(metavar="PORT", help="Stage on PORT, force on PORT + 1; 0 takes free ones.")
@@ -35,8 +36,8 @@ def command(
         with loading_the_finger():
             bench = ServedBench(
                 settings,
-                stage=_kind("--stage", stage, settings.stage.kind if both else None, dict(STAGES)),
-                force=_kind("--force", force, settings.force.kind if both else None, dict(FORCES)),
+                stage=_kind("stage", stage, settings.stage.kind if both else None),
+                force=_kind("force", force, settings.force.kind if both else None),
                 tcp=tcp,
                 complain=complain,
             )
@@ -51,9 +52,10 @@ def command(
                 raise typer.Exit(ExitCode.STOPPED)
 
 
-def _kind(option: str, given: str | None, otherwise: str | None, table: dict[str, object]) -> str | None:
-    kind = given or otherwise
-    return None if kind is None else checked_kind(option, kind, table)
+def _kind(room: Room, given: str | None, otherwise: str | None) -> str | None:
+    if given is not None and given not in names(room):
+        raise BadInputError(f"--{room} {given}: no such device, expected {' or '.join(names(room))}")
+    return given or otherwise
 
 
 def _with_indentor(config: Config, indentor: str | None) -> Config:

@@ -2,10 +2,15 @@
 
 import datetime
 from collections.abc import Callable, Iterator
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import AfterValidator, Field, PositiveFloat, model_validator
+from pydantic import AfterValidator, Field, PositiveFloat, SerializeAsAny, model_validator
 
+from rig.devices.catalogue import DEFAULTS, find
+from rig.devices.force.laumas.laumas_settings import LaumasSettings
+from rig.devices.kinds import ForceKind, Kind, StageKind
+from rig.devices.own_table import DeviceSettings, known
+from rig.devices.stage.leadshine.leadshine_settings import DrivesSettings
 from rig.transport.port_settings import EIGHT_N_ONE, Character, Framing, Port, Settings
 
 SLOWEST_MM_S = 1 / 60  # GRBL moves no slower, whatever F says
@@ -74,33 +79,11 @@ class CalibrationSettings(Settings):
         return [name for name, calibration in self.measured() if calibration.expires < day]
 
 
-class DriveSettings(Settings):
-    """One Leadshine drive. Second-hand: not from the maker's manual, to be looked up before the drive moves."""
+class StageSettings(DeviceSettings):
+    """The motorised stage; framing is read for Modbus only, drives for leadshine only, and both stand in any file."""
 
-    device_id: int = Field(ge=1, le=31)
-    port: Port | None = Field(None, description="its own, where it does not share the stage's")
-    pulses_per_rev: int = Field(400, ge=200, le=51200, description="must be what the drive says")
-    pulses_per_rev_register: int = Field(0x0001, ge=0, le=0xFFFF, description="second-hand")
-    ramp_ms: int = Field(333, ge=1, le=10_000, description="acceleration and deceleration as the drive takes them")
-    ramp_rpm: float = Field(1000.0, gt=0, description="a ramp is told in ms for this many rpm; second-hand")
-    homing_mode: int = Field(0x0001, ge=0, le=0xFFFF, description="as in the drive's manual; second-hand")
-    homing_high_rpm: int = Field(300, ge=1, le=600)
-    homing_low_rpm: int = Field(25, ge=1, le=100)
-    homing_ramp_ms: int = Field(333, ge=1, le=10_000)
-    jog_rpm_register: int = Field(0x01E1, ge=0, le=0xFFFF, description="second-hand")
-
-
-class DrivesSettings(Settings):
-    """The drives of a stage without a board: x lateral and z vertical; y stays where it was set by hand."""
-
-    x: DriveSettings = DriveSettings(device_id=1)
-    z: DriveSettings = DriveSettings(device_id=2)
-
-
-class StageSettings(Settings):
-    """The motorised stage; framing and drives are read for leadshine only."""
-
-    kind: Literal["grbl", "leadshine"] = "grbl"
+    kinds: ClassVar[type[Kind]] = StageKind
+    kind: Annotated[str, known(StageKind)] = DEFAULTS["stage"]
     port: Port = "/dev/ttyUSB0"
     baud: int = Field(115200, ge=300, le=1_000_000)
     character: Character = EIGHT_N_ONE
@@ -112,16 +95,19 @@ class StageSettings(Settings):
     drives: DrivesSettings = DrivesSettings()
 
     @property
+    def entry(self) -> StageKind:
+        """Its kind, in the catalogue."""
+        return find(StageKind, self.kind)
+
+    @property
     def ports(self) -> tuple[str, ...]:
-        """Every port that the stage is on: its own, or those of its drives."""
-        if self.kind == "leadshine":
-            return tuple(dict.fromkeys(drive.port or self.port for drive in (self.drives.x, self.drives.z)))
-        return (self.port,)
+        """Every port that the stage is on."""
+        return self.entry.ports(self)
 
     @property
     def moves_along(self) -> bool:
         """Whether there is an axis along the finger."""
-        return self.kind != "leadshine"
+        return "y" in self.entry.axes
 
     @model_validator(mode="after")
     def _told_apart(self) -> Self:
@@ -131,39 +117,11 @@ class StageSettings(Settings):
         return self
 
 
-class StatusBits(Settings):
-    """Bits of a Laumas status word; second-hand for TLB and TLU, as printed in the manual of the LCB."""
+class ForceSettings(DeviceSettings):
+    """The force sensor; framing is read for Modbus only, laumas for laumas only, and both stand in any file."""
 
-    cell_error: int = Field(0, ge=0, le=15)
-    converter_error: int = Field(1, ge=0, le=15)
-    over_max: int = Field(2, ge=0, le=15)
-    over_full_scale: int = Field(3, ge=0, le=15)
-    gross_out_of_range: int = Field(4, ge=0, le=15)
-    net_out_of_range: int = Field(5, ge=0, le=15)
-    gross_negative: int = Field(7, ge=0, le=15)
-    net_negative: int = Field(8, ge=0, le=15)
-    stable: int = Field(11, ge=0, le=15)
-
-
-class LaumasSettings(Settings):
-    """A Laumas load-cell transmitter. Second-hand: all of the status bits, the commands and the units word."""
-
-    device_id: int = Field(1, ge=1, le=99)
-    weight: Literal["gross", "net"] = "gross"
-    count_g: float = Field(0.01, gt=0, le=10, description="one count of a weight register")
-    units_word: int = Field(0x010C, ge=0, le=0xFFFF, description="what register 13 says when count_g is right")
-    signs: Literal["status", "registers"] = Field("status", description="where the sign of a weight is told")
-    filter_samples: int = Field(1, ge=1, le=64, description="samples that the instrument's filter averages")
-    tare_command: int = Field(7, ge=0, le=0xFFFF)
-    zero_command: int = Field(8, ge=0, le=0xFFFF)
-    gross_command: int = Field(9, ge=0, le=0xFFFF)
-    bits: StatusBits = StatusBits()
-
-
-class ForceSettings(Settings):
-    """The force sensor; framing and laumas are read for laumas only."""
-
-    kind: Literal["mtsics", "laumas"] = "mtsics"
+    kinds: ClassVar[type[Kind]] = ForceKind
+    kind: Annotated[str, known(ForceKind)] = DEFAULTS["force"]
     port: Port = "/dev/ttyUSB1"
     baud: int = Field(9600, ge=300, le=1_000_000)
     character: Character = EIGHT_N_ONE
@@ -200,9 +158,6 @@ class SyncSettings(Settings):
         return self.register_address, self.on_word, self.off_word
 
 
-_OUTPUTS = {"grbl": ("off", "coolant", "spindle"), "leadshine": ("off", "drive")}
-
-
 class FrameSettings(Settings):
     """The finger's frame in machine coordinates (mm)."""
 
@@ -218,15 +173,15 @@ class FrameSettings(Settings):
 class BenchSettings(Settings):
     """All that the devices need."""
 
-    stage: StageSettings = StageSettings()
-    force: ForceSettings = ForceSettings()
+    stage: SerializeAsAny[StageSettings] = StageSettings()
+    force: SerializeAsAny[ForceSettings] = ForceSettings()
     sync: SyncSettings = SyncSettings()
     frame: FrameSettings = FrameSettings()
     calibration: CalibrationSettings = CalibrationSettings()
 
     @model_validator(mode="after")
     def _output_there(self) -> Self:
-        allowed = _OUTPUTS.get(self.stage.kind, ("off",))
+        allowed = self.stage.entry.outputs
         if self.sync.output not in allowed:
             raise ValueError(f"sync.output: expected {' or '.join(allowed)} with a {self.stage.kind} stage")
         if self.sync.output == "drive" and self.sync.words is None:

@@ -1,136 +1,105 @@
-"""Drivers by the names of their kinds, and on the ports of the configuration.
+"""The catalogue: every kind of device, by the name that a configuration says.
 
-A new driver is one function here and one line in _STAGES or _FORCES.
+The kinds of this program are the folders beside this file: `stage/NAME/NAME_kind.py` holds DEVICE. A package that is
+installed adds one by an entry point of the group rig.devices: `"force.NAME" = "its_module:DEVICE"`. A list of names
+imports nothing, and the use of a kind imports that one alone.
 """
 
-from collections.abc import Callable
-from functools import partial
+import pkgutil
+from collections.abc import Iterator
+from functools import cache
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import TypeVar
 
-from rig.devices.bench_settings import (
-    NOMINAL_STEPS_PER_MM,
-    BenchSettings,
-    DriveSettings,
-    ForceSettings,
-    StageSettings,
-)
-from rig.devices.force.base import ForceSensor
-from rig.devices.force.laumas import LaumasForce
-from rig.devices.force.mtsics import MtSicsForce
-from rig.devices.stage.base import Stage
-from rig.devices.stage.grbl import GrblStage
-from rig.devices.stage.grbl_settings import expected_settings
-from rig.devices.stage.leadshine import LeadshineStage
-from rig.devices.stage.leadshine_drive import LeadshineDrive
-from rig.transport import LoggedTransport, ModbusMaster, Transport, open_port
-from rig.transport.byte_log import Sink
-from rig.transport.clock import Clock
-from rig.transport.port_settings import Framing
-from rig.transport.tcp import SCHEME
+from rig.devices.kinds import ForceKind, Kind, Room, StageKind
 
-Opener = Callable[[str], Transport]
+GROUP = "rig.devices"
+DEFAULTS: dict[Room, str] = {"stage": "grbl", "force": "mtsics"}
+KINDS: tuple[type[Kind], ...] = (StageKind, ForceKind)
+
+K = TypeVar("K", bound=Kind)
 
 
-def _grbl(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
-    x, y, z = (settings.calibration.value(f"{axis}_backlash_mm", 0.0) for axis in "xyz")
-    return GrblStage(
-        opener(settings.stage.port),
-        clock,
-        expected=expected_settings(settings),
-        output="off" if settings.sync.output == "drive" else settings.sync.output,
-        backlash_mm=(x, y, z),
-    )
+class KindError(ValueError):
+    """There is no such kind, or the package that offers it cannot be used; one line."""
 
 
-def _leadshine(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
-    drives = {"x": settings.stage.drives.x, "z": settings.stage.drives.z}
-    buses: dict[str, ModbusMaster] = {}
+def find(of: type[K], name: str) -> K:
+    """The entry of a kind, of stages or of force sensors. Raises KindError."""
+    if name in built_in(of.room):
+        found: K = import_module(f"rig.devices.{of.room}.{name}.{name}_kind").DEVICE
+        return found
+    offers = _offered().get(f"{of.room}.{name}", ())
+    if not offers:
+        raise KindError(f"input should be {_either([repr(known) for known in names(of.room)])}")
+    if len(offers) > 1:
+        both = " and ".join(map(package, offers))
+        raise KindError(f"offered by {both}: expected one of these packages to be uninstalled")
+    return _loaded(of, name, offers[0])
+
+
+def names(room: Room) -> list[str]:
+    """The kinds of stage or force sensor that there are, the default first."""
+    there = [point.partition(".")[2] for point in _offered() if point.startswith(f"{room}.")]
+    return list(dict.fromkeys([*built_in(room), *there]))
+
+
+@cache
+def built_in(room: Room) -> tuple[str, ...]:
+    """The kinds of this program, the default first."""
+    there = (info.name for info in pkgutil.iter_modules([str(Path(__file__).parent / room)]) if info.ispkg)
+    return tuple(sorted(there, key=lambda name: (name != DEFAULTS[room], name)))
+
+
+def third_party() -> dict[str, str]:
+    """What packages add, such as force.NAME: the package that does."""
+    return {point: " and ".join(map(package, offers)) for point, offers in _offered().items()}
+
+
+def problems() -> Iterator[str]:
+    """One line for each entry point that cannot be used; this imports them all."""
+    for point, who in third_party().items():
+        room, _, name = point.partition(".")
+        of = next((kind for kind in KINDS if kind.room == room), None)
+        if of is None or not name:
+            yield f"{who}: entry point {point!r} of {GROUP}: expected stage.NAME or force.NAME"
+        elif name in built_in(of.room):
+            yield f"{who}: {room}.kind = {name!r} is taken: this program's own is used"
+        else:
+            try:
+                find(of, name)
+            except KindError as problem:
+                yield f"{room}.kind = {name!r}: {problem}"
+
+
+@cache
+def _offered() -> dict[str, tuple[EntryPoint, ...]]:
+    """Entry points by name, in the order of names."""
+    found: dict[str, tuple[EntryPoint, ...]] = {}
+    for point in sorted(entry_points(group=GROUP), key=lambda point: (point.name, package(point))):
+        found[point.name] = (*found.get(point.name, ()), point)
+    return found
+
+
+def package(point: EntryPoint) -> str:
+    """Name and version of the package that an entry point is of."""
+    return "a package" if point.dist is None else f"{point.dist.name} {point.dist.version}"
+
+
+def _loaded(of: type[K], name: str, point: EntryPoint) -> K:
     try:
-        for drive in drives.values():
-            port = drive.port or settings.stage.port
-            if port not in buses:
-                buses[port] = _master(opener(port), clock, port, settings.stage.framing, settings.stage.baud)
-    except BaseException:
-        for bus in buses.values():
-            bus.close()
-        raise
-    x, z = (_drive(buses, clock, axis, drive, settings) for axis, drive in drives.items())
-    x_backlash, z_backlash = (settings.calibration.value(f"{axis}_backlash_mm", 0.0) for axis in drives)
-    return LeadshineStage(
-        x,
-        z,
-        y_mm=settings.frame.pad_y_mm,
-        x_backlash_mm=x_backlash,
-        z_backlash_mm=z_backlash,
-        output=settings.sync if settings.sync.output == "drive" else None,
-    )
+        found = point.load()
+    except (Exception, SystemExit) as error:  # whatever a package does when it is imported
+        what = " ".join(str(error).split())
+        raise KindError(f"{package(point)} cannot be used: {type(error).__name__}: {what}") from error
+    if not isinstance(found, of):
+        raise KindError(f"{package(point)} cannot be used: {point.value} is no {of.__name__}")
+    if found.name != name:
+        raise KindError(f"{package(point)} cannot be used: {point.value} is named {found.name!r}")
+    return found
 
 
-def _drive(
-    buses: dict[str, ModbusMaster], clock: Clock, axis: str, drive: DriveSettings, settings: BenchSettings
-) -> LeadshineDrive:
-    return LeadshineDrive(
-        buses[drive.port or settings.stage.port],
-        clock,
-        axis,
-        drive,
-        pulses_per_mm=settings.calibration.value(f"{axis}_steps_per_mm", NOMINAL_STEPS_PER_MM),
-        travel_mm=settings.stage.travel_mm["xyz".index(axis)],
-    )
-
-
-def _mtsics(opener: Opener, clock: Clock, settings: BenchSettings) -> ForceSensor:
-    return MtSicsForce(
-        opener(settings.force.port),
-        clock,
-        sample_period_s=settings.force.sample_period_s,
-        resolution_gwt=settings.force.resolution_gwt,
-        scale=settings.calibration.value("force_scale", 1.0),
-    )
-
-
-def _laumas(opener: Opener, clock: Clock, settings: BenchSettings) -> ForceSensor:
-    force = settings.force
-    return LaumasForce(
-        _master(opener(force.port), clock, force.port, force.framing, force.baud),
-        clock,
-        force.laumas,
-        sample_period_s=force.sample_period_s,
-        resolution_gwt=force.resolution_gwt,
-        scale=settings.calibration.value("force_scale", 1.0),
-    )
-
-
-def _master(transport: Transport, clock: Clock, port: str, framing: Framing | None, baud: int) -> ModbusMaster:
-    by_port: Framing = "tcp" if port.startswith(SCHEME) else "rtu"
-    return ModbusMaster(transport, clock, framing=framing or by_port, baud=baud)
-
-
-_STAGES: dict[str, Callable[[Opener, Clock, BenchSettings], Stage]] = {"grbl": _grbl, "leadshine": _leadshine}
-_FORCES: dict[str, Callable[[Opener, Clock, BenchSettings], ForceSensor]] = {"mtsics": _mtsics, "laumas": _laumas}
-
-
-def stage_driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
-    """The driver for the configured kind of stage, on any wires and any clock. Raises what the opener raises."""
-    return _STAGES[settings.stage.kind](opener, clock, settings)
-
-
-def force_driver(opener: Opener, clock: Clock, settings: BenchSettings) -> ForceSensor:
-    """The driver for the configured kind of sensor, on any wire and any clock. Raises what the opener raises."""
-    return _FORCES[settings.force.kind](opener, clock, settings)
-
-
-def open_stage(settings: BenchSettings, clock: Clock, byte_log: Sink | None = None) -> Stage:
-    """The stage on its port, not yet spoken to. Raises TransportError."""
-    opener = partial(_open, settings=settings.stage, clock=clock, byte_log=byte_log)
-    return stage_driver(opener, clock, settings)
-
-
-def open_force(settings: BenchSettings, clock: Clock, byte_log: Sink | None = None) -> ForceSensor:
-    """The force sensor on its port, not yet spoken to. Raises TransportError."""
-    opener = partial(_open, settings=settings.force, clock=clock, byte_log=byte_log)
-    return force_driver(opener, clock, settings)
-
-
-def _open(port: str, *, settings: StageSettings | ForceSettings, clock: Clock, byte_log: Sink | None) -> Transport:
-    transport = open_port(port, settings.baud, character=settings.character, dtr=settings.dtr)
-    return transport if byte_log is None else LoggedTransport(transport, clock, byte_log)
+def _either(words: list[str]) -> str:
+    return " or ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)

@@ -7,6 +7,7 @@ from typing import Annotated, Self
 import tomlkit
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
+from rig.devices.own_table import as_asked
 from rig.engine.rig_settings import RigSettings
 from rig.protocol.errors import BadInputError, first_problem
 from rig.transport.port_settings import Settings
@@ -77,4 +78,4 @@ def load_config(path: Path | None) -> Config:
     try:
         return Config.model_validate(tables, context={"folder": path.parent})
     except ValidationError as error:
-        raise first_problem(f"config {path}", error, Config) from None
+        raise first_problem(f"config {path}", error, as_asked(Config, tables)) from None

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, Self
 
 from rig.devices.bench_settings import BenchSettings
-from rig.devices.catalogue import open_force, open_stage
+from rig.devices.drivers import open_force, open_stage
 from rig.devices.force.base import ForceSensor
 from rig.devices.stage.base import Stage, StageError
 from rig.engine.bench import NO_PAUSE, Pause

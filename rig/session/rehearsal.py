@@ -26,6 +26,7 @@ from rig.protocol.steps import ExpectedPresses, ExpectedTouch, Step
 from rig.protocol.taken_up import TakenUp
 from rig.protocol.walk import Model, NoPredictionError, Spot, Walk
 from rig.session.running import run_script
+from rig.virtual.twins import with_stand_ins
 from rig.virtual.virtual_bench import bench_around
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
@@ -114,7 +115,7 @@ def rehearsed(script: Script, config: Config, finger: Fingertip, plan: Plan, bef
 
     Raises EngineError where it would not come to its end.
     """
-    believed = config.model_copy(update={"virtual": VirtualSettings()})
+    believed = with_stand_ins(config.model_copy(update={"virtual": VirtualSettings()}))
     clock = VirtualClock()
     plants: list[SpringPlant] = []
 

@@ -18,6 +18,7 @@ from pymodbus.pdu.register_message import (
 from rig.transport.base import Transport
 from rig.transport.clock import Clock
 from rig.transport.port_settings import Framing
+from rig.transport.tcp import SCHEME
 
 REPLY_S = 0.2
 READ_TRIES = 3
@@ -87,6 +88,14 @@ class ModbusMaster:
         self.echoes: bool | None = (
             None if self._rtu else False
         )  # whether what is sent comes back; None: not known yet
+
+    @classmethod
+    def on_port(
+        cls, transport: Transport, clock: Clock, port: str, *, framing: Framing | None, baud: int
+    ) -> "ModbusMaster":
+        """On what was opened under this name; framing by the port where it is not said: tcp on tcp://, else rtu."""
+        by_port: Framing = "tcp" if port.startswith(SCHEME) else "rtu"
+        return cls(transport, clock, framing=framing or by_port, baud=baud)
 
     def read(self, device_id: int, address: int, count: int = 1) -> list[int]:
         """Function 03: `count` registers of 16 bits from `address` on. Raises ModbusError, TransportError."""

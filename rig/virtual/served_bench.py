@@ -5,18 +5,12 @@ from contextlib import ExitStack
 
 from rig.plan.config import Config
 from rig.protocol.errors import BadInputError
-from rig.virtual.virtual_devices import (
-    FORCES,
-    STAGES,
-    VirtualStage,
-    load_on_sensor,
-    true_carriage,
-    truth,
-    with_framing,
-)
+from rig.virtual.twins import refuse_twinless, virtual_force, virtual_stage
+from rig.virtual.virtual_devices import load_on_sensor, true_carriage, truth, with_framing, with_kinds
 from sim.contact.shapes import parse_shape
 from sim.devices.cell import Load
 from sim.devices.line import SerialLine
+from sim.devices.told import VirtualStage
 from sim.plant.plant import Carriage
 from sim.serve.ports import PortBusyError, PtyPort, TcpPort
 from sim.serve.press_ahead import PressAhead, PressStatistics
@@ -43,11 +37,11 @@ class ServedBench:
 
         Returns when everything answers. Raises BadInputError.
         """
+        config = with_framing(with_kinds(config, stage, force), "rtu" if tcp is None else "tcp")
         self.scheduler = WallScheduler()
         self.ports: dict[str, str] = {}
         self.press: PressAhead | None = None
         self._tcp = tcp
-        config = with_framing(config, "rtu" if tcp is None else "tcp")
         self._closing = ExitStack()
         self._closing.callback(self.scheduler.close)
         try:
@@ -84,12 +78,13 @@ class ServedBench:
 
     def _build(self, config: Config, stage: str | None, force: str | None, complain: Callable[[str], object]) -> None:
         parse_shape(config.virtual.indentor)
+        refuse_twinless(*(device for device, kind in ((config.stage, stage), (config.force, force)) if kind))
         stage_line = self._open("stage", config.stage.baud) if stage else None
         force_line = self._open("force", config.force.baud) if force else None
-        board = STAGES[stage](self.scheduler, stage_line, config) if stage and stage_line else None
-        if force and force_line:
+        board = virtual_stage(self.scheduler, stage_line, config) if stage_line else None
+        if force_line:
             elastic = self._finger(config, board, complain) if board else Load(lambda t_s: 0.0)
-            FORCES[force](self.scheduler, force_line, config, load_on_sensor(self.scheduler, elastic, config))
+            virtual_force(self.scheduler, force_line, config, load_on_sensor(self.scheduler, elastic, config))
 
     def _open(self, name: str, baud: int) -> SerialLine:
         line = SerialLine(self.scheduler, baud)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol, Self
 
-from rig.devices.catalogue import force_driver, stage_driver
+from rig.devices.drivers import force_driver, stage_driver
 from rig.devices.force.base import ForceSensor
 from rig.devices.stage.base import Stage
 from rig.engine.bench import NO_PAUSE, Pause
@@ -16,7 +16,8 @@ from rig.plan.config import Config
 from rig.plan.shape_files import kept_in
 from rig.transport.byte_log import LoggedTransport, Sink
 from rig.transport.loopback import LoopbackTransport
-from rig.virtual.virtual_devices import FORCES, STAGES, load_on_sensor, true_carriage, truth
+from rig.virtual.twins import virtual_force, virtual_stage
+from rig.virtual.virtual_devices import load_on_sensor, true_carriage, truth
 from sim.devices.cell import Load
 from sim.devices.clock import VirtualClock
 from sim.devices.line import SerialLine
@@ -110,10 +111,10 @@ def bench_around(
     """Devices as configured around a plant, which is told where the carriage is; the bytes go to `byte_log`."""
     stage_line = SerialLine(clock, config.stage.baud)
     force_line = SerialLine(clock, config.force.baud)
-    board = STAGES[config.stage.kind](clock, stage_line, config)
+    board = virtual_stage(clock, stage_line, config)
     plant = make_plant(true_carriage(board, config))
     load = load_on_sensor(clock, Load(plant.force_n), config)
-    FORCES[config.force.kind](clock, force_line, config, load)
+    virtual_force(clock, force_line, config, load)
     stage_port = LoggedTransport(LoopbackTransport(stage_line, clock, name="stage"), clock, byte_log)
     force_port = LoggedTransport(LoopbackTransport(force_line, clock, name="force"), clock, byte_log)
     return VirtualBench(

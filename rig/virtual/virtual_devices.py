@@ -1,110 +1,33 @@
-"""The virtual devices by the names of their kinds, and the finger they stand around, as a configuration says.
+"""The virtual bench as the configuration says: where the finger truly lies, and what the sensor gets of it."""
 
-A new virtual device is one function here and one line in STAGES or FORCES.
-"""
+from pydantic import ValidationError
 
-from collections.abc import Callable
-from typing import Protocol
-
-from rig.devices.bench_settings import NOMINAL_STEPS_PER_MM, DriveSettings
+from rig.devices.bench_settings import NOMINAL_STEPS_PER_MM, ForceSettings, StageSettings
+from rig.devices.own_table import DeviceSettings, as_kind
 from rig.devices.units import GWT_N
 from rig.plan.config import Config
-from rig.protocol.errors import BadInputError
+from rig.protocol.errors import first_problem
 from rig.transport.port_settings import Framing
-from sim.devices.balance import BalanceMenu, VirtualBalance
 from sim.devices.cell import Load, load_cell
 from sim.devices.clock import Scheduler
-from sim.devices.grbl.board import VirtualGrbl
-from sim.devices.grbl.core import Mechanics
-from sim.devices.laumas import TransmitterFirmware, TransmitterMenu, VirtualLaumas
-from sim.devices.leadshine import DrivePair, DriveParameters, VirtualDrive
-from sim.devices.line import SerialLine
-from sim.devices.modbus import ModbusBus
+from sim.devices.told import VirtualStage
 from sim.plant.plant import Carriage, Placement, Screws, Truth, Turn
 from sim.plant.relaxation import PronyTerm, RelaxingForce
 
-# Ids that clients may believe in: a transmitter is alone on its port, and answers to them too.
-_USUAL_IDS = (1, 2)
 
-
-class VirtualStage(Protocol):
-    """What the bench needs to know of a stage: where what hangs on its screws is, in steps."""
-
-    def nut_steps_at(self, t_s: float) -> tuple[int, int, int]: ...
-
-
-def _grbl(scheduler: Scheduler, line: SerialLine, config: Config) -> VirtualStage:
-    x, y, z = config.stage.travel_mm
-    steps = [_steps_per_mm(config, axis) for axis in "xyz"]
-    reversed_axes = sum(1 << i for i, per_mm in enumerate(steps) if per_mm < 0)
-    settings = {3: reversed_axes, 130: x, 131: y, 132: z, **{100 + i: abs(v) for i, v in enumerate(steps)}}
-    mechanics = Mechanics(play_steps=(_play(config, "x"), 0.0, _play(config, "z")))
-    return VirtualGrbl(scheduler, line, settings=settings, mechanics=mechanics)
-
-
-def _leadshine(scheduler: Scheduler, line: SerialLine, config: Config) -> VirtualStage:
-    drives = config.stage.drives
-    if drives.x.device_id == drives.z.device_id:
-        raise BadInputError("stage.drives: the virtual drives share one port, expected different device ids")
-    x, z = (_drive(scheduler, config, axis, drive) for axis, drive in (("x", drives.x), ("z", drives.z)))
-    devices = {drives.x.device_id: x, drives.z.device_id: z}
-    ModbusBus(scheduler, line, devices, framing=config.stage.framing or "rtu")
-    return DrivePair(x, z)
-
-
-def _drive(scheduler: Scheduler, config: Config, axis: str, drive: DriveSettings) -> VirtualDrive:
-    parameters = DriveParameters(
-        pulses_per_rev=drive.pulses_per_rev,
-        inverted=_steps_per_mm(config, axis) < 0,
-        ramp_rpm=drive.ramp_rpm,
-        pulses_per_rev_register=drive.pulses_per_rev_register,
-        jog_rpm_register=drive.jog_rpm_register,
-        output_register=config.sync.register_address if axis == config.sync.drive else None,
-    )
-    return VirtualDrive(scheduler, parameters, play=_play(config, axis))
-
-
-def _mtsics(scheduler: Scheduler, line: SerialLine, config: Config, load: Load) -> None:
-    menu = BalanceMenu(resolution_g=config.virtual.cell_resolution_gwt, sample_period_s=config.force.sample_period_s)
-    VirtualBalance(scheduler, line, load, menu)
-
-
-def _laumas(scheduler: Scheduler, line: SerialLine, config: Config, load: Load) -> None:
-    settings = config.force.laumas
-    menu = TransmitterMenu(
-        sample_period_s=config.force.sample_period_s,
-        filter_samples=settings.filter_samples,
-        count_g=settings.count_g,
-        division_g=config.virtual.cell_resolution_gwt,
-        units_word=settings.units_word,
-    )
-    firmware = TransmitterFirmware(
-        signs=settings.signs,
-        tare_command=settings.tare_command,
-        zero_command=settings.zero_command,
-        gross_command=settings.gross_command,
-    )
-    transmitter = VirtualLaumas(scheduler, load, menu, firmware)
-    devices = dict.fromkeys((*_USUAL_IDS, settings.device_id), transmitter)
-    ModbusBus(scheduler, line, devices, framing=config.force.framing or "rtu")
-
-
-STAGES: dict[str, Callable[[Scheduler, SerialLine, Config], VirtualStage]] = {"grbl": _grbl, "leadshine": _leadshine}
-FORCES: dict[str, Callable[[Scheduler, SerialLine, Config, Load], None]] = {"mtsics": _mtsics, "laumas": _laumas}
-
-
-def _steps_per_mm(config: Config, axis: str) -> float:
+def believed_steps_per_mm(config: Config, axis: str) -> float:
+    """As measured, or nominal; negative where the motor runs against the axis."""
     return config.calibration.value(f"{axis}_steps_per_mm", NOMINAL_STEPS_PER_MM)
 
 
 def _screw(config: Config, axis: str) -> float:
     """Steps in a mm of the true screw."""
     true: float | None = getattr(config.virtual, f"{axis}_screw_steps_per_mm")
-    return true or abs(_steps_per_mm(config, axis))
+    return true or abs(believed_steps_per_mm(config, axis))
 
 
-def _play(config: Config, axis: str) -> float:
-    """Lost motion of the true screw, steps."""
+def lost_steps(config: Config, axis: str) -> float:
+    """Lost motion of the true screw."""
     backlash_mm: float = getattr(config.virtual, f"{axis}_screw_backlash_mm")
     return backlash_mm * _screw(config, axis)
 
@@ -116,11 +39,15 @@ def with_framing(config: Config, framing: Framing) -> Config:
     return config.model_copy(update={"stage": stage, "force": force})
 
 
-def checked_kind(option: str, kind: str, table: dict[str, object]) -> str:
-    """The kind, if it is in a table; raises BadInputError."""
-    if kind in table:
-        return kind
-    raise BadInputError(f"{option} {kind}: no such device, expected {' or '.join(table)}")
+def with_kinds(config: Config, stage: str | None, force: str | None) -> Config:
+    """The configuration with devices of these kinds; None leaves what is there. Raises BadInputError."""
+    parts: dict[str, DeviceSettings] = {}
+    try:
+        parts["stage"] = config.stage if stage is None else as_kind(StageSettings, config.stage, stage)
+        parts["force"] = config.force if force is None else as_kind(ForceSettings, config.force, force)
+    except ValidationError as error:
+        raise first_problem("--force" if "stage" in parts else "--stage", error) from None
+    return config.model_copy(update=parts)
 
 
 def true_carriage(stage: VirtualStage, config: Config) -> Carriage:

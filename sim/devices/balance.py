@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from sim.devices.cell import Load, Samples
 from sim.devices.clock import Handle, Scheduler
 from sim.devices.line import SerialLine
+from sim.devices.told import ForceTold
 
 MODEL, SOFTWARE = "virtual-balance", "1.00"
 LEVEL_0 = ("@", "I0", "I1", "I2", "I3", "I4", "S", "SI", "SIR", "Z", "ZI")
@@ -205,3 +206,9 @@ class VirtualBalance:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
+
+
+def balance_twin(scheduler: Scheduler, line: SerialLine, told: ForceTold, load: Load) -> VirtualBalance:
+    """A balance under a load."""
+    menu = BalanceMenu(resolution_g=told.resolution_g, sample_period_s=told.sample_period_s)
+    return VirtualBalance(scheduler, line, load, menu)

@@ -11,12 +11,15 @@ from typing import Literal
 
 from sim.devices.cell import Load, Samples
 from sim.devices.clock import Scheduler
-from sim.devices.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, RegisterFault, words
+from sim.devices.line import SerialLine
+from sim.devices.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, ModbusBus, RegisterFault, words
+from sim.devices.told import ForceTold
 
 COMMAND = 5  # the only register that is written
 CELL, ADC, OVER_MAX, OVER_SCALE, GROSS_OUT, NET_OUT = (1 << bit for bit in range(6))
 GROSS_MINUS, NET_MINUS, PEAK_MINUS, NET_SHOWN, STABLE, ZERO = (1 << bit for bit in range(7, 13))
 MOST_REGISTERS = 32
+USUAL_IDS = (1, 2)  # clients may believe in them: it is alone on its port, and answers to them too
 _WIDEST = 999_999
 _STABLE_SAMPLES = 3
 
@@ -153,3 +156,23 @@ class VirtualLaumas:
 
     def _show_gross(self) -> None:
         self._tare_g, self._net_shown = 0.0, False
+
+
+def laumas_twin(scheduler: Scheduler, line: SerialLine, told: ForceTold, load: Load) -> None:
+    """A transmitter alone on its line."""
+    own = told.own
+    menu = TransmitterMenu(
+        sample_period_s=told.sample_period_s,
+        filter_samples=own["filter_samples"],
+        count_g=own["count_g"],
+        division_g=told.resolution_g,
+        units_word=own["units_word"],
+    )
+    firmware = TransmitterFirmware(
+        signs=own["signs"],
+        tare_command=own["tare_command"],
+        zero_command=own["zero_command"],
+        gross_command=own["gross_command"],
+    )
+    transmitter = VirtualLaumas(scheduler, load, menu, firmware)
+    ModbusBus(scheduler, line, dict.fromkeys((*USUAL_IDS, own["device_id"]), transmitter), framing=told.framing)

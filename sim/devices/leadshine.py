@@ -6,12 +6,15 @@ the homing mode says; a path begun while another runs brakes to rest first.
 """
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from sim.devices.clock import Scheduler
 from sim.devices.drive_motion import DriveAxis
-from sim.devices.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, RegisterFault, signed, words
+from sim.devices.line import SerialLine
+from sim.devices.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, ModbusBus, RegisterFault, signed, words
+from sim.devices.told import StageTold, TwinError
 
 STATUS, FEEDBACK, FEEDBACK_RPM, COMMANDED, ALARM = 0x1003, 0x1014, 0x1046, 0x602C, 0x2203
 CONTROL, TRIGGER, PR0, PR0_TRIGGER = 0x1801, 0x6002, 0x6200, 0x6207
@@ -241,3 +244,26 @@ class DrivePair:
     def nut_steps_at(self, t_s: float) -> tuple[int, int, int]:
         """Where what hangs on the screws is, pulses from the home switches (x, y, z)."""
         return self.x.nut_at(t_s), 0, self.z.nut_at(t_s)
+
+
+def leadshine_twin(scheduler: Scheduler, line: SerialLine, told: StageTold) -> DrivePair:
+    """Both drives on one line, whichever ports the real ones have. Raises TwinError."""
+    x, z = told.own["x"], told.own["z"]
+    if x["device_id"] == z["device_id"]:
+        raise TwinError("drives: the virtual drives share one port, expected different device ids")
+    pair = DrivePair(_drive(scheduler, told, "x", x), _drive(scheduler, told, "z", z))
+    ModbusBus(scheduler, line, {x["device_id"]: pair.x, z["device_id"]: pair.z}, framing=told.framing)
+    return pair
+
+
+def _drive(scheduler: Scheduler, told: StageTold, axis: str, drive: Mapping[str, Any]) -> VirtualDrive:
+    number = "xyz".index(axis)
+    parameters = DriveParameters(
+        pulses_per_rev=drive["pulses_per_rev"],
+        inverted=told.steps_per_mm[number] < 0,
+        ramp_rpm=drive["ramp_rpm"],
+        pulses_per_rev_register=drive["pulses_per_rev_register"],
+        jog_rpm_register=drive["jog_rpm_register"],
+        output_register=told.sync["register_address"] if axis == told.sync["drive"] else None,
+    )
+    return VirtualDrive(scheduler, parameters, play=told.play_steps[number])

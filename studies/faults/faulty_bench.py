@@ -6,7 +6,7 @@ from typing import Any
 
 from pymodbus.framer import FramerRTU
 
-from rig.devices.catalogue import force_driver, stage_driver
+from rig.devices.drivers import force_driver, stage_driver
 from rig.devices.units import GWT_N
 from rig.engine import Engine, Journal, Target
 from rig.engine.bench import NO_PAUSE
@@ -14,7 +14,8 @@ from rig.engine.streams import STREAMS
 from rig.plan.config import Config
 from rig.session.rehearsal import Spring
 from rig.transport import LoopbackTransport
-from rig.virtual.virtual_devices import FORCES, STAGES, true_carriage
+from rig.virtual.twins import virtual_force, virtual_stage
+from rig.virtual.virtual_devices import true_carriage
 from sim.devices.cell import Load
 from sim.devices.clock import VirtualClock
 from sim.devices.line import SerialLine
@@ -34,13 +35,13 @@ class FaultyBench:
         self.config = config = Config.model_validate(tables)
         self.clock = clock = VirtualClock(1.7e9)
         self.stage_line, self.force_line = SerialLine(clock, config.stage.baud), SerialLine(clock, config.force.baud)
-        self.board: Any = STAGES[config.stage.kind](clock, self.stage_line, config)
+        self.board: Any = virtual_stage(clock, self.stage_line, config)
         self.carriage = true_carriage(self.board, config)
         self.extra_n: Callable[[float], float] = lambda t_s: 0.0
         self.stalled_mm: float | None = None
         self.felt_n: Callable[[float], float] = lambda t_s: self.true_n(t_s) + self.extra_n(t_s)
         load = Load(lambda t_s: self.felt_n(t_s))
-        self.sensor: Any = FORCES[config.force.kind](clock, self.force_line, config, load)
+        self.sensor: Any = virtual_force(clock, self.force_line, config, load)
         self.stage_wire = LoopbackTransport(self.stage_line, clock, "stage")
         self.force_wire = LoopbackTransport(self.force_line, clock, "force")
         self.stage = stage_driver(lambda _: self.stage_wire, clock, config)

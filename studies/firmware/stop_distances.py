@@ -6,7 +6,7 @@ own slowness is not measured.
 
 import math
 
-from rig.devices.stage.grbl_words import StatusFields, parse_status
+from rig.devices.stage.grbl.grbl_words import StatusFields, parse_status
 from rig.transport import LineReader, Transport
 from rig.transport.clock import Clock
 from studies.firmware.conversation import ANSWER_S, JOG_CANCEL, RESET, listen

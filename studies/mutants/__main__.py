@@ -35,11 +35,11 @@ FIRST_GROUP = (
     "rig/protocol/*/*.py",
     "rig/session/resume.py",
     "rig/transport/modbus.py",
-    "rig/devices/stage/leadshine*.py",
-    "rig/devices/stage/grbl*.py",
-    "rig/devices/force/laumas.py",
-    "rig/devices/force/mtsics.py",
-    "rig/devices/bench_settings.py",
+    "rig/devices/stage/leadshine/*.py",
+    "rig/devices/stage/grbl/*.py",
+    "rig/devices/force/laumas/*.py",
+    "rig/devices/force/mtsics/*.py",
+    "rig/devices/*.py",
     "rig/cli/interrupts.py",
 )
 LEFT_OUT = ("tests/rig/real_time", "tests/sim/oracles")

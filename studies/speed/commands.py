@@ -14,7 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from rig.cli import main as rig
-from rig.devices.stage import GrblStage
+from rig.devices.stage.grbl.grbl_stage import GrblStage
 from rig.transport import LoopbackTransport
 from sim.devices import SerialLine, VirtualGrbl
 from sim.devices.clock import VirtualClock

@@ -17,8 +17,9 @@ import time
 
 import numpy as np
 
-from rig.devices.force import ForceBusy, MtSicsForce
-from rig.devices.stage import GrblStage
+from rig.devices.force import ForceBusy
+from rig.devices.force.mtsics.mtsics_force import MtSicsForce
+from rig.devices.stage.grbl.grbl_stage import GrblStage
 from rig.plan.config import Config
 from rig.transport import open_port
 from rig.transport.clock import WallClock

@@ -1,7 +1,7 @@
 """A stage that is not there: a hobby board that speaks GRBL under a name of its own. Source: this file."""
 
 from rig.devices.stage.base import StageError
-from rig.devices.stage.grbl import GrblStage
+from rig.devices.stage.grbl.grbl_stage import GrblStage
 
 
 class HobbyStage(GrblStage):

@@ -1,6 +1,9 @@
 """The virtual twin of the hobby board."""
 
+from sim.devices.clock import Scheduler
 from sim.devices.grbl.board import VirtualGrbl
+from sim.devices.line import SerialLine
+from sim.devices.told import StageTold
 
 
 class VirtualHobby(VirtualGrbl):
@@ -10,3 +13,8 @@ class VirtualHobby(VirtualGrbl):
         if line == "$I":
             return self._print("[VER:1.1h.hobby:]")
         return super()._execute_at_rest(line, now_s)
+
+
+def hobby_twin(scheduler: Scheduler, line: SerialLine, told: StageTold) -> VirtualHobby:
+    """A board of the size that the bench has."""
+    return VirtualHobby(scheduler, line, settings={130 + axis: mm for axis, mm in enumerate(told.travel_mm)})

@@ -20,62 +20,6 @@ VERB = [
     ),
 ]
 
-STAGE = [
-    ("rig/devices/bench_settings.py", '"grbl", "leadshine"] = "grbl"', '"hobby", '),
-    (
-        "rig/devices/catalogue.py",
-        "from rig.devices.stage.leadshine import",
-        "from rig.devices.stage.hobby import HobbyStage\n",
-    ),
-    (
-        "rig/devices/catalogue.py",
-        "def _leadshine(",
-        "def _hobby(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:\n"
-        "    return HobbyStage(opener(settings.stage.port), clock, expected=expected_settings(settings))\n\n\n",
-    ),
-    ("rig/devices/catalogue.py", '"grbl": _grbl', '"hobby": _hobby, '),
-    (
-        "rig/virtual/virtual_devices.py",
-        "from sim.devices.laumas import",
-        "from sim.devices.hobby import VirtualHobby\n",
-    ),
-    (
-        "rig/virtual/virtual_devices.py",
-        "def _leadshine(",
-        "def _hobby(scheduler: Scheduler, line: SerialLine, config: Config) -> VirtualStage:\n"
-        "    x, y, z = config.stage.travel_mm\n"
-        "    return VirtualHobby(scheduler, line, settings={130: x, 131: y, 132: z})\n\n\n",
-    ),
-    ("rig/virtual/virtual_devices.py", '"grbl": _grbl', '"hobby": _hobby, '),
-]
-
-FORCE_SENSOR = [
-    ("rig/devices/bench_settings.py", '"mtsics", "laumas"] = "mtsics"', '"plain", '),
-    (
-        "rig/devices/catalogue.py",
-        "from rig.devices.stage.base import",
-        "from rig.devices.force.plain import PlainForce\n",
-    ),
-    (
-        "rig/devices/catalogue.py",
-        "def _laumas(",
-        "def _plain(opener: Opener, clock: Clock, settings: BenchSettings) -> ForceSensor:\n"
-        "    force, scale = settings.force, settings.calibration.value('force_scale', 1.0)\n"
-        "    period_s, step_gwt = force.sample_period_s, force.resolution_gwt\n"
-        "    port = opener(force.port)\n"
-        "    return PlainForce(port, clock, sample_period_s=period_s, resolution_gwt=step_gwt, scale=scale)\n\n\n",
-    ),
-    ("rig/devices/catalogue.py", '"mtsics": _mtsics', '"plain": _plain, '),
-    ("rig/virtual/virtual_devices.py", "from sim.plant.plant", "from sim.devices.plain import PlainScale\n"),
-    (
-        "rig/virtual/virtual_devices.py",
-        "def _laumas(",
-        "def _plain(scheduler: Scheduler, line: SerialLine, config: Config, load: Load) -> None:\n"
-        "    PlainScale(scheduler, line, load, config.force.sample_period_s)\n\n\n",
-    ),
-    ("rig/virtual/virtual_devices.py", '"mtsics": _mtsics', '"plain": _plain, '),
-]
-
 SHAPE = [
     (
         "sim/contact/profiles.py",

@@ -3,6 +3,7 @@
 from sim.devices.cell import Load, Samples
 from sim.devices.clock import Scheduler
 from sim.devices.line import SerialLine
+from sim.devices.told import ForceTold
 
 
 class PlainScale:
@@ -19,3 +20,8 @@ class PlainScale:
             if command == b"Z":
                 self._zero_g = grams
             self._line.device_write(b"OK\n" if command == b"Z" else f"{grams - self._zero_g:+.2f}\n".encode("ascii"))
+
+
+def plain_twin(scheduler: Scheduler, line: SerialLine, told: ForceTold, load: Load) -> PlainScale:
+    """A scale under a load."""
+    return PlainScale(scheduler, line, load, told.sample_period_s)

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from rig.devices.catalogue import force_driver, stage_driver
+from rig.devices.drivers import force_driver, stage_driver
 from rig.devices.units import GWT_N
 from rig.engine import Engine, Journal, Pause, verbs
 from rig.engine.rig_settings import RigSettings

@@ -8,8 +8,11 @@ from typing import Any
 
 import pytest
 
-from rig.devices.bench_settings import DriveSettings
-from rig.devices.stage import GrblStage, LeadshineDrive, LeadshineStage, StageAlarm, StageError, StageTimeout
+from rig.devices.stage import StageAlarm, StageError, StageTimeout
+from rig.devices.stage.grbl.grbl_stage import GrblStage
+from rig.devices.stage.leadshine.leadshine_drive import LeadshineDrive
+from rig.devices.stage.leadshine.leadshine_settings import DriveSettings
+from rig.devices.stage.leadshine.leadshine_stage import LeadshineStage
 from rig.transport import ModbusMaster
 from sim.devices.clock import VirtualClock
 

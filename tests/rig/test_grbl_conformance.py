@@ -9,7 +9,8 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from rig.devices.stage import GrblStage, StageAlarm, StageError, StageRejected
+from rig.devices.stage import StageAlarm, StageError, StageRejected
+from rig.devices.stage.grbl.grbl_stage import GrblStage
 from rig.transport import LineReader, LoopbackTransport, SerialTransport, Transport
 from rig.transport.clock import Clock, WallClock
 from rig.virtual.served_bench import ServedBench

@@ -5,8 +5,9 @@ from typing import Any
 
 import pytest
 
-from rig.devices.stage import GrblStage, StageError
+from rig.devices.stage import StageError
 from rig.devices.stage.base import LOOK_S, StageHeld, StageOverridden, arrive, is_held
+from rig.devices.stage.grbl.grbl_stage import GrblStage
 from rig.engine.by_hand.dead_man import SLICE_S, Direction, dead_man_jog
 from rig.transport import LoopbackTransport
 from sim.devices import SerialLine, VirtualGrbl

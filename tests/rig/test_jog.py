@@ -6,7 +6,8 @@ from typing import Any
 import pytest
 
 from rig.cli.jog import RELEASED_S, HeldKey
-from rig.devices.stage import GrblStage, StageRejected, StageStatus
+from rig.devices.stage import StageRejected, StageStatus
+from rig.devices.stage.grbl.grbl_stage import GrblStage
 from rig.engine.by_hand.dead_man import SLICE_S, Direction, dead_man_jog
 from rig.transport import LoopbackTransport, TransportError
 from sim.devices import SerialLine, VirtualGrbl

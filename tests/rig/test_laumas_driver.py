@@ -5,7 +5,6 @@ from typing import Any
 
 import pytest
 
-from rig.devices.bench_settings import LaumasSettings
 from rig.devices.force import (
     ForceBroken,
     ForceBusy,
@@ -15,8 +14,9 @@ from rig.devices.force import (
     ForceSensor,
     ForceTimeout,
     ForceUnderload,
-    LaumasForce,
 )
+from rig.devices.force.laumas.laumas_force import LaumasForce
+from rig.devices.force.laumas.laumas_settings import LaumasSettings
 from rig.transport import ModbusMaster
 from sim.devices.clock import VirtualClock
 

@@ -6,8 +6,11 @@ from typing import Any
 
 import pytest
 
-from rig.devices.bench_settings import DriveSettings, SyncSettings
-from rig.devices.stage import LeadshineDrive, LeadshineStage, Stage, StageAlarm, StageError, StageStatus, StageTimeout
+from rig.devices.bench_settings import SyncSettings
+from rig.devices.stage import Stage, StageAlarm, StageError, StageStatus, StageTimeout
+from rig.devices.stage.leadshine.leadshine_drive import LeadshineDrive
+from rig.devices.stage.leadshine.leadshine_settings import DriveSettings
+from rig.devices.stage.leadshine.leadshine_stage import LeadshineStage
 from rig.transport import ModbusMaster
 from sim.devices.clock import VirtualClock
 

@@ -9,9 +9,10 @@ from typing import Any
 
 import pytest
 
-from rig.devices.catalogue import force_driver, stage_driver
-from rig.devices.force import LaumasForce
-from rig.devices.stage import LeadshineStage, StageAlarm, StageError, StageTimeout
+from rig.devices.drivers import force_driver, stage_driver
+from rig.devices.force.laumas.laumas_force import LaumasForce
+from rig.devices.stage import StageAlarm, StageError, StageTimeout
+from rig.devices.stage.leadshine.leadshine_stage import LeadshineStage
 from rig.devices.units import GWT_N
 from rig.engine import Engine, Journal, Target, TripError, indent, verbs
 from rig.engine.bench import NO_PAUSE
@@ -20,7 +21,7 @@ from rig.engine.engine import State
 from rig.engine.streams import STREAMS
 from rig.plan.config import Config
 from rig.transport import LoggedTransport, LoopbackTransport, TransportError
-from rig.virtual.virtual_devices import FORCES, STAGES
+from rig.virtual.twins import virtual_force, virtual_stage
 from sim.devices import Load, ModbusBus, SerialLine, VirtualDrive
 from sim.devices.clock import VirtualClock
 from sim.devices.leadshine import DrivePair
@@ -38,11 +39,11 @@ class Bench:
         self.k_gwt, self.contact_mm = k_gwt, contact_mm
         self.clock = VirtualClock(1.7e9)
         self.stage_line, self.force_line = SerialLine(self.clock, 115200), SerialLine(self.clock, 115200)
-        drives = STAGES["leadshine"](self.clock, self.stage_line, self.config)
+        drives = virtual_stage(self.clock, self.stage_line, self.config)
         assert isinstance(drives, DrivePair)
         self.drives = drives
         self.load_n: Callable[[float], float] = self.force_n
-        FORCES["laumas"](self.clock, self.force_line, self.config, Load(lambda t_s: self.load_n(t_s)))
+        virtual_force(self.clock, self.force_line, self.config, Load(lambda t_s: self.load_n(t_s)))
         self.wire = io.StringIO()
         stage_port = LoggedTransport(LoopbackTransport(self.stage_line, self.clock, "stage"), self.clock, self.wire)
         force_port = LoopbackTransport(self.force_line, self.clock, "force")

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 import serial
 
-from rig.devices.catalogue import open_force, open_stage
+from rig.devices.drivers import open_force, open_stage
 from rig.devices.units import GWT_N
 from rig.plan.config import Config
 from rig.transport.clock import WallClock

@@ -13,8 +13,8 @@ from rig.devices.force import (
     ForceSensor,
     ForceTimeout,
     ForceUnderload,
-    MtSicsForce,
 )
+from rig.devices.force.mtsics.mtsics_force import MtSicsForce
 from sim.devices.clock import VirtualClock
 
 HELLO = (b"@\r\n", b'I4 A "0123456789"\r\n')

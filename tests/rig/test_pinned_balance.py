@@ -5,7 +5,8 @@ from typing import Any
 
 import pytest
 
-from rig.devices.force import ForceBusy, ForceError, ForceOverload, ForceTimeout, ForceUnderload, MtSicsForce
+from rig.devices.force import ForceBusy, ForceError, ForceOverload, ForceTimeout, ForceUnderload
+from rig.devices.force.mtsics.mtsics_force import MtSicsForce
 from sim.devices.clock import VirtualClock
 
 GWT_N = 9.80665e-3

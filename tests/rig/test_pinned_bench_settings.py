@@ -8,7 +8,10 @@ import pytest
 from pydantic import BaseModel, ValidationError
 
 from rig.devices import bench_settings as room
-from rig.devices.bench_settings import BenchSettings, Calibration, DriveSettings, StageSettings, SyncSettings
+from rig.devices.bench_settings import BenchSettings, Calibration, StageSettings, SyncSettings
+from rig.devices.force.laumas import laumas_settings
+from rig.devices.stage.leadshine import leadshine_settings
+from rig.devices.stage.leadshine.leadshine_settings import DriveSettings
 from tests.config_keys import TABLE, Key
 
 JUST_ABOVE_0 = 1e-6
@@ -77,10 +80,13 @@ def test_a_number_may_be_as_low_and_as_high_as_this_and_no_more(name: str) -> No
             _refuses(name, key, highest + step)
 
 
+def _model(name: str) -> type[BaseModel]:
+    return next(getattr(place, name) for place in (room, leadshine_settings, laumas_settings) if hasattr(place, name))
+
+
 def _made(name: str, key: str, value: float) -> BaseModel:
     needed = {"device_id": 1} if name == "DriveSettings" else {}
-    model: type[BaseModel] = getattr(room, name)
-    return model.model_validate({**needed, key: value})
+    return _model(name).model_validate({**needed, key: value})
 
 
 def _accepts(name: str, key: str, value: float) -> None:
@@ -107,8 +113,7 @@ PLAIN: dict[str, set[str]] = {
 def test_a_key_whose_name_does_not_say_it_all_is_explained() -> None:
     assert BenchSettings()
     for name, plain in PLAIN.items():
-        model: type[BaseModel] = getattr(room, name)
-        assert {key for key, field in model.model_fields.items() if field.description is None} == plain
+        assert {key for key, field in _model(name).model_fields.items() if field.description is None} == plain
 
 
 def test_a_drive_has_to_be_given_its_device_id() -> None:

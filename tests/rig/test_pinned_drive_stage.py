@@ -6,8 +6,9 @@ from functools import partial
 import pytest
 
 from rig.devices.bench_settings import SyncSettings
-from rig.devices.stage import LeadshineStage, StageAlarm, StageError
-from rig.devices.stage.leadshine_words import number, words
+from rig.devices.stage import StageAlarm, StageError
+from rig.devices.stage.leadshine.leadshine_stage import LeadshineStage
+from rig.devices.stage.leadshine.leadshine_words import number, words
 from sim.devices.clock import VirtualClock
 from tests.drives_as_registers import ALARM, DISABLED, HOMED, RUNNING, Bus, X, Z, homed_stage
 

@@ -8,8 +8,10 @@ from typing import Any
 
 import pytest
 
-from rig.devices.bench_settings import DriveSettings
-from rig.devices.stage import LeadshineDrive, LeadshineStage, StageError, StageTimeout
+from rig.devices.stage import StageError, StageTimeout
+from rig.devices.stage.leadshine.leadshine_drive import LeadshineDrive
+from rig.devices.stage.leadshine.leadshine_settings import DriveSettings
+from rig.devices.stage.leadshine.leadshine_stage import LeadshineStage
 from rig.transport.modbus import ModbusRefused
 from sim.devices.clock import VirtualClock
 from tests.drives_as_registers import CONTROL, HOMED, PR0, RUNNING, STATUS, TRIGGER, Bus, X, Z, homed_stage

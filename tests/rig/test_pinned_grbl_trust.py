@@ -4,8 +4,9 @@ from collections.abc import Callable
 
 import pytest
 
-from rig.devices.stage import GrblStage, StageAlarm, StageError, StageRejected, StageReset, StageTimeout
+from rig.devices.stage import StageAlarm, StageError, StageRejected, StageReset, StageTimeout
 from rig.devices.stage.base import StageNotHomed
+from rig.devices.stage.grbl.grbl_stage import GrblStage
 from sim.devices.clock import VirtualClock
 from tests.told_board import BANNER, Board, at, connected
 

@@ -4,9 +4,10 @@ from typing import Any
 
 import pytest
 
-from rig.devices.stage import GrblStage, StageAlarm, StageError, StageRejected
-from rig.devices.stage.grbl_settings import expected_settings
-from rig.devices.stage.grbl_words import travel_s
+from rig.devices.stage import StageAlarm, StageError, StageRejected
+from rig.devices.stage.grbl.grbl_settings import expected_settings
+from rig.devices.stage.grbl.grbl_stage import GrblStage
+from rig.devices.stage.grbl.grbl_words import travel_s
 from rig.engine.rig_settings import RigSettings
 from sim.devices.clock import VirtualClock
 from tests.told_board import Board

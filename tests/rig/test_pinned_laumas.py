@@ -5,17 +5,9 @@ from typing import Any
 
 import pytest
 
-from rig.devices.bench_settings import LaumasSettings
-from rig.devices.force import (
-    ForceBroken,
-    ForceBusy,
-    ForceError,
-    ForceOverload,
-    ForceReading,
-    ForceUnderload,
-    LaumasForce,
-)
-from rig.devices.force.laumas import COMMAND, IDENTITY, STATUS
+from rig.devices.force import ForceBroken, ForceBusy, ForceError, ForceOverload, ForceReading, ForceUnderload
+from rig.devices.force.laumas.laumas_force import COMMAND, IDENTITY, STATUS, LaumasForce
+from rig.devices.force.laumas.laumas_settings import LaumasSettings
 from sim.devices.clock import VirtualClock
 
 GWT_N = 9.80665e-3

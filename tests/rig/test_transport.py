@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from rig.devices.catalogue import open_force, open_stage
+from rig.devices.drivers import open_force, open_stage
 from rig.plan.config import Config
 from rig.transport import (
     LineReader,
@@ -162,7 +162,7 @@ def test_the_settings_of_a_port_reach_it(table: str, monkeypatch: pytest.MonkeyP
         opened.append((port, baud, character, dtr))
         return LoopbackTransport(SerialLine(VirtualClock(), 9600), VirtualClock())
 
-    monkeypatch.setattr("rig.devices.catalogue.open_port", note)
+    monkeypatch.setattr("rig.devices.drivers.open_port", note)
     config = Config.model_validate({table: {"port": "/dev/ttyX", "baud": 2400, "character": "7E1", "dtr": False}})
     {"stage": open_stage, "force": open_force}[table](config, WallClock())
     assert opened == [("/dev/ttyX", 2400, "7E1", False)]

@@ -9,8 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rig.devices.force import ForceOverload, ForceTimeout, MtSicsForce
-from rig.devices.stage import GrblStage, StageAlarm, StageError, StageReset, StageTimeout
+from rig.devices.force import ForceOverload, ForceTimeout
+from rig.devices.force.mtsics.mtsics_force import MtSicsForce
+from rig.devices.stage import StageAlarm, StageError, StageReset, StageTimeout
+from rig.devices.stage.grbl.grbl_stage import GrblStage
 from rig.transport import LoopbackTransport
 from sim.devices import Load, Mechanics, SerialLine, VirtualBalance, VirtualGrbl
 from sim.devices.clock import VirtualClock

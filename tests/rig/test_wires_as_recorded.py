@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 
-from rig.devices.catalogue import force_driver, stage_driver
+from rig.devices.drivers import force_driver, stage_driver
 from rig.devices.force import ForceError
 from rig.devices.stage import Stage, StageError
 from rig.plan.config import Config
 from rig.transport import LoopbackTransport
 from rig.transport.byte_log import LoggedTransport
-from rig.virtual.virtual_devices import FORCES, STAGES
+from rig.virtual.twins import virtual_force, virtual_stage
 from sim.devices import SerialLine
 from sim.devices.cell import Load
 from sim.devices.clock import VirtualClock
@@ -165,7 +165,7 @@ STAGE_SCENES: dict[str, dict[str, Any]] = {
 def test_a_stage(recorded: Recorded, name: str) -> None:
     config, clock = Config.model_validate(STAGE_SCENES[name]), VirtualClock()
     line = SerialLine(clock, config.stage.baud)
-    STAGES[config.stage.kind](clock, line, config)
+    virtual_stage(clock, line, config)
     wire = Wire(clock, line, framing=config.stage.framing)
     stage: Stage = stage_driver(lambda _: wire, clock, config)
     diary = Diary(clock)
@@ -176,7 +176,7 @@ def test_a_stage(recorded: Recorded, name: str) -> None:
 def test_a_drive_that_reports_faults(recorded: Recorded) -> None:
     config, clock = Config.model_validate({"stage": {"kind": "leadshine"}}), VirtualClock()
     line = SerialLine(clock, config.stage.baud)
-    pair: Any = STAGES["leadshine"](clock, line, config)
+    pair: Any = virtual_stage(clock, line, config)
     wire = Wire(clock, line, framing=None)
     stage: Any = stage_driver(lambda _: wire, clock, config)
     diary = Diary(clock)
@@ -209,7 +209,7 @@ def test_a_force_sensor(recorded: Recorded, name: str) -> None:
     config, clock = Config.model_validate(FORCE_SCENES[name]), VirtualClock()
     line = SerialLine(clock, config.force.baud)
     load_n = [0.05]
-    FORCES[config.force.kind](clock, line, config, Load(lambda t_s: load_n[0] * (1 + math.exp(-t_s))))
+    virtual_force(clock, line, config, Load(lambda t_s: load_n[0] * (1 + math.exp(-t_s))))
     wire, diary = Wire(clock, line, framing=config.force.framing), Diary(clock)
     force: Any = force_driver(lambda _: wire, clock, config)
     for what in ("connect", "identify", "read", "zero", "read", "tare", "show_gross"):

@@ -10,8 +10,6 @@ from rig.devices.force.base import (
     ForceTimeout,
     ForceUnderload,
 )
-from rig.devices.force.laumas import LaumasForce
-from rig.devices.force.mtsics import MtSicsForce
 
 __all__ = [
     "ForceBroken",
@@ -22,6 +20,4 @@ __all__ = [
     "ForceSensor",
     "ForceTimeout",
     "ForceUnderload",
-    "LaumasForce",
-    "MtSicsForce",
 ]

@@ -7,15 +7,19 @@ arcs, probe, hard limits.
 
 from math import inf
 
+from sim.devices.clock import Scheduler
 from sim.devices.grbl import report
-from sim.devices.grbl.core import Wait
+from sim.devices.grbl.core import Mechanics, Wait
 from sim.devices.grbl.gcode import Command, parse
 from sim.devices.grbl.lines import GcodeError
 from sim.devices.grbl.motion import Vec
 from sim.devices.grbl.overrides import Overrides
 from sim.devices.grbl.planner import BLOCKS
-from sim.devices.grbl.settings import SOFT_LIMITS
+from sim.devices.grbl.settings import SOFT_LIMITS, STEP_DIRECTION, STEPS_PER_MM
+from sim.devices.grbl.settings import TRAVEL as TRAVEL_MM
 from sim.devices.grbl.system import INVALID_STATEMENT, NOT_IDLE, GrblSystem
+from sim.devices.line import SerialLine
+from sim.devices.told import StageTold
 
 LOCKED, TRAVEL = 9, 15
 SOFT_LIMIT = 2
@@ -159,3 +163,12 @@ class VirtualGrbl(GrblSystem):
         if self._planner.queue(self._queued_to, (x, y, z), speed, now_s, jog=state == "Jog"):
             self._state = state
         self._queued_to = (x, y, z)
+
+
+def grbl_twin(scheduler: Scheduler, line: SerialLine, told: StageTold) -> VirtualGrbl:
+    """A board whose settings are those that the rig expects."""
+    reversed_axes = sum(1 << i for i, per_mm in enumerate(told.steps_per_mm) if per_mm < 0)
+    settings: dict[int, float] = {STEP_DIRECTION: reversed_axes}
+    settings |= {TRAVEL_MM + i: mm for i, mm in enumerate(told.travel_mm)}
+    settings |= {STEPS_PER_MM + i: abs(per_mm) for i, per_mm in enumerate(told.steps_per_mm)}
+    return VirtualGrbl(scheduler, line, settings=settings, mechanics=Mechanics(play_steps=told.play_steps))

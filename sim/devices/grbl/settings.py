@@ -8,7 +8,8 @@ from collections.abc import Mapping
 from sim.devices.grbl.blocks import AxisLimits
 from sim.devices.grbl.motion import Vec
 
-INCHES, SOFT_LIMITS, HOMING = 13, 20, 22
+STEP_DIRECTION, INCHES, SOFT_LIMITS, HOMING = 3, 13, 20, 22
+STEPS_PER_MM, TRAVEL = 100, 130  # of x, the other axes after it
 
 # 400 steps/mm: a 1.8° motor on a 0.5 mm screw. Z (vertical) is the slow axis; all are far under a stall.
 RIG_DEFAULTS: Mapping[int, float] = {

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from rig.cli import main
-from rig.devices.stage import GrblStage
+from rig.devices.stage.grbl.grbl_stage import GrblStage
 from rig.plan.config import Config
 from rig.transport import open_port
 from rig.transport.clock import WallClock

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from rig.devices.stage import GrblStage
+from rig.devices.stage.grbl.grbl_stage import GrblStage
 from rig.transport import open_port
 from rig.transport.clock import WallClock
 from rig.virtual.served_bench import ServedBench

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from rig.devices.force import MtSicsForce
-from rig.devices.stage import GrblStage
+from rig.devices.force.mtsics.mtsics_force import MtSicsForce
+from rig.devices.stage.grbl.grbl_stage import GrblStage
 from rig.transport import open_port
 from rig.transport.clock import WallClock
 from sim.models.fingertip import Fingertip

@@ -18,7 +18,7 @@ from rig.devices.stage.base import (
     StageTimeout,
     is_held,
 )
-from rig.devices.stage.grbl_words import (
+from rig.devices.stage.grbl.grbl_words import (
     ALARMS,
     ERRORS,
     FULL,

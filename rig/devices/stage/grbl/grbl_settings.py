@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Mapping
 
 from rig.devices.bench_settings import BenchSettings
-from rig.devices.stage.grbl_words import Xyz, travel_s
+from rig.devices.stage.grbl.grbl_words import Xyz, travel_s
 
 STEP_DIRECTION, REPORTS, INCHES, SOFT_LIMITS, HOMING, LASER = 3, 10, 13, 20, 22, 32
 OVERRIDES_REPORTED = 1 << 6

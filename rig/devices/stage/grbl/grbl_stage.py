@@ -19,8 +19,8 @@ from rig.devices.stage.base import (
     is_held,
     next_look_s,
 )
-from rig.devices.stage.grbl_link import ASK_TIMES, GrblLink
-from rig.devices.stage.grbl_settings import (
+from rig.devices.stage.grbl.grbl_link import ASK_TIMES, GrblLink
+from rig.devices.stage.grbl.grbl_settings import (
     INCHES,
     STEP_DIRECTION,
     STEPS_PER_MM,
@@ -31,7 +31,7 @@ from rig.devices.stage.grbl_settings import (
     overrun,
     unreported,
 )
-from rig.devices.stage.grbl_words import (
+from rig.devices.stage.grbl.grbl_words import (
     FULL,
     HOLD_AND_RESET,
     JOG_CANCEL,

@@ -4,10 +4,10 @@ import math
 from collections.abc import Callable
 
 from rig.devices.bench_settings import SLOWEST_MM_S, SyncSettings
-from rig.devices.stage import leadshine_words as reg
 from rig.devices.stage.base import LOOK_S, Axis, Looks, Stage, StageError, StageNotHomed, StageStatus
-from rig.devices.stage.leadshine_drive import LeadshineDrive
-from rig.devices.stage.leadshine_words import Status
+from rig.devices.stage.leadshine import leadshine_words as reg
+from rig.devices.stage.leadshine.leadshine_drive import LeadshineDrive
+from rig.devices.stage.leadshine.leadshine_words import Status
 from rig.transport.modbus import ModbusMaster
 
 _SAME_PLACE_MM = 1e-6

@@ -7,10 +7,10 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from rig.devices.bench_settings import DriveSettings
-from rig.devices.stage import leadshine_words as reg
 from rig.devices.stage.base import LOOK_S, StageAlarm, StageError, StageTimeout, next_look_s
-from rig.devices.stage.leadshine_words import Status
+from rig.devices.stage.leadshine import leadshine_words as reg
+from rig.devices.stage.leadshine.leadshine_settings import DriveSettings
+from rig.devices.stage.leadshine.leadshine_words import Status
 from rig.transport.clock import Clock
 from rig.transport.modbus import ModbusError, ModbusMaster, ModbusTimeout
 

@@ -7,7 +7,6 @@ LaumasSettings.
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from rig.devices.bench_settings import LaumasSettings
 from rig.devices.force.base import (
     ForceBroken,
     ForceBusy,
@@ -17,6 +16,7 @@ from rig.devices.force.base import (
     ForceTimeout,
     ForceUnderload,
 )
+from rig.devices.force.laumas.laumas_settings import LaumasSettings
 from rig.devices.units import GWT_N
 from rig.transport.clock import Clock
 from rig.transport.modbus import ModbusError, ModbusMaster, ModbusTimeout

@@ -1,0 +1,1 @@
+"""A scale that speaks lines, for the indentation rig."""

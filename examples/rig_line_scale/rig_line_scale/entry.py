@@ -1,0 +1,39 @@
+"""What the rig must know of the scale."""
+
+from pydantic import Field
+
+from rig.devices.bench_settings import BenchSettings
+from rig.devices.force.base import ForceSensor
+from rig.devices.kinds import ForceKind, Opener
+from rig.transport.clock import Clock
+from rig.transport.port_settings import Settings
+from rig_line_scale.driver import LineScaleForce
+
+
+class LineScaleSettings(Settings):
+    """The table [force.line_scale]."""
+
+    address: int = Field(1, ge=0, le=99, description="as set on the scale")
+
+
+def line_scale(opener: Opener, clock: Clock, settings: BenchSettings) -> ForceSensor:
+    """The driver, as configured. Raises TransportError."""
+    force = settings.force
+    return LineScaleForce(
+        opener(force.port),
+        clock,
+        force.own(LineScaleSettings).address,
+        sample_period_s=force.sample_period_s,
+        resolution_gwt=force.resolution_gwt,
+        scale=settings.calibration.value("force_scale", 1.0),
+    )
+
+
+DEVICE = ForceKind(
+    name="line_scale",
+    device="scale that speaks lines",
+    driver=line_scale,
+    settings=LineScaleSettings,
+    twin="rig_line_scale.twin:line_scale_twin",
+    tests=("tests/test_line_scale.py",),
+)

@@ -1,0 +1,39 @@
+"""The drivers of the configured devices, on any wires or on the ports of the configuration."""
+
+from functools import partial
+
+from rig.devices.bench_settings import BenchSettings, ForceSettings, StageSettings
+from rig.devices.catalogue import find
+from rig.devices.force.base import ForceSensor
+from rig.devices.kinds import ForceKind, Opener, StageKind
+from rig.devices.stage.base import Stage
+from rig.transport import LoggedTransport, Transport, open_port
+from rig.transport.byte_log import Sink
+from rig.transport.clock import Clock
+
+
+def stage_driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
+    """The driver for the configured kind of stage, on any wires and any clock. Raises what the opener raises."""
+    return find(StageKind, settings.stage.kind).driver(opener, clock, settings)
+
+
+def force_driver(opener: Opener, clock: Clock, settings: BenchSettings) -> ForceSensor:
+    """The driver for the configured kind of sensor, on any wire and any clock. Raises what the opener raises."""
+    return find(ForceKind, settings.force.kind).driver(opener, clock, settings)
+
+
+def open_stage(settings: BenchSettings, clock: Clock, byte_log: Sink | None = None) -> Stage:
+    """The stage on its port, not yet spoken to. Raises TransportError."""
+    opener = partial(_open, settings=settings.stage, clock=clock, byte_log=byte_log)
+    return stage_driver(opener, clock, settings)
+
+
+def open_force(settings: BenchSettings, clock: Clock, byte_log: Sink | None = None) -> ForceSensor:
+    """The force sensor on its port, not yet spoken to. Raises TransportError."""
+    opener = partial(_open, settings=settings.force, clock=clock, byte_log=byte_log)
+    return force_driver(opener, clock, settings)
+
+
+def _open(port: str, *, settings: StageSettings | ForceSettings, clock: Clock, byte_log: Sink | None) -> Transport:
+    transport = open_port(port, settings.baud, character=settings.character, dtr=settings.dtr)
+    return transport if byte_log is None else LoggedTransport(transport, clock, byte_log)

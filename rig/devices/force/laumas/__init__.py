@@ -1,0 +1,1 @@
+"""A Laumas load-cell transmitter."""

@@ -1,0 +1,1 @@
+"""A balance that speaks MT-SICS."""

@@ -1,0 +1,1 @@
+"""A stage behind a GRBL 1.1 board, or one with grblHAL."""

@@ -1,0 +1,1 @@
+"""A stage of two Leadshine drives without a board between."""

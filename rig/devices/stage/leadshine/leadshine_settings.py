@@ -1,0 +1,28 @@
+"""What a pair of Leadshine drives must be told: `[stage.drives]`."""
+
+from pydantic import Field
+
+from rig.transport.port_settings import Port, Settings
+
+
+class DriveSettings(Settings):
+    """One Leadshine drive. Second-hand: not from the maker's manual, to be looked up before the drive moves."""
+
+    device_id: int = Field(ge=1, le=31)
+    port: Port | None = Field(None, description="its own, where it does not share the stage's")
+    pulses_per_rev: int = Field(400, ge=200, le=51200, description="must be what the drive says")
+    pulses_per_rev_register: int = Field(0x0001, ge=0, le=0xFFFF, description="second-hand")
+    ramp_ms: int = Field(333, ge=1, le=10_000, description="acceleration and deceleration as the drive takes them")
+    ramp_rpm: float = Field(1000.0, gt=0, description="a ramp is told in ms for this many rpm; second-hand")
+    homing_mode: int = Field(0x0001, ge=0, le=0xFFFF, description="as in the drive's manual; second-hand")
+    homing_high_rpm: int = Field(300, ge=1, le=600)
+    homing_low_rpm: int = Field(25, ge=1, le=100)
+    homing_ramp_ms: int = Field(333, ge=1, le=10_000)
+    jog_rpm_register: int = Field(0x01E1, ge=0, le=0xFFFF, description="second-hand")
+
+
+class DrivesSettings(Settings):
+    """The drives of a stage without a board: x lateral and z vertical; y stays where it was set by hand."""
+
+    x: DriveSettings = DriveSettings(device_id=1)
+    z: DriveSettings = DriveSettings(device_id=2)

@@ -1,0 +1,52 @@
+"""Packages that offer devices, as an installer would leave them: for tests of the catalogue."""
+
+import sys
+import tomllib
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+
+EXAMPLE = Path(__file__).parents[1] / "examples" / "rig_line_scale"
+
+
+def dist_info(name: str, version: str, points: Mapping[str, str]) -> dict[str, str]:
+    """The files that make a package known, by path."""
+    folder = f"{name.replace('-', '_')}-{version}.dist-info"
+    entries = "".join(f"{point} = {place}\n" for point, place in points.items())
+    return {
+        f"{folder}/METADATA": f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n",
+        f"{folder}/WHEEL": "Wheel-Version: 1.0\nGenerator: by hand\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
+        f"{folder}/entry_points.txt": f"[rig.devices]\n{entries}",
+    }
+
+
+def offer(folder: Path, name: str, points: Mapping[str, str], modules: Mapping[str, str] | None = None) -> None:
+    """Leave a package of version 1.0 in a folder."""
+    files = dist_info(name, "1.0", points) | {f"{module}.py": text for module, text in (modules or {}).items()}
+    for path, text in files.items():
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_text(text, encoding="utf-8")
+
+
+def wheel(project: Path, folder: Path) -> Path:
+    """A project with one plain package as a wheel, made without its build system: nothing has to be fetched."""
+    told = tomllib.loads((project / "pyproject.toml").read_text(encoding="utf-8"))
+    about, (package,) = told["project"], told["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
+    files = dist_info(about["name"], about["version"], about["entry-points"]["rig.devices"])
+    files |= {
+        path.relative_to(project).as_posix(): path.read_text(encoding="utf-8")
+        for path in sorted((project / package).rglob("*.py"))
+    }
+    record = next(iter(files)).replace("METADATA", "RECORD")
+    files[record] = "".join(f"{path},,\n" for path in (*files, record))
+    made = folder / f"{about['name'].replace('-', '_')}-{about['version']}-py3-none-any.whl"
+    with zipfile.ZipFile(made, "w") as archive:
+        for path, text in files.items():
+            archive.writestr(path, text)
+    return made
+
+
+def forget(prefix: str) -> None:
+    """Take modules of such packages out of this process."""
+    for name in [name for name in sys.modules if name.startswith(prefix)]:
+        del sys.modules[name]

@@ -1,0 +1,22 @@
+"""The entry of the hobby board."""
+
+from rig.devices.stage.hobby.hobby_stage import HobbyStage
+
+from rig.devices.bench_settings import BenchSettings
+from rig.devices.kinds import Opener, StageKind
+from rig.devices.stage.base import Stage
+from rig.devices.stage.grbl.grbl_settings import expected_settings
+from rig.transport.clock import Clock
+
+
+def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
+    return HobbyStage(opener(settings.stage.port), clock, expected=expected_settings(settings))
+
+
+DEVICE = StageKind(
+    name="hobby",
+    device="hobby board",
+    driver=_driver,
+    twin="sim.devices.hobby:hobby_twin",
+    tests=("tests/test_hobby.py",),
+)

@@ -1,0 +1,1 @@
+"""A scale that answers in plain numbers."""

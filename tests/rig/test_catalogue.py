@@ -1,0 +1,375 @@
+"""The catalogue of devices: every entry is whole, and a package that offers a bad one harms nobody else."""
+
+import io
+import json
+import re
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from pydantic import BaseModel
+
+from rig.cli import main
+from rig.devices import catalogue
+from rig.devices.bench_settings import BenchSettings, ForceSettings, StageSettings
+from rig.devices.catalogue import KindError, find, names
+from rig.devices.drivers import force_driver, stage_driver
+from rig.devices.kinds import ForceKind, Kind, Room, StageKind
+from rig.devices.own_table import as_kind
+from rig.plan.config import Config, load_config
+from rig.protocol.errors import BadInputError
+from rig.session.rehearsal import SpringPlant
+from rig.transport import LoopbackTransport
+from rig.transport.port_settings import Settings
+from rig.virtual.served_bench import ServedBench
+from rig.virtual.twins import refuse_twinless, virtual_force, virtual_stage, with_stand_ins
+from rig.virtual.virtual_bench import bench_around
+from sim.devices.cell import Load
+from sim.devices.clock import VirtualClock
+from sim.devices.line import SerialLine
+from tests.offered import EXAMPLE, forget, offer
+
+ROOT = Path(__file__).parents[2]
+WORDS = {"register_address": 0x157, "on_word": 0x80, "off_word": 0}
+ONE_LINE_FOR_ALL = {"bits"}  # tables whose keys the page does not list one by one
+BUILT_IN: list[tuple[type[Kind], str]] = [
+    (of, name) for of in catalogue.KINDS for name in catalogue.built_in(of.room)
+]
+EVERY = [*BUILT_IN, (ForceKind, "line_scale")]
+every_kind = pytest.mark.parametrize(("of", "name"), EVERY, ids=lambda it: it if isinstance(it, str) else it.room)
+
+Offer = Callable[..., None]
+
+
+@pytest.fixture
+def offered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Offer]:
+    """Offers devices in the words of tests/offered.py; forgotten after the test."""
+    folder = tmp_path / "site"
+    folder.mkdir()
+    monkeypatch.syspath_prepend(folder)
+    catalogue._offered.cache_clear()
+
+    def put(name: str, points: dict[str, str], **modules: str) -> None:
+        offer(folder, name, points, modules)
+        catalogue._offered.cache_clear()
+
+    yield put
+    catalogue._offered.cache_clear()
+    forget("odd_")
+
+
+@pytest.fixture
+def example(offered: Offer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The example package, known as if it were installed."""
+    monkeypatch.syspath_prepend(EXAMPLE)
+    offered("rig-line-scale", {"force.line_scale": "rig_line_scale.entry:DEVICE"})
+
+
+def _config(of: type[Kind], name: str, **tables: object) -> Config:
+    return Config.model_validate({of.room: {"kind": name}, **tables})
+
+
+def _project(name: str) -> tuple[Path, Path]:
+    """Where an entry's tests lie, and the page that tells of it."""
+    inside = name in (name for _, name in BUILT_IN)
+    return (ROOT, ROOT / "docs" / "devices.md") if inside else (EXAMPLE, EXAMPLE / "README.md")
+
+
+# --- every entry ---
+
+
+def test_the_names_that_there_are() -> None:
+    assert names("stage") == ["grbl", "leadshine"]
+    assert names("force") == ["mtsics", "laumas"]
+    assert StageSettings().kind == names("stage")[0]
+    assert ForceSettings().kind == names("force")[0]
+
+
+@every_kind
+def test_an_entry_is_whole(of: type[Kind], name: str, example: None) -> None:
+    entry = find(of, name)
+    project, page = _project(name)
+    assert type(entry) is of
+    assert entry.name == name in names(of.room)
+    assert entry.device
+    assert entry.tests
+    for path in entry.tests:
+        assert "def test_" in (project / path).read_text(encoding="utf-8")
+    assert f"`{name}`" in page.read_text(encoding="utf-8") or f'"{name}"' in page.read_text(encoding="utf-8")
+    assert not [twin for twin in [entry.twin] if twin.startswith("rig.")]
+    assert not entry.table or entry.settings
+
+
+def test_the_page_tells_of_each_kind_what_its_entry_says() -> None:
+    page = (ROOT / "docs" / "devices.md").read_text(encoding="utf-8")
+    for of, name in BUILT_IN:
+        entry = find(of, name)
+        table = f"`[{of.room}.{entry.place}]`" if entry.settings else "–"
+        row = [entry.device, table]
+        if isinstance(entry, StageKind):
+            row += [", ".join(entry.axes), ", ".join(f"`{one}`" for one in entry.outputs)]
+        row += [f"`{entry.twin}`", ", ".join(f"`{path}`" for path in entry.tests)]
+        assert f"| `{name}` | {' | '.join(row)} |\n" in page, name
+
+
+def _keys(table: type[BaseModel]) -> Iterator[str]:
+    for name, field in table.model_fields.items():
+        yield name
+        inner = field.annotation
+        if isinstance(inner, type) and issubclass(inner, Settings) and name not in ONE_LINE_FOR_ALL:
+            yield from _keys(inner)
+
+
+@every_kind
+def test_its_own_table_is_checked_and_told_of(of: type[Kind], name: str, example: None) -> None:
+    entry = find(of, name)
+    if entry.settings is None:
+        return
+    device = getattr(_config(of, name), of.room)
+    assert device.own(entry.settings) == entry.settings()
+    page = _project(name)[1].read_text(encoding="utf-8")
+    for key in _keys(entry.settings):
+        assert re.search(rf"[`.]{key}[\]`]|^{key} = ", page, re.MULTILINE), key
+    with pytest.raises(ValueError, match=f"{of.room}.{entry.place}.no_such_key\n"):
+        Config.model_validate({of.room: {"kind": name, entry.place: {"no_such_key": 1}}})
+
+
+@every_kind
+def test_driver_and_twin_meet_on_one_line(of: type[Kind], name: str, example: None) -> None:
+    """The twin is found and answers the driver, both as configured."""
+    config, clock = _config(of, name), VirtualClock()
+    refuse_twinless(config.stage, config.force)
+    line = SerialLine(clock, 115200)
+    wire = LoopbackTransport(line, clock, "wire")
+    if of is StageKind:
+        virtual_stage(clock, line, config)
+        assert stage_driver(lambda _: wire, clock, config).connect()
+    else:
+        virtual_force(clock, line, config, Load(lambda t_s: 0.02))
+        force = force_driver(lambda _: wire, clock, config)
+        assert force.connect()
+        assert force.read().force_n == pytest.approx(0.02, abs=1e-4)
+
+
+@pytest.mark.parametrize("name", catalogue.built_in("stage"))
+def test_a_stage_has_the_ports_axes_and_outputs_that_it_says(name: str) -> None:
+    entry, stage = find(StageKind, name), StageSettings(kind=name, port="/dev/a")
+    assert stage.ports == entry.ports(stage) == ("/dev/a",)
+    assert stage.moves_along is (entry.axes == "xyz")
+    assert entry.outputs[0] == "off"
+    for output in entry.outputs:
+        assert _config(StageKind, name, sync={"output": output, **WORDS}).sync.output == output
+
+
+# --- a package's own kind ---
+
+
+def test_a_list_of_names_imports_nothing(offered: Offer) -> None:
+    offered("odd", {"force.odd": "odd_there:DEVICE", "stage.odd": "odd_elsewhere:DEVICE"}, odd_there="1 / 0")
+    assert names("force") == ["mtsics", "laumas", "odd"]
+    assert names("stage") == ["grbl", "leadshine", "odd"]
+    assert not [name for name in sys.modules if name.startswith("odd_")]
+
+
+def test_packages_are_looked_for_only_where_this_program_has_no_such_kind(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(catalogue, "_offered", lambda: pytest.fail("looked"))
+    for of, name in BUILT_IN:
+        assert getattr(_config(of, name), of.room).entry.name == name
+
+
+def test_its_table_is_a_part_of_the_configuration(example: None, tmp_path: Path) -> None:
+    toml = tmp_path / "rig.toml"
+    toml.write_text('[force]\nkind = "line_scale"\nbaud = 4800\n[force.line_scale]\naddress = 7\n', encoding="utf-8")
+    config = load_config(toml)
+    assert config.model_dump()["force"]["line_scale"] == {"address": 7}
+    toml.write_text(config.as_toml(), encoding="utf-8")
+    assert load_config(toml) == config
+    other = as_kind(ForceSettings, config.force, "mtsics")
+    assert (other.kind, other.baud, hasattr(other, "line_scale")) == ("mtsics", 4800, False)
+    assert as_kind(ForceSettings, config.force, "line_scale") is config.force
+    assert as_kind(ForceSettings, other, "line_scale").model_dump()["line_scale"] == {"address": 1}
+    with pytest.raises(TypeError, match="line_scale has no BenchSettings"):
+        config.force.own(BenchSettings)  # type: ignore[type-var]
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ('kind = "line_scal"\n', "force.kind = 'line_scal': input should be 'mtsics', 'laumas' or 'line_scale'"),
+        (
+            'kind = "line_scale"\nline_scale.adress = 7\n',
+            "force.line_scale.adress: there is no such key, did you mean",
+        ),
+        (
+            'kind = "line_scale"\nline_scal.address = 7\n',
+            "force.line_scal: there is no such key, did you mean",
+        ),
+        (
+            'kind = "line_scale"\nline_scale.address = 100\n',
+            "force.line_scale.address = 100: input should be",
+        ),
+        ('kind = "line_scale"\nlaumas.count_g = 0\n', "force.laumas.count_g = 0: input should be greater than 0"),
+        ("line_scale.address = 7\n", "force: line_scale: expected with kind = 'line_scale' only"),
+    ],
+)
+def test_a_mistake_in_it_is_told_like_any_other(text: str, complaint: str, example: None, tmp_path: Path) -> None:
+    toml = tmp_path / "rig.toml"
+    toml.write_text(f"[force]\n{text}", encoding="utf-8")
+    with pytest.raises(BadInputError) as caught:
+        load_config(toml)
+    assert complaint in str(caught.value)
+    for typed, meant in {"adress": "address", "line_scal.address": "line_scale"}.items():
+        assert (typed in text) == str(caught.value).endswith(f", did you mean {meant}?")
+
+
+def test_a_table_that_must_be_given_is_asked_for(offered: Offer) -> None:
+    text = ENTRY.replace("class Table(Settings):\n    ", "class Table(Settings):\n    must: int\n    ")
+    offered("odd", {"force.odd": "odd_there:DEVICE"}, odd_there=text)
+    with pytest.raises(ValueError, match=r"force\.odd\n +Field required"):
+        _config(ForceKind, "odd")
+    assert Config.model_validate({"force": {"kind": "odd", "odd": {"must": 3}}}).model_dump()["force"]["odd"] == {
+        "must": 3, "may": 1,
+    }  # fmt: skip
+
+
+# --- what cannot be used ---
+
+ENTRY = """
+from rig.devices.kinds import ForceKind
+from rig.transport.port_settings import Settings
+
+class Table(Settings):
+    may: int = 1
+
+DEVICE = ForceKind(name="odd", device="odd", driver=None, settings=Table, tests=(), twin="")
+"""
+
+
+@pytest.mark.parametrize(
+    ("place", "text", "told"),
+    [
+        (
+            "odd_there:DEVICE",
+            "import no_such_module",
+            "odd 1.0 cannot be used: ModuleNotFoundError: No module",
+        ),
+        ("odd_nowhere:DEVICE", "", "odd 1.0 cannot be used: ModuleNotFoundError: No module named 'odd_nowhere'"),
+        ("odd_there:DEVICE", "raise RuntimeError('two\\nlines')", "odd 1.0 cannot be used: RuntimeError: two lines"),
+        ("odd_there:DEVICE", "raise SystemExit(3)", "odd 1.0 cannot be used: SystemExit: 3"),
+        ("odd_there:OTHER", ENTRY, "odd 1.0 cannot be used: AttributeError"),
+        ("odd_there:DEVICE", "DEVICE = 3", "odd 1.0 cannot be used: odd_there:DEVICE is no ForceKind"),
+        ("odd_there:DEVICE", ENTRY.replace('"odd", device', '"even", device'), "odd_there:DEVICE is named 'even'"),
+    ],
+)
+def test_a_broken_package_is_named_and_harms_nobody_else(offered: Offer, place: str, text: str, told: str) -> None:
+    offered("odd", {"force.odd": place}, odd_there=text)
+    with pytest.raises(KindError) as caught:
+        find(ForceKind, "odd")
+    assert told in str(caught.value)
+    assert "\n" not in str(caught.value)
+    with pytest.raises(ValueError, match=re.escape(told)):
+        _config(ForceKind, "odd")
+    assert [line for line in catalogue.problems() if "force.kind = 'odd': " in line and told in line]
+    for of, name in BUILT_IN:
+        assert getattr(_config(of, name), of.room).kind == name
+
+
+def test_a_sensor_is_no_stage(offered: Offer) -> None:
+    offered("odd", {"stage.odd": "odd_there:DEVICE"}, odd_there=ENTRY)
+    with pytest.raises(KindError, match=r"odd 1\.0 cannot be used: odd_there:DEVICE is no StageKind"):
+        find(StageKind, "odd")
+    with pytest.raises(KindError, match=r"^input should be 'mtsics' or 'laumas'$"):
+        find(ForceKind, "odd")
+
+
+def test_a_name_that_is_taken(offered: Offer) -> None:
+    """This program's own kind is used; of two packages none is."""
+    offered("odd-one", {"stage.grbl": "odd_there:DEVICE", "force.odd": "odd_there:DEVICE"}, odd_there=ENTRY)
+    assert find(StageKind, "grbl").device.startswith("GRBL")
+    assert find(ForceKind, "odd").name == "odd"
+    offered("odd-two", {"force.odd": "odd_there:DEVICE", "force": "odd_there:DEVICE", "camera.x": "odd_there:DEVICE"})
+    both = "offered by odd-one 1.0 and odd-two 1.0: expected one of these packages to be uninstalled"
+    with pytest.raises(KindError, match=both):
+        find(ForceKind, "odd")
+    assert list(catalogue.problems()) == [
+        "odd-two 1.0: entry point 'camera.x' of rig.devices: expected stage.NAME or force.NAME",
+        "odd-two 1.0: entry point 'force' of rig.devices: expected stage.NAME or force.NAME",
+        f"force.kind = 'odd': {both}",
+        "odd-one 1.0: stage.kind = 'grbl' is taken: this program's own is used",
+    ]
+    assert names("stage") == ["grbl", "leadshine"]
+
+
+def test_doctor_tells_of_packages(
+    offered: Offer, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    offered("odd", {"force.odd": "odd_there:DEVICE"}, odd_there="1 / 0")
+    monkeypatch.setattr(sys, "argv", ["rig", "doctor", "--json"])
+    with pytest.raises(SystemExit):
+        main()
+    told = json.loads(capsys.readouterr().out)
+    assert told["devices"] == {"stage": "grbl leadshine", "force": "mtsics laumas odd (odd 1.0)"}
+    assert told["problems"] == ["force.kind = 'odd': odd 1.0 cannot be used: ZeroDivisionError: division by zero"]
+
+
+# --- twins ---
+
+
+@pytest.mark.parametrize(
+    ("twin", "told"),
+    [
+        ("", "this device has no virtual twin, expected another one here, such as force.kind = 'mtsics'"),
+        ("odd_twin:make", "its virtual twin odd_twin:make: ModuleNotFoundError: No module named 'odd_twin'"),
+        ("odd_there:make", "its virtual twin odd_there:make: AttributeError: "),
+    ],
+)
+def test_a_device_without_a_twin_is_refused_in_one_line(offered: Offer, twin: str, told: str) -> None:
+    told = f"force.kind = 'odd': {told}"
+    offered("odd", {"force.odd": "odd_there:DEVICE"}, odd_there=ENTRY.replace('twin=""', f"twin={twin!r}"))
+    config = _config(ForceKind, "odd", force={"kind": "odd", "resolution_gwt": 0.02})
+    with pytest.raises(BadInputError, match=re.escape(told)):
+        refuse_twinless(config.stage, config.force)
+    with pytest.raises(BadInputError, match=re.escape(told)):
+        bench_around(SpringPlant, config, VirtualClock(), io.StringIO())
+
+
+def test_a_device_that_is_not_served_needs_no_twin(offered: Offer) -> None:
+    offered("odd", {"force.odd": "odd_there:DEVICE"}, odd_there=ENTRY)
+    config = _config(ForceKind, "odd")
+    refuse_twinless(config.stage)
+    with pytest.raises(BadInputError, match=r"force\.kind = 'odd': this device has no virtual twin"):
+        ServedBench(Config(), stage="grbl", force="odd")
+    with pytest.raises(BadInputError, match=r"--force: kind = 'even': input should be"):
+        ServedBench(Config(), stage=None, force="even")
+
+
+def test_a_rehearsal_has_the_usual_device_in_its_place(offered: Offer) -> None:
+    offered("odd", {"force.odd": "odd_there:DEVICE"}, odd_there=ENTRY)
+    config = Config.model_validate({
+        "stage": {"kind": "leadshine"}, "force": {"kind": "odd", "baud": 4800}, "sync": {"output": "drive", **WORDS},
+    })  # fmt: skip
+    stood_in = with_stand_ins(config)
+    assert (stood_in.stage, stood_in.sync) == (config.stage, config.sync)
+    assert (stood_in.force.kind, stood_in.force.baud) == ("mtsics", 4800)
+    assert with_stand_ins(Config()) == Config()
+
+
+def test_a_stage_without_a_twin_switches_no_output_in_a_rehearsal(offered: Offer) -> None:
+    text = ENTRY.replace("ForceKind", "StageKind").replace('twin=""', 'twin="", outputs=("off", "drive")')
+    offered("odd", {"stage.odd": "odd_there:DEVICE"}, odd_there=text)
+    config = _config(StageKind, "odd", sync={"output": "drive", **WORDS})
+    assert with_stand_ins(config).stage.kind == "grbl"
+    assert with_stand_ins(config).sync.output == "off"
+
+
+@pytest.mark.parametrize("room", ["stage", "force"])
+def test_no_other_module_asks_for_a_kind_by_its_name(room: Room) -> None:
+    """A branch on the kind of a device belongs into its entry."""
+    for path in (ROOT / "rig").rglob("*.py"):
+        if path.is_relative_to(ROOT / "rig" / "devices" / room) or path.name == "catalogue.py":
+            continue
+        text = path.read_text(encoding="utf-8")
+        assert not re.search(rf"{room}\.kind (==|!=|in|not in) |\[[\w.]*{room}\.kind\]", text), path
+        for name in catalogue.built_in(room):
+            assert f'"{name}"' not in text, path

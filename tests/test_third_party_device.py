@@ -1,0 +1,112 @@
+"""The example of a device from another package: installed as pip does it, found by its entry point, pressed with.
+
+The project's build system need not be there and nothing is fetched: its wheel is made by hand (tests/offered.py).
+"""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from sim.models.fingertip import Fingertip
+from tests.offered import EXAMPLE, wheel
+
+ROOT = Path(__file__).parents[1]
+COMMAND_LINE = "from rig.cli import main; main()"
+PIP = ("-m", "pip", "--disable-pip-version-check", "install", "--no-index", "--no-deps", "--quiet")
+SCRIPT = """\
+from rig.protocol import Rig
+
+def run(rig: Rig) -> None:
+    rig.mount("step:1")
+    rig.home()
+    rig.zero()
+    rig.move_to(x_mm=0.17)
+    rig.indent(force_gwt=2.33, hold_s=0.1)
+    rig.indent(doi_mm=0.4, hold_s=0.1)
+"""
+Rig = Callable[..., subprocess.CompletedProcess[str]]
+
+
+def _python(folder: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    place = {"PYTHONPATH": os.pathsep.join([str(folder / "site"), str(ROOT)]), "PYTHONSAFEPATH": "1"}
+    state = {"RIG_STATE_DIR": str(folder / "state")}
+    return subprocess.run(
+        [sys.executable, *map(str, arguments)],
+        env={**os.environ, **place, **state},
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The package in `site`, and a script."""
+    folder = tmp_path_factory.mktemp("third_party")
+    done = _python(folder, *PIP, "--target", folder / "site", wheel(EXAMPLE, folder))
+    assert done.returncode == 0, done.stderr
+    (folder / "press.py").write_text(SCRIPT, encoding="utf-8")
+    return folder
+
+
+def _rig(folder: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    return _python(folder, "-c", COMMAND_LINE, *arguments)
+
+
+def _run(folder: Path, force: str) -> Path:
+    (folder / "rig.toml").write_text(f"[force]\n{force}", encoding="utf-8")
+    done = _rig(folder, "dry-run", "press.py", "--config", "rig.toml", "--json")
+    assert done.returncode == 0, done.stderr
+    return folder / json.loads(done.stdout)["run"]
+
+
+def _holds(run: Path) -> list[dict[str, Any]]:
+    documents = map(json.loads, (run / "events.jsonl").read_text(encoding="utf-8").splitlines())
+    return [one["data"] for one in documents if one["doc"] == "event" and one["stream"] == "hold_end"]
+
+
+def test_it_is_pressed_with_like_a_built_in_sensor(folder: Path, finger: Fingertip) -> None:
+    """Both show 0.01 g of the same finger: at rest the same steps give the same counts."""
+    own = _run(folder, 'kind = "line_scale"\n[force.line_scale]\naddress = 7\n')
+    built_in = _run(folder, 'kind = "mtsics"\n')
+    for ours, theirs in zip(_holds(own), _holds(built_in), strict=True):
+        assert ours["force_gwt"] == pytest.approx(theirs["force_gwt"], abs=1e-9)
+        assert ours["true_doi_mm"] == pytest.approx(theirs["true_doi_mm"], abs=1e-9)
+    assert len(_holds(own)) == 2
+    chunks = map(json.loads, (own / "bytes.jsonl").read_text(encoding="utf-8").splitlines())
+    sent = b"".join(bytes.fromhex(one["hex"]) for one in chunks if one["port"] == "force" and one["dir"] == "tx")
+    assert set(sent.split(b"\r")) == {b"#07I", b"#07W", b"#07Z", b""}
+    assert json.loads((own / "provenance.json").read_text("utf-8"))["devices"]["force"].endswith("line_scale")
+
+
+def test_doctor_and_serve_know_it(folder: Path) -> None:
+    told = json.loads(_rig(folder, "doctor", "--json").stdout)
+    assert told["devices"]["force"] == "mtsics laumas line_scale (rig-line-scale 0.1.0)"
+    assert "line_scale" in _rig(folder, "serve", "--help").stdout
+    refused = _rig(folder, "serve", "--force", "scale")
+    assert refused.returncode == 2
+    assert "--force scale: no such device, expected mtsics or laumas or line_scale" in refused.stderr
+
+
+def test_nothing_is_imported_but_the_kinds_that_are_used(folder: Path) -> None:
+    """A stage's entry, for its outputs; no sensor's, no package's, and no other stage's driver."""
+    code = "import sys; from rig.plan.config import Config; Config(); print(*sys.modules)"
+    told = _python(folder, "-c", code).stdout.split()
+    assert [name for name in told if name.endswith("_kind")] == ["rig.devices.stage.grbl.grbl_kind"]
+    drivers = [name for name in told if name.endswith(("_force", "_stage")) and name.startswith("rig.devices.")]
+    assert drivers == ["rig.devices.stage.grbl.grbl_stage"]
+    assert not [name for name in told if name.startswith("rig_line_scale")]
+
+
+def test_its_own_tests_pass(folder: Path) -> None:
+    options = ("-q", "-p", "no:cacheprovider", "--import-mode=importlib", "-c", os.devnull)
+    done = _python(folder, "-m", "pytest", *options, EXAMPLE / "tests")
+    assert done.returncode == 0, done.stdout
+    assert "21 passed" in done.stdout
