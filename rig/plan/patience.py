@@ -1,4 +1,4 @@
-"""How long a script is listened to while it is checked: so many steps, and so long between two of them."""
+"""How long a script is listened to, checked or carried out: so many steps, and so long between two of them."""
 
 import signal
 import threading
@@ -27,11 +27,12 @@ class SilentScriptError(BaseException):
 class Patience:
     """Counts the steps of a script on their way to `then`, and has each of them told.
 
-    The silence is a script's own: what the model takes to answer a step is no part of it. It is measured on the main
-    thread of a system that has alarms; elsewhere a script that makes no steps is ended by Ctrl-C.
+    The silence is a script's own: what a step takes is no part of it, be it the model, the stage, a rest or a person.
+    It is measured on the main thread of a system that has alarms; elsewhere a script that makes no steps is ended by
+    Ctrl-C.
     """
 
-    def __init__(self, then: Handler, told: Callable[[int], None]) -> None:
+    def __init__(self, then: Handler, told: Callable[[int], None] = lambda steps: None) -> None:
         self._then, self._told = then, told
         self._steps = 0
 

@@ -17,6 +17,7 @@ from rig.engine.journal import NoJournal
 from rig.engine.pressing.touch_fit import CONTACT_EXPONENT
 from rig.plan.config import Config, VirtualSettings
 from rig.plan.finger_model import FingerModel
+from rig.plan.patience import Patience
 from rig.plan.plan import Plan
 from rig.plan.shape_files import kept_in
 from rig.protocol.api import Handler, Rig
@@ -131,5 +132,5 @@ def rehearsed(script: Script, config: Config, finger: Fingertip, plan: Plan, bef
     if before is not None:
         verbs.home(engine)
         handler = TakenUp(before, handler)
-    run_script(script, engine, Rig(script.parameters, walk, handler))
+    run_script(script, engine, Rig(script.parameters, walk, Patience(handler)))
     return Rehearsed(clock.monotonic_s(), engine.contact.total_s)

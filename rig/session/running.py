@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from rig.devices.force.base import ForceError
 from rig.devices.stage.base import StageError
 from rig.engine import Engine, EngineError, ScriptError
+from rig.plan.patience import SilentScriptError, impatient
 from rig.protocol.api import Rig
 from rig.protocol.script import Script, in_words, where_in_script
 from rig.transport.base import TransportError
@@ -26,12 +27,16 @@ def stopped_at_once(engine: Engine) -> Iterator[None]:
 
 
 def run_script(script: Script, engine: Engine, rig: Rig) -> None:
-    """Run it; a failure elsewhere than in the engine lifts the indentor, and no swallowed trip ends well."""
+    """Run it; a failure elsewhere than in the engine lifts the indentor, and no swallowed trip ends well.
+
+    A script that makes no step for too long has failed; what a step takes is none of its silence.
+    """
     try:
-        script.run(rig)
+        with impatient():
+            script.run(rig)
     except ENDINGS:
         raise
-    except (Exception, SystemExit) as error:
+    except (Exception, SystemExit, SilentScriptError) as error:
         engine.make_safe()
         place = where_in_script(script.path, error)
         raise ScriptError(f"{place}: {in_words(error)}") from error

@@ -17,6 +17,7 @@ from rig.engine.pressing.reference import Reference
 from rig.engine.streams import STREAMS
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
+from rig.plan.patience import Patience
 from rig.plan.plan import Plan
 from rig.plan.shape_files import kept_in
 from rig.protocol.api import Handler, Rig
@@ -235,7 +236,7 @@ def _rig(session: Session, folder: RunFolder, engine: Engine) -> Rig:
     if session.before is not None:
         walk.reference = Reference(first_reference_gwt(session.before))
         handler = TakenUp(session.before, handler)
-    return Rig(session.script.parameters, walk, handler)
+    return Rig(session.script.parameters, walk, Patience(handler))
 
 
 def _about(session: Session, *, virtual: bool) -> dict[str, Any]:

@@ -12,7 +12,9 @@ from rig.protocol.errors import BadInputError
 from rig.session import real_bench
 from rig.session.real_bench import PortError, open_bench
 from rig.transport import TransportError
-from rig.transport.clock import WallClock
+from sim.devices.clock import VirtualClock
+
+NO_TIME: Any = VirtualClock()
 
 
 @pytest.fixture
@@ -37,7 +39,7 @@ def _missing(*_: Any) -> Any:
 
 def test_a_stage_that_is_not_there_is_not_taken_for_the_sensor(config: Config) -> None:
     with pytest.raises(PortError, match="no-such10") as told:
-        open_bench(config, WallClock(), io.StringIO(), lambda request: "")
+        open_bench(config, NO_TIME, io.StringIO(), lambda request: "")
     assert told.value.device == "stage"
     with pytest.raises(TransportError, match="no-such10"):
         _bench_at_hand(config)
@@ -51,7 +53,7 @@ def test_a_sensor_that_is_not_there_is_told_as_one(
     monkeypatch.setattr(real_bench, "open_stage", lambda *_: stage)
     monkeypatch.setattr(real_bench, "open_force", _missing)
     with pytest.raises(PortError, match=r"^/dev/no-such10: no such port$") as told:
-        open_bench(config, WallClock(), io.StringIO(), lambda request: "")
+        open_bench(config, NO_TIME, io.StringIO(), lambda request: "")
     assert (told.value.device, stage.closed) == ("force", 1)
     with pytest.raises(BadInputError, match=r"no-such10.*; nothing was moved: .*--without-force"):
         _bench_at_hand(config)

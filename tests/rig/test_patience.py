@@ -1,0 +1,123 @@
+"""A script that goes round without end is ended at the stated cap: planned, rehearsed, live or resumed.
+
+A script is run several times; this one goes round at its last.
+"""
+
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import rig.plan.patience as patience
+from rig.engine import ScriptError
+from rig.plan.config import Config
+from rig.plan.finger_model import FingerModel
+from rig.plan.plan import make_plan
+from rig.protocol.errors import BadInputError
+from rig.protocol.script import Script, load_script
+from rig.session.rehearsal import rehearsed
+from rig.session.resume import read_stopped
+from rig.session.session import FinishedRun, NewRun, Session, dry_run
+from sim.models.fingertip import Fingertip
+
+pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="needs alarms (POSIX)")
+
+SILENT, MANY = (
+    "the script makes no step for 0.5 s, expected one",
+    "the script makes more than 50 steps, expected no more",
+)
+ROUNDS = {
+    "silent": ("while True: pass", SILENT),
+    "silent, and swallows": ("while True:\n            try: rig.note(3)\n            except Exception: pass", SILENT),
+    "many steps": ("while True: rig.note('again')", MANY),
+    "many steps, and swallows": (
+        "while True:\n            try: rig.note('again')\n            except Exception: pass", SILENT),
+}  # fmt: skip
+SCRIPT = """\
+runs = []
+def run(rig):
+    runs.append(1)
+    rig.mount('bar:3.0'); rig.home(); rig.zero(); rig.move_to(x_mm=0.0)
+    rig.indent(doi_mm=0.2)
+    if len(runs) == {at}:
+        {round}
+    rig.indent(doi_mm=0.2)
+"""
+
+
+@pytest.fixture
+def going_round(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str, int], Script]:
+    monkeypatch.setattr(patience, "MOST_STEPS", 50)
+    monkeypatch.setattr(patience, "LONGEST_SILENCE_S", 0.5)
+
+    def make(what: str, at: int) -> Script:
+        path = tmp_path / "round.py"
+        path.write_text(SCRIPT.format(at=at, round=what), encoding="utf-8")
+        return load_script(str(path))
+
+    return make
+
+
+def _lifted(done: FinishedRun, says: str) -> None:
+    assert isinstance(done.problem, ScriptError)
+    assert str(done.problem).endswith(says)
+    assert "round.py, line " in str(done.problem)
+    assert (done.complete, done.indentations, done.at.left) == (False, 1, "lifted")
+    assert not 0 < signal.getitimer(signal.ITIMER_REAL)[0] <= 0.5, "nothing is waited for any more"
+
+
+@pytest.mark.parametrize("round_", ROUNDS)
+def test_it_is_ended_and_the_finger_left(
+    going_round: Callable[[str, int], Script], finger: Fingertip, tmp_path: Path, round_: str
+) -> None:
+    what, says = ROUNDS[round_]
+    with pytest.raises(BadInputError, match=says):
+        make_plan(going_round(what, 1), Config(), finger)
+
+    script = going_round(what, 2)
+    plan = make_plan(script, Config(), finger)
+    with pytest.raises(ScriptError, match=says):
+        rehearsed(script, Config(), finger, plan)
+
+    script = going_round(what, 2)
+    plan = make_plan(script, Config(), finger)
+    done = dry_run(Session(script, Config(), finger, plan, NewRun(tmp_path / "runs")))
+    _lifted(done, says)
+
+    stopped = read_stopped(done.folder.path)
+    plan = make_plan(stopped.script, stopped.config, finger, stopped.run, stopped.folder.path)
+    _lifted(dry_run(Session(stopped.script, stopped.config, finger, plan, stopped)), says)
+
+
+def test_a_rest_or_a_person_is_no_silence_and_no_press_is_solved_twice(
+    going_round: Callable[[str, int], Script], finger: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No alarm is set while a step is carried out. Plan and rehearsal ask the model, the run no more."""
+    solved, solve, during = list[float](), FingerModel._solved, list[float]()
+
+    def counted(self: FingerModel, *asked: object) -> object:
+        solved.append(asked[2].value)  # type: ignore[attr-defined]
+        return solve(self, *asked)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(FingerModel, "_solved", counted)
+    script = going_round("rig.rest(5.0)", 3)
+    plan = make_plan(script, Config(), finger)
+    assert solved == [0.2]
+    rehearsed(script, Config(), finger, plan)
+    assert solved == [0.2, 0.1]
+
+    class Watching:
+        def watch(self, stream: str, data: object) -> None:
+            during.append(signal.getitimer(signal.ITIMER_REAL)[0])
+
+        def interrupted(self) -> bool:
+            return False
+
+        def go_on(self) -> bool:
+            return True
+
+    done = dry_run(Session(script, Config(), finger, plan, NewRun(tmp_path / "runs"), Watching()))
+    assert (done.complete, solved) == (True, [0.2, 0.1])
+    assert set(during) == {0.0}
+    assert len(during) > 50
