@@ -29,8 +29,11 @@ if TYPE_CHECKING:
     from sim.models.catalogue import load
     from sim.models.errors import ForceOutOfReachError, ModelRangeError
     from sim.models.fingertip import Fingertip
+    from sim.models.many import WorkerLostError, indent_many
     from sim.models.results.indentation import IndentationResult
+    from sim.models.results.indentations import Indentations
     from sim.models.results.point_load import PointLoadResult
+    from sim.models.results.tables import NotInstalledError, to_pandas, to_xarray
 
     __version__: str
 
@@ -43,8 +46,11 @@ _HOMES = {
     "sim.models.catalogue": ("load",),
     "sim.models.errors": ("ForceOutOfReachError", "ModelRangeError"),
     "sim.models.fingertip": ("Fingertip",),
+    "sim.models.many": ("WorkerLostError", "indent_many"),
     "sim.models.results.indentation": ("IndentationResult",),
+    "sim.models.results.indentations": ("Indentations",),
     "sim.models.results.point_load": ("PointLoadResult",),
+    "sim.models.results.tables": ("NotInstalledError", "to_pandas", "to_xarray"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
@@ -55,17 +61,23 @@ __all__ = [
     "ForceOutOfReachError",
     "Geometry",
     "IndentationResult",
+    "Indentations",
     "Indentor",
     "MeasuredProfile",
     "MeshSpec",
     "ModelRangeError",
+    "NotInstalledError",
     "PointLoadResult",
     "ProfileError",
     "ShapeError",
     "Tissue",
+    "WorkerLostError",
     "__version__",
+    "indent_many",
     "load",
     "parse_shape",
+    "to_pandas",
+    "to_xarray",
 ]
 
 

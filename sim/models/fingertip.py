@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property, lru_cache, partial
@@ -68,6 +68,7 @@ class Fingertip:
         self._load_model = load_model
         self._models: dict[tuple[int, ...], CondensedModel] = {}
         self._outlines: dict[tuple[int, ...], ModelOutline] = {}
+        self._ways: dict[Hashable, dict[float, ContactState]] | None = None
         self._threads = ThreadpoolController()
         self._first_touch = lru_cache(maxsize=_TOUCHES_KEPT)(partial(first_touch, skin=surface))
 
@@ -183,10 +184,9 @@ class Fingertip:
         place = self._place(shape, x_mm, z_mm)
         touch = self._first_touch(shape, place)
         height = self.apex_height_mm if reference == "apex" else touch.height_mm
-        between_nodes = self.config.contact.between_nodes and shape.sharp
         placed = PlacedIndentor(shape, place, height, touch, self.model_for(shape.axes))
         placed.refuse_touch_outside()
-        pressing = Pressing(placed, between_nodes, target)
+        pressing = self._pressing(placed, target)
         began = time.thread_time()
         with self._threads.limit(limits=1, user_api="blas"):
             if doi_mm is not None:
@@ -222,6 +222,17 @@ class Fingertip:
         slopes, model = next(iter(self._models.items()))
         strain = model.point_load(x_mm, z) * (force_n / self.e_epidermis_mpa)
         return PointLoadResult(x_mm, z, force_n, strain.reshape(-1, 6), self._outlines[slopes])
+
+    def keeping_ways(self) -> "Fingertip":
+        """A copy that remembers the ways down to where it pressed, for other depths there: with the same answers."""
+        copied = copy(self)
+        copied._ways = {}
+        return copied
+
+    def _pressing(self, placed: PlacedIndentor, target: float) -> Pressing:
+        between_nodes = self.config.contact.between_nodes and placed.indentor.sharp
+        way = (placed.indentor, placed.place, placed.zero_mm, id(placed.model), target)
+        return Pressing(placed, between_nodes, target, {} if self._ways is None else self._ways.setdefault(way, {}))
 
     def _place(self, shape: Indentor, x_mm: float, z_mm: float | None) -> tuple[float, ...]:
         """Where the reference point is, along the indentor's axes."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.contact.patch import PatchNodes
+from sim.contact.patch import PatchNodes, Z
 from sim.measures.measures import MEASURES, measures_in_layers
 from sim.measures.receptors import ReceptorSet
 
@@ -35,6 +35,11 @@ class ModelOutline:
         """The patch nodes that lie in the receptor plane."""
         columns = self.patch.shape[1]
         return slice(self.receptor_row * columns, (self.receptor_row + 1) * columns)
+
+    @property
+    def plane_mm(self) -> float:
+        """z of the receptor plane."""
+        return float(self.patch.position_mm[self.plane][0, Z])
 
     @cached_property
     def across(self) -> Ints:

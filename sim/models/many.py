@@ -1,0 +1,140 @@
+"""Many indentations of one finger, over processes if wanted; each from rest, the same as if it were the only one."""
+
+import os
+from collections import defaultdict
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
+from functools import partial
+from multiprocessing import parent_process
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sim.contact.indentor import Indentor
+from sim.contact.profiles import Profile
+from sim.models.fingertip import Fingertip, Reference
+from sim.models.results.indentation import IndentationResult
+from sim.models.results.indentations import Answer, Asked, Indentations
+from sim.models.results.outline import ModelOutline
+from sim.models.workers import in_processes, keep_freed_memory
+
+Shape = Indentor | Profile | str
+Progress = Callable[[int, int], object]
+Numbered = tuple[int, Asked]
+
+_TASKS_A_CORE = 16
+_MOST_PLACES_A_TASK = 16
+
+
+class WorkerLostError(RuntimeError):
+    """A process ended before it answered."""
+
+
+def indent_many(
+    finger: Fingertip,
+    shapes: Shape | Sequence[Shape],
+    x_mm: ArrayLike = 0.0,
+    *,
+    z_mm: ArrayLike | None = None,
+    doi_mm: ArrayLike | None = None,
+    force_gwt: ArrayLike | None = None,
+    reference: Reference = "contact",
+    cores: int | None = 1,
+    progress: Progress | None = None,
+) -> Indentations:
+    """Press shapes at places, each to a depth or a force: arguments broadcast against each other, in their order.
+
+    nan in z, depth or force: not given for that row. What cannot be pressed is a row with its reason. With `cores`
+    above 1, or None for all of them, processes share the work: a script calls this under
+    `if __name__ == "__main__":`. `progress(done, of)` is called as answers come. Raises ValueError when the arguments
+    do not go together and WorkerLostError when a process was killed.
+    """
+    if doi_mm is None and force_gwt is None:
+        raise ValueError("expected a depth (doi_mm) or a force (force_gwt)")
+    if cores is not None and cores < 1:
+        raise ValueError(f"cores = {cores}: expected 1 or more, or None for all")
+    asked = _rows(shapes, x_mm, z_mm, doi_mm, force_gwt)
+    answers: dict[int, Answer] = {}
+    outlines: dict[Hashable, ModelOutline] = {}
+    for found in _found(finger, reference, _by_place(asked), cores or os.cpu_count() or 1):
+        answers |= {row: _with_shared(answer, outlines) for row, answer in found}
+        if progress:
+            progress(len(answers), len(asked))
+    return Indentations(tuple(asked), tuple(answers[row] for row in range(len(asked))))
+
+
+def _rows(shapes: Shape | Sequence[Shape], x_mm: ArrayLike, *given: ArrayLike | None) -> list[Asked]:
+    """One for each element of what the arguments broadcast to."""
+    numbers = [np.asarray(np.nan if values is None else values, dtype=float) for values in (x_mm, *given)]
+    every = [array.ravel().tolist() for array in np.broadcast_arrays(_objects(shapes), *numbers)]
+    return [Asked(shape, x, *map(_given, rest)) for shape, x, *rest in zip(*every, strict=True)]
+
+
+def _objects(shapes: Shape | Sequence[Shape]) -> NDArray[np.object_]:
+    if isinstance(shapes, list | tuple):
+        named = np.empty(len(shapes), dtype=object)
+        named[:] = shapes
+        return named
+    return np.array(shapes, dtype=object)
+
+
+def _given(value: float) -> float | None:
+    return None if np.isnan(value) else value
+
+
+def _by_place(asked: Sequence[Asked]) -> list[list[Numbered]]:
+    """What is pressed at the same place stays together: depths there share the way down."""
+    groups: dict[Hashable, list[Numbered]] = defaultdict(list)
+    for row, one in enumerate(asked):
+        groups[one.shape, one.x_mm, one.z_mm].append((row, one))
+    return list(groups.values())
+
+
+def _found(
+    finger: Fingertip, reference: Reference, places: list[list[Numbered]], cores: int
+) -> Iterator[list[tuple[int, Answer]]]:
+    """Answers with their rows, a few places at a time."""
+    press = partial(_pressed, finger, reference)
+    if cores == 1 or len(places) < 2:
+        yield from (press([place]) for place in places)
+        return
+    size = min(_MOST_PLACES_A_TASK, 1 + len(places) // (_TASKS_A_CORE * cores))
+    tasks = [places[k : k + size] for k in range(0, len(places), size)]
+    try:
+        yield from in_processes(press, tasks, min(cores, len(tasks)))
+    except BrokenProcessPool:
+        raise WorkerLostError(
+            "a process ended before it answered: it was killed, memory ran out, or a script calls indent_many "
+            'outside of `if __name__ == "__main__":`'
+        ) from None
+
+
+def _pressed(finger: Fingertip, reference: Reference, places: list[list[Numbered]]) -> list[tuple[int, Answer]]:
+    if parent_process() is not None:
+        keep_freed_memory()
+    found = []
+    for place in places:
+        here = finger.keeping_ways()
+        found += [(row, _answer(here, reference, one)) for row, one in place]
+    return found
+
+
+def _answer(finger: Fingertip, reference: Reference, asked: Asked) -> Answer:
+    shape, x_mm, z_mm, doi_mm, force_gwt = asked
+    try:
+        result = finger.indent(shape, x_mm, z_mm=z_mm, doi_mm=doi_mm, force_gwt=force_gwt, reference=reference)
+    except ValueError as error:  # what models and shapes refuse
+        return Answer(None, str(error))
+    return Answer(result, "" if result.state.converged else f"not converged, residual {result.state.residual:.0e}")
+
+
+def _with_shared(answer: Answer, outlines: dict[Hashable, Any]) -> Answer:
+    """What came from another process, with the outline that the others of its model have."""
+    result: IndentationResult | None = answer.result
+    if result is None:
+        return answer
+    patch = result.model.patch
+    outline = outlines.setdefault((patch.axes, patch.shape), result.model)
+    return answer if outline is result.model else answer._replace(result=replace(result, model=outline))
