@@ -8,6 +8,7 @@ from rig.devices.stage.base import StageError
 from rig.engine import Engine, EngineError, ScriptError
 from rig.plan.patience import SilentScriptError, impatient
 from rig.protocol.api import Rig
+from rig.protocol.errors import BadInputError
 from rig.protocol.script import Script, in_words, where_in_script
 from rig.transport.base import TransportError
 
@@ -38,7 +39,7 @@ def run_script(script: Script, engine: Engine, rig: Rig) -> None:
         raise
     except (Exception, SystemExit, SilentScriptError) as error:
         engine.make_safe()
-        place = where_in_script(script.path, error)
-        raise ScriptError(f"{place}: {in_words(error)}") from error
+        words = str(error) if isinstance(error, BadInputError | SilentScriptError) else in_words(error)
+        raise ScriptError(f"{where_in_script(script.path, error)}: {words}") from error
     if engine.problem is not None:
         raise engine.problem
