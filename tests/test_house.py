@@ -2,6 +2,7 @@
 
 import ast
 import re
+import tomllib
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -111,3 +112,10 @@ def test_every_study_that_is_named_can_be_run(page: Path) -> None:
     for name in re.findall(r"python3? -m (studies[\w.]*)", page.read_text(encoding="utf-8")):
         path = ROOT / Path(*name.split("."))
         assert path.with_suffix(".py").exists() or (path / "__main__.py").exists(), name
+
+
+def test_every_package_is_held_to_its_types() -> None:
+    """mypy, strict, as `make check` runs it."""
+    mypy = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["mypy"]
+    assert mypy["strict"] is True
+    assert {"rig", "sim", "studies"} <= set(mypy["packages"])

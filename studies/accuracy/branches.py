@@ -27,12 +27,13 @@ Array = NDArray[np.float64]
 FINEST_MM = 0.0125
 PATHS_MM = {"at once": 9.0, "by 0.2 mm": 0.2, "by 0.1 mm": 0.1, "by 0.05 mm": 0.05, "as `rig indent`": 0.0}
 ZIGZAG = MeasuredProfile("zigzag", (-1.6, -0.8, 0.0, 0.8, 1.6), (0.3, 0.0, 0.3, 0.0, 0.3), linear=True)
+_UNEVEN: tuple[Profile, ...] = (Grating(0.5, 1.2), ZIGZAG)
 ROUNDED: list[Pose] = [
     *product([Step("1")], (1.0, 0.0, -0.5, -1.0, -1.2, -1.63, -1.8, -2.25), (0.2, 0.3, 0.4, 0.73, 1.0)),
     *product([Step("3")], (-1.0, 0.0), (0.73,)),
     *product([Bar(1.5), Bar(3.0)], (-0.3, 0.0, 0.25), (0.4, 0.73, 1.0)),
     *product([Wedge(60.0)], (0.0, 0.3, -0.5), (0.2, 0.4, 0.6)),
-    *product([Grating(0.5, 1.2), ZIGZAG], (0.1, 0.3), (0.3, 0.6)),
+    *product(_UNEVEN, (0.1, 0.3), (0.3, 0.6)),
 ]
 EDGES: list[Pose] = [
     *product([Bar(1.5, 0.0), Bar(1.5, 0.01)], (-0.3, 0.0, 0.25), (0.4, 0.73, 1.0)),

@@ -19,6 +19,11 @@ from studies.verification.contact import contact_errors
 ELEMENTS: tuple[Element, ...] = ("bbar", "full")
 
 
+def first(row: Iterable[object]) -> str:
+    """What rows are sorted by."""
+    return str(next(iter(row)))
+
+
 def table(title: str, columns: str, rows: Iterable[Iterable[object]]) -> None:
     """Print a Markdown table; columns are parted by |."""
     print(f"\n### {title}\n\n| {columns} |\n|{'---|' * (columns.count('|') + 1)}")
@@ -83,6 +88,7 @@ def layers() -> None:
     for wavelength in (0.7, 1.4, 2.8, 5.6, 11.2):
         k = 2 * np.pi / wavelength
         exact = layer.layers_compliance(k, layer.TISSUE, halfspace.POISSON)
+        meshes: tuple[tuple[int, float, Element], ...]
         meshes = ((2, 0.17, "bbar"), (4, 0.085, "bbar"), (8, 0.0425, "bbar"), (2, 0.17, "full"))
         errors = (
             percent(
@@ -110,9 +116,7 @@ def smooth_lines() -> None:
             errors = contact_errors(on, exact)
             rows.append((name, n, percent(errors.half_width), percent(errors.spread), percent(errors.inside)))
     columns = "shape | elements a mm | half-width | spread of pressure | pressure inside"
-    table(
-        "Line contact at given force, half-width 1 mm (wave: 1 and 1.5 mm)", columns, sorted(rows, key=lambda r: r[0])
-    )
+    table("Line contact at given force, half-width 1 mm (wave: 1 and 1.5 mm)", columns, sorted(rows, key=first))
 
 
 def flat_punch() -> None:
@@ -157,7 +161,7 @@ def round_shapes() -> None:
             radius = "–" if name == "flat punch" else percent(errors.half_width)
             rows.append((name, n, radius, *map(percent, (errors.spread, errors.inside, *doi))))
     columns = "shape | elements a radius | radius | spread | pressure inside | DOI, box 10 a | 20 a | extrapolated"
-    table("Round contact at given force, radius 1 mm", columns, sorted(rows, key=lambda r: r[0]))
+    table("Round contact at given force, radius 1 mm", columns, sorted(rows, key=first))
 
 
 def incompressible() -> None:

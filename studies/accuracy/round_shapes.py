@@ -41,7 +41,8 @@ def even(n: int) -> MeshSpec:
 
 def answers(mesh: MeshSpec) -> tuple[list[int], dict[Scene, Answer]]:
     """The nodes of its meshes, and all scenes; round shapes and the line have a model each."""
-    nodes, found = [], {}
+    nodes: list[int] = []
+    found: dict[Scene, Answer] = {}
     for families in (("sphere", "flat, cone"), ("line",)):
         mine = [scene for scene in SCENES if scene.family in families]
         axes = parse_shape(mine[0].shape).axes

@@ -75,7 +75,12 @@ class FaultyBench:
     def change(self, line: SerialLine, change: Change) -> None:
         """From now on what the device sends goes through this."""
         send = line.device_write
-        line.device_write = lambda data: [send(part) for part in change(data)] and None  # type: ignore[method-assign]
+
+        def changed(data: bytes) -> None:
+            for part in change(data):
+                send(part)
+
+        line.device_write = changed  # type: ignore[method-assign]
 
     def _look(self) -> None:
         now_s = self.clock.monotonic_s()
@@ -133,9 +138,8 @@ def swapped(data: bytes) -> list[bytes]:
 def delayed(bench: FaultyBench, line: SerialLine, seconds: float) -> None:
     """Every answer comes so much later."""
     send = line.device_write
-    line.device_write = lambda data: (
-        bench.clock.call_at(  # type: ignore[method-assign]
-            bench.clock.monotonic_s() + seconds, lambda: send(data)
-        )
-        and None
-    )
+
+    def later(data: bytes) -> None:
+        bench.clock.call_at(bench.clock.monotonic_s() + seconds, lambda: send(data))
+
+    line.device_write = later  # type: ignore[method-assign]

@@ -30,6 +30,7 @@ from rig.plan.plan import make_plan
 from rig.protocol.script import Script, load_script
 from rig.session.resume import StoppedRun, read_stopped
 from rig.session.session import NewRun, Session, dry_run
+from rig.virtual.virtual_bench import virtual_bench
 from sim.models.fingertip import Fingertip
 
 SCRIPT = """\
@@ -88,18 +89,18 @@ def arm(kill: Kill) -> None:
             )
         kill_now()
 
-    Journal._append = deadly  # type: ignore[method-assign]
+    Journal._append = deadly  # type: ignore[method-assign, assignment]
 
 
 def _arm_clock(t_s: float) -> None:
-    make = sessions.virtual_bench
+    make = virtual_bench
 
     def deadly(*arguments: Any) -> Any:
         bench = make(*arguments)
         bench.clock.call_at(bench.clock.monotonic_s() + t_s, kill_now)
         return bench
 
-    sessions.virtual_bench = deadly
+    sessions.virtual_bench = deadly  # type: ignore[attr-defined, assignment]
 
 
 class Trials:

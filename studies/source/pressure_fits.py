@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -72,7 +73,7 @@ class PressureStudy:
         return [(shape, list(members)) for shape, members in groupby(self.pressed, key=lambda one: one.shape)]
 
 
-def press(finger: Fingertip, shape: str, x_mm: float, **target: float) -> Pressed:
+def press(finger: Fingertip, shape: str, x_mm: float, **target: Any) -> Pressed:
     """One indentation."""
     result = finger.indent(shape, x_mm, **target)
     return Pressed(shape, result, places(result, finger.surface))

@@ -1,5 +1,7 @@
 """Figures that only the study has."""
 
+from typing import Any
+
 from matplotlib.figure import Figure as Canvas
 
 from rig.report.html import Figure, Section
@@ -13,7 +15,7 @@ _LINES = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."), ("black", ":"))
 
 def shapes_side_by_side(finger: Fingertip, fine: dict[float, Fingertip], force_gwt: float) -> Section:
     """Bar and both cylinders at one depth, and the thin cylinder at the thick one's force."""
-    scenes: dict[str, tuple[str, dict[str, float]]] = {
+    scenes: dict[str, tuple[str, dict[str, Any]]] = {
         f"bar 3.0 at {DOI_MM} mm": ("bar:3.0", {"doi_mm": DOI_MM}),
         f"cylinder 9 at {DOI_MM} mm": ("cylinder:9", {"doi_mm": DOI_MM}),
         f"cylinder 3 at {DOI_MM} mm": ("cylinder:3", {"doi_mm": DOI_MM}),

@@ -1,5 +1,7 @@
 """Stimuli simulated directly, without the bench: what runs of these schedules would give."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,7 +30,7 @@ def stimulus(finger: Fingertip, indentor: str, x_mm: Array, kind: str, value: fl
 _STORED = ("doi_mm", "force_gwt", "measures", "skin_mm", "pressure", "regions_mm")
 
 
-def _answers(finger: Fingertip, indentor: str, x_mm: Array, target: dict[str, float]) -> Arrays:
+def _answers(finger: Fingertip, indentor: str, x_mm: Array, target: dict[str, Any]) -> Arrays:
     results = [finger.indent(indentor, float(x), **target) for x in x_mm]
     return {
         **{name: np.array([getattr(r, name) for r in results]) for name in ("doi_mm", "force_gwt")},
@@ -47,6 +49,6 @@ def steps(finger: Fingertip, force_gwt: float, x_mm: Array = STEP_X_MM) -> list[
 def bars(finger: Fingertip) -> list[Stimulus]:
     """Bars 1.5 and 3.0 at DOI 1.0, at 25 and 34 positions."""
     return [
-        stimulus(finger, f"bar:{width}", SPACING_MM * (np.arange(n) - 0.5 * (n - 1)), "doi_mm", 1.0)
+        stimulus(finger, f"bar:{width}", SPACING_MM * (np.arange(n, dtype=np.float64) - 0.5 * (n - 1)), "doi_mm", 1.0)
         for width, n in (("1.5", 25), ("3.0", 34))
     ]

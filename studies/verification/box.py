@@ -30,7 +30,7 @@ SLAB = np.array([0.0, 1.0])
 def graded(fine_to: float, spacing: float, end: float, growth: float = 1.15) -> Array:
     """Ascending coordinates from 0: uniform up to `fine_to`, then steps growing by about `growth`, to `end`."""
     n_fine = round(fine_to / spacing)
-    fine = spacing * np.arange(n_fine + 1)
+    fine = spacing * np.arange(n_fine + 1, dtype=np.float64)
     if end <= fine[-1] * (1 + 1e-12):
         return fine
     reach = (end - fine[-1]) / spacing
