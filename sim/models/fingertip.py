@@ -28,9 +28,10 @@ from sim.models.cache import cached_arrays, content_key
 from sim.models.condensed import CondensedModel, from_arrays, to_arrays
 from sim.models.errors import ForceOutOfReachError, ModelRangeError
 from sim.models.pressing import PlacedIndentor, Pressing
-from sim.models.recipe import Recipe, made
+from sim.models.recipe import ByRecipe, Recipe
 from sim.models.results.indentation import IndentationResult
 from sim.models.results.outline import ModelOutline
+from sim.models.results.pictures import finger_as_html
 from sim.models.results.point_load import PointLoadResult
 from sim.models.whole_finger import build_finger
 
@@ -49,7 +50,7 @@ _TOUCHES_KEPT = 64
 _SIDE_RAD = 0.05  # of the section's widest places; below them the skin is no function of x
 
 
-class Fingertip:
+class Fingertip(ByRecipe):
     """A condensed 3-D fingertip. It keeps no state: an indentation starts from rest unless told where from.
 
     A model is condensed for indentors that slope along some axes, when one is first needed. Copies share models; a
@@ -108,20 +109,13 @@ class Fingertip:
         finger.model_for(slopes)
         return finger
 
-    def __copy__(self) -> "Fingertip":
-        copied = object.__new__(type(self))
-        copied.__dict__.update(self.__dict__)
-        return copied
-
-    def __deepcopy__(self, _: dict[int, object]) -> "Fingertip":
-        return copy(self)
-
-    def __reduce__(self) -> tuple[Callable[..., "Fingertip"], tuple[Recipe, float]]:
-        return _made_anew, (self.recipe, self.e_epidermis_mpa)
-
     def __repr__(self) -> str:
         kind = next(iter(self._outlines.values())).kind if self._outlines else "finger"
         return f"<Fingertip {kind}, {self.config!r}>"
+
+    def _repr_html_(self) -> str:
+        section = np.stack(self.surface.section(np.linspace(0, 2 * np.pi, 181), self.config.receptor_plane_mm))
+        return finger_as_html(section, next(iter(self._outlines.values())), repr(self))
 
     def model_for(self, slopes: tuple[int, ...]) -> CondensedModel:
         """The model condensed for indentors that slope along some axes, from the cache or built (seconds)."""
@@ -268,12 +262,6 @@ def _outline(model: CondensedModel, poisson: float) -> ModelOutline:
         kind=model.kind,
         poisson=poisson,
     )
-
-
-def _made_anew(recipe: Recipe, e_epidermis_mpa: float) -> Fingertip:
-    finger: Fingertip = copy(made(recipe))
-    finger.e_epidermis_mpa = e_epidermis_mpa
-    return finger
 
 
 def _positive(force_gwt: float) -> float:

@@ -14,6 +14,7 @@ from sim.contact.patch import X, Z
 from sim.contact.points import Pose
 from sim.contact.solver import ContactState
 from sim.models.results.outline import ModelOutline
+from sim.models.results.pictures import press_as_html
 
 Array = NDArray[np.float64]
 
@@ -184,6 +185,9 @@ class IndentationResult:
     def __repr__(self) -> str:
         name, pressed = type(self).__name__, f"{self.doi_mm:.4g} mm deep, {self.force_gwt:.4g} gwt"
         return f"<{name} {self.indentor.name} at x = {self.x_mm:g}, z = {self.z_mm:g} mm: {pressed}>"
+
+    def _repr_html_(self) -> str:
+        return press_as_html(self)
 
     @property
     def _pose(self) -> Pose:

@@ -1,0 +1,108 @@
+"""Small drawings for a notebook: a finger's section, and a press in it."""
+
+from collections.abc import Sequence
+from html import escape
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.contact.patch import X, Z
+from sim.models.results.outline import ModelOutline
+
+if TYPE_CHECKING:
+    from sim.models.results.indentation import IndentationResult
+
+Array = NDArray[np.float64]
+
+_PX_PER_MM = 32.0
+_MARGIN_MM = 0.3
+_ABOVE_MM = 1.6  # of the skin's top, for the indentor and the pressure
+_PRESSURE_MM = 1.2  # the highest one as drawn
+_POINTS = 241
+_SKIN, _INDENTOR, _PRESSURE = "#8c4a2f", "#555", "#1f77b4"
+
+
+class Cut(NamedTuple):
+    """A press in the receptor plane, or along the pad's centre line under what lies across the finger; mm."""
+
+    at_rest: Array  # (2, n) along the cut and up
+    pressed: Array  # (2, n)
+    indentor: Array  # (2, k)
+    pressure: Array  # (n,) pseudo-units
+
+
+def cut(result: "IndentationResult") -> Cut:
+    """Skin, indentor and pressure of a press, where most is to be seen."""
+    model, patch, u = result.model, result.model.patch, result.state.displacement
+    across = X in result.indentor.axes
+    nodes = model.across if across else np.arange(len(patch))[model.along]
+    along = patch.position_mm[nodes, X if across else Z]
+    at_rest = np.stack([along, patch.y[nodes]])
+    s = np.linspace(along.min() - _MARGIN_MM, along.max() + _MARGIN_MM, _POINTS)
+    place = {X: s - result.x_mm, Z: np.full(_POINTS, model.plane_mm - result.z_mm) if across else s - result.z_mm}
+    height = result.indentor.evaluate(np.stack([place[axis] for axis in result.indentor.axes])).height_mm
+    return Cut(
+        at_rest,
+        at_rest + u[[0, -1]][:, nodes],
+        np.stack([s, result.touch_height_mm - result.doi_mm + height]),
+        result.nodal_pressure_pseudo[nodes],
+    )
+
+
+def press_as_html(result: "IndentationResult") -> str:
+    """The cut as SVG with one line below."""
+    seen = cut(result)
+    top = float(seen.at_rest[1].max())
+    box = _Box(seen.indentor[0, 0], seen.indentor[0, -1], seen.pressed[1].min() - _MARGIN_MM, top + _ABOVE_MM)
+    hanging = box.top - _PRESSURE_MM * seen.pressure / max(float(seen.pressure.max()), 1e-300)
+    body = np.minimum(seen.indentor, [[np.inf], [box.top]])
+    drawn = [
+        box.below_top(body, f'fill="{_INDENTOR}" fill-opacity="0.15"'),
+        box.below_top(np.stack([seen.at_rest[0], hanging]), f'fill="{_PRESSURE}" fill-opacity="0.5"'),
+        box.line(seen.at_rest, f'fill="none" stroke="{_SKIN}" stroke-opacity="0.3"'),
+        box.line(seen.pressed, f'fill="none" stroke="{_SKIN}" stroke-width="2"'),
+    ]
+    return box.html(drawn, f"{result!r}, highest pressure {result.peak_pressure_pseudo:.0f} pseudo-units")
+
+
+def finger_as_html(section_mm: Array, model: ModelOutline, caption: str) -> str:
+    """A (2, n) section of the skin in the receptor plane and the receptors below it, as SVG with one line below."""
+    low, high = section_mm.min(axis=1) - _MARGIN_MM, section_mm.max(axis=1) + _MARGIN_MM
+    box = _Box(low[0], high[0], low[1], high[1])
+    at = model.receptors.position_mm[:, :2].T
+    drawn = [box.line(section_mm, f'fill="none" stroke="{_SKIN}" stroke-width="2"'), *box.dots(at)]
+    return box.html(drawn, caption)
+
+
+class _Box(NamedTuple):
+    """What of the plane is drawn; mm."""
+
+    left: float
+    right: float
+    bottom: float
+    top: float
+
+    def line(self, points: Array, style: str) -> str:
+        """A line through (2, n) points."""
+        return f'<polyline points="{" ".join(f"{x:.1f},{y:.1f}" for x, y in self._placed(points))}" {style}/>'
+
+    def below_top(self, points: Array, style: str) -> str:
+        """The area between a line through (2, n) points, from left to right, and the top."""
+        ends = np.array([[points[0, -1], points[0, 0]], [self.top, self.top]])
+        return self.line(np.concatenate([points, ends], axis=1), style)
+
+    def dots(self, points: Array) -> list[str]:
+        """A dot at each of (2, n) points."""
+        return [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="2.5" fill="{_PRESSURE}"/>' for x, y in self._placed(points)]
+
+    def html(self, drawn: Sequence[str], caption: str) -> str:
+        """The drawing, and a line of words."""
+        width, height = _PX_PER_MM * (self.right - self.left), _PX_PER_MM * (self.top - self.bottom)
+        size = f'width="{width:.0f}" height="{height:.0f}" viewBox="0 0 {width:.1f} {height:.1f}"'
+        svg = f'<svg xmlns="http://www.w3.org/2000/svg" {size}>{"".join(drawn)}</svg>'
+        return f"<figure>{svg}<figcaption>{escape(caption)}</figcaption></figure>"
+
+    def _placed(self, points: Array) -> Array:
+        """(n, 2) in pixels, downwards."""
+        return _PX_PER_MM * np.stack([points[0] - self.left, self.top - points[1]], axis=1)
