@@ -2,12 +2,12 @@
 
 import csv
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline, PchipInterpolator, make_interp_spline
 
 from sim.contact.profiles import STEEPEST_SLOPE, arc_tangent
@@ -25,7 +25,7 @@ class ProfileError(ValueError):
     """The file holds no usable profile; the message names file, line and what was expected."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class MeasuredProfile:
     """Points joined by a C¹ monotone cubic (PCHIP) or by straight lines, flanks beyond the first and last.
 
@@ -36,6 +36,42 @@ class MeasuredProfile:
     x_mm: tuple[float, ...]  # ascending, zero at the reference point
     height_mm: tuple[float, ...]  # above the lowest point
     linear: bool = False
+
+    @classmethod
+    def from_arrays(
+        cls, x_mm: ArrayLike, height_mm: ArrayLike, *, name: str = "own", linear: bool = False
+    ) -> "MeasuredProfile":
+        """Points (n,) of one's own: x rises and is 0 at the reference point, heights are above any level.
+
+        Raises ProfileError.
+        """
+        x, height = np.asarray(x_mm, dtype=float), np.asarray(height_mm, dtype=float)
+        if x.ndim != 1 or x.shape != height.shape:
+            raise ProfileError(f"profile {name}: expected as many heights as x_mm, got {height.shape} and {x.shape}")
+        points = np.stack([x, height], axis=1)
+        if not np.isfinite(points).all():
+            row = int(np.argmin(np.isfinite(points).all(axis=1)))
+            raise ProfileError(f"profile {name}, point {row}: expected numbers, got {x[row]:g} and {height[row]:g}")
+        return cls._checked(name, points, linear)
+
+    @classmethod
+    def _checked(cls, path: str, points: Array, linear: bool) -> "MeasuredProfile":
+        """Of (n, 2) points, the lowest of which becomes zero."""
+        if len(points) < 2:
+            raise ProfileError(f"profile {path}: expected at least two points, got {len(points)}")
+        backwards = np.flatnonzero(np.diff(points[:, 0]) <= 0)
+        if len(backwards):
+            raise ProfileError(
+                f"profile {path}: expected x_mm to rise, it does not after {points[backwards[0], 0]:g} mm"
+            )
+        heights = points[:, 1] - points[:, 1].min()
+        return cls(path, tuple(points[:, 0].tolist()), tuple(heights.tolist()), linear)
+
+    def __getstate__(self) -> dict[str, object]:
+        return {field.name: getattr(self, field.name) for field in fields(self)}  # without the curves
+
+    def __repr__(self) -> str:
+        return f"<MeasuredProfile {self.name}, {len(self.x_mm)} points from {self.x_mm[0]:g} to {self.x_mm[-1]:g} mm>"
 
     @property
     def name(self) -> str:
@@ -103,13 +139,7 @@ def read_profile(path: str, *, linear: bool = False) -> MeasuredProfile:
     if not rows or tuple(cell.strip() for cell in rows[0]) != COLUMNS:
         raise ProfileError(f"profile {path}, line 1: expected the columns {','.join(COLUMNS)}")
     points = np.array([_point(path, n, row) for n, row in enumerate(rows[1:], 2) if row]).reshape(-1, 2)
-    if len(points) < 2:
-        raise ProfileError(f"profile {path}: expected at least two points, got {len(points)}")
-    backwards = np.flatnonzero(np.diff(points[:, 0]) <= 0)
-    if len(backwards):
-        raise ProfileError(f"profile {path}: expected x_mm to rise, it does not after {points[backwards[0], 0]:g} mm")
-    heights = points[:, 1] - points[:, 1].min()
-    return MeasuredProfile(path, tuple(points[:, 0].tolist()), tuple(heights.tolist()), linear)
+    return MeasuredProfile._checked(path, points, linear)
 
 
 def _point(path: str, line: int, row: list[str]) -> list[float]:

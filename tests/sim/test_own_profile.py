@@ -1,0 +1,54 @@
+"""A profile from arrays is the profile from a file, and what cannot be one is refused in one line."""
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim.contact.measured_profile import MeasuredProfile, ProfileError, read_profile
+from sim.models.catalogue import load
+
+X, HEIGHT = [-2.0, -0.5, 0.0, 0.7, 2.0], [1.0, 0.3, 0.2, 0.3, 1.2]
+
+
+@pytest.mark.parametrize("linear", [False, True])
+def test_arrays_are_a_file(linear: bool, tmp_path: Path) -> None:
+    path = tmp_path / "own.csv"
+    path.write_text("x_mm,height_mm\n" + "".join(f"{x},{h}\n" for x, h in zip(X, HEIGHT, strict=True)))
+    own = MeasuredProfile.from_arrays(np.array(X), HEIGHT, name=str(path), linear=linear)
+    assert own == read_profile(str(path), linear=linear)
+    assert hash(own) == hash(read_profile(str(path), linear=linear))
+    assert own.height_mm[2] == 0.0
+    assert own.x_mm == tuple(X)
+
+
+def test_it_has_a_name_and_says_little() -> None:
+    assert MeasuredProfile.from_arrays(X, HEIGHT).name == "profile:own"
+    own = MeasuredProfile.from_arrays(X, HEIGHT, name="dome")
+    assert repr(own) == "<MeasuredProfile profile:dome, 5 points from -2 to 2 mm>"
+    assert load("halfspace").indent(own, doi_mm=0.1).indentor.name == "profile:dome"
+
+
+def test_it_pickles_without_its_curves() -> None:
+    own = MeasuredProfile.from_arrays(X, HEIGHT)
+    size = len(pickle.dumps(own))
+    height = own.evaluate(np.array([0.3]))[0]
+    assert len(pickle.dumps(own)) == size
+    assert pickle.loads(pickle.dumps(own)).evaluate(np.array([0.3]))[0] == height
+
+
+@pytest.mark.parametrize(
+    ("x", "height", "expected"),
+    [
+        (X, HEIGHT[:-1], r"profile own: expected as many heights as x_mm, got \(4,\) and \(5,\)"),
+        ([X], [HEIGHT], r"profile own: expected as many heights as x_mm, got \(1, 5\) and \(1, 5\)"),
+        ([0.0, 1.0, np.nan], [0.0, np.inf, 1.0], "profile own, point 1: expected numbers, got 1 and inf"),
+        ([0.0, np.nan], [0.0, 1.0], "profile own, point 1: expected numbers, got nan and 1"),
+        ([0.0], [0.0], "profile own: expected at least two points, got 1"),
+        ([0.0, 1.0, 1.0], [0.0, 1.0, 2.0], "profile own: expected x_mm to rise, it does not after 1 mm"),
+    ],
+)
+def test_what_is_no_profile_is_refused(x: list[float], height: list[float], expected: str) -> None:
+    with pytest.raises(ProfileError, match=f"^{expected}$"):
+        MeasuredProfile.from_arrays(x, height)
