@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from rig.devices.units import GWT_N
 from rig.engine.by_hand.bench_memory import BenchMemory
 from rig.plan.config import load_config
 from rig.virtual.served_bench import ServedBench
@@ -51,8 +52,8 @@ def test_down_to_the_finger_by_hand(rig: Rig, bench: Path) -> None:
     assert touched.code == 1
     assert "rig: stopped: touched" in touched.err
     found = touched.json
-    assert found["force_gwt"] >= 0.05
-    assert -4.3 < found["z_mm"] < -3.5
+    assert 0.05 <= found["force_gwt"] < load_config(bench).limits.soft_trip_n / GWT_N
+    assert -4.5 < found["z_mm"] < -3.5
     contact = rig("zero", "--config", bench)
     assert contact.code == 1
     assert "gwt against the last zero on record, of 20" in contact.err
