@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TypeVar
 
-DEADLINE_S = 60.0
+DEADLINE_S = 180.0
 """Reached by what has failed only: nothing here takes a tenth of it, however busy the machine."""
 
 _LOOK_S = 0.01
