@@ -48,7 +48,7 @@ bench: .venv/.ready-dev
 	$(BIN)/python -m studies.speed.warm_contact
 	$(BIN)/python -m studies.speed.commands
 	$(BIN)/python -m studies.accuracy.strain_recovery
-	$(BIN)/python -m studies.faults.kills
+	$(BIN)/python -m studies.faults.kills --cables 60
 	$(BIN)/python -m studies.faults.outcomes
 	$(BIN)/python -m studies.faults.phases
 	$(BIN)/python -m studies.accuracy.check_predictions

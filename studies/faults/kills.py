@@ -1,8 +1,9 @@
-"""Kill a run again and again, `kill -9`, and take it up each time: is anything missing, or done twice?
+"""Cut a run short again and again and take it up each time: is anything lost, done twice, or mixed of two attempts?
 
-Half of the kills fall on writes of the journal (before, in the middle of, after one, before and after it is on disk),
-half on instants of the bench's clock, both spread evenly over the run; every fourth run is killed a second time while
-it is being taken up. Each run is a process of its own, forked with the finger loaded.
+By `kill -9`, SIGTERM and SIGHUP, as many of each, shuffled: half on writes of the journal (before, in the middle of,
+after one, before and after it is on disk), half on instants of the bench's clock. With `--cables` also by a cable of
+stage or force pulled at a random byte: its port gone, or nothing heard any more. All are spread evenly over the run,
+and every fourth run is struck again while it is taken up. Each is a process of its own, forked with a loaded finger.
 """
 
 import os
@@ -10,97 +11,57 @@ import os
 os.environ["OMP_NUM_THREADS"] = "1"  # a fork takes no threads along
 
 import argparse
+import io
 import json
 import random
-import signal
 import sys
 import tempfile
 import traceback
 from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from contextlib import redirect_stderr
 from pathlib import Path
 from typing import Any
 
-import rig.session.session as sessions
-from rig.data import Run, read_run
-from rig.engine.journal import Journal, read_journal
+from rig.cli.interrupts import Pause, at_a_safe_point
+from rig.data import Run, RunError, read_run
+from rig.engine.journal import read_journal
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import Script, load_script
+from rig.session.attendant import Nobody
 from rig.session.resume import StoppedRun, read_stopped
 from rig.session.session import NewRun, Session, dry_run
-from rig.virtual.virtual_bench import virtual_bench
 from sim.models.fingertip import Fingertip
+from studies.faults.attempts import mixed
+from studies.faults.strikes import Strike, cuts, kills
 
 SCRIPT = """\
 import random
 from rig.protocol import Rig
 
 def run(rig: Rig) -> None:
-    rig.mount("bar:3.0")
-    rig.home()
-    rig.zero()
     places = [-0.5, 0.0, 0.5, 1.0]
     random.Random(5).shuffle(places)
-    for x_mm in places:
-        rig.move_to(x_mm=x_mm)
-        rig.indent(force_gwt=1.0, increments=2, hold_s=0.1)
+    for indentor, here in (("bar:3.0", places[:2]), ("bar:1.5", places[2:])):
+        rig.mount(indentor)
+        rig.home()
+        rig.zero()
+        for x_mm in here:
+            rig.move_to(x_mm=x_mm)
+            rig.indent(force_gwt=1.0, increments=2, hold_s=0.1)
 """
-STAGES = ("before the write", "half written", "before the flush", "on disk")
+MUST_BE_NONE = ("lost", "missing", "repeated", "mixed", "touching")
 
 
-@dataclass(frozen=True)
-class Kill:
-    """Where a run ends: at a write of the journal, or at an instant of the bench's clock (s)."""
+class Leaving(Nobody):
+    """Asks for a pause where a signal does, and does not come back from it."""
 
-    write: int | None = None
-    stage: str = STAGES[0]
-    t_s: float | None = None
+    def __init__(self, pause: Pause) -> None:
+        self._pause = pause
 
-    @property
-    def kind(self) -> str:
-        """For the histogram."""
-        return "motion" if self.write is None else f"journal, {self.stage}"
-
-
-def kill_now() -> None:
-    """No handler, no buffer flushed, nothing closed."""
-    os.kill(os.getpid(), signal.SIGKILL)
-
-
-def arm(kill: Kill) -> None:
-    """Have this process killed there."""
-    if kill.t_s is not None:
-        _arm_clock(kill.t_s)
-        return
-    append, left = Journal._append, [kill.write]
-
-    def deadly(journal: Journal, line: bytes) -> None:
-        if left[0]:
-            left[0] -= 1
-            append(journal, line)
-            return
-        if kill.stage == "on disk":
-            append(journal, line)
-        else:
-            journal._file.write(
-                {"half written": line[: len(line) // 2], "before the flush": line}.get(kill.stage, b"")
-            )
-        kill_now()
-
-    Journal._append = deadly  # type: ignore[method-assign, assignment]
-
-
-def _arm_clock(t_s: float) -> None:
-    make = virtual_bench
-
-    def deadly(*arguments: Any) -> Any:
-        bench = make(*arguments)
-        bench.clock.call_at(bench.clock.monotonic_s() + t_s, kill_now)
-        return bench
-
-    sessions.virtual_bench = deadly  # type: ignore[attr-defined, assignment]
+    def interrupted(self) -> bool:
+        return self._pause.asked()
 
 
 class Trials:
@@ -111,59 +72,62 @@ class Trials:
         path.write_text(SCRIPT, encoding="utf-8")
         self._folder, self._finger, self._script = folder, finger, load_script(str(path))
         self._plan = make_plan(self._script, Config(), finger)
-        whole = read_run(self._run("undisturbed", None))
+        self._whole = whole = read_run(self._run("undisturbed", None))
         self.writes, self.duration_s = sum(1 for _ in read_journal(whole.folder.events)), whole.duration_s
         self._presses = _presses(whole)
 
-    def kills(self, number: int, seed: int) -> list[Kill]:
-        """Half on writes, half on instants, one in each equal part of the run."""
-        chance, half = random.Random(seed), number // 2
-        writes = [int((n + chance.random()) * self.writes / half) for n in range(half)]
-        times = [(n + chance.random()) * self.duration_s / (number - half) for n in range(number - half)]
-        found = [Kill(write=write, stage=STAGES[n % len(STAGES)]) for n, write in enumerate(writes)]
-        return found + [Kill(t_s=t_s) for t_s in times]
+    def wire_bytes(self, port: str) -> int:
+        """So many go over a wire in a run, both ways."""
+        lines = map(json.loads, self._whole.folder.bytes_log.read_text(encoding="ascii").splitlines())
+        return sum(len(line["hex"]) // 2 for line in lines if line["port"] == port)
 
-    def trial(self, number: int, kill: Kill) -> dict[str, Any]:
-        """One run killed, perhaps killed once more while it is taken up, and taken up to its end."""
-        cut = self._run(f"{number:03}", kill)
-        during = _during(cut)
+    def trial(self, number: int, strike: Strike) -> dict[str, Any]:
+        """One run cut short, perhaps once more while it is taken up, and taken up to its end."""
+        cut = self._run(f"{number:03}", strike)
+        during, before, left = _during(cut), _done(cut), _left(cut)
         if number % 4 == 3:
-            _forked(lambda: self._take_up(cut), kill)
-        ended = _forked(lambda: self._take_up(cut), None)
+            _forked(lambda pause: self._take_up(cut, pause), strike)
+        ended = _forked(lambda pause: self._take_up(cut, pause), None)
         run = read_run(cut)
         return {
-            "kind": kill.kind,
+            "kind": strike.kind,
+            "how": strike.how,
             "during": during,
+            "left": left,
             "complete": ended == 0 and run.complete and _presses(run) == self._presses,
+            "lost": sum(run.done.get(index) != holds for index, holds in before.items()),
             "missing": run.missing,
             "repeated": run.repeated,
+            "mixed": mixed(run),
             "restarted": run.restarted,
+            "touching": strike.how in ("TERM", "HUP") and left == "held",
         }
 
-    def _run(self, name: str, kill: Kill | None) -> Path:
+    def _run(self, name: str, strike: Strike | None) -> Path:
         """The run's folder, once its process has ended."""
         out = self._folder / name
-        _forked(lambda: dry_run(self._session(self._script, Config(), NewRun(out))), kill)
+        _forked(lambda pause: dry_run(self._session(self._script, Config(), NewRun(out), pause)), strike)
         (made,) = (path for path in out.iterdir() if not path.name.startswith("."))
         return made
 
-    def _take_up(self, cut: Path) -> None:
+    def _take_up(self, cut: Path, pause: Pause) -> None:
         stopped = read_stopped(cut)
-        dry_run(self._session(stopped.script, stopped.config, stopped))
+        dry_run(self._session(stopped.script, stopped.config, stopped, pause))
 
-    def _session(self, script: Script, config: Config, into: NewRun | StoppedRun) -> Session:
-        return Session(script, config, self._finger, self._plan, into)
+    def _session(self, script: Script, config: Config, into: NewRun | StoppedRun, pause: Pause) -> Session:
+        return Session(script, config, self._finger, self._plan, into, Leaving(pause))
 
 
-def _forked(work: Callable[[], object], kill: Kill | None) -> int:
+def _forked(work: Callable[[Pause], object], strike: Strike | None) -> int:
     """Do it in a forked process; its exit code, negative for the signal that ended it."""
     child = os.fork()
     if child == 0:
         code = 1
         try:
-            if kill is not None:
-                arm(kill)
-            work()
+            if strike is not None:
+                strike.arm()
+            with at_a_safe_point() as pause, redirect_stderr(io.StringIO()):
+                work(pause)
             code = 0
         except BaseException:
             traceback.print_exc()
@@ -176,8 +140,24 @@ def _presses(run: Run) -> list[tuple[Any, ...]]:
     return [(e["index"], e["indentor"], e["x_mm"], e["value"]) for e in run.stream("indentation_start")]
 
 
+def _done(cut: Path) -> dict[int, list[dict[str, Any]]]:
+    """The indentations that a run had finished when it was cut short, none where nothing was journalled."""
+    try:
+        return read_run(cut).done
+    except RunError:
+        return {}
+
+
+def _left(cut: Path) -> str:
+    """Where the run says that it left the indentor; a program that was killed says nothing."""
+    *_, last = [{}, *read_journal(cut / "events.jsonl")]
+    if last.get("doc") != "stop":
+        return "unsaid"
+    return "done" if last["status"] == "done" else str(last["indentor"]["left"])
+
+
 def _during(cut: Path) -> str:
-    """What the run was at when it was killed: the last event that its journal knows of."""
+    """What the run was at when it was cut short: the last event that its journal knows of."""
     events = [d for d in read_journal(cut / "events.jsonl") if d["doc"] == "event"]
     if not events:
         return "start"
@@ -185,34 +165,38 @@ def _during(cut: Path) -> str:
     return last["data"]["phase"] if last["stream"] == "sample" else last["stream"]
 
 
-def table(results: list[dict[str, Any]]) -> str:
-    """The histogram: kills by what the run was at, and by what they hit."""
-    kinds = sorted({result["kind"] for result in results})
-    rows = Counter((result["during"], result["kind"]) for result in results)
-    lines = [f"| killed after | {' | '.join(kinds)} |", "|---" * (len(kinds) + 1) + "|"]
-    for during in dict.fromkeys(result["during"] for result in results):
-        lines.append(f"| {during} | {' | '.join(str(rows[during, kind]) for kind in kinds)} |")
+def table(results: Sequence[dict[str, Any]], row: str, column: str) -> str:
+    """The histogram, by two of what each result tells."""
+    heads = sorted({result[column] for result in results})
+    counts = Counter((result[row], result[column]) for result in results)
+    lines = [f"| {row} | {' | '.join(heads)} |", "|---" * (len(heads) + 1) + "|"]
+    for name in dict.fromkeys(result[row] for result in results):
+        lines.append(f"| {name} | {' | '.join(str(counts[name, head]) for head in heads)} |")
     return "\n".join(lines)
 
 
 def main() -> None:
-    """Kill, take up, count."""
+    """Cut short, take up, count."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--cables", type=int, default=0)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
+    chance = random.Random(options.seed)
     with tempfile.TemporaryDirectory() as folder:
         trials = Trials(Path(folder), Fingertip.load())
-        kills = trials.kills(options.kills, options.seed)
-        results = [trials.trial(number, kill) for number, kill in enumerate(kills)]
-    total = {key: sum(result[key] for result in results) for key in ("complete", "missing", "repeated", "restarted")}
-    total |= {"kills": len(results), "writes": trials.writes, "duration_s": round(trials.duration_s, 1)}
+        strikes: list[Strike] = [*kills(options.kills, chance, trials.writes, trials.duration_s)]
+        strikes += cuts(options.cables, chance, trials.wire_bytes)
+        results = [trials.trial(number, strike) for number, strike in enumerate(strikes)]
+    total = {key: sum(result[key] for result in results) for key in ("complete", *MUST_BE_NONE, "restarted")}
+    total |= {"kills": options.kills, "cables": options.cables}
+    total |= {"writes": trials.writes, "duration_s": round(trials.duration_s, 1)}
     if options.json:
         print(json.dumps({**total, "results": results}))
     else:
-        print(table(results), f"{total}", sep="\n\n")
-    sys.exit(0 if total["complete"] == len(results) and not (total["missing"] or total["repeated"]) else 1)
+        print(table(results, "during", "kind"), table(results, "how", "left"), f"{total}", sep="\n\n")
+    sys.exit(0 if total["complete"] == len(results) and not any(total[key] for key in MUST_BE_NONE) else 1)
 
 
 if __name__ == "__main__":
