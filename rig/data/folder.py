@@ -1,6 +1,7 @@
 """The folder of one run: copies of everything that made it, hashed, beside what it recorded."""
 
 import contextlib
+import errno
 import hashlib
 import json
 import os
@@ -16,6 +17,7 @@ from typing import Any
 import filelock
 
 _SUMS, _LOCK = "SHA256SUMS", ".lock"
+_FULL = (errno.ENOSPC, errno.EDQUOT)
 _COPIES = ("protocol.py", "config.toml", "provenance.json")
 SHAPE_COPY = "shape_"
 """Copies of the files that shapes name begin so."""
@@ -104,12 +106,19 @@ class RunFolder:
 
     @contextmanager
     def owned(self) -> Iterator[None]:
-        """Hold the folder against every other process that would write to it. Raises FolderBusyError."""
+        """Hold the folder against every other process that would write to it.
+
+        Raises FolderBusyError; UnwritableError on a full disk.
+        """
         lock = filelock.FileLock(self.path / _LOCK, timeout=0)
         try:
             lock.acquire()
         except filelock.Timeout:
             raise FolderBusyError(f"run {self.path}: another process is at it") from None
+        except OSError as error:
+            if error.errno in _FULL:
+                raise UnwritableError.of(self.path / _LOCK, error) from error
+            raise
         try:
             yield
         finally:

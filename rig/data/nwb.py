@@ -3,13 +3,15 @@
 Times are seconds of the run's clock, t = 0 at its start. Positions are in the finger's frame, in metres as NWB asks.
 """
 
+import io
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 
-from rig.data.folder import UnwritableError
+from rig.data.folder import replace_bytes
 from rig.data.reader import Run
 from rig.devices.units import GWT_N
 
@@ -33,14 +35,10 @@ def export_nwb(run: Run) -> Path:
     except ImportError:
         raise NwbMissingError("export --nwb: needs pynwb, expected pip install 'indentation-rig[nwb]'") from None
     path = run.folder.path / "run.nwb"
-    partial = path.with_suffix(".part.nwb")
-    try:
-        with pynwb.NWBHDF5IO(partial, "w") as file:
-            file.write(_as_nwb(run, pynwb))
-        partial.replace(path)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise UnwritableError.of(path, error) from error
+    image = io.BytesIO()  # a full disk met by HDF5 itself ends the program
+    with h5py.File(image, "w") as hdf5, pynwb.NWBHDF5IO(mode="w", file=hdf5) as file:
+        file.write(_as_nwb(run, pynwb))
+    replace_bytes(path, image.getvalue())
     return path
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.data import FolderBusyError, Run, RunError, RunFolder, read_run
+from rig.data.folder import UnwritableError
 from rig.engine import RunAborted
 from rig.engine.journal import JournalError, mend_journal
 from rig.plan.config import Config, load_config
@@ -35,11 +36,13 @@ class StoppedRun:
 
 
 def read_stopped(path: Path) -> StoppedRun:
-    """What a run folder holds, its journal mended. Raises BadInputError, FolderBusyError."""
+    """What a run folder holds, its journal mended. Raises BadInputError, FolderBusyError, UnwritableError."""
     folder = RunFolder(path)
     try:
         with folder.owned():
             return _read(folder)
+    except UnwritableError:
+        raise
     except OSError as error:
         raise BadInputError(f"run {path}: {error.filename}: {error.strerror}, expected a run folder") from None
     except (RunError, JournalError) as error:

@@ -147,7 +147,7 @@ def _run_session(
     folder = _folder(session, now, virtual=virtual)
     problem, at = None, Whereabouts("not moved")
     there = session.before is not None and session.before.complete
-    with folder.owned():
+    with _nothing_left(session, folder), folder.owned():
         if not there:
             problem, at = _on_a_bench(session, folder, lambda log: open_bench(folder, log, now.timestamp()), speed)
         run = read_run(folder.path)
@@ -172,7 +172,7 @@ def _on_a_bench(
 ) -> tuple[Exception | None, Whereabouts]:
     """Carry the script out; returns what ended it before its end, and where that left the indentor."""
     contact_s = 0.0 if session.before is None else session.before.contact_s
-    with _nothing_left(session, folder), ByteLog(folder.bytes_log) as byte_log:
+    with ByteLog(folder.bytes_log) as byte_log:
         bench = open_bench(byte_log)
         watch = _recorded(folder, byte_log, _paced(session, bench.clock, speed))
         with closing(bench):

@@ -27,7 +27,7 @@ def run(rig):
 """
 PROFILE = "x_mm,height_mm\n-3,1.2\n-1,0.1\n0,0\n1,0.1\n3,1.2\n"
 
-BEGINNING = ("protocol.py", "config.toml", "provenance.json", "shape_", "SHA256SUMS")
+BEGINNING = ("protocol.py", "config.toml", "provenance.json", "shape_", "SHA256SUMS", ".lock")
 ENDING = ("data.h5", "sample.csv", "hold_end.csv", "report.html", "SHA256SUMS")
 WHILE_IT_RUNS = ("events.jsonl", "bytes.jsonl")
 
@@ -91,7 +91,7 @@ def rig(
 def full_at() -> Iterator[Callable[[str, int], tuple[FullDisk, Callable[[], None]]]]:
     """Make the disk full at the nth write of a file, until the returned function makes room."""
     patch = pytest.MonkeyPatch()
-    opened = Path.open
+    opened, opened_low = Path.open, os.open
 
     def make(name: str, nth: int) -> tuple[FullDisk, Callable[[], None]]:
         disk = FullDisk(name, nth)
@@ -103,7 +103,13 @@ def full_at() -> Iterator[Callable[[str, int], tuple[FullDisk, Callable[[], None
             file.disk = disk
             return file
 
+        def no_new_file(path: Any, flags: int, *arguments: Any, **more: Any) -> int:
+            if flags & os.O_CREAT and isinstance(path, str) and disk.strikes(path):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), path)
+            return opened_low(path, flags, *arguments, **more)
+
         patch.setattr(Path, "open", on_the_disk)
+        patch.setattr(os, "open", no_new_file)
         return disk, patch.undo
 
     yield make
@@ -175,3 +181,48 @@ def test_a_run_is_whole_again_when_there_is_room(
     assert {"data.h5", "report.html", "sample.csv", "hold_end.csv", "SHA256SUMS"} <= there
     listed = {line.split("  ", 1)[1] for line in (folder / "SHA256SUMS").read_text(encoding="utf-8").splitlines()}
     assert listed == there - {"SHA256SUMS", ".lock"}
+
+
+@pytest.mark.parametrize(
+    ("as_what", "name"),
+    [
+        *(("--csv", name) for name in ("data.h5", "sample.csv", "hold_end.csv", "SHA256SUMS")),
+        *(("--nwb", name) for name in ("run.nwb", "SHA256SUMS")),
+    ],
+)
+def test_an_export_is_the_old_one_or_the_whole_new_one(
+    rig: Callable[..., Ended], full_at: Callable[..., Any], tmp_path: Path, as_what: str, name: str
+) -> None:
+    """HDF5 that meets a full disk itself ends the program: a file is made in memory, and written by us."""
+    if as_what == "--nwb":
+        pytest.importorskip("pynwb", reason="needs pynwb: pip install 'indentation-rig[nwb]'")
+    assert rig("dry-run", "mine.py").code == 0
+    (folder,) = (tmp_path / "runs").iterdir()
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    disk, make_room = full_at(name, 1)
+    ended = rig("export", str(folder), as_what)
+    make_room()
+    assert disk.struck
+    assert ended.code == 2
+    assert f"/{name}: cannot be written: No space left on device, " in _line(ended)
+    assert " MB free: free space, then the same again" in _line(ended)
+    _no_half_file(folder)
+    assert (folder / name).exists() is (name in before)
+    assert name not in before or (folder / name).read_bytes() == before[name]
+    assert rig("export", str(folder), as_what).code == 0
+    assert (folder / name).stat().st_size > 0
+
+
+def test_a_run_that_cannot_be_locked_is_not_taken_up(
+    rig: Callable[..., Ended], full_at: Callable[..., Any], tmp_path: Path
+) -> None:
+    assert rig("dry-run", "mine.py").code == 0
+    (folder,) = (tmp_path / "runs").iterdir()
+    (folder / ".lock").unlink()
+    _, make_room = full_at(".lock", 1)
+    ended = rig("resume", str(folder))
+    make_room()
+    assert ended.code == 2
+    assert "/.lock: cannot be written: No space left on device, " in _line(ended)
+    assert " MB free: free space, then the same again" in _line(ended)
+    assert rig("resume", str(folder)).code == 0
