@@ -28,8 +28,8 @@ from sim.models.fingertip import Fingertip
 class AtTheTerminal:
     """Somebody with Ctrl-C at hand and a bar to look at."""
 
-    def __init__(self, pause: Pause, watch: Watch) -> None:
-        self.watch, self.interrupted, self.go_on = watch, pause.asked, pause.go_on
+    def __init__(self, pause: Pause, watch: Watch, begins: Callable[[], None]) -> None:
+        self.watch, self.interrupted, self.go_on, self.begins = watch, pause.asked, pause.go_on, begins
 
 
 def nothing_to_confirm(session: Session) -> None:
@@ -46,10 +46,11 @@ def carry_out(
     stopped: StoppedRun | None = None,
     subject: str | None = None,
     confirm: Callable[[Session], None] = nothing_to_confirm,
+    begins: Callable[[], None],
 ) -> FinishedRun:
     """Check the script, carry it out or take it up where it stopped, write its report, and say where it is.
 
-    confirm is called when all is checked and nothing has moved.
+    confirm is called when all is checked and nothing has moved, begins when the next thing may move.
     """
     into = stopped or NewRun(out_dir, checked_subject(subject))
     with loading_the_finger():
@@ -60,7 +61,7 @@ def carry_out(
     confirm(Session(script, config, finger, plan, into))
     began = time.perf_counter()
     with at_a_safe_point() as pause, _progress(len(plan.indentations)) as watch:
-        done = how(Session(script, config, finger, plan, into, AtTheTerminal(pause, watch)))
+        done = how(Session(script, config, finger, plan, into, AtTheTerminal(pause, watch, begins)))
     done = _reported(done, finger)
     _print(done, time.perf_counter() - began, as_json=as_json, resumed=stopped is not None)
     return done

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from rig.cli.output import ExitCode, err, fail, loading_the_finger
+from rig.cli.output import NotConfirmedError, err, loading_the_finger
 from rig.plan.config import Config
 from rig.protocol.errors import BadInputError
 from rig.session.bench_problems import refuse_bench
@@ -31,8 +31,11 @@ def ready_for_a_real_run(command: str, config: Config, out: Path, *, yes: bool) 
         raise BadInputError(f"{command}: nobody can be asked here, expected a terminal or --yes")
 
 
-def at_the_page(before: Ending | None, *, yes: bool, as_json: bool) -> Callable[[Session], None]:
-    """Print the page, and wait for the one answer to it; before: how the last run left the indentor."""
+def at_the_page(before: Ending | None, *, yes: bool) -> Callable[[Session], None]:
+    """Print the page, and wait for the one answer to it; before: how the last run left the indentor.
+
+    What it returns raises NotConfirmedError.
+    """
 
     def confirm(session: Session) -> None:
         with loading_the_finger("rehearsing on springs …"):
@@ -42,7 +45,7 @@ def at_the_page(before: Ending | None, *, yes: bool, as_json: bool) -> Callable[
         for about, words in page.items():
             err.print(f"{about:<10}{words}")
         if not yes and not _confirmed():
-            fail("not confirmed: nothing has moved", ExitCode.ABORTED, as_json=as_json)
+            raise NotConfirmedError("not confirmed: nothing has moved")
 
     return confirm
 

@@ -15,7 +15,7 @@ from rig.cli.options import (
     SetOption,
     SubjectOption,
 )
-from rig.cli.output import complain, told_in_one_line
+from rig.cli.output import Beginning, complain, told_in_one_line
 from rig.plan.config import load_config
 from rig.protocol.errors import BadInputError
 from rig.protocol.script import load_script
@@ -35,7 +35,8 @@ def command(
     as_json: JsonOption = False,
 ) -> None:
     """Check the script, run it on the virtual bench, write the run folder and its report."""
-    with told_in_one_line(as_json=as_json):
+    beginning = Beginning(aloud=False)
+    with told_in_one_line(as_json=as_json, beginning=beginning):
         settings = load_config(config)
         refuse_twinless(settings.stage, settings.force)
         for problem in expired_calibrations(settings):
@@ -43,7 +44,13 @@ def command(
         script = load_script(protocol, [*(set_ or []), *(more or [])])
         pace = _pace(speed)
         done = carry_out(
-            script, settings, out_dir, lambda session: dry_run(session, pace), as_json=as_json, subject=subject
+            script,
+            settings,
+            out_dir,
+            lambda session: dry_run(session, pace),
+            as_json=as_json,
+            subject=subject,
+            begins=beginning.begins,
         )
     leave(done)
 

@@ -57,25 +57,55 @@ def complain(message: str) -> str:
     return line
 
 
-def fail(message: str, code: ExitCode, *, as_json: bool) -> NoReturn:
+class NotConfirmedError(Exception):
+    """Whoever was asked did not say yes."""
+
+
+class Beginning:
+    """Whether a command that carries a script out has begun to; until then its failure says that nothing was moved.
+
+    aloud: on the screen too, not in JSON alone.
+    """
+
+    def __init__(self, *, aloud: bool) -> None:
+        self.aloud, self.begun = aloud, False
+
+    def begins(self) -> None:
+        """From now on it can move something."""
+        self.begun = True
+
+
+def fail(message: str, code: ExitCode, *, as_json: bool, beginning: Beginning | None = None) -> NoReturn:
     """One line on standard error (and as JSON on standard output if that was asked for), and out."""
+    ending = {} if beginning is None or beginning.begun else {"ending": _nothing_moved(message, code)}
+    if beginning is not None and ending and beginning.aloud and not as_json:
+        print(f"{'where':<8}{ending['ending']['words']}", file=sys.stderr)
     line = complain(message)
     if as_json:
         with suppress(OSError):  # it may be standard output that failed
-            print_json({"error": line, "exit_code": int(code)})
+            print_json({"error": line, "exit_code": int(code), **ending})
     sys.exit(code)
 
 
+def _nothing_moved(message: str, code: ExitCode) -> dict[str, Any]:
+    """How a run ends that has not begun, as JSON."""
+    from rig.session.ending import Ending  # there already where something can be moved; a help does without
+
+    return Ending.before_it_began(" ".join(message.split()), refused=code is not ExitCode.ABORTED).as_json()
+
+
 @contextmanager
-def told_in_one_line(*, as_json: bool) -> Iterator[None]:
+def told_in_one_line(*, as_json: bool, beginning: Beginning | None = None) -> Iterator[None]:
     """Turn what can go wrong into one line and the right exit code."""
     try:
         yield
     except KeyboardInterrupt:
-        fail("stopped at once by the operator", ExitCode.ABORTED, as_json=as_json)
+        fail("stopped at once by the operator", ExitCode.ABORTED, as_json=as_json, beginning=beginning)
+    except NotConfirmedError as error:
+        fail(str(error), ExitCode.ABORTED, as_json=as_json, beginning=beginning)
     except Exception as error:
         from rig.cli.outcomes import outcome  # it imports both packages, and a help is not to wait for them
 
         if (found := outcome(error)) is None:
             raise
-        fail(*found, as_json=as_json)
+        fail(*found, as_json=as_json, beginning=beginning)

@@ -9,7 +9,7 @@ import typer
 from rig.cli.carrying_out import carry_out, leave, make_whole, nothing_to_confirm
 from rig.cli.confirming import at_the_page, careful, ready_for_a_real_run
 from rig.cli.options import JsonOption, YesOption
-from rig.cli.output import complain, err, told_in_one_line
+from rig.cli.output import Beginning, complain, err, told_in_one_line
 from rig.cli.run import ask_at_the_bench
 from rig.session.resume import ending_on_record, read_stopped
 from rig.session.session import FinishedRun, Session, dry_run, real_run
@@ -21,7 +21,8 @@ def command(
     as_json: JsonOption = False,
 ) -> None:
     """Take the script, its parameters and the configuration from the run's own copies, and go on."""
-    with told_in_one_line(as_json=as_json):
+    beginning = Beginning(aloud=True)
+    with told_in_one_line(as_json=as_json, beginning=beginning):
         stopped = read_stopped(run)
         if stopped.run is not None and stopped.complete:
             leave(make_whole(stopped, stopped.run, as_json=as_json))
@@ -31,7 +32,7 @@ def command(
         confirm: Callable[[Session], None] = nothing_to_confirm
         if not stopped.virtual:
             ready_for_a_real_run("resume", stopped.config, run.parent, yes=yes)
-            confirm = at_the_page(left, yes=yes, as_json=as_json)
+            confirm = at_the_page(left, yes=yes)
         elif left is not None:
             complain(careful(left))
 
@@ -39,6 +40,13 @@ def command(
             return dry_run(session) if stopped.virtual else real_run(session, ask_at_the_bench)
 
         done = carry_out(
-            stopped.script, stopped.config, run.parent, go_on, as_json=as_json, stopped=stopped, confirm=confirm
+            stopped.script,
+            stopped.config,
+            run.parent,
+            go_on,
+            as_json=as_json,
+            stopped=stopped,
+            confirm=confirm,
+            begins=beginning.begins,
         )
     leave(done)

@@ -17,7 +17,7 @@ from rig.cli.options import (
     SubjectOption,
     YesOption,
 )
-from rig.cli.output import err, told_in_one_line
+from rig.cli.output import Beginning, err, told_in_one_line
 from rig.engine import RunAborted
 from rig.plan.config import load_config
 from rig.protocol.script import load_script
@@ -36,7 +36,8 @@ def command(
     as_json: JsonOption = False,
 ) -> None:
     """Check the script, have the page confirmed, carry it out, write the run folder and its report."""
-    with told_in_one_line(as_json=as_json):
+    beginning = Beginning(aloud=True)
+    with told_in_one_line(as_json=as_json, beginning=beginning):
         settings = load_config(config)
         script = load_script(protocol, [*(set_ or []), *(more or [])])
         ready_for_a_real_run("run", settings, out_dir, yes=yes)
@@ -47,7 +48,8 @@ def command(
             lambda session: real_run(session, ask_at_the_bench),
             as_json=as_json,
             subject=subject,
-            confirm=at_the_page(last_left(out_dir, settings), yes=yes, as_json=as_json),
+            confirm=at_the_page(last_left(out_dir, settings), yes=yes),
+            begins=beginning.begins,
         )
     leave(done)
 

@@ -7,6 +7,9 @@ from typing import Any, Protocol
 class Attendant(Protocol):
     """Whoever looks on: sees every event, may ask for a pause, and says whether to go on after it."""
 
+    def begins(self) -> None:
+        """Ports are open and the journal has begun: from now on something may move."""
+
     def watch(self, stream: str, data: Mapping[str, Any]) -> None:
         """An event is on disk."""
 
@@ -19,6 +22,9 @@ class Attendant(Protocol):
 
 class Nobody:
     """Looks on and asks for nothing."""
+
+    def begins(self) -> None:
+        """Nothing comes of it."""
 
     def watch(self, stream: str, data: Mapping[str, Any]) -> None:
         """Nothing comes of it."""

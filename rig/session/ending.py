@@ -29,6 +29,7 @@ _SEE_TO: tuple[tuple[type[Exception], str], ...] = (
     (OSError, "free space, then resume"),
     (RecordError, "free space, then resume"),
 )
+_PUT_RIGHT = "put right what is named, then "
 _SEE_TO_THE_DEVICE = "see to the device that is named"
 
 
@@ -110,7 +111,7 @@ class Ending:
     reason: str
     at: Whereabouts
     next: str  # for whoever stands there
-    resume: str
+    resume: str | None  # what to type; nothing of a run that has not begun
 
     @classmethod
     def of(cls, problem: Exception | None, at: Whereabouts, folder: Path) -> "Ending":
@@ -126,10 +127,16 @@ class Ending:
         reason = "the run ended without its end: its program was killed, or the power failed"
         return cls(reason, at, _next(RunAborted(), at), resume_line(run.folder.path))
 
+    @classmethod
+    def before_it_began(cls, reason: str, *, refused: bool) -> "Ending":
+        """Of a run that was refused, or left, before anything could move."""
+        return cls(reason, Whereabouts("not moved"), f"{_PUT_RIGHT if refused else ''}the same again", None)
+
     @property
     def told(self) -> dict[str, str]:
         """Lines for people: what about, and the words."""
-        return {"where": self.at.words, "next": self.next, "resume": self.resume}
+        lines = {"where": self.at.words, "next": self.next, "resume": self.resume}
+        return {about: words for about, words in lines.items() if words is not None}
 
     def as_json(self) -> dict[str, Any]:
         """Numbers, and the same words."""

@@ -1,6 +1,7 @@
 """Every way in which a run ends before its end: where the indentor is, what to do next, how it goes on."""
 
 import json
+import os
 import shlex
 import signal
 import subprocess
@@ -53,6 +54,15 @@ def _signal(name: str) -> Strike:
     return lambda bench, patch: signal.raise_signal(getattr(signal, name))
 
 
+def _hang_up(bench: Bench, patch: pytest.MonkeyPatch) -> None:
+    """The program then writes to nothing; this process gets its own standard streams back."""
+    kept = [os.dup(stream) for stream in (0, 1, 2)]
+    signal.raise_signal(signal.SIGHUP)
+    for stream, was in enumerate(kept):
+        os.dup2(was, stream)
+        os.close(was)
+
+
 @dataclass(frozen=True)
 class End:
     """A way to end: what strikes in the press, and what is said then."""
@@ -87,6 +97,7 @@ ENDS = {
     ),
     "Ctrl-C": End(130, "stopped by the operator at a safe point", "lifted", False, WELL, _signal("SIGINT")),
     "SIGTERM": End(130, "stopped by the operator at a safe point", "lifted", False, WELL, _signal("SIGTERM")),
+    "SIGHUP": End(130, "stopped by the operator at a safe point", "lifted", False, WELL, _hang_up),
     "rig stop, or Ctrl-C twice": End(130, "at once, by the operator", "held", True, FREE, _signal("SIGUSR1")),
     "a limit": End(
         1, "the finger has been touched for", "lifted", False, "change the script or the limit",
@@ -122,6 +133,13 @@ def rig(
         return Ended(int(caught.value.code or 0), printed.out, printed.err)
 
     return run
+
+
+@pytest.fixture(autouse=True)
+def _not_under_nohup() -> Iterator[None]:
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
 
 
 @pytest.fixture
@@ -242,3 +260,101 @@ def test_the_next_command_says_that_a_program_was_killed(
     assert "last known" in again.err
     touches = "it may still touch the finger" in again.err
     assert touches is (needle == '"press"')
+
+
+# --- a second Ctrl-C while it homes ---
+
+LOOK_S = 0.05
+DRIVES = "[stage]\nkind = 'leadshine'\n"
+
+
+class CtrlC:
+    """So many SIGINTs at once, when the carriage has moved for so long; sees whether it did."""
+
+    def __init__(self, bench: Bench, into_s: float, times: int) -> None:
+        self.bench, self.into_s, self.moved_s, self.struck = bench, into_s, -LOOK_S, False
+        self.times = times
+        self.at = self.pose()
+        self._again()
+
+    def pose(self) -> tuple[float, float]:
+        """Where the carriage truly is, whatever is mounted on it."""
+        true = self.bench.plant.pose_at(self.bench.clock.monotonic_s())
+        return true.x_mm, true.height_mm
+
+    def _again(self) -> None:
+        self.bench.clock.call_at(self.bench.clock.monotonic_s() + LOOK_S, self._look)
+
+    def _look(self) -> None:
+        before, self.at = self.at, self.pose()
+        self.moved_s += LOOK_S * (before != self.at)
+        if self.moved_s < self.into_s:
+            self._again()
+            return
+        self.struck = True
+        for _ in range(self.times):
+            signal.raise_signal(signal.SIGINT)
+
+
+def _struck_while_homing(
+    rig: Callable[..., Ended], patch: pytest.MonkeyPatch, command: list[str], into_s: float, times: int
+) -> tuple[CtrlC, Ended]:
+    make_bench, struck = sessions.virtual_bench, []
+
+    def struck_bench(*arguments: Any) -> Bench:
+        bench = make_bench(*arguments)
+        struck.append(CtrlC(bench, into_s, times))
+        return bench
+
+    patch.setattr(sessions, "virtual_bench", struck_bench)
+    ended = rig(*command, "--json")
+    (it,) = struck
+    return it, ended
+
+
+def test_one_ctrl_c_while_it_homes_ends_it_lifted(
+    rig: Callable[..., Ended], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    it, ended = _struck_while_homing(rig, monkeypatch, _written(tmp_path, ENDS["Ctrl-C"]), 1.0, times=1)
+    assert it.struck
+    assert ended.code == 130
+    said = json.loads(ended.out)["ending"]
+    assert (said["indentor"]["left"], said["indentor"]["may_touch"]) == ("lifted", False)
+    assert said["indentor"]["height_mm"] > 1.9
+
+
+@pytest.mark.parametrize("kind", ["grbl", "leadshine"])
+@pytest.mark.parametrize("into_s", [0.0, 1.0, 3.0, 6.0])
+@pytest.mark.parametrize("resumed", [True, False])
+def test_a_second_ctrl_c_while_it_homes_leaves_nothing_moving(
+    rig: Callable[..., Ended],
+    striking: Callable[[Strike], pytest.MonkeyPatch],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    resumed: bool,
+    kind: str,
+    into_s: float,
+) -> None:
+    command = _written(tmp_path, ENDS["Ctrl-C"])
+    if kind == "leadshine":
+        (tmp_path / "rig.toml").write_text(DRIVES, encoding="utf-8")
+    if resumed:
+        patch = striking(_signal("SIGINT"))
+        assert rig(*command).code == 130
+        patch.undo()
+        command = ["resume", str(next((tmp_path / "runs").iterdir()))]
+    it, ended = _struck_while_homing(rig, monkeypatch, command, into_s, times=2)
+    assert it.struck
+    assert ended.code == 130
+    said = json.loads(ended.out)["ending"]
+    assert said["reason"] == "at once, by the operator"
+    assert (said["indentor"]["left"], said["indentor"]["trusted"]) == ("held", False)
+    assert said["next"].startswith(FREE)
+    it.bench.clock.wait_s(0.01)  # the bytes that stop it are on their way
+    at = it.pose()
+    it.bench.clock.wait_s(10.0)
+    assert it.pose() == at
+    (folder,) = (tmp_path / "runs").iterdir()
+    told = list(read_journal(folder / "events.jsonl"))
+    assert (told[-1]["doc"], told[-1]["status"]) == ("stop", "aborted")
+    assert [d["stream"] for d in told if d["doc"] == "event"][-1] == ("paused" if resumed else "mount")

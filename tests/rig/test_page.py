@@ -1,7 +1,9 @@
 """The page that a real run begins with: what it says, the one answer to it, and what it knows of the last run."""
 
+import errno
 import io
 import json
+import os
 import re
 import sys
 from collections.abc import Callable
@@ -14,8 +16,10 @@ import rig.cli.confirming as confirming
 import rig.session.session as sessions
 from rig.cli import main
 from rig.devices.units import GWT_N
+from rig.transport import TransportError
 from rig.virtual.virtual_bench import VirtualBench, virtual_bench
 from sim.devices.clock import VirtualClock
+from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
 from tests.rig.test_every_end import Ended
 
@@ -164,3 +168,98 @@ def test_every_next_command_knows_of_a_kill(rig: Run, opened: list[Any], tmp_pat
     assert resumed.err.count("press Enter") == 1
     assert "careful" not in _page(rig(*RUN, typed="n\n"))
     assert "clear of the finger" in rig("doctor", "--config", "rig.toml").out
+
+
+# --- what ends before it begins ---
+
+
+def _raising(error: BaseException) -> Callable[..., Any]:
+    def act(*_: Any, **__: Any) -> Any:
+        raise error
+
+    return act
+
+
+def _no_port(folder: Path, patch: pytest.MonkeyPatch) -> None:
+    (folder / "stage").unlink()
+
+
+def _same_port(folder: Path, patch: pytest.MonkeyPatch) -> None:
+    (folder / "rig.toml").write_text("[stage]\nport = 'one'\n[force]\nport = 'one'\n", encoding="utf-8")
+
+
+def _bad_script(folder: Path, patch: pytest.MonkeyPatch) -> None:
+    (folder / "mine.py").write_text(SCRIPT.replace("doi_mm=0.2", "doi_mm=20.0"), encoding="utf-8")
+
+
+def _shut_port(folder: Path, patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(sessions, "open_bench", _raising(TransportError("cannot open stage: it is busy")))
+
+
+def _full_disk(folder: Path, patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(os, "fsync", _raising(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))))
+
+
+def _ctrl_c(folder: Path, patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(confirming, "_confirmed", _raising(KeyboardInterrupt()))
+
+
+def _as_it_is(folder: Path, patch: pytest.MonkeyPatch) -> None:
+    """What is typed refuses it."""
+
+
+PUT_RIGHT, SAME = "put right what is named, then the same again", "the same again"
+REFUSED: dict[str, tuple[Callable[[Path, pytest.MonkeyPatch], None], str | None, int, str]] = {
+    "no port": (_no_port, "\n", 1, PUT_RIGHT),
+    "stage and force on one port": (_same_port, "\n", 2, PUT_RIGHT),
+    "a bad script": (_bad_script, "\n", 2, PUT_RIGHT),
+    "a port that does not open": (_shut_port, "\n", 1, PUT_RIGHT),
+    "a full disk": (_full_disk, "\n", 2, PUT_RIGHT),
+    "nobody there": (_as_it_is, None, 2, PUT_RIGHT),
+    "a no": (_as_it_is, "n\n", 130, SAME),
+    "Ctrl-C at the page": (_ctrl_c, "\n", 130, SAME),
+}
+
+
+@pytest.mark.parametrize("as_json", [True, False])
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_ends_before_it_begins_says_that_nothing_was_moved(
+    rig: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, as_json: bool
+) -> None:
+    prepare, typed, code, next_ = REFUSED[name]
+    with monkeypatch.context() as patch:
+        prepare(tmp_path, patch)
+        ended = rig(*RUN, *(["--json"] if as_json else []), typed=typed)
+    assert ended.code == code, ended.err
+    (line,) = [line for line in ended.err.splitlines() if line.startswith("rig: ")]
+    words = "not moved: nothing was told to move, it is where it was before"
+    if not as_json:
+        assert ended.err.splitlines()[-2:] == [f"where   {words}", line]
+        assert ended.out == ""
+        return
+    said = json.loads(ended.out)
+    assert (said["error"], said["exit_code"]) == (line.removeprefix("rig: "), code)
+    assert said["ending"] == {
+        "reason": said["error"],
+        "indentor": {"left": "not moved", "x_mm": None, "height_mm": None, "trusted": False, "may_touch": None},
+        "words": words, "next": next_, "resume": None,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("command", ["resume", "dry-run"])
+def test_a_resume_and_a_dry_run_that_are_refused_say_so_too(rig: Run, tmp_path: Path, command: str) -> None:
+    (tmp_path / "empty.py").touch()
+    what = "empty.py" if command == "dry-run" else str(tmp_path)
+    ended = rig(command, what, "--json")
+    assert (ended.code, json.loads(ended.out)["ending"]["indentor"]["left"]) == (2, "not moved")
+    assert ("where   not moved" in rig(command, what).err) is (command == "resume")
+
+
+def test_what_fails_after_it_began_does_not_say_that_nothing_was_moved(
+    rig: Run, opened: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rig.cli.carrying_out.write_report", _raising(ModelRangeError("no such force")))
+    ended = rig(*RUN, "--yes", "--json")
+    assert (ended.code, len(opened)) == (2, 1)
+    assert json.loads(ended.out) == {"error": "no such force", "exit_code": 2}
+    assert "not moved" not in rig(*RUN, "--yes").err
