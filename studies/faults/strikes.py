@@ -76,17 +76,17 @@ class Kill:
             self._strike()
             append(journal, line[written:])
 
-        Journal._append = struck  # type: ignore[method-assign]
+        Journal._append = struck  # type: ignore[method-assign, assignment]
 
     def _arm_clock(self, t_s: float) -> None:
-        make = sessions.virtual_bench
+        make = benches.virtual_bench
 
         def struck(*arguments: Any) -> Any:
             bench = make(*arguments)
             bench.clock.call_at(bench.clock.monotonic_s() + t_s, self._strike)
             return bench
 
-        sessions.virtual_bench = struck
+        sessions.virtual_bench = struck  # type: ignore[attr-defined, assignment]
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class Cut:
                 return LoopbackTransport(line, clock, name)
             return CutWire(line, clock, name, left=self.byte, silent=way == "silent")
 
-        benches.LoopbackTransport = made  # type: ignore[assignment, misc]
+        benches.LoopbackTransport = made  # type: ignore[attr-defined, assignment]
 
 
 class CutWire(LoopbackTransport):
