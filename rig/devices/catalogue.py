@@ -102,4 +102,4 @@ def _loaded(of: type[K], name: str, point: EntryPoint) -> K:
 
 
 def _either(words: list[str]) -> str:
-    return " or ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+    return f"{', '.join(words[:-1])} or {words[-1]}"

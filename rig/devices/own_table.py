@@ -9,12 +9,11 @@ from pydantic import (
     BeforeValidator,
     Field,
     ModelWrapValidatorHandler,
-    ValidationInfo,
     create_model,
     model_validator,
 )
 
-from rig.devices.catalogue import KindError, find, names
+from rig.devices.catalogue import DEFAULTS, KindError, find, names
 from rig.devices.kinds import Kind
 from rig.transport.port_settings import Settings
 
@@ -53,10 +52,10 @@ class DeviceSettings(Settings):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _with_its_table(cls, data: Any, handler: ModelWrapValidatorHandler[Self], info: ValidationInfo) -> Self:
+    def _with_its_table(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
         wanted = cls if not isinstance(data, Mapping) else of_kind(cls, data.get("kind"))
         if wanted is not cls:
-            return wanted.model_validate(data, context=info.context)
+            return wanted.model_validate(data)
         _refuse_table_of_another(cls, data)
         return handler(data)
 
@@ -92,7 +91,6 @@ def _with(settings: type[D], place: str, table: type[Settings]) -> type[D]:
     return create_model(
         settings.__name__,
         __base__=settings,
-        __module__=settings.__module__,
         **{place: (table, Field(...) if required else Field(default_factory=table))},
     )  # type: ignore[call-overload]
 
@@ -100,8 +98,9 @@ def _with(settings: type[D], place: str, table: type[Settings]) -> type[D]:
 def as_asked(model: type[M], tables: Mapping[str, Any]) -> type[M]:
     """The model of a whole configuration, with the own tables of the kinds that it names."""
     parts: dict[str, Any] = {}
-    for room, field in model.model_fields.items():
-        part, table = field.annotation, tables.get(room)
-        if isinstance(part, type) and issubclass(part, DeviceSettings) and isinstance(table, Mapping):
+    for room in DEFAULTS:
+        part: Any = model.model_fields[room].annotation
+        table = tables.get(room)
+        if isinstance(table, Mapping):
             parts[room] = (of_kind(part, table.get("kind")), Field(default_factory=part))
     return create_model(model.__name__, __base__=model, **parts)

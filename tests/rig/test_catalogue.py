@@ -223,6 +223,13 @@ def test_a_mistake_in_it_is_told_like_any_other(text: str, complaint: str, examp
         assert (typed in text) == str(caught.value).endswith(f", did you mean {meant}?")
 
 
+@pytest.mark.parametrize("room", ["stage", "force"])
+def test_a_number_where_a_device_belongs(room: Room, tmp_path: Path) -> None:
+    (tmp_path / "rig.toml").write_text(f"{room} = 3\n", encoding="utf-8")
+    with pytest.raises(BadInputError, match=f"{room} = 3: input should be"):
+        load_config(tmp_path / "rig.toml")
+
+
 def test_a_table_that_must_be_given_is_asked_for(offered: Offer) -> None:
     text = ENTRY.replace("class Table(Settings):\n    ", "class Table(Settings):\n    must: int\n    ")
     offered("odd", {"force.odd": "odd_there:DEVICE"}, odd_there=text)
