@@ -3,7 +3,7 @@
     from sim import Fingertip
     result = Fingertip.load().indent("bar:3.0", doi_mm=1.0)
 
-What a user needs is named here and imported when first used.
+What a user needs is named here and imported when first used; `docs/library.md` shows it at work.
 From the bottom up, each room using only those above it in this list:
 
 - `config`: what a fingertip is made from, measured skin, units.
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from sim.models.results.indentation import IndentationResult
     from sim.models.results.indentations import Indentations
     from sim.models.results.point_load import PointLoadResult
-    from sim.models.results.tables import NotInstalledError, to_pandas, to_xarray
+    from sim.models.results.tables import NotInstalledError, to_pandas, to_xarray, write_csv
 
     __version__: str
 
@@ -50,7 +50,7 @@ _HOMES = {
     "sim.models.results.indentation": ("IndentationResult",),
     "sim.models.results.indentations": ("Indentations",),
     "sim.models.results.point_load": ("PointLoadResult",),
-    "sim.models.results.tables": ("NotInstalledError", "to_pandas", "to_xarray"),
+    "sim.models.results.tables": ("NotInstalledError", "to_pandas", "to_xarray", "write_csv"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
@@ -78,6 +78,7 @@ __all__ = [
     "parse_shape",
     "to_pandas",
     "to_xarray",
+    "write_csv",
 ]
 
 

@@ -30,6 +30,7 @@ REAL_TIME = (
     "rig/test_transport.py",
     "rig/test_wall_clock.py",
     "sim/test_door.py::test_the_door_itself_weighs_nothing",
+    "sim/test_library_examples.py::test_one_runs_as_a_script_beside_processes",
     "sim/test_many.py::test_a_finger_presses_in_processes_however_they_are_begun",
     "sim/test_many.py::test_a_lost_process_is_told_of",
     "sim/test_many.py::test_processes_give_the_same_in_the_same_order",
@@ -40,6 +41,7 @@ REAL_TIME = (
     "sim/test_wall_clock.py",
     "sim/test_workers.py",
     "test_adding_a_part.py::test_a_command",
+    "test_wheel.py",
     "test_third_party_device.py::test_nothing_is_imported_but_the_kinds_that_are_used",
 )
 

@@ -19,7 +19,7 @@ from sim.models import many
 from sim.models.fingertip import Fingertip
 from sim.models.many import WorkerLostError, indent_many
 from sim.models.results.indentations import Answer, Asked, Indentations
-from sim.models.results.tables import NotInstalledError, to_pandas, to_xarray
+from sim.models.results.tables import NotInstalledError, to_pandas, to_xarray, write_csv
 from sim.models.workers import in_processes
 
 
@@ -207,6 +207,14 @@ def test_a_row_holds_what_was_asked_and_answered(mixed: Indentations) -> None:
     assert receptors["receptor_x_mm"][:2] == pytest.approx([0.0, 0.5])
     own = Indentations((Asked(Bar(2.0), 0.0, None, 0.1, None),), (Answer(None, "not asked"),))
     assert own.table()["shape"].tolist() == ["bar:2"]
+
+
+def test_columns_become_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    write_csv(path, {"shape": np.array(["bar:3", 'profile:a,"b"']), "force_gwt": np.array([0.1, np.nan])})
+    assert path.read_bytes() == b'shape,force_gwt\r\nbar:3,0.1\r\n"profile:a,""b""",nan\r\n'
+    with pytest.raises(ValueError, match="zip"):
+        write_csv(path, {"shape": np.zeros(1), "force_gwt": np.zeros(2)})
 
 
 def test_columns_become_a_data_frame(mixed: Indentations) -> None:

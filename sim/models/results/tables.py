@@ -1,7 +1,9 @@
-"""Columns of numbers and words, as a pandas table or an xarray data set where these are installed."""
+"""Columns of numbers and words: as a CSV file, or for pandas and xarray where these are installed."""
 
+import csv
 from collections.abc import Mapping
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +17,14 @@ ROW = "row"
 
 class NotInstalledError(ImportError):
     """A package that is no part of the simulator is wanted and not there."""
+
+
+def write_csv(path: str | Path, columns: Columns) -> None:
+    """A file with the columns' names in its first line; numbers to the last digit."""
+    with Path(path).open("w", newline="", encoding="utf-8") as stream:
+        table = csv.writer(stream)
+        table.writerow(columns)
+        table.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
 
 
 def to_pandas(columns: Columns) -> Any:
