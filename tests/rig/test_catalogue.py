@@ -6,6 +6,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pydantic import BaseModel
@@ -28,6 +29,7 @@ from rig.virtual.virtual_bench import bench_around
 from sim.devices.cell import Load
 from sim.devices.clock import VirtualClock
 from sim.devices.line import SerialLine
+from sim.devices.told import ForceTold, StageTold
 from tests.offered import EXAMPLE, forget, offer
 
 ROOT = Path(__file__).parents[2]
@@ -351,6 +353,47 @@ def test_a_device_that_is_not_served_needs_no_twin(offered: Offer) -> None:
         ServedBench(Config(), stage=None, force="even")
 
 
+ECHO = """
+from rig.devices.kinds import ForceKind, StageKind
+from sim.devices.told import TwinError
+
+def make(*told):
+    return told
+
+def refuse(*told):
+    raise TwinError("port: too far")
+
+STAGE = StageKind(name="odd", device="odd", driver=None, tests=(), twin="odd_there:make")
+FORCE = ForceKind(name="odd", device="odd", driver=None, tests=(), twin="odd_there:make")
+BAD = StageKind(name="bad", device="bad", driver=None, tests=(), twin="odd_there:refuse")
+"""
+
+
+def test_a_twin_is_told_what_the_configuration_says(offered: Offer) -> None:
+    """True screws lose motion in x and z; y is set by hand or believed."""
+    offered("odd", {"stage.odd": "odd_there:STAGE", "force.odd": "odd_there:FORCE"}, odd_there=ECHO)
+    day = {"date": "2026-01-01", "expires": "2027-01-01"}
+    config = Config.model_validate({
+        "stage": {"kind": "odd", "travel_mm": [1, 2, 3], "framing": "tcp"},
+        "force": {"kind": "odd", "sample_period_s": 0.1, "framing": "tcp"},
+        "calibration": {"y_steps_per_mm": {"value": -80, **day}},
+        "virtual": {"z_screw_steps_per_mm": 200, "x_screw_backlash_mm": 0.5, "z_screw_backlash_mm": 0.1,
+                    "cell_resolution_gwt": 0.02},
+    })  # fmt: skip
+    told: Any = virtual_stage(VirtualClock(), SerialLine(VirtualClock(), 9600), config)
+    sync = config.sync.model_dump()
+    assert told[2] == StageTold((1, 2, 3), (400, -80, 400), (200, 0, 20), "tcp", {}, sync)
+    load = Load(lambda t_s: 0.0)
+    felt: Any = virtual_force(VirtualClock(), SerialLine(VirtualClock(), 9600), config, load)
+    assert felt[2:] == (ForceTold(0.1, 0.02, "tcp", {}), load)
+
+
+def test_a_twin_that_cannot_be_so_says_which_key(offered: Offer) -> None:
+    offered("odd", {"stage.bad": "odd_there:BAD"}, odd_there=ECHO)
+    with pytest.raises(BadInputError, match=r"^stage\.port: too far$"):
+        virtual_stage(VirtualClock(), SerialLine(VirtualClock(), 9600), _config(StageKind, "bad"))
+
+
 def test_a_rehearsal_has_the_usual_device_in_its_place(offered: Offer) -> None:
     offered("odd", {"force.odd": "odd_there:DEVICE"}, odd_there=ENTRY)
     config = Config.model_validate({
@@ -380,3 +423,11 @@ def test_no_other_module_asks_for_a_kind_by_its_name(room: Room) -> None:
         assert not re.search(rf"{room}\.kind (==|!=|in|not in) |\[[\w.]*{room}\.kind\]", text), path
         for name in catalogue.built_in(room):
             assert f'"{name}"' not in text, path
+
+
+def test_virtual_drives_share_one_port_whatever_the_real_ones_have() -> None:
+    drives = {"x": {"device_id": 3}, "z": {"device_id": 3, "port": "/dev/other"}}
+    config = Config.model_validate({"stage": {"kind": "leadshine", "drives": drives}})
+    told = r"^stage\.drives: the virtual drives share one port, expected different device ids$"
+    with pytest.raises(BadInputError, match=told):
+        virtual_stage(VirtualClock(), SerialLine(VirtualClock(), 9600), config)
