@@ -24,10 +24,12 @@ def raising(error: Exception) -> Callable[..., None]:
 class ToldStage:
     """Moves at the speed it is told, in a straight line; before each look it does what `at_look` says."""
 
+    switches_mm, homing_s = (-7.0, -3.0, -1.0), 0.3
+
     def __init__(self, clock: VirtualClock) -> None:
         self.clock, self.homed = clock, False
         self.told: list[Any] = []
-        self.at_mm = [-7.0, -3.0, -1.0]  # where its switches are
+        self.at_mm = list(self.switches_mm)
         self.state = "Idle"
         self.silent = False  # whether it says nothing while it moves
         self.at_look: Callable[[], object] = lambda: None
@@ -38,7 +40,7 @@ class ToldStage:
 
     def homing(self) -> Iterator[StageStatus | None]:
         self.told.append("home")
-        yield from self._going([-7.0, -3.0, -1.0], 0.3)
+        yield from self._going(list(self.switches_mm), self.homing_s)
         self.homed = True
 
     def moving(

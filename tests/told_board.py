@@ -1,6 +1,7 @@
 """A GRBL board at the far end of a wire, for tests of its driver: it says what a test wants it to say."""
 
 import math
+from typing import Any
 
 from rig.devices.stage.grbl.grbl_stage import GrblStage
 from sim.devices.clock import VirtualClock
@@ -19,9 +20,8 @@ class Board:
 
     name = "board"
 
-    def __init__(self, clock: VirtualClock) -> None:
-        self.clock = clock
-        self.status = b"<Idle|MPos:-1.000,-2.000,-3.000|FS:0,0>\r\n"
+    def __init__(self, clock: VirtualClock, status: bytes = b"<Idle|MPos:-1.000,-2.000,-3.000|FS:0,0>\r\n") -> None:
+        self.clock, self.status = clock, status
         self.answers: dict[bytes, bytes | list[At]] = {b"$$\n": SETTINGS, b"\x18": BANNER}
         self.next: dict[bytes, list[bytes | list[At]]] = {}
         self.heard: list[At] = []
@@ -71,9 +71,9 @@ def at(state: str, x_mm: float = -1.0, y_mm: float = -2.0, z_mm: float = -3.0) -
     return f"<{state}|MPos:{x_mm:.3f},{y_mm:.3f},{z_mm:.3f}|FS:0,0>\r\n".encode()
 
 
-def connected(board: Board, *, homed: bool = True) -> GrblStage:
+def connected(board: Board, *, homed: bool = True, **options: Any) -> GrblStage:
     """A driver that has connected to the board and homed; what the board heard of that is forgotten."""
-    stage = GrblStage(board, board.clock)
+    stage = GrblStage(board, board.clock, **options)
     stage.connect()
     if homed:
         stage.home()

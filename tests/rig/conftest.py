@@ -23,6 +23,7 @@ from rig.transport.byte_log import LoggedTransport
 from rig.virtual.served_bench import ServedBench
 from sim.devices import Load, SerialLine, VirtualBalance, VirtualGrbl
 from sim.devices.clock import VirtualClock
+from tests.program import Program, program_of
 from tests.waiting import DEADLINE_S
 
 Pair = tuple[bytes, bytes | list[bytes]]
@@ -204,6 +205,12 @@ def spring(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable
     yield make
     for bench in made:
         bench.journal._file.close()
+
+
+@pytest.fixture
+def program(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Program:
+    """Run the program in this process."""
+    return program_of(monkeypatch, capsys)
 
 
 @pytest.fixture

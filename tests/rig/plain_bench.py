@@ -1,10 +1,10 @@
 """A bench without a wire: its stage is exactly where it was told to be, its sensor shows what a test says."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from rig.devices.force.base import ForceReading
-from rig.devices.stage.base import LOOK_S, Looks, Stage, StageStatus
+from rig.devices.stage.base import StageStatus
 from rig.devices.units import GWT_N
 from rig.engine import Engine, PressId, verbs
 from rig.engine.bench import Pause
@@ -12,68 +12,42 @@ from rig.engine.pressing.press import Press
 from rig.engine.records import Touch
 from rig.engine.rig_settings import RigSettings
 from sim.devices.clock import VirtualClock
+from tests.told import ToldStage
 
 HERTZ = 1.5
 
 
-class PlainStage(Stage):
-    """Keeps where it is, machine mm, and how many moves it was told."""
+class PlainStage(ToldStage):
+    """At rest where it was told to be at its only look, homed whatever comes; it keeps how many moves it was told."""
+
+    switches_mm, homing_s = (0.0, 0.0, 0.0), 0.0
 
     def __init__(self, clock: VirtualClock) -> None:
-        self._clock = clock
-        self.at = StageStatus("Idle", 0.0, 0.0, 0.0)
-        self.moves, self.switching_s = 0, 0.002
+        super().__init__(clock)
+        self.homed, self.switching_s = True, 0.002
+        self.moves = 0
         self.outputs: list[tuple[float, bool]] = []
 
     @property
-    def homed(self) -> bool:
-        return True
+    def at(self) -> StageStatus:
+        """Where it is, machine mm."""
+        return self.status()
 
-    def connect(self) -> str:
-        return "plain"
-
-    def homing(self) -> Looks:
-        self.at = StageStatus("Idle", 0.0, 0.0, 0.0)
-        yield self.at
-
-    def moving(
-        self,
-        *,
-        x_mm: float | None = None,
-        y_mm: float | None = None,
-        z_mm: float | None = None,
-        speed_mm_s: float,
-        look_s: float = LOOK_S,
-    ) -> Looks:
-        old, self.moves = self.at, self.moves + 1
-        to = [was if mm is None else mm for mm, was in ((x_mm, old.x_mm), (y_mm, old.y_mm), (z_mm, old.z_mm))]
-        far_mm = max(abs(new - was) for new, was in zip(to, (old.x_mm, old.y_mm, old.z_mm), strict=True))
-        self._clock.wait_s(far_mm / speed_mm_s)
-        self.at = StageStatus("Idle", *to)
-        yield self.at
-
-    def halt(self) -> None:
-        """At rest already."""
-
-    def status(self) -> StageStatus:
-        return self.at
-
-    look = status
-
-    def set_output(self, on: bool) -> None:
-        self._clock.wait_s(self.switching_s)
-        self.outputs.append((self._clock.monotonic_s(), on))
+    def moving(self, **to: float) -> Iterator[StageStatus | None]:
+        self.moves += 1
+        yield from super().moving(**to)
 
     def stop(self) -> None:
         """At rest already."""
 
-    def steps_per_mm(self, axis: str) -> float:
-        raise NotImplementedError
+    def set_output(self, on: bool) -> None:
+        self.clock.wait_s(self.switching_s)
+        self.outputs.append((self.clock.monotonic_s(), on))
 
-    def jog(self, axis: str, by_mm: float, speed_mm_s: float) -> None:
-        raise NotImplementedError
-
-    end_jog = unlock = close = halt
+    def _going(self, to_mm: list[float], lasts_s: float) -> Iterator[StageStatus | None]:
+        self.clock.wait_s(lasts_s)
+        self.at_mm = list(to_mm)
+        yield self.status()
 
 
 class PlainBench:

@@ -15,40 +15,14 @@ from rig.devices.stage.leadshine.leadshine_settings import DriveSettings
 from rig.devices.stage.leadshine.leadshine_stage import LeadshineStage
 from rig.transport import ModbusMaster
 from sim.devices.clock import VirtualClock
-
-SETTINGS = b"$13=0\r\n$100=400.000\r\n$110=600.000\r\n$120=50.000\r\nok\r\n"
-
-
-class Board:
-    """Answers at once: what it is told to, `ok` to every other line, and this status to `?`."""
-
-    name = "board"
-
-    def __init__(self, clock: VirtualClock, status: bytes) -> None:
-        self.clock, self.status = clock, status
-        self.answers: dict[bytes, bytes] = {b"$$\n": SETTINGS}
-        self.sent: list[bytes] = []
-        self._waiting = b""
-
-    def write(self, data: bytes) -> None:
-        self.sent.append(data)
-        self._waiting += self.status if data == b"?" else self.answers.get(data, b"" if len(data) < 2 else b"ok\r\n")
-
-    def read(self, timeout_s: float) -> bytes:
-        data, self._waiting = self._waiting, b""
-        if not data:
-            self.clock.wait_s(timeout_s)
-        return data
-
-    def close(self) -> None: ...
+from tests.told_board import Board, connected
 
 
 def _grbl(clock: VirtualClock, status: bytes, **options: Any) -> tuple[Board, GrblStage]:
     board = Board(clock, status)
-    stage = GrblStage(board, clock, **options)
-    stage.connect()
+    board.answers[b"\x18"] = b""
+    stage = connected(board, homed=False, **options)
     stage._link.trusted = True
-    board.sent.clear()
     return board, stage
 
 
@@ -77,8 +51,8 @@ def test_a_board_that_never_arrives(clock: VirtualClock) -> None:
 def test_a_board_that_never_comes_to_rest(clock: VirtualClock) -> None:
     board, stage = _grbl(clock, b"<Run|MPos:-1.000,-2.000,-3.000>\r\n")
     assert _lasts_s(clock, stage.halt, "not at rest 2 s after a hold, state Run") == pytest.approx(2.0, abs=0.021)
-    assert board.sent[0] == b"!"
-    assert b"\x18" not in board.sent  # a reset in motion would lose the position
+    assert board.said[0] == b"!"
+    assert b"\x18" not in board.said  # a reset in motion would lose the position
 
 
 @pytest.mark.parametrize(("printed", "fine"), [("-11.002", True), ("-11.003", False)])
@@ -97,7 +71,7 @@ def test_a_work_offset_is_waited_for_in_thirty_six_answers(clock: VirtualClock) 
     board, stage = _grbl(clock, b"<Idle|WPos:0.000,0.000,0.000>\r\n")
     with pytest.raises(StageError, match="no machine position"):
         stage.status()
-    assert board.sent.count(b"?") == 36
+    assert board.said.count(b"?") == 36
 
 
 @pytest.mark.parametrize(("pieces", "fine"), [(4, True), (5, False)])
@@ -108,7 +82,7 @@ def test_a_look_takes_in_four_pieces_of_news(clock: VirtualClock, pieces: int, f
 
     def first_the_news(data: bytes) -> None:
         if news:
-            board._waiting += news.pop()
+            board.says(news.pop(), -1e-9)
         write(data)
 
     board.write = first_the_news  # type: ignore[method-assign]
@@ -125,7 +99,7 @@ def test_without_backlash_a_move_is_one_line(clock: VirtualClock) -> None:
     stage.move_to(x_mm=-1.0, y_mm=-1.0, z_mm=-1.0, speed_mm_s=1.0)
     board.status = b"<Idle|MPos:-0.500,-0.500,-0.500>\r\n"
     stage.move_to(x_mm=-0.5, y_mm=-0.5, z_mm=-0.5, speed_mm_s=1.0)
-    assert len([line for line in board.sent if line.startswith(b"G53")]) == 2
+    assert len([line for line in board.said if line.startswith(b"G53")]) == 2
 
 
 def test_a_held_board_that_does_not_go_on(clock: VirtualClock) -> None:
@@ -151,7 +125,7 @@ def test_a_halt_that_ends_in_an_alarm_has_lost_the_position(clock: VirtualClock,
         with pytest.raises(StageError, match="Alarm after a halt, the position is lost"):
             stage.halt()
     assert stage.homed is (after == "Idle")
-    assert board.sent == [b"!", b"?", b"\x18", b"?"]
+    assert board.said == [b"!", b"?", b"\x18", b"?"]
 
 
 def test_an_identity_is_what_stands_in_brackets_and_is_no_message(clock: VirtualClock) -> None:
@@ -193,7 +167,7 @@ def test_backlash_is_taken_up_on_the_way_up_and_not_beyond_the_top(
 
     board.write = arrived  # type: ignore[method-assign]
     stage.move_to(z_mm=to_mm, speed_mm_s=1.0)
-    assert [line[11:].split(b"F")[0].decode() for line in board.sent if line.startswith(b"G53")] == lines
+    assert [line[11:].split(b"F")[0].decode() for line in board.said if line.startswith(b"G53")] == lines
 
 
 def test_a_board_that_jogs_on(clock: VirtualClock) -> None:
@@ -206,7 +180,7 @@ def test_a_board_that_jogs_on(clock: VirtualClock) -> None:
 
     board.write = creeping  # type: ignore[method-assign]
     assert _lasts_s(clock, stage.end_jog, "still jogging after 5 s") == pytest.approx(5.0, abs=0.021)
-    assert board.sent.count(b"\x85") == pytest.approx(5.0 / 0.5, rel=0.1)
+    assert board.said.count(b"\x85") == pytest.approx(5.0 / 0.5, rel=0.1)
 
 
 def test_a_board_that_says_jog_and_stands_is_at_rest(clock: VirtualClock) -> None:

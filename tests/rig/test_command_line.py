@@ -6,17 +6,15 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from rig.cli import main
 from rig.cli.not_built import COMMANDS
 from rig.engine.journal import read_journal
 from sim.models.fingertip import Fingertip
+from tests.program import Ended, Program
 from tests.waiting import DEADLINE_S, journal_says, until
 
 INDENT_KEYS = {
@@ -45,52 +43,16 @@ def run(rig: Rig) -> None:
 """
 
 
-@dataclass(frozen=True)
-class Ended:
-    """How a command ended and what it printed."""
-
-    code: int
-    out: str
-    err: str
-
-    @property
-    def json(self) -> dict[str, Any]:
-        """Standard output, which must be one object and nothing else."""
-        assert self.out.count("\n") == 1
-        return json.loads(self.out, parse_constant=_no_constant)
-
-    @property
-    def complaint(self) -> str:
-        """The one line on standard error."""
-        lines = self.err.strip().splitlines()
-        assert len(lines) == 1, self.err
-        assert lines[0].startswith("rig: ")
-        return lines[0].removeprefix("rig: ")
-
-
-def _no_constant(name: str) -> None:
-    raise AssertionError(f"{name} in JSON")
-
-
-Rig = Callable[..., Ended]
+Rig = Program
 
 
 @pytest.fixture
-def rig(
-    finger: Fingertip, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> Rig:
+def rig(finger: Fingertip, program: Program, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Rig:
     """Run the program in this process, in a folder of its own."""
     assert finger is not None  # in the cache from here on
     monkeypatch.chdir(tmp_path)
 
-    def run(*arguments: object) -> Ended:
-        monkeypatch.setattr(sys, "argv", ["rig", *map(str, arguments)])
-        with pytest.raises(SystemExit) as caught:
-            main()
-        printed = capsys.readouterr()
-        return Ended(int(caught.value.code or 0), printed.out, printed.err)
-
-    return run
+    return program
 
 
 @pytest.fixture

@@ -14,10 +14,10 @@ from typing import Any
 import pytest
 
 import rig.session.session as sessions
-from rig.cli import main
 from rig.devices.force import ForceReading
 from rig.engine.journal import Journal, read_journal
 from sim.models.fingertip import Fingertip
+from tests.program import Ended, Program
 from tests.waiting import DEADLINE_S, journal_says, until
 
 SCRIPT = """\
@@ -109,30 +109,12 @@ ENDS = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Ended:
-    """How a command ended and what it printed."""
-
-    code: int
-    out: str
-    err: str
-
-
 @pytest.fixture
-def rig(
-    finger: Fingertip, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> Callable[..., Ended]:
+def rig(finger: Fingertip, program: Program, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., Ended]:
     """Run the program in this process, in a folder of its own."""
     monkeypatch.chdir(tmp_path)
 
-    def run(*arguments: str) -> Ended:
-        monkeypatch.setattr(sys, "argv", ["rig", *arguments])
-        with pytest.raises(SystemExit) as caught:
-            main()
-        printed = capsys.readouterr()
-        return Ended(int(caught.value.code or 0), printed.out, printed.err)
-
-    return run
+    return program
 
 
 @pytest.fixture(autouse=True)

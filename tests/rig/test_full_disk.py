@@ -5,17 +5,15 @@ import io
 import json
 import os
 import shlex
-import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from rig.cli import main
 from rig.data import read_run
 from sim.models.fingertip import Fingertip
+from tests.program import Ended, Program
 
 SCRIPT = """\
 def run(rig):
@@ -30,15 +28,6 @@ PROFILE = "x_mm,height_mm\n-3,1.2\n-1,0.1\n0,0\n1,0.1\n3,1.2\n"
 BEGINNING = ("protocol.py", "config.toml", "provenance.json", "shape_", "SHA256SUMS", ".lock")
 ENDING = ("data.h5", "sample.csv", "hold_end.csv", "report.html", "SHA256SUMS")
 WHILE_IT_RUNS = ("events.jsonl", "bytes.jsonl")
-
-
-@dataclass(frozen=True)
-class Ended:
-    """How a command ended and what it printed."""
-
-    code: int
-    out: str
-    err: str
 
 
 class FullDisk:
@@ -69,22 +58,13 @@ class FullFile(io.FileIO):
 
 
 @pytest.fixture
-def rig(
-    finger: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Callable[..., Ended]:
+def rig(finger: Fingertip, program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Ended]:
     """Run the program beside a script and a profile."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.py").write_text(SCRIPT, encoding="utf-8")
     (tmp_path / "mine.csv").write_text(PROFILE, encoding="utf-8")
 
-    def run(*arguments: str) -> Ended:
-        monkeypatch.setattr(sys, "argv", ["rig", *arguments, "--json"])
-        with pytest.raises(SystemExit) as caught:
-            main()
-        printed = capsys.readouterr()
-        return Ended(int(caught.value.code or 0), printed.out, printed.err)
-
-    return run
+    return lambda *arguments: program(*arguments, "--json")
 
 
 @pytest.fixture

@@ -1,11 +1,9 @@
 """The page that a real run begins with: what it says, the one answer to it, and what it knows of the last run."""
 
 import errno
-import io
 import json
 import os
 import re
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,14 +12,13 @@ import pytest
 
 import rig.cli.confirming as confirming
 import rig.session.session as sessions
-from rig.cli import main
 from rig.devices.units import GWT_N
 from rig.transport import TransportError
 from rig.virtual.virtual_bench import VirtualBench, virtual_bench
 from sim.devices.clock import VirtualClock
 from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from tests.rig.test_every_end import Ended
+from tests.program import Ended, Program
 
 SCRIPT = """\
 METADATA = {"title": "Two presses"}
@@ -53,9 +50,7 @@ def opened(finger: Fingertip, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 
 @pytest.fixture
-def rig(
-    opened: list[Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> Run:
+def rig(opened: list[Any], program: Program, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Run:
     """Run the program in a folder with a script and a configuration; typed=None: there is no terminal."""
     monkeypatch.chdir(tmp_path)
     for name in ("stage", "force"):
@@ -66,13 +61,8 @@ def rig(
     )
 
     def run(*arguments: str, typed: str | None = None) -> Ended:
-        monkeypatch.setattr(sys, "argv", ["rig", *arguments])
-        monkeypatch.setattr(sys, "stdin", io.StringIO(typed or ""))
         monkeypatch.setattr(confirming, "_somebody_there", lambda: typed is not None)
-        with pytest.raises(SystemExit) as caught:
-            main()
-        printed = capsys.readouterr()
-        return Ended(int(caught.value.code or 0), printed.out, printed.err)
+        return program(*arguments, typed=typed or "")
 
     return run
 

@@ -1,19 +1,17 @@
 """Files that a shape names: copied and hashed when a run begins, and read from the copy ever after."""
 
-import json
 import shutil
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from rig.cli import main
 from rig.data import RunFolder, read_run
 from rig.plan.responses import responses
 from rig.plan.shape_files import copy_name, from_copy
 from sim.models.fingertip import Fingertip
+from tests.program import Program
 
 SCRIPT = """\
 def run(rig):
@@ -31,9 +29,7 @@ Rig = Callable[..., dict[str, Any]]
 
 
 @pytest.fixture
-def rig(
-    finger: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Rig:
+def rig(finger: Fingertip, program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Rig:
     """Run the program with --json beside a script and the profile it names."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.py").write_text(SCRIPT, encoding="utf-8")
@@ -41,11 +37,8 @@ def rig(
     (tmp_path / "parts" / "mine.csv").write_text(BLUNT, encoding="utf-8")
 
     def run(*arguments: str) -> dict[str, Any]:
-        monkeypatch.setattr(sys, "argv", ["rig", *arguments, "--json"])
-        with pytest.raises(SystemExit) as caught:
-            main()
-        printed = capsys.readouterr()
-        return {"code": int(caught.value.code or 0), "err": printed.err, **json.loads(printed.out)}
+        ended = program(*arguments, "--json")
+        return {"code": ended.code, "err": ended.err, **ended.json}
 
     return run
 

@@ -1,6 +1,5 @@
 """Devices in real time behind ports, a board that homes fast, the program in this process or in one of its own."""
 
-import io
 import json
 import signal
 import subprocess
@@ -11,11 +10,9 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from rig.cli import main
 from rig.devices.stage.grbl.grbl_stage import GrblStage
 from rig.plan.config import Config
 from rig.transport import open_port
@@ -24,6 +21,7 @@ from rig.virtual.served_bench import ServedBench
 from sim.devices import BalanceMenu, Load, SerialLine, VirtualBalance, VirtualGrbl
 from sim.serve.ports import PtyPort
 from sim.serve.wall_clock import WallScheduler
+from tests.program import Program
 from tests.waiting import DEADLINE_S, gathered, until
 
 # Close to the switches, on a board that homes fast: a short way to go in real time. A reading is taken 0.1 s after a
@@ -78,34 +76,10 @@ def serving() -> Iterator[Callable[..., Serving]]:
         one.process.communicate()
 
 
-@dataclass(frozen=True)
-class Ended:
-    """How a command ended and what it printed."""
-
-    code: int
-    out: str
-    err: str
-
-    @property
-    def json(self) -> Any:
-        """Standard output, which must be one line."""
-        assert self.out.count("\n") == 1, self.err
-        return json.loads(self.out)
-
-
 @pytest.fixture
-def rig(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Ended]:
+def rig(program: Program) -> Program:
     """Run the program in this process, with what is typed to it."""
-
-    def run(*arguments: object, typed: str | io.StringIO = "") -> Ended:
-        monkeypatch.setattr(sys, "argv", ["rig", *map(str, arguments)])
-        monkeypatch.setattr(sys, "stdin", io.StringIO(typed) if isinstance(typed, str) else typed)
-        with pytest.raises(SystemExit) as caught:
-            main()
-        printed = capsys.readouterr()
-        return Ended(int(caught.value.code or 0), printed.out, printed.err)
-
-    return run
+    return program
 
 
 @pytest.fixture

@@ -1,0 +1,56 @@
+"""The program run in this process, and how it ended."""
+
+import io
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NoReturn
+
+import pytest
+
+from rig.cli import main
+
+
+def _no_constant(name: str) -> NoReturn:
+    raise AssertionError(f"{name} in JSON")
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a command ended and what it printed."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> Any:
+        """Standard output, which must be one object, on one line, and nothing else."""
+        assert self.out.count("\n") == 1, self.err
+        return json.loads(self.out, parse_constant=_no_constant)
+
+    @property
+    def complaint(self) -> str:
+        """The one line on standard error."""
+        lines = self.err.strip().splitlines()
+        assert len(lines) == 1, self.err
+        assert lines[0].startswith("rig: ")
+        return lines[0].removeprefix("rig: ")
+
+
+Program = Callable[..., Ended]
+
+
+def program_of(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Program:
+    """Run it with these arguments, and with what is typed to it."""
+
+    def run(*arguments: object, typed: str | io.StringIO = "") -> Ended:
+        monkeypatch.setattr(sys, "argv", ["rig", *map(str, arguments)])
+        monkeypatch.setattr(sys, "stdin", io.StringIO(typed) if isinstance(typed, str) else typed)
+        with pytest.raises(SystemExit) as caught:
+            main()
+        printed = capsys.readouterr()
+        return Ended(int(caught.value.code or 0), printed.out, printed.err)
+
+    return run
