@@ -3,10 +3,12 @@
 import pkgutil
 from collections import Counter
 from collections.abc import Callable
+from copy import copy
 from typing import Any
 
 import pytest
 
+from sim.config.fingertip_config import Contact
 from sim.models.fingertip import Fingertip
 
 # Processes, threads, ports and clocks of the real world: what `make shake` repeats beside a busy machine.
@@ -57,6 +59,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def finger() -> Fingertip:
     """The default fingertip, from the user's cache or built in seconds."""
     return Fingertip.load()
+
+
+@pytest.fixture(scope="session")
+def unwidened(finger: Fingertip) -> Fingertip:
+    """The default fingertip, its models shared, that refuses what leaves the mesh's own patch."""
+    other = copy(finger)
+    other.config = finger.config.model_copy(update={"contact": Contact(patch_gb=0)})
+    return other
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from rig.cli.output import err, out, told_in_one_line
 from rig.plan.config import load_config
 from rig.protocol.errors import BadInputError
 from sim.config.fingertip_config import Contact
-from sim.contact.indentor import ALONG
+from sim.contact.indentor import Indentor, Prismatic
 from sim.contact.shapes import parse_shape
 from sim.finger.mesh import build_mesh
 from sim.models.fingertip import Fingertip
@@ -32,9 +32,9 @@ def command(
         if out_file.exists():
             raise BadInputError(f"--out {out_file}: exists already, expected a new file")
         indentor = parse_shape(shape)
-        if indentor.axes != ALONG:
+        if not (isinstance(indentor, Prismatic) and indentor == Indentor.along(indentor.profile)):
             raise BadInputError(f"--shape {shape}: a deck has shapes that lie along the finger only")
-        settings = load_config(config).finger.model_copy(update={"contact": Contact(between_nodes=False)})
+        settings = load_config(config).finger.model_copy(update={"contact": Contact(between_nodes=False, patch_gb=0)})
         finger = Fingertip.load(settings)
         result = finger.indent(indentor, x_mm, doi_mm=doi_mm)
         meshed = MeshedFinger(settings, build_mesh(settings, finger.model.surface), finger.e_epidermis_mpa)
@@ -44,7 +44,7 @@ def command(
             force[:, :2] = result.state.force[:, active].T * finger.e_epidermis_mpa
             write_load_deck(out_file, meshed, meshed.mesh.patch_nodes[active], force)
         else:
-            write_contact_deck(out_file, meshed, result.indentor.profile, x_mm, result.touch_height_mm, doi_mm)
+            write_contact_deck(out_file, meshed, indentor.profile, x_mm, result.touch_height_mm, doi_mm)
         if settings.mesh.element != "full":
             err.print('rig: CalculiX\'s C3D8 is fully integrated: compare with mesh.element = "full"')
         out.print(f"{out_file}: expect a total reaction of {-result.force_n:.6g} N along y")

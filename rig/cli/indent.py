@@ -11,7 +11,8 @@ from rig.cli.options import JsonOption
 from rig.cli.output import ExitCode, complain, loading_the_finger, out, print_json, told_in_one_line
 from rig.plan.config import load_config
 from rig.protocol.errors import BadInputError
-from sim.contact.indentor import ACROSS, ALONG, ROUND, Indentor
+from sim.contact.indentor import BOTH, Indentor
+from sim.contact.patch import X, Z
 from sim.contact.shapes import EXPECTED, parse_shape
 from sim.measures.receptors import DEFAULT_DEPTH_MM
 from sim.models.catalogue import MODELS
@@ -41,6 +42,9 @@ def command(
     receptor_depth_mm: Annotated[float, typer.Option(metavar="D", help="Below the skin.")] = DEFAULT_DEPTH_MM,
     reference: Annotated[str, typer.Option(metavar="contact|apex", help="Where DOI is zero.")] = "contact",
     config: Annotated[Path | None, typer.Option(metavar="TOML", help="Configuration of the finger.")] = None,
+    picture: Annotated[
+        Path | None, typer.Option(metavar="FILE.svg", help="Draw the contact, seen from the finger; or a .png.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Press once and print force, contact and receptor measures."""
@@ -50,6 +54,7 @@ def command(
         if not 0.1 <= receptor_depth_mm <= 3.0:
             raise BadInputError(f"--receptor-depth-mm {receptor_depth_mm:g}: expected 0.1 … 3.0")
         origin = _reference(reference)
+        _refuse_picture(picture, shape)
         indentor = None if shape == "point" else parse_shape(shape)
         _refuse_place(shape, indentor, x_mm, z_mm)
         if indentor is None:
@@ -63,6 +68,8 @@ def command(
             finger = chosen.load(settings.finger, indentor.axes, receptor_depth_mm)
         force = chosen.force_per_mm(force_gwt)
         result = finger.indent(indentor, x_mm or 0.0, z_mm=z_mm, doi_mm=doi_mm, force_gwt=force, reference=origin)
+        if picture is not None:
+            _draw(result, picture)
         if as_json:
             answer = chosen.described(result.as_json())
             answer["solver"]["build_s"] = finger.build_s
@@ -75,13 +82,36 @@ def command(
 
 
 def _refuse_place(shape: str, indentor: Indentor | None, x_mm: float | None, z_mm: float | None) -> None:
-    axes = ROUND if indentor is None else indentor.axes
-    if x_mm is None and axes != ACROSS:
+    by = BOTH if indentor is None else indentor.placed_by
+    if not by and not x_mm is z_mm is None:
+        raise BadInputError(f"--shape {shape}: the same everywhere, expected neither --x-mm nor --z-mm")
+    if x_mm is None and X in by:
         raise BadInputError(f"--shape {shape}: expected --x-mm")
-    if x_mm is not None and axes == ACROSS:
+    if x_mm is not None and X not in by:
         raise BadInputError(f"--shape {shape}: lies across the finger, expected --z-mm instead of --x-mm")
-    if z_mm is not None and axes == ALONG:
+    if z_mm is not None and Z not in by:
         raise BadInputError(f"--shape {shape}: lies along the finger, expected --x-mm instead of --z-mm")
+
+
+def _refuse_picture(picture: Path | None, shape: str) -> None:
+    if picture is None:
+        return
+    if shape == "point":
+        raise BadInputError("--picture: a point load has no contact to be drawn")
+    if picture.suffix not in (".svg", ".png"):
+        raise BadInputError(f"--picture {picture}: expected a name that ends in .svg or .png")
+    if picture.exists():
+        raise BadInputError(f"--picture {picture}: exists already, expected a new file")
+    if not picture.parent.is_dir():
+        raise BadInputError(f"--picture {picture}: no such folder {picture.parent}")
+
+
+def _draw(result: IndentationResult, picture: Path) -> None:
+    from rig.report.run.contact_picture import contacts_from_below  # matplotlib: only where a picture is wanted
+
+    title = f"{result.indentor.name} {result.force_gwt:.2f} gwt, DOI {result.doi_mm:.3f} mm"
+    plot = contacts_from_below([result], [title])
+    picture.write_bytes(plot.svg.encode() if picture.suffix == ".svg" else plot.png)
 
 
 def _press_point(
@@ -114,9 +144,9 @@ def _reference(text: str) -> Literal["contact", "apex"]:
 def _print(result: IndentationResult, chosen: Chosen, build_s: float) -> None:
     state = result.state
     regions = ", ".join(f"[{a:.2f}, {b:.2f}]" for a, b in result.contact_regions_mm) or "none in the receptor plane"
-    place = {ALONG: f"x = {result.x_mm:g}", ACROSS: f"z = {result.z_mm:g}"}
-    both = f"x = {result.x_mm:g}, z = {result.z_mm:g}"
-    out.print(f"{result.indentor.name} at {place.get(result.indentor.axes, both)} mm")
+    at = {X: f"x = {result.x_mm:g}", Z: f"z = {result.z_mm:g}"}
+    place = ", ".join(at[axis] for axis in result.indentor.placed_by)
+    out.print(f"{result.indentor.name} at {place} mm" if place else result.indentor.name)
     out.print(f"  model          {chosen.why}")
     out.print(f"  force          {chosen.force_text(result.force_n)}")
     out.print(f"  DOI            {result.doi_mm:.4f} mm")

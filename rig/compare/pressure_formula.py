@@ -59,7 +59,7 @@ def places(result: IndentationResult, surface: FingertipSurface) -> Places:
     x, pressure = result.pressure_profile
     order = np.argsort(result.model.patch.x[result.plane])
     moved, down = (result.state.displacement[k, result.plane][order] for k in (0, -1))
-    _, slope, bend = result.indentor.profile.evaluate(x + moved - result.x_mm)
+    _, (slope,), ((bend,),) = result.indentor.evaluate((x + moved - result.x_mm)[None])
     relative = bend / np.hypot(1.0, slope) ** 3 + finger_curvature(surface, x, result.z_mm)
     found = Places(np.full(len(x), result.doi_mm), -down, relative, pressure, _from_end(x, result))
     return found.where(pressure > 0)

@@ -38,10 +38,11 @@ class Verdict:
 def shape_test(shape: str, x_mm: Array, profile: Array, threshold: float = THRESHOLD) -> Verdict | None:
     """The verdict on one profile (n,) at indentor positions (n,) mm, or None where no test is defined.
 
-    Tests are defined for steps and bars, at five positions or more.
+    Tests are defined for steps and bars along the finger, at five positions or more.
     """
-    test = {"step": _step_test, "bar": _bar_test}.get(shape.partition(":")[0])
-    if test is None or len(x_mm) < _FEWEST_POSITIONS:
+    kind, _, how = shape.partition(":")
+    test = {"step": _step_test, "bar": _bar_test}.get(kind)
+    if test is None or "," in how or len(x_mm) < _FEWEST_POSITIONS:
         return None
     in_order_of_motion = np.argsort(-np.asarray(x_mm), kind="stable")
     return test(np.asarray(profile, dtype=float)[in_order_of_motion], threshold)

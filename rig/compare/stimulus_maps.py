@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rig.compare.stimuli import Stimulus, responses_key
 from rig.data import Run
+from sim.contact.shapes import parse_shape
 from sim.measures.measures import shown
 from sim.models.cache import Arrays, cached_arrays, content_key
 from sim.models.fingertip import Fingertip
@@ -52,7 +53,11 @@ def _positions(n: int) -> list[int]:
 
 
 def _arrays(finger: Fingertip, scenes: Sequence[tuple[Stimulus, int]]) -> Arrays:
-    results = [finger.indent(s.read_as, float(s.x_mm[k]), doi_mm=float(s.doi_mm[k])) for s, k in scenes]
+    shapes = {name: parse_shape(name) for name in {s.read_as for s, _ in scenes}}
+    results = [
+        finger.indent(shapes[s.read_as], shapes[s.read_as].lateral_mm(float(s.x_mm[k])), doi_mm=float(s.doi_mm[k]))
+        for s, k in scenes
+    ]
     maps = strain_maps(finger.config, results) if results else []
     arrays: Arrays = {}
     for n, one in enumerate(maps):  # a mesh for each kind of indentor: they need not be of one size

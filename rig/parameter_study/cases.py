@@ -24,6 +24,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 from rig.parameter_study.errors import StudyError
 from rig.plan.toml_file import told_of
 from sim.config.fingertip_config import FingertipConfig
+from sim.contact.patch import X
 from sim.contact.shapes import ShapeError, parse_shape
 from sim.finger.grading import MeshError
 from sim.finger.surface import SurfaceError
@@ -59,7 +60,8 @@ class Press(_Given):
     def _one_target(self) -> Self:
         if bool(self.doi_mm) == bool(self.force_gwt):
             raise ValueError("expected either doi_mm or force_gwt")
-        parse_shape(self.shape)
+        if X not in parse_shape(self.shape).placed_by and self.x_mm != (0.0,):
+            raise ValueError(f"shape {self.shape!r}: x_mm means nothing to it, expected none")
         return self
 
     @property

@@ -36,7 +36,7 @@ class FingerModel:
 
     def touch_height_mm(self, indentor: str, x_mm: float, along_mm: float) -> float:
         """Height of the indentor at first touch, from the nominal apex."""
-        z_mm = self._finger.config.receptor_plane_mm + along_mm
+        z_mm = self._finger.config.receptor_plane_mm + along_mm if along_mm else None
         height_mm = self._finger.touch_height_mm(self._shape(indentor), x_mm, z_mm=z_mm)
         return height_mm - self._finger.apex_height_mm
 

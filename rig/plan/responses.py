@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from rig.data import Run
 from rig.plan.shape_files import from_copy
+from sim.contact.indentor import Indentor
+from sim.contact.shapes import parse_shape
 from sim.models.fingertip import Fingertip
 from sim.models.results.indentation import IndentationResult
 
@@ -44,17 +46,20 @@ def responses(run: Run, finger: Fingertip, *, last_only: bool = False) -> list[R
     touches = {event["index"]: event for event in run.stream("touch")}
     asked = {(event["index"], event["hold"]): event for event in run.stream("hold_start")}
     found = []
+    shapes: dict[str, Indentor] = {}
     for hold in run.stream("hold_end"):
         index = hold["index"]
         last = hold["hold"] == starts[index]["increments"]
         if index not in run.done or (last_only and not last):
             continue
         indentor, start = starts[index]["indentor"], asked[index, hold["hold"]]
-        shape = from_copy(run.folder.path, indentor)
+        if indentor not in shapes:
+            shapes[indentor] = parse_shape(from_copy(run.folder.path, indentor))
+        shape = shapes[indentor]
         if hold.get("true_doi_mm") is not None:
-            result = finger.indent(shape, hold["true_x_mm"], doi_mm=hold["true_doi_mm"])
+            result = finger.indent(shape, shape.lateral_mm(hold["true_x_mm"]), doi_mm=hold["true_doi_mm"])
         else:
-            result = finger.indent(shape, hold["x_mm"], force_gwt=hold["force_gwt"])
+            result = finger.indent(shape, shape.lateral_mm(hold["x_mm"]), force_gwt=hold["force_gwt"])
         found.append(
             Response(index, indentor, start["target"], start["commanded"], last, hold, touches[index], result)
         )

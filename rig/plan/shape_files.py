@@ -4,16 +4,12 @@ import hashlib
 from pathlib import Path
 
 from rig.data.folder import SHAPE_COPY, replace_bytes
-from sim.contact.measured_profile import LINEAR
-
-_PROFILE = "profile:"
+from sim.contact import shapes
 
 
 def named_file(indentor: str) -> str | None:
     """The file that an indentor's name names, as the script wrote it."""
-    if not (isinstance(indentor, str) and indentor.startswith(_PROFILE)):
-        return None
-    return indentor.removeprefix(_PROFILE).removesuffix(LINEAR)
+    return shapes.named_file(indentor) if isinstance(indentor, str) else None
 
 
 def copy_name(file: str) -> str:
@@ -26,7 +22,7 @@ def from_copy(folder: Path, indentor: str) -> str:
     file = named_file(indentor)
     if file is None or not (folder / copy_name(file)).is_file():
         return indentor
-    return f"{_PROFILE}{folder / copy_name(file)}{LINEAR if indentor.endswith(LINEAR) else ''}"
+    return shapes.with_file(indentor, str(folder / copy_name(file)))
 
 
 def kept_in(folder: Path, indentor: str) -> str:

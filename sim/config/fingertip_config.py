@@ -144,6 +144,12 @@ class Contact(_Settings):
     """Where contact is enforced."""
 
     between_nodes: bool = Field(default=True, description="under sharp corners also at points between nodes")
+    patch_gb: float = Field(
+        default=6.0,
+        ge=0,
+        le=1000,
+        description="memory for a patch larger than the mesh's own; 0: what leaves that is refused",
+    )
 
 
 class FingertipConfig(_Settings):

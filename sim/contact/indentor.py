@@ -1,5 +1,7 @@
-"""An indentor as a surface: a profile carried along the finger, across it, or turned about the vertical."""
+"""An indentor as a surface: a profile carried along a line or turned about the vertical, or any height over x, z."""
 
+import warnings
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -8,13 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.contact.patch import X, Z
-from sim.contact.profiles import Profile
+from sim.contact.profiles import Profile, measured_radius_mm
 
 Array = NDArray[np.float64]
 
 ALONG: tuple[int, ...] = (X,)
 ACROSS: tuple[int, ...] = (Z,)
-ROUND: tuple[int, ...] = (X, Z)
+BOTH: tuple[int, ...] = (X, Z)
+
+SHARP_RADIUS_MM = 0.5
+RADIUS_TOLERANCE = 0.1
+"""By how much a profile's word about its sharpest radius may differ from what is measured on it."""
+
+_EDGE_MM = 0.02  # radii below this are edges, whatever they are
+
+
+class ShapeWarning(UserWarning):
+    """Something that a shape says of itself is not so."""
 
 
 class Surface(NamedTuple):
@@ -25,23 +37,79 @@ class Surface(NamedTuple):
     curvature: Array
 
 
-@dataclass(frozen=True)
-class Indentor:
-    """A rigid shape: its profile and the axes along which its surface slopes."""
+class Indentor(ABC):
+    """A rigid surface over offsets from its reference point, and the axes along which it slopes."""
 
     name: str
-    profile: Profile
-    axes: tuple[int, ...] = ALONG
+    axes: tuple[int, ...]
 
-    @classmethod
-    def along(cls, profile: Profile) -> "Indentor":
+    @staticmethod
+    def along(profile: Profile) -> "Prismatic":
         """Prismatic along the finger, named like its profile."""
-        return cls(profile.name, profile)
+        return Prismatic(profile.name, profile)
+
+    @property
+    def placed_by(self) -> tuple[int, ...]:
+        """The axes along which it makes a difference where it is."""
+        return self.axes
+
+    def lateral_mm(self, x_mm: float) -> float:
+        """What a carriage's x comes to: 0 where it makes no difference."""
+        return x_mm if X in self.placed_by else 0.0
+
+    @property
+    def between_nodes(self) -> bool:
+        """Whether contact is to be enforced between nodes too."""
+        return self.sharp
+
+    @property
+    def corners_only(self) -> bool:
+        """Whether that is needed only where the surface itself turns within less than a node's spacing."""
+        return False
+
+    @property
+    @abstractmethod
+    def sharp(self) -> bool:
+        """Whether the surface turns somewhere within less than about a node's spacing."""
+
+    @abstractmethod
+    def turned(self, turn_deg: float) -> "Indentor":
+        """The same, turned about the vertical through its reference point, its x towards the tip.
+
+        Raises ValueError where that makes no difference, or is not meant.
+        """
+
+    @abstractmethod
+    def turning(self, offset_mm: Array, reach_mm: float) -> Array:
+        """(k,) rad by which the surface's normal turns within a reach on either side of (m, k) offsets."""
+
+    @abstractmethod
+    def evaluate(self, offset_mm: Array) -> Surface:
+        """The surface at (m, k) offsets from the reference point, above the lowest point."""
+
+    @abstractmethod
+    def tangent(self, offset_mm: Array, y_mm: Array) -> Surface:
+        """As `evaluate`, but past an edge the tangent plane closest to a node at the height y."""
+
+
+class _OfProfile(Indentor):
+    """What has a profile, and turns where that does."""
+
+    profile: Profile
 
     @cached_property
     def sharp(self) -> bool:
-        """Whether the profile turns within less than about a node's spacing."""
-        return self.profile.sharpest_radius_mm < SHARP_RADIUS_MM
+        """Whether the profile turns within less than about a node's spacing: as measured, whatever it says."""
+        said, measured = self.profile.sharpest_radius_mm, measured_radius_mm(self.profile)
+        if said == measured or max(said, measured) < _EDGE_MM or abs(measured / said - 1) <= RADIUS_TOLERANCE:
+            return said < SHARP_RADIUS_MM
+        warnings.warn(
+            f"{self.name}: sharpest_radius_mm says {said:g} mm, the profile turns within {measured:.3g} mm: taken as "
+            "measured",
+            ShapeWarning,
+            stacklevel=2,
+        )
+        return measured < SHARP_RADIUS_MM
 
     def turning(self, offset_mm: Array, reach_mm: float) -> Array:
         """(k,) rad by which the profile's normal turns within a reach on either side of (m, k) offsets."""
@@ -59,21 +127,82 @@ class Indentor:
         s, direction = self._arm(offset_mm)
         return self._swept(s, direction, *self.profile.tangent(s, y_mm))
 
+    @abstractmethod
     def _arm(self, offset_mm: Array) -> tuple[Array, Array]:
         """Coordinate of the profile and the unit vector along which it grows."""
-        if len(offset_mm) == 1:
-            return offset_mm[0], np.ones_like(offset_mm)
+
+    @abstractmethod
+    def _swept(self, s: Array, direction: Array, height: Array, slope: Array, curvature: Array) -> Surface: ...
+
+
+@dataclass(frozen=True)
+class Prismatic(_OfProfile):
+    """A profile carried along a line: along the finger, across it, or at an angle."""
+
+    name: str
+    profile: Profile
+    axes: tuple[int, ...] = ALONG
+    direction: tuple[float, ...] = (1.0,)  # in which the profile's coordinate grows, along the axes
+
+    @property
+    def placed_by(self) -> tuple[int, ...]:
+        """None for a plane: it is the same everywhere."""
+        return () if np.isinf(self.profile.sharpest_radius_mm) and not self.sharp else self.axes
+
+    def turned(self, turn_deg: float) -> "Prismatic":
+        """A shape along the finger, turned. Raises ValueError for any other, and for a plane."""
+        if not self.placed_by:
+            raise ValueError("it is the same everywhere: turning it makes no difference")
+        if self.axes != ALONG or self.direction != (1.0,):
+            raise ValueError("it does not lie along the finger, to be turned from there")
+        turn = 180.0 - (180.0 - turn_deg) % 360.0  # above −180 to 180
+        quarters = {0.0: (ALONG, 1.0), 90.0: (ACROSS, 1.0), 180.0: (ALONG, -1.0), -90.0: (ACROSS, -1.0)}
+        if turn in quarters:
+            axes, sign = quarters[turn]
+            return Prismatic(self.name + turn_suffix(turn), self.profile, axes, (sign,))
+        angle = np.radians(turn)
+        return Prismatic(
+            self.name + turn_suffix(turn), self.profile, BOTH, (float(np.cos(angle)), float(np.sin(angle)))
+        )
+
+    def _arm(self, offset_mm: Array) -> tuple[Array, Array]:
+        direction = np.array(self.direction)[:, None]
+        return (direction * offset_mm).sum(axis=0), direction
+
+    def _swept(self, s: Array, direction: Array, height: Array, slope: Array, curvature: Array) -> Surface:
+        return Surface(height, direction * slope, direction[:, None] * direction * curvature)
+
+
+@dataclass(frozen=True)
+class Revolved(_OfProfile):
+    """A profile turned about the vertical."""
+
+    name: str
+    profile: Profile
+
+    axes = BOTH
+
+    @property
+    def between_nodes(self) -> bool:
+        """Round shapes are enforced at nodes only."""
+        return False
+
+    def turned(self, turn_deg: float) -> Indentor:
+        """Raises ValueError."""
+        raise ValueError("it is round: turning it makes no difference")
+
+    def _arm(self, offset_mm: Array) -> tuple[Array, Array]:
         s = np.hypot(*offset_mm)
         safe = np.where(s > 0, s, 1.0)
         return s, np.where(s > 0, offset_mm / safe, np.array([[1.0], [0.0]]))
 
     def _swept(self, s: Array, direction: Array, height: Array, slope: Array, curvature: Array) -> Surface:
-        if len(direction) == 1:
-            return Surface(height, slope[None], curvature[None, None])
         radial = direction[:, None] * direction[None]
         around = np.where(s > 0, slope / np.where(s > 0, s, 1.0), curvature)
         hessian = curvature * radial + around * (np.eye(2)[:, :, None] - radial)
         return Surface(height, slope * direction, hessian)
 
 
-SHARP_RADIUS_MM = 0.5
+def turn_suffix(turn_deg: float) -> str:
+    """What a turn adds to a shape's name."""
+    return {0.0: "", 90.0: ",across"}.get(turn_deg, f",turn_deg={turn_deg:g}")

@@ -52,12 +52,11 @@ class PatchNodes:
 
     @cached_property
     def segments(self) -> Ints:
-        """(n_segments, 2) nodes joined along the one axis of slope; none where there are two."""
+        """(n_segments, 2) neighbouring nodes joined along each axis of slope."""
         number = np.arange(len(self)).reshape(self.shape)
-        if len(self.axes) > 2:
-            return np.empty((0, 2), dtype=np.int64)
-        first, second = (number[:, :-1], number[:, 1:]) if self.axes[0] == X else (number[:-1], number[1:])
-        return np.stack([first.ravel(), second.ravel()], axis=1)
+        ends = {X: (number[:, :-1], number[:, 1:]), Z: (number[:-1], number[1:])}
+        joined = [np.stack([e.ravel() for e in ends[axis]], axis=1) for axis in self.axes[:-1]]
+        return np.concatenate(joined)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.contact.indentor import Indentor, Surface
+from sim.contact.indentor import SHARP_RADIUS_MM, Indentor, Surface
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -55,7 +55,7 @@ class Skin(Protocol):
 
     @property
     def segments(self) -> Ints:
-        """(n_segments, 2) nodes joined along the axis of slope."""
+        """(n_segments, 2) nodes joined along the axes of slope."""
 
 
 @dataclass(frozen=True)
@@ -200,8 +200,22 @@ def norm(slope: Array) -> Array:
 def _between(pose: Pose, skin: Skin, u: Array, nodes: Array) -> tuple[Array, Bools]:
     """(n_segments, 3) gaps at the points between nodes, and whether the indentor is below its chord there."""
     along = np.arange(1, PARTS) / PARTS
-    s, y = (skin.tangential_mm + u[:-1])[0][skin.segments], (skin.y + u[-1])[skin.segments]
-    at_s, at_y = (v[:, :1] + np.diff(v) * along for v in (s, y))
-    gap = pose.gap(at_s.reshape(1, -1), at_y.ravel()).height_mm.reshape(at_s.shape)
+    s, y = (skin.tangential_mm + u[:-1])[:, skin.segments], (skin.y + u[-1])[skin.segments]
+    at_s, at_y = (v[..., :1] + np.diff(v) * along for v in (s, y))
+    surface = pose.gap(at_s.reshape(len(s), -1), at_y.ravel())
+    gap = surface.height_mm.reshape(at_y.shape)
     chord = nodes[skin.segments] @ np.stack([1 - along, along])
-    return gap, np.asarray(chord - gap > _BENT_MM)
+    bent = np.asarray(chord - gap > _BENT_MM)
+    if pose.indentor.corners_only:
+        bent &= _turns(pose, s)[:, None]
+    return gap, bent
+
+
+def _turns(pose: Pose, s: Array) -> Bools:
+    """(n_segments,) whether the indentor turns within less than 0.5 mm over segments (m, n_segments, 2)."""
+    share = np.arange(PARTS + 1) / PARTS
+    at = (s[..., :1] + np.diff(s) * share).reshape(len(s), -1)
+    slope = pose.indentor.evaluate(at - np.array(pose.at_mm)[:, None]).slope
+    normal = (np.concatenate([slope, -np.ones_like(slope[:1])]) / norm(slope)).reshape(-1, s.shape[1], len(share))
+    turn = np.linalg.norm(np.diff(normal), axis=0).sum(axis=1)
+    return np.asarray(turn * SHARP_RADIUS_MM > np.hypot.reduce(np.diff(s)[..., 0], axis=0))

@@ -25,6 +25,10 @@ WEDGE_TIP_RADIUS_MM = 0.05
 STEEPEST_SLOPE = 1000.0
 """Slope of the flanks of bars and cylinders: 0.06 degrees off the vertical, so that a profile is a function of x."""
 
+_MEASURED_TO_MM, _MEASURED_STEP_MM = 25.0, 0.005
+_BENT_RAD, _EDGE_RAD, _MOST_CLOSELY = 0.005, 0.5, 100
+_STRAIGHT_RAD = 1e-9  # round-off turns a flank by less
+
 
 class Profile(Protocol):
     """A rigid profile."""
@@ -184,6 +188,51 @@ class Grating:
     def _into_edge(self, s_mm: Array) -> tuple[Array, Array]:
         nearest = s_mm - self.pitch_mm * np.round(s_mm / self.pitch_mm)
         return np.abs(nearest) - (0.5 * self.ridge_mm - self.edge_radius_mm), np.sign(nearest)
+
+
+@dataclass(frozen=True)
+class Plane(Profile):
+    """A plate wider than the finger."""
+
+    @property
+    def name(self) -> str:
+        """The shape as it is written on the command line."""
+        return "flat"
+
+    @property
+    def sharpest_radius_mm(self) -> float:
+        """Smallest radius of curvature of its convex parts: it has none."""
+        return np.inf
+
+    def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
+        """Height, slope and curvature: none."""
+        return np.zeros_like(s_mm), np.zeros_like(s_mm), np.zeros_like(s_mm)
+
+
+def measured_radius_mm(profile: Profile) -> float:
+    """Smallest radius of curvature of a profile's convex parts, from heights and slopes 5 µm apart; mm.
+
+    The way between neighbours is their chord; at the hundred places that turn most, by more than 0.005 rad, 0.05 µm
+    apart. What turns by half a radian within that is an edge: 0. A plane: infinite.
+    """
+    s = np.arange(-_MEASURED_TO_MM, _MEASURED_TO_MM, _MEASURED_STEP_MM)
+    turn, way = _turns(profile, s)
+    closely = np.argsort(turn, kind="stable")[-_MOST_CLOSELY:]
+    coarse = turn < _BENT_RAD
+    coarse |= ~np.isin(np.arange(len(turn)), closely)
+    fine = s[:-1][~coarse, None] + np.linspace(0.0, _MEASURED_STEP_MM, 101)
+    turn_within, way_within = _turns(profile, fine)
+    if (turn_within > _EDGE_RAD).any():
+        return 0.0
+    found = np.concatenate([turn[coarse], turn_within.ravel()]), np.concatenate([way[coarse], way_within.ravel()])
+    convex = found[0] > _STRAIGHT_RAD
+    return float((found[1][convex] / found[0][convex]).min(initial=np.inf))
+
+
+def _turns(profile: Profile, s_mm: Array) -> tuple[Array, Array]:
+    """Angle (rad, positive where convex) and way (mm) between neighbours along the last axis."""
+    height, slope, _ = (value.reshape(s_mm.shape) for value in profile.evaluate(s_mm.ravel()))
+    return np.diff(np.arctan(slope)), np.hypot(np.diff(s_mm), np.diff(height))
 
 
 def _floored(profile: tuple[Array, Array, Array], floor: NDArray[np.bool_]) -> tuple[Array, Array, Array]:

@@ -1,17 +1,25 @@
 """Indentors by the names they have on the command line."""
 
+import re
 from collections.abc import Callable
 
-from sim.contact.indentor import ACROSS, ROUND, Indentor
+from sim.contact.height_map import HeightMapError
+from sim.contact.indentor import ACROSS, Indentor, Prismatic, Revolved
+from sim.contact.map_files import read_height_map
 from sim.contact.measured_profile import LINEAR, ProfileError, read_profile
-from sim.contact.profiles import STEP_HALF_WAVELENGTH_MM, Bar, Cylinder, Grating, Step, Wedge
+from sim.contact.profiles import STEP_HALF_WAVELENGTH_MM, Bar, Cylinder, Grating, Plane, Step, Wedge
 
 EXPECTED = (
     "bar:WIDTH, cylinder:DIAMETER, step:1|3|5, grating:RIDGE,PITCH, wedge:ANGLE, profile:FILE.csv[,linear], "
-    "sphere:RADIUS, flat:RADIUS, cone:ANGLE or line"
+    "sphere:RADIUS, flat:RADIUS, cone:ANGLE, flat, line or heightmap:FILE,…; what lies along the finger also "
+    "with ,across or ,turn_deg=ANGLE"
 )
 LINE_THICKNESS_MM = 0.2
 """The line load is the rounded edge of a plate this thick. [free]"""
+
+_OPTION = r",linear|,(?:width_mm|height_mm|spacing_mm|edge_mm|raised)=[^,]*"
+_TURN = re.compile(rf"(.*?),(?:across|turn_deg=([^,]*))((?:{_OPTION})*)", re.DOTALL)
+_FILE = re.compile(rf"(profile|heightmap):(.*?)((?:,across|,turn_deg=[^,]*|{_OPTION})*)", re.DOTALL)
 
 
 class ShapeError(ValueError):
@@ -23,6 +31,9 @@ def parse_shape(text: str) -> Indentor:
     kind, _, argument = text.partition(":")
     if kind == "point":
         raise ShapeError(f"shape {text!r}: a point load is no contact, expected {EXPECTED}")
+    turned = _TURN.fullmatch(text)
+    if turned is not None:
+        return _turned(text, turned[1] + turned[3], turned[2])
     if kind not in _KINDS:
         raise ShapeError(f"shape {text!r}: no such indentor, expected {EXPECTED}")
     return _KINDS[kind](text, argument)
@@ -30,7 +41,34 @@ def parse_shape(text: str) -> Indentor:
 
 def shape_name(text: str) -> str:
     """The canonical name, "bar:3" for bar:3.0, without reading a file that it names. Raises ShapeError."""
-    return text if text.startswith("profile:") else parse_shape(text).name
+    return text if named_file(text) is not None else parse_shape(text).name
+
+
+def named_file(text: str) -> str | None:
+    """The file that a shape's name names, if it does."""
+    found = _FILE.fullmatch(text)
+    return found[2] if found else None
+
+
+def with_file(text: str, file: str) -> str:
+    """The same shape, read from another file."""
+    found = _FILE.fullmatch(text)
+    return f"{found[1]}:{file}{found[3]}" if found else text
+
+
+def _turned(text: str, shape: str, turn: str | None) -> Indentor:
+    try:
+        turn_deg = 90.0 if turn is None else float(turn)
+    except ValueError:
+        turn_deg = float("nan")
+    if not abs(turn_deg) <= 360.0:
+        raise ShapeError(f"shape {text!r}: turn_deg = {turn}: expected an angle within ± 360 degrees")
+    try:
+        return parse_shape(shape).turned(turn_deg)
+    except ShapeError:
+        raise
+    except ValueError as error:
+        raise ShapeError(f"shape {text!r}: {error}; expected no across and no turn_deg") from None
 
 
 def _step(text: str, argument: str) -> Indentor:
@@ -66,25 +104,37 @@ def _profile(text: str, argument: str) -> Indentor:
         raise ShapeError(str(error)) from None
 
 
+def _height_map(text: str, argument: str) -> Indentor:
+    found = _FILE.fullmatch(text)
+    if found is None or not argument:
+        raise ShapeError(f"shape {text!r}: expected heightmap:FILE.png|npy|csv and its scale")
+    try:
+        return read_height_map(found[2], [option for option in found[3].split(",") if option])
+    except HeightMapError as error:
+        raise ShapeError(str(error)) from None
+
+
 def _sphere(text: str, argument: str) -> Indentor:
     radius = _number(text, argument, "radius", "mm", 0.25, 25.0)
-    return Indentor(f"sphere:{radius:g}", Cylinder(2 * radius), ROUND)
+    return Revolved(f"sphere:{radius:g}", Cylinder(2 * radius))
 
 
 def _flat(text: str, argument: str) -> Indentor:
+    if ":" not in text:
+        return Indentor.along(Plane())
     radius = _number(text, argument, "radius", "mm", 0.1, 10.0)
-    return Indentor(f"flat:{radius:g}", Bar(2 * radius), ROUND)
+    return Revolved(f"flat:{radius:g}", Bar(2 * radius))
 
 
 def _cone(text: str, argument: str) -> Indentor:
     angle = _number(text, argument, "half-angle", "degrees", 5.0, 89.0)
-    return Indentor(f"cone:{angle:g}", Wedge(angle), ROUND)
+    return Revolved(f"cone:{angle:g}", Wedge(angle))
 
 
 def _line(text: str, argument: str) -> Indentor:
     if argument:
         raise ShapeError(f"shape {text!r}: expected line, placed by its z")
-    return Indentor("line", Bar(LINE_THICKNESS_MM, 0.5 * LINE_THICKNESS_MM), ACROSS)
+    return Prismatic("line", Bar(LINE_THICKNESS_MM, 0.5 * LINE_THICKNESS_MM), ACROSS)
 
 
 _KINDS: dict[str, Callable[[str, str], Indentor]] = {
@@ -98,6 +148,7 @@ _KINDS: dict[str, Callable[[str, str], Indentor]] = {
     "flat": _flat,
     "cone": _cone,
     "line": _line,
+    "heightmap": _height_map,
 }
 
 

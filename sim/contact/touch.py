@@ -7,12 +7,13 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize, minimize_scalar
 
-from sim.contact.indentor import ACROSS, ALONG, Indentor
+from sim.contact.indentor import ACROSS, ALONG, Indentor, Revolved
 
 Array = NDArray[np.float64]
 
 _GRID_MM = 0.004
 _ROUND_GRID_MM = 0.1
+_BEST_PLACES, _FINER, _FINEST_GRID_MM = 60, 4, 1e-5
 
 
 class Skin(Protocol):
@@ -43,18 +44,18 @@ def first_touch(indentor: Indentor, at_mm: tuple[float, ...], skin: Skin) -> Tou
         return _prismatic(indentor, at_mm[0], skin.ridge)
     if indentor.axes == ACROSS:
         return _prismatic(indentor, at_mm[0], skin.crest)
-    return _round(indentor, at_mm, skin)
+    return _round(indentor, at_mm, skin) if isinstance(indentor, Revolved) else _anywhere(indentor, at_mm, skin)
 
 
 def _prismatic(indentor: Indentor, at_mm: float, top: CubicSpline) -> Touch:
     low, high = top.x[0], top.x[-1]
     s = np.linspace(low, high, int((high - low) / _GRID_MM) + 1)
-    gaps = indentor.profile.evaluate(s - at_mm)[0] - top(s)
+    gaps = indentor.evaluate((s - at_mm)[None]).height_mm - top(s)
     best = int(np.argmin(gaps))
     bounds = (s[max(best - 1, 0)], s[min(best + 1, len(s) - 1)])
 
     def gap(at: float) -> float:
-        return float(indentor.profile.evaluate(np.array([at - at_mm]))[0][0] - top(at))
+        return float(indentor.evaluate(np.array([[at - at_mm]])).height_mm[0] - top(at))
 
     found = minimize_scalar(gap, bounds=bounds, method="bounded", options={"xatol": 1e-12})
     return _lower(gap(float(s[best])), (float(s[best]),), float(found.fun), (float(found.x),))
@@ -86,3 +87,20 @@ def _round(indentor: Indentor, at_mm: tuple[float, ...], skin: Skin) -> Touch:
 
 def _lower(gap: float, at: tuple[float, ...], other_gap: float, other_at: tuple[float, ...]) -> Touch:
     return Touch(-gap, at) if gap < other_gap else Touch(-other_gap, other_at)
+
+
+def _anywhere(indentor: Indentor, at_mm: tuple[float, ...], skin: Skin) -> Touch:
+    """As `_round`, for a surface with features finer than that grid: the best places are looked at ever closer."""
+    centre = np.array(at_mm)[:, None]
+    ends = np.array([skin.ridge.x[[0, -1]], skin.crest.x[[0, -1]]])
+    sides = [np.arange(low, high, _ROUND_GRID_MM) for low, high in ends]
+    places, spacing = np.stack([side.ravel() for side in np.meshgrid(*sides, indexing="ij")]), _ROUND_GRID_MM
+    while True:
+        gaps = indentor.evaluate(places - centre).height_mm - skin.height(*places)
+        best = places[:, np.argsort(gaps, kind="stable")[:_BEST_PLACES]]
+        if spacing < _FINEST_GRID_MM:
+            return Touch(-float(gaps.min()), (float(best[0, 0]), float(best[1, 0])))
+        spacing /= _FINER
+        around = np.stack(np.meshgrid(*[np.arange(-_FINER, _FINER + 1) * spacing] * 2)).reshape(2, 1, -1)
+        places = np.unique((best[:, :, None] + around).reshape(2, -1), axis=1)
+        places = np.clip(places, ends[:, :1], ends[:, 1:])

@@ -15,6 +15,7 @@ from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorSet, 
 from sim.models.condensed import CondensedModel
 from sim.models.fingertip import Fingertip
 from sim.models.halfspace import build_halfspace
+from sim.models.patches import HalfWidths, widened
 from sim.models.plane_section import build_section, prismatic
 from sim.models.recipe import Recipe
 from sim.models.whole_finger import build_finger
@@ -53,8 +54,8 @@ def load(
         surface = prismatic(surface, config.receptor_plane_mm)
     receptors = place_receptors(surface, np.array(receptor_x_mm), receptor_depth_mm, config.receptor_plane_mm)
 
-    def build(slopes: tuple[int, ...]) -> tuple[CondensedModel, bool]:
-        return BUILDERS[name](config, surface, receptors, slopes), False
+    def build(slopes: tuple[int, ...], patch: HalfWidths | None) -> tuple[CondensedModel, bool]:
+        return BUILDERS[name](widened(config, patch), surface, receptors, slopes), False
 
     places = {"receptor_x_mm": tuple(receptor_x_mm), "receptor_depth_mm": receptor_depth_mm}
     recipe = Recipe.of(load, name, config, slopes=slopes, cached=cached, **places)

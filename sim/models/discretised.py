@@ -51,7 +51,7 @@ def meshed_for(config: FingertipConfig, slopes: tuple[int, ...]) -> FingertipCon
     other: dict[str, float] = {}
     if mesh.axial_spacing_mm is None:
         other["axial_spacing_mm"] = mesh.spacing_mm
-    if len(slopes) > 1:
+    if len(slopes) > 1 and mesh.round_patch_mm:  # 0: widened for a scene, `sim/models/patches.py`
         other |= {"patch_x_mm": mesh.round_patch_mm, "patch_z_mm": mesh.round_patch_mm}
     return config.model_copy(update={"mesh": mesh.model_copy(update=other)})
 

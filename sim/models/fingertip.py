@@ -27,7 +27,8 @@ from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, place_recepto
 from sim.models.cache import cached_arrays, content_key
 from sim.models.condensed import CondensedModel, from_arrays, to_arrays
 from sim.models.errors import ForceOutOfReachError, ModelRangeError
-from sim.models.pressing import PlacedIndentor, Pressing
+from sim.models.patches import HalfWidths, half_widths, larger, widened
+from sim.models.pressing import PlacedIndentor, Pressing, RimError, refuse_meaningless
 from sim.models.recipe import ByRecipe, Recipe
 from sim.models.results.indentation import IndentationResult
 from sim.models.results.outline import ModelOutline
@@ -37,7 +38,8 @@ from sim.models.whole_finger import build_finger
 
 Array = NDArray[np.float64]
 Reference = Literal["contact", "apex"]
-ModelLoader = Callable[[tuple[int, ...]], tuple[CondensedModel, bool]]
+ModelLoader = Callable[[tuple[int, ...], HalfWidths | None], tuple[CondensedModel, bool]]
+"""A model for indentors that slope along some axes, on the mesh's own patch or another, and whether it was cached."""
 
 DEEPEST_DOI_MM = 2.0
 """The small-displacement model is not asked beyond this depth; the source's deepest is 1.33 mm."""
@@ -67,8 +69,8 @@ class Fingertip(ByRecipe):
         self.from_cache = True
         self.build_s = 0.0
         self._load_model = load_model
-        self._models: dict[tuple[int, ...], CondensedModel] = {}
-        self._outlines: dict[tuple[int, ...], ModelOutline] = {}
+        self._models: dict[tuple[tuple[int, ...], HalfWidths | None], CondensedModel] = {}
+        self._outlines: dict[tuple[tuple[int, ...], HalfWidths | None], ModelOutline] = {}
         self._ways: dict[Hashable, dict[float, ContactState]] | None = None
         self._threads = ThreadpoolController()
         self._first_touch = lru_cache(maxsize=_TOUCHES_KEPT)(partial(first_touch, skin=surface))
@@ -92,12 +94,13 @@ class Fingertip(ByRecipe):
         receptors = place_receptors(surface, np.array(receptor_x_mm), receptor_depth_mm, config.receptor_plane_mm)
         described = config.model_dump(mode="json", exclude={"contact"})
 
-        def load_model(slopes: tuple[int, ...]) -> tuple[CondensedModel, bool]:
-            key = content_key([described, list(receptor_x_mm), receptor_depth_mm, solver, list(slopes)])
+        def load_model(slopes: tuple[int, ...], patch: HalfWidths | None) -> tuple[CondensedModel, bool]:
+            what = [described, list(receptor_x_mm), receptor_depth_mm, solver, list(slopes)]
+            key = content_key(what if patch is None else [*what, list(patch)])
             timing_s: dict[str, float] = {}
 
             def make() -> dict[str, NDArray[np.generic]]:
-                built = build_finger(config, surface, receptors, slopes, solver)
+                built = build_finger(widened(config, patch), surface, receptors, slopes, solver)
                 timing_s.update(built.timing_s)
                 return {name: np.ascontiguousarray(array) for name, array in to_arrays(built).items()}
 
@@ -117,15 +120,16 @@ class Fingertip(ByRecipe):
         section = np.stack(self.surface.section(np.linspace(0, 2 * np.pi, 181), self.config.receptor_plane_mm))
         return finger_as_html(section, next(iter(self._outlines.values())), repr(self))
 
-    def model_for(self, slopes: tuple[int, ...]) -> CondensedModel:
-        """The model condensed for indentors that slope along some axes, from the cache or built (seconds)."""
-        if slopes not in self._models:
+    def model_for(self, slopes: tuple[int, ...], patch: HalfWidths | None = None) -> CondensedModel:
+        """The model for indentors that slope along some axes, on the mesh's patch or another; built in seconds."""
+        key = slopes, patch
+        if key not in self._models:
             start = time.perf_counter()
-            self._models[slopes], from_cache = self._load_model(slopes)
-            self._outlines[slopes] = _outline(self._models[slopes], self.config.tissue.poisson)
+            self._models[key], from_cache = self._load_model(slopes, patch)
+            self._outlines[key] = _outline(self._models[key], self.config.tissue.poisson, patch)
             self.from_cache = self.from_cache and from_cache
             self.build_s += time.perf_counter() - start
-        return self._models[slopes]
+        return self._models[key]
 
     @property
     def model(self) -> CondensedModel:
@@ -167,9 +171,10 @@ class Fingertip(ByRecipe):
     ) -> IndentationResult:
         """Press an indentor to a depth or to a force, from rest or on from a nearby state, to a target residual.
 
-        Shapes prismatic along the finger are placed by x, the line by z (default: the receptor plane), round shapes
-        by both. Raises ModelRangeError when the scene leaves the model: contact at the patch's rim, a place, depth
-        or force out of range.
+        Shapes that lie along the finger are placed by x, those across it by z (default: the receptor plane), all
+        others by both, a plane by neither: what means nothing to a shape is refused. Where contact would leave the
+        mesh's patch a larger one is made (minutes, then cached). Raises ModelRangeError when the scene leaves the
+        model: no larger patch, a place, depth or force out of range.
         """
         shape = _indentor(indentor)
         if (doi_mm is None) == (force_gwt is None):
@@ -178,18 +183,23 @@ class Fingertip(ByRecipe):
         place = self._place(shape, x_mm, z_mm)
         touch = self._first_touch(shape, place)
         height = self.apex_height_mm if reference == "apex" else touch.height_mm
-        placed = PlacedIndentor(shape, place, height, touch, self.model_for(shape.axes))
-        placed.refuse_touch_outside()
-        pressing = self._pressing(placed, target)
-        began = time.thread_time()
-        with self._threads.limit(limits=1, user_api="blas"):
-            if doi_mm is not None:
-                if not 0 < doi_mm <= DEEPEST_DOI_MM:
-                    raise ModelRangeError(f"DOI {doi_mm:g} mm: expected 0 < DOI ≤ {DEEPEST_DOI_MM:g} mm")
-                doi, state = doi_mm, pressing.solve(doi_mm, start)
-            else:
-                assert force_gwt is not None
-                doi, state = self._solve_force(pressing, force_gwt)
+        if doi_mm is not None and not 0 < doi_mm <= DEEPEST_DOI_MM:
+            raise ModelRangeError(f"DOI {doi_mm:g} mm: expected 0 < DOI ≤ {DEEPEST_DOI_MM:g} mm")
+        if force_gwt is not None:
+            _positive(force_gwt)
+        patch = None
+        while True:
+            model = self.model_for(shape.axes, patch)
+            pressing = self._pressing(PlacedIndentor(shape, place, height, touch, model), target)
+            began = time.thread_time()
+            try:
+                pressing.placed.refuse_touch_outside()
+                with self._threads.limit(limits=1, user_api="blas"):
+                    doi, state = self._solve(pressing, doi_mm, force_gwt, start)
+                break
+            except RimError as met:
+                now = patch or half_widths(self.config, shape.axes)
+                patch = larger(self.config, self.surface, shape.axes, now, met)
         return IndentationResult(
             indentor=shape,
             x_mm=x_mm,
@@ -198,10 +208,10 @@ class Fingertip(ByRecipe):
             touch_height_mm=height,
             force_n=state.normal_force * self.e_epidermis_mpa,
             state=state,
-            model=self._outlines[shape.axes],
+            model=self._outlines[shape.axes, patch],
             e_epidermis_mpa=self.e_epidermis_mpa,
             contact_s=time.thread_time() - began,
-            _strain=partial(placed.model.strain, state.force),
+            _strain=partial(model.strain, state.force),
         )
 
     def point_load(self, x_mm: float, force_gwt: float, *, z_mm: float | None = None) -> PointLoadResult:
@@ -213,9 +223,9 @@ class Fingertip(ByRecipe):
         if not left < x_mm < right:
             raise ModelRangeError(f"x = {x_mm} mm: expected {left:.2f} … {right:.2f} mm, the pulp at z = {z:g} mm")
         force_n = _positive(force_gwt) * GWT_N
-        slopes, model = next(iter(self._models.items()))
+        key, model = next(iter(self._models.items()))
         strain = model.point_load(x_mm, z) * (force_n / self.e_epidermis_mpa)
-        return PointLoadResult(x_mm, z, force_n, strain.reshape(-1, 6), self._outlines[slopes])
+        return PointLoadResult(x_mm, z, force_n, strain.reshape(-1, 6), self._outlines[key])
 
     def keeping_ways(self) -> "Fingertip":
         """A copy that remembers the ways down to where it pressed, for other depths there: with the same answers."""
@@ -224,12 +234,13 @@ class Fingertip(ByRecipe):
         return copied
 
     def _pressing(self, placed: PlacedIndentor, target: float) -> Pressing:
-        between_nodes = self.config.contact.between_nodes and placed.indentor.sharp
+        between_nodes = self.config.contact.between_nodes and placed.indentor.between_nodes
         way = (placed.indentor, placed.place, placed.zero_mm, id(placed.model), target)
         return Pressing(placed, between_nodes, target, {} if self._ways is None else self._ways.setdefault(way, {}))
 
     def _place(self, shape: Indentor, x_mm: float, z_mm: float | None) -> tuple[float, ...]:
-        """Where the reference point is, along the indentor's axes."""
+        """Where the reference point is, along the indentor's axes; refuses a place that means nothing to it."""
+        refuse_meaningless(shape, x_mm, z_mm)
         z = self.config.receptor_plane_mm if z_mm is None else z_mm
         return tuple({X: x_mm, Z: z}[axis] for axis in shape.axes)
 
@@ -241,6 +252,16 @@ class Fingertip(ByRecipe):
                 f"z = {z_mm} mm: expected 0 … {self.config.geometry.length_mm:g} mm along the finger"
             )
 
+    def _solve(
+        self, pressing: Pressing, doi_mm: float | None, force_gwt: float | None, start: ContactState | None
+    ) -> tuple[float, ContactState]:
+        """DOI and state; a start on another patch is none."""
+        if force_gwt is not None:
+            return self._solve_force(pressing, force_gwt)
+        assert doi_mm is not None
+        fits = start is not None and start.displacement.shape[1] == len(pressing.placed.model.patch)
+        return doi_mm, pressing.solve(doi_mm, start if fits else None)
+
     def _solve_force(self, pressing: Pressing, force_gwt: float) -> tuple[float, ContactState]:
         force = _positive(force_gwt) * GWT_N / self.e_epidermis_mpa
         try:
@@ -250,7 +271,7 @@ class Fingertip(ByRecipe):
             raise ForceOutOfReachError(f"force {force_gwt:g} gwt: {error}") from None
 
 
-def _outline(model: CondensedModel, poisson: float) -> ModelOutline:
+def _outline(model: CondensedModel, poisson: float, patch: HalfWidths | None) -> ModelOutline:
     """What a model's answers keep of it."""
     return ModelOutline(
         patch=model.patch.nodes,
@@ -261,6 +282,7 @@ def _outline(model: CondensedModel, poisson: float) -> ModelOutline:
         nodes=model.nodes,
         kind=model.kind,
         poisson=poisson,
+        widened_mm=patch,
     )
 
 

@@ -6,6 +6,7 @@ At once, or in steps from first touch where a corner may bear.
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim.contact.control import TooDeepError
 from sim.contact.indentor import SHARP_RADIUS_MM, Indentor
@@ -16,6 +17,8 @@ from sim.contact.touch import Touch
 from sim.models.condensed import CondensedModel
 from sim.models.errors import ModelRangeError
 
+Array = NDArray[np.float64]
+
 _PRESS_IN_MM, _PRESS_IN_CORNER_MM, _PRESS_IN_FINE_MM = 0.2, 0.05, 0.0125
 _ON_THE_WAY = 1e-4  # residual that is enough where the next step starts
 _CORNER_REACH_MM = 0.1
@@ -23,8 +26,22 @@ _LEAST_SCALE_MM = 1e-3
 _AXIS_NAMES = {X: "x", Z: "z"}
 
 
-class _RimError(ModelRangeError, TooDeepError):
-    """The indentor would touch skin that the patch does not hold."""
+class RimError(ModelRangeError, TooDeepError):
+    """The indentor would touch skin that the patch does not hold, at (x, z), and perhaps at others; mm."""
+
+    def __init__(self, message: str, at_mm: tuple[float, float], others_mm: Array) -> None:
+        super().__init__(message)
+        self.at_mm = at_mm
+        self.others_mm = others_mm  # (n, 2) places beside the patch that the indentor, were it soft, would lie below
+
+
+def refuse_meaningless(indentor: Indentor, x_mm: float, z_mm: float | None) -> None:
+    """Refuse a place that makes no difference to an indentor; x = 0 is what it has when none is given."""
+    for axis, given in ((X, x_mm or None), (Z, z_mm)):
+        if given is not None and axis not in indentor.placed_by:
+            by = " and ".join(_AXIS_NAMES[axis] for axis in indentor.placed_by) or "its depth alone"
+            name = f"{_AXIS_NAMES[axis]}_mm = {given:g}"
+            raise ModelRangeError(f"{indentor.name}: {name} means nothing to it: it is placed by {by}")
 
 
 @dataclass(frozen=True)
@@ -57,7 +74,9 @@ class PlacedIndentor:
         """Refuse a scene in which the indentor first touches skin beside the patch."""
         for axis, at, nodes in zip(self.indentor.axes, self.touch.at_mm, self.model.patch.tangential_mm, strict=True):
             if not nodes.min() < at < nodes.max():
-                self._refuse(f"touches the skin at {_AXIS_NAMES[axis]} = {at:.2f} mm, outside the patch")
+                place = {X: 0.0, Z: self._plane_mm} | dict(zip(self.indentor.axes, self.touch.at_mm, strict=True))
+                what = f"touches the skin at {_AXIS_NAMES[axis]} = {at:.2f} mm, outside the patch"
+                self._refuse(what, (place[X], place[Z]), np.zeros((0, 2)))
 
     def refuse_rim(self, pose: Pose, state: ContactState) -> None:
         """Refuse an answer when the indentor touches skin that the patch does not hold."""
@@ -66,16 +85,28 @@ class PlacedIndentor:
         y = beside[:, Y] + state.displacement[-1][self.model.outside_neighbour]
         gap = pose.gap(beside[:, list(self.indentor.axes)].T, y).height_mm
         if len(at_rim) or (gap < 0).any():
+            below = pose.gap(beside[:, list(self.indentor.axes)].T, beside[:, Y]).height_mm < 0
             x, _, z = patch.position_mm[at_rim[0]] if len(at_rim) else beside[np.argmin(gap)]
-            self._refuse(f"contact reaches the patch's rim at x = {x:.2f}, z = {z:.2f} mm")
+            self._refuse(
+                f"contact reaches the patch's rim at x = {x:.2f}, z = {z:.2f} mm", (x, z), beside[below][:, [X, Z]]
+            )
 
-    def _refuse(self, what: str) -> None:
-        names = [_AXIS_NAMES[axis] for axis in self.indentor.axes]
-        where = ", ".join(f"{name} = {at:g}" for name, at in zip(names, self.place, strict=True))
-        size = "mesh.round_patch_mm" if len(names) > 1 else "mesh.patch_x_mm / patch_z_mm"
-        raise _RimError(
-            f"{self.indentor.name} at {where} mm: {what}; expected a smaller depth, a position nearer the pad's "
-            f"centre, or a wider {size}"
+    @property
+    def _plane_mm(self) -> float:
+        """z of the receptor plane."""
+        patch = self.model.patch
+        return float(patch.position_mm[self.model.receptor_row * patch.shape[1], Z])
+
+    def _refuse(self, what: str, at_mm: tuple[float, float], others_mm: Array) -> None:
+        at = {axis: f"{_AXIS_NAMES[axis]} = {at:g}" for axis, at in zip(self.indentor.axes, self.place, strict=True)}
+        where = ", ".join(at[axis] for axis in self.indentor.placed_by)
+        where = f" at {where} mm" if where else ""
+        size = "mesh.round_patch_mm" if len(at) > 1 else "mesh.patch_x_mm / patch_z_mm"
+        raise RimError(
+            f"{self.indentor.name}{where}: {what}; expected a smaller depth, a position nearer the pad's "
+            f"centre, or a wider {size}",
+            (float(at_mm[0]), float(at_mm[1])),
+            others_mm,
         )
 
 

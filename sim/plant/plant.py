@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from sim.contact.indentor import ALONG, ROUND, Indentor
+from sim.contact.indentor import Indentor, Revolved
+from sim.contact.patch import Z
 from sim.contact.profiles import Cylinder
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import REQUIRED_RESIDUAL, ContactState
@@ -131,10 +132,10 @@ class Press:
         """Raises ShapeError, and ModelRangeError for anything but a sphere on a finger that is turned."""
         self._finger, self._truth = finger, truth
         self._indentor: Indentor = parse_shape(indentor)
-        profile = self._indentor.profile
-        sphere = self._indentor.axes == ROUND and isinstance(profile, Cylinder)
-        self._radius_mm = profile.sharpest_radius_mm
-        if truth.turn != STRAIGHT and not sphere:
+        self._radius_mm = 0.0  # a straight finger is seen from nowhere else
+        if isinstance(self._indentor, Revolved) and isinstance(self._indentor.profile, Cylinder):
+            self._radius_mm = self._indentor.profile.sharpest_radius_mm
+        elif truth.turn != STRAIGHT:
             raise ModelRangeError(f"{indentor} on a finger that is rolled or tilted: expected a sphere")
         self._last: _Pressed | None = None
         self._before: _Pressed | None = None  # the one before the last
@@ -159,12 +160,12 @@ class Press:
         z_mm = self._z_mm(pose)
         if abs(pose.x_mm) > FARTHEST_X_MM or not 0 <= (z_mm or 0.0) <= self._finger.config.geometry.length_mm:
             return -math.inf
-        touch_mm = self._finger.touch_height_mm(self._indentor, pose.x_mm, z_mm=z_mm)
+        touch_mm = self._finger.touch_height_mm(self._indentor, self._indentor.lateral_mm(pose.x_mm), z_mm=z_mm)
         return touch_mm - (pose.above_apex_mm + self._finger.apex_height_mm)
 
     def _z_mm(self, pose: Pose) -> float | None:
         """Along the finger, where that makes a difference to the shape."""
-        return None if self._indentor.axes == ALONG else self._finger.config.receptor_plane_mm + pose.along_mm
+        return None if Z not in self._indentor.placed_by else self._finger.config.receptor_plane_mm + pose.along_mm
 
     def _pressed(self, pose: Pose, way_mm: float) -> _Pressed:
         if self._last is None or self._last.pose != pose:
@@ -195,7 +196,12 @@ class Press:
         near = last is not None and last.pose.over(pose) and abs(last.doi_mm - doi_mm) <= _WARM_MOVE_MM
         start = self._onward(last, doi_mm) if last is not None and near else None
         result = self._finger.indent(
-            self._indentor, pose.x_mm, z_mm=self._z_mm(pose), doi_mm=doi_mm, start=start, target=REQUIRED_RESIDUAL
+            self._indentor,
+            self._indentor.lateral_mm(pose.x_mm),
+            z_mm=self._z_mm(pose),
+            doi_mm=doi_mm,
+            start=start,
+            target=REQUIRED_RESIDUAL,
         )
         if not result.state.converged:
             raise ModelRangeError(

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sim.config.fingertip_config import Contact, FingertipConfig, MeshSpec
+from sim.contact.indentor import Prismatic
 from sim.finger.mesh import build_mesh
 from sim.models.catalogue import load
 from sim.models.uncondensed.deck import CONTACT_STIFFNESS_MPA_PER_MM, MeshedFinger, write_contact_deck
@@ -60,6 +61,7 @@ def compare(config: FingertipConfig = CONFIG, shape: str = SHAPE, doi_mm: float 
     meshed = MeshedFinger(config, build_mesh(config, finger.surface), finger.e_epidermis_mpa)
     with tempfile.TemporaryDirectory() as folder:
         deck = Path(folder) / "contact.inp"
+        assert isinstance(result.indentor, Prismatic)
         write_contact_deck(deck, meshed, result.indentor.profile, 0.0, result.touch_height_mm, doi_mm)
         force_n, cpu_s = _job(deck)
     return Comparison(

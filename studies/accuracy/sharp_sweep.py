@@ -18,6 +18,7 @@ from sim.contact.solver import TARGET_RESIDUAL
 from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
 from sim.models.results.indentation import IndentationResult
+from studies.accuracy.random_poses import ON_ITS_PATCH
 
 Scene = tuple[Profile, float, float]  # profile, x and DOI in mm
 
@@ -62,7 +63,7 @@ def solved(finger: Fingertip, scenes: list[Scene]) -> Iterator[tuple[Scene, Inde
 def main() -> None:
     """Print the table and the scenes that miss."""
     every = int(sys.argv[1]) if len(sys.argv) > 1 else 1
-    finger = Fingertip.load()
+    finger = Fingertip.load(ON_ITS_PATCH)
     columns = ("shape", "scenes", "residual > 1e-10", "worst residual", "passes, median / p99 / max",
                "processor ms, median / p95")  # fmt: skip
     print(f"| {' | '.join(columns)} |")

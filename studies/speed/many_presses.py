@@ -14,12 +14,12 @@ from typing import TypeVar
 
 import numpy as np
 
-from sim.contact.indentor import ACROSS, ALONG, ROUND
+from sim.contact.indentor import ACROSS, ALONG, BOTH
 from sim.models.fingertip import Fingertip
 from sim.models.many import indent_many
 from sim.models.results.indentation import IndentationResult
 from sim.models.results.indentations import Indentations
-from studies.accuracy.random_poses import Scene, solved
+from studies.accuracy.random_poses import ON_ITS_PATCH, Scene, solved
 
 Done = TypeVar("Done")
 
@@ -60,8 +60,8 @@ def main() -> None:
     """Print the table."""
     n = int(sys.argv[1]) if len(sys.argv) > 1 else 1000
     seed = int(sys.argv[2]) if len(sys.argv) > 2 else 0
-    finger, cores = Fingertip.load(), os.cpu_count() or 1
-    for slopes in (ALONG, ACROSS, ROUND):
+    finger, cores = Fingertip.load(ON_ITS_PATCH), os.cpu_count() or 1
+    for slopes in (ALONG, ACROSS, BOTH):
         finger.model_for(slopes)
     scenes = [scene for scene, _ in solved(finger, n, seed)]
     print(f"{n} poses, seed {seed}; {cores} cores\n")

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.contact.control import solve_for_force
-from sim.contact.indentor import ALONG, ROUND, Indentor
+from sim.contact.indentor import Indentor, Revolved
 from sim.contact.patch import Patch
 from sim.contact.points import Pose
 from sim.contact.profiles import Profile
@@ -33,7 +33,7 @@ def press(patch: Patch, profile: Profile, doi_mm: float, start: ContactState | N
 
     It is prismatic on a slab and turned about the axis on a quarter.
     """
-    indentor = Indentor(profile.name, profile, ALONG if len(patch.axes) == 2 else ROUND)
+    indentor = Indentor.along(profile) if len(patch.axes) == 2 else Revolved(profile.name, profile)
     return solve_contact(
         patch, Pose(indentor, (0.0,) * len(indentor.axes), -doi_mm, max(doi_mm, 1e-3)), start, between_nodes=False
     )

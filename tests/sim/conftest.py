@@ -5,7 +5,9 @@ import pytest
 from sim.config.fingertip_config import FingertipConfig, Geometry, MeshSpec
 from sim.finger.mesh import FingerMesh, build_mesh
 from sim.finger.surface import FingertipSurface
+from sim.models.catalogue import load
 from sim.models.discretised import FiniteElements, discretise
+from sim.models.fingertip import Fingertip
 
 
 @pytest.fixture(scope="session")
@@ -33,6 +35,27 @@ def coarse_config() -> FingertipConfig:
             far_spacing_mm=2.0,
         )
     )
+
+
+@pytest.fixture(scope="session")
+def coarse_finger() -> Fingertip:
+    """Nodes 0.3 mm apart both ways, patches of ± 2.5 mm for every kind of shape: a second to make, for mechanics."""
+    mesh = MeshSpec(
+        spacing_mm=0.3,
+        axial_spacing_mm=0.3,
+        patch_x_mm=2.5,
+        patch_z_mm=2.5,
+        round_patch_mm=2.5,
+        epidermis_elements=1,
+        dermis_spacing_mm=0.4,
+        dermis_fine_depth_mm=0.5,
+        growth=1.5,
+        far_growth=2.0,
+        near_spacing_mm=1.5,
+        near_width_mm=0.5,
+        far_spacing_mm=2.0,
+    )
+    return load("finger", FingertipConfig(mesh=mesh), cached=False)
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.config.fingertip_config import FingertipConfig, MeshSpec
+from sim.config.fingertip_config import Contact, FingertipConfig, MeshSpec
 from sim.config.stiffness import E_EPIDERMIS_MPA
 from sim.config.units import GWT_N
 from sim.contact.shapes import ShapeError
@@ -135,16 +135,17 @@ def test_a_model_from_disk_answers_as_the_one_just_made(
     ],
 )
 def test_scenes_outside_the_model_are_refused(
-    finger: Fingertip, shape: str, x: float, target: dict[str, float], expected: str
+    unwidened: Fingertip, shape: str, x: float, target: dict[str, float], expected: str
 ) -> None:
     with pytest.raises(ModelRangeError, match=expected):
-        finger.indent(shape, x, **target)
+        unwidened.indent(shape, x, **target)
 
 
 def test_contact_at_the_ends_of_the_patch_is_refused() -> None:
     # A 3 mm bar reaches the end rows of a short patch: an answer would be too soft, so there is none.
     short = FingertipConfig(
-        mesh=MeshSpec(spacing_mm=0.4, axial_spacing_mm=0.4, patch_x_mm=2.5, patch_z_mm=1.2, near_spacing_mm=1.0)
+        mesh=MeshSpec(spacing_mm=0.4, axial_spacing_mm=0.4, patch_x_mm=2.5, patch_z_mm=1.2, near_spacing_mm=1.0),
+        contact=Contact(patch_gb=0),
     )
     finger = Fingertip.load(short)
     finger.indent("bar:3.0", 0.0, doi_mm=0.1)

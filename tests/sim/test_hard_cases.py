@@ -193,10 +193,10 @@ REACHES = "contact reaches the patch's rim at x = "
     ],
 )
 def test_the_rim_is_refused_by_name(
-    finger: Fingertip, shape: str, place: tuple[float, float | None], target: dict[str, float], expected: str
+    unwidened: Fingertip, shape: str, place: tuple[float, float | None], target: dict[str, float], expected: str
 ) -> None:
     with pytest.raises(ModelRangeError, match=expected):
-        finger.indent(shape, place[0], z_mm=place[1], **target)
+        unwidened.indent(shape, place[0], z_mm=place[1], **target)
 
 
 @pytest.mark.parametrize(("shape", "z", "gwt"), [("line", 9.5, 10.0), ("sphere:5", None, 14.0)])

@@ -11,9 +11,9 @@ from studies.accuracy.random_poses import solved as draw
 POSES = 45
 
 
-def test_every_random_pose_converges(finger: Fingertip) -> None:
+def test_every_random_pose_converges(unwidened: Fingertip) -> None:
     # The solver aims at 1e-10 and is required to reach 1e-8; `make bench` draws 2 000 such poses.
-    solved = list(draw(finger, POSES, seed=1))
+    solved = list(draw(unwidened, POSES, seed=1))
     missed = [(scene, r.state.residual) for scene, r in solved if r.state.residual > 1e-10]
     assert not missed
     active = np.array([r.state.active.sum() for _, r in solved])

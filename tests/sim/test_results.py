@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from sim.config.fingertip_config import FingertipConfig, Geometry, Tissue
-from sim.contact.indentor import ACROSS, ROUND
+from sim.contact.indentor import ACROSS, BOTH
 from sim.measures.measures import MEASURES
 from sim.models import fingertip
 from sim.models.catalogue import load
@@ -39,7 +39,8 @@ def result(request: pytest.FixtureRequest, finger: Fingertip, tmp_path_factory: 
         path = tmp_path_factory.mktemp("profile") / "bump.csv"
         path.write_text("x_mm,height_mm\n-2,0.5\n0,0\n2,0.5\n")
         shape = f"profile:{path}"
-    return finger.indent(shape, -0.3, z_mm=7.2 if shape in (*ROUND_SHAPES, "line") else None, doi_mm=0.33)
+    x_mm = 0.0 if shape == "line" else -0.3
+    return finger.indent(shape, x_mm, z_mm=7.2 if shape in (*ROUND_SHAPES, "line") else None, doi_mm=0.33)
 
 
 def _public(thing: object) -> dict[str, Any]:
@@ -175,12 +176,12 @@ def test_the_same_receptors_cross(
 ) -> None:
     """And a finger that was built answers as one that was read, to the last bit."""
     monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path))
-    finger = Fingertip.load(coarse_config, receptor_x_mm=[0.25, 0.5], receptor_depth_mm=0.6, slopes=ROUND)
+    finger = Fingertip.load(coarse_config, receptor_x_mm=[0.25, 0.5], receptor_depth_mm=0.6, slopes=BOTH)
     assert not finger.from_cache
-    assert finger.model_for(ROUND).timing_s
+    assert finger.model_for(BOTH).timing_s
     other = pickle.loads(pickle.dumps(finger))
-    assert other.model_for(ROUND).receptors.depth_mm == 0.6
-    assert other.model_for(ROUND).receptors.position_mm[:, 0] == pytest.approx([0.25, 0.5])
+    assert other.model_for(BOTH).receptors.depth_mm == 0.6
+    assert other.model_for(BOTH).receptors.position_mm[:, 0] == pytest.approx([0.25, 0.5])
     assert _same(other.point_load(0.1, 2.0).receptor_strain, finger.point_load(0.1, 2.0).receptor_strain)
 
 

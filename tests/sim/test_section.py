@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sim.config.fingertip_config import FingertipConfig
+from sim.config.fingertip_config import Contact, FingertipConfig
 from sim.finger.surface import FingertipSurface
 from sim.models.catalogue import load
 from sim.models.errors import ModelRangeError
@@ -57,6 +57,6 @@ def test_round_shapes_are_refused(section: Fingertip) -> None:
 
 
 def test_its_contact_may_not_leave_its_patch() -> None:
-    narrow = load("section", FingertipConfig(mesh=nested(2, patch_x_mm=0.6)))
+    narrow = load("section", FingertipConfig(mesh=nested(2, patch_x_mm=0.6), contact=Contact(patch_gb=0)))
     with pytest.raises(ModelRangeError, match="patch's rim"):
         narrow.indent("cylinder:9", 0.0, doi_mm=0.8)

@@ -12,6 +12,7 @@ from rig.compare.stimuli import Stimulus, simulator_code
 from rig.data import Run
 from rig.parameter_study.workers import spread
 from sim.config.fingertip_config import FingertipConfig
+from sim.contact.shapes import parse_shape
 from sim.finger.grading import MeshError
 from sim.finger.surface import SurfaceError
 from sim.measures.measures import MEASURES, shown
@@ -96,8 +97,9 @@ def measures_on(work: FingerWork) -> list[Array]:
 
 
 def _measures(finger: Fingertip, row: PressRow) -> Array:
+    shape = parse_shape(row.indentor)
     results = [
-        finger.indent(row.indentor, x, **{row.kind: target})  # type: ignore[arg-type]
+        finger.indent(shape, shape.lateral_mm(x), **{row.kind: target})  # type: ignore[arg-type]
         for x, target in zip(row.x_mm, row.target, strict=True)
     ]
     return np.array([[shown(name, result.receptor_measures[name]) for result in results] for name in MEASURES])

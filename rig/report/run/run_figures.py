@@ -10,7 +10,7 @@ from rig.data import Run
 from rig.plan.responses import Response, by_group, measured
 from rig.report.labels import label, unit
 from rig.report.style import BLUE, GREY, ORANGE, Plot, position_bar, shade, shade_of, signed
-from sim.contact.indentor import ACROSS
+from sim.contact.patch import X, Z
 from sim.measures.measures import shown
 
 CONTACTS_A_PAGE = 9
@@ -78,8 +78,9 @@ def _contact_panel(axes: Axes, response: Response, top: float) -> Axes:
     undeformed, pressure = result.pressure_profile
     axes.plot(x, y, color=GREY, lw=1)
     s = np.linspace(-3.6, 3.6, 1441)
-    across = result.indentor.axes == ACROSS  # its lowest line lies in the plane
-    h = np.zeros_like(s) if across else result.indentor.profile.evaluate(s - result.x_mm)[0]
+    plane_mm = result.model.receptors.position_mm[0, Z]
+    offset = {X: s - result.x_mm, Z: np.full_like(s, plane_mm - result.z_mm)}
+    h = result.indentor.evaluate(np.stack([offset[axis] for axis in result.indentor.axes])).height_mm
     height = result.touch_height_mm - result.doi_mm + np.minimum(h, 1.3)
     axes.plot(s, np.where(h < 1.3, height, np.nan), color="black", lw=1.2)
     for low, high in result.contact_regions_mm:  # their ends lie between nodes

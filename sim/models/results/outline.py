@@ -29,6 +29,7 @@ class ModelOutline:
     nodes: int  # of the model's mesh
     kind: str
     poisson: float
+    widened_mm: tuple[float, float] | None = None  # half-widths of a patch that was made for a scene
 
     @cached_property
     def plane(self) -> slice:

@@ -14,6 +14,7 @@ from sim.finger.surface import FingertipSurface
 from sim.measures.measures import measures_in_layers
 from sim.measures.receptors import sampled
 from sim.models.discretised import discretise, factorise, meshed_for, young_ratios
+from sim.models.patches import widened
 from sim.models.results.indentation import IndentationResult
 
 Array = NDArray[np.float64]
@@ -45,8 +46,9 @@ def strain_maps(config: FingertipConfig, results: Sequence[IndentationResult]) -
     and not smoothed.
     """
     found: dict[int, StrainMap] = {}
-    for axes in {result.model.patch.axes for result in results}:
-        mine = [k for k, result in enumerate(results) if result.model.patch.axes == axes]
+    kinds = [(result.model.patch.axes, result.model.widened_mm) for result in results]
+    for kind in set(kinds):
+        mine = [k for k, other in enumerate(kinds) if other == kind]
         mesh = mesh_of(config, results[mine[0]])
         moved = displacements(config, mesh, [results[k] for k in mine])
         found |= zip(mine, _in_plane(config, mesh, moved), strict=True)
@@ -54,8 +56,9 @@ def strain_maps(config: FingertipConfig, results: Sequence[IndentationResult]) -
 
 
 def mesh_of(config: FingertipConfig, result: IndentationResult) -> FingerMesh:
-    """The mesh that an indentation was solved on: it hangs on the axes along which the indentor slopes."""
-    return build_mesh(meshed_for(config, result.model.patch.axes[:-1]), FingertipSurface.fit(config.geometry))
+    """The mesh that an indentation was solved on: by the axes along which the indentor slopes, and its patch."""
+    meshed = meshed_for(widened(config, result.model.widened_mm), result.model.patch.axes[:-1])
+    return build_mesh(meshed, FingertipSurface.fit(config.geometry))
 
 
 def _in_plane(config: FingertipConfig, mesh: FingerMesh, displacement: Array) -> Iterator[StrainMap]:

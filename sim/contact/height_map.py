@@ -1,0 +1,274 @@
+"""An indentor as a table of heights over x and z: embossed dots, letters, anything without overhangs."""
+
+import hashlib
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+
+from sim.contact.indentor import BOTH, Indentor, Surface, turn_suffix
+from sim.contact.profiles import STEEPEST_SLOPE, arc_tangent
+
+Array = NDArray[np.float64]
+
+LEAST_POINTS, MOST_POINTS = 4, 1_000_000
+STEEPEST_OF_A_MAP = 20.0
+"""Slope above which a map is refused, 87 degrees: a wall cannot be told from an overhang."""
+
+_UNEVEN = 1e-3  # of the spacing
+_UNDERSHOOT = 0.05  # of the relief, by which the spline may lie below the lowest height
+_PARTS = 4  # of a cell, in which lowest places and curvature are looked for
+_LEAST_STEP_MM = 1e-6
+
+
+class HeightMapError(ValueError):
+    """The heights make no indentor; the message says what was expected."""
+
+
+@dataclass(frozen=True, eq=False)
+class HeightMap(Indentor):
+    """A bicubic spline (C²) through heights on an even grid, flanks of slope 1 000 beyond its rim.
+
+    Two maps of one name, grid and heights are equal.
+    """
+
+    name: str
+    x_mm: Array  # (n_x,) ascending, evenly spaced, zero at the reference point
+    z_mm: Array  # (n_z,) the same, towards the tip
+    height_mm: Array  # (n_z, n_x) above any level, growing away from the skin
+    turn_deg: float = 0.0  # about the vertical, x towards the tip
+
+    axes = BOTH
+    sharp = True  # its rim is an edge
+    corners_only = True
+
+    def __post_init__(self) -> None:
+        for end in (self.x_mm, self.z_mm, self.height_mm):
+            end.setflags(write=False)
+
+    @classmethod
+    def from_arrays(
+        cls, x_mm: ArrayLike, z_mm: ArrayLike, height_mm: ArrayLike, *, name: str = "heightmap", turn_deg: float = 0.0
+    ) -> "HeightMap":
+        """Heights (n_z, n_x), away from the skin, at (n_x,) and (n_z,) places from the reference point; mm.
+
+        Raises HeightMapError: too few or too many points, uneven places, heights that are no numbers, a wall.
+        """
+        x, z, height = (np.array(given, dtype=np.float64) for given in (x_mm, z_mm, height_mm))
+        if height.shape != (z.size, x.size) or x.ndim != 1 or z.ndim != 1:
+            raise HeightMapError(
+                f"{name}: heights of shape {height.shape} over {x.size} x and {z.size} z: expected {(z.size, x.size)}"
+            )
+        _refuse_size(name, *height.shape)
+        for axis, places in (("x", x), ("z", z)):
+            _refuse_uneven(name, axis, places)
+        missing = np.argwhere(~np.isfinite(height))
+        if len(missing):
+            k, i = missing[0]
+            raise HeightMapError(
+                f"{name}: no height at x = {x[i]:g}, z = {z[k]:g} mm ({len(missing)} of {height.size}): expected a "
+                "number everywhere"
+            )
+        found = cls(name + turn_suffix(turn_deg), x, z, height, turn_deg)
+        found._refuse_walls()
+        return found
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, HeightMap) and self._identity == other._identity
+
+    def __hash__(self) -> int:
+        return hash(self._identity)
+
+    def __repr__(self) -> str:
+        return f"HeightMap({self.name!r}, {len(self.x_mm)} × {len(self.z_mm)} points)"
+
+    @cached_property
+    def _identity(self) -> tuple[str, float, str]:
+        digest = hashlib.sha256()
+        for part in (self.x_mm, self.z_mm, self.height_mm):
+            digest.update(np.ascontiguousarray(part).tobytes())
+        return self.name, self.turn_deg, digest.hexdigest()
+
+    def __getstate__(self) -> dict[str, object]:
+        """What it is made from: the spline is made again where it is needed."""
+        fields = ("name", "x_mm", "z_mm", "height_mm", "turn_deg")
+        return {field: self.__dict__[field] for field in fields}
+
+    def turned(self, turn_deg: float) -> "HeightMap":
+        """The same, turned; raises ValueError where it is turned already."""
+        if self.turn_deg:
+            raise ValueError("it is turned already")
+        return replace(self, name=self.name + turn_suffix(turn_deg), turn_deg=turn_deg)
+
+    @cached_property
+    def sharpest_radius_mm(self) -> float:
+        """Smallest radius of curvature of its convex parts within the rim, as measured on the spline; mm."""
+        places = self._in_cells()
+        surface = self._within(places)
+        slope, hessian = np.moveaxis(surface.slope, -1, 0), np.moveaxis(surface.curvature, -1, 0)
+        metric = np.eye(2) + slope[:, :, None] * slope[:, None]
+        shape = np.linalg.solve(metric, hessian) / np.sqrt(1 + (slope**2).sum(axis=1))[:, None, None]
+        half, det = 0.5 * np.trace(shape, axis1=1, axis2=2), np.linalg.det(shape)
+        largest = (half + np.sqrt(np.maximum(half**2 - det, 0.0))).max()
+        return float(1 / largest) if largest > 0 else np.inf
+
+    def turning(self, offset_mm: Array, reach_mm: float) -> Array:
+        """(k,) rad by which the surface's normal turns within a reach on either side, along x or z; the larger."""
+        ways = reach_mm * np.eye(2)[:, :, None]
+        found = [_angle(self.evaluate(offset_mm - way).slope, self.evaluate(offset_mm + way).slope) for way in ways]
+        return np.maximum(*found)
+
+    def evaluate(self, offset_mm: Array) -> Surface:
+        """The surface at (2, k) offsets from the reference point, above the lowest point."""
+        at = self._turn @ offset_mm
+        clipped, beyond, outside = self._clipped(at)
+        surface = self._within(clipped)
+        way = np.hypot(*beyond)
+        inside = ~outside
+        wall = STEEPEST_SLOPE * beyond / np.where(way > 0, way, 1.0)
+        return self._seen(
+            surface.height_mm + STEEPEST_SLOPE * way,
+            surface.slope * inside + wall,
+            surface.curvature * (inside[:, None] & inside[None]),
+        )
+
+    def tangent(self, offset_mm: Array, y_mm: Array) -> Surface:
+        """As `evaluate`; beyond the rim, the plane through its nearest place that is closest to the node."""
+        at = self._turn @ offset_mm
+        clipped, beyond, outside = self._clipped(at)
+        surface = self._within(clipped)
+        way = np.hypot(*beyond)
+        height, steepness, _ = arc_tangent(way, y_mm - surface.height_mm, 0.0, np.ones_like(way))
+        inside = ~outside
+        return self._seen(
+            surface.height_mm + np.where(way > 0, height, 0.0),
+            surface.slope * inside + np.where(way > 0, steepness, 0.0) * beyond / np.where(way > 0, way, 1.0),
+            surface.curvature * (inside[:, None] & inside[None]),
+        )
+
+    @property
+    def _turn(self) -> Array:
+        """(2, 2) from the finger's x and z to the map's."""
+        c, s = np.cos(np.radians(self.turn_deg)), np.sin(np.radians(self.turn_deg))
+        return np.array([[c, s], [-s, c]])
+
+    def _seen(self, height: Array, slope: Array, curvature: Array) -> Surface:
+        """From the map's x and z to the finger's."""
+        back = self._turn.T
+        return Surface(height, back @ slope, np.einsum("ia,abk,jb->ijk", back, curvature, back))
+
+    def _clipped(self, at: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """(2, k) the nearest places of the map, how far beyond them, and along which axes that is outside."""
+        ends = np.array([[self.x_mm[0], self.x_mm[-1]], [self.z_mm[0], self.z_mm[-1]]])
+        clipped = np.clip(at, ends[:, :1], ends[:, 1:])
+        return clipped, at - clipped, at != clipped
+
+    def _within(self, at: Array) -> Surface:
+        """Height above the lowest point, slope and curvature of the spline at (2, k) places of the map."""
+        steps, corners, basis = self._steps, [], []
+        for places, step, where in zip((self.x_mm, self.z_mm), steps, at, strict=True):
+            t = (where - places[0]) / step
+            cell = np.clip(t.astype(np.int64), 0, len(places) - 2)
+            corners.append(cell)
+            basis.append(_hermite(t - cell))
+        (i, k), (of_x, of_z) = corners, basis
+        low, high = (np.concatenate([self._hermite[k + a, i], self._hermite[k + a, i + 1]], axis=2) for a in (0, 1))
+        table = np.concatenate([low, high], axis=1)  # (k, z: value and slope at both ends, x: the same)
+        along_x = np.einsum("kzx,dxk->dzk", table, of_x)
+        orders = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+        h, x, z, xx, xz, zz = (
+            (along_x[a] * of_z[b]).sum(axis=0) / (steps[0] ** a * steps[1] ** b) for a, b in orders
+        )
+        return Surface(h - self._lowest_mm, np.stack([x, z]), np.stack([np.stack([xx, xz]), np.stack([xz, zz])]))
+
+    @property
+    def _steps(self) -> tuple[float, float]:
+        """The spacing along x and z."""
+        x, z = (float((places[-1] - places[0]) / (len(places) - 1)) for places in (self.x_mm, self.z_mm))
+        return x, z
+
+    @cached_property
+    def _hermite(self) -> Array:
+        """(n_z, n_x, 2, 2) height and slopes of the spline at the points, a cell long: by order along z, along x."""
+        step_x, step_z = self._steps
+        across = step_x * _slopes(self.x_mm, self.height_mm.T).T
+        both = step_z * np.stack([_slopes(self.z_mm, self.height_mm), _slopes(self.z_mm, across)], axis=-1)
+        return np.stack([np.stack([self.height_mm, across], axis=-1), both], axis=-2)
+
+    @cached_property
+    def _lowest_mm(self) -> float:
+        """Of the spline: looked for ever closer around the lowest of several places in each cell."""
+        self.__dict__["_lowest_mm"] = 0.0  # until it is known: heights from the level that they were given from
+        places, steps = self._in_cells(), np.array(self._steps)[:, None]
+        around = np.stack([side.ravel() for side in np.meshgrid(*[np.linspace(-1, 1, 2 * _PARTS + 1)] * 2)])
+        while True:
+            heights = self._within(places).height_mm
+            if steps[0] < _LEAST_STEP_MM:
+                return float(heights.min())
+            steps = steps / _PARTS
+            centre = places[:, [int(np.argmin(heights))]]
+            places = self._clipped(np.concatenate([centre, centre + steps * around], axis=1))[0]
+
+    def _in_cells(self) -> Array:
+        """(2, k) places all over the map, several in each cell; of a large map its points."""
+        parts = _PARTS if self.height_mm.size * _PARTS**2 <= MOST_POINTS else 1
+        x, z = (np.linspace(p[0], p[-1], parts * (len(p) - 1) + 1) for p in (self.x_mm, self.z_mm))
+        return np.stack([side.ravel() for side in np.meshgrid(x, z)])
+
+    def _refuse_walls(self) -> None:
+        """Raise HeightMapError where the spline is too steep or swings below what it goes through."""
+        surface = self._within(self._in_cells())
+        steepest = float(np.hypot(*surface.slope).max())
+        relief = float(np.ptp(self.height_mm))
+        below = float(self.height_mm.min()) - self._lowest_mm
+        if steepest > STEEPEST_OF_A_MAP:
+            raise HeightMapError(
+                f"{self.name}: a slope of {steepest:.3g}, {np.degrees(np.arctan(steepest)):.1f}° (an overhang, a "
+                f"wall or a wrong spacing): expected at most {STEEPEST_OF_A_MAP:g}; edge_mm rounds edges"
+            )
+        if below > _UNDERSHOOT * relief:
+            raise HeightMapError(
+                f"{self.name}: between its points the surface would reach {below:.2g} mm below the lowest, of "
+                f"{relief:.2g} mm in all: expected a finer map, or edges rounded by edge_mm"
+            )
+
+
+def _hermite(u: Array) -> Array:
+    """(3, 4, k) value, first and second derivative of the cubics for value and slope at 0, value and slope at 1."""
+    u2, u3 = u * u, u * u * u
+    value = [2 * u3 - 3 * u2 + 1, u3 - 2 * u2 + u, 3 * u2 - 2 * u3, u3 - u2]
+    first = [6 * u2 - 6 * u, 3 * u2 - 4 * u + 1, 6 * u - 6 * u2, 3 * u2 - 2 * u]
+    second = [12 * u - 6, 6 * u - 4, 6 - 12 * u, 6 * u - 2]
+    return np.stack([np.stack(row) for row in (value, first, second)])
+
+
+def _slopes(places: Array, values: Array) -> Array:
+    """Derivatives of the cubic splines along the first axis, at its places."""
+    return np.asarray(CubicSpline(places, values, axis=0)(places, 1))
+
+
+def _angle(slope: Array, other: Array) -> Array:
+    """(k,) rad between the normals of two slopes (2, k)."""
+    one, two = (np.concatenate([s, -np.ones_like(s[:1])]) / np.sqrt(1 + (s**2).sum(axis=0)) for s in (slope, other))
+    return np.asarray(2 * np.arcsin(np.clip(0.5 * np.linalg.norm(one - two, axis=0), 0.0, 1.0)))
+
+
+def _refuse_size(name: str, rows: int, columns: int) -> None:
+    if min(rows, columns) < LEAST_POINTS:
+        raise HeightMapError(f"{name}: {columns} × {rows} points, expected at least {LEAST_POINTS} × {LEAST_POINTS}")
+    if rows * columns > MOST_POINTS:
+        raise HeightMapError(f"{name}: {columns} × {rows} points, expected at most {MOST_POINTS} in all")
+
+
+def _refuse_uneven(name: str, axis: str, places: Array) -> None:
+    steps = np.diff(places)
+    if not np.isfinite(places).all() or not (steps > 0).all():
+        raise HeightMapError(f"{name}: expected {axis} to rise")
+    worst = int(np.argmax(np.abs(steps - steps.mean())))
+    if abs(steps[worst] - steps.mean()) > _UNEVEN * steps.mean():
+        raise HeightMapError(
+            f"{name}: {axis} goes from {places[worst]:g} to {places[worst + 1]:g} mm, elsewhere by "
+            f"{steps.mean():.4g} mm: expected even spacing"
+        )

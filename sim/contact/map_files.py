@@ -1,0 +1,208 @@
+"""Height maps from files: a picture, a table of numbers, or points.
+
+A table or picture is as one looks at the indentor's face with the finger's tip up: columns along x, the first row
+nearest the tip. Its middle is the reference point.
+"""
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
+from scipy.ndimage import gaussian_filter
+
+from sim.contact.height_map import MOST_POINTS, HeightMap, HeightMapError
+
+Array = NDArray[np.float64]
+
+COLUMNS = "x_mm,z_mm,height_mm"
+PICTURE_EDGE_MM = 0.05
+"""By which the edges of a picture are rounded: a bar's edge radius. [free]"""
+
+LEAST_EDGE_SPACINGS = 0.7
+"""Of an edge rounded by less the spline swings below the face, by 1 % of the relief and more."""
+
+RAISED = ("dark", "light")
+_OPTIONS = {"width_mm": (0.1, 30.0), "height_mm": (0.01, 5.0), "spacing_mm": (0.001, 2.0), "edge_mm": (0.0, 2.0)}
+
+
+def read_height_map(file: str, options: Sequence[str]) -> HeightMap:
+    """A map from FILE.png, FILE.npy or FILE.csv and its options, "key=value". Raises HeightMapError."""
+    where = f"heightmap {file}"
+    given = _given(where, options)
+    readers: dict[str, Callable[[str, str, Mapping[str, str]], tuple[Array, Array, Array]]]
+    readers = {".png": _picture, ".npy": _array, ".csv": _table}
+    suffix = Path(file).suffix.lower()
+    if suffix not in readers:
+        raise HeightMapError(f"{where}: expected a file named .png, .npy or .csv")
+    x, z, height = readers[suffix](where, file, given)
+    if min(height.shape) > 1:
+        spacing = x[1] - x[0], z[1] - z[0]
+        edge_mm = _edge_mm(where, given, LEAST_EDGE_SPACINGS * max(spacing), picture=suffix == ".png")
+        height = gaussian_filter(height, (edge_mm / spacing[1], edge_mm / spacing[0]), mode="nearest")
+    name = ",".join([f"heightmap:{file}", *(f"{key}={_plain(value)}" for key, value in given.items())])
+    try:
+        return HeightMap.from_arrays(x, z, height, name=name)
+    except HeightMapError as error:
+        raise HeightMapError(f"{where}{str(error).removeprefix(name)}") from None
+
+
+def _edge_mm(where: str, given: Mapping[str, str], least_mm: float, *, picture: bool) -> float:
+    """The deviation of the Gaussian that rounds edges; 0: they stay."""
+    if "edge_mm" not in given:
+        return max(PICTURE_EDGE_MM, least_mm) if picture else 0.0
+    edge_mm = _number(where, given, "edge_mm")
+    if 0 < edge_mm < (1 - 1e-9) * least_mm:
+        raise HeightMapError(
+            f"{where}: edge_mm={edge_mm:g}: expected 0, or at least {least_mm:.3g} for such a spacing"
+        )
+    return edge_mm
+
+
+def _given(where: str, options: Sequence[str]) -> dict[str, str]:
+    given: dict[str, str] = {}
+    for option in options:
+        key, _, value = option.partition("=")
+        if key in given or key not in (*_OPTIONS, "raised"):
+            raise HeightMapError(f"{where}: {option}: expected {', '.join(_OPTIONS)} or raised, each once")
+        given[key] = value
+    return given
+
+
+def _plain(value: str) -> str:
+    try:
+        return f"{float(value):g}"
+    except ValueError:
+        return value
+
+
+def _number(where: str, given: Mapping[str, str], key: str) -> float:
+    low, high = _OPTIONS[key]
+    try:
+        value = float(given[key])
+    except ValueError:
+        value = float("nan")
+    if not low <= value <= high:
+        raise HeightMapError(f"{where}: {key}={given[key]}: expected {low:g} … {high:g} mm")
+    return value
+
+
+def _need(where: str, given: Mapping[str, str], needed: Sequence[str], allowed: Sequence[str] = ()) -> list[float]:
+    """The numbers of options that must be there; others than the allowed ones are refused."""
+    for key in needed:
+        if key not in given:
+            raise HeightMapError(f"{where}: expected {key}=…")
+    for key in given:
+        if key not in (*needed, *allowed, "edge_mm"):
+            takes = ", ".join([*needed, *allowed, "edge_mm"])
+            raise HeightMapError(f"{where}: {key} says nothing about such a file, expected {takes}")
+    return [_number(where, given, key) for key in needed]
+
+
+def _picture(where: str, file: str, given: Mapping[str, str]) -> tuple[Array, Array, Array]:
+    """Dark is raised, or what is said: by so much, over so wide a picture."""
+    width_mm, height_mm = _need(where, given, ("width_mm", "height_mm"), ("raised",))
+    raised = given.get("raised", RAISED[0])
+    if raised not in RAISED:
+        raise HeightMapError(f"{where}: raised={raised}: expected {' or '.join(RAISED)}")
+    light = _grey(where, file)
+    away = light if raised == "dark" else 1 - light
+    return _placed(height_mm * away, width_mm / light.shape[1])
+
+
+def _grey(where: str, file: str) -> Array:
+    """(rows, columns) 0 (black) to 1 (white); what is transparent is white."""
+    try:
+        with warnings.catch_warnings(), Image.open(file) as image:
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the size is looked at below
+            if image.width * image.height > MOST_POINTS:
+                raise HeightMapError(
+                    f"{where}: {image.width} × {image.height} pixels, expected at most {MOST_POINTS} in all"
+                )
+            if image.mode.startswith("I"):  # 16 bits
+                return np.asarray(image, dtype=np.float64) / 65535
+            whole = image.convert("RGBA")
+            white = Image.new("RGBA", whole.size, "white")
+            return np.asarray(Image.alpha_composite(white, whole).convert("L"), dtype=np.float64) / 255
+    except OSError as error:
+        what = "not a picture" if isinstance(error, UnidentifiedImageError) else error.strerror or "damaged"
+        raise HeightMapError(f"{where}: {what}, expected a PNG file") from None
+    except (SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        if isinstance(error, HeightMapError):
+            raise
+        raise HeightMapError(f"{where}: {error}, expected a PNG file") from None
+
+
+def _array(where: str, file: str, given: Mapping[str, str]) -> tuple[Array, Array, Array]:
+    (spacing_mm,) = _need(where, given, ("spacing_mm",))
+    try:
+        height = np.load(file, mmap_mode="r", allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        what = getattr(error, "strerror", None) or "not an array"
+        raise HeightMapError(f"{where}: {what}, expected a NumPy file of numbers") from None
+    if not isinstance(height, np.ndarray) or height.ndim != 2 or height.dtype.kind not in "iuf":
+        raise HeightMapError(f"{where}: expected numbers in rows and columns, heights in mm")
+    if height.size > MOST_POINTS:
+        raise HeightMapError(f"{where}: {height.size} points, expected at most {MOST_POINTS} in all")
+    return _placed(np.array(height, dtype=np.float64), spacing_mm)
+
+
+def _table(where: str, file: str, given: Mapping[str, str]) -> tuple[Array, Array, Array]:
+    """Points under a header, or rows of heights at a spacing."""
+    try:
+        lines = [line.strip() for line in Path(file).read_text(encoding="utf-8-sig").splitlines()]
+    except (OSError, UnicodeDecodeError) as error:
+        what = getattr(error, "strerror", None) or "not text"
+        raise HeightMapError(f"{where}: {what}, expected a CSV file") from None
+    points = bool(lines) and lines[0].replace(" ", "") == COLUMNS
+    if not points and "spacing_mm" not in given:
+        raise HeightMapError(f"{where}: expected the columns {COLUMNS}, or rows of heights and spacing_mm=…")
+    rows = [_numbers(where, n, line) for n, line in enumerate(lines, 1) if line and not (points and n == 1)]
+    if sum(map(len, rows)) > (3 if points else 1) * MOST_POINTS:
+        raise HeightMapError(f"{where}: more than {MOST_POINTS} points")
+    for n, row in enumerate(rows):
+        if len(row) != (3 if points else len(rows[0])):
+            expected = 3 if points else len(rows[0])
+            raise HeightMapError(f"{where}, row {n + 1} of numbers: {len(row)} numbers, expected {expected}")
+    if points:
+        _need(where, given, ())
+        return _gridded(where, np.array(rows).reshape(-1, 3))
+    (spacing_mm,) = _need(where, given, ("spacing_mm",))
+    return _placed(np.array(rows).reshape(len(rows), len(rows[0]) if rows else 0), spacing_mm)
+
+
+def _numbers(where: str, line: int, text: str) -> list[float]:
+    values = []
+    for cell in text.split(","):
+        try:
+            values.append(float(cell))
+        except ValueError:
+            raise HeightMapError(f"{where}, line {line}: expected a number, got {cell.strip()!r}") from None
+    return values
+
+
+def _gridded(where: str, points: Array) -> tuple[Array, Array, Array]:
+    """Points in any order, one at every place of a grid."""
+    if not np.isfinite(points[:, :2]).all():
+        raise HeightMapError(f"{where}: expected a number for every x_mm and z_mm")
+    (x, i), (z, k) = (np.unique(points[:, axis], return_inverse=True) for axis in (0, 1))
+    count = np.zeros((len(z), len(x)), dtype=np.int64)
+    np.add.at(count, (k, i), 1)
+    for wrong, what in ((count > 1, "more than one height (an overhang)"), (count == 0, "a hole: no height")):
+        if wrong.any():
+            row, column = np.argwhere(wrong)[0]
+            raise HeightMapError(
+                f"{where}: {what} at x = {x[column]:g}, z = {z[row]:g} mm ({wrong.sum()} places): expected one at "
+                f"every place of a grid, here of {len(x)} × {len(z)}"
+            )
+    height = np.empty(count.shape)
+    height[k, i] = points[:, 2]
+    return x, z, height
+
+
+def _placed(rows: Array, spacing_mm: float) -> tuple[Array, Array, Array]:
+    """Rows of heights, the first nearest the tip, about their middle."""
+    x, z = (spacing_mm * (np.arange(n) - 0.5 * (n - 1)) for n in (rows.shape[1], rows.shape[0]))
+    return x, z, rows[::-1]

@@ -1,0 +1,205 @@
+"""What an argument cannot mean for a shape is refused, wherever a shape is given; never passed over."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.cli import main
+from rig.engine.records import Target
+from rig.parameter_study.cases import read_study
+from rig.parameter_study.errors import StudyError
+from rig.plan.config import Config
+from rig.plan.finger_model import FingerModel
+from rig.virtual.served_bench import ServedBench
+from sim.contact.shapes import ShapeError, parse_shape, shape_name
+from sim.models.errors import ModelRangeError
+from sim.models.fingertip import Fingertip
+from sim.plant.plant import Pose, Press
+
+# Options that a shape does not take.
+MEANINGLESS = (
+    *("bar:3,linear", "bar:3,edge_mm=0.1", "cylinder:3,linear", "step:1,linear", "grating:0.5,1.2,linear"),
+    *(
+        "wedge:60,linear",
+        "sphere:2,linear",
+        "cone:60,linear",
+        "flat:1,linear",
+        "line,linear",
+        "line:3",
+        "flat,linear",
+    ),
+    *("sphere:2,across", "sphere:2,turn_deg=30", "cone:60,across", "cone:60,turn_deg=0", "flat:1,turn_deg=30"),
+    *("line,across", "line,turn_deg=45", "flat,across", "flat,turn_deg=30", "flat:", "across", ",across"),
+    *("bar:3,across,across", "bar:3,across,turn_deg=30", "step:1,turn_deg=30,turn_deg=40", "bar:3,turned"),
+    *("bar:3,turn_deg=", "bar:3,turn_deg=right", "bar:3,turn_deg=nan", "bar:3,turn_deg=361", "bar:3,turn_deg=-inf"),
+    *("bar:3,ACROSS", "bar:across", "heightmap:", "heightmap", "heightmap:nowhere.npy", "profile:nowhere.csv,across"),
+)
+
+# Places that mean nothing to a shape: (shape, x_mm, z_mm).
+MISPLACED = (
+    ("bar:3", 0.0, 6.0),
+    ("cylinder:3", 0.0, 6.893),
+    ("step:1", 0.5, 7.0),
+    ("grating:0.5,1.2", 0.0, 6.0),
+    ("wedge:60", 0.0, 6.0),
+    ("bar:3,turn_deg=180", 0.0, 6.0),
+    ("line", 0.5, None),
+    ("bar:3,across", 0.5, None),
+    ("step:1,turn_deg=-90", 0.5, 6.0),
+    ("flat", 0.5, None),
+    ("flat", 0.0, 6.0),
+)
+
+
+@pytest.fixture
+def rig(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Callable[..., Any]:
+    """Run the program; its exit code and what it said."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: str) -> tuple[int, str]:
+        monkeypatch.setattr(sys, "argv", ["rig", *arguments])
+        with pytest.raises(SystemExit) as caught:
+            main()
+        said = capsys.readouterr()
+        return int(caught.value.code or 0), said.err
+
+    return run
+
+
+def study(folder: Path, shape: str, place: str = "") -> Path:
+    path = folder / "study.toml"
+    path.write_text(f"[[press]]\nshape = {shape!r}\n{place}\ndoi_mm = 0.5\n", encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("shape", MEANINGLESS)
+def test_options_that_mean_nothing_are_refused_wherever_a_shape_is_given(
+    finger: Fingertip, tmp_path: Path, shape: str
+) -> None:
+    config = Config.model_validate({"virtual": {"indentor": shape}})
+    for given in (
+        lambda: parse_shape(shape),
+        lambda: finger.indent(shape, doi_mm=0.5),
+        lambda: finger.touch_height_mm(shape, 0.0),
+        lambda: FingerModel(finger, {}).refuse_shape(shape),
+        lambda: Press(finger, shape),
+        lambda: ServedBench(config, stage="grbl", force="mtsics", tcp=0),
+    ):
+        with pytest.raises(ShapeError) as caught:
+            given()
+        assert "\n" not in str(caught.value)
+        assert "expected" in str(caught.value)
+    with pytest.raises(StudyError):
+        read_study(study(tmp_path, shape))
+
+
+@pytest.mark.parametrize("shape", ["bar:3,linear", "sphere:2,across", "flat,turn_deg=30"])
+@pytest.mark.parametrize("command", ["indent", "export-deck", "serve"])
+def test_the_program_refuses_them_in_one_line(rig: Callable[..., Any], command: str, shape: str) -> None:
+    more = {"indent": ("--x-mm", "0", "--doi-mm", "0.5"), "serve": ()}
+    more["export-deck"] = (*more["indent"], "--out", "a.inp")
+    name = "--indentor" if command == "serve" else "--shape"
+    code, said = rig(command, name, shape, *more[command])
+    assert code == 2
+    assert f"shape {shape!r}" in said
+    assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize(("shape", "x_mm", "z_mm"), MISPLACED)
+def test_places_that_mean_nothing_are_refused_wherever_one_is_given(
+    finger: Fingertip, tmp_path: Path, shape: str, x_mm: float, z_mm: float | None
+) -> None:
+    for given in (
+        lambda: finger.indent(shape, x_mm, z_mm=z_mm, doi_mm=0.3),
+        lambda: finger.touch_height_mm(shape, x_mm, z_mm=z_mm),
+    ):
+        with pytest.raises(
+            ModelRangeError, match=rf"{parse_shape(shape).name}: [xz]_mm = .* means nothing to it: it"
+        ):
+            given()
+    model = FingerModel(finger, {})
+    along_mm = 0.0 if z_mm is None else z_mm - finger.config.receptor_plane_mm
+    if x_mm or along_mm:
+        with pytest.raises(ModelRangeError, match="means nothing to it"):
+            model.touch_height_mm(shape, x_mm, along_mm)
+    if x_mm and shape != "step:1":
+        with pytest.raises(ModelRangeError, match="means nothing to it"):
+            model.press(shape, x_mm, Target("doi_mm", 0.3))
+        with pytest.raises(StudyError, match=r"x_mm means nothing to it, expected none"):
+            read_study(study(tmp_path, shape, f"x_mm = [{x_mm}]"))
+    assert read_study(study(tmp_path, shape))
+
+
+@pytest.mark.parametrize(
+    ("shape", "place", "expected"),
+    [
+        ("bar:3", ("--x-mm", "0", "--z-mm", "6"), "lies along the finger, expected --x-mm instead of --z-mm"),
+        ("bar:3", (), "expected --x-mm"),
+        ("bar:3,across", ("--x-mm", "0"), "lies across the finger, expected --z-mm instead of --x-mm"),
+        ("line", ("--x-mm", "0"), "lies across the finger, expected --z-mm instead of --x-mm"),
+        ("flat", ("--x-mm", "0"), "the same everywhere, expected neither --x-mm nor --z-mm"),
+        ("flat", ("--z-mm", "6"), "the same everywhere, expected neither --x-mm nor --z-mm"),
+        ("bar:3,turn_deg=20", ("--z-mm", "6"), "expected --x-mm"),
+        ("sphere:2", (), "expected --x-mm"),
+        ("point", (), "expected --x-mm"),
+    ],
+)
+def test_rig_indent_says_which_place_a_shape_wants(
+    rig: Callable[..., Any], shape: str, place: tuple[str, ...], expected: str
+) -> None:
+    code, said = rig("indent", "--shape", shape, *place, "--doi-mm", "0.5")
+    assert (code, said.count("\n")) == (2, 1)
+    assert f"--shape {shape}: {expected}" in said
+
+
+@pytest.mark.parametrize(
+    ("picture", "expected"),
+    [
+        ("a.pdf", "--picture a.pdf: expected a name that ends in .svg or .png"),
+        ("there.svg", "--picture there.svg: exists already, expected a new file"),
+        ("no/a.svg", "--picture no/a.svg: no such folder no"),
+    ],
+)
+def test_a_picture_that_cannot_be_drawn(rig: Callable[..., Any], picture: str, expected: str) -> None:
+    Path("there.svg").touch()
+    code, said = rig("indent", "--shape", "bar:3", "--x-mm", "0", "--doi-mm", "0.3", "--picture", picture)
+    assert (code, said.count("\n")) == (2, 1)
+    assert expected in said
+    code, said = rig("indent", "--shape", "point", "--x-mm", "0", "--force-gwt", "1", "--picture", "a.svg")
+    assert "--picture: a point load has no contact to be drawn" in said
+
+
+@pytest.mark.parametrize(("shape", "x_mm"), [("line", 0.4), ("bar:3,across", -0.7), ("flat", 1.0)])
+def test_a_carriage_that_is_elsewhere_presses_such_a_shape_all_the_same(
+    finger: Fingertip, shape: str, x_mm: float
+) -> None:
+    """A virtual rig's true x is never quite what was asked for."""
+    there, here = (Press(finger, shape).force_n(Pose(x, -0.3)) for x in (x_mm, 0.0))
+    assert there == pytest.approx(here, rel=1e-12)
+    assert there > 0
+    assert parse_shape(shape).lateral_mm(x_mm) == 0.0
+    assert parse_shape("bar:3").lateral_mm(x_mm) == x_mm
+    assert parse_shape("sphere:2").lateral_mm(x_mm) == x_mm
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("bar:3.0,across", "bar:3,across"),
+        ("bar:3,turn_deg=90", "bar:3,across"),
+        ("bar:3.0,turn_deg=0", "bar:3"),
+        ("bar:3,turn_deg=360", "bar:3"),
+        ("grating:0.5,1.2,turn_deg=30.0", "grating:0.5,1.2,turn_deg=30"),
+        ("step:1,turn_deg=270", "step:1,turn_deg=-90"),
+        ("step:5,turn_deg=-180", "step:5,turn_deg=180"),
+        ("flat", "flat"),
+        ("flat:1.0", "flat:1"),
+        ("heightmap:nowhere.png,width_mm=3", "heightmap:nowhere.png,width_mm=3"),
+        ("profile:nowhere.csv,linear,across", "profile:nowhere.csv,linear,across"),
+    ],
+)
+def test_names_are_canonical(text: str, name: str) -> None:
+    assert shape_name(text) == name

@@ -1,0 +1,474 @@
+"""Height maps: what surface goes through the points, what a finger feels of it, and which maps are refused."""
+
+import pickle
+from copy import copy
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from sim.contact.height_map import MOST_POINTS, HeightMap, HeightMapError
+from sim.contact.indentor import BOTH, Prismatic
+from sim.contact.measured_profile import MeasuredProfile
+from sim.contact.profiles import STEEPEST_SLOPE
+from sim.contact.shapes import ShapeError, parse_shape
+from sim.models.fingertip import Fingertip
+
+Array = NDArray[np.float64]
+
+RADIUS_MM = 3.0
+
+
+def spherical(spacing_mm: float, half_mm: float = 2.0, turn_deg: float = 0.0) -> HeightMap:
+    """A sphere's lower part."""
+    n = round(half_mm / spacing_mm)
+    at = spacing_mm * np.arange(-n, n + 1)
+    x, z = np.meshgrid(at, at)
+    return HeightMap.from_arrays(at, at, 7.0 + RADIUS_MM - np.sqrt(RADIUS_MM**2 - x**2 - z**2), turn_deg=turn_deg)
+
+
+def waves(turn_deg: float = 0.0) -> HeightMap:
+    """Without symmetry, and longer along z than along x."""
+    x, z = np.arange(-1.0, 1.01, 0.1), np.arange(-1.5, 1.61, 0.1)
+    return HeightMap.from_arrays(
+        x, z, 0.1 * np.sin(2 * x[None] + 0.3) * np.cos(1.5 * z[:, None]) + 0.05 * x[None], turn_deg=turn_deg
+    )
+
+
+def letter(path: Path, text: str = "R", size: tuple[int, int] = (80, 100)) -> str:
+    """A picture of a letter, black on white, as high as it."""
+    picture = Image.new("L", size, 255)
+    font = ImageFont.truetype(f"{matplotlib.get_data_path()}/fonts/ttf/DejaVuSans-Bold.ttf", int(0.95 * size[1]))
+    ImageDraw.Draw(picture).text((size[0] / 2, size[1] / 2), text, fill=0, font=font, anchor="mm")
+    picture.save(path)
+    return str(path)
+
+
+# ------------------------------------------------------------------------------------------------- the surface
+
+
+def test_it_goes_through_its_points_above_the_lowest() -> None:
+    x, z = np.arange(-1.0, 1.01, 0.25), np.arange(-0.5, 1.01, 0.25)
+    height = 5.0 + 0.1 * np.random.default_rng(0).uniform(size=(len(z), len(x)))
+    height[2, 3] = 4.9
+    there = HeightMap.from_arrays(x, z, height)
+    places = np.stack([side.ravel() for side in np.meshgrid(x, z)])
+    seen = there.evaluate(places).height_mm
+    np.testing.assert_allclose(seen - seen[2 * len(x) + 3], (height - 4.9).ravel(), atol=1e-12)
+    finely = np.stack([s.ravel() for s in np.meshgrid(np.linspace(-1, 1, 65), np.linspace(-0.5, 1, 49))])
+    assert 0 <= there.evaluate(finely).height_mm.min() < 2e-3  # 8 places a cell
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 30.0, -110.0])
+def test_slope_and_curvature_are_those_of_the_height(turn_deg: float) -> None:
+    # Central differences of a cubic: h = 1e-4 leaves h² f''' / 6 < 1e-8 of the slope; C² so that no joint shows.
+    there, rng = waves(turn_deg), np.random.default_rng(1)
+    at = rng.uniform(-0.6, 0.6, size=(2, 200))
+    surface, h = there.evaluate(at), 1e-4
+    for axis in (0, 1):
+        step = h * np.eye(2)[:, axis : axis + 1]
+        low, high = there.evaluate(at - step), there.evaluate(at + step)
+        np.testing.assert_allclose((high.height_mm - low.height_mm) / (2 * h), surface.slope[axis], atol=1e-7)
+        np.testing.assert_allclose((high.slope - low.slope) / (2 * h), surface.curvature[:, axis], atol=1e-3)
+    np.testing.assert_allclose(surface.curvature[0, 1], surface.curvature[1, 0], atol=1e-15)
+
+
+def test_the_spline_is_smooth_to_the_second_derivative() -> None:
+    # Across a row of points: curvature to both sides differs by no more than its slope allows over 2e-9 mm.
+    there, z = waves(), np.linspace(-1.4, 1.5, 37)
+    for x in (-0.5, 0.0, 0.3):
+        before, after = (there.evaluate(np.stack([np.full(37, x + d), z])).curvature for d in (-1e-9, 1e-9))
+        np.testing.assert_allclose(before, after, atol=1e-6)
+
+
+def test_a_turn_carries_x_towards_the_tip() -> None:
+    plain, turned = waves(), waves().turned(90.0)
+    at = np.random.default_rng(2).uniform(-0.9, 0.9, size=(2, 50))
+    one, other = plain.evaluate(at), turned.evaluate(np.stack([-at[1], at[0]]))  # (x, z) → (−z, x)
+    np.testing.assert_allclose(one.height_mm, other.height_mm, atol=1e-14)
+    np.testing.assert_allclose(one.slope, np.stack([other.slope[1], -other.slope[0]]), atol=1e-13)
+    assert turned.name == "heightmap,across"
+    assert waves().turned(30.0).name == "heightmap,turn_deg=30"
+    with pytest.raises(ValueError, match="turned already"):
+        turned.turned(10.0)
+
+
+def test_beyond_its_rim_it_is_a_wall() -> None:
+    there = waves()
+    rim, beyond = (there.evaluate(np.array([[x], [0.4]])) for x in (1.0, 1.01))
+    assert beyond.height_mm[0] - rim.height_mm[0] == pytest.approx(0.01 * STEEPEST_SLOPE)
+    np.testing.assert_allclose(beyond.slope[:, 0], [STEEPEST_SLOPE, rim.slope[1, 0]])
+    np.testing.assert_allclose(beyond.curvature[:, :, 0], [[0, 0], [0, rim.curvature[1, 1, 0]]])
+    corner = there.evaluate(np.array([[-1.03], [-1.54]]))
+    np.testing.assert_allclose(corner.slope[:, 0], [-0.6 * STEEPEST_SLOPE, -0.8 * STEEPEST_SLOPE])
+    # below the rim and beside it: the plane through its nearest place, square to the way there
+    tangent = there.tangent(np.array([[1.3], [0.4]]), rim.height_mm - 0.4)
+    np.testing.assert_allclose(tangent.slope[:, 0], [0.75, rim.slope[1, 0]])
+    assert tangent.height_mm[0] - rim.height_mm[0] == pytest.approx(0.75 * 0.3)
+    within = np.random.default_rng(3).uniform(-0.9, 0.9, size=(2, 20))
+    for a, b in zip(there.evaluate(within), there.tangent(within, np.zeros(20)), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize(("spacing_mm", "allowed"), [(0.4, 3e-4), (0.2, 3e-5), (0.1, 3e-6)])
+def test_a_sphere_comes_back_as_the_fourth_power_of_the_spacing(spacing_mm: float, allowed: float) -> None:
+    # 5/384 h⁴ of the fourth derivative, 3/R³ at the pole: 4e-5, 2e-6, 2e-7 mm; more towards the rim.
+    there, exact = spherical(spacing_mm), parse_shape(f"sphere:{RADIUS_MM}")
+    at = np.random.default_rng(4).uniform(-1.0, 1.0, size=(2, 400))
+    for mine, other, by in zip(there.evaluate(at), exact.evaluate(at), (1, 10, 300), strict=True):
+        assert np.abs(mine - other).max() < by * allowed
+    assert spherical(0.1, 1.0).sharpest_radius_mm == pytest.approx(RADIUS_MM, rel=0.01)
+
+
+def test_how_far_its_normal_turns() -> None:
+    at = np.array([[0.0, 0.5], [0.0, 0.2]])
+    exact = parse_shape(f"sphere:{RADIUS_MM}").evaluate
+    np.testing.assert_allclose(spherical(0.1).turning(at, 0.1)[0], 2 * np.arcsin(0.1 / RADIUS_MM), rtol=1e-3)
+    before, after = (exact(at + np.array([[d], [0.0]])).slope for d in (-0.1, 0.1))
+    normals = [np.concatenate([s, -np.ones((1, 2))]) / np.sqrt(1 + (s**2).sum(axis=0)) for s in (before, after)]
+    along_x = np.arccos((normals[0] * normals[1]).sum(axis=0))
+    assert (spherical(0.1).turning(at, 0.1) >= 0.999 * along_x).all()
+
+
+def test_maps_are_equal_by_what_they_hold() -> None:
+    assert waves() == waves()
+    assert hash(waves()) == hash(waves())
+    assert waves() != waves(10.0)
+    assert waves() != spherical(0.2)
+    assert waves() != "heightmap"
+    again = pickle.loads(pickle.dumps(waves(20.0)))
+    assert again == waves(20.0)
+    np.testing.assert_array_equal(
+        again.evaluate(np.full((2, 1), 0.3)).slope, waves(20.0).evaluate(np.full((2, 1), 0.3)).slope
+    )
+
+
+# ------------------------------------------------------------------------------------------------ on the finger
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 30.0])
+@pytest.mark.parametrize(("spacing_mm", "allowed"), [(0.4, 1e-4), (0.2, 1e-5), (0.1, 1e-7)])
+def test_a_sphere_as_a_map_is_a_sphere(
+    coarse_finger: Fingertip, spacing_mm: float, allowed: float, turn_deg: float
+) -> None:
+    # On the default mesh 2.5e-5, 8e-7 and 2e-9 of the force at these spacings.
+    place = {"x_mm": 0.2, "z_mm": 7.0, "doi_mm": 0.5}
+    exact = coarse_finger.indent(f"sphere:{RADIUS_MM:g}", **place)
+    mapped = coarse_finger.indent(spherical(spacing_mm, turn_deg=turn_deg), **place)
+    assert mapped.state.residual <= 1e-10
+    assert not len(mapped.state.points.between)  # it turns nowhere within less than a node's spacing
+    assert mapped.touch_height_mm == pytest.approx(exact.touch_height_mm, abs=allowed)
+    assert mapped.force_n == pytest.approx(exact.force_n, rel=allowed)
+    np.testing.assert_allclose(mapped.receptor_strain, exact.receptor_strain, atol=10 * allowed)
+
+
+def test_a_letter_is_pressed_and_where_its_hole_is_nothing_bears(coarse_finger: Fingertip, tmp_path: Path) -> None:
+    shape = parse_shape(f"heightmap:{letter(tmp_path / 'o.png', 'O', (80, 80))},width_mm=3.2,height_mm=0.5")
+    forces = []
+    for doi_mm in (0.1, 0.3, 0.6):
+        result = coarse_finger.indent(shape, 0.0, doi_mm=doi_mm)
+        assert result.state.residual <= 1e-10
+        forces.append(result.force_n)
+        at = result.state.held.on(result.model.patch).interpolate(result.model.patch.position_mm.T)
+        way = np.hypot(at[0], at[2] - result.z_mm)
+        assert way.min() > 0.4  # the hole is some 0.6 mm wide to either side
+        assert way.max() < 1.5
+    assert 0 < forces[0] < forces[1] < forces[2]
+    assert len(result.state.points.between)  # the letter's edges are sharper than the mesh
+    again = coarse_finger.indent(shape, 0.0, force_gwt=result.force_gwt)
+    assert again.doi_mm == pytest.approx(0.6, rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("shape", "between"), [("grating:0.5,1.2", 2e-3), ("bar:1.5", 1e-4), ("cylinder:3", 1e-6), ("step:1", 5e-3)]
+)
+def test_a_turned_shape_at_no_angle_is_the_prismatic_one(
+    coarse_finger: Fingertip, shape: str, between: float
+) -> None:
+    """Solved with forces along the finger too; between nodes it has points on the segments along the finger too."""
+    straight = parse_shape(shape)
+    free = Prismatic("free", straight.profile, BOTH, (1.0, 0.0))  # type: ignore[attr-defined]
+    x = -1.0 if shape.startswith("step") else 0.1
+    nodes_only = nodes_alone(coarse_finger)
+    one, other = (nodes_only.indent(s, x, doi_mm=0.3) for s in (straight, free))
+    assert other.force_n == pytest.approx(one.force_n, rel=2e-6)  # touch is found on another table of the skin
+    np.testing.assert_allclose(other.receptor_strain, one.receptor_strain, atol=1e-6)
+    one, other = (coarse_finger.indent(s, x, doi_mm=0.3) for s in (straight, free))
+    assert other.force_n == pytest.approx(one.force_n, rel=between)
+    assert straight.turned(0.0) == straight == straight.turned(360.0)
+
+
+def nodes_alone(finger: Fingertip) -> Fingertip:
+    """The same finger, its models shared, contact at nodes only."""
+    other = copy(finger)
+    other.config = finger.config.model_copy(
+        update={"contact": finger.config.contact.model_copy(update={"between_nodes": False})}
+    )
+    return other
+
+
+@pytest.mark.parametrize("shape", ["grating:0.5,1.2", "step:1", "wedge:60"])
+def test_turned_by_right_angles_a_shape_is_mirrored_or_lies_across(coarse_finger: Fingertip, shape: str) -> None:
+    straight = parse_shape(shape)
+    s = np.linspace(-1, 1, 41)[None]
+    for turn_deg, axes, sign in ((90.0, (2,), 1), (180.0, (0,), -1), (-90.0, (2,), -1), (270.0, (2,), -1)):
+        turned = straight.turned(turn_deg)
+        assert turned.axes == axes
+        there, straight_there = turned.evaluate(s), straight.evaluate(sign * s)
+        np.testing.assert_array_equal(there.height_mm, straight_there.height_mm)
+        np.testing.assert_array_equal(there.slope, sign * straight_there.slope)
+        np.testing.assert_array_equal(there.curvature, straight_there.curvature)
+    across, nearly = straight.turned(90.0), straight.turned(90.0 - 1e-7)
+    forces = [nodes_alone(coarse_finger).indent(one, doi_mm=0.3).force_n for one in (across, nearly)]
+    assert forces[1] == pytest.approx(forces[0], rel=1e-5)
+
+
+def test_a_turned_grating_as_a_map_is_the_turned_grating(coarse_finger: Fingertip) -> None:
+    """Ridges as half waves, which both can have: a profile from the same points, turned."""
+    x = np.arange(-2.6, 2.61, 0.05)
+    height = 0.15 * (1 - np.cos(2 * np.pi * x / 1.3))
+    profile = MeasuredProfile("waves", tuple(x.tolist()), tuple(height.tolist()))
+    there = HeightMap.from_arrays(x, x, np.tile(height, (len(x), 1)))
+    for turn_deg in (0.0, 30.0, 90.0):
+        one = coarse_finger.indent(Prismatic.along(profile).turned(turn_deg), doi_mm=0.3)
+        other = coarse_finger.indent(there.turned(turn_deg), doi_mm=0.3)
+        assert other.state.residual <= 1e-10
+        assert other.force_n == pytest.approx(one.force_n, rel=0.01)  # PCHIP and spline; points between nodes
+
+
+# -------------------------------------------------------------------------------------------------- from files
+
+
+def test_a_picture_is_as_one_looks_at_the_face(tmp_path: Path) -> None:
+    pixels = np.full((40, 60), 255, np.uint8)
+    pixels[:10, :30] = 0  # dark at the top left: towards the tip and −x
+    Image.fromarray(pixels).save(tmp_path / "a.png")
+    there = parse_shape(f"heightmap:{tmp_path / 'a.png'},width_mm=6,height_mm=0.4")
+    height = there.evaluate(np.array([[-1.5, 1.5, -1.5, 1.5], [1.6, 1.6, -1.6, -1.6]])).height_mm
+    np.testing.assert_allclose(height, [0.0, 0.4, 0.4, 0.4], atol=3e-3)
+    light = parse_shape(f"heightmap:{tmp_path / 'a.png'},width_mm=6,height_mm=0.4,raised=light")
+    np.testing.assert_allclose(light.evaluate(np.array([[-1.5, 1.5], [1.6, 1.6]])).height_mm, [0.4, 0.0], atol=3e-3)
+    assert there.name.endswith("a.png,width_mm=6,height_mm=0.4")
+
+
+@pytest.mark.parametrize(
+    ("width_mm", "option", "edge_mm"),
+    [(3.0, "", 0.05), (3.0, ",edge_mm=0.2", 0.2), (12.0, "", 0.14), (3.0, ",edge_mm=0.035", 0.035)],
+)
+def test_edges_of_a_picture_are_rounded(tmp_path: Path, width_mm: float, option: str, edge_mm: float) -> None:
+    """As by a Gaussian of 0.05 mm, or of 0.7 pixels where these are large: a step's slope says so, in its middle."""
+    Image.fromarray(np.tile(np.where(np.arange(60) < 30, 0, 255), (60, 1)).astype(np.uint8)).save(tmp_path / "a.png")
+    there = parse_shape(f"heightmap:{tmp_path / 'a.png'},width_mm={width_mm},height_mm=0.1{option}")
+    slope = there.evaluate(np.zeros((2, 1))).slope[0, 0]
+    assert slope == pytest.approx(0.1 / (edge_mm * np.sqrt(2 * np.pi)), rel=0.15)
+
+
+@pytest.mark.parametrize("mode", ["L", "RGB", "RGBA", "1", "I;16", "P", "LA"])
+def test_every_kind_of_picture_is_read_alike(tmp_path: Path, mode: str) -> None:
+    black = np.zeros((40, 40), bool)
+    black[:, 15:25] = True
+    picture = Image.fromarray(np.where(black, 0, 255).astype(np.uint8))
+    if mode == "I;16":
+        picture = Image.fromarray(np.where(black, 0, 65535).astype(np.uint16))
+    elif mode == "RGBA":  # what is transparent is white
+        picture = Image.fromarray(np.stack([np.zeros((40, 40))] * 3 + [255 * black], -1).astype(np.uint8), "RGBA")
+    else:
+        picture = picture.convert(mode)
+    picture.save(tmp_path / "a.png")
+    there = parse_shape(f"heightmap:{tmp_path / 'a.png'},width_mm=2,height_mm=0.3")
+    np.testing.assert_allclose(
+        there.evaluate(np.array([[0.0, -0.8, 0.8], [0.0, 0.0, 0.5]])).height_mm, [0, 0.3, 0.3], atol=1e-4
+    )
+
+
+def test_tables_of_numbers_are_read_alike(tmp_path: Path) -> None:
+    there = waves()
+    rows = there.height_mm[::-1]  # the first nearest the tip
+    np.save(tmp_path / "a.npy", rows)
+    np.savetxt(tmp_path / "rows.csv", rows, delimiter=",")
+    points = [
+        f"{x},{z},{h}"
+        for z, row in zip(there.z_mm, there.height_mm, strict=True)
+        for x, h in zip(there.x_mm, row, strict=True)
+    ]
+    np.random.default_rng(5).shuffle(points)
+    (tmp_path / "points.csv").write_text("\n".join(["x_mm,z_mm,height_mm", *points]), encoding="utf-8")
+    at = np.random.default_rng(6).uniform(-0.9, 0.9, size=(2, 30))
+    given = there.evaluate(at).height_mm
+    np.testing.assert_allclose(parse_shape(f"heightmap:{tmp_path / 'points.csv'}").evaluate(at).height_mm, given)
+    middle = at - np.array([[0.0], [0.05]])  # of z from −1.5 to 1.6
+    for name in ("a.npy", "rows.csv"):
+        found = parse_shape(f"heightmap:{tmp_path / name},spacing_mm=0.1")
+        np.testing.assert_allclose(found.evaluate(middle).height_mm, given, atol=1e-12)
+        assert found.name == f"heightmap:{tmp_path / name},spacing_mm=0.1"
+        assert parse_shape(found.name) == found
+
+
+def test_edges_of_a_table_are_rounded_where_that_is_asked_for(tmp_path: Path) -> None:
+    step = np.tile(np.where(np.arange(60) < 30, 0.0, 0.3), (60, 1))
+    np.save(tmp_path / "a.npy", step)
+    with pytest.raises(ShapeError, match="edges rounded by edge_mm"):
+        parse_shape(f"heightmap:{tmp_path / 'a.npy'},spacing_mm=0.05")
+    there = parse_shape(f"heightmap:{tmp_path / 'a.npy'},spacing_mm=0.05,edge_mm=0.1")
+    slope = there.evaluate(np.array([[0.0], [0.0]])).slope[0, 0]
+    assert slope == pytest.approx(0.3 / (0.1 * np.sqrt(2 * np.pi)), rel=0.05)  # of a step under a Gaussian
+
+
+# ------------------------------------------------------------------------------------------------------ refused
+
+
+def grid(rows: int = 6, columns: int = 6) -> Array:
+    return np.zeros((rows, columns))
+
+
+def with_one(value: float) -> Array:
+    height = grid()
+    height[2, 4] = value
+    return height
+
+
+EVEN = 0.1 * np.arange(6)
+
+
+@pytest.mark.parametrize(
+    ("x", "z", "height", "expected"),
+    [
+        (
+            EVEN,
+            EVEN,
+            with_one(np.nan),
+            r"mine: no height at x = 0.4, z = 0.2 mm \(1 of 36\): expected a number every",
+        ),
+        (EVEN, EVEN, with_one(np.inf), r"mine: no height at x = 0.4"),
+        (EVEN, EVEN, grid(5), r"mine: heights of shape \(5, 6\) over 6 x and 6 z: expected \(6, 6\)"),
+        (EVEN[:3], EVEN, grid(6, 3), r"mine: 3 × 6 points, expected at least 4 × 4"),
+        (EVEN, EVEN[:3], grid(3), r"mine: 6 × 3 points, expected at least 4 × 4"),
+        (EVEN[::-1], EVEN, grid(), r"mine: expected x to rise"),
+        (EVEN, 0 * EVEN, grid(), r"mine: expected z to rise"),
+        (EVEN, [0, 0.1, 0.2, np.nan, 0.4, 0.5], grid(), r"mine: expected z to rise"),
+        (EVEN, [0, 0.1, 0.2, 0.35, 0.4, 0.5], grid(), r"mine: z goes from 0.2 to 0.35 mm, elsewhere by 0.1 mm: exp"),
+        (EVEN, EVEN, with_one(9.0), r"mine: a slope of .*, 8\d\.\d° \(an overhang, a wall or a wrong spacing\): exp"),
+        (
+            EVEN,
+            EVEN,
+            with_one(0.5),
+            r"mine: between its points the surface would reach 0.\d+ mm below the lowest, of",
+        ),
+        (EVEN, EVEN, EVEN, r"mine: heights of shape \(6,\) over"),
+    ],
+)
+def test_arrays_that_make_no_map(x: Array, z: Array, height: Array, expected: str) -> None:
+    with pytest.raises(HeightMapError, match=f"^{expected}") as caught:
+        HeightMap.from_arrays(x, z, height, name="mine")
+    assert "\n" not in str(caught.value)
+
+
+def test_the_largest_and_smallest_maps(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert MOST_POINTS == 1_000_000
+    monkeypatch.setattr("sim.contact.height_map.MOST_POINTS", 36)
+    HeightMap.from_arrays(EVEN, EVEN, grid())
+    HeightMap.from_arrays(EVEN[:4], EVEN[:4], grid(4, 4))
+    seven = 0.1 * np.arange(7)
+    with pytest.raises(HeightMapError, match="7 × 6 points, expected at most 36 in all"):
+        HeightMap.from_arrays(seven, EVEN, grid(6, 7))
+
+
+def files(folder: Path) -> None:
+    """One of each kind that cannot be, and some that can."""
+    np.save(folder / "good.npy", grid())
+    np.save(folder / "nan.npy", with_one(np.nan))
+    np.save(folder / "three.npy", np.zeros((4, 4, 4)))
+    np.save(folder / "words.npy", np.array([["a"] * 5] * 5))
+    np.save(folder / "pickled.npy", np.array([[{}] * 5] * 5), allow_pickle=True)
+    np.save(folder / "narrow.npy", np.zeros((1, 9)))
+    np.save(folder / "large.npy", np.zeros((1001, 1000), np.float32))
+    (folder / "empty.npy").touch()
+    (folder / "text.npy").write_text("0,0", encoding="utf-8")
+    (folder / "text.png").write_text("0,0", encoding="utf-8")
+    (folder / "empty.png").touch()
+    (folder / "folder.png").mkdir()
+    Image.fromarray(np.full((20, 20), 255, np.uint8)).save(folder / "good.png")
+    Image.fromarray(np.random.default_rng(0).integers(0, 255, (20, 20), np.uint8)).save(folder / "noise.png")
+    (folder / "cut.png").write_bytes((folder / "noise.png").read_bytes()[:200])
+    Image.new("L", (1001, 1000)).save(folder / "large.png")
+    rows = [f"{x},{z},0" for x in range(4) for z in range(4)]
+    for name, lines in {
+        "hole": rows[:-1],
+        "twice": [*rows, "1,2,0.5"],
+        "word": [*rows[:3], "1,high,0"],
+        "short": [*rows[:3], "1,2"],
+        "nan": [*rows, "nan,2,0"],
+        "uneven": [row.replace("3,", "7,", 1) if row.startswith("3,") else row for row in rows],
+        "none": [],
+    }.items():
+        (folder / f"{name}.csv").write_text("\n".join(["x_mm,z_mm,height_mm", *lines]), encoding="utf-8")
+    (folder / "rows.csv").write_text("0,0,0,0\n0,0,0\n", encoding="utf-8")
+    (folder / "latin.csv").write_bytes(b"x_mm,z_mm,height_mm\n\xff\xfe")
+    (folder / "blank.csv").touch()
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("good.npy", r"expected spacing_mm=…"),
+        ("good.npy,spacing_mm=wide", r"spacing_mm=wide: expected 0.001 … 2 mm"),
+        ("good.npy,spacing_mm=0", r"spacing_mm=0: expected 0.001 … 2 mm"),
+        ("good.npy,spacing_mm=nan", r"spacing_mm=nan: expected 0.001 … 2 mm"),
+        ("good.npy,spacing_mm=2.1", r"spacing_mm=2.1: expected 0.001 … 2 mm"),
+        ("good.npy,spacing_mm=0.1,spacing_mm=0.1", r"spacing_mm=0.1: expected width_mm, height_mm, .* each once"),
+        ("good.npy,spacing_mm=0.1,width_mm=3", r"width_mm says nothing about such a file, expected spacing_mm, edge"),
+        ("good.npy,spacing_mm=0.1,linear", r"linear: expected width_mm, height_mm, spacing_mm, edge_mm or raised"),
+        ("good.npy,spacing_mm=0.1,edge_mm=0.05", r"edge_mm=0.05: expected 0, or at least 0.07 for such a spacing"),
+        ("nan.npy,spacing_mm=0.1", r"no height at x = 0.15, z = 0.05 mm \(1 of 36\)"),
+        ("three.npy,spacing_mm=0.1", r"expected numbers in rows and columns, heights in mm"),
+        ("words.npy,spacing_mm=0.1", r"expected numbers in rows and columns"),
+        ("pickled.npy,spacing_mm=0.1", r"not an array, expected a NumPy file of numbers"),
+        ("narrow.npy,spacing_mm=0.1", r"9 × 1 points, expected at least 4 × 4"),
+        ("large.npy,spacing_mm=0.1", r"1001000 points, expected at most 1000000 in all"),
+        ("empty.npy,spacing_mm=0.1", r"not an array, expected a NumPy file"),
+        ("text.npy,spacing_mm=0.1", r"not an array, expected a NumPy file"),
+        ("nowhere.npy,spacing_mm=0.1", r"No such file or directory, expected a NumPy file"),
+        ("nowhere.png,width_mm=3,height_mm=1", r"No such file or directory, expected a PNG file"),
+        ("folder.png,width_mm=3,height_mm=1", r"Is a directory, expected a PNG file"),
+        ("nowhere.csv", r"No such file or directory, expected a CSV file"),
+        ("nowhere.txt", r"expected a file named .png, .npy or .csv"),
+        ("good.png", r"expected width_mm=…"),
+        ("good.png,width_mm=3", r"expected height_mm=…"),
+        ("good.png,width_mm=31,height_mm=1", r"width_mm=31: expected 0.1 … 30 mm"),
+        ("good.png,width_mm=3,height_mm=5.1", r"height_mm=5.1: expected 0.01 … 5 mm"),
+        (
+            "good.png,width_mm=3,height_mm=1,spacing_mm=1",
+            r"spacing_mm says nothing about such a file, expected width",
+        ),
+        ("good.png,width_mm=3,height_mm=1,raised=up", r"raised=up: expected dark or light"),
+        ("good.png,width_mm=3,height_mm=1,edge_mm=-1", r"edge_mm=-1: expected 0 … 2 mm"),
+        ("text.png,width_mm=3,height_mm=1", r"not a picture, expected a PNG file"),
+        ("empty.png,width_mm=3,height_mm=1", r"not a picture, expected a PNG file"),
+        ("cut.png,width_mm=3,height_mm=1", r".*, expected a PNG file"),
+        ("large.png,width_mm=3,height_mm=1", r"1001 × 1000 pixels, expected at most 1000000 in all"),
+        (
+            "hole.csv",
+            r"a hole: no height at x = 3, z = 3 mm \(1 places\): expected one at every place of a grid, .* 4 × 4",
+        ),
+        ("twice.csv", r"more than one height \(an overhang\) at x = 1, z = 2 mm \(1 places\)"),
+        ("word.csv", r", line 5: expected a number, got 'high'"),
+        ("short.csv", r", row 4 of numbers: 2 numbers, expected 3"),
+        ("nan.csv", r"expected a number for every x_mm and z_mm"),
+        ("uneven.csv", r"x goes from 2 to 7 mm, elsewhere by 2.333 mm: expected even spacing"),
+        ("none.csv", r"0 × 0 points, expected at least 4 × 4"),
+        ("twice.csv,spacing_mm=1", r"spacing_mm says nothing about such a file, expected edge_mm"),
+        ("rows.csv", r"expected the columns x_mm,z_mm,height_mm, or rows of heights and spacing_mm=…"),
+        ("rows.csv,spacing_mm=1", r", row 2 of numbers: 3 numbers, expected 4"),
+        ("blank.csv,spacing_mm=1", r"0 × 0 points, expected at least 4 × 4"),
+        ("latin.csv", r"not text, expected a CSV file"),
+    ],
+)
+def test_files_that_make_no_map(tmp_path: Path, name: str, expected: str) -> None:
+    files(tmp_path)
+    file = name.partition(",")[0]
+    with pytest.raises(ShapeError, match=f"heightmap {tmp_path / file}(: )?{expected}") as caught:
+        parse_shape(f"heightmap:{tmp_path / name}")
+    assert "\n" not in str(caught.value)
