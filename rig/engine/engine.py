@@ -13,11 +13,12 @@ from rig.engine.bench import Bench
 from rig.engine.errors import NotReadyError, RecordError, TripError
 from rig.engine.heartbeat import Heartbeat
 from rig.engine.journal import Recorder
-from rig.engine.limits import AT_MM, ContactTime, Trips, refuse_height, trip_height_mm
-from rig.engine.motion import FeltError, Motion, insist
+from rig.engine.limits import AT_MM, ContactTime, Trips, longer_than_an_increment, refuse_height, trip_height_mm
+from rig.engine.motion import FeltError, Motion, TouchError, insist
 from rig.engine.records import NO_PRESS, Phase, PressId, as_fine
 from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import NoReadingError, Sensing
+from rig.engine.touched import Touched
 from rig.transport.base import TransportError
 
 _T = TypeVar("_T")
@@ -59,11 +60,12 @@ class Engine:
         self.trips = Trips(settings.limits, soft_trip_n)
         self.sensing = Sensing(settings, bench.clock, bench.force)
         self.motion = Motion(settings, bench.stage, self._glance)
+        self.touched = Touched(settings)
         self.contact = ContactTime(bench.clock, settings.limits, contact_s)
         self.heartbeat = Heartbeat(bench.clock)
         self.heartbeat.stop = self._stop_stage
         self._journal = journal
-        self._may_touch = False  # below clearance since the last lift or homing
+        self.may_touch = self._touch_ends_it = False  # below clearance since the last lift or homing; this motion
         self._next_index = 0
 
     # where it is
@@ -83,11 +85,6 @@ class Engine:
         """Of the indentor above the pad's nominal apex."""
         return self.motion.height_mm
 
-    @property
-    def may_touch(self) -> bool:
-        """Whether the indentor has been below clearance since the last lift or homing."""
-        return self._may_touch
-
     def require_clear(self, verb: str) -> None:
         """Raises NotReadyError unless at clearance, homed and not tripped."""
         if self.state is not State.READY:
@@ -101,25 +98,30 @@ class Engine:
     # moving
 
     def go_to_height(self, height_mm: float, speed_mm_s: float) -> None:
-        """One vertical move; below clearance never down by more than one increment."""
-        habits = self.settings.habits
-        refuse_height(self.settings, self.height_mm, height_mm, speed_mm_s)
-        if height_mm < habits.clearance_mm - AT_MM:
-            self.state, self._may_touch = State.IN_CONTACT, True
-        self.beat(_LATE_FACTOR * abs(height_mm - self.height_mm) / speed_mm_s)
-        self.move(lambda: self.motion.to_height(height_mm, speed_mm_s))
+        """One vertical move; below clearance down by one increment, or to where touched knows the way: a touch ends it."""
+        clearance_mm, from_mm = self.settings.habits.clearance_mm, self.height_mm
+        free_mm = self.touched.free_mm(self.x_mm, self.along_mm, speed_mm_s)
+        refuse_height(self.settings, from_mm, height_mm, speed_mm_s, free_mm)
+        if height_mm < clearance_mm - AT_MM:
+            self.state, self.may_touch = State.IN_CONTACT, True
+        self.beat(_LATE_FACTOR * abs(height_mm - from_mm) / speed_mm_s)
+        long = longer_than_an_increment(self.settings, from_mm, height_mm, clearance_mm)
+        self.move(lambda: self.motion.to_height(height_mm, speed_mm_s), touch_ends_it=long)
 
-    def move(self, motion: Callable[[], None], *, away: bool = False) -> None:
+    def move(self, motion: Callable[[], None], *, away: bool = False, touch_ends_it: bool = False) -> None:
         """Carry a motion out, feeling on the way: a force or a reading that must not be trips, at rest again.
 
         away: it leaves the finger before anything else.
         """
+        self._touch_ends_it = touch_ends_it
         try:
             if self.state is not State.TRIPPED:
                 self.sensing.begin_motion(away=away)
             self.guarded(motion)
         except NoReadingError as error:
             self.trip(str(error))
+        except TouchError:
+            pass  # the reading at rest says more
         except FeltError as felt:
             if self.state is State.TRIPPED:
                 raise  # on the way up from the trip, which goes on
@@ -138,9 +140,10 @@ class Engine:
             raise FeltError(str(error)) from error
         if force_gwt is None:
             return
-        passed = self.trips.passed_any(force_gwt)
-        if passed:
+        if passed := self.trips.passed_any(force_gwt):
             raise FeltError(f"{passed} while moving", force_gwt)
+        if self._touch_ends_it and abs(force_gwt) >= self.sensing.touch_gwt:
+            raise TouchError("a touch", force_gwt)
 
     def lift(self, to_mm: float | None = None) -> None:
         """Straight up to a height, clearance by default, where the indentor is lower."""
@@ -150,7 +153,7 @@ class Engine:
 
     def lifted(self) -> None:
         """Nothing is touched any more."""
-        self.state, self._may_touch = State.READY, False
+        self.state, self.may_touch = State.READY, False
         self.trips.press_on(math.inf)
         self.heartbeat.rest()
         self.contact.end()
@@ -174,8 +177,7 @@ class Engine:
         if self.state is State.IN_CONTACT and force >= self.sensing.touch_gwt:
             self.contact.begin()
         self._record_sample(press, phase, force, doi, stable=reading.stable)
-        passed = self.trips.passed(force)
-        if passed:
+        if passed := self.trips.passed(force):
             self.trip(passed, force)
         self.contact.refuse_more()
         return force
@@ -210,8 +212,7 @@ class Engine:
         except NoReadingError as error:
             self.trip(str(error))
         force_gwt = reading.force_n / GWT_N
-        passed = self.trips.passed_hard(force_gwt)
-        if passed:
+        if passed := self.trips.passed_hard(force_gwt):
             self.trip(passed, force_gwt)
         return reading
 
@@ -285,7 +286,7 @@ class Engine:
         self.heartbeat.look()
         if self.heartbeat.lost and self.state is not State.TRIPPED:
             self.trip("the engine's heartbeat was lost: the stage was stopped and stays where it is")
-        if self._may_touch:
+        if self.may_touch:
             self.heartbeat.beat(self.settings.limits.heartbeat_s + longer_s)
 
     def guarded(self, action: Callable[[], _T]) -> _T:

@@ -100,10 +100,20 @@ def trip_height_mm(settings: RigSettings, height_mm: float) -> float:
     return min(max(habits.park_height_mm, height_mm + habits.clearance_mm), highest)
 
 
-def refuse_height(settings: RigSettings, from_mm: float, to_mm: float, speed_mm_s: float) -> None:
-    """Raises LimitError for a vertical move beyond the travel, or too long or too fast below clearance."""
+def longer_than_an_increment(settings: RigSettings, from_mm: float, to_mm: float, free_mm: float) -> bool:
+    """Whether a vertical move goes down below a height by more than one increment."""
+    return to_mm < min(from_mm, free_mm) - settings.habits.increment_mm - 1e-9
+
+
+def refuse_height(
+    settings: RigSettings, from_mm: float, to_mm: float, speed_mm_s: float, free_mm: float = math.inf
+) -> None:
+    """Raises LimitError for a vertical move beyond the travel, or too long or too fast below clearance.
+
+    free_mm: down to where nothing is met at this place and speed, if lower than clearance.
+    """
     habits, fastest = settings.habits, settings.limits.max_press_speed_mm_s
-    if to_mm < min(from_mm, habits.clearance_mm) - habits.increment_mm - 1e-9:
+    if longer_than_an_increment(settings, from_mm, to_mm, min(free_mm, habits.clearance_mm)):
         raise LimitError(f"a move down to {to_mm:.3f} mm is longer than one increment below clearance")
     if to_mm < min(from_mm, habits.clearance_mm) and speed_mm_s > fastest:
         raise LimitError(f"a move down below clearance at {speed_mm_s:g} mm/s is faster than {fastest:g}")

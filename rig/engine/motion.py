@@ -18,6 +18,10 @@ class FeltError(Exception):
         self.force_gwt = force_gwt
 
 
+class TouchError(FeltError):
+    """A touch where it only ends the motion."""
+
+
 def insist(lift: Callable[[], None]) -> None:
     """Go up from a trip. Somebody who changes the speed meanwhile does not keep it down: it goes on at full speed."""
     for _ in range(_ATTEMPTS - 1):

@@ -51,6 +51,9 @@ class HabitSettings(Settings):
     descent_step_mm: float = Field(0.5, gt=0, le=5, description="between readings on the way down after homing")
     increment_mm: float = Field(0.05, gt=0, le=0.05, description="the longest move below clearance")
     touch_increment_mm: float = Field(0.01, gt=0, le=0.05)
+    retouch_margin_mm: float = Field(
+        0.1, ge=0.05, le=20, description="beyond the stopping distance, where a place touched before is come back to"
+    )
     touch_force_gwt: float = Field(0.05, gt=0, le=1)
     settle_readings: int = Field(1, ge=1, le=20, description="sensor periods between a move and its reading")
 

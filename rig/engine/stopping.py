@@ -1,12 +1,15 @@
 """How far a stage goes on after a force has passed a trip, and what that adds to the force."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 from rig.engine.pressing.touch_fit import CONTACT_EXPONENT
 from rig.engine.rig_settings import RigSettings
 
 # What a controller has prepared it steps at full speed first: 0.05 s GRBL 1.1h, 0.11 s grblHAL (docs/devices.md).
 PREPARED_S = 0.11
+# The longest that the force goes unread while anything moves: 0.34 s behind `rig serve` (docs/performance.md).
+UNREAD_S = 0.35
 
 
 @dataclass(frozen=True)
@@ -24,6 +27,12 @@ class Stopping:
         waited_s = settings.habits.settle_readings * settings.force.sample_period_s
         late_s = settings.force.latency_s + waited_s + PREPARED_S
         return cls(speed_mm_s, late_s, settings.stage.acceleration_mm_s2, settings.habits.increment_mm)
+
+    @classmethod
+    def in_one_move(cls, settings: RigSettings, speed_mm_s: float) -> "Stopping":
+        """In a move of any length that is looked at on the way: the force may also have gone unread for UNREAD_S."""
+        late = cls.of(settings, speed_mm_s)
+        return replace(late, latency_s=late.latency_s + UNREAD_S, most_mm=math.inf)
 
     @property
     def distance_mm(self) -> float:

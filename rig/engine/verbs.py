@@ -18,6 +18,7 @@ def mount(engine: Engine, indentor: str) -> None:
     if engine.may_touch or engine.state is State.TRIPPED:
         raise NotReadyError(f"mount: not allowed while {engine.state.value}, the finger may be touched; lift first")
     engine.indentor = None
+    engine.touched.forget()
     mounted = engine.bench.operator.mount(indentor)
     if mounted != indentor:
         raise NotReadyError(f"mount: {mounted} is on, expected {indentor}; nothing is pressed with the wrong one")
@@ -29,6 +30,7 @@ def home(engine: Engine) -> None:
     """Find the switches; from then on the position is trusted."""
     if engine.state is State.TRIPPED:
         raise NotReadyError("home: the rig has tripped, an operator must reset it")
+    engine.touched.forget()
     engine.heartbeat.rest()  # homing lifts first, and takes its time
     controller = engine.guarded(engine.bench.stage.connect)
     engine.sensing.connect()
@@ -115,6 +117,7 @@ def safe_point(engine: Engine) -> None:
     pressing = engine.state is State.IN_CONTACT
     if pressing:
         retract(engine)
+    engine.touched.forget()  # somebody may see to the finger
     engine.record("paused", {"reason": "operator"})
     if not pause.go_on():
         raise RunAborted("stopped by the operator at a safe point; the indentor is lifted")

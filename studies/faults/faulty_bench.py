@@ -39,6 +39,7 @@ class FaultyBench:
         self.carriage = true_carriage(self.board, config)
         self.extra_n: Callable[[float], float] = lambda t_s: 0.0
         self.stalled_mm: float | None = None
+        self.nearer_mm = 0.0  # the finger has come up by so much
         self.felt_n: Callable[[float], float] = lambda t_s: self.true_n(t_s) + self.extra_n(t_s)
         load = Load(lambda t_s: self.felt_n(t_s))
         self.sensor: Any = virtual_force(clock, self.force_line, config, load)
@@ -66,7 +67,8 @@ class FaultyBench:
     def true_n(self, t_s: float) -> float:
         """What the finger really feels."""
         height = self.carriage.pose_at(t_s).above_apex_mm
-        return PREDICTED.force_at(height if self.stalled_mm is None else max(height, self.stalled_mm))
+        reached = height if self.stalled_mm is None else max(height, self.stalled_mm)
+        return PREDICTED.force_at(reached - self.nearer_mm)
 
     def after(self, phase: str, act: Callable[[], object]) -> None:
         """Do it once, when the first sample of this phase, or event of this stream, is on disk."""

@@ -1,14 +1,16 @@
 """How hard a finger is pressed when the force sensor fails, by what the rig was doing and by how the sensor fails.
 
-    .venv/bin/python -m studies.faults.phases    # the table of docs/faults.md
+    .venv/bin/python -m studies.faults.phases                # the tables of docs/faults.md
+    .venv/bin/python -m studies.faults.phases "coming back"  # that phase only, and the finger that has come nearer
 
 Finger, bench and target are those of `outcomes`; drivers, wire and bytes are real. The worst force is that of the
 finger, looked at every 2 ms, not what the sensor said.
 """
 
 import math
+import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -61,7 +63,10 @@ SHOWN_BY_NOTHING = ("frozen at 0", "frozen at its value", f"saturated at {SATURA
 """What one sensor alone cannot always show, because it might be true: depth bounds these."""
 
 IN_A_PRESS = ("approach", "back off", "touch", "press", "hold")
-PHASES = (*IN_A_PRESS, "lift", "move", "park", "home", "jog")
+PHASES = (*IN_A_PRESS, "lift", "move", "coming back", "park", "home", "jog")
+NEARER_MM = 1.5
+NO_FAULT = "none"
+WAYS_BACK = {"by increments": {"retouch_margin_mm": 20.0}, "in one move": {}}
 
 
 @dataclass(frozen=True)
@@ -81,18 +86,31 @@ def deep_gwt() -> float:
 
 def suffer(phase: str, fault: str, folder: Path) -> Cell:
     """The sensor fails in this phase, in this way, and stays so."""
-    tables: dict[str, Any] = {
-        "limits": {"soft_trip_n": SOFT_TRIP_N, "on_trip": "park" if phase == "park" else "retract"}
-    }
-    bench = FaultyBench(folder, tables)
+    acts = {"jog": _jog, "home": _home, "park": _park, "coming back": _come_back}
+    return _suffer(acts.get(phase, _presses), phase, fault, FaultyBench(folder, _tables(phase)))
 
+
+def come_nearer(way: str, fault: str, folder: Path) -> Cell:
+    """The finger comes nearer after its first press, and the sensor fails before the second one at the same place."""
+    bench = FaultyBench(folder, {**_tables("coming back"), "habits": WAYS_BACK[way]})
+    return _suffer(_come_nearer, "coming back", fault, bench)
+
+
+def _tables(phase: str) -> dict[str, Mapping[str, Any]]:
+    return {"limits": {"soft_trip_n": SOFT_TRIP_N, "on_trip": "park" if phase == "park" else "retract"}}
+
+
+def _suffer(
+    act: Callable[[FaultyBench, str, Callable[[], None]], None], phase: str, fault: str, bench: FaultyBench
+) -> Cell:
     def strike() -> None:
-        bench.felt_n = FAULTS[fault](bench, bench.clock.monotonic_s())
+        if fault != NO_FAULT:
+            bench.felt_n = FAULTS[fault](bench, bench.clock.monotonic_s())
 
     reason = ""
     try:
         _ready(bench)
-        {"jog": _jog, "home": _home, "park": _park}.get(phase, _presses)(bench, phase, strike)
+        act(bench, phase, strike)
     except (EngineError, StageError, ForceError, TransportError) as error:
         reason = str(error)
     finally:
@@ -115,6 +133,24 @@ def _presses(bench: FaultyBench, phase: str, strike: Callable[[], None]) -> None
     bench.after({"lift": "hold_end", "move": "retract"}.get(phase, phase), strike)
     for x_mm in (0.0, 0.5):
         _indent(bench, x_mm)
+
+
+def _come_back(bench: FaultyBench, _phase: str, strike: Callable[[], None]) -> None:
+    """To the place of the press before, in one move, when what was felt there has died away in a slow sensor."""
+
+    def fail() -> None:
+        bench.worst_n = 0.0
+        strike()
+
+    _indent(bench, 0.0)
+    verbs.rest(bench.engine, 10 * LAG_S)
+    bench.after("indentation_start", fail)
+    _indent(bench, 0.0)
+
+
+def _come_nearer(bench: FaultyBench, phase: str, strike: Callable[[], None]) -> None:
+    bench.after("retract", lambda: setattr(bench, "nearer_mm", NEARER_MM))
+    _come_back(bench, phase, strike)
 
 
 def _park(bench: FaultyBench, _phase: str, strike: Callable[[], None]) -> None:
@@ -157,18 +193,27 @@ def _jog(bench: FaultyBench, _phase: str, strike: Callable[[], None]) -> None:
     raise StageError(f"{reasons[-1]}")
 
 
-def main() -> None:
-    """Print the table."""
-    print(f"| worst force, gwt | {' | '.join(FAULTS)} |\n|---|{'---|' * len(FAULTS)}")
-    for phase in PHASES:
+def main(only: str | None) -> None:
+    """Print the tables; of the first one a single phase where one is named."""
+    _print("worst force, gwt", PHASES if only is None else (only,), tuple(FAULTS), suffer)
+    print(
+        f"\ntrip {SOFT_TRIP_N / GWT_N:.2f}, with its overshoot {bound_gwt():.2f}; at the deepest {deep_gwt():.2f}\n"
+    )
+    _print(f"{NEARER_MM:g} mm nearer, gwt", tuple(WAYS_BACK), (NO_FAULT, *FAULTS), come_nearer)
+
+
+def _print(
+    what: str, rows: tuple[str, ...], faults: tuple[str, ...], found: Callable[[str, str, Path], Cell]
+) -> None:
+    print(f"| {what} | {' | '.join(faults)} |\n|---|{'---|' * len(faults)}")
+    for name in rows:
         row = []
-        for fault in FAULTS:
+        for fault in faults:
             with tempfile.TemporaryDirectory() as folder:
-                cell = suffer(phase, fault, Path(folder))
+                cell = found(name, fault, Path(folder))
             row.append(f"{cell.worst_gwt:.2f}{'' if cell.reason else ' done'}")
-        print(f"| {phase} | {' | '.join(row)} |", flush=True)
-    print(f"\ntrip {SOFT_TRIP_N / GWT_N:.2f}, with its overshoot {bound_gwt():.2f}; at the deepest {deep_gwt():.2f}")
+        print(f"| {name} | {' | '.join(row)} |", flush=True)
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1] if len(sys.argv) > 1 else None)

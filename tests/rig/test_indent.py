@@ -102,7 +102,8 @@ def test_a_hold_lasts_as_long_as_was_asked(spring: Make, hold_s: float) -> None:
 
 
 def test_no_move_down_below_clearance_is_longer_than_an_increment(spring: Make) -> None:
-    bench = spring()
+    """Where no place is come back to in one move (tests/rig/test_coming_back.py)."""
+    bench = spring(settings=RigSettings.model_validate({"habits": {"retouch_margin_mm": 20.0}}))
     engine = bench.ready()
     for target in (Target("force_gwt", 8.0), Target("doi_mm", 1.4)):
         indent(engine, target, increments=2, hold_s=0.1)

@@ -26,7 +26,8 @@ class Approach:
         Trips where contact is not found, found too high, or pulls.
         """
         habits = self.engine.settings.habits
-        self._descend(habits.increment_mm, "approach", self.lowest_mm)
+        if not self._come_back():
+            self._descend(habits.increment_mm, "approach", self.lowest_mm)
         felt_mm = self.engine.height_mm
         self._back_off()
         readings = self._descend(
@@ -35,6 +36,19 @@ class Approach:
         touch = fit_contact(readings, self.engine.sensing.touch_gwt, self.engine.sensing.least_gwt)
         self._record(touch)
         return touch
+
+    def _come_back(self) -> bool:
+        """Where this place was touched before, in one move of whole increments to near there; whether it met a touch.
+
+        Until the press has ended well the place counts as untouched.
+        """
+        engine, habits = self.engine, self.engine.settings.habits
+        free_mm = engine.touched.free_mm(engine.x_mm, engine.along_mm, habits.approach_speed_mm_s)
+        increments = math.floor((engine.height_mm - max(free_mm, self.lowest_mm)) / habits.increment_mm + 1e-9)
+        safe_point(engine)
+        felt = increments > 0 and self._feels(engine.height_mm - increments * habits.increment_mm, "approach", [])
+        engine.touched.forget_at(engine.x_mm, engine.along_mm)
+        return felt
 
     def _back_off(self) -> None:
         """Up by whole increments until no force shows or clearance is reached, and one more."""
@@ -47,20 +61,27 @@ class Approach:
 
     def _descend(self, step_mm: float, phase: Phase, lowest_mm: float) -> list[tuple[float, float]]:
         """(height, force) readings down to the touch threshold; trips where there is none."""
-        engine, readings = self.engine, list[tuple[float, float]]()
+        readings = list[tuple[float, float]]()
         while True:
-            safe_point(engine)
-            below = engine.height_mm - step_mm
+            safe_point(self.engine)
+            below = self.engine.height_mm - step_mm
             if below < lowest_mm - 1e-9:
                 self._miss(lowest_mm)
-            engine.go_to_height(below, engine.settings.habits.approach_speed_mm_s)
-            force = engine.read_force_gwt(self.press, phase)
-            readings.append((engine.height_mm, force))
-            if force <= -engine.sensing.touch_gwt:
-                engine.trip(f"{force:.2f} gwt while descending: does the sensor read backwards?", force)
-            if force >= engine.sensing.touch_gwt:
-                self._refuse_contact_too_high()
+            if self._feels(below, phase, readings):
                 return readings
+
+    def _feels(self, height_mm: float, phase: Phase, readings: list[tuple[float, float]]) -> bool:
+        """Go down there, add what is read to the readings, and say whether it is a touch; trips where it pulls."""
+        engine = self.engine
+        engine.go_to_height(height_mm, engine.settings.habits.approach_speed_mm_s)
+        force = engine.read_force_gwt(self.press, phase)
+        readings.append((engine.height_mm, force))
+        if force <= -engine.sensing.touch_gwt:
+            engine.trip(f"{force:.2f} gwt while descending: does the sensor read backwards?", force)
+        if force < engine.sensing.touch_gwt:
+            return False
+        self._refuse_contact_too_high()
+        return True
 
     def _miss(self, lowest_mm: float) -> NoReturn:
         """What was felt coarsely must be felt again within one coarse increment: a dead sensor would go on."""

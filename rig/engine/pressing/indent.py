@@ -55,6 +55,7 @@ def touch_place(engine: Engine, index: int, expected_contact_mm: float) -> float
         retract(engine)
         raise
     retract(engine)
+    engine.touched.at(engine.x_mm, engine.along_mm, height_mm)
     found = {"indentor": engine.indentor, "x_mm": engine.x_mm, "along_mm": engine.along_mm}
     engine.record("find", {"index": index, **found, "contact_height_mm": round(height_mm, 6)})
     return height_mm
@@ -78,7 +79,8 @@ def _attempt(
         },
     )
     try:
-        past_touch = Press(engine, press, approach.touch_off(), speed_mm_s)
+        touch = approach.touch_off()
+        past_touch = Press(engine, press, touch, speed_mm_s)
         holds = tuple(
             past_touch.hold_at(target.part(k, increments), hold=k, hold_s=hold_s) for k in range(1, increments + 1)
         )
@@ -86,6 +88,7 @@ def _attempt(
         retract(engine)
         raise
     retract(engine)
+    engine.touched.at(engine.x_mm, engine.along_mm, touch.contact_height_mm)
     duration = engine.clock.monotonic_s() - start_s
     engine.record(press.stream("indentation_end"), {"index": press.index, "duration_s": round(duration, 6)})
     return Indentation(press.index, engine.x_mm, holds)
