@@ -10,6 +10,7 @@ from typing import Any, NoReturn
 import pytest
 
 from rig.cli import main
+from rig.cli.output import THE_FINGER
 
 
 def _no_constant(name: str) -> NoReturn:
@@ -32,8 +33,8 @@ class Ended:
 
     @property
     def complaint(self) -> str:
-        """The one line on standard error."""
-        lines = self.err.strip().splitlines()
+        """The one line on standard error, besides what was begun with."""
+        lines = [line for line in self.err.strip().splitlines() if line != THE_FINGER]
         assert len(lines) == 1, self.err
         assert lines[0].startswith("rig: ")
         return lines[0].removeprefix("rig: ")

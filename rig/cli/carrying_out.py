@@ -1,24 +1,26 @@
 """What `rig dry-run` and `rig run` share: interrupts, progress, and how a finished run is told."""
 
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import typer
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from rig.cli.confirming import Confirm, nothing_to_confirm
 from rig.cli.interrupts import Pause, at_a_safe_point
-from rig.cli.output import ExitCode, checking_the_script, complain, err, loading_the_finger, out, print_json
+from rig.cli.output import THE_FINGER, ExitCode, busy, checking_the_script, complain, out, print_json
+from rig.cli.progress import progress
 from rig.data import Run, export_run
-from rig.engine import RunAborted
+from rig.engine import EngineError, RunAborted
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
+from rig.plan.timeline import TimeLeft
 from rig.protocol.script import Script
 from rig.report.run.run_report import write_report
 from rig.session.ending import Whereabouts
+from rig.session.page import Page
 from rig.session.resume import StoppedRun
 from rig.session.session import FinishedRun, NewRun, Session, Watch
 from rig.session.subject import checked_subject
@@ -32,10 +34,6 @@ class AtTheTerminal:
         self.watch, self.interrupted, self.go_on, self.begins = watch, pause.asked, pause.go_on, begins
 
 
-def nothing_to_confirm(session: Session) -> None:
-    """A dry-run begins at once."""
-
-
 def carry_out(
     script: Script,
     config: Config,
@@ -45,22 +43,25 @@ def carry_out(
     as_json: bool,
     stopped: StoppedRun | None = None,
     subject: str | None = None,
-    confirm: Callable[[Session], None] = nothing_to_confirm,
+    confirm: Confirm | None = None,
+    pace: float | None = 1.0,
     begins: Callable[[], None],
 ) -> FinishedRun:
     """Check the script, carry it out or take it up where it stopped, write its report, and say where it is.
 
-    confirm is called when all is checked and nothing has moved, begins when the next thing may move.
+    confirm is called when all is checked and nothing has moved (None: it begins at once), begins when the next thing
+    may move. pace: how many seconds one of the bench will take; None where it goes as fast as it can.
     """
     into = stopped or NewRun(out_dir, checked_subject(subject))
-    with loading_the_finger():
+    with busy(THE_FINGER, as_json=as_json):
         finger = Fingertip.load(config.finger)
     before, folder = (None, None) if stopped is None else (stopped.run, stopped.folder.path)
     with checking_the_script() as told:
         plan = make_plan(script, config, finger, before, folder, told)
-    confirm(Session(script, config, finger, plan, into))
+    page = (confirm or nothing_to_confirm(as_json=as_json))(Session(script, config, finger, plan, into))
     began = time.perf_counter()
-    with at_a_safe_point() as pause, _progress(len(plan.indentations)) as watch:
+    shown = progress(len(plan.indentations), time_left(page, pace), as_json=as_json)
+    with at_a_safe_point() as pause, shown as watch:
         done = how(Session(script, config, finger, plan, into, AtTheTerminal(pause, watch, begins)))
     done = _reported(done, finger)
     _print(done, time.perf_counter() - began, as_json=as_json, resumed=stopped is not None)
@@ -76,7 +77,7 @@ def make_whole(stopped: StoppedRun, run: Run, *, as_json: bool) -> FinishedRun:
         try:
             export_run(run, again=False)
             if not folder.report.exists():
-                with loading_the_finger():
+                with busy(THE_FINGER, as_json=as_json):
                     finger = Fingertip.load(stopped.config.finger)
                 write_report(run, finger)
             folder.add_checksums(folder.files - there)
@@ -139,21 +140,11 @@ def _exit_code(done: FinishedRun) -> ExitCode:
     return ExitCode.ABORTED if isinstance(done.problem, RunAborted) else ExitCode.STOPPED
 
 
-@contextmanager
-def _progress(total: int) -> Iterator[Watch]:
-    """A bar on standard error, one tick an indentation, with the time left."""
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(
-        *columns, TextColumn("left"), TimeRemainingColumn(), console=err, transient=True, disable=not err.is_terminal
-    ) as bar:
-        task = bar.add_task("starting", total=total)
-
-        def watch(stream: str, data: Mapping[str, Any]) -> None:
-            if stream == "indentation_start":
-                bar.update(task, description=f"{data['indentor']} at {data['x_mm']:+.2f} mm")
-            elif stream == "indentation_end":
-                bar.advance(task)
-            elif stream == "alarm":
-                complain(f"alarm: {data['reason']}")
-
-        yield watch
+def time_left(page: Page, pace: float | None, now: Callable[[], float] = time.perf_counter) -> TimeLeft | None:
+    """Of what was rehearsed; None where the rehearsal did not come to its end."""
+    if isinstance(page.rehearsal, EngineError):
+        return None
+    instants_s, duration_s = page.rehearsal.instants_s, page.rehearsal.duration_s
+    if pace is not None:
+        return TimeLeft(instants_s, duration_s, now, pace=pace)
+    return TimeLeft(instants_s, duration_s, now, pace=page.took_s / max(duration_s, 1.0), measured=True)

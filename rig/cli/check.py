@@ -5,7 +5,7 @@ from typing import Any
 from rich.table import Table
 
 from rig.cli.options import FingerConfigOption, JsonOption, MoreArgument, ProtocolArgument, SetOption
-from rig.cli.output import checking_the_script, loading_the_finger, out, print_json, told_in_one_line
+from rig.cli.output import THE_FINGER, busy, checking_the_script, out, print_json, told_in_one_line
 from rig.plan.config import load_config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
@@ -37,11 +37,11 @@ def command(
         settings = load_config(config)
         refuse_bench(settings)
         script = load_script(protocol, [*(set_ or []), *(more or [])])
-        with loading_the_finger():
+        with busy(THE_FINGER, as_json=as_json):
             finger = Fingertip.load(settings.finger)
         with checking_the_script() as told:
             plan = make_plan(script, settings, finger, told=told)
-        with loading_the_finger("rehearsing on springs …"):
+        with busy("rehearsing on springs …", as_json=as_json):
             found = preflight(script, settings, finger, plan).as_json()
         if as_json:
             print_json({"protocol": script.name, **found})

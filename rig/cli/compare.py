@@ -11,7 +11,7 @@ from typing import Annotated, NamedTuple
 import typer
 
 from rig.cli.options import JsonOption, checked_file
-from rig.cli.output import loading_the_finger, out, print_json, told_in_one_line
+from rig.cli.output import THE_FINGER, busy, out, print_json, told_in_one_line
 from rig.compare.comparison import Comparison, compare
 from rig.compare.fingers.on_fingers import on_plausible_fingers
 from rig.compare.plausible import PlausibleFingers, read_plausible
@@ -69,9 +69,9 @@ def command(
         plausible = None if fingers is None else read_plausible(fingers)
         found = [read_run(path) for path in runs]
         recordings = read_recordings(recorded or [], mirror or [], found, spikes)
-        answered = _answered(found, receptors)
+        answered = _answered(found, receptors, as_json=as_json)
         line = _under_the_line(answered, deflection)
-        comparison = _compared(answered, recordings, normalise, plausible)
+        comparison = _compared(answered, recordings, normalise, plausible, as_json=as_json)
         tables = finger_tables(comparison)
         options = {
             "--recorded": recorded or [],
@@ -119,9 +119,9 @@ class Answered:
     stimuli: list[Stimulus]
 
 
-def _answered(runs: list[Run], receptors: Receptors) -> list[Answered]:
+def _answered(runs: list[Run], receptors: Receptors, *, as_json: bool) -> list[Answered]:
     """What the model says to each run."""
-    fingers = _fingers(runs, receptors)
+    fingers = _fingers(runs, receptors, as_json=as_json)
     found = [Answered(run, finger, stimuli(run, finger)) for run, finger in zip(runs, fingers, strict=True)]
     if not any(one.stimuli for one in found):
         raise BadInputError(f"run {runs[0].folder.path}: expected a finished indentation")
@@ -133,12 +133,14 @@ def _compared(
     recordings: dict[str, Recording],
     normalise: bool,
     plausible: PlausibleFingers | None,
+    *,
+    as_json: bool,
 ) -> Comparison:
     """With what every plausible finger says, where these are stated; what does not go together is refused before."""
     given = compare([s for one in answered for s in one.stimuli], recordings, normalise=normalise)
     if plausible is None:
         return given
-    with loading_the_finger("plausible fingers: from the cache, or built in about half a minute each …"):
+    with busy("plausible fingers: from the cache, or built in about half a minute each …", as_json=as_json):
         on_all = [s for a in answered for s in on_plausible_fingers(a.run, a.stimuli, a.finger, plausible)]
     return compare(on_all, recordings, normalise=normalise, plausible=plausible)
 
@@ -153,11 +155,11 @@ def _under_the_line(answered: list[Answered], measured: Path | None) -> list[Sec
     return [deflection_section(profiles, points, source)] if profiles else []
 
 
-def _fingers(runs: list[Run], receptors: Receptors) -> list[Fingertip]:
+def _fingers(runs: list[Run], receptors: Receptors, *, as_json: bool) -> list[Fingertip]:
     """The finger that each run's configuration names."""
     configs = [load_config(run.folder.path / "config.toml").finger for run in runs]
     loaded: dict[str, Fingertip] = {}
-    with loading_the_finger():
+    with busy(THE_FINGER, as_json=as_json):
         for config in configs:
             name = config.model_dump_json()
             if name not in loaded:

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from rig.cli.output import NotConfirmedError, err, loading_the_finger
+from rig.cli.output import NotConfirmedError, busy, err
 from rig.plan.config import Config
 from rig.protocol.errors import BadInputError
 from rig.session.bench_problems import refuse_bench
@@ -14,7 +14,20 @@ from rig.session.page import Page
 from rig.session.session import Session
 from rig.transport import refuse_missing
 
+Confirm = Callable[[Session], Page]
+"""Has a checked session confirmed, nothing having moved; returns its page."""
+
 _YES = ("", "y", "yes")
+
+
+def nothing_to_confirm(*, as_json: bool) -> Confirm:
+    """A dry-run begins at once; how long it will take is known all the same."""
+
+    def rehearse(session: Session) -> Page:
+        with busy("rehearsing on springs …", as_json=as_json):
+            return Page.of(session)
+
+    return rehearse
 
 
 def ready_for_a_real_run(command: str, config: Config, out: Path, *, yes: bool) -> None:
@@ -31,21 +44,20 @@ def ready_for_a_real_run(command: str, config: Config, out: Path, *, yes: bool) 
         raise BadInputError(f"{command}: nobody can be asked here, expected a terminal or --yes")
 
 
-def at_the_page(before: Ending | None, *, yes: bool) -> Callable[[Session], None]:
+def at_the_page(before: Ending | None, *, yes: bool) -> Confirm:
     """Print the page, and wait for the one answer to it; before: how the last run left the indentor.
 
     What it returns raises NotConfirmedError.
     """
 
-    def confirm(session: Session) -> None:
-        with loading_the_finger("rehearsing on springs …"):
-            page = Page.of(session).lines
-        if before is not None:
-            page = {"careful": careful(before), **page}
-        for about, words in page.items():
+    def confirm(session: Session) -> Page:
+        page = nothing_to_confirm(as_json=False)(session)
+        lines = page.lines if before is None else {"careful": careful(before), **page.lines}
+        for about, words in lines.items():
             err.print(f"{about:<10}{words}")
         if not yes and not _confirmed():
             raise NotConfirmedError("not confirmed: nothing has moved")
+        return page
 
     return confirm
 

@@ -42,20 +42,21 @@ def command(
         for problem in expired_calibrations(settings):
             complain(f"warning: {problem}; `rig run` would refuse")
         script = load_script(protocol, [*(set_ or []), *(more or [])])
-        pace = _pace(speed)
+        faster = _times_real(speed)
         done = carry_out(
             script,
             settings,
             out_dir,
-            lambda session: dry_run(session, pace),
+            lambda session: dry_run(session, faster),
             as_json=as_json,
             subject=subject,
+            pace=None if faster is None else 1 / faster,
             begins=beginning.begins,
         )
     leave(done)
 
 
-def _pace(text: str) -> float | None:
+def _times_real(text: str) -> float | None:
     if text == "max":
         return None
     try:

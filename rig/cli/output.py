@@ -12,11 +12,28 @@ from rich.console import Console
 err = Console(stderr=True, highlight=False, soft_wrap=True, markup=False)
 out = Console(highlight=False, soft_wrap=True, markup=False)
 
+THE_FINGER = "fingertip: from the cache, or built in about 15 s …"
+
 
 @contextmanager
-def loading_the_finger(what: str = "fingertip: from the cache, or built in about 15 s …") -> Iterator[None]:
-    """Something to look at meanwhile, where somebody looks."""
+def loading_the_finger() -> Iterator[None]:
+    """Something to look at meanwhile, where somebody looks; an answer by itself says enough in a pipe."""
     if not err.is_terminal:
+        yield
+        return
+    with busy(THE_FINGER, as_json=False):
+        yield
+
+
+@contextmanager
+def busy(what: str, *, as_json: bool) -> Iterator[None]:
+    """What goes on meanwhile: to look at where somebody looks, elsewhere a line at its beginning.
+
+    Whoever asked for JSON is a program, and is told nothing but that.
+    """
+    if not err.is_terminal:
+        if not as_json:
+            err.print(what)
         yield
         return
     with err.status(what):

@@ -1,13 +1,12 @@
 """`rig resume`: a run that stopped goes on with the indentations that are missing."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from rig.cli.carrying_out import carry_out, leave, make_whole, nothing_to_confirm
-from rig.cli.confirming import at_the_page, careful, ready_for_a_real_run
+from rig.cli.carrying_out import carry_out, leave, make_whole
+from rig.cli.confirming import Confirm, at_the_page, careful, ready_for_a_real_run
 from rig.cli.options import JsonOption, YesOption
 from rig.cli.output import Beginning, complain, err, told_in_one_line
 from rig.cli.run import ask_at_the_bench
@@ -29,7 +28,7 @@ def command(
         left = None if stopped.run is None else ending_on_record(stopped.run)
         if stopped.run is not None and stopped.run.last_checkpoint is not None:
             err.print(f"goes on after the checkpoint {stopped.run.last_checkpoint!r}")
-        confirm: Callable[[Session], None] = nothing_to_confirm
+        confirm: Confirm | None = None
         if not stopped.virtual:
             ready_for_a_real_run("resume", stopped.config, run.parent, yes=yes)
             confirm = at_the_page(left, yes=yes)
@@ -47,6 +46,7 @@ def command(
             as_json=as_json,
             stopped=stopped,
             confirm=confirm,
+            pace=None if stopped.virtual else 1.0,
             begins=beginning.begins,
         )
     leave(done)

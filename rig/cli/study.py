@@ -3,8 +3,9 @@
 import csv
 import io
 import time
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import typer
 from rich.progress import track
@@ -14,6 +15,8 @@ from rig.cli.output import err, out, print_json, told_in_one_line
 from rig.data.folder import replace_text
 from rig.parameter_study.cases import Row, columns, read_study, solve
 from rig.parameter_study.workers import spread
+
+T = TypeVar("T")
 
 
 def command(
@@ -33,9 +36,7 @@ def command(
         cases = read_study(study)
         table = study.with_suffix(".csv") if out_file is None else out_file
         checked_file("--out", table)
-        answers = track(
-            spread(solve, cases, processes, scheduler), "cases", len(cases), console=err, disable=not err.is_terminal
-        )
+        answers = _counted(spread(solve, cases, processes, scheduler), len(cases), as_json=as_json)
         rows = [row for answer in answers for row in answer]
         replace_text(table, _as_csv(columns(cases), rows))
         problems = sum(bool(row["problem"]) for row in rows)
@@ -45,6 +46,18 @@ def command(
                         "seconds": seconds})  # fmt: skip
         else:
             out.print(f"{len(cases)} cases, {len(rows)} rows, {problems} without an answer, {seconds:.1f} s\n{table}")
+
+
+def _counted(answers: Iterable[T], total: int, *, as_json: bool) -> Iterator[T]:
+    """The answers: a bar where somebody looks, elsewhere a line for each tenth of them, and none beside JSON."""
+    if err.is_terminal or as_json:
+        yield from track(answers, "cases", total, console=err, disable=not err.is_terminal)
+        return
+    err.print(f"{total} cases")
+    for done, answer in enumerate(answers, 1):
+        yield answer
+        if 10 * done // total > 10 * (done - 1) // total:
+            err.print(f"{done} of {total} cases")
 
 
 def _as_csv(names: list[str], rows: list[Row]) -> str:

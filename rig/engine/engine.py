@@ -98,7 +98,7 @@ class Engine:
     # moving
 
     def go_to_height(self, height_mm: float, speed_mm_s: float) -> None:
-        """One vertical move; below clearance down by one increment, or to where touched knows the way: a touch ends it."""
+        """One vertical move; below clearance one increment down, or as far as touched knows: a touch ends that."""
         clearance_mm, from_mm = self.settings.habits.clearance_mm, self.height_mm
         free_mm = self.touched.free_mm(self.x_mm, self.along_mm, speed_mm_s)
         refuse_height(self.settings, from_mm, height_mm, speed_mm_s, free_mm)

@@ -46,3 +46,6 @@ STREAMS = {
     "resumed": {"by": ""},
 }  # fmt: skip
 """Every stream. Presses that are no data (`precondition_…`, `reference_…`) have streams of their own."""
+
+WAITED_FOR = ("mount", "resumed")
+"""A person is waited for until these events: that time is not the run's."""

@@ -6,6 +6,7 @@ for each press, fitted to two solutions of the finger model, since a spring cost
 
 import io
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
@@ -13,13 +14,13 @@ from typing import TypeVar
 from rig.data import Run
 from rig.devices.units import GWT_N
 from rig.engine import Engine, Target, verbs
-from rig.engine.journal import NoJournal
 from rig.engine.pressing.touch_fit import CONTACT_EXPONENT
 from rig.plan.config import Config, VirtualSettings
 from rig.plan.finger_model import FingerModel
 from rig.plan.patience import Patience
 from rig.plan.plan import Plan
 from rig.plan.shape_files import kept_in
+from rig.plan.timeline import Milestone, Timeline
 from rig.protocol.api import Handler, Rig
 from rig.protocol.planned import Prediction
 from rig.protocol.script import Script
@@ -105,10 +106,11 @@ class Rehearsing:
 
 @dataclass(frozen=True)
 class Rehearsed:
-    """How long a script takes on springs, on the run's clock, and how long of that a finger would be touched."""
+    """How long a script takes on springs, how long of that a finger would be touched, and when it passes what."""
 
     duration_s: float
     contact_s: float
+    instants_s: Mapping[Milestone, float]
 
 
 def rehearsed(script: Script, config: Config, finger: Fingertip, plan: Plan, before: Run | None = None) -> Rehearsed:
@@ -125,7 +127,8 @@ def rehearsed(script: Script, config: Config, finger: Fingertip, plan: Plan, bef
         return plants[0]
 
     bench = bench_around(make_plant, believed, clock, io.StringIO())
-    engine = Engine(believed, bench, NoJournal(), plan.soft_trip_n)
+    timeline = Timeline(clock.monotonic_s)
+    engine = Engine(believed, bench, timeline, plan.soft_trip_n)
     where = str if before is None else partial(kept_in, before.folder.path)
     walk = Walk(believed, FingerModel(finger, plan.predictions, where))
     handler: Handler = Rehearsing(engine, walk, plants[0])
@@ -133,4 +136,4 @@ def rehearsed(script: Script, config: Config, finger: Fingertip, plan: Plan, bef
         verbs.home(engine)
         handler = TakenUp(before, handler)
     run_script(script, engine, Rig(script.parameters, walk, Patience(handler)))
-    return Rehearsed(clock.monotonic_s(), engine.contact.total_s)
+    return Rehearsed(clock.monotonic_s(), engine.contact.total_s, timeline.instants_s)

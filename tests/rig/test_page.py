@@ -123,8 +123,10 @@ def test_the_page_is_confirmed_once(rig: Run, opened: list[Any], tmp_path: Path,
 
 
 def test_a_dry_run_asks_nothing(rig: Run) -> None:
-    ended = rig("dry-run", "mine.py")
+    ended = rig("dry-run", "mine.py", "--json")
     assert (ended.code, ended.err) == (0, "")
+    ended = rig("dry-run", "mine.py")  # in a pipe it tells how far it is
+    assert (ended.code, "Enter" in ended.err, _page(ended)) == (0, False, {})
 
 
 def _killed(rig: Run, folder: Path) -> Path:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.data import Run
+from rig.data.bench_time import booked_s
 from rig.data.folder import replace_text
 from rig.plan.responses import Response, by_group, responses
 from rig.report.html import Figure, figures_of, render
@@ -111,25 +112,8 @@ def _ssrp_figures(found: list[Response]) -> list[Figure]:
 
 
 def _phase_durations(run: Run) -> list[tuple[str, float]]:
-    """Seconds of the run's clock that led to each kind of event, summed over the run."""
-    leads_to = {
-        **dict.fromkeys(("mount", "home", "zero", "note", "paused", "trip"), "homing, zero and notes"),
-        **dict.fromkeys(("clearance", "move", "moving"), "lateral moves"),
-        "approach": "approach",
-        "back off": "touch-off",
-        "touch": "touch-off",
-        "press": "press and seek",
-        "hold": "hold",
-        "retract": "lift",
-    }
-    stamps = [(e["t_s"], stream) for stream, events in run.events.items() for e in events if stream in leads_to]
-    stamps += [(e["t_s"], e["phase"]) for e in run.stream("sample")]
-    totals = dict.fromkeys(leads_to.values(), 0.0)
-    last = run.start["t_s"]
-    for t_s, kind in sorted(stamps):
-        totals[leads_to[kind]] += t_s - last
-        last = t_s
-    return list(totals.items())
+    """What the time of the run's clock went to."""
+    return list(booked_s(run).items())
 
 
 def _checksums(run: Run) -> list[tuple[str, str]]:

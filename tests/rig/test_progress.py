@@ -1,0 +1,249 @@
+"""What every command that takes its time says meanwhile: at once, line by line in a pipe, nothing beside JSON."""
+
+import re
+import sys
+from collections.abc import Callable, Iterator
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+import rig.cli.output as output
+import rig.cli.progress as shown
+import rig.cli.study as study_command
+import rig.session.session as sessions
+from rig.cli import main
+from rig.cli.carrying_out import time_left
+from rig.cli.progress import Indentations, progress
+from rig.engine import TripError
+from rig.plan.config import Config
+from rig.plan.timeline import TimeLeft
+from rig.session.page import Page
+from rig.session.rehearsal import Rehearsed
+from rig.virtual.virtual_bench import VirtualBench, virtual_bench
+from sim.devices.clock import VirtualClock
+from sim.models.fingertip import Fingertip
+
+SCRIPT = """\
+from rig.protocol import ScheduledParameters
+
+class Parameters(ScheduledParameters):
+    pass
+
+def run(rig):
+    rig.mount("bar:3.0")
+    rig.home()
+    for block in rig.parameters.schedule((-0.5, 0.5)).on(rig):
+        for x_mm in block:
+            rig.move_to(x_mm=x_mm)
+            rig.indent(doi_mm=0.2, hold_s=0.1)
+"""
+STUDY = """\
+[finger.tissue]
+epidermis_mm = [0.3, 0.5]
+
+[[press]]
+shape = "bar:3.0"
+doi_mm = [0.1, 0.15, 0.2, 0.25, 0.3, 0.35]
+"""
+FINGER = "fingertip: from the cache, or built in about 15 s …"
+LINE = re.compile(r"\d of 2, block 1, -?0\.5, bar:3\.0 at [+-]0\.50 mm, peak \d+\.\d\d gwt, \d:\d\d:\d\d left")
+
+
+class Said:
+    """What was printed until something slow began, and in all."""
+
+    def __init__(self, capsys: pytest.CaptureFixture[str]) -> None:
+        self._capsys = capsys
+        self.before: str | None = None
+        self.out = self.err = ""
+
+    def slow(self) -> None:
+        if self.before is None:
+            self.take()
+            self.before = self.err
+
+    def take(self) -> None:
+        printed = self._capsys.readouterr()
+        self.out, self.err = self.out + printed.out, self.err + printed.err
+
+
+@pytest.fixture
+def rig(
+    finger: Fingertip, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> Callable[..., Said]:
+    """Run a command in a pipe; the ports of a real run lead to virtual devices."""
+    monkeypatch.chdir(tmp_path)
+    for name, text in {"mine.py": SCRIPT, "study.toml": STUDY, "stage": "", "force": ""}.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    ports = f"[stage]\nport = '{tmp_path / 'stage'}'\n[force]\nport = '{tmp_path / 'force'}'\n"
+    (tmp_path / "rig.toml").write_text(ports, encoding="utf-8")
+
+    def open_bench(config: Config, clock: Any, log: Any, ask: Any, pause: Any) -> VirtualBench:
+        return virtual_bench(config, finger, log, VirtualClock(0.0, clock.monotonic_s()), pause)
+
+    monkeypatch.setattr(sessions, "open_bench", open_bench)
+    said: list[Said] = []
+    load = Fingertip.load
+
+    def loaded(*arguments: Any, **options: Any) -> Fingertip:
+        said[-1].slow()
+        return load(*arguments, **options)
+
+    def spread(solve: object, cases: list[object], *_: object) -> Iterator[list[dict[str, str]]]:
+        for _ in cases:
+            said[-1].slow()
+            yield [{"problem": ""}]
+
+    monkeypatch.setattr(Fingertip, "load", loaded)
+    monkeypatch.setattr(study_command, "spread", spread)
+
+    def run(*arguments: str) -> Said:
+        said.append(Said(capsys))
+        monkeypatch.setattr(sys, "argv", ["rig", *arguments])
+        with pytest.raises(SystemExit) as caught:
+            main()
+        said[-1].take()
+        assert not caught.value.code, said[-1].err
+        return said[-1]
+
+    return run
+
+
+def _run(rig: Callable[..., Said]) -> str:
+    rig("dry-run", "mine.py", "--json")
+    (folder,) = Path("runs").iterdir()
+    return str(folder)
+
+
+def _stopped(rig: Callable[..., Said]) -> str:
+    """As a kill after the first of the two indentations leaves it."""
+    folder = _run(rig)
+    journal = Path(folder) / "events.jsonl"
+    lines = journal.read_text(encoding="utf-8").splitlines(keepends=True)
+    ended = next(n for n, line in enumerate(lines) if '"stream": "indentation_end", "data"' in line)
+    journal.write_text("".join(lines[: ended + 1]), encoding="utf-8")
+    return folder
+
+
+COMMANDS: dict[str, tuple[Callable[[Callable[..., Said]], tuple[str, ...]], int]] = {
+    "dry-run": (lambda rig: ("dry-run", "mine.py"), 2),
+    "dry-run, paced": (lambda rig: ("dry-run", "mine.py", "--speed", "999999"), 2),
+    "run": (lambda rig: ("run", "mine.py", "--config", "rig.toml", "--yes"), 2),
+    "resume": (lambda rig: ("resume", _stopped(rig)), 1),
+    "check": (lambda rig: ("check", "mine.py"), 0),
+    "compare": (lambda rig: ("compare", _run(rig), "--out", "c.html"), 0),
+    "study": (lambda rig: ("study", "study.toml"), 0),
+}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_pipe_is_told_at_once_and_line_by_line(rig: Callable[..., Said], name: str) -> None:
+    arguments, indentations = COMMANDS[name]
+    said = rig(*arguments(rig))
+    assert said.before, "nothing was said before something slow began"
+    assert "\r" not in said.out + said.err
+    assert "\x1b" not in said.out + said.err
+    lines = [line for line in said.err.splitlines() if " gwt, " in line and " of " in line]
+    assert len(lines) == indentations
+    if indentations:
+        total = re.sub("of 2", f"of {indentations}", LINE.pattern)
+        assert all(re.fullmatch(total, line) for line in lines)
+        counts = [line.split(" of ")[0] for line in lines]
+        assert counts == [str(n) for n in range(1, indentations + 1)]
+        before = said.err.splitlines()[said.err.splitlines().index(lines[0]) - 1]
+        assert re.fullmatch(rf"{indentations} indentations, \d:\d\d:\d\d left", before)
+
+
+@pytest.mark.parametrize("name", [name for name in COMMANDS if name != "run"])
+def test_who_asked_for_json_is_told_nothing_else(rig: Callable[..., Said], name: str) -> None:
+    """`rig run` has its page, and a run that was killed its warning."""
+    said = rig(*COMMANDS[name][0](rig), "--json")
+    assert said.out.count("\n") == 1
+    told = [line for line in said.err.splitlines() if not line.startswith(("goes on after", "rig: the run ended"))]
+    assert told == []
+
+
+def test_a_study_says_each_tenth(rig: Callable[..., Said]) -> None:
+    lines = rig("study", "study.toml").err.splitlines()
+    assert lines == ["12 cases", *(f"{done} of 12 cases" for done in (2, 3, 4, 5, 6, 8, 9, 10, 11, 12))]
+
+
+# --- what is known of it ---
+
+BEGUN = {"index": 0, "indentor": "bar:3.0", "x_mm": -0.5}
+
+
+def test_a_line_has_the_highest_force_of_its_own_holds() -> None:
+    run = Indentations(3, None)
+    assert (run.where, run.line) == ("starting", "0 of 3, starting, peak 0.00 gwt, time left not known")
+    for peaks_gwt, marks, told in (
+        ((1.0, 3.0, 2.0), {}, "1 of 3, bar:3.0 at -0.50 mm, peak 3.00 gwt, time left not known"),
+        ((1.5,), {"block": 2}, "2 of 3, block 2, bar:3.0 at -0.50 mm, peak 1.50 gwt, time left not known"),
+        ((), {"block": 1, "condition": "a"}, "3 of 3, block 1, a, bar:3.0 at -0.50 mm, peak 0.00 gwt, "
+         "time left not known"),
+    ):  # fmt: skip
+        run.event("indentation_start", {**BEGUN, **marks})
+        for peak_gwt in peaks_gwt:
+            run.event("hold_end", {"index": 0, "hold": 1, "peak_gwt": peak_gwt})
+            run.event("reference_hold_end", {"index": 0, "hold": 1, "peak_gwt": 99.0})
+        run.event("indentation_end", {"index": 0})
+        assert run.line == told
+    assert (run.done, run.elapsed) == (3, "")
+
+
+def test_time_is_told_as_it_is_known() -> None:
+    run = Indentations(1, TimeLeft({("home", 1, 0): 10.0}, 100.0, lambda: 0.0, pace=1.0))
+    assert (run.elapsed, run.left) == ("0:00:00", "0:01:40 left")
+    run.event("home", {})
+    assert run.left == "0:01:30 left"
+
+
+@pytest.mark.parametrize(("pace", "left_s"), [(1.0, 300.0), (0.5, 150.0), (None, 3.0)])
+def test_the_time_left_is_that_of_the_rehearsal(pace: float | None, left_s: float) -> None:
+    """As fast as it can: at first as long as the rehearsal took, then by what the run has taken."""
+    now = [0.0]
+    page = Page(None, Rehearsed(300.0, 0.0, {("home", 1, 0): 100.0}), 3.0)  # type: ignore[arg-type]
+    left = time_left(page, pace, lambda: now[0])
+    assert left is not None
+    assert left.left_s == pytest.approx(left_s)
+    now[0] = 20.0
+    left.event("home", {})
+    assert left.left_s == pytest.approx({1.0: 200.0, 0.5: 100.0, None: 40.0}[pace])
+
+
+def test_a_rehearsal_that_did_not_end_tells_no_time_and_an_empty_one_none() -> None:
+    failed = Page(None, TripError("no"), 3.0)  # type: ignore[arg-type]
+    assert time_left(failed, 1.0) is None
+    empty = time_left(Page(None, Rehearsed(0.0, 0.0, {}), 3.0), None, lambda: 0.0)  # type: ignore[arg-type]
+    assert empty is not None
+    assert empty.left_s == 0.0
+
+
+def test_a_terminal_has_a_bar_with_both_times_and_an_alarm_has_its_line(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    screen = StringIO()
+    console = Console(file=screen, force_terminal=True, width=200)
+    monkeypatch.setattr(shown, "err", console)
+    left = TimeLeft({("home", 1, 0): 10.0}, 3700.0, lambda: 0.0, pace=1.0)
+    with progress(2, left, as_json=True) as watch:
+        watch("home", {})
+        watch("indentation_start", BEGUN)
+        watch("indentation_end", {"index": 0})
+        watch("alarm", {"reason": "the zero\nhas drifted"})
+    drawn = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", screen.getvalue())
+    assert "starting" in drawn
+    assert "1:01:40 left" in drawn
+    assert re.search(r"bar:3\.0 at -0\.50 mm .* 1/2 0:00:00 1:01:30 left", drawn)
+    assert "rig: alarm: the zero has drifted\n" in drawn
+
+
+def test_what_goes_on_is_shown_at_a_terminal_also_beside_json(monkeypatch: pytest.MonkeyPatch) -> None:
+    screen = StringIO()
+    monkeypatch.setattr(output, "err", Console(file=screen, force_terminal=True, width=200))
+    with output.busy(FINGER, as_json=True):
+        pass
+    assert FINGER in screen.getvalue()
