@@ -1,5 +1,7 @@
 """What `rig dry-run` and `rig run` share: interrupts, progress, and how a finished run is told."""
 
+import errno
+import os
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -52,6 +54,8 @@ def carry_out(
     confirm is called when all is checked and nothing has moved (None: it begins at once), begins when the next thing
     may move. pace: how many seconds one of the bench will take; None where it goes as fast as it can.
     """
+    if out_dir.is_file():  # told before anything is begun
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(out_dir))
     into = stopped or NewRun(out_dir, checked_subject(subject))
     with busy(THE_FINGER, as_json=as_json):
         finger = Fingertip.load(config.finger)

@@ -90,9 +90,9 @@ def suffer(phase: str, fault: str, folder: Path) -> Cell:
     return _suffer(acts.get(phase, _presses), phase, fault, FaultyBench(folder, _tables(phase)))
 
 
-def come_nearer(way: str, fault: str, folder: Path) -> Cell:
+def come_nearer(way: str, fault: str, folder: Path, devices: Mapping[str, Any] | None = None) -> Cell:
     """The finger comes nearer after its first press, and the sensor fails before the second one at the same place."""
-    bench = FaultyBench(folder, {**_tables("coming back"), "habits": WAYS_BACK[way]})
+    bench = FaultyBench(folder, {**_tables("coming back"), "habits": WAYS_BACK[way], **(devices or {})})
     return _suffer(_come_nearer, "coming back", fault, bench)
 
 

@@ -1,11 +1,14 @@
 """Every fault of the catalogue in studies/faults: what comes of it, and how hard the finger was pressed."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from rig.devices.units import GWT_N
+from rig.engine.stopping import Stopping
+from rig.plan.config import Config
 from studies.faults import phases
 from studies.faults.catalogue import CATALOGUE, Fault
 from studies.faults.faulty_bench import SOFT_TRIP_N
@@ -72,6 +75,56 @@ def _worst_cells() -> list[tuple[str, str, float]]:
 @pytest.mark.parametrize(("phase", "fault", "documented_gwt"), _worst_cells())
 def test_the_worst_cell_of_each_phase(phase: str, fault: str, documented_gwt: float, tmp_path: Path) -> None:
     assert phases.suffer(phase, fault, tmp_path).worst_gwt == pytest.approx(documented_gwt, abs=0.02)
+
+
+# --- a finger that has come nearer, come back to ---
+
+
+def _nearer() -> dict[tuple[str, str], float]:
+    """The second table of docs/faults.md: worst force by way and fault."""
+    rows = [line.strip("| \n").split(" | ") for line in DOCS.read_text(encoding="utf-8").splitlines()]
+    head = next(row for row in rows if row[0] == "1.5 mm nearer, gwt")
+    table = [row for row in rows if row[0] in phases.WAYS_BACK and len(row) == len(head)]
+    return {(row[0], fault): float(gwt) for row in table for fault, gwt in zip(head[1:], row[1:], strict=True)}
+
+
+def _felt_gwt(late_s: float) -> float:
+    """What the finger of 10 gwt at 1 mm feels at most of a move at 0.5 mm/s that ends at the touch."""
+    stopping = Stopping.in_one_move(Config(), 0.5)
+    return 10.0 * replace(stopping, latency_s=stopping.latency_s + late_s).distance_mm ** 1.5
+
+
+def test_a_nearer_finger_feels_no_more_than_the_stopping_distance_where_anything_shows() -> None:
+    cells = _nearer()
+    assert set(cells) == {(way, fault) for way in phases.WAYS_BACK for fault in (phases.NO_FAULT, *phases.FAULTS)}
+    dead = ("frozen at 0", "frozen at its value")
+    for (way, fault), worst_gwt in cells.items():
+        if fault in dead:
+            assert worst_gwt == cells["by increments", fault], "one move makes it no worse"
+        else:
+            assert worst_gwt <= _felt_gwt(phases.LATE_S if fault in ("0.5 s late", "slow, 0.5 s") else 0.0), way
+
+
+@pytest.mark.parametrize(
+    ("way", "fault"),
+    [
+        ("by increments", "none"),
+        ("in one move", "none"),
+        ("in one move", "0.5 s late"),
+        ("in one move", "frozen at 0"),
+    ],
+)
+def test_the_worst_cells_of_a_nearer_finger(way: str, fault: str, tmp_path: Path) -> None:
+    cell = phases.come_nearer(way, fault, tmp_path)
+    assert cell.worst_gwt == pytest.approx(_nearer()[way, fault], abs=0.02)
+    assert "contact at x = 0 mm already" in cell.reason or "no contact at x = 0 mm" in cell.reason
+
+
+def test_another_stage_and_sensor_stop_in_time_too(tmp_path: Path) -> None:
+    devices = {"stage": {"kind": "leadshine"}, "force": {"kind": "laumas"}}
+    cell = phases.come_nearer("in one move", phases.NO_FAULT, tmp_path, devices)
+    assert 0.05 <= cell.worst_gwt <= _felt_gwt(0.0)
+    assert "contact at x = 0 mm already" in cell.reason
 
 
 @pytest.mark.parametrize("phase", ["touch", "press"])
