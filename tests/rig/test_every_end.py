@@ -31,7 +31,7 @@ def run(rig):
     for x_mm in (-0.5, 0.5):
         rig.move_to(x_mm=x_mm)
         rig.indent(doi_mm=0.2, hold_s=1.0)
-        if FAILS and len(passes) == 2:
+        if FAILS and len(passes) > 1:  # not while it is planned
             1 / 0
 """
 Bench = Any
