@@ -17,6 +17,7 @@ from rig.plan.finger_model import FingerModel
 from rig.plan.plan import make_plan
 from rig.protocol.errors import BadInputError
 from rig.protocol.script import Script, load_script
+from rig.session.attendant import Nobody
 from rig.session.rehearsal import rehearsed
 from rig.session.resume import read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
@@ -107,15 +108,9 @@ def test_a_rest_or_a_person_is_no_silence_and_no_press_is_solved_twice(
     rehearsed(script, Config(), finger, plan)
     assert solved == [0.2, 0.1]
 
-    class Watching:
+    class Watching(Nobody):
         def watch(self, stream: str, data: object) -> None:
             during.append(signal.getitimer(signal.ITIMER_REAL)[0])
-
-        def interrupted(self) -> bool:
-            return False
-
-        def go_on(self) -> bool:
-            return True
 
     done = dry_run(Session(script, Config(), finger, plan, NewRun(tmp_path / "runs"), Watching()))
     assert (done.complete, solved) == (True, [0.2, 0.1])
