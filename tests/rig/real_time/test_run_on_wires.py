@@ -18,6 +18,7 @@ from tests.waiting import DEADLINE_S, journal_says, until
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 
 Rig = Callable[..., Any]
+NOT_MOVED = "where   not moved: nothing was told to move, it is where it was before\n"
 Apart = tuple[str, str, Path]
 
 
@@ -63,7 +64,7 @@ def test_run_needs_ports_that_are_there_and_leaves_nothing_otherwise(
     config.write_text('[stage]\nport = "/dev/ttyNOWHERE7"\n', encoding="utf-8")
     ended = rig("run", "first_press", "--config", config, "--out", tmp_path / "runs")
     assert (ended.code, ended.out) == (1, "")
-    assert ended.err == "rig: stopped: there is no port /dev/ttyNOWHERE7\n"
+    assert ended.err == f"{NOT_MOVED}rig: stopped: there is no port /dev/ttyNOWHERE7\n"
     assert not list((tmp_path / "runs").iterdir())
 
 
@@ -74,7 +75,9 @@ def test_run_refuses_a_calibration_out_of_date(rig: Rig, finger: Fingertip, tmp_
     )
     ended = rig("run", "first_press", "--config", config, "--out", tmp_path / "runs")
     assert ended.code == 2
-    assert ended.err == "rig: calibration.force_scale: expired on 2020-01-01, expected a newer measurement\n"
+    assert (
+        ended.err == f"{NOT_MOVED}rig: calibration.force_scale: expired on 2020-01-01, expected a newer measurement\n"
+    )
 
 
 def test_nobody_mounts(rig: Rig, apart: Apart, finger: Fingertip, tmp_path: Path) -> None:
