@@ -4,6 +4,7 @@ Shapes and dimensions: Raju (1998, ch. 4). The lateral coordinate s is measured 
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -25,7 +26,7 @@ WEDGE_TIP_RADIUS_MM = 0.05
 STEEPEST_SLOPE = 1000.0
 """Slope of the flanks of bars and cylinders: 0.06 degrees off the vertical, so that a profile is a function of x."""
 
-_MEASURED_TO_MM, _MEASURED_STEP_MM = 25.0, 0.005
+_MEASURED_TO_MM, _MEASURED_STEP_MM, _MEASURED_KEPT = 25.0, 0.005, 64
 _BENT_RAD, _EDGE_RAD, _MOST_CLOSELY = 0.005, 0.5, 100
 _STRAIGHT_RAD = 1e-9  # round-off turns a flank by less
 
@@ -209,6 +210,7 @@ class Plane(Profile):
         return np.zeros_like(s_mm), np.zeros_like(s_mm), np.zeros_like(s_mm)
 
 
+@lru_cache(maxsize=_MEASURED_KEPT)
 def measured_radius_mm(profile: Profile) -> float:
     """Smallest radius of curvature of a profile's convex parts, from heights and slopes 5 µm apart; mm.
 

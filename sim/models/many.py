@@ -136,5 +136,5 @@ def _with_shared(answer: Answer, outlines: dict[Hashable, Any]) -> Answer:
     if result is None:
         return answer
     patch = result.model.patch
-    outline = outlines.setdefault((patch.axes, patch.shape), result.model)
+    outline = outlines.setdefault((patch.axes, patch.shape, result.model.widened_mm), result.model)
     return answer if outline is result.model else answer._replace(result=replace(result, model=outline))
