@@ -9,6 +9,7 @@ from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
 from rig.report.style import BLUE, GREY, ORANGE, Plot
+from sim.contact.indentor import BOTH, Indentor, Revolved
 from sim.contact.patch import X, Z
 from sim.models.results.indentation import IndentationResult
 
@@ -17,6 +18,11 @@ _COLUMNS = 3
 _CONTOURS_MM = (0.02, 0.1, 0.2, 0.3, 0.4)  # above the lowest point: where skin may still come
 _RELIEF_STEPS = 181
 _TITLE_WIDTH = 46
+
+
+def is_relief(indentor: Indentor) -> bool:
+    """Whether it is neither round nor carried along or across the finger: one section does not show it."""
+    return indentor.axes == BOTH and not isinstance(indentor, Revolved)
 
 
 def contacts_from_below(found: Sequence[IndentationResult], titles: Sequence[str]) -> Plot:

@@ -12,9 +12,8 @@ from rig.data.folder import replace_text
 from rig.plan.responses import Response, by_group, responses
 from rig.report.html import Figure, figures_of, render
 from rig.report.run import run_figures
-from rig.report.run.contact_picture import PICTURES_A_PAGE, contacts_from_below
+from rig.report.run.contact_picture import PICTURES_A_PAGE, contacts_from_below, is_relief
 from rig.report.style import signed
-from sim.contact.indentor import BOTH, Revolved
 from sim.models.fingertip import Fingertip
 
 
@@ -68,7 +67,7 @@ def _contact_figures(run: Run, found: list[Response]) -> list[Figure]:
         ),
         *figures_of(
             "Contact as seen from the finger",
-            [response for response in last if _relief(response)],
+            [response for response in last if is_relief(response.result.indentor)],
             PICTURES_A_PAGE,
             lambda part: contacts_from_below([r.result for r in part], [_title(r) for r in part]),
             "Nodal pressure over x and z, the finger's tip up; grey: lines of equal height of the indentor, orange: "
@@ -82,12 +81,6 @@ def _contact_figures(run: Run, found: list[Response]) -> list[Figure]:
             "titles name, or, where one place was pressed, for each depth or force.",
         ),
     ]
-
-
-def _relief(response: Response) -> bool:
-    """Whether the indentor is neither round nor carried along or across the finger: one section does not show it."""
-    indentor = response.result.indentor
-    return indentor.axes == BOTH and not isinstance(indentor, Revolved)
 
 
 def _title(response: Response) -> str:

@@ -1,0 +1,206 @@
+"""A letter from a picture on a virtual rig: planned, pressed, its file kept, its contact drawn."""
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from PIL import Image
+
+from rig.cli import main
+from rig.data import RunFolder, read_run
+from rig.plan.config import load_config
+from rig.plan.responses import responses
+from rig.plan.shape_files import copy_name, from_copy, kept_in, named_file
+from rig.report.run.contact_picture import contacts_from_below, is_relief
+from sim.contact.patch import X, Z
+from sim.contact.shapes import parse_shape
+from sim.models.catalogue import load
+from sim.models.fingertip import Fingertip
+
+COARSE = """
+[finger.mesh]
+spacing_mm = 0.3
+axial_spacing_mm = 0.3
+patch_x_mm = 2.0
+patch_z_mm = 2.0
+round_patch_mm = 2.0
+epidermis_elements = 1
+dermis_spacing_mm = 0.4
+dermis_fine_depth_mm = 0.5
+growth = 1.5
+far_growth = 2.0
+near_spacing_mm = 1.5
+near_width_mm = 0.5
+far_spacing_mm = 2.0
+"""
+SHAPE = "heightmap:parts/letter.png,width_mm=2,height_mm=0.4,turn_deg=20"
+SCRIPT = f"""\
+def run(rig):
+    rig.mount("{SHAPE}")
+    rig.home()
+    rig.zero()
+    for x_mm in (-0.3, 0.3):
+        rig.move_to(x_mm=x_mm)
+        rig.indent(doi_mm=0.4, hold_s=0.1)
+    rig.mount("bar:3,across")
+    rig.move_to(x_mm=0.0)
+    rig.indent(doi_mm=0.2, hold_s=0.1)
+"""
+
+
+@pytest.fixture
+def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Any]:
+    """Run the program with --json beside a script and the picture it names."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "letter.py").write_text(SCRIPT, encoding="utf-8")
+    (tmp_path / "coarse.toml").write_text(COARSE, encoding="utf-8")
+    (tmp_path / "parts").mkdir()
+    ell(tmp_path / "parts" / "letter.png")
+
+    def run(*arguments: str) -> dict[str, Any]:
+        monkeypatch.setattr(sys, "argv", ["rig", *arguments, "--json"])
+        with pytest.raises(SystemExit) as caught:
+            main()
+        printed = capsys.readouterr()
+        return {"code": int(caught.value.code or 0), "err": printed.err, **json.loads(printed.out or "{}")}
+
+    return run
+
+
+def ell(path: Path) -> None:
+    """An L, dark on white."""
+    pixels = np.full((60, 60), 255, np.uint8)
+    pixels[10:50, 15:27] = pixels[38:50, 15:45] = 0
+    Image.fromarray(pixels).save(path)
+
+
+def test_a_letter_is_pressed_in_a_run(rig: Callable[..., Any], tmp_path: Path) -> None:
+    found = rig("dry-run", "letter.py", "--config", "coarse.toml")
+    assert found["code"] == 0, found["err"]
+    run = read_run(Path(found["run"]))
+    copy = copy_name("parts/letter.png")
+    assert (run.folder.path / copy).read_bytes() == (tmp_path / "parts" / "letter.png").read_bytes()
+    assert f"  {copy}\n" in (run.folder.path / "SHA256SUMS").read_text(encoding="utf-8")
+    assert RunFolder(run.folder.path).changed() == []
+    holds = run.stream("hold_end")
+    assert [e["doi_mm"] for e in holds] == pytest.approx([0.4, 0.4, 0.2], abs=0.03)
+    assert all(e["force_gwt"] > 0.1 for e in holds)
+    report = run.folder.report.read_text(encoding="utf-8")
+    assert "Contact as seen from the finger" in report
+    # gone or edited, the original changes nothing
+    Image.new("L", (60, 60), 0).save(tmp_path / "parts" / "letter.png")
+    answers = responses(run, load("finger", run_config(), cached=True))
+    assert [r.result.force_gwt for r in answers] == pytest.approx([e["force_gwt"] for e in holds], rel=0.1)
+
+
+def test_a_report_without_such_shapes_has_no_such_picture(halfspace: Fingertip) -> None:
+    for shape, drawn in (("bar:3", False), ("line", False), ("sphere:2", False), ("bar:3,turn_deg=20", True)):
+        result = halfspace.indent(shape, doi_mm=0.2)
+        assert is_relief(result.indentor) == drawn
+
+
+def run_config() -> Any:
+    return load_config(Path("coarse.toml")).finger
+
+
+# --------------------------------------------------------------------------------- every shape that names a file
+
+NAMING = [
+    "profile:{}.csv",
+    "profile:{}.csv,linear",
+    "profile:{}.csv,across",
+    "profile:{}.csv,linear,turn_deg=30",
+    "heightmap:{}.png,width_mm=3,height_mm=0.5",
+    "heightmap:{}.npy,spacing_mm=0.1,edge_mm=0.2,turn_deg=-20",
+    "heightmap:{}.csv",
+    "heightmap:{}.csv,across,edge_mm=0.1",
+    "heightmap:{}.png,width_mm=3,height_mm=0.5,raised=light",
+]
+
+
+@pytest.mark.parametrize("shape", NAMING)
+@pytest.mark.parametrize("file", ["mine", "a/b/mine", "a,b", "linear", "x=1,y", "with space", "ünï"])
+def test_every_shape_that_names_a_file_is_read_from_the_runs_copy(tmp_path: Path, shape: str, file: str) -> None:
+    text = shape.format(file)
+    name = named_file(text)
+    assert name is not None
+    assert name.startswith(file)
+    assert name.removeprefix(file) in (".csv", ".png", ".npy")
+    assert from_copy(tmp_path, text) == text  # there is none yet
+    (tmp_path / copy_name(name)).write_bytes(b"kept")
+    assert from_copy(tmp_path, text) == text.replace(name, str(tmp_path / copy_name(name)))
+    assert from_copy(tmp_path, "bar:3,across") == "bar:3,across"
+    assert named_file("bar:3,across") is None
+    assert named_file(3) is None  # type: ignore[arg-type]
+
+
+def test_a_file_is_copied_when_it_is_first_met(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "run").mkdir()
+    ell(tmp_path / "l.png")
+    kept = kept_in(tmp_path / "run", "heightmap:l.png,width_mm=2,height_mm=0.3")
+    assert kept == f"heightmap:{tmp_path / 'run' / copy_name('l.png')},width_mm=2,height_mm=0.3"
+    (tmp_path / "l.png").unlink()
+    at = np.random.default_rng(0).uniform(-0.9, 0.9, size=(2, 9))
+    assert parse_shape(kept).evaluate(at).height_mm.max() <= 0.31
+
+
+# ------------------------------------------------------------------------------------------------------- pictures
+
+
+@pytest.fixture(scope="module")
+def halfspace() -> Fingertip:
+    """Enough to be drawn."""
+    return load("halfspace")
+
+
+def test_a_picture_has_the_pressure_and_what_bears_where_it_is(halfspace: Fingertip, tmp_path: Path) -> None:
+    ell(tmp_path / "l.png")
+    result = halfspace.indent(f"heightmap:{tmp_path / 'l.png'},width_mm=2,height_mm=0.4", 0.2, doi_mm=0.2)
+    figure = Figure(layout="constrained")
+    contacts_from_below([result, result], ["one", "a title that is too long for one line, so that it has two"]).draw(
+        figure
+    )
+    one, other, bar = figure.axes
+    mesh = one.collections[0]
+    np.testing.assert_array_equal(np.ravel(mesh.get_array()), result.nodal_pressure_pseudo)
+    np.testing.assert_array_equal(mesh.get_coordinates()[..., 0].ravel(), result.model.patch.x)
+    assert mesh.get_clim() == (0, result.peak_pressure_pseudo)
+    x, z = one.lines[0].get_data()
+    there = result.state.held.on(result.model.patch).interpolate(result.model.patch.position_mm.T)
+    np.testing.assert_array_equal(np.stack([x, z]), there[[X, Z]])
+    assert one.get_title() == "one"
+    assert other.get_title().count("\n") == 1
+    assert bar.get_ylabel() == "pressure (pseudo-units)"
+    assert one.get_aspect() == 1.0
+
+
+@pytest.mark.parametrize("shape", ["bar:3.0", "line", "sphere:2", "flat", "grating:0.5,1.2,turn_deg=30"])
+def test_every_kind_of_shape_can_be_drawn(halfspace: Fingertip, shape: str) -> None:
+    plot = contacts_from_below([halfspace.indent(shape, doi_mm=0.2)], [shape])
+    assert plot.svg.count("<svg") == 1
+    contours = [c for c in _drawn(plot.draw).axes[0].collections if type(c).__name__ == "QuadContourSet"]
+    assert len(contours) == (shape != "flat")  # a plate has no relief
+
+
+def _drawn(draw: Callable[[Figure], None]) -> Figure:
+    figure = Figure(layout="constrained")
+    draw(figure)
+    return figure
+
+
+def test_rig_indent_draws_what_it_pressed(rig: Callable[..., Any], tmp_path: Path) -> None:
+    shape = "heightmap:parts/letter.png,width_mm=2,height_mm=0.4"
+    for picture, begins in (("a.svg", b"<?xml"), ("a.png", b"\x89PNG")):
+        found = rig(
+            *("indent", "--shape", shape, "--x-mm", "0", "--doi-mm", "0.2"),
+            *("--model", "halfspace", "--picture", picture),
+        )
+        assert found["code"] == 0
+        assert found["force_gwt"] > 0
+        assert (tmp_path / picture).read_bytes().startswith(begins)

@@ -1,0 +1,115 @@
+"""How sharp a profile is: measured on it, not believed."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from sim.contact.indentor import RADIUS_TOLERANCE, SHARP_RADIUS_MM, Indentor, Revolved, ShapeWarning
+from sim.contact.measured_profile import MeasuredProfile
+from sim.contact.profiles import Bar, Cylinder, Grating, Plane, Profile, Step, Wedge, measured_radius_mm
+from sim.models.fingertip import Fingertip
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Said:
+    """A profile that says another radius of itself."""
+
+    inner: Profile
+    sharpest_radius_mm: float
+    name: str = "said"
+
+    def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
+        return self.inner.evaluate(s_mm)
+
+    def tangent(self, s_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
+        return self.inner.tangent(s_mm, y_mm)
+
+
+@pytest.mark.parametrize(
+    "profile",
+    [
+        *(Bar(width, radius) for width in (0.2, 1.5, 20.0) for radius in (0.001, 0.01, 0.05, 0.1)),
+        *(Cylinder(d) for d in (0.5, 0.99, 1.0, 1.01, 9.0, 50.0)),
+        *(Step(n) for n in "135"),
+        *(Wedge(angle) for angle in (5.0, 30.0, 60.0, 85.0, 89.0)),
+        *(Wedge(angle, 1.0) for angle in (30.0, 60.0)),
+        *(Grating(*sizes) for sizes in ((0.5, 1.2), (0.15, 0.2), (10.0, 20.0))),
+        Grating(1.0, 3.0, 0.2),
+    ],
+)
+def test_it_is_what_every_shape_of_ours_says(profile: Profile) -> None:
+    assert measured_radius_mm(profile) == pytest.approx(profile.sharpest_radius_mm, rel=0.01)
+    assert Indentor.along(profile).sharp == (profile.sharpest_radius_mm < SHARP_RADIUS_MM)  # and no warning
+
+
+@pytest.mark.parametrize("linear", [False, True])
+def test_a_profile_from_points_ends_in_edges(linear: bool) -> None:
+    smooth = MeasuredProfile.from_arrays(np.linspace(-2, 2, 41), 0.1 * np.linspace(-2, 2, 41) ** 2, linear=linear)
+    assert measured_radius_mm(smooth) == smooth.sharpest_radius_mm == 0.0
+    assert Indentor.along(smooth).sharp
+
+
+@pytest.mark.parametrize("profile", [Bar(3.0, 0.0), Wedge(45.0, 0.0), Grating(0.5, 1.2, 0.0)])
+def test_an_edge_has_none(profile: Profile) -> None:
+    assert measured_radius_mm(profile) == 0.0
+
+
+def test_a_plane_has_no_end_of_it() -> None:
+    assert measured_radius_mm(Plane()) == np.inf
+    assert not Indentor.along(Plane()).sharp
+
+
+def test_only_what_is_convex_counts() -> None:
+    """A groove with a rounded floor between flanks that lean: convex nowhere within 2 mm."""
+
+    @dataclass(frozen=True)
+    class Hollow(Profile):
+        name = "hollow"
+        sharpest_radius_mm = np.inf
+
+        def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
+            root = np.sqrt(0.01 + s_mm**2)
+            return -root, -s_mm / root, -0.01 / root**3
+
+    assert measured_radius_mm(Hollow()) == np.inf
+    upside_down = Said(Hollow(), np.inf)
+    assert not Indentor.along(upside_down).sharp
+
+
+@pytest.mark.parametrize(("said", "truly"), [(np.inf, 0.05), (3.0, 0.05), (0.5, 0.05), (0.6, 0.4)])
+@pytest.mark.parametrize("kind", [Indentor.along, lambda profile: Revolved(profile.name, profile)])
+def test_a_profile_that_says_otherwise_is_taken_as_measured_with_a_line(
+    said: float, truly: float, kind: object
+) -> None:
+    indentor = kind(Said(Bar(3.0, truly), said))  # type: ignore[operator]
+    with pytest.warns(ShapeWarning) as told:
+        assert indentor.sharp
+    (line,) = told
+    expected = f"said: sharpest_radius_mm says {said:g} mm, the profile turns within {truly:g} mm: taken as measured"
+    assert str(line.message) == expected
+    assert indentor.sharp  # told once
+
+
+def test_nor_is_a_smooth_one_believed_to_be_sharp() -> None:
+    indentor = Indentor.along(Said(Cylinder(9.0), 0.1))
+    with pytest.warns(ShapeWarning, match=r"says 0.1 mm, the profile turns within 4.5 mm"):
+        assert not indentor.sharp
+
+
+@pytest.mark.parametrize("said", [0.05 * (1 - 0.9 * RADIUS_TOLERANCE), 0.05 * (1 + 0.9 * RADIUS_TOLERANCE)])
+def test_within_a_tenth_it_is_believed(said: float) -> None:
+    assert RADIUS_TOLERANCE == 0.1
+    assert Indentor.along(Said(Bar(3.0), said)).sharp
+    assert not Indentor.along(Said(Cylinder(0.96), 0.5)).sharp  # 0.48 mm, said to be 0.5
+
+
+@pytest.mark.filterwarnings("ignore::sim.contact.indentor.ShapeWarning")
+def test_a_wrong_word_does_not_change_the_force(coarse_finger: Fingertip) -> None:
+    """Believed to be smooth, a bar was solved at its nodes only and at once: by up to 4.7 % wrong."""
+    exact, said = (coarse_finger.indent(shape, 0.25, doi_mm=0.6) for shape in (Bar(1.5), Said(Bar(1.5), np.inf)))
+    assert said.force_n == pytest.approx(exact.force_n, rel=1e-12)
+    assert said.contact_regions_mm == exact.contact_regions_mm
