@@ -22,7 +22,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sim.config.fingertip_config import FingertipConfig, Geometry, MeshSpec, Tissue
-    from sim.contact.indentor import Indentor
+    from sim.contact.height_map import HeightMap, HeightMapError
+    from sim.contact.indentor import Indentor, ShapeWarning
     from sim.contact.measured_profile import MeasuredProfile, ProfileError
     from sim.contact.shapes import ShapeError, parse_shape
     from sim.measures.measures import MEASURES
@@ -39,7 +40,8 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "sim.config.fingertip_config": ("FingertipConfig", "Geometry", "MeshSpec", "Tissue"),
-    "sim.contact.indentor": ("Indentor",),
+    "sim.contact.height_map": ("HeightMap", "HeightMapError"),
+    "sim.contact.indentor": ("Indentor", "ShapeWarning"),
     "sim.contact.measured_profile": ("MeasuredProfile", "ProfileError"),
     "sim.contact.shapes": ("ShapeError", "parse_shape"),
     "sim.measures.measures": ("MEASURES",),
@@ -60,6 +62,8 @@ __all__ = [
     "FingertipConfig",
     "ForceOutOfReachError",
     "Geometry",
+    "HeightMap",
+    "HeightMapError",
     "IndentationResult",
     "Indentations",
     "Indentor",
@@ -70,6 +74,7 @@ __all__ = [
     "PointLoadResult",
     "ProfileError",
     "ShapeError",
+    "ShapeWarning",
     "Tissue",
     "WorkerLostError",
     "__version__",

@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from sim.config.fingertip_config import FingertipConfig, MeshSpec, Tissue
+from sim.contact.height_map import HeightMap
 from sim.contact.indentor import Indentor
 from sim.contact.measured_profile import MeasuredProfile
 from sim.contact.profiles import Bar, Grating, Profile, Step, Wedge
@@ -26,12 +27,23 @@ Array = NDArray[np.float64]
 TWO_BUMPS = MeasuredProfile("two bumps", (-1.2, -0.6, 0.0, 0.6, 1.2), (0.4, 0.0, 0.05, 0.0, 0.4))
 KINK = MeasuredProfile("kink", (-1.5, 0.0, 1.5), (0.6, 0.0, 0.9), linear=True)
 
+DOTS_MM = np.arange(-1.5, 1.501, 0.05)
+DOTS = HeightMap.from_arrays(
+    DOTS_MM,
+    DOTS_MM,
+    -0.3 * np.prod([np.cos(np.pi * at / 1.5) ** 2 for at in np.meshgrid(DOTS_MM, DOTS_MM)], axis=0),
+    name="dots",
+)
+
 FAMILIES: dict[str, tuple[Indentor, float]] = {
     **{name: (parse_shape(name), 0.1) for name in ("bar:3", "bar:1.5", "cylinder:3", "grating:0.5,1.2", "wedge:5")},
-    **{name: (parse_shape(name), 0.1) for name in ("wedge:60", "wedge:89", "sphere:2", "cone:60", "flat:1", "line")},
+    **{name: (parse_shape(name), 0.1) for name in ("wedge:60", "wedge:89", "sphere:2", "cone:60", "flat:1")},
+    **{name: (parse_shape(name), 0.0) for name in ("line", "flat", "bar:3,across")},
+    "grating at an angle": (parse_shape("grating:0.5,1.2,turn_deg=30"), 0.1),
     **{name: (parse_shape(name), -1.63) for name in ("step:1", "step:3", "step:5")},
     "two bumps": (Indentor.along(TWO_BUMPS), 0.0),
     "kink": (Indentor.along(KINK), 0.1),
+    "dots": (DOTS, 0.1),
 }
 every_family = pytest.mark.parametrize("family", FAMILIES)
 
