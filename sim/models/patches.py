@@ -55,7 +55,7 @@ def larger(
     touched = _TOUCHED * others.max(axis=0) if len(others) else np.where(at_rim, reach + _MARGIN_MM, 0.0)
     steps = np.ceil(np.log(np.maximum(least, touched) / own) / np.log(_GROWTH) - 1e-6)
     then = np.minimum(own * _GROWTH**steps, np.maximum(most, now))
-    if (then <= now).all():
+    if (then <= now).all() or (not len(others) and (reach >= then).any()):
         raise met
     found = float(then[0]), float(then[1])
     _refuse_memory(config, surface, slopes, found, met)

@@ -141,7 +141,7 @@ def test_indent_to_a_depth_for_people(rig: Rig) -> None:
         ("--shape bar:3.0 --x-mm 0 --doi-mm 2.5", "DOI 2.5 mm: expected 0 < DOI ≤ 2 mm"),
         ("--shape bar:3.0 --x-mm 0 --doi-mm nan", "DOI nan mm: expected 0 < DOI ≤ 2 mm"),
         ("--shape bar:3.0 --x-mm nan --doi-mm 0.5", "x = nan mm: expected a finite number"),
-        ("--shape bar:3.0 --x-mm 7 --doi-mm 0.5", "bar:3 at x = 7 mm: contact reaches the patch's rim"),
+        ("--shape bar:3.0 --x-mm 7 --doi-mm 0.5", "bar:3 at x = 7 mm: touches the skin at x = 4.10 mm, outside"),
         ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --receptor-depth-mm 9", "--receptor-depth-mm 9: expected 0.1 … 3.0"),
         ("--shape bar:3.0 --x-mm left --doi-mm 0.5", "Invalid value for '--x-mm': "),
         ("--shape bar:3.0 --doi-mm 0.5", "--shape bar:3.0: expected --x-mm"),

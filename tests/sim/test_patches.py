@@ -75,12 +75,22 @@ def test_where_there_is_no_larger_one(coarse_finger: Fingertip) -> None:
     config, surface = coarse_finger.config, coarse_finger.surface
     patch = OWN
     for _ in range(9):
+        corner = patch[0], config.receptor_plane_mm + patch[1]
         with contextlib.suppress(RimError):
-            patch = larger(config, surface, ALONG, patch, met(patch[0], config.receptor_plane_mm + patch[1]))
+            patch = larger(config, surface, ALONG, patch, met(*corner, corner))
     x = surface.section(np.linspace(0, np.pi, 2001), config.receptor_plane_mm)[0]
     assert patch == pytest.approx((0.93 * min(x.max(), -x.min()), 0.3 * 17), abs=1e-3)
     with pytest.raises(RimError, match=r"^it reaches the rim$"):
         larger(within(coarse_finger, 0).config, surface, ALONG, OWN, met(2.5, 6.893))
+
+
+def test_a_touch_that_no_patch_holds_makes_none(coarse_finger: Fingertip) -> None:
+    config, surface = coarse_finger.config, coarse_finger.surface
+    for place in ((4.6, PLANE), (0.0, PLANE + 5.2), (-4.6, 4.0)):
+        error = met(*place)
+        with pytest.raises(RimError) as caught:
+            larger(config, surface, ALONG, OWN, error)
+        assert caught.value is error
 
 
 def test_memory_is_asked_for_before_it_is_taken(coarse_finger: Fingertip) -> None:
