@@ -2,9 +2,10 @@
 
 import warnings
 from abc import ABC, abstractmethod
+from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,7 +101,7 @@ class _OfProfile(Indentor):
     @cached_property
     def sharp(self) -> bool:
         """Whether the profile turns within less than about a node's spacing: as measured, whatever it says."""
-        said, measured = self.profile.sharpest_radius_mm, measured_radius_mm(self.profile)
+        said, measured = self.profile.sharpest_radius_mm, measured_radius_mm(cast(Hashable, self.profile))
         if said == measured or max(said, measured) < _EDGE_MM or abs(measured / said - 1) <= RADIUS_TOLERANCE:
             return said < SHARP_RADIUS_MM
         warnings.warn(
