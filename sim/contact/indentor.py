@@ -44,6 +44,9 @@ class Indentor(ABC):
     name: str
     axes: tuple[int, ...]
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.name}>"
+
     @staticmethod
     def along(profile: Profile) -> "Prismatic":
         """Prismatic along the finger, named like its profile."""
@@ -136,7 +139,7 @@ class _OfProfile(Indentor):
     def _swept(self, s: Array, direction: Array, height: Array, slope: Array, curvature: Array) -> Surface: ...
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Prismatic(_OfProfile):
     """A profile carried along a line: along the finger, across it, or at an angle."""
 
@@ -174,7 +177,7 @@ class Prismatic(_OfProfile):
         return Surface(height, direction * slope, direction[:, None] * direction * curvature)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Revolved(_OfProfile):
     """A profile turned about the vertical."""
 

@@ -10,7 +10,7 @@ from multiprocessing import parent_process
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sim.contact.indentor import Indentor
 from sim.contact.profiles import Profile
@@ -68,16 +68,8 @@ def indent_many(
 def _rows(shapes: Shape | Sequence[Shape], x_mm: ArrayLike, *given: ArrayLike | None) -> list[Asked]:
     """One for each element of what the arguments broadcast to."""
     numbers = [np.asarray(np.nan if values is None else values, dtype=float) for values in (x_mm, *given)]
-    every = [array.ravel().tolist() for array in np.broadcast_arrays(_objects(shapes), *numbers)]
+    every = [array.ravel().tolist() for array in np.broadcast_arrays(np.array(shapes, dtype=object), *numbers)]
     return [Asked(shape, x, *map(_given, rest)) for shape, x, *rest in zip(*every, strict=True)]
-
-
-def _objects(shapes: Shape | Sequence[Shape]) -> NDArray[np.object_]:
-    if isinstance(shapes, list | tuple):
-        named = np.empty(len(shapes), dtype=object)
-        named[:] = shapes
-        return named
-    return np.array(shapes, dtype=object)
 
 
 def _given(value: float) -> float | None:

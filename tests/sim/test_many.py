@@ -102,6 +102,8 @@ def test_rows_are_what_the_arguments_broadcast_to(coarse: Fingertip, monkeypatch
         ("a", 1, None, 0.1, None),
         ("b", 1, None, None, 3),
     ]
+    assert _asked(indent_many(coarse, (bar, own), doi_mm=0.1)) == [(one, 0, None, 0.1, None) for one in (bar, own)]
+    assert _asked(indent_many(coarse, [bar], doi_mm=0.1)) == [(bar, 0, None, 0.1, None)]
     with pytest.raises(ValueError, match="shape"):
         indent_many(coarse, ["bar:1", "bar:2"], [0, 0, 0], doi_mm=0.1)
 

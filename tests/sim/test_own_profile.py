@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sim.contact.indentor import Indentor
 from sim.contact.measured_profile import MeasuredProfile, ProfileError, read_profile
+from sim.contact.shapes import parse_shape
 from sim.models.catalogue import load
 
 X, HEIGHT = [-2.0, -0.5, 0.0, 0.7, 2.0], [1.0, 0.3, 0.2, 0.3, 1.2]
@@ -26,6 +28,9 @@ def test_arrays_are_a_file(linear: bool, tmp_path: Path) -> None:
 def test_it_has_a_name_and_says_little() -> None:
     assert MeasuredProfile.from_arrays(X, HEIGHT).name == "profile:own"
     own = MeasuredProfile.from_arrays(X, HEIGHT, name="dome")
+    assert repr(Indentor.along(own)) == "<Prismatic profile:dome>"
+    assert repr(parse_shape("line")) == "<Prismatic line>"
+    assert repr(parse_shape("sphere:2")) == "<Revolved sphere:2>"
     assert repr(own) == "<MeasuredProfile profile:dome, 5 points from -2 to 2 mm>"
     assert load("halfspace").indent(own, doi_mm=0.1).indentor.name == "profile:dome"
 
