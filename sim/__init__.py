@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from sim.models.catalogue import load
     from sim.models.errors import ForceOutOfReachError, ModelRangeError
     from sim.models.fingertip import Fingertip
-    from sim.models.many import WorkerLostError, indent_many
+    from sim.models.processes.many import WorkerLostError, indent_many
     from sim.models.results.indentation import IndentationResult
     from sim.models.results.indentations import Indentations
     from sim.models.results.point_load import PointLoadResult
@@ -48,7 +48,7 @@ _HOMES = {
     "sim.models.catalogue": ("load",),
     "sim.models.errors": ("ForceOutOfReachError", "ModelRangeError"),
     "sim.models.fingertip": ("Fingertip",),
-    "sim.models.many": ("WorkerLostError", "indent_many"),
+    "sim.models.processes.many": ("WorkerLostError", "indent_many"),
     "sim.models.results.indentation": ("IndentationResult",),
     "sim.models.results.indentations": ("Indentations",),
     "sim.models.results.point_load": ("PointLoadResult",),

@@ -17,7 +17,7 @@ from sim.models.fingertip import Fingertip
 from sim.models.halfspace import build_halfspace
 from sim.models.patches import HalfWidths, widened
 from sim.models.plane_section import build_section, prismatic
-from sim.models.recipe import Recipe
+from sim.models.processes.recipe import Recipe
 from sim.models.whole_finger import build_finger
 
 ModelName = Literal["halfspace", "section", "finger"]

@@ -29,7 +29,7 @@ from sim.models.condensed import CondensedModel, from_arrays, to_arrays
 from sim.models.errors import ForceOutOfReachError, ModelRangeError
 from sim.models.patches import HalfWidths, half_widths, larger, widened
 from sim.models.pressing import PlacedIndentor, Pressing, RimError, refuse_meaningless
-from sim.models.recipe import ByRecipe, Recipe
+from sim.models.processes.recipe import ByRecipe, Recipe
 from sim.models.results.indentation import IndentationResult
 from sim.models.results.outline import ModelOutline
 from sim.models.results.pictures import finger_as_html

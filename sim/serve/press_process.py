@@ -12,7 +12,7 @@ from sim.config.fingertip_config import FingertipConfig
 from sim.contact.shapes import ShapeError
 from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.models.workers import keep_freed_memory, leaving_ctrl_c_to_us
+from sim.models.processes.workers import keep_freed_memory, leaving_ctrl_c_to_us
 from sim.plant.plant import AS_MODELLED, Pose, Press, Truth
 
 _READY_S = 300.0  # building a model takes some 15 s, minutes on a small machine

@@ -19,8 +19,8 @@ from sim.finger.mesh import build_mesh
 from sim.finger.surface import FingertipSurface
 from sim.models.catalogue import load
 from sim.models.discretised import discretise
+from sim.models.processes.workers import in_processes
 from sim.models.results.indentation import IndentationResult
-from sim.models.workers import in_processes
 from sim.speed_and_error.candidates import Candidate
 from sim.speed_and_error.scenes import Scene
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from sim.contact.indentor import ACROSS, ALONG, BOTH
 from sim.models.fingertip import Fingertip
-from sim.models.many import indent_many
+from sim.models.processes.many import indent_many
 from sim.models.results.indentation import IndentationResult
 from sim.models.results.indentations import Indentations
 from studies.accuracy.random_poses import ON_ITS_PATCH, Scene, solved

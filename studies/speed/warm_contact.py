@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from sim.config.fingertip_config import FingertipConfig
 from sim.models.fingertip import Fingertip
-from sim.models.workers import keep_freed_memory
+from sim.models.processes.workers import keep_freed_memory
 from sim.plant.plant import Carriage, Placement, Pose, Press, Screws
 from sim.serve.press_ahead import PressAhead
 from sim.serve.press_process import PressProcess

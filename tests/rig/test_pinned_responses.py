@@ -11,6 +11,7 @@ from pydantic import BaseModel, Field
 
 from rig.plan.responses import by_group, measured, responses
 from rig.plan.toml_file import told_of
+from sim.contact.indentor import Indentor
 
 
 def _start(index: int, indentor: str, increments: int) -> dict[str, Any]:
@@ -48,8 +49,8 @@ def asked() -> list[Any]:
 def model(asked: list[Any]) -> Any:
     """A finger that keeps what it is asked, and answers with a measure at three receptors."""
 
-    def indent(indentor: str, x_mm: float, **how: float) -> Any:
-        asked.append((indentor, x_mm, how))
+    def indent(indentor: Indentor, x_mm: float, **how: float) -> Any:
+        asked.append((indentor.name, x_mm, how))
         return SimpleNamespace(receptor_measures={"ep1": np.arange(3.0) + len(asked)})
 
     return SimpleNamespace(indent=indent)
@@ -57,7 +58,7 @@ def model(asked: list[Any]) -> Any:
 
 def test_a_virtual_run_is_answered_at_the_truth_even_where_that_is_no_depth(model: Any, asked: list[Any]) -> None:
     found = responses(_run(virtual=True), model)
-    assert asked == [(name, 0.25, {"doi_mm": 0.0}) for name in ("step:1", "step:1", "bar:3.0")]
+    assert asked == [(name, 0.25, {"doi_mm": 0.0}) for name in ("step:1", "step:1", "bar:3")]
     assert [(one.index, one.indentor, one.kind, one.commanded, one.last) for one in found] == [
         (0, "step:1", "force_gwt", 2.33, False),
         (0, "step:1", "force_gwt", 4.66, True),
@@ -72,7 +73,7 @@ def test_a_run_on_hardware_is_answered_at_the_force_it_recorded(model: Any, aske
     assert asked == [
         ("step:1", 0.5, {"force_gwt": 2.5}),
         ("step:1", 0.5, {"force_gwt": 5.0}),
-        ("bar:3.0", -1.0, {"force_gwt": 2.5}),
+        ("bar:3", -1.0, {"force_gwt": 2.5}),
     ]
 
 

@@ -197,9 +197,9 @@ def test_a_step_that_cannot_be_done_is_named(tmp_path: Path, finger: Fingertip, 
 
 
 def test_past_the_patch(tmp_path: Path, finger: Fingertip) -> None:
-    body = READY.replace("x_mm=0.0", "x_mm=5.0") + "rig.indent(doi_mm=0.5)"
+    body = READY.replace("x_mm=0.0", "x_mm=5.8") + "rig.indent(doi_mm=0.5)"
     text = _plan_complaint(tmp_path, finger, body)
-    assert text.startswith("bar:3 at x = 5 mm: ")
+    assert text.startswith("bar:3 at x = 5.8 mm: touches the skin at x = 4.10 mm, outside the patch")
     assert "patch" in text
     assert "expected a smaller depth, a position nearer the pad's centre" in text
 

@@ -15,12 +15,12 @@ from sim.config.fingertip_config import FingertipConfig
 from sim.contact.indentor import Indentor
 from sim.contact.profiles import Bar, Cylinder
 from sim.measures.measures import MEASURES
-from sim.models import many
 from sim.models.fingertip import Fingertip
-from sim.models.many import WorkerLostError, indent_many
+from sim.models.processes import many
+from sim.models.processes.many import WorkerLostError, indent_many
+from sim.models.processes.workers import in_processes
 from sim.models.results.indentations import Answer, Asked, Indentations
 from sim.models.results.tables import NotInstalledError, to_pandas, to_xarray, write_csv
-from sim.models.workers import in_processes
 
 
 @pytest.fixture(scope="module")

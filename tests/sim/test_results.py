@@ -18,7 +18,7 @@ from sim.measures.measures import MEASURES
 from sim.models import fingertip
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
-from sim.models.recipe import made
+from sim.models.processes.recipe import made
 from sim.models.results.indentation import IndentationResult
 from sim.models.results.point_load import PointLoadResult
 
