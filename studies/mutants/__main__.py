@@ -1,7 +1,7 @@
 """Mutation testing of the product: `make mutants`, or
 
 python -m studies.mutants [--fresh] [--jobs 2] [--only 'rig/engine/*.py' ...] [--tests 'tests/rig/*.py' ...]
-                          [--survivors] [--list]
+                          [--group first|sample] [--survivors] [--list]
 
 Begins with one run of the tests under coverage. Results are appended to .mutants/results.jsonl as they come; a run
 that was stopped goes on where it was. `--survivors` tries again what survived, with more of the tests that run it.
@@ -78,6 +78,7 @@ def _options() -> argparse.Namespace:
         "--only", nargs="+", metavar="GLOB", help="these modules of the first group or elsewhere, whole"
     )
     parser.add_argument("--tests", nargs="+", metavar="GLOB", default=["*"], help="these test files alone")
+    parser.add_argument("--group", choices=["first", "sample"], help="this one alone")
     parser.add_argument("--sample", type=int, default=300, help="mutants elsewhere in rig/ and sim/")
     parser.add_argument("--seed", type=int, default=7)
     parser.add_argument("--budget", type=float, default=6.0, help="seconds of tests for one mutant")
@@ -96,7 +97,8 @@ def _wanted(options: argparse.Namespace) -> list[tuple[str, Mutant]]:
     first = [p for p in modules if any(p.match(glob) for glob in FIRST_GROUP)]
     rest = [m for p in modules if p not in first for m in mutants_of(ROOT, p.as_posix())]
     sample = random.Random(options.seed).sample(rest, min(options.sample, len(rest)))
-    return [("first", m) for p in first for m in mutants_of(ROOT, p.as_posix())] + [("sample", m) for m in sample]
+    both = [("first", m) for p in first for m in mutants_of(ROOT, p.as_posix())] + [("sample", m) for m in sample]
+    return [(group, m) for group, m in both if options.group in (None, group)]
 
 
 def _results() -> list[Result]:
