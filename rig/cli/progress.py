@@ -62,7 +62,7 @@ class Indentations:
     def line(self) -> str:
         """All of the indentation that has ended."""
         marks = [f"block {self._about['block']}"] if "block" in self._about else []
-        marks += [str(self._about["condition"])] if "condition" in self._about else []
+        marks += [f"condition {self._about['condition']}"] if "condition" in self._about else []
         parts = [f"{self.done} of {self.total}", *marks, self.where, f"peak {self._peak_gwt:.2f} gwt", self.left]
         return ", ".join(parts)
 

@@ -49,7 +49,9 @@ shape = "bar:3.0"
 doi_mm = [0.1, 0.15, 0.2, 0.25, 0.3, 0.35]
 """
 FINGER = "fingertip: from the cache, or built in about 15 s …"
-LINE = re.compile(r"\d of 2, block 1, -?0\.5, bar:3\.0 at [+-]0\.50 mm, peak \d+\.\d\d gwt, \d:\d\d:\d\d left")
+LINE = re.compile(
+    r"\d of 2, block 1, condition -?0\.5, bar:3\.0 at [+-]0\.50 mm, peak \d+\.\d\d gwt, \d:\d\d:\d\d left"
+)
 
 
 class Said:
@@ -182,7 +184,7 @@ def test_a_line_has_the_highest_force_of_its_own_holds() -> None:
     for peaks_gwt, marks, told in (
         ((1.0, 3.0, 2.0), {}, "1 of 3, bar:3.0 at -0.50 mm, peak 3.00 gwt, time left not known"),
         ((1.5,), {"block": 2}, "2 of 3, block 2, bar:3.0 at -0.50 mm, peak 1.50 gwt, time left not known"),
-        ((), {"block": 1, "condition": "a"}, "3 of 3, block 1, a, bar:3.0 at -0.50 mm, peak 0.00 gwt, "
+        ((), {"block": 1, "condition": "a"}, "3 of 3, block 1, condition a, bar:3.0 at -0.50 mm, peak 0.00 gwt, "
          "time left not known"),
     ):  # fmt: skip
         run.event("indentation_start", {**BEGUN, **marks})
