@@ -122,6 +122,8 @@ def test_what_cannot_be_pressed_is_a_row_with_its_reason(coarse: Fingertip) -> N
     assert found.problems[2].startswith("x = 99.0 mm: expected a finite number")
     assert found.problems[3].startswith("DOI 9 mm: expected 0 < DOI")
     assert found.problems[4].startswith("expected exactly one of a depth (doi_mm) and a force")
+    assert found.results == list(found)
+    assert found.table()["regions"].tolist()[1:] == [0] * 4
     assert repr(found) == "<5 indentations, 4 with a problem>"
     table = found.table()
     assert np.isnan(table["force_gwt"]).tolist() == [False, True, True, True, True]
@@ -160,7 +162,15 @@ def test_one_place_or_one_core_needs_no_process(coarse: Fingertip, work: dict[st
 
 @pytest.mark.parametrize(
     ("places", "cores", "sizes"),
-    [(3, 2, {1}), (32, 2, {2}), (33, 2, {2, 1}), (1000, 2, {16, 8}), (1000, None, {16, 8}), (1000, 32, {2})],
+    [
+        (3, 2, {1}),
+        (3, 8, {1}),
+        (32, 2, {2}),
+        (33, 2, {2, 1}),
+        (1000, 2, {16, 8}),
+        (1000, None, {16, 8}),
+        (1000, 32, {2}),
+    ],
 )
 def test_a_task_is_a_few_places(
     coarse: Fingertip, monkeypatch: pytest.MonkeyPatch, places: int, cores: int | None, sizes: set[int]
@@ -178,6 +188,17 @@ def test_a_task_is_a_few_places(
     found = indent_many(coarse, "bar:1", np.arange(places), doi_mm=0.1, cores=cores)
     assert found.table()["x_mm"].tolist() == list(range(places))
     assert begun == [min(cores or 2, places)]
+
+
+def test_a_process_keeps_the_memory_that_it_frees(coarse: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And the one that asks, which is not ours, is left as it is."""
+    kept: list[bool] = []
+    monkeypatch.setattr(many, "keep_freed_memory", lambda: kept.append(True))
+    indent_many(coarse, "bar:1", doi_mm=0.1)
+    assert kept == []
+    monkeypatch.setattr(many, "parent_process", lambda: "another")
+    indent_many(coarse, "bar:1", doi_mm=0.1)
+    assert kept == [True]
 
 
 def test_a_lost_process_is_told_of(coarse: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:

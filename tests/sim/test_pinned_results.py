@@ -14,8 +14,10 @@ from sim.contact.points import ContactPoints
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import ContactState
 from sim.measures.receptors import ReceptorSet
+from sim.models.processes.recipe import Recipe, made
 from sim.models.results.indentation import IndentationResult, median_of_four
 from sim.models.results.outline import ModelOutline
+from sim.models.results.point_load import PointLoadResult
 
 SIDE = np.array([-1.0, -0.5, 0.0, 0.25, 0.75, 1.5])  # x of the columns, from right to left in the patch
 ALONG_MM = np.array([5.0, 6.0, 7.0])
@@ -201,6 +203,42 @@ def test_what_is_read_back_has_its_gap_from_the_pose() -> None:
     assert back.model.patch_in_skin.tolist() == (np.arange(18) + 40).tolist()
     assert len(pickle.loads(pickle.dumps(result)).model.patch) == 18
     assert result.state.gap.max() == 0.2  # what is pickled stays as it was
+
+
+def test_what_was_looked_at_is_not_pickled() -> None:
+    fresh, seen = _outline(), _outline()
+    assert len(seen.patch.tangential_mm) + len(seen.patch.segments) + len(seen.patch.rim) + len(seen.across) == 40
+    assert pickle.dumps(seen) == pickle.dumps(fresh)
+
+
+def test_a_point_load() -> None:
+    load = PointLoadResult(0.5, 6.25, 0.02, 1e-3 * np.arange(12.0).reshape(2, 6), _outline())
+    assert load.as_json() == {
+        "force_n": 0.02,
+        "force_gwt": 0.02 / 9.80665e-3,
+        "doi_mm": None,
+        "peak_pressure_pseudo": None,
+        "contact_regions_mm": [],
+        "pressure": {"x_mm": [], "pseudo": []},
+        "receptors": _result(FEW).as_json()["receptors"],
+        "solver": {
+            "model": "finger",
+            "nodes": 1234,
+            "iterations": 0,
+            "kkt_residual": 0.0,
+            "converged": True,
+            "contact_s": 0.0,
+        },
+    }
+
+
+def test_two_fingers_are_kept_where_they_are_sent() -> None:
+    begun: list[int] = []
+    recipes = [Recipe.of(begun.append, n) for n in range(3)]
+    for n in (0, 1, 0, 1, 2, 0):
+        made(recipes[n])
+    made.cache_clear()
+    assert begun == [0, 1, 2, 0]
 
 
 def test_the_sources_filter() -> None:
