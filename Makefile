@@ -46,6 +46,7 @@ bench: .venv/.ready-dev
 	$(BIN)/python -m studies.speed.serve_latency
 	$(BIN)/python -m studies.speed.looks
 	$(BIN)/python -m studies.speed.warm_contact
+	OMP_NUM_THREADS=1 $(BIN)/python -m studies.speed.many_presses
 	$(BIN)/python -m studies.speed.commands
 	$(BIN)/python -m studies.accuracy.strain_recovery
 	$(BIN)/python -m studies.faults.kills --cables 60
