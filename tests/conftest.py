@@ -7,7 +7,9 @@ from copy import copy
 from typing import Any
 
 import pytest
+from matplotlib.figure import Figure
 
+from rig.report.style import Plot
 from sim.config.fingertip_config import Contact
 from sim.models.fingertip import Fingertip
 
@@ -103,3 +105,9 @@ def rtu() -> Callable[[str], bytes]:
         return content + crc.to_bytes(2, "little")
 
     return frame
+
+
+@pytest.fixture
+def empty_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pages whose figures are empty: drawing them is most of a short run's time, and other tests look at them."""
+    monkeypatch.setattr(Plot, "_save", lambda plot, target, **options: Figure((1, 1)).savefig(target, **options))

@@ -17,6 +17,8 @@ from sim.models.fingertip import Fingertip
 from tests.program import Ended, Program
 from tests.waiting import DEADLINE_S, journal_says, until
 
+pytestmark = pytest.mark.usefixtures("empty_figures")
+
 INDENT_KEYS = {
     "force_n", "force_gwt", "doi_mm", "peak_pressure_pseudo", "contact_regions_mm", "pressure", "receptors", "solver",
 }  # fmt: skip

@@ -20,6 +20,8 @@ from sim.models.fingertip import Fingertip
 from tests.program import Ended, Program
 from tests.waiting import DEADLINE_S, journal_says, until
 
+pytestmark = pytest.mark.usefixtures("empty_figures")
+
 SCRIPT = """\
 passes = []
 

@@ -15,6 +15,8 @@ from rig.data import read_run
 from sim.models.fingertip import Fingertip
 from tests.program import Ended, Program
 
+pytestmark = pytest.mark.usefixtures("empty_figures")
+
 SCRIPT = """\
 def run(rig):
     rig.mount("profile:mine.csv")

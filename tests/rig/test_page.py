@@ -20,6 +20,8 @@ from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
 from tests.program import Ended, Program
 
+pytestmark = pytest.mark.usefixtures("empty_figures")
+
 SCRIPT = """\
 METADATA = {"title": "Two presses"}
 

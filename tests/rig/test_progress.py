@@ -26,6 +26,8 @@ from rig.virtual.virtual_bench import VirtualBench, virtual_bench
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 
+pytestmark = pytest.mark.usefixtures("empty_figures")
+
 SCRIPT = """\
 from rig.protocol import ScheduledParameters
 

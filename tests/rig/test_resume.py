@@ -26,6 +26,8 @@ from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 from tests.waiting import DEADLINE_S, journal_says, until
 
+pytestmark = pytest.mark.usefixtures("empty_figures")
+
 SCRIPT = """\
 import random
 

@@ -13,6 +13,8 @@ from rig.plan.shape_files import copy_name, from_copy
 from sim.models.fingertip import Fingertip
 from tests.program import Program
 
+pytestmark = pytest.mark.usefixtures("empty_figures")
+
 SCRIPT = """\
 def run(rig):
     rig.mount("profile:parts/mine.csv")
