@@ -256,6 +256,9 @@ def test_a_finger_that_has_come_nearer_ends_the_move_at_the_touch(
     gone_on_mm = bench.contact_mm - met["height_mm"]
     assert 0 < gone_on_mm < GOES_ON_MM
     assert met["force_gwt"] == pytest.approx(10.0 * gone_on_mm**1.5, abs=0.02)
+    assert [s["height_mm"] for s in bench.of("sample") if s["phase"] == "approach"][-1] == met["height_mm"], (
+        "no deeper"
+    )
 
 
 def test_the_trip_of_the_plan_holds_in_the_move(spring: Make) -> None:

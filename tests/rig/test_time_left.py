@@ -167,3 +167,24 @@ def test_as_fast_as_it_can_it_goes_by_what_it_has_taken_so_far() -> None:
 )  # fmt: skip
 def test_hours_minutes_and_begun_seconds(seconds: float, said: str) -> None:
     assert as_clock(seconds) == said
+
+
+def test_a_rehearsal_of_one_milestone_by_hand() -> None:
+    """Home at 10 s of 20: counted from the first second, at the rehearsal's pace unless told to measure."""
+    clock = Told()
+    left = TimeLeft({("home", 1, 0): 10.0}, 20.0, clock.now, pace=1.0)
+    clock.s += 4.0
+    _is(left, 4.0, 16.0)
+    clock.s += 11.0
+    left.event("note", {})  # later than home should have been: gone all the same, and home is waited for
+    _is(left, 15.0, 10.0)
+    left.event("home", {})
+    _is(left, 15.0, 10.0)
+
+
+def test_a_run_that_is_measured_is_so_from_its_first_milestone_on_however_soon() -> None:
+    clock = Told()
+    left = TimeLeft({("home", 1, 0): 0.5}, 10.5, clock.now, pace=1.0, measured=True)
+    clock.s += 1.0
+    left.event("home", {})
+    _is(left, 1.0, 20.0)
