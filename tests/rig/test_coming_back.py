@@ -115,6 +115,16 @@ def test_contact_and_holds_are_the_same_as_by_increments() -> None:
     assert found[0] == found[1]
 
 
+def test_the_one_move_ends_where_the_search_does() -> None:
+    """Contact is expected at 0.9 - 0.5 mm at the lowest now: above where it was, so it is missed, not gone to."""
+    bench = _bench()
+    engine = bench.ready()
+    indent(engine, TARGET, hold_s=0.0, expected_contact_mm=CONTACT_MM)
+    with pytest.raises(TripError, match=r"no contact at x = 0 mm down to 0\.400 mm"):
+        indent(engine, TARGET, hold_s=0.0, expected_contact_mm=0.9)
+    assert min(_approached(bench)[1]) == pytest.approx(0.4)
+
+
 def test_a_margin_beyond_clearance_is_increments_always() -> None:
     bench = _bench(NEVER)
     engine = bench.ready()

@@ -78,7 +78,7 @@ def test_what_rounding_hides_is_no_doubt() -> None:
 
 @pytest.mark.parametrize(("short_mm", "doubted"), [(0.0190, False), (0.0196, True)])
 def test_a_step_and_the_last_digit_may_be_missing_at_either_end(short_mm: float, doubted: bool) -> None:
-    """1 mm/s, two looks of 0.025 s: surely 0.05 - 0.0035 mm in 0.055 s; nine tenths of that in 0.045 s, less 0.0035."""
+    """1 mm/s, two looks of 0.025 s: surely 0.0465 mm in 0.055 s; nine tenths of that in 0.045 s, less 0.0035."""
     walked = Walked()
     walked.looks(6, 1.0)
     walked.gone_mm -= short_mm
