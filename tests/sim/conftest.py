@@ -2,12 +2,13 @@
 
 import pytest
 
-from sim.config.fingertip_config import FingertipConfig, Geometry, MeshSpec
+from sim.config.fingertip_config import FingertipConfig, Geometry
 from sim.finger.mesh import FingerMesh, build_mesh
 from sim.finger.surface import FingertipSurface
 from sim.models.catalogue import load
 from sim.models.discretised import FiniteElements, discretise
 from sim.models.fingertip import Fingertip
+from tests.sim.coarse import coarse_mesh
 
 
 @pytest.fixture(scope="session")
@@ -19,42 +20,13 @@ def skin() -> FingertipSurface:
 @pytest.fixture(scope="session")
 def coarse_config() -> FingertipConfig:
     """Some 2 000 nodes: for algebra, not for mechanics."""
-    return FingertipConfig(
-        mesh=MeshSpec(
-            spacing_mm=0.5,
-            axial_spacing_mm=0.5,
-            patch_x_mm=1.5,
-            patch_z_mm=1.5,
-            epidermis_elements=1,
-            dermis_spacing_mm=0.4,
-            dermis_fine_depth_mm=0.5,
-            growth=1.5,
-            far_growth=2.0,
-            near_spacing_mm=1.5,
-            near_width_mm=0.5,
-            far_spacing_mm=2.0,
-        )
-    )
+    return FingertipConfig(mesh=coarse_mesh(0.5, 0.5, patch_x_mm=1.5, patch_z_mm=1.5))
 
 
 @pytest.fixture(scope="session")
 def coarse_finger() -> Fingertip:
     """Nodes 0.3 mm apart both ways, patches of ± 2.5 mm for every kind of shape: a second to make, for mechanics."""
-    mesh = MeshSpec(
-        spacing_mm=0.3,
-        axial_spacing_mm=0.3,
-        patch_x_mm=2.5,
-        patch_z_mm=2.5,
-        round_patch_mm=2.5,
-        epidermis_elements=1,
-        dermis_spacing_mm=0.4,
-        dermis_fine_depth_mm=0.5,
-        growth=1.5,
-        far_growth=2.0,
-        near_spacing_mm=1.5,
-        near_width_mm=0.5,
-        far_spacing_mm=2.0,
-    )
+    mesh = coarse_mesh(0.3, 0.3, patch_x_mm=2.5, patch_z_mm=2.5, round_patch_mm=2.5)
     return load("finger", FingertipConfig(mesh=mesh), cached=False)
 
 

@@ -11,24 +11,14 @@ import matplotlib
 import numpy as np
 import pytest
 
-from sim import MEASURES, Fingertip, FingertipConfig, MeshSpec
+from sim import MEASURES, Fingertip, FingertipConfig
+from tests.sim.coarse import coarse_mesh
 from tests.sim.test_door import checked
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "library.md"
 EXAMPLES = sorted((ROOT / "examples" / "library").glob("*.py"))
-COARSE = MeshSpec(
-    spacing_mm=0.4,
-    axial_spacing_mm=0.6,
-    epidermis_elements=1,
-    dermis_spacing_mm=0.4,
-    dermis_fine_depth_mm=0.5,
-    growth=1.5,
-    far_growth=2.0,
-    near_spacing_mm=1.5,
-    near_width_mm=0.5,
-    far_spacing_mm=2.0,
-)
+COARSE = coarse_mesh(0.4, 0.6)
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,22 @@
+"""Meshes of few nodes for tests, coarse below the skin; how fine they are at the skin each test says."""
+
+from typing import Any
+
+from sim.config.fingertip_config import MeshSpec
+
+_BELOW_THE_SKIN = {
+    "epidermis_elements": 1,
+    "dermis_spacing_mm": 0.4,
+    "dermis_fine_depth_mm": 0.5,
+    "growth": 1.5,
+    "far_growth": 2.0,
+    "near_spacing_mm": 1.5,
+    "near_width_mm": 0.5,
+    "far_spacing_mm": 2.0,
+}
+
+
+def coarse_mesh(spacing_mm: float, axial_spacing_mm: float, **patch: float) -> MeshSpec:
+    """Nodes so far apart at the skin, across and along the finger; the patch is the default's unless it is given."""
+    told: dict[str, Any] = {**_BELOW_THE_SKIN, **patch}
+    return MeshSpec(spacing_mm=spacing_mm, axial_spacing_mm=axial_spacing_mm, **told)
