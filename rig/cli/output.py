@@ -3,11 +3,13 @@
 import json
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from enum import IntEnum
 from typing import Any, NoReturn
 
 from rich.console import Console
+from rich.live import Live
+from rich.spinner import Spinner
 
 err = Console(stderr=True, highlight=False, soft_wrap=True, markup=False)
 out = Console(highlight=False, soft_wrap=True, markup=False)
@@ -16,28 +18,28 @@ THE_FINGER = "fingertip: from the cache, or built in about 15 s …"
 
 
 @contextmanager
-def loading_the_finger() -> Iterator[None]:
-    """Something to look at meanwhile, where somebody looks; an answer by itself says enough in a pipe."""
+def looking_busy(what: str) -> Iterator[None]:
+    """What goes on meanwhile, at once, where somebody looks; nothing in a pipe."""
     if not err.is_terminal:
         yield
         return
-    with busy(THE_FINGER, as_json=False):
+    with Live(Spinner("dots", what), console=err, transient=True):
         yield
 
 
-@contextmanager
-def busy(what: str, *, as_json: bool) -> Iterator[None]:
-    """What goes on meanwhile: to look at where somebody looks, elsewhere a line at its beginning.
+def loading_the_finger() -> AbstractContextManager[None]:
+    """Something to look at meanwhile; an answer by itself says enough in a pipe."""
+    return looking_busy(THE_FINGER)
+
+
+def busy(what: str, *, as_json: bool) -> AbstractContextManager[None]:
+    """As `looking_busy`, and in a pipe a line at its beginning.
 
     Whoever asked for JSON is a program, and is told nothing but that.
     """
-    if not err.is_terminal:
-        if not as_json:
-            err.print(what)
-        yield
-        return
-    with err.status(what):
-        yield
+    if not (err.is_terminal or as_json):
+        err.print(what)
+    return looking_busy(what)
 
 
 @contextmanager

@@ -2,18 +2,15 @@
 
 import logging
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from difflib import get_close_matches
 from importlib import import_module
 from typing import NamedTuple
 
 import typer
-from rich.live import Live
-from rich.spinner import Spinner
 
 from rig.cli.not_built import say_so_for_each
-from rig.cli.output import ExitCode, err, fail
+from rig.cli.output import ExitCode, fail, looking_busy
 
 # typer carries its own copy of click in some versions: its exceptions are reached through a public one.
 _ClickException = typer.BadParameter.mro()[2]
@@ -74,7 +71,7 @@ def _app(arguments: list[str]) -> typer.Typer:
     asked = arguments[0] if arguments else ""
     if asked in COMMANDS:
         module, _, command = COMMANDS[asked].where.partition(".")
-        with _starting(asked):
+        with looking_busy(f"rig {asked}: starting …"):
             _add(app, asked, getattr(import_module(f"rig.cli.{module}"), command))
         return app
     if near := get_close_matches(asked, COMMANDS):
@@ -94,16 +91,6 @@ def _add(app: typer.Typer, name: str, command: Callable[..., None] | typer.Typer
         app.add_typer(command, name=name, help=line)
     else:
         app.command(name, help=line)(command)
-
-
-@contextmanager
-def _starting(name: str) -> Iterator[None]:
-    """Something to look at while the libraries are imported, where somebody looks."""
-    if not err.is_terminal:
-        yield
-        return
-    with Live(Spinner("dots", f"rig {name}: starting …"), console=err, transient=True):
-        yield
 
 
 def _named() -> None:

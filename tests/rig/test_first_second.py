@@ -9,7 +9,7 @@ import pytest
 import typer
 from rich.console import Console
 
-from rig.cli import main, program
+from rig.cli import main, output, program
 from rig.cli.not_built import COMMANDS as NOT_BUILT
 from rig.cli.program import COMMANDS
 
@@ -76,7 +76,7 @@ def test_on_a_terminal_a_command_says_that_it_starts_before_its_libraries_are_th
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     screen = io.StringIO()
-    monkeypatch.setattr(program, "err", Console(file=screen, force_terminal=True))
+    monkeypatch.setattr(output, "err", Console(file=screen, force_terminal=True))
     seen: list[str] = []
 
     def importing(module: str) -> SimpleNamespace:
