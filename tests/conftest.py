@@ -24,6 +24,7 @@ REAL_TIME = (
     "rig/test_command_line.py::test_a_killed_run_leaves_a_readable_journal",
     "rig/test_every_end.py",
     "rig/test_first_second.py::test_what_needs_no_library_imports_none",
+    "rig/test_first_second.py::test_what_is_said_at_the_bench_waits_for_no_library_that_solves_or_draws",
     "rig/test_grbl_conformance.py",
     "rig/test_how_it_ends.py",
     "rig/test_kills.py",

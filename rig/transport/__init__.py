@@ -1,16 +1,12 @@
-"""Bytes in and out: serial port, TCP or in-process loopback, with a log of the wire; Modbus frames over them."""
+"""Bytes in and out: serial port, TCP or in-process loopback, with a log of the wire.
+
+Modbus frames over them are in `rig/transport/modbus.py`, for those who speak it.
+"""
 
 from rig.transport.base import Transport, TransportError
 from rig.transport.byte_log import LoggedTransport
 from rig.transport.lines import LineReader
 from rig.transport.loopback import LoopbackTransport
-from rig.transport.modbus import (
-    ModbusError,
-    ModbusGarbled,
-    ModbusMaster,
-    ModbusRefused,
-    ModbusTimeout,
-)
 from rig.transport.opening import open_port, refuse_missing
 from rig.transport.ownership import first_owner, port_owner
 from rig.transport.serial_port import SerialTransport
@@ -20,11 +16,6 @@ __all__ = [
     "LineReader",
     "LoggedTransport",
     "LoopbackTransport",
-    "ModbusError",
-    "ModbusGarbled",
-    "ModbusMaster",
-    "ModbusRefused",
-    "ModbusTimeout",
     "SerialTransport",
     "TcpTransport",
     "Transport",

@@ -13,7 +13,7 @@ from rig.devices.stage.grbl.grbl_stage import GrblStage
 from rig.devices.stage.leadshine.leadshine_drive import LeadshineDrive
 from rig.devices.stage.leadshine.leadshine_settings import DriveSettings
 from rig.devices.stage.leadshine.leadshine_stage import LeadshineStage
-from rig.transport import ModbusMaster
+from rig.transport.modbus import ModbusMaster
 from sim.devices.clock import VirtualClock
 from tests.told_board import Board, connected
 

@@ -39,15 +39,28 @@ def said(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *w
 )
 def test_what_needs_no_library_imports_none(words: list[str]) -> None:
     """A help takes the time that Python, typer and rich take."""
+    imported = imported_by(words)
+    assert "rig.cli.program" in imported
+    assert not imported & LIBRARIES
+
+
+@pytest.mark.parametrize("verb", ["home", "zero", "status", "stop", "jog"])
+def test_what_is_said_at_the_bench_waits_for_no_library_that_solves_or_draws(verb: str) -> None:
+    """Not for pymodbus either, which boards that speak G-code have no use for."""
+    imported = imported_by([verb, "--help"])
+    assert "rig.engine.engine" in imported
+    assert not imported & {"scipy", "h5py", "matplotlib", "pymodbus", "sim.contact"}
+
+
+def imported_by(words: list[str]) -> set[str]:
+    """All modules that a command's process has imported at its end."""
     asked = (
         "import sys; from rig.cli import main\n"
         f"sys.argv = ['rig', *{words!r}]\n"
         "try:\n    main()\nfinally:\n    print(*sys.modules, file=sys.stderr)"
     )
     ended = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=False)
-    imported = set(ended.stderr.split("\n")[-2].split())
-    assert "rig.cli.program" in imported
-    assert not imported & LIBRARIES
+    return set(ended.stderr.split("\n")[-2].split())
 
 
 @pytest.mark.parametrize("name", COMMANDS)

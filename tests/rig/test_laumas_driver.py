@@ -17,7 +17,7 @@ from rig.devices.force import (
 )
 from rig.devices.force.laumas.laumas_force import LaumasForce
 from rig.devices.force.laumas.laumas_settings import LaumasSettings
-from rig.transport import ModbusMaster
+from rig.transport.modbus import ModbusMaster
 from sim.devices.clock import VirtualClock
 
 Pair = tuple[str, str]

@@ -11,7 +11,7 @@ from rig.devices.stage import Stage, StageAlarm, StageError, StageStatus, StageT
 from rig.devices.stage.leadshine.leadshine_drive import LeadshineDrive
 from rig.devices.stage.leadshine.leadshine_settings import DriveSettings
 from rig.devices.stage.leadshine.leadshine_stage import LeadshineStage
-from rig.transport import ModbusMaster
+from rig.transport.modbus import ModbusMaster
 from sim.devices.clock import VirtualClock
 
 Pair = tuple[str, str]

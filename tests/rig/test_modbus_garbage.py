@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rig.transport import LoopbackTransport, ModbusError, ModbusMaster
+from rig.transport import LoopbackTransport
+from rig.transport.modbus import ModbusError, ModbusMaster
 from rig.transport.port_settings import Framing
 from sim.devices import Load, ModbusBus, SerialLine, VirtualDrive, VirtualLaumas
 from sim.devices.clock import VirtualClock

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from rig.transport import ModbusGarbled, ModbusMaster, ModbusRefused, ModbusTimeout
+from rig.transport.modbus import ModbusGarbled, ModbusMaster, ModbusRefused, ModbusTimeout
 from sim.devices.clock import VirtualClock
 
 GOLDEN_WRITE = bytes.fromhex("07 10 62 00 00 08 10 00 01 00 00 27 10 00 00 27 10 27 10 00 00 00 10 8D 50")

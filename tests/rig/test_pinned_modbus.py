@@ -5,8 +5,7 @@ from typing import Any
 
 import pytest
 
-from rig.transport import ModbusMaster, ModbusRefused
-from rig.transport.modbus import silence_s
+from rig.transport.modbus import ModbusMaster, ModbusRefused, silence_s
 from sim.devices.clock import VirtualClock
 
 READ_2 = bytes.fromhex("01 03 00 07 00 02 75 CA")

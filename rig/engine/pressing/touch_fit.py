@@ -4,13 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from rig.engine.records import Touch
 
 CONTACT_EXPONENT = 1.5  # F ∝ d^1.5, a sphere pressed on an elastic solid (Hertz)
 
-_TRIED = 200  # contact heights looked at, before the best is refined
+_TRIED = 201  # contact heights looked at together
+_FINER = 4  # times that those about the best are looked at, each a hundred times closer
 
 
 def fit_contact(readings: Sequence[tuple[float, float]], threshold_gwt: float, resolution_gwt: float) -> Touch:
@@ -29,13 +29,16 @@ def fit_contact(readings: Sequence[tuple[float, float]], threshold_gwt: float, r
 def _least_squares(height_mm: NDArray[np.float64], force_gwt: NDArray[np.float64]) -> float:
     """Contact height, mm, within the descent; for each one tried the stiffness a that fits it best is known."""
 
-    def misfit(contact_mm: float) -> float:
-        shape = np.maximum(contact_mm - height_mm, 0.0) ** CONTACT_EXPONENT
-        stiffness = shape @ force_gwt / (shape @ shape)
-        return float(((force_gwt - stiffness * shape) ** 2).sum())
+    def misfits(contact_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+        shape = np.maximum(contact_mm[:, None] - height_mm, 0.0) ** CONTACT_EXPONENT
+        stiffness = shape @ force_gwt / np.einsum("ij,ij->i", shape, shape)
+        return ((force_gwt - stiffness[:, None] * shape) ** 2).sum(1)
 
-    tried, step = np.linspace(height_mm[-1], height_mm[0], _TRIED, retstep=True)
-    best = tried[1 + int(np.argmin([misfit(contact) for contact in tried[1:]]))]
-    lowest = max(best - step, 0.5 * (height_mm[-1] + tried[1]))
-    found = minimize_scalar(misfit, bounds=(lowest, min(best + step, height_mm[0])), options={"xatol": 1e-10})
-    return float(found.x)
+    lowest, highest = height_mm[-1], height_mm[0]
+    tried, step = np.linspace(lowest, highest, _TRIED, retstep=True)
+    tried = tried[1:]  # at the last height itself nothing is below contact
+    lowest += 0.5 * step
+    for _ in range(_FINER):
+        best = tried[int(np.argmin(misfits(tried)))]
+        tried, step = np.linspace(max(best - step, lowest), min(best + step, highest), _TRIED, retstep=True)
+    return float(tried[int(np.argmin(misfits(tried)))])

@@ -5,8 +5,8 @@ from rig.devices.force.base import ForceSensor
 from rig.devices.force.laumas.laumas_force import LaumasForce
 from rig.devices.force.laumas.laumas_settings import LaumasSettings
 from rig.devices.kinds import ForceKind, Opener
-from rig.transport import ModbusMaster
 from rig.transport.clock import Clock
+from rig.transport.modbus import ModbusMaster
 
 
 def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> ForceSensor:

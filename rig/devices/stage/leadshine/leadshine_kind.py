@@ -6,8 +6,8 @@ from rig.devices.stage.base import Stage
 from rig.devices.stage.leadshine.leadshine_drive import LeadshineDrive
 from rig.devices.stage.leadshine.leadshine_settings import DriveSettings, DrivesSettings
 from rig.devices.stage.leadshine.leadshine_stage import LeadshineStage
-from rig.transport import ModbusMaster
 from rig.transport.clock import Clock
+from rig.transport.modbus import ModbusMaster
 
 
 def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
