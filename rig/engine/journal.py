@@ -40,7 +40,7 @@ class Recorder(Protocol):
 
 
 class Journal:
-    """Writes events.jsonl; every document is flushed to the disk before the call returns."""
+    """Writes events.jsonl; every document is on the disk (of a virtual run: in the file) when a call returns."""
 
     def __init__(
         self,
@@ -49,17 +49,21 @@ class Journal:
         streams: Mapping[str, Mapping[str, str]],
         watch: Callable[[str, Mapping[str, Any]], None] = lambda stream, data: None,
         witness: Callable[[str, Mapping[str, Any]], Mapping[str, Any]] = lambda stream, data: {},
+        *,
+        virtual: bool = False,
     ) -> None:
         """`streams` gives each stream's keys and their units ("" for text); `watch` sees what is on disk.
 
         `witness` adds to an event what only the bench knows, keys that begin with `true_`.
-        A journal that is there already is mended and added to. Raises JournalError.
+        A journal that is there already is mended and added to. What is `virtual` can be had again, and waits for no
+        disk: it outlives a killed process, not a cut of power. Raises JournalError.
         """
         self._watch, self._witness = watch, witness
         self._clock = clock
         self._streams = streams
         self._described: set[str] = set()
         self.path = path
+        self._virtual = virtual
         self._seq = mend_journal(path)
         self._file = path.open("ab", buffering=0)
         self._stopped = False
@@ -112,8 +116,9 @@ class Journal:
         try:
             left = memoryview(line)
             while left:
-                left = left[self._file.write(left) :]
-            os.fsync(self._file.fileno())
+                left = left[os.write(self._file.fileno(), left) :]
+            if not self._virtual:
+                os.fsync(self._file.fileno())
         except OSError as error:
             with contextlib.suppress(OSError):  # a torn line is mended before the journal is used again
                 self._file.truncate(end)

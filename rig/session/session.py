@@ -176,7 +176,7 @@ def _on_a_bench(
         bench = open_bench(byte_log)
         watch = _recorded(folder, byte_log, _paced(session, bench.clock, speed))
         with closing(bench):
-            journal = Journal(folder.events, bench.clock, STREAMS, watch, bench.witness)
+            journal = Journal(folder.events, bench.clock, STREAMS, watch, bench.witness, virtual=bench.virtual)
             engine = Engine(session.config, bench, journal, session.plan.soft_trip_n, contact_s)
             journal.at_end = lambda: {"indentor": asdict(Whereabouts.of(engine))}
             _begin(session, journal, virtual=bench.virtual)

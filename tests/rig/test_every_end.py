@@ -44,7 +44,7 @@ def _trip(bench: Bench, patch: pytest.MonkeyPatch) -> None:
     patch.setattr(bench.force, "read", lambda: ForceReading(10.0, True, bench.clock.monotonic_s()))
 
 
-def _full(fd: int) -> None:
+def _full(fd: int, *line: object) -> int:
     raise OSError(28, "No space left on device")
 
 
@@ -95,7 +95,7 @@ ENDS = {
     ),
     "the journal cannot be written": End(
         1, "events.jsonl: cannot be written: No space left on device, ", "lifted", False, "free space, then resume",
-        lambda bench, patch: patch.setattr("os.fsync", _full),
+        lambda bench, patch: [patch.setattr(f"os.{call}", _full) for call in ("write", "fsync")],
     ),
     "Ctrl-C": End(130, "stopped by the operator at a safe point", "lifted", False, WELL, _signal("SIGINT")),
     "SIGTERM": End(130, "stopped by the operator at a safe point", "lifted", False, WELL, _signal("SIGTERM")),

@@ -32,6 +32,18 @@ def _write(path: Path, clock: VirtualClock, **options: Any) -> None:
         journal.stop("done")
 
 
+def test_what_is_virtual_is_in_the_file_and_waits_for_no_disk(
+    path: Path, clock: VirtualClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rig.engine.journal.os.fsync", lambda fd: pytest.fail("a disk was waited for"))
+    with Journal(path, clock, SOME, virtual=True) as journal:
+        lines = []
+        for write in _calls(journal):
+            write()
+            lines.append(path.read_bytes().count(b"\n"))
+    assert lines == [1, 3, 4, 5]
+
+
 def test_documents_in_order_with_time_and_units(path: Path) -> None:
     _write(path, VirtualClock(1e9))
     documents = list(read_journal(path))

@@ -1,0 +1,54 @@
+"""Which runs wait for the disk at each event: those that move something."""
+
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import rig.session.session as sessions
+from rig.cli import main
+from rig.virtual.virtual_bench import virtual_bench
+from sim.devices.clock import VirtualClock
+from sim.models.fingertip import Fingertip
+
+SCRIPT = """\
+from rig.protocol import Rig
+
+def run(rig: Rig) -> None:
+    rig.mount("bar:3.0")
+    rig.home()
+    rig.zero()
+    rig.move_to(x_mm=0.0)
+    rig.indent(doi_mm=0.2, hold_s=0.1)
+"""
+
+
+@pytest.mark.parametrize("command", ["run", "dry-run"])
+def test_each_event_of_a_run_is_on_the_disk_and_of_a_rehearsal_in_the_file(
+    command: str, finger: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def open_bench(config: Any, clock: Any, log: Any, ask: Any, pause: Any) -> Any:
+        bench = virtual_bench(config, finger, log, VirtualClock(0.0, clock.monotonic_s()), pause)
+        return replace(bench, virtual=False)  # type: ignore[arg-type]
+
+    synced: list[int] = []
+    monkeypatch.setattr(os, "fsync", lambda fd: synced.append(os.fstat(fd).st_ino))
+    monkeypatch.setattr(sessions, "open_bench", open_bench)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(SCRIPT, encoding="utf-8")
+    for port in ("stage", "force"):
+        (tmp_path / port).touch()
+    ports = f"[stage]\nport = '{tmp_path / 'stage'}'\n[force]\nport = '{tmp_path / 'force'}'\n"
+    (tmp_path / "rig.toml").write_text(ports, encoding="utf-8")
+    monkeypatch.setattr(
+        "sys.argv", ["rig", command, "mine.py", *(["--config", "rig.toml", "--yes"] if command == "run" else [])]
+    )
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert not ended.value.code
+    (folder,) = (tmp_path / "runs").iterdir()
+    documents = (folder / "events.jsonl").read_text(encoding="utf-8").count("\n")
+    assert documents > 4
+    assert synced.count((folder / "events.jsonl").stat().st_ino) == (documents if command == "run" else 0)
