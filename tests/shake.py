@@ -14,10 +14,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--whole", type=int, default=2, help="times the whole suite")
     parser.add_argument("--real-time", type=int, default=20, help="times what is marked real_time")
+    parser.add_argument("--busy", type=int, default=os.cpu_count() or 1, help="others that never rest, beside it")
     parser.add_argument("tests", nargs="*", help="files, folders or single tests instead of all of them")
     asked = parser.parse_args()
     failed: Counter[str] = Counter()
-    with busy(os.cpu_count() or 1):
+    with busy(asked.busy):
         for options, times in (((), asked.whole), (("-m", "real_time"), asked.real_time)):
             for n in range(times):
                 print(f"{' '.join(options) or 'the whole suite'}, {n + 1} of {times}", flush=True)
