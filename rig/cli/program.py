@@ -44,6 +44,7 @@ COMMANDS = {
     "jog": Command("jog.command", "Move an axis by hand: hold a key, or give --axis and --by-mm."),
     "calibrate": Command("calibrate.calibrate", "Measure the rig: steps/mm, force scale, compliance."),
     "bench": Command("speed.command", "Speed against error on this machine: one HTML page."),
+    "cache": Command("cache.command", "What is kept on disk to save work, and how large; removes it."),
     "doctor": Command("doctor.command", "Ports, versions, limits, solver and cache of this installation."),
 }
 

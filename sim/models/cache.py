@@ -4,11 +4,12 @@ import contextlib
 import hashlib
 import io
 import json
+import math
 import os
 from collections.abc import Callable, Iterator
 from importlib.resources import files
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from filelock import FileLock
@@ -21,7 +22,7 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 """Condensed models, and what they said."""
 
 MOST_BYTES = 5e9
-"""Of all models together; those that were not read for longest go first."""
+"""Of all that is kept, unless RIG_CACHE_GB says otherwise; what was not read for longest goes first."""
 
 _SEAL_BYTES = hashlib.sha256().digest_size
 _CODE = (
@@ -35,10 +36,62 @@ class CacheError(ValueError):
     """Models cannot be stored where they should be."""
 
 
+class Entry(NamedTuple):
+    """A file of the cache."""
+
+    path: Path
+    kind: Kind
+    size: int  # bytes
+    read_ns: int  # when it was last read, or else made; since 1970
+
+
 def cache_dir() -> Path:
     """Folder of cached models: RIG_CACHE_DIR, or the user's cache folder."""
     chosen = os.environ.get("RIG_CACHE_DIR")
     return Path(chosen) if chosen else user_cache_path("indentation-rig")
+
+
+def most_bytes() -> float:
+    """How much is kept. Raises CacheError."""
+    given = os.environ.get("RIG_CACHE_GB")
+    if given is None:
+        return MOST_BYTES
+    try:
+        most = 1e9 * float(given)
+    except ValueError:
+        most = math.nan
+    if not 0 <= most < math.inf:
+        raise CacheError(f"RIG_CACHE_GB = {given!r}: expected how much is kept in GB, 0 or more")
+    return most
+
+
+def entries() -> list[Entry]:
+    """What is kept, what was read last first."""
+    found = []
+    for kind in KINDS:
+        for path in cache_dir().glob(f"*.{kind}"):
+            with contextlib.suppress(OSError):  # another process may have removed it
+                stat = path.stat()
+                found.append(Entry(path, kind, stat.st_size, stat.st_mtime_ns))
+    return sorted(found, key=lambda entry: -entry.read_ns)
+
+
+def prune(most: float) -> list[Entry]:
+    """Remove what was not read for longest until the rest takes so many bytes or less; what was removed."""
+    kept = entries()
+    up_to_here = np.cumsum([entry.size for entry in kept])
+    return [entry for entry, size in zip(kept, up_to_here, strict=True) if size > most and _removed(entry.path)]
+
+
+def _removed(path: Path) -> bool:
+    """Whether it could be; the lock of its making goes with it."""
+    try:
+        path.unlink()
+    except OSError:  # another process may be at it too
+        return False
+    with contextlib.suppress(OSError):
+        path.with_suffix(".lock").unlink()
+    return True
 
 
 def content_key(parameters: object) -> str:
@@ -68,6 +121,7 @@ def cached_arrays(key: str, make: Callable[[], Arrays], kind: Kind = "model") ->
     found = _read(path, key)
     if found is not None:
         return found, True
+    most = most_bytes()
     with _alone(folder, key):
         found = _read(path, key)  # another process may have just made it
         if found is not None:
@@ -77,7 +131,7 @@ def cached_arrays(key: str, make: Callable[[], Arrays], kind: Kind = "model") ->
         with _replacing(path) as partial, partial.open("wb") as stream:
             stream.write(_seal(key, content))
             stream.write(content)
-    _forget_oldest(folder)
+    prune(max(most, _SEAL_BYTES + len(content)))  # what was just made stays
     return made, False
 
 
@@ -109,17 +163,6 @@ def _read(path: Path, key: str) -> Arrays | None:
         path.touch()
     with np.load(io.BytesIO(content)) as arrays:
         return {name: arrays[name] for name in arrays.files}
-
-
-def _forget_oldest(folder: Path) -> None:
-    """Remove models and answers until the rest takes MOST_BYTES or less; the newest always stays."""
-    with contextlib.suppress(OSError):  # another process may be at it too
-        found = (path for kind in KINDS for path in folder.glob(f"*.{kind}"))
-        stored = sorted(((path, path.stat()) for path in found), key=lambda s: -s[1].st_mtime_ns)
-        taken = np.cumsum([stat.st_size for _, stat in stored])
-        for (path, _), up_to_here in list(zip(stored, taken, strict=True))[1:]:
-            if up_to_here > MOST_BYTES:
-                path.unlink()
 
 
 def _packed(arrays: Arrays) -> memoryview:

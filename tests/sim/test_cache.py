@@ -154,6 +154,23 @@ def test_models_not_read_for_longest_go_from_a_full_folder(folder: Path, monkeyp
     assert stored() == {"fifth"}
 
 
+def test_the_limit_is_what_the_environment_says(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And one that is none is told before anything is made."""
+    cached_arrays("first", lambda: {"a": np.zeros(1000)})
+    os.utime(folder / "first.model", (1, 1))
+    size = (folder / "first.model").stat().st_size
+    monkeypatch.setenv("RIG_CACHE_GB", str(2 * size / 1e9))
+    cached_arrays("second", lambda: {"a": np.zeros(1000)})
+    assert len(list(folder.glob("*.model"))) == 2
+    monkeypatch.setenv("RIG_CACHE_GB", str((2 * size - 1) / 1e9))
+    os.utime(folder / "second.model", (2, 2))
+    cached_arrays("third", lambda: {"a": np.zeros(1000)})
+    assert {path.name for path in folder.iterdir()} == {"third.model", "third.lock"}
+    monkeypatch.setenv("RIG_CACHE_GB", "five")
+    with pytest.raises(CacheError, match="RIG_CACHE_GB = 'five': expected how much"):
+        cached_arrays("fourth", lambda: pytest.fail("made in vain"))
+
+
 def imported(source: Path) -> set[Path]:
     """The modules of sim that a module imports."""
     found = set()
