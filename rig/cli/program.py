@@ -45,6 +45,7 @@ COMMANDS = {
     "calibrate": Command("calibrate.calibrate", "Measure the rig: steps/mm, force scale, compliance."),
     "bench": Command("speed.command", "Speed against error on this machine: one HTML page."),
     "cache": Command("cache.command", "What is kept on disk to save work, and how large; removes it."),
+    "config": Command("config.command", "Every key of the configuration: its unit, range, default and effect."),
     "doctor": Command("doctor.command", "Ports, versions, limits, solver and cache of this installation."),
 }
 

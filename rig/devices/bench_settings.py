@@ -20,10 +20,12 @@ NOMINAL_STEPS_PER_MM = 400.0
 class Calibration(Settings):
     """A number measured on this rig, the day it was measured, and the last day it may be used."""
 
-    value: float
+    value: float = Field(description="the number, in the unit of its key")
     sd: float = Field(0.0, ge=0, description="standard deviation of the value, where it is known")
-    date: datetime.date
-    expires: datetime.date
+    date: datetime.date = Field(description="the day it was measured")
+    expires: datetime.date = Field(
+        description="the last day it may be used: `rig run` refuses it after that, a dry-run warns"
+    )
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -53,14 +55,22 @@ class CalibrationSettings(Settings):
     force_scale, true force over the force read; compliance_mm_per_n, how far the rig itself gives under a force.
     """
 
-    x_steps_per_mm: _StepsPerMm | None = None
-    y_steps_per_mm: _StepsPerMm | None = None
-    z_steps_per_mm: _StepsPerMm | None = None
-    x_backlash_mm: _Length | None = None
-    y_backlash_mm: _Length | None = None
-    z_backlash_mm: _Length | None = None
-    force_scale: _Scale | None = None
-    compliance_mm_per_n: _Length | None = None
+    x_steps_per_mm: _StepsPerMm | None = Field(
+        None, description="steps (pulses of a drive) a millimetre; negative where the motor runs against the axis"
+    )
+    y_steps_per_mm: _StepsPerMm | None = Field(None, description="the same along the finger")
+    z_steps_per_mm: _StepsPerMm | None = Field(None, description="the same of the vertical axis")
+    x_backlash_mm: _Length | None = Field(
+        None, description="lost motion when the axis turns round; each move makes up for it"
+    )
+    y_backlash_mm: _Length | None = Field(None, description="the same along the finger")
+    z_backlash_mm: _Length | None = Field(None, description="the same of the vertical axis")
+    force_scale: _Scale | None = Field(
+        None, description="true force over the force read; every reading is multiplied by it"
+    )
+    compliance_mm_per_n: _Length | None = Field(
+        None, description="how far the rig itself gives under a force; a press goes so much further"
+    )
 
     def measured(self) -> Iterator[tuple[str, Calibration]]:
         """Every calibration there is, by name."""
@@ -83,14 +93,21 @@ class StageSettings(DeviceSettings):
     """The motorised stage; framing is read for Modbus only, drives for leadshine only, and both stand in any file."""
 
     kinds: ClassVar[type[Kind]] = StageKind
-    kind: Annotated[str, known(StageKind)] = DEFAULTS["stage"]
-    port: Port = "/dev/ttyUSB0"
-    baud: int = Field(115200, ge=300, le=1_000_000)
-    character: Character = EIGHT_N_ONE
+    kind: Annotated[str, known(StageKind)] = Field(DEFAULTS["stage"], description="which device it is")
+    port: Port = Field("/dev/ttyUSB0", description="a serial port or tcp://HOST:PORT")
+    baud: int = Field(115200, ge=300, le=1_000_000, description="bits a second of a serial port")
+    character: Character = Field(EIGHT_N_ONE, description="data bits, parity and stop bits of a serial port")
     dtr: bool = Field(True, description="raised on opening, which resets many boards; false: left low")
-    travel_mm: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = (60.0, 30.0, 40.0)
-    resolution_mm: float = Field(0.0025, gt=0, le=0.05, description="one step of the vertical axis")
-    acceleration_mm_s2: float = Field(50.0, gt=0, le=1e4, description="of the vertical axis, for the stop distance")
+    travel_mm: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = Field(
+        (60.0, 30.0, 40.0),
+        description="how far each axis can go from home, x, y and z; nothing is planned or moved beyond",
+    )
+    resolution_mm: float = Field(
+        0.0025, gt=0, le=0.05, description="one step of the vertical axis; a depth is no finer"
+    )
+    acceleration_mm_s2: float = Field(
+        50.0, gt=0, le=1e4, description="of the vertical axis; the stop distance comes from it"
+    )
     framing: Framing | None = Field(None, description="of Modbus; absent: tcp on a tcp:// port, rtu elsewhere")
     drives: DrivesSettings = DrivesSettings()
 
@@ -121,14 +138,21 @@ class ForceSettings(DeviceSettings):
     """The force sensor; framing is read for Modbus only, laumas for laumas only, and both stand in any file."""
 
     kinds: ClassVar[type[Kind]] = ForceKind
-    kind: Annotated[str, known(ForceKind)] = DEFAULTS["force"]
-    port: Port = "/dev/ttyUSB1"
-    baud: int = Field(9600, ge=300, le=1_000_000)
-    character: Character = EIGHT_N_ONE
+    kind: Annotated[str, known(ForceKind)] = Field(DEFAULTS["force"], description="which device it is")
+    port: Port = Field("/dev/ttyUSB1", description="a serial port or tcp://HOST:PORT")
+    baud: int = Field(9600, ge=300, le=1_000_000, description="bits a second of a serial port")
+    character: Character = Field(EIGHT_N_ONE, description="data bits, parity and stop bits of a serial port")
     dtr: bool = Field(True, description="raised on opening; false: left low")
-    sample_period_s: float = Field(0.05, ge=0.01, le=10)
+    sample_period_s: float = Field(
+        0.05,
+        ge=0.01,
+        le=10,
+        description="time from one sample of the sensor to the next; a reading after a move waits for it",
+    )
     latency_s: float = Field(0.0, ge=0, le=2, description="how late a reading is; waited for after every move")
-    resolution_gwt: float = Field(0.01, gt=0, le=1, description="one step of what the sensor shows")
+    resolution_gwt: float = Field(
+        0.01, gt=0, le=1, description="one step of what the sensor shows; contact is no finer"
+    )
     framing: Framing | None = Field(None, description="of Modbus; absent: tcp on a tcp:// port, rtu elsewhere")
     laumas: LaumasSettings = LaumasSettings()
 
@@ -140,15 +164,20 @@ class SyncSettings(Settings):
     """
 
     output: Literal["off", "coolant", "spindle", "drive"] = Field(
-        "off", description="of a GRBL board: M8/M9 or M3/M5; of a Leadshine drive: a digital output"
+        "off", description="where the pulse comes out: M8/M9 or M3/M5 of a GRBL board, an output of a Leadshine drive"
     )
-    width_s: float = Field(0.01, ge=0.001, le=1)
+    width_s: float = Field(0.01, ge=0.001, le=1, description="how long the pulse lasts")
     drive: Literal["x", "z"] = Field("z", description="whose output it is")
     register_address: int | None = Field(
-        None, ge=0, le=0x0FFF, description="from the drive's manual; what makes it move lies higher"
+        None,
+        ge=0,
+        le=0x0FFF,
+        description="of the output, from the drive's manual; what makes the drive move lies higher",
     )
-    on_word: int | None = Field(None, ge=0, le=0xFFFF)
-    off_word: int | None = Field(None, ge=0, le=0xFFFF)
+    on_word: int | None = Field(
+        None, ge=0, le=0xFFFF, description="what switches the output on, from the drive's manual"
+    )
+    off_word: int | None = Field(None, ge=0, le=0xFFFF, description="what switches it off, from the drive's manual")
 
     @property
     def words(self) -> tuple[int, int, int] | None:

@@ -23,10 +23,12 @@ def _named(indentor: str) -> str:
 class VirtualSettings(Settings):
     """How the virtual bench differs from what the rig believes; by default in nothing."""
 
-    x_screw_steps_per_mm: float | None = Field(None, gt=1, lt=1e6, description="of the true screw; none: as believed")
-    z_screw_steps_per_mm: float | None = Field(None, gt=1, lt=1e6)
-    x_screw_backlash_mm: float = Field(0.0, ge=0, le=1, description="lost motion; felt when going up")
-    z_screw_backlash_mm: float = Field(0.0, ge=0, le=1)
+    x_screw_steps_per_mm: float | None = Field(
+        None, gt=1, lt=1e6, description="of the true screw; absent: as the rig believes"
+    )
+    z_screw_steps_per_mm: float | None = Field(None, gt=1, lt=1e6, description="the same of the vertical axis")
+    x_screw_backlash_mm: float = Field(0.0, ge=0, le=1, description="true lost motion; felt when going up")
+    z_screw_backlash_mm: float = Field(0.0, ge=0, le=1, description="the same of the vertical axis")
     compliance_mm_per_n: float = Field(0.0, ge=0, le=1, description="how far the true rig gives under a force")
     finger_x_offset_mm: float = Field(0.0, ge=-5, le=5, description="true pad centre − frame.pad_centre_x_mm")
     finger_z_offset_mm: float = Field(0.0, ge=-2, le=2, description="true apex − frame.apex_z_mm")
@@ -38,9 +40,9 @@ class VirtualSettings(Settings):
         (), description="Prony series of the force: [share, time constant in s], shares sum to less than 1"
     )
     cell_noise_gwt: float = Field(0.0, ge=0, le=10, description="standard deviation of each sample")
-    cell_latency_s: float = Field(0.0, ge=0, le=1)
-    cell_resolution_gwt: float = Field(0.01, ge=0.001, le=10)
-    noise_seed: int = Field(0, ge=0)
+    cell_latency_s: float = Field(0.0, ge=0, le=1, description="how late a sample truly is")
+    cell_resolution_gwt: float = Field(0.01, ge=0.001, le=10, description="one step of what the virtual sensor shows")
+    noise_seed: int = Field(0, ge=0, description="the same seed gives the same noise")
     indentor: Annotated[str, AfterValidator(_named)] = Field("bar:3.0", description="on the carriage of `rig serve`")
 
     @model_validator(mode="after")

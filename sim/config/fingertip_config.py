@@ -37,22 +37,28 @@ class Geometry(_Settings):
     to the validation context's `folder`; only the numbers are kept.
     """
 
-    length_mm: float = Field(default=12.75, gt=10, lt=30)
+    length_mm: float = Field(
+        default=12.75, gt=10, lt=30, description="of the fingertip, from its proximal edge to the tip"
+    )
     proximal_apex_mm: float = Field(default=2.6, gt=0.5, lt=8, description="height of the top profile at z = 0")
-    proximal_half_width_mm: float = Field(default=3.4, gt=0.5, lt=10)
+    proximal_half_width_mm: float = Field(
+        default=3.4, gt=0.5, lt=10, description="half-width of the section at z = 0"
+    )
     proximal_lean_mm: float = Field(default=-0.6, gt=-3, lt=3, description="lateral shift of the pulp at z = 0")
     tip_radius_mm: float = Field(
         default=1.0, gt=0.2, lt=4, description="radius of the blunt section at the distal tip"
     )
     nail_depth_ratio: float = Field(
-        default=0.75, gt=0.2, lt=2, description="depth of the nail side / height of the pulp"
+        default=0.75, gt=0.2, lt=2, description="depth of the nail side over the height of the pulp"
     )
     stiffness_of_fit: float = Field(
-        default=0.06, gt=0, lt=10, description="weight of the surface's second derivatives"
+        default=0.06, gt=0, lt=10, description="weight of the surface's second derivatives in its fit to points"
     )
-    points: tuple[tuple[float, float, float], ...] = Field(default=(), description="x, y, z of the pulp's skin")
+    points: tuple[tuple[float, float, float], ...] = Field(
+        default=(), description="x, y, z of the pulp's skin, in place of the published points: rows or a CSV file"
+    )
     sections: tuple[tuple[float, float, float, float], ...] = Field(
-        default=(), description="z, half-width, height, lean"
+        default=(), description="z, half-width, height, lean, in place of points: rows or a CSV file"
     )
 
     @field_validator("points", "sections", mode="before")
@@ -74,16 +80,22 @@ class Geometry(_Settings):
 class Tissue(_Settings):
     """Layers from the outside in. Ratios of E and Poisson's ratio: Raju (1998, ch. 3); thicknesses [free]."""
 
-    epidermis_mm: float = Field(default=0.4, gt=0.05, lt=1.0)
-    dermis_mm: float = Field(default=0.8, gt=0.1, lt=2.0)
-    bone_fraction: float = Field(default=0.32, gt=0.05, lt=0.6, description="bone radius / section radius")
-    e_dermis: float = Field(default=0.1, gt=1e-6, le=10, description="E / E(epidermis)")
-    e_fat: float = Field(default=0.1, gt=1e-6, le=10, description="E / E(epidermis)")
-    e_bone: float = Field(default=1.0e4, ge=1, le=1e10, description="E / E(epidermis), for an elastic bone")
-    poisson: float = Field(default=0.48, ge=0, lt=0.5)
-    bone: Literal["rigid", "elastic"] = "rigid"
-    nail_arc_deg: float = Field(default=140.0, ge=0, le=200, description="dorsal arc whose skin nodes are fixed")
-    nail_from_z_mm: float = Field(default=5.0, ge=0, le=20)
+    epidermis_mm: float = Field(default=0.4, gt=0.05, lt=1.0, description="thickness of the outermost layer")
+    dermis_mm: float = Field(
+        default=0.8, gt=0.1, lt=2.0, description="thickness of the layer below it; fat fills the rest"
+    )
+    bone_fraction: float = Field(default=0.32, gt=0.05, lt=0.6, description="bone radius over the section's radius")
+    e_dermis: float = Field(default=0.1, gt=1e-6, le=10, description="Young's modulus over that of the epidermis")
+    e_fat: float = Field(default=0.1, gt=1e-6, le=10, description="Young's modulus over that of the epidermis")
+    e_bone: float = Field(
+        default=1.0e4, ge=1, le=1e10, description="Young's modulus over that of the epidermis, for an elastic bone"
+    )
+    poisson: float = Field(default=0.48, ge=0, lt=0.5, description="Poisson's ratio of all layers")
+    bone: Literal["rigid", "elastic"] = Field(default="rigid", description="rigid: held still; elastic: meshed")
+    nail_arc_deg: float = Field(default=140.0, ge=0, le=200, description="dorsal arc whose skin is held still")
+    nail_from_z_mm: float = Field(
+        default=5.0, ge=0, le=20, description="where the nail begins, from the proximal edge"
+    )
 
 
 MESH_LEVELS: dict[str, dict[str, float]] = {
@@ -105,29 +117,49 @@ AXIAL_STRETCH = 1.855
 class MeshSpec(_Settings):
     """Sizes of elements, mm; a quadratic one has nodes half way too. `patch_*` bound what an indentor may touch."""
 
-    level: Literal["default", "fine"] = Field(default="default", description="fine: for sharp shapes")
-    spacing_mm: float = Field(default=0.17, gt=0.02, le=1.0, description="lateral, on the pulp")
-    axial_spacing_mm: float | None = Field(
-        default=None, gt=0.02, le=1.0, description="along the finger; default: 1.855 × spacing_mm"
+    level: Literal["default", "fine"] = Field(
+        default="default", description="fine: for sharp shapes; sets spacings that are not given"
     )
-    patch_x_mm: float = Field(default=3.3, gt=0.5, le=4.0)
-    patch_z_mm: float = Field(default=3.5, gt=0.5, le=4.5)
+    spacing_mm: float = Field(
+        default=0.17, gt=0.02, le=1.0, description="size of elements across the finger, on the pulp"
+    )
+    axial_spacing_mm: float | None = Field(
+        default=None, gt=0.02, le=1.0, description="size along the finger; absent: 1.855 × spacing_mm"
+    )
+    patch_x_mm: float = Field(
+        default=3.3,
+        gt=0.5,
+        le=4.0,
+        description="half-width, across the finger, of the skin that an indentor may touch; grows at need",
+    )
+    patch_z_mm: float = Field(
+        default=3.5, gt=0.5, le=4.5, description="the same along the finger, from the receptor plane"
+    )
     round_patch_mm: float = Field(
         default=2.5,
         gt=0.3,
         le=4.5,
         description="half-width of the nodes that a sphere, a cone or a round punch may touch",
     )
-    epidermis_elements: int = Field(default=2, ge=1, le=8)
-    dermis_spacing_mm: float = Field(default=0.2, gt=0.02, le=1.0)
-    dermis_fine_depth_mm: float = Field(default=1.2, gt=0.2, le=3.0)
-    growth: float = Field(default=1.2, gt=1.0, le=2.0, description="between neighbours, near the patch")
-    far_growth: float = Field(default=1.5, gt=1.0, le=3.0)
+    epidermis_elements: int = Field(default=2, ge=1, le=8, description="elements through the epidermis")
+    dermis_spacing_mm: float = Field(
+        default=0.2, gt=0.02, le=1.0, description="size in depth, from the epidermis to dermis_fine_depth_mm"
+    )
+    dermis_fine_depth_mm: float = Field(
+        default=1.2, gt=0.2, le=3.0, description="depth below the skin from which elements grow"
+    )
+    growth: float = Field(
+        default=1.2, gt=1.0, le=2.0, description="from one element to the next, near the patch and in depth"
+    )
+    far_growth: float = Field(default=1.5, gt=1.0, le=3.0, description="the same farther out")
     near_spacing_mm: float = Field(default=0.5, gt=0.05, le=2.0, description="largest element just outside the patch")
-    near_width_mm: float = Field(default=1.5, gt=0, le=5.0)
-    far_spacing_mm: float = Field(default=1.5, gt=0.05, le=3.0)
+    near_width_mm: float = Field(default=1.5, gt=0, le=5.0, description="how far outside the patch that holds")
+    far_spacing_mm: float = Field(default=1.5, gt=0.05, le=3.0, description="largest element farther out")
     nail_on_nodes: bool = Field(default=True, description="a row of nodes along each of the nail's edges")
-    element: Literal["bbar", "full", "incompatible", "quadratic"] = "bbar"
+    element: Literal["bbar", "full", "incompatible", "quadratic"] = Field(
+        default="bbar",
+        description="bbar: as the source; full and incompatible: to compare; quadratic: nodes half way too",
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -143,7 +175,9 @@ class MeshSpec(_Settings):
 class Contact(_Settings):
     """Where contact is enforced."""
 
-    between_nodes: bool = Field(default=True, description="under sharp corners also at points between nodes")
+    between_nodes: bool = Field(
+        default=True, description="under sharp corners contact is enforced also at points between nodes"
+    )
     patch_gb: float = Field(
         default=6.0,
         ge=0,
@@ -160,7 +194,7 @@ class FingertipConfig(_Settings):
     mesh: MeshSpec = MeshSpec()
     contact: Contact = Contact()
     receptor_plane_from_tip_mm: float = Field(
-        default=5.857, gt=1, lt=12, description="Raju (1998): 5.86 from the tip"
+        default=5.857, gt=1, lt=12, description="where the receptors lie, from the tip; Raju (1998): 5.86"
     )
 
     @property
