@@ -1,6 +1,7 @@
 """What goes to standard output and what to standard error, and how a command ends."""
 
 import json
+import logging
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
@@ -14,6 +15,9 @@ from rich.spinner import Spinner
 err = Console(stderr=True, highlight=False, soft_wrap=True, markup=False)
 out = Console(highlight=False, soft_wrap=True, markup=False)
 
+_spinners: list[Callable[[str], None]] = []
+"""Those that turn now; each takes what it is to say."""
+
 THE_FINGER = "fingertip: from the cache, or built in about 15 s …"
 
 
@@ -23,8 +27,32 @@ def looking_busy(what: str) -> Iterator[None]:
     if not err.is_terminal:
         yield
         return
-    with Live(Spinner("dots", what), console=err, transient=True):
-        yield
+    with Live(Spinner("dots", what), console=err, transient=True) as live:
+        _spinners.append(lambda now: live.update(Spinner("dots", now)))
+        try:
+            yield
+        finally:
+            _spinners.pop()
+
+
+class _Builds(logging.Handler):
+    """What a model says while it is built: in the spinner, or in a line of its own where there is none."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if _spinners:
+            _spinners[-1](record.getMessage())
+        elif record.levelno >= logging.INFO:
+            err.print(record.getMessage())
+
+
+def show_builds() -> None:
+    """From now on, where somebody looks: a larger patch or a round shape's model takes a minute on a busy machine."""
+    logger = logging.getLogger("sim.models")
+    for handler in [handler for handler in logger.handlers if isinstance(handler, _Builds)]:
+        logger.removeHandler(handler)
+    if err.is_terminal:
+        logger.addHandler(_Builds())
+        logger.setLevel(logging.DEBUG)
 
 
 def loading_the_finger() -> AbstractContextManager[None]:
@@ -49,7 +77,11 @@ def checking_the_script() -> Iterator[Callable[[int], None]]:
         yield lambda steps: None
         return
     with err.status("checking the script …", refresh_per_second=2) as status:
-        yield lambda steps: status.update(f"checking the script: {steps} steps")
+        _spinners.append(status.update)
+        try:
+            yield lambda steps: status.update(f"checking the script: {steps} steps")
+        finally:
+            _spinners.pop()
 
 
 class ExitCode(IntEnum):

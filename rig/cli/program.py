@@ -10,7 +10,7 @@ from typing import NamedTuple
 import typer
 
 from rig.cli.not_built import say_so_for_each
-from rig.cli.output import ExitCode, fail, looking_busy
+from rig.cli.output import ExitCode, fail, looking_busy, show_builds
 
 # typer carries its own copy of click in some versions: its exceptions are reached through a public one.
 _ClickException = typer.BadParameter.mro()[2]
@@ -54,6 +54,7 @@ def run() -> None:
     """Carry out what the command line asks for; always ends by SystemExit."""
     # What pymodbus logs of a bad frame is in our own error, in one line.
     logging.getLogger("pymodbus").addHandler(logging.NullHandler())
+    show_builds()
     try:
         code = _app(sys.argv[1:])(prog_name="rig", standalone_mode=False)
     except Exception as error:

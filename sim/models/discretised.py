@@ -1,5 +1,6 @@
 """From a configuration to the stiffness matrix of its mesh, and that condensed onto the skin that may be touched."""
 
+import logging
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,11 @@ from sim.finger.mesh import FingerMesh
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Factor = PardisoFactor | DissectionFactor
+
+LONG = 50_000
+"""Unknowns from which on condensing them takes seconds; the default finger has twice as many."""
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -77,7 +83,10 @@ def factorise(problem: FiniteElements, solver: str = "auto") -> Factor:
 
 
 def condense(upper: sp.csr_array, kept: Ints, places: Ints, solver: str = "auto") -> Factor:
-    """The same for any symmetric matrix whose unknowns have places (n, d)."""
+    """The same for any symmetric matrix whose unknowns have places (n, d); it says so where that takes long."""
+    unknowns = upper.shape[0]
+    level = logging.INFO if unknowns >= LONG else logging.DEBUG
+    _log.log(level, "building a model: a stiffness of %d unknowns is factorised …", unknowns)
     if solver == "pardiso" or (solver == "auto" and pardiso.available()):
         return PardisoFactor(upper, kept)
     return DissectionFactor(upper, kept, places)

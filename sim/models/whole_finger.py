@@ -1,5 +1,6 @@
 """The finger in three dimensions: layered, held by nail and bone, condensed onto the patch under the indentor."""
 
+import logging
 import time
 
 import numpy as np
@@ -14,6 +15,8 @@ from sim.models.condensed import CondensedModel, skin_beside
 from sim.models.discretised import discretise, factorise, meshed_for, young_ratios
 
 Ints = NDArray[np.int64]
+
+_log = logging.getLogger(__name__)
 
 
 def build_finger(
@@ -82,4 +85,5 @@ class _Stopwatch:
     def lap(self, name: str) -> None:
         now = time.perf_counter()
         self.laps[name] = now - self._last
+        _log.debug("building a model: %s done, %.0f s so far …", name, sum(self.laps.values()))
         self._last = now
