@@ -27,10 +27,12 @@ if TYPE_CHECKING:
     from sim.contact.measured_profile import MeasuredProfile, ProfileError
     from sim.contact.shapes import ShapeError, parse_shape
     from sim.measures.measures import MEASURES
+    from sim.measures.receptors import ReceptorError
     from sim.models.catalogue import load
     from sim.models.errors import ForceOutOfReachError, ModelRangeError
     from sim.models.fingertip import Fingertip
     from sim.models.processes.many import WorkerLostError, indent_many
+    from sim.models.results.fields import Fields
     from sim.models.results.indentation import IndentationResult
     from sim.models.results.indentations import Indentations
     from sim.models.results.point_load import PointLoadResult
@@ -45,10 +47,12 @@ _HOMES = {
     "sim.contact.measured_profile": ("MeasuredProfile", "ProfileError"),
     "sim.contact.shapes": ("ShapeError", "parse_shape"),
     "sim.measures.measures": ("MEASURES",),
+    "sim.measures.receptors": ("ReceptorError",),
     "sim.models.catalogue": ("load",),
     "sim.models.errors": ("ForceOutOfReachError", "ModelRangeError"),
     "sim.models.fingertip": ("Fingertip",),
     "sim.models.processes.many": ("WorkerLostError", "indent_many"),
+    "sim.models.results.fields": ("Fields",),
     "sim.models.results.indentation": ("IndentationResult",),
     "sim.models.results.indentations": ("Indentations",),
     "sim.models.results.point_load": ("PointLoadResult",),
@@ -58,6 +62,7 @@ _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
     "MEASURES",
+    "Fields",
     "Fingertip",
     "FingertipConfig",
     "ForceOutOfReachError",
@@ -73,6 +78,7 @@ __all__ = [
     "NotInstalledError",
     "PointLoadResult",
     "ProfileError",
+    "ReceptorError",
     "ShapeError",
     "ShapeWarning",
     "Tissue",

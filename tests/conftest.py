@@ -86,7 +86,7 @@ def work(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
 
         monkeypatch.setattr(place.replace(":", "."), counted)
 
-    count("models", "sim.models.fingertip:build_finger")
+    count("models", "sim.models.sources:build_finger")
     count("contacts", "sim.models.pressing:solve_contact")
     count("factors", "sim.models.uncondensed.strain_map:factorise")
     count("processes", "sim.models.processes.workers:ProcessPoolExecutor")

@@ -189,7 +189,7 @@ def answers_key(finger: Fingertip, asked: object) -> str:
     """Of what a model says to anything: it hangs on the finger, its receptors and the simulator's code."""
     receptors = finger.model.receptors
     what = [asked, simulator_code(), finger.config.model_dump(mode="json"), finger.e_epidermis_mpa]
-    return content_key([*what, receptors.position_mm.tolist(), receptors.depth_mm])
+    return content_key([*what, receptors.position_mm.tolist(), receptors.depths_mm.tolist()])
 
 
 def simulator_code() -> str:

@@ -1,12 +1,12 @@
 """Receptors under the skin, and the linear map from nodal displacements to the strain at each."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import root
 
 from sim.fem.shape_functions import local_coordinates, shape_functions
@@ -24,6 +24,7 @@ DEFAULT_DEPTH_MM = 0.76
 """Perpendicular distance below the skin (Raju 1998, ch. 5; that it is perpendicular is ours)."""
 
 _PLACED_MM = 1e-9
+_TURNS = (0.0, 0.1, -0.1, 0.3, -0.3)  # rad; where the skin curves about the place the first may miss
 _ON_FACE = 1e-9
 _MOST_STEPS = 10  # from the nearest element to the one that holds the point
 
@@ -34,37 +35,78 @@ class ReceptorError(ValueError):
 
 @dataclass(frozen=True)
 class ReceptorSet:
-    """Undeformed positions of receptors in one axial plane."""
+    """Undeformed places inside the finger at which strain is known."""
 
     position_mm: Array  # (n, 3)
-    depth_mm: float
+    depths_mm: Array  # (n,) perpendicular distances to the skin; nan where nobody asked
+
+    @property
+    def depth_mm(self) -> float:
+        """The depth that all have; nan where they differ."""
+        first = float(self.depths_mm[0])
+        return first if (self.depths_mm == first).all() else np.nan
 
 
-def place_receptors(surface: FingertipSurface, x_mm: Array, depth_mm: float, plane_mm: float) -> ReceptorSet:
-    """The points at each x in the plane z whose perpendicular distance to the skin is the depth; mm."""
+def place_receptors(surface: FingertipSurface, x_mm: ArrayLike, depth_mm: ArrayLike, z_mm: ArrayLike) -> ReceptorSet:
+    """The points at x and z whose perpendicular distance to the skin is the depth, broadcast; mm."""
+    x, depth, z = (values.ravel() for values in np.broadcast_arrays(*np.atleast_1d(x_mm, depth_mm, z_mm)))
+    points = [point_below(surface, *place) for place in np.stack([x, depth, z], axis=1).astype(float)]
+    return ReceptorSet(np.array(points).reshape(-1, 3), depth.astype(float))
+
+
+def point_below(surface: FingertipSurface, x_mm: float, depth_mm: float, z_mm: float) -> Array:
+    """(3,) the point at x and z so far below the pulp's skin; mm. Raises ReceptorError."""
 
     def below(v: Array) -> Array:
         phi, z = v
         return np.asarray(np.append(surface.section(phi, z), z) - depth_mm * surface.normal(phi, z))
 
-    points = []
-    for x in x_mm:
-        start = np.array([float(surface.angle_at(x, plane_mm)), plane_mm])
-        target = np.array([x, plane_mm])
-        found = root(lambda v, target=target: below(v)[[0, 2]] - target, start, tol=1e-13)
-        if not np.abs(found.fun).max() < _PLACED_MM:  # at round-off the solver may call its own answer a failure
-            raise ReceptorError(f"no receptor at x = {x:g} mm, {depth_mm:g} mm below the skin")
-        points.append(below(found.x))
-    return ReceptorSet(np.array(points).reshape(-1, 3), depth_mm)
+    phi = float(surface.angle_at(x_mm, z_mm))
+    found = _solved(lambda v: below(v)[[0, 2]] - [x_mm, z_mm], np.array([phi, z_mm]))
+    if found is None:
+        raise ReceptorError(f"no receptor at x = {x_mm:g} mm, {depth_mm:g} mm below the skin")
+    return below(found)
 
 
-def strain_operator(mesh: FingerMesh, receptors: ReceptorSet) -> tuple[sp.csr_array, Ints]:
-    """(6n, 3 n_nodes) map from nodal displacements (mm) to strains, and each receptor's layer.
+def _solved(missed: Callable[[Array], Array], start: Array) -> Array | None:
+    """Where nothing is missed, to `_PLACED_MM`; the first unknown, an angle, is tried beside its start too."""
+    for turn in _TURNS:
+        found = root(missed, start + np.eye(len(start))[0] * turn, tol=1e-13)
+        if np.abs(found.fun).max() < _PLACED_MM:  # at round-off the solver may call its own answer a failure
+            return np.asarray(found.x)
+    return None
 
-    The strain is a mean of least-squares quadratics around the cells about the receptor (`blended`).
+
+def depths_of(surface: FingertipSurface, points_mm: Array) -> Array:
+    """(n,) perpendicular distances in mm of (n, 3) points from the skin, negative above it. Raises ReceptorError."""
+    return np.array([_depth_of(surface, point) for point in points_mm])
+
+
+def _depth_of(surface: FingertipSurface, point: Array) -> float:
+    def missed(v: Array) -> Array:
+        phi, z, depth = v
+        foot = np.append(surface.section(phi, z), z)
+        return np.asarray(foot - depth * surface.normal(phi, z) - point)
+
+    phi = np.arctan2(point[1], point[0])
+    there = np.hypot(*surface.section(phi, point[2])) - np.hypot(*point[:2])
+    found = _solved(missed, np.array([phi, point[2], there]))
+    if found is None:
+        raise ReceptorError(f"no way up to the skin from {_named(point)}")
+    return float(found[2])
+
+
+def _named(point: Array) -> str:
+    return f"({', '.join(f'{v:.2f}' for v in point)}) mm"
+
+
+def strain_operator(mesh: FingerMesh, points_mm: Array) -> tuple[sp.csr_array, Ints]:
+    """(6n, 3 n_nodes) map from nodal displacements (mm) to strains at (n, 3) points, and each point's layer.
+
+    The strain is a mean of least-squares quadratics around the cells about the point (`blended`).
     """
-    places = [located(mesh, point) for point in receptors.position_mm]
-    samples = [blended(mesh, place, point) for place, point in zip(places, receptors.position_mm, strict=True)]
+    places = [located(mesh, point) for point in points_mm]
+    samples = [blended(mesh, place, point) for place, point in zip(places, points_mm, strict=True)]
     return operator_of(mesh, samples), mesh.layer[[place.element for place in places]]
 
 
@@ -103,8 +145,11 @@ def located(mesh: FingerMesh, point: Array) -> Place:
         at[1] %= grid.shape[1]
         if (at[[0, 2]] < 0).any() or (at >= grid.shape).any():
             break
-    x, y, z = point
-    raise ReceptorError(f"receptor at ({x:.2f}, {y:.2f}, {z:.2f}) mm lies at an end of the finger or outside of it")
+    low, high = mesh.z_mm[[1, -2]]
+    raise ReceptorError(
+        f"the point {_named(point)} lies at an end of the finger or outside of it: expected z from {low:.2f} to "
+        f"{high:.2f} mm, between skin and bone"
+    )
 
 
 def blended(mesh: FingerMesh, place: Place, point: Array) -> Samples:

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
 Arrays = dict[str, NDArray[np.generic]]
-Kind = Literal["model", "answers"]
+Kind = Literal["model", "columns", "answers"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-"""Condensed models, and what they said."""
+"""Condensed models, columns of strain under them, and what they said."""
 
 MOST_BYTES = 5e9
 """Of all that is kept, unless RIG_CACHE_GB says otherwise; what was not read for longest goes first."""
@@ -27,7 +27,7 @@ MOST_BYTES = 5e9
 _SEAL_BYTES = hashlib.sha256().digest_size
 _CODE = (
     *("config", "contact/patch.py", "fem", "finger", "measures"),
-    *("models/condensed.py", "models/discretised.py", "models/whole_finger.py"),
+    *("models/columns.py", "models/condensed.py", "models/discretised.py", "models/whole_finger.py"),
 )
 """Folders and modules of `sim` that say what a finger's model comes to."""
 

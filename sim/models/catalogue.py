@@ -6,18 +6,20 @@ A new model is a module with a Builder, and a name and a line here.
 from collections.abc import Callable, Mapping, Sequence
 from typing import Literal, get_args
 
-import numpy as np
-
 from sim.config.fingertip_config import FingertipConfig
 from sim.contact.indentor import ALONG
 from sim.finger.surface import FingertipSurface
-from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorSet, place_receptors
+from sim.measures.reach import ReceptorPlaces, receptors_at
+from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorSet
 from sim.models.condensed import CondensedModel
+from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
 from sim.models.halfspace import build_halfspace
-from sim.models.patches import HalfWidths, widened
+from sim.models.patches import widened
 from sim.models.plane_section import build_section, prismatic
 from sim.models.processes.recipe import Recipe
+from sim.models.sources import Anew, MeshKey
+from sim.models.uncondensed.interior import Interior
 from sim.models.whole_finger import build_finger
 
 ModelName = Literal["halfspace", "section", "finger"]
@@ -39,7 +41,8 @@ def load(
     *,
     slopes: tuple[int, ...] = ALONG,
     receptor_x_mm: Sequence[float] = DEFAULT_X_MM,
-    receptor_depth_mm: float = DEFAULT_DEPTH_MM,
+    receptor_depth_mm: float | Sequence[float] = DEFAULT_DEPTH_MM,
+    receptor_z_mm: float | Sequence[float] | None = None,
     cached: bool = True,
 ) -> Fingertip:
     """A model to be indented; the finger's from the cache or built, the others always built (about a second).
@@ -47,18 +50,25 @@ def load(
     A section's forces are per millimetre of its length, in N/mm, and it takes only shapes prismatic along the finger.
     """
     config = FingertipConfig() if config is None else config
+    places = ReceptorPlaces.of(receptor_x_mm, receptor_depth_mm, receptor_z_mm)
     if name == "finger" and cached:
-        return Fingertip.load(config, slopes=slopes, receptor_x_mm=receptor_x_mm, receptor_depth_mm=receptor_depth_mm)
+        return Fingertip.load(config, slopes=slopes, **places.as_options())
     surface = FingertipSurface.fit(config.geometry)
     if name == "section":
+        if places.z_mm is not None:
+            raise ModelRangeError("a section is the receptor plane alone: expected receptors at no other z")
         surface = prismatic(surface, config.receptor_plane_mm)
-    receptors = place_receptors(surface, np.array(receptor_x_mm), receptor_depth_mm, config.receptor_plane_mm)
+    receptors = receptors_at(config, surface, places)
 
-    def build(slopes: tuple[int, ...], patch: HalfWidths | None) -> tuple[CondensedModel, bool]:
-        return BUILDERS[name](widened(config, patch), surface, receptors, slopes), False
+    def build(key: MeshKey, receptors: ReceptorSet) -> CondensedModel:
+        slopes, patch = key
+        return BUILDERS[name](widened(config, patch), surface, receptors, slopes)
 
-    places = {"receptor_x_mm": tuple(receptor_x_mm), "receptor_depth_mm": receptor_depth_mm}
-    recipe = Recipe.of(load, name, config, slopes=slopes, cached=cached, **places)
-    model = Fingertip(config, surface, build, recipe)
+    def whole(key: MeshKey) -> Interior:
+        slopes, patch = key
+        return Interior(widened(config, patch), surface, slopes)
+
+    recipe = Recipe.of(load, name, config, slopes=slopes, cached=cached, **places.as_options())
+    model = Fingertip(config, surface, Anew(build, receptors, whole if name == "finger" else None), recipe)
     model.model_for(slopes)
     return model

@@ -11,6 +11,7 @@ from sim.contact.patch import Patch
 from sim.finger.mesh import FingerMesh
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorSet
+from sim.models.columns import Columns
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -24,9 +25,7 @@ class CondensedModel:
     patch: Patch
     receptor_row: int
     nodes: int
-    receptors: ReceptorSet
-    receptor_e: Array  # (n_receptors,) E / E(epidermis)
-    strain_per_skin_force: Array  # (6 n_receptors, n_z, n_phi, 3) 1/N, forces on all skin nodes
+    columns: Columns
     skin_z_mm: Array  # (n_z,)
     skin_phi: Array  # (n_phi,) rad
     patch_in_skin: Ints  # (n_patch,) numbers of the patch's nodes on that grid
@@ -35,12 +34,15 @@ class CondensedModel:
     kind: str = "finger"
     timing_s: dict[str, float] = field(default_factory=dict, compare=False)
 
+    @property
+    def receptors(self) -> ReceptorSet:
+        """Where strain is known."""
+        return self.columns.receptors
+
     @cached_property
     def strain_per_force(self) -> Array:
         """(6 n_receptors, m n_patch) 1/N, forces on the patch along its axes."""
-        by_node = self.strain_per_skin_force.reshape(len(self.strain_per_skin_force), -1, 3)
-        on_patch = by_node[:, self.patch_in_skin][:, :, list(self.patch.axes)]
-        return np.ascontiguousarray(on_patch.swapaxes(1, 2)).reshape(len(by_node), -1)
+        return self.columns.per_force(self.patch_in_skin, self.patch.axes)
 
     def strain(self, force: Array) -> Array:
         """(n_receptors, 6) strains under (m, n_patch) forces on the patch."""
@@ -55,7 +57,7 @@ class CondensedModel:
         k, across = _cell(self.skin_z_mm, z_mm)
         j, around = _cell(self.skin_phi, phi)
         weights = np.outer([1 - across, across], [1 - around, around])
-        corners = self.strain_per_skin_force[:, k : k + 2, j : j + 2]
+        corners = self.columns.per_skin_force[:, k : k + 2, j : j + 2]
         return np.einsum("rzpi,zp,i->r", corners, weights, -self.surface.normal(phi, z_mm))
 
 
@@ -75,14 +77,11 @@ def skin_beside(mesh: FingerMesh, patch: Patch, sections: slice = slice(None)) -
     return position, rim[np.argmin(distance, axis=1)]
 
 
-_PLAIN = (
-    *("receptor_e", "strain_per_skin_force", "skin_z_mm", "skin_phi", "patch_in_skin"),
-    *("outside_mm", "outside_neighbour"),
-)
+_PLAIN = ("skin_z_mm", "skin_phi", "patch_in_skin", "outside_mm", "outside_neighbour")
 
 
 def to_arrays(model: CondensedModel) -> dict[str, NDArray[np.generic]]:
-    """What is stored on disk: surface and receptors are made again in milliseconds."""
+    """What is stored on disk but for the columns; the surface is made again in milliseconds."""
     patch = model.patch
     return {
         **{name: getattr(model, name) for name in _PLAIN},
@@ -95,11 +94,11 @@ def to_arrays(model: CondensedModel) -> dict[str, NDArray[np.generic]]:
     }
 
 
-def from_arrays(arrays: dict[str, Any], surface: FingertipSurface, receptors: ReceptorSet) -> CondensedModel:
-    """The model that `to_arrays` stored."""
+def from_arrays(arrays: dict[str, Any], surface: FingertipSurface, columns: Columns) -> CondensedModel:
+    """The model that `to_arrays` stored, with columns."""
     shape = (int(arrays["shape"][0]), int(arrays["shape"][1]))
     axes = tuple(int(axis) for axis in arrays["axes"])
     patch = Patch(arrays["position_mm"], arrays["area_mm2"], shape, axes, compliance=arrays["compliance"])
     row, nodes = (int(n) for n in arrays["counts"])
     plain = {name: arrays[name] for name in _PLAIN}
-    return CondensedModel(surface, patch, row, nodes, receptors, **plain)
+    return CondensedModel(surface, patch, row, nodes, columns, **plain)

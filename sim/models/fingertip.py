@@ -2,9 +2,8 @@
 
 import math
 import time
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Hashable, Sequence
 from copy import copy
-from dataclasses import replace
 from functools import cached_property, lru_cache, partial
 from typing import Literal
 
@@ -23,23 +22,22 @@ from sim.contact.shapes import parse_shape
 from sim.contact.solver import TARGET_RESIDUAL, ContactState
 from sim.contact.touch import first_touch
 from sim.finger.surface import FingertipSurface
-from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, place_receptors
-from sim.models.cache import cached_arrays, content_key
-from sim.models.condensed import CondensedModel, from_arrays, to_arrays
+from sim.measures.reach import ReceptorPlaces, receptors_at
+from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
+from sim.models.anywhere import Anywhere, SeenInside
+from sim.models.condensed import CondensedModel
 from sim.models.errors import ForceOutOfReachError, ModelRangeError
-from sim.models.patches import HalfWidths, half_widths, larger, widened
+from sim.models.patches import HalfWidths, half_widths, larger
 from sim.models.pressing import PlacedIndentor, Pressing, RimError, refuse_meaningless
 from sim.models.processes.recipe import ByRecipe, Recipe
 from sim.models.results.indentation import IndentationResult
 from sim.models.results.outline import ModelOutline
 from sim.models.results.pictures import finger_as_html
 from sim.models.results.point_load import PointLoadResult
-from sim.models.whole_finger import build_finger
+from sim.models.sources import MeshKey, OnDisk, Source
 
 Array = NDArray[np.float64]
 Reference = Literal["contact", "apex"]
-ModelLoader = Callable[[tuple[int, ...], HalfWidths | None], tuple[CondensedModel, bool]]
-"""A model for indentors that slope along some axes, on the mesh's own patch or another, and whether it was cached."""
 
 DEEPEST_DOI_MM = 2.0
 """The small-displacement model is not asked beyond this depth; the source's deepest is 1.33 mm."""
@@ -52,25 +50,24 @@ _TOUCHES_KEPT = 64
 _SIDE_RAD = 0.05  # of the section's widest places; below them the skin is no function of x
 
 
-class Fingertip(ByRecipe):
+class Fingertip(ByRecipe, SeenInside):
     """A condensed 3-D fingertip. It keeps no state: an indentation starts from rest unless told where from.
 
     A model is condensed for indentors that slope along some axes, when one is first needed. Copies share models; a
     pickle holds the recipe only, and whoever reads it takes the models from the cache.
     """
 
-    def __init__(
-        self, config: FingertipConfig, surface: FingertipSurface, load_model: ModelLoader, recipe: Recipe
-    ) -> None:
+    def __init__(self, config: FingertipConfig, surface: FingertipSurface, source: Source, recipe: Recipe) -> None:
         self.config = config
         self.surface = surface
         self.recipe = recipe
         self.e_epidermis_mpa = E_EPIDERMIS_MPA
         self.from_cache = True
         self.build_s = 0.0
-        self._load_model = load_model
-        self._models: dict[tuple[tuple[int, ...], HalfWidths | None], CondensedModel] = {}
-        self._outlines: dict[tuple[tuple[int, ...], HalfWidths | None], ModelOutline] = {}
+        self._source = source
+        self._anywhere = Anywhere(source, config.tissue.poisson)
+        self._models: dict[MeshKey, CondensedModel] = {}
+        self._outlines: dict[MeshKey, ModelOutline] = {}
         self._ways: dict[Hashable, dict[float, ContactState]] | None = None
         self._threads = ThreadpoolController()
         self._first_touch = lru_cache(maxsize=_TOUCHES_KEPT)(partial(first_touch, skin=surface))
@@ -82,33 +79,21 @@ class Fingertip(ByRecipe):
         *,
         slopes: tuple[int, ...] = ALONG,
         receptor_x_mm: Sequence[float] = DEFAULT_X_MM,
-        receptor_depth_mm: float = DEFAULT_DEPTH_MM,
+        receptor_depth_mm: float | Sequence[float] = DEFAULT_DEPTH_MM,
+        receptor_z_mm: float | Sequence[float] | None = None,
         solver: Literal["auto", "pardiso", "dissection"] = "auto",
     ) -> "Fingertip":
         """The fingertip of a configuration, its model for shapes that slope so read or built (seconds).
 
-        Raises SurfaceError, MeshError or ReceptorError when geometry, mesh or receptors do not go together.
+        Receptors lie at every combination of x, depth and z (default: the receptor plane); others are added to the
+        same model. Raises SurfaceError, MeshError or ReceptorError when what is given does not go together.
         """
         config = FingertipConfig() if config is None else config
         surface = FingertipSurface.fit(config.geometry)
-        receptors = place_receptors(surface, np.array(receptor_x_mm), receptor_depth_mm, config.receptor_plane_mm)
-        described = config.model_dump(mode="json", exclude={"contact"})
-
-        def load_model(slopes: tuple[int, ...], patch: HalfWidths | None) -> tuple[CondensedModel, bool]:
-            what = [described, list(receptor_x_mm), receptor_depth_mm, solver, list(slopes)]
-            key = content_key(what if patch is None else [*what, list(patch)])
-            timing_s: dict[str, float] = {}
-
-            def make() -> dict[str, NDArray[np.generic]]:
-                built = build_finger(widened(config, patch), surface, receptors, slopes, solver)
-                timing_s.update(built.timing_s)
-                return {name: np.ascontiguousarray(array) for name, array in to_arrays(built).items()}
-
-            arrays, from_cache = cached_arrays(key, make)  # the same to the last bit, made or read
-            return replace(from_arrays(arrays, surface, receptors), timing_s=timing_s), from_cache
-
-        places = {"receptor_x_mm": tuple(receptor_x_mm), "receptor_depth_mm": receptor_depth_mm}
-        finger = cls(config, surface, load_model, Recipe.of(cls.load, config, slopes=slopes, solver=solver, **places))
+        places = ReceptorPlaces.of(receptor_x_mm, receptor_depth_mm, receptor_z_mm)
+        receptors = receptors_at(config, surface, places)
+        recipe = Recipe.of(cls.load, config, slopes=slopes, solver=solver, **places.as_options())
+        finger = cls(config, surface, OnDisk(config, surface, receptors, solver), recipe)
         finger.model_for(slopes)
         return finger
 
@@ -125,7 +110,7 @@ class Fingertip(ByRecipe):
         key = slopes, patch
         if key not in self._models:
             start = time.perf_counter()
-            self._models[key], from_cache = self._load_model(slopes, patch)
+            self._models[key], from_cache = self._source.model(key)
             self._outlines[key] = _outline(self._models[key], self.config.tissue.poisson, patch)
             self.from_cache = self.from_cache and from_cache
             self.build_s += time.perf_counter() - start
@@ -278,7 +263,7 @@ def _outline(model: CondensedModel, poisson: float, patch: HalfWidths | None) ->
         patch_in_skin=model.patch_in_skin,
         receptor_row=model.receptor_row,
         receptors=model.receptors,
-        receptor_e=model.receptor_e,
+        receptor_e=model.columns.young_ratio,
         nodes=model.nodes,
         kind=model.kind,
         poisson=poisson,

@@ -6,13 +6,14 @@ real, curved skin; only the compliance is flat, homogeneous and endless.
 """
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sim.config.fingertip_config import FingertipConfig
 from sim.contact.patch import Patch, X, Y, Z
 from sim.finger.mesh import FingerMesh, build_mesh
 from sim.finger.surface import FingertipSurface
-from sim.measures.receptors import ReceptorSet
+from sim.measures.receptors import ReceptorSet, depths_of
+from sim.models.columns import Columns
 from sim.models.condensed import CondensedModel, skin_beside
 from sim.models.discretised import meshed_for
 
@@ -51,15 +52,16 @@ def build_halfspace(
         axes=axes,
     )
     outside, neighbour = skin_beside(mesh, patch)
-    per_force = interior_strain(receptors.position_mm, receptors.depth_mm, position, shear, poisson)
+    depths_mm = receptors.depths_mm
+    if np.isnan(depths_mm).any():
+        depths_mm = depths_of(surface, receptors.position_mm)
+    per_force = interior_strain(receptors.position_mm, depths_mm, position, shear, poisson)
     return CondensedModel(
         surface=surface,
         patch=patch,
         receptor_row=mesh.receptor_row,
         nodes=len(position),
-        receptors=receptors,
-        receptor_e=np.full(len(receptors.position_mm), modulus),
-        strain_per_skin_force=per_force.reshape(-1, rows, columns, 3),
+        columns=Columns(receptors, np.full(len(per_force), modulus), per_force.reshape(-1, rows, columns, 3)),
         skin_z_mm=position[::columns, Z],
         skin_phi=np.arctan2(position[:columns, Y], position[:columns, X]),
         patch_in_skin=np.arange(len(position)),
@@ -125,10 +127,10 @@ def _integral(moved: int, pushed: int, x: Array, z: Array, poisson: float) -> Ar
     return upward * (0.5 - poisson) * np.asarray(s * np.arctan(t / s) + t * np.log(np.hypot(s, t)))
 
 
-def interior_strain(point_mm: Array, depth_mm: float, skin_mm: Array, shear: float, poisson: float) -> Array:
-    """(n, 6, k, 3) strains e11 e22 e33 e12 e23 e13 at n points of one depth under unit forces at k surface nodes."""
+def interior_strain(point_mm: Array, depth_mm: ArrayLike, skin_mm: Array, shear: float, poisson: float) -> Array:
+    """(n, 6, k, 3) strains e11 e22 e33 e12 e23 e13 at n points of one or n depths under unit forces at k nodes."""
     offset = point_mm[:, None] - skin_mm[None]
-    offset[..., Y] = -depth_mm
+    offset[..., Y] = -np.reshape(depth_mm, (-1, 1))
     slopes = [
         _displacement(offset + 1j * _STEP * np.eye(3)[axis], poisson).imag / (4 * np.pi * shear * _STEP)
         for axis in (X, Y, Z)

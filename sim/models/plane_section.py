@@ -18,6 +18,7 @@ from sim.fem.assembly import symmetric
 from sim.finger.mesh import FingerMesh, section_mesh
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorSet, strain_operator
+from sim.models.columns import Columns
 from sim.models.condensed import CondensedModel, skin_beside
 from sim.models.discretised import assembled, condense, young_ratios
 from sim.models.errors import ModelRangeError
@@ -52,7 +53,7 @@ def build_section(
     pressed = unknown[mesh.patch_nodes][:, AXES].T.ravel()
     kept = np.sort(pressed)
     place = np.searchsorted(kept, pressed)
-    operator, layers = strain_operator(mesh, receptors)
+    operator, layers = strain_operator(mesh, receptors.position_mm)
     with condense(upper, kept, np.zeros((upper.shape[0], 1), np.int64)) as factor:
         compliance = factor.compliance[place].take(place, axis=1)
         strain = factor.solve((operator @ spread).toarray()) @ spread.T
@@ -64,9 +65,11 @@ def build_section(
         patch=patch,
         receptor_row=mesh.receptor_row,
         nodes=mesh.grid[1] * mesh.grid[2],
-        receptors=receptors,
-        receptor_e=young_ratios(config.tissue)[layers],
-        strain_per_skin_force=strain.reshape(len(strain), -1, 3)[:, skin].reshape(-1, 1, len(skin), 3),
+        columns=Columns(
+            receptors,
+            young_ratios(config.tissue)[layers],
+            strain.reshape(len(strain), -1, 3)[:, skin].reshape(-1, 1, len(skin), 3),
+        ),
         skin_z_mm=np.array([config.receptor_plane_mm]),
         skin_phi=mesh.phi,
         patch_in_skin=np.searchsorted(skin, mesh.patch_nodes),

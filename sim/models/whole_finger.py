@@ -11,6 +11,7 @@ from sim.contact.patch import Patch, X, Y
 from sim.finger.mesh import build_mesh
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorSet, strain_operator
+from sim.models.columns import Columns, adjoint_columns
 from sim.models.condensed import CondensedModel, skin_beside
 from sim.models.discretised import discretise, factorise, meshed_for, young_ratios
 
@@ -30,6 +31,8 @@ def build_finger(
     clock = _Stopwatch()
     mesh = build_mesh(meshed_for(config, slopes), surface)
     clock.lap("mesh")
+    operator, layers = strain_operator(mesh, receptors.position_mm)
+    clock.lap("recovery")
     axes = (*slopes, Y)
     problem = discretise(config, mesh, axes)
     clock.lap("assembly")
@@ -37,13 +40,9 @@ def build_finger(
         clock.lap("condensation")
         compliance = factor.compliance
         clock.lap("inverse")
-        operator, layers = strain_operator(mesh, receptors)
-        strain = factor.solve(operator.tocsc()[:, problem.free].toarray())
+        strain = adjoint_columns(problem, factor, operator)
     clock.lap("receptors")
-    n_z, n_phi, _ = mesh.grid
     skin = np.arange(len(mesh.nodes)).reshape(mesh.grid)[:, :, 0].ravel()
-    everywhere = np.zeros((len(strain), 3 * len(mesh.nodes)))
-    everywhere[:, problem.free] = strain
     order = by_axis(axes, len(mesh.patch_nodes))
     patch = Patch(
         position_mm=mesh.nodes[mesh.patch_nodes],
@@ -59,9 +58,7 @@ def build_finger(
         patch=patch,
         receptor_row=mesh.receptor_row,
         nodes=len(mesh.nodes),
-        receptors=receptors,
-        receptor_e=young_ratios(config.tissue)[layers],
-        strain_per_skin_force=everywhere.reshape(len(strain), -1, 3)[:, skin].reshape(-1, n_z, n_phi, 3),
+        columns=Columns(receptors, young_ratios(config.tissue)[layers], strain),
         skin_z_mm=mesh.z_mm,
         skin_phi=mesh.phi,
         patch_in_skin=np.searchsorted(skin, mesh.patch_nodes),

@@ -82,13 +82,13 @@ def test_a_receptor_beside_the_finger_is_refused(skin: FingertipSurface) -> None
 
 def test_receptors_lie_in_the_dermis(default_mesh: FingerMesh, placed: ReceptorSet) -> None:
     # Between 0.4 and 1.2 mm of depth.
-    assert set(strain_operator(default_mesh, placed)[1]) == {DERMIS}
+    assert set(strain_operator(default_mesh, placed.position_mm)[1]) == {DERMIS}
 
 
 def test_a_linear_field_gives_its_strain(default_mesh: FingerMesh, placed: ReceptorSet) -> None:
     # e11 e22 e33 e12 e23 e13, shears engineering; exact but for round-off of 27 weights of order one.
     g = 1e-3 * np.array([[3.0, -1.0, 2.0], [0.5, -4.0, 1.0], [0.2, 0.7, 1.5]])
-    operator, _ = strain_operator(default_mesh, placed)
+    operator, _ = strain_operator(default_mesh, placed.position_mm)
     strain = (operator @ (default_mesh.nodes @ g.T).ravel()).reshape(-1, 6)
     expected = [g[0, 0], g[1, 1], g[2, 2], g[0, 1] + g[1, 0], g[1, 2] + g[2, 1], g[0, 2] + g[2, 0]]
     np.testing.assert_allclose(strain, np.tile(expected, (10, 1)), rtol=0, atol=1e-14)
@@ -136,7 +136,7 @@ def test_strain_is_continuous_across_elements(skin: FingertipSurface, element: s
     faces = row[(mesh.phi > 1) & (mesh.phi < 2)][:, np.flatnonzero(inside)[2:4]].mean(axis=1)
     across = 1e-7 * np.array([1.0, 0.0, 0.0])
     sides = np.concatenate([faces - across, faces + across])
-    strain = (strain_operator(mesh, ReceptorSet(sides, 0.76))[0] @ u).reshape(2, -1)
+    strain = (strain_operator(mesh, sides)[0] @ u).reshape(2, -1)
     assert len(faces) > 5
     np.testing.assert_allclose(strain[0], strain[1], rtol=0, atol=1e-5 * np.abs(strain).max())
 
@@ -152,7 +152,7 @@ def test_strain_beside_an_interface_is_of_its_own_layer(
     row = mesh.order * int(np.argmax(mesh.layer[mesh.element_grid[0, 0]] == below))  # of nodes, on the interface
     column = mesh.column_at(np.pi / 2, PLANE_MM)
     outwards = (column[0] - column[-1]) / np.linalg.norm(column[0] - column[-1])
-    beside = ReceptorSet(column[row] + 1e-3 * np.array([[1.0], [-1.0]]) * outwards, 0.0)
+    beside = column[row] + 1e-3 * np.array([[1.0], [-1.0]]) * outwards
     operator, layers = strain_operator(mesh, beside)
     assert layers.tolist() == [above, below]
     u = np.random.default_rng(3).normal(size=(*mesh.grid, 3))
@@ -186,7 +186,7 @@ def test_strain_of_a_bent_field_converges_to_the_exact_one(default_mesh: FingerM
     # (0.2 mm) over the scale of the field (1 mm): within 1 % of the largest strain.
     x, y, z = default_mesh.nodes.T
     u = np.stack([0.01 * x * y, 0.01 * (y - 4) ** 2, 0.01 * (z - 7) * (y - 4)], axis=1)
-    operator, _ = strain_operator(default_mesh, placed)
+    operator, _ = strain_operator(default_mesh, placed.position_mm)
     strain = (operator @ u.ravel()).reshape(-1, 6)
     px, py, pz = placed.position_mm.T
     zero = 0 * px
@@ -196,7 +196,7 @@ def test_strain_of_a_bent_field_converges_to_the_exact_one(default_mesh: FingerM
 
 def test_a_receptor_at_an_end_of_the_finger_is_refused(default_mesh: FingerMesh) -> None:
     with pytest.raises(ReceptorError, match="lies at an end of the finger"):
-        strain_operator(default_mesh, ReceptorSet(np.array([[0.0, 1.5, 0.01]]), 0.76))
+        strain_operator(default_mesh, np.array([[0.0, 1.5, 0.01]]))
 
 
 def test_measures_take_the_layer_of_each_receptor(finger: Fingertip) -> None:

@@ -15,7 +15,7 @@ import pytest
 from sim.config.fingertip_config import FingertipConfig, Geometry, Tissue
 from sim.contact.indentor import ACROSS, BOTH
 from sim.measures.measures import MEASURES
-from sim.models import fingertip
+from sim.models import sources
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.processes.recipe import made
@@ -166,7 +166,7 @@ def test_a_process_to_which_a_finger_is_sent_again_reads_it_once(
     made.cache_clear()
     sent = pickle.dumps(finger)
     first = pickle.loads(sent)
-    monkeypatch.setattr(fingertip, "cached_arrays", None)
+    monkeypatch.setattr(sources, "cached_arrays", None)
     assert pickle.loads(sent).model is first.model
     made.cache_clear()
 

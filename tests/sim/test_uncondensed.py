@@ -74,7 +74,7 @@ def test_contact_holds_on_the_whole_solution(whole: Whole, default_mesh: FingerM
 
 def test_strain_at_the_receptors(whole: Whole, default_mesh: FingerMesh) -> None:
     # The adjoint right-hand sides of the condensed model against the operator on all displacements.
-    operator, _ = strain_operator(default_mesh, whole.results[0].model.receptors)
+    operator, _ = strain_operator(default_mesh, whole.results[0].model.receptors.position_mm)
     for result, u in zip(whole.results, whole.displacement, strict=True):
         strain = (operator @ u.ravel()).reshape(-1, 6)
         np.testing.assert_allclose(result.receptor_strain, strain, rtol=0, atol=1e-10 * np.abs(strain).max())

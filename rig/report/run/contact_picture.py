@@ -55,7 +55,7 @@ def _panel(axes: Axes, result: IndentationResult, top: float) -> QuadMesh:
     _relief(axes, result)
     at = result.state.held.on(patch).interpolate(patch.position_mm.T)
     axes.plot(at[X], at[Z], ".", ms=2, color=ORANGE)
-    plane_mm = float(result.model.receptors.position_mm[0, Z])
+    plane_mm = result.model.plane_mm
     axes.axhline(plane_mm, color=BLUE, lw=0.5, ls=":")
     axes.set(xlim=(x.min(), x.max()), ylim=(z.min(), z.max()), aspect="equal")
     return drawn

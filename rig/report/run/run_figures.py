@@ -78,7 +78,7 @@ def _contact_panel(axes: Axes, response: Response, top: float) -> Axes:
     undeformed, pressure = result.pressure_profile
     axes.plot(x, y, color=GREY, lw=1)
     s = np.linspace(-3.6, 3.6, 1441)
-    plane_mm = result.model.receptors.position_mm[0, Z]
+    plane_mm = result.model.plane_mm
     offset = {X: s - result.x_mm, Z: np.full_like(s, plane_mm - result.z_mm)}
     h = result.indentor.evaluate(np.stack([offset[axis] for axis in result.indentor.axes])).height_mm
     height = result.touch_height_mm - result.doi_mm + np.minimum(h, 1.3)

@@ -65,7 +65,7 @@ class ModelOutline:
     def receptor_columns(self, measures: dict[str, Array]) -> dict[str, Array]:
         """Columns x_mm, depth_mm and the 18 measures, one row a receptor."""
         x_mm = self.receptors.position_mm[:, 0]
-        columns = {"x_mm": x_mm.copy(), "depth_mm": np.full(len(x_mm), self.receptors.depth_mm)}
+        columns = {"x_mm": x_mm.copy(), "depth_mm": self.receptors.depths_mm.copy()}
         return columns | {name: measures[name] for name in MEASURES}
 
     @cached_property

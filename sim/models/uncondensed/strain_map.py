@@ -16,6 +16,7 @@ from sim.measures.receptors import sampled
 from sim.models.discretised import discretise, factorise, meshed_for, young_ratios
 from sim.models.patches import widened
 from sim.models.results.indentation import IndentationResult
+from sim.models.uncondensed.interior import displaced
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -85,12 +86,5 @@ def _closed(corner: Array) -> Array:
 def displacements(config: FingertipConfig, mesh: FingerMesh, results: Sequence[IndentationResult]) -> Array:
     """(n_results, n_nodes, 3) mm of every node of their mesh under the contact forces of indentations."""
     problem = discretise(config, mesh)
-    loads = np.zeros((len(results), *mesh.nodes.shape))
-    skin = np.arange(len(mesh.nodes)).reshape(mesh.grid)[:, :, 0].ravel()
-    for load, result in zip(loads, results, strict=True):
-        nodes = skin[result.model.patch_in_skin]
-        load[nodes[:, None], result.model.patch.axes] = result.state.force.T
-    moved = np.zeros((len(results), mesh.nodes.size))
     with factorise(replace(problem, kept=problem.kept[:1])) as factor:  # nothing is to be condensed
-        moved[:, problem.free] = factor.solve(loads.reshape(len(results), -1)[:, problem.free])
-    return moved.reshape(loads.shape)
+        return displaced(problem, factor, results)

@@ -1,0 +1,88 @@
+"""The inside of a finger: its whole stiffness, factorised, which gives strain at any point of it."""
+
+import weakref
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.config.fingertip_config import FingertipConfig
+from sim.finger.mesh import build_mesh
+from sim.finger.surface import FingertipSurface
+from sim.measures.receptors import ReceptorSet, strain_operator
+from sim.models.columns import Columns, Progress, adjoint_columns
+from sim.models.discretised import Factor, FiniteElements, discretise, factorise, meshed_for, young_ratios
+from sim.models.results.indentation import IndentationResult
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_POINTS_AT_ONCE = 200  # each takes a quarter of a megabyte while its strains are recovered
+
+
+class Interior:
+    """One mesh of a finger and the factor of its stiffness, 0.6 GB and some seconds on the default mesh.
+
+    The factor is made when it is first needed, after the points were looked at, and freed with the object.
+    """
+
+    def __init__(
+        self, config: FingertipConfig, surface: FingertipSurface, slopes: tuple[int, ...], solver: str = "auto"
+    ) -> None:
+        self._config = config
+        self._solver = solver
+        self.mesh = build_mesh(meshed_for(config, slopes), surface)
+
+    @cached_property
+    def problem(self) -> FiniteElements:
+        """The stiffness; one unknown is kept, for nothing is to be condensed."""
+        problem = discretise(self._config, self.mesh)
+        return replace(problem, kept=problem.kept[:1])
+
+    @cached_property
+    def factor(self) -> Factor:
+        """What solves under any loads."""
+        factor = factorise(self.problem, self._solver)
+        weakref.finalize(self, factor.close)
+        return factor
+
+    def columns(self, receptors: ReceptorSet, progress: Progress | None = None) -> Columns:
+        """Columns of places by six adjoint solves each. Raises ReceptorError."""
+        operator, layers = strain_operator(self.mesh, receptors.position_mm)
+        strain = adjoint_columns(self.problem, self.factor, operator, progress)
+        return Columns(receptors, young_ratios(self._config.tissue)[layers], strain)
+
+    def strain(
+        self, results: Sequence[IndentationResult], points_mm: Array, progress: Progress | None = None
+    ) -> tuple[Array, Array]:
+        """(n_results, n, 6) strains at (n, 3) points by one solve a press, and (n,) E / E(epidermis) there.
+
+        Raises ReceptorError.
+        """
+        strain, layers = np.zeros((len(results), len(points_mm), 6)), np.zeros(len(points_mm), np.int64)
+        operators = []
+        for start in range(0, len(points_mm), _POINTS_AT_ONCE):
+            some = slice(start, start + _POINTS_AT_ONCE)
+            operator, layers[some] = strain_operator(self.mesh, points_mm[some])
+            operators.append((some, operator))
+            if progress:
+                progress(min(some.stop, len(points_mm)), len(points_mm))
+        moved = displaced(self.problem, self.factor, results).reshape(len(results), -1)
+        for some, operator in operators:
+            strain[:, some] = (operator @ moved.T).T.reshape(len(results), -1, 6)
+        return strain, young_ratios(self._config.tissue)[layers]
+
+
+def displaced(problem: FiniteElements, factor: Factor, results: Sequence[IndentationResult]) -> Array:
+    """(n_results, n_nodes, 3) mm of every node of their mesh under the contact forces of indentations."""
+    mesh = problem.mesh
+    loads = np.zeros((len(results), *mesh.nodes.shape))
+    skin = np.arange(len(mesh.nodes)).reshape(mesh.grid)[:, :, 0].ravel()
+    for load, result in zip(loads, results, strict=True):
+        nodes = skin[result.model.patch_in_skin]
+        load[nodes[:, None], result.model.patch.axes] = result.state.force.T
+    moved = np.zeros((len(results), mesh.nodes.size))
+    moved[:, problem.free] = factor.solve(loads.reshape(len(results), -1)[:, problem.free])
+    return moved.reshape(loads.shape)
