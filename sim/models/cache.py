@@ -27,7 +27,8 @@ MOST_BYTES = 5e9
 _SEAL_BYTES = hashlib.sha256().digest_size
 _CODE = (
     *("config", "contact/patch.py", "fem", "finger", "measures"),
-    *("models/columns.py", "models/condensed.py", "models/discretised.py", "models/whole_finger.py"),
+    *("models/inside/adjoint.py", "models/inside/columns.py"),
+    *("models/condensed.py", "models/discretised.py", "models/whole_finger.py"),
 )
 """Folders and modules of `sim` that say what a finger's model comes to."""
 

@@ -15,11 +15,11 @@ from sim.models.condensed import CondensedModel
 from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
 from sim.models.halfspace import build_halfspace
+from sim.models.inside.interior import Interior
 from sim.models.patches import widened
 from sim.models.plane_section import build_section, prismatic
 from sim.models.processes.recipe import Recipe
 from sim.models.sources import Anew, MeshKey
-from sim.models.uncondensed.interior import Interior
 from sim.models.whole_finger import build_finger
 
 ModelName = Literal["halfspace", "section", "finger"]

@@ -11,7 +11,7 @@ from sim.contact.patch import Patch
 from sim.finger.mesh import FingerMesh
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorSet
-from sim.models.columns import Columns
+from sim.models.inside.columns import Columns
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -24,9 +24,9 @@ from sim.contact.touch import first_touch
 from sim.finger.surface import FingertipSurface
 from sim.measures.reach import ReceptorPlaces, receptors_at
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
-from sim.models.anywhere import Anywhere, SeenInside
 from sim.models.condensed import CondensedModel
 from sim.models.errors import ForceOutOfReachError, ModelRangeError
+from sim.models.inside.anywhere import Anywhere, SeenInside
 from sim.models.patches import HalfWidths, half_widths, larger
 from sim.models.pressing import PlacedIndentor, Pressing, RimError, refuse_meaningless
 from sim.models.processes.recipe import ByRecipe, Recipe

@@ -13,9 +13,9 @@ from sim.contact.patch import Patch, X, Y, Z
 from sim.finger.mesh import FingerMesh, build_mesh
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorSet, depths_of
-from sim.models.columns import Columns
 from sim.models.condensed import CondensedModel, skin_beside
 from sim.models.discretised import meshed_for
+from sim.models.inside.columns import Columns
 
 Array = NDArray[np.float64]
 

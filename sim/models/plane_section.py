@@ -18,10 +18,10 @@ from sim.fem.assembly import symmetric
 from sim.finger.mesh import FingerMesh, section_mesh
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorSet, strain_operator
-from sim.models.columns import Columns
 from sim.models.condensed import CondensedModel, skin_beside
 from sim.models.discretised import assembled, condense, young_ratios
 from sim.models.errors import ModelRangeError
+from sim.models.inside.columns import Columns
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

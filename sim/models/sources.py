@@ -10,10 +10,10 @@ from sim.config.fingertip_config import FingertipConfig
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorSet
 from sim.models.cache import Arrays, cached_arrays, content_key
-from sim.models.columns import STORED, Columns
 from sim.models.condensed import CondensedModel, from_arrays, to_arrays
+from sim.models.inside.columns import STORED, Columns
+from sim.models.inside.interior import Interior
 from sim.models.patches import HalfWidths, widened
-from sim.models.uncondensed.interior import Interior
 from sim.models.whole_finger import build_finger
 
 MeshKey = tuple[tuple[int, ...], HalfWidths | None]

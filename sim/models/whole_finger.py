@@ -11,9 +11,10 @@ from sim.contact.patch import Patch, X, Y
 from sim.finger.mesh import build_mesh
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorSet, strain_operator
-from sim.models.columns import Columns, adjoint_columns
 from sim.models.condensed import CondensedModel, skin_beside
 from sim.models.discretised import discretise, factorise, meshed_for, young_ratios
+from sim.models.inside.adjoint import adjoint_columns
+from sim.models.inside.columns import Columns
 
 Ints = NDArray[np.int64]
 

@@ -18,10 +18,10 @@ from sim.finger.layers import BONE, DERMIS, EPIDERMIS, FAT
 from sim.finger.mesh import FingerMesh
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_X_MM, depths_of, place_receptors, strain_operator
-from sim.models import anywhere, sources
+from sim.models import sources
 from sim.models.discretised import discretise
-from sim.models.uncondensed import interior
-from sim.models.uncondensed.interior import Interior
+from sim.models.inside import anywhere, interior
+from sim.models.inside.interior import Interior
 from sim.models.uncondensed.strain_map import mesh_of
 from studies.verification.halfspace import boussinesq_strain
 

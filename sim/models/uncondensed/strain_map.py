@@ -14,9 +14,9 @@ from sim.finger.surface import FingertipSurface
 from sim.measures.measures import measures_in_layers
 from sim.measures.receptors import sampled
 from sim.models.discretised import discretise, factorise, meshed_for, young_ratios
+from sim.models.inside.interior import displaced
 from sim.models.patches import widened
 from sim.models.results.indentation import IndentationResult
-from sim.models.uncondensed.interior import displaced
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -11,14 +11,15 @@ from sim.config.fingertip_config import FingertipConfig
 from sim.finger.surface import FingertipSurface
 from sim.measures.reach import points_below
 from sim.measures.receptors import ReceptorSet
-from sim.models.columns import Columns, Progress
 from sim.models.condensed import CondensedModel
 from sim.models.errors import ModelRangeError
+from sim.models.inside.adjoint import Progress
+from sim.models.inside.columns import Columns
+from sim.models.inside.interior import Interior
 from sim.models.patches import HalfWidths
 from sim.models.results.fields import Fields
 from sim.models.results.indentation import IndentationResult
 from sim.models.sources import MeshKey, Source
-from sim.models.uncondensed.interior import Interior
 
 Array = NDArray[np.float64]
 

@@ -12,8 +12,9 @@ from sim.config.fingertip_config import FingertipConfig
 from sim.finger.mesh import build_mesh
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorSet, strain_operator
-from sim.models.columns import Columns, Progress, adjoint_columns
 from sim.models.discretised import Factor, FiniteElements, discretise, factorise, meshed_for, young_ratios
+from sim.models.inside.adjoint import Progress, adjoint_columns
+from sim.models.inside.columns import Columns
 from sim.models.results.indentation import IndentationResult
 
 Array = NDArray[np.float64]
