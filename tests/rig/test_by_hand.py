@@ -13,9 +13,10 @@ from typing import Any
 import pytest
 
 from rig.devices.force.base import ForceBusy, ForceReading
-from rig.devices.stage.base import StageStatus
+from rig.devices.stage.base import StageOverridden, StageStatus
 from rig.devices.units import GWT_N
 from rig.engine.by_hand import ByHand, Direction, Guard, Moved
+from rig.engine.by_hand.dead_man import dead_man_jog
 from rig.engine.errors import LimitError
 from rig.engine.sensing import Sensing, Zero
 from rig.plan.config import Config
@@ -231,6 +232,31 @@ def test_above_a_trip_it_is_lifted_again(at_hand: Callable[..., AtHand]) -> None
     assert bench.height_mm == pytest.approx(0.52, abs=0.004)
 
 
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_lift_from_a_trip_whose_speed_somebody_changes_is_made_all_the_same(
+    at_hand: Callable[..., AtHand], monkeypatch: pytest.MonkeyPatch, times: int
+) -> None:
+    """And where it then stands is what is told."""
+    bench = at_hand(above_mm=0.52, k_gwt=6000.0, soft_trip_n=0.1)
+    lifts: list[float] = []
+    halts: list[int] = []
+
+    def jog(stage: Any, clock: Any, held: Any, speed_mm_s: float, by_mm: float, *glance: Any) -> StageStatus:
+        if held() == Direction("z", +1):
+            lifts.append(by_mm)
+            if len(lifts) <= times:
+                raise StageOverridden("somebody changed the speed")
+        return dead_man_jog(stage, clock, held, speed_mm_s, by_mm, *glance)
+
+    monkeypatch.setattr("rig.engine.by_hand.by_hand.dead_man_jog", jog)
+    halt = bench.bench.stage.halt
+    monkeypatch.setattr(bench.bench.stage, "halt", lambda: (halts.append(1), halt()))
+    moved = bench.jog("z", -1.0)
+    assert (len(lifts), len(halts)) == (times + 1, times)
+    assert bench.height_mm == pytest.approx(0.52, abs=0.004)
+    assert moved.at.z_mm - APEX_MM == pytest.approx(0.52, abs=0.004)
+
+
 def test_with_on_trip_stop_it_stays(at_hand: Callable[..., AtHand]) -> None:
     bench = at_hand(above_mm=0.52, k_gwt=6000.0, soft_trip_n=0.1, on_trip="stop")
     assert "lifted" not in str(bench.jog("z", -1.0).ended_by)
@@ -381,6 +407,10 @@ def test_down_to_clearance_by_descent_steps_and_then_by_increments() -> None:
         *[(-0.05, 5.0)] * 2,
         *[(pytest.approx(-0.02, abs=2e-4), 5.0)],
     ]
+
+
+def test_where_it_came_to_rest_on_the_way_down_is_told(at_hand: Callable[..., AtHand]) -> None:
+    assert at_hand().jog("z", -0.7).at.z_mm - APEX_MM == pytest.approx(3.0 - 0.7, abs=0.004)
 
 
 def test_a_slower_speed_is_kept() -> None:

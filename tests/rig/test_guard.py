@@ -139,6 +139,16 @@ def test_the_same_force_for_three_steps_is_a_frozen_reading(first: str, frozen_a
     assert [feeling.rest(0.2) for _ in range(2)] == ["", ""], "a new motion counts anew"
 
 
+@pytest.mark.parametrize(("first", "frozen_at"), [("rest", 4), ("glance", 13)])
+def test_small_steps_are_to_have_shown_five_steps_of_the_sensor(first: str, frozen_at: int) -> None:
+    """0.004 mm at 4 gwt/mm, 0.016 gwt each, or at 1 gwt/mm: more than 0.05 gwt together."""
+    feeling = Feeling().begin(0.0, "down")
+    assert getattr(feeling, first)(0.2)
+    feeling.begin(0.2, "down")
+    said = [feeling.rest(0.2, -1.0 - k * 0.004, 0.004) for k in range(1, frozen_at + 1)]
+    assert [bool(reason) for reason in said] == [k == frozen_at for k in range(1, frozen_at + 1)]
+
+
 def test_before_a_touch_nothing_need_change() -> None:
     feeling = Feeling().begin(0.0, "down")
     assert [feeling.rest(0.0) for _ in range(20)] == [""] * 20
@@ -232,3 +242,6 @@ def test_a_look_between_motions_shows_what_is_felt() -> None:
     feeling.told.gwt = 7.0
     feeling.guard.look()
     assert feeling.guard.force_gwt == pytest.approx(7.0)
+    feeling.told.error = SILENT
+    feeling.guard.look()
+    assert feeling.guard.force_gwt is None

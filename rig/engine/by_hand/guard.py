@@ -82,7 +82,6 @@ class Guard:
             self.force_gwt = None
             if not self._up:
                 raise FeltError(str(error)) from error
-            return
         if self.force_gwt is None or (
             self._up and abs(self.force_gwt) <= abs(self._began_gwt) + self._sensing.touch_gwt
         ):

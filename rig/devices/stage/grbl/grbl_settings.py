@@ -23,8 +23,9 @@ def expected_settings(settings: BenchSettings) -> dict[int, float]:
     measured = dict(settings.calibration.measured())
     steps = [measured.get(f"{axis}_steps_per_mm") for axis in "xyz"]
     expected |= {STEPS_PER_MM + i: abs(one.value) for i, one in enumerate(steps) if one}
-    if all(steps):
-        expected[STEP_DIRECTION] = sum(1 << i for i, one in enumerate(steps) if one and one.value < 0)
+    directions = [one.value < 0 for one in steps if one]
+    if len(directions) == len(steps):
+        expected[STEP_DIRECTION] = sum(against << i for i, against in enumerate(directions))
     return expected
 
 
@@ -82,8 +83,8 @@ def misplaced(board: Mapping[int, float], target: Mapping[str, float], at: Xyz) 
 
 def keys_of(board: Mapping[int, float], expected: Mapping[int, float]) -> str:
     """Which key of the configuration a difference may be about, in brackets; nothing for what is always expected."""
-    travel = any(_differs(board, TRAVEL + axis, expected.get(TRAVEL + axis, 0.0)) for axis in range(3))
-    return " (stage.travel_mm)" if travel and TRAVEL in expected else ""
+    travel = [number for number in (TRAVEL, TRAVEL + 1, TRAVEL + 2) if number in expected]
+    return " (stage.travel_mm)" if any(_differs(board, number, expected[number]) for number in travel) else ""
 
 
 def _differs(board: Mapping[int, float], number: int, value: float) -> bool:

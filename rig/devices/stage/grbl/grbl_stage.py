@@ -1,6 +1,7 @@
 """A stage on a GRBL 1.1 or grblHAL board. Source: GRBL 1.1 interface wiki."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from types import MappingProxyType
 from typing import Literal
 
@@ -220,10 +221,8 @@ class GrblStage(Stage):
     def look(self) -> StageStatus:
         # Opening the port may have reset the board, or somebody stopped it: what that prints is not an answer.
         for _ in range(NEWS):
-            try:
+            with suppress(StageReset, StageAlarm):
                 return self.status()
-            except (StageReset, StageAlarm):
-                continue
         return self.status()
 
     def steps_per_mm(self, axis: Axis) -> float:
