@@ -7,6 +7,7 @@ from rig.protocol.errors import BadInputError
 from sim.config.fingertip_config import FingertipConfig, MeshSpec
 from sim.config.units import GWT_N
 from sim.contact.indentor import Indentor
+from sim.measures.reach import ReceptorPlaces
 from sim.models.catalogue import MODELS, ModelName, load
 from sim.models.fingertip import Fingertip
 from sim.speed_and_error.choice import choose
@@ -25,13 +26,13 @@ class Chosen:
     why: str
     length_mm: float | None
 
-    def load(self, config: FingertipConfig, slopes: tuple[int, ...], receptor_depth_mm: float) -> Fingertip:
-        """The model of a configuration, made for shapes that slope along some axes."""
+    def load(self, config: FingertipConfig, slopes: tuple[int, ...], receptors: ReceptorPlaces) -> Fingertip:
+        """The model of a configuration, made for shapes that slope along some axes, with receptors."""
         if self.level is not None:
             if config.mesh != MeshSpec():
                 raise BadInputError("--model auto: chooses the mesh itself, expected no [finger.mesh] in --config")
             config = config.model_copy(update={"mesh": MeshSpec.model_validate({"level": self.level})})
-        return load(self.model, config, slopes=slopes, receptor_depth_mm=receptor_depth_mm)
+        return load(self.model, config, slopes=slopes, **receptors.as_options())
 
     def force_per_mm(self, force_gwt: float | None) -> float | None:
         """The force to ask the model for: a section's is per millimetre."""

@@ -10,7 +10,7 @@ from typing import Annotated, NamedTuple
 
 import typer
 
-from rig.cli.options import JsonOption, checked_file
+from rig.cli.options import JsonOption, checked_file, numbers
 from rig.cli.output import THE_FINGER, busy, out, print_json, told_in_one_line
 from rig.compare.comparison import Comparison, compare
 from rig.compare.fingers.on_fingers import on_plausible_fingers
@@ -60,7 +60,7 @@ def command(
     with told_in_one_line(as_json=as_json):
         began = time.perf_counter()
         receptors = Receptors(
-            _numbers("--receptor-x-mm", receptor_x_mm) if receptor_x_mm else DEFAULT_X_MM, receptor_depth_mm
+            numbers("--receptor-x-mm", receptor_x_mm) if receptor_x_mm else DEFAULT_X_MM, receptor_depth_mm
         )
         spikes = SpikeReading(_window(window_s), field_centre_mm)
         for option, path in {"--out": out_file, "--pdf": pdf}.items():
@@ -169,18 +169,11 @@ def _fingers(runs: list[Run], receptors: Receptors, *, as_json: bool) -> list[Fi
     return [loaded[config.model_dump_json()] for config in configs]
 
 
-def _numbers(option: str, text: str) -> tuple[float, ...]:
-    try:
-        return tuple(float(part) for part in text.split(","))
-    except ValueError:
-        raise BadInputError(f"{option} {text!r}: expected numbers separated by commas") from None
-
-
 def _window(text: str) -> tuple[float, float]:
-    numbers = _numbers("--window-s", text)
-    if len(numbers) != 2:
+    ends = numbers("--window-s", text)
+    if len(ends) != 2:
         raise BadInputError(f"--window-s {text!r}: expected two numbers, begin,end")
-    return numbers[0], numbers[1]
+    return ends[0], ends[1]
 
 
 def _unusual(*options: tuple[str, str | None, str | None]) -> dict[str, list[str]]:

@@ -1,24 +1,30 @@
 """`rig indent`: one simulated indentation."""
 
+import math
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 import typer
 from rich.table import Table
 
 from rig.cli.chosen_model import Chosen, Wanted
-from rig.cli.options import JsonOption
+from rig.cli.options import JsonOption, numbers
 from rig.cli.output import ExitCode, complain, loading_the_finger, out, print_json, told_in_one_line
 from rig.plan.config import load_config
 from rig.protocol.errors import BadInputError
 from sim.contact.indentor import BOTH, Indentor
 from sim.contact.patch import X, Z
 from sim.contact.shapes import EXPECTED, parse_shape
-from sim.measures.receptors import DEFAULT_DEPTH_MM
+from sim.measures.reach import ReceptorPlaces
+from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
 from sim.models.catalogue import MODELS
 from sim.models.fingertip import Fingertip
 from sim.models.results.indentation import IndentationResult
+from sim.models.results.outline import ModelOutline
 from sim.models.results.point_load import PointLoadResult
+
+_PLACED_MM = 1e-6
 
 
 def command(
@@ -39,7 +45,15 @@ def command(
     length_mm: Annotated[
         float | None, typer.Option(metavar="L", help="Effective length behind a section's force.")
     ] = None,
-    receptor_depth_mm: Annotated[float, typer.Option(metavar="D", help="Below the skin.")] = DEFAULT_DEPTH_MM,
+    receptor_x_mm: Annotated[
+        str | None, typer.Option(metavar="X,X…", help="Receptors other than the ten; also FROM:TO:STEP.")
+    ] = None,
+    receptor_depth_mm: Annotated[
+        str, typer.Option(metavar="D,D…", help="Below the skin; every x at every depth.")
+    ] = f"{DEFAULT_DEPTH_MM:g}",
+    receptor_z_mm: Annotated[
+        str | None, typer.Option(metavar="Z,Z…", help="Along the finger, if not in the receptor plane.")
+    ] = None,
     reference: Annotated[str, typer.Option(metavar="contact|apex", help="Where DOI is zero.")] = "contact",
     config: Annotated[Path | None, typer.Option(metavar="TOML", help="Configuration of the finger.")] = None,
     picture: Annotated[
@@ -51,8 +65,7 @@ def command(
     with told_in_one_line(as_json=as_json):
         wanted = Wanted.parse(model, tolerance, quantity, length_mm)
         settings = load_config(config)
-        if not 0.1 <= receptor_depth_mm <= 3.0:
-            raise BadInputError(f"--receptor-depth-mm {receptor_depth_mm:g}: expected 0.1 … 3.0")
+        receptors = _receptors(receptor_x_mm, receptor_depth_mm, receptor_z_mm)
         origin = _reference(reference)
         _refuse_picture(picture, shape)
         indentor = None if shape == "point" else parse_shape(shape)
@@ -60,12 +73,12 @@ def command(
         if indentor is None:
             wanted.refuse_for_point()
             with loading_the_finger():
-                finger = Fingertip.load(settings.finger, receptor_depth_mm=receptor_depth_mm)
+                finger = Fingertip.load(settings.finger, **receptors.as_options())
             _press_point(finger, x_mm or 0.0, z_mm, doi_mm, force_gwt, as_json=as_json)
             return
         chosen = wanted.choose(indentor, x_mm or 0.0, doi_mm)
         with loading_the_finger():
-            finger = chosen.load(settings.finger, indentor.axes, receptor_depth_mm)
+            finger = chosen.load(settings.finger, indentor.axes, receptors)
         force = chosen.force_per_mm(force_gwt)
         result = finger.indent(indentor, x_mm or 0.0, z_mm=z_mm, doi_mm=doi_mm, force_gwt=force, reference=origin)
         if picture is not None:
@@ -79,6 +92,15 @@ def command(
         if not result.state.converged:
             complain(f"not converged, residual {result.state.residual:.1e}")
             raise typer.Exit(ExitCode.STOPPED)
+
+
+def _receptors(x_mm: str | None, depth_mm: str, z_mm: str | None) -> ReceptorPlaces:
+    x = DEFAULT_X_MM if x_mm is None else numbers("--receptor-x-mm", x_mm)
+    depths = numbers("--receptor-depth-mm", depth_mm)
+    for depth in depths:
+        if not 0.1 <= depth <= 3.0:
+            raise BadInputError(f"--receptor-depth-mm {depth:g}: expected 0.1 … 3.0")
+    return ReceptorPlaces(x, depths, None if z_mm is None else numbers("--receptor-z-mm", z_mm))
 
 
 def _refuse_place(shape: str, indentor: Indentor | None, x_mm: float | None, z_mm: float | None) -> None:
@@ -161,11 +183,22 @@ def _print(result: IndentationResult, chosen: Chosen, build_s: float) -> None:
 
 
 def _print_receptors(result: IndentationResult | PointLoadResult) -> None:
-    table = Table("receptor x (mm)", "ep1", "ep3", "s33 (pseudo)", "SED (pseudo)", box=None, padding=(0, 2))
-    x = result.model.receptors.position_mm[:, 0]
+    places = _places(result.model)
+    table = Table(*places, "ep1", "ep3", "s33 (pseudo)", "SED (pseudo)", box=None, padding=(0, 2))
     m = result.receptor_measures
-    for k in range(len(x)):
-        table.add_row(
-            f"{x[k]:.2f}", f"{m['ep1'][k]:.4f}", f"{m['ep3'][k]:.4f}", f"{m['s33'][k]:.1f}", f"{m['sed'][k]:.3f}"
-        )
+    for k, place in enumerate(zip(*places.values(), strict=True)):
+        at = (f"{v:.2f}" for v in place)
+        table.add_row(*at, f"{m['ep1'][k]:.4f}", f"{m['ep3'][k]:.4f}", f"{m['s33'][k]:.1f}", f"{m['sed'][k]:.3f}")
     out.print(table)
+
+
+def _places(model: ModelOutline) -> dict[str, list[float]]:
+    """What tells receptors apart, by its heading: x, and depth and z where these are not the usual ones or differ."""
+    receptors = model.receptors
+    x, _, z = receptors.position_mm.T
+    found = {"receptor x (mm)": x.tolist()}
+    if math.isnan(receptors.depth_mm):
+        found["depth (mm)"] = receptors.depths_mm.tolist()
+    if np.abs(z - model.plane_mm).max() > _PLACED_MM:
+        found["z (mm)"] = z.tolist()
+    return found

@@ -1,5 +1,6 @@
 """What several commands take on the command line."""
 
+import math
 import os
 from pathlib import Path
 from typing import Annotated
@@ -18,7 +19,30 @@ FingerConfigOption = Annotated[
 ]
 ConfigOption = Annotated[Path, typer.Option("--config", metavar="TOML", help="Configuration of the rig.")]
 YesOption = Annotated[bool, typer.Option("--yes", help="Begin without a confirmation; the page is printed.")]
+_MOST = 1000  # numbers in a range
+
 JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
+
+
+def numbers(option: str, text: str) -> tuple[float, ...]:
+    """Numbers separated by commas, FROM:TO:STEP standing for several of them. Raises BadInputError."""
+    found: list[float] = []
+    for part in text.split(","):
+        try:
+            first, *rest = map(float, part.split(":"))
+            found += _range(first, *rest) if rest else [first]
+        except (TypeError, ValueError):
+            raise BadInputError(
+                f"{option} {text!r}: expected numbers separated by commas, or FROM:TO:STEP with up to {_MOST} of them"
+            ) from None
+    return tuple(found)
+
+
+def _range(first: float, last: float, step: float) -> list[float]:
+    """From the first up to the last, which is one of them where the steps lead to it. Raises ValueError."""
+    if not (math.isfinite(first) and step > 0 and 0 <= (last - first) / step < _MOST):
+        raise ValueError
+    return [round(first + k * step, 9) for k in range(int((last - first) / step + 1e-6) + 1)]
 
 
 def checked_file(option: str, path: Path) -> Path:

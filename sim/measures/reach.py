@@ -13,6 +13,9 @@ from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorError
 
 Array = NDArray[np.float64]
 
+MOST_RECEPTORS = 1000
+"""Their columns take 0.4 GB and a minute; more points than that are for `fields`."""
+
 _AROUND = np.linspace(-np.pi, np.pi, 1441)
 _PLACED = 1e-6
 _BISECTIONS = 24
@@ -45,6 +48,9 @@ def _several(values: float | Sequence[float]) -> tuple[float, ...]:
 def receptors_at(config: FingertipConfig, surface: FingertipSurface, places: ReceptorPlaces) -> ReceptorSet:
     """The receptors at these places, x going fastest and z slowest. Raises ReceptorError, as `points_below`."""
     z = (config.receptor_plane_mm,) if places.z_mm is None else places.z_mm
+    asked = len(z) * len(places.depth_mm) * len(places.x_mm)
+    if not 0 < asked <= MOST_RECEPTORS:
+        raise ReceptorError(f"{asked} receptors: expected 1 to {MOST_RECEPTORS}")
     z_mm, depth_mm, x_mm = np.meshgrid(z, places.depth_mm, places.x_mm, indexing="ij")
     points = points_below(config, surface, x_mm, depth_mm, z_mm)
     return ReceptorSet(points.reshape(-1, 3), depth_mm.ravel())

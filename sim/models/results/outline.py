@@ -59,8 +59,9 @@ class ModelOutline:
 
     def receptors_as_json(self, measures: dict[str, Array]) -> dict[str, list[float]]:
         """What `rig indent --json` prints under `receptors`."""
-        x_mm = self.receptors.position_mm[:, 0]
-        return {"x_mm": x_mm.tolist(), **{name: values.tolist() for name, values in measures.items()}}
+        x_mm, _, z_mm = self.receptors.position_mm.T
+        places = {"x_mm": x_mm, "depth_mm": self.receptors.depths_mm, "z_mm": z_mm}
+        return {name: values.tolist() for name, values in {**places, **measures}.items()}
 
     def receptor_columns(self, measures: dict[str, Array]) -> dict[str, Array]:
         """Columns x_mm, depth_mm and the 18 measures, one row a receptor."""
