@@ -12,6 +12,7 @@ From the bottom up, each room using only those above it in this list:
 - `finger`: the skin's geometry and its mesh.
 - `measures`: receptors under the skin, strain at them, the 18 measures.
 - `models`: a finger, a section of it, a half-space, all indented the same way; `models/catalogue.py` is the door.
+- `coding`: pressure on the skin to receptors under it, and back.
 - `plant`: what stands under the virtual devices.
 - `serve`: the same in real time, behind ports.
 - `speed_and_error`: what each model costs and how wrong it is.

@@ -11,6 +11,7 @@ from rich.table import Table
 from rig.cli.chosen_model import Chosen, Wanted
 from rig.cli.options import JsonOption, numbers
 from rig.cli.output import ExitCode, complain, loading_the_finger, out, print_json, told_in_one_line
+from rig.cli.pictures import checked_picture, write_picture
 from rig.plan.config import load_config
 from rig.protocol.errors import BadInputError
 from sim.contact.indentor import BOTH, Indentor
@@ -116,24 +117,16 @@ def _refuse_place(shape: str, indentor: Indentor | None, x_mm: float | None, z_m
 
 
 def _refuse_picture(picture: Path | None, shape: str) -> None:
-    if picture is None:
-        return
-    if shape == "point":
+    if picture is not None and shape == "point":
         raise BadInputError("--picture: a point load has no contact to be drawn")
-    if picture.suffix not in (".svg", ".png"):
-        raise BadInputError(f"--picture {picture}: expected a name that ends in .svg or .png")
-    if picture.exists():
-        raise BadInputError(f"--picture {picture}: exists already, expected a new file")
-    if not picture.parent.is_dir():
-        raise BadInputError(f"--picture {picture}: no such folder {picture.parent}")
+    checked_picture(picture)
 
 
 def _draw(result: IndentationResult, picture: Path) -> None:
     from rig.report.run.contact_picture import contacts_from_below  # matplotlib: only where a picture is wanted
 
     title = f"{result.indentor.name} {result.force_gwt:.2f} gwt, DOI {result.doi_mm:.3f} mm"
-    plot = contacts_from_below([result], [title])
-    picture.write_bytes(plot.svg.encode() if picture.suffix == ".svg" else plot.png)
+    write_picture(contacts_from_below([result], [title]), picture)
 
 
 def _press_point(

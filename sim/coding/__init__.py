@@ -1,0 +1,6 @@
+"""Encoding and decoding (Raju 1998, ch. 6): pressure on the skin to receptors under it, and back.
+
+- `skin_line`: the section's skin as a line, and strain in axes along it. `sampled_section`: the section with
+  receptors under equally spaced places. `energy`: strain energy density as a sum of squares.
+- `impulse`: the responses h, g, f to a point load, their spectra, and what shifting them misses.
+"""

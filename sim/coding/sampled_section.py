@@ -1,0 +1,80 @@
+"""The finger's plane-strain section with receptors under equally spaced places of its skin."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.coding.skin_line import Axes, SkinLine
+from sim.config.fingertip_config import FingertipConfig
+from sim.config.units import PSEUDO_E_EPIDERMIS
+from sim.finger.surface import FingertipSurface
+from sim.measures.measures import Elastic
+from sim.measures.receptors import DEFAULT_DEPTH_MM
+from sim.models.catalogue import load
+from sim.models.errors import ModelRangeError
+from sim.models.fingertip import Fingertip
+from sim.models.plane_section import prismatic
+
+Array = NDArray[np.float64]
+
+SPACING_MM = 0.17
+"""Between samples (Raju 1998, §6.5)."""
+
+HALF_LENGTH = 24
+"""Samples to each side of the middle; the source does not say."""
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """Where receptors lie: under 2 half_length + 1 places of the skin, all at one depth; mm."""
+
+    spacing_mm: float = SPACING_MM
+    half_length: int = HALF_LENGTH
+    axes: Axes = "skin"
+    depth_mm: float = DEFAULT_DEPTH_MM
+
+    @property
+    def place_mm(self) -> Array:
+        """(2 half_length + 1,) on the skin, ascending, 0 in the middle."""
+        return np.asarray(self.spacing_mm * np.arange(-self.half_length, self.half_length + 1))
+
+
+@dataclass(frozen=True)
+class SampledSection:
+    """The section and the strain at its receptors under any force on its skin. Forces are per mm of its length."""
+
+    finger: Fingertip
+    line: SkinLine
+    sampling: Sampling
+    material: Elastic  # about the receptors; E in pseudo-units
+    strain_per_node: Array  # (3, n, n_phi, 2) e11 e22 e12 in the line's axes, per pseudo-unit · mm along x and y
+
+    def under_load(self, place_mm: float) -> Array:
+        """(3, n) strains under 1 pseudo-unit of pressure on 1 mm of skin, as a force along one place's inward normal.
+
+        The force is shared between the two skin nodes beside the place.
+        """
+        angle = self.line.angles(place_mm)
+        grid = self.finger.model.skin_phi
+        k = int(np.searchsorted(grid, angle[0])) - 1
+        share = float((angle[0] - grid[k]) / (grid[k + 1] - grid[k]))
+        beside = np.tensordot(self.strain_per_node[:, :, k : k + 2], [1 - share, share], axes=(2, 0))
+        return np.asarray(-beside @ self.line.normals(angle)[0])
+
+
+def sampled_section(config: FingertipConfig, sampling: Sampling) -> SampledSection:
+    """Build it (about a second). Raises ModelRangeError or ReceptorError where there is no place for a receptor."""
+    plane = config.receptor_plane_mm
+    line = SkinLine(prismatic(FingertipSurface.fit(config.geometry), plane), plane, sampling.axes)
+    angle = line.angles(sampling.place_mm)
+    x_mm = line.below(angle, sampling.depth_mm)[:, 0].tolist()
+    finger = load("section", config, receptor_x_mm=x_mm, receptor_depth_mm=sampling.depth_mm)
+    columns = finger.model.columns
+    ratio = columns.young_ratio
+    if (ratio != ratio[0]).any():
+        raise ModelRangeError(f"receptors {sampling.depth_mm:g} mm deep: expected a depth inside one layer")
+    strain = columns.per_skin_force[:, 0, :, :2]
+    strain = strain.reshape(len(angle), 6, *strain.shape[1:]) / PSEUDO_E_EPIDERMIS
+    material = Elastic(PSEUDO_E_EPIDERMIS * float(ratio[0]), config.tissue.poisson)
+    return SampledSection(finger, line, sampling, material, line.in_axes(strain, angle))
