@@ -2,6 +2,7 @@
 
 import statistics
 from collections.abc import Callable
+from contextlib import suppress
 from typing import TypeVar
 
 from rig.devices.units import GWT_N
@@ -129,10 +130,8 @@ def safe_point(engine: Engine) -> None:
 def unpaused(press: Callable[[], _T]) -> _T:
     """Press, and begin again, from clearance, as often as the operator pauses it and goes on."""
     while True:
-        try:
+        with suppress(PressPaused):
             return press()
-        except PressPaused:
-            continue
 
 
 def _go_to_clearance(engine: Engine, speed_mm_s: float) -> None:
