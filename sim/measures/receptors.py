@@ -160,13 +160,11 @@ def blended(mesh: FingerMesh, place: Place, point: Array) -> Samples:
     """
     share = np.abs(place.local) / 2
     steps = np.where(place.local < 0, -1, 1)
-    found = []
-    for corner in np.ndindex(2, 2, 2):
-        weight = np.where(corner, share, 1 - share).prod()
-        beside = _neighbour(mesh, place.cell, steps * np.array(corner))
-        around = quadratic_fit(mesh, beside, point)
-        found.append(around._replace(weights=weight * around.weights))
-    return Samples(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+    corners = np.array(list(np.ndindex(2, 2, 2)))
+    beside = [_neighbour(mesh, place.cell, steps * corner) for corner in corners]
+    fits = _quadratic_fits(mesh, beside, point)
+    weights = np.where(corners, share, 1 - share).prod(axis=1)
+    return fits._replace(weights=(weights[:, None] * fits.weights.reshape(len(beside), -1)).ravel())
 
 
 def quadratic_fit(mesh: FingerMesh, cell: tuple[int, int, int], point: Array) -> Samples:
@@ -174,10 +172,15 @@ def quadratic_fit(mesh: FingerMesh, cell: tuple[int, int, int], point: Array) ->
 
     In the radius only as many rows as the layer has.
     """
-    elements, local = sampled(mesh, patch_around(mesh, cell))
+    return _quadratic_fits(mesh, [cell], point)
+
+
+def _quadratic_fits(mesh: FingerMesh, cells: Sequence[tuple[int, int, int]], point: Array) -> Samples:
+    """Those around several cells of one layer, one after the other."""
+    elements, local = sampled(mesh, np.concatenate([patch_around(mesh, cell) for cell in cells]))
     corners = mesh.nodes[mesh.hexes[elements]]
     position = np.einsum("mk,mki->mi", shape_functions(corners.shape[1], local)[0], corners)
-    return Samples(elements, local, _fit_weights(position - point))
+    return Samples(elements, local, _fit_weights((position - point).reshape(len(cells), -1, 3)).ravel())
 
 
 def patch_around(mesh: FingerMesh, cell: tuple[int, int, int]) -> Ints:
@@ -202,16 +205,21 @@ def sampled(mesh: FingerMesh, cells: Ints) -> tuple[Ints, Array]:
 
 
 def operator_of(mesh: FingerMesh, samples: Sequence[Samples]) -> sp.csr_array:
-    """(6n, 3 n_nodes) map from nodal displacements (mm) to the strains that n sets of samples stand for."""
+    """(6n, 3 n_nodes) map from nodal displacements (mm) to the strains that n sets of samples stand for.
+
+    Points near one another share samples: each is evaluated once.
+    """
     elements, local, weights = (np.concatenate(parts) for parts in zip(*samples, strict=True))
     receptor = np.repeat(np.arange(len(samples)), [len(s.weights) for s in samples])
-    hexes = mesh.hexes[elements]
-    b = strain_matrix(mesh.nodes[hexes], local) * weights[:, None, None]
-    row = 6 * receptor[:, None, None] + np.arange(6)[None, :, None]
+    _, once, of = np.unique(np.column_stack([elements, local]), axis=0, return_index=True, return_inverse=True)
+    hexes = mesh.hexes[elements[once]]
+    b = strain_matrix(mesh.nodes[hexes], local[once])
+    row = 6 * np.arange(len(once))[:, None, None] + np.arange(6)[None, :, None]
     dof = (3 * hexes[:, :, None] + np.arange(3)).reshape(len(hexes), 1, -1)
     row, dof = np.broadcast_arrays(row, dof)
-    shape = (6 * len(samples), 3 * len(mesh.nodes))
-    return sp.csr_array(sp.coo_array((b.ravel(), (row.ravel(), dof.ravel())), shape=shape))
+    strains = sp.coo_array((b.ravel(), (row.ravel(), dof.ravel())), shape=(6 * len(once), 3 * len(mesh.nodes)))
+    summed = sp.coo_array((weights, (receptor, of.ravel())), shape=(len(samples), len(once)))
+    return sp.csr_array(sp.kron(summed, sp.eye_array(6), format="csr") @ strains.tocsr())
 
 
 def _neighbour(mesh: FingerMesh, cell: tuple[int, int, int], step: Ints) -> tuple[int, int, int]:
@@ -232,8 +240,8 @@ def _rows_of_layer(mesh: FingerMesh, row: int) -> Ints:
 
 
 def _fit_weights(offset: Array) -> Array:
-    """(n,) weights that evaluate at the origin the least-squares quadratic through values at (n, 3) offsets."""
-    s = offset / np.abs(offset).max()
-    x, y, z = s.T
-    basis = np.stack([np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, y * z, x * z], axis=1)
-    return np.asarray(np.linalg.pinv(basis, rcond=1e-6)[0])
+    """(…, n) weights that evaluate at the origin the least-squares quadratics through values at (…, n, 3) offsets."""
+    s = offset / np.abs(offset).max(axis=(-2, -1), keepdims=True)
+    x, y, z = np.moveaxis(s, -1, 0)
+    basis = np.stack([np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, y * z, x * z], axis=-1)
+    return np.asarray(np.linalg.pinv(basis, rcond=1e-6)[..., 0, :])

@@ -70,8 +70,8 @@ def test_own_finger() -> None:
     assert finger.apex_height_mm == pytest.approx(5.2, abs=0.2)
 
 
-def test_strain_anywhere() -> None:
-    sed = _main("06_strain_anywhere", FingertipConfig(mesh=COARSE), depths_mm=(0.6, 1.0))
+def test_strain_anywhere(coarse: Fingertip) -> None:
+    sed = _main("06_strain_anywhere", coarse, depths_mm=(0.6, 1.0))
     assert sed.shape == (2, 17)
     assert sed[0].max() > 1.2 * sed[1].max()
     assert sed.min() > 0
