@@ -9,9 +9,9 @@ from rich.table import Table
 from rig.cli.options import JsonOption
 from rig.cli.output import busy, out, print_json, told_in_one_line
 from rig.cli.pictures import PictureOption, checked_picture, write_picture
-from rig.cli.sampling import ENERGY_HELP, DepthOption, HalfLengthOption, SpacingOption, checked_energy, sampling_of
+from rig.cli.sampling import ENERGY_HELP, DepthOption, HalfLengthOption, SpacingOption, named, sampling_of
 from rig.plan.config import load_config
-from sim.coding.energy import Energy
+from sim.coding.energy import ENERGIES, Energy
 from sim.coding.impulse import NAMES, ImpulseResponses, ShiftErrors, impulse_responses, shift_errors
 from sim.coding.sampled_section import HALF_LENGTH, SPACING_MM, Sampling, sampled_section
 from sim.coding.skin_line import AXES
@@ -33,7 +33,7 @@ def command(
 ) -> None:
     """Print h, g, f, how nearly h is −g, and what shifting them misses, in the skin's axes and in Cartesian ones."""
     with told_in_one_line(as_json=as_json):
-        kind = checked_energy(energy)
+        kind = named("--energy", energy, ENERGIES)
         samplings = [sampling_of(spacing_mm, half_length, receptor_depth_mm, axes) for axes in AXES]
         checked_picture(picture)
         finger = load_config(config).finger

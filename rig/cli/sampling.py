@@ -1,11 +1,11 @@
 """Where the commands of encoding and decoding sample skin and receptors, and which energy they mean."""
 
-from typing import Annotated
+from collections.abc import Sequence
+from typing import Annotated, TypeVar
 
 import typer
 
 from rig.protocol.errors import BadInputError
-from sim.coding.energy import ENERGIES, Energy
 from sim.coding.sampled_section import Sampling
 from sim.coding.skin_line import Axes
 
@@ -15,21 +15,27 @@ DepthOption = Annotated[float, typer.Option(metavar="MM", help="Of the receptors
 ENERGY_HELP = "SED of incompressible tissue (the source's Eq. 6.1), or finite: with the tissue's own compression."
 
 
+_Word = TypeVar("_Word", bound=str)
+
+
+def bounded(option: str, value: float, low: float, high: float) -> float:
+    """The value; raises BadInputError beyond its bounds."""
+    if not low <= value <= high:
+        raise BadInputError(f"{option} {value:g}: expected {low:g} … {high:g}")
+    return value
+
+
+def named(option: str, text: str, words: Sequence[_Word]) -> _Word:
+    """The word of that name; raises BadInputError for no such word."""
+    for word in words:
+        if text == word:
+            return word
+    raise BadInputError(f"{option} {text!r}: expected {' or '.join(words)}")
+
+
 def sampling_of(spacing_mm: float, half_length: int, depth_mm: float, axes: Axes = "skin") -> Sampling:
     """Raises BadInputError for numbers beyond their bounds."""
-    for option, value, low, high in (
-        ("--spacing-mm", spacing_mm, 0.05, 0.5),
-        ("--half-length", half_length, 4, 100),
-        ("--receptor-depth-mm", depth_mm, 0.1, 3.0),
-    ):
-        if not low <= value <= high:
-            raise BadInputError(f"{option} {value:g}: expected {low:g} … {high:g}")
+    bounded("--spacing-mm", spacing_mm, 0.05, 0.5)
+    bounded("--half-length", half_length, 4, 100)
+    bounded("--receptor-depth-mm", depth_mm, 0.1, 3.0)
     return Sampling(spacing_mm, half_length, axes, depth_mm)
-
-
-def checked_energy(text: str) -> Energy:
-    """Raises BadInputError for a word that names no energy."""
-    for energy in ENERGIES:
-        if text == energy:
-            return energy
-    raise BadInputError(f"--energy {text!r}: expected {' or '.join(ENERGIES)}")

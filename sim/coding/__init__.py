@@ -3,4 +3,6 @@
 - `skin_line`: the section's skin as a line, and strain in axes along it. `sampled_section`: the section with
   receptors under equally spaced places. `energy`: strain energy density as a sum of squares.
 - `impulse`: the responses h, g, f to a point load, their spectra, and what shifting them misses.
+- `operators`: pressure to SED, by convolution or by finite-element influence. `borne`: what a press bears on the
+  skin. `encoding`: noise and receptors.
 """

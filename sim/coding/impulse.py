@@ -65,7 +65,8 @@ class ImpulseResponses:
 
 def impulse_responses(section: SampledSection) -> ImpulseResponses:
     """h, g and f of a section."""
-    return ImpulseResponses(section.sampling.spacing_mm * section.under_load(0.0), section.sampling, section.material)
+    strain = section.sampling.spacing_mm * section.under_loads(0.0)[:, :, 0, 0]
+    return ImpulseResponses(strain, section.sampling, section.material)
 
 
 class ShiftErrors(NamedTuple):
@@ -91,7 +92,7 @@ def _errors(
     moved = responses.shifted(samples)
     there = np.isfinite(moved[0])
     spacing = section.sampling.spacing_mm
-    true = spacing * section.under_load(samples * spacing)[:, there]
+    true = spacing * section.under_loads(samples * spacing)[:, there, 0, 0]
     sed, true_sed = (sed_of(strain, section.material, energy) for strain in (moved[:, there], true))
     strain = np.linalg.norm(moved[:, there] - true, axis=1) / np.linalg.norm(true, axis=1)
     return strain, float(np.linalg.norm(sed - true_sed) / np.linalg.norm(true_sed))

@@ -3,11 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sim.coding.skin_line import Axes, SkinLine
 from sim.config.fingertip_config import FingertipConfig
 from sim.config.units import PSEUDO_E_EPIDERMIS
+from sim.contact.patch import X, Y
 from sim.finger.surface import FingertipSurface
 from sim.measures.measures import Elastic
 from sim.measures.receptors import DEFAULT_DEPTH_MM
@@ -50,17 +51,19 @@ class SampledSection:
     material: Elastic  # about the receptors; E in pseudo-units
     strain_per_node: Array  # (3, n, n_phi, 2) e11 e22 e12 in the line's axes, per pseudo-unit · mm along x and y
 
-    def under_load(self, place_mm: float) -> Array:
-        """(3, n) strains under 1 pseudo-unit of pressure on 1 mm of skin, as a force along one place's inward normal.
+    def under_loads(self, place_mm: ArrayLike) -> Array:
+        """(3, n, k, 2) strains under 1 pseudo-unit of pressure on 1 mm of skin, as a force on each of k places.
 
-        The force is shared between the two skin nodes beside the place.
+        The force goes along the skin's inward normal, or along its tangent that rises with x; it is shared between
+        the two skin nodes beside the place. Raises ModelRangeError beside the pulp.
         """
-        angle = self.line.angles(place_mm)
-        grid = self.finger.model.skin_phi
-        k = int(np.searchsorted(grid, angle[0])) - 1
-        share = float((angle[0] - grid[k]) / (grid[k + 1] - grid[k]))
-        beside = np.tensordot(self.strain_per_node[:, :, k : k + 2], [1 - share, share], axes=(2, 0))
-        return np.asarray(-beside @ self.line.normals(angle)[0])
+        angle, grid = self.line.angles(place_mm), self.finger.model.skin_phi
+        after = np.searchsorted(grid, angle)
+        share = (angle - grid[after - 1]) / (grid[after] - grid[after - 1])
+        by_place = np.stack([self.strain_per_node[:, :, after - 1], self.strain_per_node[:, :, after]], axis=-1)
+        normal = self.line.normals(angle)
+        tangent = np.stack([normal[:, Y], -normal[:, X]], axis=-1)
+        return np.einsum("cnkis,sk,dki->cnkd", by_place, [1 - share, share], np.stack([-normal, tangent]))
 
 
 def sampled_section(config: FingertipConfig, sampling: Sampling) -> SampledSection:

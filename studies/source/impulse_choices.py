@@ -27,7 +27,7 @@ def main() -> None:
 def _others(section: SampledSection) -> dict[str, Array]:
     spacing = section.sampling.spacing_mm
     over = spacing * (np.arange(_WITHIN) + 0.5 - _WITHIN / 2) / _WITHIN
-    even = spacing * np.mean([section.under_load(float(place)) for place in over], axis=0)
+    even = spacing * section.under_loads(over)[..., 0].mean(axis=-1)
     shallow, deep = (_responses(Sampling(depth_mm=depth)) for depth in (0.70, 0.82))
     return {
         "the load even over one sample": even,
@@ -44,10 +44,9 @@ def _responses(sampling: Sampling, mesh: MeshSpec | None = None) -> Array:
 
 
 def _straight_down(section: SampledSection) -> Array:
-    angle, grid = float(section.line.angles(0.0)[0]), section.finger.model.skin_phi
-    k = int(np.searchsorted(grid, angle)) - 1
-    share = (angle - grid[k]) / (grid[k + 1] - grid[k])
-    return np.asarray(-section.strain_per_node[:, :, k : k + 2, 1] @ [1 - share, share])
+    across, up = section.line.normals(section.line.angles(0.0))[0]
+    normal, tangent = section.under_loads(0.0)[:, :, 0].T
+    return np.asarray((up * normal + across * tangent).T)
 
 
 if __name__ == "__main__":

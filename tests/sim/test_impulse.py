@@ -133,10 +133,13 @@ def test_a_load_between_two_nodes_is_shared(section: SampledSection) -> None:
     k = int(np.searchsorted(model.skin_phi, np.pi / 2))
     angles = model.skin_phi[[k, k + 1]] @ [[1.0, 0.75], [0.0, 0.25]]
     place = line.places(line.surface.section(angles, PLANE)[0])
-    at_node = -section.strain_per_node[:, :, k] @ line.normals(angles[:1])[0]
-    assert_allclose(section.under_load(place[0]), at_node, rtol=1e-6, atol=1e-9)
-    mixed = np.tensordot(section.strain_per_node[:, :, k : k + 2], [0.75, 0.25], axes=(2, 0))
-    assert_allclose(section.under_load(place[1]), -mixed @ line.normals(angles[1:])[0], rtol=1e-6, atol=1e-9)
+    pair = section.strain_per_node[:, :, k : k + 2]
+    mixed = np.stack([pair[:, :, 0], np.tensordot(pair, [0.75, 0.25], axes=(2, 0))], axis=2)
+    normal = line.normals(angles)
+    found = section.under_loads(place)
+    assert_allclose(found[..., 0], -np.einsum("cnki,ki->cnk", mixed, normal), rtol=1e-6, atol=1e-9)
+    along = np.stack([normal[:, 1], -normal[:, 0]], axis=1)
+    assert_allclose(found[..., 1], np.einsum("cnki,ki->cnk", mixed, along), rtol=1e-6, atol=1e-9)
 
 
 def test_one_depth_lies_in_one_layer_or_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -225,7 +228,7 @@ def test_shift_errors_are_of_the_energy_that_is_named(section: SampledSection) -
     k, spacing = 8, 0.17
     moved = impulse_responses(section).shifted(2)
     there = np.isfinite(moved[0])
-    true = sed_of(spacing * section.under_load(2 * spacing)[:, there], section.material, "incompressible")
+    true = sed_of(spacing * section.under_loads(2 * spacing)[:, there, 0, 0], section.material, "incompressible")
     missed = sed_of(moved[:, there], section.material, "incompressible") - true
     assert source.sed[k] == pytest.approx(np.linalg.norm(missed) / np.linalg.norm(true))
     assert abs(source.sed[k] / finite.sed[k] - 1) > 1e-3

@@ -1,0 +1,181 @@
+"""Pressure to SED to rates: against the press itself, against numpy's convolution, and noise by its own moments."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from numpy.typing import NDArray
+
+from sim.coding.borne import borne_by
+from sim.coding.encoding import Encoded, Noise, Receptor, encode, noise_sd
+from sim.coding.energy import Energy, sed_of
+from sim.coding.impulse import ImpulseResponses, impulse_responses
+from sim.coding.operators import Operator, centred, convolution, influence
+from sim.coding.sampled_section import SampledSection, Sampling, sampled_section
+from sim.config.fingertip_config import FingertipConfig
+from sim.measures.measures import Elastic
+from tests.sim.coarse import coarse_mesh
+
+Array = NDArray[np.float64]
+MATERIAL = Elastic(1000.0, 0.48)
+SHEAR, LAME = 1000 / 2.96, 1000 * 0.48 / (1.48 * 0.04)
+
+
+@pytest.fixture(scope="module")
+def section() -> SampledSection:
+    return sampled_section(FingertipConfig(mesh=coarse_mesh(0.2, 0.5)), Sampling(half_length=18))
+
+
+@pytest.fixture
+def responses() -> ImpulseResponses:
+    return ImpulseResponses(np.random.default_rng(3).normal(size=(3, 5)), Sampling(half_length=2), MATERIAL)
+
+
+@pytest.fixture
+def plain() -> Operator:
+    """Three receptors, two pressures: S = (p₀², 4 p₁², (p₀ + p₁)²)."""
+    parts = np.array([[[1.0, 0.0], [0.0, 2.0], [1.0, 1.0]]])
+    return Operator("convolution", "incompressible", parts, np.array([0.0, 1.0]), np.arange(3.0))
+
+
+# --- operators ---
+
+
+@pytest.mark.parametrize("energy", ["incompressible", "finite"])
+def test_convolution_is_the_full_one_of_the_block_diagram(responses: ImpulseResponses, energy: Energy) -> None:
+    """Raju (1998), Fig. 6-6, by numpy's own convolution."""
+    pressure = np.array([20.0, 14.0, 0.0, 3.0])
+    h, g, f = (np.convolve(pressure, response) for response in responses.strain)
+    expected = SHEAR * (h**2 + g**2 + f**2 / 2) + (0.5 * LAME * (h + g) ** 2 if energy == "finite" else 0.0)
+    operator = convolution(responses, 4, energy)
+    assert_allclose(operator.sed(pressure), expected)
+    assert len(expected) == 4 + 5 - 1  # M = N + length of h − 1
+    assert (operator.name, operator.energy) == ("convolution", energy)
+    assert_allclose(operator.place_mm, [-0.255, -0.085, 0.085, 0.255])
+    assert_allclose(operator.receptor_mm, 0.17 * (np.arange(8) - 3.5))
+
+
+def test_samples_lie_about_the_middle() -> None:
+    assert_allclose(centred(3, 0.2), [-0.2, 0.0, 0.2])
+    assert_allclose(centred(2, 0.2), [-0.1, 0.1])
+
+
+def test_slope_and_adjoint_are_the_derivatives(responses: ImpulseResponses) -> None:
+    operator = convolution(responses, 3, "finite")
+    pressure, weight, step = np.array([1.0, 2.0, -0.5]), np.arange(7.0), 1e-6
+    steps = step * np.eye(3)
+    # S is a quadratic, so that central differences are exact but for round-off
+    by_hand = np.stack([(operator.sed(pressure + s) - operator.sed(pressure - s)) / (2 * step) for s in steps], 1)
+    assert_allclose(operator.slope(pressure), by_hand, rtol=1e-6, atol=1e-3)
+    assert_allclose(operator.pulled_back(pressure, weight), weight @ operator.slope(pressure))
+
+
+@pytest.mark.parametrize("shape", ["cylinder:3", "step:1"])
+def test_influence_gives_what_the_press_gives(section: SampledSection, shape: str) -> None:
+    """Finite elements twice, by the press and node by node: the same to round-off, lateral forces and all."""
+    found = section.finger.indent(shape, 0.3, doi_mm=0.5)
+    borne = borne_by(section, found)
+    operator = influence(section, borne.place_mm, borne.width_mm, "finite")
+    true = found.receptor_measures["sed"]
+    # a spline of 2001 places stands between a node and its place
+    assert_allclose(operator.sed(borne.stacked), true, rtol=1e-7, atol=1e-9 * true.max())
+    assert (operator.name, operator.energy) == ("influence", "finite")
+    assert_allclose(operator.place_mm, np.tile(borne.place_mm, 2))
+    assert_allclose(operator.receptor_mm, section.sampling.place_mm)
+
+
+def test_what_is_borne_is_the_presss_pressure_and_force(section: SampledSection) -> None:
+    found = section.finger.indent("cylinder:3", 0.3, doi_mm=0.5)
+    borne = borne_by(section, found)
+    patch, force = section.finger.model.patch, found.state.force
+    assert (np.diff(borne.place_mm) > 0).all()
+    assert_allclose(np.hypot(borne.normal, borne.lateral), (1e4 * np.hypot(*force) / patch.area_mm2)[::-1])
+    angle = section.line.angles(borne.place_mm)
+    normal = section.line.normals(angle)
+    tangent = np.stack([normal[:, 1], -normal[:, 0]], axis=1)
+    vector = borne.lateral[:, None] * tangent - borne.normal[:, None] * normal
+    assert_allclose((vector * borne.width_mm[:, None]).sum(axis=0), 1e4 * force.sum(axis=1), rtol=1e-9, atol=1e-9)
+    assert borne.lateral_share == pytest.approx(
+        (np.abs(borne.lateral) * borne.width_mm).sum() / (borne.normal * borne.width_mm).sum()
+    )
+    assert_allclose(borne.stacked, [*borne.normal, *borne.lateral])
+    between = borne.place_mm[:2].mean()
+    assert_allclose(borne.at(np.array([borne.place_mm[0], between])), [borne.normal[0], borne.normal[:2].mean()])
+
+
+def test_where_nothing_depends_on_the_place_influence_is_convolution(section: SampledSection) -> None:
+    """One load in the middle: the two operators are the same there, and only there."""
+    responses = impulse_responses(section)
+    one = influence(section, np.array([0.0]), np.array([0.17]), "incompressible")
+    assert_allclose(one.sed(np.array([30.0, 0.0])), convolution(responses, 1, "incompressible").sed(np.array([30.0])))
+    aside = influence(section, np.array([0.0]), np.array([0.17]), "incompressible").sed(np.array([0.0, 30.0]))
+    assert aside.max() > 0.1 * one.sed(np.array([30.0, 0.0])).max()  # pulled aside it is felt as well
+
+
+def test_a_press_of_one_energy_is_not_one_of_the_other(section: SampledSection) -> None:
+    """SCIENCE: they differ by 7 to 19 % in plane strain."""
+    found = section.finger.indent("cylinder:9", 0.0, doi_mm=0.5)
+    strain = section.line.in_axes(found.receptor_strain, section.line.angles(section.sampling.place_mm))
+    finite, source = (sed_of(strain, section.material, energy) for energy in ("finite", "incompressible"))
+    assert_allclose(finite, found.receptor_measures["sed"])
+    assert 0.02 < 1 - (source / finite).min() < 0.25
+
+
+# --- receptors and noise ---
+
+
+def test_a_receptor_is_silent_below_its_threshold() -> None:
+    assert_allclose(Receptor(2.0, 3.0).rate(np.array([1.0, 3.0, 5.0])), [0.0, 0.0, 4.0])
+
+
+def test_without_noise_or_receptor_the_rate_is_the_energy(plain: Operator) -> None:
+    found = encode(plain, np.array([1.0, 2.0]))
+    assert_allclose(found.rate, [1.0, 16.0, 9.0])
+    assert_allclose(found.sed, found.rate)
+    assert (found.noise_sd, found.share_of_peak, found.samples) == (0.0, 0.0, 3)
+
+
+def test_the_noise_has_the_ratio_to_the_signals_variance() -> None:
+    signal = np.array([0.0, 2.0, 4.0, 2.0])  # variance 2
+    assert noise_sd(signal, 0.0) == pytest.approx(np.sqrt(2.0))
+    assert noise_sd(signal, 20.0) == pytest.approx(np.sqrt(0.02))
+
+
+def test_noise_before_the_receptor_passes_through_it(plain: Operator) -> None:
+    pressure, receptor = np.array([1.0, 2.0]), Receptor(2.0, 3.0)
+    found = encode(plain, pressure, receptor, Noise(3.0, "receptor", 7))
+    sed = np.array([1.0, 16.0, 9.0])
+    sd = noise_sd(sed, 3.0)
+    assert_allclose(found.rate, receptor.rate(sed + sd * np.random.default_rng(7).normal(size=3)))
+    assert (found.noise_sd, found.share_of_peak) == (pytest.approx(sd), pytest.approx(sd / 16))
+
+
+def test_noise_at_the_output_is_added_to_the_rate_and_censored(plain: Operator) -> None:
+    pressure, receptor = np.array([1.0, 2.0]), Receptor(2.0, 3.0)
+    rate = np.array([0.0, 26.0, 12.0])
+    sd = noise_sd(rate, -10.0)
+    noisy = rate + sd * np.random.default_rng(0).normal(size=3)
+    found = encode(plain, pressure, receptor, Noise(-10.0, "output", 0))
+    assert_allclose(found.rate, np.maximum(0.0, noisy))
+    assert found.share_of_peak == pytest.approx(sd / 26)
+    assert_allclose(found.sed, [1.0, 16.0, 9.0])
+
+
+def test_without_a_receptor_noise_may_be_negative_wherever_it_enters(plain: Operator) -> None:
+    before, after = (encode(plain, np.array([1.0, 2.0]), None, Noise(-20.0, at, 2)) for at in ("receptor", "output"))
+    assert_allclose(before.rate, after.rate)
+    assert before.rate.min() < 0
+
+
+def test_seeds_reproduce_and_differ(plain: Operator) -> None:
+    def drawn(seed: int) -> Encoded:
+        return encode(plain, np.array([1.0, 2.0]), None, Noise(0.0, seed=seed))
+
+    assert (drawn(3).rate == drawn(3).rate).all()
+    assert (drawn(3).rate != drawn(4).rate).all()
+    assert (encode(plain, np.array([1.0, 2.0]), None, Noise(0.0)).rate == drawn(0).rate).all()
+
+
+def test_nothing_pressed_has_no_noise_and_no_peak(plain: Operator) -> None:
+    found = encode(plain, np.zeros(2), None, Noise(10.0))
+    assert (found.noise_sd, found.share_of_peak) == (0.0, 0.0)
+    assert_allclose(found.rate, 0.0)
