@@ -87,7 +87,7 @@ def in_words(error: BaseException) -> str:
     words = f"{type(error).__name__}: {error}"
     if isinstance(error, AttributeError) and isinstance(error.obj, Rig):
         verbs = [name for name in vars(Rig) if not name.startswith("_")]
-        near = get_close_matches(error.name or "", verbs, n=1)
+        near = get_close_matches(str(error.name), verbs)
         meant = f"did you mean rig.{near[0]}?" if near else f"expected one of {', '.join(verbs)}"
         return f"{words}: there is no rig.{error.name}, {meant}"
     called = re.match(r"Rig\.(\w+)\(\) ", str(error)) if isinstance(error, TypeError) else None
@@ -116,8 +116,8 @@ def _import(path: Path) -> ModuleType:
 def _assigned(assignments: Sequence[str]) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for text in assignments:
-        key, equals, value = text.partition("=")
-        if not (key and equals and value):
+        key, _, value = text.partition("=")
+        if not (key and value):
             raise BadInputError(f"--set {text!r}: expected KEY=VALUE")
         if key in values:
             raise BadInputError(f"--set {text!r}: {key} is given twice")

@@ -47,6 +47,15 @@ def test_a_mistake_of_a_script_is_told_in_its_words(tmp_path: Path, finger: Fing
     assert words in said
 
 
+@pytest.mark.parametrize("name", ["indent", "nothing"])
+def test_a_mistake_with_something_else_is_told_in_pythons_words(tmp_path: Path, finger: Fingertip, name: str) -> None:
+    """Although a rig has a verb of that name."""
+    words = f"AttributeError: 'list' object has no attribute {name!r}"
+    assert _complaint(tmp_path, finger, f"[].{name}()") == f"line 4: {words}"
+    words = f"TypeError: Rig.{name}s() is told by the script itself"
+    assert _complaint(tmp_path, finger, f"raise TypeError({words[11:]!r})") == f"line 4: {words}"
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
