@@ -86,7 +86,7 @@ def _tissue_at(
         return None
     skin = np.stack(surface.section(_AROUND, z_mm))
     nearest = np.hypot(*(skin - point[:2, None])).min() > (1 - _PLACED) * depth_mm  # no other skin is nearer
-    return point if nearest and _bone(config) < _of_the_way_out(skin, point) < 1 else None
+    return point if nearest and _of_the_way_out(skin, point) > _bone(config) else None
 
 
 def _bone(config: FingertipConfig) -> float:

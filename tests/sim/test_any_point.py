@@ -1,6 +1,7 @@
 """Strain at any points: by columns and by one solve a press, against the whole mesh and closed forms."""
 
 import gc
+import logging
 import pickle
 from collections import Counter
 from pathlib import Path
@@ -16,7 +17,9 @@ from sim.contact.patch import X, Y, Z
 from sim.fem.assembly import symmetric
 from sim.finger.layers import BONE, DERMIS, EPIDERMIS, FAT
 from sim.finger.mesh import FingerMesh
+from sim.finger.surface import FingertipSurface
 from sim.measures.measures import MEASURES
+from sim.measures.reach import ReceptorPlaces, receptors_at
 from sim.measures.receptors import DEFAULT_X_MM, depths_of, place_receptors, strain_operator
 from sim.models import sources
 from sim.models.discretised import discretise
@@ -114,6 +117,7 @@ def test_presses_on_several_meshes_come_back_in_their_order(
         alone = small.fields(result, points).strain
         np.testing.assert_allclose(fields.strain, alone, rtol=0, atol=1e-12 * np.abs(alone).max())
     assert not np.allclose(found[0].strain, found[1].strain, rtol=0.1)
+    assert len(small._anywhere._interiors) == 1  # one factor at a time
 
 
 def test_the_receptors_are_one_such_set(small: Fingertip, results: list[IndentationResult]) -> None:
@@ -209,13 +213,18 @@ def test_columns_where_they_cost_less(coarse_config: FingertipConfig, monkeypatc
     assert len(finger._anywhere._sets) == 2
 
 
-def test_progress_counts_points(coarse_config: FingertipConfig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_progress_counts_points(
+    coarse_config: FingertipConfig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     finger = load("finger", coarse_config, cached=False)
     result = finger.indent("bar:1.5", doi_mm=0.2)
     said: list[tuple[int, int]] = []
+    caplog.set_level(logging.DEBUG, "sim.models")
     points = finger.points_below(np.linspace(-1, 1, 41), 0.5)
     finger.fields(result, points[:35], progress=lambda done, of: said.append((done, of)))
     assert said == [(20, 35), (35, 35)]
+    told = [record.getMessage() for record in caplog.records if "places" in record.getMessage()]
+    assert told[-2:] == [f"building a model: strain at {n} of 35 places …" for n in (20, 35)]
     said.clear()
     monkeypatch.setattr(interior, "_POINTS_AT_ONCE", 30)
     finger.fields(result, points, progress=lambda done, of: said.append((done, of)))
@@ -315,7 +324,7 @@ def test_places_that_do_not_exist_are_told_what_does(small: Fingertip, place: An
         small.points_below(*place)
 
 
-@pytest.mark.parametrize(("depth", "there"), [(3.22, True), (3.25, False)])
+@pytest.mark.parametrize(("depth", "there"), [(3.16, True), (3.22, True), (3.25, False)])
 def test_what_is_said_to_be_there_is_there(small: Fingertip, depth: float, there: bool) -> None:
     if there:
         assert small.points_below(0.0, depth).shape == (3,)
@@ -353,6 +362,22 @@ def test_receptors_at_every_combination(coarse_config: FingertipConfig, folder: 
     )
     crossed = pickle.loads(pickle.dumps(finger))
     np.testing.assert_array_equal(crossed.model.receptors.position_mm, receptors.position_mm)
+
+
+@pytest.mark.parametrize(
+    ("x", "depths", "z"), [(101, 10, 1), (1001, 1, 1), (77, 1, 13), (0, 1, 1), (1, 0, 1), (1, 1, 0)]
+)
+def test_too_many_receptors_and_none(coarse_config: FingertipConfig, x: int, depths: int, z: int) -> None:
+    places = ReceptorPlaces((0.0,) * x, (0.5,) * depths, (7.0,) * z)
+    surface = FingertipSurface.fit(coarse_config.geometry)
+    with pytest.raises(ReceptorError, match=f"^{x * depths * z} receptors: expected 1 to 1000$"):
+        receptors_at(coarse_config, surface, places)
+
+
+def test_as_many_receptors_as_there_may_be(coarse_config: FingertipConfig) -> None:
+    surface = FingertipSurface.fit(coarse_config.geometry)
+    placed = receptors_at(coarse_config, surface, ReceptorPlaces((0.1,) * 1000, (0.5,), (7.0,)))
+    assert placed.position_mm.shape == (1000, 3)
 
 
 def test_the_defaults_are_where_they_were(small: Fingertip) -> None:

@@ -1,5 +1,6 @@
 """Columns by adjoint solves: six at each place, whatever the number of forces on the skin."""
 
+import logging
 from collections.abc import Callable
 
 import numpy as np
@@ -10,6 +11,8 @@ from sim.models.discretised import Factor, FiniteElements
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], object]
+
+_log = logging.getLogger(__name__)
 
 _PLACES_AT_ONCE = 20  # 120 right-hand sides: their displacements take 0.1 GB on the default mesh
 
@@ -30,6 +33,8 @@ def adjoint_columns(
     for start in range(0, len(columns), 6 * _PLACES_AT_ONCE):
         some = slice(start, start + 6 * _PLACES_AT_ONCE)
         columns[some, at] = factor.solve(rows_of_free[some].toarray())[:, on_skin]
+        done, of = min(some.stop, len(columns)) // 6, len(columns) // 6
+        _log.debug("building a model: strain at %d of %d places …", done, of)
         if progress:
-            progress(min(some.stop, len(columns)) // 6, len(columns) // 6)
+            progress(done, of)
     return columns.reshape(-1, n_z, n_phi, 3)
