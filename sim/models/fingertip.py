@@ -35,6 +35,7 @@ from sim.models.results.outline import ModelOutline
 from sim.models.results.pictures import finger_as_html
 from sim.models.results.point_load import PointLoadResult
 from sim.models.sources import MeshKey, OnDisk, Source
+from sim.models.tops import keep_tops
 
 Array = NDArray[np.float64]
 Reference = Literal["contact", "apex"]
@@ -90,6 +91,7 @@ class Fingertip(ByRecipe, SeenInside):
         """
         config = FingertipConfig() if config is None else config
         surface = FingertipSurface.fit(config.geometry)
+        keep_tops(surface)
         places = ReceptorPlaces.of(receptor_x_mm, receptor_depth_mm, receptor_z_mm)
         receptors = receptors_at(config, surface, places)
         recipe = Recipe.of(cls.load, config, slopes=slopes, solver=solver, **places.as_options())
