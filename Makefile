@@ -50,6 +50,7 @@ bench: .venv/.ready-dev
 	OMP_NUM_THREADS=1 $(BIN)/python -m studies.speed.many_presses
 	$(BIN)/python -m studies.speed.commands
 	$(BIN)/python -m studies.accuracy.strain_recovery
+	OMP_NUM_THREADS=1 $(BIN)/python -m studies.accuracy.another_finger
 	$(BIN)/python -m studies.faults.kills --cables 60
 	$(BIN)/python -m studies.faults.outcomes
 	$(BIN)/python -m studies.faults.phases

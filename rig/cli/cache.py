@@ -13,6 +13,7 @@ from sim.models.cache import KINDS, Entry, cache_dir, entries, most_bytes, prune
 
 _ABOUT = {
     "model": "condensed fingers",
+    "node": "builds to interpolate between",
     "columns": "strain under them, a file for each set of receptors",
     "answers": "what fingers said of runs",
 }

@@ -10,7 +10,7 @@ from typing import Annotated, NamedTuple
 
 import typer
 
-from rig.cli.options import JsonOption, checked_file, numbers
+from rig.cli.options import ExactOption, JsonOption, checked_file, numbers
 from rig.cli.output import THE_FINGER, busy, out, print_json, told_in_one_line
 from rig.compare.comparison import Comparison, compare
 from rig.compare.fingers.on_fingers import on_plausible_fingers
@@ -30,6 +30,7 @@ from rig.report.comparison.finger_tables import finger_section, finger_tables, f
 from rig.report.html import Section
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
 from sim.models.fingertip import Fingertip
+from sim.models.moduli.interpolated import HOW_MADE
 
 
 def command(
@@ -54,6 +55,7 @@ def command(
         Path | None, typer.Option("--out", metavar="HTML", help="The report; comparison.html in the first run.")
     ] = None,
     pdf: Annotated[Path | None, typer.Option(metavar="FILE", help="The same report as PDF, too.")] = None,
+    exact: ExactOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Compare runs, write the report and a sidecar with dates and times."""
@@ -71,7 +73,7 @@ def command(
         recordings = read_recordings(recorded or [], mirror or [], found, spikes)
         answered = _answered(found, receptors, as_json=as_json)
         line = _under_the_line(answered, deflection)
-        comparison = _compared(answered, recordings, normalise, plausible, as_json=as_json)
+        comparison = _compared(answered, recordings, normalise, plausible, exact=exact, as_json=as_json)
         tables = finger_tables(comparison)
         options = {
             "--recorded": recorded or [],
@@ -91,7 +93,7 @@ def command(
             comparison,
             found,
             answered[0].finger,
-            _remade_by(runs, options, normalise),
+            _remade_by(runs, options, {"--normalise": normalise, "--exact": exact}),
             [*map(finger_section, tables), *line],
             maps=[m for one in answered for m in stimulus_maps(one.run, one.finger, one.stimuli)],
             pdf=pdf,
@@ -101,6 +103,8 @@ def command(
             print_json(comparison_as_json(comparison, str(report)) | fingers_as_json(comparison, tables))
         else:
             _print(comparison, report)
+            if any(table.interpolated for table in tables):
+                out.print(f"the plausible fingers were {HOW_MADE}; --exact builds each in full")
 
 
 class Receptors(NamedTuple):
@@ -134,6 +138,7 @@ def _compared(
     normalise: bool,
     plausible: PlausibleFingers | None,
     *,
+    exact: bool,
     as_json: bool,
 ) -> Comparison:
     """With what every plausible finger says, where these are stated; what does not go together is refused before."""
@@ -141,7 +146,8 @@ def _compared(
     if plausible is None:
         return given
     with busy("plausible fingers: from the cache, or built in about half a minute each …", as_json=as_json):
-        on_all = [s for a in answered for s in on_plausible_fingers(a.run, a.stimuli, a.finger, plausible)]
+        found = [on_plausible_fingers(a.run, a.stimuli, a.finger, plausible, exact=exact) for a in answered]
+        on_all = [stimulus for some in found for stimulus in some]
     return compare(on_all, recordings, normalise=normalise, plausible=plausible)
 
 
@@ -180,11 +186,11 @@ def _unusual(*options: tuple[str, str | None, str | None]) -> dict[str, list[str
     return {name: [given] for name, given, default in options if given not in (None, default)}
 
 
-def _remade_by(runs: list[Path], options: dict[str, list[str]], normalise: bool) -> str:
+def _remade_by(runs: list[Path], options: dict[str, list[str]], flags: dict[str, bool]) -> str:
     """The command that makes the report again, whatever file it is written to."""
     words = ["rig", "compare", *map(str, runs)]
     words += [word for name, values in options.items() for value in values for word in (name, value)]
-    return shlex.join([*words, *(["--normalise"] if normalise else [])])
+    return shlex.join([*words, *(name for name, given in flags.items() if given)])
 
 
 def _write_sidecar(report: Path, seconds: float) -> None:

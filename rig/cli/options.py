@@ -21,6 +21,9 @@ ConfigOption = Annotated[Path, typer.Option("--config", metavar="TOML", help="Co
 YesOption = Annotated[bool, typer.Option("--yes", help="Begin without a confirmation; the page is printed.")]
 _MOST = 1000  # numbers in a range
 
+ExactOption = Annotated[
+    bool, typer.Option("--exact", help="Build every finger in full: none is interpolated between others.")
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
 
 

@@ -10,11 +10,14 @@ from typing import Annotated, TypeVar
 import typer
 from rich.progress import track
 
-from rig.cli.options import JsonOption, checked_file
+from rig.cli.options import ExactOption, JsonOption, checked_file
 from rig.cli.output import err, out, print_json, told_in_one_line
 from rig.data.folder import replace_text
 from rig.parameter_study.cases import Row, columns, read_study, solve
+from rig.parameter_study.interpolation import interpolated, nodes_to_build
 from rig.parameter_study.workers import spread
+from sim.models.moduli.interpolated import HOW_MADE, make_node
+from sim.models.moduli.node_builds import INTERPOLATED
 
 T = TypeVar("T")
 
@@ -28,6 +31,7 @@ def command(
     scheduler: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Of a dask.distributed cluster; needs the extra cluster.")
     ] = None,
+    exact: ExactOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Solve every case and write one tidy table."""
@@ -36,28 +40,37 @@ def command(
         cases = read_study(study)
         table = study.with_suffix(".csv") if out_file is None else out_file
         checked_file("--out", table)
-        answers = _counted(spread(solve, cases, processes, scheduler), len(cases), as_json=as_json)
+        if not exact:
+            cases = interpolated(cases)
+        nodes = nodes_to_build(cases)
+        for _ in _counted(spread(make_node, nodes, processes, scheduler), len(nodes), "full builds", as_json=as_json):
+            pass
+        answers = _counted(spread(solve, cases, processes, scheduler), len(cases), "cases", as_json=as_json)
         rows = [row for answer in answers for row in answer]
         replace_text(table, _as_csv(columns(cases), rows))
         problems = sum(bool(row["problem"]) for row in rows)
+        between = sum(row.get("model") == INTERPOLATED for row in rows)
         seconds = time.perf_counter() - began
         if as_json:
             print_json({"table": str(table), "cases": len(cases), "rows": len(rows), "problems": problems,
+                        "interpolated": between, "interpolation": HOW_MADE if between else None,
                         "seconds": seconds})  # fmt: skip
         else:
             out.print(f"{len(cases)} cases, {len(rows)} rows, {problems} without an answer, {seconds:.1f} s\n{table}")
+            if between:
+                out.print(f"{between} rows on fingers {HOW_MADE}; --exact builds each in full")
 
 
-def _counted(answers: Iterable[T], total: int, *, as_json: bool) -> Iterator[T]:
+def _counted(answers: Iterable[T], total: int, what: str, *, as_json: bool) -> Iterator[T]:
     """The answers: a bar where somebody looks, elsewhere a line for each tenth of them, and none beside JSON."""
-    if err.is_terminal or as_json:
-        yield from track(answers, "cases", total, console=err, disable=not err.is_terminal)
+    if err.is_terminal or as_json or not total:
+        yield from track(answers, what, total, console=err, disable=not (err.is_terminal and total))
         return
-    err.print(f"{total} cases")
+    err.print(f"{total} {what}")
     for done, answer in enumerate(answers, 1):
         yield answer
         if 10 * done // total > 10 * (done - 1) // total:
-            err.print(f"{done} of {total} cases")
+            err.print(f"{done} of {total} {what}")
 
 
 def _as_csv(names: list[str], rows: list[Row]) -> str:

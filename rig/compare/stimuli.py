@@ -35,7 +35,8 @@ class Stimulus:
     Arrays: `x_mm` (n,) ascending, `doi_mm` and `force_gwt` (n,), `measures` (18, n, receptors) in the signs of
     `shown`, `receptor_mm` (receptors,), `skin_mm` (m,) undeformed x in the receptor plane, `pressure` (n, m),
     `regions_mm` (n, k, 2) ends of the contact regions there, NaN where there are fewer.
-    `on_fingers` (fingers, 18, n, receptors) are the measures on the design of plausible fingers, where one is stated.
+    `on_fingers` (fingers, 18, n, receptors) are the measures on the design of plausible fingers, where one is stated;
+    `interpolated` says that some of these fingers were not built in full.
     Strains are numbers, stresses and pressures pseudo-units.
     """
 
@@ -52,6 +53,7 @@ class Stimulus:
     pressure: Array
     regions_mm: Array
     on_fingers: Array | None = None
+    interpolated: bool = False
     pressed_with: str | None = None  # the indentor's name, naming the run's own copy of its file
 
     @property

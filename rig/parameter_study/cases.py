@@ -29,9 +29,11 @@ from sim.contact.shapes import ShapeError, parse_shape
 from sim.finger.grading import MeshError
 from sim.finger.surface import SurfaceError
 from sim.measures.measures import MEASURES
+from sim.measures.reach import ReceptorPlaces
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorError
 from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
+from sim.models.moduli.families import Asked
 
 _NATIVE_LISTS = ("points", "sections")
 """Keys of a finger whose values are tables; they are not varied."""
@@ -92,6 +94,13 @@ class Case:
     kind: str
     value: float
     x_mm: tuple[float, ...]
+    exact: bool = True  # built in full; else interpolated between full builds
+
+    @property
+    def finger(self) -> Asked:
+        """With its receptors."""
+        config = FingertipConfig.model_validate_json(self.config_json)
+        return Asked(config, ReceptorPlaces.of(self.receptor_x_mm, self.receptor_depth_mm, None))
 
 
 Row = dict[str, Any]
@@ -156,7 +165,7 @@ def solve(case: Case) -> list[Row]:
             "x_mm": x_mm,
         }
         try:
-            finger = _finger(case.config_json, case.receptor_x_mm, case.receptor_depth_mm)
+            finger = _finger(case.config_json, case.receptor_x_mm, case.receptor_depth_mm, exact=case.exact)
             rows += [about | answer for answer in _answers(finger, case, x_mm)]
         except (ModelRangeError, MeshError, SurfaceError, ReceptorError, ShapeError) as error:
             rows.append(about | {"problem": str(error)})
@@ -164,9 +173,9 @@ def solve(case: Case) -> list[Row]:
 
 
 @lru_cache(maxsize=1)
-def _finger(config_json: str, receptor_x_mm: Sequence[float], depth_mm: float) -> Fingertip:
+def _finger(config_json: str, receptor_x_mm: Sequence[float], depth_mm: float, *, exact: bool) -> Fingertip:
     config = FingertipConfig.model_validate_json(config_json)
-    return Fingertip.load(config, receptor_x_mm=receptor_x_mm, receptor_depth_mm=depth_mm)
+    return Fingertip.load(config, receptor_x_mm=receptor_x_mm, receptor_depth_mm=depth_mm, exact=exact)
 
 
 def _answers(finger: Fingertip, case: Case, x_mm: float) -> Iterator[Row]:
@@ -176,6 +185,7 @@ def _answers(finger: Fingertip, case: Case, x_mm: float) -> Iterator[Row]:
     for k, receptor_mm in enumerate(case.receptor_x_mm):
         yield {
             "problem": "" if result.state.converged else f"not converged, residual {result.state.residual:.0e}",
+            "model": result.model.kind,
             "force_gwt": result.force_gwt,
             "doi_mm": result.doi_mm,
             "peak_pressure_pseudo": result.peak_pressure_pseudo,
@@ -187,5 +197,5 @@ def _answers(finger: Fingertip, case: Case, x_mm: float) -> Iterator[Row]:
 def columns(cases: Sequence[Case]) -> list[str]:
     """Of the table, in order."""
     varied = dict.fromkeys(name for case in cases for name, _ in case.varied)
-    pressed = ("receptor_depth_mm", "shape", "target", "value", "x_mm", "problem")
+    pressed = ("receptor_depth_mm", "shape", "target", "value", "x_mm", "problem", "model")
     return [*varied, *pressed, "force_gwt", "doi_mm", "peak_pressure_pseudo", "receptor_x_mm", *MEASURES]

@@ -15,10 +15,10 @@ def inverse_spd(matrix: Array) -> Array:
     if info:
         raise ValueError(f"matrix is not positive definite (leading minor {info})")
     inverse, info = lapack.dpotri(factor, lower=1, overwrite_c=1)
-    return _mirror_lower(inverse).T
+    return mirror_lower(inverse).T
 
 
-def _mirror_lower(matrix: Array) -> Array:
+def mirror_lower(matrix: Array) -> Array:
     """Copy the lower triangle over the upper one, in place, tile by tile."""
     n = len(matrix)
     for i in range(0, n, _TILE):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
 Arrays = dict[str, NDArray[np.generic]]
-Kind = Literal["model", "columns", "answers"]
+Kind = Literal["model", "node", "columns", "answers"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 """Condensed models, columns of strain under them, and what they said."""
 
@@ -95,6 +95,11 @@ def _removed(path: Path) -> bool:
     return True
 
 
+def path_of(key: str, kind: Kind) -> Path:
+    """Where it is stored, if it is."""
+    return cache_dir() / f"{key}.{kind}"
+
+
 def content_key(parameters: object) -> str:
     """Hash of JSON-serialisable parameters, of the published points and of the code that makes a model."""
     digest = hashlib.sha256(json.dumps(parameters, sort_keys=True).encode())
@@ -117,8 +122,7 @@ def cached_arrays(key: str, make: Callable[[], Arrays], kind: Kind = "model") ->
     The kind is the file's suffix. A file is believed only if it is whole: it begins with the SHA-256 of the key
     and of all that follows. One process at a time makes it.
     """
-    folder = cache_dir()
-    path = folder / f"{key}.{kind}"
+    folder, path = cache_dir(), path_of(key, kind)
     found = _read(path, key)
     if found is not None:
         return found, True

@@ -27,6 +27,7 @@ from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
 from sim.models.condensed import CondensedModel
 from sim.models.errors import ForceOutOfReachError, ModelRangeError
 from sim.models.inside.anywhere import Anywhere, SeenInside
+from sim.models.moduli.interpolated import Interpolated
 from sim.models.patches import HalfWidths, half_widths, larger
 from sim.models.pressing import PlacedIndentor, Pressing, RimError, refuse_meaningless
 from sim.models.processes.recipe import ByRecipe, Recipe
@@ -83,6 +84,7 @@ class Fingertip(ByRecipe, SeenInside):
         receptor_depth_mm: float | Sequence[float] = DEFAULT_DEPTH_MM,
         receptor_z_mm: float | Sequence[float] | None = None,
         solver: Literal["auto", "pardiso", "dissection"] = "auto",
+        exact: bool = True,
     ) -> "Fingertip":
         """The fingertip of a configuration, its model for shapes that slope so read or built (seconds).
 
@@ -94,8 +96,9 @@ class Fingertip(ByRecipe, SeenInside):
         keep_tops(surface)
         places = ReceptorPlaces.of(receptor_x_mm, receptor_depth_mm, receptor_z_mm)
         receptors = receptors_at(config, surface, places)
-        recipe = Recipe.of(cls.load, config, slopes=slopes, solver=solver, **places.as_options())
-        finger = cls(config, surface, OnDisk(config, surface, receptors, solver), recipe)
+        recipe = Recipe.of(cls.load, config, slopes=slopes, solver=solver, exact=exact, **places.as_options())
+        full = OnDisk(config, surface, receptors, solver)
+        finger = cls(config, surface, full if exact else Interpolated(full), recipe)
         finger.model_for(slopes)
         return finger
 

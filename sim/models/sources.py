@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from sim.config.fingertip_config import FingertipConfig
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorSet
-from sim.models.cache import Arrays, cached_arrays, content_key
+from sim.models.cache import Arrays, cached_arrays, content_key, path_of
 from sim.models.condensed import CondensedModel, from_arrays, to_arrays
 from sim.models.inside.columns import STORED, Columns
 from sim.models.inside.interior import Interior
@@ -56,7 +57,7 @@ class OnDisk:
             self.columns(key, self.receptors, lambda: built.columns)
             return {name: np.ascontiguousarray(array) for name, array in to_arrays(built).items()}
 
-        arrays, read = cached_arrays(content_key(self._made_of(key)), make)  # the same to the last bit, made or read
+        arrays, read = cached_arrays(content_key(self.made_of(key)), make)  # the same to the last bit, made or read
         columns, as_well = self._columns(key, self.receptors, None)
         return replace(from_arrays(arrays, self.surface, columns), timing_s=timing_s), read and as_well
 
@@ -72,12 +73,19 @@ class OnDisk:
     def _columns(
         self, key: MeshKey, receptors: ReceptorSet, solve: Callable[[], Columns] | None
     ) -> tuple[Columns, bool]:
-        made_of = [*self._made_of(key), receptors.position_mm.tolist()]
         solve = solve or (lambda: self.interior(key).columns(receptors))
-        arrays, read = cached_arrays(content_key(made_of), lambda: solve().as_arrays(), "columns")
+        arrays, read = cached_arrays(self._columns_key(key, receptors), lambda: solve().as_arrays(), "columns")
         return Columns(receptors, *(np.asarray(arrays[name], dtype=float) for name in STORED)), read
 
-    def _made_of(self, key: MeshKey) -> list[object]:
+    def columns_path(self, key: MeshKey) -> Path:
+        """Where those of the finger's own receptors are kept."""
+        return path_of(self._columns_key(key, self.receptors), "columns")
+
+    def _columns_key(self, key: MeshKey, receptors: ReceptorSet) -> str:
+        return content_key([*self.made_of(key), receptors.position_mm.tolist()])
+
+    def made_of(self, key: MeshKey) -> list[object]:
+        """What says how a model comes out, but for the code."""
         slopes, patch = key
         described = self.config.model_dump(mode="json", exclude={"contact"})
         return [described, self.solver, list(slopes), patch and list(patch)]

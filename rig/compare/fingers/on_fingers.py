@@ -1,5 +1,6 @@
 """What the fingers of a design would give where a run pressed."""
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
@@ -12,14 +13,18 @@ from rig.compare.stimuli import Stimulus, simulator_code
 from rig.data import Run
 from rig.parameter_study.workers import spread
 from sim.config.fingertip_config import FingertipConfig
+from sim.contact.indentor import ALONG
 from sim.contact.shapes import parse_shape
 from sim.finger.grading import MeshError
 from sim.finger.surface import SurfaceError
 from sim.measures.measures import MEASURES, shown
+from sim.measures.reach import ReceptorPlaces
 from sim.measures.receptors import ReceptorError
 from sim.models.cache import cached_arrays, content_key
 from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
+from sim.models.moduli.families import Asked, missing_nodes, worth_interpolating
+from sim.models.moduli.interpolated import make_node
 
 Array = NDArray[np.float64]
 
@@ -43,15 +48,23 @@ class FingerWork:
     receptor_x_mm: tuple[float, ...]
     receptor_depth_mm: float
     press_rows: tuple[PressRow, ...]
+    exact: bool = True  # built in full; else interpolated between full builds
+
+    @property
+    def finger(self) -> Asked:
+        """With its receptors."""
+        config = FingertipConfig.model_validate_json(self.config_json)
+        return Asked(config, ReceptorPlaces.of(self.receptor_x_mm, self.receptor_depth_mm, None))
 
 
 def on_plausible_fingers(
-    run: Run, pressed: Sequence[Stimulus], finger: Fingertip, plausible: PlausibleFingers
+    run: Run, pressed: Sequence[Stimulus], finger: Fingertip, plausible: PlausibleFingers, *, exact: bool = False
 ) -> list[Stimulus]:
     """The stimuli of a run with their measures on the whole design, pressed over this machine's processes.
 
     What was controlled stays: the force of a press to a force, the depth of one to a depth; on hardware the force
-    that was recorded. Kept in the cache. Raises FingersError.
+    that was recorded. Fingers that differ in the moduli of dermis and fat alone may be interpolated, unless `exact`.
+    Kept in the cache. Raises FingersError.
     """
     if not pressed:
         return []
@@ -60,12 +73,17 @@ def on_plausible_fingers(
     design = plausible.design(finger.config, finger.model.receptors.depth_mm)
     x_mm = tuple(pressed[0].receptor_mm.tolist())
     work = [_work(one, x_mm, press_rows) for one in design]
+    if not exact:
+        chosen = worth_interpolating([one.finger for one in work])
+        work = [replace(one, exact=not other) for one, other in zip(work, chosen, strict=True)]
     key = content_key([simulator_code(), [asdict(one) for one in work]])
     try:
         found, _ = cached_arrays(key, lambda: _all_answers(work), kind="answers")
     except FingersError as error:
         raise FingersError(f"{plausible.source}: {error}") from None
-    return [replace(s, on_fingers=np.asarray(found[f"{n}"], dtype=float)) for n, s in enumerate(pressed)]
+    between = not all(one.exact for one in work)
+    said = [np.asarray(found[f"{n}"], dtype=float) for n in range(len(pressed))]
+    return [replace(s, on_fingers=one, interpolated=between) for s, one in zip(pressed, said, strict=True)]
 
 
 def _press_row(stimulus: Stimulus, virtual: bool) -> PressRow:
@@ -82,6 +100,9 @@ def _work(finger: DesignFinger, receptor_x_mm: tuple[float, ...], press_rows: tu
 
 def _all_answers(work: Sequence[FingerWork]) -> dict[str, NDArray[np.generic]]:
     """For each row by its number (fingers, 18, n, receptors)."""
+    them = [one for one in work if not one.exact]
+    axes = dict.fromkeys([ALONG, *(parse_shape(row.indentor).axes for one in them for row in one.press_rows)])
+    deque(spread(make_node, missing_nodes([one.finger for one in them], axes)), maxlen=0)
     answers = list(spread(measures_on, work))
     return {f"{n}": np.stack(each) for n, each in enumerate(zip(*answers, strict=True))}
 
@@ -90,7 +111,8 @@ def measures_on(work: FingerWork) -> list[Array]:
     """For each row the measures (18, n, receptors) in the signs of `shown`. Raises FingersError."""
     config = FingertipConfig.model_validate_json(work.config_json)
     try:
-        finger = Fingertip.load(config, receptor_x_mm=work.receptor_x_mm, receptor_depth_mm=work.receptor_depth_mm)
+        places = {"receptor_x_mm": work.receptor_x_mm, "receptor_depth_mm": work.receptor_depth_mm}
+        finger = Fingertip.load(config, **places, exact=work.exact)  # type: ignore[arg-type]
         return [_measures(finger, row) for row in work.press_rows]
     except (ModelRangeError, MeshError, SurfaceError, ReceptorError) as error:
         raise FingersError(f"on the finger with {work.name}: {error}") from None

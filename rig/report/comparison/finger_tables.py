@@ -12,6 +12,7 @@ from rig.compare.plausible import PlausibleFingers
 from rig.compare.tables import Pair, joint_row, members, number
 from rig.report.html import Section
 from rig.report.labels import as_limits, as_number, as_positions
+from sim.models.moduli.interpolated import HOW_MADE
 
 Row = dict[str, Any]
 
@@ -34,6 +35,11 @@ class FingerTable:
     chosen: dict[str, list[float]] | None
     rows: list[Row]
 
+    @property
+    def interpolated(self) -> bool:
+        """Whether fingers were not built in full."""
+        return any(overlay.stimulus.interpolated for overlay in self.joint.overlays)
+
 
 def finger_tables(comparison: Comparison) -> list[FingerTable]:
     """One for each joint fit, each fitted once; none where no fingers are stated."""
@@ -55,6 +61,7 @@ def fingers_as_json(comparison: Comparison, tables: Sequence[FingerTable]) -> di
         "fingers": {
             "ranges": {name: list(limits) for name, limits in plausible.ranges.items()},
             "built": 3 ** len(plausible.free),
+            "interpolation": HOW_MADE if any(table.interpolated for table in tables) else None,
             "joint": [row for table in tables for row in table.rows],
             "indistinguishable": [_set(table) for table in tables],
         }
@@ -100,6 +107,7 @@ def finger_section(table: FingerTable) -> Section:
     """For the report."""
     plausible = table.plausible
     ranges = "; ".join(f"{name} {low:g} … {high:g}" for name, (low, high) in plausible.ranges.items())
+    made = f" The fingers were {HOW_MADE}; `--exact` builds each in full." if table.interpolated else ""
     said = "Too few recorded positions are covered to say which measures can be told apart."
     if table.chosen is not None:
         listed = "; ".join(f"{measure} at {as_positions(places)} mm" for measure, places in table.chosen.items())
@@ -109,7 +117,8 @@ def finger_section(table: FingerTable) -> Section:
         f"Stated as plausible: {ranges} (file with SHA-256 {plausible.sha256}). {said} Each pair may have its best "
         "finger. Intervals “on all fingers” are the hull of those on every finger of the ranges on which the pair "
         "does not fit significantly worse than on its best one: they hold for whatever finger lies within the "
-        "ranges, and for no other. “On this finger” is what the run's own finger gives, as in the tables above.",
+        "ranges, and for no other. “On this finger” is what the run's own finger gives, as in the tables above."
+        + made,
         _HEADER,
         tuple(_cells(row) for row in table.rows),
     )

@@ -3,6 +3,7 @@
 import json
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from rig.cli import main
 from rig.compare.errors import FingersError
+from rig.compare.fingers import on_fingers
 from rig.compare.fingers.on_fingers import on_plausible_fingers
 from rig.compare.plausible import PlausibleFingers
 from rig.compare.recordings.synthetic import afferent_for, record, write_synthetic
@@ -20,8 +22,10 @@ from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
 from rig.session.session import NewRun, Session, dry_run
 from sim.config.fingertip_config import FingertipConfig, MeshSpec
+from sim.contact.indentor import ALONG
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
+from sim.models.moduli.interpolated import make_node
 
 Array = NDArray[np.float64]
 
@@ -88,6 +92,34 @@ def test_a_finger_that_cannot_be_pressed_like_that_is_named(run: Run, coarse: Fi
     )
     with pytest.raises(FingersError, match=r"--fingers x\.toml: on the finger with .*receptor_depth_mm = 3: "):
         on_plausible_fingers(run, stimuli(run, coarse), coarse, plausible)
+
+
+@pytest.mark.parametrize(("exact", "expected"), [(False, [False] * 9), (True, [True] * 9)])
+def test_nine_fingers_that_differ_in_moduli_alone_are_interpolated(
+    run: Run, coarse: Fingertip, monkeypatch: pytest.MonkeyPatch, exact: bool, expected: list[bool]
+) -> None:
+    """After full builds for each kind of shape; unless every finger is to be built in full."""
+    given: list[tuple[str, list[Any]]] = []
+
+    def spread(function: Any, work: list[Any]) -> list[Any]:
+        given.append((function.__name__, work))
+        if function is make_node:
+            return []
+        return [[np.zeros((len(MEASURES), len(row.x_mm), 10)) for row in one.press_rows] for one in work]
+
+    monkeypatch.setattr(on_fingers, "spread", spread)
+    monkeypatch.setattr(on_fingers, "cached_arrays", lambda key, make, kind: (make(), False))
+    plausible = PlausibleFingers("--fingers x.toml", {"tissue.e_dermis": (0.05, 0.2), "tissue.e_fat": (0.05, 0.3)})
+    found = on_plausible_fingers(run, stimuli(run, coarse), coarse, plausible, exact=exact)
+    (first, nodes), (second, work) = given
+    assert (first, second) == ("make_node", "measures_on")
+    assert [one.exact for one in work] == expected
+    assert [node.slopes for node in nodes] == ([] if exact else [ALONG] * 16)
+    assert {stimulus.interpolated for stimulus in found} == {not exact}
+    asked: list[bool] = []
+    monkeypatch.setattr(on_fingers.Fingertip, "load", lambda *_, exact, **places: asked.append(exact) or coarse)
+    on_fingers.measures_on(work[0])
+    assert asked == [exact]
 
 
 def test_the_command(

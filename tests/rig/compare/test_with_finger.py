@@ -17,6 +17,7 @@ from rig.compare.recordings.recorded import Recording, recording
 from rig.compare.stimuli import Stimulus
 from rig.report.comparison.finger_tables import finger_section, finger_tables, fingers_as_json
 from sim.measures.measures import MEASURES
+from sim.models.moduli.interpolated import HOW_MADE
 
 Array = NDArray[np.float64]
 Make = Callable[..., Stimulus]
@@ -133,6 +134,16 @@ def test_rows_and_section_show_both_intervals(stimulus: Stimulus) -> None:
     (section,) = map(finger_section, tables)
     assert "tissue.epidermis_mm 0.3 … 0.5" in section.text
     assert {len(cells) for cells in section.rows} == {len(section.header)}
+
+
+@pytest.mark.parametrize("between", [True, False])
+def test_fingers_that_were_interpolated_say_so_with_their_error(stimulus: Stimulus, between: bool) -> None:
+    one = replace(stimulus, interpolated=between)
+    comparison = compare([one], {"step:1": recorded(np.random.default_rng(5))}, plausible=RANGES)
+    tables = finger_tables(comparison)
+    (section,) = map(finger_section, tables)
+    assert section.text.endswith(f" The fingers were {HOW_MADE}; `--exact` builds each in full.") is between
+    assert fingers_as_json(comparison, tables)["fingers"]["interpolation"] == (HOW_MADE if between else None)
 
 
 def test_a_joint_fit_on_all_fingers_is_made_once_for_report_and_json(

@@ -1,0 +1,135 @@
+"""`rig study` on fingers that differ in the moduli of dermis and fat: which are interpolated, and that it is said."""
+
+import csv
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.cli import main, study
+from rig.parameter_study.cases import read_study, solve
+from rig.parameter_study.interpolation import interpolated, nodes_to_build
+from sim.contact.indentor import ALONG, BOTH
+from sim.models.moduli.interpolated import HOW_MADE, forget_kept
+from sim.models.moduli.node_builds import INTERPOLATED
+
+NINE = """\
+receptor_x_mm = [0.0]
+
+[finger.mesh]
+spacing_mm = 0.5
+axial_spacing_mm = 0.5
+patch_x_mm = 1.5
+patch_z_mm = 1.5
+epidermis_elements = 1
+dermis_spacing_mm = 0.4
+dermis_fine_depth_mm = 0.5
+growth = 1.5
+far_growth = 2.0
+near_spacing_mm = 1.5
+near_width_mm = 0.5
+far_spacing_mm = 2.0
+
+[finger.tissue]
+e_dermis = [0.05, 0.1, 0.2]
+e_fat = [0.05, 0.1, 0.2]
+
+[[press]]
+shape = "cylinder:9"
+doi_mm = 0.1
+"""
+ROUND = '[[press]]\nshape = "sphere:3"\ndoi_mm = 0.1\n'
+Said = Callable[..., tuple[str, str]]
+
+
+@pytest.fixture
+def nine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Nine fingers, and nothing in the cache or in memory."""
+    monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path / "cache"))
+    forget_kept()
+    path = tmp_path / "nine.toml"
+    path.write_text(NINE, encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def rig(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Said:
+    """Run it here, in this process: standard output and standard error."""
+
+    def here(function: Callable[[Any], Any], items: Sequence[Any], *_: object) -> Iterator[Any]:
+        return map(function, items)
+
+    monkeypatch.setattr(study, "spread", here)
+
+    def run(*words: object) -> tuple[str, str]:
+        monkeypatch.setattr(sys, "argv", ["rig", "study", *map(str, words)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert not ended.value.code
+        printed = capsys.readouterr()
+        return printed.out, printed.err
+
+    return run
+
+
+def rows(table: Path) -> list[dict[str, str]]:
+    with table.open(encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_nine_fingers_are_interpolated_and_say_so(rig: Said, nine: Path, tmp_path: Path) -> None:
+    out, err = rig(nine)
+    assert out.endswith(f"9 rows on fingers {HOW_MADE}; --exact builds each in full\n")
+    lines = err.splitlines()
+    assert lines[0] == "16 full builds"
+    assert lines[-1] == "9 of 9 cases"
+    near = rows(nine.with_suffix(".csv"))
+    assert [row["model"] for row in near] == [INTERPOLATED] * 9
+    told = json.loads(rig(nine, "--json", "--out", tmp_path / "again.csv")[0])
+    assert (told["interpolated"], told["interpolation"]) == (9, HOW_MADE)
+    assert rows(tmp_path / "again.csv") == near
+    out, err = rig(nine, "--exact", "--out", tmp_path / "exact.csv")
+    assert "interpolated" not in out
+    assert "full builds" not in err
+    exact = rows(tmp_path / "exact.csv")
+    assert [row["model"] for row in exact] == ["finger"] * 9
+    for one, other in zip(near, exact, strict=True):
+        assert one["force_gwt"] != other["force_gwt"]
+        assert float(one["force_gwt"]) == pytest.approx(float(other["force_gwt"]), rel=0.01)
+    told = json.loads(rig(nine, "--exact", "--json")[0])
+    assert (told["interpolated"], told["interpolation"]) == (0, None)
+
+
+def test_which_cases_and_what_is_built_for_them(nine: Path) -> None:
+    """Round shapes want full builds of their own."""
+    cases = read_study(nine)
+    assert all(case.exact for case in cases)
+    assert nodes_to_build(cases) == []
+    nine.write_text(NINE.replace("[0.05, 0.1, 0.2]", "[0.05, 0.1, 0.2, 0.5]") + ROUND, encoding="utf-8")
+    cases = interpolated(read_study(nine))
+    beyond = [case.finger.config.tissue.e_fat == 0.5 for case in cases]
+    assert sum(beyond) == 2 * 4
+    assert [case.exact for case in cases] == beyond
+    assert [node.slopes for node in nodes_to_build(cases)] == [ALONG] * 16 + [BOTH] * 16
+
+
+def test_eight_are_built(nine: Path) -> None:
+    nine.write_text(NINE.replace("e_dermis = [0.05, 0.1, 0.2]", "e_dermis = [0.1]"), encoding="utf-8")
+    assert all(case.exact for case in interpolated(read_study(nine)))
+
+
+def test_a_case_that_is_interpolated_is_solved_so(nine: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+
+    def load(*_: object, **options: object) -> object:
+        asked.append(options["exact"])
+        raise ValueError("enough")
+
+    monkeypatch.setattr("rig.parameter_study.cases.Fingertip.load", load)
+    for case in (*read_study(nine)[:1], *interpolated(read_study(nine))[1:2]):
+        with pytest.raises(ValueError, match="enough"):
+            solve(case)
+    assert asked == [True, False]

@@ -1,0 +1,367 @@
+"""Another finger in a moment: weights, what is summed with them, and how far it is from a full build."""
+
+import logging
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+
+from sim.config.fingertip_config import FingertipConfig, Tissue
+from sim.contact.indentor import ALONG, BOTH
+from sim.finger.grading import MeshError
+from sim.finger.surface import SurfaceError
+from sim.measures.reach import ReceptorPlaces
+from sim.measures.receptors import ReceptorError
+from sim.models.errors import ModelRangeError
+from sim.models.fingertip import Fingertip
+from sim.models.moduli import families, interpolated
+from sim.models.moduli.families import Asked, missing_nodes, worth_interpolating
+from sim.models.moduli.interpolated import FORCE_ERROR, HOW_MADE, SED_ERROR, forget_kept, make_node, nodes_for
+from sim.models.moduli.node_builds import INTERPOLATED
+from sim.models.moduli.packed import packed, summed, unpacked
+from sim.models.moduli.weights import (
+    DERMIS,
+    FAT,
+    FULL_BUILDS,
+    Axis,
+    in_range,
+    largest_error,
+    node_tissues,
+    node_weights,
+)
+from tests.sim.coarse import coarse_mesh
+
+AXES = {"dermis": DERMIS, "fat": FAT}
+PLACES = ReceptorPlaces((-1.0, 0.0), (0.3, 0.76, 1.6))
+MESH = coarse_mesh(0.5, 0.5, patch_x_mm=1.5, patch_z_mm=1.5, round_patch_mm=1.0)
+
+
+def config(e_dermis: float = 0.1, e_fat: float = 0.1, **tissue: float) -> FingertipConfig:
+    return FingertipConfig(mesh=MESH, tissue=Tissue(e_dermis=e_dermis, e_fat=e_fat, **tissue))  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(1)
+
+
+# --- weights ---
+
+
+def test_the_range_holds_the_default_and_is_sixteenfold() -> None:
+    assert (DERMIS.low, DERMIS.high) == (0.04, 0.64)
+    assert (FAT.low, FAT.high) == (0.02, 0.32)
+    assert in_range(Tissue())
+    assert FULL_BUILDS == 16
+
+
+@pytest.mark.parametrize(
+    ("e_dermis", "e_fat", "expected"),
+    [(0.04, 0.02, True), (0.64, 0.32, True), (0.0399, 0.1, False), (0.641, 0.1, False), (0.1, 0.0199, False),
+     (0.1, 0.321, False)],
+)  # fmt: skip
+def test_the_ends_belong_to_the_range(e_dermis: float, e_fat: float, expected: bool) -> None:
+    assert in_range(Tissue(e_dermis=e_dermis, e_fat=e_fat)) is expected
+
+
+@pytest.mark.parametrize("axis", AXES.values(), ids=AXES)
+def test_nodes_are_chebyshevs_in_the_logarithm(axis: Axis) -> None:
+    assert axis.middle == pytest.approx(4 * axis.low)
+    places = np.log(axis.nodes / axis.middle) / np.log(4)
+    np.testing.assert_allclose(places, [-0.92388, -0.382683, 0.382683, 0.92388], atol=1e-6)
+
+
+@pytest.mark.parametrize("axis", AXES.values(), ids=AXES)
+def test_weights_are_exact_for_what_they_are_made_for(axis: Axis) -> None:
+    np.testing.assert_allclose(axis.weights(axis.nodes), np.eye(4), atol=1e-12)
+    values = np.geomspace(axis.low, axis.high, 33)
+    for pole in (0.0, axis.middle / np.e, axis.middle * np.e):
+        np.testing.assert_allclose(axis.weights(values) @ (1 / (pole + axis.nodes)), 1 / (pole + values), rtol=1e-11)
+    np.testing.assert_allclose(axis.weights(values).sum(axis=-1), 1.0, rtol=1e-12)
+    assert axis.weights(0.1).shape == (4,)
+
+
+@pytest.mark.parametrize("axis", AXES.values(), ids=AXES)
+def test_the_error_is_the_largest_of_any_sum_of_such_functions(axis: Axis, rng: np.random.Generator) -> None:
+    assert axis.error == pytest.approx(0.004583, abs=1e-6)
+    assert axis.growth == pytest.approx(2.33759, abs=1e-5)
+    values = np.geomspace(axis.low, axis.high, 500)
+    for _ in range(50):
+        poles, share = axis.middle * 10 ** rng.uniform(-3, 3, 5), rng.random(5) ** 8
+
+        def compliance(e: object, poles: object = poles, share: object = share) -> object:
+            return (share / (poles + np.asarray(e)[:, None])).sum(axis=1)  # type: ignore[operator]
+
+        right = compliance(values)
+        assert np.abs(axis.weights(values) @ compliance(axis.nodes) / right - 1).max() < axis.error  # type: ignore
+
+
+def test_any_compliance_stays_positive_definite() -> None:
+    """Interpolated within 1.5 % of a full build in every direction, whatever the finger."""
+    assert largest_error() == pytest.approx(0.004583 * (1 + 2.33759), abs=1e-5)
+    other = Axis(0.01, 1.0)
+    assert other.error > 2 * DERMIS.error
+
+
+def test_the_bound_takes_the_better_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    wide, narrow = Axis(0.01, 1.0), Axis(0.05, 0.2)
+    both = sorted([wide.error + wide.growth * narrow.error, narrow.error + narrow.growth * wide.error])
+    assert both[0] < 0.9 * both[1]
+    for dermis, fat in ((wide, narrow), (narrow, wide)):
+        monkeypatch.setattr("sim.models.moduli.weights.DERMIS", dermis)
+        monkeypatch.setattr("sim.models.moduli.weights.FAT", fat)
+        assert largest_error() == both[0]
+
+
+def test_the_fats_modulus_goes_fastest() -> None:
+    tissues = node_tissues(Tissue(epidermis_mm=0.3))
+    assert len(tissues) == FULL_BUILDS
+    assert {one.epidermis_mm for one in tissues} == {0.3}
+    np.testing.assert_allclose([one.e_dermis for one in tissues], np.repeat(DERMIS.nodes, 4))
+    np.testing.assert_allclose([one.e_fat for one in tissues], np.tile(FAT.nodes, 4))
+    for n, one in enumerate(tissues):
+        np.testing.assert_allclose(node_weights(one), np.eye(FULL_BUILDS)[n], atol=1e-11)
+
+
+# --- what is summed ---
+
+
+@pytest.mark.parametrize("n", [1, 255, 256, 257, 700])
+def test_a_packed_matrix_comes_back(n: int, rng: np.random.Generator) -> None:
+    matrix = rng.standard_normal((n, n))
+    matrix += matrix.T
+    entries = packed(matrix)
+    assert entries.dtype == np.float32
+    assert len(entries) <= n * (n + 256) / 2 + 256 * 256
+    back = unpacked(entries, n)
+    assert (back == back.T).all()
+    np.testing.assert_allclose(back, matrix, rtol=1e-6)
+
+
+def test_of_a_block_the_lower_triangle_counts() -> None:
+    entries = packed(np.array([[1.0, 2.0], [2.0, 3.0]]))
+    entries[1] = 9.0  # above the diagonal
+    np.testing.assert_array_equal(unpacked(entries, 2), [[1.0, 2.0], [2.0, 3.0]])
+
+
+def test_a_sum_has_the_shape_of_its_parts(rng: np.random.Generator) -> None:
+    parts, weights = rng.standard_normal((3, 4, 5)).astype(np.float32), np.array([0.5, -1.0, 2.0])
+    found = summed(weights, parts)
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, np.einsum("m,mij->ij", weights, parts), rtol=1e-5, atol=1e-6)
+
+
+# --- fingers ---
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A cache with the coarse finger's nodes."""
+    folder = tmp_path_factory.mktemp("nodes")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("RIG_CACHE_DIR", str(folder))
+        for node in nodes_for(config(), PLACES):
+            assert not node.kept
+            make_node(node)
+            assert node.kept
+    return folder
+
+
+@pytest.fixture
+def nodes(built: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """That cache, nothing in memory."""
+    monkeypatch.setenv("RIG_CACHE_DIR", str(built))
+    forget_kept()
+    return built
+
+
+def load(finger: FingertipConfig, *, exact: bool) -> Fingertip:
+    return Fingertip.load(finger, exact=exact, **PLACES.as_options())
+
+
+@pytest.mark.parametrize(
+    ("e_dermis", "e_fat"), [(0.04, 0.02), (0.04, 0.32), (0.64, 0.02), (0.64, 0.32), (0.1, 0.1), (0.588, 0.25)]
+)
+def test_it_is_near_a_full_build(nodes: Path, e_dermis: float, e_fat: float) -> None:
+    near, full = (load(config(e_dermis, e_fat), exact=exact) for exact in (False, True))
+    ratio = eigh(near.model.patch.compliance, full.model.patch.compliance, eigvals_only=True)
+    assert np.abs(ratio - 1).max() < largest_error()
+    np.testing.assert_array_equal(near.model.columns.young_ratio, full.model.columns.young_ratio)
+    for shape in ("cylinder:9", "bar:1.5"):
+        found, right = (finger.indent(shape, doi_mm=0.15) for finger in (near, full))
+        assert found.state.converged
+        assert (found.model.kind, right.model.kind) == (INTERPOLATED, "finger")
+        assert found.force_n == pytest.approx(right.force_n, rel=FORCE_ERROR)
+        sed = right.receptor_measures["sed"]
+        np.testing.assert_allclose(found.receptor_measures["sed"], sed, atol=SED_ERROR * sed.max())
+        assert found.force_n != right.force_n
+
+
+def test_at_a_node_it_is_the_full_build(nodes: Path) -> None:
+    finger = config(float(DERMIS.nodes[1]), float(FAT.nodes[2]))
+    near, full = (load(finger, exact=exact) for exact in (False, True))
+    scale = np.abs(full.model.patch.compliance).max()
+    np.testing.assert_allclose(near.model.patch.compliance, full.model.patch.compliance, atol=1e-6 * scale)
+    columns = full.model.columns.per_skin_force
+    np.testing.assert_allclose(near.model.columns.per_skin_force, columns, atol=1e-6 * np.abs(columns).max())
+    found, right = (finger.indent("cylinder:9", doi_mm=0.4).force_n for finger in (near, full))
+    assert found == pytest.approx(right, rel=1e-6)
+
+
+def test_answers_say_how_they_were_made(nodes: Path) -> None:
+    near = load(config(), exact=False)
+    assert near.from_cache
+    assert near.model.kind == INTERPOLATED == near.indent("cylinder:9", doi_mm=0.2).as_json()["solver"]["model"]
+    assert repr(near).startswith("<Fingertip interpolated finger")
+    assert load(config(), exact=True).model.kind == "finger"
+    again: Fingertip = pickle.loads(pickle.dumps(near))
+    assert again.model.kind == INTERPOLATED
+
+
+def test_a_larger_patch_and_other_points_are_the_fingers_own(nodes: Path) -> None:
+    near, full = (load(config(0.2, 0.05), exact=exact) for exact in (False, True))
+    wide = (2.0, 1.5)
+    assert near.model_for(ALONG, wide).kind == "finger"
+    np.testing.assert_array_equal(
+        near.model_for(ALONG, wide).patch.compliance, full.model_for(ALONG, wide).patch.compliance
+    )
+
+
+@pytest.mark.parametrize(("e_dermis", "e_fat"), [(0.03, 0.1), (0.1, 0.5)])
+def test_beyond_the_range_it_is_refused(e_dermis: float, e_fat: float) -> None:
+    with pytest.raises(ModelRangeError) as caught:
+        load(config(e_dermis, e_fat), exact=False)
+    assert str(caught.value) == (
+        f"e_dermis = {e_dermis}, e_fat = {e_fat}: interpolated for e_dermis from 0.04 to 0.64 and e_fat from 0.02 to "
+        "0.32, expected exact=True"
+    )
+
+
+def test_another_finger_reads_nothing(nodes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And of two sets that are kept in memory the one used last stays."""
+    load(config(), exact=False)
+    assert len(interpolated._kept) == 1
+    monkeypatch.setattr(interpolated.NodeBuilds, "of", lambda nodes: pytest.fail("read again"))
+    assert load(config(0.3, 0.03), exact=False).from_cache
+    kept = interpolated._kept
+    first = next(iter(kept))
+    kept["second"] = kept[first]
+    load(config(0.3, 0.05), exact=False)
+    assert list(kept) == ["second", first]
+    monkeypatch.setattr(interpolated.NodeBuilds, "of", lambda nodes: (kept[first], False))
+    places = ReceptorPlaces((0.0,), (0.76,))
+    assert not Fingertip.load(config(), exact=False, **places.as_options()).from_cache
+    assert len(kept) == 2
+    assert "second" not in kept
+
+
+def test_a_build_that_is_missing_is_made_and_told(nodes: Path, caplog: pytest.LogCaptureFixture) -> None:
+    node = nodes_for(config(), PLACES)[6]
+    node.files[0].unlink()
+    with caplog.at_level(logging.INFO, "sim.models.moduli"):
+        assert not load(config(), exact=False).from_cache
+    assert caplog.messages == ["full build 7 of 16, to interpolate between, made once …"]
+    assert node.kept
+
+
+def test_the_sentence_has_the_errors() -> None:
+    assert (
+        "interpolated between 16 full builds over the moduli of dermis and fat: against full builds at most "
+        f"{100 * FORCE_ERROR:g} % off in force and {100 * SED_ERROR:g} % in SED"
+    ) == HOW_MADE
+
+
+# --- which of many ---
+
+
+def asked(*moduli: tuple[float, float], epidermis_mm: float = 0.4) -> list[Asked]:
+    return [Asked(config(*one, epidermis_mm=epidermis_mm), PLACES) for one in moduli]
+
+
+NINE = [(e_dermis, e_fat) for e_dermis in (0.05, 0.1, 0.2) for e_fat in (0.05, 0.1, 0.2)]
+
+
+@pytest.fixture
+def nothing_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path))
+
+
+@pytest.mark.usefixtures("nothing_kept")
+@pytest.mark.parametrize(
+    ("fingers", "expected"),
+    [
+        (asked(*NINE), [True] * 9),
+        (asked(*NINE[:8]), [False] * 8),
+        (asked(*NINE[:8], NINE[0]), [False] * 9),  # one of them twice
+        (asked(*NINE[:8], (0.1, 0.5)), [False] * 9),  # one beyond the range
+        (asked(*NINE, (0.1, 0.5)), [True] * 9 + [False]),
+        (asked(*NINE[:4]) + asked(*NINE[4:], epidermis_mm=0.3), [False] * 9),
+        (asked(*NINE) + asked(NINE[0], epidermis_mm=0.3), [True] * 9 + [False]),
+        ([one._replace(places=ReceptorPlaces()) for one in asked(*NINE[:4])] + asked(*NINE[4:]), [False] * 9),
+        ([], []),
+    ],
+)
+def test_nine_of_a_family_are_worth_it(fingers: list[Asked], expected: list[bool]) -> None:
+    assert worth_interpolating(fingers) == expected
+
+
+def test_two_are_where_the_builds_are_kept(nodes: Path) -> None:
+    assert worth_interpolating(asked(*NINE[:2])) == [True, True]
+    assert worth_interpolating(asked(NINE[0])) == [False]
+    assert worth_interpolating(asked(NINE[0], NINE[0])) == [False, False]
+    assert worth_interpolating(asked(*NINE[:2], epidermis_mm=0.3)) == [False, False]
+
+
+def test_what_is_to_be_built(nodes: Path) -> None:
+    assert missing_nodes(asked(*NINE), [ALONG]) == []
+    round_ones = missing_nodes(asked(*NINE), [ALONG, BOTH])
+    assert [node.slopes for node in round_ones] == [BOTH] * FULL_BUILDS
+    assert len({node.key for node in round_ones}) == FULL_BUILDS
+    deeper = [one._replace(places=ReceptorPlaces((0.0,), (1.0,))) for one in asked(*NINE)]
+    assert len(missing_nodes(deeper, [ALONG])) == FULL_BUILDS
+    assert families.PAYS_FROM == 9
+
+
+@pytest.mark.usefixtures("nothing_kept")
+@pytest.mark.parametrize("error", [SurfaceError, ReceptorError])
+def test_fingers_that_cannot_be_are_left_to_whoever_presses_them(
+    error: type[Exception], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def none(*_: object) -> None:
+        raise error("no such finger")
+
+    monkeypatch.setattr(families, "nodes_for", none)
+    assert missing_nodes(asked(*NINE), [ALONG]) == []
+    assert worth_interpolating(asked(*NINE[:2])) == [True, True]
+
+
+@pytest.mark.usefixtures("nothing_kept")
+def test_a_node_that_cannot_be_built_is_left_too() -> None:
+    thick = config(epidermis_mm=0.9, dermis_mm=1.9)
+    node = nodes_for(thick, ReceptorPlaces((0.0,), (0.76,)))[0]
+    make_node(node)
+    assert not node.kept
+    with pytest.raises(MeshError):
+        node.compliance()
+
+
+@pytest.mark.parametrize("damaged", [0, 1])
+def test_both_files_of_a_node_count(nodes: Path, damaged: int, make_aside: Callable[[Path], None]) -> None:
+    node = nodes_for(config(), PLACES)[3]
+    make_aside(node.files[damaged])
+    assert not node.kept
+    assert [one.key for one in missing_nodes(asked(*NINE), [ALONG])] == [node.key]
+
+
+@pytest.fixture
+def make_aside(request: pytest.FixtureRequest) -> Callable[[Path], None]:
+    """Take a file away until the test ends."""
+
+    def aside(path: Path) -> None:
+        away = path.rename(path.with_suffix(".away"))
+        request.addfinalizer(lambda: away.rename(path))
+
+    return aside
