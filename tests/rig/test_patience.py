@@ -5,7 +5,8 @@ A script is run several times; this one goes round at its last.
 
 import re
 import signal
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,7 @@ from rig.session.rehearsal import rehearsed
 from rig.session.resume import read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
+from tests.waiting import until
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="needs alarms (POSIX)")
 
@@ -116,3 +118,78 @@ def test_a_rest_or_a_person_is_no_silence_and_no_press_is_solved_twice(
     assert (done.complete, solved) == (True, [0.2, 0.1])
     assert set(during) == {0.0}
     assert len(during) > 50
+
+
+def test_the_caps_are_those_that_the_docs_state() -> None:
+    assert (patience.MOST_STEPS, patience.LONGEST_SILENCE_S) == (10_000, 30.0)
+
+
+def test_as_many_steps_as_the_cap_are_no_more(going_round: Callable[[str, int], Script], finger: Fingertip) -> None:
+    """Six are the script's own."""
+    assert make_plan(going_round("[rig.note('again') for _ in range(44)]", 1), Config(), finger)
+    with pytest.raises(BadInputError, match=MANY):
+        make_plan(going_round("[rig.note('again') for _ in range(45)]", 1), Config(), finger)
+
+
+def test_silence_counts_before_the_first_step_too(
+    finger: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(patience, "LONGEST_SILENCE_S", 0.3)
+    path = tmp_path / "mute.py"
+    path.write_text("import time\ndef run(rig):\n    time.sleep(3600)\n", encoding="utf-8")
+    with pytest.raises(BadInputError, match=r"the script makes no step for 0\.3 s, expected one"):
+        make_plan(load_script(str(path)), Config(), finger)
+
+
+@pytest.fixture
+def somebodys() -> Iterator[list[int]]:
+    """Somebody else's alarms, as they strike."""
+    struck = list[int]()
+    before = signal.signal(signal.SIGALRM, lambda number, frame: struck.append(number))
+    yield struck
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
+    signal.signal(signal.SIGALRM, before)
+
+
+@pytest.mark.parametrize(
+    ("their_s", "took_s", "left_s"), [(100.0, 0.0, 100.0), (100.0, 40.0, 60.0), (0.0, 40.0, 0.0)]
+)
+def test_somebody_elses_alarm_is_given_back_with_what_is_left_of_it(
+    somebodys: list[int], monkeypatch: pytest.MonkeyPatch, their_s: float, took_s: float, left_s: float
+) -> None:
+    now_s = iter([1000.0, 1000.0 + took_s])
+    signal.setitimer(signal.ITIMER_REAL, their_s)
+    theirs = signal.getsignal(signal.SIGALRM)
+    with monkeypatch.context() as patch:
+        patch.setattr(patience.time, "monotonic", lambda: next(now_s))
+        with patience.impatient():
+            assert signal.getsignal(signal.SIGALRM) is not theirs
+            assert 0 < signal.getitimer(signal.ITIMER_REAL)[0] <= patience.LONGEST_SILENCE_S
+    assert signal.getsignal(signal.SIGALRM) is theirs
+    assert left_s - 20.0 < signal.getitimer(signal.ITIMER_REAL)[0] <= left_s + 1e-3 * bool(left_s)
+    assert not somebodys
+
+
+def test_an_alarm_that_was_due_meanwhile_strikes_at_once(
+    somebodys: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_s = iter([1000.0, 2000.0])
+    signal.setitimer(signal.ITIMER_REAL, 100.0)
+    with monkeypatch.context() as patch:
+        patch.setattr(patience.time, "monotonic", lambda: next(now_s))
+        with patience.impatient():
+            pass
+    until(lambda: bool(somebodys))
+
+
+def test_elsewhere_than_on_the_main_thread_there_are_no_alarms() -> None:
+    went = list[str]()
+
+    def impatiently() -> None:
+        with patience.impatient():
+            went.append("through")
+
+    thread = threading.Thread(target=impatiently)
+    thread.start()
+    thread.join()
+    assert went == ["through"]
