@@ -29,6 +29,7 @@ REAL_TIME = (
     "rig/test_how_it_ends.py",
     "rig/test_kills.py",
     "rig/test_modbus_counterparties.py",
+    "rig/test_patience.py::test_elsewhere_than_on_the_main_thread_there_are_no_alarms",
     "rig/test_resume.py::test_a_terminal_pauses_and_goes_on",
     "rig/test_safety.py::test_a_silent_engine_stops_the_stage_while_another_thread_blocks",
     "rig/test_safety.py::test_a_beating_or_resting_engine_is_left_alone",
