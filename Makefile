@@ -39,6 +39,8 @@ bench: .venv/.ready-dev
 	$(BIN)/python -m studies.speed.planning
 	$(BIN)/python -m studies.source.facts_by_parameter
 	$(BIN)/python -m studies.source.impulse_choices
+	$(BIN)/python -m studies.source.two_samples
+	$(BIN)/python -m studies.source.profiles_read_back
 	$(BIN)/python -m studies.accuracy.random_poses
 	$(BIN)/python -m studies.accuracy.sharp_sweep
 	$(BIN)/python -m studies.accuracy.branches

@@ -5,4 +5,6 @@
 - `impulse`: the responses h, g, f to a point load, their spectra, and what shifting them misses.
 - `operators`: pressure to SED, by convolution or by finite-element influence. `borne`: what a press bears on the
   skin. `encoding`: noise and receptors.
+- `univariate`, `other_searches`: the source's decoder and cheap others. `profile_decoder`: ours, with a band, from
+  `readings`; `decoded` says how wrong an answer is.
 """

@@ -1,0 +1,71 @@
+"""What a decoder is given: one reading a receptor, its noise, and which of them are only known to lie below."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import log_ndtr
+
+from sim.coding.decoded import DecodingError
+from sim.coding.encoding import Receptor
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+LOWEST_SD = 6.0
+"""A reading of SED so many sd below 0 is no noise."""
+
+FEWEST_AT_REST = 3
+"""Readings of an unloaded receptor from which its noise is taken."""
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Noisy SED in pseudo-units; a silent receptor says only that noisy SED was at most its threshold."""
+
+    sed: Array  # (m,) of a silent one the threshold
+    sd: float
+    silent: Flags  # (m,)
+
+    @classmethod
+    def of_sed(cls, sed: Array, sd: float) -> "Readings":
+        """Noisy SED itself. Raises DecodingError for what lies too far below 0 to be noise."""
+        low = np.flatnonzero(sed < -LOWEST_SD * _positive(sd))
+        if len(low):
+            raise DecodingError(
+                f"reading {low[0] + 1} is {sed[low[0]]:g}: expected SED above −{LOWEST_SD:g} sd of noise, {sd:g} each"
+            )
+        return cls(sed, sd, np.zeros(len(sed), np.bool_))
+
+    @classmethod
+    def of_rates(cls, rate: Array, receptor: Receptor, sd: float) -> "Readings":
+        """Rates of receptors whose noise, of this sd in SED, entered before them. Raises DecodingError below zero."""
+        if (rate < 0).any():
+            raise DecodingError(f"rate {rate.min():g}: expected rates that are not negative")
+        return cls(rate / receptor.gain + receptor.threshold, _positive(sd), rate == 0)
+
+    def cost(self, sed: Array) -> tuple[Array, Array, Array]:
+        """(m,) negative log likelihoods of true SEDs, their first and second derivatives.
+
+        Gaussian; of silent ones the censored −log Φ(−z) with z the SED over the threshold, in sd.
+        """
+        z = (sed - self.sed) / self.sd
+        log_below = log_ndtr(-z)
+        mills = np.exp(-0.5 * z * z - log_below) / np.sqrt(2 * np.pi)
+        cost = np.where(self.silent, -log_below, 0.5 * z * z)
+        first = np.where(self.silent, mills, z)
+        second = np.where(self.silent, mills * (mills - z), 1.0)
+        return cost, first / self.sd, second / self.sd**2
+
+
+def sd_at_rest(unloaded: Array) -> float:
+    """Noise sd from readings of unloaded receptors. Raises DecodingError for too few, or without noise."""
+    if len(unloaded) < FEWEST_AT_REST or not np.isfinite(unloaded).all():
+        raise DecodingError(f"{len(unloaded)} readings at rest: expected {FEWEST_AT_REST} numbers or more")
+    return _positive(float(np.std(unloaded, ddof=1)))
+
+
+def _positive(sd: float) -> float:
+    if not (np.isfinite(sd) and sd > 0):
+        raise DecodingError(f"noise sd {sd:g}: expected a positive number")
+    return sd

@@ -1,0 +1,74 @@
+"""The source's decoder: one pressure after another is set to what fits the readings best (Raju 1998, §6.7).
+
+Along one coordinate SED is a quadratic and the squared error a quartic: its lowest point is found exactly
+(`converged_search`), or among the values of a grid, as the source does (`grid_search`).
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.coding.decoded import Decoded, checked_readings, misfit
+from sim.coding.operators import Operator
+
+Array = NDArray[np.float64]
+
+STAGNANT = 1e-9
+"""Of the range: a sweep over all pressures that moves none by more has converged."""
+
+MOST_SWEEPS = 20_000
+
+
+class Range(NamedTuple):
+    """Values that a pressure may take."""
+
+    low: float
+    high: float
+
+
+def converged_search(operator: Operator, reading: Array, start: Array, within: Range) -> Decoded:
+    """Exact minima along each coordinate in turn, to stagnation."""
+
+    def lowest(quartic: Array, now: float) -> float:
+        turns = np.roots(np.polyder(quartic))
+        steps = turns.real[np.abs(turns.imag) <= 1e-6 * (1 + np.abs(turns.real))]
+        values = np.array([now, *np.clip(now + steps, *within), *within])
+        return float(values[np.argmin(np.polyval(quartic, values - now))])
+
+    return _search(operator, reading, start, lowest, STAGNANT * (within.high - within.low))
+
+
+def grid_search(operator: Operator, reading: Array, start: Array, within: Range, step: float) -> Decoded:
+    """The best of equally spaced values along each coordinate in turn, until none moves: it may stick in a valley."""
+    values = np.linspace(within.low, within.high, round((within.high - within.low) / step) + 1)
+
+    def lowest(quartic: Array, now: float) -> float:
+        return float(values[np.argmin(np.polyval(quartic, values - now))])
+
+    return _search(operator, reading, start, lowest, 0.0)
+
+
+def quartic_along(operator: Operator, reading: Array, pressure: Array, k: int) -> Array:
+    """(5,) coefficients, highest power first, of the squared error as pressure k moves by t."""
+    column, linear = operator.parts[:, :, k], operator.parts @ pressure
+    left = (linear**2).sum(axis=0) - reading
+    slope, bend = 2 * (linear * column).sum(axis=0), (column**2).sum(axis=0)
+    return np.array([bend @ bend, 2 * slope @ bend, slope @ slope + 2 * left @ bend, 2 * left @ slope, left @ left])
+
+
+def _search(
+    operator: Operator, reading: Array, start: Array, lowest: Callable[[Array, float], float], stagnant: float
+) -> Decoded:
+    checked_readings(operator, reading)
+    pressure, path, still = start.astype(float).copy(), [start.astype(float)], False
+    for _ in range(MOST_SWEEPS):
+        before = pressure.copy()
+        for k in range(len(pressure)):
+            pressure[k] = lowest(quartic_along(operator, reading, pressure, k), float(pressure[k]))
+            path.append(pressure.copy())
+        still = bool(np.abs(pressure - before).max() <= stagnant)
+        if still:
+            break
+    return Decoded(pressure, misfit(operator, pressure, reading), still, np.array(path))

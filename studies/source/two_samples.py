@@ -1,0 +1,87 @@
+"""Two pressures read back from noisy SED: the source's decoder, converged, and ours, on the same draws.
+
+    .venv/bin/python -m studies.source.two_samples [DRAWS]
+
+Off-grid truths from U(0, 30)² and from [20 14] ± 3; neither decoder is told which. Error is Eq. 6.8 (squared), noise
+is of the SNR over M samples. Then the worked example on grids: where it sticks, and two more decoders.
+"""
+
+import sys
+import time
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.coding.decoded import Decoded, decoding_errors
+from sim.coding.encoding import Encoded, Noise, encode
+from sim.coding.impulse import impulse_responses
+from sim.coding.operators import Operator, convolution
+from sim.coding.other_searches import global_search, table_search
+from sim.coding.profile_decoder import decode_profile
+from sim.coding.readings import Readings
+from sim.coding.sampled_section import Sampling, sampled_section
+from sim.coding.univariate import Range, converged_search, grid_search
+from sim.config.fingertip_config import FingertipConfig
+
+Array = NDArray[np.float64]
+
+SNR_DB = (0, 5, 10, 15, 20, 30, 40)
+DRAWS = 40
+TRUE, START = np.array([20.0, 14.0]), np.array([10.0, 10.0])
+WITHIN = Range(0.0, 60.0)
+TRUTHS: dict[str, Callable[[np.random.Generator], Array]] = {
+    "U(0, 30)²": lambda rng: rng.uniform(0.0, 30.0, 2),
+    "[20 14] ± 3": lambda rng: TRUE + rng.uniform(-3.0, 3.0, 2),
+}
+
+
+def main(draws: int = DRAWS) -> None:
+    """Print both tables."""
+    operator = convolution(impulse_responses(sampled_section(FingertipConfig(), Sampling())), 2, "finite")
+    print(f"M = {operator.parts.shape[1]} samples, {draws} draws a row; Eq. 6.8, mean ± sd; paired, mean ± its error")
+    print("| truths | SNR (dB) | univariate, converged | ours | paired | ms, ours |\n|---|---|---|---|---|---|")
+    for name, draw in TRUTHS.items():
+        for snr_db in SNR_DB:
+            print(f"| {name} | {snr_db} | {_row(operator, draw, snr_db, draws)} |", flush=True)
+    print("\n| decoder of [20 14] without noise, from [10 10] | found | Eq. 6.8 | moves |\n|---|---|---|---|")
+    for name, found in _worked_example(operator).items():
+        squared = decoding_errors(TRUE, found.pressure).eq_6_8
+        print(f"| {name} | {np.round(found.pressure, 2)} | {squared:.2g} | {max(0, len(found.path) - 1)} |")
+
+
+def _row(operator: Operator, draw: Callable[[np.random.Generator], Array], snr_db: int, draws: int) -> str:
+    errors, spent_s = np.empty((2, draws)), 0.0
+    for k in range(draws):
+        true = draw(np.random.default_rng((k, snr_db)))
+        said = encode(operator, true, None, Noise(snr_db, seed=k + 1000 * snr_db))
+        errors[0, k] = decoding_errors(true, converged_search(operator, said.rate, START, WITHIN).pressure).eq_6_8
+        began = time.process_time()
+        errors[1, k] = decoding_errors(true, _ours(operator, said)).eq_6_8
+        spent_s += time.process_time() - began
+    apart = errors[1] - errors[0]
+    cells = [f"{e.mean():.4f} ± {e.std(ddof=1):.4f}" for e in errors]
+    cells.append(f"{apart.mean():+.4f} ± {apart.std(ddof=1) / np.sqrt(draws):.4f}")
+    return " | ".join([*cells, f"{1e3 * spent_s / draws:.0f}"])
+
+
+def _ours(operator: Operator, said: Encoded) -> Array:
+    return decode_profile(operator, Readings.of_sed(said.rate, said.noise_sd)).pressure
+
+
+def _worked_example(operator: Operator) -> dict[str, Decoded]:
+    reading = operator.sed(TRUE)
+    grids = {
+        f"univariate, grid of {step:g}": grid_search(operator, reading, START, Range(0.0, 30.0), step)
+        for step in (3.0, 1.0, 0.3, 0.1, 0.03, 0.01)
+    }
+    return {
+        **grids,
+        "univariate, converged": converged_search(operator, reading, START, Range(0.0, 30.0)),
+        "table of 1 000 responses": table_search(operator, reading, Range(0.0, 30.0), 1000),
+        "scipy's dual annealing": global_search(operator, reading, Range(0.0, 30.0)),
+    }
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))

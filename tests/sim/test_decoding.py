@@ -1,0 +1,346 @@
+"""Pressures read back from SED: against the truth they were made from, and against scipy on the same cost."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.stats import norm
+
+from sim.coding import profile_decoder, univariate
+from sim.coding.decoded import Decoded, DecodingError, checked_readings, decoding_errors, misfit
+from sim.coding.encoding import Noise, Receptor, encode
+from sim.coding.impulse import impulse_responses
+from sim.coding.operators import Operator, convolution
+from sim.coding.other_searches import global_search, table_search
+from sim.coding.profile_decoder import ModelError, Profile, decode_profile
+from sim.coding.readings import Readings, sd_at_rest
+from sim.coding.sampled_section import Sampling, sampled_section
+from sim.coding.univariate import Range, converged_search, grid_search, quartic_along
+from sim.config.fingertip_config import FingertipConfig
+
+Array = NDArray[np.float64]
+
+TRUE, START, WITHIN = np.array([20.0, 14.0]), np.array([10.0, 10.0]), Range(0.0, 30.0)
+
+
+@pytest.fixture(scope="module")
+def two() -> Operator:
+    """Two samples by the project's own h, g, f and the source's Eq. 6.1."""
+    return convolution(impulse_responses(sampled_section(FingertipConfig(), Sampling())), 2, "incompressible")
+
+
+@pytest.fixture
+def small() -> Operator:
+    """Random parts: six receptors of three pressures."""
+    parts = np.random.default_rng(5).normal(size=(2, 6, 3))
+    return Operator("influence", "finite", parts, np.arange(3.0), np.arange(6.0))
+
+
+# --- what an answer is measured by ---
+
+
+def test_three_metrics_of_one_difference() -> None:
+    found = decoding_errors(np.array([3.0, 4.0]), np.array([3.0, 2.0]))
+    assert found == (pytest.approx(4 / 25), pytest.approx(2 / 5), pytest.approx(np.sqrt(2) / 4))
+
+
+def test_misfit_is_the_sum_of_squares(small: Operator) -> None:
+    reading = np.arange(6.0)
+    expected = sum((s - r) ** 2 for s, r in zip(small.sed(np.ones(3)), reading, strict=True))
+    assert misfit(small, np.ones(3), reading) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("reading", "message"),
+    [
+        (np.zeros(5), "5 readings: expected 6, one for each receptor"),
+        (np.array([0, 0, np.nan, 0, 0, 0]), "reading 3 is nan: expected a number"),
+        (np.array([0, np.inf, 0, 0, 0, 0]), "reading 2 is inf: expected a number"),
+    ],
+)
+def test_readings_that_cannot_be_meant_are_refused_by_every_decoder(
+    small: Operator, reading: Array, message: str
+) -> None:
+    for decode in (
+        lambda: converged_search(small, reading, np.ones(3), WITHIN),
+        lambda: grid_search(small, reading, np.ones(3), WITHIN, 1.0),
+        lambda: table_search(small, reading, WITHIN, 10),
+        lambda: global_search(small, reading, WITHIN),
+        lambda: decode_profile(small, Readings.of_sed(reading, 1.0)),
+    ):
+        with pytest.raises(DecodingError, match=message):
+            decode()
+
+
+def test_fewer_readings_than_pressures_are_refused(small: Operator) -> None:
+    few = replace(small, parts=small.parts[:, :2])
+    with pytest.raises(DecodingError, match="2 readings of 3 pressures: expected at least as many"):
+        checked_readings(few, np.zeros(2))
+    square = replace(small, parts=small.parts[:, :3])
+    assert_allclose(checked_readings(square, np.ones(3)), 1.0)
+
+
+# --- the source's decoder ---
+
+
+@pytest.mark.parametrize("k", [0, 1, 2])
+def test_along_a_coordinate_the_squared_error_is_that_quartic(small: Operator, k: int) -> None:
+    pressure, reading = np.array([1.0, 0.3, 2.0]), np.arange(6.0)
+    quartic = quartic_along(small, reading, pressure, k)
+    for t in (-0.7, 0.0, 1.9):
+        assert np.polyval(quartic, t) == pytest.approx(misfit(small, pressure + t * np.eye(3)[k], reading))
+
+
+def test_the_worked_example_first_overshoots_then_zigzags_to_the_answer(two: Operator) -> None:
+    """Raju (1998, §6.7): [20 14] from [10 10]. It prints [24 10] first, on a coarse grid; a half-space gives 23.8."""
+    found = converged_search(two, two.sed(TRUE), START, WITHIN)
+    assert found.converged
+    # what a sweep moves shrinks by less than 1 % each, so that 1e-9 of the range leaves 1e-6 of it
+    assert_allclose(found.pressure, TRUE, atol=3e-5)
+    assert_allclose(found.path[0], START)
+    assert_allclose(found.path[1], [23.93, 10.0], atol=0.05)
+    assert_allclose(found.path[2, 0], found.path[1, 0])
+    assert len(found.path) > 1000
+    assert_allclose(found.path[-1], found.pressure)
+    costs = [misfit(two, place, two.sed(TRUE)) for place in found.path[:50]]
+    assert (np.diff(costs) <= 0).all()
+    assert found.misfit == pytest.approx(0.0, abs=1e-12 * float(two.sed(TRUE) @ two.sed(TRUE)))
+
+
+@pytest.mark.parametrize(("step", "stuck"), [(3.0, [24.0, 9.0]), (1.0, [24.0, 10.0]), (0.01, [21.16, 12.83])])
+def test_on_a_grid_it_sticks_in_the_valley(two: Operator, step: float, stuck: list[float]) -> None:
+    """SCIENCE: steps of 0.001 of the range stick at [21.4, 12.6] on a half-space."""
+    found = grid_search(two, two.sed(TRUE), START, WITHIN, step)
+    assert found.converged
+    assert_allclose(found.pressure, stuck, atol=0.05)
+    assert_allclose(found.pressure / step, np.round(found.pressure / step), atol=1e-9)
+    assert (found.pressure != START).any()
+
+
+def test_it_keeps_to_its_range(two: Operator) -> None:
+    found = converged_search(two, two.sed(TRUE), START, Range(0.0, 15.0))
+    assert found.converged
+    assert (found.pressure <= 15.0).all()
+    assert found.pressure[0] == 15.0
+    assert grid_search(two, two.sed(TRUE), START, Range(5.0, 15.0), 1.0).pressure.max() == 15.0
+    assert converged_search(two, np.zeros(50), START, Range(2.0, 15.0)).pressure.min() == 2.0
+
+
+def test_a_search_that_is_cut_off_says_so(two: Operator, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(univariate, "MOST_SWEEPS", 3)
+    found = converged_search(two, two.sed(TRUE), START, WITHIN)
+    assert not found.converged
+    assert len(found.path) == 7  # the start, and two moves a sweep
+
+
+def test_a_pressure_that_nothing_feels_stays_where_it_was() -> None:
+    parts = np.array([[[1.0, 0.0], [2.0, 0.0]]])
+    deaf = Operator("influence", "finite", parts, np.zeros(2), np.zeros(2))
+    found = converged_search(deaf, deaf.sed(TRUE), START, WITHIN)
+    assert_allclose(found.pressure, [20.0, 10.0])
+
+
+# --- a table, a global optimiser ---
+
+
+def test_a_table_gives_its_nearest_entry(two: Operator) -> None:
+    coarse, fine = (table_search(two, two.sed(TRUE), WITHIN, entries, seed=1) for entries in (10, 3000))
+    assert fine.misfit < 0.01 * coarse.misfit
+    assert fine.misfit == pytest.approx(misfit(two, fine.pressure, two.sed(TRUE)))
+    assert decoding_errors(TRUE, fine.pressure).relative_l2 < 0.1
+    again = table_search(two, two.sed(TRUE), WITHIN, 10, seed=1)
+    assert (again.pressure == coarse.pressure).all()
+    assert (table_search(two, two.sed(TRUE), WITHIN, 10, seed=2).pressure != coarse.pressure).any()
+    drawn = np.random.default_rng(1).uniform(0, 30, (10, 2))
+    assert (coarse.pressure == min(drawn, key=lambda p: misfit(two, p, two.sed(TRUE)))).all()
+
+
+def test_a_global_optimiser_finds_the_truth(two: Operator) -> None:
+    found = global_search(two, two.sed(TRUE), WITHIN, seed=3)
+    assert found.converged
+    assert_allclose(found.pressure, TRUE, atol=0.02)
+    assert (global_search(two, two.sed(TRUE), WITHIN, seed=3).pressure == found.pressure).all()
+    assert found.misfit == misfit(two, found.pressure, two.sed(TRUE))
+
+
+# --- readings ---
+
+
+def test_noise_is_measured_from_receptors_at_rest() -> None:
+    assert sd_at_rest(np.array([1.0, 2.0, 3.0])) == pytest.approx(1.0)
+    for bad, message in (
+        (np.array([1.0, 2.0]), "2 readings at rest: expected 3 numbers or more"),
+        (np.array([1.0, 2.0, np.nan]), "3 readings at rest: expected 3 numbers or more"),
+        (np.ones(5), "noise sd 0: expected a positive number"),
+    ):
+        with pytest.raises(DecodingError, match=message):
+            sd_at_rest(bad)
+
+
+@pytest.mark.parametrize("sd", [0.0, -1.0, np.nan, np.inf])
+def test_a_noise_that_is_none_is_refused(sd: float) -> None:
+    with pytest.raises(DecodingError, match="expected a positive number"):
+        Readings.of_sed(np.ones(3), sd)
+    with pytest.raises(DecodingError, match="expected a positive number"):
+        Readings.of_rates(np.ones(3), Receptor(), sd)
+
+
+def test_energy_far_below_nothing_is_refused() -> None:
+    with pytest.raises(DecodingError, match=r"reading 2 is -3\.1: expected SED above −6 sd of noise, 0\.5 each"):
+        Readings.of_sed(np.array([0.0, -3.1]), 0.5)
+    assert not Readings.of_sed(np.array([0.0, -3.0]), 0.5).silent.any()
+    with pytest.raises(DecodingError, match="rate -1: expected rates that are not negative"):
+        Readings.of_rates(np.array([0.0, -1.0]), Receptor(), 1.0)
+
+
+def test_the_likelihood_is_gaussian_and_censored_where_a_receptor_is_silent() -> None:
+    readings = Readings.of_rates(np.array([4.0, 0.0]), Receptor(2.0, 3.0), 0.5)
+    assert_allclose(readings.sed, [5.0, 3.0])
+    assert readings.silent.tolist() == [False, True]
+    sed, step = np.array([5.4, 3.3]), 1e-4
+    cost, first, second = readings.cost(sed)
+    assert_allclose(cost, [0.5 * 0.8**2, -norm.logcdf(-0.6)])
+    above, below = readings.cost(sed + step)[0], readings.cost(sed - step)[0]
+    # central differences of step 1e-4: their error is below 1e-6
+    assert_allclose(first, (above - below) / (2 * step), rtol=1e-6)
+    assert_allclose(second, (above - 2 * cost + below) / step**2, rtol=1e-4)
+    far = readings.cost(np.array([5.0, 3.0 + 0.5 * 40]))  # forty sd above a threshold at which it was silent
+    assert np.isfinite(far).all()
+    assert far[1][1] == pytest.approx(40.025 / 0.5, rel=1e-4)
+
+
+# --- ours ---
+
+
+def _profile(two: Operator, snr_db: float, seed: int, true: Array = TRUE) -> Profile:
+    said = encode(two, true, None, Noise(snr_db, seed=seed))
+    return decode_profile(two, Readings.of_sed(said.rate, said.noise_sd))
+
+
+def test_with_hardly_any_noise_it_finds_the_truth(two: Operator) -> None:
+    found = _profile(two, 90.0, 0)
+    assert found.converged
+    # 90 dB leaves a noise of 3e-5; the valley is 23 times longer than it is wide
+    assert decoding_errors(TRUE, found.pressure).relative_l2 < 2e-3
+
+
+def test_it_minimises_its_cost_as_scipy_does(small: Operator) -> None:
+    true = np.array([2.0, 0.0, 1.0])
+    reading = small.sed(true) + 0.3 * np.random.default_rng(1).normal(size=6)
+    readings = Readings(reading, 0.3, np.array([False, True, False, False, False, False]))
+    penalty = 0.5 * profile_decoder._prior(3)
+    found = profile_decoder._fitted(small, readings, penalty, np.ones(3))
+
+    def cost(pressure: Array) -> float:
+        return float(readings.cost(small.sed(pressure))[0].sum() + 0.5 * pressure @ penalty @ pressure)
+
+    other = minimize(cost, np.ones(3), bounds=[(0, None)] * 3, tol=1e-14)
+    assert found.converged
+    assert found.cost == pytest.approx(cost(found.pressure))
+    assert found.cost <= other.fun + 1e-7 * abs(other.fun)
+    assert_allclose(found.pressure, other.x, atol=2e-3)  # a flat bottom: 1e-7 in cost is 1e-3 in place
+
+
+def test_smoothness_is_of_differences_and_a_tenth_of_level() -> None:
+    prior = profile_decoder._prior(3)
+    assert_allclose(prior, [[1.1, -1, 0], [-1, 2.1, -1], [0, -1, 1.1]])
+
+
+def test_pressures_are_never_negative_and_the_band_holds_them(two: Operator) -> None:
+    true = np.array([12.0, 0.0])
+    found = _profile(two, 5.0, 4, true)
+    low, high = found.band()
+    assert (found.pressure >= 0).all()
+    assert (low >= 0).all()
+    assert_allclose(high, found.pressure + 1.645 * found.sd)
+    assert_allclose(found.band(1.0)[0], np.maximum(0.0, found.pressure - found.sd))
+
+
+def test_the_band_widens_with_noise_and_with_the_models_error(two: Operator) -> None:
+    quiet, loud = (_profile(two, snr, 0) for snr in (40.0, 20.0))
+    assert (loud.sd > quiet.sd).all()
+    readings = Readings.of_sed(two.sed(TRUE), 1e-4 * two.sed(TRUE).max())
+    exact, default, wrong = (
+        decode_profile(two, readings, error) for error in (ModelError(0.0), None, ModelError(0.08))
+    )
+    assert_allclose(exact.pressure, wrong.pressure)
+    assert_allclose(wrong.sd**2 - exact.sd**2, 4 * (default.sd**2 - exact.sd**2), rtol=1e-6)
+    # one factor on all SED is its root on all pressures: 4 % of SED is 2 % of pressure
+    everywhere = decode_profile(two, readings, ModelError(0.04, 1e3))
+    assert_allclose(everywhere.sd / TRUE, 0.02, rtol=0.02)
+
+
+def test_its_band_covers_two_samples_as_often_as_it_says(two: Operator) -> None:
+    rng, held = np.random.default_rng(6), []
+    for seed in range(40):
+        true = rng.uniform(5.0, 30.0, 2)
+        low, high = _profile(two, 20.0, seed, true).band()
+        held.append((low <= true) & (true <= high))
+    # 90 % meant; of 80 numbers in pairs 0.9 ± 0.05, and the prior makes it a little more
+    assert 0.8 <= np.mean(held) <= 1.0
+
+
+def test_it_is_better_than_the_univariate_search_where_noise_is_loud(
+    two: Operator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Paired draws of U(0, 30)², to which neither is told, at 0 dB over M = 50 samples: mean of Eq. 6.8."""
+    monkeypatch.setattr(univariate, "STAGNANT", 1e-5)  # far below the noise, and quick
+    rng, ours, theirs = np.random.default_rng(0), [], []
+    for seed in range(12):
+        true = rng.uniform(0.0, 30.0, 2)
+        said = encode(two, true, None, Noise(0.0, seed=seed))
+        ours.append(decoding_errors(true, _profile(two, 0.0, seed, true).pressure).eq_6_8)
+        search = converged_search(two, said.rate, START, Range(0.0, 60.0))
+        theirs.append(decoding_errors(true, search.pressure).eq_6_8)
+    assert np.mean(ours) < 0.7 * np.mean(theirs)
+
+
+def test_the_smoothing_is_bounded_by_the_discrepancy_principle(
+    two: Operator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(profile_decoder, "_evidence", lambda *_: 0.0)  # of equals the first: the smoothest allowed
+    said = encode(two, TRUE, None, Noise(20.0, seed=1))
+    readings = Readings.of_sed(said.rate, said.noise_sd)
+    smoothest = decode_profile(two, readings)
+    assert smoothest.misfit <= 50 < 2 * smoothest.misfit  # 50 receptors, explained to their noise and not beyond
+    monkeypatch.setattr(profile_decoder, "_evidence", lambda *a: -float(a[2][0, 0]))  # the roughest allowed
+    roughest = decode_profile(two, readings)
+    assert smoothest.smoothing / roughest.smoothing == pytest.approx(10**3, rel=1e-6)
+
+
+def test_silent_receptors_help_by_being_silent(two: Operator) -> None:
+    receptor = Receptor(100.0, 0.5 * float(two.sed(TRUE).max()))
+    said = encode(two, TRUE, receptor, Noise(25.0, seed=3))
+    assert (said.rate == 0).sum() > 25
+    found = decode_profile(two, Readings.of_rates(said.rate, receptor, said.noise_sd))
+    assert found.converged
+    low, high = found.band(3.0)
+    assert ((low <= TRUE) & (high >= TRUE)).all()
+
+
+def test_nothing_pressed_is_read_as_next_to_nothing(two: Operator) -> None:
+    rest = 0.01 * np.random.default_rng(0).normal(size=50)
+    found = decode_profile(two, Readings.of_sed(rest, sd_at_rest(rest)))
+    assert found.converged
+    assert two.sed(found.pressure).max() < 0.03  # three sd
+
+
+def test_the_same_seed_gives_the_same_answer(two: Operator) -> None:
+    said = encode(two, TRUE, None, Noise(5.0, seed=0))
+    readings = Readings.of_sed(said.rate, said.noise_sd)
+    first, again = (decode_profile(two, readings, seed=2) for _ in range(2))
+    assert (first.pressure == again.pressure).all()
+    assert (first.sd == again.sd).all()
+
+
+def test_a_fit_that_is_cut_off_says_so(two: Operator, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(profile_decoder, "_MOST_STEPS", 1)
+    said = encode(two, TRUE, None, Noise(30.0, seed=0))
+    assert not decode_profile(two, Readings.of_sed(said.rate, said.noise_sd)).converged
+
+
+def test_what_was_decoded_keeps_no_path_unless_told() -> None:
+    assert Decoded(TRUE, 0.0, converged=True).path.size == 0
