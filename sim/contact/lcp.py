@@ -39,10 +39,11 @@ def _by_blocks(q: Array, w: Array, start: Bools) -> LcpSolution | None:
     best, patience = len(q) + 1, _PATIENCE
     tiny = _TOLERANCE * np.abs(q).max(initial=1e-300)
     while patience >= 0:
-        solution = _held(q, w, np.flatnonzero(active))
+        solution = _held(q, w, active.nonzero()[0])
         if solution is None:
             return None
-        wrong = np.where(active, solution.multipliers < 0, _slack(q, w, solution) < -tiny)
+        wrong = solution.multipliers < 0
+        wrong |= _slack(q, w, solution) < -tiny
         n_wrong = int(wrong.sum())
         if n_wrong == 0:
             return solution
@@ -81,18 +82,20 @@ def _feasible(q: Array, w: Array, active: Ints, before: Array) -> LcpSolution | 
 
 
 def _held(q: Array, w: Array, active: Ints) -> LcpSolution | None:
-    held = w[active].take(active, axis=1)
-    np.einsum("ii->i", held)[:] *= 1 + _LIFT
+    held = w.take(active, axis=0).take(active, axis=1)
+    held.ravel()[:: len(active) + 1] *= 1 + _LIFT
     factor, info = lapack.dpotrf(held.T, lower=1, clean=0, overwrite_a=1)
     if info:
         return None
     multipliers = np.zeros(len(q))
     if len(active):
-        multipliers[active] = lapack.dpotrs(factor, -q[active], lower=1)[0]
+        multipliers[active] = lapack.dpotrs(factor, -q.take(active), lower=1)[0]
     return LcpSolution(multipliers, active, factor)
 
 
 def _slack(q: Array, w: Array, solution: LcpSolution) -> Array:
-    slack = q + w @ solution.multipliers
+    """q + Wλ, zero where held."""
+    slack = w @ solution.multipliers
+    slack += q
     slack[solution.active] = 0.0
     return slack

@@ -1,13 +1,14 @@
 """Newton's step from the planes of one pass to those of the next: forces turn as points slide along curved parts."""
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import blas, eigh, lapack
+from scipy.linalg import blas, lapack
 
 from sim.contact.lcp import LcpSolution
-from sim.contact.planes import FrozenPlanes, among, summed
+from sim.contact.planes import FrozenPlanes, among
 from sim.contact.points import norm
 
 Array = NDArray[np.float64]
@@ -42,38 +43,52 @@ def predicted(planes: FrozenPlanes, solution: LcpSolution, un: Array, residual: 
     (1 − N S) y = r: N is their compliance while active points stay on their planes, S = 1 where the indentor is
     convex, −1 where concave, r the slides of the pass itself.
     """
-    curved = np.flatnonzero((planes.curvature != 0).any(axis=(0, 1)) & (solution.multipliers > 0))
+    curved = np.flatnonzero(planes.curved & (solution.multipliers > 0))
     if not len(curved):
         return None
     slides = _slides(planes, solution.multipliers, curved)
-    half = _held_back(planes, solution, slides)
+    by_slide = planes.sideways.take(np.searchsorted(planes.turning, curved), axis=1)
+    half = _held_back(planes, solution, by_slide, slides)
     moved = (un - planes.u)[:-1, curved]
-    matrix = blas.dsyrk(1.0, half, beta=1.0, c=_one_less_compliance(planes, slides), trans=1, lower=1, overwrite_c=1)
+    matrix = _one_less_compliance(by_slide, slides)
+    matrix = blas.dsyrk(1.0, half, beta=1.0, c=matrix, trans=1, lower=1, overwrite_c=1)
     floor = _COARSE_FLOOR if residual > 1e-3 else _FINE_FLOOR
     turned = _turned(matrix, slides.amplitude(moved), slides.concave, floor)
     force = np.zeros_like(un)
     force[:-1, curved] = slides.sideways(turned)
     reaction = lapack.dtrtrs(solution.factor, half @ turned, lower=1, trans=1)[0]
     force[:, solution.active] -= planes.normal[:, solution.active] * reaction
-    step = moved + planes.region.moved_by(force)[:-1, curved]
+    step = moved + np.einsum("bcmk,mk->bc", by_slide, force)
     after = un.copy()
     after[:-1, curved] = planes.u[:-1, curved] + share * step * _shortened(planes, step, curved)
     return after
 
 
+def summed(terms: Iterable[Array]) -> Array:
+    """Their sum, made in the first one's place."""
+    first, *others = terms
+    for other in others:
+        first += other
+    return first
+
+
 def _slides(planes: FrozenPlanes, multipliers: Array, curved: Ints) -> _Slides:
-    kappa, direction = np.linalg.eigh(np.moveaxis(planes.curvature[:, :, curved], -1, 0))  # (c, i), (c, axis, i)
+    bend = planes.curvature[:, :, curved]
+    if len(bend) == 1:
+        kappa, direction = bend[0].T, np.ones((len(curved), 1, 1))
+    else:
+        kappa, direction = np.linalg.eigh(np.moveaxis(bend, -1, 0))  # (c, i), (c, axis, i)
     scaled = direction * np.sqrt(multipliers[curved, None] * np.abs(kappa))[:, None]
     return _Slides(curved, list(scaled.transpose(2, 1, 0)), (kappa < 0).T.ravel())
 
 
-def _one_less_compliance(planes: FrozenPlanes, slides: _Slides) -> Array:
-    """(q, q) lower triangle of 1 − the compliance of the slides with nothing held."""
-    lateral, c = range(len(planes.slope)), len(slides.points)
-    part = [[planes.region.part(a, b, slides.points, slides.points) for b in lateral] for a in lateral]
+def _one_less_compliance(moved: Array, slides: _Slides) -> Array:
+    """(q, q) lower triangle of 1 − the compliance of the slides with nothing held, of (m − 1, c, m, k)."""
+    lateral, c = range(len(moved)), len(slides.points)
+    part = moved.take(slides.points, axis=3)
     matrix = np.empty((len(slides.concave),) * 2, order="F")
     for i, v in enumerate(slides.weights):
-        along = [summed(v[a][:, None] * part[a][b] for a in lateral) for b in lateral]
+        along = [summed(v[a][:, None] * part[a, :, b] for a in lateral) for b in lateral]
         for j, w in enumerate(slides.weights[: i + 1]):
             compliance = summed(block * of_axis for block, of_axis in zip(along, w, strict=True))
             matrix[i * c : (i + 1) * c, j * c : (j + 1) * c] = -compliance
@@ -81,15 +96,12 @@ def _one_less_compliance(planes: FrozenPlanes, slides: _Slides) -> Array:
     return matrix
 
 
-def _held_back(planes: FrozenPlanes, solution: LcpSolution, slides: _Slides) -> Array:
+def _held_back(planes: FrozenPlanes, solution: LcpSolution, moved: Array, slides: _Slides) -> Array:
     """(active, q) L⁻¹ A: A the approach of active points to the indentor by unit slides, W = L Lᵀ."""
-    active, normal = solution.active, planes.normal[:, solution.active]
-    approach = [
-        summed(n[:, None] * planes.region.part(a, b, active, slides.points) for a, n in enumerate(normal))
-        for b in range(len(planes.slope))
-    ]
-    by_slide = [summed(block * w for block, w in zip(approach, ws, strict=True)) for ws in slides.weights]
-    return np.asarray(blas.dtrsm(1.0, solution.factor, np.concatenate(by_slide, axis=1), lower=1))
+    active = solution.active
+    approach = np.einsum("bcma,ma->bca", moved.take(active, axis=3), planes.normal[:, active])
+    by_slide = [summed(block * w[:, None] for block, w in zip(approach, ws, strict=True)) for ws in slides.weights]
+    return np.asarray(blas.dtrsm(1.0, solution.factor, np.concatenate(by_slide).T, lower=1))
 
 
 def _shortened(planes: FrozenPlanes, step: Array, curved: Ints) -> Array:
@@ -127,7 +139,7 @@ def _solve_positive(matrix: Array, right: Array, floor: float) -> Array:
     factor, info = lapack.dpotrf(matrix, lower=1, clean=0)
     if info == 0 and _smallest_exceeds(floor, matrix, factor):
         return np.asarray(lapack.dpotrs(factor, right, lower=1)[0])
-    values, vectors = eigh(matrix, check_finite=False, driver="evd")
+    values, vectors, _ = lapack.dsyevd(matrix, lower=1)
     if values[0] < 0:
         floor = _COARSE_FLOOR
     raised = np.maximum(np.abs(values), floor)

@@ -1,6 +1,6 @@
 """Where contact is enforced: at nodes, and at points of the segments between them."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
 
@@ -19,6 +19,7 @@ PARTS = 4
 _INNER = PARTS - 1
 _BENT_MM = 1e-7  # an indentor that leaves a segment's chord by less is straight there
 _ROUND_OFF = 1e-11
+_REACH_MM = 0.3  # below the indentor's lowest point, where a step down does not reach
 
 
 @dataclass(frozen=True)
@@ -90,11 +91,12 @@ class ContactPoints:
     def among(self, other: "ContactPoints") -> Bools:
         """(k,) whether each point is one of the other's."""
         pairs = ((self.nodes, other.nodes), (self.between, other.between))
-        return np.concatenate([np.isin(mine, others, assume_unique=True) for mine, others in pairs])
+        return np.concatenate([_marked(others, mine)[mine] for mine, others in pairs])
 
     def joined(self, other: "ContactPoints") -> "ContactPoints":
         """These and the other's points."""
-        return ContactPoints(np.union1d(self.nodes, other.nodes), np.union1d(self.between, other.between))
+        pairs = ((self.nodes, other.nodes), (self.between, other.between))
+        return ContactPoints(*[np.flatnonzero(_marked(a, b) | _marked(b, a)) for a, b in pairs])
 
     def on(self, skin: Skin) -> "Places":
         """The same points, ready to take values from the nodes of a skin."""
@@ -138,20 +140,6 @@ class Places:
         between = (1 - self.along) * first + self.along * second
         return np.concatenate([at_nodes, between], axis=-1)
 
-    def compliance(self, nodal: Array) -> Array:
-        """(k, k) mm/N among the points, of (n, n) among the nodes."""
-        carriers, _ = self.carriers
-        if not carriers.size:
-            return np.zeros((0, 0))
-        first, last = carriers.min(), carriers.max()
-        here = replace(self, alone=self.alone - first, first=self.first - first, second=self.second - first)
-        part = nodal[first : last + 1, first : last + 1]
-        rows = part[here.alone]
-        if len(self.along):
-            a = self.along[:, None]
-            rows = np.concatenate([rows, (1 - a) * part[here.first] + a * part[here.second]])
-        return here.interpolate(rows)
-
     def to_nodes(self, force: Array) -> Array:
         """(m, n) forces on the nodes that (m, k) forces at the points amount to."""
         nodes, share = self.carriers
@@ -159,31 +147,55 @@ class Places:
         return np.stack([np.bincount(nodes.ravel(), weights=f, minlength=len(self.skin.y)) for f in parts])
 
 
-def near(pose: Pose, skin: Skin, u: Array, gap_mm: float, *, between: bool) -> ContactPoints:
-    """Nodes displaced by u, (m, n) mm, closer to the indentor than a gap, and points between nodes where it bends."""
-    nodes = pose.gap(skin.tangential_mm + u[:-1], skin.y + u[-1]).height_mm
-    touched = ContactPoints(np.flatnonzero(nodes < gap_mm), np.zeros(0, np.int64))
-    if not between:
-        return touched
-    gap, bent = _between(pose, skin, u, nodes)
-    return ContactPoints(touched.nodes, np.flatnonzero((bent.any(axis=1, keepdims=True) & (gap < gap_mm)).ravel()))
+@dataclass(frozen=True)
+class Survey:
+    """The whole skin, displaced, against an indentor in a pose: once looked at, it holds for other heights too."""
 
+    pose: Pose
+    skin: Skin
+    u: Array  # (m, n) mm
+    surface: Surface  # over the nodes
+    segments: Ints  # (s,) those that may be touched between their nodes
+    gap_mm: Array  # (s, _INNER) at the points between
+    below_chord: Bools  # (s, _INNER) whether the indentor is below the segment's chord there
 
-def penetrated(pose: Pose, skin: Skin, u: Array, *, between: bool) -> tuple[ContactPoints, Array]:
-    """Points that lie within the indentor by more than round-off, and (k,) by how much, along its normal; mm."""
-    tiny = _ROUND_OFF * pose.scale_mm
-    nodes = pose.gap(skin.tangential_mm + u[:-1], skin.y + u[-1])
-    deep = np.flatnonzero(nodes.height_mm < -tiny)
-    depth = -nodes.height_mm[deep] / norm(nodes.slope[:, deep])
-    if not between:
-        return ContactPoints(deep, np.zeros(0, np.int64)), depth
-    gap, bent = _between(pose, skin, u, nodes.height_mm)
-    inside = ContactPoints(np.zeros(0, np.int64), np.flatnonzero((bent & (gap < -tiny)).ravel()))
-    surface = displaced_gap(pose, inside.on(skin), u)
-    return (
-        ContactPoints(deep, inside.between),
-        np.concatenate([depth, -surface.height_mm / norm(surface.slope)]),
-    )
+    @classmethod
+    def of(cls, pose: Pose, skin: Skin, u: Array, *, between: bool) -> "Survey":
+        """What there is to see; segments are looked at up to 0.3 mm below the indentor's lowest point."""
+        tangential, y = skin.tangential_mm + u[:-1], skin.y + u[-1]
+        surface = pose.gap(tangential, y)
+        if not between:
+            nothing = np.zeros((0, _INNER))
+            return cls(pose, skin, u, surface, np.zeros(0, np.int64), nothing, nothing > 0)
+        high = (pose.height_mm - y) < _REACH_MM
+        segments = np.flatnonzero(high[skin.segments].any(axis=1))
+        return cls(pose, skin, u, surface, segments, *_between(pose, tangential, y, surface, skin.segments[segments]))
+
+    def near(self, pose: Pose, gap_mm: float) -> ContactPoints:
+        """Nodes closer than a gap to the indentor at another height, and points between nodes where it bends."""
+        lower_mm = self.pose.height_mm - pose.height_mm
+        if len(self.segments) and lower_mm + gap_mm > _REACH_MM:
+            return Survey.of(pose, self.skin, self.u, between=True).near(pose, gap_mm)
+        bent = self.below_chord.any(axis=1, keepdims=True)
+        nodes = np.flatnonzero(self.surface.height_mm - lower_mm < gap_mm)
+        return ContactPoints(nodes, self._points(bent & (self.gap_mm - lower_mm < gap_mm)))
+
+    @cached_property
+    def penetrated(self) -> tuple[ContactPoints, Array]:
+        """Points that lie within the indentor by more than round-off, and (k,) by how much, along its normal; mm."""
+        tiny, height = _ROUND_OFF * self.pose.scale_mm, self.surface.height_mm
+        deep = np.flatnonzero(height < -tiny)
+        depth = -height[deep] / norm(self.surface.slope[:, deep])
+        inside = ContactPoints(np.zeros(0, np.int64), self._points(self.below_chord & (self.gap_mm < -tiny)))
+        if not len(inside):
+            return ContactPoints(deep, inside.between), depth
+        there = displaced_gap(self.pose, inside.on(self.skin), self.u)
+        return ContactPoints(deep, inside.between), np.concatenate([depth, -there.height_mm / norm(there.slope)])
+
+    def _points(self, mask: Bools) -> Ints:
+        """Numbers of points between nodes, by (s, _INNER)."""
+        row, place = np.nonzero(mask)
+        return np.asarray(_INNER * self.segments[row] + place)
 
 
 def displaced_gap(pose: Pose, places: Places, u: Array) -> Surface:
@@ -197,14 +209,21 @@ def norm(slope: Array) -> Array:
     return np.sqrt(1 + (slope**2).sum(axis=0))
 
 
-def _between(pose: Pose, skin: Skin, u: Array, nodes: Array) -> tuple[Array, Bools]:
-    """(n_segments, 3) gaps at the points between nodes, and whether the indentor is below its chord there."""
+def _marked(numbers: Ints, others: Ints) -> Bools:
+    """Which of all numbers up to the largest of both, each ascending, are among the first."""
+    marked = np.zeros(1 + max([-1, *numbers[-1:], *others[-1:]]), dtype=bool)
+    marked[numbers] = True
+    return marked
+
+
+def _between(pose: Pose, tangential_mm: Array, y_mm: Array, nodes: Surface, segments: Ints) -> tuple[Array, Bools]:
+    """(s, _INNER) gaps at the points between (s, 2) nodes, and whether the indentor is below its chord there."""
     along = np.arange(1, PARTS) / PARTS
-    s, y = (skin.tangential_mm + u[:-1])[:, skin.segments], (skin.y + u[-1])[skin.segments]
+    s, y = tangential_mm[:, segments], y_mm[segments]
     at_s, at_y = (v[..., :1] + np.diff(v) * along for v in (s, y))
     surface = pose.gap(at_s.reshape(len(s), -1), at_y.ravel())
     gap = surface.height_mm.reshape(at_y.shape)
-    chord = nodes[skin.segments] @ np.stack([1 - along, along])
+    chord = nodes.height_mm[segments] @ np.stack([1 - along, along])
     bent = np.asarray(chord - gap > _BENT_MM)
     if pose.indentor.corners_only:
         bent &= _turns(pose, s)[:, None]

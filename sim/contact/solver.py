@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from sim.contact.indentor import Surface
 from sim.contact.newton import predicted
 from sim.contact.patch import Patch
-from sim.contact.planes import FrozenPlanes, Region, forces_along
-from sim.contact.points import ContactPoints, Pose, displaced_gap, near, norm, penetrated
+from sim.contact.planes import FrozenPlanes, Gathered, Region, forces_along
+from sim.contact.points import ContactPoints, Pose, Survey, displaced_gap, norm
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -65,6 +65,13 @@ class ContactState:
         return float(np.abs(self.force[-1]).sum())
 
 
+@dataclass(frozen=True)
+class PassedState(ContactState):
+    """A state on the way to a deeper one; its residual is that over the points that took part, and of penetration."""
+
+    survey: Survey
+
+
 def solve_contact(
     patch: Patch,
     pose: Pose,
@@ -72,27 +79,35 @@ def solve_contact(
     *,
     between_nodes: bool,
     target: float = TARGET_RESIDUAL,
+    gathered: Gathered | None = None,
+    on_the_way: bool = False,
 ) -> ContactState:
     """Equilibrium of the patch under a rigid indentor held in a pose, from rest or from a nearby state.
 
     Contact is enforced at the nodes, and with `between_nodes` also at points between them. Passes end at the target.
+    What was gathered of the patch serves other poses too. A state that is only on the way is not assessed as a whole.
     """
-    if start is None:
-        nothing = np.zeros((len(patch.axes), len(patch)))
-        start = ContactState(ContactPoints.none(), np.zeros(0), nothing, nothing, np.zeros(0), np.inf, 0)
-    state, passes = start, 0
-    candidates = near(pose, patch, start.displacement, _CANDIDATE_GAP_MM, between=between_nodes).joined(start.held)
+    gathered = Gathered(patch) if gathered is None else gathered
+    state = _at_rest(patch) if start is None else start
+    if isinstance(state, PassedState):
+        survey = state.survey
+    else:
+        survey = Survey.of(pose, patch, state.displacement, between=between_nodes)
+    candidates, passes = survey.near(pose, _CANDIDATE_GAP_MM).joined(state.held), 0
     while True:
-        iteration = _Iteration(pose, Region(patch, candidates), state, MAX_PASSES - passes, target)
+        iteration = _Iteration(pose, Region(gathered, candidates), state, MAX_PASSES - passes, target)
         iteration.run()
         passes += iteration.passes
-        state, missed = _assessed(pose, patch, between_nodes, iteration, passes)
+        state, survey = (_passed if on_the_way else _assessed)(patch, between_nodes, iteration, passes)
+        missed, _ = survey.penetrated
         if passes >= MAX_PASSES or missed.among(candidates).all():
             return state
-        candidates = candidates.joined(missed)
-        candidates = candidates.joined(
-            near(pose, patch, state.displacement, _CANDIDATE_GAP_MM, between=between_nodes)
-        )
+        candidates = candidates.joined(missed).joined(survey.near(pose, _CANDIDATE_GAP_MM))
+
+
+def _at_rest(patch: Patch) -> ContactState:
+    nothing = np.zeros((len(patch.axes), len(patch)))
+    return ContactState(ContactPoints.none(), np.zeros(0), nothing, nothing, np.zeros(0), np.inf, 0)
 
 
 class _Iteration:
@@ -106,12 +121,12 @@ class _Iteration:
         self.pressed = bool(self.held.any())
         self.multiplier = np.zeros(len(region.points))
         self.slope = np.zeros((len(self.u) - 1, len(region.points)))
-        self.passes = 0
+        self.passes, self.residual = 0, np.inf
 
     def run(self) -> None:
         """Passes until the residual meets the target, keeping the best state seen."""
-        share, penalty, best = 1.0, 0.0, np.inf
-        merit, fallback = np.inf, None
+        share, penalty, merit = 1.0, 0.0, np.inf
+        fallback = None
         while self.passes < self.most_passes and len(self.held):
             self.passes += 1
             planes = FrozenPlanes(self.pose, self.region, self.u, self.pressed)
@@ -122,9 +137,9 @@ class _Iteration:
                 self.u, fallback = fallback, None
                 continue
             un = planes.displacement(solution)
-            residual, depth = self._residual(un, solution.multipliers)
-            if residual < best:
-                best, self.multiplier, self.slope = residual, solution.multipliers, planes.slope
+            residual, depth = self._residual(un, solution.multipliers, planes.slope)
+            if residual < self.residual:
+                self.residual, self.multiplier, self.slope = residual, solution.multipliers, planes.slope
             if residual < self.target:
                 return
             penalty = max(penalty, 2 * float(solution.multipliers.max(initial=0.0)))
@@ -142,10 +157,10 @@ class _Iteration:
             if onward is not None:
                 self.u, fallback = onward, un
 
-    def _residual(self, u: Array, multipliers: Array) -> tuple[float, float]:
-        """The residual over the region's points, and the sum of their depths (mm) within the indentor."""
+    def _residual(self, u: Array, multipliers: Array, slope: Array) -> tuple[float, float]:
+        """The residual over the region's points that forces along slopes moved, and the sum of their depths (mm)."""
         here = self.pose.gap(*self.region.moved_to(u))
-        mismatch = self.region.moved_by(forces_along(here.slope, multipliers)) - u
+        mismatch = self.region.moved_by(np.concatenate([(here.slope - slope) * multipliers, 0 * multipliers[None]]))
         depth = np.maximum(0.0, -here.height_mm) / norm(here.slope)
         return _residual(mismatch, here, multipliers, self.pose.scale_mm), float(depth.sum())
 
@@ -161,20 +176,27 @@ def _residual(mismatch: Array, here: Surface, multipliers: Array, scale_mm: floa
     return float(max(mismatch_ratio, complementarity.max(initial=0.0), -push.min(initial=0.0)))
 
 
-def _assessed(
-    pose: Pose, patch: Patch, between_nodes: bool, iteration: _Iteration, passes: int
-) -> tuple[ContactState, ContactPoints]:
-    """The whole patch under the forces found in a region, its residual, and the points that it penetrates."""
-    region, multiplier = iteration.region, iteration.multiplier
+def _passed(patch: Patch, between_nodes: bool, iteration: "_Iteration", passes: int) -> tuple[ContactState, Survey]:
+    """Where the forces found in a region leave the whole patch, its residual not looked at outside the region."""
+    region, pose = iteration.region, iteration.pose
+    force = region.places.to_nodes(forces_along(iteration.slope, iteration.multiplier))
+    u = patch.displaced(force)
+    survey = Survey.of(pose, patch, u, between=between_nodes)
+    residual = max(iteration.residual, float(survey.penetrated[1].max(initial=0.0)) / pose.scale_mm)
+    gap = survey.surface.height_mm
+    return PassedState(region.points, iteration.multiplier, u, force, gap, residual, passes, survey), survey
+
+
+def _assessed(patch: Patch, between_nodes: bool, iteration: "_Iteration", passes: int) -> tuple[ContactState, Survey]:
+    """The whole patch under the forces found in a region, and its residual."""
+    region, pose, multiplier = iteration.region, iteration.pose, iteration.multiplier
     places = region.places
     pushing = forces_along(iteration.slope, multiplier)
     force = places.to_nodes(pushing)
     here = pose.gap(*region.moved_to(region.moved_by(pushing)))
     turned = places.to_nodes(forces_along(here.slope, multiplier))
     u, again = patch.displaced(np.stack([force, turned]))
-    here = displaced_gap(pose, places, u)
-    missed, depth = penetrated(pose, patch, u, between=between_nodes)
-    residual = _residual(again - u, here, multiplier, pose.scale_mm)
-    residual = max(residual, float(depth.max(initial=0.0)) / pose.scale_mm)
-    gap = pose.gap(patch.tangential_mm + u[:-1], patch.y + u[-1]).height_mm
-    return ContactState(region.points, multiplier, u, force, gap, residual, passes), missed
+    survey = Survey.of(pose, patch, u, between=between_nodes)
+    residual = _residual(again - u, displaced_gap(pose, places, u), multiplier, pose.scale_mm)
+    residual = max(residual, float(survey.penetrated[1].max(initial=0.0)) / pose.scale_mm)
+    return ContactState(region.points, multiplier, u, force, survey.surface.height_mm, residual, passes), survey

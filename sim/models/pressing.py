@@ -4,6 +4,7 @@ At once, or in steps from first touch where a corner may bear.
 """
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from sim.contact.control import TooDeepError
 from sim.contact.indentor import SHARP_RADIUS_MM, Indentor
 from sim.contact.patch import X, Y, Z
+from sim.contact.planes import Gathered
 from sim.contact.points import Pose
 from sim.contact.solver import ContactState, solve_contact
 from sim.contact.touch import Touch
@@ -119,6 +121,10 @@ class Pressing:
     target: float
     _pressed: dict[float, ContactState] = field(default_factory=dict)  # by depth past first touch, loosely solved
 
+    @cached_property
+    def _gathered(self) -> Gathered:
+        return Gathered(self.placed.model.patch)
+
     def solve_from_rest(self, doi_mm: float, _: ContactState | None) -> ContactState:
         """The answer at a depth, whatever was solved before."""
         return self.solve(doi_mm, None)
@@ -140,18 +146,20 @@ class Pressing:
         before_mm, state = self.placed.first_mm, None
         for depth in self._depths(_PRESS_IN_MM, before_mm, doi_mm):
             if depth not in self._pressed:
-                self._pressed[depth] = self._onward(before_mm, depth, state, _ON_THE_WAY)
+                self._pressed[depth] = self._onward(before_mm, depth, state, None)
             before_mm, state = depth, self._pressed[depth]
         return self._onward(before_mm, doi_mm, state, self.target)
 
-    def _onward(self, before_mm: float, doi_mm: float, start: ContactState | None, target: float) -> ContactState:
+    def _onward(
+        self, before_mm: float, doi_mm: float, start: ContactState | None, target: float | None
+    ) -> ContactState:
         if start is None or not self.placed.bears_on_corner(start):
             state = self._step(doi_mm, start, target)
             if not self.placed.bears_on_corner(state):
                 return state
         for depth in self._depths(_PRESS_IN_CORNER_MM, before_mm, doi_mm):
             if depth not in self._pressed:
-                self._pressed[depth] = self._step(depth, start, _ON_THE_WAY)
+                self._pressed[depth] = self._step(depth, start, None)
             start = self._pressed[depth]
         return self._step(doi_mm, start, target)
 
@@ -161,8 +169,8 @@ class Pressing:
             state = self._step(depth, state, self.target)
         return self._step(doi_mm, state, self.target)
 
-    def _step(self, doi_mm: float, start: ContactState | None, target: float) -> ContactState:
-        """Solved at a depth, the passes counted from rest."""
+    def _step(self, doi_mm: float, start: ContactState | None, target: float | None) -> ContactState:
+        """Solved at a depth, the passes counted from rest; without a target it is only on the way."""
         state = self._at(doi_mm, start, target)
         return state if start is None else replace(state, passes=start.passes + state.passes)
 
@@ -171,9 +179,17 @@ class Pressing:
         """Depths in equal steps between two others, both left out."""
         return np.arange(after_mm + step_mm, before_mm - 1e-9, step_mm).tolist()
 
-    def _at(self, doi_mm: float, start: ContactState | None, target: float) -> ContactState:
+    def _at(self, doi_mm: float, start: ContactState | None, target: float | None) -> ContactState:
         pose = self.placed.pose(doi_mm)
-        state = solve_contact(self.placed.model.patch, pose, start, between_nodes=self.between_nodes, target=target)
+        state = solve_contact(
+            self.placed.model.patch,
+            pose,
+            start,
+            between_nodes=self.between_nodes,
+            target=_ON_THE_WAY if target is None else target,
+            gathered=self._gathered,
+            on_the_way=target is None,
+        )
         if state.converged:  # an unfinished state may touch anything on its way
             self.placed.refuse_rim(pose, state)
         return state

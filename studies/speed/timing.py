@@ -1,6 +1,7 @@
 """Times of the finger model on this machine, each beside a limit measured in the same run.
 
 .venv/bin/python -m studies.speed.timing            # the tables of the README, about a minute and a half
+.venv/bin/python -m studies.speed.timing --contact  # the second of them alone
 .venv/bin/python -m studies.speed.timing --solvers  # MKL and the portable solver on one problem
 """
 
@@ -16,6 +17,7 @@ from scipy.linalg import lapack
 from threadpoolctl import threadpool_limits
 
 from sim.config.fingertip_config import FingertipConfig
+from sim.contact.measured_profile import MeasuredProfile
 from sim.fem import pardiso
 from sim.fem.pardiso import PardisoFactor
 from sim.finger.mesh import build_mesh
@@ -23,13 +25,22 @@ from sim.finger.surface import FingertipSurface
 from sim.models.cache import cache_dir
 from sim.models.discretised import discretise, factorise
 from sim.models.fingertip import Fingertip
+from sim.models.results.indentation import IndentationResult
 
-SCENES = [
-    ("bar 3.0, DOI 0.2–1.0", "bar:3.0", (-0.3, 0.0, 0.25), (0.2, 0.4, 0.6, 0.8, 1.0)),
-    ("bar 1.5, DOI 0.2–1.0", "bar:1.5", (-0.3, 0.0, 0.25), (0.2, 0.4, 0.6, 0.8, 1.0)),
-    ("step 1, DOI 0.2–1.0", "step:1", (2.0, 0.5, -0.5, -1.0, -1.63, -2.25, -3.69), (0.2, 0.4, 0.73, 1.0)),
-    ("step 5, DOI 0.2–1.0", "step:5", (2.0, 0.5, -0.5, -1.0, -1.63, -2.25, -3.69), (0.2, 0.4, 0.73, 1.0)),
-    ("cylinder 9, DOI 0.2–1.0", "cylinder:9", (0.0,), (0.2, 0.4, 0.6, 0.8, 1.0)),
+Shape = str | MeasuredProfile
+
+SPLINE = MeasuredProfile("two ridges", (-1.2, -0.6, 0.0, 0.6, 1.2), (0.4, 0.0, 0.25, 0.0, 0.4))
+_BARS_X_MM, _STEPS_X_MM = (-0.3, 0.0, 0.25), (2.0, 0.5, -0.5, -1.0, -1.63, -2.25, -3.69)
+_FIVE_MM, _FOUR_MM = (0.2, 0.4, 0.6, 0.8, 1.0), (0.2, 0.4, 0.73, 1.0)
+SCENES: list[tuple[str, Shape, tuple[float, ...], tuple[float, ...]]] = [
+    ("bar 3.0, DOI 0.2–1.0", "bar:3.0", _BARS_X_MM, _FIVE_MM),
+    ("bar 1.5, DOI 0.2–1.0", "bar:1.5", _BARS_X_MM, _FIVE_MM),
+    ("step 1, DOI 0.2–1.0", "step:1", _STEPS_X_MM, _FOUR_MM),
+    ("step 5, DOI 0.2–1.0", "step:5", _STEPS_X_MM, _FOUR_MM),
+    ("cylinder 9, DOI 0.2–1.0", "cylinder:9", (0.0,), _FIVE_MM),
+    ("grating 0.5, 1.2, DOI 0.2–1.0", "grating:0.5,1.2", _BARS_X_MM, _FIVE_MM),
+    ("wedge 45, DOI 0.2–1.0", "wedge:45", _BARS_X_MM, _FIVE_MM),
+    ("spline, two ridges, DOI 0.2–1.0", SPLINE, _BARS_X_MM, _FIVE_MM),
 ]
 
 
@@ -87,24 +98,41 @@ def sparse_factor_s() -> str:
 
 
 def indentations(finger: Fingertip) -> None:
-    """Median and 95th percentile by DOI and by force, from rest, one BLAS thread."""
-    columns = ("scene", "active nodes", "by DOI, median / p95 (ms)", "by force 2.33 gwt, median (ms)",
-               "passes, median / max", "residual, max", "dense Cholesky of the active set (ms)")  # fmt: skip
+    """Median and 95th percentile by DOI, of another depth at a place, and by force, one BLAS thread."""
+    columns = ("scene", "active nodes", "by DOI, median / p95 (ms)", "another depth there (ms)",
+               "by force 2.33 gwt (ms)", "passes, median / max", "residual, max",
+               "dense Cholesky of the active set (ms)", "by DOI over that")  # fmt: skip
     print(f"\n| {' | '.join(columns)} |\n|{'---|' * len(columns)}")
     everything = []
     for name, shape, xs, dois in SCENES:
         results = [finger.indent(shape, x, doi_mm=doi) for x in xs for doi in dois]
+        there = [_after(finger, shape, x, *pair) for x in xs for pair in zip(dois, np.roll(dois, 1), strict=True)]
         forced = [finger.indent(shape, x, force_gwt=2.33) for x in xs]
-        ms = 1e3 * np.array([r.contact_s for r in results])
         active = int(np.median([r.state.active.sum() for r in results]))
         passes = [r.state.passes for r in results]
         with threadpool_limits(1):
             limit = 1e3 * dense_cholesky_s(active, 20)
-        everything += list(ms)
-        print(f"| {name} | {active} | {np.median(ms):.0f} / {np.percentile(ms, 95):.0f} | "
-              f"{np.median([1e3 * r.contact_s for r in forced]):.0f} | {np.median(passes):.0f} / {max(passes)} | "
-              f"{max(r.state.residual for r in results):.0e} | {limit:.2f} |")  # fmt: skip
+        ms = [1e3 * r.contact_s for r in results]
+        everything += ms
+        print(f"| {name} | {active} | {_spent(results)} | {_spent(there)} | {_spent(forced)} | "
+              f"{np.median(passes):.0f} / {max(passes)} | {max(r.state.residual for r in results):.0e} | "
+              f"{limit:.2f} | {np.median(ms) / limit:.0f} |")  # fmt: skip
     print(f"\nall by DOI: median {np.median(everything):.0f} ms, p95 {np.percentile(everything, 95):.0f} ms")
+
+
+def _after(
+    finger: Fingertip, shape: str | MeasuredProfile, x_mm: float, doi: float, first: float
+) -> IndentationResult:
+    """A depth at a place where another one was pressed just before."""
+    kept = finger.keeping_ways()
+    kept.indent(shape, x_mm, doi_mm=first)
+    return kept.indent(shape, x_mm, doi_mm=doi)
+
+
+def _spent(results: list[IndentationResult]) -> str:
+    """Median and 95th percentile of the processor times, ms."""
+    ms = 1e3 * np.array([r.contact_s for r in results])
+    return f"{np.median(ms):.0f} / {np.percentile(ms, 95):.0f}"
 
 
 def solvers() -> None:
@@ -127,7 +155,7 @@ def main() -> None:
     if "--solvers" in sys.argv:
         solvers()
         return
-    indentations(cold())
+    indentations(Fingertip.load() if "--contact" in sys.argv else cold())
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(f"peak memory: {peak:.0f} MB")
 

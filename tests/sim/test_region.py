@@ -1,0 +1,183 @@
+"""The part of a patch that takes part in a contact, and the skin as an indentor sees it; against definitions."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from sim.contact.indentor import Indentor
+from sim.contact.patch import Patch, X, Y, Z
+from sim.contact.planes import FrozenPlanes, Gathered, Region
+from sim.contact.points import ContactPoints, Pose, Survey
+from sim.contact.profiles import Bar, Step
+from sim.contact.shapes import parse_shape
+from sim.contact.solver import ContactState, PassedState, solve_contact
+from sim.contact.touch import first_touch
+from sim.models.fingertip import Fingertip
+from sim.models.pressing import PlacedIndentor, Pressing
+
+Array = NDArray[np.float64]
+
+ROWS, COLUMNS = 4, 6
+NODES = ContactPoints(np.array([1, 7, 8, 13, 20]), np.zeros(0, np.int64))
+MIXED = ContactPoints(np.array([1, 7, 8, 13, 20]), np.array([3, 4, 17, 40]))
+EVERY_NODE = ContactPoints(np.arange(ROWS * COLUMNS), np.zeros(0, np.int64))
+
+
+def make_patch(axes: tuple[int, ...]) -> Patch:
+    """A grid of nodes whose compliance is any symmetric positive definite matrix."""
+    n = ROWS * COLUMNS
+    z, x = np.meshgrid(np.arange(ROWS) * 0.3, np.arange(COLUMNS) * 0.17, indexing="ij")
+    position = np.stack([x.ravel(), -0.05 * (x.ravel() - 0.4) ** 2, z.ravel()], axis=1)
+    half = np.random.default_rng(0).normal(size=(len(axes) * n, len(axes) * n))
+    compliance = half @ half.T
+    return Patch(position, np.ones(n), (ROWS, COLUMNS), axes, compliance=0.5 * (compliance + compliance.T))
+
+
+@pytest.fixture(scope="module", params=[(X, Y), (X, Z, Y)], ids=["x", "x and z"])
+def patch(request: pytest.FixtureRequest) -> Patch:
+    return make_patch(request.param)
+
+
+def shares(points: ContactPoints, patch: Patch) -> Array:
+    """(k, n) of the nodes in the points."""
+    found = np.zeros((len(points), len(patch)))
+    found[np.arange(len(points.nodes)), points.nodes] = 1
+    for row, (segment, along) in enumerate(zip(points.segments, points.along, strict=True), len(points.nodes)):
+        first, second = patch.segments[segment]
+        found[row, first], found[row, second] = 1 - along, along
+    return found
+
+
+def by_definition(points: ContactPoints, patch: Patch) -> Array:
+    """(m, k, m, k) mm/N among points."""
+    m, n, p = len(patch.axes), len(patch), shares(points, patch)
+    return np.einsum("ki,aibj,lj->akbl", p, patch.compliance.reshape(m, n, m, n), p)
+
+
+def test_what_is_gathered_is_the_patchs_own_whatever_came_before(patch: Patch) -> None:
+    m, n = len(patch.axes), len(patch)
+    gathered, whole = Gathered(patch), patch.compliance.reshape(m, n, m, n)
+    for nodes in ([4, 9], [4, 9], [9], [2, 4, 9, 11], [0, 11, 23], [1, 5], list(range(n)), [3, 4]):
+        part = whole[:, nodes][:, :, :, nodes]
+        assert np.array_equal(gathered.among(np.array(nodes)), part), nodes
+
+
+@pytest.mark.parametrize("points", [NODES, MIXED, EVERY_NODE], ids=["nodes", "mixed", "all nodes"])
+def test_points_move_one_another_as_their_nodes_do(patch: Patch, points: ContactPoints) -> None:
+    region, whole = Region(Gathered(patch), points), by_definition(points, patch)
+    m, k = len(patch.axes), len(points)
+    scale = np.abs(whole).max()
+    np.testing.assert_allclose(region.vertical, whole[-1, :, -1], atol=1e-14 * scale, rtol=0)
+    for some in ([0, 2], [2, 3, k - 1], [0, 2], list(range(k)), [1]):
+        found = region.sideways(np.array(some))
+        np.testing.assert_allclose(found, whole[:-1, some], atol=1e-14 * scale, rtol=0)
+    force = np.zeros((m, k))
+    for loaded in (0, 1, k):  # few and all of the nodes loaded along each axis
+        force[:, :loaded] = np.arange(1.0, 1 + m)[:, None] + np.arange(loaded)
+        moved = np.einsum("akbl,bl->ak", whole, force)
+        np.testing.assert_allclose(region.moved_by(force), moved, atol=1e-12 * scale, rtol=0)
+
+
+def test_what_turning_points_add_is_taken_back(patch: Patch) -> None:
+    region = Region(Gathered(patch), MIXED)
+    k, rng = len(MIXED), np.random.default_rng(1)
+    for turning in ([1, 4], [2], [], [0, 2, 5], list(range(k)), [8]):
+        added = rng.normal(size=(len(turning), k))
+        whole = region.vertical.copy()
+        whole[turning] += added
+        whole[:, turning] += added.T
+        np.testing.assert_array_equal(region.along_normals(np.array(turning, dtype=np.int64), added), whole)
+
+
+def test_planes_are_as_compliant_as_their_normals_say(patch: Patch) -> None:
+    shape = "sphere:1" if len(patch.axes) == 3 else "step:1"
+    pose = Pose(parse_shape(shape), (0.3,) * (len(patch.axes) - 1), -0.1, 0.1)
+    planes = FrozenPlanes(pose, Region(Gathered(patch), MIXED), np.zeros((len(patch.axes), len(MIXED))), False)
+    assert planes.tilted.any()
+    whole = by_definition(MIXED, patch)
+    along = np.einsum("ak,akbl,bl->kl", planes.normal, whole, planes.normal)
+    np.testing.assert_allclose(planes._compliance(), along, atol=1e-13 * np.abs(whole).max(), rtol=0)
+
+
+def test_a_plane_that_is_level_only_here_turns_too() -> None:
+    patch = make_patch((X, Y))
+    pose = Pose(parse_shape("cylinder:9"), (float(patch.x[7]),), -0.1, 0.1)
+    planes = FrozenPlanes(pose, Region(Gathered(patch), NODES), np.zeros((2, len(NODES))), False)
+    assert not planes.tilted[1]  # node 7 lies under the cylinder's lowest line
+    assert planes.turning.tolist() == list(range(len(NODES)))
+
+
+@pytest.mark.parametrize("lower_mm", [0.0, 0.05, 0.2, 0.5])
+@pytest.mark.parametrize("profile", [Bar(0.4), Step("1")])
+def test_a_survey_holds_for_other_heights(profile: Bar | Step, lower_mm: float) -> None:
+    # Beyond 0.3 mm what was not looked at may be touched: then it looks again.
+    patch = make_patch((X, Y))
+    u = 0.01 * np.random.default_rng(2).normal(size=(2, len(patch)))
+    pose = Pose(Indentor.along(profile), (0.4,), -0.02, 0.1)
+    lower = replace(pose, height_mm=pose.height_mm - lower_mm)
+    kept = Survey.of(pose, patch, u, between=True).near(lower, 0.03)
+    anew = Survey.of(lower, patch, u, between=True).near(lower, 0.03)
+    assert np.array_equal(kept.nodes, anew.nodes)
+    assert np.array_equal(kept.between, anew.between)
+    assert len(anew.between) or not lower_mm
+
+
+def test_a_survey_finds_what_lies_within_the_indentor() -> None:
+    patch = make_patch((X, Y))
+    pose = Pose(parse_shape("bar:0.4"), (0.4,), -0.01, 0.1)
+    found, depth = Survey.of(pose, patch, np.zeros((2, len(patch))), between=True).penetrated
+    p = shares(found, patch)
+    gap = pose.gap((p @ patch.x)[None], p @ patch.y)
+    assert len(found.nodes)
+    assert len(found.between)
+    assert (gap.height_mm < 0).all()
+    np.testing.assert_allclose(depth, -gap.height_mm / np.sqrt(1 + gap.slope[0] ** 2), rtol=1e-12)
+    nodes_only, _ = Survey.of(pose, patch, np.zeros((2, len(patch))), between=False).penetrated
+    assert np.array_equal(nodes_only.nodes, found.nodes)
+    assert not len(nodes_only.between)
+
+
+def test_points_among_and_joined_with_others() -> None:
+    other = ContactPoints(np.array([0, 7, 30]), np.array([4, 99]))
+    assert MIXED.among(other).tolist() == [False, True, False, False, False, False, True, False, False]
+    assert other.among(ContactPoints.none()).tolist() == [False] * 5
+    both = MIXED.joined(other)
+    assert both.nodes.tolist() == [0, 1, 7, 8, 13, 20, 30]
+    assert both.between.tolist() == [3, 4, 17, 40, 99]
+    assert len(ContactPoints.none().joined(ContactPoints.none())) == 0
+
+
+# --- on the finger ---
+
+
+@pytest.fixture(scope="module")
+def placed(finger: Fingertip) -> PlacedIndentor:
+    indentor = parse_shape("bar:1.5")
+    touch = first_touch(indentor, (0.0,), finger.surface)
+    return PlacedIndentor(indentor, (0.0,), touch.height_mm, touch, finger.model)
+
+
+def test_a_state_on_the_way_is_the_same_contact(placed: PlacedIndentor) -> None:
+    patch, pose = placed.model.patch, placed.pose(0.1)
+    passed = solve_contact(patch, pose, between_nodes=True, target=1e-4, on_the_way=True)
+    whole = solve_contact(patch, pose, between_nodes=True, target=1e-4)
+    assert isinstance(passed, PassedState)
+    assert not isinstance(whole, PassedState)
+    assert passed.passes == whole.passes
+    np.testing.assert_allclose(passed.displacement, whole.displacement, rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(passed.gap, whole.gap)
+    assert passed.residual == pytest.approx(whole.residual, rel=0.5)  # looked at over fewer points
+    assert passed.residual <= whole.residual * (1 + 1e-9)
+    deeper = placed.pose(0.15)
+    onward = [solve_contact(patch, deeper, start, between_nodes=True) for start in (passed, whole)]
+    assert onward[0].passes == onward[1].passes
+    np.testing.assert_allclose(onward[0].force, onward[1].force, rtol=0, atol=1e-14)
+
+
+def test_an_answer_is_assessed_as_a_whole_however_loosely_it_is_asked_for(placed: PlacedIndentor) -> None:
+    pressing = Pressing(placed, between_nodes=True, target=1e-4)
+    state = pressing.solve(0.3, None)
+    assert type(state) is ContactState
+    assert {type(kept) for kept in pressing._pressed.values()} == {PassedState}
