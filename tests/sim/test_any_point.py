@@ -140,19 +140,20 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def _files(folder: Path) -> Counter[str]:
-    return Counter(path.suffix for path in folder.iterdir() if path.suffix != ".lock")
+    return Counter(path.suffix for path in folder.iterdir() if path.suffix in (".model", ".columns"))
 
 
 def test_other_receptors_are_added_to_the_same_model(
     coarse_config: FingertipConfig, folder: Path, work: Counter[str]
 ) -> None:
     Fingertip.load(coarse_config)
-    assert _files(folder) == {".model": 1, ".columns": 1}
+    at_first = _files(folder)  # the finger's, and what belongs to its skin alone
+    assert at_first[".columns"] == 1
     deeper = Fingertip.load(coarse_config, receptor_depth_mm=0.9)
     assert not deeper.from_cache
-    assert _files(folder) == {".model": 1, ".columns": 2}
+    assert _files(folder) - at_first == {".columns": 1}
     Fingertip.load(coarse_config, receptor_x_mm=[0.1])
-    assert _files(folder) == {".model": 1, ".columns": 3}
+    assert _files(folder) - at_first == {".columns": 2}
     assert work["models"] == 1
     both = Fingertip.load(coarse_config, receptor_depth_mm=[0.76, 0.9])
     one, two, three = (f.indent("bar:1.5", doi_mm=0.2) for f in (both, deeper, Fingertip.load(coarse_config)))
@@ -166,9 +167,10 @@ def test_points_asked_for_again_cost_nothing(
 ) -> None:
     finger = Fingertip.load(coarse_config)
     result = finger.indent("bar:1.5", doi_mm=0.2)
+    at_first = _files(folder)
     sets = [finger.points_below(x, 0.5) for x in np.linspace(-1, 1, 6)]
     first = [finger.fields(result, points).strain for points in sets]
-    assert _files(folder) == {".model": 1, ".columns": 7}
+    assert _files(folder) - at_first == {".columns": 6}
     monkeypatch.setattr(interior, "factorise", None)
     other = Fingertip.load(coarse_config)  # from the disk
     np.testing.assert_array_equal([other.fields(result, points).strain for points in sets], first)
