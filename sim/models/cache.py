@@ -19,7 +19,7 @@ from platformdirs import user_cache_path
 Arrays = dict[str, NDArray[np.generic]]
 Kind = Literal["model", "node", "columns", "answers"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-"""Condensed models, columns of strain under them, and what they said."""
+"""Condensed models, builds to interpolate between, columns of strain under both, and what fingers said."""
 
 MOST_BYTES = 5e9
 """Of all that is kept, unless RIG_CACHE_GB says otherwise; what was not read for longest goes first."""
