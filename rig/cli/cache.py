@@ -15,6 +15,7 @@ _ABOUT = {
     "model": "condensed fingers",
     "node": "builds to interpolate between",
     "columns": "strain under them, a file for each set of receptors",
+    "skin": "where a skin is highest",
     "answers": "what fingers said of runs",
 }
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import typer
 
+from rig.cli.not_built import COMMANDS as NOT_BUILT
 from rig.cli.not_built import say_so_for_each
 from rig.cli.output import ExitCode, fail, looking_busy, show_builds
 
@@ -79,7 +80,8 @@ def _app(arguments: list[str]) -> typer.Typer:
         with looking_busy(f"rig {asked}: starting …"):
             _add(app, asked, getattr(import_module(f"rig.cli.{module}"), command))
         return app
-    if near := get_close_matches(asked, COMMANDS):
+    near = [] if asked in NOT_BUILT else get_close_matches(asked, COMMANDS)
+    if near:
         raise typer.BadParameter(
             f"No such command {asked!r}, expected one that rig --help lists: {' or '.join(near)}?"
         )

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
 Arrays = dict[str, NDArray[np.generic]]
-Kind = Literal["model", "node", "columns", "answers"]
+Kind = Literal["model", "node", "columns", "skin", "answers"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-"""Condensed models, builds to interpolate between, columns of strain under both, and what fingers said."""
+"""Condensed models, builds to interpolate between, columns of strain, where skins are highest, what fingers said."""
 
 MOST_BYTES = 5e9
 """Of all that is kept, unless RIG_CACHE_GB says otherwise; what was not read for longest goes first."""

@@ -16,7 +16,7 @@ def keep_tops(surface: FingertipSurface) -> None:
         splines = {name: getattr(surface, name) for name in _TOPS}
         return {f"{name}_{part}": getattr(spline, part) for name, spline in splines.items() for part in "cx"}
 
-    found, _ = cached_arrays(content_key(["tops", surface.geometry.model_dump(mode="json")]), find)
+    found, _ = cached_arrays(content_key(["tops", surface.geometry.model_dump(mode="json")]), find, "skin")
     for name in _TOPS:
         c, x = (np.asarray(found[f"{name}_{part}"]) for part in "cx")
         vars(surface)[name] = CubicSpline.construct_fast(c, x, extrapolate=False)  # where cached_property looks

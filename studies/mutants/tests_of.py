@@ -8,6 +8,8 @@ from typing import Any
 
 from studies.mutants.source import Mutant
 
+LIST_OF_KEYS, WALKS_IT = "tests/data/config_keys.txt", "from tests.config_keys import"
+
 Coverage = dict[str, dict[str, Any]]
 
 
@@ -30,7 +32,7 @@ class Choice:
         found = self._running(mutant.path, mutant.lines)
         others: set[str] = set()
         if mutant.at_import:
-            found = self._mentioning(mutant.at_import)
+            found = self._mentioning(mutant.at_import) | self._by_the_list(mutant.at_import)
             others = self._running(mutant.path, tuple(self._by_line[mutant.path])) - found
         in_function, in_file = self._noticed[f"{mutant.path}::{mutant.function}"], self._noticed[mutant.path]
         cost = {t: (self._alone_s(t) + 0.02) / (1 + 4 * in_function[t] + in_file[t]) for t in found | others}
@@ -66,6 +68,16 @@ class Choice:
             text = (self._root / path).read_text(encoding="utf-8").splitlines()
             found |= self._running(path, tuple(k for k, line in enumerate(text, 1) if word.search(line)))
         return found
+
+    def _by_the_list(self, name: str) -> set[str]:
+        """Tests that walk the list of all keys of the configuration, where this is one: no line of them names it."""
+        listed = self._root / LIST_OF_KEYS
+        keys = listed.read_text(encoding="utf-8") if listed.exists() else ""
+        if not re.search(rf"^\S+\.{re.escape(name)} ", keys, re.MULTILINE):
+            return set()
+        files = {test.partition("::")[0] for test in self.seconds}
+        walking = {file for file in files if WALKS_IT in (self._root / file).read_text(encoding="utf-8")}
+        return {test for test in self.seconds if test.partition("::")[0] in walking}
 
 
 def read_coverage(folder: Path) -> Coverage:

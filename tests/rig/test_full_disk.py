@@ -73,17 +73,23 @@ def rig(finger: Fingertip, program: Program, tmp_path: Path, monkeypatch: pytest
 def full_at() -> Iterator[Callable[[str, int], tuple[FullDisk, Callable[[], None]]]]:
     """Make the disk full at the nth write of a file, until the returned function makes room."""
     patch = pytest.MonkeyPatch()
-    opened, opened_low = Path.open, os.open
+    opened, opened_low, wrote_low = Path.open, os.open, os.write
 
     def make(name: str, nth: int) -> tuple[FullDisk, Callable[[], None]]:
         disk = FullDisk(name, nth)
+        files: dict[int, FullFile] = {}
 
         def on_the_disk(path: Path, mode: str = "r", *arguments: Any, **more: Any) -> Any:
             if "b" not in mode or not set(mode) & set("wa"):
                 return opened(path, mode, *arguments, **more)
             file = FullFile(path, mode.replace("b", ""))
             file.disk = disk
+            files[file.fileno()] = file
             return file
+
+        def on_its_number(fd: int, content: Any, /) -> int:
+            file = files.get(fd)
+            return wrote_low(fd, content) if file is None or file.closed else file.write(content)
 
         def no_new_file(path: Any, flags: int, *arguments: Any, **more: Any) -> int:
             if flags & os.O_CREAT and isinstance(path, str) and disk.strikes(path):
@@ -92,6 +98,7 @@ def full_at() -> Iterator[Callable[[str, int], tuple[FullDisk, Callable[[], None
 
         patch.setattr(Path, "open", on_the_disk)
         patch.setattr(os, "open", no_new_file)
+        patch.setattr(os, "write", on_its_number)
         return disk, patch.undo
 
     yield make

@@ -31,7 +31,7 @@ def test_from_the_cache_they_are_the_same_to_the_last_bit(
 ) -> None:
     found = getattr(FingertipSurface.fit(Geometry()), name)
     keep_tops(FingertipSurface.fit(Geometry()))
-    assert len(list(empty_cache.glob("*.model"))) == 1
+    assert len(list(empty_cache.glob("*.skin"))) == 1
     request.getfixturevalue("not_found_anew")
     surface = FingertipSurface.fit(Geometry())
     keep_tops(surface)
@@ -46,7 +46,7 @@ def test_another_finger_has_its_own(empty_cache: Path) -> None:
     one, other = (FingertipSurface.fit(Geometry(nail_depth_ratio=ratio)) for ratio in (0.7, 0.8))
     keep_tops(one)
     keep_tops(other)
-    assert len(list(empty_cache.glob("*.model"))) == 2
+    assert len(list(empty_cache.glob("*.skin"))) == 2
 
 
 def test_a_finger_that_is_loaded_has_them(finger: Fingertip, not_found_anew: None) -> None:
