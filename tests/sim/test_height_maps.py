@@ -376,6 +376,15 @@ def test_the_largest_and_smallest_maps(monkeypatch: pytest.MonkeyPatch) -> None:
         HeightMap.from_arrays(seven, EVEN, grid(6, 7))
 
 
+def test_a_table_of_heights_may_be_as_large_as_a_map(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sim.contact.map_files.MOST_POINTS", 36)
+    for name, shape in (("as_many.csv", (6, 6)), ("more.csv", (7, 6))):
+        np.savetxt(tmp_path / name, grid(*shape), delimiter=",")
+    parse_shape(f"heightmap:{tmp_path / 'as_many.csv'},spacing_mm=0.1")
+    with pytest.raises(ShapeError, match="more than 36 points"):
+        parse_shape(f"heightmap:{tmp_path / 'more.csv'},spacing_mm=0.1")
+
+
 def files(folder: Path) -> None:
     """One of each kind that cannot be, and some that can."""
     np.save(folder / "good.npy", grid())

@@ -55,6 +55,7 @@ def test_the_residual_is_of_the_pressure() -> None:
     rms, explained = residual(TRUE._replace(k1=TRUE.k1 + 10), at)
     assert rms == pytest.approx(10 * np.sqrt(0.5 * (0.3**2 + 1.0**2)))
     assert explained < 1
+    assert explained == pytest.approx(1 - rms**2 / np.var(at.pressure))
 
 
 def test_the_fingers_curvature_at_the_apex(finger: Fingertip) -> None:
