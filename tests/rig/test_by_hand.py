@@ -232,6 +232,36 @@ def test_above_a_trip_it_is_lifted_again(at_hand: Callable[..., AtHand]) -> None
     assert bench.height_mm == pytest.approx(0.52, abs=0.004)
 
 
+def test_from_a_trip_it_is_lifted_by_clearance_at_most(at_hand: Callable[..., AtHand]) -> None:
+    bench = at_hand(above_mm=3.02, k_gwt=6000.0, soft_trip_n=0.1)
+    said = str(bench.jog("z", -4.0).ended_by)
+    assert said.endswith("; lifted by 2.00 mm")
+    assert bench.height_mm == pytest.approx(2.0, abs=0.06)
+
+
+def test_from_a_trip_beside_something_nothing_is_lifted(at_hand: Callable[..., AtHand]) -> None:
+    bench = at_hand(k_gwt=200.0, soft_trip_n=0.02)
+    bench.spring.wall_x_mm = 1.0
+    said = str(bench.jog("x", 2.0, 5.0).ended_by)
+    assert "above the soft trip" in said
+    assert "lifted" not in said
+    assert bench.height_mm == pytest.approx(3.0, abs=0.004)
+
+
+def test_the_next_step_down_is_no_longer_than_the_room_that_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = AtHand("grbl", above_mm=1.0)
+    monkeypatch.setattr(Guard, "room_mm", property(lambda guard: 0.02))
+    steps = list[float]()
+
+    def jog(stage: Any, clock: Any, held: Any, speed_mm_s: float, by_mm: float, *glance: Any) -> StageStatus:
+        steps.append(by_mm)
+        return dead_man_jog(stage, clock, held, speed_mm_s, by_mm, *glance)
+
+    monkeypatch.setattr("rig.engine.by_hand.by_hand.dead_man_jog", jog)
+    bench.jog("z", -0.05)
+    assert steps == pytest.approx([0.02, 0.02, 0.01])
+
+
 @pytest.mark.parametrize("times", [1, 2])
 def test_a_lift_from_a_trip_whose_speed_somebody_changes_is_made_all_the_same(
     at_hand: Callable[..., AtHand], monkeypatch: pytest.MonkeyPatch, times: int
