@@ -187,7 +187,7 @@ CHANGES = st.fixed_dictionaries({}, optional={place: st.floats(*ends) for place,
 
 @given(
     changes=CHANGES,
-    port=st.text(st.characters(codec="utf-8"), min_size=1, max_size=20),
+    port=st.text(st.characters(codec="utf-8"), min_size=1, max_size=20).filter(str.strip),
 )
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_what_is_written_reads_back_the_same(toml: Path, changes: dict[tuple[str, str], float], port: str) -> None:
