@@ -73,11 +73,6 @@ class Patch(PatchNodes):
         """The nodes alone."""
         return PatchNodes(self.position_mm, self.area_mm2, self.shape, self.axes)
 
-    def block(self, moved: int, pushed: int) -> Array:
-        """(n, n) mm/N, a view: displacements along one axis under forces along another, by their numbers."""
-        n = len(self)
-        return self.compliance[moved * n : (moved + 1) * n, pushed * n : (pushed + 1) * n]
-
     def displaced(self, force: Array) -> Array:
         """(…, m, n) displacements in mm of all nodes under (…, m, n) forces in N.
 
