@@ -29,7 +29,6 @@ from sim.contact.shapes import ShapeError, parse_shape
 from sim.finger.grading import MeshError
 from sim.finger.surface import SurfaceError
 from sim.measures.measures import MEASURES
-from sim.measures.reach import ReceptorPlaces
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorError
 from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
@@ -99,8 +98,12 @@ class Case:
     @property
     def finger(self) -> Asked:
         """With its receptors."""
-        config = FingertipConfig.model_validate_json(self.config_json)
-        return Asked(config, ReceptorPlaces.of(self.receptor_x_mm, self.receptor_depth_mm, None))
+        return Asked.of(self.config_json, self.receptor_x_mm, self.receptor_depth_mm)
+
+    @property
+    def shapes(self) -> tuple[str, ...]:
+        """By their names."""
+        return (self.shape,)
 
 
 Row = dict[str, Any]

@@ -1,23 +1,41 @@
-"""Which cases of a study are on interpolated fingers, and what has to be built for these."""
+"""Which pieces of work are on interpolated fingers, and what has to be built for these."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import Field, replace
+from typing import Any, ClassVar, Protocol, TypeVar
 
-from rig.parameter_study.cases import Case
 from sim.contact.indentor import ALONG
 from sim.contact.shapes import parse_shape
-from sim.models.moduli.families import missing_nodes, worth_interpolating
+from sim.models.moduli.families import Asked, missing_nodes, worth_interpolating
 from sim.models.moduli.node_builds import Node
 
 
-def interpolated(cases: Sequence[Case]) -> list[Case]:
-    """The same cases, those interpolated where fingers differ in the moduli of dermis and fat alone."""
-    chosen = worth_interpolating([case.finger for case in cases])
-    return [replace(case, exact=not one) for case, one in zip(cases, chosen, strict=True)]
+class OnAFinger(Protocol):
+    """Presses on one finger: a dataclass, with `exact` where the finger is built in full."""
+
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+
+    @property
+    def exact(self) -> bool: ...
+
+    @property
+    def finger(self) -> Asked: ...
+
+    @property
+    def shapes(self) -> Sequence[str]: ...
 
 
-def nodes_to_build(cases: Sequence[Case]) -> list[Node]:
-    """Full builds that interpolated cases need and that are not on disk: pieces of work for `make_node`."""
-    them = [case for case in cases if not case.exact]
-    axes = dict.fromkeys([ALONG, *(parse_shape(case.shape).axes for case in them)])
-    return missing_nodes([case.finger for case in them], axes)
+Work = TypeVar("Work", bound=OnAFinger)
+
+
+def interpolated(work: Sequence[Work]) -> list[Work]:
+    """The same, those interpolated where fingers differ in the moduli of dermis and fat alone."""
+    chosen = worth_interpolating([one.finger for one in work])
+    return [replace(one, exact=not other) for one, other in zip(work, chosen, strict=True)]
+
+
+def nodes_to_build(work: Sequence[OnAFinger]) -> list[Node]:
+    """Full builds that interpolated fingers need and that are not on disk: pieces of work for `make_node`."""
+    them = [one for one in work if not one.exact]
+    axes = dict.fromkeys([ALONG, *(parse_shape(shape).axes for one in them for shape in one.shapes)])
+    return missing_nodes([one.finger for one in them], axes)

@@ -11,19 +11,18 @@ from rig.compare.errors import FingersError
 from rig.compare.plausible import DesignFinger, PlausibleFingers
 from rig.compare.stimuli import Stimulus, simulator_code
 from rig.data import Run
+from rig.parameter_study.interpolation import interpolated, nodes_to_build
 from rig.parameter_study.workers import spread
 from sim.config.fingertip_config import FingertipConfig
-from sim.contact.indentor import ALONG
 from sim.contact.shapes import parse_shape
 from sim.finger.grading import MeshError
 from sim.finger.surface import SurfaceError
 from sim.measures.measures import MEASURES, shown
-from sim.measures.reach import ReceptorPlaces
 from sim.measures.receptors import ReceptorError
 from sim.models.cache import cached_arrays, content_key
 from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.models.moduli.families import Asked, missing_nodes, worth_interpolating
+from sim.models.moduli.families import Asked
 from sim.models.moduli.interpolated import make_node
 
 Array = NDArray[np.float64]
@@ -53,8 +52,12 @@ class FingerWork:
     @property
     def finger(self) -> Asked:
         """With its receptors."""
-        config = FingertipConfig.model_validate_json(self.config_json)
-        return Asked(config, ReceptorPlaces.of(self.receptor_x_mm, self.receptor_depth_mm, None))
+        return Asked.of(self.config_json, self.receptor_x_mm, self.receptor_depth_mm)
+
+    @property
+    def shapes(self) -> tuple[str, ...]:
+        """By their names."""
+        return tuple(row.indentor for row in self.press_rows)
 
 
 def on_plausible_fingers(
@@ -74,8 +77,7 @@ def on_plausible_fingers(
     x_mm = tuple(pressed[0].receptor_mm.tolist())
     work = [_work(one, x_mm, press_rows) for one in design]
     if not exact:
-        chosen = worth_interpolating([one.finger for one in work])
-        work = [replace(one, exact=not other) for one, other in zip(work, chosen, strict=True)]
+        work = interpolated(work)
     key = content_key([simulator_code(), [asdict(one) for one in work]])
     try:
         found, _ = cached_arrays(key, lambda: _all_answers(work), kind="answers")
@@ -100,9 +102,7 @@ def _work(finger: DesignFinger, receptor_x_mm: tuple[float, ...], press_rows: tu
 
 def _all_answers(work: Sequence[FingerWork]) -> dict[str, NDArray[np.generic]]:
     """For each row by its number (fingers, 18, n, receptors)."""
-    them = [one for one in work if not one.exact]
-    axes = dict.fromkeys([ALONG, *(parse_shape(row.indentor).axes for one in them for row in one.press_rows)])
-    deque(spread(make_node, missing_nodes([one.finger for one in them], axes)), maxlen=0)
+    deque(spread(make_node, nodes_to_build(work)), maxlen=0)
     answers = list(spread(measures_on, work))
     return {f"{n}": np.stack(each) for n, each in enumerate(zip(*answers, strict=True))}
 

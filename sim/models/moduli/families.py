@@ -23,6 +23,12 @@ class Asked(NamedTuple):
     config: FingertipConfig
     places: ReceptorPlaces
 
+    @classmethod
+    def of(cls, config_json: str, receptor_x_mm: Sequence[float], receptor_depth_mm: float) -> "Asked":
+        """As a piece of work names it."""
+        config = FingertipConfig.model_validate_json(config_json)
+        return cls(config, ReceptorPlaces.of(receptor_x_mm, receptor_depth_mm, None))
+
     @property
     def family(self) -> "Asked":
         """The same for all that differ in the moduli alone."""
