@@ -1,16 +1,12 @@
 """`rig config`: every key told, as a file, a reference and JSON; one key or table; what a file sets."""
 
-import json
 import re
-import sys
 from pathlib import Path
 
-import pytest
-
-from rig.cli import main
 from rig.plan.config import Config, load_config
 from rig.plan.config_keys import ABSENT, UNITS, keys, unit
 from tests.config_keys import TABLE
+from tests.program import Ended, Program
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "configuration.md"
 CALIBRATED = """\
@@ -23,14 +19,6 @@ expires = 2027-03-01
 [sync]
 output = "spindle"
 """
-
-
-def said(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *words: str) -> tuple[int, str, str]:
-    monkeypatch.setattr(sys, "argv", ["rig", "config", *words])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    printed = capsys.readouterr()
-    return int(ended.value.code or 0), printed.out, printed.err
 
 
 def _whole() -> Config:
@@ -60,59 +48,47 @@ def test_the_unit_is_the_end_of_the_name() -> None:
     assert not [(one, other) for k, one in enumerate(ends) for other in ends[:k] if one.endswith(f"_{other}")]
 
 
-def test_what_it_prints_is_a_file_that_gives_the_same(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_what_it_prints_is_a_file_that_gives_the_same(program: Program, tmp_path: Path) -> None:
     for text in ("", CALIBRATED):
         (tmp_path / "rig.toml").write_text(text, encoding="utf-8")
-        code, printed, _ = said(capsys, monkeypatch, "--config", str(tmp_path / "rig.toml"))
-        assert code == 0
-        (tmp_path / "printed.toml").write_text(printed, encoding="utf-8")
+        ended = program("config", "--config", tmp_path / "rig.toml")
+        assert ended.code == 0
+        (tmp_path / "printed.toml").write_text(ended.out, encoding="utf-8")
         assert load_config(tmp_path / "printed.toml") == load_config(tmp_path / "rig.toml")
-        assert printed.count("by default") == text.count(" = ")
+        assert ended.out.count("by default") == text.count(" = ")
 
 
-def test_the_reference_is_what_the_command_writes(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert said(capsys, monkeypatch, "--markdown")[1] == REFERENCE.read_text(encoding="utf-8"), (
+def test_the_reference_is_what_the_command_writes(program: Program) -> None:
+    assert program("config", "--markdown").out == REFERENCE.read_text(encoding="utf-8"), (
         "rig config --markdown > docs/configuration.md"
     )
 
 
-def test_one_key_or_one_table(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_key_or_one_table(program: Program) -> None:
     of_a_key = (
         "[limits]\n"
         "# the deepest indentation; a step that is deeper is refused (mm, number > 0, ≤ 2)\n"
         "max_doi_mm = 1.5\n"
     )
     for name in ("max_doi_mm", "limits.max_doi_mm"):
-        assert said(capsys, monkeypatch, name) == (0, of_a_key, "")
-    _, table, _ = said(capsys, monkeypatch, "finger")
-    heads = re.findall(r"^\[(.*)\]$", table, flags=re.M)
+        assert program("config", name) == Ended(0, of_a_key, "")
+    heads = re.findall(r"^\[(.*)\]$", program("config", "finger").out, flags=re.M)
     assert heads == ["finger", "finger.geometry", "finger.tissue", "finger.mesh", "finger.contact"]
-    _, absent, _ = said(capsys, monkeypatch, "stage.framing")
-    assert absent.endswith(f"(rtu | tcp)\n# framing = {ABSENT}\n")
+    assert program("config", "stage.framing").out.endswith(f"(rtu | tcp)\n# framing = {ABSENT}\n")
 
 
-def test_what_a_file_sets_stands_beside_the_default(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_what_a_file_sets_stands_beside_the_default(program: Program, tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text(CALIBRATED, encoding="utf-8")
-    words = ["max_doi_mm", "--config", str(tmp_path / "rig.toml")]
-    _, printed, _ = said(capsys, monkeypatch, *words)
-    assert printed.endswith("(mm, number > 0, ≤ 2; by default 1.5)\nmax_doi_mm = 1.0\n")
-    (told,) = json.loads(said(capsys, monkeypatch, *words, "--json")[1])["keys"]
+    words = ["config", "max_doi_mm", "--config", tmp_path / "rig.toml"]
+    assert program(*words).out.endswith("(mm, number > 0, ≤ 2; by default 1.5)\nmax_doi_mm = 1.0\n")
+    (told,) = program(*words, "--json").json["keys"]
     assert told == {
         "key": "limits.max_doi_mm", "value": 1.0, "default": 1.5, "unit": "mm", "allowed": "number > 0, ≤ 2",
         "what": "the deepest indentation; a step that is deeper is refused",
     }  # fmt: skip
 
 
-def test_an_unknown_key_is_told_its_neighbour_in_one_line(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    code, printed, complaint = said(capsys, monkeypatch, "sof_trip_n")
-    assert (code, printed) == (2, "")
-    assert complaint == "rig: sof_trip_n: there is no such key, expected soft_trip_n or on_trip\n"
-    assert said(capsys, monkeypatch, "ß")[2].endswith("expected a key or table that `rig config` lists\n")
+def test_an_unknown_key_is_told_its_neighbour_in_one_line(program: Program) -> None:
+    complaint = "rig: sof_trip_n: there is no such key, expected soft_trip_n or on_trip\n"
+    assert program("config", "sof_trip_n") == Ended(2, "", complaint)
+    assert program("config", "ß").err.endswith("expected a key or table that `rig config` lists\n")

@@ -21,23 +21,9 @@ from sim.contact.patch import X, Z
 from sim.contact.shapes import parse_shape
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
+from tests.sim.coarse import as_toml, coarse_mesh
 
-COARSE = """
-[finger.mesh]
-spacing_mm = 0.3
-axial_spacing_mm = 0.3
-patch_x_mm = 2.0
-patch_z_mm = 2.0
-round_patch_mm = 2.0
-epidermis_elements = 1
-dermis_spacing_mm = 0.4
-dermis_fine_depth_mm = 0.5
-growth = 1.5
-far_growth = 2.0
-near_spacing_mm = 1.5
-near_width_mm = 0.5
-far_spacing_mm = 2.0
-"""
+COARSE = as_toml(coarse_mesh(0.3, 0.3, patch_x_mm=2.0, patch_z_mm=2.0, round_patch_mm=2.0))
 SHAPE = "heightmap:parts/letter.png,width_mm=2,height_mm=0.4,turn_deg=20"
 SCRIPT = f"""\
 def run(rig):

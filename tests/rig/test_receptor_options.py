@@ -1,6 +1,5 @@
 """`rig indent` with receptors at other places: lists and ranges, several depths and z, and what does not exist."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +8,10 @@ import pytest
 
 from rig.cli.options import numbers
 from rig.protocol.errors import BadInputError
-from sim.config.fingertip_config import FingertipConfig, MeshSpec
+from sim.config.fingertip_config import FingertipConfig
 from sim.models.fingertip import Fingertip
 from tests.program import Program
-from tests.sim.coarse import coarse_mesh
+from tests.sim.coarse import as_toml, coarse_mesh
 
 COARSE = coarse_mesh(0.5, 0.5, patch_x_mm=1.5, patch_z_mm=1.5)
 PRESS = ("--shape", "bar:1.5", "--x-mm", "0", "--doi-mm", "0.2")
@@ -21,9 +20,7 @@ PRESS = ("--shape", "bar:1.5", "--x-mm", "0", "--doi-mm", "0.2")
 @pytest.fixture
 def indent(program: Program, tmp_path: Path) -> Any:
     """`rig indent` on a coarse finger."""
-    keys = {name: value for name, value in COARSE.model_dump().items() if value != MeshSpec().model_dump()[name]}
-    lines = [f"{name} = {json.dumps(value)}" for name, value in keys.items()]
-    (tmp_path / "coarse.toml").write_text("\n".join(["[finger.mesh]", *lines]), encoding="utf-8")
+    (tmp_path / "coarse.toml").write_text(as_toml(COARSE), encoding="utf-8")
     return lambda *more: program("indent", "--config", tmp_path / "coarse.toml", *PRESS, *more)
 
 

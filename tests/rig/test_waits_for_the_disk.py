@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 
 import rig.session.session as sessions
-from rig.cli import main
 from rig.virtual.virtual_bench import virtual_bench
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
+from tests.program import Program
 
 SCRIPT = """\
 from rig.protocol import Rig
@@ -27,7 +27,7 @@ def run(rig: Rig) -> None:
 
 @pytest.mark.parametrize("command", ["run", "dry-run"])
 def test_each_event_of_a_run_is_on_the_disk_and_of_a_rehearsal_in_the_file(
-    command: str, finger: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    command: str, finger: Fingertip, program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def open_bench(config: Any, clock: Any, log: Any, ask: Any, pause: Any) -> Any:
         bench = virtual_bench(config, finger, log, VirtualClock(0.0, clock.monotonic_s()), pause)
@@ -42,12 +42,8 @@ def test_each_event_of_a_run_is_on_the_disk_and_of_a_rehearsal_in_the_file(
         (tmp_path / port).touch()
     ports = f"[stage]\nport = '{tmp_path / 'stage'}'\n[force]\nport = '{tmp_path / 'force'}'\n"
     (tmp_path / "rig.toml").write_text(ports, encoding="utf-8")
-    monkeypatch.setattr(
-        "sys.argv", ["rig", command, "mine.py", *(["--config", "rig.toml", "--yes"] if command == "run" else [])]
-    )
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert not ended.value.code
+    options = ["--config", "rig.toml", "--yes"] if command == "run" else []
+    assert program(command, "mine.py", *options).code == 0
     (folder,) = (tmp_path / "runs").iterdir()
     documents = (folder / "events.jsonl").read_text(encoding="utf-8").count("\n")
     assert documents > 4

@@ -2,6 +2,8 @@
 
 from typing import Any
 
+import tomlkit
+
 from sim.config.fingertip_config import MeshSpec
 
 _BELOW_THE_SKIN = {
@@ -20,3 +22,10 @@ def coarse_mesh(spacing_mm: float, axial_spacing_mm: float, **patch: float) -> M
     """Nodes so far apart at the skin, across and along the finger; the patch is the default's unless it is given."""
     told: dict[str, Any] = {**_BELOW_THE_SKIN, **patch}
     return MeshSpec(spacing_mm=spacing_mm, axial_spacing_mm=axial_spacing_mm, **told)
+
+
+def as_toml(mesh: MeshSpec) -> str:
+    """The table of a configuration file that gives it."""
+    usual = MeshSpec().model_dump()
+    keys = {name: value for name, value in mesh.model_dump().items() if value != usual[name]}
+    return tomlkit.dumps({"finger": {"mesh": keys}})

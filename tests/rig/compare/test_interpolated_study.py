@@ -15,24 +15,12 @@ from rig.parameter_study.interpolation import interpolated, nodes_to_build
 from sim.contact.indentor import ALONG, BOTH
 from sim.models.moduli.interpolated import HOW_MADE, forget_kept
 from sim.models.moduli.node_builds import INTERPOLATED
+from tests.sim.coarse import as_toml, coarse_mesh
 
-NINE = """\
+NINE = f"""\
 receptor_x_mm = [0.0]
 
-[finger.mesh]
-spacing_mm = 0.5
-axial_spacing_mm = 0.5
-patch_x_mm = 1.5
-patch_z_mm = 1.5
-epidermis_elements = 1
-dermis_spacing_mm = 0.4
-dermis_fine_depth_mm = 0.5
-growth = 1.5
-far_growth = 2.0
-near_spacing_mm = 1.5
-near_width_mm = 0.5
-far_spacing_mm = 2.0
-
+{as_toml(coarse_mesh(0.5, 0.5, patch_x_mm=1.5, patch_z_mm=1.5))}
 [finger.tissue]
 e_dermis = [0.05, 0.1, 0.2]
 e_fat = [0.05, 0.1, 0.2]
