@@ -36,6 +36,14 @@ class Borne:
         """(n,) normal pressures at places, linear between the nodes."""
         return np.interp(place_mm, self.place_mm, self.normal)
 
+    def means(self, place_mm: Array) -> Array:
+        """(n,) normal pressures on samples about (n,) equally spaced places: the force on each, over its width."""
+        half = (place_mm[1] - place_mm[0]) / 2
+        between = np.append(place_mm - half, place_mm[-1] + half)
+        ends = np.append(self.place_mm - self.width_mm / 2, self.place_mm[-1] + self.width_mm[-1] / 2)
+        force = np.append(0.0, np.cumsum(self.normal * self.width_mm))
+        return np.asarray(np.diff(np.interp(between, ends, force)) / (2 * half))
+
 
 def borne_by(section: SampledSection, pressed: IndentationResult) -> Borne:
     """What the indentor presses on the section's patch of skin."""

@@ -1,6 +1,6 @@
 """From what bears on the skin to SED at receptors: by convolution, as the source, or by finite-element influence."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -9,7 +9,7 @@ from scipy.linalg import convolution_matrix
 
 from sim.coding.energy import Energy, squared_parts
 from sim.coding.impulse import ImpulseResponses
-from sim.coding.sampled_section import SampledSection
+from sim.coding.sampled_section import FeltSection
 
 Array = NDArray[np.float64]
 
@@ -57,12 +57,35 @@ def convolution(responses: ImpulseResponses, samples: int, energy: Energy) -> Op
     )
 
 
-def influence(section: SampledSection, place_mm: Array, width_mm: Array, energy: Energy) -> Operator:
+def influence(section: FeltSection, place_mm: Array, width_mm: Array, energy: Energy) -> Operator:
     """Pressures over widths of skin at any places, normal ones and then lateral ones (rising with x)."""
     strain = section.under_loads(place_mm) * width_mm[:, None]
     by_input = np.concatenate([strain[..., 0], strain[..., 1]], axis=-1)
     parts = squared_parts(by_input, section.material, energy)
-    return Operator("influence", energy, parts, np.tile(place_mm, 2), section.sampling.place_mm)
+    return Operator("influence", energy, parts, np.tile(place_mm, 2), section.place_mm)
+
+
+def normal_influence(section: FeltSection, place_mm: Array, spacing_mm: float, energy: Energy) -> Operator:
+    """Finite elements for n ascending normal pressures with straight lines between them, and none beside them.
+
+    They act on the skin at places no farther apart than the spacing, so that few pressures stand for wide skin.
+    """
+    span = float(place_mm[-1] - place_mm[0])
+    on_skin = np.linspace(place_mm[0], place_mm[-1], max(len(place_mm), round(span / spacing_mm) + 1))
+    width = np.full(len(on_skin), span / (len(on_skin) - 1))
+    fine = influence(section, on_skin, width, energy)
+    between = np.stack([np.interp(on_skin, place_mm, one) for one in np.eye(len(place_mm))], axis=1)
+    return Operator("influence", energy, fine.parts[:, :, : len(on_skin)] @ between, place_mm, section.place_mm)
+
+
+def felt_where(operator: Operator, receptors: slice) -> Operator:
+    """At some of its receptors alone."""
+    return replace(operator, parts=operator.parts[:, receptors], receptor_mm=operator.receptor_mm[receptors])
+
+
+def weighted(operator: Operator, weight: Array) -> Operator:
+    """With each receptor's SED times its (m,) weight: readings whose noise differs are then all of one sd."""
+    return replace(operator, parts=operator.parts * np.sqrt(weight)[:, None])
 
 
 def centred(samples: int, spacing_mm: float) -> Array:

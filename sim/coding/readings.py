@@ -15,6 +15,9 @@ Flags = NDArray[np.bool_]
 LOWEST_SD = 6.0
 """A reading of SED so many sd below 0 is no noise."""
 
+QUIET_SD = 3.0
+"""Where noise is added to rates, one of so many sd or less says only that the true one is not far above 0."""
+
 FEWEST_AT_REST = 3
 """Readings of an unloaded receptor from which its noise is taken."""
 
@@ -43,6 +46,16 @@ class Readings:
         if (rate < 0).any():
             raise DecodingError(f"rate {rate.min():g}: expected rates that are not negative")
         return cls(rate / receptor.gain + receptor.threshold, _positive(sd), rate == 0)
+
+    @classmethod
+    def of_noisy_rates(cls, rate: Array, receptor: Receptor, sd: float) -> "Readings":
+        """Rates to which noise of this sd, in their own unit, was added. Raises DecodingError for rates below zero.
+
+        Those up to `QUIET_SD` are taken together, as censored there: below the threshold all SED gives the same.
+        """
+        quiet = QUIET_SD * _positive(sd)
+        heard, silent = cls.of_rates(rate, receptor, sd / receptor.gain), rate <= quiet
+        return cls(np.where(silent, quiet / receptor.gain + receptor.threshold, heard.sed), heard.sd, silent)
 
     def cost(self, sed: Array) -> tuple[Array, Array, Array]:
         """(m,) negative log likelihoods of true SEDs, their first and second derivatives.

@@ -1,4 +1,4 @@
-"""The finger's plane-strain section with receptors under equally spaced places of its skin."""
+"""The finger's plane-strain section with receptors below its skin: anywhere, or under equally spaced places."""
 
 from dataclasses import dataclass
 
@@ -11,11 +11,13 @@ from sim.config.units import PSEUDO_E_EPIDERMIS
 from sim.contact.patch import X, Y
 from sim.finger.surface import FingertipSurface
 from sim.measures.measures import Elastic
-from sim.measures.receptors import DEFAULT_DEPTH_MM
+from sim.measures.reach import points_below
+from sim.measures.receptors import DEFAULT_DEPTH_MM, ReceptorSet
 from sim.models.catalogue import load
 from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.models.plane_section import prismatic
+from sim.models.inside.columns import Columns
+from sim.models.plane_section import build_section, prismatic
 
 Array = NDArray[np.float64]
 
@@ -42,12 +44,12 @@ class Sampling:
 
 
 @dataclass(frozen=True)
-class SampledSection:
-    """The section and the strain at its receptors under any force on its skin. Forces are per mm of its length."""
+class FeltSection:
+    """The strain at receptors under any force on the section's skin. Forces are per mm of its length."""
 
-    finger: Fingertip
     line: SkinLine
-    sampling: Sampling
+    skin_phi: Array  # (n_phi,) angles of the skin's nodes, ascending
+    place_mm: Array  # (n,) of the skin above each receptor
     material: Elastic  # about the receptors; E in pseudo-units
     strain_per_node: Array  # (3, n, n_phi, 2) e11 e22 e12 in the line's axes, per pseudo-unit · mm along x and y
 
@@ -57,7 +59,7 @@ class SampledSection:
         The force goes along the skin's inward normal, or along its tangent that rises with x; it is shared between
         the two skin nodes beside the place. Raises ModelRangeError beside the pulp.
         """
-        angle, grid = self.line.angles(place_mm), self.finger.model.skin_phi
+        angle, grid = self.line.angles(place_mm), self.skin_phi
         after = np.searchsorted(grid, angle)
         share = (angle - grid[after - 1]) / (grid[after] - grid[after - 1])
         by_place = np.stack([self.strain_per_node[:, :, after - 1], self.strain_per_node[:, :, after]], axis=-1)
@@ -66,18 +68,59 @@ class SampledSection:
         return np.einsum("cnkis,sk,dki->cnkd", by_place, [1 - share, share], np.stack([-normal, tangent]))
 
 
+def skin_of(config: FingertipConfig, axes: Axes = "skin") -> SkinLine:
+    """The skin of the section in the receptor plane."""
+    plane = config.receptor_plane_mm
+    return SkinLine(prismatic(FingertipSurface.fit(config.geometry), plane), plane, axes)
+
+
+def receptor_points(config: FingertipConfig, line: SkinLine, place_mm: ArrayLike, depth_mm: ArrayLike) -> Array:
+    """(n, 3) the points at depths below places of the skin. Raises ModelRangeError or ReceptorError beside tissue."""
+    place, depth = np.broadcast_arrays(np.atleast_1d(place_mm).astype(float), depth_mm)
+    angle = line.angles(place)
+    x_mm = line.below(angle, depth[:, None])[:, X]
+    return points_below(config, line.surface, x_mm, depth, line.plane_mm)
+
+
+def felt_section(config: FingertipConfig, place_mm: Array, depth_mm: Array) -> FeltSection:
+    """Build it (about a second). Raises ModelRangeError or ReceptorError where there is no place for a receptor."""
+    line = skin_of(config)
+    receptors = ReceptorSet(receptor_points(config, line, place_mm, depth_mm), depth_mm)
+    model = build_section(config, line.surface, receptors)
+    material = _material_about(config, model.columns, f"{depth_mm.min():g} … {depth_mm.max():g}")
+    strain = _strain_per_node(line, model.columns, line.angles(place_mm))
+    return FeltSection(line, model.skin_phi, place_mm, material, strain)
+
+
+@dataclass(frozen=True)
+class SampledSection(FeltSection):
+    """The section, which can be pressed, with receptors under equally spaced places."""
+
+    finger: Fingertip
+    sampling: Sampling
+
+
 def sampled_section(config: FingertipConfig, sampling: Sampling) -> SampledSection:
     """Build it (about a second). Raises ModelRangeError or ReceptorError where there is no place for a receptor."""
-    plane = config.receptor_plane_mm
-    line = SkinLine(prismatic(FingertipSurface.fit(config.geometry), plane), plane, sampling.axes)
+    line = skin_of(config, sampling.axes)
     angle = line.angles(sampling.place_mm)
     x_mm = line.below(angle, sampling.depth_mm)[:, 0].tolist()
     finger = load("section", config, receptor_x_mm=x_mm, receptor_depth_mm=sampling.depth_mm)
     columns = finger.model.columns
+    material = _material_about(config, columns, f"{sampling.depth_mm:g}")
+    strain = _strain_per_node(line, columns, angle)
+    return SampledSection(line, finger.model.skin_phi, sampling.place_mm, material, strain, finger, sampling)
+
+
+def _material_about(config: FingertipConfig, columns: Columns, deep: str) -> Elastic:
+    """Of the one layer that all receptors lie in. Raises ModelRangeError where it is not one."""
     ratio = columns.young_ratio
     if (ratio != ratio[0]).any():
-        raise ModelRangeError(f"receptors {sampling.depth_mm:g} mm deep: expected a depth inside one layer")
+        raise ModelRangeError(f"receptors {deep} mm deep: expected a depth inside one layer")
+    return Elastic(PSEUDO_E_EPIDERMIS * float(ratio[0]), config.tissue.poisson)
+
+
+def _strain_per_node(line: SkinLine, columns: Columns, angle: Array) -> Array:
+    """(3, n, n_phi, 2) strains in the line's axes under skin at (n,) angles, per pseudo-unit · mm on a skin node."""
     strain = columns.per_skin_force[:, 0, :, :2]
-    strain = strain.reshape(len(angle), 6, *strain.shape[1:]) / PSEUDO_E_EPIDERMIS
-    material = Elastic(PSEUDO_E_EPIDERMIS * float(ratio[0]), config.tissue.poisson)
-    return SampledSection(finger, line, sampling, material, line.in_axes(strain, angle))
+    return line.in_axes(strain.reshape(len(angle), 6, *strain.shape[1:]) / PSEUDO_E_EPIDERMIS, angle)

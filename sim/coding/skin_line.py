@@ -70,9 +70,17 @@ class SkinLine:
         along_x, along_y, _ = np.moveaxis(self.surface.tangents(angle, self.plane_mm)[0], -1, 0)
         return np.stack([along_y, -along_x], axis=-1) / np.hypot(along_x, along_y)[..., None]
 
-    def below(self, angle: Array, depth_mm: float) -> Array:
+    def below(self, angle: Array, depth_mm: float | Array) -> Array:
         """(n, 2) the points so far below the skin, along its normal; mm."""
         return np.stack(self.surface.section(angle, self.plane_mm), axis=-1) - depth_mm * self.normals(angle)
+
+    def above(self, x_mm: float, depth_mm: float) -> float:
+        """The place of the skin above a point so deep below it; mm. Raises ModelRangeError beside the pulp."""
+        reach = np.linspace(*self.reach_mm, len(_TABLE))
+        x = self.below(self.angles(reach), depth_mm)[:, X]
+        if not x[0] <= x_mm <= x[-1]:
+            raise ModelRangeError(f"x {x_mm:g} mm: expected {x[0]:.2f} … {x[-1]:.2f} mm, below the pulp's skin")
+        return float(np.interp(x_mm, x, reach))
 
     def in_axes(self, strain: Array, angle: Array) -> Array:
         """(3, n, …) strains e11 e22 e12 in these axes, from (n, 6, …) Cartesian ones under skin at these angles."""

@@ -58,6 +58,13 @@ def quartic_along(operator: Operator, reading: Array, pressure: Array, k: int) -
     return np.array([bend @ bend, 2 * slope @ bend, slope @ slope + 2 * left @ bend, 2 * left @ slope, left @ left])
 
 
+def error_surface(operator: Operator, reading: Array, first: Array, second: Array) -> Array:
+    """(k, l) squared errors of two pressures at (k,) values of the first and (l,) of the second."""
+    both = np.stack(np.meshgrid(first, second, indexing="ij"), axis=-1)
+    sed = (np.einsum("cmn,kln->cklm", operator.parts, both) ** 2).sum(axis=0)
+    return np.asarray(((sed - reading) ** 2).sum(axis=-1))
+
+
 def _search(
     operator: Operator, reading: Array, start: Array, lowest: Callable[[Array, float], float], stagnant: float
 ) -> Decoded:

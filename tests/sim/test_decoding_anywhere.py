@@ -1,0 +1,193 @@
+"""Receptors anywhere, noise that differs, receptors that were fitted: against even samples, closed forms, presses."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from sim.coding.borne import Borne
+from sim.coding.decoded import DecodingError, misfit
+from sim.coding.encoding import Receptor
+from sim.coding.fitted_receptor import FittedReceptor, decode_through
+from sim.coding.operators import Operator, felt_where, influence, normal_influence, weighted
+from sim.coding.profile_decoder import Profile, decode_profile
+from sim.coding.readings import QUIET_SD, Readings
+from sim.coding.sampled_section import FeltSection, SampledSection, Sampling, felt_section, sampled_section, skin_of
+from sim.coding.univariate import error_surface
+from sim.config.fingertip_config import FingertipConfig
+from sim.measures.receptors import ReceptorError
+from sim.models.errors import ModelRangeError
+from tests.sim.coarse import coarse_mesh
+
+Array = NDArray[np.float64]
+Decode = Callable[[Receptor], Profile]
+COARSE = FingertipConfig(mesh=coarse_mesh(0.3, 0.5))
+
+
+@pytest.fixture(scope="module")
+def sampled() -> SampledSection:
+    return sampled_section(COARSE, Sampling(half_length=12))
+
+
+@pytest.fixture(scope="module")
+def scattered() -> FeltSection:
+    """Three receptors, not in order and at three depths; the second is the sampled section's first."""
+    return felt_section(COARSE, np.array([1.1, -2.04, 0.4]), np.array([0.5, 0.76, 1.4]))
+
+
+@pytest.fixture
+def two() -> Operator:
+    """Four receptors of two pressures, each SED a sum of squares of one part."""
+    parts = np.array([[[1.0, 0.5], [0.5, 1.0], [1.0, 1.0], [0.2, 0.9]]])
+    return Operator("influence", "finite", parts, np.arange(2.0), np.arange(4.0))
+
+
+# --- receptors anywhere ---
+
+
+def test_receptors_anywhere_feel_what_even_ones_do(sampled: SampledSection, scattered: FeltSection) -> None:
+    assert_allclose(scattered.strain_per_node[:, 1], sampled.strain_per_node[:, 0])
+    assert_allclose(scattered.place_mm, [1.1, -2.04, 0.4])
+    assert scattered.material == sampled.material
+    felt = influence(scattered, np.array([0.3]), np.array([0.17]), "finite")
+    even = influence(sampled, np.array([0.3]), np.array([0.17]), "finite")
+    assert_allclose(felt.receptor_mm, scattered.place_mm)
+    assert_allclose(felt.parts[:, 1], even.parts[:, 0])
+
+
+@pytest.mark.parametrize(("place", "depth"), [(-3.0, 0.5), (0.0, 0.76), (2.0, 1.5), (5.7, 0.3)])
+def test_the_place_above_a_point_is_where_it_was_put_from(place: float, depth: float) -> None:
+    line = skin_of(COARSE)
+    x_mm = line.below(line.angles(place), depth)[0, 0]
+    assert line.above(x_mm, depth) == pytest.approx(place, abs=1e-5)  # linear in a table of 2001 places
+
+
+def test_beside_the_pulp_nothing_is_above() -> None:
+    line = skin_of(COARSE)
+    low, high = line.below(line.angles(line.reach_mm), 0.7)[:, 0]
+    for x in (low - 0.01, high + 0.01, np.nan):
+        with pytest.raises(ModelRangeError, match=rf"expected {low:.2f} … {high:.2f} mm, below the pulp's skin"):
+            line.above(x, 0.7)
+    assert line.above(high - 1e-9, 0.7) == pytest.approx(line.reach_mm[1], abs=1e-3)
+
+
+def test_receptors_in_two_layers_are_refused() -> None:
+    with pytest.raises(ModelRangeError, match=r"receptors 0.2 … 0.76 mm deep: expected a depth inside one layer"):
+        felt_section(COARSE, np.array([0.0, 1.0]), np.array([0.76, 0.2]))
+    with pytest.raises(ReceptorError, match="5 mm below the skin: expected depths from 0 to"):
+        felt_section(COARSE, np.array([0.0]), np.array([5.0]))
+
+
+# --- operators ---
+
+
+def test_few_pressures_stand_for_lines_between_them(sampled: SampledSection) -> None:
+    few = np.array([-1.7, 0.0, 1.7])
+    operator = normal_influence(sampled, few, 0.17, "finite")
+    fine = np.linspace(-1.7, 1.7, 21)
+    as_lines = np.interp(fine, few, [10.0, 30.0, 5.0])
+    both = influence(sampled, fine, np.full(21, 0.17), "finite")
+    assert_allclose(operator.sed(np.array([10.0, 30.0, 5.0])), both.sed(np.append(as_lines, np.zeros(21))))
+    assert_allclose(operator.place_mm, few)
+    assert operator.name == "influence"
+    assert operator.parts.shape == (4, 25, 3)
+
+
+def test_as_many_pressures_as_places_are_themselves(sampled: SampledSection) -> None:
+    place = np.linspace(-1.0, 1.0, 5)
+    operator = normal_influence(sampled, place, 10.0, "incompressible")
+    assert_allclose(operator.parts, influence(sampled, place, np.full(5, 0.5), "incompressible").parts[:, :, :5])
+
+
+def test_some_receptors_and_weighted_ones(two: Operator) -> None:
+    pressure = np.array([2.0, 3.0])
+    some = felt_where(two, slice(1, 3))
+    assert_allclose(some.sed(pressure), two.sed(pressure)[1:3])
+    assert_allclose(some.receptor_mm, [1.0, 2.0])
+    weight = np.array([1.0, 4.0, 0.25, 9.0])
+    assert_allclose(weighted(two, weight).sed(pressure), weight * two.sed(pressure))
+
+
+def test_pressures_on_samples_carry_the_force_that_the_nodes_bore() -> None:
+    borne = Borne(np.array([-0.3, 0.0, 0.3]), np.full(3, 0.3), np.array([6.0, 12.0, 0.0]), np.zeros(3))
+    means = borne.means(np.array([-0.375, -0.225, -0.075, 0.075, 0.225]))
+    assert_allclose(means, [6.0, 6.0, 12.0, 12.0, 0.0])
+    wide = borne.means(np.array([-0.3, 0.3]))  # samples of 0.6 mm: −0.6 … 0 … 0.6
+    assert_allclose(wide, [(6 * 0.3 + 12 * 0.15) / 0.6, 12 * 0.15 / 0.6])
+
+
+def test_the_error_surface_is_the_misfit_at_each_pair(two: Operator) -> None:
+    reading, first, second = np.arange(4.0), np.array([0.0, 1.0, 5.0]), np.array([2.0, 3.0])
+    surface = error_surface(two, reading, first, second)
+    assert surface.shape == (3, 2)
+    for i, a in enumerate(first):
+        for j, b in enumerate(second):
+            assert surface[i, j] == pytest.approx(misfit(two, np.array([a, b]), reading))
+
+
+# --- readings ---
+
+
+def test_noisy_rates_near_nothing_are_taken_together() -> None:
+    receptor, sd = Receptor(2.0, 3.0), 0.5
+    rate = np.array([0.0, QUIET_SD * sd, QUIET_SD * sd + 0.01, 8.0])
+    readings = Readings.of_noisy_rates(rate, receptor, sd)
+    assert readings.silent.tolist() == [True, True, False, False]
+    assert_allclose(readings.sed, [3.75, 3.75, 3.0 + 1.51 / 2, 7.0])
+    assert readings.sd == 0.25
+    # the chance of a rate of 3 sd or less, R = 2 (S − 3) + noise, at a SED above the threshold
+    cost, _, _ = readings.cost(np.full(4, 3.6))
+    assert_allclose(cost[:2], -norm.logcdf((1.5 - 1.2) / 0.5))
+    with pytest.raises(DecodingError, match="rate -1: expected rates that are not negative"):
+        Readings.of_noisy_rates(np.array([0.0, -1.0]), receptor, sd)
+    with pytest.raises(DecodingError, match="noise sd 0: expected a positive number"):
+        Readings.of_noisy_rates(rate, receptor, 0.0)
+
+
+# --- a receptor that was fitted ---
+
+
+def _told(pressures: dict[tuple[float, float], float], *, wrong: tuple[float, float] = (0.0, 0.0)) -> Decode:
+    def decode(receptor: Receptor) -> Profile:
+        key = receptor.gain, receptor.threshold
+        one = np.array([pressures[key]])
+        return Profile(one, np.array([3.0]), 1.0, 0.0, converged=key != wrong)
+
+    return decode
+
+
+ANSWERS = {(30.0, 1.0): 10.0, (32.0, 1.0): 9.0, (28.0, 1.0): 17.0, (30.0, 1.5): 26.0, (30.0, 0.5): 2.0}
+
+
+@pytest.mark.parametrize(
+    ("gain_se", "threshold_se", "sd"),
+    [(0.0, 0.0, 3.0), (2.0, 0.0, 5.0), (0.0, 0.5, np.hypot(3.0, 12.0)), (2.0, 0.5, 13.0)],
+)
+def test_a_band_carries_what_the_receptors_errors_move(gain_se: float, threshold_se: float, sd: float) -> None:
+    found = decode_through(FittedReceptor(Receptor(30.0, 1.0), gain_se, threshold_se), _told(ANSWERS))
+    assert_allclose(found.pressure, [10.0])
+    assert_allclose(found.sd, [sd])
+    assert found.converged
+
+
+@pytest.mark.parametrize("wrong", ANSWERS)
+def test_one_decoding_cut_off_is_all_of_it_cut_off(wrong: tuple[float, float]) -> None:
+    fitted = FittedReceptor(Receptor(30.0, 1.0), 2.0, 0.5)
+    assert not decode_through(fitted, _told(ANSWERS, wrong=wrong)).converged
+
+
+def test_a_gain_wrong_by_a_share_makes_pressures_wrong_by_half_of_it(two: Operator) -> None:
+    """SED is a quadratic of the pressures: R = k S says P to half the relative error of k."""
+    true, k = np.array([20.0, 14.0]), 30.0
+    rate = k * two.sed(true)
+
+    def decode(receptor: Receptor) -> Profile:
+        return decode_profile(two, Readings.of_rates(rate, receptor, 1e-3 * rate.max() / k))
+
+    plain = decode(Receptor(k))
+    found = decode_through(FittedReceptor(Receptor(k), gain_se=2.0), decode)
+    assert_allclose(found.pressure, plain.pressure)
+    assert_allclose(np.sqrt(found.sd**2 - plain.sd**2), true * 2.0 / (2 * k), rtol=0.02)
