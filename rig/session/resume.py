@@ -92,7 +92,9 @@ def ending_on_record(run: Run) -> Ending | None:
     if run.killed:
         return Ending.killed(run)
     assert run.stop is not None
-    at = Whereabouts(**run.stop["indentor"]) if "indentor" in run.stop else Whereabouts("lifted", may_touch=False)
+    if "indentor" not in run.stop:
+        return None
+    at = Whereabouts(**run.stop["indentor"])
     return Ending.of(RunAborted(run.stop["reason"]), at, run.folder.path) if at.may_touch else None
 
 

@@ -13,10 +13,13 @@ import pytest
 
 import rig.devices.force
 import rig.devices.stage
-from rig.devices.catalogue import built_in
+from rig.devices.bench_settings import BenchSettings
+from rig.devices.catalogue import built_in, find
 from rig.devices.force import ForceError, ForceSensor
+from rig.devices.kinds import ForceKind
 from rig.devices.stage import Stage, StageError
 from rig.devices.stage.base import DeadManStage
+from sim.devices.clock import VirtualClock
 
 UNITS = ("_mm", "_mm_s", "_s", "_n", "_gwt", "_g", "_steps", "_rpm", "_ms")
 # A ratio of two forces has no unit; this one is pulses in each mm.
@@ -123,3 +126,13 @@ def test_every_error_has_a_meaning(root: type[Exception]) -> None:
     kinds = [root, *root.__subclasses__()]
     assert len(kinds) > 4
     assert all(kind.__doc__ and not kind.__doc__.startswith("Common base class") for kind in kinds)
+
+
+@pytest.mark.parametrize("kind", built_in("force"))
+def test_a_sensor_is_as_it_is_configured(kind: str, scripted: Callable[..., Any], clock: VirtualClock) -> None:
+    """Its period and its step, this one in true force: 1.5 times what it shows."""
+    scale = {"value": 1.5, "sd": 0.01, "date": "2026-01-01", "expires": "2027-01-01"}
+    force = {"kind": kind, "sample_period_s": 0.2, "resolution_gwt": 0.03}
+    settings = BenchSettings.model_validate({"force": force, "calibration": {"force_scale": scale}})
+    driver = find(ForceKind, kind).driver(lambda port: scripted([]), clock, settings)
+    assert (driver.sample_period_s, driver.resolution_gwt) == pytest.approx((0.2, 0.045))

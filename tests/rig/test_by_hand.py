@@ -226,7 +226,7 @@ def test_above_a_trip_it_is_lifted_again(at_hand: Callable[..., AtHand]) -> None
     """A block so stiff that one increment passes the trip: at rest after it, and back the way it came."""
     bench = at_hand(above_mm=0.52, k_gwt=6000.0, soft_trip_n=0.1)
     moved = bench.jog("z", -1.0)
-    assert "above the soft trip" in str(moved.ended_by)
+    assert str(moved.ended_by).count("above the soft trip") == 1
     assert "lifted by 0." in str(moved.ended_by)
     assert bench.spring.true_gwt(bench.clock.monotonic_s()) == 0.0
     assert bench.height_mm == pytest.approx(0.52, abs=0.004)
@@ -318,8 +318,10 @@ def test_up_is_always_free(at_hand: Callable[..., AtHand]) -> None:
 def test_up_into_something_it_stops(at_hand: Callable[..., AtHand]) -> None:
     bench = at_hand(soft_trip_n=0.02)
     from_s = bench.clock.monotonic_s() + 2.0
-    bench.spring.true_gwt = lambda t_s: 30.0 if t_s > from_s else 0.0  # type: ignore[method-assign]
-    assert "above the soft trip" in str(bench.jog("z", 12.0, 2.0).ended_by)
+    bench.spring.true_gwt = lambda t_s: 30.0 + t_s if t_s > from_s else 0.0  # type: ignore[method-assign]
+    said = str(bench.jog("z", 12.0, 2.0).ended_by)
+    assert "above the soft trip" in said
+    assert "then" not in said, "what ended it is all there is to say: there is no farther to go from it"
     assert bench.height_mm < 3.0 + 2.0 * 3.2
 
 

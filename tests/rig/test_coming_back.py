@@ -145,6 +145,15 @@ def test_one_move_is_of_whole_increments(free_mm: float, first_mm: float) -> Non
     assert second == pytest.approx(first[-len(second) :])
 
 
+def test_as_many_increments_as_there_are_to_where_it_is_free() -> None:
+    """Free down to 1.9 mm, two increments below clearance to round-off."""
+    bench = _bench({"habits": {"retouch_margin_mm": 1.0}})
+    engine = bench.ready()
+    engine.touched.at(0.0, 0.0, 1.9 - 1.0 - GOES_ON_MM)
+    indent(engine, TARGET, hold_s=0.0)
+    assert _approached(bench)[0][0] == pytest.approx(1.9)
+
+
 # --- what makes a place untouched ---
 
 

@@ -111,6 +111,13 @@ def test_the_room_left_is_nine_tenths_of_the_soft_trip_at_the_last_stiffness() -
     assert feeling.guard.room_mm == math.inf
 
 
+def test_a_rest_without_a_step_tells_no_stiffness() -> None:
+    """A key pressed and let go at once."""
+    feeling = Feeling().begin(0.0, "down")
+    assert feeling.rest(0.03, step_mm=0.0) == ""
+    assert feeling.guard.room_mm == math.inf
+
+
 def test_there_is_no_room_beyond_it() -> None:
     feeling = Feeling(soft_trip_n=1.0 * GWT_N).begin(0.0, "down")
     feeling.rest(0.95)

@@ -5,10 +5,11 @@ from typing import Any
 
 import pytest
 
-from rig.cli.jog import RELEASED_S, HeldKey
+from rig.cli.jog import RELEASED_S, HeldKey, way
 from rig.devices.stage import StageRejected, StageStatus
 from rig.devices.stage.grbl.grbl_stage import GrblStage
 from rig.engine.by_hand.dead_man import SLICE_S, Direction, dead_man_jog
+from rig.protocol.errors import BadInputError
 from rig.transport import LoopbackTransport, TransportError
 from sim.devices import SerialLine, VirtualGrbl
 from sim.devices.clock import VirtualClock
@@ -152,3 +153,17 @@ def test_keys_that_end_are_a_release(clock: VirtualClock) -> None:
     assert held() == Direction("z", -1)
     assert held() is None
     assert held.finished
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+@pytest.mark.parametrize(("by_mm", "sign"), [(0.5, 1), (-0.5, -1), (50.0, 1), (-50.0, -1)])
+def test_a_distance_says_which_way_and_how_far(axis: Any, by_mm: float, sign: int) -> None:
+    assert way(axis, by_mm) == (Direction(axis, sign), abs(by_mm))
+
+
+@pytest.mark.parametrize(
+    ("axis", "by_mm", "said"), [("a", 1.0, "--axis a"), ("x", 0.0, "--by-mm 0"), ("x", 1001, "--by-mm 1001")]
+)
+def test_what_is_no_way_is_refused(axis: str, by_mm: float, said: str) -> None:
+    with pytest.raises(BadInputError, match=f"^{said}: expected"):
+        way(axis, by_mm)

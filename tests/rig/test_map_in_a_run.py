@@ -13,9 +13,12 @@ from PIL import Image
 
 from rig.cli import main
 from rig.data import RunFolder, read_run
-from rig.plan.config import load_config
+from rig.plan.config import Config, load_config
+from rig.plan.plan import make_plan
 from rig.plan.responses import responses
 from rig.plan.shape_files import copy_name, from_copy, kept_in, named_file
+from rig.protocol.errors import BadInputError
+from rig.protocol.script import load_script
 from rig.report.run.contact_picture import contacts_from_below, is_relief
 from sim.contact.patch import X, Z
 from sim.contact.shapes import parse_shape
@@ -134,6 +137,30 @@ def test_a_file_is_copied_when_it_is_first_met(tmp_path: Path, monkeypatch: pyte
     (tmp_path / "l.png").unlink()
     at = np.random.default_rng(0).uniform(-0.9, 0.9, size=(2, 9))
     assert parse_shape(kept).evaluate(at).height_mm.max() <= 0.31
+
+
+@pytest.mark.parametrize("now", ["edited", "gone"])
+def test_the_first_copy_is_the_one_that_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, now: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "run").mkdir()
+    original, copy = tmp_path / "parts.csv", tmp_path / "run" / copy_name("parts.csv")
+    original.write_text("first", encoding="utf-8")
+    kept = kept_in(tmp_path / "run", "profile:parts.csv")
+    if now == "edited":
+        original.write_text("second", encoding="utf-8")
+    else:
+        original.unlink()
+    assert kept_in(tmp_path / "run", "profile:parts.csv") == kept == f"profile:{copy}"
+    assert copy.read_text(encoding="utf-8") == "first"
+
+
+@pytest.mark.parametrize("going_on", [False, True], ids=["a new run", "one that goes on"])
+def test_a_file_that_is_not_there_is_named(tmp_path: Path, halfspace: Fingertip, going_on: bool) -> None:
+    script = tmp_path / "mine.py"
+    script.write_text("def run(rig):\n    rig.mount('profile:nowhere.csv')\n", encoding="utf-8")
+    with pytest.raises(BadInputError, match=r"mine\.py, line 2: .*nowhere\.csv"):
+        make_plan(load_script(str(script)), Config(), halfspace, folder=tmp_path if going_on else None)
+    assert list(tmp_path.iterdir()) == [script]
 
 
 # ------------------------------------------------------------------------------------------------------- pictures

@@ -70,6 +70,16 @@ def test_a_mistake_with_something_else_is_told_in_pythons_words(tmp_path: Path, 
             "stage.drives.x.prot: there is no such key, did you mean port?",
         ),
         ("[stage]\nqqqqqq = 1\n", "stage.qqqqqq: there is no such key"),
+        # two at most, of its own table and of the others
+        (
+            "[calibration]\ny_steps_permm = 1\n",
+            "calibration.y_steps_permm: there is no such key, did you mean y_steps_per_mm or z_steps_per_mm?",
+        ),
+        (
+            "[limits]\nspeed_mm = 1\n",
+            "limits.speed_mm: there is no such key, "
+            "did you mean habits.press_speed_mm_s or habits.travel_speed_mm_s?",
+        ),
     ],
 )
 def test_an_unknown_key_is_told_with_its_neighbours(tmp_path: Path, text: str, said: str) -> None:

@@ -5,6 +5,7 @@ The pad's centre is at machine x = -30, y = -15, its apex at z = -25; the told s
 
 import math
 from collections.abc import Callable
+from contextlib import nullcontext
 from typing import Any
 
 import pytest
@@ -55,6 +56,20 @@ def test_before_homing_nobody_knows_where_it_is(watched: Watched) -> None:
     assert watched.motion.along_mm == 0.0
     with pytest.raises(StageNotHomed):
         watched.motion.to_height(2.0, 1.0)
+
+
+@pytest.mark.parametrize("fails", [False, True])
+@pytest.mark.parametrize("move", ["home", "aside", "to height"])
+def test_what_was_told_to_move_has_begun_to(watched: Watched, move: str, fails: bool) -> None:
+    """A motion that fails at once may have begun; before any, nothing has moved."""
+    motion = watched.motion
+    assert motion.begun is False
+    watched.stage.homed = True
+    if fails:
+        watched.feel = _felt()
+    with pytest.raises(FeltError) if fails else nullcontext():
+        {"home": Motion.home, **MOVES}[move](motion)
+    assert motion.begun is True
 
 
 def test_homing_ends_at_the_switches(watched: Watched) -> None:

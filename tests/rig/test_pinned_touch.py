@@ -123,3 +123,29 @@ def test_a_touch_is_journalled_as_it_was_fitted_to_a_millionth() -> None:
         "doi_bias_mm": round(touch.contact_height_mm - bench.height_mm, 6),
         "doi_mm": round(touch.contact_height_mm - bench.height_mm - 0.3 * touch.force_gwt * 9.80665e-3, 6),
     }
+
+
+def _dies(bench: PlainBench) -> float:
+    """A finger that is felt once, by a sensor that shows nothing from then on."""
+    return 0.0 if any(gwt >= 0.05 for _, gwt in bench.readings("approach")) else _finger(bench)
+
+
+@pytest.mark.parametrize(
+    ("lowest_mm", "said_mm", "last_mm", "again"),
+    [
+        (-0.5, -0.4, -0.4, True),
+        (-0.405, -0.4, -0.4, True),
+        (-0.384, -0.384, -0.38, False),
+        (-0.35, -0.35, -0.35, False),
+    ],
+)
+def test_what_was_felt_coarsely_is_felt_again_within_an_increment_or_trips(
+    lowest_mm: float, said_mm: float, last_mm: float, again: bool
+) -> None:
+    """Felt at -0.35 mm, the first increment that shows 0.05 gwt; the fine descent goes on to -0.4 mm at most."""
+    bench = _bench(_dies)
+    words = rf"no contact at x = 0 mm down to {said_mm:.3f} mm from the nominal apex"
+    with pytest.raises(TripError, match=words + (", where it was felt just before:" if again else ": is the sensor")):
+        Approach(bench.ready(), PressId(0), lowest_mm, 0.2).touch_off()
+    assert bench.readings("approach")[-1][0] == pytest.approx(-0.35)
+    assert bench.readings("touch")[-1][0] == pytest.approx(last_mm)

@@ -80,6 +80,25 @@ def test_after_a_move_a_reading_settles_and_the_next_one_is_a_new_sample(
         sensing.begin_motion(away=False)
 
 
+@pytest.mark.parametrize(("busy_s", "answers"), [(1.0, True), (1.12, True), (1.25, False)])
+def test_a_busy_sensor_is_asked_again_for_a_second_beyond_the_wait(busy_s: float, answers: bool) -> None:
+    """Waits of 0.13 s: until 1.13 s after the question."""
+    sensor, sensing = _sensing(force={"latency_s": 0.08})
+    sensing.begin_motion(away=True)
+    begun_s = sensor.clock.monotonic_s()
+
+    def busy() -> None:
+        if sensor.clock.monotonic_s() < begun_s + busy_s:
+            raise ForceBusy("no value now")
+
+    sensor.at_read = busy
+    if answers:
+        sensing.raw()
+    else:
+        with pytest.raises(NoReadingError, match="no value now"):
+            sensing.raw()
+
+
 def test_a_sensor_says_who_it_is() -> None:
     _, sensing = _sensing()
     assert sensing.connect() == "told sensor"

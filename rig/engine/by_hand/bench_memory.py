@@ -5,6 +5,7 @@ still says the very place that the last command left it at, homed.
 """
 
 import os
+from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
 
@@ -69,13 +70,11 @@ class BenchMemory:
 
     def _write(self, **changes: object) -> None:
         known = self.read().model_copy(update=changes)
-        try:
+        with suppress(OSError):
             self._path.parent.mkdir(parents=True, exist_ok=True)
             temporary = self._path.with_suffix(f".{os.getpid()}")
             temporary.write_text(known.model_dump_json(), encoding="utf-8")
             temporary.replace(self._path)
-        except OSError:
-            return
 
 
 def _folder() -> Path:

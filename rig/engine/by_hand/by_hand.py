@@ -118,7 +118,7 @@ class ByHand:
             if height_mm - step_mm < self._lowest_mm - _TINY_MM:
                 raise FeltError(self._too_deep(height_mm - step_mm))
         room_mm = math.inf if self._guard is None else self._guard.room_mm
-        if room_mm < min(step_mm, self._settings.stage.resolution_mm):
+        if room_mm < self._settings.stage.resolution_mm:
             raise FeltError("the next step down would pass the soft trip")
         return min(step_mm, room_mm)
 
@@ -165,7 +165,7 @@ class ByHand:
             reason = f"{reason}; then {above}"
         back_mm = min(start.z_mm - at.z_mm, self._settings.habits.clearance_mm)
         lifts = above is not None and self._settings.limits.on_trip != "stop"
-        if direction == DOWN and lifts and back_mm > _TINY_MM:
+        if lifts and back_mm > _TINY_MM:
             at = self._up_to(at.z_mm + back_mm)
             reason = f"{reason}; lifted by {back_mm:.2f} mm"
         self._show(at, self._force_gwt)
