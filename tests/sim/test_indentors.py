@@ -168,6 +168,28 @@ def test_refusals_say_what_was_expected(text: str, expected: str) -> None:
     assert isinstance(error.value, ValueError)
 
 
+@pytest.mark.parametrize(
+    ("shape", "low", "high"),
+    [
+        ("bar:{}", 0.2, 20.0),
+        ("cylinder:{}", 0.5, 50.0),
+        ("wedge:{}", 5.0, 89.0),
+        ("grating:{},15", 0.15, 10.0),
+        ("grating:1,{}", 1.05, 20.0),
+        ("sphere:{}", 0.25, 25.0),
+        ("flat:{}", 0.1, 10.0),
+        ("cone:{}", 5.0, 89.0),
+    ],
+)
+def test_every_number_of_a_shape_has_bounds(shape: str, low: float, high: float) -> None:
+    """Both of them are allowed, a thousandth beyond is not."""
+    for value in (low, high):
+        assert parse_shape(shape.format(value)).name == shape.format(f"{value:g}")
+    for value in (0.999 * low, 1.001 * high, float("nan")):
+        with pytest.raises(ShapeError, match=rf"is outside {low:g} … {high:g} "):
+            parse_shape(shape.format(value))
+
+
 def test_a_point_load_is_no_indentor() -> None:
     with pytest.raises(ShapeError, match="a point load is no contact, expected bar:WIDTH"):
         parse_shape("point")
