@@ -86,17 +86,21 @@ class Wanted:
         named = next((name for name in MODELS if name == model), None)
         return cls(named, _fraction(tolerance), quantity, length_mm)
 
-    def refuse_for_point(self) -> None:
-        """A point load is the finger's."""
-        if self.model != "finger":
-            raise BadInputError("--shape point: expected --model finger")
+    def for_point(self) -> Chosen:
+        """The named model; raises BadInputError where it takes no point load."""
+        if self.model not in ("finger", "section"):
+            raise BadInputError("--shape point: expected --model finger or section")
+        return self._as_asked(self.model)
 
     def choose(self, indentor: Indentor, x_mm: float, doi_mm: float | None) -> Chosen:
         """The named model, or the cheapest known to hold; raises NoModelError where none is."""
         if self.model is not None:
-            return Chosen(self.model, None, None, f"{self.model}, as asked for", self.length_mm)
+            return self._as_asked(self.model)
         found = choose(indentor, x_mm, doi_mm, self.quantity, self.tolerance, per_length=self.length_mm is not None)
         return Chosen(found.model, found.level, found.promised, found.why, self.length_mm)
+
+    def _as_asked(self, model: ModelName) -> Chosen:
+        return Chosen(model, None, None, f"{model}, as asked for", self.length_mm)
 
 
 def _fraction(text: str) -> float:

@@ -14,13 +14,12 @@ from rig.cli.output import ExitCode, complain, loading_the_finger, out, print_js
 from rig.cli.pictures import checked_picture, write_picture
 from rig.plan.config import load_config
 from rig.protocol.errors import BadInputError
-from sim.contact.indentor import BOTH, Indentor
+from sim.contact.indentor import ALONG, BOTH, Indentor
 from sim.contact.patch import X, Z
 from sim.contact.shapes import EXPECTED, parse_shape
 from sim.measures.reach import ReceptorPlaces
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
 from sim.models.catalogue import MODELS
-from sim.models.fingertip import Fingertip
 from sim.models.results.indentation import IndentationResult
 from sim.models.results.outline import ModelOutline
 from sim.models.results.point_load import PointLoadResult
@@ -72,10 +71,13 @@ def command(
         indentor = None if shape == "point" else parse_shape(shape)
         _refuse_place(shape, indentor, x_mm, z_mm)
         if indentor is None:
-            wanted.refuse_for_point()
+            pressed = wanted.for_point()
+            force = pressed.force_per_mm(_force_of_point(doi_mm, force_gwt))
+            assert force is not None
             with loading_the_finger():
-                finger = Fingertip.load(settings.finger, **receptors.as_options())
-            _press_point(finger, x_mm or 0.0, z_mm, doi_mm, force_gwt, as_json=as_json)
+                finger = pressed.load(settings.finger, ALONG, receptors)
+            loaded = finger.point_load(x_mm or 0.0, force, z_mm=z_mm)
+            _say_point(loaded, pressed, finger.build_s, as_json=as_json)
             return
         chosen = wanted.choose(indentor, x_mm or 0.0, doi_mm)
         with loading_the_finger():
@@ -129,24 +131,22 @@ def _draw(result: IndentationResult, picture: Path) -> None:
     write_picture(contacts_from_below([result], [title]), picture)
 
 
-def _press_point(
-    finger: Fingertip,
-    x_mm: float,
-    z_mm: float | None,
-    doi_mm: float | None,
-    force_gwt: float | None,
-    *,
-    as_json: bool,
-) -> None:
+def _force_of_point(doi_mm: float | None, force_gwt: float | None) -> float:
     if doi_mm is not None or force_gwt is None:
         raise BadInputError("--shape point: a point load has no depth, expected --force-gwt")
-    result = finger.point_load(x_mm, force_gwt, z_mm=z_mm)
+    return force_gwt
+
+
+def _say_point(result: PointLoadResult, chosen: Chosen, build_s: float, *, as_json: bool) -> None:
     if as_json:
-        answer = result.as_json()
-        answer["solver"]["build_s"] = finger.build_s
+        answer = chosen.described(result.as_json())
+        answer["solver"]["build_s"] = build_s
         print_json(answer)
         return
-    out.print(f"point load of {result.force_gwt:.4f} gwt at x = {result.x_mm:g}, z = {result.z_mm:g} mm")
+    if chosen.model == "section":
+        out.print(f"line load of {chosen.force_text(result.force_n)} at x = {result.x_mm:g} mm of the section")
+    else:
+        out.print(f"point load of {result.force_gwt:.4f} gwt at x = {result.x_mm:g}, z = {result.z_mm:g} mm")
     _print_receptors(result)
 
 

@@ -4,7 +4,7 @@ import typer
 
 from rig.cli.output import ExitCode, fail
 
-COMMANDS = ("shift-invariance", "decode")
+COMMANDS = ("decode",)
 
 
 def say_so_for_each(app: typer.Typer) -> None:

@@ -35,6 +35,9 @@ COMMANDS = {
     "study": Command("study.command", "A parameter study: every combination of fingers, receptors and presses."),
     "indent": Command("indent.command", "One simulated indentation."),
     "impulse": Command("impulse.command", "Impulse responses of the section: strains under a point load."),
+    "shift-invariance": Command(
+        "shift_invariance.command", "SED under point loads at 24 sites: how alike it falls off."
+    ),
     "encode": Command("encode.command", "From pressure on the skin to what receptors under it say."),
     "finger": Command("finger.command", "Fit the finger's skin, build its mesh and say how good both are."),
     "find": Command("find.command", "Say where the finger lies, from a run of find_finger."),

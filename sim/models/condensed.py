@@ -51,20 +51,26 @@ class CondensedModel:
     def point_load(self, x_mm: float, z_mm: float) -> Array:
         """(6 n_receptors,) strain per N of an inward force along the skin's normal at (x, z).
 
-        The force is shared between the four skin nodes around the place, by their bilinear shape functions.
+        The force is shared between the four skin nodes around the place, by their bilinear shape functions; between
+        two on a section.
         """
         phi = float(self.surface.angle_at(x_mm, z_mm))
-        k, across = _cell(self.skin_z_mm, z_mm)
-        j, around = _cell(self.skin_phi, phi)
-        weights = np.outer([1 - across, across], [1 - around, around])
-        corners = self.columns.per_skin_force[:, k : k + 2, j : j + 2]
-        return np.einsum("rzpi,zp,i->r", corners, weights, -self.surface.normal(phi, z_mm))
+        force = point_force(self.skin_z_mm, self.skin_phi, (z_mm, phi))
+        return np.einsum("rzpi,zp,i->r", self.columns.per_skin_force, force, -self.surface.normal(phi, z_mm))
 
 
-def _cell(grid: Array, value: float) -> tuple[int, float]:
-    """The interval of an ascending grid that holds a value, and how far along it."""
-    k = int(np.clip(np.searchsorted(grid, value) - 1, 0, len(grid) - 2))
-    return k, float((value - grid[k]) / (grid[k + 1] - grid[k]))
+def point_force(skin_z_mm: Array, skin_phi: Array, place: tuple[float, float]) -> Array:
+    """(n_z, n_phi) shares of a force at z and φ that the nodes of a skin take, by bilinear shape functions."""
+    return np.outer(*(_shares(grid, value) for grid, value in zip((skin_z_mm, skin_phi), place, strict=True)))
+
+
+def _shares(grid: Array, value: float) -> Array:
+    """(n,) of the two nodes of an ascending grid beside a value; all of it where there is one node."""
+    shares = np.zeros(len(grid))
+    k = int(np.clip(np.searchsorted(grid, value) - 1, 0, max(0, len(grid) - 2)))
+    along = (value - grid[k]) / (grid[k + 1] - grid[k]) if len(grid) > 1 else 0.0
+    shares[k : k + 2] = [1 - along, along][: len(grid)]
+    return shares
 
 
 def skin_beside(mesh: FingerMesh, patch: Patch, sections: slice = slice(None)) -> tuple[Array, Ints]:

@@ -205,7 +205,10 @@ class Fingertip(ByRecipe, SeenInside):
         )
 
     def point_load(self, x_mm: float, force_gwt: float, *, z_mm: float | None = None) -> PointLoadResult:
-        """Press on one point of the pulp's skin, along its inward normal. Raises ModelRangeError beside the pulp."""
+        """Press on one point of the pulp's skin, along its inward normal; a section along a line, per millimetre.
+
+        Raises ModelRangeError beside the pulp, and at any z but the section's own.
+        """
         z = self.config.receptor_plane_mm if z_mm is None else z_mm
         if not 0 < z < self.config.geometry.length_mm:
             raise ModelRangeError(f"z = {z} mm: expected 0 … {self.config.geometry.length_mm:g} mm along the finger")
@@ -214,6 +217,8 @@ class Fingertip(ByRecipe, SeenInside):
             raise ModelRangeError(f"x = {x_mm} mm: expected {left:.2f} … {right:.2f} mm, the pulp at z = {z:g} mm")
         force_n = _positive(force_gwt) * GWT_N
         key, model = next(iter(self._models.items()))
+        if model.kind == "section" and z != self.config.receptor_plane_mm:
+            raise ModelRangeError(f"z = {z} mm: a section is the receptor plane alone, expected no z")
         strain = model.point_load(x_mm, z) * (force_n / self.e_epidermis_mpa)
         return PointLoadResult(x_mm, z, force_n, strain.reshape(-1, 6), self._outlines[key])
 

@@ -50,20 +50,24 @@ def layers_compliance(k: float, layers: tuple[Layer, ...], poisson: float) -> fl
     """
     propagator = np.eye(4)
     for layer in reversed(layers):
-        mu, kappa = (float(v) for v in lame(np.array(layer.young), poisson))
-        first = kappa - 2 * mu / 3
-        side = first + 2 * mu
-        rate = np.array(
-            [
-                [0, k, 0, 1 / mu],
-                [-first * k / side, 0, 1 / side, 0],
-                [0, 0, 0, -k],
-                [k * k * (side - first**2 / side), 0, k * first / side, 0],
-            ]
-        )
-        propagator = expm(rate * layer.thickness_mm) @ propagator
+        propagator = expm(rate(k, layer.young, poisson) * layer.thickness_mm) @ propagator
     at_base = np.linalg.solve(propagator[2:, 2:], [-1.0, 0.0])
     return float(-propagator[1, 2:] @ at_base)
+
+
+def rate(k: float, young: float, poisson: float) -> Array:
+    """(4, 4) d/dy of the state (u, v, s22, s12) over the state, 1/mm."""
+    mu, kappa = (float(v) for v in lame(np.array(young), poisson))
+    first = kappa - 2 * mu / 3
+    side = first + 2 * mu
+    return np.array(
+        [
+            [0, k, 0, 1 / mu],
+            [-first * k / side, 0, 1 / side, 0],
+            [0, 0, 0, -k],
+            [k * k * (side - first**2 / side), 0, k * first / side, 0],
+        ]
+    )
 
 
 def compliance(

@@ -67,6 +67,28 @@ def test_a_point_load_has_them_too(program: Program, indent: Any, tmp_path: Path
     assert ended.json["receptors"]["depth_mm"] == [0.76, 0.76]
 
 
+def test_a_point_load_on_the_section_is_a_line_load_per_millimetre(program: Program, tmp_path: Path) -> None:
+    (tmp_path / "coarse.toml").write_text(as_toml(coarse_mesh(0.5, 0.5)), encoding="utf-8")
+    line = (
+        "indent", "--config", tmp_path / "coarse.toml", "--model", "section", "--shape", "point", "--x-mm", "0.2",
+        "--receptor-x-mm", "0,0.5", "--length-mm", 4,
+    )  # fmt: skip
+    found = program(*line, "--force-gwt", 2, "--json").json
+    assert found["solver"]["model"] == "section"
+    assert (found["force_gwt"], found["effective_length_mm"]) == (pytest.approx(2.0), 4.0)
+    assert found["force_n_per_mm"] == pytest.approx(2 * 9.80665e-3 / 4)
+    assert found["doi_mm"] is None
+    twice = program(*line, "--force-gwt", 4, "--json").json
+    assert twice["receptors"]["e11"] == pytest.approx([2 * v for v in found["receptors"]["e11"]])
+    assert (
+        "line load of 0.00490 N/mm, over 4 mm 0.01961 N = 2.0000 gwt at x = 0.2 mm"
+        in program(*line, "--force-gwt", 2).out
+    )
+    assert "a section is the receptor plane alone" in program(*line, "--force-gwt", 2, "--z-mm", 5).complaint
+    assert program(*line[:-2], "--force-gwt", 2).complaint.endswith("expected --length-mm beside --force-gwt")
+    assert "a point load has no depth" in program(*line, "--doi-mm", 0.2).complaint
+
+
 @pytest.mark.parametrize(
     ("more", "complaint"),
     [

@@ -142,6 +142,21 @@ def test_a_load_between_two_nodes_is_shared(section: SampledSection) -> None:
     assert_allclose(found[..., 1], np.einsum("cnki,ki->cnk", mixed, along), rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.parametrize("x_mm", [0.0, 0.23, -1.9])
+def test_a_point_load_on_the_section_is_the_same_line_load(section: SampledSection, x_mm: float) -> None:
+    load = section.finger.point_load(x_mm, 3.0)
+    angle = section.line.angles(section.sampling.place_mm)
+    per_force = section.under_loads(section.line.places(x_mm))[:, :, 0, 0] * PSEUDO_E_EPIDERMIS
+    assert_allclose(
+        section.line.in_axes(load.receptor_strain, angle),
+        per_force * load.force_n / section.finger.e_epidermis_mpa,
+        rtol=1e-6,
+        atol=1e-9,
+    )
+    with pytest.raises(ModelRangeError, match=r"z = 6\.5 mm: a section is the receptor plane alone, expected no z"):
+        section.finger.point_load(x_mm, 3.0, z_mm=6.5)
+
+
 def test_one_depth_lies_in_one_layer_or_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     from sim.coding import sampled_section as module
 

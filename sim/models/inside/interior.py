@@ -4,8 +4,10 @@ import weakref
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sim.config.fingertip_config import FingertipConfig
@@ -55,6 +57,21 @@ class Interior:
         strain = adjoint_columns(self.problem, self.factor, operator, progress)
         return Columns(receptors, young_ratios(self._config.tissue)[layers], strain)
 
+    def recovery(self, points_mm: Array, progress: Progress | None = None) -> "Recovery":
+        """How strain at (n, 3) points comes of nodes that move. Raises ReceptorError."""
+        operators, layers = [], np.zeros(len(points_mm), np.int64)
+        for start in range(0, len(points_mm), _POINTS_AT_ONCE):
+            some = slice(start, start + _POINTS_AT_ONCE)
+            operator, layers[some] = strain_operator(self.mesh, points_mm[some])
+            operators.append(operator)
+            if progress:
+                progress(min(some.stop, len(points_mm)), len(points_mm))
+        return Recovery(tuple(operators), young_ratios(self._config.tissue)[layers])
+
+    def moved(self, load: Array) -> Array:
+        """(k, n_nodes, 3) mm of every node under k loads on the nodes, N."""
+        return moved_by(self.problem, self.factor, load)
+
     def strain(
         self, results: Sequence[IndentationResult], points_mm: Array, progress: Progress | None = None
     ) -> tuple[Array, Array]:
@@ -62,18 +79,20 @@ class Interior:
 
         Raises ReceptorError.
         """
-        strain, layers = np.zeros((len(results), len(points_mm), 6)), np.zeros(len(points_mm), np.int64)
-        operators = []
-        for start in range(0, len(points_mm), _POINTS_AT_ONCE):
-            some = slice(start, start + _POINTS_AT_ONCE)
-            operator, layers[some] = strain_operator(self.mesh, points_mm[some])
-            operators.append((some, operator))
-            if progress:
-                progress(min(some.stop, len(points_mm)), len(points_mm))
-        moved = displaced(self.problem, self.factor, results).reshape(len(results), -1)
-        for some, operator in operators:
-            strain[:, some] = (operator @ moved.T).T.reshape(len(results), -1, 6)
-        return strain, young_ratios(self._config.tissue)[layers]
+        recovery = self.recovery(points_mm, progress)
+        return recovery.strain(displaced(self.problem, self.factor, results)), recovery.young_ratio
+
+
+class Recovery(NamedTuple):
+    """Strain at n points of one mesh, linear in how its nodes move."""
+
+    operators: tuple[sp.csr_array, ...]  # of some points each
+    young_ratio: Array  # (n,) E / E(epidermis) there
+
+    def strain(self, moved: Array) -> Array:
+        """(k, n, 6) engineering strains of (k, n_nodes, 3) mm."""
+        flat = moved.reshape(len(moved), -1).T
+        return np.concatenate([(operator @ flat).T for operator in self.operators], axis=1).reshape(len(moved), -1, 6)
 
 
 def displaced(problem: FiniteElements, factor: Factor, results: Sequence[IndentationResult]) -> Array:
@@ -84,6 +103,11 @@ def displaced(problem: FiniteElements, factor: Factor, results: Sequence[Indenta
     for load, result in zip(loads, results, strict=True):
         nodes = skin[result.model.patch_in_skin]
         load[nodes[:, None], result.model.patch.axes] = result.state.force.T
-    moved = np.zeros((len(results), mesh.nodes.size))
-    moved[:, problem.free] = factor.solve(loads.reshape(len(results), -1)[:, problem.free])
-    return moved.reshape(loads.shape)
+    return moved_by(problem, factor, loads)
+
+
+def moved_by(problem: FiniteElements, factor: Factor, load: Array) -> Array:
+    """(k, n_nodes, 3) mm of every node of a mesh under (k, n_nodes, 3) N on them."""
+    moved = np.zeros((len(load), problem.mesh.nodes.size))
+    moved[:, problem.free] = factor.solve(load.reshape(len(load), -1)[:, problem.free])
+    return moved.reshape(load.shape)

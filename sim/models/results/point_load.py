@@ -44,7 +44,7 @@ class PointLoadResult:
             "pressure": {"x_mm": [], "pseudo": []},
             "receptors": self.model.receptors_as_json(self.receptor_measures),
             "solver": {
-                "model": "finger",
+                "model": self.model.kind,
                 "nodes": self.model.nodes,
                 "iterations": 0,
                 "kkt_residual": 0.0,

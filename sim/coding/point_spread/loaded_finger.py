@@ -1,0 +1,103 @@
+"""The whole finger under unit forces on its skin, on a mesh that is even over the pulp."""
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.config.fingertip_config import FingertipConfig
+from sim.config.units import PSEUDO_E_EPIDERMIS
+from sim.contact.patch import Y, Z
+from sim.finger.surface import FingertipSurface
+from sim.measures.measures import Elastic, stress_from_strain
+from sim.models.condensed import point_force
+from sim.models.errors import ModelRangeError
+from sim.models.inside.interior import Interior
+from sim.models.patches import HalfWidths, widened
+
+Array = NDArray[np.float64]
+
+Direction = Literal["normal", "vertical"]
+DIRECTIONS: tuple[Direction, ...] = get_args(Direction)
+"""Of a force: along the skin's inward normal, or along −y."""
+
+_WIDEST_Z_MM = 4.5  # to each side of the receptor plane: as far as a mesh is made even
+_FROM_ENDS_MM = 0.5
+_BESIDE_MM = 1e-6
+_SIDE_RAD = 0.3  # of a section's widest places, where the nail is near
+
+
+class Load(NamedTuple):
+    """A unit force on a place of the skin."""
+
+    x_mm: float
+    z_mm: float
+    direction: Direction = "normal"
+    at_node: bool = False  # on the nearest node; else shared between the four around the place
+
+
+class LoadedFinger:
+    """A finger's mesh, its factor made when it is first needed (seconds), and places on and below its skin."""
+
+    def __init__(self, config: FingertipConfig, even: HalfWidths | None = None) -> None:
+        """Its mesh is even over half widths about the receptor plane; by default as long as can be."""
+        self.config = config
+        self.surface = FingertipSurface.fit(config.geometry)
+        self.interior = Interior(widened(config, even or _all_along(config)), self.surface, (Z,))
+
+    @cached_property
+    def recovered_z_mm(self) -> tuple[float, float]:
+        """Between which strain is recovered: not in the last elements at both ends."""
+        z_mm = self.interior.mesh.z_mm
+        return float(z_mm[1]), float(z_mm[-2])
+
+    def skin(self, x_mm: Array, z_mm: Array) -> Array:
+        """(…, 3) places on the pulp's skin at x and z; nan beside it. mm."""
+        phi = self.surface.angle_at(x_mm, z_mm)
+        there, y = self.surface.section(phi, z_mm)
+        inside = (np.abs(there - x_mm) < _BESIDE_MM) & (phi > _SIDE_RAD) & (phi < np.pi - _SIDE_RAD)
+        inside &= (z_mm > 0) & (z_mm < self.config.geometry.length_mm)
+        return np.where(inside[..., None], np.stack([there, y, z_mm], axis=-1), np.nan)
+
+    def normals(self, skin_mm: Array) -> Array:
+        """(…, 3) outward unit normals at places on the skin."""
+        x, _, z = np.moveaxis(skin_mm, -1, 0)
+        return self.surface.normal(self.surface.angle_at(x, z), z)
+
+    def foot_mm(self, load: Load) -> Array:
+        """(3,) where a load is. Raises ModelRangeError beside the pulp."""
+        foot = self.skin(np.array(load.x_mm), np.array(load.z_mm))
+        if np.isnan(foot).any():
+            raise ModelRangeError(f"a load at x = {load.x_mm:g}, z = {load.z_mm:g} mm: expected a place on the pulp")
+        if not load.at_node:
+            return foot
+        mesh = self.interior.mesh
+        skin = mesh.nodes.reshape(*mesh.grid, 3)[:, :, 0].reshape(-1, 3)
+        return np.asarray(skin[np.argmin(((skin - foot) ** 2).sum(axis=1))])
+
+    def moved(self, loads: Sequence[Load]) -> Array:
+        """(k, n_nodes, 3) mm·MPa/N by which nodes move under each, for E(epidermis) = 1 MPa."""
+        return self.interior.moved(np.stack([self._on_nodes(load) for load in loads]))
+
+    def _on_nodes(self, load: Load) -> Array:
+        mesh, foot = self.interior.mesh, self.foot_mm(load)
+        force = np.zeros((*mesh.grid, 3))
+        towards = -self.normals(foot) if load.direction == "normal" else -np.eye(3)[Y]
+        place = float(foot[Z]), float(self.surface.angle_at(foot[0], foot[Z]))
+        force[:, :, 0] = point_force(mesh.z_mm, mesh.phi, place)[..., None] * towards
+        return force.reshape(-1, 3)
+
+
+def _all_along(config: FingertipConfig) -> HalfWidths:
+    plane, length = config.receptor_plane_mm, config.geometry.length_mm
+    most = min(_WIDEST_Z_MM, plane - _FROM_ENDS_MM, length - plane - _FROM_ENDS_MM)
+    spacing = config.mesh.axial_spacing_mm or config.mesh.spacing_mm
+    return config.mesh.patch_x_mm, float(spacing * np.floor(most / spacing + 1e-9))
+
+
+def energy_density(strain: Array, young_ratio: Array, poisson: float) -> Array:
+    """(…, n) SED in pseudo-units of (…, n, 6) strains where E / E(epidermis) is (n,)."""
+    stress = stress_from_strain(strain, Elastic(PSEUDO_E_EPIDERMIS, poisson))
+    return np.asarray(0.5 * young_ratio * (stress * strain).sum(axis=-1))

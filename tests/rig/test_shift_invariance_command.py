@@ -1,0 +1,87 @@
+"""`rig shift-invariance`: its table beside the printed one, its picture, and what it refuses."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.program import Program, program_of
+from tests.sim.coarse import as_toml, coarse_mesh
+
+QUICK = ("--config", "coarse.toml", "--spacing-mm", 0.5, "--half-width-mm", 2)
+
+
+@pytest.fixture
+def rig(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Program:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "100")
+    Path("coarse.toml").write_text(as_toml(coarse_mesh(0.5, 0.5)), encoding="utf-8")
+    return program_of(monkeypatch, capsys)
+
+
+def test_it_prints_every_site_beside_the_printed_table_and_draws_one(rig: Program) -> None:
+    ended = rig("shift-invariance", *QUICK, "--picture", "spread.svg")
+    assert ended.code == 0
+    assert ended.err == "24 point loads on the whole finger: about twenty seconds …\n"
+    assert "SED 0.76 mm below the skin = A / r^m, under 1 gwt along the inward normal" in ended.out
+    assert "receptors 0.5 mm apart within ± 2 mm of each site in x and in z" in ended.out
+    rows = [line.split() for line in ended.out.splitlines()]
+    sites = [row for row in rows if row and row[0].isdigit() and "sites," not in row]
+    assert [row[0] for row in sites] == [str(n) for n in range(1, 25)]
+    assert [row[1] == "tip" for row in sites] == [False] * 18 + [True] * 6
+    assert sites[9][-3:] == ["12.80", "3.96", "0.961"]  # Raju 1998, Table 6.1
+    assert "18 pulp sites, printed     m 3.886 ± 4.9%, A 12.04 ± 10.2%" in ended.out
+    assert "all 24 sites, printed     m 3.980 ± 6.2%, A 13.05 ± 17.7%" in ended.out
+    assert "18 pulp sites, linear      m " in ended.out
+    assert ", A 12.04 ± " in ended.out.split("18 pulp sites, linear")[1].splitlines()[0]  # by the common factor
+    assert Path("spread.svg").read_text(encoding="utf-8").startswith("<?xml")
+    again = rig("shift-invariance", *QUICK, "--picture", "spread.svg")
+    assert (again.code, again.complaint) == (2, "--picture spread.svg: exists already, expected a new file")
+
+
+def test_as_json_it_has_every_number(rig: Program) -> None:
+    found = rig("shift-invariance", *QUICK, "--force-gwt", 2, "--receptor-depth-mm", 0.7, "--json").json
+    assert found["sampled"] == {"spacing_mm": 0.5, "half_width_mm": 2.0, "depth_mm": 0.7, "force_gwt": 2.0}
+    sites = found["sites"]
+    assert [site["number"] for site in sites] == list(range(1, 25))
+    assert sites[9]["printed"] == {"a": 12.805, "m": 3.959, "r2": 0.961}
+    assert (sites[9]["x_mm"], sites[9]["z_mm"], sites[9]["on_pulp"]) == (0.098, 6.893, True)
+    assert sites[23]["on_pulp"] is False
+    assert set(sites[0]["linear"]) == set(sites[0]["logarithmic"]) == {"a", "m", "r", "r2"}
+    assert len(sites[0]["by_azimuth"]) == 8
+    assert sites[0]["receptors"] > 40
+    for where, chosen in (("pulp", sites[:18]), ("all", sites)):
+        for kind in ("linear", "logarithmic", "printed"):
+            m = np.array([site[kind]["m"] for site in chosen])
+            assert found[where][kind]["m"] == pytest.approx(m.mean())
+            assert found[where][kind]["m_spread"] == pytest.approx(m.std(ddof=1) / m.mean())
+    scaled = found["common_factor"] * found["pulp"]["linear"]["a"]
+    assert scaled == pytest.approx(found["pulp"]["printed"]["a"])
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "expected"),
+    [
+        ("--spacing-mm", 0.049, "--spacing-mm 0.049: expected 0.05 … 0.5"),
+        ("--spacing-mm", "nan", "--spacing-mm nan: expected 0.05 … 0.5"),
+        ("--half-width-mm", 0.49, "--half-width-mm 0.49: expected 0.5 … 4"),
+        ("--half-width-mm", 4.1, "--half-width-mm 4.1: expected 0.5 … 4"),
+        ("--receptor-depth-mm", 0.09, "--receptor-depth-mm 0.09: expected 0.1 … 3"),
+        ("--receptor-depth-mm", 3.1, "--receptor-depth-mm 3.1: expected 0.1 … 3"),
+        ("--force-gwt", 0, "--force-gwt 0: expected 0.001 … 100"),
+        ("--force-gwt", 101, "--force-gwt 101: expected 0.001 … 100"),
+        ("--picture", "spread.pdf", "expected a name that ends in .svg or .png"),
+        ("--config", "no.toml", "no.toml: No such file"),
+    ],
+)
+def test_what_cannot_be_meant_is_one_line(rig: Program, option: str, value: object, expected: str) -> None:
+    ended = rig("shift-invariance", option, value, "--json")
+    assert ended.code == 2
+    assert expected in ended.json["error"]
+
+
+def test_a_finger_that_the_sites_lie_beside_is_one_line(rig: Program) -> None:
+    Path("short.toml").write_text(as_toml(coarse_mesh(0.5, 0.5)) + "\n[finger.geometry]\nlength_mm = 11.0\n")
+    ended = rig("shift-invariance", "--config", "short.toml", "--json")
+    assert ended.code == 2
+    assert "expected" in ended.json["error"]

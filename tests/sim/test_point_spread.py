@@ -1,0 +1,235 @@
+"""SED under point loads all over the pulp: where they are, what is fitted, and how round it is."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from sim.coding.point_spread.loaded_finger import Load, LoadedFinger, energy_density
+from sim.coding.point_spread.power_law import PowerLaw, fitted
+from sim.coding.point_spread.sites import Site, published_sites, published_table, spread_over_mean
+from sim.coding.point_spread.spreads import (
+    Judged,
+    Mean,
+    Sheet,
+    Spread,
+    judged,
+    mean_over,
+    receptor_sheet,
+    spreads,
+)
+from sim.config.fingertip_config import FingertipConfig
+from sim.measures.measures import Elastic, measures_from_strain
+from sim.measures.receptors import depths_of
+from sim.models.errors import ModelRangeError
+
+MIDDLE = Site(10, 0.098, 6.893, on_pulp=True)
+
+
+@pytest.fixture(scope="module")
+def loaded(coarse_config: FingertipConfig) -> LoadedFinger:
+    return LoadedFinger(coarse_config)
+
+
+# --- what the source has ---
+
+
+def test_the_sites_are_the_sources() -> None:
+    sites = published_sites()
+    assert [site.number for site in sites] == list(range(1, 25))
+    assert [site.on_pulp for site in sites] == [True] * 18 + [False] * 6
+    assert sites[9] == MIDDLE
+
+
+def test_the_printed_table_has_the_spreads_that_the_text_gives() -> None:
+    """Raju 1998: A spread 10.2 % and m 3.886 ± 4.9 % over the pulp, 17.7 % and 6.2 % over all."""
+    table = published_table()
+    assert (table[9].number, table[9].a, table[9].m, table[9].r2) == (10, 12.805, 3.959, 0.961)
+    pulp, everything = mean_over(table[:18]), mean_over(table)
+    assert (pulp.m, pulp.a) == (pytest.approx(3.886, abs=5e-4), pytest.approx(12.0446, abs=1e-4))
+    assert [round(100 * v, 1) for v in (pulp.a_spread, pulp.m_spread)] == [10.2, 4.9]
+    assert [round(100 * v, 1) for v in (everything.a_spread, everything.m_spread)] == [17.7, 6.2]
+
+
+def test_spreads_are_over_n_minus_one() -> None:
+    assert spread_over_mean(np.array([1.0, 3.0])) == pytest.approx(np.sqrt(2) / 2)
+    assert mean_over([PowerLaw(1.0, 4.0, 1.0, 1.0), PowerLaw(3.0, 4.0, 1.0, 1.0)]) == Mean(
+        2.0, pytest.approx(np.sqrt(2) / 2), 4.0, 0.0
+    )
+
+
+# --- fits ---
+
+
+@pytest.mark.parametrize("kind", ["linear", "logarithmic"])
+def test_a_power_law_is_found_again(kind: str) -> None:
+    r = np.linspace(0.76, 2.0, 30)
+    law = fitted(r, 12.8 / r**3.96, kind)  # type: ignore[arg-type]
+    assert law == (pytest.approx(12.8), pytest.approx(3.96), pytest.approx(1.0), pytest.approx(1.0))
+    assert_allclose(law.at(r), 12.8 / r**3.96)
+
+
+def test_each_fit_is_the_best_by_its_own_measure_and_says_how_good_it_is() -> None:
+    r = np.linspace(0.76, 2.0, 30)
+    values = 1e3 * np.exp(np.random.default_rng(1).normal(scale=0.2, size=30)) / r**4
+    linear, logs = (fitted(r, values, kind) for kind in ("linear", "logarithmic"))  # type: ignore[arg-type]
+    for law, seen in ((linear, lambda v: v), (logs, np.log)):
+        left = ((seen(values) - seen(law.at(r))) ** 2).sum()
+        for a, m in ((1.01, 0.0), (0.99, 0.0), (1.0, 0.01), (1.0, -0.01)):
+            other = PowerLaw(law.a * a, law.m + m, 0, 0)
+            assert ((seen(values) - seen(other.at(r))) ** 2).sum() > left
+        whole = ((seen(values) - seen(values).mean()) ** 2).sum()
+        assert law.r2 == pytest.approx(1 - left / whole)
+        assert law.r == pytest.approx(np.corrcoef(seen(values), seen(law.at(r)))[0, 1])
+    assert linear.m != pytest.approx(logs.m, rel=1e-3)
+
+
+# --- the finger ---
+
+
+def test_the_mesh_is_even_all_over_the_pulp(loaded: LoadedFinger) -> None:
+    z = loaded.interior.mesh.z_mm
+    steps = np.diff(z[(z > 2.4) & (z < 11.4)])
+    assert_allclose(steps, 0.5)
+    assert len(steps) == 17
+    assert loaded.recovered_z_mm == (z[1], z[-2])
+
+
+def test_receptors_lie_perpendicularly_below_equally_spaced_skin(loaded: LoadedFinger) -> None:
+    sheet = receptor_sheet(loaded, 0.5, 0.6)
+    assert_allclose(depths_of(loaded.surface, sheet.at_mm), 0.6, atol=1e-6)
+    x, y, z = sheet.skin_mm.T
+    assert_allclose(y, loaded.surface.height(x, z), atol=1e-9)
+    plane = loaded.config.receptor_plane_mm
+    for steps in (x / 0.5, (z - plane) / 0.5):
+        assert_allclose(steps, np.round(steps), atol=1e-9)
+    assert {(round(a, 6), round(b, 6)) for a, b in zip(x, z, strict=True)} >= {
+        (0.0, plane),
+        (-3.5, plane),
+        (3.5, plane),
+    }
+    low, high = loaded.recovered_z_mm
+    assert low < sheet.at_mm[:, 2].min() < 2.5
+    assert 11.0 < sheet.at_mm[:, 2].max() < high
+
+
+def test_beside_the_pulp_there_is_no_skin(loaded: LoadedFinger) -> None:
+    found = loaded.skin(np.array([0.0, 4.6, -4.6, 4.37, 0.0, 0.0]), np.array([6.9, 6.9, 6.9, 6.9, -0.1, 12.8]))
+    assert np.isfinite(found[0]).all()
+    assert np.isnan(found[1:]).all()
+    with pytest.raises(ModelRangeError, match=r"a load at x = 5, z = 6\.9 mm: expected a place on the pulp"):
+        loaded.foot_mm(Load(5.0, 6.9))
+
+
+def test_a_load_is_where_it_is_said_or_at_the_nearest_node(loaded: LoadedFinger) -> None:
+    place, node = loaded.foot_mm(Load(0.1, 6.8)), loaded.foot_mm(Load(0.1, 6.8, at_node=True))
+    assert (place[0], place[2]) == (pytest.approx(0.1), 6.8)
+    skin = loaded.interior.mesh.nodes.reshape(*loaded.interior.mesh.grid, 3)[:, :, 0].reshape(-1, 3)
+    away = np.linalg.norm(skin - place, axis=1)
+    assert_allclose(node, skin[away.argmin()])
+    assert away.min() > 0.05
+
+
+@pytest.mark.parametrize("at_node", [False, True])
+def test_the_nodes_around_a_place_take_all_of_a_force(loaded: LoadedFinger, at_node: bool) -> None:
+    load = Load(0.6, 6.8, at_node=at_node)
+    nodes = loaded.interior.mesh.nodes
+    for direction, towards in (("normal", -loaded.normals(loaded.foot_mm(load))), ("vertical", [0.0, -1.0, 0.0])):
+        force = loaded._on_nodes(load._replace(direction=direction))  # type: ignore[arg-type]
+        assert_allclose(force.sum(axis=0), towards, atol=1e-12)
+        there = np.linalg.norm(force, axis=1)
+        assert (there > 1e-9).sum() == (1 if at_node else 4)
+        centre = there @ nodes / there.sum()
+        assert_allclose(centre[[0, 2]], loaded.foot_mm(load)[[0, 2]], atol=0.02)  # between nodes the skin is curved
+
+
+def test_loads_are_reciprocal(loaded: LoadedFinger) -> None:
+    a, b = Load(0.6, 6.8), Load(-1.0, 8.0, "vertical")
+    moved = loaded.moved([a, b])
+    work = np.einsum("knc,jnc->kj", moved, np.stack([loaded._on_nodes(one) for one in (a, b)]))
+    assert work[0, 1] == pytest.approx(work[1, 0], rel=1e-9)
+    assert (np.diag(work) > 0).all()
+
+
+def test_energy_is_that_of_the_measures() -> None:
+    strain = np.random.default_rng(3).normal(size=(2, 5, 6))
+    ratio = np.array([1.0, 0.1, 0.1, 0.1, 1.0])
+    expected = ratio * measures_from_strain(strain, Elastic(1e4, 0.48))["sed"]
+    assert_allclose(energy_density(strain, ratio, 0.48), expected)
+
+
+def test_sed_about_a_load_is_in_pseudo_units_of_its_force(loaded: LoadedFinger) -> None:
+    sheet = receptor_sheet(loaded, 0.5)
+    one, strong = (spreads(loaded, sheet, [MIDDLE], force, 1.2)[0] for force in (1.0, 3.0))
+    assert_allclose(strong.sed, 9 * one.sed)
+    recovery = loaded.interior.recovery(one.sheet.at_mm)
+    moved = loaded.moved([Load(MIDDLE.x_mm, MIDDLE.z_mm)])
+    per_n = energy_density(recovery.strain(moved)[0], recovery.young_ratio, 0.48)
+    assert_allclose(one.sed, per_n * (9.80665e-3 / 0.186266) ** 2)
+
+
+def test_a_neighbourhood_is_a_square_of_skin(loaded: LoadedFinger) -> None:
+    sheet = receptor_sheet(loaded, 0.5)
+    (found,) = spreads(loaded, sheet, [MIDDLE], half_width_mm=1.2)
+    x, _, z = (found.sheet.skin_mm - found.load_mm).T
+    assert len(found.sed) == 5 * 5 == len(found.sheet.at_mm)
+    assert (np.abs(x).max(), np.abs(z).max()) == (pytest.approx(1.098), pytest.approx(1.0))
+    assert_allclose(found.distance_mm, np.linalg.norm(found.sheet.at_mm - found.load_mm, axis=1))
+    with pytest.raises(ModelRangeError, match="site 10: 6 receptors near it, expected 12 or more"):
+        spreads(loaded, sheet, [MIDDLE], half_width_mm=0.5)
+    assert len(spreads(loaded, sheet, [MIDDLE], half_width_mm=0.95)[0].sed) == 12
+
+
+def test_how_loads_differ(loaded: LoadedFinger) -> None:
+    sheet = receptor_sheet(loaded, 0.5)
+    side = Site(4, 1.907, 6.893, on_pulp=True)
+    usual, vertical = (spreads(loaded, sheet, [side], 1.0, 1.2, way)[0] for way in ("normal", "vertical"))  # type: ignore[arg-type]
+    at_node = spreads(loaded, sheet, [side], 1.0, 1.2, at_node=True)[0]
+    for other in (vertical, at_node):
+        assert np.abs(other.sed[: len(usual.sed)] - usual.sed[: len(other.sed)]).max() > 0.05 * usual.sed.max()
+
+
+# --- how round it is ---
+
+
+def _flat(sed_over_law: object) -> Spread:
+    """A flat sheet 0.5 mm below a load at the origin, r^-4 times a function of the azimuth."""
+    x, z = (v.ravel() for v in np.meshgrid(0.1 * np.arange(-15, 16), 0.1 * np.arange(-15, 16)))
+    skin = np.stack([x, 0 * x, z], axis=1)
+    at = skin - [0.0, 0.5, 0.0]
+    r = np.linalg.norm(at, axis=1)
+    return Spread(MIDDLE, np.zeros(3), Sheet(skin, at), sed_over_law(np.arctan2(z, x)) / r**4)  # type: ignore[operator]
+
+
+def test_a_round_spread_is_1_all_around() -> None:
+    spread = _flat(lambda azimuth: 2.0 + 0 * azimuth)
+    found = judged(spread)
+    assert found.linear.m == pytest.approx(4.0) == found.logarithmic.m
+    assert_allclose(spread.by_azimuth(found.linear), 1.0)
+    assert found.asymmetry == pytest.approx(0.0, abs=1e-9)
+
+
+def test_sectors_are_counted_from_x_towards_z() -> None:
+    law = PowerLaw(1.0, 4.0, 1.0, 1.0)
+    ahead = _flat(lambda azimuth: np.where(np.abs(azimuth) < np.radians(22), 3.0, 1.0)).by_azimuth(law)
+    assert (ahead[0] > 2.8, ahead[1], ahead[7], ahead[4]) == (True, 1.0, 1.0, 1.0)
+    along = _flat(lambda azimuth: np.where(np.abs(azimuth - np.pi / 2) < np.radians(22), 3.0, 1.0))
+    assert along.by_azimuth(law).argmax() == 2
+    assert Judged(along, law, law).asymmetry == pytest.approx(along.by_azimuth(law)[2] - 1.0)
+
+
+def test_sectors_are_as_far_away_as_one_another_and_not_next_to_the_load() -> None:
+    spread = _flat(lambda azimuth: 1.0 + 0 * azimuth)
+    x, _, z = spread.sheet.skin_mm.T
+    beyond = np.hypot(x, z)
+    spread.sed[(beyond > 1.5 + 1e-9) | (beyond <= 0.25)] = 1e9
+    assert_allclose(spread.by_azimuth(PowerLaw(1.0, 4.0, 1.0, 1.0)), 1.0)
+
+
+def test_where_there_is_no_finger_there_is_no_sector() -> None:
+    whole = _flat(lambda azimuth: 1.0 + 0 * azimuth)
+    kept = whole.sheet.skin_mm[:, 0] <= 0.05
+    half = Spread(MIDDLE, whole.load_mm, Sheet(*(v[kept] for v in whole.sheet)), whole.sed[kept])
+    found = half.by_azimuth(PowerLaw(1.0, 4.0, 1.0, 1.0))
+    assert np.isnan(found[[0, 1, 7]]).all()
+    assert_allclose(found[2:7], 1.0)
+    assert judged(half).asymmetry == pytest.approx(0.0, abs=1e-9)
