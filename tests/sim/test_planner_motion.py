@@ -244,6 +244,20 @@ def test_a_jog_goes_at_its_own_speed_and_a_rapid_at_its_own_share() -> None:
     assert rapid.track.speed_at(1.0) == pytest.approx(2.5)
 
 
+def test_what_is_queued_behind_a_hold_comes_after_all_that_was_held() -> None:
+    """However long it was held: 0.5 mm done of 2, then to 1 mm, and to 3 mm later."""
+    plan = planner()
+    queue_path(plan, [steps(2.0), steps(1.0)], 1.0)
+    plan.hold(0.5)
+    assert plan.track.position_at(60.0) < steps(0.7)
+    plan.queue(steps(1.0), steps(3.0), 1.0, 60.0)
+    _check_smooth(plan.track, 60.0, plan.end_s)
+    turns = [plan.track.position_at(60.0 + t_s)[0] for t_s in np.linspace(0.0, plan.end_s - 60.0, 2000)]
+    way_mm = sum(abs(b - a) for a, b in pairwise(turns)) / PER_MM
+    assert way_mm == pytest.approx(2.0 - turns[0] / PER_MM + 1.0 + 2.0, abs=0.01)
+    assert plan.track.position_at(plan.end_s) == steps(3.0)
+
+
 EVENTS = st.lists(
     st.tuples(
         st.floats(0.0, 0.5),  # seconds until it happens

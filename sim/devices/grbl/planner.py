@@ -5,6 +5,7 @@ Source: GRBL 1.1 interface wiki and the 1.1h firmware: planner.c (junction devia
 overrides), stepper.c (segments).
 """
 
+from itertools import dropwhile
 from math import floor, inf, sqrt
 
 from sim.devices.grbl.blocks import AxisLimits, Block, Share, block_between, max_entry_sq
@@ -103,7 +104,7 @@ class Planner:
     def _unprepared(self, now_s: float) -> tuple[float, list[Block]]:
         """When the prepared segments end, and the blocks not over by then; the first one's progress is noted."""
         from_s = self._prepared_s(now_s)
-        left = [block for block in self._blocks if block.end_s > from_s]
+        left = list(dropwhile(lambda block: block.end_s <= from_s, self._blocks))
         if left and from_s < self.end_s:
             piece = self.track.piece_at(from_s)
             assert piece is not None
