@@ -13,6 +13,7 @@ from rig.cli.pictures import PictureOption, checked_picture, write_picture
 from rig.cli.sampling import DepthOption, SpacingOption, bounded
 from rig.plan.config import load_config
 from sim.coding.point_spread.loaded_finger import Load, LoadedFinger
+from sim.coding.point_spread.moved_response import MovedResponse
 from sim.coding.point_spread.power_law import PowerLaw
 from sim.coding.point_spread.sites import Published, published_sites, published_table
 from sim.coding.point_spread.spreads import (
@@ -47,6 +48,7 @@ class Found(NamedTuple):
 
     finger: LoadedFinger
     sites: list[Judged]
+    missed: list[float]  # relative L2 of SED, the response of the pad's middle moved to each site
     printed: tuple[Published, ...]
 
     @property
@@ -100,7 +102,9 @@ def _found(config: FingertipConfig, sampled: Sampled) -> Found:
     finger = LoadedFinger(config)
     sheet = receptor_sheet(finger, sampled.spacing_mm, sampled.depth_mm)
     under = spreads(finger, sheet, published_sites(), sampled.force_gwt, sampled.half_width_mm)
-    return Found(finger, [judged(spread) for spread in under], published_table())
+    response = MovedResponse.of(finger, sheet)
+    missed = [response.missed(spread, sampled.force_gwt) for spread in under]
+    return Found(finger, [judged(spread) for spread in under], missed, published_table())
 
 
 def _draw(found: Found, force_gwt: float, picture: Path) -> None:
@@ -126,9 +130,10 @@ def _as_json(found: Found, sampled: Sampled) -> dict[str, Any]:
                 "linear": site.linear._asdict(),
                 "logarithmic": site.logarithmic._asdict(),
                 "by_azimuth": [None if np.isnan(v) else v for v in site.spread.by_azimuth(site.linear).tolist()],
+                "moved_response_relative_l2": missed,
                 "printed": {"a": printed.a, "m": printed.m, "r2": printed.r2},
             }
-            for site, printed in zip(found.sites, found.printed, strict=True)
+            for site, missed, printed in zip(found.sites, found.missed, found.printed, strict=True)
         ],
         **{
             where: {
@@ -148,14 +153,26 @@ def _print(found: Found, sampled: Sampled) -> None:
         f"normal,\nreceptors {sampled.spacing_mm:g} mm apart within ± {sampled.half_width_mm:g} mm of each site in x "
         f"and in z; A × {factor:.4g}, so that its mean over the\npulp is the printed one"
     )
-    header = ("site", "A", "m", "r", "R²", "m by\nlogs", "round\nto", "A\nprinted", "m\nprinted", "R²\nprinted")
+    header = (
+        "site",
+        "A",
+        "m",
+        "r",
+        "R²",
+        "m by\nlogs",
+        "round\nto",
+        "moved",
+        "A\nprinted",
+        "m\nprinted",
+        "R²\nprinted",
+    )
     table = Table(*header, box=None, padding=(0, 1))
-    for site, printed in zip(found.sites, found.printed, strict=True):
+    for site, missed, printed in zip(found.sites, found.missed, found.printed, strict=True):
         law, log = site.linear, site.logarithmic
         table.add_row(
             f"{printed.number}{'' if site.spread.site.on_pulp else ' tip'}",
             f"{factor * law.a:.2f}", f"{law.m:.2f}", f"{law.r:.3f}", f"{law.r2:.3f}", f"{log.m:.2f}",
-            f"{site.asymmetry:.0%}", f"{printed.a:.2f}", f"{printed.m:.2f}", f"{printed.r2:.3f}",
+            f"{site.asymmetry:.0%}", f"{missed:.0%}", f"{printed.a:.2f}", f"{printed.m:.2f}", f"{printed.r2:.3f}",
         )  # fmt: skip
     out.print(table)
     for where, name in (("pulp", "18 pulp sites"), ("all", "all 24 sites")):

@@ -1,5 +1,6 @@
 """What every model is once it is made: a skin to touch, its compliance, and receptors under it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -59,7 +60,7 @@ class CondensedModel:
         return np.einsum("rzpi,zp,i->r", self.columns.per_skin_force, force, -self.surface.normal(phi, z_mm))
 
 
-def point_force(skin_z_mm: Array, skin_phi: Array, place: tuple[float, float]) -> Array:
+def point_force(skin_z_mm: Array, skin_phi: Array, place: Sequence[float]) -> Array:
     """(n_z, n_phi) shares of a force at z and φ that the nodes of a skin take, by bilinear shape functions."""
     return np.outer(*(_shares(grid, value) for grid, value in zip((skin_z_mm, skin_phi), place, strict=True)))
 

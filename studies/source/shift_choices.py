@@ -4,6 +4,7 @@
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -82,7 +83,14 @@ def _across(site: Judged) -> Judged:
     spread = site.spread
     away = np.abs(spread.sheet.skin_mm[:, Z] - spread.load_mm[Z])
     row = away < away.min() + 1e-6
-    return judged(type(spread)(spread.site, spread.load_mm, Sheet(*(v[row] for v in spread.sheet)), spread.sed[row]))
+    return judged(
+        replace(
+            spread,
+            sheet=Sheet(*(v[row] for v in spread.sheet)),
+            sed=spread.sed[row],
+            young_ratio=spread.young_ratio[row],
+        )
+    )
 
 
 def _row(name: str, sites: Sequence[Judged], first: Sequence[Judged]) -> Row:

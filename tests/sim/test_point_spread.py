@@ -134,7 +134,7 @@ def test_the_nodes_around_a_place_take_all_of_a_force(loaded: LoadedFinger, at_n
     load = Load(0.6, 6.8, at_node=at_node)
     nodes = loaded.interior.mesh.nodes
     for direction, towards in (("normal", -loaded.normals(loaded.foot_mm(load))), ("vertical", [0.0, -1.0, 0.0])):
-        force = loaded._on_nodes(load._replace(direction=direction))  # type: ignore[arg-type]
+        force = loaded._under(load._replace(direction=direction))  # type: ignore[arg-type]
         assert_allclose(force.sum(axis=0), towards, atol=1e-12)
         there = np.linalg.norm(force, axis=1)
         assert (there > 1e-9).sum() == (1 if at_node else 4)
@@ -145,7 +145,7 @@ def test_the_nodes_around_a_place_take_all_of_a_force(loaded: LoadedFinger, at_n
 def test_loads_are_reciprocal(loaded: LoadedFinger) -> None:
     a, b = Load(0.6, 6.8), Load(-1.0, 8.0, "vertical")
     moved = loaded.moved([a, b])
-    work = np.einsum("knc,jnc->kj", moved, np.stack([loaded._on_nodes(one) for one in (a, b)]))
+    work = np.einsum("knc,jnc->kj", moved, np.stack([loaded._under(one) for one in (a, b)]))
     assert work[0, 1] == pytest.approx(work[1, 0], rel=1e-9)
     assert (np.diag(work) > 0).all()
 
@@ -197,7 +197,7 @@ def _flat(sed_over_law: object) -> Spread:
     skin = np.stack([x, 0 * x, z], axis=1)
     at = skin - [0.0, 0.5, 0.0]
     r = np.linalg.norm(at, axis=1)
-    return Spread(MIDDLE, np.zeros(3), Sheet(skin, at), sed_over_law(np.arctan2(z, x)) / r**4)  # type: ignore[operator]
+    return Spread(MIDDLE, np.zeros(3), Sheet(skin, at), sed_over_law(np.arctan2(z, x)) / r**4, 0.1 + 0 * r)  # type: ignore[operator]
 
 
 def test_a_round_spread_is_1_all_around() -> None:
@@ -228,7 +228,9 @@ def test_sectors_are_as_far_away_as_one_another_and_not_next_to_the_load() -> No
 def test_where_there_is_no_finger_there_is_no_sector() -> None:
     whole = _flat(lambda azimuth: 1.0 + 0 * azimuth)
     kept = whole.sheet.skin_mm[:, 0] <= 0.05
-    half = Spread(MIDDLE, whole.load_mm, Sheet(*(v[kept] for v in whole.sheet)), whole.sed[kept])
+    half = Spread(
+        MIDDLE, whole.load_mm, Sheet(*(v[kept] for v in whole.sheet)), whole.sed[kept], whole.young_ratio[kept]
+    )
     found = half.by_azimuth(PowerLaw(1.0, 4.0, 1.0, 1.0))
     assert np.isnan(found[[0, 1, 7]]).all()
     assert_allclose(found[2:7], 1.0)

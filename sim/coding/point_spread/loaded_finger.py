@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from sim.config.fingertip_config import FingertipConfig
 from sim.config.units import PSEUDO_E_EPIDERMIS
-from sim.contact.patch import Y, Z
+from sim.contact.patch import X, Y, Z
 from sim.finger.surface import FingertipSurface
 from sim.measures.measures import Elastic, stress_from_strain
 from sim.models.condensed import point_force
 from sim.models.errors import ModelRangeError
-from sim.models.inside.interior import Interior
+from sim.models.inside.interior import Interior, Recovery
 from sim.models.patches import HalfWidths, widened
 
 Array = NDArray[np.float64]
@@ -46,6 +46,7 @@ class LoadedFinger:
         self.config = config
         self.surface = FingertipSurface.fit(config.geometry)
         self.interior = Interior(widened(config, even or _all_along(config)), self.surface, (Z,))
+        self._recovered: dict[bytes, Recovery] = {}
 
     @cached_property
     def recovered_z_mm(self) -> tuple[float, float]:
@@ -66,6 +67,14 @@ class LoadedFinger:
         x, _, z = np.moveaxis(skin_mm, -1, 0)
         return self.surface.normal(self.surface.angle_at(x, z), z)
 
+    def frames(self, skin_mm: Array) -> Array:
+        """(…, 3, 3) unit vectors at places on the skin: across the finger, outward, along it."""
+        x, _, z = np.moveaxis(skin_mm, -1, 0)
+        across = -self.surface.tangents(self.surface.angle_at(x, z), z)[0]  # φ falls with x
+        across /= np.linalg.norm(across, axis=-1, keepdims=True)
+        outward = self.normals(skin_mm)
+        return np.stack([across, outward, np.cross(across, outward)], axis=-2)
+
     def foot_mm(self, load: Load) -> Array:
         """(3,) where a load is. Raises ModelRangeError beside the pulp."""
         foot = self.skin(np.array(load.x_mm), np.array(load.z_mm))
@@ -77,17 +86,30 @@ class LoadedFinger:
         skin = mesh.nodes.reshape(*mesh.grid, 3)[:, :, 0].reshape(-1, 3)
         return np.asarray(skin[np.argmin(((skin - foot) ** 2).sum(axis=1))])
 
+    def recovery(self, at_mm: Array) -> Recovery:
+        """How strain at (n, 3) receptors comes of nodes that move; kept of the last ones. Raises ReceptorError."""
+        name = at_mm.tobytes()
+        if name not in self._recovered:
+            self._recovered = {name: self.interior.recovery(at_mm)}
+        return self._recovered[name]
+
     def moved(self, loads: Sequence[Load]) -> Array:
         """(k, n_nodes, 3) mm·MPa/N by which nodes move under each, for E(epidermis) = 1 MPa."""
-        return self.interior.moved(np.stack([self._on_nodes(load) for load in loads]))
+        return self.interior.moved(np.stack([self._under(load) for load in loads]))
 
-    def _on_nodes(self, load: Load) -> Array:
-        mesh, foot = self.interior.mesh, self.foot_mm(load)
-        force = np.zeros((*mesh.grid, 3))
+    def _under(self, load: Load) -> Array:
+        foot = self.foot_mm(load)
         towards = -self.normals(foot) if load.direction == "normal" else -np.eye(3)[Y]
-        place = float(foot[Z]), float(self.surface.angle_at(foot[0], foot[Z]))
-        force[:, :, 0] = point_force(mesh.z_mm, mesh.phi, place)[..., None] * towards
-        return force.reshape(-1, 3)
+        return self.on_nodes(foot[None], towards[None])
+
+    def on_nodes(self, skin_mm: Array, force: Array) -> Array:
+        """(n_nodes, 3) of (k, 3) forces on places of the skin, each shared between the four nodes around it."""
+        mesh = self.interior.mesh
+        on_all = np.zeros((*mesh.grid, 3))
+        phi = self.surface.angle_at(skin_mm[:, X], skin_mm[:, Z])
+        for place, one in zip(np.stack([skin_mm[:, Z], phi], axis=1).tolist(), force, strict=True):
+            on_all[:, :, 0] += point_force(mesh.z_mm, mesh.phi, place)[..., None] * one
+        return on_all.reshape(-1, 3)
 
 
 def _all_along(config: FingertipConfig) -> HalfWidths:

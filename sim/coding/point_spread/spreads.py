@@ -59,6 +59,7 @@ class Spread:
     load_mm: Array  # (3,)
     sheet: Sheet  # (n,) receptors of it
     sed: Array  # (n,) pseudo-units
+    young_ratio: Array  # (n,) E / E(epidermis) there
 
     @property
     def distance_mm(self) -> Array:
@@ -94,11 +95,13 @@ def spreads(
     loads = [Load(site.x_mm, site.z_mm, direction, at_node) for site in sites]
     feet = [finger.foot_mm(load) for load in loads]
     near = [_near(sheet, foot, half_width_mm, site) for foot, site in zip(feet, sites, strict=True)]
-    recovery = finger.interior.recovery(sheet.at_mm)
+    recovery = finger.recovery(sheet.at_mm)
     strain = force_gwt * GWT_N / E_EPIDERMIS_MPA * recovery.strain(finger.moved(loads))
     sed = energy_density(strain, recovery.young_ratio, finger.config.tissue.poisson)
     return [
-        Spread(site, foot, Sheet(sheet.skin_mm[there], sheet.at_mm[there]), values[there])
+        Spread(
+            site, foot, Sheet(sheet.skin_mm[there], sheet.at_mm[there]), values[there], recovery.young_ratio[there]
+        )
         for site, foot, there, values in zip(sites, feet, near, sed, strict=True)
     ]
 

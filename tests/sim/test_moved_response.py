@@ -1,0 +1,129 @@
+"""One response moved over the finger: exact where it was measured, right on a skin that is the same everywhere."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from sim.coding.point_spread.loaded_finger import Load, LoadedFinger, energy_density
+from sim.coding.point_spread.moved_response import MovedResponse, in_frames
+from sim.coding.point_spread.sites import Site
+from sim.coding.point_spread.spreads import Spread, receptor_sheet, spreads
+from sim.config.fingertip_config import FingertipConfig
+from sim.contact.patch import X, Z
+from sim.models.catalogue import load
+from sim.models.fingertip import Fingertip
+from tests.sim.coarse import coarse_mesh
+
+CONFIG = FingertipConfig(mesh=coarse_mesh(0.4, 0.4, round_patch_mm=2.0))
+PLANE = CONFIG.receptor_plane_mm
+
+
+@pytest.fixture(scope="module")
+def loaded() -> LoadedFinger:
+    return LoadedFinger(CONFIG)
+
+
+@pytest.fixture(scope="module")
+def response(loaded: LoadedFinger) -> MovedResponse:
+    return MovedResponse.of(loaded, receptor_sheet(loaded, 0.4))
+
+
+def about(loaded: LoadedFinger, response: MovedResponse, x_mm: float, z_mm: float) -> Spread:
+    return spreads(loaded, response.sheet, [Site(0, x_mm, z_mm, on_pulp=True)], 2.0, 1.5)[0]
+
+
+def test_frames_are_across_outward_and_along(loaded: LoadedFinger) -> None:
+    skin = loaded.skin(np.array([0.0, 2.0, -2.5]), np.array([7.0, 5.0, 10.0]))
+    frames = loaded.frames(skin)
+    assert_allclose(np.einsum("nai,nbi->nab", frames, frames), np.tile(np.eye(3), (3, 1, 1)), atol=1e-12)
+    assert_allclose(frames[:, 1], loaded.normals(skin))
+    assert_allclose(np.linalg.det(frames), 1.0)
+    assert_allclose(frames[:, 0, Z], 0.0, atol=1e-12)
+    assert (frames[:, 0, X] > 0.5).all()
+    assert (frames[:, 2, Z] > 0.5).all()
+
+
+def test_strains_in_frames_are_the_same_tensor(loaded: LoadedFinger) -> None:
+    rng = np.random.default_rng(1)
+    strain = rng.normal(size=(2, 3, 6))
+    frames = loaded.frames(loaded.skin(np.array([0.0, 2.0, -2.5]), np.array([7.0, 5.0, 10.0])))
+    assert_allclose(in_frames(strain, np.tile(np.eye(3), (3, 1, 1))), strain)
+    turned = in_frames(strain, frames)
+    ratio = np.full(3, 0.1)
+    assert_allclose(energy_density(turned, ratio, 0.48), energy_density(strain, ratio, 0.48))
+    tensor = np.zeros((3, 3))
+    tensor[[0, 1, 2], [0, 1, 2]] = strain[0, 1, :3]
+    for k, (i, j) in enumerate(((0, 1), (1, 2), (0, 2))):
+        tensor[i, j] = tensor[j, i] = strain[0, 1, 3 + k] / 2
+    by_hand = frames[1] @ tensor @ frames[1].T
+    assert_allclose(turned[0, 1, :3], np.diag(by_hand))
+    assert_allclose(turned[0, 1, 3:], [2 * by_hand[0, 1], 2 * by_hand[1, 2], 2 * by_hand[0, 2]])
+
+
+def test_where_it_was_measured_it_is_exact(loaded: LoadedFinger, response: MovedResponse) -> None:
+    there = about(loaded, response, 0.0, PLANE)
+    assert response.missed(there, 2.0) < 1e-9
+    assert response.missed(there, 2.0 * np.sqrt(1.1)) == pytest.approx(0.1)  # SED goes with the force's square
+
+
+def test_moved_along_a_straight_finger_it_is_right_and_around_a_bend_it_is_not(
+    loaded: LoadedFinger, response: MovedResponse
+) -> None:
+    """A whole element along the finger, or a place on the tip's slope."""
+    near = response.missed(about(loaded, response, 0.0, PLANE + 0.4), 2.0)
+    tip = response.missed(about(loaded, response, 0.0, 10.8), 2.0)
+    assert near < 0.15, near  # measured 0.12
+    assert tip > 1.5 * near, tip
+
+
+def test_it_is_moved_the_right_way(loaded: LoadedFinger, response: MovedResponse) -> None:
+    """Its shear is odd: mirrored, or moved to the other side, it would have the other sign."""
+    load = Load(0.4, PLANE + 0.4)
+    near = about(loaded, response, load.x_mm, load.z_mm)
+    true = in_frames(
+        loaded.recovery(response.sheet.at_mm).strain(loaded.moved([load]))[0], loaded.frames(response.sheet.skin_mm)
+    )
+    skin = response.sheet.skin_mm
+    kept = np.abs(skin - near.load_mm)[:, [X, Z]].max(axis=1) < 1.5
+    found = response.convolved(near.load_mm[None], np.ones(1), skin[kept])
+    for k in range(5):  # e13 is next to nothing
+        assert np.corrcoef(found[:, k], true[kept, k])[0, 1] > 0.9
+    two = response.convolved(np.stack([near.load_mm] * 2), np.array([1.0, 2.0]), skin[kept])
+    assert_allclose(two, 3 * found)
+
+
+def test_far_from_all_that_was_seen_it_says_nothing(loaded: LoadedFinger, response: MovedResponse) -> None:
+    ends = loaded.skin(np.zeros(2), np.array([0.5, 12.5]))
+    assert not response.convolved(ends[:1], np.ones(1), ends[1:]).any()
+
+
+@pytest.fixture(scope="module")
+def pressed() -> Fingertip:
+    return load("finger", CONFIG, cached=False)
+
+
+def test_a_press_is_the_sum_of_its_forces(loaded: LoadedFinger, response: MovedResponse, pressed: Fingertip) -> None:
+    result = pressed.indent("cylinder:9", 0.0, doi_mm=0.3)
+    missed = response.missed_of_press(result)
+    patch = result.model.patch
+    force = np.append(result.state.force, np.zeros((1, len(patch))), axis=0).T
+    outward = loaded.normals(patch.position_mm)
+    inward = -(force * outward).sum(axis=1)
+    sideways = np.linalg.norm(force + inward[:, None] * outward, axis=1)
+    assert missed.lateral_share == pytest.approx(sideways.sum() / inward.sum())
+    assert 0.05 < missed.lateral_share < 0.5
+    row = np.abs(response.sheet.skin_mm[:, Z] - PLANE) < 1e-6
+    sheet = response.sheet
+    found = energy_density(
+        response.convolved(patch.position_mm, inward, sheet.skin_mm[row]), np.full(row.sum(), 0.1), 0.48
+    )
+    per_load = loaded.recovery(sheet.at_mm).strain(
+        loaded.interior.moved(
+            np.stack([loaded.on_nodes(patch.position_mm, f) for f in (force, -inward[:, None] * outward)])
+        )
+    )
+    both, normal = (energy_density(strain[row], np.full(row.sum(), 0.1), 0.48) for strain in per_load)
+    assert missed.relative_l2 == pytest.approx(np.linalg.norm(found - both) / np.linalg.norm(both))
+    assert missed.normal_alone == pytest.approx(np.linalg.norm(found - normal) / np.linalg.norm(normal))
+    assert missed.peak == pytest.approx(found.max() / both.max() - 1)
+    assert missed.relative_l2 < 0.5
