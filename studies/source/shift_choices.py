@@ -20,6 +20,7 @@ HEADER = ("instead", "m, pulp", "A over the default's", "A's spread, pulp", "all
 MESH_HEADER = ("mesh of site 10", "m", "m by logarithms", "A over the default's")
 Row = tuple[str, ...]
 
+_FROM_Z_MM = 2.0  # no site's neighbourhood begins before
 _SITE = 9  # the tenth
 _EVEN_MM = (1.5, 1.5)  # about site 10: what lies farther away is smooth
 
@@ -73,8 +74,7 @@ def meshes() -> Iterator[Row]:
 
 def _vertically_below(finger: LoadedFinger, sheet: Sheet) -> Sheet:
     at = sheet.skin_mm - DEFAULT_DEPTH_MM * np.eye(3)[Y]
-    low, high = finger.recovered_z_mm
-    there = (at[:, Z] > low) & (at[:, Z] < high)
+    there = (at[:, Y] > 0) & (sheet.skin_mm[:, Z] > _FROM_Z_MM) & (at[:, Z] < finger.recovered_z_mm[1])
     return Sheet(sheet.skin_mm[there], at[there])
 
 
