@@ -9,8 +9,6 @@ from typing import NamedTuple
 
 import typer
 
-from rig.cli.not_built import COMMANDS as NOT_BUILT
-from rig.cli.not_built import say_so_for_each
 from rig.cli.output import ExitCode, fail, looking_busy, show_builds
 
 # typer carries its own copy of click in some versions: its exceptions are reached through a public one.
@@ -39,6 +37,7 @@ COMMANDS = {
         "shift_invariance.command", "SED under point loads at 24 sites: how alike it falls off."
     ),
     "encode": Command("encode.command", "From pressure on the skin to what receptors under it say."),
+    "decode": Command("decode.command", "Pressure on the skin, read back from what receptors under it say."),
     "finger": Command("finger.command", "Fit the finger's skin, build its mesh and say how good both are."),
     "find": Command("find.command", "Say where the finger lies, from a run of find_finger."),
     "export-deck": Command("export_deck.command", "Write a scene as a CalculiX input deck."),
@@ -83,12 +82,11 @@ def _app(arguments: list[str]) -> typer.Typer:
         with looking_busy(f"rig {asked}: starting …"):
             _add(app, asked, getattr(import_module(f"rig.cli.{module}"), command))
         return app
-    near = [] if asked in NOT_BUILT else get_close_matches(asked, COMMANDS)
+    near = get_close_matches(asked, COMMANDS)
     if near:
         raise typer.BadParameter(
             f"No such command {asked!r}, expected one that rig --help lists: {' or '.join(near)}?"
         )
-    say_so_for_each(app)
     for name in COMMANDS:
         _add(app, name, _named)
     return app

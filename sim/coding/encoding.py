@@ -17,10 +17,10 @@ NOISE_PLACES: tuple[NoisePlace, ...] = get_args(NoisePlace)
 
 @dataclass(frozen=True)
 class Receptor:
-    """R = k (S − S₀), silent below the threshold."""
+    """R = k (S − S₀), silent below the threshold: that of all receptors, or (m,) of each."""
 
     gain: float = 1.0
-    threshold: float = 0.0
+    threshold: float | Array = 0.0
 
     def rate(self, sed: Array) -> Array:
         """(m,) rates of (m,) SEDs, censored at zero."""

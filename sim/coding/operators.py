@@ -73,9 +73,15 @@ def normal_influence(section: FeltSection, place_mm: Array, spacing_mm: float, e
     span = float(place_mm[-1] - place_mm[0])
     on_skin = np.linspace(place_mm[0], place_mm[-1], max(len(place_mm), round(span / spacing_mm) + 1))
     width = np.full(len(on_skin), span / (len(on_skin) - 1))
-    fine = influence(section, on_skin, width, energy)
+    fine = normal_alone(influence(section, on_skin, width, energy))
     between = np.stack([np.interp(on_skin, place_mm, one) for one in np.eye(len(place_mm))], axis=1)
-    return Operator("influence", energy, fine.parts[:, :, : len(on_skin)] @ between, place_mm, section.place_mm)
+    return Operator("influence", energy, fine.parts @ between, place_mm, section.place_mm)
+
+
+def normal_alone(operator: Operator) -> Operator:
+    """An influence operator without its lateral pressures."""
+    n = len(operator.place_mm) // 2
+    return replace(operator, parts=operator.parts[:, :, :n], place_mm=operator.place_mm[:n])
 
 
 def felt_where(operator: Operator, receptors: slice) -> Operator:

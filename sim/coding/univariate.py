@@ -19,6 +19,7 @@ STAGNANT = 1e-9
 """Of the range: a sweep over all pressures that moves none by more has converged."""
 
 MOST_SWEEPS = 20_000
+"""Over two pressures; over more, as many moves."""
 
 
 class Range(NamedTuple):
@@ -70,7 +71,7 @@ def _search(
 ) -> Decoded:
     checked_readings(operator, reading)
     pressure, path, still = start.astype(float).copy(), [start.astype(float)], False
-    for _ in range(MOST_SWEEPS):
+    for _ in range(max(1, 2 * MOST_SWEEPS // len(pressure))):
         before = pressure.copy()
         for k in range(len(pressure)):
             pressure[k] = lowest(quartic_along(operator, reading, pressure, k), float(pressure[k]))

@@ -18,6 +18,16 @@ def read_columns(path: Path, columns: Sequence[str]) -> tuple[Row, ...]:
     The first line names the columns, in any order; others are ignored. Empty lines and lines that begin with # are
     skipped. Raises TableError.
     """
+    return tuple(row for _, row in read_numbered(path, columns))
+
+
+def column_names(path: Path) -> tuple[str, ...]:
+    """What the first line names; nothing where there is none. Raises TableError for no CSV file."""
+    return tuple(cell.strip() for _, header in _lines(path)[:1] for cell in header)
+
+
+def read_numbered(path: Path, columns: Sequence[str]) -> tuple[tuple[int, Row], ...]:
+    """As `read_columns`, each row with the number of its line in the file. Raises TableError."""
     lines = _lines(path)
     if not lines:
         raise TableError(f"{path}: no table, expected the columns {','.join(columns)}")
@@ -29,7 +39,7 @@ def read_columns(path: Path, columns: Sequence[str]) -> tuple[Row, ...]:
         if len(row) != len(header):
             raise TableError(f"{path}, line {n}: {len(row)} cells, expected {len(header)}, as in line {first}")
     return tuple(
-        tuple(_number(f"{path}, line {n}, {name}", row[k]) for name, k in zip(columns, place, strict=True))
+        (n, tuple(_number(f"{path}, line {n}, {name}", row[k]) for name, k in zip(columns, place, strict=True)))
         for n, row in rows
     )
 

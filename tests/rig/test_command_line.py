@@ -11,7 +11,6 @@ from typing import Any
 
 import pytest
 
-from rig.cli.not_built import COMMANDS
 from rig.engine.journal import read_journal
 from sim.models.fingertip import Fingertip
 from tests.program import Ended, Program
@@ -201,15 +200,7 @@ def test_a_refusal_is_json_too_where_json_was_asked_for(rig: Rig) -> None:
         assert ended.json == {"error": ended.complaint, "exit_code": 2}
 
 
-# --- what is not built ---
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-def test_a_command_that_is_not_built_says_so(rig: Rig, name: str) -> None:
-    ended = rig(name, "thing", "--some-option", "3")
-    assert (ended.code, ended.out) == (2, "")
-    assert ended.complaint.startswith(f"{name}: not built yet, expected one that rig --help lists")
-    assert rig(name, "--json").json["exit_code"] == 2
+# --- what there is not ---
 
 
 def test_a_command_that_does_not_exist(rig: Rig) -> None:

@@ -1,0 +1,103 @@
+"""`rig decode`: pressure on the skin, read back from what receptors under it say."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rig.cli.coded import pressed
+from rig.cli.decode_options import encoding_of, operator_of, receptor_of, refuse_together, search_of
+from rig.cli.decode_said import as_json_object, draw, print_decoded
+from rig.cli.decode_sources import task_of_press, task_of_pressures, task_of_readings
+from rig.cli.decoding import DECODERS, Answer, DecoderName, Search, Task, decode
+from rig.cli.options import JsonOption
+from rig.cli.output import busy, print_json, told_in_one_line
+from rig.cli.pictures import PictureOption, checked_picture
+from rig.cli.pressures import read_pressures
+from rig.cli.readings_file import read_readings
+from rig.cli.sampling import ENERGY_HELP, DepthOption, HalfLengthOption, SpacingOption, named, sampling_of
+from rig.plan.config import load_config
+from rig.protocol.errors import BadInputError
+from sim.coding.decoded import DecodingError
+from sim.coding.operators import OPERATORS
+from sim.coding.sampled_section import HALF_LENGTH, SPACING_MM
+from sim.measures.receptors import DEFAULT_DEPTH_MM
+
+
+def command(
+    pressure: Annotated[
+        str | None, typer.Option(metavar="P", help="Encode these first: 20,14, or a CSV with a column pressure.")
+    ] = None,
+    shape: Annotated[str | None, typer.Option(metavar="S", help="Or press this, prismatic along z.")] = None,
+    readings: Annotated[
+        Path | None, typer.Option(metavar="FILE.csv", help="Or take these: places, depths, readings, their noise.")
+    ] = None,
+    x_mm: Annotated[float, typer.Option(metavar="X", help="Of the indentor's reference point.")] = 0.0,
+    doi_mm: Annotated[float | None, typer.Option(metavar="D", help="How deep it is pressed.")] = None,
+    decoder: Annotated[str, typer.Option(metavar="NAME", help=", ".join(DECODERS))] = "ours",
+    operator: Annotated[
+        str | None, typer.Option(metavar="O", help=f"{' or '.join(OPERATORS)}; absent: the first for --pressure.")
+    ] = None,
+    energy: Annotated[str, typer.Option(metavar="E", help=ENERGY_HELP)] = "finite",
+    snr_db: Annotated[float | None, typer.Option(metavar="DB", help="Adds noise of this ratio.")] = None,
+    noise: Annotated[str, typer.Option(metavar="AT", help="receptor (before it, on SED) or output.")] = "receptor",
+    gain: Annotated[
+        str | None,
+        typer.Option(metavar="K", help="Of the receptor, in R = k (S − S₀); 30±2 with its standard error."),
+    ] = None,
+    threshold: Annotated[
+        str | None, typer.Option(metavar="S0", help="Of the receptor, 1.5±0.2 likewise; absent: no receptor.")
+    ] = None,
+    start: Annotated[str | None, typer.Option(metavar="P", help="Where univariate and grid begin: 10,10.")] = None,
+    within: Annotated[
+        str | None, typer.Option("--range", metavar="LOW,HIGH", help="Of pressures, for all decoders but ours.")
+    ] = None,
+    grid_step: Annotated[
+        float | None, typer.Option(metavar="P", help="Of grid; absent: a 30th of the range.")
+    ] = None,
+    seed: Annotated[int, typer.Option(metavar="N", help="Of the noise, and of what is drawn at random.")] = 0,
+    spacing_mm: SpacingOption = SPACING_MM,
+    half_length: HalfLengthOption = HALF_LENGTH,
+    receptor_depth_mm: DepthOption = DEFAULT_DEPTH_MM,
+    config: Annotated[Path | None, typer.Option(metavar="TOML", help="Configuration of the finger.")] = None,
+    picture: PictureOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Print the pressures found, how sure they are and, where the true ones are known, how wrong."""
+    with told_in_one_line(as_json=as_json):
+        refuse_together(pressure, shape, readings, snr_db=snr_db, operator=operator, doi_mm=doi_mm)
+        name, by = named("--decoder", decoder, DECODERS), operator_of(operator, pressures=pressure is not None)
+        how = encoding_of(energy, noise, snr_db, seed, receptor_of(gain, threshold))
+        search = search_of(name, start, within, grid_step, seed)
+        sampling = sampling_of(spacing_mm, half_length, receptor_depth_mm)
+        checked_picture(picture)
+        finger = load_config(config).finger
+        make: Callable[[], Task]
+        if pressure is not None:
+            samples = read_pressures(pressure)
+            make = partial(task_of_pressures, finger, sampling, by, how, samples)
+        elif shape is not None:
+            scene = pressed(shape, x_mm, doi_mm)
+            make = partial(task_of_press, finger, sampling, by, how, scene)
+        else:
+            assert readings is not None
+            given = read_readings(readings, finger)
+            make = partial(task_of_readings, finger, how, given, spacing_mm)
+        with busy("the plane-strain section: about a second …", as_json=as_json):
+            task, answer = _answered(make, name, search)
+        if picture is not None:
+            draw(task, answer, picture)
+        if as_json:
+            print_json({"decoder": name, **as_json_object(task, answer)})
+        else:
+            print_decoded(name, task, answer)
+
+
+def _answered(make: Callable[[], Task], decoder: DecoderName, search: Search) -> tuple[Task, Answer]:
+    try:
+        task = make()
+        return task, decode(task, decoder, search)
+    except DecodingError as error:
+        raise BadInputError(str(error)) from None

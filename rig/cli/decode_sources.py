@@ -1,0 +1,107 @@
+"""Where `rig decode` takes readings from: pressures or a press that it encodes first, or a file."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.cli.coded import Scene, told
+from rig.cli.decoding import Noisy, Task, noise_of
+from rig.cli.readings_file import GivenReadings
+from rig.protocol.errors import BadInputError
+from sim.coding.borne import borne_by
+from sim.coding.encoding import Encoded, Noise, NoisePlace, encode
+from sim.coding.energy import Energy
+from sim.coding.fitted_receptor import FittedReceptor
+from sim.coding.impulse import impulse_responses
+from sim.coding.operators import (
+    Operator,
+    OperatorName,
+    centred,
+    convolution,
+    felt_where,
+    influence,
+    normal_alone,
+    normal_influence,
+)
+from sim.coding.readings import sd_at_rest
+from sim.coding.sampled_section import SPACING_MM, SampledSection, Sampling, felt_section, sampled_section
+from sim.config.fingertip_config import FingertipConfig
+
+Array = NDArray[np.float64]
+
+_SOUGHT = 0.8  # of the receptors' half length: beyond, too few of them feel a pressure
+
+
+class Encoding(NamedTuple):
+    """How pressures are encoded first."""
+
+    energy: Energy
+    receptor: FittedReceptor | None
+    noise: Noise | None
+    at: NoisePlace  # where noise enters: that of readings too
+
+
+def task_of_pressures(
+    config: FingertipConfig, sampling: Sampling, by: OperatorName, how: Encoding, pressure: Array
+) -> Task:
+    """Encoded and read back by the same operator."""
+    section = sampled_section(config, sampling)
+    mine = told(section, by, how.energy, pressure)
+    operator = mine.operator if by == "convolution" else normal_alone(mine.operator)
+    return _task(operator, _encoded(mine.operator, mine.pressure, how), how, pressure)
+
+
+def task_of_press(config: FingertipConfig, sampling: Sampling, by: OperatorName, how: Encoding, scene: Scene) -> Task:
+    """Felt as finite elements have it, lateral forces too; read back as normal pressures about the middle."""
+    section = sampled_section(config, sampling)
+    borne = borne_by(section, section.finger.indent(scene.indentor, scene.x_mm, doi_mm=scene.doi_mm))
+    felt = influence(section, borne.place_mm, borne.width_mm, how.energy)
+    half = int(_SOUGHT * section.sampling.half_length)
+    operator = _sought(section, by, how.energy, half)
+    return _task(operator, _encoded(felt, borne.stacked, how), how, borne.means(operator.place_mm))
+
+
+def task_of_readings(config: FingertipConfig, how: Encoding, given: GivenReadings, spacing_mm: float) -> Task:
+    """Between the outermost receptors as many pressures as there are readings, no nearer to one another than told."""
+    if (given.kind == "rate") != (how.receptor is not None):
+        expected = "--gain and --threshold beside rates" if given.kind == "rate" else "no --threshold beside SED"
+        raise BadInputError(f"--readings with a column {given.kind}: expected {expected}")
+    section = felt_section(config, given.place_mm, given.depth_mm)
+    low, high = given.place_mm[[0, -1]]
+    n = min(len(given.place_mm), round((high - low) / spacing_mm) + 1)
+    if n < 2:
+        raise BadInputError(f"--readings over {high - low:g} mm of skin: expected more than {spacing_mm:g} mm")
+    operator = normal_influence(section, np.linspace(low, high, n), SPACING_MM, how.energy)
+    return Task(operator, given.reading, how.receptor, _noise(given, how))
+
+
+def _sought(section: SampledSection, by: OperatorName, energy: Energy, half: int) -> Operator:
+    """SED at the section's own receptors under 2 half + 1 normal pressures."""
+    n, spacing = 2 * half + 1, section.sampling.spacing_mm
+    if by == "influence":
+        return normal_influence(section, centred(n, spacing), spacing, energy)
+    full = convolution(impulse_responses(section), n, energy)
+    return felt_where(full, slice(half, half + len(section.place_mm)))
+
+
+def _encoded(operator: Operator, pressure: Array, how: Encoding) -> Encoded:
+    encoded = encode(operator, pressure, None if how.receptor is None else how.receptor.receptor, how.noise)
+    if not encoded.rate.max() > 0:
+        raise BadInputError("no receptor says anything: expected pressure, and a --threshold below its SED")
+    return encoded
+
+
+def _task(operator: Operator, encoded: Encoded, how: Encoding, true: Array) -> Task:
+    receptor = None if how.receptor is None else how.receptor.receptor
+    seed = 0 if how.noise is None else how.noise.seed
+    return Task(operator, encoded.rate, how.receptor, noise_of(encoded, receptor, how.at, seed), true)
+
+
+def _noise(given: GivenReadings, how: Encoding) -> Noisy | None:
+    if given.sd is not None:
+        return Noisy(given.sd, "told by the file", how.at)
+    if given.at_rest is not None:
+        m = len(given.reading)
+        return Noisy(np.full(m, sd_at_rest(given.at_rest)), f"measured at rest of {m} receptors", how.at)
+    return None

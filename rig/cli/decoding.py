@@ -1,0 +1,184 @@
+"""What `rig decode` reads back, and by which decoder: receptors, their readings, what is known of their noise."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.protocol.errors import BadInputError
+from sim.coding.decoded import Decoded
+from sim.coding.encoding import Encoded, NoisePlace, Receptor
+from sim.coding.fitted_receptor import FittedReceptor, decode_through
+from sim.coding.operators import Operator, weighted
+from sim.coding.other_searches import global_search, table_search
+from sim.coding.profile_decoder import Profile, decode_profile
+from sim.coding.readings import QUIET_SD, Readings, sd_at_rest
+from sim.coding.univariate import Range, converged_search, grid_search
+
+Array = NDArray[np.float64]
+
+DecoderName = Literal["ours", "univariate", "grid", "table", "global"]
+DECODERS: tuple[DecoderName, ...] = get_args(DecoderName)
+
+TABLE_ENTRIES = 1000
+SURPRISING = 5.0  # standard deviations of chi-squared beyond which readings are not explained
+CUT_OFF = "the search was cut off before it stood still"
+NO_NOISE = 1e-3
+"""Of the highest reading: the sd that stands for no noise, since a likelihood needs one."""
+
+
+@dataclass(frozen=True)
+class Noisy:
+    """What is known of the readings' noise, in their own unit."""
+
+    sd: Array  # (m,)
+    known: str  # how: told, measured at rest, assumed
+    at: NoisePlace = "receptor"
+
+
+@dataclass(frozen=True)
+class Task:
+    """Readings, SED where there is no receptor and rates where there is one, and what they are to be explained by."""
+
+    operator: Operator
+    reading: Array  # (m,)
+    receptor: FittedReceptor | None
+    noise: Noisy | None  # None: nothing is known of it
+    true: Array | None = None  # (n,) pressures
+
+    @property
+    def sed(self) -> Array:
+        """(m,) SED that the readings stand for; of a silent receptor its threshold."""
+        receptor = None if self.receptor is None else self.receptor.receptor
+        return self.reading if receptor is None else self.reading / receptor.gain + receptor.threshold
+
+    @property
+    def heard(self) -> NDArray[np.bool_]:
+        """(m,) receptors whose reading is a number, not only a bound."""
+        if self.receptor is None:
+            return np.ones(len(self.reading), np.bool_)
+        return self.reading > (QUIET_SD * self.noise.sd if self.noise and self.noise.at == "output" else 0)
+
+    def unexplained(self, pressure: Array) -> tuple[str, ...]:
+        """A complaint where SED under (n,) pressures is farther from the readings than their noise."""
+        if self.noise is None:
+            return ()
+        sd = self.noise.sd / (1.0 if self.receptor is None else self.receptor.receptor.gain)
+        expected = int(self.heard.sum())
+        misfit = float(((((self.operator.sed(pressure) - self.sed) / sd) ** 2)[self.heard]).sum())
+        if misfit <= expected + SURPRISING * np.sqrt(2 * expected):
+            return ()
+        return (f"the readings are not explained: misfit {misfit:.3g}, expected about {expected}",)
+
+
+class Search(NamedTuple):
+    """How the decoders that search within a range do so; None: by the readings' size."""
+
+    start: tuple[float, ...] | None = None
+    within: tuple[float, float] | None = None
+    grid_step: float | None = None
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Pressures, how they were found, and what is to be said against them."""
+
+    pressure: Array
+    converged: bool
+    ms: float
+    profile: Profile | None = None  # of ours
+    path: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    within: Range | None = None
+    problems: tuple[str, ...] = ()
+
+
+def noise_of(encoded: Encoded, receptor: Receptor | None, at: NoisePlace, seed: int) -> Noisy:
+    """Measured, as it would be, from the same receptors at rest; where those are silent, told."""
+    m = encoded.samples
+    if not encoded.noise_sd:
+        return Noisy(np.full(m, NO_NOISE * float(encoded.rate.max())), "assumed, there is none")
+    if receptor is None:
+        rest = encoded.noise_sd * np.random.default_rng((seed, 1)).normal(size=m)
+        return Noisy(np.full(m, sd_at_rest(rest)), f"measured at rest of {m} receptors")
+    unit = receptor.gain if at == "receptor" else 1.0
+    return Noisy(np.full(m, unit * encoded.noise_sd), "told", at)
+
+
+def decode(task: Task, decoder: DecoderName, search: Search) -> Answer:
+    """Raises BadInputError for a start or a range that cannot be meant, DecodingError for such readings."""
+    if not task.heard.any():
+        raise BadInputError("no reading is above its noise: expected some that are")
+    if decoder == "ours":
+        return _ours(task, search.seed)
+    within = _range(task, search)
+    start = _start(task, search, within)
+    step = (within.high - within.low) / 30 if search.grid_step is None else search.grid_step
+    run: Mapping[str, Callable[[], Decoded]] = {
+        "univariate": lambda: converged_search(task.operator, task.sed, start, within),
+        "grid": lambda: grid_search(task.operator, task.sed, start, within, step),
+        "table": lambda: table_search(task.operator, task.sed, within, TABLE_ENTRIES, search.seed),
+        "global": lambda: global_search(task.operator, task.sed, within, search.seed),
+    }
+    began = time.perf_counter()
+    found = run[decoder]()
+    ms = 1e3 * (time.perf_counter() - began)
+    ends = int(np.isclose(found.pressure, within.high, rtol=1e-9).sum())
+    problems = [] if found.converged else [CUT_OFF]
+    if ends:
+        problems.append(f"{ends} of {len(found.pressure)} pressures stand at the end of the range, {within.high:g}")
+    problems += task.unexplained(found.pressure)
+    return Answer(found.pressure, found.converged, ms, None, found.path, within, tuple(problems))
+
+
+def _ours(task: Task, seed: int) -> Answer:
+    if task.noise is None:
+        raise BadInputError("--readings: expected a column sd or at_rest, decoder ours goes by the readings' noise")
+    began = time.perf_counter()
+    profile = _profile(task, task.noise, seed)
+    ms = 1e3 * (time.perf_counter() - began)
+    problems = (() if profile.converged else (CUT_OFF,)) + task.unexplained(profile.pressure)
+    return Answer(profile.pressure, profile.converged, ms, profile, problems=problems)
+
+
+def _profile(task: Task, noise: Noisy, seed: int) -> Profile:
+    """Readings whose noise differs are weighted until it does not."""
+    sd = float(np.median(noise.sd))
+    weight = sd / noise.sd
+    operator, reading = weighted(task.operator, weight), weight * task.reading
+
+    def through(receptor: Receptor) -> Profile:
+        of_rates = Readings.of_rates if noise.at == "receptor" else Readings.of_noisy_rates
+        unit = receptor.gain if noise.at == "receptor" else 1.0
+        mine = Receptor(receptor.gain, weight * receptor.threshold)
+        return decode_profile(operator, of_rates(reading, mine, sd / unit), seed=seed)
+
+    if task.receptor is None:
+        return decode_profile(operator, Readings.of_sed(reading, sd), seed=seed)
+    return decode_through(task.receptor, through)
+
+
+def _range(task: Task, search: Search) -> Range:
+    """By default from 0 to twice what the highest reading needs of the one pressure that it feels most."""
+    if search.within is None:
+        most = (task.operator.parts**2).sum(axis=0).max()
+        return Range(0.0, 2 * float(np.sqrt(task.sed.max() / most)))
+    return Range(*search.within)
+
+
+def _start(task: Task, search: Search, within: Range) -> Array:
+    """By default the even pressure that explains the readings best."""
+    n = task.operator.parts.shape[2]
+    if search.start is None:
+        even = task.operator.sed(np.ones(n))
+        size = np.sqrt(max(0.0, float(even @ task.sed)) / float(even @ even))
+        return np.full(n, float(np.clip(size, *within)))
+    given = np.array(search.start)
+    if len(given) not in (1, n):
+        raise BadInputError(f"--start: {len(given)} numbers, expected 1 or {n}")
+    if not ((given >= within.low) & (given <= within.high)).all():
+        raise BadInputError(f"--start: expected numbers within --range {within.low:g} … {within.high:g}")
+    return np.full(n, given[0]) if len(given) == 1 else given

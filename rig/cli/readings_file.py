@@ -1,0 +1,139 @@
+"""Readings of receptors from a CSV file (`docs/coding.md`): where they lie, what they say, how noisy they are."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.protocol.errors import BadInputError
+from sim.coding.readings import FEWEST_AT_REST, LOWEST_SD
+from sim.coding.sampled_section import receptor_points, skin_of
+from sim.coding.skin_line import SkinLine
+from sim.config.csv_table import TableError, column_names, read_numbered
+from sim.config.fingertip_config import FingertipConfig
+from sim.config.stiffness import E_EPIDERMIS_MPA
+from sim.config.units import PSEUDO_E_EPIDERMIS
+from sim.measures.receptors import ReceptorError
+from sim.models.errors import ModelRangeError
+
+Array = NDArray[np.float64]
+
+PLACES = ("x_mm", "place_mm")
+KINDS = ("sed", "sed_pa", "rate")
+NOISE = ("sd", "at_rest")
+FEWEST, MOST = 5, 400
+DEPTHS_MM = (0.1, 3.0)
+PA = 1e6 * E_EPIDERMIS_MPA / PSEUDO_E_EPIDERMIS
+"""Of one pseudo-unit."""
+
+_SAME_MM = 1e-6
+
+
+@dataclass(frozen=True)
+class GivenReadings:
+    """Rows of the file by their place on the skin; SED is in pseudo-units, whichever it was given in."""
+
+    kind: str  # one of KINDS
+    place_mm: Array  # (m,) on the skin, ascending
+    depth_mm: Array  # (m,)
+    reading: Array  # (m,) SED or rate
+    sd: Array | None  # (m,) in the readings' unit
+    at_rest: Array | None  # (m,)
+
+
+def read_readings(path: Path, finger: FingertipConfig) -> GivenReadings:
+    """Raises BadInputError, with the file, the line, the column and what was expected."""
+    try:
+        names = column_names(path)
+        place, kind = _one_of(path, names, PLACES), _one_of(path, names, KINDS)
+        noise = [name for name in NOISE if name in names]
+        if len(noise) > 1:
+            raise TableError(f"{path}, line 1: columns {' and '.join(noise)}, expected at most one of them")
+        if kind == "rate" and noise == ["at_rest"]:
+            raise TableError(f"{path}, line 1: at_rest, expected sd beside rate: a silent receptor hides its noise")
+        return _Rows(path, place, kind, noise, read_numbered(path, (place, "depth_mm", kind, *noise))).checked(finger)
+    except TableError as error:
+        raise BadInputError(f"--readings {error}") from None
+
+
+def _one_of(path: Path, names: Sequence[str], columns: Sequence[str]) -> str:
+    found = [name for name in columns if name in names]
+    if len(found) != 1:
+        raise TableError(f"{path}, line 1: {len(found)} of the columns {', '.join(columns)}, expected one of them")
+    return found[0]
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """The table as it was read: place, depth, reading and, where there is one, the column of noise."""
+
+    path: Path
+    place: str
+    kind: str
+    noise: list[str]
+    numbered: tuple[tuple[int, tuple[float, ...]], ...]
+
+    def checked(self, finger: FingertipConfig) -> GivenReadings:
+        if not FEWEST <= len(self.numbered) <= MOST:
+            raise TableError(f"{self.path}: {len(self.numbered)} readings, expected {FEWEST} … {MOST}")
+        line = skin_of(finger)
+        places = np.array([self._placed(finger, line, n, row) for n, row in self.numbered])
+        self._refuse_twice(places)
+        self._refuse_noise()
+        self._refuse_low()
+        order = np.lexsort(places.T[::-1])
+        reading, *noise = np.array([row[2:] for _, row in self.numbered])[order].T
+        unit = PA if self.kind == "sed_pa" else 1.0
+        known = {name: values / unit for name, values in zip(self.noise, noise, strict=True)}
+        place, depth = places[order].T
+        return GivenReadings(self.kind, place, depth, reading / unit, known.get("sd"), known.get("at_rest"))
+
+    def _refused(self, n: int, column: str, value: float, expected: str) -> TableError:
+        return TableError(f"{self.path}, line {n}, {column}: {value:g}, expected {expected}")
+
+    def _column(self, k: int) -> Iterator[tuple[int, float]]:
+        return ((n, row[k]) for n, row in self.numbered)
+
+    def _placed(self, finger: FingertipConfig, line: SkinLine, n: int, row: tuple[float, ...]) -> tuple[float, float]:
+        """The place on the skin above a receptor, and its depth."""
+        where, depth = row[:2]
+        if not DEPTHS_MM[0] <= depth <= DEPTHS_MM[1]:
+            raise self._refused(n, "depth_mm", depth, f"{DEPTHS_MM[0]:g} … {DEPTHS_MM[1]:g} mm below the skin")
+        try:
+            place = line.above(where, depth) if self.place == "x_mm" else where
+            receptor_points(finger, line, place, depth)
+        except (ModelRangeError, ReceptorError) as error:
+            raise TableError(f"{self.path}, line {n}, {self.place}: {error}") from None
+        return place, depth
+
+    def _refuse_twice(self, places: Array) -> None:
+        for k, place in enumerate(places):
+            same = np.flatnonzero(np.abs(places[:k] - place).max(axis=1) < _SAME_MM)
+            if len(same):
+                first = self.numbered[same[0]][0]
+                raise self._refused(
+                    self.numbered[k][0], self.place, place[0], f"each receptor once: line {first} is the same place"
+                )
+
+    def _refuse_noise(self) -> None:
+        if self.noise == ["sd"]:
+            for n, sd in self._column(3):
+                if sd <= 0:
+                    raise self._refused(n, "sd", sd, "a positive number")
+        if self.noise == ["at_rest"] and len({value for _, value in self._column(3)}) < FEWEST_AT_REST:
+            raise TableError(f"{self.path}, at_rest: expected noise, {FEWEST_AT_REST} values or more")
+
+    def _refuse_low(self) -> None:
+        """Energies and rates below 0 by more than noise, and readings that say nothing."""
+        noise = [value for _, value in self._column(3)] if self.noise else [0.0] * len(self.numbered)
+        if self.noise == ["at_rest"]:
+            noise = [float(np.std(noise, ddof=1))] * len(noise)
+        for (n, value), sd in zip(self._column(2), noise, strict=True):
+            if value < (0 if self.kind == "rate" else -LOWEST_SD * sd):
+                raise self._refused(
+                    n, self.kind, value, "no less than 0, but for noise" if self.noise else "0 or more"
+                )
+        if not any(value > 0 for _, value in self._column(2)):
+            raise TableError(f"{self.path}, {self.kind}: none is above 0, expected receptors that feel")

@@ -1,0 +1,396 @@
+"""`rig decode`: pressures, presses and files of readings in, pressures with their band out, and what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from rig.cli import decoding
+from rig.cli.readings_file import PA
+from sim.coding import univariate
+from sim.coding.encoding import noise_sd
+from sim.coding.operators import influence
+from sim.coding.sampled_section import FeltSection, felt_section
+from sim.config.fingertip_config import FingertipConfig
+from tests.program import Program, program_of
+from tests.sim.coarse import as_toml, coarse_mesh
+
+COARSE = coarse_mesh(0.3, 0.5)
+DEPTH_MM = np.tile([0.6, 0.76, 0.9], 4)
+TWO = ("decode", "--pressure", "20,14", "--config", "coarse.toml", "--half-length", 10)
+WORKED = (*TWO, "--start", "10,10", "--range", "0,30")
+
+
+@pytest.fixture
+def rig(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Program:
+    monkeypatch.chdir(tmp_path)
+    Path("coarse.toml").write_text(as_toml(COARSE), encoding="utf-8")
+    program = program_of(monkeypatch, capsys)
+    return lambda *words, **more: program(
+        *words, *(() if "--config" in words else ("--config", "coarse.toml")), **more
+    )
+
+
+@pytest.fixture(scope="module")
+def section() -> FeltSection:
+    """Irregular receptors, 0.2 to 0.9 mm apart, at several depths."""
+    place = np.array([-2.3, -1.7, -1.5, -0.9, -0.5, -0.3, 0.1, 0.6, 0.8, 1.4, 1.9, 2.1])
+    return felt_section(FingertipConfig(mesh=COARSE), place, DEPTH_MM)
+
+
+@pytest.fixture(scope="module")
+def felt(section: FeltSection) -> np.ndarray:
+    """SED under a dome of pressure 1.5 mm wide about 0.2 mm, 300 pseudo-units high."""
+    place = np.linspace(-1.0, 1.4, 25)
+    dome = 300 * np.sqrt(np.maximum(0.0, 1 - ((place - 0.2) / 0.75) ** 2))
+    return influence(section, place, np.full(25, 0.1), "finite").sed(np.append(dome, np.zeros(25)))
+
+
+def written(name: str, columns: dict[str, np.ndarray]) -> str:
+    rows = [",".join(map(str, row)) for row in zip(*columns.values(), strict=True)]
+    Path(name).write_text("\n".join([",".join(columns), *rows]) + "\n", encoding="utf-8")
+    return name
+
+
+# --- pressures ---
+
+
+def test_the_worked_example(rig: Program) -> None:
+    """Raju (1998, §6.7): [20 14] from [10 10]; exact along each coordinate it arrives, on a grid of 1 it sticks."""
+    found = rig(*WORKED, "--decoder", "univariate", "--json").json
+    assert found["pressure"] == pytest.approx([20, 14], abs=1e-3)
+    assert found["true"] == [20, 14]
+    assert found["errors"]["eq_6_8"] < 1e-8
+    assert (found["converged"], found["problems"], found["range"]) == (True, [], [0, 30])
+    assert found["moves"] > 500
+    assert (found["operator"], found["samples"], found["sd"], found["band_90"]) == ("convolution", 22, None, None)
+    assert found["place_mm"] == pytest.approx([-0.085, 0.085])
+    stuck = rig(*WORKED, "--decoder", "grid", "--json").json
+    assert stuck["pressure"] == [24, 10]  # where the source's first move goes
+    assert stuck["converged"]
+    assert stuck["problems"][0].startswith("the readings are not explained: misfit ")
+    coarser = rig(*WORKED, "--decoder", "grid", "--grid-step", 3, "--json").json
+    assert coarser["pressure"] == [24, 9]
+
+
+@pytest.mark.parametrize("decoder", ["table", "global"])
+def test_the_cheap_others(rig: Program, decoder: str) -> None:
+    options = (*TWO, "--decoder", decoder)
+    found = rig(*options, "--range", "0,30", "--json").json
+    assert found["pressure"] == pytest.approx([20, 14], abs=4.0)
+    assert found["moves"] == 0
+    low, high = rig(*options, "--json").json["range"]
+    assert low == 0
+    assert 28 < high < 120  # of the readings' size
+    again, other = (rig(*options, "--range", "0,30", "--seed", seed, "--json").json for seed in (0, 3))
+    assert again["pressure"] == found["pressure"]
+    assert other["pressure"] != found["pressure"]
+
+
+def test_ours_with_a_band_from_noise_that_it_measures(rig: Program) -> None:
+    options = ("decode", "--pressure", "20,14", "--half-length", 10, "--snr-db", 25)
+    ended = rig(*options, "--seed", 5, "--json")
+    found = ended.json
+    assert rig(*options, "--seed", 5, "--json").json | {"ms": 0} == found | {"ms": 0}
+    assert rig(*options, "--seed", 6, "--json").json["pressure"] != found["pressure"]
+    low, high = found["band_90"]["low"], found["band_90"]["high"]
+    assert (np.array(low) < found["pressure"]).all()
+    assert_allclose((np.array(high) - found["pressure"]) / found["sd"], 1.645)
+    signal = rig("encode", *options[1:5], "--json").json["sed"]
+    told = noise_sd(np.array(signal), 25)
+    assert found["noise"]["known"] == "measured at rest of 22 receptors"
+    assert found["noise"]["sd"][0] == pytest.approx(told, rel=0.5)
+    assert found["noise"]["sd"][0] != pytest.approx(told, rel=1e-6)
+    assert found["noise"]["left_of_sed"] == pytest.approx(told, rel=0.5)
+    assert found["errors"]["relative_l2"] == pytest.approx(np.sqrt(found["errors"]["eq_6_8"]))
+
+
+def test_without_noise_some_is_assumed_and_said(rig: Program) -> None:
+    ended = rig("decode", "--pressure", "20,14", "--half-length", 10)
+    assert "assumed, there is none" in ended.out
+    assert "convolution, SED finite: 2 pressures from M = 22 readings in " in ended.out
+    assert ", converged\n" in ended.out
+    assert "90 % band" in ended.out
+    assert "(squared), relative L2 " in ended.out
+    plain = rig(*WORKED, "--decoder", "univariate").out
+    assert "assumed" not in plain
+    assert "90 % band" not in plain
+    assert " moves\n" in plain
+
+
+@pytest.mark.parametrize("at", ["receptor", "output"])
+def test_rates_are_read_back_through_the_receptor(rig: Program, at: str) -> None:
+    options = ("decode", "--pressure", "20,14", "--half-length", 10, "--snr-db", 30, "--noise", at)
+    threshold = 0.2 * max(rig("encode", *options[1:5], "--json").json["sed"])
+    found = rig(*options, "--gain", 1000, "--threshold", threshold, "--json").json
+    assert 0 in found["reading"]
+    assert found["errors"]["relative_l2"] < 0.3
+    assert found["noise"]["known"] == "told"
+    assert found["problems"] == []
+    wide = rig(*options, "--gain", "1000±100", "--threshold", threshold, "--json").json
+    assert wide["pressure"] == found["pressure"]
+    added = np.sqrt(np.square(wide["sd"]) - np.square(found["sd"]))
+    assert 0.3 < added.mean() / (0.05 * np.mean(found["pressure"])) < 3  # half of the gain's own 10 %, about
+
+
+def test_influence_reads_back_normal_pressures(rig: Program) -> None:
+    options = ("decode", "--pressure", "20,14,5", "--operator", "influence", "--half-length", 10, "--json")
+    found = rig(*options).json
+    assert (found["operator"], found["samples"], len(found["pressure"])) == ("influence", 21, 3)
+    assert found["errors"]["relative_l2"] < 0.25
+    assert len(rig(*options[:2], "20", *options[3:]).json["pressure"]) == 1
+
+
+# --- a press ---
+
+
+@pytest.mark.parametrize("operator", ["influence", "convolution"])
+def test_a_press_is_felt_as_finite_elements_have_it(rig: Program, operator: str) -> None:
+    press = ("--shape", "cylinder:9", "--x-mm", 0.5, "--doi-mm", 0.4, "--half-length", 15, "--json")
+    found = rig("decode", *press, "--operator", operator).json
+    assert (found["operator"], found["samples"], len(found["pressure"])) == (
+        operator,
+        31,
+        25,
+    )  # 0.8 of the half length
+    assert_allclose(found["receptor_mm"], 0.17 * np.arange(-15, 16), atol=1e-12)
+    assert found["place_mm"][0] == pytest.approx(-12 * 0.17)
+    assert_allclose(found["reading"], rig("encode", *press, "--operator", "influence").json["sed"])
+    true = np.array(found["true"])
+    assert 0.05 < found["place_mm"] @ true / true.sum() < 0.45  # between the pad's apex, −0.1, and the cylinder's
+    assert found["noise"]["left_of_sed"] < 0.1 * max(found["reading"])
+    assert np.corrcoef(true, found["pressure"])[0, 1] > 0.4
+
+
+def test_a_press_and_readings_go_by_finite_elements_unless_told(rig: Program) -> None:
+    press = ("--shape", "cylinder:9", "--doi-mm", 0.4, "--half-length", 6, "--decoder", "table", "--json")
+    assert rig("decode", *press).json["operator"] == "influence"
+
+
+# --- pictures ---
+
+
+def test_the_fitting_picture(rig: Program) -> None:
+    assert rig(*WORKED, "--decoder", "univariate", "--picture", "search.svg").code == 0
+    assert rig("decode", "--pressure", "20,14", "--half-length", 10, "--picture", "found.svg").code == 0
+    sizes = [
+        Path(name).read_text(encoding="utf-8").split('viewBox="')[1][:20] for name in ("search.svg", "found.svg")
+    ]
+    assert sizes[0] != sizes[1]
+
+
+# --- readings ---
+
+
+def test_readings_at_any_places_in_any_order(rig: Program, section: FeltSection, felt: np.ndarray) -> None:
+    sd = noise_sd(felt, 30)
+    noise = np.random.default_rng(2).normal(size=(2, 12)) * sd
+    columns = {
+        "place_mm": section.place_mm, "depth_mm": DEPTH_MM, "sed": felt + noise[0], "at_rest": noise[1]
+    }  # fmt: skip
+    found = rig("decode", "--readings", written("r.csv", columns), "--json").json
+    assert found["true"] is None
+    assert found["errors"] is None
+    assert_allclose(found["place_mm"], np.linspace(-2.3, 2.1, 12))
+    peak = found["place_mm"][int(np.argmax(found["pressure"]))]
+    assert peak == pytest.approx(0.2, abs=0.45)
+    assert 150 < max(found["pressure"]) < 500
+    assert found["noise"]["known"] == "measured at rest of 12 receptors"
+    assert found["noise"]["sd"][0] == pytest.approx(noise[1].std(ddof=1))
+    assert (found["operator"], found["converged"]) == ("influence", True)
+
+    line = section.line
+    turned = {
+        "sd": np.full(12, sd * PA), "sed_pa": columns["sed"] * PA, "depth_mm": columns["depth_mm"],
+        "x_mm": line.below(line.angles(section.place_mm), columns["depth_mm"][:, None])[:, 0],
+    }  # fmt: skip
+    shuffled = {name: values[np.random.default_rng(1).permutation(12)] for name, values in turned.items()}
+    other = rig("decode", "--readings", written("x.csv", shuffled), "--json").json
+    assert_allclose(other["receptor_mm"], found["receptor_mm"], atol=1e-5)
+    assert_allclose(other["reading"], found["reading"], rtol=1e-9)
+    assert other["noise"]["known"] == "told by the file"
+    assert_allclose(other["noise"]["sd"], sd)
+    assert_allclose(other["pressure"], found["pressure"], atol=0.2 * max(found["pressure"]))
+    assert "one pseudo-unit is 18.63 Pa" in rig("decode", "--readings", "x.csv").out
+
+
+def test_a_reading_that_is_known_badly_counts_little(rig: Program, section: FeltSection, felt: np.ndarray) -> None:
+    wrong, sd = felt.copy(), np.full(12, 0.01 * felt.max())
+    wrong[3] *= 3
+    columns = {"place_mm": section.place_mm, "depth_mm": DEPTH_MM, "sed": felt, "sd": sd}
+    right = rig("decode", "--readings", written("r.csv", columns), "--json").json
+    sure = rig("decode", "--readings", written("s.csv", columns | {"sed": wrong}), "--json").json
+    doubted = columns | {"sed": wrong, "sd": np.where(np.arange(12) == 3, 1e4 * sd, sd)}
+    unsure = rig("decode", "--readings", written("u.csv", doubted), "--json").json
+    assert sure["problems"]
+    assert not right["problems"]
+    assert not unsure["problems"]
+    off = [np.abs(np.subtract(found["pressure"], right["pressure"])).max() for found in (sure, unsure)]
+    assert off[1] < 0.5 * off[0]
+
+
+@pytest.mark.parametrize("at", ["receptor", "output"])
+def test_rates_from_a_file(rig: Program, section: FeltSection, felt: np.ndarray, at: str) -> None:
+    k, s0 = 30.0, 0.1 * float(felt.max())
+    columns = {
+        "place_mm": section.place_mm, "depth_mm": DEPTH_MM,
+        "rate": np.maximum(0.0, k * (felt - s0)), "sd": np.full(12, 0.01 * k * felt.max()),
+    }  # fmt: skip
+    written("rates.csv", columns)
+    through = ("--gain", k, "--threshold", s0, "--noise", at)
+    found = rig("decode", "--readings", "rates.csv", *through, "--json").json
+    plain = columns | {"sed": felt, "sd": columns["sd"] / k}
+    del plain["rate"]
+    direct = rig("decode", "--readings", written("sed.csv", plain), "--json").json
+    assert_allclose(found["pressure"], direct["pressure"], atol=0.25 * max(direct["pressure"]))
+    assert min(found["reading"]) == 0
+    wide = rig(
+        "decode", "--readings", "rates.csv", "--gain", "30±3", "--threshold", f"{s0}±{0.1 * s0}", "--json"
+    ).json
+    assert np.mean(wide["sd"]) > 1.02 * np.mean(
+        rig("decode", "--readings", "rates.csv", *through[:4], "--json").json["sd"]
+    )
+
+
+def test_fewer_pressures_than_receptors_where_they_lie_near(
+    rig: Program, section: FeltSection, felt: np.ndarray
+) -> None:
+    columns = {"place_mm": section.place_mm, "depth_mm": DEPTH_MM, "sed": felt}
+    found = rig(
+        "decode", "--readings", written("r.csv", columns), "--spacing-mm", 0.5, "--decoder", "global", "--json"
+    ).json
+    assert_allclose(found["place_mm"], np.linspace(-2.3, 2.1, 10))
+    assert found["noise"] | {"left_of_sed": 0} == {"sd": None, "known": None, "left_of_sed": 0}
+    assert max(found["pressure"]) > 100
+
+
+# --- nothing goes wrong silently ---
+
+
+def test_a_search_that_is_cut_off_or_ends_at_its_range_says_so(rig: Program, monkeypatch: pytest.MonkeyPatch) -> None:
+    narrow = rig(*TWO, "--start", "10,10", "--range", "0,15", "--decoder", "univariate", "--json").json
+    assert narrow["problems"][0] == "2 of 2 pressures stand at the end of the range, 15"
+    monkeypatch.setattr(univariate, "MOST_SWEEPS", 3)
+    cut = rig(*WORKED, "--decoder", "univariate", "--json").json
+    assert (cut["converged"], cut["moves"]) == (False, 6)
+    assert cut["problems"][0] == decoding.CUT_OFF
+    told = rig(*WORKED, "--decoder", "univariate").out
+    assert "not converged, 6 moves" in told
+    assert f"beware: {decoding.CUT_OFF}" in told
+
+
+GOOD = "place_mm,depth_mm,sed,sd\n-1,0.76,1,0.1\n-0.5,0.76,2,0.1\n0,0.76,5,0.1\n0.5,0.76,2,0.1\n1,0.76,1,0.1\n"
+LINES = GOOD.splitlines()
+
+
+def changed(line: int, text: str) -> str:
+    return "\n".join([*LINES[: line - 1], text, *LINES[line:]]) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (changed(4, "9,0.76,5,0.1"), "line 4, place_mm: place 9 mm: expected -6.00 … 5.80 mm on the pulp's skin"),
+        (changed(4, "0,5,5,0.1"), "line 4, depth_mm: 5, expected 0.1 … 3 mm below the skin"),
+        (changed(4, "0,0,5,0.1"), "line 4, depth_mm: 0, expected 0.1 … 3 mm below the skin"),
+        (changed(4, "5.7,3,5,0.1"), "line 4, place_mm: no receptor at x = "),
+        (GOOD.replace("place", "x").replace("0,0.76,5", "9,0.76,5"), "line 4, x_mm: x 9 mm: expected -3."),
+        (changed(4, "nan,0.76,5,0.1"), "line 4, place_mm: expected a number, got 'nan'"),
+        (changed(4, "0,0.76,nan,0.1"), "line 4, sed: expected a number, got 'nan'"),
+        (changed(4, "0,0.76,much,0.1"), "line 4, sed: expected a number, got 'much'"),
+        (changed(4, "0,0.76,5,inf"), "line 4, sd: expected a number, got 'inf'"),
+        (changed(4, "0,0.76,5"), "line 4: 3 cells, expected 4, as in line 1"),
+        (changed(4, "0,0.76,-0.61,0.1"), "line 4, sed: -0.61, expected no less than 0, but for noise"),
+        (changed(4, "0,0.76,5,0"), "line 4, sd: 0, expected a positive number"),
+        (changed(4, "0,0.76,5,-1"), "line 4, sd: -1, expected a positive number"),
+        (changed(5, "0.0000001,0.76,5,0.1"), "line 5, place_mm: 1e-07, expected each receptor once: line 4"),
+        ("\n".join(LINES[:5]), "4 readings, expected 5 … 400"),
+        ("\n".join(LINES[:1]), "no rows below line 1, expected numbers"),
+        ("", "line 1: 0 of the columns x_mm, place_mm, expected one of them"),
+        (changed(1, "place,depth_mm,sed,sd"), "line 1: 0 of the columns x_mm, place_mm, expected one of them"),
+        (changed(1, "place_mm,x_mm,sed,sd"), "line 1: 2 of the columns x_mm, place_mm, expected one of them"),
+        (changed(1, "place_mm,depth_mm,SED,sd"), "line 1: 0 of the columns sed, sed_pa, rate, expected one of them"),
+        (changed(1, "place_mm,depth_mm,sed,rate"), "line 1: 2 of the columns sed, sed_pa, rate, expected one"),
+        (changed(1, "place_mm,depth,sed,sd"), "line 1: 0 columns depth_mm, expected the columns place_mm,"),
+        (changed(1, "place_mm,depth_mm,sed,noise"), "expected a column sd or at_rest, decoder ours goes by"),
+        (GOOD.replace("sed,sd", "sd,at_rest,sed").replace(",0.1", ",1,1"), "line 1: columns sd and at_rest"),
+        (GOOD.replace("sd", "at_rest"), "at_rest: expected noise, 3 values or more"),
+        (GOOD.replace("sed,sd", "rate,at_rest"), "line 1: at_rest, expected sd beside rate"),
+        (GOOD.replace("sed", "rate"), "a column rate: expected --gain and --threshold beside rates"),
+        (GOOD.replace("sed", "rate").replace("0,0.76,5", "0,0.76,-1"), "line 4, rate: -1, expected no less than 0"),
+        (changed(1, "place_mm,depth_mm,sed,other").replace(",5,", ",-1,"), "line 4, sed: -1, expected 0 or more"),
+        ("\n".join([LINES[0], *(f"{k},0.76,0,1" for k in range(-2, 3))]), "sed: none is above 0, expected"),
+        ("\n".join([LINES[0], *(f"0,{d},1,0.1" for d in (0.5, 0.6, 0.7, 0.8, 0.9))]), "over 0 mm of skin: expected"),
+        (changed(4, "0,0.2,5,0.1"), "receptors 0.2 … 0.76 mm deep: expected a depth inside one layer"),
+    ],
+)  # fmt: skip
+def test_a_file_that_cannot_be_meant_is_one_line(rig: Program, text: str, expected: str) -> None:
+    Path("r.csv").write_text(text, encoding="utf-8")
+    ended = rig("decode", "--readings", "r.csv", "--json")
+    assert ended.code == 2
+    assert ended.json["error"].count("\n") == 0
+    assert expected in ended.json["error"]
+    if expected.startswith("line"):
+        assert ended.json["error"].startswith("--readings r.csv, line ")
+
+
+P = ("--pressure", "20,14")
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ((), "expected exactly one of --pressure, --shape and --readings"),
+        ((*P, "--shape", "bar:3"), "expected exactly one of --pressure, --shape and --readings"),
+        ((*P, "--readings", "good.csv"), "expected exactly one of --pressure, --shape and --readings"),
+        (("--readings", "none.csv"), "--readings none.csv: No such file or directory"),
+        (("--readings", "good.csv", "--snr-db", 3), "--snr-db beside --readings: expected it with --pressure"),
+        (("--readings", "good.csv", "--operator", "convolution"), "--operator beside --readings: expected it with"),
+        (("--readings", "good.csv", "--doi-mm", 1), "--doi-mm beside --readings: expected it with --pressure or"),
+        (("--readings", "good.csv", "--threshold", 1), "a column sed: expected no --threshold beside SED"),
+        (("--readings", "good.csv", "--spacing-mm", 0.6), "--spacing-mm 0.6: expected 0.05 … 0.5"),
+        (("--shape", "bar:3"), "--shape: expected --doi-mm beside it"),
+        (("--shape", "sphere:3", "--doi-mm", 0.3), "expected --model finger"),
+        ((*P, "--decoder", "magic"), "--decoder 'magic': expected ours or univariate or grid or table or global"),
+        ((*P, "--operator", "magic"), "--operator 'magic': expected convolution or influence"),
+        ((*P, "--noise", "skin"), "--noise 'skin': expected receptor or output"),
+        ((*P, "--energy", "free"), "--energy 'free': expected incompressible or finite"),
+        ((*P, "--snr-db", 101), "--snr-db 101: expected -40 … 100"),
+        ((*P, "--seed", -1), "--seed -1: expected 0 … "),
+        ((*P, "--gain", 3), "--gain: expected --threshold beside it"),
+        ((*P, "--gain", "3±3", "--threshold", 0), "--gain 3±3: expected a standard error below the gain itself"),
+        ((*P, "--gain", 0, "--threshold", 0), "--gain 0: expected 1e-09 … 1e+09"),
+        ((*P, "--gain", "x", "--threshold", 0), "--gain 'x': expected a number, or one with its standard error as"),
+        ((*P, "--gain", "3±1±1", "--threshold", 0), "--gain '3±1±1': expected a number, or one with"),
+        ((*P, "--threshold", "1±-2"), "--threshold '1±-2': expected a number, or one with its standard error"),
+        ((*P, "--threshold", "nan"), "--threshold 'nan': expected a number, or one with its standard error"),
+        ((*P, "--threshold", "1±inf"), "--threshold '1±inf': expected a number, or one with its standard error"),
+        ((*P, "--threshold", 2e9), "--threshold 2e+09: expected -1e+09 … 1e+09"),
+        ((*P, "--threshold", 1e6), "no receptor says anything: expected pressure, and a --threshold below its SED"),
+        (("--pressure", "0,0"), "no receptor says anything: expected pressure"),
+        ((*P, "--start", "1"), "--start beside --decoder ours: expected univariate or grid"),
+        ((*P, "--range", "0,1"), "--range beside --decoder ours: expected univariate or grid or table or global"),
+        ((*P, "--grid-step", 1, "--decoder", "univariate"), "--grid-step beside --decoder univariate: expected grid"),
+        ((*P, "--grid-step", 0, "--decoder", "grid"), "--grid-step 0: expected 1e-06 … 1e+09"),
+        ((*P, "--range", "3,1", "--decoder", "grid"), "--range 3,1: expected two ascending numbers, as 0,30"),
+        ((*P, "--range", "3", "--decoder", "grid"), "--range 3: expected two ascending numbers, as 0,30"),
+        ((*P, "--range=-1,3", "--decoder", "grid"), "--range -1,3: expected two ascending numbers, as 0,30"),
+        ((*P, "--range", "0,2e9", "--decoder", "grid"), "--range 0,2e9: expected two ascending numbers, as 0,30"),
+        ((*P, "--start", "1,2,3", "--decoder", "grid"), "--start: 3 numbers, expected 1 or 2"),
+        ((*P, "--start", "9", "--range", "0,8", "--decoder", "grid"), "--start: expected numbers within --range 0"),
+        (("--pressure", ",".join(["1"] * 30), "--operator", "influence"), "17 readings of 30 pressures: expected"),
+        ((*P, "--picture", "a.pdf"), "expected a name that ends in .svg or .png"),
+    ],
+)  # fmt: skip
+def test_options_that_cannot_be_meant_are_one_line(rig: Program, options: tuple[object, ...], expected: str) -> None:
+    Path("good.csv").write_text(GOOD, encoding="utf-8")
+    ended = rig("decode", *options, "--half-length", 8, "--json")
+    assert ended.code == 2
+    assert expected in ended.json["error"]
+
+
+@pytest.mark.parametrize("text", ["30±2", "30+-2", "30+/-2"])
+def test_a_standard_error_can_be_typed_on_any_keyboard(rig: Program, text: str) -> None:
+    options = ("decode", *P, "--half-length", 8, "--threshold", 0, "--snr-db", 30, "--json")
+    assert np.mean(rig(*options, "--gain", text).json["sd"]) > np.mean(rig(*options, "--gain", 30).json["sd"])
