@@ -59,7 +59,7 @@ bench: .venv/.ready-dev
 	$(BIN)/python -m studies.accuracy.check_predictions
 	$(BIN)/python -m studies.accuracy.interval_coverage 100
 
-mutants: export OMP_NUM_THREADS = 1
+test shake mutants: export OMP_NUM_THREADS = 1  # of each worker
 mutants: .venv/.ready-dev
 	$(BIN)/python -m studies.mutants --fresh
 

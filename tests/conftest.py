@@ -2,13 +2,15 @@
 
 import pkgutil
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from copy import copy
+from pathlib import Path
 from typing import Any
 
 import pytest
 from matplotlib.figure import Figure
 
+import sim.models.cache as cache
 from rig.report.style import Plot
 from sim.config.fingertip_config import Contact
 from sim.models.fingertip import Fingertip
@@ -51,12 +53,43 @@ REAL_TIME = (
     "test_third_party_device.py::test_nothing_is_imported_but_the_kinds_that_are_used",
 )
 
+# Files of the cache, of up to 80 MB each.
+MOST_KEPT = 12
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark what runs in real time."""
     for item in items:
         if item.nodeid.removeprefix("tests/").startswith(REAL_TIME):
             item.add_marker("real_time")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _read_once() -> Iterator[None]:
+    """What lies in the cache that all tests share is read and checked once, not by every command in this process.
+
+    Caches that tests make for themselves are read as often as the program reads them.
+    """
+    shared, read = cache.cache_dir(), cache._read
+    kept: dict[Path, cache.Arrays] = {}
+
+    def once(path: Path, key: str) -> cache.Arrays | None:
+        if path.parent != shared or not path.exists():
+            return read(path, key)
+        if path not in kept:
+            found = read(path, key)
+            if found is None:
+                return None
+            for array in found.values():
+                array.flags.writeable = False  # or one test would write into another's
+            if len(kept) == MOST_KEPT:
+                kept.clear()
+            kept[path] = found
+        return dict(kept[path])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cache, "_read", once)
+        yield
 
 
 @pytest.fixture(scope="session")
