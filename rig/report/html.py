@@ -3,6 +3,7 @@
 import base64
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, TypeVar
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -53,12 +54,16 @@ def as_png(figure: Figure) -> str:
 
 def render(template: str, picture: Callable[[Figure], str] = as_svg, **about: Any) -> str:
     """A self-contained page from a template of this package."""
-    environment = Environment(
+    return _templates().get_template(template).render(picture=picture, **about)
+
+
+@cache
+def _templates() -> Environment:
+    """Each is compiled once, for however many pages."""
+    return Environment(
         loader=PackageLoader("rig.report"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["picture"] = picture
-    return environment.get_template(template).render(**about)
