@@ -221,14 +221,16 @@ def test_a_run_that_comes_to_its_end_says_nothing_of_it(rig: Callable[..., Ended
     assert list(read_journal(folder / "events.jsonl"))[-1]["reason"] == ""
 
 
-@pytest.mark.parametrize("needle", ['"press"', '"home"'])
+@pytest.mark.parametrize(("needle", "speed"), [('"press"', 40), ('"home"', 10)])
 def test_the_next_command_says_that_a_program_was_killed(
-    rig: Callable[..., Ended], finger: Fingertip, tmp_path: Path, needle: str
+    rig: Callable[..., Ended], finger: Fingertip, tmp_path: Path, needle: str, speed: int
 ) -> None:
     """kill -9 in a press, and in the air: where it was last known, and whether it may still be on the finger."""
     command = [sys.executable, "-c", "from rig.cli import main; main()", *_written(tmp_path, ENDS["Ctrl-C"])]
+    script = tmp_path / "mine.py"
+    script.write_text(script.read_text(encoding="utf-8").replace("hold_s=1.0", "hold_s=10.0"), encoding="utf-8")
     process = subprocess.Popen(
-        [*command, "--speed", "10"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        [*command, "--speed", str(speed)], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
     try:
         until(journal_says(tmp_path / "runs", needle))

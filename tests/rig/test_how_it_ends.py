@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from sim.models.fingertip import Fingertip
+from tests.program import Program
 from tests.waiting import DEADLINE_S, until
 
 HELD_AT_NUMPY = """\
@@ -83,7 +84,7 @@ def run(rig):
     rig.zero()
     for x_mm in (-0.5, 0.0, 0.5):
         rig.move_to(x_mm=x_mm)
-        rig.indent(doi_mm=0.2, hold_s=2.0)
+        rig.indent(doi_mm=0.2, hold_s=8.0 if x_mm < 0 else 0.1)
 """
 
 
@@ -95,7 +96,7 @@ def _journal(out: Path) -> list[dict[str, Any]]:
 
 @pytest.mark.parametrize("way", ["terminal", "SIGHUP", "SIGTERM"])
 def test_a_run_whose_terminal_goes_away_lifts_and_can_be_taken_up(
-    way: str, finger: Fingertip, tmp_path: Path
+    way: str, finger: Fingertip, program: Program, tmp_path: Path
 ) -> None:
     """In a hold: the master of its pseudo-terminal is closed, or the signal sent. Nobody is left to be told."""
     script, out = tmp_path / "three.py", tmp_path / "out"
@@ -103,7 +104,7 @@ def test_a_run_whose_terminal_goes_away_lifts_and_can_be_taken_up(
     master, terminal = os.openpty()
     command = [sys.executable, "-c", f"{OWN_TERMINAL}; {START}", "dry-run", str(script), "--out", str(out)]
     process = subprocess.Popen(
-        [*command, "--speed", "10"],
+        [*command, "--speed", "40"],
         stdin=terminal, stdout=terminal, stderr=terminal, start_new_session=True,
     )  # fmt: skip
     os.close(terminal)
@@ -129,7 +130,8 @@ def test_a_run_whose_terminal_goes_away_lifts_and_can_be_taken_up(
     assert (folder / "report.html").exists()
     assert (told[-1]["indentor"]["left"], told[-1]["indentor"]["may_touch"]) == ("lifted", False)
     assert f"rig resume {folder}" in (folder / "report.html").read_text(encoding="utf-8")
-    again = subprocess.run(_started("resume", str(folder), "--json"), capture_output=True, text=True, check=True)
-    assert {k: json.loads(again.stdout)[k] for k in ("complete", "missing", "repeated")} == {
+    again = program("resume", folder, "--json")
+    assert again.code == 0, again.err
+    assert {k: again.json[k] for k in ("complete", "missing", "repeated")} == {
         "complete": True, "missing": 0, "repeated": 0,
     }  # fmt: skip
