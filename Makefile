@@ -29,7 +29,7 @@ check: .venv/.ready-dev
 	$(BIN)/lint-imports
 
 test: check
-	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --durations=20
+	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder --durations=20
 
 shake: .venv/.ready-dev
 	$(BIN)/python -m tests.shake

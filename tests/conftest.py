@@ -53,15 +53,54 @@ REAL_TIME = (
     "test_third_party_device.py::test_nothing_is_imported_but_the_kinds_that_are_used",
 )
 
+# Begun first, so that what comes last is short and all workers end together; what waits for real time is dealt out
+# among what computes, so that not all wait at once.
+LONG = (
+    "test_adding_a_part.py",
+    "rig/real_time/test_calibrate.py",
+    "sim/test_hard_cases.py",
+    "rig/real_time/test_run_on_wires.py",
+    "rig/compare/test_compare_command.py",
+    "rig/test_modbus_counterparties.py",
+    "sim/test_strain_map.py",
+    "rig/test_every_end.py",
+    "rig/compare/test_study_on_a_cluster.py",
+    "sim/test_own_finger.py",
+    "rig/real_time/test_by_hand_commands.py",
+    "sim/test_speed_and_error.py",
+    "rig/test_find.py",
+    "rig/test_how_it_ends.py",
+    "sim/test_patches.py",
+    "rig/real_time/test_jog_command.py",
+    "test_third_party_device.py",
+    "sim/oracles/test_halfspace.py",
+    "rig/compare/test_on_fingers.py",
+    "rig/test_grbl_conformance.py",
+    "sim/oracles/test_round_contact.py",
+    "sim/test_any_point.py",
+    "rig/test_kills.py",
+    "test_wheel.py",
+    "sim/test_press_ahead.py",
+    "sim/test_moduli.py",
+    "sim/test_uncondensed.py",
+    "sim/test_facts.py",
+    "test_waits.py",
+)
 # Files of the cache, of up to 80 MB each.
 MOST_KEPT = 12
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what runs in real time."""
+    """Long files first, the others as they come; mark what runs in real time."""
+    items.sort(key=lambda item: _place_in_line(item.nodeid.removeprefix("tests/")))
     for item in items:
         if item.nodeid.removeprefix("tests/").startswith(REAL_TIME):
             item.add_marker("real_time")
+
+
+def _place_in_line(name: str) -> int:
+    file = name.partition("::")[0]
+    return LONG.index(file) if file in LONG else len(LONG)
 
 
 @pytest.fixture(scope="session", autouse=True)

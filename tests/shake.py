@@ -31,7 +31,7 @@ def main() -> None:
 
 def failures(words: list[str]) -> Iterator[str]:
     """The tests of one run that failed, as they do; or the run itself, where there was none."""
-    how = ["-n", "2", "--dist", "loadfile", "--no-loadscope-reorder", "-q", "-rfE"]
+    how = ["-n", "3", "--dist", "loadfile", "--no-loadscope-reorder", "-q", "-rfE"]
     command = [sys.executable, "-m", "pytest", *how, *words]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as run:
         assert run.stdout is not None

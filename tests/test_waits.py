@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.conftest import REAL_TIME
+from tests.conftest import LONG, REAL_TIME
 
 TESTS = Path(__file__).parent
 CLOCKS = {"sleep", "time", "time_ns", "monotonic", "monotonic_ns", "perf_counter", "perf_counter_ns",
@@ -111,3 +111,8 @@ def test_what_runs_in_real_time_is_shaken() -> None:
     found = {name for name, tree in _trees() if "test_" in name and not REAL.isdisjoint(_names(tree))}
     shaken = {name for name in found if any(name.startswith(place.partition("::")[0]) for place in REAL_TIME)}
     assert found - shaken == {"sim/test_calculix.py"}, "CalculiX takes minutes"
+
+
+def test_what_is_begun_first_is_there() -> None:
+    assert [name for name in LONG if not (TESTS / name).is_file()] == []
+    assert len(set(LONG)) == len(LONG)
