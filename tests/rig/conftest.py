@@ -4,6 +4,7 @@ import io
 import json
 import math
 import re
+import shutil
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
@@ -211,6 +212,31 @@ def spring(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable
 def program(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Program:
     """Run the program in this process."""
     return program_of(monkeypatch, capsys)
+
+
+@pytest.fixture(scope="module")
+def _made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("made")
+
+
+@pytest.fixture
+def made_once(_made: Path, tmp_path: Path) -> Callable[[str, Callable[[], object]], Path]:
+    """Have the only run of a kind in ./runs, which make() makes for whoever asks first: made_once(kind, make).
+
+    All others of the file get a copy.
+    """
+
+    def once(kind: str, make: Callable[[], object]) -> Path:
+        kept, runs = _made / kind, tmp_path / "runs"
+        if kept.exists():
+            shutil.copytree(kept, runs)
+        else:
+            make()
+            shutil.copytree(runs, kept)
+        (folder,) = runs.iterdir()
+        return folder
+
+    return once
 
 
 @pytest.fixture

@@ -315,6 +315,7 @@ def test_one_ctrl_c_while_it_homes_ends_it_lifted(
 def test_a_second_ctrl_c_while_it_homes_leaves_nothing_moving(
     rig: Callable[..., Ended],
     striking: Callable[[Strike], pytest.MonkeyPatch],
+    made_once: Callable[[str, Callable[[], object]], Path],
     monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,
     resumed: bool,
@@ -324,11 +325,14 @@ def test_a_second_ctrl_c_while_it_homes_leaves_nothing_moving(
     command = _written(tmp_path, ENDS["Ctrl-C"])
     if kind == "leadshine":
         (tmp_path / "rig.toml").write_text(DRIVES, encoding="utf-8")
-    if resumed:
+
+    def stopped() -> None:
         patch = striking(_signal("SIGINT"))
         assert rig(*command).code == 130
         patch.undo()
-        command = ["resume", str(next((tmp_path / "runs").iterdir()))]
+
+    if resumed:
+        command = ["resume", str(made_once(kind, stopped))]
     it, ended = _struck_while_homing(rig, monkeypatch, command, into_s, times=2)
     assert it.struck
     assert ended.code == 130

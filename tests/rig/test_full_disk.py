@@ -6,6 +6,7 @@ import json
 import os
 import shlex
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,8 @@ def run(rig):
     rig.indent(force_gwt=1.0, hold_s=0.1)
 """
 PROFILE = "x_mm,height_mm\n-3,1.2\n-1,0.1\n0,0\n1,0.1\n3,1.2\n"
+
+MadeOnce = Callable[[str, Callable[[], object]], Path]
 
 BEGINNING = ("protocol.py", "config.toml", "provenance.json", "shape_", "SHA256SUMS", ".lock")
 ENDING = ("data.h5", "sample.csv", "hold_end.csv", "report.html", "SHA256SUMS")
@@ -105,6 +108,10 @@ def full_at() -> Iterator[Callable[[str, int], tuple[FullDisk, Callable[[], None
     patch.undo()
 
 
+def _carried_out(rig: Callable[..., Ended]) -> None:
+    assert rig("dry-run", "mine.py").code == 0
+
+
 def _no_half_file(folder: Path) -> None:
     assert not [path for path in folder.rglob("*") if ".part" in path.name]
     for path in folder.rglob("*.jsonl"):
@@ -180,13 +187,12 @@ def test_a_run_is_whole_again_when_there_is_room(
     ],
 )
 def test_an_export_is_the_old_one_or_the_whole_new_one(
-    rig: Callable[..., Ended], full_at: Callable[..., Any], tmp_path: Path, as_what: str, name: str
+    rig: Callable[..., Ended], full_at: Callable[..., Any], made_once: MadeOnce, as_what: str, name: str
 ) -> None:
     """HDF5 that meets a full disk itself ends the program: a file is made in memory, and written by us."""
     if as_what == "--nwb":
         pytest.importorskip("pynwb", reason="needs pynwb: pip install 'indentation-rig[nwb]'")
-    assert rig("dry-run", "mine.py").code == 0
-    (folder,) = (tmp_path / "runs").iterdir()
+    folder = made_once("whole", partial(_carried_out, rig))
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     disk, make_room = full_at(name, 1)
     ended = rig("export", str(folder), as_what)
@@ -203,10 +209,9 @@ def test_an_export_is_the_old_one_or_the_whole_new_one(
 
 
 def test_a_run_that_cannot_be_locked_is_not_taken_up(
-    rig: Callable[..., Ended], full_at: Callable[..., Any], tmp_path: Path
+    rig: Callable[..., Ended], full_at: Callable[..., Any], made_once: MadeOnce
 ) -> None:
-    assert rig("dry-run", "mine.py").code == 0
-    (folder,) = (tmp_path / "runs").iterdir()
+    folder = made_once("whole", partial(_carried_out, rig))
     (folder / ".lock").unlink()
     _, make_room = full_at(".lock", 1)
     ended = rig("resume", str(folder))

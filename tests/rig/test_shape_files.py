@@ -28,6 +28,7 @@ BLUNT = "x_mm,height_mm\n-3,1.2\n-1,0.1\n0,0\n1,0.1\n3,1.2\n"
 SHARP = "x_mm,height_mm\n-1,1.2\n-0.2,0.5\n0,0\n0.2,0.5\n1,1.2\n"
 COPY = copy_name("parts/mine.csv")
 Rig = Callable[..., dict[str, Any]]
+MadeOnce = Callable[[str, Callable[[], object]], Path]
 
 
 @pytest.fixture
@@ -53,9 +54,11 @@ def _cut(run: Path) -> None:
 
 
 @pytest.mark.parametrize("what", ["edited", "gone"])
-def test_what_becomes_of_the_original_changes_nothing(rig: Rig, finger: Fingertip, tmp_path: Path, what: str) -> None:
+def test_what_becomes_of_the_original_changes_nothing(
+    rig: Rig, made_once: MadeOnce, finger: Fingertip, tmp_path: Path, what: str
+) -> None:
     """One indentation before, one after: the same indentor in both, in their forces and in what the model says."""
-    run = Path(rig("dry-run", "mine.py")["run"])
+    run = made_once("blunt", lambda: rig("dry-run", "mine.py"))
     assert (run / COPY).read_text(encoding="utf-8") == BLUNT
     whole = read_run(run).stream("hold_end")
     _cut(run)
@@ -72,8 +75,8 @@ def test_what_becomes_of_the_original_changes_nothing(rig: Rig, finger: Fingerti
     assert f"  {COPY}\n" in sums
 
 
-def test_a_copy_that_was_changed_is_refused(rig: Rig) -> None:
-    run = Path(rig("dry-run", "mine.py")["run"])
+def test_a_copy_that_was_changed_is_refused(rig: Rig, made_once: MadeOnce) -> None:
+    run = made_once("blunt", lambda: rig("dry-run", "mine.py"))
     _cut(run)
     (run / COPY).write_text(SHARP, encoding="utf-8")
     again = rig("resume", str(run))
@@ -101,9 +104,9 @@ def _state(run: Path) -> dict[str, tuple[int, bytes]]:
     "missing", [(), ("report.html",), ("data.h5", "sample.csv"), ("hold_end.csv", "report.html")]
 )
 def test_resume_of_a_complete_run_makes_what_is_missing_and_rewrites_nothing(
-    rig: Rig, tmp_path: Path, missing: tuple[str, ...]
+    rig: Rig, made_once: MadeOnce, tmp_path: Path, missing: tuple[str, ...]
 ) -> None:
-    run = Path(rig("dry-run", "mine.py")["run"])
+    run = made_once("blunt", lambda: rig("dry-run", "mine.py"))
     (tmp_path / "parts" / "mine.csv").unlink()
     before = _state(run)
     for name in missing:
@@ -119,9 +122,9 @@ def test_resume_of_a_complete_run_makes_what_is_missing_and_rewrites_nothing(
     assert set(listed) == set(after) - {"SHA256SUMS"}
 
 
-def test_an_edited_report_is_not_vouched_for(rig: Rig) -> None:
+def test_an_edited_report_is_not_vouched_for(rig: Rig, made_once: MadeOnce) -> None:
     """Its line among the checksums stays what it was."""
-    run = Path(rig("dry-run", "mine.py")["run"])
+    run = made_once("blunt", lambda: rig("dry-run", "mine.py"))
     shutil.copy(run / "SHA256SUMS", run.parent / "sums")
     (run / "report.html").write_text("mine", encoding="utf-8")
     (run / "data.h5").unlink()
