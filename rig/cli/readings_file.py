@@ -11,7 +11,7 @@ from rig.protocol.errors import BadInputError
 from sim.coding.readings import FEWEST_AT_REST, LOWEST_SD
 from sim.coding.sampled_section import receptor_points, skin_of
 from sim.coding.skin_line import SkinLine
-from sim.config.csv_table import TableError, column_names, read_numbered
+from sim.config.csv_table import TableError, header_of, read_numbered
 from sim.config.fingertip_config import FingertipConfig
 from sim.config.stiffness import E_EPIDERMIS_MPA
 from sim.config.units import PSEUDO_E_EPIDERMIS
@@ -46,22 +46,23 @@ class GivenReadings:
 def read_readings(path: Path, finger: FingertipConfig) -> GivenReadings:
     """Raises BadInputError, with the file, the line, the column and what was expected."""
     try:
-        names = column_names(path)
-        place, kind = _one_of(path, names, PLACES), _one_of(path, names, KINDS)
+        first, names = header_of(path)
+        where = f"{path}, line {first}"
+        place, kind = _one_of(where, names, PLACES), _one_of(where, names, KINDS)
         noise = [name for name in NOISE if name in names]
         if len(noise) > 1:
-            raise TableError(f"{path}, line 1: columns {' and '.join(noise)}, expected at most one of them")
+            raise TableError(f"{where}: columns {' and '.join(noise)}, expected at most one of them")
         if kind == "rate" and noise == ["at_rest"]:
-            raise TableError(f"{path}, line 1: at_rest, expected sd beside rate: a silent receptor hides its noise")
+            raise TableError(f"{where}: at_rest, expected sd beside rate: a silent receptor hides its noise")
         return _Rows(path, place, kind, noise, read_numbered(path, (place, "depth_mm", kind, *noise))).checked(finger)
     except TableError as error:
         raise BadInputError(f"--readings {error}") from None
 
 
-def _one_of(path: Path, names: Sequence[str], columns: Sequence[str]) -> str:
+def _one_of(where: str, names: Sequence[str], columns: Sequence[str]) -> str:
     found = [name for name in columns if name in names]
     if len(found) != 1:
-        raise TableError(f"{path}, line 1: {len(found)} of the columns {', '.join(columns)}, expected one of them")
+        raise TableError(f"{where}: {len(found)} of the columns {', '.join(columns)}, expected one of them")
     return found[0]
 
 

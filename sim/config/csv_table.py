@@ -21,9 +21,10 @@ def read_columns(path: Path, columns: Sequence[str]) -> tuple[Row, ...]:
     return tuple(row for _, row in read_numbered(path, columns))
 
 
-def column_names(path: Path) -> tuple[str, ...]:
-    """What the first line names; nothing where there is none. Raises TableError for no CSV file."""
-    return tuple(cell.strip() for _, header in _lines(path)[:1] for cell in header)
+def header_of(path: Path) -> tuple[int, tuple[str, ...]]:
+    """The line that names the columns, and the names; line 1 and none in an empty file. Raises TableError."""
+    lines = _lines(path)
+    return (lines[0][0], tuple(cell.strip() for cell in lines[0][1])) if lines else (1, ())
 
 
 def read_numbered(path: Path, columns: Sequence[str]) -> tuple[tuple[int, Row], ...]:

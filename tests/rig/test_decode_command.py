@@ -265,6 +265,17 @@ def test_fewer_pressures_than_receptors_where_they_lie_near(
     assert max(found["pressure"]) > 100
 
 
+def test_the_page_shows_a_file_that_can_be_read(rig: Program) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "coding.md").read_text(encoding="utf-8")
+    table = page.split("```\n# a row of receptors")[1].split("```")[0]
+    Path("r.csv").write_text(f"# a row of receptors{table}", encoding="utf-8")
+    found = rig("decode", "--readings", "r.csv", "--json").json
+    assert_allclose(found["receptor_mm"], [-2.1, -1.45, -0.6, 0.0, 0.85, 1.9])
+    assert found["reading"][3] * PA == pytest.approx(802.9)
+    assert int(np.argmax(found["pressure"])) in (2, 3)
+    assert f"{PA:.1f} each" in page
+
+
 # --- nothing goes wrong silently ---
 
 
@@ -308,6 +319,7 @@ def changed(line: int, text: str) -> str:
         ("\n".join(LINES[:5]), "4 readings, expected 5 … 400"),
         ("\n".join(LINES[:1]), "no rows below line 1, expected numbers"),
         ("", "line 1: 0 of the columns x_mm, place_mm, expected one of them"),
+        ("# mine\n" + GOOD.replace("place", "p"), "line 2: 0 of the columns x_mm, place_mm, expected one of them"),
         (changed(1, "place,depth_mm,sed,sd"), "line 1: 0 of the columns x_mm, place_mm, expected one of them"),
         (changed(1, "place_mm,x_mm,sed,sd"), "line 1: 2 of the columns x_mm, place_mm, expected one of them"),
         (changed(1, "place_mm,depth_mm,SED,sd"), "line 1: 0 of the columns sed, sed_pa, rate, expected one of them"),

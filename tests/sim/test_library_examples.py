@@ -1,4 +1,4 @@
-"""The ten examples of the library: they run, on a coarse finger; their types hold; the page shows them."""
+"""The twelve examples of the library: they run, on a coarse finger; their types hold; the page shows them."""
 
 import csv
 import runpy
@@ -113,18 +113,40 @@ def test_parameter_study(tmp_path: Path) -> None:
     assert float(rows[2]["force_gwt"]) > float(rows[0]["force_gwt"])
 
 
+def test_encode(capsys: pytest.CaptureFixture[str]) -> None:
+    felt, by_convolution = _main("11_encode", FingertipConfig(mesh=COARSE), half_length=16)
+    assert felt.samples == len(by_convolution) == 33
+    assert np.linalg.norm(by_convolution - felt.sed) < 0.5 * np.linalg.norm(felt.sed)
+    silent = int((felt.rate == 0).sum())
+    assert 0 < silent < 33
+    said = capsys.readouterr().out.splitlines()
+    assert said[0].startswith("M = 33 receptors, noise ")
+    assert said[0].endswith(f" of the peak, {silent} silent")
+    assert len(said) == 34
+
+
+def test_decode(capsys: pytest.CaptureFixture[str]) -> None:
+    found, errors = _main("12_decode", FingertipConfig(mesh=COARSE), receptors=24)
+    assert found.converged
+    assert errors.relative_l2 < 0.5
+    said = capsys.readouterr().out.splitlines()
+    assert said[0] == f"converged, relative L2 {errors.relative_l2:.0%}"
+    assert len(said) == 26
+    assert said[-1].startswith("from rates, 30 ± 2 each: the band is wider by ")
+
+
 # --- all of them ---
 
 
-def test_there_are_ten_and_each_is_tried() -> None:
-    assert [path.stem[:3] for path in EXAMPLES] == [f"{n:02}_" for n in range(1, 11)]
+def test_there_are_twelve_and_each_is_tried() -> None:
+    assert [path.stem[:3] for path in EXAMPLES] == [f"{n:02}_" for n in range(1, 13)]
     tried = {name.removeprefix("test_") for name in globals() if name.startswith("test_")}
     assert {path.stem[3:] for path in EXAMPLES} <= tried
 
 
 def test_their_types_hold_without_plugins(tmp_path: Path) -> None:
     said = checked(EXAMPLES, tmp_path)
-    assert said.startswith("Success: no issues found in 10 source files"), said
+    assert said.startswith("Success: no issues found in 12 source files"), said
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
