@@ -5,6 +5,7 @@
 - `impulse`: the responses h, g, f to a point load, their spectra, and what shifting them misses.
 - `operators`: pressure to SED, by convolution or by finite-element influence. `borne`: what a press bears on the
   skin. `encoding`: noise and receptors.
-- `univariate`, `other_searches`: the source's decoder and cheap others. `profile_decoder`: ours, with a band, from
-  `readings`, through a `fitted_receptor` too; `decoded` says how wrong an answer is.
+- `frictionless`: pressures that lean as the skin does under them.
+- `univariate`, `other_searches`: the source's decoder and cheap others. `profile_decoder`: ours, with a band (its
+  parts in `profiles/`), from `readings`, through a `fitted_receptor` too; `decoded` says how wrong an answer is.
 """

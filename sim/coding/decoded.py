@@ -45,13 +45,18 @@ def misfit(operator: Operator, pressure: Array, reading: Array) -> float:
     return float(((operator.sed(pressure) - reading) ** 2).sum())
 
 
-def checked_readings(operator: Operator, reading: Array) -> Array:
-    """(m,) readings, one for each receptor. Raises DecodingError for too few, too many, or no numbers."""
+def checked_readings(operator: Operator, reading: Array, fewest: int | None = None) -> Array:
+    """(m,) readings, one for each receptor. Raises DecodingError for too few, too many, or no numbers.
+
+    Too few is fewer than pressures, unless told.
+    """
     receptors, unknowns = operator.parts.shape[1:]
     if reading.shape != (receptors,):
         raise DecodingError(f"{reading.size} readings: expected {receptors}, one for each receptor")
-    if receptors < unknowns:
+    if fewest is None and receptors < unknowns:
         raise DecodingError(f"{receptors} readings of {unknowns} pressures: expected at least as many")
+    if fewest is not None and receptors < fewest:
+        raise DecodingError(f"{receptors} readings of {unknowns} pressures: expected {fewest} or more")
     bad = np.flatnonzero(~np.isfinite(reading))
     if len(bad):
         raise DecodingError(f"reading {bad[0] + 1} is {reading[bad[0]]:g}: expected a number")

@@ -1,5 +1,6 @@
 """From what bears on the skin to SED at receptors: by convolution, as the source, or by finite-element influence."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
@@ -30,6 +31,18 @@ class Operator:
     parts: Array  # (c, m, n)
     place_mm: Array  # (n,) of each pressure on the skin
     receptor_mm: Array  # (m,) places of the skin above the receptors
+
+    def per_receptor(self, change: Callable[[Array], Array]) -> "Operator":
+        """With what stands for the receptors, the second axis of (c, m, n), changed."""
+        return replace(self, parts=change(self.parts))
+
+    def leaning(self, pressure: Array) -> "Operator":
+        """Quadratic, with forces leaning as they do under these pressures; here they always stand alike."""
+        return self
+
+    def unsure(self, pressure: Array) -> Array:
+        """(m, m) covariance of SED from what the operator itself does not know of the forces; here nothing."""
+        return np.zeros((len(self.receptor_mm), len(self.receptor_mm)))
 
     def sed(self, pressure: Array) -> Array:
         """(m,) SED under (n,) pressures."""
@@ -86,12 +99,13 @@ def normal_alone(operator: Operator) -> Operator:
 
 def felt_where(operator: Operator, receptors: slice) -> Operator:
     """At some of its receptors alone."""
-    return replace(operator, parts=operator.parts[:, receptors], receptor_mm=operator.receptor_mm[receptors])
+    felt = operator.per_receptor(lambda parts: parts[:, receptors])
+    return replace(felt, receptor_mm=operator.receptor_mm[receptors])
 
 
 def weighted(operator: Operator, weight: Array) -> Operator:
     """With each receptor's SED times its (m,) weight: readings whose noise differs are then all of one sd."""
-    return replace(operator, parts=operator.parts * np.sqrt(weight)[:, None])
+    return operator.per_receptor(lambda parts: parts * np.sqrt(weight)[:, None])
 
 
 def centred(samples: int, spacing_mm: float) -> Array:

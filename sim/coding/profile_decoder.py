@@ -1,32 +1,46 @@
-"""Pressures on the skin from noisy receptors: not negative, smooth as far as the evidence has it, with a band.
+"""Pressures on the skin from noisy receptors: not negative, within a few contacts, with a band.
 
-The cost is the readings' negative log likelihood plus ½ λ Pᵀ L P, with L of squared differences between neighbours.
-For each λ it is minimised by projected Gauss–Newton steps; λ is where Laplace's evidence is highest, no farther below
-the λ of the discrepancy principle than `EVIDENCE_DECADES`, since evidence alone may fall to 0. SED does not tell a
-pressure from its negative: it is searched for from several starts.
+It begins with a smooth fit. SED is made linear about it, and the likeliest contacts of each sort that may be (how
+many, with sharp ends or without) are climbed to. Then, for each sort, SED is made linear about its own answer, round
+by round, until that stays; pressures are averaged over them all (`profiles`). Where too few pressures are asked for
+to tell contacts apart, the smooth fit is the answer.
 """
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve, cholesky
+from scipy.special import ndtr
 
 from sim.coding.decoded import checked_readings
 from sim.coding.operators import Operator
+from sim.coding.profiles.climb import alone, climbed, runs, sort_of
+from sim.coding.profiles.mixture import Mixture, mixed, together
+from sim.coding.profiles.seen import Model, Seen, linearised
+from sim.coding.profiles.smooth_fit import chi2, smooth_fit, smooth_start, spread
 from sim.coding.readings import Readings
 
 Array = NDArray[np.float64]
 
-EVIDENCE_DECADES = 3.0
-"""How far below the discrepancy principle's λ evidence may go."""
+Prior = Literal["contacts", "smooth"]
+PRIORS: tuple[Prior, ...] = get_args(Prior)
 
-_DECADES = np.arange(2.0, -8.1, -0.5)  # of λ, over the data's own curvature; from smooth to rough
-_LEVEL = 0.1  # of L: the pressures' own squares beside their differences, chosen on two samples (docs/coding.md)
-_MOST_STEPS = 60
-_SETTLED = 1e-9
-_HALVINGS = 30
+FEWEST_FOR_CONTACTS = 8
+"""Pressures; fewer are decoded as smooth."""
+
+FEWEST_READINGS = 5
+"""Of pressures within contacts, which may be more than the readings."""
+
+_LOOSENED = 3.0
+"""The model's error at the first look, over what it is: far from the answer linear SED is wrong too."""
+
 _STARTS = 3
+_POSSIBLE = 12.0  # log evidence below the best at the first look
+_MOST_ROUNDS = 8
+_SETTLED = 0.02  # of the pressures, in relative L2
+_KEPT = 20  # models of a round that the next begins with
+_DEAF = 1e-6  # least weight of a reading, over that of one that is not silent
 
 
 @dataclass(frozen=True)
@@ -36,153 +50,103 @@ class ModelError:
     share: float = 0.04
     length_mm: float = 1.0
 
+    def covariance(self, operator: Operator, sed: Array) -> Array:
+        """(m, m) of SEDs."""
+        apart = np.subtract.outer(operator.receptor_mm, operator.receptor_mm) / self.length_mm
+        return np.asarray(self.share**2 * np.outer(sed, sed) * np.exp(-0.5 * apart**2))
+
 
 @dataclass(frozen=True)
 class Profile:
     """Decoded pressures with a standard deviation each; `converged` is false where a search was cut off."""
 
     pressure: Array  # (n,) pseudo-units, none below 0
-    sd: Array  # (n,) of noise, of what smoothness leaves open, and of the model's error
-    smoothing: float  # λ
+    sd: Array  # (n,) of noise, of what the prior leaves open, and of the model's error
+    smoothing: float  # λ of the smooth fit
     misfit: float  # Σ ((SED − reading) / sd)² over receptors that are not silent
     converged: bool
+    mixture: Mixture | None = None  # where pressures lie within contacts
 
     def band(self, z: float = 1.645) -> tuple[Array, Array]:
         """(n,) lower and upper bounds, of 90 % by default; not below 0."""
-        return np.maximum(0.0, self.pressure - z * self.sd), self.pressure + z * self.sd
+        if self.mixture is None:
+            low, high = -z * self.sd, z * self.sd
+        else:
+            mean, sd = self.mixture.moments()
+            wider = np.divide(self.sd, sd, out=np.ones_like(sd), where=sd > 0)
+            low, high = (wider * (self.mixture.quantile(float(ndtr(k))) - mean) for k in (-z, z))
+        return np.maximum(0.0, self.pressure + low), self.pressure + high
+
+
+def decode_profile(
+    operator: Operator,
+    readings: Readings,
+    error: ModelError | None = None,
+    seed: int = 0,
+    *,
+    prior: Prior | None = None,
+) -> Profile:
+    """Pressures and how sure they are. Raises DecodingError for readings that cannot be meant.
+
+    Within `contacts` the mean over all that may be, of `smooth` ones the likeliest; by default within contacts,
+    unless there are few pressures.
+    """
+    unknowns = operator.parts.shape[2]
+    if (prior or ("contacts" if unknowns >= FEWEST_FOR_CONTACTS else "smooth")) == "contacts":
+        checked_readings(operator, readings.sed, FEWEST_READINGS)
+        return _within_contacts(operator, readings, ModelError() if error is None else error)
+    checked_readings(operator, readings.sed)
+    return _smooth(operator, readings, ModelError() if error is None else error, seed)
+
+
+def _smooth(operator: Operator, readings: Readings, error: ModelError, seed: int) -> Profile:
+    fit = smooth_fit(operator, readings, seed)
+    sd = spread(operator, readings, fit, error.covariance(operator, operator.sed(fit.pressure)))
+    return Profile(fit.pressure, sd, fit.smoothing, chi2(operator, readings, fit.pressure), fit.converged)
 
 
 @dataclass(frozen=True)
-class _Fit:
-    pressure: Array
-    cost: float
-    converged: bool
+class _Within:
+    """Pressures within contacts, to be found from readings."""
+
+    operator: Operator
+    readings: Readings
+    error: ModelError
+    typical: float  # of pressures in contact
+
+    def seen_from(self, pressure: Array, loosened: float = 1.0) -> Seen:
+        """Readings as linear in the pressures, about these; a silent receptor's by Newton's step."""
+        there = self.operator.leaning(pressure)
+        sed, slope = there.sed(pressure), there.slope(pressure)
+        _, first, second = self.readings.cost(sed)
+        second = np.maximum(second, _DEAF / self.readings.sd**2)
+        wrong = self.error.covariance(self.operator, sed) + self.operator.unsure(pressure)
+        covariance = np.diag(1 / second) + loosened**2 * wrong
+        return linearised(slope, slope @ pressure - first / second, covariance, self.typical)
+
+    def settled(self, seen: Seen, model: Model) -> tuple[Mixture, bool]:
+        """Models of one sort, seen from their own mean until it stays; and whether it did."""
+        mixture, models = mixed(seen, {model: 0.0}), [model]
+        for _ in range(_MOST_ROUNDS):
+            pressure, _ = mixture.moments()
+            near = self.seen_from(pressure)
+            climb = climbed(near, models, sort=sort_of(model))
+            mixture, models = mixed(near, climb.known), climb.best(_KEPT)
+            moved = np.linalg.norm(mixture.moments()[0] - pressure)
+            if climb.at_top and moved <= _SETTLED * np.linalg.norm(pressure):
+                return mixture, True
+        return mixture, False
 
 
-def decode_profile(operator: Operator, readings: Readings, error: ModelError | None = None, seed: int = 0) -> Profile:
-    """The likeliest smooth, non-negative pressures. Raises DecodingError for readings that cannot be meant."""
-    checked_readings(operator, readings.sed)
-    prior = _prior(operator.parts.shape[2])
-    fits = _over_smoothing(operator, readings, prior, seed)
-    smoothing = _chosen(operator, readings, prior, fits)
-    best = fits[smoothing]
-    sd = _spread(operator, readings, smoothing * prior, best.pressure, ModelError() if error is None else error)
-    return Profile(best.pressure, sd, smoothing, _chi2(operator, readings, best.pressure), best.converged)
-
-
-def _prior(n: int) -> Array:
-    difference = np.diff(np.eye(n), axis=0)
-    return np.asarray(difference.T @ difference + _LEVEL * np.eye(n))
-
-
-def _over_smoothing(operator: Operator, readings: Readings, prior: Array, seed: int) -> dict[float, _Fit]:
-    """Fits by λ, from smooth to rough: the first from several starts, others from where the last one ended.
-
-    Under a large λ all may have fallen to 0, where SED has no slope: each is begun from an even pressure too.
-    """
-    starts = _starts(operator, readings, seed)
-    even = starts[0]
-    curvature = np.trace(_curvature(operator, readings, starts[0])) / np.trace(prior)
-    fits: dict[float, _Fit] = {}
-    for smoothing in (curvature * 10**_DECADES).tolist():
-        tried = [_fitted(operator, readings, smoothing * prior, start) for start in starts]
-        fits[smoothing] = min(tried, key=lambda fit: fit.cost)
-        starts = [fits[smoothing].pressure, even]
-    return fits
-
-
-def _starts(operator: Operator, readings: Readings, seed: int) -> list[Array]:
-    """An even pressure of the readings' size, one as their root, and random ones."""
-    shown = np.sqrt(np.maximum(readings.sed, readings.sd))
-    n = operator.parts.shape[2]
-    as_root = np.interp(np.linspace(0, 1, n), np.linspace(0, 1, len(shown)), shown)
-    shapes = [np.ones(n), as_root, *np.random.default_rng(seed).uniform(0.1, 1.0, (_STARTS, n))]
-    return [shape * _size(operator, readings, shape) for shape in shapes]
-
-
-def _size(operator: Operator, readings: Readings, shape: Array) -> float:
-    sed = operator.sed(shape)
-    return float(np.sqrt(max(readings.sed @ sed, readings.sd * sed.max()) / (sed @ sed)))
-
-
-def _fitted(operator: Operator, readings: Readings, penalty: Array, start: Array) -> _Fit:
-    """Projected Gauss–Newton (Bertsekas 1982): pressures at 0 that would fall stay, the others step together."""
-    pressure, cost = start, _cost(operator, readings, penalty, start)
-    for _ in range(_MOST_STEPS):
-        slope = operator.slope(pressure)
-        _, first, second = readings.cost(operator.sed(pressure))
-        gradient = first @ slope + penalty @ pressure
-        free = (pressure > 0) | (gradient < 0)
-        curvature = (slope.T * second) @ slope + penalty
-        step = np.zeros_like(pressure)
-        step[free] = -np.linalg.solve(curvature[np.ix_(free, free)], gradient[free])
-        moved, lower = _searched(operator, readings, penalty, pressure, step, cost)
-        settled = cost - lower <= _SETTLED * (1 + abs(cost))
-        pressure, cost = moved, lower
-        if settled:
-            return _Fit(pressure, cost, converged=True)
-    return _Fit(pressure, cost, converged=False)
-
-
-def _searched(
-    operator: Operator, readings: Readings, penalty: Array, pressure: Array, step: Array, cost: float
-) -> tuple[Array, float]:
-    """The first of ever shorter steps that lowers the cost; the place itself where none does."""
-    for halving in range(_HALVINGS):
-        moved = np.maximum(0.0, pressure + 0.5**halving * step)
-        lower = _cost(operator, readings, penalty, moved)
-        if lower < cost:
-            return moved, lower
-    return pressure, cost
-
-
-def _cost(operator: Operator, readings: Readings, penalty: Array, pressure: Array) -> float:
-    return float(readings.cost(operator.sed(pressure))[0].sum() + 0.5 * pressure @ penalty @ pressure)
-
-
-def _curvature(operator: Operator, readings: Readings, pressure: Array) -> Array:
-    slope = operator.slope(pressure)
-    _, _, second = readings.cost(operator.sed(pressure))
-    return np.asarray((slope.T * second) @ slope)
-
-
-def _chi2(operator: Operator, readings: Readings, pressure: Array) -> float:
-    left = (operator.sed(pressure) - readings.sed) / readings.sd
-    return float((left[~readings.silent] ** 2).sum())
-
-
-def _chosen(operator: Operator, readings: Readings, prior: Array, fits: dict[float, _Fit]) -> float:
-    """λ of the highest evidence, from that of the discrepancy principle down to `EVIDENCE_DECADES` below it."""
-    expected = float((~readings.silent).sum())
-    misfits = {smoothing: _chi2(operator, readings, fit.pressure) for smoothing, fit in fits.items()}
-    enough = max(expected, 1.05 * min(misfits.values()))
-    discrepancy = max(smoothing for smoothing, found in misfits.items() if found <= enough)
-    floor = discrepancy / 10**EVIDENCE_DECADES
-    allowed = [smoothing for smoothing in fits if floor <= smoothing <= discrepancy]
-    return max(allowed, key=lambda smoothing: _evidence(operator, readings, smoothing * prior, fits[smoothing]))
-
-
-def _evidence(operator: Operator, readings: Readings, penalty: Array, fit: _Fit) -> float:
-    """Laplace's log evidence of a penalty, but for what is the same for all; of the pressures above 0."""
-    free = np.flatnonzero(fit.pressure > 0)
-    if not len(free):
-        return -fit.cost
-    among = np.ix_(free, free)
-    data = _curvature(operator, readings, fit.pressure)[among]
-    return -fit.cost + 0.5 * (_log_det(penalty[among]) - _log_det(data + penalty[among]))
-
-
-def _log_det(matrix: Array) -> float:
-    return 2 * float(np.log(np.diag(cholesky(matrix))).sum())
-
-
-def _spread(operator: Operator, readings: Readings, penalty: Array, pressure: Array, error: ModelError) -> Array:
-    """(n,) standard deviations: Laplace's covariance, and what a wrong model adds through the readings' gain."""
-    slope, sed = operator.slope(pressure), operator.sed(pressure)
-    _, _, second = readings.cost(sed)
-    factor = cho_factor((slope.T * second) @ slope + penalty)
-    noise = np.diag(cho_solve(factor, np.eye(len(pressure))))
-    apart = np.subtract.outer(operator.receptor_mm, operator.receptor_mm) / error.length_mm
-    wrong = error.share**2 * np.outer(sed, sed) * np.exp(-0.5 * apart**2)
-    gain = cho_solve(factor, slope.T * second)
-    return np.asarray(np.sqrt(noise + np.einsum("nm,mk,nk->n", gain, wrong, gain)))
+def _within_contacts(operator: Operator, readings: Readings, error: ModelError) -> Profile:
+    """Each sort of answer that a first look leaves possible, and the mean over them all."""
+    start = smooth_start(operator.leaning(np.zeros(operator.parts.shape[2])), readings)
+    begun = start.pressure
+    within = _Within(operator, readings, error, float(begun @ begun / begun.sum()))
+    seen = within.seen_from(begun, _LOOSENED)
+    look = climbed(seen, [*runs(begun), *alone(len(begun))], _STARTS)
+    found = [within.settled(seen, model) for model in look.best_of_sorts(_POSSIBLE).values()]
+    mixture = together([mixture for mixture, _ in found])
+    pressure, sd = mixture.moments()
+    misfit = chi2(operator, readings, pressure)
+    return Profile(pressure, sd, start.smoothing, misfit, all(settled for _, settled in found), mixture)

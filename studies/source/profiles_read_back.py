@@ -1,82 +1,145 @@
 """Whole pressure profiles read back from noisy SED: how wrong, how sure, and which part of it is whose fault.
 
-    .venv/bin/python -m studies.source.profiles_read_back [DRAWS]
+    .venv/bin/python -m studies.source.profiles_read_back [DRAWS] [chosen]
 
-Decoded by influence, normal pressures alone, on 39 samples 170 µm apart, at 30 dB over M receptors. Readings are of
-the same mesh under the normal pressures alone, of the same mesh under all of a press, and of the finer mesh.
+Decoded on 39 samples 170 µm apart, at 30 dB over M receptors, from SED of presses on a finer mesh. With `chosen`: the
+scenes and seeds on which the prior was chosen, which are none of those reported.
 """
 
 import sys
-from dataclasses import replace
+import time
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.coding.borne import Borne, borne_by
+from sim.coding.borne import borne_by
 from sim.coding.decoded import decoding_errors
 from sim.coding.encoding import noise_sd
-from sim.coding.operators import Operator, centred, influence
-from sim.coding.profile_decoder import decode_profile
+from sim.coding.frictionless import Frictionless, frictionless
+from sim.coding.operators import centred
+from sim.coding.profile_decoder import Profile, decode_profile
 from sim.coding.readings import Readings
-from sim.coding.sampled_section import SampledSection, Sampling, sampled_section
+from sim.coding.sampled_section import SPACING_MM, SampledSection, Sampling, sampled_section
 from sim.config.fingertip_config import FingertipConfig, MeshSpec
 
 Array = NDArray[np.float64]
 
-SCENES = {"cylinder:9": 0.0, "cylinder:3": 0.0, "bar:3.0": 0.0, "bar:1.5": 0.0, "step:1": -1.63, "step:5": -1.63}
-DOI_MM, SAMPLES, SNR_DB, DRAWS = 0.67, 39, 30.0, 10
-_PRESSED = 0.02  # of the peak: inside the contact
+
+class Scene(NamedTuple):
+    """A press; mm."""
+
+    shape: str
+    x_mm: float
+    doi_mm: float
 
 
-def main(draws: int = DRAWS) -> None:
-    """Print relative L2, coverage of the 90 % band inside the contact, and its median width over the peak."""
-    same = sampled_section(FingertipConfig(), Sampling())
-    finer = sampled_section(FingertipConfig(mesh=MeshSpec(level="fine")), Sampling())
-    spacing = same.sampling.spacing_mm
-    place = centred(SAMPLES, spacing)
-    both = influence(same, place, np.full(SAMPLES, spacing), "finite")
-    normal = replace(both, parts=both.parts[:, :, :SAMPLES], place_mm=place)
-    print(f"M = {both.parts.shape[1]} receptors, {draws} draws a row")
-    print("| shape | readings | relative L2 | coverage | width over peak |\n|---|---|---|---|---|")
-    for shape, x_mm in SCENES.items():
-        for name, (true, sed) in _readings(same, finer, normal, shape, x_mm).items():
-            print(f"| {shape} | {name} | {_row(normal, true, sed, draws)} |", flush=True)
+SCENES = [
+    Scene("cylinder:9", 0.0, 0.67),
+    Scene("cylinder:3", 0.0, 0.67),
+    Scene("bar:3.0", 0.0, 0.67),
+    Scene("bar:1.5", 0.0, 0.67),
+    Scene("step:1", -1.63, 0.67),
+    Scene("step:5", -1.63, 0.67),
+]
+CHOSEN_ON = [
+    Scene("cylinder:6", 0.4, 0.5),
+    Scene("cylinder:4", -0.5, 0.9),
+    Scene("cylinder:15", 0.2, 0.8),
+    Scene("bar:2.0", -0.5, 0.8),
+    Scene("bar:2.4", 0.3, 0.5),
+    Scene("bar:1.2", 0.7, 0.6),
+    Scene("step:3", -1.2, 0.6),
+    Scene("step:1", -1.0, 0.8),
+    Scene("step:5", -0.6, 0.8),
+]
+SEED, CHOSEN_SEED = 1000, 100
+SAMPLES, SNR_DB, DRAWS = 39, 30.0, 20
+PRESSED = 0.02  # of the peak: inside the contact
+_HEAD = "| shape | pressures | relative L2 | coverage | width over peak | ms |\n|---|---|---|---|---|---|"
+
+Decode = Callable[[Readings], Profile]
 
 
-def _readings(
-    same: SampledSection, finer: SampledSection, normal: Operator, shape: str, x_mm: float
-) -> dict[str, tuple[Array, Array]]:
-    """Mean pressures over the samples, and the SED without noise that they are read back from."""
-    found = {}
-    for name, section in (("same mesh", same), ("finer mesh", finer)):
-        pressed = section.finger.indent(shape, x_mm, doi_mm=DOI_MM)
-        found[name] = (_means(borne_by(section, pressed)), pressed.receptor_measures["sed"])
-    true = found["same mesh"][0]
-    return {"same mesh, normal alone": (true, normal.sed(true)), **found}
+def main(draws: int = DRAWS, scenes: list[Scene] = SCENES, seed: int = SEED) -> None:
+    """Print relative L2, coverage of the 90 % band inside the contact, its median width over the peak, and time."""
+    same, finer = default_section(), finer_section()
+    operator = frictionless(same, centred(SAMPLES + 1, SPACING_MM), "finite")
+    print(f"M = {operator.parts.shape[1]} receptors, {draws} draws a row, seeds {seed} … {seed + draws - 1}\n{_HEAD}")
+    for scene in scenes:
+        true, sed = pressed(finer, scene)
+        for name, decode in decoders(operator).items():
+            row = Row.of([read_back(decode, true, sed, SNR_DB, seed + k) for k in range(draws)])
+            print(f"| {scene.shape} at {scene.x_mm:g}, {scene.doi_mm:g} mm deep | {name} | {row} |", flush=True)
 
 
-def _means(borne: Borne) -> Array:
-    """(SAMPLES,) pressures: the force on each sample, over its width."""
-    place = centred(SAMPLES + 1, Sampling().spacing_mm)
-    ends = np.append(borne.place_mm - borne.width_mm / 2, borne.place_mm[-1] + borne.width_mm[-1] / 2)
-    force = np.append(0.0, np.cumsum(borne.normal * borne.width_mm))
-    return np.asarray(np.diff(np.interp(place, ends, force)) / np.diff(place))
+def default_section() -> SampledSection:
+    """What decodes."""
+    return sampled_section(FingertipConfig(), Sampling())
 
 
-def _row(normal: Operator, true: Array, sed: Array, draws: int) -> str:
-    sd, inside = noise_sd(sed, SNR_DB), true > _PRESSED * true.max()
-    wrong, held, width = np.empty((3, draws))
-    for k in range(draws):
-        said = sed + sd * np.random.default_rng(k).normal(size=len(sed))
-        found = decode_profile(normal, Readings.of_sed(said, sd))
-        low, high = found.band()
-        wrong[k] = decoding_errors(true, found.pressure).relative_l2
-        held[k] = ((low <= true) & (true <= high))[inside].mean()
-        width[k] = np.median((high - low)[inside]) / true.max()
-    return (
-        f"{100 * wrong.mean():.0f} ± {100 * wrong.std(ddof=1):.0f} % | {100 * held.mean():.0f} % | {width.mean():.2f}"
-    )
+def finer_section() -> SampledSection:
+    """What is pressed."""
+    return sampled_section(FingertipConfig(mesh=MeshSpec(level="fine")), Sampling())
+
+
+def decoders(operator: Frictionless) -> dict[str, Decode]:
+    """Ours, then with less and less of what it knows."""
+    upright = operator.leaning(np.zeros(len(operator.place_mm)))
+    return {
+        "within contacts, frictionless": lambda readings: decode_profile(operator, readings),
+        "within contacts, normal alone": lambda readings: decode_profile(upright, readings),
+        "smooth, normal alone": lambda readings: decode_profile(upright, readings, prior="smooth"),
+    }
+
+
+def pressed(section: SampledSection, scene: Scene) -> tuple[Array, Array]:
+    """(SAMPLES,) mean normal pressures, and the SED without noise that they are read back from."""
+    press = section.finger.indent(scene.shape, scene.x_mm, doi_mm=scene.doi_mm)
+    return borne_by(section, press).means(centred(SAMPLES, SPACING_MM)), press.receptor_measures["sed"]
+
+
+class ReadBack(NamedTuple):
+    """One draw: relative L2, share of the contact that the 90 % band holds, its width over the peak, ms."""
+
+    relative_l2: float
+    held: float
+    width: float
+    spent_ms: float
+
+
+def read_back(decode: Decode, true: Array, sed: Array, snr_db: float, seed: int) -> ReadBack:
+    """From one draw of noise."""
+    sd = noise_sd(sed, snr_db)
+    said = Readings.of_sed(sed + sd * np.random.default_rng(seed).normal(size=len(sed)), sd)
+    began = time.process_time()
+    found = decode(said)
+    spent_ms = 1e3 * (time.process_time() - began)
+    low, high = found.band()
+    inside = true > PRESSED * true.max()
+    held = ((low <= true) & (true <= high))[inside].mean()
+    width = np.median((high - low)[inside]) / true.max()
+    return ReadBack(decoding_errors(true, found.pressure).relative_l2, float(held), float(width), spent_ms)
+
+
+class Row(NamedTuple):
+    """Over draws."""
+
+    mean: ReadBack
+    sd: ReadBack
+
+    @classmethod
+    def of(cls, draws: list[ReadBack]) -> "Row":
+        """Means and sds."""
+        return cls(ReadBack(*np.mean(draws, axis=0).tolist()), ReadBack(*np.std(draws, axis=0, ddof=1).tolist()))
+
+    def __str__(self) -> str:
+        error = f"{100 * self.mean.relative_l2:.1f} ± {100 * self.sd.relative_l2:.1f} %"
+        return f"{error} | {100 * self.mean.held:.0f} % | {self.mean.width:.2f} | {self.mean.spent_ms:.0f}"
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    numbers = [int(word) for word in sys.argv[1:] if word.isdigit()] or [DRAWS]
+    chosen = "chosen" in sys.argv
+    main(numbers[0], CHOSEN_ON if chosen else SCENES, CHOSEN_SEED if chosen else SEED)

@@ -1,0 +1,124 @@
+"""Pressures without friction: each stands normal to the skin as it lies under all of them.
+
+Without friction an indentor pushes along its own normal, and where it touches the skin lies on it. So how forces lean
+follows from the pressures themselves: they move the skin (the section's compliance), its slope says how each leans,
+and what leans has a part along the undeformed skin. Under a press it gives what the press gives to 1 % of SED, under
+corners sharper than a sample to 1 to 6 %; normal pressures alone miss 3 to 14 % (docs/coding.md).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.coding.energy import Energy
+from sim.coding.operators import Operator, influence
+from sim.coding.sampled_section import SampledSection
+from sim.config.units import PSEUDO_E_EPIDERMIS
+from sim.contact.patch import X, Y
+from sim.models.errors import ModelRangeError
+
+Array = NDArray[np.float64]
+
+_ROUNDS = 4  # pressures that lean move the skin: the fourth round changes SED by less than 0.1 %
+_LEAN_SD = 0.15  # as far off as leans are at corners sharper than a sample; alike over a length of skin
+_LEAN_LENGTH_MM = 0.2
+_STEEPEST = 1.0  # a lean by more than 45° is no contact
+
+
+@dataclass(frozen=True)
+class Skin:
+    """The skin at the ends of n samples, and how their pressures move it; mm and pseudo-units."""
+
+    at_rest_mm: Array  # (2, n + 1) x and y
+    moved_mm: Array  # (2, n + 1, 2 n) per pressure: normal ones, then lateral ones
+    normal: Array  # (n, 2) outward, of the undeformed skin in the middle of each sample
+
+    def pressed(self, pressure: Array, lateral: Array) -> Array:
+        """(2, n + 1) where the samples' ends lie under (n,) normal and lateral pressures."""
+        return np.asarray(self.at_rest_mm + self.moved_mm @ np.concatenate([pressure, lateral]))
+
+    def lean(self, pressure: Array) -> Array:
+        """(n,) lateral over normal pressure of each sample."""
+        lean = np.zeros_like(pressure)
+        for _ in range(_ROUNDS):
+            along = np.diff(self.pressed(pressure, lean * pressure), axis=1)
+            across = along[X] * self.normal[:, X] + along[Y] * self.normal[:, Y]
+            lean = across / (along[X] * self.normal[:, Y] - along[Y] * self.normal[:, X])
+            lean = np.clip(lean, -_STEEPEST, _STEEPEST)
+        return lean
+
+
+@dataclass(frozen=True)
+class Frictionless(Operator):
+    """SED under normal pressures with all that they bear along the skin; no longer quite quadratic in them."""
+
+    lateral: Array  # (c, m, n) beside `parts`, of pressures along the skin
+    skin: Skin
+
+    def per_receptor(self, change: Callable[[Array], Array]) -> Operator:
+        """With what stands for the receptors, the second axis of (c, m, n), changed."""
+        return replace(self, parts=change(self.parts), lateral=change(self.lateral))
+
+    def leaning(self, pressure: Array) -> Operator:
+        """Quadratic: leans held as they are under these pressures."""
+        parts = self.parts + self.lateral * self.skin.lean(pressure)
+        return Operator(self.name, self.energy, parts, self.place_mm, self.receptor_mm)
+
+    def unsure(self, pressure: Array) -> Array:
+        """(m, m) covariance of SED from what is not known of the leans."""
+        linear = self.leaning(pressure).parts @ pressure
+        by_lean = 2 * np.einsum("cm,cmn->mn", linear, self.lateral) * pressure
+        apart = np.subtract.outer(self.place_mm, self.place_mm) / _LEAN_LENGTH_MM
+        return np.asarray(_LEAN_SD**2 * by_lean @ np.exp(-0.5 * apart**2) @ by_lean.T)
+
+    def sed(self, pressure: Array) -> Array:
+        """(m,) SED under (n,) pressures."""
+        return self.leaning(pressure).sed(pressure)
+
+    def slope(self, pressure: Array) -> Array:
+        """(m, n) derivatives of the SED, leans held."""
+        return self.leaning(pressure).slope(pressure)
+
+    def pulled_back(self, pressure: Array, weight: Array) -> Array:
+        """(n,) gradient of Σ weight · SED, leans held."""
+        return self.leaning(pressure).pulled_back(pressure, weight)
+
+
+def frictionless(section: SampledSection, ends_mm: Array, energy: Energy) -> Frictionless:
+    """Of samples of skin between (n + 1,) ascending places. Raises ModelRangeError beside the section's patch."""
+    middle, width = 0.5 * (ends_mm[1:] + ends_mm[:-1]), np.diff(ends_mm)
+    both = influence(section, middle, width, energy)
+    normal, lateral = np.split(both.parts, 2, axis=2)
+    return Frictionless(both.name, energy, normal, middle, both.receptor_mm, lateral, _skin(section, ends_mm))
+
+
+def _skin(section: SampledSection, ends_mm: Array) -> Skin:
+    patch = section.finger.model.patch
+    place = section.line.places(patch.x)
+    order = np.argsort(place)
+    place, width = place[order], patch.area_mm2[order]
+    if not (place[0] <= ends_mm[0] and ends_mm[-1] <= place[-1]):
+        raise ModelRangeError(
+            f"samples from {ends_mm[0]:.2f} to {ends_mm[-1]:.2f} mm: "
+            f"expected places within {place[0]:.2f} … {place[-1]:.2f} mm"
+        )
+    low, high = place - width / 2, place + width / 2
+    shared = np.minimum(high[:, None], ends_mm[1:]) - np.maximum(low[:, None], ends_mm[:-1])
+    area = np.maximum(0.0, shared)  # (k, n) of each node's skin in each sample
+    normal = section.line.normals(section.line.angles(place)).T[:, :, None]
+    along = np.stack([normal[Y], -normal[X]])
+    force = np.concatenate([-normal * area, along * area], axis=-1)  # (2, k, 2 n)
+    compliance = patch.compliance.reshape(2, len(patch), 2, len(patch))[:, order][:, :, :, order]
+    moved = np.einsum("akbl,bln->akn", compliance, force) / PSEUDO_E_EPIDERMIS
+    position = patch.position_mm[order].T
+    at_rest = np.stack([np.interp(ends_mm, place, position[axis]) for axis in (X, Y)])
+    between = _interpolation(ends_mm, place)
+    middle = section.line.angles(0.5 * (ends_mm[1:] + ends_mm[:-1]))
+    return Skin(at_rest, between @ moved, section.line.normals(middle))
+
+
+def _interpolation(at: Array, place: Array) -> Array:
+    """(len(at), len(place)) linear between places."""
+    return np.stack([np.interp(at, place, row) for row in np.eye(len(place))], axis=1)

@@ -1,0 +1,6 @@
+"""Pressures within a few contacts, 0 outside: what is known of them beforehand, and which of them explain readings.
+
+- `contact`: one contact and its prior. `seen`: readings made linear and white, and the evidence of contacts.
+- `climb`: the likeliest contacts. `mixture`: pressures averaged over them, with bands.
+- `smooth_fit`: where it begins, and the answer for few pressures.
+"""
