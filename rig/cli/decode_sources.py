@@ -30,6 +30,7 @@ from sim.config.fingertip_config import FingertipConfig
 
 Array = NDArray[np.float64]
 
+_HELD = 0.95  # of a press's force under the pressures that are sought
 _SOUGHT = 0.8  # of the receptors' half length: beyond, too few of them feel a pressure
 
 
@@ -59,7 +60,14 @@ def task_of_press(config: FingertipConfig, sampling: Sampling, by: OperatorName,
     felt = influence(section, borne.place_mm, borne.width_mm, how.energy)
     half = int(_SOUGHT * section.sampling.half_length)
     operator = _sought(section, by, how.energy, half)
-    return _task(operator, _encoded(felt, borne.stacked, how), how, borne.means(operator.place_mm))
+    true = borne.means(operator.place_mm)
+    held = float(true.sum() * section.sampling.spacing_mm / (borne.normal * borne.width_mm).sum())
+    if held < _HELD:
+        raise BadInputError(
+            f"--shape at x = {scene.x_mm:g} mm: {held:.0%} of its force is between {operator.place_mm[0]:.2f} and "
+            f"{operator.place_mm[-1]:.2f} mm, where pressures are sought, expected {_HELD:.0%} or more"
+        )
+    return _task(operator, _encoded(felt, borne.stacked, how), how, true)
 
 
 def task_of_readings(config: FingertipConfig, how: Encoding, given: GivenReadings, spacing_mm: float) -> Task:

@@ -46,12 +46,14 @@ class Borne:
 
 
 def borne_by(section: SampledSection, pressed: IndentationResult) -> Borne:
-    """What the indentor presses on the section's patch of skin."""
-    patch = section.finger.model.patch
-    place = section.line.places(patch.x)
+    """What the indentor presses on the section's skin. Raises ModelRangeError where that is beside the pulp."""
+    patch = pressed.model.patch  # off the middle it may be a wider one than the section begins with
+    place, (low, high) = section.line.places(patch.x), section.line.reach_mm
     order = np.argsort(place)
-    pressure = PSEUDO_E_EPIDERMIS * pressed.state.force / patch.area_mm2
+    order = order[pressed.state.force.any(axis=0)[order] | ((place >= low) & (place <= high))[order]]
+    place, width, force = place[order], patch.area_mm2[order], pressed.state.force[:, order]
+    pressure = PSEUDO_E_EPIDERMIS * force / width
     normal = section.line.normals(section.line.angles(place)).T
     inward = -(normal * pressure).sum(axis=0)
     along = normal[Y] * pressure[X] - normal[X] * pressure[Y]
-    return Borne(place[order], patch.area_mm2[order], inward[order], along[order])
+    return Borne(place, width, inward, along)

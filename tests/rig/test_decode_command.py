@@ -163,6 +163,15 @@ def test_a_press_is_felt_as_finite_elements_have_it(rig: Program, operator: str)
     assert np.corrcoef(true, found["pressure"])[0, 1] > 0.4
 
 
+def test_a_press_beside_the_pressures_that_are_sought_is_refused(rig: Program) -> None:
+    ended = rig("decode", "--shape", "bar:1.5", "--x-mm", 4, "--doi-mm", 0.3, "--half-length", 10, "--json")
+    assert ended.code == 2
+    assert ended.json["error"] == (
+        "--shape at x = 4 mm: 0% of its force is between -1.36 and 1.36 mm, where pressures are sought, "
+        "expected 95% or more"
+    )
+
+
 def test_a_press_and_readings_go_by_finite_elements_unless_told(rig: Program) -> None:
     press = ("--shape", "cylinder:9", "--doi-mm", 0.4, "--half-length", 6, "--decoder", "table", "--json")
     assert rig("decode", *press).json["operator"] == "influence"

@@ -43,6 +43,12 @@ def test_a_press_says_how_far_the_operator_is_from_finite_elements(rig: Program)
     assert Path("encoded.svg").read_text(encoding="utf-8").startswith("<?xml")
 
 
+def test_a_press_far_off_the_middle_is_felt_too(rig: Program) -> None:
+    """On a wider patch of skin than the section begins with, and on a mesh of its own: not to round-off."""
+    press = ("encode", "--shape", "bar:1.5", "--x-mm", 4, "--doi-mm", 0.3, "--operator", "influence", *QUICK)
+    assert rig(*press, "--json").json["against_finite_elements"]["relative_l2"] < 0.01
+
+
 def test_pressures_from_a_file(rig: Program) -> None:
     Path("p.csv").write_text("place,pressure\n0,20\n1,14\n", encoding="utf-8")
     options = (*QUICK, "--snr-db", 10, "--seed", 3, "--noise", "output", "--gain", 2, "--threshold", 0, "--json")
