@@ -49,8 +49,8 @@ def borne_by(section: SampledSection, pressed: IndentationResult) -> Borne:
     """What the indentor presses on the section's skin. Raises ModelRangeError where that is beside the pulp."""
     patch = pressed.model.patch  # off the middle it may be a wider one than the section begins with
     place, (low, high) = section.line.places(patch.x), section.line.reach_mm
-    order = np.argsort(place)
-    order = order[pressed.state.force.any(axis=0)[order] | ((place >= low) & (place <= high))[order]]
+    meant = pressed.state.force.any(axis=0) | (place >= low) & (place <= high)
+    order = np.flatnonzero(meant)[np.argsort(place[meant])]
     place, width, force = place[order], patch.area_mm2[order], pressed.state.force[:, order]
     pressure = PSEUDO_E_EPIDERMIS * force / width
     normal = section.line.normals(section.line.angles(place)).T
