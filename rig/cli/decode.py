@@ -84,7 +84,7 @@ def command(
         else:
             assert readings is not None
             given = read_readings(readings, finger)
-            make = partial(task_of_readings, finger, how, given, spacing_mm)
+            make = partial(task_of_readings, finger, how, given, spacing_mm, contacts=name == "ours")
         with busy("the plane-strain section: about a second …", as_json=as_json):
             task, answer = _answered(make, name, search)
         if picture is not None:

@@ -85,12 +85,14 @@ def _share(task: Task, answer: Answer) -> float:
 
 
 def _table(task: Task, answer: Answer) -> Table:
+    digits = max(0, 2 - int(np.floor(np.log10(max(float(answer.pressure.max()), 1e-6)))))
     columns = {"place (mm)": [f"{v:.2f}" for v in task.operator.place_mm]}
     if task.true is not None:
-        columns["true"] = [f"{v:.4g}" for v in task.true]
-    columns["found (pseudo)"] = [f"{v:.4g}" for v in answer.pressure]
+        columns["true"] = [f"{v:.{digits}f}" for v in task.true]
+    columns["found (pseudo)"] = [f"{v:.{digits}f}" for v in answer.pressure]
     if answer.profile is not None:
-        columns["90 % band"] = [f"{low:.4g} … {high:.4g}" for low, high in zip(*answer.profile.band(), strict=True)]
+        band = zip(*answer.profile.band(), strict=True)
+        columns["90 % band"] = [f"{low:.{digits}f} … {high:.{digits}f}" for low, high in band]
     table = Table(*columns, box=None, padding=(0, 2))
     rows = list(zip(*columns.values(), strict=True))
     for k in np.unique(np.linspace(0, len(rows) - 1, _ROWS).round().astype(int)).tolist():

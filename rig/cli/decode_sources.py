@@ -13,6 +13,7 @@ from sim.coding.borne import borne_by
 from sim.coding.encoding import Encoded, Noise, NoisePlace, encode
 from sim.coding.energy import Energy
 from sim.coding.fitted_receptor import FittedReceptor
+from sim.coding.frictionless import frictionless
 from sim.coding.impulse import impulse_responses
 from sim.coding.operators import (
     Operator,
@@ -24,6 +25,7 @@ from sim.coding.operators import (
     normal_alone,
     normal_influence,
 )
+from sim.coding.profile_decoder import FEWEST_FOR_CONTACTS
 from sim.coding.readings import sd_at_rest
 from sim.coding.sampled_section import SPACING_MM, SampledSection, Sampling, felt_section, sampled_section
 from sim.config.fingertip_config import FingertipConfig
@@ -54,7 +56,7 @@ def task_of_pressures(
 
 
 def task_of_press(config: FingertipConfig, sampling: Sampling, by: OperatorName, how: Encoding, scene: Scene) -> Task:
-    """Felt as finite elements have it, lateral forces too; read back as normal pressures about the middle."""
+    """Felt as finite elements have it; read back as pressures without friction, or folded ones, about the middle."""
     section = sampled_section(config, sampling)
     borne = borne_by(section, section.finger.indent(scene.indentor, scene.x_mm, doi_mm=scene.doi_mm))
     felt = influence(section, borne.place_mm, borne.width_mm, how.energy)
@@ -70,25 +72,34 @@ def task_of_press(config: FingertipConfig, sampling: Sampling, by: OperatorName,
     return _task(operator, _encoded(felt, borne.stacked, how), how, true)
 
 
-def task_of_readings(config: FingertipConfig, how: Encoding, given: GivenReadings, spacing_mm: float) -> Task:
-    """Between the outermost receptors as many pressures as there are readings, no nearer to one another than told."""
+def task_of_readings(
+    config: FingertipConfig, how: Encoding, given: GivenReadings, spacing_mm: float, *, contacts: bool
+) -> Task:
+    """Pressures between the outermost receptors, so far apart; where they are not sought within contacts no more than
+    there are readings, with straight lines between them.
+    """
     if (given.kind == "rate") != (how.receptor is not None):
         expected = "--gain and --threshold beside rates" if given.kind == "rate" else "no --threshold beside SED"
         raise BadInputError(f"--readings with a column {given.kind}: expected {expected}")
     section = felt_section(config, given.place_mm, given.depth_mm)
-    low, high = given.place_mm[[0, -1]]
-    n = min(len(given.place_mm), round((high - low) / spacing_mm) + 1)
-    if n < 2:
+    on_patch = section.line.places(section.model.patch.x)
+    low, high = np.clip(given.place_mm[[0, -1]], on_patch.min(), on_patch.max()).tolist()
+    n = round((high - low) / spacing_mm)
+    if n < 1:
         raise BadInputError(f"--readings over {high - low:g} mm of skin: expected more than {spacing_mm:g} mm")
-    operator = normal_influence(section, np.linspace(low, high, n), SPACING_MM, how.energy)
+    if contacts and n >= FEWEST_FOR_CONTACTS:
+        operator: Operator = frictionless(section, np.linspace(low, high, n + 1), how.energy)
+    else:
+        few = np.linspace(low, high, min(n + 1, len(given.place_mm)))
+        operator = normal_influence(section, few, SPACING_MM, how.energy)
     return Task(operator, given.reading, how.receptor, _noise(given, how))
 
 
 def _sought(section: SampledSection, by: OperatorName, energy: Energy, half: int) -> Operator:
-    """SED at the section's own receptors under 2 half + 1 normal pressures."""
+    """SED at the section's own receptors under 2 half + 1 pressures."""
     n, spacing = 2 * half + 1, section.sampling.spacing_mm
     if by == "influence":
-        return normal_influence(section, centred(n, spacing), spacing, energy)
+        return frictionless(section, centred(n + 1, spacing), energy)
     full = convolution(impulse_responses(section), n, energy)
     return felt_where(full, slice(half, half + len(section.place_mm)))
 

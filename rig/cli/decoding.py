@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
@@ -14,7 +14,7 @@ from sim.coding.encoding import Encoded, NoisePlace, Receptor
 from sim.coding.fitted_receptor import FittedReceptor, decode_through
 from sim.coding.operators import Operator, weighted
 from sim.coding.other_searches import global_search, table_search
-from sim.coding.profile_decoder import Profile, decode_profile
+from sim.coding.profile_decoder import ModelError, Profile, decode_profile
 from sim.coding.readings import QUIET_SD, Readings, sd_at_rest
 from sim.coding.univariate import Range, converged_search, grid_search
 
@@ -62,13 +62,13 @@ class Task:
             return np.ones(len(self.reading), np.bool_)
         return self.reading > (QUIET_SD * self.noise.sd if self.noise and self.noise.at == "output" else 0)
 
-    def unexplained(self, pressure: Array) -> tuple[str, ...]:
-        """A complaint where SED under (n,) pressures is farther from the readings than their noise."""
+    def unexplained(self, pressure: Array, share: float = 0.0) -> tuple[str, ...]:
+        """A complaint where SED under (n,) pressures is farther from the readings than noise and a share of it."""
         if self.noise is None:
             return ()
-        sd = self.noise.sd / (1.0 if self.receptor is None else self.receptor.receptor.gain)
-        expected = int(self.heard.sum())
-        misfit = float(((((self.operator.sed(pressure) - self.sed) / sd) ** 2)[self.heard]).sum())
+        noise, sed = self.noise.sd / (1.0 if self.receptor is None else self.receptor.receptor.gain), self.sed
+        off = (self.operator.sed(pressure) - sed) / np.hypot(noise, share * sed)
+        expected, misfit = int(self.heard.sum()), float((off[self.heard] ** 2).sum())
         if misfit <= expected + SURPRISING * np.sqrt(2 * expected):
             return ()
         return (f"the readings are not explained: misfit {misfit:.3g}, expected about {expected}",)
@@ -114,14 +114,16 @@ def decode(task: Task, decoder: DecoderName, search: Search) -> Answer:
         raise BadInputError("no reading is above its noise: expected some that are")
     if decoder == "ours":
         return _ours(task, search.seed)
+    operator = task.operator.leaning(np.zeros(len(task.operator.place_mm)))  # upright: they know no other forces
+    task = replace(task, operator=operator)
     within = _range(task, search)
     start = _start(task, search, within)
     step = (within.high - within.low) / 30 if search.grid_step is None else search.grid_step
     run: Mapping[str, Callable[[], Decoded]] = {
-        "univariate": lambda: converged_search(task.operator, task.sed, start, within),
-        "grid": lambda: grid_search(task.operator, task.sed, start, within, step),
-        "table": lambda: table_search(task.operator, task.sed, within, TABLE_ENTRIES, search.seed),
-        "global": lambda: global_search(task.operator, task.sed, within, search.seed),
+        "univariate": lambda: converged_search(operator, task.sed, start, within),
+        "grid": lambda: grid_search(operator, task.sed, start, within, step),
+        "table": lambda: table_search(operator, task.sed, within, TABLE_ENTRIES, search.seed),
+        "global": lambda: global_search(operator, task.sed, within, search.seed),
     }
     began = time.perf_counter()
     found = run[decoder]()
@@ -140,7 +142,7 @@ def _ours(task: Task, seed: int) -> Answer:
     began = time.perf_counter()
     profile = _profile(task, task.noise, seed)
     ms = 1e3 * (time.perf_counter() - began)
-    problems = (() if profile.converged else (CUT_OFF,)) + task.unexplained(profile.pressure)
+    problems = (() if profile.converged else (CUT_OFF,)) + task.unexplained(profile.pressure, ModelError().share)
     return Answer(profile.pressure, profile.converged, ms, profile, problems=problems)
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sim.coding.energy import Energy
 from sim.coding.operators import Operator, influence
-from sim.coding.sampled_section import SampledSection
+from sim.coding.sampled_section import FeltSection
 from sim.config.units import PSEUDO_E_EPIDERMIS
 from sim.contact.patch import X, Y
 from sim.models.errors import ModelRangeError
@@ -86,7 +86,7 @@ class Frictionless(Operator):
         return self.leaning(pressure).pulled_back(pressure, weight)
 
 
-def frictionless(section: SampledSection, ends_mm: Array, energy: Energy) -> Frictionless:
+def frictionless(section: FeltSection, ends_mm: Array, energy: Energy) -> Frictionless:
     """Of samples of skin between (n + 1,) ascending places. Raises ModelRangeError beside the section's patch."""
     middle, width = 0.5 * (ends_mm[1:] + ends_mm[:-1]), np.diff(ends_mm)
     both = influence(section, middle, width, energy)
@@ -94,8 +94,8 @@ def frictionless(section: SampledSection, ends_mm: Array, energy: Energy) -> Fri
     return Frictionless(both.name, energy, normal, middle, both.receptor_mm, lateral, _skin(section, ends_mm))
 
 
-def _skin(section: SampledSection, ends_mm: Array) -> Skin:
-    patch = section.finger.model.patch
+def _skin(section: FeltSection, ends_mm: Array) -> Skin:
+    patch = section.model.patch
     place = section.line.places(patch.x)
     order = np.argsort(place)
     place, width = place[order], patch.area_mm2[order]

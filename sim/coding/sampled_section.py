@@ -14,6 +14,7 @@ from sim.measures.measures import Elastic
 from sim.measures.reach import points_below
 from sim.measures.receptors import DEFAULT_DEPTH_MM, ReceptorSet
 from sim.models.catalogue import load
+from sim.models.condensed import CondensedModel
 from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
 from sim.models.inside.columns import Columns
@@ -48,7 +49,7 @@ class FeltSection:
     """The strain at receptors under any force on the section's skin. Forces are per mm of its length."""
 
     line: SkinLine
-    skin_phi: Array  # (n_phi,) angles of the skin's nodes, ascending
+    model: CondensedModel  # its skin's nodes, and how forces on the patch move them
     place_mm: Array  # (n,) of the skin above each receptor
     material: Elastic  # about the receptors; E in pseudo-units
     strain_per_node: Array  # (3, n, n_phi, 2) e11 e22 e12 in the line's axes, per pseudo-unit · mm along x and y
@@ -59,7 +60,7 @@ class FeltSection:
         The force goes along the skin's inward normal, or along its tangent that rises with x; it is shared between
         the two skin nodes beside the place. Raises ModelRangeError beside the pulp.
         """
-        angle, grid = self.line.angles(place_mm), self.skin_phi
+        angle, grid = self.line.angles(place_mm), self.model.skin_phi
         after = np.searchsorted(grid, angle)
         share = (angle - grid[after - 1]) / (grid[after] - grid[after - 1])
         by_place = np.stack([self.strain_per_node[:, :, after - 1], self.strain_per_node[:, :, after]], axis=-1)
@@ -89,7 +90,7 @@ def felt_section(config: FingertipConfig, place_mm: Array, depth_mm: Array) -> F
     model = build_section(config, line.surface, receptors)
     material = _material_about(config, model.columns, f"{depth_mm.min():g} … {depth_mm.max():g}")
     strain = _strain_per_node(line, model.columns, line.angles(place_mm))
-    return FeltSection(line, model.skin_phi, place_mm, material, strain)
+    return FeltSection(line, model, place_mm, material, strain)
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,7 @@ def sampled_section(config: FingertipConfig, sampling: Sampling) -> SampledSecti
     columns = finger.model.columns
     material = _material_about(config, columns, f"{sampling.depth_mm:g}")
     strain = _strain_per_node(line, columns, angle)
-    return SampledSection(line, finger.model.skin_phi, sampling.place_mm, material, strain, finger, sampling)
+    return SampledSection(line, finger.model, sampling.place_mm, material, strain, finger, sampling)
 
 
 def _material_about(config: FingertipConfig, columns: Columns, deep: str) -> Elastic:

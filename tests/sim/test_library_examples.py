@@ -132,7 +132,7 @@ def test_decode(capsys: pytest.CaptureFixture[str]) -> None:
     said = capsys.readouterr().out.splitlines()
     assert said[0] == f"converged, relative L2 {errors.relative_l2:.0%}"
     assert len(said) == 26
-    assert said[-1].startswith("from rates, 30 ± 2 each: the band is wider by ")
+    assert said[-1].startswith("from rates, 30 ± 4 each: the band is wider by ")
 
 
 # --- all of them ---
