@@ -2,7 +2,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 export OMP_NUM_THREADS ?= 2
 
-.PHONY: setup demo study test shake check bench mutants clean
+.PHONY: setup demo study study-coding studies test shake check bench mutants clean
 
 setup: .venv/.ready
 
@@ -22,6 +22,12 @@ demo: setup
 study: setup
 	$(BIN)/python -m studies.source.pages study
 
+study-coding: setup
+	$(BIN)/python -m studies.coding.pages study
+
+studies: study
+	$(BIN)/python -m studies.coding.pages study --draws 200
+
 check: .venv/.ready-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -39,6 +45,8 @@ bench: .venv/.ready-dev
 	$(BIN)/python -m studies.speed.planning
 	$(BIN)/python -m studies.source.facts_by_parameter
 	$(BIN)/python -m studies.source.impulse_choices
+	$(BIN)/python -m studies.source.shift_choices
+	$(BIN)/python -m studies.source.shift_by_shape
 	$(BIN)/python -m studies.source.two_samples
 	$(BIN)/python -m studies.source.profiles_read_back
 	$(BIN)/python -m studies.accuracy.random_poses

@@ -12,26 +12,13 @@ from rig.cli.output import busy, out, print_json, told_in_one_line
 from rig.cli.pictures import PictureOption, checked_picture, write_picture
 from rig.cli.sampling import DepthOption, SpacingOption, bounded
 from rig.plan.config import load_config
-from sim.coding.point_spread.loaded_finger import Load, LoadedFinger
+from sim.coding.point_spread.all_sites import DRAWN, AllSites, Where, all_sites, deformed_by
+from sim.coding.point_spread.loaded_finger import LoadedFinger
 from sim.coding.point_spread.moved_response import MovedResponse
-from sim.coding.point_spread.power_law import PowerLaw
-from sim.coding.point_spread.sites import Published, published_sites, published_table
-from sim.coding.point_spread.spreads import (
-    HALF_WIDTH_MM,
-    SPACING_MM,
-    Judged,
-    Mean,
-    judged,
-    mean_over,
-    receptor_sheet,
-    spreads,
-)
-from sim.config.fingertip_config import FingertipConfig
-from sim.config.stiffness import E_EPIDERMIS_MPA
-from sim.config.units import GWT_N
+from sim.coding.point_spread.spreads import HALF_WIDTH_MM, SPACING_MM, Judged, Mean, mean_over, receptor_sheet
 from sim.measures.receptors import DEFAULT_DEPTH_MM
 
-_DRAWN = 10  # the site nearest to the receptor plane's middle
+_WHERE: dict[Where, str] = {"pulp": "18 pulp sites", "all": "all 24 sites"}
 
 
 class Sampled(NamedTuple):
@@ -41,30 +28,6 @@ class Sampled(NamedTuple):
     half_width_mm: float
     depth_mm: float
     force_gwt: float
-
-
-class Found(NamedTuple):
-    """Each site's spread, beside the printed table."""
-
-    finger: LoadedFinger
-    sites: list[Judged]
-    missed: list[float]  # relative L2 of SED, the response of the pad's middle moved to each site
-    printed: tuple[Published, ...]
-
-    @property
-    def common_factor(self) -> float:
-        """What makes the mean A over the pulp the printed one: the source's loads are not printed."""
-        ours, theirs = (mean_over(laws) for laws in (self.laws("pulp"), self.published("pulp")))
-        return theirs.a / ours.a
-
-    def laws(self, where: str, kind: str = "linear") -> list[PowerLaw]:
-        """Of the sites on the pulp, or of all."""
-        return [getattr(site, kind) for site in self.sites if where == "all" or site.spread.site.on_pulp]
-
-    def published(self, where: str) -> list[Published]:
-        """The same sites of the printed table."""
-        rows = zip(self.sites, self.printed, strict=True)
-        return [row for site, row in rows if where == "all" or site.spread.site.on_pulp]
 
 
 def command(
@@ -89,37 +52,24 @@ def command(
         checked_picture(picture)
         settings = load_config(config).finger
         with busy("24 point loads on the whole finger: about twenty seconds …", as_json=as_json):
-            found = _found(settings, sampled)
+            finger = LoadedFinger(settings)
+            sheet = receptor_sheet(finger, sampled.spacing_mm, sampled.depth_mm)
+            found = all_sites(MovedResponse.of(finger, sheet), sampled.force_gwt, sampled.half_width_mm)
             if picture is not None:
-                _draw(found, force_gwt, picture)
+                _draw(finger, found.sites[DRAWN], sampled.force_gwt, picture)
         if as_json:
             print_json(_as_json(found, sampled))
         else:
             _print(found, sampled)
 
 
-def _found(config: FingertipConfig, sampled: Sampled) -> Found:
-    finger = LoadedFinger(config)
-    sheet = receptor_sheet(finger, sampled.spacing_mm, sampled.depth_mm)
-    under = spreads(finger, sheet, published_sites(), sampled.force_gwt, sampled.half_width_mm)
-    response = MovedResponse.of(finger, sheet)
-    missed = [response.missed(spread, sampled.force_gwt) for spread in under]
-    return Found(finger, [judged(spread) for spread in under], missed, published_table())
+def _draw(finger: LoadedFinger, site: Judged, force_gwt: float, picture: Path) -> None:
+    from rig.report.coding.point_spread_figure import Drawn, point_spread_figure  # matplotlib, if wanted
+
+    write_picture(point_spread_figure(Drawn(deformed_by(finger, site, force_gwt), site)), picture)
 
 
-def _draw(found: Found, force_gwt: float, picture: Path) -> None:
-    from rig.report.coding.point_spread_figure import Drawn, Section, point_spread_figure  # matplotlib, if wanted
-
-    site = found.sites[_DRAWN - 1]
-    mesh, place = found.finger.interior.mesh, site.spread.site
-    per_n = found.finger.moved([Load(place.x_mm, place.z_mm)]).reshape(*mesh.grid, 3)
-    moved = force_gwt * GWT_N / E_EPIDERMIS_MPA * per_n
-    k = int(np.argmin(np.abs(mesh.z_mm - place.z_mm)))
-    section = Section(mesh.nodes.reshape(*mesh.grid, 3)[k, ..., :2], moved[k, ..., :2])
-    write_picture(point_spread_figure(Drawn(section, site)), picture)
-
-
-def _as_json(found: Found, sampled: Sampled) -> dict[str, Any]:
+def _as_json(found: AllSites, sampled: Sampled) -> dict[str, Any]:
     return {
         "sampled": sampled._asdict(),
         "common_factor": found.common_factor,
@@ -141,12 +91,12 @@ def _as_json(found: Found, sampled: Sampled) -> dict[str, Any]:
                 "logarithmic": mean_over(found.laws(where, "logarithmic"))._asdict(),
                 "printed": mean_over(found.published(where))._asdict(),
             }
-            for where in ("pulp", "all")
+            for where in _WHERE
         },
     }
 
 
-def _print(found: Found, sampled: Sampled) -> None:
+def _print(found: AllSites, sampled: Sampled) -> None:
     factor = found.common_factor
     out.print(
         f"SED {sampled.depth_mm:g} mm below the skin = A / r^m, under {sampled.force_gwt:g} gwt along the inward "
@@ -175,7 +125,7 @@ def _print(found: Found, sampled: Sampled) -> None:
             f"{site.asymmetry:.0%}", f"{missed:.0%}", f"{printed.a:.2f}", f"{printed.m:.2f}", f"{printed.r2:.3f}",
         )  # fmt: skip
     out.print(table)
-    for where, name in (("pulp", "18 pulp sites"), ("all", "all 24 sites")):
+    for where, name in _WHERE.items():
         for kind, laws in (
             ("linear", found.laws(where)),
             ("logarithmic", found.laws(where, "logarithmic")),

@@ -10,6 +10,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from rig.report.style import BLUE, GREY, ORANGE, Plot
+from sim.coding.point_spread.all_sites import Deformed
 from sim.coding.point_spread.spreads import Judged
 
 Array = NDArray[np.float64]
@@ -17,17 +18,10 @@ Array = NDArray[np.float64]
 _LARGEST_MM = 0.5  # drawn displacement under the load
 
 
-class Section(NamedTuple):
-    """Nodes of the mesh in the plane of a load, (n_phi, n_r, 2) mm, x and y, and how far they move."""
-
-    at_mm: Array
-    moved_mm: Array
-
-
 class Drawn(NamedTuple):
     """A site's own plane, and what spreads under it."""
 
-    section: Section
+    deformed: Deformed
     judged: Judged
 
 
@@ -38,12 +32,12 @@ def point_spread_figure(drawn: Drawn) -> Plot:
 
 def _draw(figure: Figure, drawn: Drawn) -> None:
     mesh, spread, fall = figure.subplots(1, 3)
-    _mesh(mesh, drawn.section, drawn.judged.spread.load_mm)
+    _mesh(mesh, drawn.deformed, drawn.judged.spread.load_mm)
     _spread(figure, spread, drawn.judged)
     _fall(fall, drawn.judged)
 
 
-def _mesh(axes: Axes, section: Section, load_mm: Array) -> None:
+def _mesh(axes: Axes, section: Deformed, load_mm: Array) -> None:
     times = _LARGEST_MM / np.linalg.norm(section.moved_mm, axis=-1).max()
     closed = [
         np.concatenate([nodes, nodes[:1]]) for nodes in (section.at_mm, section.at_mm + times * section.moved_mm)
