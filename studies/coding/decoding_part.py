@@ -21,7 +21,7 @@ from sim.coding.readings import Readings
 from sim.coding.sampled_section import Sampling, sampled_section
 from sim.coding.univariate import Range, converged_search, error_surface, grid_search
 from sim.config.fingertip_config import FingertipConfig
-from studies.source.two_samples import SNR_DB, START, TRUE, TRUTHS, WITHIN
+from studies.source.two_samples import SEED, SNR_DB, START, TRUE, TRUTHS, WITHIN
 
 Array = NDArray[np.float64]
 Row = tuple[str, ...]
@@ -101,8 +101,9 @@ def noisy(truths: str, snr_db: int, draws: int) -> Noisy:
     operator, spent_s = _operator(), 0.0
     found, true = np.empty((len(DECODERS), draws, 2)), np.empty((draws, 2))
     for k in range(draws):
-        true[k] = TRUTHS[truths](np.random.default_rng((k, snr_db))) if truths else TRUE
-        said = encode(operator, true[k], None, Noise(snr_db, seed=k + 1000 * snr_db))
+        seed = SEED + k
+        true[k] = TRUTHS[truths](np.random.default_rng((seed, snr_db))) if truths else TRUE
+        said = encode(operator, true[k], None, Noise(snr_db, seed=seed + 1000 * snr_db))
         found[0, k] = grid_search(operator, said.rate, START, WITHIN, 1.0).pressure
         found[1, k] = converged_search(operator, said.rate, START, WITHIN).pressure
         began = time.process_time()
