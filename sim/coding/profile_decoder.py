@@ -30,7 +30,7 @@ FEWEST_FOR_CONTACTS = 8
 """Pressures; fewer are decoded as smooth."""
 
 FEWEST_READINGS = 5
-"""Of pressures told to lie within contacts, which may then be more than the readings."""
+"""Of pressures within contacts, which may be more than the readings."""
 
 _LOOSENED = 3.0
 """The model's error at the first look, over what it is: far from the answer linear SED is wrong too."""
@@ -91,10 +91,11 @@ def decode_profile(
     Within `contacts` the mean over all that may be, of `smooth` ones the likeliest; by default within contacts,
     unless there are few pressures.
     """
-    checked_readings(operator, readings.sed, FEWEST_READINGS if prior == "contacts" else None)
     error = ModelError() if error is None else error
     if (prior or ("contacts" if operator.parts.shape[2] >= FEWEST_FOR_CONTACTS else "smooth")) == "contacts":
+        checked_readings(operator, readings.sed, FEWEST_READINGS)
         return _within_contacts(operator, readings, error)
+    checked_readings(operator, readings.sed)
     return _smooth(operator, readings, error, seed)
 
 

@@ -202,14 +202,14 @@ def test_the_models_error_is_alike_over_a_length(operator: Frictionless) -> None
 def test_fewer_readings_than_pressures_will_do_but_not_any_number(operator: Frictionless) -> None:
     true = np.where(np.abs(PLACES) < 1, 300.0, 0.0)
     sparse = felt_where(operator, slice(0, None, 6))
-    found = decode_profile(sparse, _said(sparse.sed(true), 30.0, 0), prior="contacts")
+    found = decode_profile(sparse, _said(sparse.sed(true), 30.0, 0))
     assert found.converged
     assert decoding_errors(true, found.pressure).relative_l2 < 0.5
     four = felt_where(operator, slice(20, 24))
     with pytest.raises(DecodingError, match="4 readings of 39 pressures: expected 5 or more"):
-        decode_profile(four, _said(four.sed(true), 30.0, 0), prior="contacts")
+        decode_profile(four, _said(four.sed(true), 30.0, 0))
     with pytest.raises(DecodingError, match="9 readings of 39 pressures: expected at least as many"):
-        decode_profile(sparse, _said(sparse.sed(true), 30.0, 0))
+        decode_profile(sparse, _said(sparse.sed(true), 30.0, 0), prior="smooth")
 
 
 def test_silent_receptors_are_readings_too(operator: Frictionless) -> None:
