@@ -234,6 +234,16 @@ def test_above_a_trip_it_is_lifted_again(at_hand: Callable[..., AtHand]) -> None
     assert bench.height_mm == pytest.approx(0.52, abs=0.004)
 
 
+def test_what_is_still_felt_at_rest_is_not_said_again(at_hand: Callable[..., AtHand]) -> None:
+    """A thing that pushes with 30 gwt wherever it is met."""
+    bench = at_hand(above_mm=0.52, soft_trip_n=0.1)
+    pose_at = bench.spring.pose_at
+    bench.spring.true_gwt = lambda t_s: 30.0 * (pose_at(t_s).doi_mm > 0)  # type: ignore[method-assign]
+    assert re.fullmatch(
+        r"force 30.00 gwt above the soft trip 10.20 gwt; lifted by \S+ mm", str(bench.jog("z", -1.0).ended_by)
+    )
+
+
 def test_from_a_trip_it_is_lifted_by_clearance_at_most(at_hand: Callable[..., AtHand]) -> None:
     bench = at_hand(above_mm=3.02, k_gwt=6000.0, soft_trip_n=0.1)
     said = str(bench.jog("z", -4.0).ended_by)

@@ -248,6 +248,18 @@ def test_an_alarm_in_a_move_has_its_name_and_is_not_cleared(homed: Make, code: s
     assert not there.homed
 
 
+@pytest.mark.parametrize("under_way", [False, True], ids=["before the move", "in the move"])
+def test_a_drive_that_was_switched_off_is_not_moved_on(homed: Make, under_way: bool) -> None:
+    """It is back, ready, without the homed bit, and counts from where it stood: 0x0032 at rest, 0x0006 running."""
+    lost = [*MOVE_1_MM, status(1, "00 06")] if under_way else [MOVE_1_MM[0], status(1, "00 32"), MOVE_1_MM[2]]
+    there = homed(lost)
+    with pytest.raises(StageError, match=r"x axis, drive 1 is no longer homed: was it switched off\?"):
+        there.move_to(x_mm=-1.0, speed_mm_s=5.0)
+    assert not there.homed
+    with pytest.raises(StageError, match="must be homed"):
+        there.move_to(x_mm=-1.0, speed_mm_s=5.0)
+
+
 def test_nothing_moves_while_there_is_an_alarm(stage: Make) -> None:
     with pytest.raises(StageAlarm, match="over-voltage"):
         stage([status(2, FAULT), ("02 03 22 03 00 01", "02 03 02 00 C0")]).home()

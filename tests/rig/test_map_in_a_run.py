@@ -154,6 +154,13 @@ def test_the_first_copy_is_the_one_that_counts(tmp_path: Path, monkeypatch: pyte
     assert copy.read_text(encoding="utf-8") == "first"
 
 
+def test_of_a_file_that_is_gone_and_was_never_copied_the_name_is_left(tmp_path: Path) -> None:
+    """As in runs of earlier versions, which kept no copies."""
+    shape = f"profile:{tmp_path / 'nowhere.csv'}"
+    assert kept_in(tmp_path, shape) == shape
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("going_on", [False, True], ids=["a new run", "one that goes on"])
 def test_a_file_that_is_not_there_is_named(tmp_path: Path, halfspace: Fingertip, going_on: bool) -> None:
     script = tmp_path / "mine.py"

@@ -6,12 +6,13 @@ import sys
 from pathlib import Path
 
 import pytest
+from pydantic import BaseModel, ValidationError
 
 import rig.plan.patience as patience
 from rig.cli import main
 from rig.plan.config import Config, load_config
 from rig.plan.plan import make_plan
-from rig.protocol.errors import BadInputError
+from rig.protocol.errors import BadInputError, first_problem
 from rig.protocol.script import load_script
 from rig.session.bench_problems import bench_problems
 from sim.models.fingertip import Fingertip
@@ -162,6 +163,22 @@ BENCHES = {
     "no room for clearance": ("[frame]\napex_z_mm = -1.0\n", "frame: the pad at clearance: machine z = 1.000 mm"),
     "beside the pad": ("[frame]\npad_centre_x_mm = -70.0\n", "frame: the pad at clearance: machine x = -70.000 mm"),
 }  # fmt: skip
+
+
+class Part(BaseModel, extra="forbid"):
+    depth_mm: float = 1.0
+
+
+class Whole(BaseModel, extra="forbid"):
+    parts: list[Part] = []
+
+
+def test_an_unknown_key_in_a_list_of_tables_is_told_with_its_neighbours() -> None:
+    with pytest.raises(ValidationError) as found:
+        Whole.model_validate({"parts": [{}, {"dept_mm": 2.0}]})
+    assert str(first_problem("mine", found.value, Whole)) == (
+        "mine: parts.1.dept_mm: there is no such key, did you mean depth_mm?"
+    )
 
 
 @pytest.mark.parametrize("name", BENCHES)

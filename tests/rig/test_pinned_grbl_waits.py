@@ -132,3 +132,13 @@ def test_a_board_that_nobody_has_told_to_move_may_be_in_any_state(board: Board, 
     stage = connected(board, homed=False)
     board.status = at(state)
     assert stage.look() == stage.status() == StageStatus(state, -1.0, -2.0, -3.0)
+
+
+def test_a_status_of_a_board_that_is_not_held_is_no_answer_and_no_harm(board: Board) -> None:
+    """It comes before the ok of a line that the board had to wait with; the next line goes as ever."""
+    stage = connected(board, output="spindle")
+    board.next[b"M5\n"] = [[(0.0, at("Run")), (0.1, b"ok\r\n")]]
+    stage.set_output(False)
+    stage.set_output(False)
+    assert board.said.count(b"M5\n") == 2
+    assert stage.homed
