@@ -14,18 +14,20 @@ from sim.models.uncondensed.strain_map import StrainMap, displacements, mesh_of,
 
 @dataclass(frozen=True)
 class Solved:
-    """Indentations, the displacements under their forces, which belong to one mesh, and their maps."""
+    """Indentations of a finger, the displacements under their forces, which belong to one mesh, and their maps."""
 
+    finger: Fingertip
     results: list[IndentationResult]
     moved: NDArray[np.float64]
     maps: list[StrainMap]
 
 
 @pytest.fixture(scope="module")
-def solved(finger: Fingertip) -> dict[str, Solved]:
-    """Along the finger and across it: two meshes, each factorised once."""
+def solved(finger: Fingertip, coarse_finger: Fingertip) -> dict[str, Solved]:
+    """Along the default finger; across and along a coarse one at once: three meshes, each factorised once."""
     along = [finger.indent("bar:3.0", doi_mm=doi) for doi in (0.3, 0.6)] + [finger.indent("cylinder:9", doi_mm=0.8)]
-    across = [finger.indent("line", doi_mm=doi) for doi in (0.3, 0.6)]
+    across = [coarse_finger.indent("line", doi_mm=doi) for doi in (0.3, 0.6)]
+    beside = coarse_finger.indent("bar:3.0", doi_mm=0.3)
     moved: list[NDArray[np.float64]] = []
 
     def noted(*arguments: Any) -> NDArray[np.float64]:
@@ -34,24 +36,30 @@ def solved(finger: Fingertip) -> dict[str, Solved]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("sim.models.uncondensed.strain_map.displacements", noted)
-        maps = strain_maps(finger.config, [across[0], *along, across[1]])
-    first, second = sorted(moved, key=len)
+        maps = strain_maps(finger.config, along)
+        mixed = strain_maps(coarse_finger.config, [across[0], beside, across[1]])
+    fine, *both = moved
+    of_one, of_two = sorted(both, key=len)
     return {
-        "line": Solved(across, first, [maps[0], maps[-1]]),
-        "bar:3.0": Solved(along[:2], second[:2], maps[1:3]),
-        "cylinder:9": Solved(along[2:], second[2:], maps[3:4]),
+        "line": Solved(coarse_finger, across, of_two, [mixed[0], mixed[2]]),
+        "bar beside lines": Solved(coarse_finger, [beside], of_one, [mixed[1]]),
+        "bar:3.0": Solved(finger, along[:2], fine[:2], maps[:2]),
+        "cylinder:9": Solved(finger, along[2:], fine[2:], maps[2:]),
     }
 
 
-@pytest.mark.parametrize("shape", ["bar:3.0", "line"])
-def test_displacements_of_the_skin_are_the_contacts(finger: Fingertip, solved: dict[str, Solved], shape: str) -> None:
+@pytest.mark.parametrize("shape", ["bar:3.0", "line", "bar beside lines"])
+def test_displacements_of_the_skin_are_the_contacts(solved: dict[str, Solved], shape: str) -> None:
     results = solved[shape].results
-    mesh = mesh_of(finger.config, results[0])
+    mesh = mesh_of(solved[shape].finger.config, results[0])
     skin = np.arange(len(mesh.nodes)).reshape(mesh.grid)[:, :, 0].ravel()
-    for result, u in zip(results, solved[shape].moved, strict=True):
+    for result, u, found in zip(results, solved[shape].moved, solved[shape].maps, strict=True):
         there = u[skin[result.model.patch_in_skin]][:, result.model.patch.axes].T
         # the same equations, solved whole and condensed: they agreed to 1e-10 in test_uncondensed.py
         np.testing.assert_allclose(there, result.state.displacement, rtol=0, atol=1e-9)
+        plane = int(np.argmin(np.abs(mesh.z_mm - solved[shape].finger.config.receptor_plane_mm)))
+        section = u.reshape(*mesh.grid, 3)[plane]
+        np.testing.assert_allclose((found.moved_mm - found.corner_mm)[:-1], section[..., :2], rtol=0, atol=1e-12)
 
 
 def test_the_map_agrees_with_the_receptors(solved: dict[str, Solved]) -> None:
@@ -69,7 +77,7 @@ def test_the_map_agrees_with_the_receptors(solved: dict[str, Solved]) -> None:
 
 def test_the_skin_is_where_the_contact_says(finger: Fingertip, solved: dict[str, Solved]) -> None:
     result, found, other = solved["bar:3.0"].results[1], solved["bar:3.0"].maps[1], solved["line"].maps[0]
-    assert other.moved_mm[:, 0, 1].max() < found.corner_mm[:, 0, 1].max()
+    assert other.moved_mm[:, 0, 1].max() < other.corner_mm[:, 0, 1].max()
     x, y = result.skin_profile
     skin = found.moved_mm[:, 0]
     pulp = skin[(skin[:, 1] > 1) & (np.abs(skin[:, 0]) < 3)]
