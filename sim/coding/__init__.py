@@ -6,6 +6,7 @@
 - `operators`: pressure to SED, by convolution or by finite-element influence. `borne`: what a press bears on the
   skin. `encoding`: noise and receptors.
 - `frictionless`: pressures that lean as the skin does under them.
+- `point_spread`: how SED spreads under equal point loads all over the pulp of the whole finger.
 - `univariate`, `other_searches`: the source's decoder and cheap others. `profile_decoder`: ours, with a band (its
   parts in `profiles/`), from `readings`, through a `fitted_receptor` too; `decoded` says how wrong an answer is.
 """

@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sim.coding.point_spread.loaded_finger import Load, LoadedFinger, energy_density
+from sim.coding.point_spread.loaded_finger import Load, LoadedFinger, _all_along, energy_density
 from sim.coding.point_spread.power_law import PowerLaw, fitted
 from sim.coding.point_spread.sites import Site, published_sites, published_table, spread_over_mean
 from sim.coding.point_spread.spreads import (
+    HALF_WIDTH_MM,
+    SECTORS,
+    SPACING_MM,
     Judged,
     Mean,
     Sheet,
@@ -17,9 +20,10 @@ from sim.coding.point_spread.spreads import (
     receptor_sheet,
     spreads,
 )
-from sim.config.fingertip_config import FingertipConfig
+from sim.config.fingertip_config import FingertipConfig, Geometry, MeshSpec
 from sim.measures.measures import Elastic, measures_from_strain
 from sim.measures.receptors import depths_of
+from sim.models.condensed import point_force
 from sim.models.errors import ModelRangeError
 
 MIDDLE = Site(10, 0.098, 6.893, on_pulp=True)
@@ -235,3 +239,48 @@ def test_where_there_is_no_finger_there_is_no_sector() -> None:
     assert np.isnan(found[[0, 1, 7]]).all()
     assert_allclose(found[2:7], 1.0)
     assert judged(half).asymmetry == pytest.approx(0.0, abs=1e-9)
+
+
+# --- pinned ---
+
+
+@pytest.mark.parametrize(
+    ("length_mm", "from_tip_mm", "spacing_mm", "along_mm"),
+    [
+        (12.75, 5.857, {"spacing_mm": 0.17}, 26 * 0.17),  # 4.5 mm at most
+        (12.75, 5.857, {"spacing_mm": 0.17, "axial_spacing_mm": 0.45}, 4.5),
+        (10.5, 5.857, {"spacing_mm": 0.5}, 4.0),  # the proximal end is 4.643 mm away
+        (12.75, 4.5, {"spacing_mm": 0.5}, 4.0),  # the tip is
+        (12.75, 4.99, {"spacing_mm": 0.5}, 4.0),
+        (12.75, 5.0, {"spacing_mm": 0.5}, 4.5),
+    ],
+)
+def test_a_mesh_is_even_as_far_as_the_finger_lets_it(
+    length_mm: float, from_tip_mm: float, spacing_mm: dict[str, float], along_mm: float
+) -> None:
+    config = FingertipConfig(
+        geometry=Geometry(length_mm=length_mm),
+        mesh=MeshSpec(patch_x_mm=2.9, **spacing_mm),  # type: ignore[arg-type]
+        receptor_plane_from_tip_mm=from_tip_mm,
+    )
+    assert _all_along(config) == (2.9, pytest.approx(along_mm))
+
+
+def test_a_force_between_nodes_is_shared_by_how_near_they_are() -> None:
+    z, phi = np.array([0.0, 1.0, 3.0]), np.array([0.0, 2.0])
+    assert_allclose(point_force(z, phi, (2.5, 0.5)), [[0, 0], [0.1875, 0.0625], [0.5625, 0.1875]])
+    assert_allclose(point_force(z, phi, (1.0, 2.0)), [[0, 0], [0, 1], [0, 0]])
+    assert_allclose(point_force(z, phi, (0.0, 0.0))[0], [1, 0])
+    assert_allclose(point_force(z[:1], phi, (7.0, 0.5)), [[0.75, 0.25]])  # a section has one place along z
+
+
+def test_receptors_are_worked_out_once_for_the_same_places(loaded: LoadedFinger) -> None:
+    at = receptor_sheet(loaded, 0.5).at_mm[:20]
+    once = loaded.recovery(at)
+    assert loaded.recovery(at.copy()) is once
+    assert len(loaded.recovery(at[:10]).young_ratio) == 10
+    assert loaded.recovery(at) is not once  # those of the last places only are kept
+
+
+def test_the_choices_are_as_the_table_of_the_docs_has_them() -> None:
+    assert (SPACING_MM, HALF_WIDTH_MM, SECTORS) == (0.17, 1.5, 8)
