@@ -1,12 +1,11 @@
 """What every model is once it is made: a skin to touch, its compliance, and receptors under it."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sim.contact.patch import Patch
 from sim.finger.mesh import FingerMesh
@@ -60,18 +59,20 @@ class CondensedModel:
         return np.einsum("rzpi,zp,i->r", self.columns.per_skin_force, force, -self.surface.normal(phi, z_mm))
 
 
-def point_force(skin_z_mm: Array, skin_phi: Array, place: Sequence[float]) -> Array:
-    """(n_z, n_phi) shares of a force at z and φ that the nodes of a skin take, by bilinear shape functions."""
-    return np.outer(*(_shares(grid, value) for grid, value in zip((skin_z_mm, skin_phi), place, strict=True)))
+def point_force(skin_z_mm: Array, skin_phi: Array, place: ArrayLike) -> Array:
+    """(…, n_z, n_phi) shares of forces at (…, 2) z and φ, by the bilinear shape functions of a skin's nodes."""
+    z_mm, phi = np.moveaxis(np.asarray(place, dtype=float), -1, 0)
+    return _shares(skin_z_mm, z_mm)[..., :, None] * _shares(skin_phi, phi)[..., None, :]
 
 
-def _shares(grid: Array, value: float) -> Array:
-    """(n,) of the two nodes of an ascending grid beside a value; all of it where there is one node."""
-    shares = np.zeros(len(grid))
-    k = int(np.clip(np.searchsorted(grid, value) - 1, 0, max(0, len(grid) - 2)))
-    along = (value - grid[k]) / (grid[k + 1] - grid[k]) if len(grid) > 1 else 0.0
-    shares[k : k + 2] = [1 - along, along][: len(grid)]
-    return shares
+def _shares(grid: Array, value: Array) -> Array:
+    """(…, n) of the two nodes of an ascending grid beside each value; all of it where there is one node."""
+    if len(grid) == 1:
+        return np.ones((*value.shape, 1))
+    k = np.clip(np.searchsorted(grid, value) - 1, 0, len(grid) - 2)
+    along = ((value - grid[k]) / (grid[k + 1] - grid[k]))[..., None]
+    away = np.arange(len(grid)) - k[..., None]
+    return (away == 0) * (1 - along) + (away == 1) * along
 
 
 def skin_beside(mesh: FingerMesh, patch: Patch, sections: slice = slice(None)) -> tuple[Array, Ints]:

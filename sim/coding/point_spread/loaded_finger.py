@@ -105,10 +105,10 @@ class LoadedFinger:
     def on_nodes(self, skin_mm: Array, force: Array) -> Array:
         """(n_nodes, 3) of (k, 3) forces on places of the skin, each shared between the four nodes around it."""
         mesh = self.interior.mesh
-        on_all = np.zeros((*mesh.grid, 3))
         phi = self.surface.angle_at(skin_mm[:, X], skin_mm[:, Z])
-        for place, one in zip(np.stack([skin_mm[:, Z], phi], axis=1).tolist(), force, strict=True):
-            on_all[:, :, 0] += point_force(mesh.z_mm, mesh.phi, place)[..., None] * one
+        shares = point_force(mesh.z_mm, mesh.phi, np.stack([skin_mm[:, Z], phi], axis=1))
+        on_all = np.zeros((*mesh.grid, 3))
+        on_all[:, :, 0] = np.tensordot(shares, force, axes=(0, 0))
         return on_all.reshape(-1, 3)
 
 
