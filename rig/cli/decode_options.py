@@ -60,9 +60,8 @@ def receptor_of(gain: str | None, threshold: str | None) -> FittedReceptor | Non
 
 def _with_error(option: str, text: str) -> tuple[float, float]:
     """A number, and its standard error where it has one: 30, 30±2, 30+-2."""
-    both = _PLUS_MINUS.split(text)
     try:
-        value, error = map(float, both if len(both) == 2 else [*both, "0"])
+        value, error = map(float, [*_PLUS_MINUS.split(text), "0"][:2]) if text.count("±") < 2 else (math.nan, 0.0)
     except ValueError:
         value = error = math.nan
     if not (math.isfinite(value) and math.isfinite(error) and error >= 0):

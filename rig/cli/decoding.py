@@ -128,7 +128,7 @@ def decode(task: Task, decoder: DecoderName, search: Search) -> Answer:
     began = time.perf_counter()
     found = run[decoder]()
     ms = 1e3 * (time.perf_counter() - began)
-    ends = int(np.isclose(found.pressure, within.high).sum())
+    ends = int(np.isclose(found.pressure, within.high, rtol=1e-9).sum())
     problems = [] if found.converged else [CUT_OFF]
     if ends:
         problems.append(f"{ends} of {len(found.pressure)} pressures stand at the end of the range, {within.high:g}")

@@ -1,6 +1,7 @@
 """`rig indent`: one simulated indentation."""
 
 import math
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -25,6 +26,7 @@ from sim.models.results.outline import ModelOutline
 from sim.models.results.point_load import PointLoadResult
 
 _PLACED_MM = 1e-6
+_SAME = 1e-8
 
 
 def command(
@@ -59,6 +61,9 @@ def command(
     picture: Annotated[
         Path | None, typer.Option(metavar="FILE.svg", help="Draw the contact, seen from the finger; or a .png.")
     ] = None,
+    other_paths: Annotated[
+        bool, typer.Option("--other-paths", help="Where the answer may depend on how it was reached, by how much.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Press once and print force, contact and receptor measures."""
@@ -83,7 +88,8 @@ def command(
         with loading_the_finger():
             finger = chosen.load(settings.finger, indentor.axes, receptors)
         force = chosen.force_per_mm(force_gwt)
-        result = finger.indent(indentor, x_mm or 0.0, z_mm=z_mm, doi_mm=doi_mm, force_gwt=force, reference=origin)
+        press = partial(finger.indent, indentor, x_mm or 0.0, z_mm=z_mm, reference=origin, other_paths=other_paths)
+        result = press(doi_mm=doi_mm, force_gwt=force)
         if picture is not None:
             _draw(result, picture)
         if as_json:
@@ -167,12 +173,24 @@ def _print(result: IndentationResult, chosen: Chosen, build_s: float) -> None:
     out.print(f"  DOI            {result.doi_mm:.4f} mm")
     out.print(f"  peak pressure  {result.peak_pressure_pseudo:.0f} pseudo-units")
     out.print(f"  contact        {regions} mm")
+    if result.may_depend_on_path:
+        out.print(f"  path           {_path(result, chosen)}")
     out.print(
         f"  solver         {state.passes} passes, residual {state.residual:.1e}, "
         f"{'converged' if state.converged else 'NOT converged'}; load {build_s:.2f} s, "
         f"contact {1e3 * result.contact_s:.0f} ms"
     )
     _print_receptors(result)
+
+
+def _path(result: IndentationResult, chosen: Chosen) -> str:
+    """What other steps down to the same depth make of the force."""
+    if result.path_spread is None:
+        return "the force may depend on the steps down to it: --other-paths says by how much"
+    if result.path_spread <= _SAME:
+        return "finer steps give the same force"
+    forces = " and ".join(chosen.force_text(force) for force in result.other_forces_n)
+    return f"by finer steps {forces}: a spread of {result.path_spread:.2%}"
 
 
 def _print_receptors(result: IndentationResult | PointLoadResult) -> None:

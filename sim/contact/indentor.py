@@ -23,7 +23,8 @@ SHARP_RADIUS_MM = 0.5
 RADIUS_TOLERANCE = 0.1
 """By how much a profile's word about its sharpest radius may differ from what is measured on it."""
 
-_EDGE_MM = 0.02  # radii below this are edges, whatever they are
+EDGE_RADIUS_MM = 0.02
+"""Radii below this are edges, whatever they are."""
 
 
 class ShapeWarning(UserWarning):
@@ -105,7 +106,7 @@ class _OfProfile(Indentor):
     def sharp(self) -> bool:
         """Whether the profile turns within less than about a node's spacing: as measured, whatever it says."""
         said, measured = self.profile.sharpest_radius_mm, measured_radius_mm(cast(Hashable, self.profile))
-        if said == measured or max(said, measured) < _EDGE_MM or abs(measured / said - 1) <= RADIUS_TOLERANCE:
+        if said == measured or max(said, measured) < EDGE_RADIUS_MM or abs(measured / said - 1) <= RADIUS_TOLERANCE:
             return said < SHARP_RADIUS_MM
         warnings.warn(
             f"{self.name}: sharpest_radius_mm says {said:g} mm, the profile turns within {measured:.3g} mm: taken as "

@@ -20,6 +20,13 @@ _FULL_TURN = 1.0  # rad that a normal may turn in one step
 _COARSE_FLOOR, _FINE_FLOOR = 0.05, 1e-5
 
 
+class Onward(NamedTuple):
+    """(m, k) displacements after a share of Newton's step, and whether what was stepped from is unstable."""
+
+    u: Array
+    unstable: bool
+
+
 class _Slides(NamedTuple):
     """Slides of active points on curved parts along the principal directions of ∇²h, each scaled by √|λ κ|."""
 
@@ -36,8 +43,8 @@ class _Slides(NamedTuple):
         return np.concatenate([(w * sideways).sum(axis=0) for w in self.weights])
 
 
-def predicted(planes: FrozenPlanes, solution: LcpSolution, un: Array, residual: float, share: float) -> Array | None:
-    """(m, k) displacements after a share of Newton's step; None where no active point is on a curved part.
+def predicted(planes: FrozenPlanes, solution: LcpSolution, un: Array, residual: float, share: float) -> Onward | None:
+    """Displacements after a share of Newton's step; None where no active point is on a curved part.
 
     A point that slides by δ has its force turned by λ ∇²h δ. With y the scaled slides, the step solves
     (1 − N S) y = r: N is their compliance while active points stay on their planes, S = 1 where the indentor is
@@ -53,7 +60,7 @@ def predicted(planes: FrozenPlanes, solution: LcpSolution, un: Array, residual: 
     matrix = _one_less_compliance(by_slide, slides)
     matrix = blas.dsyrk(1.0, half, beta=1.0, c=matrix, trans=1, lower=1, overwrite_c=1)
     floor = _COARSE_FLOOR if residual > 1e-3 else _FINE_FLOOR
-    turned = _turned(matrix, slides.amplitude(moved), slides.concave, floor)
+    turned, unstable = _turned(matrix, slides.amplitude(moved), slides.concave, floor)
     force = np.zeros_like(un)
     force[:-1, curved] = slides.sideways(turned)
     reaction = lapack.dtrtrs(solution.factor, half @ turned, lower=1, trans=1)[0]
@@ -61,7 +68,7 @@ def predicted(planes: FrozenPlanes, solution: LcpSolution, un: Array, residual: 
     step = moved + np.einsum("bcmk,mk->bc", by_slide, force)
     after = un.copy()
     after[:-1, curved] = planes.u[:-1, curved] + share * step * _shortened(planes, step, curved)
-    return after
+    return Onward(after, unstable)
 
 
 def summed(terms: Iterable[Array]) -> Array:
@@ -111,8 +118,8 @@ def _shortened(planes: FrozenPlanes, step: Array, curved: Ints) -> Array:
     return np.minimum(1.0, np.minimum(_LONGEST_MM, _FULL_TURN / bend) / np.maximum(np.abs(step), 1e-300))
 
 
-def _turned(matrix: Array, right: Array, concave: Bools, floor: float) -> Array:
-    """(q,) turning forces S y of (1 − N S) y = r, given the lower triangle of 1 − N.
+def _turned(matrix: Array, right: Array, concave: Bools, floor: float) -> tuple[Array, bool]:
+    """(q,) turning forces S y of (1 − N S) y = r, given the lower triangle of 1 − N; whether that is indefinite.
 
     The concave ones are eliminated first: they stiffen, and leave (1 − N') y = r' with N' ≥ 0 over the convex ones.
     """
@@ -124,27 +131,29 @@ def _turned(matrix: Array, right: Array, concave: Bools, floor: float) -> Array:
     cross = np.asarray(blas.dtrsm(1.0, lower, among(matrix, stiff, soft), lower=1))
     known = lapack.dtrtrs(lower, right[stiff], lower=1)[0]
     force = np.empty(len(right))
-    force[soft] = _solve_positive(among(matrix, soft, soft) + cross.T @ cross, right[soft] + cross.T @ known, floor)
+    left = among(matrix, soft, soft) + cross.T @ cross
+    force[soft], unstable = _solve_positive(left, right[soft] + cross.T @ known, floor)
     force[stiff] = lapack.dtrtrs(lower, cross @ force[soft] - known, lower=1, trans=1)[0]
-    return force
+    return force, unstable
 
 
-def _solve_positive(matrix: Array, right: Array, floor: float) -> Array:
+def _solve_positive(matrix: Array, right: Array, floor: float) -> tuple[Array, bool]:
     """z = M⁻¹ r of the step y + (1 − M) z, given M's lower triangle; r is y, scaled: along an eigenvector z is y / e.
 
-    Eigenvalues e count as max(|e|, floor), by the coarse floor if one is negative.
+    Eigenvalues e count as max(|e|, floor), by the coarse floor if one is negative: then the second answer is yes.
     """
     if not len(right):
-        return right
+        return right, False
     factor, info = lapack.dpotrf(matrix, lower=1, clean=0)
     if info == 0 and _smallest_exceeds(floor, matrix, factor):
-        return np.asarray(lapack.dpotrs(factor, right, lower=1)[0])
+        return np.asarray(lapack.dpotrs(factor, right, lower=1)[0]), False
     values, vectors, _ = lapack.dsyevd(matrix, lower=1)
-    if values[0] < 0:
+    unstable = bool(values[0] < 0)
+    if unstable:
         floor = _COARSE_FLOOR
     raised = np.maximum(np.abs(values), floor)
     share = np.where(values >= floor, 1 / raised, (1 - 1 / raised) / np.minimum(values - 1, -1e-3))
-    return np.asarray(vectors @ ((vectors.T @ right) * share))
+    return np.asarray(vectors @ ((vectors.T @ right) * share)), unstable
 
 
 def _smallest_exceeds(floor: float, matrix: Array, factor: Array) -> bool:

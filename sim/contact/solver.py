@@ -8,7 +8,7 @@ nodes slide along a curved flank; when the merit function rises it is taken back
 Contact is enforced at the nodes and, where asked, at points between them: under a corner sharper than the mesh.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,7 @@ class ContactState:
     gap: Array  # (n,) mm, vertical
     residual: float
     passes: int
+    snapped: bool = False  # whether an equilibrium on the way was unstable: where the skin went may hang on the steps
 
     @property
     def converged(self) -> bool:
@@ -69,7 +70,7 @@ class ContactState:
 class PassedState(ContactState):
     """A state on the way to a deeper one; its residual is that over the points that took part, and of penetration."""
 
-    survey: Survey
+    survey: Survey = field(kw_only=True)
 
 
 def solve_contact(
@@ -94,14 +95,15 @@ def solve_contact(
     else:
         survey = Survey.of(pose, patch, state.displacement, between=between_nodes)
     candidates, passes = survey.near(pose, _CANDIDATE_GAP_MM).joined(state.held), 0
+    snapped = False
     while True:
         iteration = _Iteration(pose, Region(gathered, candidates), state, MAX_PASSES - passes, target)
         iteration.run()
-        passes += iteration.passes
+        passes, snapped = passes + iteration.passes, snapped or iteration.snapped
         state, survey = (_passed if on_the_way else _assessed)(patch, between_nodes, iteration, passes)
         missed, _ = survey.penetrated
         if passes >= MAX_PASSES or missed.among(candidates).all():
-            return state
+            return replace(state, snapped=snapped)
         candidates = candidates.joined(missed).joined(survey.near(pose, _CANDIDATE_GAP_MM))
 
 
@@ -122,6 +124,7 @@ class _Iteration:
         self.multiplier = np.zeros(len(region.points))
         self.slope = np.zeros((len(self.u) - 1, len(region.points)))
         self.passes, self.residual = 0, np.inf
+        self.snapped = False
 
     def run(self) -> None:
         """Passes until the residual meets the target, keeping the best state seen."""
@@ -155,7 +158,8 @@ class _Iteration:
             onward = predicted(planes, solution, un, residual, share)
             self.u, self.pressed, fallback = un, True, None
             if onward is not None:
-                self.u, fallback = onward, un
+                self.u, fallback = onward.u, un
+                self.snapped |= onward.unstable
 
     def _residual(self, u: Array, multipliers: Array, slope: Array) -> tuple[float, float]:
         """The residual over the region's points that forces along slopes moved, and the sum of their depths (mm)."""
@@ -184,7 +188,7 @@ def _passed(patch: Patch, between_nodes: bool, iteration: "_Iteration", passes: 
     survey = Survey.of(pose, patch, u, between=between_nodes)
     residual = max(iteration.residual, float(survey.penetrated[1].max(initial=0.0)) / pose.scale_mm)
     gap = survey.surface.height_mm
-    return PassedState(region.points, iteration.multiplier, u, force, gap, residual, passes, survey), survey
+    return PassedState(region.points, iteration.multiplier, u, force, gap, residual, passes, survey=survey), survey
 
 
 def _assessed(patch: Patch, between_nodes: bool, iteration: "_Iteration", passes: int) -> tuple[ContactState, Survey]:

@@ -158,13 +158,15 @@ class Fingertip(ByRecipe, SeenInside):
         reference: Reference = "contact",
         start: ContactState | None = None,
         target: float = TARGET_RESIDUAL,
+        other_paths: bool = False,
     ) -> IndentationResult:
         """Press an indentor to a depth or to a force, from rest or on from a nearby state, to a target residual.
 
         Shapes that lie along the finger are placed by x, those across it by z (default: the receptor plane), all
-        others by both, a plane by neither: what means nothing to a shape is refused. Where contact would leave the
-        mesh's patch a larger one is made (minutes, then cached). Raises ModelRangeError when the scene leaves the
-        model: no larger patch, a place, depth or force out of range.
+        others by both, a plane by neither: what means nothing to a shape is refused. With `other_paths`, what may
+        depend on how it was reached is reached by finer steps too (some four times as long). Where contact leaves
+        the mesh's patch a larger one is made (minutes, then cached). Raises ModelRangeError when the scene leaves
+        the model: no larger patch, a place, depth or force out of range.
         """
         shape = _indentor(indentor)
         if (doi_mm is None) == (force_gwt is None):
@@ -186,6 +188,7 @@ class Fingertip(ByRecipe, SeenInside):
                 pressing.placed.refuse_touch_outside()
                 with self._threads.limit(limits=1, user_api="blas"):
                     doi, state = self._solve(pressing, doi_mm, force_gwt, start)
+                    others = pressing.by_other_paths(doi) if other_paths and state.snapped else []
                 break
             except RimError as met:
                 now = patch or half_widths(self.config, shape.axes)
@@ -202,6 +205,7 @@ class Fingertip(ByRecipe, SeenInside):
             e_epidermis_mpa=self.e_epidermis_mpa,
             contact_s=time.thread_time() - began,
             _strain=partial(model.strain, state.force),
+            other_forces_n=tuple(other.normal_force * self.e_epidermis_mpa for other in others),
         )
 
     def point_load(self, x_mm: float, force_gwt: float, *, z_mm: float | None = None) -> PointLoadResult:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.contact.control import TooDeepError
-from sim.contact.indentor import SHARP_RADIUS_MM, Indentor
+from sim.contact.indentor import EDGE_RADIUS_MM, SHARP_RADIUS_MM, Indentor
 from sim.contact.patch import X, Y, Z
 from sim.contact.planes import Gathered
 from sim.contact.points import Pose
@@ -22,8 +22,11 @@ from sim.models.errors import ModelRangeError
 Array = NDArray[np.float64]
 
 _PRESS_IN_MM, _PRESS_IN_CORNER_MM, _PRESS_IN_FINE_MM = 0.2, 0.05, 0.0125
+OTHER_STEPS_MM = (0.0125, 0.00625)
+"""Steps of the other paths that an answer may be held against."""
+
 _ON_THE_WAY = 1e-4  # residual that is enough where the next step starts
-_CORNER_REACH_MM = 0.1
+_CORNER_REACH_MM, _EDGE_STEP_MM = 0.1, 0.005
 _LEAST_SCALE_MM = 1e-3
 _AXIS_NAMES = {X: "x", Z: "z"}
 
@@ -67,10 +70,37 @@ class PlacedIndentor:
 
     def bears_on_corner(self, state: ContactState) -> bool:
         """Whether a place that bears lies where the profile turns within less than a node's spacing."""
+        turning = self.indentor.turning(self._bearing_mm(state), _CORNER_REACH_MM)
+        return bool((turning > 2 * _CORNER_REACH_MM / SHARP_RADIUS_MM).any())
+
+    def bears_on_edge(self, state: ContactState) -> bool:
+        """Whether a convex edge lies within 0.1 mm of a place that bears, along an axis."""
+        bearing, steps = self._bearing_mm(state), np.arange(-_CORNER_REACH_MM, _CORNER_REACH_MM, _EDGE_STEP_MM)
+        return any(
+            self._edge_between(bearing[..., None] + np.multiply.outer(way, steps)[:, None], axis)
+            for axis, way in enumerate(np.eye(len(bearing)))
+        )
+
+    def _edge_between(self, offset_mm: Array, axis: int) -> bool:
+        """Whether the surface turns about an edge between (m, k, j) neighbours along an axis.
+
+        What turns by an angle is an arc of a radius r, or sharper, if the tangents at its ends meet r tan(angle / 2)
+        from the nearer end.
+        """
+        surface = self.indentor.evaluate(offset_mm.reshape(len(offset_mm), -1))
+        height, slope = (values.reshape(offset_mm.shape[1:]) for values in (surface.height_mm, surface.slope[axis]))
+        turn = np.diff(np.arctan(slope))
+        bent = turn > _EDGE_STEP_MM / EDGE_RADIUS_MM
+        before, after, up = slope[:, :-1][bent], slope[:, 1:][bent], np.diff(height)[bent]
+        meet = (after * _EDGE_STEP_MM - up) / (after - before)
+        nearer = np.minimum(meet * np.hypot(1, before), (_EDGE_STEP_MM - meet) * np.hypot(1, after))
+        return bool((nearer < EDGE_RADIUS_MM * np.tan(0.5 * turn[bent])).any())
+
+    def _bearing_mm(self, state: ContactState) -> Array:
+        """(m, k) places that bear, from the indentor's reference point."""
         patch = self.model.patch
         at = state.held.on(patch).interpolate(patch.tangential_mm + state.displacement[:-1])
-        turning = self.indentor.turning(at - np.array(self.place)[:, None], _CORNER_REACH_MM)
-        return bool((turning > 2 * _CORNER_REACH_MM / SHARP_RADIUS_MM).any())
+        return at - np.array(self.place)[:, None]
 
     def refuse_touch_outside(self) -> None:
         """Refuse a scene in which the indentor first touches skin beside the patch."""
@@ -130,7 +160,16 @@ class Pressing:
         return self.solve(doi_mm, None)
 
     def solve(self, doi_mm: float, start: ContactState | None) -> ContactState:
-        """At once from a start or for a smooth shape, else pressed in from first touch, finely if that misses."""
+        """At once from a start or for a smooth shape, else pressed in from first touch, finely if that misses.
+
+        What bears at an edge finer than the points are apart counts as snapped: it may lie on either side.
+        """
+        state = self._solved(doi_mm, start)
+        if state.snapped or not self.placed.indentor.sharp:
+            return state
+        return replace(state, snapped=self.placed.bears_on_edge(state))
+
+    def _solved(self, doi_mm: float, start: ContactState | None) -> ContactState:
         in_steps = start is None and self.placed.indentor.sharp
         state = self._pressed_in(doi_mm) if in_steps else self._at(doi_mm, start, self.target)
         if state.residual <= self.target:
@@ -140,6 +179,10 @@ class Pressing:
         if not better.converged:
             self.placed.refuse_rim(self.placed.pose(doi_mm), better)
         return replace(better, passes=state.passes + finer.passes)
+
+    def by_other_paths(self, doi_mm: float) -> list[ContactState]:
+        """The answers at a depth at the end of paths in finer steps from first touch."""
+        return [self._in_equal_steps(doi_mm, step_mm, None) for step_mm in OTHER_STEPS_MM]
 
     def _pressed_in(self, doi_mm: float) -> ContactState:
         """From first touch in long steps, and from where a corner bears in short ones: its side is chosen there."""
@@ -164,15 +207,21 @@ class Pressing:
         return self._step(doi_mm, start, target)
 
     def _pressed_in_finely(self, doi_mm: float) -> ContactState:
+        return self._in_equal_steps(doi_mm, _PRESS_IN_FINE_MM, self.target)
+
+    def _in_equal_steps(self, doi_mm: float, step_mm: float, on_the_way: float | None) -> ContactState:
+        """From first touch, each depth on the way solved to a target, or loosely."""
         state = None
-        for depth in self._depths(_PRESS_IN_FINE_MM, self.placed.first_mm, doi_mm):
-            state = self._step(depth, state, self.target)
+        for depth in self._depths(step_mm, self.placed.first_mm, doi_mm):
+            state = self._step(depth, state, on_the_way)
         return self._step(doi_mm, state, self.target)
 
     def _step(self, doi_mm: float, start: ContactState | None, target: float | None) -> ContactState:
         """Solved at a depth, the passes counted from rest; without a target it is only on the way."""
         state = self._at(doi_mm, start, target)
-        return state if start is None else replace(state, passes=start.passes + state.passes)
+        if start is None:
+            return state
+        return replace(state, passes=start.passes + state.passes, snapped=start.snapped or state.snapped)
 
     @staticmethod
     def _depths(step_mm: float, after_mm: float, before_mm: float) -> list[float]:

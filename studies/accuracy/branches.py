@@ -1,13 +1,17 @@
 """How far the answers under sharp shapes hang on the path, and on where the nodes lie.
 
-    .venv/bin/python -m studies.accuracy.branches    # the tables of docs/hard_cases.md, some minutes
+    .venv/bin/python -m studies.accuracy.branches            # the tables of docs/hard_cases.md, some minutes
+    .venv/bin/python -m studies.accuracy.branches --flagged  # the last of them alone
 
 First table: scenes solved at once from rest, pressed in by equal steps and as `rig indent` does it, against steps of
 0.0125 mm: near the middle of the finger, and at places and depths drawn at random. Second: the same shape at 8 places
 over one element; what a parabola over two elements leaves is scatter of the discretisation, with contact at nodes
-only and also between them.
+only and also between them. Third: which answers depend on the path (steps of 0.0125 or 0.00625 mm, each solved in
+full, end elsewhere), which are flagged, what `other_paths` finds and costs; random poses are those of `random_poses`
+that lie along the finger, without cylinders.
 """
 
+import sys
 import time
 from collections.abc import Iterable
 from itertools import product
@@ -16,15 +20,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.config.fingertip_config import Contact, FingertipConfig, MeshSpec
+from sim.contact.indentor import Indentor
 from sim.contact.measured_profile import MeasuredProfile
 from sim.contact.profiles import Bar, Grating, Profile, Step, Wedge
 from sim.contact.solver import ContactState
+from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
+from sim.models.pressing import OTHER_STEPS_MM
+from studies.accuracy.random_poses import ON_ITS_PATCH, ROUND_OR_LINE, draw
 
-Pose = tuple[Profile, float, float]  # profile, x and DOI in mm
+Shape = Indentor | Profile
+Pose = tuple[Shape, float, float]  # x and DOI in mm
 Array = NDArray[np.float64]
 
 FINEST_MM = 0.0125
+SAME = 1e-8
 PATHS_MM = {"at once": 9.0, "by 0.2 mm": 0.2, "by 0.1 mm": 0.1, "by 0.05 mm": 0.05, "as `rig indent`": 0.0}
 ZIGZAG = MeasuredProfile("zigzag", (-1.6, -0.8, 0.0, 0.8, 1.6), (0.3, 0.0, 0.3, 0.0, 0.3), linear=True)
 _UNEVEN: tuple[Profile, ...] = (Grating(0.5, 1.2), ZIGZAG)
@@ -40,7 +50,7 @@ EDGES: list[Pose] = [
     *product([Wedge(60.0, 0.0)], (0.0, 0.3, -0.5), (0.2, 0.4, 0.6)),
 ]
 _SHAPES = (Bar(1.5), Bar(3.0), Step("1"), Step("3"), Wedge(60.0), Wedge(40.0), Grating(0.5, 1.2), ZIGZAG)
-_EACH = 10
+_EACH, RANDOM = 10, 100
 _RNG = np.random.default_rng(0)
 ANYWHERE: list[Pose] = [
     (shape, round(float(_RNG.uniform(-1.7, 1.7)), 3), round(float(_RNG.uniform(0.2, 1.3)), 3))
@@ -83,12 +93,58 @@ def _at_rest(finger: Fingertip) -> ContactState:
     return finger.indent("bar:3.0", 0.0, doi_mm=1e-6).state
 
 
-def scatter(finger: Fingertip, pose: tuple[Profile, float, float]) -> float:
+def scatter(finger: Fingertip, pose: Pose) -> float:
     """Largest distance of forces over two elements of places from their parabola, over their mean."""
-    profile, x, doi = pose
+    shape, x, doi = pose
     offset = np.arange(-OFFSETS, OFFSETS + 1) * MeshSpec().spacing_mm / OFFSETS
-    force = np.array([finger.indent(profile, float(x + o), doi_mm=doi).force_gwt for o in offset])
+    force = np.array([finger.indent(shape, float(x + o), doi_mm=doi).force_gwt for o in offset])
     return float(np.abs(force - np.polyval(np.polyfit(offset, force, 2), offset)).max() / force.mean())
+
+
+def random_poses(finger: Fingertip, n: int, seed: int) -> list[Pose]:
+    """Shapes along the finger at random, cylinders left out, within the patch."""
+    rng, found = np.random.default_rng(seed), list[Pose]()
+    while len(found) < n:
+        scene = draw(rng)
+        if scene.family in ("cylinder", *ROUND_OR_LINE):
+            continue
+        try:
+            finger.indent(scene.indentor, scene.x_mm, doi_mm=scene.doi_mm)
+        except ModelRangeError:
+            continue
+        found.append((scene.indentor, scene.x_mm, scene.doi_mm))
+    return found
+
+
+def flagged(finger: Fingertip, poses: list[Pose]) -> Iterable[str]:
+    """Cells of the table of flags, for some poses."""
+    depends, flag, spread = [], [], []
+    own_s = other_s = 0.0
+    for shape, x, doi in poses:
+        began = time.process_time()
+        own = finger.indent(shape, x, doi_mm=doi)
+        middle = time.process_time()
+        other = finger.indent(shape, x, doi_mm=doi, other_paths=True)
+        own_s, other_s = own_s + middle - began, other_s + time.process_time() - middle
+        off = [abs(pressed(finger, (shape, x, doi), step) / own.force_gwt - 1) for step in OTHER_STEPS_MM]
+        depends.append(max(off) > SAME)
+        flag.append(own.may_depend_on_path)
+        spread.append(other.path_spread or 0.0)
+    d, f, seen = np.array(depends), np.array(flag), np.array(spread) > SAME
+    counts = (len(poses), *map(np.sum, (d, d & f, d & ~f, f & ~d, ~f, seen & d, seen & ~d)))
+    return (*map(str, counts), f"{max(spread):.1%}", f"{other_s / own_s:.1f}")
+
+
+def flags(finger: Fingertip) -> None:
+    """Print the third table."""
+    _row("group", ("poses", "depend on the path", "of these flagged", "not flagged", "flagged and do not depend",
+                   "not flagged in all", "found by `other_paths`", "found beyond", "largest spread found",
+                   "time with `other_paths` over that without"))  # fmt: skip
+    print("|---|---|---|---|---|---|---|---|---|---|---|")
+    random = random_poses(Fingertip.load(ON_ITS_PATCH), RANDOM, seed=7)
+    groups = {"edges of 0.01 mm and 0": EDGES, "anywhere": ANYWHERE, "random": random, "middle": ROUNDED}
+    for name, poses in groups.items():
+        _row(name, flagged(finger, poses))
 
 
 def _row(name: str, cells: Iterable[str]) -> None:
@@ -98,12 +154,15 @@ def _row(name: str, cells: Iterable[str]) -> None:
 def main() -> None:
     """Print both tables."""
     finger = Fingertip.load()
+    if "--flagged" in sys.argv:
+        flags(finger)
+        return
     _row("path", ("edges", "poses that differ by more than 1e-8", "by at most", "processor ms a pose"))
     print("|---|---|---|---|---|")
     groups = {"rounded, near the middle": ROUNDED, "rounded, anywhere": ANYWHERE, "0.01 mm, 0": EDGES}
     for edges, poses in groups.items():
         for name, off, seconds in paths(finger, poses):
-            differ = int((np.abs(off) > 1e-8).sum())
+            differ = int((np.abs(off) > SAME).sum())
             _row(name, (edges, f"{differ} of {len(poses)}", f"{np.abs(off).max():.1e}", f"{1e3 * seconds:.0f}"))
     print()
     nodes_only = Fingertip.load(FingertipConfig(contact=Contact(between_nodes=False)))
@@ -111,6 +170,8 @@ def main() -> None:
     print("|---|---|---|")
     for name, pose in PLACES.items():
         _row(name, (f"{scatter(f, pose):.2%}" for f in (nodes_only, finger)))
+    print()
+    flags(finger)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from functools import partial
 from multiprocessing import parent_process
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,6 +28,13 @@ _TASKS_A_CORE = 16
 _MOST_PLACES_A_TASK = 16
 
 
+class How(TypedDict):
+    """What holds for every press of a call."""
+
+    reference: Reference
+    other_paths: bool
+
+
 class WorkerLostError(RuntimeError):
     """A process ended before it answered."""
 
@@ -41,15 +48,16 @@ def indent_many(
     doi_mm: ArrayLike | None = None,
     force_gwt: ArrayLike | None = None,
     reference: Reference = "contact",
+    other_paths: bool = False,
     cores: int | None = 1,
     progress: Progress | None = None,
 ) -> Indentations:
     """Press shapes at places, each to a depth or a force: arguments broadcast against each other, in their order.
 
-    nan in z, depth or force: not given for that row. What cannot be pressed is a row with its reason. With `cores`
-    above 1, or None for all of them, processes share the work: a script calls this under
-    `if __name__ == "__main__":`. `progress(done, of)` is called as answers come. Raises ValueError when the arguments
-    do not go together and WorkerLostError when a process was killed.
+    nan in z, depth or force: not given for that row. What cannot be pressed is a row with its reason. `other_paths`
+    is that of one press. With `cores` above 1, or None for all of them, processes share the work: a script calls this
+    under `if __name__ == "__main__":`. `progress(done, of)` is called as answers come. Raises ValueError when the
+    arguments do not go together and WorkerLostError when a process was killed.
     """
     if doi_mm is None and force_gwt is None:
         raise ValueError("expected a depth (doi_mm) or a force (force_gwt)")
@@ -58,7 +66,8 @@ def indent_many(
     asked = _rows(shapes, x_mm, z_mm, doi_mm, force_gwt)
     answers: dict[int, Answer] = {}
     outlines: dict[Hashable, ModelOutline] = {}
-    for found in _found(finger, reference, _by_place(asked), cores or os.cpu_count() or 1):
+    how: How = {"reference": reference, "other_paths": other_paths}
+    for found in _found(finger, how, _by_place(asked), cores or os.cpu_count() or 1):
         answers |= {row: _with_shared(answer, outlines) for row, answer in found}
         if progress:
             progress(len(answers), len(asked))
@@ -85,10 +94,10 @@ def _by_place(asked: Sequence[Asked]) -> list[list[Numbered]]:
 
 
 def _found(
-    finger: Fingertip, reference: Reference, places: list[list[Numbered]], cores: int
+    finger: Fingertip, how: How, places: list[list[Numbered]], cores: int
 ) -> Iterator[list[tuple[int, Answer]]]:
     """Answers with their rows, a few places at a time."""
-    press = partial(_pressed, finger, reference)
+    press = partial(_pressed, finger, how)
     if cores == 1 or len(places) < 2:
         yield from (press([place]) for place in places)
         return
@@ -103,20 +112,20 @@ def _found(
         ) from None
 
 
-def _pressed(finger: Fingertip, reference: Reference, places: list[list[Numbered]]) -> list[tuple[int, Answer]]:
+def _pressed(finger: Fingertip, how: How, places: list[list[Numbered]]) -> list[tuple[int, Answer]]:
     if parent_process() is not None:
         keep_freed_memory()
     found = []
     for place in places:
         here = finger.keeping_ways()
-        found += [(row, _answer(here, reference, one)) for row, one in place]
+        found += [(row, _answer(here, how, one)) for row, one in place]
     return found
 
 
-def _answer(finger: Fingertip, reference: Reference, asked: Asked) -> Answer:
+def _answer(finger: Fingertip, how: How, asked: Asked) -> Answer:
     shape, x_mm, z_mm, doi_mm, force_gwt = asked
     try:
-        result = finger.indent(shape, x_mm, z_mm=z_mm, doi_mm=doi_mm, force_gwt=force_gwt, reference=reference)
+        result = finger.indent(shape, x_mm, z_mm=z_mm, doi_mm=doi_mm, force_gwt=force_gwt, **how)
     except ValueError as error:  # what models and shapes refuse
         return Answer(None, str(error))
     return Answer(result, "" if result.state.converged else f"not converged, residual {result.state.residual:.0e}")

@@ -62,11 +62,27 @@ class IndentationResult:
     e_epidermis_mpa: float
     contact_s: float  # processor time of the one thread that solves
     _strain: Callable[[], Array]  # made when first asked for
+    other_forces_n: tuple[
+        float, ...
+    ] = ()  # at the same depth by finer steps, where they were asked for and may differ
 
     @property
     def force_gwt(self) -> float:
         """Force in gram-weight."""
         return self.force_n / GWT_N
+
+    @property
+    def may_depend_on_path(self) -> bool:
+        """Whether other steps down to this depth may end in another equilibrium: `docs/hard_cases.md`."""
+        return self.state.snapped
+
+    @property
+    def path_spread(self) -> float | None:
+        """By how much forces by other paths differ, over the largest; None where they may and none was asked for."""
+        forces = (self.force_n, *self.other_forces_n)
+        if self.may_depend_on_path and len(forces) == 1:
+            return None
+        return (max(forces) - min(forces)) / max(forces) if max(forces) > 0 else 0.0
 
     @cached_property
     def nodal_pressure_pseudo(self) -> Array:
@@ -165,6 +181,11 @@ class IndentationResult:
             "force_gwt": self.force_gwt,
             "doi_mm": self.doi_mm,
             "peak_pressure_pseudo": self.peak_pressure_pseudo,
+            "path": {
+                "may_depend": self.may_depend_on_path,
+                "spread": self.path_spread,
+                "others_over_force": [other / self.force_n for other in self.other_forces_n],
+            },
             "contact_regions_mm": [list(region) for region in self.contact_regions_mm],
             "pressure": {"x_mm": x.tolist(), "pseudo": p.tolist()},
             "receptors": self.model.receptors_as_json(self.receptor_measures),
@@ -184,6 +205,7 @@ class IndentationResult:
 
     def __repr__(self) -> str:
         name, pressed = type(self).__name__, f"{self.doi_mm:.4g} mm deep, {self.force_gwt:.4g} gwt"
+        pressed += f"{', may depend on its path' if self.may_depend_on_path else ''}"
         return f"<{name} {self.indentor.name} at x = {self.x_mm:g}, z = {self.z_mm:g} mm: {pressed}>"
 
     def _repr_html_(self) -> str:

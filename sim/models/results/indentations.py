@@ -16,7 +16,7 @@ Table = dict[str, NDArray[Any]]
 
 _NUMBERS = (
     *("doi_mm", "force_n", "force_gwt", "peak_pressure_pseudo", "peak_pressure_mpa", "contact_area_mm2"),
-    "contact_s",
+    *("contact_s", "path_spread"),
 )
 
 
@@ -78,6 +78,7 @@ class Indentations:
             **{name: self._numbers(name) for name in _NUMBERS},
             "regions": np.array([0 if result is None else len(result.contact_regions_mm) for result in self]),
             "residual": np.array([np.nan if result is None else result.state.residual for result in self]),
+            "may_depend_on_path": np.array([result is not None and result.may_depend_on_path for result in self]),
             "problem": np.array(self.problems, dtype=str),
         }
 
