@@ -70,8 +70,12 @@ class PlacedIndentor:
 
     def bears_on_corner(self, state: ContactState) -> bool:
         """Whether a place that bears lies where the profile turns within less than a node's spacing."""
-        turning = self.indentor.turning(self._bearing_mm(state), _CORNER_REACH_MM)
-        return bool((turning > 2 * _CORNER_REACH_MM / SHARP_RADIUS_MM).any())
+        return self._corner_near(self._bearing_mm(state))
+
+    @cached_property
+    def touches_corner(self) -> bool:
+        """The same of the place that is touched first."""
+        return self._corner_near((np.array(self.touch.at_mm) - np.array(self.place))[:, None])
 
     def bears_on_edge(self, state: ContactState) -> bool:
         """Whether a convex edge lies within 0.1 mm of a place that bears, along an axis."""
@@ -95,6 +99,10 @@ class PlacedIndentor:
         meet = (after * _EDGE_STEP_MM - up) / (after - before)
         nearer = np.minimum(meet * np.hypot(1, before), (_EDGE_STEP_MM - meet) * np.hypot(1, after))
         return bool((nearer < EDGE_RADIUS_MM * np.tan(0.5 * turn[bent])).any())
+
+    def _corner_near(self, offset_mm: Array) -> bool:
+        turning = self.indentor.turning(offset_mm, _CORNER_REACH_MM)
+        return bool((turning > 2 * _CORNER_REACH_MM / SHARP_RADIUS_MM).any())
 
     def _bearing_mm(self, state: ContactState) -> Array:
         """(m, k) places that bear, from the indentor's reference point."""
@@ -196,7 +204,8 @@ class Pressing:
     def _onward(
         self, before_mm: float, doi_mm: float, start: ContactState | None, target: float | None
     ) -> ContactState:
-        if start is None or not self.placed.bears_on_corner(start):
+        corner = self.placed.touches_corner if start is None else self.placed.bears_on_corner(start)
+        if not corner:
             state = self._step(doi_mm, start, target)
             if not self.placed.bears_on_corner(state):
                 return state

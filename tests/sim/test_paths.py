@@ -91,6 +91,29 @@ def test_other_paths_are_the_same_steps_from_first_touch(finger: Fingertip, monk
     assert [target for _, target in asked] == [None, None, 1e-10, None, None, None, None, 1e-10]
 
 
+@pytest.mark.parametrize(
+    ("profile", "x", "steps"),
+    [
+        (Wedge(60.0), 0.3, [0.05, 0.1, 0.12]),  # touches at the corner
+        (Step("1"), 0.45, [0.12, 0.05, 0.1, 0.12]),  # reaches it in a long step, which is gone again in short ones
+        (Bar(3.0), 0.0, [0.12]),  # does not
+    ],
+)
+def test_what_touches_at_a_corner_is_pressed_in_by_short_steps_at_once(
+    finger: Fingertip, monkeypatch: pytest.MonkeyPatch, profile: Profile, x: float, steps: list[float]
+) -> None:
+    asked: list[float] = []
+    at = Pressing._at
+
+    def told(self: Pressing, doi: float, start: ContactState | None, target: float | None) -> ContactState:
+        asked.append(doi)
+        return at(self, doi, start, target)
+
+    monkeypatch.setattr(Pressing, "_at", told)
+    finger.indent(Indentor.along(profile), x, doi_mm=0.12)
+    assert asked == pytest.approx(steps)
+
+
 # --- why: an equilibrium that is unstable ---
 
 
