@@ -1,9 +1,9 @@
 """Whole pressure profiles read back from noisy SED: how wrong, how sure, and which part of it is whose fault.
 
-    .venv/bin/python -m studies.source.profiles_read_back [DRAWS] [chosen]
+    .venv/bin/python -m studies.source.profiles_read_back [DRAWS] [chosen | snr]
 
 Decoded on 39 samples 170 µm apart, at 30 dB over M receptors, from SED of presses on a finer mesh. With `chosen`: the
-scenes and seeds on which the prior was chosen, which are none of those reported.
+scenes and seeds on which the prior was chosen, which are none of those reported. With `snr`: ours against noise.
 """
 
 import sys
@@ -56,6 +56,8 @@ CHOSEN_ON = [
 ]
 SEED, CHOSEN_SEED = 1000, 100
 SAMPLES, SNR_DB, DRAWS = 39, 30.0, 20
+SNRS_DB = (0.0, 10.0, 20.0, 30.0, 40.0)
+OURS = "within contacts, frictionless"
 PRESSED = 0.02  # of the peak: inside the contact
 _HEAD = "| shape | pressures | relative L2 | coverage | width over peak | ms |\n|---|---|---|---|---|---|"
 
@@ -74,6 +76,17 @@ def main(draws: int = DRAWS, scenes: list[Scene] = SCENES, seed: int = SEED) -> 
             print(f"| {scene.shape} at {scene.x_mm:g}, {scene.doi_mm:g} mm deep | {name} | {row} |", flush=True)
 
 
+def against_noise(draws: int) -> None:
+    """Print the same of ours at other SNRs."""
+    finer, operator = finer_section(), frictionless(default_section(), centred(SAMPLES + 1, SPACING_MM), "finite")
+    print("| shape | SNR (dB) | relative L2 | coverage | width over peak | ms |\n|---|---|---|---|---|---|")
+    for scene in SCENES:
+        true, sed = pressed(finer, scene)
+        for snr_db in SNRS_DB:
+            row = Row.of([read_back(decoders(operator)[OURS], true, sed, snr_db, SEED + k) for k in range(draws)])
+            print(f"| {scene.shape} | {snr_db:g} | {row} |", flush=True)
+
+
 def default_section() -> SampledSection:
     """What decodes."""
     return sampled_section(FingertipConfig(), Sampling())
@@ -88,7 +101,7 @@ def decoders(operator: Frictionless) -> dict[str, Decode]:
     """Ours, then with less and less of what it knows."""
     upright = operator.leaning(np.zeros(len(operator.place_mm)))
     return {
-        "within contacts, frictionless": lambda readings: decode_profile(operator, readings),
+        OURS: lambda readings: decode_profile(operator, readings),
         "within contacts, normal alone": lambda readings: decode_profile(upright, readings),
         "smooth, normal alone": lambda readings: decode_profile(upright, readings, prior="smooth"),
     }
@@ -141,5 +154,9 @@ class Row(NamedTuple):
 
 if __name__ == "__main__":
     numbers = [int(word) for word in sys.argv[1:] if word.isdigit()] or [DRAWS]
-    chosen = "chosen" in sys.argv
-    main(numbers[0], CHOSEN_ON if chosen else SCENES, CHOSEN_SEED if chosen else SEED)
+    if "snr" in sys.argv:
+        against_noise(numbers[0])
+    elif "chosen" in sys.argv:
+        main(numbers[0], CHOSEN_ON, CHOSEN_SEED)
+    else:
+        main(numbers[0])

@@ -2,5 +2,5 @@
 
 - `contact`: one contact and its prior. `seen`: readings made linear and white, and the evidence of contacts.
 - `climb`: the likeliest contacts. `mixture`: pressures averaged over them, with bands.
-- `smooth_fit`: where it begins, and the answer for few pressures.
+- `smooth_fit`: where it begins, and the answer for few pressures. `felt_shape`: class and size of what pressed.
 """

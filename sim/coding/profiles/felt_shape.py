@@ -1,0 +1,111 @@
+"""What an indentor is like where it touches: class and size from the skin that lies on it.
+
+Decoded pressures move the skin by the section's compliance, and in contact the skin has the indentor's outline. Flat,
+round and stepped outlines are fitted to it; the fewest numbers that explain it to the skin's own error have it. A row
+of receptors has one plane: a sphere is read as the cylinder that it is there.
+"""
+
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.coding.frictionless import Skin
+from sim.contact.patch import X
+
+Array = NDArray[np.float64]
+
+ShapeClass = Literal["bar", "cylinder", "step"]
+CLASSES: tuple[ShapeClass, ...] = get_args(ShapeClass)
+
+SKIN_SD_MM = 0.007
+"""Of the skin under decoded pressures; chosen on other scenes than those reported (docs/coding.md)."""
+
+STEP_MM = 0.5
+"""Height of the source's steps."""
+
+_PRESSED = 0.15  # of the median pressure: in contact
+_NUMBERS: dict[ShapeClass, int] = {"bar": 1, "cylinder": 3, "step": 3}  # that each outline is fitted with
+_HALF_WAVES_MM = np.geomspace(0.3, 4.5, 28)
+_PLACES_MM = 0.04  # between tried references of a step
+_WIDEST_MM = 20.0  # cylinder
+
+
+class FeltShape(NamedTuple):
+    """A class with its size, and how badly each class explains the skin: less is better."""
+
+    name: ShapeClass
+    size_mm: float  # width of a bar, diameter of a cylinder, half a wavelength of a step
+    cost: dict[ShapeClass, float]
+
+
+class _Outline(NamedTuple):
+    squares: float  # mm²
+    size_mm: float
+
+
+def felt_shape(skin: Skin, pressure: Array) -> FeltShape:
+    """From (n,) pressures, some above 0."""
+    along, up = _on_the_indentor(skin, pressure)
+    flat = _Outline(float(((up - up.mean()) ** 2).sum()), _width(skin, pressure))
+    outlines: dict[ShapeClass, _Outline] = {"bar": flat, "cylinder": _circle(along, up), "step": _step(along, up)}
+    each = np.log(max(2, len(up)))
+    cost = {name: fit.squares / SKIN_SD_MM**2 + each * _NUMBERS[name] for name, fit in outlines.items()}
+    name = min(cost, key=cost.__getitem__)
+    return FeltShape(name, outlines[name].size_mm, cost)
+
+
+def _contact(pressure: Array) -> NDArray[np.bool_]:
+    return pressure > _PRESSED * np.median(pressure[pressure > 0.05 * pressure.max()])
+
+
+def _middles(skin: Skin, pressure: Array) -> Array:
+    """(2, n) of the pressed samples; mm."""
+    ends = skin.pressed(pressure, skin.lean(pressure) * pressure)
+    return np.asarray(0.5 * (ends[:, 1:] + ends[:, :-1]))
+
+
+def _on_the_indentor(skin: Skin, pressure: Array) -> Array:
+    """(2, k) places of skin well inside contacts: at their ends it bends away from the indentor."""
+    pressed = np.concatenate([[False], _contact(pressure), [False]])
+    runs = np.flatnonzero(np.diff(pressed.astype(int))).reshape(-1, 2).tolist()
+    cut = [2 if stop - first >= 8 else int(stop - first >= 3) for first, stop in runs]
+    kept = [np.arange(first + k, stop - k) for (first, stop), k in zip(runs, cut, strict=True)]
+    return _middles(skin, pressure)[:, np.concatenate(kept)]
+
+
+def _circle(along: Array, up: Array) -> _Outline:
+    """Convex, by algebraic least squares."""
+    if len(up) < 3:
+        return _Outline(np.inf, np.nan)
+    terms = np.stack([along, up, np.ones_like(up)], axis=1)
+    a, b, c = np.linalg.lstsq(terms, -(along**2 + up**2), rcond=None)[0]
+    radius = np.sqrt(max(0.0, (a * a + b * b) / 4 - c))
+    if -b / 2 < up.mean() or 2 * radius > _WIDEST_MM:
+        return _Outline(np.inf, 2 * radius)
+    return _Outline(float(((np.hypot(along + a / 2, up + b / 2) - radius) ** 2).sum()), 2 * radius)
+
+
+def _step(along: Array, up: Array) -> _Outline:
+    """The best of half-wavelengths and references, at its best height."""
+    reference = np.arange(along.min() - 1.0, along.max() + 0.5, _PLACES_MM)
+    s = (along - reference[:, None])[None] / _HALF_WAVES_MM[:, None, None]
+    left = up - 0.5 * STEP_MM * (1 - np.cos(np.pi * np.clip(s, 0.0, 1.0)))
+    squares = ((left - left.mean(axis=-1, keepdims=True)) ** 2).sum(axis=-1)
+    best = np.unravel_index(squares.argmin(), squares.shape)
+    return _Outline(float(squares[best]), float(_HALF_WAVES_MM[best[0]]))
+
+
+def _width(skin: Skin, pressure: Array) -> float:
+    """Between the two ends' peaks, and half a sample more at each: a corner's force is borne just inside it."""
+    pressed = np.flatnonzero(_contact(pressure))
+    first, stop = pressed[0], pressed[-1] + 1
+    along, level = _middles(skin, pressure)[X], np.median(pressure[first:stop])
+    outer = min(3, stop - first)
+    ends = [_centre(along[k], pressure[k] - level) for k in (slice(first, first + outer), slice(stop - outer, stop))]
+    return ends[1] - ends[0] + float(np.diff(skin.at_rest_mm[X]).max())
+
+
+def _centre(along: Array, over: Array) -> float:
+    over = np.maximum(over, 1e-9)
+    return float(along @ over / over.sum())

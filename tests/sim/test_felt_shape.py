@@ -1,0 +1,125 @@
+"""Class and size of an indentor from the skin on it: made-up outlines, then pressures of presses."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from numpy.typing import NDArray
+
+from sim.coding.borne import borne_by
+from sim.coding.frictionless import Skin, frictionless
+from sim.coding.operators import centred
+from sim.coding.profiles.felt_shape import CLASSES, FeltShape, felt_shape
+from sim.coding.sampled_section import SampledSection, Sampling, sampled_section
+from sim.config.fingertip_config import FingertipConfig
+from studies.source.shapes_read_back import OTHER_TISSUE, SEED, draw, felt
+
+Array = NDArray[np.float64]
+
+ENDS = centred(40, 0.17)
+PLACES = centred(39, 0.17)
+
+
+def _lying_on(height: Array, noise_mm: float = 0.0) -> Skin:
+    """A skin whose samples' ends are at these heights whatever bears on it."""
+    up = height + noise_mm * np.random.default_rng(0).normal(size=40)
+    return Skin(np.stack([ENDS, up]), np.zeros((2, 40, 78)), np.tile([0.0, 1.0], (39, 1)))
+
+
+def _within(low: float, high: float) -> Array:
+    return np.where((low < PLACES) & (high > PLACES), 100.0, 0.0)
+
+
+@pytest.mark.parametrize("diameter", [3.0, 9.0, 15.0])
+def test_round_skin_is_a_cylinder_of_that_diameter(diameter: float) -> None:
+    radius = diameter / 2
+    on = np.sqrt(np.maximum(1e-9, radius**2 - (ENDS - 0.2) ** 2))
+    found = felt_shape(_lying_on(7.0 - on, 1e-4), _within(-0.9, 1.2))
+    assert found.name == "cylinder"
+    assert found.size_mm == pytest.approx(diameter, rel=0.03)
+
+
+def test_flat_skin_is_a_bar_as_wide_as_its_peaks_lie_apart() -> None:
+    pressure = _within(-1.0, 1.0)
+    pressure[[14, 24]] = 900.0  # 0.85 mm to each side
+    found = felt_shape(_lying_on(np.full(40, 5.0), 1e-3), pressure)
+    assert found.name == "bar"
+    assert found.size_mm == pytest.approx(1.70 + 0.17)
+
+
+@pytest.mark.parametrize("half_wave", [1.3, 2.5])
+def test_skin_on_a_flank_between_two_levels_is_a_step(half_wave: float) -> None:
+    s = np.clip((ENDS + 1.2) / half_wave, 0.0, 1.0)
+    found = felt_shape(_lying_on(5.0 + 0.25 * (1 - np.cos(np.pi * s)), 1e-4), _within(-2.0, 2.0))
+    assert found.name == "step"
+    assert found.size_mm == pytest.approx(half_wave, rel=0.1)
+
+
+def test_skin_on_two_levels_without_the_flank_is_a_step_of_some_length() -> None:
+    found = felt_shape(_lying_on(np.where(ENDS < 0.1, 5.0, 5.5)), _within(-1.5, -0.2) + _within(0.6, 2.0))
+    assert found.name == "step"
+    assert found.cost["step"] < 0.01 * found.cost["bar"]
+
+
+def test_skin_that_is_hollow_or_nearly_flat_is_no_cylinder() -> None:
+    hollow = felt_shape(_lying_on(5.0 - 0.2 * ENDS**2), _within(-0.9, 0.9))
+    assert hollow.cost["cylinder"] == np.inf
+    flat = felt_shape(_lying_on(5.0 + ENDS**2 / 100), _within(-0.9, 0.9))  # 100 mm in diameter
+    assert flat.cost["cylinder"] == np.inf
+    assert flat.name == "bar"
+
+
+def test_skin_at_the_ends_of_a_contact_is_left_out() -> None:
+    height = np.full(40, 5.0)
+    height[:14], height[26:] = 4.0, 4.0
+    pressure = _within(-1.1, 1.1)  # samples 13 … 25, the outer two at each end bent or next to it
+    found = felt_shape(_lying_on(height), pressure)
+    assert found.name == "bar"
+    assert found.cost["bar"] == pytest.approx(np.log(9))
+
+
+def test_of_a_small_contact_less_is_left_out_and_costs_are_told() -> None:
+    found = felt_shape(_lying_on(np.where(ENDS < 0, 5.0, 5.02)), _within(-0.3, 0.3))  # three samples: one is left
+    assert isinstance(found, FeltShape)
+    assert set(found.cost) == set(CLASSES)
+    assert found.cost["cylinder"] == np.inf
+    assert found.cost["bar"] == pytest.approx(np.log(2))
+
+
+@pytest.fixture(scope="module")
+def section() -> SampledSection:
+    """What is pressed and what decodes."""
+    return sampled_section(FingertipConfig(), Sampling())
+
+
+@pytest.mark.parametrize(
+    ("shape", "x_mm", "doi_mm", "name", "size", "within"),
+    [
+        ("cylinder:9", 0.4, 1.0, "cylinder", 9.0, 0.1),
+        ("cylinder:3", 0.0, 0.67, "cylinder", 3.0, 0.1),
+        ("bar:2.0", 0.0, 0.9, "bar", 2.0, 0.1),
+        ("bar:1.5", -0.3, 0.8, "bar", 1.5, 0.1),
+        ("step:3", -1.2, 0.8, "step", 1.3, 0.35),
+    ],
+)
+def test_the_pressures_of_a_press_tell_what_pressed(
+    section: SampledSection,
+    shape: str,
+    x_mm: float,
+    doi_mm: float,
+    name: str,
+    size: float,
+    within: float,
+) -> None:
+    true = borne_by(section, section.finger.indent(shape, x_mm, doi_mm=doi_mm)).means(PLACES)
+    found = felt_shape(frictionless(section, ENDS, "finite").skin, true)
+    assert found.name == name
+    assert_allclose(found.size_mm, size, rtol=within)
+
+
+def test_the_other_finger_of_the_study_is_another() -> None:
+    """Its SED differs by 10 % and more from the default's, under presses alike."""
+    other = sampled_section(FingertipConfig(tissue=OTHER_TISSUE), Sampling())
+    default = sampled_section(FingertipConfig(), Sampling())
+    for name in CLASSES:
+        one, another = (felt(finger, draw(name, SEED)) for finger in (default, other))
+        assert np.linalg.norm(another - one) > 0.1 * np.linalg.norm(one)
