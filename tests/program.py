@@ -42,6 +42,13 @@ class Ended:
 
 Program = Callable[..., Ended]
 
+EMPTY_FIGURES = """\
+from matplotlib.figure import Figure
+from rig.report.style import Plot
+Plot._save = lambda plot, target, **options: Figure((1, 1)).savefig(target, **options)
+"""
+"""To begin a program with that has a process of its own: what the fixture of that name is in this one."""
+
 
 def program_of(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Program:
     """Run it with these arguments, and with what is typed to it."""

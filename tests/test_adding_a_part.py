@@ -17,6 +17,7 @@ import pytest
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from tests.parts import insertions
+from tests.program import EMPTY_FIGURES
 from tests.test_house import MOST_MODULES
 
 ROOT = Path(__file__).parents[1]
@@ -25,6 +26,18 @@ OLD_RUN = ROOT / "tests" / "data" / "runs_of_0_1" / "complete"
 PLACES = ("rig", "sim", "protocols")
 PRESS = ("--x-mm", "0", "--doi-mm", "0.2")
 COMMAND_LINE = "from rig.cli import main; main()"
+SEVERAL = """\
+import json, sys
+from rig.cli import main
+
+for words in json.loads(sys.argv[1]):
+    sys.argv[1:] = words
+    try:
+        main()
+    except SystemExit as ended:
+        assert not ended.code
+    print(end="\\0", flush=True)
+"""
 SCRIPT = """\
 from rig.protocol import ProtocolParameters, Rig
 
@@ -110,11 +123,19 @@ class Tree:
         """What a command says with --json."""
         return json.loads(self.python(COMMAND_LINE, *arguments, "--json"))
 
-    def dry_run(self, *arguments: str | Path) -> Path:
-        """The folder of a run of the script."""
+    def several(self, *commands: Sequence[str | Path], drawn: bool = False) -> list[str]:
+        """What commands print that are given one after the other to one Python."""
+        words = [list(map(str, command)) for command in commands]
+        return self.python(("" if drawn else EMPTY_FIGURES) + SEVERAL, json.dumps(words)).split("\0")[:-1]
+
+    def dry_run(
+        self, options: Sequence[str | Path] = (), *others: Sequence[str | Path], drawn: bool = False
+    ) -> tuple[Path, list[str]]:
+        """The folder of a run of the script, and what other commands print that follow."""
         (self.folder / "light.py").write_text(SCRIPT, encoding="utf-8")
-        run = self.rig("dry-run", "light.py", "--out", self.folder / "runs", *arguments)["run"]
-        return Path(run)
+        command = ("dry-run", "light.py", "--out", self.folder / "runs", *options, "--json")
+        said, *rest = self.several(command, *others, drawn=drawn)
+        return Path(json.loads(said)["run"]), rest
 
 
 @pytest.fixture
@@ -146,8 +167,9 @@ def _cut(run: Path, last: Callable[[dict[str, Any]], bool]) -> None:
 def test_a_verb(tree: Tree, finger: Fingertip) -> None:
     """It is planned, checked, rehearsed, carried out, journalled, and owed by a run that is taken up again."""
     tree.add("verb", "tap", {"rig/protocol/steps/tap_step.py": "tap_step.py"}, insertions.VERB)
-    run = tree.dry_run("--set", "taps=true")
-    told = tree.rig("check", "light.py", "--set", "taps=true")
+    taps = ("--set", "taps=true")
+    run, (check,) = tree.dry_run(taps, ("check", "light.py", *taps, "--json"))
+    told = json.loads(check)
     assert told["indentations"] == 2
     assert told["duration_s"] == pytest.approx(_lasted_s(run), rel=0.02)
     assert [event["times"] for event in _events(run, "tap")] == [2, 3]
@@ -155,7 +177,7 @@ def test_a_verb(tree: Tree, finger: Fingertip) -> None:
     _cut(
         run, lambda one: one["doc"] == "event" and one["stream"] == "indentation_start" and one["data"]["index"] == 1
     )
-    tree.rig("resume", run)
+    tree.several(("resume", run, "--json"))
     assert [event["times"] for event in _events(run, "tap")] == [2, 3, 3]
 
 
@@ -169,7 +191,7 @@ def test_a_stage(tree: Tree, finger: Fingertip) -> None:
     tree.add("stage", "hobby", made, [])
     assert {str(Path(path).parent) for path in tree.touched()} == {"rig/devices/stage/hobby", "sim/devices"}
     (tree.folder / "rig.toml").write_text('[stage]\nkind = "hobby"\n', encoding="utf-8")
-    run = tree.dry_run("--config", "rig.toml")
+    run, _ = tree.dry_run(("--config", "rig.toml"))
     assert [event["controller"] for event in _events(run, "home")] == ["[VER:1.1h.hobby:]"]
     assert len(_events(run, "hold_end")) == 2
     assert "hobby" in json.loads((run / "provenance.json").read_text(encoding="utf-8"))["devices"]["stage"]
@@ -185,10 +207,10 @@ def test_a_force_sensor(tree: Tree, finger: Fingertip) -> None:
     tree.add("force sensor", "plain", made, [])
     assert {str(Path(path).parent) for path in tree.touched()} == {"rig/devices/force/plain", "sim/devices"}
     (tree.folder / "rig.toml").write_text('[force]\nkind = "plain"\n[force.plain]\ndecimals = 2\n', encoding="utf-8")
-    run = tree.dry_run("--config", "rig.toml")
+    run, (help_,) = tree.dry_run(("--config", "rig.toml"), ("serve", "--help"))
     assert set(_sent(run, "force").split()) == {b"W", b"Z"}
     assert [hold["doi_mm"] for hold in _events(run, "hold_end")] == pytest.approx([0.1, 0.1], abs=0.02)
-    assert "plain" in tree.python(COMMAND_LINE, "serve", "--help")
+    assert "plain" in help_
 
 
 def test_a_shape(tree: Tree) -> None:
@@ -212,24 +234,28 @@ def test_a_measure(tree: Tree) -> None:
 
 def test_a_model(tree: Tree) -> None:
     tree.add("model", "soft", {"sim/models/soft.py": "soft_model.py"}, insertions.MODEL)
-    found = tree.rig("indent", "--shape", "cylinder:9", *PRESS, "--model", "soft")
+    press = ("indent", "--shape", "cylinder:9", *PRESS, "--model", "soft", "--json")
+    said, help_ = tree.several(press, ("indent", "--help"))
+    found = json.loads(said)
     assert found["solver"]["model"] == "soft"
     hard = load("halfspace").indent("cylinder:9", 0.0, doi_mm=0.2)
-    assert "soft" in tree.python(COMMAND_LINE, "indent", "--help")
+    assert "soft" in help_
     assert found["force_n"] == pytest.approx(0.5 * hard.force_n, rel=1e-6)
 
 
 def test_a_command(tree: Tree) -> None:
     tree.add("command", "holds", {"rig/cli/holds.py": "holds_command.py"}, insertions.COMMAND)
-    assert "what force was held" in tree.python(COMMAND_LINE, "holds", "--help")
-    forces = tree.rig("holds", OLD_RUN)["force_gwt"]
+    help_, said = tree.several(("holds", "--help"), ("holds", OLD_RUN, "--json"))
+    assert "what force was held" in help_
+    forces = json.loads(said)["force_gwt"]
     assert forces == [hold["force_gwt"] for hold in _events(OLD_RUN, "hold_end")]
     assert len(forces) == 5
 
 
 def test_a_section_of_the_report_of_a_run(tree: Tree, finger: Fingertip) -> None:
     tree.add("section of the run's report", "", {}, insertions.RUN_SECTION)
-    page = (tree.dry_run() / "report.html").read_text(encoding="utf-8")
+    run, _ = tree.dry_run(drawn=True)
+    page = (run / "report.html").read_text(encoding="utf-8")
     assert re.findall(r"<h2[^>]*>(F.*)</h2>", page) == ["Force against depth", "Force against time"]
 
 

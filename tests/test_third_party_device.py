@@ -15,6 +15,7 @@ import pytest
 
 from sim.models.fingertip import Fingertip
 from tests.offered import EXAMPLE, wheel
+from tests.program import EMPTY_FIGURES
 
 ROOT = Path(__file__).parents[1]
 COMMAND_LINE = "from rig.cli import main; main()"
@@ -56,13 +57,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def _rig(folder: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    return _python(folder, "-c", COMMAND_LINE, *arguments)
+def _rig(folder: Path, *arguments: str | Path, before: str = "") -> subprocess.CompletedProcess[str]:
+    return _python(folder, "-c", before + COMMAND_LINE, *arguments)
 
 
 def _run(folder: Path, force: str) -> Path:
     (folder / "rig.toml").write_text(f"[force]\n{force}", encoding="utf-8")
-    done = _rig(folder, "dry-run", "press.py", "--config", "rig.toml", "--json")
+    done = _rig(folder, "dry-run", "press.py", "--config", "rig.toml", "--json", before=EMPTY_FIGURES)
     assert done.returncode == 0, done.stderr
     return folder / json.loads(done.stdout)["run"]
 

@@ -13,7 +13,7 @@ import pytest
 
 from rig.engine.journal import read_journal
 from sim.models.fingertip import Fingertip
-from tests.program import Ended, Program
+from tests.program import EMPTY_FIGURES, Ended, Program
 from tests.waiting import DEADLINE_S, journal_says, until
 
 pytestmark = pytest.mark.usefixtures("empty_figures")
@@ -333,7 +333,7 @@ class Running:
     """A dry-run at a limited speed in a process of its own."""
 
     def __init__(self, script: Path, out: Path, *options: str) -> None:
-        command = [sys.executable, "-c", "from rig.cli import main; main()", "dry-run", str(script)]
+        command = [sys.executable, "-c", f"{EMPTY_FIGURES}from rig.cli import main; main()", "dry-run", str(script)]
         self.out = out
         self.process = subprocess.Popen(
             [*command, "--out", str(out), "--json", *options],

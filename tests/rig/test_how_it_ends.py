@@ -11,8 +11,10 @@ from typing import Any
 import pytest
 
 from sim.models.fingertip import Fingertip
-from tests.program import Program
+from tests.program import EMPTY_FIGURES, Program
 from tests.waiting import DEADLINE_S, until
+
+pytestmark = pytest.mark.usefixtures("empty_figures")
 
 HELD_AT_NUMPY = """\
 import sys
@@ -102,7 +104,15 @@ def test_a_run_whose_terminal_goes_away_lifts_and_can_be_taken_up(
     script, out = tmp_path / "three.py", tmp_path / "out"
     script.write_text(THREE, encoding="utf-8")
     master, terminal = os.openpty()
-    command = [sys.executable, "-c", f"{OWN_TERMINAL}; {START}", "dry-run", str(script), "--out", str(out)]
+    command = [
+        sys.executable,
+        "-c",
+        f"{OWN_TERMINAL}\n{EMPTY_FIGURES}{START}",
+        "dry-run",
+        str(script),
+        "--out",
+        str(out),
+    ]
     process = subprocess.Popen(
         [*command, "--speed", "40"],
         stdin=terminal, stdout=terminal, stderr=terminal, start_new_session=True,

@@ -24,6 +24,7 @@ from rig.session.resume import StoppedRun, read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
+from tests.program import EMPTY_FIGURES
 from tests.waiting import DEADLINE_S, journal_says, until
 
 pytestmark = pytest.mark.usefixtures("empty_figures")
@@ -253,7 +254,7 @@ def test_a_pause_in_a_press_lifts_and_begins_it_again(spring: Make) -> None:
     assert order == ["indentation_start", "paused", "resumed", "indentation_start", "hold_end"]
 
 
-COMMAND = [sys.executable, "-c", "from rig.cli import main; main()"]
+COMMAND = [sys.executable, "-c", f"{EMPTY_FIGURES}from rig.cli import main; main()"]
 
 
 def test_a_terminal_pauses_and_goes_on(finger: Fingertip, tmp_path: Path) -> None:

@@ -13,9 +13,11 @@ from rig.data import read_run
 from rig.transport.clock import WallClock
 from rig.virtual.served_bench import ServedBench
 from sim.models.fingertip import Fingertip
+from tests.program import EMPTY_FIGURES
 from tests.waiting import DEADLINE_S, journal_says, until
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
+pytestmark = pytest.mark.usefixtures("empty_figures")
 
 Rig = Callable[..., Any]
 NOT_MOVED = "where   not moved: nothing was told to move, it is where it was before\n"
@@ -91,7 +93,14 @@ def test_stop_from_another_process_ends_a_run_at_once(
     rig: Rig, apart: Apart, finger: Fingertip, tmp_path: Path
 ) -> None:
     stage, _, config = apart
-    command = [sys.executable, "-c", "from rig.cli import main; main()", "run", "first_press", "--yes"]
+    command = [
+        sys.executable,
+        "-c",
+        f"{EMPTY_FIGURES}from rig.cli import main; main()",
+        "run",
+        "first_press",
+        "--yes",
+    ]
     run = subprocess.Popen(
         [*command, "--config", str(config), "--out", str(tmp_path / "runs")],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
