@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from rig.cli.output import print_json
 from rig.engine.journal import read_journal
 from sim.models.fingertip import Fingertip
 from tests.program import EMPTY_FIGURES, Ended, Program
@@ -398,3 +399,12 @@ def test_a_killed_run_leaves_a_readable_journal(finger: Fingertip, running: Any)
     documents = list(read_journal(journal))
     assert documents[0]["doc"] == "start"
     assert documents[-1]["doc"] == "event"
+
+
+@pytest.mark.parametrize("number", [float("nan"), float("inf"), -float("inf")])
+def test_what_is_no_number_in_json_never_leaves_the_program(
+    number: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        print_json({"force_gwt": [1.0, number]})
+    assert capsys.readouterr().out == ""

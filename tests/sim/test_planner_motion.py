@@ -168,6 +168,15 @@ def test_a_dead_stop_may_slip() -> None:
     assert plan.track.counts_at(0.6) == (before[0] - 3, 0, 0)
 
 
+@pytest.mark.parametrize(("to_mm", "slip"), [((5.0, 5.0, -4.0), (3, 3, -3)), ((-5.0, -5.0, 4.0), (-3, -3, 3))])
+def test_each_axis_slips_the_way_it_went(to_mm: tuple[float, float, float], slip: Counts) -> None:
+    plan = planner()
+    queue_path(plan, [steps(*to_mm)], 5.0)
+    before = plan.track.counts_at(0.5)
+    assert plan.halt(0.5, slip_steps=3) == slip
+    assert plan.track.counts_at(0.6) == tuple(at + gone for at, gone in zip(before, slip, strict=True))
+
+
 def test_the_past_stays_exact_for_more_than_a_second() -> None:
     plan = planner()
     now_s, start = 0.0, HOME

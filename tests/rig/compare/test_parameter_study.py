@@ -61,6 +61,8 @@ def test_every_combination_is_a_case(coarse: Path) -> None:
         ('"bar:3.0"', '"tube"', "press.1: shape 'tube': no such indentor"),
         ("force_gwt = [1.0]", "", "press.0: expected either doi_mm or force_gwt"),
         ("[[press]]", "[[pres]]", "Field required"),
+        ("force_gwt = [1.0]", "force_gwt = [inf]", "press.0.force_gwt.0: Input should be a finite number"),
+        ("force_gwt = [1.0]", "doi_mm = nan", "press.0.doi_mm.0: Input should be a finite number"),
         ("[finger.mesh]", "[finger.mesh", "coarse.toml: Expected ']'"),
     ],
 )
