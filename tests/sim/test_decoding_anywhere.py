@@ -117,6 +117,8 @@ def test_pressures_on_samples_carry_the_force_that_the_nodes_bore() -> None:
     assert_allclose(means, [6.0, 6.0, 12.0, 12.0, 0.0])
     wide = borne.means(np.array([-0.3, 0.3]))  # samples of 0.6 mm: −0.6 … 0 … 0.6
     assert_allclose(wide, [(6 * 0.3 + 12 * 0.15) / 0.6, 12 * 0.15 / 0.6])
+    uneven = Borne(np.array([-0.3, 0.0, 0.4]), np.array([0.2, 0.4, 0.4]), np.array([6.0, 12.0, 9.0]), np.zeros(3))
+    assert_allclose(uneven.means(np.arange(-0.5, 0.8, 0.2)), [0, 6, 12, 12, 9, 9, 0], atol=1e-12)
 
 
 def test_the_error_surface_is_the_misfit_at_each_pair(two: Operator) -> None:

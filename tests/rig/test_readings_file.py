@@ -1,0 +1,108 @@
+"""A file of readings as it is read: its bounds, its order, its units."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from rig.cli.readings_file import FEWEST, MOST, PA, GivenReadings, read_readings
+from rig.protocol.errors import BadInputError
+from sim.config.fingertip_config import FingertipConfig
+
+FINGER = FingertipConfig()
+Read = Callable[..., GivenReadings]
+
+
+@pytest.fixture
+def read(tmp_path: Path) -> Read:
+    def of(header: str, *rows: str) -> GivenReadings:
+        (tmp_path / "r.csv").write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
+        return read_readings(tmp_path / "r.csv", FINGER)
+
+    return of
+
+
+def test_rows_are_ordered_by_place_and_then_depth(read: Read) -> None:
+    rows = ("5,50,0.76,a,1", "1,10,0.9,b,-1", "4,40,0.8,c,0.5", "2,20,0.7,d,0.5", "3,30,0.1,e,0")
+    given = read("sd,sed,depth_mm,more,place_mm", *rows)
+    assert_allclose(given.place_mm, [-1, 0, 0.5, 0.5, 1])
+    assert_allclose(given.depth_mm, [0.9, 0.1, 0.7, 0.8, 0.76])
+    assert_allclose(given.reading, [10, 30, 20, 40, 50])
+    assert_allclose(given.sd, [1, 3, 2, 4, 5])
+    assert (given.kind, given.at_rest) == ("sed", None)
+
+
+@pytest.mark.parametrize(("kind", "unit"), [("sed", 1.0), ("sed_pa", 18.6266)])
+def test_pascals_become_pseudo_units_and_so_does_their_noise(kind: str, unit: float, read: Read) -> None:
+    rows = [f"{x},0.76,{10 + x},{x * (-1) ** x / 4}" for x in range(-2, 3)]
+    given = read(f"x_mm,depth_mm,{kind},at_rest", *rows)
+    assert_allclose(given.reading, np.arange(8, 13) / unit, rtol=1e-5)
+    assert_allclose(given.at_rest, np.array([-0.5, 0.25, 0, -0.25, 0.5]) / unit, rtol=1e-5)
+    assert given.sd is None
+    assert pytest.approx(18.6266) == PA
+    # farther along the skin than across the finger, the more so below it
+    assert (np.abs(given.place_mm) > np.abs(np.arange(-2, 3)) - 1e-9)[[0, 1, 3, 4]].all()
+
+
+def test_how_many_readings_make_sense(read: Read) -> None:
+    assert (FEWEST, MOST) == (5, 400)
+    rows = [f"{place:.3f},0.76,1,0.1" for place in np.linspace(-2, 2, MOST + 1)]
+    assert len(read("place_mm,depth_mm,sed,sd", *rows[:5]).reading) == 5
+    assert len(read("place_mm,depth_mm,sed,sd", *rows[:MOST]).reading) == MOST
+    for some in (rows[:4], rows):
+        with pytest.raises(BadInputError, match=f"{len(some)} readings, expected 5 … 400"):
+            read("place_mm,depth_mm,sed,sd", *some)
+
+
+@pytest.mark.parametrize(("depth", "there"), [(0.1, True), (0.099, False), (3.0, True), (3.001, False)])
+def test_how_deep_a_receptor_may_lie(depth: float, there: bool, read: Read) -> None:
+    rows = [f"{0.1 * k},{depth},1,0.1" for k in range(5)]
+    if there:
+        read("place_mm,depth_mm,sed,sd", *rows)
+    else:
+        with pytest.raises(BadInputError, match="line 2, depth_mm: "):
+            read("place_mm,depth_mm,sed,sd", *rows)
+
+
+@pytest.mark.parametrize(
+    ("kind", "noise", "value", "there"),
+    [
+        ("sed", "sd", -0.599, True),
+        ("sed", "sd", -0.601, False),
+        ("sed", "at_rest", -0.94, True),  # six sd of 0.1 … 0.5: 0.158
+        ("sed", "at_rest", -0.96, False),
+        ("sed", "nothing", 0, True),
+        ("sed", "nothing", -1e-9, False),
+        ("rate", "sd", 0, True),
+        ("rate", "sd", -1e-9, False),
+    ],
+)
+def test_how_far_below_nothing_noise_may_lie(kind: str, noise: str, value: float, there: bool, read: Read) -> None:
+    column = [0.1] * 5 if noise != "at_rest" else [0.1, 0.2, 0.3, 0.4, 0.5]
+    rows = [f"{0.1 * k},0.76,{value if k == 3 else 5},{column[k]}" for k in range(5)]
+    header = f"place_mm,depth_mm,{kind},{noise}"
+    if there:
+        assert read(header, *rows).reading[3] == value
+    else:
+        with pytest.raises(BadInputError, match=f"line 5, {kind}: {value:g}, expected "):
+            read(header, *rows)
+
+
+def test_two_receptors_may_lie_above_each_other_and_not_in_one_place(read: Read) -> None:
+    rows = [f"0,{0.7 + 0.01 * k},1,0.1" for k in range(5)]
+    assert len(read("place_mm,depth_mm,sed,sd", *rows).reading) == 5
+    assert len(read("place_mm,depth_mm,sed,sd", *rows, "0,0.740002,1,0.1").reading) == 6
+    with pytest.raises(BadInputError, match="line 7, place_mm: 0, expected each receptor once: line 6 is the same"):
+        read("place_mm,depth_mm,sed,sd", *rows, "0,0.7400005,1,0.1")
+
+
+@pytest.mark.parametrize(("rest", "there"), [((0, 1, 2, 0, 1), True), ((0, 1, 0, 1, 0), False), ((0,) * 5, False)])
+def test_noise_at_rest_has_several_values(rest: tuple[int, ...], there: bool, read: Read) -> None:
+    rows = [f"{0.1 * k},0.76,5,{value}" for k, value in enumerate(rest)]
+    if there:
+        assert_allclose(read("place_mm,depth_mm,sed,at_rest", *rows).at_rest, rest)
+    else:
+        with pytest.raises(BadInputError, match="at_rest: expected noise, 3 values or more"):
+            read("place_mm,depth_mm,sed,at_rest", *rows)
