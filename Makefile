@@ -47,8 +47,8 @@ bench: .venv/.ready-dev
 	$(BIN)/python -m studies.source.impulse_choices
 	$(BIN)/python -m studies.source.shift_choices
 	$(BIN)/python -m studies.source.shift_by_shape
-	$(BIN)/python -m studies.source.two_samples
-	$(BIN)/python -m studies.source.profiles_read_back
+	$(BIN)/python -m studies.coding.two_samples
+	$(BIN)/python -m studies.coding.profiles_read_back
 	$(BIN)/python -m studies.accuracy.random_poses
 	$(BIN)/python -m studies.accuracy.sharp_sweep
 	$(BIN)/python -m studies.accuracy.branches

@@ -21,7 +21,7 @@ from sim.coding.readings import Readings
 from sim.coding.sampled_section import Sampling, sampled_section
 from sim.coding.univariate import Range, converged_search, error_surface, grid_search
 from sim.config.fingertip_config import FingertipConfig
-from studies.source.two_samples import SEED, SNR_DB, START, TRUE, TRUTHS, WITHIN
+from studies.coding.two_samples import SEED, SNR_DB, START, TRUE, TRUTHS, WITHIN
 
 Array = NDArray[np.float64]
 Row = tuple[str, ...]

@@ -13,7 +13,7 @@ from sim.coding.frictionless import Frictionless, frictionless
 from sim.coding.operators import centred
 from sim.coding.readings import Readings
 from sim.coding.sampled_section import SPACING_MM, SampledSection
-from studies.source.profiles_read_back import (
+from studies.coding.profiles_read_back import (
     SAMPLES,
     SCENES,
     SEED,

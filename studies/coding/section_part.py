@@ -18,7 +18,7 @@ from sim.coding.sampled_section import HALF_LENGTH, SPACING_MM, SampledSection, 
 from sim.coding.skin_line import AXES, Axes
 from sim.config.fingertip_config import FingertipConfig
 from sim.contact.shapes import parse_shape
-from studies.source.two_samples import TRUE
+from studies.coding.two_samples import TRUE
 
 Row = tuple[str, ...]
 

@@ -11,7 +11,7 @@ from sim.coding.operators import centred
 from sim.coding.profiles.felt_shape import CLASSES, FeltShape, felt_shape
 from sim.coding.sampled_section import SampledSection, Sampling, sampled_section
 from sim.config.fingertip_config import FingertipConfig
-from studies.source.shapes_read_back import OTHER_TISSUE, SEED, draw, felt
+from studies.coding.shapes_read_back import OTHER_TISSUE, SEED, draw, felt
 
 Array = NDArray[np.float64]
 

@@ -1,6 +1,6 @@
 """Two pressures read back from noisy SED: the source's decoder, converged, and ours, on the same draws.
 
-    .venv/bin/python -m studies.source.two_samples [DRAWS] [chosen]
+    .venv/bin/python -m studies.coding.two_samples [DRAWS] [chosen]
 
 Off-grid truths from U(0, 30)² and from [20 14] ± 3; neither decoder is told which. Error is Eq. 6.8 (squared), noise
 is of the SNR over M samples. With `chosen`: the draws on which the prior was chosen, none of which are reported. Then

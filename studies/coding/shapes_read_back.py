@@ -1,6 +1,6 @@
 """Class and size of an indentor from noisy SED: by the skin under decoded pressures, and by templates of SED itself.
 
-    .venv/bin/python -m studies.source.shapes_read_back [SCENES] [chosen]
+    .venv/bin/python -m studies.coding.shapes_read_back [SCENES] [chosen]
 
 Bars that touch with both edges, cylinders and steps, of any size and place within ranges, pressed on a finer mesh; 30
 dB over M receptors. Decoded by the default finger's section. With `chosen`: the scenes on which the skin's error was
@@ -23,7 +23,7 @@ from sim.coding.profiles.felt_shape import CLASSES, ShapeClass, felt_shape
 from sim.coding.readings import Readings
 from sim.coding.sampled_section import SPACING_MM, SampledSection, Sampling, sampled_section
 from sim.config.fingertip_config import FingertipConfig, MeshSpec, Tissue
-from studies.source.profiles_read_back import SAMPLES, SNR_DB, Scene, default_section, finer_section
+from studies.coding.profiles_read_back import SAMPLES, SNR_DB, Scene, default_section, finer_section
 
 Array = NDArray[np.float64]
 

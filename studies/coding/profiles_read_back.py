@@ -1,6 +1,6 @@
 """Whole pressure profiles read back from noisy SED: how wrong, how sure, and which part of it is whose fault.
 
-    .venv/bin/python -m studies.source.profiles_read_back [DRAWS] [chosen | snr]
+    .venv/bin/python -m studies.coding.profiles_read_back [DRAWS] [chosen | snr]
 
 Decoded on 39 samples 170 µm apart, at 30 dB over M receptors, from SED of presses on a finer mesh. With `chosen`: the
 scenes and seeds on which the prior was chosen, which are none of those reported. With `snr`: ours against noise.
