@@ -164,7 +164,7 @@ class Fingertip(ByRecipe, SeenInside):
 
         Shapes that lie along the finger are placed by x, those across it by z (default: the receptor plane), all
         others by both, a plane by neither: what means nothing to a shape is refused. With `other_paths`, what may
-        depend on how it was reached is reached by finer steps too (some four times as long). Where contact leaves
+        depend on how it was reached is reached by finer steps too (five to eight times as long). Where contact leaves
         the mesh's patch a larger one is made (minutes, then cached). Raises ModelRangeError when the scene leaves
         the model: no larger patch, a place, depth or force out of range.
         """

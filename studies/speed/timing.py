@@ -2,6 +2,7 @@
 
 .venv/bin/python -m studies.speed.timing            # the tables of the README, about a minute and a half
 .venv/bin/python -m studies.speed.timing --contact  # the second of them alone
+.venv/bin/python -m studies.speed.timing --counts   # what a press from rest of these scenes is made of
 .venv/bin/python -m studies.speed.timing --solvers  # MKL and the portable solver on one problem
 """
 
@@ -11,13 +12,17 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from unittest.mock import patch
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import lapack
 from threadpoolctl import threadpool_limits
 
 from sim.config.fingertip_config import FingertipConfig
+from sim.contact import lcp
 from sim.contact.measured_profile import MeasuredProfile
+from sim.contact.solver import ContactState
 from sim.fem import pardiso
 from sim.fem.pardiso import PardisoFactor
 from sim.finger.mesh import build_mesh
@@ -25,9 +30,12 @@ from sim.finger.surface import FingertipSurface
 from sim.models.cache import cache_dir
 from sim.models.discretised import discretise, factorise
 from sim.models.fingertip import Fingertip
+from sim.models.pressing import Pressing
 from sim.models.results.indentation import IndentationResult
 
 Shape = str | MeasuredProfile
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 SPLINE = MeasuredProfile("two ridges", (-1.2, -0.6, 0.0, 0.6, 1.2), (0.4, 0.0, 0.25, 0.0, 0.4))
 _BARS_X_MM, _STEPS_X_MM = (-0.3, 0.0, 0.25), (2.0, 0.5, -0.5, -1.0, -1.63, -2.25, -3.69)
@@ -135,6 +143,37 @@ def _spent(results: list[IndentationResult]) -> str:
     return f"{np.median(ms):.0f} / {np.percentile(ms, 95):.0f}"
 
 
+def counts(finger: Fingertip) -> None:
+    """What a press by DOI from rest is made of, in the mean: solves, passes, factorisations and their orders."""
+    orders: list[int] = []
+    factor_s: list[float] = []
+    solves: list[float] = []
+    factorised, solved = lcp._held, Pressing._at
+
+    def factorise_told(q: Array, w: Array, active: Ints) -> lcp.LcpSolution | None:
+        start = time.thread_time()
+        solution = factorised(q, w, active)
+        factor_s.append(time.thread_time() - start)
+        orders.append(len(active))
+        return solution
+
+    def solve_told(self: Pressing, doi: float, start: ContactState | None, target: float | None) -> ContactState:
+        solves.append(doi)
+        return solved(self, doi, start, target)
+
+    columns = ("scene", "solves", "passes", "factorisations", "their order, median / max", "their share of the time")
+    print(f"| {' | '.join(columns)} |\n|{'---|' * len(columns)}")
+    with patch.object(lcp, "_held", factorise_told), patch.object(Pressing, "_at", solve_told):
+        for name, shape, xs, dois in SCENES:
+            for told in (orders, factor_s, solves):
+                told.clear()
+            results = [finger.indent(shape, x, doi_mm=doi) for x in xs for doi in dois]
+            n, spent = len(results), sum(r.contact_s for r in results)
+            means = (len(solves) / n, sum(r.state.passes for r in results) / n, len(orders) / n)
+            print(f"| {name} | {' | '.join(f'{mean:.0f}' for mean in means)} | "
+                  f"{np.median(orders):.0f} / {max(orders)} | {sum(factor_s) / spent:.0%} |")  # fmt: skip
+
+
 def solvers() -> None:
     """MKL and the portable solver on the same problem."""
     config = FingertipConfig()
@@ -154,6 +193,9 @@ def main() -> None:
     """Print the tables."""
     if "--solvers" in sys.argv:
         solvers()
+        return
+    if "--counts" in sys.argv:
+        counts(Fingertip.load())
         return
     indentations(Fingertip.load() if "--contact" in sys.argv else cold())
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
