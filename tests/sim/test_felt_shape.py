@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from sim.coding.borne import borne_by
 from sim.coding.frictionless import Skin, frictionless
 from sim.coding.operators import centred
-from sim.coding.profiles.felt_shape import CLASSES, FeltShape, felt_shape
+from sim.coding.profiles.felt_shape import CLASSES, FeltShape, edges_mm, felt_shape
 from sim.coding.sampled_section import SampledSection, Sampling, sampled_section
 from sim.config.fingertip_config import FingertipConfig
 from studies.coding.shapes_read_back import OTHER_TISSUE, SEED, draw, felt
@@ -44,6 +44,9 @@ def test_flat_skin_is_a_bar_as_wide_as_its_peaks_lie_apart() -> None:
     found = felt_shape(_lying_on(np.full(40, 5.0), 1e-3), pressure)
     assert found.name == "bar"
     assert found.size_mm == pytest.approx(1.70 + 0.17)
+    assert_allclose(edges_mm(_lying_on(np.full(40, 5.0)), pressure), [-0.85 - 0.085, 0.85 + 0.085])
+    pressure[13] = 500.0  # of a peak between two samples, by what each bears over the rest: 400 and 800
+    assert edges_mm(_lying_on(np.full(40, 5.0)), pressure)[0] == pytest.approx(-0.85 - 0.085 - 0.17 / 3)
 
 
 @pytest.mark.parametrize("half_wave", [1.3, 2.5])

@@ -47,7 +47,8 @@ class _Outline(NamedTuple):
 def felt_shape(skin: Skin, pressure: Array) -> FeltShape:
     """From (n,) pressures, some above 0."""
     along, up = _on_the_indentor(skin, pressure)
-    flat = _Outline(float(((up - up.mean()) ** 2).sum()), _width(skin, pressure))
+    first, last = edges_mm(skin, pressure)
+    flat = _Outline(float(((up - up.mean()) ** 2).sum()), last - first)
     outlines: dict[ShapeClass, _Outline] = {"bar": flat, "cylinder": _circle(along, up), "step": _step(along, up)}
     each = np.log(max(2, len(up)))
     cost = {name: fit.squares / SKIN_SD_MM**2 + each * _NUMBERS[name] for name, fit in outlines.items()}
@@ -96,14 +97,17 @@ def _step(along: Array, up: Array) -> _Outline:
     return _Outline(float(squares[best]), float(_HALF_WAVES_MM[best[0]]))
 
 
-def _width(skin: Skin, pressure: Array) -> float:
-    """Between the two ends' peaks, and half a sample more at each: a corner's force is borne just inside it."""
+def edges_mm(skin: Skin, pressure: Array) -> tuple[float, float]:
+    """x of the first and the last edge of what bears on the skin, where they are sharp.
+
+    Half a sample beyond the peak of pressure there: a corner's force is borne just inside it.
+    """
     pressed = np.flatnonzero(_contact(pressure))
     first, stop = pressed[0], pressed[-1] + 1
     along, level = _middles(skin, pressure)[X], np.median(pressure[first:stop])
-    outer = min(3, stop - first)
+    outer, half = min(3, stop - first), 0.5 * float(np.diff(skin.at_rest_mm[X]).max())
     ends = [_centre(along[k], pressure[k] - level) for k in (slice(first, first + outer), slice(stop - outer, stop))]
-    return ends[1] - ends[0] + float(np.diff(skin.at_rest_mm[X]).max())
+    return ends[0] - half, ends[1] + half
 
 
 def _centre(along: Array, over: Array) -> float:
