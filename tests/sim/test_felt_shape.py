@@ -88,6 +88,29 @@ def test_of_a_small_contact_less_is_left_out_and_costs_are_told() -> None:
     assert found.cost["bar"] == pytest.approx(np.log(2))
 
 
+@pytest.mark.parametrize(("share", "in_contact"), [(0.2, True), (0.1, False)])
+def test_a_contact_is_where_pressure_is_more_than_0_15_of_the_median(share: float, *, in_contact: bool) -> None:
+    pressure = _within(-1.0, 1.0)  # samples 14 … 24, all 100
+    pressure[13] = 100.0 * share
+    first, _ = edges_mm(_lying_on(np.full(40, 5.0)), pressure)
+    # where none of the outer three stands out, their middle
+    assert first == pytest.approx(PLACES[14 if in_contact else 15] - 0.085, abs=1e-6)
+
+
+@pytest.mark.parametrize(("diameter", "round_enough"), [(19.0, True), (21.0, False)])
+def test_a_cylinder_is_at_most_20_mm_wide(diameter: float, *, round_enough: bool) -> None:
+    on = np.sqrt((diameter / 2) ** 2 - ENDS**2)
+    found = felt_shape(_lying_on(15.0 - on), _within(-1.5, 1.5))
+    assert np.isfinite(found.cost["cylinder"]) == round_enough
+
+
+def test_a_cost_is_squares_over_7_micrometres_and_the_log_of_places_for_each_number() -> None:
+    found = felt_shape(_lying_on(5.0 + 0.01 * ENDS), _within(-1.0, 1.0))  # 11 samples, 7 of them inside
+    squares = 1e-4 * ((PLACES[16:23] - PLACES[16:23].mean()) ** 2).sum()
+    assert found.cost["bar"] == pytest.approx(squares / 0.007**2 + np.log(7))
+    assert felt_shape(_lying_on(np.full(40, 5.0)), _within(-1.0, 1.0)).cost["step"] == pytest.approx(3 * np.log(7))
+
+
 @pytest.fixture(scope="module")
 def section() -> SampledSection:
     """What is pressed and what decodes."""

@@ -43,6 +43,7 @@ def seven() -> Seen:
 
 def test_kinds_are_all_levels_with_all_ends_and_their_probabilities_sum_to_1() -> None:
     assert len(set(KINDS)) == len(KINDS) == 12
+    assert {kind.level for kind in KINDS} == {0.3, 0.7, 1.6}
     assert sum(np.exp(Contact(0, 3, kind).log_prior) for kind in range(12)) == pytest.approx(1.0)
     blunt, sharp, both = (Contact(0, 3, KINDS.index(Kind(0.7, *e))) for e in ((0.15, 0.15), (0.15, 2.0), (2.0, 2.0)))
     assert sharp.log_prior - blunt.log_prior == pytest.approx(np.log(0.3 / 0.7))
