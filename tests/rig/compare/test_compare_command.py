@@ -22,6 +22,8 @@ KEYS = {"shape", "measure", "receptor_mm", "shape_test", "r", "k", "eps0", "run"
 
 Command = Callable[..., tuple[int, str, str]]
 
+no_figures = pytest.mark.usefixtures("empty_figures")  # test_the_same_input_gives_the_same_bytes draws them all
+
 
 @pytest.fixture
 def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Command:
@@ -47,6 +49,7 @@ def csv(bar_run: Run, finger: Fingertip, tmp_path: Path) -> Path:
     return write_synthetic(tmp_path, found)
 
 
+@no_figures
 def test_json_and_report(command: Command, bar_run: Run, csv: Path) -> None:
     code, out, err = command(
         "compare", bar_run.folder.path, "--recorded", f"bar:3.0={csv}", "--out", "a.html", "--json"
@@ -85,6 +88,7 @@ def test_the_same_input_gives_the_same_bytes(command: Command, bar_run: Run, csv
     assert content.count(b"/Subtype /Image") >= 6  # figures
 
 
+@no_figures
 def test_without_a_recording(command: Command, bar_run: Run) -> None:
     code, out, _ = command("compare", bar_run.folder.path, "--json")
     assert code == 0
@@ -162,6 +166,7 @@ def test_export_as_nwb(command: Command, bar_run: Run) -> None:
     bar_run.folder.write_checksums()
 
 
+@no_figures
 def test_spike_times_from_nwb(command: Command, bar_run: Run) -> None:
     """Ten spikes in the window of the hold at x = 0.8 and none elsewhere: the only rate is there."""
     start = next(e["t_s"] for e in bar_run.stream("hold_start") if (e["index"], e["hold"]) == (0, 2))
