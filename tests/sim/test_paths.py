@@ -196,6 +196,11 @@ def test_radii_below_0_02_mm_are_edges(make: Any, at: float, radius: float, edge
     assert _near_an_edge(indentor, at - 0.2) is False
 
 
+@pytest.mark.parametrize(("radius", "edge"), [(0.0, True), (0.015, True), (0.03, False)])
+def test_the_edge_on_the_other_side_is_one_too(radius: float, edge: bool) -> None:
+    assert _near_an_edge(Indentor.along(Bar(2.0, radius)), -1.0) is edge
+
+
 @pytest.mark.parametrize("profile", [Cylinder(9.0), Step("1"), Step("5"), Bar(2.0, 0.2)])
 @pytest.mark.parametrize("at", np.linspace(-1.3, 1.3, 9))
 def test_what_is_round_has_none(profile: Profile, at: float) -> None:
