@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from sim.models.results.indentations import Indentations
     from sim.models.results.point_load import PointLoadResult
     from sim.models.results.tables import NotInstalledError, to_pandas, to_xarray, write_csv
+    from sim.speed_and_error.choice import Aim, Choice, NoModelError, choose
 
     __version__: str
 
@@ -58,11 +59,14 @@ _HOMES = {
     "sim.models.results.indentations": ("Indentations",),
     "sim.models.results.point_load": ("PointLoadResult",),
     "sim.models.results.tables": ("NotInstalledError", "to_pandas", "to_xarray", "write_csv"),
+    "sim.speed_and_error.choice": ("Aim", "Choice", "NoModelError", "choose"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
     "MEASURES",
+    "Aim",
+    "Choice",
     "Fields",
     "Fingertip",
     "FingertipConfig",
@@ -76,6 +80,7 @@ __all__ = [
     "MeasuredProfile",
     "MeshSpec",
     "ModelRangeError",
+    "NoModelError",
     "NotInstalledError",
     "PointLoadResult",
     "ProfileError",
@@ -85,6 +90,7 @@ __all__ = [
     "Tissue",
     "WorkerLostError",
     "__version__",
+    "choose",
     "indent_many",
     "load",
     "parse_shape",

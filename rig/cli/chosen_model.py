@@ -1,7 +1,7 @@
 """Which model `rig indent` uses, and what it may say about force."""
 
 from dataclasses import dataclass
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 from rig.protocol.errors import BadInputError
 from sim.config.fingertip_config import FingertipConfig, MeshSpec
@@ -10,29 +10,38 @@ from sim.contact.indentor import Indentor
 from sim.measures.reach import ReceptorPlaces
 from sim.models.catalogue import MODELS, ModelName, load
 from sim.models.fingertip import Fingertip
-from sim.speed_and_error.choice import choose
+from sim.speed_and_error.choice import Aim, Choice, choose
 from sim.speed_and_error.measure import QUANTITIES
+
+TOLERANCE, QUANTITY = "2%", "force"
+"""What `auto` holds unless it is told."""
 
 _LONGEST_MM = 50.0
 
 
 @dataclass(frozen=True)
 class Chosen:
-    """A model, the level of its mesh where one was chosen, and the length behind a section's force."""
+    """A model by name or by choice, and the length behind a section's force."""
 
     model: ModelName
-    level: str | None
-    promised: float | None
-    why: str
+    choice: Choice | None
     length_mm: float | None
+
+    @property
+    def why(self) -> str:
+        """In one line."""
+        return f"{self.model}, as asked for" if self.choice is None else self.choice.why
+
+    @property
+    def receptors(self) -> bool:
+        """Whether there are any."""
+        return self.choice is None or self.choice.aim.receptors
 
     def load(self, config: FingertipConfig, slopes: tuple[int, ...], receptors: ReceptorPlaces) -> Fingertip:
         """The model of a configuration, made for shapes that slope along some axes, with receptors."""
-        if self.level is not None:
-            if config.mesh != MeshSpec():
-                raise BadInputError("--model auto: chooses the mesh itself, expected no [finger.mesh] in --config")
-            config = config.model_copy(update={"mesh": MeshSpec.model_validate({"level": self.level})})
-        return load(self.model, config, slopes=slopes, **receptors.as_options())
+        if self.choice is None:
+            return load(self.model, config, slopes=slopes, **receptors.as_options())
+        return self.choice.load(config, receptors)
 
     def force_per_mm(self, force_gwt: float | None) -> float | None:
         """The force to ask the model for: a section's is per millimetre."""
@@ -55,7 +64,8 @@ class Chosen:
 
     def described(self, answer: dict[str, Any]) -> dict[str, Any]:
         """The JSON of an indentation with how its model was chosen; a section's force is null without a length."""
-        answer["choice"] = {"level": self.level, "promised_error": self.promised, "why": self.why}
+        asked_for = {"level": None, "promised_error": None, "why": self.why}
+        answer["choice"] = asked_for if self.choice is None else self.choice.as_json()
         if self.model == "section":
             answer["force_n_per_mm"], answer["effective_length_mm"] = answer["force_n"], self.length_mm
             for key in ("force_n", "force_gwt"):
@@ -67,24 +77,28 @@ class Chosen:
 class Wanted:
     """What the command line asked for."""
 
-    model: ModelName | None  # None: the cheapest that holds the tolerance
-    tolerance: float
-    quantity: str
+    model: ModelName | None  # None: the cheapest that holds the aim
+    aim: Aim
     length_mm: float | None
 
     @classmethod
-    def parse(cls, model: str, tolerance: str, quantity: str, length_mm: float | None) -> "Wanted":
+    def parse(cls, model: str, tolerance: str | None, quantity: str | None, length_mm: float | None) -> "Wanted":
         """Raises BadInputError, saying what was expected."""
         if model not in (*MODELS, "auto"):
             raise BadInputError(f"--model {model!r}: expected one of {', '.join(get_args(ModelName))}, auto")
-        if quantity not in QUANTITIES:
-            raise BadInputError(f"--quantity {quantity!r}: expected one of {', '.join(QUANTITIES)}")
+        quantities = tuple((quantity or QUANTITY).split(","))
+        if not set(quantities) <= set(QUANTITIES):
+            raise BadInputError(f"--quantity {quantity!r}: expected one of {', '.join(QUANTITIES)}, or several")
         if length_mm is not None and not (model in ("section", "auto") and 0 < length_mm <= _LONGEST_MM):
             raise BadInputError(
                 f"--length-mm {length_mm:g}: expected 0 … {_LONGEST_MM:g}, for --model section or auto"
             )
+        aim = Aim(quantities, _fraction(tolerance or TOLERANCE), per_length=length_mm is not None)
+        for option, given in (("--tol", tolerance), ("--quantity", quantity)):
+            if given is not None and model != "auto":
+                raise BadInputError(f"{option} {given}: expected --model auto beside it")
         named = next((name for name in MODELS if name == model), None)
-        return cls(named, _fraction(tolerance), quantity, length_mm)
+        return cls(named, aim, length_mm)
 
     def for_point(self) -> Chosen:
         """The named model; raises BadInputError where it takes no point load."""
@@ -92,15 +106,43 @@ class Wanted:
             raise BadInputError("--shape point: expected --model finger or section")
         return self._as_asked(self.model)
 
-    def choose(self, indentor: Indentor, x_mm: float, doi_mm: float | None) -> Chosen:
+    def refuse(self, config: FingertipConfig, receptors: ReceptorPlaces) -> None:
+        """What a choice cannot go by, before it is made."""
+        if self.model is not None:
+            return
+        if config.mesh != MeshSpec():
+            raise BadInputError("--model auto: chooses the mesh itself, expected no [finger.mesh] in --config")
+        if not self.aim.receptors and receptors != ReceptorPlaces():
+            raise BadInputError("--model auto: no receptors are made for force alone, expected --quantity sed or ep1")
+
+    def choose(
+        self,
+        indentor: Indentor,
+        x_mm: float,
+        z_mm: float | None,
+        doi_mm: float | None,
+        force_gwt: float | None,
+        *,
+        reference: Literal["contact", "apex"],
+        config: FingertipConfig,
+    ) -> Chosen:
         """The named model, or the cheapest known to hold; raises NoModelError where none is."""
         if self.model is not None:
             return self._as_asked(self.model)
-        found = choose(indentor, x_mm, doi_mm, self.quantity, self.tolerance, per_length=self.length_mm is not None)
-        return Chosen(found.model, found.level, found.promised, found.why, self.length_mm)
+        found = choose(
+            indentor,
+            x_mm,
+            z_mm=z_mm,
+            doi_mm=doi_mm,
+            force_gwt=force_gwt,
+            aim=self.aim,
+            reference=reference,
+            config=config,
+        )
+        return Chosen(found.model, found, self.length_mm)
 
     def _as_asked(self, model: ModelName) -> Chosen:
-        return Chosen(model, None, None, f"{model}, as asked for", self.length_mm)
+        return Chosen(model, None, self.length_mm)
 
 
 def _fraction(text: str) -> float:

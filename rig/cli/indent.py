@@ -9,7 +9,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from rig.cli.chosen_model import Chosen, Wanted
+from rig.cli.chosen_model import TOLERANCE, Chosen, Wanted
 from rig.cli.options import JsonOption, numbers
 from rig.cli.output import ExitCode, complain, loading_the_finger, out, print_json, told_in_one_line
 from rig.cli.pictures import checked_picture, write_picture
@@ -40,10 +40,14 @@ def command(
         float | None, typer.Option(metavar="Z", help="Along the finger, for line, round shapes and point.")
     ] = None,
     model: Annotated[str, typer.Option(metavar="M", help=f"{', '.join(reversed(MODELS))} or auto")] = "finger",
-    tolerance: Annotated[str, typer.Option("--tol", metavar="T", help="For auto, as 2% or 0.02.")] = "2%",
+    tolerance: Annotated[
+        str | None,
+        typer.Option("--tol", metavar="T", help=f"For auto, as {TOLERANCE} (if absent) or 0.02."),
+    ] = None,
     quantity: Annotated[
-        str, typer.Option(metavar="Q", help="That shall be right: force, width, sed, ep1.")
-    ] = "force",
+        str | None,
+        typer.Option(metavar="Q,Q…", help="For auto, what shall be right: force (if absent), width, sed, ep1."),
+    ] = None,
     length_mm: Annotated[
         float | None, typer.Option(metavar="L", help="Effective length behind a section's force.")
     ] = None,
@@ -84,7 +88,12 @@ def command(
             loaded = finger.point_load(x_mm or 0.0, force, z_mm=z_mm)
             _say_point(loaded, pressed, finger.build_s, as_json=as_json)
             return
-        chosen = wanted.choose(indentor, x_mm or 0.0, doi_mm)
+        wanted.refuse(settings.finger, receptors)
+        chosen = wanted.choose(
+            indentor, x_mm or 0.0, z_mm, doi_mm, force_gwt, reference=origin, config=settings.finger
+        )
+        if chosen.choice is not None and not as_json:
+            out.print(f"auto chose {chosen.model}, level {chosen.choice.level}: {chosen.choice.outlook}")
         with loading_the_finger():
             finger = chosen.load(settings.finger, indentor.axes, receptors)
         force = chosen.force_per_mm(force_gwt)
@@ -180,7 +189,8 @@ def _print(result: IndentationResult, chosen: Chosen, build_s: float) -> None:
         f"{'converged' if state.converged else 'NOT converged'}; load {build_s:.2f} s, "
         f"contact {1e3 * result.contact_s:.0f} ms"
     )
-    _print_receptors(result)
+    if chosen.receptors:
+        _print_receptors(result)
 
 
 def _path(result: IndentationResult, chosen: Chosen) -> str:

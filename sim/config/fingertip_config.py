@@ -99,6 +99,7 @@ class Tissue(_Settings):
 
 
 MESH_LEVELS: dict[str, dict[str, float]] = {
+    "coarse": {"spacing_mm": 0.28, "axial_spacing_mm": 0.473},
     "default": {},
     "fine": {
         "spacing_mm": 0.1,
@@ -117,8 +118,8 @@ AXIAL_STRETCH = 1.855
 class MeshSpec(_Settings):
     """Sizes of elements, mm; a quadratic one has nodes half way too. `patch_*` bound what an indentor may touch."""
 
-    level: Literal["default", "fine"] = Field(
-        default="default", description="fine: for sharp shapes; sets spacings that are not given"
+    level: Literal["coarse", "default", "fine"] = Field(
+        default="default", description="coarse: quick; fine: for sharp shapes; sets spacings that are not given"
     )
     spacing_mm: float = Field(
         default=0.17, gt=0.02, le=1.0, description="size of elements across the finger, on the pulp"

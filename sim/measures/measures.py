@@ -64,12 +64,12 @@ def measures_from_strain(strain: Array, material: Elastic) -> dict[str, Array]:
 
 def measures_in_layers(strain: Array, young_ratio: Array, poisson: float) -> dict[str, Array]:
     """The 18 measures (n,) from (n, 6) strains and (n,) E / E(epidermis); stresses in pseudo-units."""
-    values: dict[str, Array] = {}
+    values = {name: np.empty(len(strain)) for name in MEASURES}
     for ratio in np.unique(young_ratio):
         here = young_ratio == ratio
         material = Elastic(PSEUDO_E_EPIDERMIS * float(ratio), poisson)
         for name, value in measures_from_strain(strain[here], material).items():
-            values.setdefault(name, np.empty(len(here)))[here] = value
+            values[name][here] = value
     return values
 
 

@@ -46,7 +46,12 @@ def _several(values: float | Sequence[float]) -> tuple[float, ...]:
 
 
 def receptors_at(config: FingertipConfig, surface: FingertipSurface, places: ReceptorPlaces) -> ReceptorSet:
-    """The receptors at these places, x going fastest and z slowest. Raises ReceptorError, as `points_below`."""
+    """The receptors at these places, x going fastest and z slowest; none where no x is named.
+
+    Raises ReceptorError, as `points_below`.
+    """
+    if not places.x_mm:
+        return ReceptorSet(np.zeros((0, 3)), np.zeros(0))
     z = (config.receptor_plane_mm,) if places.z_mm is None else places.z_mm
     asked = len(z) * len(places.depth_mm) * len(places.x_mm)
     if not 0 < asked <= MOST_RECEPTORS:

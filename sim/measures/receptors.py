@@ -42,8 +42,8 @@ class ReceptorSet:
 
     @property
     def depth_mm(self) -> float:
-        """The depth that all have; nan where they differ."""
-        first = float(self.depths_mm[0])
+        """The depth that all have; nan where they differ, or there are none."""
+        first = float(self.depths_mm[0]) if len(self.depths_mm) else np.nan
         return first if (self.depths_mm == first).all() else np.nan
 
 
@@ -209,6 +209,8 @@ def operator_of(mesh: FingerMesh, samples: Sequence[Samples]) -> sp.csr_array:
 
     Points near one another share samples: each is evaluated once.
     """
+    if not samples:
+        return sp.csr_array((0, 3 * len(mesh.nodes)))
     elements, local, weights = (np.concatenate(parts) for parts in zip(*samples, strict=True))
     receptor = np.repeat(np.arange(len(samples)), [len(s.weights) for s in samples])
     _, once, of = np.unique(np.column_stack([elements, local]), axis=0, return_index=True, return_inverse=True)

@@ -29,7 +29,7 @@ from sim.models.errors import ForceOutOfReachError, ModelRangeError
 from sim.models.inside.anywhere import Anywhere, SeenInside
 from sim.models.moduli.interpolated import Interpolated
 from sim.models.patches import HalfWidths, half_widths, larger
-from sim.models.pressing import PlacedIndentor, Pressing, RimError, refuse_meaningless
+from sim.models.pressing import PlacedIndentor, Pressing, RimError, refuse_beside_the_finger, refuse_meaningless
 from sim.models.processes.recipe import ByRecipe, Recipe
 from sim.models.results.indentation import IndentationResult
 from sim.models.results.outline import ModelOutline
@@ -43,9 +43,6 @@ Reference = Literal["contact", "apex"]
 
 DEEPEST_DOI_MM = 2.0
 """The small-displacement model is not asked beyond this depth; the source's deepest is 1.33 mm."""
-
-FARTHEST_X_MM = 20.0
-"""Beyond this no part of a shape is over the pad."""
 
 _FORCE_GUESS_MM = 0.3
 _TOUCHES_KEPT = 64
@@ -171,7 +168,7 @@ class Fingertip(ByRecipe, SeenInside):
         shape = _indentor(indentor)
         if (doi_mm is None) == (force_gwt is None):
             raise ModelRangeError("expected exactly one of a depth (doi_mm) and a force (force_gwt)")
-        self._refuse_beside_the_finger(x_mm, z_mm)
+        refuse_beside_the_finger(self.config, x_mm, z_mm)
         place = self._place(shape, x_mm, z_mm)
         touch = self._first_touch(shape, place)
         height = self.apex_height_mm if reference == "apex" else touch.height_mm
@@ -242,14 +239,6 @@ class Fingertip(ByRecipe, SeenInside):
         refuse_meaningless(shape, x_mm, z_mm)
         z = self.config.receptor_plane_mm if z_mm is None else z_mm
         return tuple({X: x_mm, Z: z}[axis] for axis in shape.axes)
-
-    def _refuse_beside_the_finger(self, x_mm: float, z_mm: float | None) -> None:
-        if not abs(x_mm) <= FARTHEST_X_MM:
-            raise ModelRangeError(f"x = {x_mm} mm: expected a finite number within ± {FARTHEST_X_MM:g} mm")
-        if z_mm is not None and not 0 <= z_mm <= self.config.geometry.length_mm:
-            raise ModelRangeError(
-                f"z = {z_mm} mm: expected 0 … {self.config.geometry.length_mm:g} mm along the finger"
-            )
 
     def _solve(
         self, pressing: Pressing, doi_mm: float | None, force_gwt: float | None, start: ContactState | None

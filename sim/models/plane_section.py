@@ -56,7 +56,8 @@ def build_section(
     operator, layers = strain_operator(mesh, receptors.position_mm)
     with condense(upper, kept, np.zeros((upper.shape[0], 1), np.int64)) as factor:
         compliance = factor.compliance[place].take(place, axis=1)
-        strain = factor.solve((operator @ spread).toarray()) @ spread.T
+        loads = (operator @ spread).toarray()
+        strain = (factor.solve(loads) if len(loads) else loads) @ spread.T
     patch = Patch(mesh.nodes[mesh.patch_nodes], mesh.patch_area_mm2, mesh.patch_shape, AXES, compliance=compliance)
     outside, neighbour = skin_beside(mesh, patch, slice(0, 1))
     skin = np.arange(mesh.grid[1]) * mesh.grid[2]
@@ -68,7 +69,7 @@ def build_section(
         columns=Columns(
             receptors,
             young_ratios(config.tissue)[layers],
-            strain.reshape(len(strain), -1, 3)[:, skin].reshape(-1, 1, len(skin), 3),
+            strain.reshape(-1, len(mesh.nodes), 3)[:, skin].reshape(-1, 1, len(skin), 3),
         ),
         skin_z_mm=np.array([config.receptor_plane_mm]),
         skin_phi=mesh.phi,

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.config.fingertip_config import FingertipConfig
 from sim.contact.control import TooDeepError
 from sim.contact.indentor import EDGE_RADIUS_MM, SHARP_RADIUS_MM, Indentor
 from sim.contact.patch import X, Y, Z
@@ -20,6 +21,9 @@ from sim.models.condensed import CondensedModel
 from sim.models.errors import ModelRangeError
 
 Array = NDArray[np.float64]
+
+FARTHEST_X_MM = 20.0
+"""Beyond this no part of a shape is over the pad."""
 
 _PRESS_IN_MM, _PRESS_IN_CORNER_MM, _PRESS_IN_FINE_MM = 0.2, 0.05, 0.0125
 OTHER_STEPS_MM = (0.0125, 0.00625)
@@ -38,6 +42,15 @@ class RimError(ModelRangeError, TooDeepError):
         super().__init__(message)
         self.at_mm = at_mm
         self.others_mm = others_mm  # (n, 2) places beside the patch that the indentor, were it soft, would lie below
+
+
+def refuse_beside_the_finger(config: FingertipConfig, x_mm: float, z_mm: float | None) -> None:
+    """Refuse a place that is not over a finger."""
+    length_mm = config.geometry.length_mm
+    if not abs(x_mm) <= FARTHEST_X_MM:
+        raise ModelRangeError(f"x = {x_mm} mm: expected a finite number within ± {FARTHEST_X_MM:g} mm")
+    if z_mm is not None and not 0 <= z_mm <= length_mm:
+        raise ModelRangeError(f"z = {z_mm} mm: expected 0 … {length_mm:g} mm along the finger")
 
 
 def refuse_meaningless(indentor: Indentor, x_mm: float, z_mm: float | None) -> None:

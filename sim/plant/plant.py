@@ -13,7 +13,8 @@ from sim.contact.profiles import Cylinder
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import REQUIRED_RESIDUAL, ContactState
 from sim.models.errors import ModelRangeError
-from sim.models.fingertip import FARTHEST_X_MM, Fingertip
+from sim.models.fingertip import Fingertip
+from sim.models.pressing import FARTHEST_X_MM
 
 _WARM_MOVE_MM = 0.1
 _FARTHEST_ONWARD = 2.0  # times the way between the last two states

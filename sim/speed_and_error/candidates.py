@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from sim.config.fingertip_config import FingertipConfig, MeshSpec
+from sim.contact.indentor import ALONG
 from sim.models.catalogue import ModelName
 
 SCENE_PATCH = {"patch_x_mm": 2.4, "patch_z_mm": 2.3}
@@ -10,6 +11,19 @@ SCENE_PATCH = {"patch_x_mm": 2.4, "patch_z_mm": 2.3}
 
 _TO_NAIL_MM = 6.893 - 5.0 - 1e-6
 _ROWS = {1: 3, 2: 5, 3: 7, 4: 9, 5: 9, 8: 9}
+
+LEVELS = ("coarse", "default", "fine")
+"""Of the finger's mesh, from cheap to dear."""
+
+SHARES = (0.65, 1.0)
+"""How much of the default patch's half-widths a patch may have: a few, so that scenes share models."""
+
+_EVEN = {
+    "coarse": {"axial_spacing_mm": 0.27},
+    "default": {},
+    "fine": {"spacing_mm": 0.125, "axial_spacing_mm": 0.126},
+}
+"""Of a level under shapes that slope along the finger, too: as far apart along it as across."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +43,14 @@ class Candidate:
     def config(self) -> FingertipConfig:
         """The default finger on this mesh."""
         return FingertipConfig(mesh=self.mesh)
+
+
+def of_level(model: ModelName, level: str, axes: tuple[int, ...], share: float) -> Candidate:
+    """A level's mesh for shapes that slope along some axes, on a share of the default patch."""
+    usual = MeshSpec()
+    sizes = {name: share * getattr(usual, name) for name in ("patch_x_mm", "patch_z_mm", "round_patch_mm")}
+    given = {"level": level, **({} if axes == ALONG else _EVEN[level]), **sizes}
+    return Candidate(model, level, MeshSpec.model_validate(given))
 
 
 def nested(n: int, **other: float | str | bool) -> MeshSpec:

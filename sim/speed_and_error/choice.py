@@ -1,26 +1,27 @@
-"""The cheapest model that holds a tolerance, by the errors that `studies/accuracy/model_errors.py` measured."""
+"""The cheapest model, level of mesh, patch and outputs that hold a tolerance, by errors and costs as measured.
 
-import json
-from collections.abc import Iterable, Iterator
+It hangs on the scene and the tolerance alone, not on what happens to be in the cache: the same call gives the same
+answer tomorrow.
+"""
+
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
-from importlib.resources import files
-from typing import Any
+from typing import Any, Literal
 
-from sim.contact.indentor import ALONG, Indentor
-from sim.models.catalogue import ModelName
+from sim.config.fingertip_config import FingertipConfig, MeshSpec
+from sim.contact.indentor import BOTH, Indentor
+from sim.contact.shapes import parse_shape
+from sim.measures.reach import ReceptorPlaces
+from sim.models.catalogue import ModelName, load
 from sim.models.errors import ModelRangeError
-from sim.speed_and_error.measure import Measured
-from sim.speed_and_error.reference import Reference
-from sim.speed_and_error.rows import rows
-from sim.speed_and_error.scenes import SCENES
+from sim.models.fingertip import Fingertip
+from sim.speed_and_error.candidates import of_level
+from sim.speed_and_error.expected import DEPTHS_MM, PLACES_MM, Cost, Expected, Rung, bundled
+from sim.speed_and_error.measure import QUANTITIES
+from sim.speed_and_error.situation import Situation
 
-FILE = "model_errors.json"
-SMOOTH, SHARP = ("smooth",), ("bar", "step")
-
-_SIMPLE = ("halfspace", "section")
-_DEEPEST_MM = max(scene.doi_mm for scene in SCENES)
-_FARTHEST_MM = max(abs(scene.x_mm) for scene in SCENES)
+AT_RECEPTORS = frozenset({"sed", "ep1"})
+"""Quantities for which receptors are made."""
 
 
 class NoModelError(ModelRangeError):
@@ -28,89 +29,174 @@ class NoModelError(ModelRangeError):
 
 
 @dataclass(frozen=True)
+class Aim:
+    """What is asked for, and how right it shall be: each of the quantities, relative."""
+
+    quantities: tuple[str, ...] = ("force",)
+    tolerance: float = 0.02
+    per_length: bool = False  # whether a force per length, a section's, is of use
+
+    def __post_init__(self) -> None:
+        if not self.quantities or not set(self.quantities) <= set(QUANTITIES):
+            raise ModelRangeError(f"{', '.join(self.quantities)}: expected some of {', '.join(QUANTITIES)}")
+        if not 0 < self.tolerance < 1:
+            raise ModelRangeError(f"tolerance {self.tolerance:g}: expected a part of the whole, between 0 and 1")
+
+    @property
+    def receptors(self) -> bool:
+        """Whether any are needed."""
+        return bool(AT_RECEPTORS & set(self.quantities))
+
+    @property
+    def text(self) -> str:
+        """As it is said."""
+        return f"{100 * self.tolerance:g} % of {', '.join(self.quantities)}"
+
+
+@dataclass(frozen=True)
 class Choice:
-    """A model, the level of its mesh, and what it promises."""
+    """A model, the level of its mesh, its patch and outputs; what it promises and what it costs."""
 
     model: ModelName
     level: str
-    promised: float  # largest error measured in scenes of this kind, relative
-    why: str
+    mesh: MeshSpec
+    axes: tuple[int, ...]  # along which the shape slopes
+    sharp: bool
+    aim: Aim
+    errors: Mapping[str, float]  # the largest measured in scenes of this kind, relative, by quantity
+    cost: Cost
+    passed: tuple[str, ...]  # cheaper ones, and what they may be off by
+
+    @property
+    def promised(self) -> float:
+        """The largest error of what was asked for."""
+        return max(self.errors.values())
+
+    @property
+    def seconds(self) -> float:
+        """Of processor time, from nothing to the answer."""
+        return _seconds(self.cost, self.aim)
+
+    @property
+    def patch_mm(self) -> tuple[float, float]:
+        """Half-widths of the skin that may be touched, before it has to grow."""
+        mesh = self.mesh
+        return (mesh.round_patch_mm,) * 2 if self.axes == BOTH else (mesh.patch_x_mm, mesh.patch_z_mm)
+
+    @property
+    def why(self) -> str:
+        """In one line."""
+        kind = "sharp" if self.sharp else "smooth"
+        errors = ", ".join(map(_percent, self.errors.values()))
+        passed = f"; cheaper ones passed over: {'; '.join(self.passed)}" if self.passed else ""
+        return (
+            f"{self.model}, level {self.level}: the largest error of {', '.join(self.errors)} measured under {kind} "
+            f"shapes, so deep and so placed, is {errors}, the tolerance {100 * self.aim.tolerance:g} %{passed}"
+        )
+
+    @property
+    def outlook(self) -> str:
+        """What is made and what it costs, in one line, before anything is solved."""
+        x, z = self.patch_mm
+        outputs = "force, contact and receptors" if self.aim.receptors else "force and contact, no receptors"
+        return (
+            f"{outputs}; patch ± {x:.2f} × ± {z:.2f} mm; from nothing some {self.seconds:.2g} s of processor "
+            f"time and {self.cost.memory_mb / 1e3:.2g} GB, a further press {1e3 * self.cost.press_s:.2g} ms"
+        )
+
+    def load(self, config: FingertipConfig | None = None, places: ReceptorPlaces | None = None) -> Fingertip:
+        """The model of a finger, with receptors at places (default: the ten) where they were asked for.
+
+        Raises ModelRangeError for a finger with a mesh of its own.
+        """
+        config = FingertipConfig() if config is None else config
+        if config.mesh != MeshSpec():
+            raise ModelRangeError("the mesh is chosen: expected a finger without one of its own ([finger.mesh])")
+        options = (places or ReceptorPlaces()).as_options() | ({} if self.aim.receptors else {"receptor_x_mm": ()})
+        return load(self.model, config.model_copy(update={"mesh": self.mesh}), slopes=self.axes, **options)
+
+    def as_json(self) -> dict[str, Any]:
+        """What `rig indent --json` prints under `choice`."""
+        x, z = self.patch_mm
+        return {
+            "level": self.level,
+            "promised_error": self.promised,
+            "why": self.why,
+            "tolerance": self.aim.tolerance,
+            "outputs": ["force", "contact", *(["receptors"] if self.aim.receptors else [])],
+            "mesh": self.mesh.model_dump(mode="json", exclude_defaults=True),
+            "patch_mm": [x, z],
+            "expected_error": dict(self.errors),
+            "expected_cost": {
+                "from_nothing_s": self.seconds,
+                "press_s": self.cost.press_s,
+                "memory_mb": self.cost.memory_mb,
+            },
+        }
 
 
 def choose(
-    indentor: Indentor, x_mm: float, doi_mm: float | None, quantity: str, tolerance: float, *, per_length: bool
+    indentor: Indentor | str,
+    x_mm: float = 0.0,
+    *,
+    z_mm: float | None = None,
+    doi_mm: float | None = None,
+    force_gwt: float | None = None,
+    aim: Aim | None = None,
+    reference: Literal["contact", "apex"] = "contact",
+    config: FingertipConfig | None = None,
 ) -> Choice:
-    """The first model, from cheap to dear, whose measured error holds; raises NoModelError with the best there is.
+    """The cheapest that is known to hold an aim (default: 2 % of the force) in a scene; nothing is solved.
 
-    A half-space or a section is trusted only within the range of the scenes it was measured in; a section only where
-    a force per length is of use, and for shapes prismatic along the finger.
+    Errors were measured on the default finger, against the level `fine`. Raises NoModelError with the best there is.
     """
-    kind = SHARP if indentor.sharp else SMOOTH
+    if (doi_mm is None) == (force_gwt is None):
+        raise ModelRangeError("expected exactly one of a depth (doi_mm) and a force (force_gwt)")
+    shape = parse_shape(indentor) if isinstance(indentor, str) else indentor
+    situation = Situation.of(shape, x_mm, z_mm, doi_mm, config or FingertipConfig(), reference)
+    return cheapest(situation, aim or Aim(), bundled())
+
+
+def cheapest(situation: Situation, aim: Aim, expected: Expected) -> Choice:
+    """The first, from cheap to dear, whose largest error holds; raises NoModelError with the best there is."""
+    known = expected.errors(situation)
+    errors = {rung: of for rung, of in known.items() if _of_use(rung, of, situation, aim)}
+    if not errors:
+        raise NoModelError(_unknown(situation))
+    worst = {rung: max(of[quantity] for quantity in aim.quantities) for rung, of in errors.items()}
+    ranked = sorted(errors, key=lambda rung: _seconds(expected.cost(rung, situation), aim))
     passed: list[str] = []
-    for model, level, error in _ranked(kind, quantity):
-        doubt = _doubt(model, indentor, x_mm, doi_mm, per_length=per_length)
-        if doubt is None and error <= tolerance:
-            return Choice(model, level, error, _why(model, level, kind, quantity, error, tolerance, passed))
-        passed.append(f"{model} {level}: {doubt or f'{100 * error:.1f} %'}")
+    for rung in ranked:
+        if worst[rung] <= aim.tolerance:
+            held = {quantity: errors[rung][quantity] for quantity in aim.quantities}
+            mesh = of_level(*rung, situation.axes, expected.share(rung, situation)).mesh
+            cost = expected.cost(rung, situation)
+            return Choice(*rung, mesh, situation.axes, situation.sharp, aim, held, cost, tuple(passed))
+        passed.append(f"{rung.model} {rung.level} {_percent(worst[rung])}")
+    best = min(ranked, key=lambda rung: worst[rung])
     raise NoModelError(
-        f"no model is known to hold {100 * tolerance:g} % of {quantity} for {indentor.name} ({'; '.join(passed)})"
+        f"no model is known to hold {aim.text} for {situation.shape}: the best is {best.model}, level {best.level}, "
+        f"expected {_percent(worst[best])}"
     )
 
 
-def _doubt(
-    model: ModelName, indentor: Indentor, x_mm: float, doi_mm: float | None, *, per_length: bool
-) -> str | None:
-    """Why a model's measured error says nothing about a scene, if it does not."""
-    if model not in _SIMPLE:
-        return None
-    if indentor.axes != ALONG:
-        return "not measured for this kind of shape"
-    if doi_mm is None or doi_mm > _DEEPEST_MM or abs(x_mm) > _FARTHEST_MM:
-        return f"measured only by DOI, up to {_DEEPEST_MM:g} mm, and for |x| ≤ {_FARTHEST_MM:g} mm"
-    if model == "section" and not per_length:
-        return "gives force per length only"
-    return None
+def _of_use(rung: Rung, errors: Mapping[str, float], situation: Situation, aim: Aim) -> bool:
+    """Whether all that is asked for was measured. A section, whose force is per length, is of use by depth."""
+    of_use = rung.model != "section" or (aim.per_length and situation.depth_mm is not None)
+    return of_use and set(aim.quantities) <= set(errors)
 
 
-def _why(
-    model: str, level: str, kind: tuple[str, ...], quantity: str, error: float, tolerance: float, passed: list[str]
-) -> str:
-    shapes = "sharp" if kind == SHARP else "smooth"
+def _seconds(cost: Cost, aim: Aim) -> float:
+    return cost.build_s + cost.press_s + (cost.receptors_s if aim.receptors else 0.0)
+
+
+def _unknown(situation: Situation) -> str:
+    depth = "by force" if situation.depth_mm is None else f"{situation.depth_mm:.2f} mm deep"
     return (
-        f"{model}, level {level}: the largest error of {quantity} measured under {shapes} shapes is "
-        f"{100 * error:.1f} %, the tolerance {100 * tolerance:g} %"
-        + (f"; cheaper ones passed over: {'; '.join(passed)}" if passed else "")
+        f"no model's error is known for {situation.shape} {depth}, {situation.place_mm:.2f} mm from the pad's "
+        f"centre: measured to {DEPTHS_MM[-1]:g} and {PLACES_MM[-1]:g} mm, expected --model finger"
     )
 
 
-def _ranked(kind: tuple[str, ...], quantity: str) -> Iterator[tuple[ModelName, str, float]]:
-    for row in sorted(_table(), key=lambda row: float(row["seconds"])):
-        errors = [row["errors"][family].get(quantity) for family in kind]
-        if None not in errors:
-            yield row["model"], row["level"], max(errors)
-
-
-@cache
-def _table() -> list[dict[str, Any]]:
-    return list(json.loads((files("sim") / "data" / FILE).read_text(encoding="utf-8"))["rows"])
-
-
-def table_as_json(measured: Iterable[Measured], reference: Reference) -> str:
-    """What `choose` reads: for each candidate the seconds, and the largest error by family and quantity."""
-    lines = []
-    for found in measured:
-        errors: dict[str, dict[str, float]] = {}
-        for row in rows([found], reference):
-            of = errors.setdefault(row["family"], {})
-            of[row["quantity"]] = max(of.get(row["quantity"], 0.0), row["error"])
-        lines.append(
-            {
-                "model": found.candidate.model,
-                "level": found.candidate.refinement,
-                "nodes": found.nodes,
-                "seconds": found.build_s + found.contact_s,
-                "errors": errors,
-            }
-        )
-    provenance = {"command": "python -m studies.accuracy.model_errors", "reference": dict(reference.provenance)}
-    return json.dumps({"provenance": provenance, "rows": lines}, indent=1) + "\n"
+def _percent(error: float) -> str:
+    return f"{100 * error:.2g} %"

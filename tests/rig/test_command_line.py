@@ -109,9 +109,29 @@ def test_auto_says_what_it_chose_and_why(rig: Rig, tolerance: str, model: str) -
     answer = json.loads(ended.out)
     assert answer["solver"]["model"] == model
     assert 0 < answer["choice"]["promised_error"] <= (0.6 if model == "halfspace" else 0.05)
+    level = answer["choice"]["level"]
     assert answer["choice"]["why"].startswith(
-        f"{model}, level default: the largest error of force measured under sharp"
+        f"{model}, level {level}: the largest error of force measured under sharp"
     )
+    assert answer["choice"]["outputs"] == ["force", "contact"]
+    assert answer["receptors"]["sed"] == []
+    assert 0 < answer["choice"]["expected_cost"]["press_s"] < answer["choice"]["expected_cost"]["from_nothing_s"]
+
+
+def test_auto_says_what_it_will_do_before_it_does_it(rig: Rig) -> None:
+    ended = rig("indent", "--shape", "bar:3.0", "--x-mm", "0", "--doi-mm", "0.3", "--model", "auto", "--tol", "90%",
+                "--quantity", "force,sed", "--receptor-x-mm", "0,0.5")  # fmt: skip
+    first, *rest = ended.out.splitlines()
+    assert re.fullmatch(
+        r"auto chose halfspace, level default: force, contact and receptors; patch ± \d\.\d\d × ± \d\.\d\d mm; from "
+        r"nothing some [\d.]+ s of processor time and 0\.\d+ GB, a further press [\d.e+]+ ms", first,
+    )  # fmt: skip
+    assert rest[0] == "bar:3 at x = 0 mm"
+    assert rest[1].startswith("  model          halfspace, level default: the largest error of force, sed measured")
+    assert "SED (pseudo)" in ended.out
+    alone = rig("indent", "--shape", "bar:3.0", "--x-mm", "0", "--doi-mm", "0.3", "--model", "auto", "--tol", "90%")
+    assert "no receptors" in alone.out.splitlines()[0]
+    assert "SED" not in alone.out
 
 
 def test_indent_to_a_depth_for_people(rig: Rig) -> None:
@@ -135,6 +155,23 @@ def test_indent_to_a_depth_for_people(rig: Rig) -> None:
         ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --model auto --tol 0", "--tol '0': expected a part of the whole"),
         ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --model auto --tol x%", "--tol 'x%': expected a part of the whole"),
         ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --model auto --tol 0.0001%", "no model is known to hold 0.0001 % of"),
+        ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --model auto --tol -2%", "--tol '-2%': expected a part of the whole"),
+        ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --model auto --tol nan", "--tol 'nan': expected a part of the whole"),
+        ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --model auto --tol 1.5", "--tol '1.5': expected a part of the whole"),
+        ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --tol 2%", "--tol 2%: expected --model auto beside it"),
+        (
+            "--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --model section --quantity sed",
+            "--quantity sed: expected --model auto",
+        ),
+        (
+            "--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --model auto --quantity force,s33",
+            "--quantity 'force,s33': expected one",
+        ),
+        (
+            "--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --model auto --receptor-depth-mm 1",
+            "expected --quantity sed or ep1",
+        ),
+        ("--shape bar:3.0 --x-mm 0 --doi-mm 1.9 --model auto", "no model's error is known for bar:3 1.90 mm deep"),
         ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --quantity s11", "--quantity 's11': expected one of force, width"),
         ("--shape point --x-mm 0 --force-gwt 2 --model halfspace", "--shape point: expected --model finger"),
         ("--shape bar:3.0 --x-mm 0 --doi-mm 0.5 --reference top", "--reference 'top': expected contact or apex"),

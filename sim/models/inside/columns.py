@@ -24,9 +24,9 @@ class Columns:
 
     def per_force(self, nodes: Ints, axes: tuple[int, ...]) -> Array:
         """(6 n, m k) 1/N, forces on k of the skin's nodes along m axes, all along the first, then the next."""
-        by_node = self.per_skin_force.reshape(len(self.per_skin_force), -1, 3)
-        on_nodes = by_node[:, nodes][:, :, list(axes)]
-        return np.ascontiguousarray(on_nodes.swapaxes(1, 2)).reshape(len(by_node), -1)
+        n, n_z, n_phi, _ = self.per_skin_force.shape
+        on_nodes = self.per_skin_force.reshape(n, n_z * n_phi, 3)[:, nodes][:, :, list(axes)]
+        return np.ascontiguousarray(on_nodes.swapaxes(1, 2)).reshape(n, len(axes) * len(nodes))
 
     def as_arrays(self) -> dict[str, NDArray[np.generic]]:
         """What is stored on disk: the receptors are known to whoever asks."""

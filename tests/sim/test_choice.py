@@ -1,0 +1,247 @@
+"""`auto`: what a scene needs, the cheapest that holds by a table of made-up errors, and the table that is bundled."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import pytest
+
+from sim.config.fingertip_config import FingertipConfig, MeshSpec
+from sim.contact.indentor import ACROSS, ALONG, BOTH
+from sim.measures.reach import ReceptorPlaces
+from sim.models.catalogue import MODELS
+from sim.models.errors import ModelRangeError
+from sim.speed_and_error.candidates import LEVELS, SHARES
+from sim.speed_and_error.choice import Aim, Choice, NoModelError, cheapest
+from sim.speed_and_error.expected import DEPTHS_MM, PLACES_MM, Cell, Cost, Expected, Rung, bundled, from_json
+from sim.speed_and_error.measure import QUANTITIES
+from sim.speed_and_error.situation import FAMILIES, Situation
+from tests.sim.coarse import coarse_mesh
+
+HALFSPACE, SECTION = Rung("halfspace", "default"), Rung("section", "default")
+COARSE, DEFAULT, FINE = (Rung("finger", level) for level in LEVELS)
+
+SCENE = Situation("bar:3", ALONG, True, 0.2, 0.25, (1.0, 1.0))
+COSTS = {
+    HALFSPACE: Cost(0.2, 0.0, 0.01, 100.0),
+    SECTION: Cost(0.6, 0.0, 0.01, 150.0),
+    COARSE: Cost(1.0, 0.5, 0.02, 400.0),
+    DEFAULT: Cost(5.0, 1.0, 0.03, 1200.0),
+    FINE: Cost(30.0, 3.0, 0.1, 3800.0),
+}
+FORCE = {HALFSPACE: 0.1, COARSE: 0.03, DEFAULT: 0.01, FINE: 0.003}
+
+
+def made_up(deeper: float = 2.0, costs: Mapping[Rung, Cost] = COSTS) -> Expected:
+    """SED twice as wrong as force, and so much more with each band of depth."""
+    cells = {}
+    for band, depth in enumerate(DEPTHS_MM):
+        cells[Cell("along, sharp", depth, 0.5)] = {
+            rung: {"force": error * deeper**band, "width": 0.5, "sed": 2 * error * deeper**band, "ep1": error}
+            for rung, error in FORCE.items()
+        } | {SECTION: {"width": 0.4, "sed": 0.002, "ep1": 0.001}}
+    return Expected(cells, {(rung, ALONG, share, True): cost for rung, cost in costs.items() for share in SHARES})
+
+
+def chosen(tolerance: float, *quantities: str, scene: Situation = SCENE, per_length: bool = False) -> Choice:
+    return cheapest(scene, Aim(quantities or ("force",), tolerance, per_length), made_up())
+
+
+# --- the choice ---
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "rung"),
+    [
+        (0.1, HALFSPACE),
+        (0.0999, COARSE),
+        (0.03, COARSE),
+        (0.0299, DEFAULT),
+        (0.01, DEFAULT),
+        (0.0099, FINE),
+        (0.003, FINE),
+    ],
+)
+def test_the_cheapest_that_holds_is_chosen(tolerance: float, rung: Rung) -> None:
+    found = chosen(tolerance)
+    assert (found.model, found.level) == rung
+    assert found.promised == FORCE[rung]
+    assert found.cost == COSTS[rung]
+
+
+def test_a_patch_is_one_whose_cost_is_known() -> None:
+    known = made_up()
+    costs = {key: cost for key, cost in known.costs.items() if key[:3] != (FINE, ALONG, SHARES[0])}
+    fewer = replace(known, costs=costs)
+    small, whole = (cheapest(SCENE, Aim(tolerance=tolerance), fewer) for tolerance in (0.01, 0.003))
+    assert small.mesh.patch_x_mm == pytest.approx(SHARES[0] * 3.3)
+    assert (whole.level, whole.mesh.patch_x_mm) == ("fine", 3.3)
+
+
+def test_every_quantity_that_is_asked_for_holds() -> None:
+    assert chosen(0.03).level == "coarse"
+    both = chosen(0.03, "force", "sed")
+    assert both.level == "default"
+    assert (both.promised, dict(both.errors)) == (0.02, {"force": 0.01, "sed": 0.02})
+    assert both.passed == ("halfspace default 20 %", "finger coarse 6 %")
+
+
+def test_receptors_are_made_and_paid_for_only_where_they_are_asked_for() -> None:
+    alone, with_sed = chosen(0.03), chosen(0.06, "force", "sed")
+    assert (alone.level, alone.aim.receptors, alone.seconds) == ("coarse", False, pytest.approx(1.02))
+    assert (with_sed.level, with_sed.aim.receptors, with_sed.seconds) == ("coarse", True, pytest.approx(1.52))
+    assert [Aim((quantity,)).receptors for quantity in QUANTITIES] == [False, False, True, True]
+    assert "no receptors" in alone.outlook
+    assert "contact and receptors" in with_sed.outlook
+
+
+def test_a_dearer_model_is_passed_over_though_it_is_named_first() -> None:
+    costs = {**COSTS, HALFSPACE: Cost(2.0, 0.0, 0.01, 100.0)}
+    assert cheapest(SCENE, Aim(("force",), 0.2), made_up(costs=costs)).level == "coarse"
+
+
+def test_a_section_is_for_a_force_per_length_and_by_depth() -> None:
+    assert chosen(0.02, "sed").model == "finger"
+    assert chosen(0.02, "sed", per_length=True).model == "section"
+    assert chosen(0.02, "sed", "force", per_length=True).model == "finger"
+    by_force = replace(SCENE, depth_mm=None, reach_mm=None)
+    assert chosen(0.2, "sed", scene=by_force, per_length=True).model == "finger"
+
+
+def test_a_force_is_as_wrong_as_the_worst_depth() -> None:
+    by_force = replace(SCENE, depth_mm=None, reach_mm=None)
+    assert chosen(0.04, scene=by_force).promised == 0.04
+    with pytest.raises(NoModelError, match=r"the best is finger, level fine, expected 1\.2 %$"):
+        chosen(0.011, scene=by_force)
+
+
+@pytest.mark.parametrize(
+    ("depth_mm", "promised"), [(0.3, 0.03), (0.301, 0.06), (0.7, 0.06), (0.701, 0.04), (1.35, 0.04)]
+)
+def test_depth_counts(depth_mm: float, promised: float) -> None:
+    assert chosen(0.07, scene=replace(SCENE, depth_mm=depth_mm)).promised == pytest.approx(promised)
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        replace(SCENE, depth_mm=1.36),
+        replace(SCENE, depth_mm=0.0),
+        replace(SCENE, depth_mm=float("nan")),
+        replace(SCENE, place_mm=PLACES_MM[-1] + 0.01),
+        replace(SCENE, sharp=False),
+        replace(SCENE, place_mm=PLACES_MM[-1] + 0.01, depth_mm=None),
+    ],
+)
+def test_where_nothing_was_measured_nothing_is_promised(scene: Situation) -> None:
+    with pytest.raises(NoModelError, match=r"^no model's error is known for bar:3 .* expected --model finger$"):
+        chosen(0.5, scene=scene)
+
+
+def test_where_none_holds_the_best_is_named() -> None:
+    message = (
+        "no model is known to hold 0.1 % of force, sed for bar:3: the best is finger, level fine, expected 0.6 %"
+    )
+    with pytest.raises(NoModelError, match=f"^{message}$"):
+        chosen(0.001, "force", "sed")
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -0.1, 1.0, 3.0, float("nan"), float("inf")])
+def test_a_tolerance_is_a_part_of_the_whole(tolerance: float) -> None:
+    with pytest.raises(ModelRangeError, match=r"^tolerance .*: expected a part of the whole, between 0 and 1$"):
+        Aim(tolerance=tolerance)
+
+
+@pytest.mark.parametrize("quantities", [(), ("s33",), ("force", "s33")])
+def test_quantities_are_named(quantities: tuple[str, ...]) -> None:
+    with pytest.raises(ModelRangeError, match=r"expected some of force, width, sed, ep1$"):
+        Aim(quantities)
+
+
+def test_a_choice_says_what_it_is() -> None:
+    found = chosen(0.03)
+    assert found.why == (
+        "finger, level coarse: the largest error of force measured under sharp shapes, so deep and so placed, is "
+        "3 %, the tolerance 3 %; cheaper ones passed over: halfspace default 10 %"
+    )
+    assert found.outlook == (
+        "force and contact, no receptors; patch ± 2.15 × ± 2.27 mm; from nothing some 1 s of processor time and "
+        "0.4 GB, a further press 20 ms"
+    )
+    told = found.as_json()
+    assert told["mesh"]["level"] == "coarse"
+    assert MeshSpec.model_validate(told["mesh"]) == found.mesh
+    assert told["outputs"] == ["force", "contact"]
+    assert (told["promised_error"], told["expected_error"], told["tolerance"]) == (0.03, {"force": 0.03}, 0.03)
+    assert told["expected_cost"] == {"from_nothing_s": pytest.approx(1.02), "press_s": 0.02, "memory_mb": 400.0}
+    assert told["patch_mm"] == pytest.approx([2.145, 2.275])
+    assert chosen(0.07, "sed").as_json()["outputs"] == ["force", "contact", "receptors"]
+
+
+def test_what_is_chosen_is_loaded_with_its_outputs() -> None:
+    force = chosen(0.2)
+    assert (force.model, force.load().model.receptors.position_mm.shape) == ("halfspace", (0, 3))
+    strain = chosen(0.3, "sed").load(places=ReceptorPlaces((0.0, 0.5)))
+    assert strain.model.receptors.position_mm.shape == (2, 3)
+    assert strain.config.mesh == chosen(0.3, "sed").mesh
+    with pytest.raises(ModelRangeError, match="the mesh is chosen"):
+        force.load(FingertipConfig(mesh=coarse_mesh(0.5, 0.9)))
+
+
+# --- the table that is bundled ---
+
+
+def test_the_table_names_what_there_is() -> None:
+    table = bundled()
+    assert {cell.family for cell in table.largest} == set(FAMILIES)
+    for cell, rungs in table.largest.items():
+        assert (cell.depth_mm in DEPTHS_MM, cell.place_mm in PLACES_MM) == (True, True)
+        assert {COARSE, DEFAULT, FINE} <= set(rungs)
+        for rung, errors in rungs.items():
+            assert rung.model in MODELS
+            assert MeshSpec.model_validate({"level": rung.level}).level == rung.level
+            assert set(errors) | ({"force"} if rung == SECTION else set()) == set(QUANTITIES)
+            assert all(0 < error < 100 for error in errors.values())
+
+
+def test_no_level_promises_more_than_a_finer_one() -> None:
+    for rungs in bundled().largest.values():
+        for coarser, finer in ((COARSE, DEFAULT), (DEFAULT, FINE)):
+            assert all(rungs[coarser][quantity] >= rungs[finer][quantity] for quantity in QUANTITIES)
+
+
+def test_a_finer_level_and_a_larger_patch_cost_more() -> None:
+    table = bundled()
+    for (rung, axes, share, sharp), cost in table.costs.items():
+        assert min(cost.build_s, cost.press_s, cost.memory_mb) > 0 <= cost.receptors_s
+        if rung == FINE:
+            for level in (DEFAULT, COARSE, HALFSPACE):
+                cheaper = table.costs[level, axes, share, sharp]
+                assert (cheaper.build_s, cheaper.memory_mb) < (cost.build_s, cost.memory_mb)
+        if share < SHARES[-1] and rung.model == "finger":
+            whole = table.costs[rung, axes, SHARES[-1], sharp]
+            assert (cost.build_s, cost.memory_mb) < (whole.build_s, whole.memory_mb)
+
+
+def test_every_scene_that_was_measured_has_a_choice() -> None:
+    table = bundled()
+    for cell in table.largest:
+        slope, kind = cell.family.split(", ")
+        axes = {"along": ALONG, "across": ACROSS, "both": BOTH}[slope]
+        for reach in (0.5, 3.0):
+            scene = Situation("it", axes, kind == "sharp", cell.place_mm, cell.depth_mm, (reach, reach))
+            loose, tight = (cheapest(scene, Aim(("force", "sed"), tolerance), table) for tolerance in (0.99, 0.05))
+            assert loose.seconds <= tight.seconds
+            assert tight.promised <= 0.05
+
+
+def test_a_table_is_read_as_it_was_written() -> None:
+    text = (
+        '{"errors": [{"family": "along, sharp", "depth_mm": 0.3, "place_mm": 0.5, "largest": [{"model": "finger", '
+        '"level": "fine", "errors": {"force": 0.01}}]}], "costs": [{"model": "finger", "level": "fine", "axes": [0], '
+        '"share": 1.0, "build_s": 5.0, "receptors_s": 1.5, "memory_mb": 9, "smooth_press_s": 0.1, '
+        '"sharp_press_s": 0.2}]}'
+    )
+    table = from_json(text)
+    assert table.largest == {Cell("along, sharp", 0.3, 0.5): {FINE: {"force": 0.01}}}
+    assert table.costs[FINE, ALONG, 1.0, True] == Cost(3.5, 1.5, 0.2, 9)
+    assert table.costs[FINE, ALONG, 1.0, False] == Cost(3.5, 1.5, 0.1, 9)

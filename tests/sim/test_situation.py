@@ -1,0 +1,123 @@
+"""What a scene needs, read off the undeformed skin; and models without receptors."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sim.config.fingertip_config import FingertipConfig, MeshSpec
+from sim.contact.indentor import ACROSS, ALONG, BOTH
+from sim.contact.shapes import parse_shape
+from sim.finger.surface import FingertipSurface
+from sim.measures.receptors import ReceptorSet
+from sim.models.catalogue import MODELS, load
+from sim.models.errors import ModelRangeError
+from sim.models.whole_finger import build_finger
+from sim.speed_and_error.candidates import of_level
+from sim.speed_and_error.choice import choose
+from sim.speed_and_error.expected import DEPTHS_MM, Cell, cell_of, cells_of
+from sim.speed_and_error.situation import FAMILIES, Situation, family_of
+from tests.sim.coarse import coarse_mesh
+
+SCENE = Situation("bar:3", ALONG, True, 0.2, 0.25, (1.0, 1.0))
+
+
+def situation(shape: str, doi_mm: float | None, x_mm: float = 0.0, z_mm: float | None = None) -> Situation:
+    return Situation.of(parse_shape(shape), x_mm, z_mm, doi_mm, FingertipConfig())
+
+
+def test_families_are_told_by_slope_and_sharpness() -> None:
+    shapes = ("cylinder:9", "bar:3.0", "cylinder:9,across", "line", "sphere:5", "flat:1.0")
+    assert tuple(family_of(parse_shape(shape)) for shape in shapes) == FAMILIES
+    assert situation("bar:3.0", 0.3).family == "along, sharp"
+
+
+def test_the_patch_grows_with_depth_and_place() -> None:
+    assert [situation("cylinder:9", doi).share for doi in (0.1, 0.4, 1.2)] == [0.65, 0.65, 1.0]
+    assert [situation("cylinder:9", 0.3, x).share for x in (0.0, 3.5)] == [0.65, 1.0]
+    assert situation("sphere:2", 0.1).share == 0.65
+    assert situation("sphere:2", 0.1, 2.2).share == 1.0
+    assert situation("cylinder:9", None).share == 1.0
+
+
+def test_reach_is_how_far_the_indentor_lies_below_the_skin_and_a_margin() -> None:
+    shallow = situation("sphere:5", 0.2)
+    assert shallow.reach_mm is not None
+    # A sphere of 5 mm on a pad of some 3.6 × 3.4 mm: √(2 · 0.2 / (1/5 + 1/R)) is 0.92 mm across and 0.90 mm along.
+    assert shallow.reach_mm == pytest.approx((0.9 * 0.92 + 0.3, 0.9 * 0.90 + 0.5), abs=0.25)
+    assert situation("sphere:5", 1e-6).reach_mm == (0.0, 0.0)
+
+
+def test_place_is_where_the_skin_is_first_touched() -> None:
+    assert situation("bar:3.0", 0.3).place_mm < 0.3  # the apex is at x = −0.14
+    assert situation("cylinder:3", 0.3, 1.5).place_mm == pytest.approx(1.05, abs=0.3)
+    off = situation("sphere:5", 0.3, 0.8, 6.893 + 0.8)
+    assert off.place_mm == pytest.approx(np.hypot(0.8, 0.8) * 3.5 / 8.5, abs=0.15)
+
+
+def test_depth_counts_from_first_touch_whatever_the_reference() -> None:
+    bar, config = parse_shape("cylinder:3"), FingertipConfig()
+    touched = Situation.of(bar, 1.5, None, 0.9, config)
+    apex = Situation.of(bar, 1.5, None, 0.9, config, "apex")
+    assert touched.depth_mm == 0.9
+    assert apex.depth_mm is not None
+    assert 0.2 < 0.9 - apex.depth_mm < 0.4
+    centred = Situation.of(bar, 0.0, None, 0.9, config, "apex").depth_mm
+    assert centred == pytest.approx(0.9, abs=0.01)
+
+
+def test_places_that_a_shape_cannot_have_are_refused() -> None:
+    for shape, x_mm, z_mm in (("line", 0.5, None), ("bar:3.0", 0.0, 6.0), ("bar:3.0", float("nan"), None)):
+        with pytest.raises(ModelRangeError):
+            situation(shape, 0.3, x_mm, z_mm)
+    with pytest.raises(ModelRangeError, match="expected exactly one of a depth"):
+        choose("bar:3.0")
+    with pytest.raises(ModelRangeError, match="expected exactly one of a depth"):
+        choose("bar:3.0", doi_mm=0.3, force_gwt=2.0)
+
+
+def test_cells_hold_their_upper_ends() -> None:
+    at = replace(SCENE, depth_mm=0.3, place_mm=0.5)
+    assert cell_of(at) == Cell("along, sharp", 0.3, 0.5)
+    assert cell_of(replace(at, depth_mm=0.31, place_mm=0.51)) == Cell("along, sharp", 0.7, 1.8)
+    assert cell_of(replace(at, depth_mm=None)) is None
+    assert [cell.depth_mm for cell in cells_of(replace(at, depth_mm=None))] == list(DEPTHS_MM)
+
+
+def test_a_level_on_a_share_of_the_patch() -> None:
+    small = of_level("finger", "coarse", ALONG, 0.65).mesh
+    assert (small.spacing_mm, small.axial_mm, small.patch_x_mm, small.patch_z_mm) == (0.28, 0.473, 2.145, 2.275)
+    assert of_level("finger", "default", ALONG, 1.0).mesh == MeshSpec()
+    assert of_level("finger", "default", BOTH, 1.0).mesh == MeshSpec()
+    for axes in (ACROSS, BOTH):
+        assert of_level("finger", "coarse", axes, 1.0).mesh.axial_mm == 0.27
+        fine = of_level("finger", "fine", axes, 1.0).mesh
+        assert (fine.spacing_mm, fine.axial_mm, fine.epidermis_elements) == (0.125, 0.126, 3)
+
+
+# --- a model without receptors ---
+
+
+@pytest.mark.parametrize("solver", ["auto", "dissection"])
+def test_a_finger_without_receptors_presses_the_same(solver: str) -> None:
+    config = FingertipConfig(mesh=coarse_mesh(0.5, 0.9))
+    with_ten = load("finger", config, cached=False)
+    without = load("finger", config, receptor_x_mm=(), cached=False)
+    skin = FingertipSurface.fit(config.geometry)
+    bare = build_finger(config, skin, ReceptorSet(np.zeros((0, 3)), np.zeros(0)), solver=solver)
+    assert bare.columns.per_skin_force.shape[0] == 0
+    one, other = (finger.indent("bar:3.0", doi_mm=0.3) for finger in (with_ten, without))
+    assert one.force_n == other.force_n
+    assert len(other.receptor_measures["sed"]) == 0 != len(one.receptor_measures["sed"])
+    assert other.as_json()["receptors"]["sed"] == []
+    assert len(other.receptor_table()["ep1"]) == 0
+
+
+@pytest.mark.parametrize("model", ["halfspace", "section"])
+def test_simple_models_without_receptors_press_the_same(model: str) -> None:
+    assert model in ("halfspace", "section")
+    config = FingertipConfig(mesh=coarse_mesh(0.5, 0.9))
+    name = next(name for name in MODELS if name == model)
+    one, other = (load(name, config, receptor_x_mm=x_mm).indent("bar:3.0", doi_mm=0.3) for x_mm in ((0.0,), ()))
+    assert one.force_n == pytest.approx(other.force_n, rel=1e-12)
+    assert other.receptor_strain.shape == (0, 6)
