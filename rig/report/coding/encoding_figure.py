@@ -34,6 +34,7 @@ def _draw(figure: Figure, drawn: Drawn) -> None:
     kinds = zip(np.split(operator.place_mm, ends), np.split(drawn.pressure, ends), strict=True)
     for (place, pressure), name, colour in zip(kinds, ("normal", "lateral"), (BLUE, ORANGE), strict=False):
         skin.plot(place, pressure, ".-", color=colour, label=name)
+    skin.axhline(0, color=GREY, lw=0.6)
     energy.plot(operator.receptor_mm, encoded.sed, color=BLUE, label=operator.name)
     if drawn.true is not None:
         energy.plot(*drawn.true, color=GREY, ls="--", label="finite elements")
