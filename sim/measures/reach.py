@@ -41,16 +41,20 @@ class ReceptorPlaces(NamedTuple):
         return {f"receptor_{name}": values for name, values in self._asdict().items()}
 
 
+NOWHERE = ReceptorPlaces((), (), ())
+"""For a finger that is asked for its force alone."""
+
+
 def _several(values: float | Sequence[float]) -> tuple[float, ...]:
     return tuple(np.atleast_1d(values).astype(float).tolist())
 
 
 def receptors_at(config: FingertipConfig, surface: FingertipSurface, places: ReceptorPlaces) -> ReceptorSet:
-    """The receptors at these places, x going fastest and z slowest; none where no x is named.
+    """The receptors at these places, x going fastest and z slowest; at NOWHERE none.
 
     Raises ReceptorError, as `points_below`.
     """
-    if not places.x_mm:
+    if places == NOWHERE:
         return ReceptorSet(np.zeros((0, 3)), np.zeros(0))
     z = (config.receptor_plane_mm,) if places.z_mm is None else places.z_mm
     asked = len(z) * len(places.depth_mm) * len(places.x_mm)

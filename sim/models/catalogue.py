@@ -55,7 +55,7 @@ def load(
         return Fingertip.load(config, slopes=slopes, **places.as_options())
     surface = FingertipSurface.fit(config.geometry)
     if name == "section":
-        if places.z_mm is not None:
+        if places.z_mm:
             raise ModelRangeError("a section is the receptor plane alone: expected receptors at no other z")
         surface = prismatic(surface, config.receptor_plane_mm)
     receptors = receptors_at(config, surface, places)

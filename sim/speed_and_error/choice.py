@@ -11,7 +11,7 @@ from typing import Any, Literal
 from sim.config.fingertip_config import FingertipConfig, MeshSpec
 from sim.contact.indentor import BOTH, Indentor
 from sim.contact.shapes import parse_shape
-from sim.measures.reach import ReceptorPlaces
+from sim.measures.reach import NOWHERE, ReceptorPlaces
 from sim.models.catalogue import ModelName, load
 from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
@@ -112,8 +112,9 @@ class Choice:
         config = FingertipConfig() if config is None else config
         if config.mesh != MeshSpec():
             raise ModelRangeError("the mesh is chosen: expected a finger without one of its own ([finger.mesh])")
-        options = (places or ReceptorPlaces()).as_options() | ({} if self.aim.receptors else {"receptor_x_mm": ()})
-        return load(self.model, config.model_copy(update={"mesh": self.mesh}), slopes=self.axes, **options)
+        wanted = (places or ReceptorPlaces()) if self.aim.receptors else NOWHERE
+        config = config.model_copy(update={"mesh": self.mesh})
+        return load(self.model, config, slopes=self.axes, **wanted.as_options())
 
     def as_json(self) -> dict[str, Any]:
         """What `rig indent --json` prints under `choice`."""

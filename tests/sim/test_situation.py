@@ -9,6 +9,7 @@ from sim.config.fingertip_config import FingertipConfig, MeshSpec
 from sim.contact.indentor import ACROSS, ALONG, BOTH
 from sim.contact.shapes import parse_shape
 from sim.finger.surface import FingertipSurface
+from sim.measures.reach import NOWHERE, ReceptorPlaces
 from sim.measures.receptors import ReceptorSet
 from sim.models.catalogue import MODELS, load
 from sim.models.errors import ModelRangeError
@@ -102,7 +103,7 @@ def test_a_level_on_a_share_of_the_patch() -> None:
 def test_a_finger_without_receptors_presses_the_same(solver: str) -> None:
     config = FingertipConfig(mesh=coarse_mesh(0.5, 0.9))
     with_ten = load("finger", config, cached=False)
-    without = load("finger", config, receptor_x_mm=(), cached=False)
+    without = load("finger", config, cached=False, **NOWHERE.as_options())
     skin = FingertipSurface.fit(config.geometry)
     bare = build_finger(config, skin, ReceptorSet(np.zeros((0, 3)), np.zeros(0)), solver=solver)
     assert bare.columns.per_skin_force.shape[0] == 0
@@ -118,6 +119,9 @@ def test_simple_models_without_receptors_press_the_same(model: str) -> None:
     assert model in ("halfspace", "section")
     config = FingertipConfig(mesh=coarse_mesh(0.5, 0.9))
     name = next(name for name in MODELS if name == model)
-    one, other = (load(name, config, receptor_x_mm=x_mm).indent("bar:3.0", doi_mm=0.3) for x_mm in ((0.0,), ()))
+    one, other = (
+        load(name, config, **places.as_options()).indent("bar:3.0", doi_mm=0.3)
+        for places in (ReceptorPlaces((0.0,)), NOWHERE)
+    )
     assert one.force_n == pytest.approx(other.force_n, rel=1e-12)
     assert other.receptor_strain.shape == (0, 6)
