@@ -158,7 +158,7 @@ def new_run_folder(
 
 def free_space(path: Path) -> str:
     """How much room there is beside a file or in a folder."""
-    return f"{shutil.disk_usage(path if path.is_dir() else path.parent).free / 1e6:.3g} MB free"
+    return f"{shutil.disk_usage(path if path.is_dir() else path.parent).free / 1e6:.0f} MB free"
 
 
 def replace_text(path: Path, text: str) -> None:

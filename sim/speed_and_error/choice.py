@@ -100,8 +100,8 @@ class Choice:
         x, z = self.patch_mm
         outputs = "force, contact and receptors" if self.aim.receptors else "force and contact, no receptors"
         return (
-            f"{outputs}; patch ± {x:.2f} × ± {z:.2f} mm; from nothing some {self.seconds:.2g} s of processor "
-            f"time and {self.cost.memory_mb / 1e3:.2g} GB, a further press {1e3 * self.cost.press_s:.2g} ms"
+            f"{outputs}; patch ± {x:.2f} × ± {z:.2f} mm; from nothing some {_short(self.seconds)} s of processor "
+            f"time and {_short(self.cost.memory_mb / 1e3)} GB, a further press {_short(1e3 * self.cost.press_s)} ms"
         )
 
     def load(self, config: FingertipConfig | None = None, places: ReceptorPlaces | None = None) -> Fingertip:
@@ -200,4 +200,9 @@ def _unknown(situation: Situation) -> str:
 
 
 def _percent(error: float) -> str:
-    return f"{100 * error:.2g} %"
+    return f"{_short(100 * error)} %"
+
+
+def _short(value: float) -> str:
+    """To two digits, without an exponent."""
+    return f"{float(f'{value:.2g}'):g}"

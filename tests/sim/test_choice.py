@@ -167,6 +167,8 @@ def test_a_choice_says_what_it_is() -> None:
         "force and contact, no receptors; patch ± 2.15 × ± 2.27 mm; from nothing some 1 s of processor time and "
         "0.4 GB, a further press 20 ms"
     )
+    dear = replace(found, cost=found.cost._replace(press_s=0.1234, memory_mb=123_400.0))
+    assert dear.outlook.endswith(" and 120 GB, a further press 120 ms")
     told = found.as_json()
     assert told["mesh"]["level"] == "coarse"
     assert MeshSpec.model_validate(told["mesh"]) == found.mesh
