@@ -12,12 +12,21 @@ from rig.cli.decode_options import encoding_of, operator_of, receptor_of, refuse
 from rig.cli.decode_said import as_json_object, draw, print_decoded
 from rig.cli.decode_sources import task_of_press, task_of_pressures, task_of_readings
 from rig.cli.decoding import DECODERS, Answer, DecoderName, Search, Task, decode
-from rig.cli.options import JsonOption
+from rig.cli.options import FingertipOption, JsonOption
 from rig.cli.output import busy, print_json, told_in_one_line
 from rig.cli.pictures import PictureOption, checked_picture
 from rig.cli.pressures import read_pressures
 from rig.cli.readings_file import read_readings
-from rig.cli.sampling import ENERGY_HELP, DepthOption, HalfLengthOption, SpacingOption, named, sampling_of
+from rig.cli.sampling import (
+    DepthOption,
+    EnergyOption,
+    HalfLengthOption,
+    NoisePlaceOption,
+    SnrOption,
+    SpacingOption,
+    named,
+    sampling_of,
+)
 from rig.plan.config import load_config
 from rig.protocol.errors import BadInputError
 from sim.coding.decoded import DecodingError
@@ -40,9 +49,9 @@ def command(
     operator: Annotated[
         str | None, typer.Option(metavar="O", help=f"{' or '.join(OPERATORS)}; absent: the first for --pressure.")
     ] = None,
-    energy: Annotated[str, typer.Option(metavar="E", help=ENERGY_HELP)] = "finite",
-    snr_db: Annotated[float | None, typer.Option(metavar="DB", help="Adds noise of this ratio.")] = None,
-    noise: Annotated[str, typer.Option(metavar="AT", help="receptor (before it, on SED) or output.")] = "receptor",
+    energy: EnergyOption = "finite",
+    snr_db: SnrOption = None,
+    noise: NoisePlaceOption = "receptor",
     gain: Annotated[
         str | None,
         typer.Option(metavar="K", help="Of the receptor, in R = k (S − S₀); 30±2 with its standard error."),
@@ -61,7 +70,7 @@ def command(
     spacing_mm: SpacingOption = SPACING_MM,
     half_length: HalfLengthOption = HALF_LENGTH,
     receptor_depth_mm: DepthOption = DEFAULT_DEPTH_MM,
-    config: Annotated[Path | None, typer.Option(metavar="TOML", help="Configuration of the finger.")] = None,
+    config: FingertipOption = None,
     picture: PictureOption = None,
     as_json: JsonOption = False,
 ) -> None:

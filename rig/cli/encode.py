@@ -8,14 +8,16 @@ import typer
 from rich.table import Table
 
 from rig.cli.coded import Told, pressed, told, told_of_press
-from rig.cli.options import JsonOption
+from rig.cli.options import FingertipOption, JsonOption
 from rig.cli.output import busy, out, print_json, told_in_one_line
 from rig.cli.pictures import PictureOption, checked_picture, write_picture
 from rig.cli.pressures import read_pressures
 from rig.cli.sampling import (
-    ENERGY_HELP,
     DepthOption,
+    EnergyOption,
     HalfLengthOption,
+    NoisePlaceOption,
+    SnrOption,
     SpacingOption,
     bounded,
     named,
@@ -40,9 +42,9 @@ def command(
     x_mm: Annotated[float, typer.Option(metavar="X", help="Of the indentor's reference point.")] = 0.0,
     doi_mm: Annotated[float | None, typer.Option(metavar="D", help="How deep it is pressed.")] = None,
     operator: Annotated[str, typer.Option(metavar="O", help=" or ".join(OPERATORS))] = "convolution",
-    energy: Annotated[str, typer.Option(metavar="E", help=ENERGY_HELP)] = "finite",
-    snr_db: Annotated[float | None, typer.Option(metavar="DB", help="Adds noise of this ratio.")] = None,
-    noise: Annotated[str, typer.Option(metavar="AT", help="receptor (before it, on SED) or output.")] = "receptor",
+    energy: EnergyOption = "finite",
+    snr_db: SnrOption = None,
+    noise: NoisePlaceOption = "receptor",
     gain: Annotated[float, typer.Option(metavar="K", help="Of the receptor, in R = k (S − S₀).")] = 1.0,
     threshold: Annotated[
         float | None, typer.Option(metavar="S0", help="Of the receptor; absent: no receptor.")
@@ -51,7 +53,7 @@ def command(
     spacing_mm: SpacingOption = SPACING_MM,
     half_length: HalfLengthOption = HALF_LENGTH,
     receptor_depth_mm: DepthOption = DEFAULT_DEPTH_MM,
-    config: Annotated[Path | None, typer.Option(metavar="TOML", help="Configuration of the finger.")] = None,
+    config: FingertipOption = None,
     picture: PictureOption = None,
     as_json: JsonOption = False,
 ) -> None:

@@ -6,6 +6,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from rig.cli.options import FingertipOption
 from rig.cli.output import err, out, told_in_one_line
 from rig.plan.config import load_config
 from rig.protocol.errors import BadInputError
@@ -25,7 +26,7 @@ def command(
     loads: Annotated[
         bool, typer.Option("--loads", help="Our contact forces as loads, instead of a contact job.")
     ] = False,
-    config: Annotated[Path | None, typer.Option(metavar="TOML", help="Configuration of the finger.")] = None,
+    config: FingertipOption = None,
 ) -> None:
     """Solve the scene here, write it for CalculiX, and say what its answer should be compared with."""
     with told_in_one_line(as_json=False):

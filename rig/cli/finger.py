@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from rig.cli.options import JsonOption
+from rig.cli.options import FingertipOption, JsonOption
 from rig.cli.output import complain, out, print_json, told_in_one_line
 from rig.plan.config import load_config
 from rig.protocol.errors import BadInputError
@@ -22,7 +22,7 @@ from sim.models.discretised import young_ratios
 
 
 def command(
-    config: Annotated[Path | None, typer.Option(metavar="TOML", help="Configuration of the finger.")] = None,
+    config: FingertipOption = None,
     vtk: Annotated[Path | None, typer.Option(metavar="FILE.vtk", help="Write the mesh there.")] = None,
     as_json: JsonOption = False,
 ) -> None:

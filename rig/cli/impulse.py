@@ -1,15 +1,14 @@
 """`rig impulse`: what a point load on the finger's section does to the receptors under it."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
 from rich.table import Table
 
-from rig.cli.options import JsonOption
+from rig.cli.options import FingertipOption, JsonOption
 from rig.cli.output import busy, out, print_json, told_in_one_line
 from rig.cli.pictures import PictureOption, checked_picture, write_picture
-from rig.cli.sampling import ENERGY_HELP, DepthOption, HalfLengthOption, SpacingOption, named, sampling_of
+from rig.cli.sampling import DepthOption, EnergyOption, HalfLengthOption, SpacingOption, named, sampling_of
 from rig.plan.config import load_config
 from sim.coding.energy import ENERGIES, Energy
 from sim.coding.impulse import NAMES, ImpulseResponses, ShiftErrors, impulse_responses, shift_errors
@@ -26,8 +25,8 @@ def command(
     spacing_mm: SpacingOption = SPACING_MM,
     half_length: HalfLengthOption = HALF_LENGTH,
     receptor_depth_mm: DepthOption = DEFAULT_DEPTH_MM,
-    energy: Annotated[str, typer.Option(metavar="E", help=ENERGY_HELP)] = "finite",
-    config: Annotated[Path | None, typer.Option(metavar="TOML", help="Configuration of the finger.")] = None,
+    energy: EnergyOption = "finite",
+    config: FingertipOption = None,
     picture: PictureOption = None,
     as_json: JsonOption = False,
 ) -> None:

@@ -10,7 +10,7 @@ import typer
 from rich.table import Table
 
 from rig.cli.chosen_model import TOLERANCE, Chosen, Wanted
-from rig.cli.options import JsonOption, numbers
+from rig.cli.options import FingertipOption, JsonOption, numbers
 from rig.cli.output import ExitCode, complain, loading_the_finger, out, print_json, told_in_one_line
 from rig.cli.pictures import checked_picture, write_picture
 from rig.plan.config import load_config
@@ -61,7 +61,7 @@ def command(
         str | None, typer.Option(metavar="Z,Z…", help="Along the finger, if not in the receptor plane.")
     ] = None,
     reference: Annotated[str, typer.Option(metavar="contact|apex", help="Where DOI is zero.")] = "contact",
-    config: Annotated[Path | None, typer.Option(metavar="TOML", help="Configuration of the finger.")] = None,
+    config: FingertipOption = None,
     picture: Annotated[
         Path | None, typer.Option(metavar="FILE.svg", help="Draw the contact, seen from the finger; or a .png.")
     ] = None,

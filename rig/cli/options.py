@@ -17,6 +17,9 @@ SubjectOption = Annotated[str | None, typer.Option(metavar="CODE", help="Who lie
 FingerConfigOption = Annotated[
     Path | None, typer.Option("--config", metavar="TOML", help="Configuration of rig and finger.")
 ]
+FingertipOption = Annotated[
+    Path | None, typer.Option("--config", metavar="TOML", help="Configuration of the finger.")
+]
 ConfigOption = Annotated[Path, typer.Option("--config", metavar="TOML", help="Configuration of the rig.")]
 YesOption = Annotated[bool, typer.Option("--yes", help="Begin without a confirmation; the page is printed.")]
 _MOST = 1000  # numbers in a range

@@ -12,7 +12,15 @@ from sim.coding.skin_line import Axes
 SpacingOption = Annotated[float, typer.Option(metavar="MM", help="Between samples of skin and receptors.")]
 HalfLengthOption = Annotated[int, typer.Option(metavar="N", help="Samples of a response to each side.")]
 DepthOption = Annotated[float, typer.Option(metavar="MM", help="Of the receptors, below the skin.")]
-ENERGY_HELP = "SED of incompressible tissue (the source's Eq. 6.1), or finite: with the tissue's own compression."
+EnergyOption = Annotated[
+    str,
+    typer.Option(
+        metavar="E",
+        help="SED of incompressible tissue (the source's Eq. 6.1), or finite: with the tissue's own compression.",
+    ),
+]
+SnrOption = Annotated[float | None, typer.Option(metavar="DB", help="Adds noise of this ratio.")]
+NoisePlaceOption = Annotated[str, typer.Option(metavar="AT", help="receptor (before it, on SED) or output.")]
 
 
 _Word = TypeVar("_Word", bound=str)

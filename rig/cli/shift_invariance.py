@@ -7,7 +7,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from rig.cli.options import JsonOption
+from rig.cli.options import FingertipOption, JsonOption
 from rig.cli.output import busy, out, print_json, told_in_one_line
 from rig.cli.pictures import PictureOption, checked_picture, write_picture
 from rig.cli.sampling import DepthOption, SpacingOption, bounded
@@ -37,7 +37,7 @@ def command(
     ] = HALF_WIDTH_MM,
     spacing_mm: SpacingOption = SPACING_MM,
     receptor_depth_mm: DepthOption = DEFAULT_DEPTH_MM,
-    config: Annotated[Path | None, typer.Option(metavar="TOML", help="Configuration of the finger.")] = None,
+    config: FingertipOption = None,
     picture: PictureOption = None,
     as_json: JsonOption = False,
 ) -> None:

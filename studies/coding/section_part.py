@@ -24,7 +24,7 @@ Row = tuple[str, ...]
 
 _DRAWN_SHAPE = "bar:3.0"
 _SNR_DB = 20.0
-_SCENES = {
+SCENES = {
     "cylinder:3": (0.0, 0.67),
     "cylinder:9": (0.0, 0.67),
     "bar:3.0": (0.0, 0.67),
@@ -32,6 +32,8 @@ _SCENES = {
     "step:1": (-1.63, 0.73),
     "step:5": (-1.63, 0.73),
 }
+"""x and DOI of each shape, mm."""
+
 _SHAPE_HEADER = ("shape", "relative L2", "peak", "lateral", "in Cartesian axes")
 
 
@@ -54,7 +56,7 @@ def section_coded() -> Coded:
         axes: (impulse_responses(section), shift_errors(section, "finite", farthest))
         for axes, section in sections.items()
     }
-    pressed = {shape: _pressed(sections, shape) for shape in _SCENES}
+    pressed = {shape: _pressed(sections, shape) for shape in SCENES}
     press = pressed[_DRAWN_SHAPE]["skin"]
     two = Told(convolution(responses["skin"][0], len(TRUE), "finite"), TRUE)
     noise = Noise(_SNR_DB)
@@ -69,7 +71,7 @@ def section_coded() -> Coded:
 
 
 def _pressed(sections: Mapping[Axes, SampledSection], shape: str) -> dict[Axes, Told]:
-    scene = Scene(parse_shape(shape), *_SCENES[shape])
+    scene = Scene(parse_shape(shape), *SCENES[shape])
     return {axes: told_of_press(section, "convolution", "finite", scene) for axes, section in sections.items()}
 
 

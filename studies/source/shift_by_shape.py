@@ -10,16 +10,9 @@ from sim.coding.point_spread.moved_response import MovedResponse
 from sim.coding.point_spread.spreads import receptor_sheet
 from sim.config.fingertip_config import FingertipConfig
 from sim.models.fingertip import Fingertip
+from studies.coding import section_part
 
-SCENES = {
-    "cylinder:3": (0.0, 0.67),
-    "cylinder:9": (0.0, 0.67),
-    "bar:3.0": (0.0, 0.67),
-    "bar:1.5": (0.0, 0.67),
-    "step:1": (-1.63, 0.73),
-    "step:5": (-1.63, 0.73),
-    "sphere:3": (0.0, 0.67),
-}
+SCENES = {**section_part.SCENES, "sphere:3": (0.0, 0.67)}
 """x and DOI of each shape, mm; as in the section's table."""
 
 HEADER = ("shape", "relative L2", "peak", "lateral", "normal alone")
