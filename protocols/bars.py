@@ -1,19 +1,18 @@
-"""A rectangular bar stepped across the pad at 170 µm, pressed in four increments to a depth."""
+"""A rectangular bar stepped across the pad, pressed in four increments to a depth."""
 
 from typing import Literal
 
-from rig.protocol import Field, ProtocolParameters, Rig
+from rig.protocol import Field, RangeParameters, Rig, about_the_centre
 
 METADATA = {
     "title": "Bar stepped across the pad",
     "source": "Raju 1998, ch. 5: increments of 0.25 mm to DOI 1.0; 25 positions for 1.5 mm, 34 for 3.0 mm",
 }
 
-SPACING_MM = 0.17
 POSITIONS = {"1.5": 25, "3.0": 34}
 
 
-class Parameters(ProtocolParameters):
+class Parameters(RangeParameters):
     """What `--set` may change."""
 
     width_mm: Literal["1.5", "3.0"] = "3.0"
@@ -23,12 +22,11 @@ class Parameters(ProtocolParameters):
 
 
 def run(rig: Rig) -> None:
-    """Mount, home, zero; then four recorded holds at each position."""
+    """Mount, home, zero; then four recorded holds at each position: 170 µm apart, or over a range."""
     p = rig.parameters
     rig.mount(f"bar:{p.width_mm}")
     rig.home()
     rig.zero()
-    n = POSITIONS[p.width_mm]
-    for k in range(n):
-        rig.move_to(x_mm=round(SPACING_MM * (0.5 * (n - 1) - k), 3))
+    for x_mm in p.positions(about_the_centre(POSITIONS[p.width_mm])):
+        rig.move_to(x_mm=x_mm)
         rig.indent(doi_mm=p.doi_mm, increments=p.increments, hold_s=p.hold_s)

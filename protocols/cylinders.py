@@ -1,8 +1,8 @@
-"""A cylinder, its axis along the finger, pressed on the pad's centre to a series of depths or to one force."""
+"""A cylinder along the finger, pressed at one place or over a range, to a series of depths or to one force."""
 
 from typing import Literal
 
-from rig.protocol import Field, ProtocolParameters, Rig
+from rig.protocol import Field, RangeParameters, Rig
 
 METADATA = {
     "title": "Cylinder on the pad's centre",
@@ -12,22 +12,28 @@ METADATA = {
 DEPTHS_MM = (0.33, 1.0, 1.33)
 
 
-class Parameters(ProtocolParameters):
+class Parameters(RangeParameters):
     """What `--set` may change."""
 
     diameter_mm: Literal["3", "9"] = "9"
-    x_mm: float = Field(0.0, ge=-3, le=3)
+    x_mm: float = Field(0.0, ge=-3, le=3, description="where no range is given")
     force_gwt: float | None = Field(None, gt=0, le=50, description="this force instead of the depths")
     hold_s: float = Field(1.0, ge=0, le=60)
 
 
 def run(rig: Rig) -> None:
-    """Mount, home, zero; then one indentation for each depth, or one to a force."""
+    """Mount, home, zero; then at each position one indentation for each depth, or one to a force."""
     p = rig.parameters
     rig.mount(f"cylinder:{p.diameter_mm}")
     rig.home()
     rig.zero()
-    rig.move_to(x_mm=p.x_mm)
+    for x_mm in p.positions((p.x_mm,)):
+        rig.move_to(x_mm=x_mm)
+        press(rig, p)
+
+
+def press(rig: Rig, p: Parameters) -> None:
+    """To the force where one is given, to the depths otherwise."""
     if p.force_gwt is not None:
         rig.indent(force_gwt=p.force_gwt, hold_s=p.hold_s)
         return

@@ -1,21 +1,22 @@
-"""A grating stepped across the pad at 170 µm over a whole pitch, pressed at each position to one force."""
+"""A grating stepped across the pad over whole pitches, or over a range, pressed at each position to one force."""
 
-from rig.protocol import Field, ProtocolParameters, Rig
+from rig.protocol import Field, RangeParameters, Rig, about_the_centre
+from rig.protocol.ranges import SPACING_MM
 
 METADATA = {
     "title": "Grating stepped across the pad",
     "source": "Whole gratings, which Raju 1998 could not afford; ridge and pitch are free",
 }
 
-SPACING_MM = 0.17
 
-
-class Parameters(ProtocolParameters):
+class Parameters(RangeParameters):
     """What `--set` may change."""
 
     ridge_mm: float = Field(0.75, ge=0.15, le=10)
     pitch_mm: float = Field(1.5, ge=0.2, le=20)
-    periods: float = Field(3.0, gt=0, le=10, description="of the pitch, about the pad's centre")
+    periods: float = Field(
+        3.0, gt=0, le=10, description="of the pitch, about the pad's centre, where no range is given"
+    )
     force_gwt: float = Field(8.0, gt=0, le=50)
     hold_s: float = Field(1.0, ge=0, le=60)
 
@@ -26,7 +27,6 @@ def run(rig: Rig) -> None:
     rig.mount(f"grating:{p.ridge_mm:g},{p.pitch_mm:g}")
     rig.home()
     rig.zero()
-    n = round(p.periods * p.pitch_mm / SPACING_MM) + 1
-    for k in range(n):
-        rig.move_to(x_mm=round(SPACING_MM * (0.5 * (n - 1) - k), 3))
+    for x_mm in p.positions(about_the_centre(round(p.periods * p.pitch_mm / SPACING_MM) + 1)):
+        rig.move_to(x_mm=x_mm)
         rig.indent(force_gwt=p.force_gwt, hold_s=p.hold_s)

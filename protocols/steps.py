@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from rig.protocol import Field, Rig, ScheduledParameters
+from rig.protocol import Field, RangeParameters, Rig, ScheduledParameters
 
 METADATA = {
     "title": "Step moved laterally across the pad",
@@ -20,7 +20,7 @@ POSITIONS_MM = {
 }  # fmt: skip
 
 
-class Parameters(ScheduledParameters):
+class Parameters(ScheduledParameters, RangeParameters):
     """What `--set` may change."""
 
     step: Literal["1", "3", "5"] = "1"
@@ -33,7 +33,7 @@ def run(rig: Rig) -> None:
     p = rig.parameters
     rig.mount(f"step:{p.step}")
     rig.home()
-    for block in p.schedule(POSITIONS_MM[p.step]).on(rig):
+    for block in p.schedule(p.positions(POSITIONS_MM[p.step])).on(rig):
         if p.precondition:
             rig.move_to(x_mm=block.items[0])
             rig.precondition(presses=p.precondition, force_gwt=p.force_gwt, hold_s=p.hold_s)

@@ -3,6 +3,17 @@
 from pydantic import Field
 
 from rig.protocol.api import ProtocolParameters, Rig
+from rig.protocol.ranges import RangeParameters, about_the_centre
 from rig.protocol.schedule import Block, ReferencePress, Schedule, ScheduledParameters
 
-__all__ = ["Block", "Field", "ProtocolParameters", "ReferencePress", "Rig", "Schedule", "ScheduledParameters"]
+__all__ = [
+    "Block",
+    "Field",
+    "ProtocolParameters",
+    "RangeParameters",
+    "ReferencePress",
+    "Rig",
+    "Schedule",
+    "ScheduledParameters",
+    "about_the_centre",
+]

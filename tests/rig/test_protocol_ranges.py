@@ -1,0 +1,95 @@
+"""Protocols over a range, so that the simulation covers a recording."""
+
+from unittest.mock import MagicMock, call
+
+import pytest
+
+from rig.protocol import RangeParameters, about_the_centre
+from rig.protocol.errors import BadInputError
+from rig.protocol.script import load_script
+
+STEPPED = {
+    "bars": {"width_mm=3.0": (34, 2.805), "width_mm=1.5": (25, 2.04)},
+    "gratings": {"periods=1": (10, 0.765), "periods=3": (27, 2.21)},
+    "cylinders": {"x_mm=0.4": (1, 0.4)},
+    "steps": {"step=1": (21, 2.0), "step=5": (21, 2.5)},
+}
+"""Every protocol that is stepped across the pad: settings, and the schedule's length and first position."""
+
+
+def moved_to(name: str, *settings: str) -> list[float]:
+    """x of each lateral move of a protocol, in order."""
+    script = load_script(name, list(settings))
+    rig = MagicMock(parameters=script.parameters)
+    script.run(rig)
+    return [one.kwargs["x_mm"] for one in rig.move_to.call_args_list]
+
+
+@pytest.mark.parametrize(
+    ("name", "setting", "n", "first"), [(p, s, *found) for p, all_ in STEPPED.items() for s, found in all_.items()]
+)
+def test_without_a_range_the_schedule_stays(name: str, setting: str, n: int, first: float) -> None:
+    found = moved_to(name, setting)
+    assert (len(found), found[0]) == (n, first)
+
+
+@pytest.mark.parametrize("name", STEPPED)
+def test_a_range_is_pressed_from_end_to_end(name: str) -> None:
+    found = moved_to(name, "from_mm=1", "to_mm=-1.5", "spacing_mm=0.5")
+    assert found == [1.0, 0.5, 0.0, -0.5, -1.0, -1.5]
+    assert moved_to(name, "from_mm=-0.1", "to_mm=0.1") == [-0.1, 0.0, 0.1]  # 0.17 or less, in that order
+
+
+def test_a_cylinder_is_pressed_to_every_depth_or_to_the_force_at_each_place() -> None:
+    script = load_script("cylinders", ["from_mm=0", "to_mm=1", "spacing_mm=1"])
+    rig = MagicMock(parameters=script.parameters)
+    script.run(rig)
+    assert [one.kwargs["doi_mm"] for one in rig.indent.call_args_list] == 2 * [0.33, 1.0, 1.33]
+    script = load_script("cylinders", ["from_mm=0", "to_mm=1", "spacing_mm=1", "force_gwt=5"])
+    rig = MagicMock(parameters=script.parameters)
+    script.run(rig)
+    assert rig.indent.call_args_list == 2 * [call(force_gwt=5.0, hold_s=1.0)]
+
+
+@pytest.mark.parametrize("name", STEPPED)
+@pytest.mark.parametrize(
+    ("settings", "complaint"),
+    [
+        (["from_mm=1"], "from_mm without to_mm: expected both ends of the range"),
+        (["to_mm=1"], "to_mm without from_mm: expected both ends of the range"),
+        (["spacing_mm=0.2"], "spacing_mm = 0.2: expected from_mm and to_mm beside it"),
+        (["from_mm=1", "to_mm=1"], "from_mm = 1, to_mm = 1: expected two ends that differ"),
+        (["from_mm=5", "to_mm=-5", "spacing_mm=0.02"], "501 positions: expected 500 or fewer"),
+        (["from_mm=20.1", "to_mm=0"], "from_mm = '20.1': input should be less than or equal to 20"),
+        (["from_mm=0", "to_mm=-20.1"], "to_mm = '-20.1': input should be greater than or equal to -20"),
+        (["from_mm=0", "to_mm=1", "spacing_mm=0"], "spacing_mm = '0': input should be greater than 0"),
+        (["from_mm=0", "to_mm=9", "spacing_mm=5.1"], "spacing_mm = '5.1': input should be less than or equal to 5"),
+    ],
+)
+def test_a_range_that_is_none_is_refused_in_one_line(name: str, settings: list[str], complaint: str) -> None:
+    with pytest.raises(BadInputError) as caught:
+        load_script(name, settings)
+    assert str(caught.value).startswith(f"--set: {complaint}")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("begin", "end", "spacing", "n"),
+    [
+        (0, 0.17, None, 2),
+        (0, 0.171, None, 3),
+        (0, 0.34, None, 3),
+        (0, 1, 5, 2),
+        (5, -5, 0.02005, 500),
+        (-20, 20, 1, 41),
+    ],
+)
+def test_the_spacing_is_the_largest_step(begin: float, end: float, spacing: float | None, n: int) -> None:
+    found = RangeParameters(from_mm=begin, to_mm=end, spacing_mm=spacing).positions(())
+    assert (len(found), found[0], found[-1]) == (n, begin, end)
+
+
+def test_about_the_centre() -> None:
+    assert about_the_centre(1) == (0.0,)
+    assert about_the_centre(4) == (0.255, 0.085, -0.085, -0.255)
+    assert RangeParameters().positions([3, 1]) == (3, 1)
