@@ -17,6 +17,7 @@ _ABOUT = {
     "columns": "strain under them, a file for each set of receptors",
     "skin": "where a skin is highest",
     "answers": "what fingers said of runs",
+    "sites": "SED under point loads at the source's 24 sites",
 }
 
 

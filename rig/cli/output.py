@@ -35,6 +35,14 @@ def looking_busy(what: str) -> Iterator[None]:
             _spinners.pop()
 
 
+def say_now(what: str) -> None:
+    """In what turns, or as a line of its own where nothing does."""
+    if _spinners:
+        _spinners[-1](what)
+    else:
+        err.print(what)
+
+
 class _Builds(logging.Handler):
     """What a model says while it is built: in the spinner, or in a line of its own where there is none."""
 

@@ -1,33 +1,27 @@
 """`rig shift-invariance`: how SED spreads under equal point loads at the source's 24 sites of the finger."""
 
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 from rich.table import Table
 
 from rig.cli.options import FingertipOption, JsonOption
-from rig.cli.output import busy, out, print_json, told_in_one_line
+from rig.cli.output import busy, err, out, print_json, say_now, told_in_one_line
 from rig.cli.pictures import PictureOption, checked_picture, write_picture
 from rig.cli.sampling import DepthOption, SpacingOption, bounded
 from rig.plan.config import load_config
-from sim.coding.point_spread.all_sites import DRAWN, AllSites, Where, all_sites, deformed_by
-from sim.coding.point_spread.loaded_finger import LoadedFinger
-from sim.coding.point_spread.moved_response import MovedResponse
-from sim.coding.point_spread.spreads import HALF_WIDTH_MM, SPACING_MM, Judged, Mean, mean_over, receptor_sheet
+from sim.coding.point_spread.all_sites import DRAWN, AllSites, Deformed, Where
+from sim.coding.point_spread.kept_sites import Sampled, kept_sites
+from sim.coding.point_spread.spreads import HALF_WIDTH_MM, SPACING_MM, Judged, Mean, mean_over
 from sim.measures.receptors import DEFAULT_DEPTH_MM
 
 _WHERE: dict[Where, str] = {"pulp": "18 pulp sites", "all": "all 24 sites"}
 
 
-class Sampled(NamedTuple):
-    """What the source leaves open, and the size of the loads."""
-
-    spacing_mm: float
-    half_width_mm: float
-    depth_mm: float
-    force_gwt: float
+_BUSY = "24 point loads on the whole finger: from the cache, or about twenty seconds …"
+_TOLD_EACH = 1000  # receptors, where nothing turns
 
 
 def command(
@@ -51,22 +45,28 @@ def command(
         )
         checked_picture(picture)
         settings = load_config(config).finger
-        with busy("24 point loads on the whole finger: about twenty seconds …", as_json=as_json):
-            finger = LoadedFinger(settings)
-            sheet = receptor_sheet(finger, sampled.spacing_mm, sampled.depth_mm)
-            found = all_sites(MovedResponse.of(finger, sheet), sampled.force_gwt, sampled.half_width_mm)
+        with busy(_BUSY, as_json=as_json):
+            found, deformed = kept_sites(settings, sampled, None if as_json else _told)
             if picture is not None:
-                _draw(finger, found.sites[DRAWN], sampled.force_gwt, picture)
+                _draw(deformed, found.sites[DRAWN], picture)
         if as_json:
             print_json(_as_json(found, sampled))
         else:
             _print(found, sampled)
 
 
-def _draw(finger: LoadedFinger, site: Judged, force_gwt: float, picture: Path) -> None:
+def _told(done: int, of: int) -> None:
+    """How many of the receptors have their strain; then the stiffness is factorised, which takes as long."""
+    if err.is_terminal or done % _TOLD_EACH == 0:
+        say_now(f"strain at {done} of {of} receptors …")
+    if done == of >= _TOLD_EACH:
+        say_now("a factorisation, then 24 loads …")
+
+
+def _draw(deformed: Deformed, site: Judged, picture: Path) -> None:
     from rig.report.coding.point_spread_figure import Drawn, point_spread_figure  # matplotlib, if wanted
 
-    write_picture(point_spread_figure(Drawn(deformed_by(finger, site, force_gwt), site)), picture)
+    write_picture(point_spread_figure(Drawn(deformed, site)), picture)
 
 
 def _as_json(found: AllSites, sampled: Sampled) -> dict[str, Any]:

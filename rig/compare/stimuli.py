@@ -7,8 +7,6 @@ against the indentor's position (Raju 1998, ch. 5). One run gives both.
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from importlib.resources import files
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +16,7 @@ from rig.plan.responses import Response, responses
 from rig.plan.shape_files import from_copy
 from sim.contact.shapes import shape_name
 from sim.measures.measures import MEASURES, shown
-from sim.models.cache import Arrays, cached_arrays, content_key
+from sim.models.cache import Arrays, cached_arrays, content_key, simulator_code
 from sim.models.fingertip import Fingertip
 from sim.models.results.indentation import IndentationResult
 
@@ -192,11 +190,3 @@ def answers_key(finger: Fingertip, asked: object) -> str:
     receptors = finger.model.receptors
     what = [asked, simulator_code(), finger.config.model_dump(mode="json"), finger.e_epidermis_mpa]
     return content_key([*what, receptors.position_mm.tolist(), receptors.depths_mm.tolist()])
-
-
-def simulator_code() -> str:
-    """Hash of all that makes an answer besides the model."""
-    code = hashlib.sha256()
-    for source in sorted(Path(str(files("sim"))).rglob("*.py")):
-        code.update(source.read_bytes())
-    return code.hexdigest()

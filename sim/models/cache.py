@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
 Arrays = dict[str, NDArray[np.generic]]
-Kind = Literal["model", "node", "columns", "skin", "answers"]
+Kind = Literal["model", "node", "columns", "skin", "answers", "sites"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-"""Condensed models, builds to interpolate between, columns of strain, where skins are highest, what fingers said."""
+"""Condensed models, builds to interpolate between, columns of strain, where skins are highest, what fingers said, SED
+about the source's 24 sites."""
 
 MOST_BYTES = 5e9
 """Of all that is kept, unless RIG_CACHE_GB says otherwise; what was not read for longest goes first."""
@@ -108,6 +109,14 @@ def content_key(parameters: object) -> str:
         digest.update(source.relative_to(root).as_posix().encode())
         digest.update(source.read_bytes())
     return digest.hexdigest()[:32]
+
+
+def simulator_code() -> str:
+    """Hash of all that makes an answer besides the model."""
+    code = hashlib.sha256()
+    for source in sorted(Path(str(files("sim"))).rglob("*.py")):
+        code.update(source.read_bytes())
+    return code.hexdigest()
 
 
 def model_code(root: Path) -> list[Path]:

@@ -5,6 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import sim.coding.point_spread.kept_sites as kept
+from rig.cli import shift_invariance
+from sim.config.fingertip_config import Contact, FingertipConfig, Tissue
 from tests.program import Program, program_of
 from tests.sim.coarse import as_toml, coarse_mesh
 
@@ -22,7 +25,7 @@ def rig(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp
 def test_it_prints_every_site_beside_the_printed_table_and_draws_one(rig: Program) -> None:
     ended = rig("shift-invariance", *QUICK, "--picture", "spread.svg")
     assert ended.code == 0
-    assert ended.err == "24 point loads on the whole finger: about twenty seconds …\n"
+    assert ended.err == "24 point loads on the whole finger: from the cache, or about twenty seconds …\n"
     assert "SED 0.76 mm below the skin = A / r^m, under 1 gwt along the inward normal" in ended.out
     assert "receptors 0.5 mm apart within ± 2 mm of each site in x and in z" in ended.out
     rows = [line.split() for line in ended.out.splitlines()]
@@ -57,6 +60,51 @@ def test_as_json_it_has_every_number(rig: Program) -> None:
             assert found[where][kind]["m_spread"] == pytest.approx(m.std(ddof=1) / m.mean())
     scaled = found["common_factor"] * found["pulp"]["linear"]["a"]
     assert scaled == pytest.approx(found["pulp"]["printed"]["a"])
+
+
+def test_what_was_solved_once_is_read_and_listed_by_rig_cache(rig: Program, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RIG_CACHE_DIR", "kept")
+    monkeypatch.setattr(shift_invariance, "_TOLD_EACH", 100)
+    made = rig("shift-invariance", *QUICK)
+    assert "strain at 200 of " in made.err
+    monkeypatch.setattr(kept, "LoadedFinger", None)  # no mesh is made again
+    for more in ((), ("--picture", "spread.svg")):
+        again = rig("shift-invariance", *QUICK, *more)
+        assert (again.code, again.out) == (0, made.out)
+    listed = rig("cache").out
+    assert "sites       1 files" in listed
+    assert "SED under point loads at the source's 24 sites" in listed
+
+
+def test_other_choices_are_solved_for_anew(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path))
+    keys: list[str] = []
+    monkeypatch.setattr(kept, "cached_arrays", lambda key, make, kind: (keys.append(key), kind))
+    monkeypatch.setattr(kept, "_read", lambda arrays: arrays)
+    usual = kept.Sampled()
+    others = [usual._replace(**{name: 0.7}) for name in usual._fields]
+    for config, sampled in (
+        *((FingertipConfig(), one) for one in (usual, *others, usual)),
+        (FingertipConfig(tissue=Tissue(epidermis_mm=0.3)), usual),
+        (FingertipConfig(contact=Contact(patch_gb=1.0)), usual),  # says nothing of point loads
+    ):
+        kept.kept_sites(config, sampled)
+    assert keys[5] == keys[0] == keys[7]
+    assert len(set(keys)) == 6
+
+
+def test_a_large_sheet_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+    monkeypatch.setattr(shift_invariance, "say_now", said.append)
+    for done in range(200, 2700, 200):
+        shift_invariance._told(done, 2693)
+    shift_invariance._told(2693, 2693)
+    shift_invariance._told(300, 300)
+    assert said == [
+        "strain at 1000 of 2693 receptors …",
+        "strain at 2000 of 2693 receptors …",
+        "a factorisation, then 24 loads …",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rig.compare.errors import FingersError
 from rig.compare.plausible import DesignFinger, PlausibleFingers
-from rig.compare.stimuli import Stimulus, simulator_code
+from rig.compare.stimuli import Stimulus
 from rig.data import Run
 from rig.parameter_study.interpolation import interpolated, nodes_to_build
 from rig.parameter_study.workers import spread
@@ -19,7 +19,7 @@ from sim.finger.grading import MeshError
 from sim.finger.surface import SurfaceError
 from sim.measures.measures import MEASURES, shown
 from sim.measures.receptors import ReceptorError
-from sim.models.cache import cached_arrays, content_key
+from sim.models.cache import cached_arrays, content_key, simulator_code
 from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
 from sim.models.moduli.families import Asked

@@ -14,6 +14,7 @@ from sim.finger.surface import FingertipSurface
 from sim.measures.measures import Elastic, stress_from_strain
 from sim.models.condensed import point_force
 from sim.models.errors import ModelRangeError
+from sim.models.inside.adjoint import Progress
 from sim.models.inside.interior import Interior, Recovery
 from sim.models.patches import HalfWidths, widened
 
@@ -86,11 +87,11 @@ class LoadedFinger:
         skin = mesh.nodes.reshape(*mesh.grid, 3)[:, :, 0].reshape(-1, 3)
         return np.asarray(skin[np.argmin(((skin - foot) ** 2).sum(axis=1))])
 
-    def recovery(self, at_mm: Array) -> Recovery:
+    def recovery(self, at_mm: Array, progress: Progress | None = None) -> Recovery:
         """How strain at (n, 3) receptors comes of nodes that move; kept of the last ones. Raises ReceptorError."""
         name = at_mm.tobytes()
         if name not in self._recovered:
-            self._recovered = {name: self.interior.recovery(at_mm)}
+            self._recovered = {name: self.interior.recovery(at_mm, progress)}
         return self._recovered[name]
 
     def moved(self, loads: Sequence[Load]) -> Array:
