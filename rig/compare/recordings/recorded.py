@@ -26,6 +26,7 @@ class Recording:
     """Rates against position, for one shape.
 
     `position_mm` (p,) ascending; `repeats` the rates at each; `sd` (p,) over repeats or as given, NaN where unknown.
+    `window_s` is what the spikes of each press were counted in: rate × window is a count. None where it is not known.
     """
 
     name: str
@@ -34,6 +35,7 @@ class Recording:
     sd: Array
     changes: tuple[str, ...] = ()  # what was done to the file's numbers, for every plot
     sha256: str = ""  # of the file
+    window_s: float | None = None
 
     @property
     def rate(self) -> Array:
@@ -56,19 +58,20 @@ class Recording:
         )
 
     def normalised(self, largest: float) -> "Recording":
-        """Rates as parts of a family's largest mean rate."""
+        """Rates as parts of a family's largest mean rate; the window grows with them, so that counts stay."""
         repeats = tuple(rates / largest for rates in self.repeats)
         changes = (*self.changes, f"rates divided by {largest:g}")
-        return replace(self, repeats=repeats, sd=self.sd / largest, changes=changes)
+        window_s = None if self.window_s is None else self.window_s * largest
+        return replace(self, repeats=repeats, sd=self.sd / largest, changes=changes, window_s=window_s)
 
 
-def recording(name: str, rows: list[tuple[float, float, float]]) -> Recording:
-    """A recording from (position_mm, rate, sd or NaN) of every repeat, in any order."""
+def recording(name: str, rows: list[tuple[float, float, float]], window_s: float | None = None) -> Recording:
+    """A recording from (position_mm, rate, sd or NaN) of every repeat, in any order; the window of counts."""
     places = sorted({position for position, _, _ in rows})
     repeats = tuple(np.array([rate for position, rate, _ in rows if position == place]) for place in places)
     given = [next(sd for position, _, sd in rows if position == place) for place in places]
     sd = [np.std(r, ddof=1) if len(r) > 1 else g for r, g in zip(repeats, given, strict=True)]
-    return Recording(name, np.array(places), repeats, np.array(sd))
+    return Recording(name, np.array(places), repeats, np.array(sd), window_s=window_s)
 
 
 def read_srp(path: Path) -> Recording:

@@ -87,7 +87,7 @@ def rates_in_run(
         rows.append((round(x_mm - centre_mm, _SAME_PLACE_DECIMALS), (last - first) / (end - begin), np.nan))
     if not rows:
         raise RecordingError(f"{name}: run {run.folder.path.name} has no finished indentation by {shape}")
-    return recording(name, rows)
+    return recording(name, rows, end - begin)
 
 
 _CLOCK_TICK_S = 1e-6

@@ -54,7 +54,7 @@ def record(
     counts = rng.poisson(window_s * mean[covered], size=(repeats, int(covered.sum())))
     places = np.asarray(position_mm)[covered]
     rows = [(float(x), float(n) / window_s, np.nan) for column in counts for x, n in zip(places, column, strict=True)]
-    return replace(recording(_file_name(afferent, stimulus), rows), changes=("synthetic",))
+    return replace(recording(_file_name(afferent, stimulus), rows, window_s), changes=("synthetic",))
 
 
 def write_synthetic(folder: Path, found: Recording) -> Path:

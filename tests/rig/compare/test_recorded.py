@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rig.compare.errors import RecordingError
-from rig.compare.recordings.recorded import read_srp
+from rig.compare.recordings.recorded import read_srp, recording
 
 
 def written(folder: Path, text: str, encoding: str = "utf-8") -> Path:
@@ -91,3 +91,11 @@ def test_files_that_are_not_there_or_not_text(tmp_path: Path) -> None:
     (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(RecordingError, match="not a CSV file in UTF-8"):
         read_srp(tmp_path / "bytes.csv")
+
+
+def test_a_window_makes_counts_of_rates_also_of_normalised_ones() -> None:
+    found = recording("x", [(0.0, 4.0, np.nan), (1.0, 8.0, np.nan), (2.0, 6.0, np.nan)], window_s=0.5)
+    assert found.window_s == 0.5
+    assert found.normalised(8.0).window_s == 4.0
+    assert found.mirrored().window_s == 0.5
+    assert recording("x", [(0.0, 4.0, np.nan)]).normalised(8.0).window_s is None
