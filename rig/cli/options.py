@@ -7,8 +7,6 @@ from typing import Annotated
 
 import typer
 
-from rig.protocol.errors import BadInputError
-
 ProtocolArgument = Annotated[str, typer.Argument(help="A path, or the name of a shipped protocol.")]
 MoreArgument = Annotated[list[str] | None, typer.Argument(metavar="[K=V]...", help="Further settings.")]
 SetOption = Annotated[list[str] | None, typer.Option("--set", metavar="K=V", help="A parameter; may be repeated.")]
@@ -38,6 +36,8 @@ def numbers(option: str, text: str) -> tuple[float, ...]:
             first, *rest = map(float, part.split(":"))
             found += _range(first, *rest) if rest else [first]
         except (TypeError, ValueError):
+            from rig.protocol.errors import BadInputError
+
             raise BadInputError(
                 f"{option} {text!r}: expected numbers separated by commas, or FROM:TO:STEP with up to {_MOST} of them"
             ) from None
@@ -54,6 +54,8 @@ def _range(first: float, last: float, step: float) -> list[float]:
 def checked_file(option: str, path: Path) -> Path:
     """A file that can be written later, before the work that fills it begins. Raises BadInputError."""
     if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
+        from rig.protocol.errors import BadInputError  # a list of runs does without what scripts are made of
+
         raise BadInputError(f"{option} {path}: expected a file in a folder that exists and may be written to")
     return path
 

@@ -29,6 +29,10 @@ COMMANDS = {
     "check": Command("check.command", "Say what a protocol will do and how near the limits it goes; moves nothing."),
     "resume": Command("resume.command", "Go on with a run that stopped: home, zero, then exactly what is missing."),
     "compare": Command("compare.command", "SSRPs, shape test, correlations, fits and a report of finished runs."),
+    "runs": Command(
+        "runs.command", "List runs, by subject, shape, protocol, date or state, or tabulate their holds."
+    ),
+    "show": Command("show.command", "Say of one run what ran, with what, how it ended and what its files are."),
     "export": Command("export.command", "Write a run's journal as HDF5 and CSV, or as NWB, into its folder."),
     "study": Command("study.command", "A parameter study: every combination of fingers, receptors and presses."),
     "indent": Command("indent.command", "One simulated indentation."),

@@ -1,9 +1,14 @@
 """Run folders: made before a run, read and exported after it."""
 
-from rig.data.export import export_run
-from rig.data.folder import FolderBusyError, RunFolder, new_run_folder
-from rig.data.nwb import NwbMissingError, export_nwb
-from rig.data.reader import Run, RunError, read_run
+from typing import TYPE_CHECKING
+
+from rig import door
+
+if TYPE_CHECKING:
+    from rig.data.export import export_run
+    from rig.data.folder import FolderBusyError, RunFolder, new_run_folder
+    from rig.data.nwb import NwbMissingError, export_nwb
+    from rig.data.reader import Run, RunError, read_run
 
 __all__ = [
     "FolderBusyError",
@@ -16,3 +21,24 @@ __all__ = [
     "new_run_folder",
     "read_run",
 ]
+
+__getattr__ = door(
+    __name__,
+    {
+        "rig.data.export": ("export_run",),
+        "rig.data.folder": (
+            "FolderBusyError",
+            "RunFolder",
+            "new_run_folder",
+        ),
+        "rig.data.nwb": (
+            "NwbMissingError",
+            "export_nwb",
+        ),
+        "rig.data.reader": (
+            "Run",
+            "RunError",
+            "read_run",
+        ),
+    },
+)

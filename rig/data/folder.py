@@ -104,6 +104,20 @@ class RunFolder:
         copies = [*_COPIES, *(name for name in known if name.startswith(SHAPE_COPY))]
         return [name for name in copies if known.get(name) != _digest(self.path / name)]
 
+    @property
+    def busy(self) -> bool:
+        """Whether another process writes to this run; a lock is looked at where there is one, and made nowhere."""
+        lock = self.path / _LOCK
+        if not lock.is_file():
+            return False
+        try:
+            with filelock.FileLock(lock, timeout=0):
+                return False
+        except filelock.Timeout:
+            return True
+        except OSError:  # of a folder that nobody may write to
+            return False
+
     @contextmanager
     def owned(self) -> Iterator[None]:
         """Hold the folder against every other process that would write to it.

@@ -1,11 +1,24 @@
 """The engine: it moves the stage one safe increment at a time, reads the force and journals what happens."""
 
-from rig.engine.bench import Bench, Operator, Pause, WatchedBench
-from rig.engine.engine import Engine
-from rig.engine.errors import EngineError, LimitError, NotReadyError, RecordError, RunAborted, ScriptError, TripError
-from rig.engine.journal import Journal
-from rig.engine.pressing.indent import indent
-from rig.engine.records import Hold, Indentation, PressId, Target
+from typing import TYPE_CHECKING
+
+from rig import door
+
+if TYPE_CHECKING:
+    from rig.engine.bench import Bench, Operator, Pause, WatchedBench
+    from rig.engine.engine import Engine
+    from rig.engine.errors import (
+        EngineError,
+        LimitError,
+        NotReadyError,
+        RecordError,
+        RunAborted,
+        ScriptError,
+        TripError,
+    )
+    from rig.engine.journal import Journal
+    from rig.engine.pressing.indent import indent
+    from rig.engine.records import Hold, Indentation, PressId, Target
 
 __all__ = [
     "Bench",
@@ -27,3 +40,33 @@ __all__ = [
     "WatchedBench",
     "indent",
 ]
+
+__getattr__ = door(
+    __name__,
+    {
+        "rig.engine.bench": (
+            "Bench",
+            "Operator",
+            "Pause",
+            "WatchedBench",
+        ),
+        "rig.engine.engine": ("Engine",),
+        "rig.engine.errors": (
+            "EngineError",
+            "LimitError",
+            "NotReadyError",
+            "RecordError",
+            "RunAborted",
+            "ScriptError",
+            "TripError",
+        ),
+        "rig.engine.journal": ("Journal",),
+        "rig.engine.pressing.indent": ("indent",),
+        "rig.engine.records": (
+            "Hold",
+            "Indentation",
+            "PressId",
+            "Target",
+        ),
+    },
+)

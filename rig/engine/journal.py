@@ -11,10 +11,12 @@ import uuid
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from rig.engine.errors import LimitError, RecordError, RunAborted, TripError
-from rig.transport.clock import Clock
+
+if TYPE_CHECKING:
+    from rig.transport.clock import Clock  # with which ports would come: a journal is read without any
 
 Document = dict[str, Any]
 
@@ -45,7 +47,7 @@ class Journal:
     def __init__(
         self,
         path: Path,
-        clock: Clock,
+        clock: "Clock",
         streams: Mapping[str, Mapping[str, str]],
         watch: Callable[[str, Mapping[str, Any]], None] = lambda stream, data: None,
         witness: Callable[[str, Mapping[str, Any]], Mapping[str, Any]] = lambda stream, data: {},

@@ -1,4 +1,4 @@
-"""What a second comparison and a status round trip cost, once all is in the cache: processor seconds.
+"""What a second comparison, a list of many runs and a status round trip cost: processor seconds.
 
     .venv/bin/python -m studies.speed.commands    # a minute
 
@@ -7,6 +7,9 @@ The tests count what is done instead of timing it: nothing is built or solved fo
 
 import contextlib
 import io
+import resource
+import shutil
+import subprocess
 import sys
 import tempfile
 import time
@@ -19,7 +22,7 @@ from rig.transport import LoopbackTransport
 from sim.devices import SerialLine, VirtualGrbl
 from sim.devices.clock import VirtualClock
 
-REPEATS, QUESTIONS = 3, 2000
+REPEATS, QUESTIONS, RUNS = 3, 2000, 200
 
 
 def main() -> None:
@@ -29,7 +32,13 @@ def main() -> None:
         compare = ("compare", str(run), "--out", str(Path(folder) / "page.html"))
         _quietly(*compare)
         seconds = [_cpu_s(lambda: _quietly(*compare)) for _ in range(REPEATS)]
+        for number in range(1, RUNS):
+            shutil.copytree(run, run.with_name(f"{run.name}-{number}"))
+        listing = [_process_s("runs", folder) for _ in range(REPEATS + 1)]
+        table_s = min(_process_s("runs", folder, "--table", f"{folder}/all.csv") for _ in range(REPEATS))
     print(f"a comparison of 21 positions, everything in the cache: {min(seconds):.1f} … {max(seconds):.1f} s")
+    print(f"a list of {RUNS} runs, from its index: {min(listing[1:]):.2f} s; as one table: {table_s:.2f} s")
+    print(f"    the first, which reads every journal: {listing[0]:.1f} s")
     print(f"a status round trip to the virtual board: {_cpu_s(_ask) / QUESTIONS * 1e6:.0f} µs")
 
 
@@ -51,6 +60,15 @@ def _quietly(*words: str) -> None:
         except SystemExit as ended:
             if ended.code:
                 raise
+
+
+def _process_s(*words: str) -> float:
+    """Of a process of its own, which imports what it needs."""
+    spent_s = [sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2])]
+    program = [sys.executable, "-c", "from rig.cli import main; main()", *words]
+    subprocess.run(program, check=True, stdout=subprocess.DEVNULL)
+    spent_s.append(sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2]))
+    return spent_s[1] - spent_s[0]
 
 
 def _cpu_s(work: Callable[[], object]) -> float:

@@ -1,8 +1,10 @@
 """What is seen of a command in its first second: its help, a word that it starts, a name that was mistyped."""
 
 import io
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -12,6 +14,7 @@ from rich.console import Console
 from rig.cli import main, output, program
 from rig.cli.program import COMMANDS
 
+OLD_RUN = Path(__file__).parents[1] / "data" / "runs_of_0_1" / "complete"
 LIBRARIES = {
     "numpy",
     "scipy",
@@ -47,6 +50,15 @@ def test_what_is_said_at_the_bench_waits_for_no_library_that_solves_or_draws(ver
     imported = imported_by([verb, "--help"])
     assert "rig.engine.engine" in imported
     assert not imported & {"scipy", "h5py", "matplotlib", "pymodbus", "sim.contact"}
+
+
+@pytest.mark.parametrize("verb", ["runs", "show"])
+def test_a_list_of_runs_waits_for_no_library_but_its_own(verb: str, tmp_path: Path) -> None:
+    """Two hundred runs are listed in the time that a help takes."""
+    shutil.copytree(OLD_RUN, tmp_path / "run")
+    imported = imported_by([verb, str(tmp_path if verb == "runs" else tmp_path / "run")])
+    assert "rig.engine.journal" in imported
+    assert not imported & (LIBRARIES - {"rig.engine"} | {"rig.engine.engine"})
 
 
 def imported_by(words: list[str]) -> set[str]:

@@ -1,0 +1,144 @@
+"""`rig show`: one run, as its folder tells it."""
+
+import json
+import tomllib
+from itertools import groupby
+from pathlib import Path
+from statistics import fmean
+from typing import Annotated, Any
+
+import typer
+
+from rig.cli.options import JsonOption
+from rig.cli.output import out, print_json, told_in_one_line
+from rig.data.reader import Run, RunError, read_run
+from rig.data.run_tables import tables
+from rig.data.summary import FOREIGN, alive, foreign, summary_of
+
+_UNKNOWN = "not known"
+
+
+def command(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.")],
+    as_json: JsonOption = False,
+) -> None:
+    """What ran, in which state it is, limits, versions, forces, how it ended, and its files."""
+    with told_in_one_line(as_json=as_json):
+        try:
+            told = _told(read_run(run))
+        except FOREIGN as error:
+            raise RunError(f"run {run}: {foreign(error)}") from None
+        if as_json:
+            print_json(told)
+        else:
+            out.print("\n".join(f"{name:<12}{line}" for name, line in _lines(told)))
+
+
+def _told(run: Run) -> dict[str, Any]:
+    about = alive(summary_of(run), run.folder.path.parent)
+    made = _read(run.folder.provenance, json.loads)
+    config = _read(run.folder.config, tomllib.loads)
+    return {
+        "run": str(run.folder.path),
+        "title": about.title,
+        "protocol": about.protocol,
+        "source": str(run.start.get("source", "")),
+        "parameters": run.start.get("parameters", {}),
+        "subject": about.subject or None,
+        "began_utc": about.date_utc,
+        "duration_s": about.duration_s,
+        "virtual": about.virtual,
+        "state": about.state,
+        "planned": about.planned,
+        "done": about.done,
+        "ending": _ending(run, about.state),
+        "presses": _presses(run),
+        "limits": {**config.get("limits", {}), "soft_trip_of_the_plan_n": run.start.get("soft_trip_n")},
+        "devices": made.get("devices", {}) | _identities(run),
+        "versions": {"python": made.get("python", _UNKNOWN), **made.get("versions", {})},
+        "model": made.get("model", {}),
+        "files": {name: (run.folder.path / name).stat().st_size for name in sorted(run.folder.files)},
+    }
+
+
+def _read(path: Path, parse: Any) -> dict[str, Any]:
+    """A copy in the folder, or nothing where it is gone or not what it was: the journal is the truth."""
+    try:
+        found = parse(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _ending(run: Run, state: str) -> dict[str, Any] | None:
+    """Of a run that did not end well: why, and where that left the indentor."""
+    if state in ("done", "running"):
+        return None
+    from rig.session.ending import Ending, Whereabouts  # with the engine: a run that is done does without
+
+    if run.stop is None:
+        return Ending.killed(run).as_json()
+    at = Whereabouts(**run.stop["indentor"]) if "indentor" in run.stop else None
+    words = None if at is None else at.words
+    return {"reason": run.stop.get("reason") or "the script did less than was planned", "words": words}
+
+
+def _identities(run: Run) -> dict[str, str]:
+    """What the devices said of themselves."""
+    said = {"controller": run.stream("home"), "sensor": run.stream("zero")}
+    return {name: str(events[-1][name]) for name, events in said.items() if events and name in events[-1]}
+
+
+def _presses(run: Run) -> list[dict[str, Any]]:
+    """Holds that ended, by what was pressed and how far."""
+    rows = tables(run)["hold_end"].rows if run.stream("hold_end") else []
+    target = ("indentor", "target_doi_mm", "target_force_gwt")
+    kinds = [tuple(row.get(name) for name in target) for row in rows]
+    order = list(dict.fromkeys(kinds))
+    together = groupby(sorted(zip(kinds, rows, strict=True), key=lambda one: order.index(one[0])), lambda one: one[0])
+    return [_kind(dict(zip(target, kind, strict=True)), [row for _, row in members]) for kind, members in together]
+
+
+def _kind(told: dict[str, Any], rows: list[dict[str, Any]]) -> dict[str, Any]:
+    means = {f"mean_{name}": fmean(row[name] for row in rows) for name in ("force_gwt", "doi_mm")}
+    peak_gwt = max(row["peak_gwt"] for row in rows)
+    places = {"from_x_mm": min(row["x_mm"] for row in rows), "to_x_mm": max(row["x_mm"] for row in rows)}
+    return {**told, "holds": len(rows), **places, **means, "peak_gwt": peak_gwt}
+
+
+def _lines(told: dict[str, Any]) -> list[tuple[str, str]]:
+    """Name and words of each line for people."""
+    ending = {} if told["ending"] is None else {name: told["ending"].get(name) for name in _OF_AN_ENDING}
+    size = sum(told["files"].values()) / 1e6
+    return [
+        ("run", told["run"]),
+        ("what", f"{told['title']} ({told['protocol']}){', on the virtual bench' if told['virtual'] else ''}"),
+        ("source", told["source"] or "-"),
+        ("parameters", _pairs(told["parameters"])),
+        ("subject", told["subject"] or "none given"),
+        ("began", f"{told['began_utc']}, {told['duration_s']:.0f} s"),
+        ("state", f"{told['state']}, {told['done']} of {told['planned']} indentations"),
+        *((_OF_AN_ENDING[name], str(words)) for name, words in ending.items() if words),
+        *(("pressed" if n == 0 else "", _pressed(one)) for n, one in enumerate(told["presses"])),
+        *((name, _pairs(told[name])) for name in ("limits", "devices", "versions", "model")),
+        ("files", f"{len(told['files'])}, {size:.1f} MB: {', '.join(told['files'])}"),
+    ]
+
+
+_OF_AN_ENDING = {"reason": "because", "words": "where", "next": "next", "resume": "resume"}
+
+
+def _pressed(one: dict[str, Any]) -> str:
+    unit, target = (
+        ("mm", one["target_doi_mm"]) if one["target_doi_mm"] is not None else ("gwt", one["target_force_gwt"])
+    )
+    to = _UNKNOWN if target is None else f"{target:g} {unit}"
+    return (
+        f"{one['indentor']} to {to}, x = {one['from_x_mm']:.2f} … {one['to_x_mm']:.2f} mm: {one['holds']} "
+        f"hold{'' if one['holds'] == 1 else 's'}, "
+        f"mean {one['mean_force_gwt']:.2f} gwt at {one['mean_doi_mm']:.3f} mm, peak {one['peak_gwt']:.2f} gwt"
+    )
+
+
+def _pairs(told: dict[str, Any]) -> str:
+    return ", ".join(f"{name} {value}" for name, value in told.items()) or "none"
