@@ -14,8 +14,10 @@ from rig.cli.options import ExactOption, JsonOption, checked_file, numbers
 from rig.cli.output import THE_FINGER, busy, out, print_json, told_in_one_line
 from rig.compare.comparison import Comparison, compare
 from rig.compare.fingers.on_fingers import on_plausible_fingers
+from rig.compare.left_out import left_out_lines, left_out_rows
 from rig.compare.plausible import PlausibleFingers, read_plausible
-from rig.compare.recordings.inputs import SpikeReading, read_recordings, sha256
+from rig.compare.recordings.column_map import column_map
+from rig.compare.recordings.inputs import Reading, read_recordings, sha256
 from rig.compare.recordings.recorded import Recording
 from rig.compare.stimuli import Stimulus, stimuli
 from rig.compare.stimulus_maps import stimulus_maps
@@ -37,7 +39,15 @@ def command(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run folders.")],
     recorded: Annotated[
         list[str] | None,
-        typer.Option(metavar="SHAPE=CSV", help="Rates (position_mm,rate[,sd][,repeat]) or spike times (time_s)."),
+        typer.Option(
+            metavar="SHAPE=FILE", help="Rates (position_mm,rate[,sd][,repeat]), counts, or spike times; CSV or NWB."
+        ),
+    ] = None,
+    columns: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ROLE=COLUMN[:UNIT],…", help="What the files' columns are called: position=x:um,rate=FR."
+        ),
     ] = None,
     mirror: Annotated[list[str] | None, typer.Option(metavar="SHAPE", help="Negate the recorded positions.")] = None,
     normalise: Annotated[bool, typer.Option("--normalise", help="Rates over their family's largest.")] = False,
@@ -64,19 +74,20 @@ def command(
         receptors = Receptors(
             numbers("--receptor-x-mm", receptor_x_mm) if receptor_x_mm else DEFAULT_X_MM, receptor_depth_mm
         )
-        spikes = SpikeReading(_window(window_s), field_centre_mm)
+        reading = Reading(_window(window_s), field_centre_mm, column_map(columns or []))
         for option, path in {"--out": out_file, "--pdf": pdf}.items():
             if path is not None:
                 checked_file(option, path)
         plausible = None if fingers is None else read_plausible(fingers)
         found = [read_run(path) for path in runs]
-        recordings = read_recordings(recorded or [], mirror or [], found, spikes)
+        recordings = read_recordings(recorded or [], mirror or [], found, reading)
         answered = _answered(found, receptors, as_json=as_json)
         line = _under_the_line(answered, deflection)
         comparison = _compared(answered, recordings, normalise, plausible, exact=exact, as_json=as_json)
         tables = finger_tables(comparison)
         options = {
             "--recorded": recorded or [],
+            "--columns": columns or [],
             "--mirror": mirror or [],
             "--deflection": [] if deflection is None else [str(deflection)],
             "--fingers": [] if fingers is None else [str(fingers)],
@@ -100,7 +111,8 @@ def command(
         )
         _write_sidecar(report, time.perf_counter() - began)
         if as_json:
-            print_json(comparison_as_json(comparison, str(report)) | fingers_as_json(comparison, tables))
+            said = comparison_as_json(comparison, str(report)) | {"left_out": left_out_rows(comparison)}
+            print_json(said | fingers_as_json(comparison, tables))
         else:
             _print(comparison, report)
             if any(table.interpolated for table in tables):
@@ -201,4 +213,7 @@ def _write_sidecar(report: Path, seconds: float) -> None:
 def _print(comparison: Comparison, report: Path) -> None:
     names = comparison.candidates()
     out.print(f"{', '.join(stimulus.title for stimulus in comparison.stimuli)}")
-    out.print(f"candidates  {', '.join(names) or 'none'}\nreport      {report}")
+    out.print(f"candidates  {', '.join(names) or 'none'}")
+    for line in left_out_lines(comparison):
+        out.print(f"left out    {line}")
+    out.print(f"report      {report}")

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from rig.compare.comparison import compare
-from rig.compare.recordings.inputs import SpikeReading, read_recordings
+from rig.compare.recordings.inputs import Reading, read_recordings
 from rig.compare.recordings.synthetic import afferent_for, record, write_synthetic
 from rig.compare.stimuli import Stimulus, stimuli
 from rig.compare.stimulus_maps import stimulus_maps
@@ -154,7 +154,7 @@ def synthetic_page(folder: Path, done: Sequence[Done], finger: Fingertip) -> Non
         for family, x_mm in (("step", -1.0), ("bar", 0.0))
         for name in _recorded(folder, [s for s in chosen if s.family == family], x_mm, rng)
     ]
-    comparison = compare(chosen, read_recordings(names, [], runs, SpikeReading()))
+    comparison = compare(chosen, read_recordings(names, [], runs, Reading()))
     title = "An example on synthetic recordings (not data)"
     write_comparison(folder / "synthetic.html", comparison, runs, finger, COMMAND, title=title)
 

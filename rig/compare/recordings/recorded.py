@@ -1,12 +1,5 @@
-"""Recorded spatial response profiles (SRP), read from a user's CSV.
+"""A recorded spatial response profile (SRP): rates against the position of one shape, whatever file they are from."""
 
-Columns `position_mm,rate[,sd][,repeat]`: the indentor's reference point from the receptive field's centre in the
-finger's frame, and the discharge rate (any unit, ≥ 0). Rows of one position need a `repeat`.
-"""
-
-import csv
-import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,7 +10,6 @@ from rig.compare.errors import RecordingError
 
 Array = NDArray[np.float64]
 
-_COLUMNS = ("position_mm", "rate", "sd", "repeat")
 _FEWEST_POSITIONS = 3
 
 
@@ -74,70 +66,8 @@ def recording(name: str, rows: list[tuple[float, float, float]], window_s: float
     return Recording(name, np.array(places), repeats, np.array(sd), window_s=window_s)
 
 
-def read_srp(path: Path) -> Recording:
-    """Read a CSV of position and rate. Raises RecordingError, naming row (the header is 1) and column."""
-    rows: list[tuple[float, float, float]] = []
-    seen: dict[tuple[float, str], int] = {}
-    for number, row in csv_rows(path, required=_COLUMNS[:2], optional=_COLUMNS[2:]):
-        where = f"{path}, row {number}"
-        position = csv_number(row["position_mm"], where, "position_mm")
-        rate = csv_number(row["rate"], where, "rate", least=0.0)
-        sd = csv_number(row["sd"], where, "sd", least=0.0) if row.get("sd") else math.nan
-        place = (position, row.get("repeat", ""))
-        if place in seen:
-            raise RecordingError(
-                f"{where}, column position_mm: {position:g} again (first in row {seen[place]}), "
-                "expected another value in a column repeat"
-            )
-        seen[place] = number
-        rows.append((position, rate, sd))
-    found = recording(path.name, rows)
+def with_enough_positions(path: Path, found: Recording) -> Recording:
+    """The recording of a file. Raises RecordingError below three positions, which say nothing of a profile."""
     if len(found.repeats) < _FEWEST_POSITIONS:
         raise RecordingError(f"{path}: {len(found.repeats)} positions, expected {_FEWEST_POSITIONS} or more")
     return found
-
-
-def csv_rows(
-    path: Path, required: tuple[str, ...], optional: tuple[str, ...] = ()
-) -> Iterator[tuple[int, dict[str, str]]]:
-    """Row numbers and stripped cells of a CSV whose header has the required columns and no unknown ones."""
-    lines = _lines(path)
-    expected = ",".join(required) + "".join(f"[,{name}]" for name in optional)
-    header = lines[0] if lines else []
-    problem = next((f"no column {name}" for name in required if name not in header), None)
-    unknown = [name for name in header if name not in (*required, *optional) or header.count(name) > 1]
-    if problem or unknown:
-        raise RecordingError(f"{path}, row 1: {problem or f'column {unknown[0]!r}'}, expected {expected}")
-    for number, cells in enumerate(lines[1:], 2):
-        if not any(cells):
-            continue
-        if len(cells) != len(header):
-            raise RecordingError(f"{path}, row {number}: {len(cells)} cells, expected {len(header)}")
-        yield number, dict(zip(header, cells, strict=True))
-
-
-def csv_header(path: Path) -> list[str]:
-    """The names of the columns; none of an empty file."""
-    return (_lines(path) or [[]])[0]
-
-
-def _lines(path: Path) -> list[list[str]]:
-    try:
-        lines = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
-    except OSError as error:
-        raise RecordingError(f"{path}: {error.strerror or error}") from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise RecordingError(f"{path}: not a CSV file in UTF-8: {error}") from None
-    return [[cell.strip() for cell in cells] for cells in lines]
-
-
-def csv_number(text: str, where: str, column: str, least: float = -math.inf) -> float:
-    """A finite number that is not below `least`."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not (math.isfinite(value) and value >= least):
-        expected = "a number" if least == -math.inf else f"a number of {least:g} or more"
-        raise RecordingError(f"{where}, column {column}: {text!r}, expected {expected}")
-    return value

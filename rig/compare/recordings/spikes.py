@@ -6,8 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.errors import RecordingError
+from rig.compare.recordings.column_map import ColumnMap
 from rig.compare.recordings.nwb_spikes import read_nwb
-from rig.compare.recordings.recorded import Recording, csv_number, csv_rows, recording
+from rig.compare.recordings.recorded import Recording, recording
+from rig.compare.recordings.shape_key import condition_of, shape_key
+from rig.compare.recordings.table_file import read_table
 from rig.data import Run
 from sim.contact.shapes import shape_name
 
@@ -16,13 +19,19 @@ Array = NDArray[np.float64]
 _SAME_PLACE_DECIMALS = 3
 
 
-def read_spike_times(path: Path, run: Run, unit: str = "") -> Array:
+SPIKES = (("time",), ("kind",))
+SPIKES_IN_NWB = (("time",), ("sync",))
+"""Roles of the columns that must be there, and of those that may; of a file of each kind."""
+
+
+def read_spike_times(path: Path, run: Run, unit: str = "", columns: ColumnMap | None = None) -> Array:
     """(n,) ascending s on the run's clock, from NWB or a CSV with columns `time_s[,kind]`. Raises RecordingError.
 
     Rows of kind "sync" are the run's pulses as the amplifier saw them: offset and drift between the two clocks are
     fitted to them. Without such rows the times must be on the run's clock already. `unit` is the one of an NWB file.
     """
-    spikes, pulses = read_nwb(path, unit) if path.suffix == NWB else _read_csv(path)
+    columns = columns or ColumnMap()
+    spikes, pulses = read_nwb(path, unit, columns) if path.suffix == NWB else _read_csv(path, columns)
     if not len(spikes):
         raise RecordingError(f"{path}: no spikes, expected the times of some")
     return _on_the_runs_clock(path, spikes, pulses, run) if len(pulses) else spikes
@@ -31,13 +40,14 @@ def read_spike_times(path: Path, run: Run, unit: str = "") -> Array:
 NWB = ".nwb"
 
 
-def _read_csv(path: Path) -> tuple[Array, Array]:
+def _read_csv(path: Path, columns: ColumnMap) -> tuple[Array, Array]:
     times: dict[str, list[float]] = {"spike": [], "sync": []}
-    for number, row in csv_rows(path, ("time_s",), ("kind",)):
-        where, kind = f"{path}, row {number}", row.get("kind") or "spike"
-        if kind not in times:
-            raise RecordingError(f"{where}, column kind: {kind!r}, expected spike or sync")
-        times[kind].append(csv_number(row["time_s"], where, "time_s"))
+    time, kind = columns["time"], columns["kind"].name
+    for row in read_table(path, *columns.split(*SPIKES), others=bool(columns.given)):
+        said = row.cells.get(kind) or "spike"
+        if said not in times:
+            raise row.wrong(kind, "spike or sync")
+        times[said].append(time.factor * row.number(time.name))
     spikes, pulses = (np.sort(np.array(times[kind], dtype=float)) for kind in ("spike", "sync"))
     return spikes, pulses
 
@@ -66,6 +76,8 @@ def rates_in_run(
 ) -> Recording:
     """Spikes per second in a window relative to the start of each last hold; presses at one place are repeats.
 
+    A shape that was pressed to several forces or depths needs the one that is meant: "step:1@8gwt".
+
     Positions are the indentor's x minus the receptive field's centre. Raises RecordingError where the window is
     empty or longer than a hold, or nothing was pressed.
     """
@@ -77,7 +89,7 @@ def rates_in_run(
     if not np.isfinite(centre_mm):
         raise RecordingError(f"--field-centre-mm {centre_mm:g}: expected a number")
     rows = []
-    for x_mm, start_s, stop_s in _last_holds(run, shape):
+    for x_mm, start_s, stop_s in _last_holds(run, shape, name):
         if start_s + end > stop_s + _CLOCK_TICK_S:
             raise RecordingError(
                 f"--window-s {begin:g},{end:g}: the hold at x = {x_mm:g} mm lasts {stop_s - start_s:.3f} s, "
@@ -93,16 +105,23 @@ def rates_in_run(
 _CLOCK_TICK_S = 1e-6
 
 
-def _last_holds(run: Run, shape: str) -> list[tuple[float, float, float]]:
+def _last_holds(run: Run, shape: str, name: str) -> list[tuple[float, float, float]]:
     """x (mm), start and end (s on the run's clock) of the last hold of each finished indentation by a shape."""
     finished = {event["index"] for event in run.stream("indentation_end")}
     asked = {event["index"]: event for event in run.stream("indentation_start")}
     began = {(event["index"], event["hold"]): event["t_s"] for event in run.stream("hold_start")}
-    name = shape_name(shape)
-    return [
-        (hold["x_mm"], began[hold["index"], hold["hold"]], hold["t_s"])
+    meant = shape_key(shape)
+    found = [
+        (condition_of(asked[hold["index"]]), hold["x_mm"], began[hold["index"], hold["hold"]], hold["t_s"])
         for hold in run.stream("hold_end")
         if hold["index"] in finished
         and hold["hold"] == asked[hold["index"]]["increments"]
-        and shape_name(asked[hold["index"]]["indentor"]) == name
+        and shape_name(asked[hold["index"]]["indentor"]) == meant.shape
     ]
+    told = sorted({condition for condition, *_ in found})
+    if not meant.condition and len(told) > 1:
+        raise RecordingError(
+            f"{name}: {shape} was pressed to {' and '.join(told)}, expected one of them: "
+            f"--recorded '{shape}@{told[0]}={name}'"
+        )
+    return [(x, start, stop) for condition, x, start, stop in found if meant.condition in ("", condition)]

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
 from rig.compare.errors import RecordingError
-from rig.compare.recordings.recorded import csv_number, csv_rows
+from rig.compare.recordings.table_file import read_table
 from rig.data import Run
 from rig.plan.responses import responses
 from rig.plan.shape_files import from_copy
@@ -50,10 +50,9 @@ def simulated(run: Run, finger: Fingertip) -> list[Deflection]:
 def read_deflections(path: Path) -> list[Deflection]:
     """One for each depth that the file names, in ascending order. Raises RecordingError with row and column."""
     rows = []
-    for number, row in csv_rows(path, ("z_mm", "deflection_mm"), ("doi_mm",)):
-        where = f"{path}, row {number}"
-        doi = csv_number(row["doi_mm"], where, "doi_mm", least=0.0) if row.get("doi_mm") else math.nan
-        rows.append((doi, *(csv_number(row[name], where, name) for name in ("z_mm", "deflection_mm"))))
+    for row in read_table(path, ("z_mm", "deflection_mm"), ("doi_mm",)):
+        doi = row.number("doi_mm", least=0.0) if row.cells.get("doi_mm") else math.nan
+        rows.append((doi, row.number("z_mm"), row.number("deflection_mm")))
     if not rows:
         raise RecordingError(f"{path}: no rows below the header, expected z_mm,deflection_mm[,doi_mm]")
     table = np.array(sorted(rows))

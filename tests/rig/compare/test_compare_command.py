@@ -121,6 +121,7 @@ def test_without_a_recording(command: Command, bar_run: Run) -> None:
         (("--pdf", "no/such.pdf"), "--pdf no/such.pdf: expected a file in a folder that exists"),
         (("--pdf", "."), "--pdf .: expected a file in a folder that exists and may be written to"),
         (("--window-s", "1"), "--window-s '1': expected two numbers, begin,end"),
+        (("--columns", "speed=v"), "--columns 'speed=v': expected ROLE=COLUMN[:UNIT], ROLE one of position, rate"),
         (("--receptor-x-mm", "0,left"), "--receptor-x-mm '0,left': expected numbers separated by commas"),
     ],
 )
@@ -135,6 +136,36 @@ def test_bad_input_is_refused_in_one_line(
     assert err.replace(f"{THE_FINGER}\n", "").count("\n") == 1  # what it begins with aside
     assert complaint in err
     assert not Path("a.html").exists()
+
+
+@no_figures
+def test_columns_units_and_what_is_left_out(command: Command, bar_run: Run) -> None:
+    """Positions in µm from −0.6 to 1.8 mm; the run went from 0.8 to −0.6."""
+    rows = [f"{x};{n},5" for n, x in enumerate((-600, 0, 600, 1200, 1800))]
+    Path("mine.csv").write_text("\n".join(["x (um);FR", *rows]), encoding="utf-8")
+    asked = ("compare", bar_run.folder.path, "--recorded", "bar:3.0=mine.csv", "--receptor-x-mm", "0")
+    asked = (*asked, "--columns", "position=x (um),rate=FR", "--out", "a.html")
+    code, out, _ = command(*asked, "--json")
+    assert code == 0
+    answer = json.loads(out)
+    assert answer["left_out"] == [
+        {
+            "shape": "bar:3.0",
+            "condition": "0.4 mm",
+            "recording": "mine.csv",
+            "positions": 5,
+            "left_out": [{"receptor_mm": 0.0, "positions_mm": [1.2, 1.8]}],
+            "range_needed_mm": [-0.6, 1.8],
+        }
+    ]
+    assert {row["positions"] for row in answer["rows"]} == {3}
+    page = Path("a.html").read_text(encoding="utf-8")
+    assert "--columns" in page
+    assert "position=x (um),rate=FR" in page
+    code, out, _ = command(*asked)
+    assert "2 of 5 positions of mine.csv, at every one (1.2, 1.8 mm); a run from 1.8 to -0.6 mm" in " ".join(
+        out.split()
+    )
 
 
 def test_a_folder_without_a_run(command: Command, tmp_path: Path) -> None:

@@ -46,6 +46,13 @@ def test_measured_deflections_by_depth(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found[1].deflection_mm, [0.3, 0.9])
 
 
+def test_semicolons_and_decimal_commas(tmp_path: Path) -> None:
+    path = tmp_path / "mine.csv"
+    path.write_text("z_mm;deflection_mm;doi_mm\n7;0,25;1\n", encoding="utf-8")
+    (found,) = read_deflections(path)
+    assert (found.doi_mm, found.z_mm.tolist(), found.deflection_mm.tolist()) == (1.0, [7.0], [0.25])
+
+
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [

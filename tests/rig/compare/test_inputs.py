@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from rig.compare.errors import RecordingError
-from rig.compare.recordings.inputs import SpikeReading, read_recordings
+from rig.compare.recordings.column_map import column_map
+from rig.compare.recordings.inputs import Reading, read_recordings
 from rig.data import Run
 
 
@@ -19,13 +20,13 @@ def srp(tmp_path: Path) -> Path:
 
 
 def test_shapes_are_known_by_any_of_their_names(srp: Path) -> None:
-    found = read_recordings([f"bar:3.0={srp}"], [], [], SpikeReading())
+    found = read_recordings([f"bar:3.0={srp}"], [], [], Reading())
     assert list(found) == ["bar:3"]
     assert found["bar:3"].sha256 == hashlib.sha256(srp.read_bytes()).hexdigest()
 
 
 def test_mirrored_positions_are_negated(srp: Path) -> None:
-    found = read_recordings([f"bar:3.0={srp}"], ["bar:3"], [], SpikeReading())["bar:3"]
+    found = read_recordings([f"bar:3.0={srp}"], ["bar:3"], [], Reading())["bar:3"]
     np.testing.assert_array_equal(found.position_mm, [-0.4, -0.1, 0.2, 0.5])
     np.testing.assert_array_equal(found.rate, [7, 3, 9, 1])
     assert found.changes == ("mirrored",)
@@ -36,7 +37,7 @@ def test_spike_times_are_read_against_their_run(bar_run: Run, tmp_path: Path) ->
     spikes = [t + 0.01 * n for k, t in enumerate(starts) for n in range(5 * k)]
     path = tmp_path / "unit.csv"
     path.write_text("time_s\n" + "\n".join(f"{t:.6f}" for t in spikes), encoding="utf-8")
-    found = read_recordings([f"bar:3.0={path}"], [], [bar_run], SpikeReading((0.0, 0.4), 0.0))["bar:3"]
+    found = read_recordings([f"bar:3.0={path}"], [], [bar_run], Reading((0.0, 0.4), 0.0))["bar:3"]
     # Presses 0 … 5 at 0.8, 0.4, 0.1, −0.2, −0.6, 0.1 have 0, 5, … 25 spikes in 0.4 s.
     np.testing.assert_allclose(found.rate, [20 / 0.4, 15 / 0.4, 17.5 / 0.4, 5 / 0.4, 0])
 
@@ -46,4 +47,51 @@ def test_spike_times_belong_to_one_run(bar_run: Run, tmp_path: Path) -> None:
     path.write_text("time_s\n1.0\n", encoding="utf-8")
     for runs, n in (([], 0), ([bar_run, bar_run], 2)):
         with pytest.raises(RecordingError, match=f"spike times belong to one run with bar:3.0, {n} are given"):
-            read_recordings([f"bar:3.0={path}"], [], runs, SpikeReading())
+            read_recordings([f"bar:3.0={path}"], [], runs, Reading())
+
+
+def test_a_shape_may_have_a_sign_of_equality_in_it(srp: Path) -> None:
+    found = read_recordings([f"bar:3.0,turn_deg=30={srp}"], [], [], Reading())
+    assert list(found) == ["bar:3,turn_deg=30"]
+
+
+def test_a_file_may_have_one_too(tmp_path: Path, srp: Path) -> None:
+    path = srp.rename(tmp_path / "depth=1.csv")
+    assert list(read_recordings([f"bar:3.0={path}"], [], [], Reading())) == ["bar:3"]
+
+
+def test_one_shape_at_several_forces(srp: Path) -> None:
+    low, high = f"step:1@2.33gwt={srp}", f"step:1@8 gwt={srp}"
+    found = read_recordings([low, high], ["step:1@8gwt"], [], Reading())
+    assert list(found) == ["step:1@2.33 gwt", "step:1@8 gwt"]
+    assert [one.changes for one in found.values()] == [(), ("mirrored",)]
+    both = read_recordings([low, high], ["step:1"], [], Reading())
+    assert [one.changes for one in both.values()] == [("mirrored",), ("mirrored",)]
+    assert list(read_recordings([f"bar:3@0.50mm={srp}"], [], [], Reading())) == ["bar:3@0.5 mm"]
+
+
+@pytest.mark.parametrize(
+    ("recorded", "mirror", "complaint"),
+    [
+        (["bar:3"], [], "--recorded 'bar:3': expected SHAPE=CSV"),
+        (["=a.csv"], [], "--recorded '=a.csv': expected SHAPE=CSV"),
+        (["bar:3="], [], "--recorded 'bar:3=': expected SHAPE=CSV"),
+        (["bar:3@8={srp}"], [], "'bar:3@8': '8', expected a force or depth after @, like 8gwt or 0.5mm"),
+        (["bar:3@={srp}"], [], "'bar:3@': '', expected a force or depth after @"),
+        (["bar:3={srp}", "bar:3.0={srp}"], [], "bar:3.0 is given twice"),
+        (["bar:3@8gwt={srp}", "bar:3@8.0gwt={srp}"], [], "bar:3@8.0gwt is given twice"),
+        (["bar:3={srp}"], ["step:1"], "--mirror step:1: nothing recorded for it, expected --recorded step:1=CSV"),
+        (["bar:3@8gwt={srp}"], ["bar:3@2gwt"], "--mirror bar:3@2gwt: nothing recorded for it"),
+    ],
+)
+def test_what_is_named_wrongly(srp: Path, recorded: list[str], mirror: list[str], complaint: str) -> None:
+    with pytest.raises(RecordingError) as caught:
+        read_recordings([text.format(srp=srp) for text in recorded], mirror, [], Reading())
+    assert complaint in str(caught.value)
+
+
+def test_columns_without_a_recording() -> None:
+    with pytest.raises(
+        RecordingError, match=r"--columns rate=FR: no recording is read by it, expected it beside --rec"
+    ):
+        read_recordings([], [], [], Reading(columns=column_map(["rate=FR"])))

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from rig.compare.errors import RecordingError
-from rig.compare.recordings.recorded import read_srp, recording
+from rig.compare.recordings.column_map import column_map
+from rig.compare.recordings.position_table import read_srp
+from rig.compare.recordings.recorded import recording
 
 
 def written(folder: Path, text: str, encoding: str = "utf-8") -> Path:
@@ -99,3 +101,67 @@ def test_a_window_makes_counts_of_rates_also_of_normalised_ones() -> None:
     assert found.normalised(8.0).window_s == 4.0
     assert found.mirrored().window_s == 0.5
     assert recording("x", [(0.0, 4.0, np.nan)]).normalised(8.0).window_s is None
+
+
+def test_counts_in_a_window(tmp_path: Path) -> None:
+    found = read_srp(written(tmp_path, "position_mm,count,window_s\n0,3,0.5\n1,0,0.5\n2,8,0.5\n"))
+    np.testing.assert_array_equal(found.rate, [6, 0, 16])
+    assert found.window_s == 0.5
+    assert read_srp(written(tmp_path, GOOD)).window_s is None
+
+
+COUNTED = "position_mm,count,window_s\n0,3,0.5\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("position_mm,count\n0,1\n", "row 1: no column window_s, expected position_mm,count,window_s[,repeat]"),
+        ("position_mm,count,rate,window_s\n0,1,1,1\n", "row 1: column 'rate', expected position_mm,count"),
+        (COUNTED + "1,2.5,0.5\n", "row 3, column count: '2.5', expected a whole number"),
+        (COUNTED + "1,-1,0.5\n", "row 3, column count: '-1', expected a number of 0 or more"),
+        (COUNTED + "1,2,0.25\n", "row 3, column window_s: '0.25', expected the window of every row, 0.5"),
+        (COUNTED + "1,2,0\n", "row 3, column window_s: '0', expected a number above 0"),
+        (COUNTED + "1,2,\n", "row 3, column window_s: '', expected a number"),
+        (
+            COUNTED + "0,2,0.5\n",
+            "row 3, column position_mm: 0 again (first in row 2), expected another value in a column",
+        ),
+    ],
+)
+def test_counts_that_are_none(tmp_path: Path, text: str, complaint: str) -> None:
+    with pytest.raises(RecordingError) as caught:
+        read_srp(written(tmp_path, text))
+    assert complaint in str(caught.value)
+
+
+def test_semicolons_tabs_and_commas_in_cells(tmp_path: Path) -> None:
+    for text in (
+        "position_mm;rate\n-0,5;1,25\n0;2\n1;3e1\n",
+        "position_mm\trate\n-0,5\t1,25\n0\t2\n1\t3e1\n",
+        'position_mm,rate\n"-0,5","1,25"\n0,2\n1,3e1\n',
+    ):
+        found = read_srp(written(tmp_path, text))
+        np.testing.assert_array_equal(found.position_mm, [-0.5, 0, 1])
+        np.testing.assert_array_equal(found.rate, [1.25, 2, 30])
+
+
+def test_commas_and_points_in_one_table_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(
+        RecordingError, match=r"row 3, column rate: '2\.5', expected a number of 0 or more with a decimal"
+    ):
+        read_srp(written(tmp_path, "position_mm;rate\n-0,5;1\n0;2.5\n1;3\n"))
+
+
+def test_columns_by_other_names_and_units(tmp_path: Path) -> None:
+    columns = column_map(["position=x:um,rate=FR:1/ms,sd=s,repeat=n"])
+    text = "n,who,s,x,FR\n1,a,0.002,500,0.01\n1,a,,0,0.02\n1,a,0.001,-250,0\n"
+    found = read_srp(written(tmp_path, text), columns)
+    np.testing.assert_allclose(found.position_mm, [-0.25, 0, 0.5])
+    np.testing.assert_allclose(found.rate, [0, 20, 10])
+    np.testing.assert_allclose(found.sd, [1, np.nan, 2])
+    assert found.changes == ("position from um", "rate from 1/ms", "sd from 1/ms")
+    with pytest.raises(RecordingError, match=r"row 1: no column n, expected x,FR,s,n$"):
+        read_srp(written(tmp_path, "who,s,x,FR\na,0.002,500,0.01\n"), columns)
+    with pytest.raises(RecordingError, match=r"row 3, column x: 500 again \(first in row 2\), .* in a column n$"):
+        read_srp(written(tmp_path, "n,s,x,FR\n1,1,500,0.01\n1,1,500,0.02\n"), columns)

@@ -3,10 +3,12 @@
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
 from rig.compare.errors import RecordingError
+from rig.compare.recordings.column_map import column_map
 from rig.compare.recordings.spikes import rates_in_run, read_spike_times
 from rig.data import Run
 
@@ -90,3 +92,56 @@ def test_one_pulse_gives_the_offset(tmp_path: Path, bar_run: Run) -> None:
     path = tmp_path / "unit7.csv"
     path.write_text("time_s,kind\n110.0,sync\n112.5,spike\n", encoding="utf-8")
     np.testing.assert_allclose(read_spike_times(path, with_pulses(bar_run, [10.0])), [12.5])
+
+
+def pressed_to(run: Run, values: dict[int, float]) -> Run:
+    """The same run, some of its indentations commanded to other depths."""
+    starts = [{**e, "value": values.get(e["index"], e["value"])} for e in run.stream("indentation_start")]
+    return replace(run, events={**run.events, "indentation_start": starts})
+
+
+def test_a_shape_that_was_pressed_to_two_depths_needs_one(bar_run: Run) -> None:
+    both = pressed_to(bar_run, {0: 0.2, 3: 0.2, 4: 0.2})
+    with pytest.raises(RecordingError) as caught:
+        rates_in_run(both, "bar:3.0", np.array([]), "u.csv", (0.0, 0.4))
+    assert str(caught.value) == (
+        "u.csv: bar:3.0 was pressed to 0.2 mm and 0.4 mm, expected one of them: --recorded 'bar:3.0@0.2 mm=u.csv'"
+    )
+    low = rates_in_run(both, "bar:3.0@0.2mm", np.array([]), "u.csv", (0.0, 0.4))
+    np.testing.assert_allclose(low.position_mm, [-0.6, -0.2, 0.8])
+    high = rates_in_run(both, "bar:3@0.4 mm", np.array([]), "u.csv", (0.0, 0.4))
+    np.testing.assert_allclose(high.position_mm, [0.1, 0.4])
+    with pytest.raises(RecordingError, match="has no finished indentation by bar:3@8gwt"):
+        rates_in_run(both, "bar:3@8gwt", np.array([]), "u.csv", (0.0, 0.4))
+
+
+def nwb_file(path: Path, **datasets: object) -> Path:
+    with h5py.File(path, "w") as file:
+        for name, values in {"units/id": [1], "units/spike_times_index": [1], **datasets}.items():
+            file[name] = values
+    return path
+
+
+def test_pulses_of_an_nwb_file_by_their_name(tmp_path: Path, bar_run: Run) -> None:
+    run = with_pulses(bar_run, [10.0])
+    usual = {"units/spike_times": [112.5], "intervals/sync_pulses/start_time": [110.0]}
+    np.testing.assert_allclose(read_spike_times(nwb_file(tmp_path / "a.nwb", **usual), run), [12.5])
+    series = {"units/spike_times": [112_500.0], "acquisition/ttl/timestamps": [110_000.0]}
+    path, columns = nwb_file(tmp_path / "b.nwb", **series), column_map(["sync=ttl,time=spike_times:ms"])
+    np.testing.assert_allclose(read_spike_times(path, run, "1", columns), [12.5])
+    with pytest.raises(RecordingError, match=r"no sync pulses other, expected intervals/other/start_time or acquis"):
+        read_spike_times(path, run, "1", column_map(["sync=other"]))
+    bad = nwb_file(tmp_path / "c.nwb", **{**series, "acquisition/ttl/timestamps": [1.0, np.nan]})
+    with pytest.raises(RecordingError, match=r"c\.nwb, acquisition/ttl/timestamps, entry 2: nan, expected a number"):
+        read_spike_times(bad, run, "1", columns)
+
+
+@pytest.mark.parametrize("missing", ["units/id", "units/spike_times_index", "units/spike_times"])
+def test_a_table_of_units_without_one_of_its_columns(tmp_path: Path, bar_run: Run, missing: str) -> None:
+    path = nwb_file(tmp_path / "a.nwb", **{"units/spike_times": [1.0]})
+    with h5py.File(path, "a") as file:
+        del file[missing]
+    with pytest.raises(
+        RecordingError, match=r"no spike times, expected a table units with a column spike_times \(and"
+    ):
+        read_spike_times(path, bar_run)

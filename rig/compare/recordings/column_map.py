@@ -1,0 +1,133 @@
+"""What the columns of a user's recordings are called, and their units: `--columns position=x:um,rate=FR`."""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from rig.compare.errors import RecordingError
+
+_LENGTHS = {"nm": 1e-6, "um": 1e-3, "µm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0}
+_TIMES = {"us": 1e-6, "µs": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0}
+_RATES = {"1/s": 1.0, "/s": 1.0, "Hz": 1.0, "spikes/s": 1.0, "imp/s": 1.0, "1/ms": 1000.0, "/ms": 1000.0,
+          "1/min": 1 / 60, "/min": 1 / 60}  # fmt: skip
+
+
+class Column(NamedTuple):
+    """A column of a file, and what its numbers are multiplied with to be in mm, s or per s."""
+
+    name: str
+    unit: str = ""
+    factor: float = 1.0
+
+    @property
+    def changed(self) -> bool:
+        """Whether numbers are not taken as they are."""
+        return self.factor != 1.0
+
+
+class _Role(NamedTuple):
+    default: str
+    units: Mapping[str, float]
+
+
+_ROLES = {
+    "position": _Role("position_mm", _LENGTHS),
+    "rate": _Role("rate", _RATES),
+    "sd": _Role("sd", _RATES),
+    "repeat": _Role("repeat", {}),
+    "count": _Role("count", {}),
+    "window": _Role("window_s", _TIMES),
+    "time": _Role("time_s", _TIMES),
+    "kind": _Role("kind", {}),
+    "sync": _Role("sync_pulses", {}),
+}
+
+
+@dataclass(frozen=True)
+class ColumnMap:
+    """The columns that were named, by what they hold; others have the names of docs/comparison.md.
+
+    `window_s` is the window of counts, where it was stated as a number instead of a column.
+    """
+
+    given: Mapping[str, Column] = field(default_factory=dict)
+    window_s: float | None = None
+
+    def __getitem__(self, role: str) -> Column:
+        """The column of a role."""
+        return self.given.get(role, Column(_ROLES[role].default))
+
+    def names(self, *roles: str) -> list[str]:
+        """The columns of several."""
+        return [self[role].name for role in roles]
+
+    def split(self, required: Sequence[str], optional: Sequence[str]) -> tuple[list[str], list[str]]:
+        """Names of required and of optional columns; what was named is required."""
+        asked = [role for role in optional if role in self.given]
+        return self.names(*required, *asked), self.names(*(role for role in optional if role not in asked))
+
+    def changes(self, *roles: str) -> tuple[str, ...]:
+        """Which numbers were converted, for every plot."""
+        return tuple(f"{role} from {self[role].unit}" for role in roles if self[role].changed)
+
+
+def column_map(texts: Sequence[str]) -> ColumnMap:
+    """From "ROLE=COLUMN[:UNIT],…", given once or several times. Raises RecordingError.
+
+    Without a unit the one at the end of the column's name counts, as in "x (um)" or "x_um"; an sd has its rates'.
+    """
+    given: dict[str, Column] = {}
+    for text in texts:
+        for part in text.split(","):
+            role, equals, name = (word.strip() for word in part.partition("="))
+            if role not in _ROLES or not (equals and name):
+                raise RecordingError(
+                    f"--columns {part!r}: expected ROLE=COLUMN[:UNIT], ROLE one of {', '.join(_ROLES)}"
+                )
+            if role in given:
+                raise RecordingError(f"--columns {part!r}: {role} is given twice")
+            given[role] = _column(part, name, _ROLES[role].units)
+    _refuse_what_cannot_be(given)
+    if "sd" in given and "rate" in given and not given["sd"].unit:
+        given["sd"] = given["rate"]._replace(name=given["sd"].name)
+    return ColumnMap(given, _stated_window(given))
+
+
+def _stated_window(given: dict[str, Column]) -> float | None:
+    """In s, where the window is a number; it names no column then."""
+    try:
+        seconds = float(given["window"].name) * given["window"].factor
+    except (KeyError, ValueError):
+        return None
+    if not 0 < seconds < math.inf:
+        raise RecordingError(f"--columns window={given['window'].name}: expected a number of seconds above 0")
+    return seconds
+
+
+def _refuse_what_cannot_be(given: Mapping[str, Column]) -> None:
+    names = [column.name for column in given.values()]
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise RecordingError(f"--columns: {twice[0]!r} is named twice, expected a column for each")
+    if "count" in given and ("rate" in given or "sd" in given):
+        raise RecordingError("--columns: count beside rate or sd, expected counts (with window) or rates (with sd)")
+
+
+def _column(part: str, name: str, units: Mapping[str, float]) -> Column:
+    before, colon, unit = name.rpartition(":")
+    if colon:
+        if not before or _known(unit, units) is None:
+            expected = f"a unit of {', '.join(units)}" if units else "no unit"
+            raise RecordingError(f"--columns {part!r}: unit {unit!r}, expected {expected}")
+        return Column(before.strip(), unit.strip(), _known(unit, units) or 1.0)
+    said = re.search(r"[(\[]([^)\]]+)[)\]]$|_([^_\s]+)$", name)
+    unit = next(filter(None, said.groups())) if said else ""
+    factor = _known(unit, units)
+    return Column(name) if factor is None else Column(name, unit, factor)
+
+
+def _known(unit: str, units: Mapping[str, float]) -> float | None:
+    """The factor of a unit, however it is capitalised and whichever sign of micro it has."""
+    return {name.casefold(): factor for name, factor in units.items()}.get(unit.strip().casefold())

@@ -1,0 +1,284 @@
+"""One afferent in every kind of file: read alike, and refused alike, in one line that names file and place."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from rig.compare.comparison import compare
+from rig.compare.errors import RecordingError
+from rig.compare.recordings.column_map import column_map
+from rig.compare.recordings.inputs import Reading, read_recordings
+from rig.compare.recordings.recorded import Recording
+from rig.compare.stimuli import Stimulus
+from rig.data import Run
+from rig.data.folder import RunFolder
+
+SPIKES = {-0.5: (2, 4), 0.0: (10, 14), 0.25: (6, 6), 1.0: (0, 1)}
+"""Counts of two presses at each place, in half a second."""
+
+WINDOW_S = 0.5
+PRESSES = [(x, count, number) for x, counts in SPIKES.items() for number, count in enumerate(counts)]
+STARTS = [10.0 * (n + 1) for n in range(len(PRESSES))]
+TIMES = [start + 0.01 * (k + 1) for start, (_, count, _) in zip(STARTS, PRESSES, strict=True) for k in range(count)]
+REPEAT = [f"{number}" for _, _, number in PRESSES]
+
+Cells = list[list[str]]
+
+
+def journal(folder: Path, presses: int = len(PRESSES)) -> Run:
+    """Of a bar at these places, each press held for 0.6 s."""
+    done = list(enumerate(zip(PRESSES, STARTS, strict=True)))[:presses]
+    what = {"indentor": "bar:3.0", "target": "doi_mm", "value": 1.0, "increments": 1}
+    events = {
+        "mount": [{"indentor": "bar:3.0"}],
+        "indentation_start": [{"index": n, **what} for n, _ in done],
+        "hold_start": [{"index": n, "hold": 1, "t_s": start} for n, (_, start) in done],
+        "hold_end": [{"index": n, "hold": 1, "x_mm": p[0], "t_s": start + 0.6} for n, (p, start) in done],
+        "indentation_end": [{"index": n} for n, _ in done],
+    }
+    return Run(RunFolder(folder), {}, None, {}, events, {}, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of file: its cells below a header, the column of what was measured, and how --columns names it."""
+
+    header: tuple[str, ...]
+    cells: Cells
+    measured: str
+    columns: tuple[str, ...] = ()
+    separator: str = ","
+    suffix: str = "csv"
+    changes: tuple[str, ...] = ()
+    window_s: float | None = WINDOW_S
+
+    @property
+    def nwb(self) -> bool:
+        return self.suffix == "nwb"
+
+    @property
+    def spikes(self) -> bool:
+        return len(self.cells) == len(TIMES)
+
+    @property
+    def place(self) -> int:
+        return self.header.index(self.measured)
+
+    def written(self, folder: Path) -> Path:
+        path = folder / f"afferent.{self.suffix}"
+        if self.nwb:
+            self._as_nwb(path)
+        else:
+            lines = [self.separator.join(row) for row in (self.header, *self.cells)]
+            path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        return path
+
+    def _as_nwb(self, path: Path) -> None:
+        (values,) = zip(*self.cells, strict=True) if self.cells else ((),)
+        try:
+            times = np.array(values, dtype=float)
+        except ValueError:
+            times = np.array(values, dtype="S8")
+        with h5py.File(path, "w") as file:
+            file["units/id"] = [7]
+            file[f"units/{self.header[0]}"] = times
+            file[f"units/{self.header[0]}_index"] = [len(times)]
+
+    def with_cell(self, row: int, text: str) -> "Kind":
+        cells = [list(one) for one in self.cells]
+        cells[row][self.place] = text
+        return replace(self, cells=cells)
+
+    def where(self, row: int) -> str:
+        """How a complaint names the cell of what was measured in a row, counted from 0."""
+        if self.nwb:
+            return f"afferent.nwb, unit 7, column {self.measured}, entry {row + 1}"
+        return f"afferent.csv, row {row + 2}, column {self.measured}"
+
+
+def column(*columns: list[str]) -> Cells:
+    return [list(row) for row in zip(*columns, strict=True)]
+
+
+def of(values: list[float], factor: float = 1.0, decimal: str = ".") -> list[str]:
+    return [f"{factor * value:.9g}".replace(".", decimal) for value in values]
+
+
+X = [x for x, _, _ in PRESSES]
+COUNTS = [float(count) for _, count, _ in PRESSES]
+RATES = [count / WINDOW_S for count in COUNTS]
+LABEL = ["a"] * len(PRESSES)
+
+KINDS = {
+    "rates": Kind(("position_mm", "rate", "repeat"), column(of(X), of(RATES), REPEAT), "rate", window_s=None),
+    "rates, decimal commas": Kind(
+        ("position_mm", "rate", "repeat"), column(of(X, decimal=","), of(RATES), REPEAT), "rate", (), ";",
+        window_s=None,
+    ),
+    "rates, tabs": Kind(
+        ("repeat", "rate", "position_mm"), column(REPEAT, of(RATES), of(X)), "rate", (), "\t", window_s=None
+    ),
+    "rates, named": Kind(
+        ("who", "x", "FR (1/ms)", "press"), column(LABEL, of(X, 1000), of(RATES, 0.001), REPEAT), "FR (1/ms)",
+        ("position=x:um", "rate=FR (1/ms),repeat=press"), changes=("position from um", "rate from 1/ms"),
+        window_s=None,
+    ),
+    "counts": Kind(
+        ("position_mm", "count", "window_s", "repeat"), column(of(X), of(COUNTS), ["0.5"] * 8, REPEAT), "count"
+    ),
+    "counts, named": Kind(
+        ("x [cm]", "n", "press", "who"), column(of(X, 0.1, ","), of(COUNTS), REPEAT, LABEL), "n",
+        ("position=x [cm],count=n,window=500:ms,repeat=press",), ";",
+        changes=("position from cm", "window from ms"),
+    ),
+    "counts, windows named": Kind(
+        ("position_mm", "count", "w_ms", "repeat"), column(of(X), of(COUNTS), ["500"] * 8, REPEAT), "count",
+        ("window=w_ms",), changes=("window from ms",),
+    ),
+    "spikes": Kind(("time_s",), column(of(TIMES)), "time_s"),
+    "spikes, named": Kind(
+        ("what", "t", "who"), column(["spike"] * len(TIMES), of(TIMES, 1000, ","), ["a"] * len(TIMES)), "t",
+        ("time=t:ms,kind=what",), ";", changes=("time from ms",),
+    ),
+    "NWB": Kind(("spike_times",), column(of(TIMES)), "spike_times", suffix="nwb"),
+    "NWB, named": Kind(
+        ("sorted_ms",), column(of(TIMES, 1000)), "sorted_ms", ("time=sorted_ms",), suffix="nwb",
+        changes=("time from ms",),
+    ),
+}  # fmt: skip
+
+every_kind = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
+
+
+def read(kind: Kind, folder: Path, *, mirror: bool = False, run: Run | None = None) -> Recording:
+    """As the command does."""
+    path = kind.written(folder)
+    reading = Reading((0.0, WINDOW_S), 0.0, column_map(kind.columns))
+    found = read_recordings([f"bar:3.0={path}"], ["bar:3"] * mirror, [run or journal(folder)], reading)
+    assert list(found) == ["bar:3"]
+    return found["bar:3"]
+
+
+def complaint(kind: Kind, folder: Path, run: Run | None = None) -> str:
+    """The one line that refuses a file, without its folder."""
+    with pytest.raises(RecordingError) as caught:
+        read(kind, folder, run=run)
+    said = str(caught.value)
+    assert "\n" not in said
+    return said.replace(f"{folder}/", "")
+
+
+@every_kind
+def test_the_same_afferent_whatever_the_file(kind: Kind, tmp_path: Path) -> None:
+    found = read(kind, tmp_path)
+    np.testing.assert_allclose(found.position_mm, list(SPIKES), atol=1e-9)
+    np.testing.assert_allclose(found.repeats, np.array(list(SPIKES.values())) / WINDOW_S)
+    np.testing.assert_allclose(found.sd, np.std(np.array(list(SPIKES.values())) / WINDOW_S, axis=1, ddof=1))
+    assert found.window_s == (None if kind.window_s is None else pytest.approx(WINDOW_S))
+    assert found.changes == kind.changes
+    assert len(found.sha256) == 64
+
+
+@every_kind
+def test_mirrored_and_normalised(kind: Kind, tmp_path: Path, make_stimulus: Callable[..., Stimulus]) -> None:
+    found = read(kind, tmp_path, mirror=True)
+    np.testing.assert_allclose(found.position_mm, [-1, -0.25, 0, 0.5], atol=1e-9)
+    np.testing.assert_allclose(found.rate, [1, 12, 24, 6])
+    assert found.changes == (*kind.changes, "mirrored")
+    stimulus = make_stimulus("bar:3.0", np.array([-1.0, 1.0]), np.array([0.0]), {})
+    (overlay,) = compare([stimulus], {"bar:3": found}, normalise=True).overlays
+    np.testing.assert_allclose(overlay.recording.rate, np.array([1, 12, 24, 6]) / 24)
+    assert overlay.recording.changes == (*kind.changes, "mirrored", "rates divided by 24")
+
+
+@every_kind
+@pytest.mark.parametrize("text", ["x", "nan", "inf", "1_0", "", "1.2.3", "1,5,0", "1.234,5"])
+def test_a_cell_that_is_no_number(kind: Kind, tmp_path: Path, text: str) -> None:
+    if (kind.nwb and text not in ("x", "nan", "inf")) or (text == "" and len(kind.header) == 1):
+        pytest.skip("numbers are not text there, and an empty row is none")
+    if "," in text and kind.separator == ",":
+        text = f'"{text}"'
+    said = complaint(kind.with_cell(1, text), tmp_path)
+    if kind.nwb and text == "x":
+        assert said == f"afferent.nwb, unit 7, column {kind.measured}: |S8 values, expected times in numbers"
+    else:
+        shown = text.strip('"') if not kind.nwb else text
+        quoted = shown if kind.nwb else repr(shown)
+        assert said.startswith(f"{kind.where(1)}: {quoted}, expected a number")
+
+
+@every_kind
+def test_without_the_column_of_what_was_measured(kind: Kind, tmp_path: Path) -> None:
+    header = tuple("other" if name == kind.measured else name for name in kind.header)
+    said = complaint(replace(kind, header=header, measured="other"), tmp_path)
+    assert said.startswith("afferent.nwb: no spike times" if kind.nwb else "afferent.csv, row 1: no column ")
+    assert ", expected " in said
+
+
+@every_kind
+def test_a_file_with_nothing_in_it(kind: Kind, tmp_path: Path) -> None:
+    said = complaint(replace(kind, cells=[]), tmp_path)
+    assert said.startswith(f"afferent.{kind.suffix}: ")
+    assert said.endswith(("0 positions, expected 3 or more", "no spikes, expected the times of some",
+                          "no rows below the header, expected counts"))  # fmt: skip
+
+
+@every_kind
+def test_two_places_are_no_profile(kind: Kind, tmp_path: Path) -> None:
+    few = kind if kind.spikes else replace(kind, cells=kind.cells[:4])
+    said = complaint(few, tmp_path, run=journal(tmp_path, presses=4))
+    assert said == f"afferent.{kind.suffix}: 2 positions, expected 3 or more"
+
+
+@every_kind
+@pytest.mark.parametrize("what", ["missing", "a folder", "bytes"])
+def test_what_is_no_such_file(kind: Kind, tmp_path: Path, what: str) -> None:
+    path = tmp_path / f"no.{kind.suffix}"
+    if what == "a folder":
+        path.mkdir()
+    if what == "bytes":
+        path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(RecordingError) as caught:
+        read_recordings([f"bar:3={path}"], [], [journal(tmp_path)], Reading(columns=column_map(kind.columns)))
+    reason = {
+        "missing": "No such file or directory",
+        "a folder": "Is a directory",
+        "bytes": "not an NWB file (HDF5)" if kind.nwb else "not a CSV file in UTF-8",
+    }
+    assert str(caught.value).startswith(f"{path}: {reason[what]}")
+
+
+@every_kind
+def test_a_name_that_no_file_is_read_by(kind: Kind, tmp_path: Path) -> None:
+    role = "repeat" if kind.spikes else "kind"
+    said = complaint(replace(kind, columns=(*kind.columns, f"{role}=other")), tmp_path)
+    assert said.startswith(f"--columns {role}=other: no recording is read by it, expected one of ")
+    assert said.endswith(
+        "sync, time" if kind.nwb else "kind, time" if kind.spikes else "window" if kind.window_s else "sd"
+    )
+
+
+@every_kind
+def test_other_columns_are_read_over_only_where_some_are_named(kind: Kind, tmp_path: Path) -> None:
+    if kind.nwb:
+        pytest.skip("a table of units has whatever columns it has")
+    more = replace(kind, header=(*kind.header, "colour"), cells=[[*row, "red"] for row in kind.cells])
+    if kind.columns:
+        np.testing.assert_allclose(read(more, tmp_path).rate, read(kind, tmp_path).rate)
+    else:
+        assert complaint(more, tmp_path).startswith("afferent.csv, row 1: column 'colour', expected ")
+
+
+@every_kind
+def test_rows_of_another_length_and_a_column_twice(kind: Kind, tmp_path: Path) -> None:
+    if kind.nwb:
+        pytest.skip("a table of units has no such rows")
+    longer = [row if n != 1 else [*row, "1"] for n, row in enumerate(kind.cells)]
+    n = len(kind.header)
+    assert complaint(replace(kind, cells=longer), tmp_path) == f"afferent.csv, row 3: {n + 1} cells, expected {n}"
+    twice = replace(kind, header=(*kind.header, kind.measured), cells=[[*row, "1"] for row in kind.cells])
+    assert complaint(twice, tmp_path).startswith(f"afferent.csv, row 1: column {kind.measured!r}, expected ")

@@ -1,0 +1,65 @@
+"""Recorded positions that the run does not cover are listed, at each receptor and in a line."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from rig.compare.comparison import Comparison, compare
+from rig.compare.left_out import left_out_lines, left_out_rows
+from rig.compare.recordings.recorded import recording
+from rig.compare.stimuli import Stimulus
+
+
+@pytest.fixture
+def judged(make_stimulus: Callable[..., Stimulus]) -> Callable[..., Comparison]:
+    """Positions −3 … 3 mm recorded under a step that was moved from 2 to −2 mm, at given receptors."""
+
+    def make(receptors: list[float], positions: list[float], x_mm: list[float] | None = None) -> Comparison:
+        x = np.array([-2.0, 0.0, 2.0] if x_mm is None else x_mm)
+        stimulus = make_stimulus("step:1", x, np.array(receptors), {})
+        rows = [(position, 1.0, np.nan) for position in positions]
+        return compare([stimulus], {"step:1": recording("mine.csv", rows)})
+
+    return make
+
+
+def test_what_is_left_out_at_each_receptor(judged: Callable[..., Comparison]) -> None:
+    found = judged([-1.0, 0.0, 0.5], [-3, -2, -1, 0, 1, 2, 3])
+    (row,) = left_out_rows(found)
+    assert row == {
+        "shape": "step:1",
+        "condition": "2.33 gwt",
+        "recording": "mine.csv",
+        "positions": 7,
+        "left_out": [
+            {"receptor_mm": -1.0, "positions_mm": [-3.0, -2.0]},
+            {"receptor_mm": 0.0, "positions_mm": [-3.0, 3.0]},
+            {"receptor_mm": 0.5, "positions_mm": [-3.0, 2.0, 3.0]},
+        ],
+        "range_needed_mm": [-4.0, 3.5],
+    }
+    assert left_out_lines(found) == [
+        "step:1 at 2.33 gwt: 4 of 7 positions of mine.csv, at some receptors (-2, 2, 3 mm), at every one (-3 mm); "
+        "a run from 3.5 to -4 mm covers them"
+    ]
+
+
+def test_the_range_that_is_named_covers_everything(judged: Callable[..., Comparison]) -> None:
+    low, high = left_out_rows(judged([-1.0, 0.5], [-3.0, 3.0, 0.1]))[0]["range_needed_mm"]
+    found = judged([-1.0, 0.5], [-3.0, 3.0, 0.1], [low, high])
+    assert left_out_rows(found)[0]["left_out"] == []
+    assert left_out_lines(found) == []
+    assert left_out_lines(judged([-1.0, 0.5], [-3.0, 3.0, 0.1], [low + 0.01, high])) != []
+
+
+def test_only_some_and_only_every(judged: Callable[..., Comparison]) -> None:
+    (some,) = left_out_lines(judged([-1.0, 0.0], [-2.0, 0.0, 1.0]))
+    assert some.endswith("1 of 3 positions of mine.csv, at some receptors (-2 mm); a run from 1 to -3 mm covers them")
+    (every,) = left_out_lines(judged([0.0], [-2.5, 0.0, 1.0]))
+    assert every.endswith("1 of 3 positions of mine.csv, at every one (-2.5 mm); a run from 1 to -2.5 mm covers them")
+
+
+def test_nothing_recorded_leaves_nothing_out(make_stimulus: Callable[..., Stimulus]) -> None:
+    found = compare([make_stimulus("step:1", np.array([0.0, 1.0]), np.array([0.0]), {})], {})
+    assert (left_out_rows(found), left_out_lines(found)) == ([], [])
