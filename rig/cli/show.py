@@ -1,7 +1,7 @@
 """`rig show`: one run, as its folder tells it."""
 
-import json
 import tomllib
+from dataclasses import asdict
 from itertools import groupby
 from pathlib import Path
 from statistics import fmean
@@ -11,7 +11,8 @@ import typer
 
 from rig.cli.options import JsonOption
 from rig.cli.output import out, print_json, told_in_one_line
-from rig.data.reader import Run, RunError, read_run
+from rig.data import dictionary
+from rig.data.reader import Run, RunError, provenance_of, read_run
 from rig.data.run_tables import tables
 from rig.data.summary import FOREIGN, alive, foreign, summary_of
 
@@ -19,25 +20,39 @@ _UNKNOWN = "not known"
 
 
 def command(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.")],
+    run: Annotated[Path | None, typer.Argument(metavar="RUN", help="A run folder.")] = None,
+    columns: Annotated[
+        bool, typer.Option("--columns", help="Instead: every column of a run's tables, as in docs/data.md.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """What ran, in which state it is, limits, versions, forces, how it ended, and its files."""
     with told_in_one_line(as_json=as_json):
-        try:
-            told = _told(read_run(run))
-        except FOREIGN as error:
-            raise RunError(f"run {run}: {foreign(error)}") from None
+        if columns == (run is not None):
+            raise RunError("show: expected RUN, a run folder, or --columns")
+        told = _columns() if run is None else _described(run)
         if as_json:
             print_json(told)
+        elif run is None:
+            out.print(dictionary.as_markdown(), end="")
         else:
             out.print("\n".join(f"{name:<12}{line}" for name, line in _lines(told)))
 
 
+def _columns() -> dict[str, Any]:
+    return {"columns": [asdict(one) for one in dictionary.columns()]}
+
+
+def _described(path: Path) -> dict[str, Any]:
+    try:
+        return _told(read_run(path))
+    except FOREIGN as error:
+        raise RunError(f"run {path}: {foreign(error)}") from None
+
+
 def _told(run: Run) -> dict[str, Any]:
     about = alive(summary_of(run), run.folder.path.parent)
-    made = _read(run.folder.provenance, json.loads)
-    config = _read(run.folder.config, tomllib.loads)
+    made = provenance_of(run)
     return {
         "run": str(run.folder.path),
         "title": about.title,
@@ -53,7 +68,7 @@ def _told(run: Run) -> dict[str, Any]:
         "done": about.done,
         "ending": _ending(run, about.state),
         "presses": _presses(run),
-        "limits": {**config.get("limits", {}), "soft_trip_of_the_plan_n": run.start.get("soft_trip_n")},
+        "limits": {**_limits(run), "soft_trip_of_the_plan_n": run.start.get("soft_trip_n")},
         "devices": made.get("devices", {}) | _identities(run),
         "versions": {"python": made.get("python", _UNKNOWN), **made.get("versions", {})},
         "model": made.get("model", {}),
@@ -61,13 +76,13 @@ def _told(run: Run) -> dict[str, Any]:
     }
 
 
-def _read(path: Path, parse: Any) -> dict[str, Any]:
-    """A copy in the folder, or nothing where it is gone or not what it was: the journal is the truth."""
+def _limits(run: Run) -> dict[str, Any]:
+    """Of the configuration's copy; nothing where it is gone or is none: the journal is the truth."""
     try:
-        found = parse(path.read_text(encoding="utf-8"))
+        found = tomllib.loads(run.folder.config.read_text(encoding="utf-8")).get("limits", {})
     except (OSError, ValueError):
         return {}
-    return found if isinstance(found, dict) else {}
+    return dict(found)
 
 
 def _ending(run: Run, state: str) -> dict[str, Any] | None:

@@ -2,13 +2,17 @@
 
 import csv
 import io
+from collections.abc import Mapping
+from datetime import UTC, datetime
 from typing import Any
 
 import h5py
 import numpy as np
 
+from rig.data.dictionary import FLAGS, TEXT, about_table, meaning
 from rig.data.folder import replace_bytes, replace_text
-from rig.data.reader import Run
+from rig.data.reader import Run, provenance_of
+from rig.data.run_tables import Table, tables
 
 
 def export_run(run: Run, *, again: bool = True) -> None:
@@ -16,42 +20,51 @@ def export_run(run: Run, *, again: bool = True) -> None:
 
     Events of indentations that were interrupted and begun again go into tables of their own, STREAM_superseded.
     """
-    tables = {name: _columns(run.units[name], found) for name, found in run.events.items() if found}
-    tables |= {f"{name}_superseded": _columns(run.units[name], found) for name, found in run.superseded.items()}
+    found = tables(run)
     if again or not run.folder.data.exists():
-        _write_hdf5(run, tables)
-    for name, columns in tables.items():
+        _write_hdf5(run, found)
+    for name, table in found.items():
         path = run.folder.path / f"{name}.csv"
         if again or not path.exists():
-            replace_text(path, _as_csv(columns))
+            replace_text(path, _as_csv(table.columns))
 
 
-def _columns(units: dict[str, str], events: list[dict[str, Any]]) -> dict[str, list[Any]]:
-    """t_s and every described key, None where an event lacks it."""
-    return {key: [event.get(key) for event in events] for key in ("t_s", *units)}
-
-
-def _write_hdf5(run: Run, tables: dict[str, dict[str, list[Any]]]) -> None:
+def _write_hdf5(run: Run, found: Mapping[str, Table]) -> None:
     image = io.BytesIO()  # a full disk met by HDF5 itself leaves a file that nobody can close
     with h5py.File(image, "w") as file:
-        for key in ("protocol", "title", "planned_indentations"):
-            file.attrs[key] = run.start[key]
-        file.attrs["complete"] = run.complete
-        file.attrs["subject"] = run.start.get("subject") or ""
-        for stream, columns in tables.items():
+        file.attrs.update(_attributes(run))
+        for stream, table in found.items():
             group = file.create_group(stream)
-            for key, values in columns.items():
-                dataset = group.create_dataset(key, data=_as_array(values))
-                dataset.attrs["unit"] = "s" if key == "t_s" else run.units[stream.removesuffix("_superseded")][key]
+            group.attrs["description"] = about_table(stream)
+            for name, values in table.columns.items():
+                dataset = group.create_dataset(name, data=_as_array(name, values))
+                dataset.attrs["unit"] = table.units[name]
+                dataset.attrs["description"] = meaning(stream, name)
     replace_bytes(run.folder.data, image.getvalue())
 
 
-def _as_array(values: list[Any]) -> Any:
-    """Numbers as float64 (NaN where absent), booleans as they are, text as UTF-8."""
-    present = [value for value in values if value is not None]
-    if present and all(isinstance(value, bool) for value in present) and len(present) == len(values):
-        return np.array(values)
-    if all(isinstance(value, int | float) for value in present):
+def _attributes(run: Run) -> dict[str, Any]:
+    """Of the whole file, as rig/data/dictionary.py tells them."""
+    start = run.start
+    return {
+        "run": run.folder.path.resolve().name,
+        "uid": start.get("uid", ""),
+        "date_utc": datetime.fromtimestamp(start["unix_s"], UTC).isoformat(timespec="seconds"),
+        "version": provenance_of(run).get("versions", {}).get("indentation-rig", ""),
+        "protocol": start["protocol"],
+        "title": start["title"],
+        "subject": start.get("subject") or "",
+        "virtual": bool(start["virtual"]),
+        "planned_indentations": start["planned_indentations"],
+        "complete": run.complete,
+    }
+
+
+def _as_array(name: str, values: list[Any]) -> Any:
+    """Numbers as float64 (NaN where absent), flags as they are, text as UTF-8."""
+    if name in FLAGS:
+        return np.array([value is True for value in values])
+    if name not in TEXT and all(value is None or isinstance(value, int | float) for value in values):
         return np.array([np.nan if value is None else float(value) for value in values])
     return np.array(["" if value is None else str(value) for value in values], dtype=h5py.string_dtype())
 

@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 
 from rig.data.folder import replace_bytes
-from rig.data.reader import Run
+from rig.data.reader import Run, provenance_of
 from rig.devices.units import GWT_N
 
 _M_PER_MM = 1e-3
@@ -53,11 +53,29 @@ def _as_nwb(run: Run, pynwb: Any) -> Any:
         protocol=run.start["protocol"],
         notes=f"virtual bench: {run.start['virtual']}; complete: {run.complete}",
     )
+    _add_devices(run, file)
     _add_samples(run, file, pynwb)
     _add_indentations(run, file)
     _add_holds(run, file, pynwb)
     _add_sync(run, file, pynwb)
     return file
+
+
+def _add_devices(run: Run, file: Any) -> None:
+    """Stage, force sensor and indentors: what they are, and what they say of themselves."""
+    kinds = provenance_of(run).get("devices", {})
+    said = {"stage": _said(run, "home", "controller"), "force": _said(run, "zero", "sensor")}
+    for name, about in {"stage": "moves the indentor", "force": "feels what presses on the finger"}.items():
+        kind = kinds.get(name, "kind not known")
+        file.create_device(name=name, description=f"{about}: {kind}; says of itself: {said[name]}")
+    shapes = dict.fromkeys(str(event["indentor"]) for event in run.stream("mount"))
+    for number, shape in enumerate(shapes, 1):  # a name has no colon and no slash there, as those of shapes have
+        file.create_device(name=f"indentor {number}", description=f"rigid shape {shape}")
+
+
+def _said(run: Run, stream: str, key: str) -> str:
+    events = run.stream(stream)
+    return str(events[-1][key]) if events else "nothing"
 
 
 def _add_samples(run: Run, file: Any, pynwb: Any) -> None:

@@ -1,5 +1,6 @@
 """A run read back from its journal."""
 
+import json
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -113,6 +114,15 @@ def read_run(path: Path) -> Run:
         duration_s=_duration_s(documents),
         end_s=last["t_s"],
     )
+
+
+def provenance_of(run: Run) -> dict[str, Any]:
+    """Versions, command and devices that a run was made with; nothing where its folder does not say."""
+    try:
+        found = json.loads(run.folder.provenance.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def _by_stream(documents: Iterable[Document]) -> tuple[Events, Events]:
