@@ -24,13 +24,19 @@ class Figure:
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a page: its heading, a paragraph, a table and figures below it."""
+    """A part of a page: its heading, paragraphs (a blank line between them), a list, a table and figures below it."""
 
     title: str
     text: str
     header: tuple[str, ...] = ()
     rows: tuple[tuple[str, ...], ...] = ()
     figures: tuple[Figure, ...] = ()
+    points: tuple[str, ...] = ()
+
+
+def alone(figure: Figure) -> Section:
+    """A section that is one figure, under its title."""
+    return Section(figure.title, "", figures=(figure,))
 
 
 def figures_of(

@@ -4,10 +4,9 @@ import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import matplotlib as mpl
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"  # Okabe & Ito
@@ -24,7 +23,7 @@ _STYLE: dict[Any, Any] = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "svg.hashsalt": "rig",
-    "svg.fonttype": "none",  # text stays text in a figure that is saved
+    "svg.fonttype": "path",
     "legend.frameon": False,
 }
 
@@ -35,8 +34,6 @@ class Plot:
 
     size: tuple[float, float]
     draw: Callable[[Figure], None]
-    layout: Literal["constrained"] | None = "constrained"
-    """None: it has margins of its own, and is drawn once instead of twice."""
 
     @cached_property
     def svg(self) -> str:
@@ -54,9 +51,18 @@ class Plot:
 
     def _save(self, target: io.StringIO | io.BytesIO, **options: Any) -> None:
         with mpl.rc_context(_STYLE):
-            figure = Figure(figsize=self.size, layout=self.layout)
-            self.draw(figure)
-            figure.savefig(target, **options)
+            self._laid_out.savefig(target, **options)
+
+    @cached_property
+    def _laid_out(self) -> Figure:
+        """Drawn once for every format. Saving lays a figure out by drawing all of it: the engine alone is enough."""
+        figure = Figure(figsize=self.size, layout="constrained")
+        self.draw(figure)
+        engine = figure.get_layout_engine()
+        assert engine is not None
+        engine.execute(figure)
+        figure.set_layout_engine(None)
+        return figure
 
 
 def shade(k: int, n: int) -> Any:
@@ -75,53 +81,19 @@ def signed(x_mm: float) -> str:
     return f"{round(x_mm, 2) + 0.0:.2f}".replace("-", "−")
 
 
+def some_of(n: int, most: int) -> list[int]:
+    """Which of n ticks are written where there is room for so many, evenly spread, first and last among them."""
+    return sorted({round(k * (n - 1) / (most - 1)) for k in range(most)})
+
+
 def position_bar(figure: Figure, axes: Any, positions: Sequence[float]) -> None:
     """A scale for lines that are coloured by position: a band each."""
-    if len(set(positions)) > 1:
-        _scale(figure, sorted(set(positions)), {"ax": axes})
-
-
-def position_scale(axes: Axes, positions: Sequence[float]) -> None:
-    """The same at the right of a panel whose figure has margins of its own; it takes some 0.8 inches."""
-    if len(set(positions)) > 1:
-        figure: Any = axes.figure
-        width, _ = figure.get_size_inches()
-        place = axes.get_position()
-        beside = figure.add_axes((place.x1 + 0.12 / width, place.y0, 0.12 / width, place.height))
-        _scale(figure, sorted(set(positions)), {"cax": beside})
-
-
-def _scale(figure: Any, ranked: Sequence[float], where: dict[str, Any]) -> None:
+    ranked = sorted(set(positions))
     n = len(ranked)
+    if n == 1:
+        return
     bands = mpl.colors.ListedColormap([shade(k, n) for k in range(n)])
     scale = mpl.cm.ScalarMappable(mpl.colors.Normalize(-0.5, n - 0.5), bands)
-    ticks = sorted({round(k * (n - 1) / (_MOST_TICKS - 1)) for k in range(_MOST_TICKS)})
-    bar = figure.colorbar(scale, label="indentor x (mm)", ticks=ticks, **where)
+    ticks = some_of(n, _MOST_TICKS)
+    bar = figure.colorbar(scale, ax=axes, label="indentor x (mm)", ticks=ticks)
     bar.ax.set_yticklabels([signed(ranked[k]) for k in ticks], fontsize=8)
-
-
-@dataclass(frozen=True)
-class Room:
-    """Inches around the panels of a figure without a layout of its own, and between its columns and rows."""
-
-    left: float = 0.6
-    right: float = 0.1
-    bottom: float = 0.5
-    top: float = 0.3
-    columns: float = 0.6
-    rows: float = 0.6
-
-    def panels(self, figure: Figure, rows: int, columns: int, **how: Any) -> Any:
-        """(rows, columns) axes."""
-        width, height = figure.get_size_inches()
-        across = (width - self.left - self.right - (columns - 1) * self.columns) / columns
-        down = (height - self.bottom - self.top - (rows - 1) * self.rows) / rows
-        grid = {
-            "left": self.left / width,
-            "right": 1 - self.right / width,
-            "bottom": self.bottom / height,
-            "top": 1 - self.top / height,
-            "wspace": self.columns / across,
-            "hspace": self.rows / down,
-        }
-        return figure.subplots(rows, columns, squeeze=False, gridspec_kw=grid, **how)

@@ -22,16 +22,36 @@ _MOST_SHOWN = 3
 
 def comparison_figures(comparison: Comparison, maps: Sequence[StimulusMap]) -> list[Figure]:
     """In the order of the page; no figure is larger than a printed page holds."""
+    return [*recorded_figures(comparison), *shape_figures(comparison), *simulation_figures(comparison, maps)]
+
+
+def recorded_figures(comparison: Comparison) -> list[Figure]:
+    """What was recorded, with what the fits say."""
     measures = _shown(comparison)
-    moved = [stimulus for stimulus in comparison.stimuli if len(stimulus.x_mm) > 1]
+    return [figure for joint in comparison.joints for figure in _fits(joint, measures)]
+
+
+def shape_figures(comparison: Comparison) -> list[Figure]:
+    """Profiles and their shape tests."""
+    measures = _shown(comparison)
     return [
-        *(figure for joint in comparison.joints for figure in _fits(joint, measures)),
         *_heat_maps(comparison),
-        *(_profiles(s, measures, tested=comparison.passes(s) is not None) for s in moved),
+        *(_profiles(s, measures, tested=comparison.passes(s) is not None) for s in _moved(comparison)),
+    ]
+
+
+def simulation_figures(comparison: Comparison, maps: Sequence[StimulusMap]) -> list[Figure]:
+    """What the finger does, whatever was recorded."""
+    measures, moved = _shown(comparison), _moved(comparison)
+    return [
         *(_population(stimulus, measures) for stimulus in comparison.stimuli),
         *_pressures(moved),
         *_strain_maps(maps),
     ]
+
+
+def _moved(comparison: Comparison) -> list[Stimulus]:
+    return [stimulus for stimulus in comparison.stimuli if len(stimulus.x_mm) > 1]
 
 
 def _shown(comparison: Comparison) -> list[str]:
@@ -97,7 +117,8 @@ def _population(stimulus: Stimulus, measures: list[str]) -> Figure:
     return Figure(
         f"Population responses: {stimulus.title}",
         profile_figures.populations(stimulus, measures),
-        "The measures at all receptors, one line for each position of the indentor.",
+        "The measures at all receptors for each position of the indentor. In images a row is a position; dotted: "
+        "the indentor's reference point is over the receptor; black, where a measure has both signs: zero.",
     )
 
 

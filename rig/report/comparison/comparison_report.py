@@ -7,15 +7,17 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from rig.compare.comparison import COLLINEAR, Comparison, Joint
+from rig.compare.comparison import Comparison, Joint
 from rig.compare.recordings.inputs import sha256
-from rig.compare.shape_test import THRESHOLD
 from rig.compare.stimulus_maps import StimulusMap
-from rig.compare.tables import best_receptor, indistinguishable_rows, joint_row, threshold_rows
+from rig.compare.tables import best_receptor, indistinguishable_rows, joint_row
 from rig.data import Run
 from rig.data.folder import replace_bytes, replace_text
-from rig.report.comparison.comparison_figures import comparison_figures
-from rig.report.html import Section, as_png, render
+from rig.report.comparison.comparison_figures import recorded_figures, shape_figures, simulation_figures
+from rig.report.comparison.measures_section import measures_section
+from rig.report.comparison.shape_section import shape_sections
+from rig.report.comparison.source_section import source_section, table_5_1
+from rig.report.html import Section, alone, as_png, render
 from rig.report.labels import as_limits, as_number, as_positions, unit
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
@@ -40,9 +42,8 @@ def write_comparison(
         render,
         "comparison.html.j2",
         title=title,
-        extra=extra,
-        figures=comparison_figures(comparison, maps),
-        **_verdicts(comparison),
+        sections=_sections(comparison, finger, extra, maps),
+        **_fits(comparison),
         **_provenance(comparison, runs, finger, command),
         **_WRITTEN,
     )
@@ -54,16 +55,25 @@ def write_comparison(
         replace_bytes(pdf, as_pdf(page(picture=as_png), newest))
 
 
-def _verdicts(comparison: Comparison) -> dict[str, Any]:
+def _sections(
+    comparison: Comparison, finger: Fingertip, extra: Sequence[Section], maps: Sequence[StimulusMap]
+) -> list[Section]:
+    """In the order of the page: recordings, what was asked for besides, the simulation, what words mean."""
+    return [
+        *map(alone, recorded_figures(comparison)),
+        *extra,
+        *shape_sections(comparison, shape_figures(comparison)),
+        *map(alone, simulation_figures(comparison, maps)),
+        measures_section(comparison, finger.e_epidermis_mpa),
+        source_section(comparison),
+        *([table] if (table := table_5_1(comparison)).rows else []),
+    ]
+
+
+def _fits(comparison: Comparison) -> dict[str, Any]:
     return {
         "comparison": comparison,
         "verdicts": verdict_rows(comparison),
-        "thresholds": threshold_rows(comparison),
-        "threshold": THRESHOLD,
-        "collinear": [(name, groups) for name, groups in comparison.collinear() if groups],
-        "collinear_from": COLLINEAR,
-        "conditions": comparison.candidates_by_condition(),
-        "judged": [s.title for s in comparison.stimuli if comparison.passes(s) is not None],
         "sets": [(joint.title, indistinguishable_rows(joint)) for joint in comparison.joints],
     }
 
@@ -79,20 +89,11 @@ def _provenance(comparison: Comparison, runs: Sequence[Run], finger: Fingertip, 
 
 
 def verdict_rows(comparison: Comparison) -> list[dict[str, Any]]:
-    """One row a measure: where it passes under each stimulus, and its best receptor in each joint fit."""
-    candidates = comparison.candidates()
-    passed = [(stimulus, comparison.passes(stimulus)) for stimulus in comparison.stimuli]
-    rows = []
-    for m, measure in enumerate(MEASURES):
-        rows.append(
-            {
-                "measure": measure,
-                "candidate": measure in candidates,
-                "passes": [s.receptor_mm[flags[m]].tolist() for s, flags in passed if flags is not None],
-                "fits": [_best(joint, m) for joint in comparison.joints],
-            }
-        )
-    return rows
+    """One row a measure: its best receptor in each joint fit."""
+    return [
+        {"measure": measure, "fits": [_best(joint, m) for joint in comparison.joints]}
+        for m, measure in enumerate(MEASURES)
+    ]
 
 
 def _best(joint: Joint, measure: int) -> dict[str, Any] | None:

@@ -14,12 +14,13 @@ from rig.compare.comparison import Comparison
 from rig.compare.stimuli import Stimulus
 from rig.report.comparison.pair_labels import frame
 from rig.report.labels import label
-from rig.report.style import GREY, Plot, signed
+from rig.report.style import GREY, Plot, signed, some_of
 from sim.measures.measures import MEASURES
 
 Array = NDArray[np.float64]
 
 CORRELATIONS_A_PAGE, PRESSURES_A_PAGE = 8, 9
+_MOST_RECEPTORS = 12
 _DARK = 0.5  # |r| beyond which black is not seen on a map's colours
 
 
@@ -68,7 +69,8 @@ def _heat_map(axes: Axes, stimulus: Stimulus, r: Array | None, passed: NDArray[n
     if passed is not None:
         measure, receptor = np.nonzero(passed)
         axes.plot(receptor, measure, "o", ms=4, mfc="black", mec="white", mew=0.6)
-    axes.set_xticks(range(n), [signed(x) for x in stimulus.receptor_mm], fontsize=6.5, rotation=90)
+    written = some_of(n, _MOST_RECEPTORS)
+    axes.set_xticks(written, [signed(x) for x in stimulus.receptor_mm[written]], fontsize=6.5, rotation=90)
     axes.set_yticks(range(len(MEASURES)), [label(m) for m in MEASURES], fontsize=7)
     axes.set_xticks(np.arange(n - 1) + 0.5, minor=True)
     axes.set_yticks(np.arange(len(MEASURES) - 1) + 0.5, minor=True)

@@ -2,21 +2,27 @@
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from rig.compare.shape_test import THRESHOLD, shape_test
 from rig.compare.stimuli import Stimulus
 from rig.report.labels import label, unit
-from rig.report.style import BLUE, GREY, ORANGE, Plot, position_bar, shade_of, signed
+from rig.report.style import BLUE, GREY, ORANGE, Plot, shade_of, signed, some_of
 from sim.measures.measures import MEASURES
 
 Array = NDArray[np.float64]
 
 _STEP_UP = 0.8  # from one profile to the next, of the range
-_HIGHEST_IN = 5.6
+_HIGHEST_IN, _MOST_LEVELS = 5.6, 20
 _MARKERS = "osD^vP"
-"""For positions few enough to tell by marker; more are told by colour."""
+"""For positions few enough to tell by marker; more are rows of an image."""
+_BOTH_SIGNS = 0.05  # of the largest magnitude: a measure has both signs from here on
+_TICKS_OF_A_SCALE = 4
+_OUTLINED = [withStroke(linewidth=2.0, foreground="black")]
 
 
 def ssrps(stimulus: Stimulus, measures: list[str]) -> Plot:
@@ -26,8 +32,10 @@ def ssrps(stimulus: Stimulus, measures: list[str]) -> Plot:
 
 
 def populations(stimulus: Stimulus, measures: list[str]) -> Plot:
-    """The measures at all receptors, one line for each indentor position."""
-    return Plot((0.8 + 3.1 * len(measures), 2.75), lambda figure: _populations(figure, stimulus, measures))
+    """The measures at all receptors for each indentor position: lines where these are few, images else."""
+    if _few(stimulus):
+        return Plot((0.8 + 2.4 * len(measures), 2.6), lambda figure: _lines(figure, stimulus, measures))
+    return Plot((0.5 + 2.5 * len(measures), 2.9), lambda figure: _images(figure, stimulus, measures))
 
 
 def _ssrps(figure: Figure, stimulus: Stimulus, measures: list[str]) -> None:
@@ -40,7 +48,8 @@ def _ssrps(figure: Figure, stimulus: Stimulus, measures: list[str]) -> None:
         axes.set_title(f"{label(measure)}, one step up = {_STEP_UP * size:.3g} {unit(measure)}", fontsize=8)
         axes.set_xlabel("indentor x (mm)")
         levels = _STEP_UP * np.arange(len(stimulus.receptor_mm))
-        axes.set_yticks(levels, [signed(x) for x in stimulus.receptor_mm])
+        written = some_of(len(levels), _MOST_LEVELS)
+        axes.set_yticks(levels[written], [signed(x) for x in stimulus.receptor_mm[written]])
     panels[0].set_ylabel("receptor x (mm)")
 
 
@@ -63,20 +72,47 @@ def _one_ssrp(axes: Axes, stimulus: Stimulus, profile: Array, k: int) -> None:
     axes.annotate(mark, (end, level), (4, 0), textcoords="offset points", fontsize=7, color=colour, va="center")
 
 
-def _populations(figure: Figure, stimulus: Stimulus, measures: list[str]) -> None:
+def _few(stimulus: Stimulus) -> bool:
+    return len(stimulus.x_mm) <= len(_MARKERS)
+
+
+def _lines(figure: Figure, stimulus: Stimulus, measures: list[str]) -> None:
     panels = figure.subplots(1, len(measures), squeeze=False)[0]
     positions = [float(x) for x in stimulus.x_mm]
-    few = len(positions) <= len(_MARKERS)
     for axes, measure in zip(panels, measures, strict=True):
         rows = stimulus.measures[MEASURES.index(measure)]
         for k, (x, row) in enumerate(zip(positions, rows, strict=True)):
-            marker, size = (_MARKERS[k], 6 - 0.7 * k) if few else ("o", 2)  # what coincides stays visible
+            style = {"marker": _MARKERS[k], "ms": 6 - 0.7 * k}  # what coincides stays visible
             colour = shade_of(x, positions)
-            axes.plot(stimulus.receptor_mm, row, marker, ls="-", ms=size, lw=0.9, color=colour, label=signed(x))
+            axes.plot(stimulus.receptor_mm, row, ls="-", lw=0.9, color=colour, label=signed(x), **style)
         axes.set(xlabel="receptor x (mm)", ylabel=f"{label(measure)} ({unit(measure)})")
-    if few:
-        handles, names = panels[0].get_legend_handles_labels()
-        style = {"fontsize": 8, "title_fontsize": 8}
-        figure.legend(handles, names, loc="outside right upper", title="indentor x (mm)", **style)
-    else:
-        position_bar(figure, panels.tolist(), positions)
+    handles, names = panels[0].get_legend_handles_labels()
+    style = {"fontsize": 8, "title_fontsize": 8}
+    figure.legend(handles, names, loc="outside right upper", title="indentor x (mm)", **style)
+
+
+def _images(figure: Figure, stimulus: Stimulus, measures: list[str]) -> None:
+    panels = figure.subplots(1, len(measures), squeeze=False, sharey=True)[0]
+    for axes, measure in zip(panels, measures, strict=True):
+        image = _image(axes, stimulus, stimulus.measures[MEASURES.index(measure)])
+        axes.set_title(f"{label(measure)} ({unit(measure)})", fontsize=8)
+        axes.set_xlabel("receptor x (mm)", fontsize=8)
+        axes.tick_params(labelsize=8)
+        bar = figure.colorbar(image, ax=axes, location="bottom", aspect=24, pad=0.02)
+        bar.locator = MaxNLocator(_TICKS_OF_A_SCALE)
+        bar.ax.tick_params(labelsize=7)
+    panels[0].set_ylabel("indentor x (mm)", fontsize=8)
+
+
+def _image(axes: Axes, stimulus: Stimulus, values: Array) -> QuadMesh:
+    """Values (n, receptors); of both signs, zero is in the middle of the colours, and drawn as a line."""
+    at, of = stimulus.receptor_mm, stimulus.x_mm
+    top = float(np.abs(values).max()) or 1.0
+    both = float(values.min()) < -_BOTH_SIGNS * top and float(values.max()) > _BOTH_SIGNS * top
+    scale = {"cmap": "PuOr_r", "vmin": -top, "vmax": top} if both else {"cmap": "viridis"}
+    image = axes.pcolormesh(at, of, values, shading="nearest", rasterized=True, **scale)
+    if both:
+        axes.contour(at, of, values, [0.0], colors="black", linewidths=0.8)
+    seen = (of >= at.min()) & (of <= at.max())
+    axes.plot(of[seen], of[seen], ls=(0, (2, 3)), lw=1.0, color="white", path_effects=_OUTLINED)
+    return image

@@ -1,17 +1,23 @@
 """The figures of a report at print size: what an A4 page cannot hold at full size would shrink with its letters."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.collections import QuadMesh
+from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure as Canvas
 from matplotlib.text import Text
+from matplotlib.transforms import Bbox
 
 from rig.compare.comparison import Comparison, compare
 from rig.compare.recordings.recorded import recording
 from rig.compare.stimuli import Stimulus
 from rig.compare.stimulus_maps import StimulusMap
-from rig.report.comparison.comparison_figures import comparison_figures
+from rig.report.comparison.comparison_figures import comparison_figures, shape_figures
+from rig.report.comparison.profile_figures import populations
+from rig.report.comparison.source_section import source_section
 from rig.report.html import Figure
 from rig.report.style import PAGE_IN, position_bar, shade, shade_of
 from sim.measures.receptors import DEFAULT_X_MM
@@ -61,6 +67,19 @@ def written(canvas: Canvas) -> Iterator[Text]:
     yield from (text for text in texts if text.get_text().strip() and text.get_visible())
 
 
+def seen(canvas: Canvas) -> Iterator[Text]:
+    """All but the labels of ticks beyond the ends of their axes, and all of panels that are not shown."""
+    hidden = set()
+    for axes in canvas.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            low, high = sorted(axis.get_view_interval())
+            off = [t for t in axis.get_major_ticks() if not low - 1e-9 <= t.get_loc() <= high + 1e-9]
+            hidden |= {label for tick in off for label in (tick.label1, tick.label2)}
+        if not axes.get_visible():
+            hidden |= set(axes.findobj(Text))
+    yield from (text for text in written(canvas) if text not in hidden)
+
+
 def test_every_figure_is_printed_at_its_own_size_and_can_be_read(
     comparison: Comparison, section: StimulusMap
 ) -> None:
@@ -79,6 +98,64 @@ def test_every_figure_is_printed_at_its_own_size_and_can_be_read(
         ink = canvas.get_tightbbox()  # in inches
         assert min(ink.x0, ink.y0) >= 0, f"{figure.title} is cut off"
         assert (ink.x1 <= width) & (ink.y1 <= height), f"{figure.title} is cut off"
+
+
+def test_letters_do_not_lie_over_each_other(comparison: Comparison, section: StimulusMap) -> None:
+    """Ticks, titles and labels of one figure of each kind, with four times as many receptors as usual, too."""
+    found = [*comparison_figures(comparison, [section] * 3), *source_section(comparison).figures]
+    many = np.linspace(-2, 2, 41)
+    crowded = [
+        replace(s, receptor_mm=many, measures=np.repeat(s.measures[..., :1], 41, axis=-1))
+        for s in comparison.stimuli[:2]
+    ]
+    kinds = {figure.title.partition(":")[0]: figure for figure in found}
+    for figure in (*kinds.values(), *shape_figures(compare(crowded, {}))[:2]):
+        boxes = [(text.get_window_extent(), text.get_text()) for text in seen(drawn(figure))]
+        for k, (box, words) in enumerate(boxes):
+            over = [other for place, other in boxes[k + 1 :] if _area(box, place) > 1]
+            assert not over, f"{figure.title}: {words!r} and {over}"
+
+
+def _area(one: Bbox, other: Bbox) -> float:
+    """What two boxes share, in dots."""
+    shared = Bbox.intersection(one, other)
+    return 0.0 if shared is None else float(shared.width * shared.height)
+
+
+def test_population_responses_are_images_of_receptors_and_positions(make_stimulus: Callable[..., Stimulus]) -> None:
+    receptors = np.array(DEFAULT_X_MM)
+    both = np.add.outer(X, receptors)
+    many = make_stimulus("step:1", X, receptors, {"ep1": np.abs(both), "e13": both})
+    canvas = drawn(_population(many))
+    images = [mesh for axes in canvas.axes for mesh in axes.collections if isinstance(mesh, QuadMesh)]
+    one, other = images[:2]
+    assert one.get_array().shape == (len(X), len(receptors))
+    np.testing.assert_array_equal(np.asarray(one.get_array()), np.abs(both))
+    assert (one.get_cmap().name, other.get_cmap().name) == ("viridis", "PuOr_r")  # of one sign, of both
+    assert other.get_clim() == (-6.0, 6.0)
+    assert [sum(isinstance(c, QuadContourSet) for c in axes.collections) for axes in canvas.axes[:2]] == [0, 1]
+    dotted = canvas.axes[0].lines[0]
+    np.testing.assert_array_equal(dotted.get_xdata(), dotted.get_ydata())
+    assert (np.min(dotted.get_xdata()), np.max(dotted.get_xdata())) == (X[X >= -2][0], X[X <= 2][-1])
+    few = make_stimulus("step:1", X[:6], receptors, {"ep1": both[:6]})
+    canvas = drawn(_population(few))
+    assert len(canvas.axes[0].lines) == 6
+    assert len({line.get_marker() for line in canvas.axes[0].lines}) == 6
+    assert not drawn(_population(make_stimulus("step:1", X[:7], receptors, {"ep1": both[:7]}))).axes[0].lines[1:]
+
+
+@pytest.mark.parametrize(("least", "cmap"), [(-0.04, "viridis"), (-0.06, "PuOr_r")])
+def test_a_little_of_the_other_sign_keeps_the_colours(
+    make_stimulus: Callable[..., Stimulus], least: float, cmap: str
+) -> None:
+    values = np.linspace(least, 1, 25)[:, None] * np.ones(3)
+    stimulus = make_stimulus("step:1", X, np.array([-1.0, 0, 1]), {"ep1": values})
+    mesh = drawn(_population(stimulus)).axes[0].collections[0]
+    assert mesh.get_cmap().name == cmap
+
+
+def _population(stimulus: Stimulus) -> Figure:
+    return Figure("", populations(stimulus, ["ep1", "e13"]), "")
 
 
 def test_more_panels_than_a_page_holds_are_several_figures(comparison: Comparison) -> None:
