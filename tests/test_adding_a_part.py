@@ -256,7 +256,7 @@ def test_a_section_of_the_report_of_a_run(tree: Tree, finger: Fingertip) -> None
     tree.add("section of the run's report", "", {}, insertions.RUN_SECTION)
     run, _ = tree.dry_run(drawn=True)
     page = (run / "report.html").read_text(encoding="utf-8")
-    assert re.findall(r"<h2[^>]*>(F.*)</h2>", page) == ["Force against depth", "Force against time"]
+    assert re.findall(r"<h2[^>]*>(F.*)</h2>", page) == ["Force against time", "Force against depth", "Final depths"]
 
 
 def test_a_section_of_the_report_of_a_comparison(tree: Tree, finger: Fingertip) -> None:

@@ -1,5 +1,7 @@
 """What the time of a run went to."""
 
+from dataclasses import dataclass
+
 from rig.data.reader import Run
 from rig.engine.streams import WAITED_FOR
 
@@ -18,19 +20,36 @@ _LEADS_TO = {
 _UNTIL_THEN = "paused"  # what leads to it belongs to what it came between
 
 
-def booked_s(run: Run) -> dict[str, float]:
-    """Seconds of the run's clock that led to each kind of event, presses that are no data or were begun anew too."""
-    totals = dict.fromkeys(_LEADS_TO.values(), 0.0)
-    last_s, before_s = run.start["t_s"], 0.0
+@dataclass(frozen=True)
+class Span:
+    """A stretch of the run's clock and what it went to."""
+
+    begin_s: float
+    end_s: float
+    what: str
+
+
+def spans(run: Run) -> list[Span]:
+    """What led to each event, presses that are no data or were begun anew too; together they are the whole run."""
+    found, paused = list[Span](), list[tuple[float, float]]()
+    last_s = run.start["t_s"]
     for t_s, kind in sorted(_stamps(run)):
-        gone_s, last_s = t_s - last_s, t_s
+        gone, last_s = (last_s, t_s), t_s
         if kind == _UNTIL_THEN:
-            before_s += gone_s
+            paused.append(gone)
             continue
-        totals[_LEADS_TO[kind]] += gone_s
+        found.append(Span(*gone, _LEADS_TO[kind]))
         if kind not in WAITED_FOR:
-            totals[_LEADS_TO[kind]] += before_s
-            before_s = 0.0
+            found += [Span(*before, _LEADS_TO[kind]) for before in paused]
+            paused = []
+    return found
+
+
+def booked_s(run: Run) -> dict[str, float]:
+    """Seconds of the run's clock that led to each kind of event."""
+    totals = dict.fromkeys(_LEADS_TO.values(), 0.0)
+    for span in spans(run):
+        totals[span.what] += span.end_s - span.begin_s
     return totals
 
 

@@ -4,9 +4,10 @@ import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import matplotlib as mpl
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"  # Okabe & Ito
@@ -23,7 +24,7 @@ _STYLE: dict[Any, Any] = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "svg.hashsalt": "rig",
-    "svg.fonttype": "path",
+    "svg.fonttype": "none",  # text stays text in a figure that is saved
     "legend.frameon": False,
 }
 
@@ -34,6 +35,8 @@ class Plot:
 
     size: tuple[float, float]
     draw: Callable[[Figure], None]
+    layout: Literal["constrained"] | None = "constrained"
+    """None: it has margins of its own."""
 
     @cached_property
     def svg(self) -> str:
@@ -55,13 +58,13 @@ class Plot:
 
     @cached_property
     def _laid_out(self) -> Figure:
-        """Drawn once for every format. Saving lays a figure out by drawing all of it: the engine alone is enough."""
-        figure = Figure(figsize=self.size, layout="constrained")
+        """Drawn once for every format. Saving would draw all of it once more for its layout: the engine is enough."""
+        figure = Figure(figsize=self.size, layout=self.layout)
         self.draw(figure)
         engine = figure.get_layout_engine()
-        assert engine is not None
-        engine.execute(figure)
-        figure.set_layout_engine(None)
+        if engine is not None:
+            engine.execute(figure)
+            figure.set_layout_engine(None)
         return figure
 
 
@@ -88,12 +91,51 @@ def some_of(n: int, most: int) -> list[int]:
 
 def position_bar(figure: Figure, axes: Any, positions: Sequence[float]) -> None:
     """A scale for lines that are coloured by position: a band each."""
-    ranked = sorted(set(positions))
+    if len(set(positions)) > 1:
+        _scale(figure, sorted(set(positions)), {"ax": axes})
+
+
+def position_scale(axes: Axes, positions: Sequence[float]) -> None:
+    """The same at the right of a panel whose figure has margins of its own; it takes some 0.8 inches."""
+    if len(set(positions)) > 1:
+        figure: Any = axes.figure
+        width, _ = figure.get_size_inches()
+        place = axes.get_position()
+        beside = figure.add_axes((place.x1 + 0.12 / width, place.y0, 0.12 / width, place.height))
+        _scale(figure, sorted(set(positions)), {"cax": beside})
+
+
+def _scale(figure: Any, ranked: Sequence[float], where: dict[str, Any]) -> None:
     n = len(ranked)
-    if n == 1:
-        return
     bands = mpl.colors.ListedColormap([shade(k, n) for k in range(n)])
     scale = mpl.cm.ScalarMappable(mpl.colors.Normalize(-0.5, n - 0.5), bands)
     ticks = some_of(n, _MOST_TICKS)
-    bar = figure.colorbar(scale, ax=axes, label="indentor x (mm)", ticks=ticks)
+    bar = figure.colorbar(scale, label="indentor x (mm)", ticks=ticks, **where)
     bar.ax.set_yticklabels([signed(ranked[k]) for k in ticks], fontsize=8)
+
+
+@dataclass(frozen=True)
+class Room:
+    """Inches around the panels of a figure without a layout of its own, and between its columns and rows."""
+
+    left: float = 0.6
+    right: float = 0.1
+    bottom: float = 0.5
+    top: float = 0.3
+    columns: float = 0.6
+    rows: float = 0.6
+
+    def panels(self, figure: Figure, rows: int, columns: int, **how: Any) -> Any:
+        """(rows, columns) axes."""
+        width, height = figure.get_size_inches()
+        across = (width - self.left - self.right - (columns - 1) * self.columns) / columns
+        down = (height - self.bottom - self.top - (rows - 1) * self.rows) / rows
+        grid = {
+            "left": self.left / width,
+            "right": 1 - self.right / width,
+            "bottom": self.bottom / height,
+            "top": 1 - self.top / height,
+            "wspace": self.columns / across,
+            "hspace": self.rows / down,
+        }
+        return figure.subplots(rows, columns, squeeze=False, gridspec_kw=grid, **how)

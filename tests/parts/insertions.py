@@ -82,25 +82,25 @@ COMMAND = [
 RUN_SECTION = [
     (
         "rig/report/run/run_figures.py",
-        "def contact_panels(",
+        "def population_responses(",
         '''\
-def force_time(run: Run) -> Plot:
-    """Force against the run's clock."""
-    return Plot((6.6, 2.6), lambda figure: _force_time(figure, run))
+def final_depths(found: list[Response]) -> Plot:
+    """Depth of each hold against the indentor's place."""
+    return Plot((6.6, 2.6), lambda figure: _final_depths(figure, found))
 
 
-def _force_time(figure: Figure, run: Run) -> None:
-    axes, samples = figure.subplots(), run.stream("sample")
-    axes.plot([s["t_s"] for s in samples], [s["force_gwt"] for s in samples], color=BLUE, lw=1)
-    axes.set(xlabel="time (s)", ylabel="force (gwt)")
+def _final_depths(figure: Figure, found: list[Response]) -> None:
+    axes = figure.subplots()
+    axes.plot([r.hold["x_mm"] for r in found], [r.hold["doi_mm"] for r in found], ".", color=GREY)
+    axes.set(xlabel="indentor x (mm)", ylabel="depth (mm)")
 
 
 ''',
     ),
     (
         "rig/report/run/run_report.py",
-        '        *figures_of(\n            "Contact at each',
-        '        Figure("Force against time", run_figures.force_time(run), "Every reading."),\n',
+        '        Figure(\n            "Population',
+        '        Figure("Final depths", run_figures.final_depths(found), "Every hold."),\n',
     ),
 ]
 

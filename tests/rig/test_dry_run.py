@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 import pytest
+from rig.report.run.run_tables import phases
 
 from rig.data import Run, read_run
 from rig.engine import RunAborted, TripError
@@ -18,7 +19,7 @@ from rig.engine.records import Phase
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.report.run.run_report import _phase_durations, write_report
+from rig.report.run.run_report import write_report
 from rig.session.attendant import Nobody
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
@@ -284,7 +285,7 @@ def test_an_operators_stop_ends_the_run_lifted(finger: Fingertip, tmp_path: Path
 def test_every_phase_of_a_run_has_a_place_among_its_durations(bar: Run) -> None:
     """A reading that ended a motion among them: such a run has a report, too."""
     (start,) = bar.stream("sample")[:1]
-    phases = [phase for phase in get_args(Phase) if phase != "compliance"]
-    samples = [{**start, "phase": phase, "t_s": start["t_s"] + n} for n, phase in enumerate(phases)]
+    known = [phase for phase in get_args(Phase) if phase != "compliance"]
+    samples = [{**start, "phase": phase, "t_s": start["t_s"] + n} for n, phase in enumerate(known)]
     every = replace(bar, events={**bar.events, "sample": samples})
-    assert sum(seconds for _, seconds in _phase_durations(every)) > 0
+    assert sum(phase.seconds for phase in phases(every)) > 0

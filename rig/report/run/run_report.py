@@ -1,37 +1,48 @@
 """One self-contained HTML file for a run."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rig.data import Run
-from rig.data.bench_time import booked_s
 from rig.data.folder import replace_text
 from rig.plan.responses import Response, by_group, responses
 from rig.report.html import Figure, figures_of, render
-from rig.report.run import run_figures
+from rig.report.run import contact_figures, force_figures, run_figures, what_ran
+from rig.report.run.conditions import Condition, by_target, conditions
 from rig.report.run.contact_picture import PICTURES_A_PAGE, contacts_from_below, is_relief
+from rig.report.run.numbers import write_numbers
 from rig.report.style import signed
 from sim.models.fingertip import Fingertip
+
+_KPA_PER_MPA = 1000
 
 
 def write_report(
     run: Run, finger: Fingertip, wall_s: float | None = None, ending: Mapping[str, str] | None = None
 ) -> Path:
-    """Write report.html into the run's folder; a run without a finished indentation gets its tables only.
+    """Write report.html into the run's folder, and the model's numbers beside it.
 
-    ending: what is to be said of a run that ended before its end, by what it is about.
+    A run without a finished indentation gets its tables only. ending: what is to be said of a run that ended before
+    its end, by what it is about.
     """
     found = responses(run, finger)
+    provenance = json.loads(run.folder.provenance.read_text(encoding="utf-8"))
+    if found:
+        write_numbers(run, found)
     text = render(
         "run.html.j2",
         run=run,
-        found=found,
-        figures=_figures(run, found) if found else [],
-        phases=_phase_durations(run),
-        provenance=json.loads(run.folder.provenance.read_text(encoding="utf-8")),
+        found=what_ran.one_by_one(run, found),
+        conditions=what_ran.condition_rows(run, found),
+        figures=_figures(run, found, finger),
+        phases=what_ran.phases(run),
+        why_approach=what_ran.why_approach(run),
+        limits=what_ran.limits(run),
+        devices=what_ran.devices(run, provenance),
+        provenance=provenance,
         checksums=_checksums(run),
         finger=finger,
         wall_s=wall_s,
@@ -41,29 +52,63 @@ def write_report(
     return run.folder.report
 
 
-def _figures(run: Run, found: list[Response]) -> list[Figure]:
-    shown = _contact_figures(run, found)
+def _figures(run: Run, found: list[Response], finger: Fingertip) -> list[Figure]:
+    read = any(run.stream(stream) for stream in force_figures.SAMPLES)
+    over_time = [_over_time(run)] if read else []
+    if not found:
+        return over_time
     moved = any(len(members) > 1 for members in by_group(found).values())
-    return [*shown, *_ssrp_figures(found)] if moved else shown
+    pressed = [*over_time, *_press_figures(run), *_contact_figures(run, found, finger)]
+    return [*pressed, *_ssrp_figures(found)] if moved else pressed
 
 
-def _contact_figures(run: Run, found: list[Response]) -> list[Figure]:
-    last = [response for response in found if response.last]
+def _over_time(run: Run) -> Figure:
+    return Figure(
+        "Force against time",
+        force_figures.force_time(run),
+        "Every reading of the run; grey: presses that are no data. Below: what the time went to; white is what moved "
+        "sideways, rested, was zeroed or waited for. Numbers: sample.csv.",
+    )
+
+
+def _press_figures(run: Run) -> list[Figure]:
     return [
         Figure(
-            "Force against depth",
-            run_figures.force_doi(run),
-            "As read by the force sensor against the depth from the contact fitted at each touch-off. "
-            "One line for each indentation, coloured by the indentor's position.",
+            "Press, hold and relaxation",
+            force_figures.presses(run),
+            "Left: force from the beginning of each press, all repeats. Right: force in each hold over its first "
+            "reading. Coloured by the indentor's position. Numbers: sample.csv.",
         ),
-        *figures_of(
-            "Contact at each position",
-            last,
-            run_figures.CONTACTS_A_PAGE,
-            partial(run_figures.contact_panels, top=run_figures.highest_pressure(last)),
-            "Black: the indentor. Grey: the deformed skin in the receptor plane. Orange: contact regions. "
-            "Blue, right axis: nodal pressure against undeformed x, unfiltered, in pseudo-units "
-            "(E of the epidermis = 10 000). The last hold of each indentation.",
+        Figure(
+            "Force against depth",
+            force_figures.force_depth(run),
+            "While pressing, against the depth from the contact fitted at each touch-off. Left: the mean of each "
+            "condition's repeats, on the depths that all of them reached. Right: their standard deviation. "
+            "Numbers: sample.csv.",
+        ),
+    ]
+
+
+def _contact_figures(run: Run, found: list[Response], finger: Fingertip) -> list[Figure]:
+    last = [response for response in found if response.last]
+    top, kpa = contact_figures.highest_pressure(last), finger.e_epidermis_mpa * _KPA_PER_MPA / 10
+    caption = (
+        "Black: the indentor. Grey: the deformed skin in the receptor plane. Orange: contact regions. Blue: nodal "
+        "pressure against undeformed x, unfiltered, in pseudo-units (E of the epidermis = 10 000); 1 000 of them are "
+        f"{kpa:.3g} kPa on this finger. Repeats lie over one another. The last hold of each indentation. Numbers: "
+        "model_contact.csv, model_pressure.csv."
+    )
+    return [
+        *(
+            figure
+            for name, members in by_target(conditions(run)).items()
+            for figure in figures_of(
+                f"Contact, {name}",
+                _repeats(members, last),
+                contact_figures.CONTACTS_A_PAGE,
+                partial(contact_figures.contact_panels, top=top),
+                caption,
+            )
         ),
         *figures_of(
             "Contact as seen from the finger",
@@ -78,9 +123,15 @@ def _contact_figures(run: Run, found: list[Response]) -> list[Figure]:
             run_figures.population_responses(found),
             "−ep1 (compression is plotted upwards) and strain energy density at the receptors, "
             f"{found[0].result.model.receptors.depth_mm:g} mm below the skin: one line for each position of what the "
-            "titles name, or, where one place was pressed, for each depth or force.",
+            "titles name, or, where one place was pressed, for each depth or force. Numbers: model_measures.csv.",
         ),
     ]
+
+
+def _repeats(members: Sequence[Condition], last: Sequence[Response]) -> list[list[Response]]:
+    """The answers to each condition's repeats."""
+    by_index = {response.index: response for response in last}
+    return [[by_index[index] for index in condition.indices] for condition in members]
 
 
 def _title(response: Response) -> str:
@@ -93,8 +144,8 @@ def _ssrp_figures(found: list[Response]) -> list[Figure]:
         Figure(
             "SSRP of ep1",
             run_figures.ssrps(found, "ep1"),
-            "Simulated spatial response profiles: −ep1 at one receptor against the indentor's "
-            "position, one line for each depth or force. Dotted: the receptor's own x.",
+            "Simulated spatial response profiles: −ep1 at one receptor against the indentor's position, the mean of "
+            "repeats, one line for each depth or force. Dotted: the receptor's own x. Numbers: model_measures.csv.",
         ),
         Figure(
             "SSRP of strain energy density",
@@ -102,11 +153,6 @@ def _ssrp_figures(found: list[Response]) -> list[Figure]:
             "As above, for the strain energy density in pseudo-units.",
         ),
     ]
-
-
-def _phase_durations(run: Run) -> list[tuple[str, float]]:
-    """What the time of the run's clock went to."""
-    return list(booked_s(run).items())
 
 
 def _checksums(run: Run) -> list[tuple[str, str]]:

@@ -8,14 +8,14 @@ from matplotlib.figure import Figure
 
 from rig.data import Run
 from rig.plan.responses import Response, responses
-from rig.report.run.run_figures import contact_panels, highest_pressure
+from rig.report.run.contact_figures import HEIGHTS_MM, contact_panels, highest_pressure
 from rig.report.style import ORANGE
 from sim.models.fingertip import Fingertip
 
 
 def drawn(found: list[Response]) -> Figure:
     canvas = Figure()
-    contact_panels(found, highest_pressure(found)).draw(canvas)
+    contact_panels([[one] for one in found], highest_pressure(found)).draw(canvas)
     return canvas
 
 
@@ -34,7 +34,8 @@ def test_a_contact_region_between_two_nodes_is_drawn(bar_run: Run, finger: Finge
 
 
 def test_panels_above_an_empty_place_keep_their_axis(bar_run: Run, finger: Fingertip) -> None:
-    found = [one for one in responses(bar_run, finger) if one.last][:4]
-    panels = [axes for axes in drawn(found).axes if axes.get_ylim() == (1.9, 5.7) and axes.get_visible()]
-    assert [axes.get_xlabel() for axes in panels] == ["", "lateral x (mm)", "lateral x (mm)", "lateral x (mm)"]
-    assert all(axes.xaxis.get_tick_params()["labelbottom"] for axes in panels[1:])
+    found = [one for one in responses(bar_run, finger) if one.last]
+    panels = [axes for axes in drawn((found * 5)[:5]).axes if axes.get_ylim() != HEIGHTS_MM]
+    assert [axes.get_xlabel() for axes in panels] == ["", *["lateral x (mm)"] * 4]
+    assert [list(axes.get_xticks()) for axes in panels] == [[], *[[-2, 0, 2]] * 4]
+    assert [axes.get_ylabel() for axes in panels] == ["pressure", "", "", "", "pressure"]

@@ -1,0 +1,64 @@
+"""Colours that stand for different things stay apart for whoever confuses colours, and on paper.
+
+Dichromacies as Machado, Oliveira & Fernandes (2009), IEEE Trans. Vis. Comput. Graph. 15, 1291, Table 1, severity 1.0,
+in linear RGB; distances are CIE 1976 ΔE*ab, of which 2.3 is just noticeable (Mahy et al. 1994): four of that are
+told at a glance.
+"""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+from numpy.typing import NDArray
+
+from rig.report.run.force_figures import PHASES
+from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, shade
+
+SEEN = {
+    "all colours": np.eye(3),
+    "protanopia": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
+    "deuteranopia": [
+        [0.367322, 0.860646, -0.227968],
+        [0.280085, 0.672501, 0.047413],
+        [-0.01182, 0.04294, 0.968881],
+    ],
+    "tritanopia": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]],
+}
+GLANCE = 4 * 2.3
+# sRGB to CIE XYZ, IEC 61966-2-1, and its white.
+XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+
+
+def lab(colour: object, seen: NDArray[np.float64]) -> NDArray[np.float64]:
+    srgb = np.array(to_rgb(colour))  # type: ignore[arg-type]
+    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    ratio = XYZ @ np.clip(seen @ linear, 0, 1) / XYZ.sum(axis=1)
+    x, y, z = np.where(ratio > (6 / 29) ** 3, np.cbrt(ratio), ratio / (3 * (6 / 29) ** 2) + 4 / 29)
+    return np.array([116 * y - 16, 500 * (x - y), 200 * (y - z)])
+
+
+def nearest(colours: list[object], seen: object) -> float:
+    places = [lab(colour, np.asarray(seen, dtype=float)) for colour in colours]
+    return min(float(np.linalg.norm(a - b)) for a, b in combinations(places, 2))
+
+
+@pytest.mark.parametrize("sight", SEEN)
+@pytest.mark.parametrize(
+    "colours",
+    [[BLUE, ORANGE, GREEN, GREY, PURPLE, YELLOW], list(PHASES.values()), [BLUE, ORANGE, GREY, "black"]],
+    ids=["palette", "phases", "contact panels"],
+)
+def test_colours_stay_apart(colours: list[object], sight: str) -> None:
+    assert nearest(colours, SEEN[sight]) > GLANCE
+
+
+@pytest.mark.parametrize("sight", SEEN)
+def test_shades_in_order_are_told_by_lightness(sight: str) -> None:
+    lightness = [lab(shade(k, 8), np.asarray(SEEN[sight], dtype=float))[0] for k in range(8)]
+    assert (np.diff(lightness) > 4).all()
+
+
+def test_the_measure_tells_red_from_green_only_where_they_differ() -> None:
+    red, green = "#b45f00", "#6b7a00"
+    assert nearest([red, green], SEEN["all colours"]) > 2 * nearest([red, green], SEEN["deuteranopia"])
