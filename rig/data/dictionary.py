@@ -98,6 +98,34 @@ MEANINGS = {
 }
 """By the name of the column, or by that of its table and its own where that says more."""
 
+OF_A_HOLD = {
+    "index": MEANINGS["index"],
+    "hold": MEANINGS["hold"],
+    "x_mm": MEANINGS["x_mm"],
+    **{name: MEANINGS[name] for name in OF_THE_PRESS},
+}
+MODEL_TABLES = {
+    "model_contact": {
+        "doi_mm": "depth past contact that the model was pressed to",
+        "force_gwt": "force that the model says",
+        "peak_pressure_pseudo": "highest nodal pressure, in pseudo-units",
+        "region": "number of the contact region in the receptor plane, from 1",
+        "from_x_mm": "its left end, on the undeformed skin",
+        "to_x_mm": "its right end",
+    },
+    "model_pressure": {
+        "undeformed_x_mm": "lateral place of a node of the skin in the receptor plane, undeformed",
+        "skin_x_mm": "where that node is under the indentor",
+        "skin_y_mm": "and how high",
+        "pressure_pseudo": "nodal pressure, unfiltered, in pseudo-units",
+    },
+    "model_measures": {
+        "receptor_x_mm": "lateral place of the receptor",
+        "e11 … third": "the 18 measures there, tension positive: strains as numbers, stresses in pseudo-units",
+    },
+}
+"""What the finger model says of each hold, in CSV files beside the report: their own columns after `OF_A_HOLD`."""
+
 TEXT = frozenset({
     *("indentor", "target", "condition", "phase", "at", "controller", "sensor"),
     *("name", "text", "reason", "by"),
@@ -175,7 +203,18 @@ def columns() -> Iterator[Column]:
 
 def as_markdown() -> str:
     """The reference, as it stands at the end of docs/data.md."""
-    return "".join([_tables(), _attributes(), _many_runs()])
+    return "".join([_tables(), _attributes(), _many_runs(), _model()])
+
+
+def _model() -> str:
+    parts = [
+        "\n## What the finger model says\n\nWritten with the report, one row for what each file lists under a hold.\n"
+    ]
+    of_a_hold = ", ".join(f"`{name}`" for name in OF_A_HOLD)
+    parts.append(f"Each row begins with {of_a_hold}, as above.\n\n| file | column | what it is |\n|---|---|---|\n")
+    for name, own in MODEL_TABLES.items():
+        parts += [f"| `{name}.csv` | `{column}` | {words} |\n" for column, words in own.items()]
+    return "".join(parts)
 
 
 def _tables() -> str:

@@ -5,33 +5,31 @@ import io
 from collections.abc import Iterable, Sequence
 
 from rig.data import Run
+from rig.data.dictionary import MODEL_TABLES, OF_A_HOLD
 from rig.data.folder import replace_text
+from rig.data.run_tables import tables
 from rig.plan.responses import Response
 from sim.measures.measures import MEASURES
 
-_PRESS = ("index", "hold", "indentor", "x_mm", "block", "repeat", "condition")
-
 COLUMNS = {
-    "model_contact": (*_PRESS, "doi_mm", "force_gwt", "peak_pressure_pseudo", "region", "from_x_mm", "to_x_mm"),
-    "model_pressure": (*_PRESS, "undeformed_x_mm", "skin_x_mm", "skin_y_mm", "pressure_pseudo"),
-    "model_measures": (*_PRESS, "receptor_x_mm", *MEASURES),
+    name: tuple(OF_A_HOLD) + (("receptor_x_mm", *MEASURES) if name == "model_measures" else tuple(own))
+    for name, own in MODEL_TABLES.items()
 }
-"""Of each file; pressures and stresses in pseudo-units, measures with tension positive."""
+"""Of each file, in order."""
 
 
 def write_numbers(run: Run, found: Sequence[Response]) -> None:
     """Write contact regions, pressure and skin in the receptor plane, and receptor measures of every hold."""
-    rows = {"model_contact": _contact, "model_pressure": _pressure, "model_measures": _measures}
-    marks = {event["index"]: event for event in run.stream("indentation_start")}
-    for name, of in rows.items():
+    holds = {(row["index"], row["hold"]): row for row in tables(run)["hold_end"].rows}
+    rows_of = {"model_contact": _contact, "model_pressure": _pressure, "model_measures": _measures}
+    for name, rows in rows_of.items():
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(COLUMNS[name])
         for response in found:
-            start = marks[response.index]
-            press = [response.index, response.hold["hold"], response.indentor, response.hold["x_mm"]]
-            press += [start.get(key) for key in ("block", "repeat", "condition")]
-            writer.writerows([*press, *row] for row in of(response))
+            hold = holds[response.index, response.hold["hold"]]
+            of_a_hold = [hold.get(column) for column in OF_A_HOLD]
+            writer.writerows([*of_a_hold, *row] for row in rows(response))
         replace_text(run.folder.path / f"{name}.csv", text.getvalue())
 
 

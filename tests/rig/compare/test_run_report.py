@@ -13,6 +13,7 @@ import pytest
 
 from rig.data import Run
 from rig.data.bench_time import booked_s, spans
+from rig.data.dictionary import MODEL_TABLES, OF_A_HOLD
 from rig.plan.responses import responses
 from rig.report.run.conditions import by_target, conditions, loading, samples_of
 from rig.report.run.force_figures import PHASES
@@ -196,6 +197,10 @@ def test_the_numbers_are_the_models(bar_run: Run, finger: Fingertip) -> None:
     tables = {name: _table(bar_run.folder.path / f"{name}.csv") for name in COLUMNS}
     for name, rows in tables.items():
         assert list(rows[0]) == list(COLUMNS[name])
+        assert {row["indentor"] for row in rows} == {response.indentor for response in found}
+        assert {(row["index"], row["hold"]) for row in rows} == {
+            (str(response.index), str(response.hold["hold"])) for response in found
+        }
     response = found[-1]
     press = {"index": str(response.index), "hold": str(response.hold["hold"])}
     mine = {name: [row for row in rows if press.items() <= row.items()] for name, rows in tables.items()}
@@ -210,6 +215,12 @@ def test_the_numbers_are_the_models(bar_run: Run, finger: Fingertip) -> None:
         np.testing.assert_allclose(_column(mine["model_measures"], measure), expected, rtol=1e-6)
     ends = [(float(row["from_x_mm"]), float(row["to_x_mm"])) for row in mine["model_contact"]]
     np.testing.assert_allclose(ends, response.result.contact_regions_mm, rtol=1e-6)
+
+
+def test_every_column_of_the_models_is_told_and_written() -> None:
+    assert set(COLUMNS["model_contact"]) == {*OF_A_HOLD, *MODEL_TABLES["model_contact"]}
+    assert COLUMNS["model_measures"][-18:] == tuple(MEASURES)
+    assert all(words for own in MODEL_TABLES.values() for words in own.values())
 
 
 def _table(path: Path) -> list[dict[str, str]]:
