@@ -19,6 +19,7 @@ from rig.compare.plausible import PlausibleFingers, read_plausible
 from rig.compare.recordings.column_map import column_map
 from rig.compare.recordings.inputs import Reading, read_recordings, sha256
 from rig.compare.recordings.recorded import Recording
+from rig.compare.shape_chance import chance_rows
 from rig.compare.stimuli import Stimulus, stimuli
 from rig.compare.stimulus_maps import stimulus_maps
 from rig.compare.tables import as_json as comparison_as_json
@@ -111,7 +112,8 @@ def command(
         )
         _write_sidecar(report, time.perf_counter() - began)
         if as_json:
-            said = comparison_as_json(comparison, str(report)) | {"left_out": left_out_rows(comparison)}
+            said = comparison_as_json(comparison, str(report))
+            said |= {"left_out": left_out_rows(comparison), "shape_test": chance_rows(comparison.stimuli)}
             print_json(said | fingers_as_json(comparison, tables))
         else:
             _print(comparison, report)

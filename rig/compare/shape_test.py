@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Judged = tuple[Flags, dict[str, Array]]
 
 THRESHOLD = 0.05
 """A dip smaller than this part of the peak (steps) or of the range (bars) does not count."""
@@ -40,30 +42,51 @@ def shape_test(shape: str, x_mm: Array, profile: Array, threshold: float = THRES
 
     Tests are defined for steps and bars along the finger, at five positions or more.
     """
+    found = _judged(shape, x_mm, np.asarray(profile, dtype=float), threshold)
+    if found is None:
+        return None
+    passed, judged_by = found
+    return Verdict(bool(passed), {name: float(value) for name, value in judged_by.items()})
+
+
+def shape_flags(shape: str, x_mm: Array, profiles: Array, threshold: float = THRESHOLD) -> Flags | None:
+    """(…,) which of many profiles (…, n) pass, or None where no test is defined."""
+    found = _judged(shape, x_mm, np.asarray(profiles, dtype=float), threshold)
+    return None if found is None else found[0]
+
+
+def _judged(shape: str, x_mm: Array, profiles: Array, threshold: float) -> Judged | None:
     kind, _, how = shape.partition(":")
     test = {"step": _step_test, "bar": _bar_test}.get(kind)
     if test is None or "," in how or len(x_mm) < _FEWEST_POSITIONS:
         return None
     in_order_of_motion = np.argsort(-np.asarray(x_mm), kind="stable")
-    return test(np.asarray(profile, dtype=float)[in_order_of_motion], threshold)
+    return test(profiles[..., in_order_of_motion], threshold)
 
 
-def _step_test(profile: Array, threshold: float) -> Verdict:
+def _step_test(profile: Array, threshold: float) -> Judged:
     """p = max − b, q = b − min after the peak, b = mean of the ends; p > q > threshold · p, half of q recovered."""
-    baseline = 0.5 * float(profile[0] + profile[-1])
-    top = int(np.argmax(profile))
-    bottom = top + int(np.argmin(profile[top:]))
-    p, q = float(profile[top]) - baseline, baseline - float(profile[bottom])
-    recovery = float(profile[bottom:].max() - profile[bottom])
-    passed = p > q > threshold * p and recovery >= _RECOVERED * q
-    return Verdict(passed, {"baseline": baseline, "peak": p, "dip": q, "recovery": recovery})
+    baseline = 0.5 * (profile[..., 0] + profile[..., -1])
+    place = np.arange(profile.shape[-1])
+    top = np.argmax(profile, axis=-1)[..., None]
+    bottom = np.argmin(np.where(place >= top, profile, np.inf), axis=-1)[..., None]
+    highest, lowest = (np.take_along_axis(profile, at, -1)[..., 0] for at in (top, bottom))
+    p, q = highest - baseline, baseline - lowest
+    recovery = np.where(place >= bottom, profile, -np.inf).max(axis=-1) - lowest
+    passed = (p > q) & (q > threshold * p) & (recovery >= _RECOVERED * q)
+    return passed, {"baseline": baseline, "peak": p, "dip": q, "recovery": recovery}
 
 
-def _bar_test(profile: Array, threshold: float) -> Verdict:
+def _bar_test(profile: Array, threshold: float) -> Judged:
     """Two maxima inside the schedule, and so a minimum between them, of prominence > threshold · range each."""
+    found = np.apply_along_axis(_prominences, -1, profile)
+    first, second, size = found[..., 0], found[..., 1], np.ptp(profile, axis=-1)
+    return second > threshold * size, {"range": size, "first": first, "second": second}
+
+
+def _prominences(profile: Array) -> Array:
+    """The two largest, 0 where there are fewer."""
     from scipy.signal import find_peaks  # takes as long to load as a comparison of steps takes
 
     found = np.sort(find_peaks(profile, prominence=0)[1]["prominences"])[::-1]
-    first, second = (float(v) for v in np.append(found, [0.0, 0.0])[:2])
-    size = float(np.ptp(profile))
-    return Verdict(second > threshold * size, {"range": size, "first": first, "second": second})
+    return np.append(found, [0.0, 0.0])[:2]

@@ -35,6 +35,7 @@ from rig.session.session import NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
 from studies.source.facts import DEPTHS_MM, FINE_X_MM, facts_section
 from studies.source.pressure_fits import layers_section, press_all, pressure_section
+from studies.source.shape_test_errors import by_chance_section, perturbed_section, source_stimuli
 from studies.source.side_by_side import shapes_side_by_side
 from studies.source.table_agreement import survivors_section, table_5_2
 from studies.source.verdicts_by_parameter import all_verdicts, sensitivity_section
@@ -124,6 +125,8 @@ def study_page(folder: Path, done: Sequence[Done], finger: Fingertip) -> tuple[S
         facts_section(finger, fine, by_title, pressures),
         *table_5_2(found, LOW_GWT),
         survivors_section(found),
+        by_chance_section(source_stimuli(finger)),
+        perturbed_section(source_stimuli(finger)),
         sensitivity_section(list(all_verdicts())),
         shapes_side_by_side(finger, fine, equal_force_gwt(done)),
         line_section(finger),

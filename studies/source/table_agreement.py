@@ -1,11 +1,13 @@
 """Table 5.2 of Raju (1998) against ours, and who survives, as sections of the study."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from rig.compare.comparison import Comparison
 from rig.compare.shape_test import THRESHOLD, THRESHOLDS
 from rig.compare.stimuli import Stimulus
-from rig.compare.table_5_2 import SHAPES, agreement, source_flags
+from rig.compare.table_5_2 import SHAPES, AgreementLimits, agreement, agreement_limits, source_flags
 from rig.report.html import Section
 from sim.measures.measures import MEASURES
 
@@ -22,7 +24,7 @@ def table_5_2(found: Comparison, force_gwt: float) -> tuple[Section, Section]:
     for threshold in THRESHOLDS:
         a = agreement(ours(threshold), source)
         counts = (f"{a.both}", f"{a.ours}", f"{a.source}", f"{a.neither}")
-        scores = (f"{a.precision:.2f}", f"{a.recall:.2f}", f"{a.matthews:.2f}")
+        scores = _scores(ours(threshold), source)
         survivors = ", ".join(found.candidates(threshold, judged)) or "none"
         rows.append((f"{100 * threshold:g} %", *counts, *scores, survivors))
     cells = tuple(_cells(judged[0], m, source, ours(THRESHOLD)) for m in range(len(MEASURES)))
@@ -37,12 +39,34 @@ def table_5_2(found: Comparison, force_gwt: float) -> tuple[Section, Section]:
         Section(
             "Agreement with Table 5.2 over thresholds",
             "18 measures × 10 receptors × 3 steps, 57 of 540 cells pass in the source. A table of nothing but “no” "
-            "would score 0 in Matthews' coefficient. The source judged by eye, on an unpublished geometry.",
+            "would score 0 in Matthews' coefficient. "
+            f"{LIMITS} The source judged by eye, on an unpublished geometry.",
             ("threshold", "both", "only ours", "only the source", "neither", "precision", "recall", "Matthews",
              "survivors of the three steps"),
             tuple(rows),
         ),
     )  # fmt: skip
+
+
+LIMITS = (
+    "In brackets 95 % limits by drawing measures again, and by drawing receptors again: 540 cells are not 540 "
+    "observations."
+)
+
+
+def _scores(ours: np.ndarray, source: np.ndarray) -> tuple[str, ...]:
+    """Precision, recall and Matthews' coefficient with their limits."""
+    found = agreement(ours, source)
+    limits = [agreement_limits(ours, source, over) for over in ("measures", "receptors")]
+    return tuple(
+        with_limits(getattr(found, name), [getattr(one, name) for one in limits]) for name in AgreementLimits._fields
+    )
+
+
+def with_limits(value: float, limits: Sequence[tuple[float, float]]) -> str:
+    """For example "0.56 (0.35 … 0.72; 0.48 … 0.63)"."""
+    told = "; ".join(f"{low:.2f} … {high:.2f}" for low, high in limits)
+    return f"{value:.2f} ({told})".replace("-", "−")
 
 
 def _cells(stimulus: Stimulus, m: int, source: np.ndarray, ours: np.ndarray) -> tuple[str, ...]:

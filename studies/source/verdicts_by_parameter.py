@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 
 from rig.compare.comparison import compare
 from rig.compare.shape_test import THRESHOLD
-from rig.compare.table_5_2 import agreement, source_flags
+from rig.compare.table_5_2 import agreement, agreement_limits, source_flags
 from rig.parameter_study.workers import spread
 from rig.report.html import Figure, Section
 from rig.report.labels import label
@@ -23,6 +23,7 @@ from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_DEPTH_MM
 from sim.models.fingertip import Fingertip
 from studies.source.simulated_stimuli import bars, steps
+from studies.source.table_agreement import LIMITS, with_limits
 
 # As close as the source's schedules, up to 0.1 mm beside them; one row of positions for all three steps.
 POSITIONS_MM = np.array(
@@ -51,12 +52,14 @@ class Verdicts:
     survivors: tuple[str, ...]  # of the steps
     candidates: tuple[str, ...]  # of steps and bars
     matthews: float
+    limits: tuple[tuple[float, float], ...] = ()  # by measures, by receptors
 
     @property
     def row(self) -> tuple[str, ...]:
         """As cells."""
         names = (", ".join(found) or "none" for found in (self.survivors, self.candidates))
-        return self.variant, f"{self.force_gwt:g}", *names, f"{self.matthews:.2f}"
+        score = with_limits(self.matthews, self.limits) if self.limits else f"{self.matthews:.2f}"
+        return self.variant, f"{self.force_gwt:g}", *names, score
 
 
 def verdicts(variant: str) -> list[Verdicts]:
@@ -68,9 +71,11 @@ def verdicts(variant: str) -> list[Verdicts]:
         three = steps(finger, force_gwt, POSITIONS_MM)
         judged = compare([*three, *two], {})
         ours = np.stack([flags for s in three if (flags := judged.passes(s)) is not None], axis=1)
-        score = agreement(ours, source_flags(three[0].receptor_mm))
+        source = source_flags(three[0].receptor_mm)
+        score = agreement(ours, source).matthews
+        limits = tuple(agreement_limits(ours, source, over).matthews for over in ("measures", "receptors"))
         survivors, candidates = tuple(judged.candidates(stimuli=three)), tuple(judged.candidates())
-        found.append(Verdicts(variant, force_gwt, survivors, candidates, score.matthews))
+        found.append(Verdicts(variant, force_gwt, survivors, candidates, score, limits))
     return found
 
 
@@ -88,7 +93,7 @@ def sensitivity_section(found: Sequence[Verdicts]) -> Section:
     return Section(
         "How the verdicts move with what is free",
         f"The shape test at {100 * THRESHOLD:g} % on other fingers, receptors and forces; steps at positions up to "
-        "0.1 mm beside the schedules', bars at DOI 1.0.",
+        f"0.1 mm beside the schedules', bars at DOI 1.0. {LIMITS}",
         HEADER,
         tuple(one.row for one in found),
         (
