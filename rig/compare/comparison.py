@@ -136,6 +136,7 @@ class Comparison:
     stimuli: tuple[Stimulus, ...]
     overlays: tuple[Overlay, ...]
     plausible: PlausibleFingers | None = None
+    normalised: bool = False  # each family's rates have a unit of their own
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:
@@ -213,6 +214,8 @@ def compare(
 ) -> Comparison:
     """Pair each recording, by its shape's canonical name, with every stimulus of that shape.
 
+    A name like "step:1@8 gwt" is of that condition alone.
+
     `normalise` divides rates by the largest mean rate of their family; `plausible` says which fingers the stimuli
     hold besides the one that is fitted. Raises ComparisonError where two runs pressed
     the same shape to the same target, or no run pressed a recorded shape.
@@ -222,8 +225,9 @@ def compare(
     ordered = tuple(sorted(stimuli, key=lambda s: (*_group(s), s.shape)))
     _refuse_twins(ordered)
     _refuse_strays(ordered, recordings)
-    overlays = tuple(Overlay(s, recordings[s.shape]) for s in ordered if s.shape in recordings)
-    return Comparison(ordered, overlays, plausible)
+    laid = [(s, recordings.get(f"{s.shape}@{s.condition}", recordings.get(s.shape))) for s in ordered]
+    overlays = tuple(Overlay(s, found) for s, found in laid if found is not None)
+    return Comparison(ordered, overlays, plausible, normalise)
 
 
 def _refuse_twins(ordered: Sequence[Stimulus]) -> None:
@@ -234,8 +238,9 @@ def _refuse_twins(ordered: Sequence[Stimulus]) -> None:
 
 def _refuse_strays(ordered: Sequence[Stimulus], recordings: Mapping[str, Recording]) -> None:
     held = {stimulus.shape for stimulus in ordered}
+    conditions = {f"{stimulus.shape}@{stimulus.condition}" for stimulus in ordered}
     for shape in recordings:
-        if shape not in held:
+        if shape not in held | conditions:
             raise ComparisonError(f"--recorded {shape}: no such shape in the runs, expected one of {sorted(held)}")
 
 

@@ -29,16 +29,19 @@ def predicted(fit: Fit, eps: Array) -> Array:
     return np.maximum(0.0, fit.k * (eps - fit.eps0))
 
 
-def fit_rates(eps: Array, rate: Array, weight: Array | None = None, sign: int = 0) -> Fit:
+def fit_rates(eps: Array, rate: Array, weight: Array | None = None, sign: int = 0, *, silent: bool = False) -> Fit:
     """The best k and ε₀ for ε (…, n) and non-negative rates (…, n), with weights (…, n), one fit for each row.
 
-    `sign` restricts k to that sign; 0 takes whichever leaves the smaller residual.
+    `sign` restricts k to that sign; 0 takes whichever leaves the smaller residual. `silent`: at ε = 0, so that k > 0
+    and ε₀ ≥ 0.
 
     Exact, not iterative: the points with R > 0 are those of the largest ε, so each number of them has one regression
     line, and the best line that is positive on just its own points is the answer. No minimum lies where ε₀ passes a
     point, because a non-negative rate can only pull ε₀ down.
     """
     weight = np.ones_like(eps) if weight is None else weight
+    if silent:
+        return _silent(eps, rate, weight)
     if sign:
         fit = _rising(sign * eps, rate, weight)
         return Fit(sign * fit.k, sign * fit.eps0, fit.rss)
@@ -50,8 +53,21 @@ def fit_rates(eps: Array, rate: Array, weight: Array | None = None, sign: int = 
 _TOLERANCE = 1e-9
 
 
-def _rising(eps: Array, rate: Array, weight: Array) -> Fit:
-    """k > 0. Row sums over the j largest ε, for every j at once."""
+def _silent(eps: Array, rate: Array, weight: Array) -> Fit:
+    """k > 0 and ε₀ ≥ 0: the best line that ends above zero, or the one through the origin."""
+    above, up = _rising(eps, rate, weight, 0.0), np.maximum(eps, 0.0)
+    square = (weight * up * up).sum(axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        k = np.where(square > 0, (weight * up * rate).sum(axis=-1) / square, np.nan)
+    k = np.where(k > 0, k, np.nan)
+    rss = (weight * (rate - k[..., None] * up) ** 2).sum(axis=-1)
+    better = np.isnan(above.rss) | (rss < above.rss)
+    origin = Fit(k, np.where(np.isnan(k), np.nan, 0.0), rss)
+    return Fit(*(np.where(better, a, b) for a, b in zip(origin, above, strict=True)))
+
+
+def _rising(eps: Array, rate: Array, weight: Array, least: float = -np.inf) -> Fit:
+    """k > 0, ε₀ ≥ `least`. Row sums over the j largest ε, for every j at once."""
     order = np.argsort(-eps, axis=-1, kind="stable")
     scale, centre = np.ptp(eps, axis=-1, keepdims=True), eps.mean(axis=-1, keepdims=True)
     scale = np.where(scale > 0, scale, 1.0)
@@ -66,6 +82,7 @@ def _rising(eps: Array, rate: Array, weight: Array) -> Fit:
         k = np.where(determinant > _TOLERANCE * n * n, (n * sey - se * sy) / determinant, np.nan)
         eps0 = (se - sy / k) / n
         good = (k > flat) & (eps0 <= e + _TOLERANCE) & (eps0 >= next_e - _TOLERANCE)
+        good &= centre + scale * eps0 >= least
         rss = np.where(good, syy[..., -1:] - k * (sey - eps0 * sy), np.inf)
     best = np.argmin(rss, axis=-1)[..., None]
     k, eps0, rss = (np.take_along_axis(v, best, axis=-1)[..., 0] for v in (k, eps0, rss))

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.compare.controls import controls
 from rig.data import Run
 from rig.plan.responses import Response, responses
 from rig.plan.shape_files import from_copy
@@ -34,7 +35,8 @@ class Stimulus:
     `shown`, `receptor_mm` (receptors,), `skin_mm` (m,) undeformed x in the receptor plane, `pressure` (n, m),
     `regions_mm` (n, k, 2) ends of the contact regions there, NaN where there are fewer.
     `on_fingers` (fingers, 18, n, receptors) are the measures on the design of plausible fingers, where one is stated;
-    `interpolated` says that some of these fingers were not built in full.
+    `interpolated` says that some of these fingers were not built in full. `controls` (4, n, receptors) are those of
+    `rig/compare/controls.py`, None where they are not known.
     Strains are numbers, stresses and pressures pseudo-units.
     """
 
@@ -53,6 +55,7 @@ class Stimulus:
     on_fingers: Array | None = None
     interpolated: bool = False
     pressed_with: str | None = None  # the indentor's name, naming the run's own copy of its file
+    controls: Array | None = None
 
     @property
     def read_as(self) -> str:
@@ -90,6 +93,11 @@ class Stimulus:
         """
         return self._interpolated(self.measures, position_mm)
 
+    def controls_at(self, position_mm: Array) -> Array:
+        """(controls, p, receptors) the same of the controls; none where they are not known."""
+        none = np.empty((0, len(self.x_mm), len(self.receptor_mm)))
+        return self._interpolated(none if self.controls is None else self.controls, position_mm)
+
     def on_fingers_at(self, position_mm: Array) -> Array:
         """(fingers, 18, p, receptors) the same on the design of plausible fingers; this one alone where none is."""
         return self._interpolated(self.measures[None] if self.on_fingers is None else self.on_fingers, position_mm)
@@ -114,8 +122,8 @@ class Stimulus:
 _ROUNDING = 1e-9
 _EXACT_DECIMALS = 6
 _SAME_PLACE_DECIMALS = 3
-_CACHED_AS = 3  # to be raised when what is stored changes its meaning
-_PER_POSITION = ("x_mm", "doi_mm", "force_gwt", "measures", "pressure")
+_CACHED_AS = 4  # to be raised when what is stored changes its meaning
+_PER_POSITION = ("x_mm", "doi_mm", "force_gwt", "measures", "pressure", "controls")
 
 
 def stimuli(run: Run, finger: Fingertip) -> list[Stimulus]:
@@ -144,10 +152,11 @@ def _stimulus(run: str, what: tuple[str, str, float], table: Arrays, mine: list[
     def merged(name: str) -> Array:
         return np.tensordot(to_mean, np.asarray(table[name][mine], dtype=float), 1)
 
-    x, doi, force, measures, pressure = (merged(name) for name in _PER_POSITION)
+    x, doi, force, measures, pressure, control = (merged(name) for name in _PER_POSITION)
     receptor, skin = (np.asarray(table[name], dtype=float) for name in ("receptor_mm", "skin_mm"))
     regions = np.asarray(table["regions_mm"][mine][first], dtype=float)
-    return Stimulus(run, *what, x, doi, force, np.moveaxis(measures, 1, 0), receptor, skin, pressure, regions)
+    measures, control = np.moveaxis(measures, 1, 0), np.moveaxis(control, 1, 0)
+    return Stimulus(run, *what, x, doi, force, measures, receptor, skin, pressure, regions, controls=control)
 
 
 def _table(found: list[Response]) -> Arrays:
@@ -164,6 +173,7 @@ def _table(found: list[Response]) -> Arrays:
         "force_gwt": np.array([result.force_gwt for result in results]),
         "measures": np.array([[shown(name, r.receptor_measures[name]) for name in MEASURES] for r in results]),
         "pressure": np.array([result.pressure_profile[1] for result in results]),
+        "controls": np.array([controls(result) for result in results]),
         "regions_mm": contact_regions(results),
         "skin_mm": results[0].pressure_profile[0],
         "receptor_mm": results[0].model.receptors.position_mm[:, 0].round(_EXACT_DECIMALS) + 0.0,

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.compare.controls import controls
 from rig.compare.stimuli import Stimulus, answers_key, contact_regions
 from sim.measures.measures import MEASURES, shown
 from sim.models.cache import Arrays, cached_arrays
@@ -18,16 +19,17 @@ STEP_X_MM = np.arange(-4.4, 2.5, SPACING_MM)
 
 def stimulus(finger: Fingertip, indentor: str, x_mm: Array, kind: str, value: float) -> Stimulus:
     """What a run of these indentations would give; kept in the cache."""
-    key = answers_key(finger, ["simulated", 2, indentor, x_mm.tolist(), kind, value])
+    key = answers_key(finger, ["simulated", 3, indentor, x_mm.tolist(), kind, value])
     found, _ = cached_arrays(key, lambda: _answers(finger, indentor, x_mm, {kind: value}), kind="answers")
     receptors = finger.model.receptors.position_mm[:, 0].round(6) + 0.0
-    doi, force, measures, skin, pressure, regions = (np.asarray(found[name], dtype=float) for name in _STORED)
-    return Stimulus(
-        "simulated", indentor, kind, value, x_mm, doi, force, measures, receptors, skin, pressure, regions
+    doi, force, measures, skin, pressure, regions, control = (
+        np.asarray(found[name], dtype=float) for name in _STORED
     )
+    given = (doi, force, measures, receptors, skin, pressure, regions)
+    return Stimulus("simulated", indentor, kind, value, x_mm, *given, controls=control)
 
 
-_STORED = ("doi_mm", "force_gwt", "measures", "skin_mm", "pressure", "regions_mm")
+_STORED = ("doi_mm", "force_gwt", "measures", "skin_mm", "pressure", "regions_mm", "controls")
 
 
 def _answers(finger: Fingertip, indentor: str, x_mm: Array, target: dict[str, Any]) -> Arrays:
@@ -38,6 +40,7 @@ def _answers(finger: Fingertip, indentor: str, x_mm: Array, target: dict[str, An
         "skin_mm": results[0].pressure_profile[0],
         "pressure": np.array([r.pressure_profile[1] for r in results]),
         "regions_mm": contact_regions(results),
+        "controls": np.moveaxis(np.array([controls(r) for r in results]), 1, 0),
     }
 
 

@@ -70,7 +70,7 @@ class PairRow:
     @property
     def title(self) -> str:
         """For example "ep1 at −1 mm"."""
-        return self.name if self.receptor_mm is None else f"{self.name} at {in_mm(self.receptor_mm)} mm"
+        return titled(self.name, self.receptor_mm)
 
     @property
     def fits(self) -> bool:
@@ -207,6 +207,11 @@ class Answer:
         return float(np.min(low)), float(np.max(high))
 
 
+def titled(name: str, receptor_mm: float | None) -> str:
+    """A candidate at a receptor, for example "ep1 at −1.25 mm"."""
+    return name if receptor_mm is None else f"{name} at {in_mm(receptor_mm)} mm"
+
+
 def in_mm(x: float) -> str:
     """For example "−1.25"."""
-    return f"{x + 0.0:g}".replace("-", "−")
+    return f"{round(x, 6) + 0.0:g}".replace("-", "−")

@@ -53,19 +53,35 @@ def _products(each: Array) -> Array:
     return reduce(lambda a, b: (a[..., :, None] * b[..., None, :]).reshape(*a.shape[:-1], -1), parts, one)
 
 
-def fit_with_finger(eps: Array, rate: Array) -> FingerFit:
-    """The best k, ε₀ and place of each pair, for SSRPs (fingers, N, p) on the design and rates (p,).
+def fit_with_finger(eps: Array, rate: Array, weight: Array | None = None, *, silent: bool = False) -> FingerFit:
+    """The best k, ε₀ and place of each pair, for SSRPs (fingers, N, p) on the design, rates (p,) and weights (p,).
+
+    `silent` as in `fit_rates`.
 
     From the best few fingers of the design on: variable projection (Golub and Pereyra 1973), that is k and ε₀ exactly
     at every place, and the place by damped Gauss–Newton steps that stay inside the ranges.
     """
-    found = fit_rates(eps, rate)
+    weight = np.ones_like(rate) if weight is None else weight
+    found = fit_rates(eps, rate, weight, silent=silent)
     order = np.argsort(np.where(np.isnan(found.rss), np.inf, found.rss), axis=0, kind="stable")
-    ended = [_from(first, found, eps, rate) for first in order[:_STARTS]]
+    at = _Rates(rate, weight, silent)
+    ended = [_from(first, found, eps, at) for first in order[:_STARTS]]
     return reduce(lambda a, b: _chosen(b.fit.rss < a.fit.rss, b, a), ended)
 
 
-def _from(first: Ints, found: Fit, eps: Array, rate: Array) -> FingerFit:
+class _Rates(NamedTuple):
+    """What is fitted: rates and weights (p,), and whether k > 0 and ε₀ ≥ 0."""
+
+    rate: Array
+    weight: Array
+    silent: bool
+
+    def line(self, eps: Array) -> Fit:
+        """Of SSRPs (N, p) that rise with the rate."""
+        return fit_rates(eps, self.rate, self.weight, sign=1, silent=self.silent)
+
+
+def _from(first: Ints, found: Fit, eps: Array, rates: _Rates) -> FingerFit:
     """The best near a finger of the design, for each pair its own (N,); k keeps its sign."""
     pair = np.arange(len(first))
     start = Fit(*(value[first, pair] for value in found))
@@ -73,7 +89,7 @@ def _from(first: Ints, found: Fit, eps: Array, rate: Array) -> FingerFit:
     rising = np.moveaxis(sign[:, None] * eps, 0, 1)
     best = FingerFit(design_places(free_of(eps))[first], _signed(sign, start), rising[pair, first])
     if free_of(eps):
-        best = _improved(best, rising, rate)
+        best = _improved(best, rising, rates)
     return FingerFit(best.place, _signed(sign, best.fit), sign[:, None] * best.eps)
 
 
@@ -92,13 +108,13 @@ def fit_all_with_finger(eps: Array, rate: Array) -> tuple[Array, Fit]:
     return place, Fit(*values)
 
 
-def _improved(best: FingerFit, eps: Array, rate: Array) -> FingerFit:
+def _improved(best: FingerFit, eps: Array, rates: _Rates) -> FingerFit:
     """For SSRPs (N, fingers, p) of k > 0."""
     damping = np.full(len(eps), _DAMPING)
     for _ in range(_STEPS):
-        place = np.clip(best.place + _step(best, eps, rate, damping), -1, 1)
+        place = np.clip(best.place + _step(best, eps, rates, damping), -1, 1)
         there = np.einsum("nf,nfp->np", weights(place), eps)
-        tried = FingerFit(place, fit_rates(there, rate, sign=1), there)
+        tried = FingerFit(place, rates.line(there), there)
         better = tried.fit.rss < best.fit.rss
         damping *= np.where(better, _EASED, _RAISED)
         best = _chosen(better, tried, best)
@@ -111,29 +127,31 @@ def _chosen(first: Flags, a: FingerFit, b: FingerFit) -> FingerFit:
     return FingerFit(np.where(rows, a.place, b.place), fit, np.where(rows, a.eps, b.eps))
 
 
-def _step(at: FingerFit, eps: Array, rate: Array, damping: Array) -> Array:
+def _step(at: FingerFit, eps: Array, given: _Rates, damping: Array) -> Array:
     """(N, free) damped Gauss–Newton step of the place, zero along ranges whose end is in the way."""
     rates = predicted(Fit(*(value[:, None] for value in at.fit)), at.eps)
     fires = rates > 0
     jacobian = np.einsum("ndf,nfp->ndp", _slopes(at.place), eps) * np.nan_to_num(at.fit.k)[:, None, None]
-    jacobian = _without_line(np.where(fires[:, None], jacobian, 0.0), at.eps, fires)
-    descent = np.einsum("ndp,np->nd", jacobian, rate - np.nan_to_num(rates))
+    jacobian = _without_line(np.where(fires[:, None], jacobian, 0.0), at.eps, np.where(fires, given.weight, 0.0))
+    descent = np.einsum("ndp,np->nd", jacobian, given.weight * (given.rate - np.nan_to_num(rates)))
     blocked = (np.abs(at.place) >= 1) & (at.place * descent > 0)
     jacobian, descent = np.where(blocked[..., None], 0.0, jacobian), np.where(blocked, 0.0, descent)
-    curvature = jacobian @ jacobian.swapaxes(1, 2)
+    curvature = (given.weight * jacobian) @ jacobian.swapaxes(1, 2)
     size = np.maximum(np.trace(curvature, axis1=1, axis2=2), np.finfo(float).tiny ** 0.5)
     damped = curvature + (damping * size)[:, None, None] * np.eye(descent.shape[1])
     return np.linalg.solve(damped, descent[..., None])[..., 0]
 
 
-def _without_line(jacobian: Array, eps: Array, fires: Flags) -> Array:
-    """What is left of (N, free, p) columns when k and ε₀ follow: nothing of 1 and ε over the points that fire."""
-    count = np.maximum(fires.sum(axis=1), 1)
-    centred = np.where(fires, eps - (np.where(fires, eps, 0.0).sum(axis=1) / count)[:, None], 0.0)
-    square = (centred * centred).sum(axis=1)
+def _without_line(jacobian: Array, eps: Array, weight: Array) -> Array:
+    """What is left of (N, free, p) columns when k and ε₀ follow: nothing of 1 and ε, at weights (N, p)."""
+    total = np.maximum(weight.sum(axis=1), np.finfo(float).tiny)
+    fires = weight > 0
+    centred = np.where(fires, eps - ((weight * eps).sum(axis=1) / total)[:, None], 0.0)
+    square = (weight * centred * centred).sum(axis=1)
     unit = centred / np.sqrt(np.where(square > 0, square, 1.0))[:, None]
-    jacobian = np.where(fires[:, None], jacobian - jacobian.sum(axis=2, keepdims=True) / count[:, None, None], 0.0)
-    return jacobian - (jacobian @ unit[..., None]) * unit[:, None]
+    mean = (weight[:, None] * jacobian).sum(axis=2, keepdims=True) / total[:, None, None]
+    jacobian = np.where(fires[:, None], jacobian - mean, 0.0)
+    return jacobian - (jacobian @ (weight * unit)[..., None]) * unit[:, None]
 
 
 def _signed(sign: Array, fit: Fit) -> Fit:

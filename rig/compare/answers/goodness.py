@@ -1,0 +1,111 @@
+"""Goodness of fit: is what a model leaves more than the noise, and how much could any model explain?"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc, fdtrc, fdtri, ncfdtr
+
+from rig.compare.answers.answer import LEVEL
+from rig.compare.answers.observed import Observed
+
+Array = NDArray[np.float64]
+
+SEEN = 0.8
+"""The probability with which a misfit that counts as detectable is rejected."""
+
+_KNOWN = 1e9  # degrees of freedom from which a variance counts as known
+_FOLDS = 5
+
+
+def lack_of_fit(
+    observed: Observed, mean: Array, deviance: Array, parameters: float, discrepancy: Array | float = 0.0
+) -> tuple[Array, Array]:
+    """F (N,) of deviances (N, p) against the noise, and the probability of a larger one if the model is right.
+
+    `discrepancy` (N, p): variance, in rate², by which a right model may be off (of another finger).
+    """
+    noise = observed.noise
+    variance = noise.dispersion * observed.variance(mean)
+    scaled = (deviance / noise.dispersion * variance / (variance + discrepancy)).sum(axis=1)
+    freedom = np.maximum(observed.share(mean).sum(axis=1) - parameters, 1.0)
+    ratio, even = scaled / freedom, observed.evenness
+    return ratio, tail(ratio, even * freedom, even * noise.freedom)
+
+
+def tail(ratio: Array, freedom: Array, of_noise: float) -> Array:
+    """Probability that F is larger."""
+    known = of_noise > _KNOWN
+    return np.asarray(chdtrc(freedom, ratio * freedom) if known else fdtrc(freedom, of_noise, ratio))
+
+
+def rejected(misfit: Array, freedom: float, of_noise: float) -> Array:
+    """Probability that a misfit (…,), the squares that it adds to the deviance over the dispersion, is rejected."""
+    of_noise = min(of_noise, _KNOWN)
+    limit = fdtri(freedom, of_noise, 1 - LEVEL)
+    return np.asarray(1 - ncfdtr(freedom, of_noise, np.asarray(misfit), limit))
+
+
+def detectable(observed: Observed, parameters: float) -> float:
+    """The rms misfit over the largest rate that is rejected in `SEEN` of recordings, spread as the noise is."""
+    even, noise = observed.evenness, observed.noise
+    worth = observed.share(observed.smooth)
+    freedom = max(float(worth.sum()) - parameters, 1.0)
+    low, high = 0.0, 1e4
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        seen = rejected(np.array(even * middle), even * freedom, even * noise.freedom) >= SEEN
+        low, high = (low, middle) if seen else (middle, high)
+    variance = noise.dispersion * float((worth * observed.variance(observed.smooth)).sum()) / max(worth.sum(), 1e-9)
+    return float(np.sqrt(high / max(worth.sum(), 1.0) * variance)) / (float(observed.rate.max()) or 1.0)
+
+
+def explained(observed: Observed, deviance: Array) -> Array:
+    """(…,) share of the deviance of a constant rate that is explained, of deviances (…, p)."""
+    level = float(observed.base @ observed.rate / observed.base.sum())
+    nothing = observed.deviance(np.full_like(observed.rate, level)).sum()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(1 - deviance.sum(axis=-1) / nothing)
+
+
+def by_repeats(observed: Observed) -> float:
+    """Share of the variance of the mean rates that is not noise: split halves, stepped up by Spearman and Brown.
+
+    Averaged over all splits that is 1 − noise / variance between positions.
+    """
+    noise = observed.noise.dispersion * observed.variance(observed.rate)
+    total = float(((observed.rate - observed.rate.mean()) ** 2).sum()) / max(len(observed.rate) - 1, 1)
+    return float(np.clip(1 - noise.mean() / total, 0.0, 1.0)) if total > 0 else 0.0
+
+
+def by_monotone(eps: Array, observed: Observed) -> float:
+    """The share that the best monotone function of any candidate ε (N, p) explains where it was not fitted.
+
+    Blocks of positions are left out in turn. An upper bound of what the rate model can explain: it takes the best of
+    many functions, each with as many steps as it likes.
+    """
+    fold = blocks(observed, _FOLDS)
+    nothing = ((observed.rate - observed.rate.mean()) ** 2).sum()
+    if nothing == 0:
+        return 0.0
+    left = [min(_left(sign * row, observed.rate, fold) for sign in (1, -1)) for row in eps if np.isfinite(row).all()]
+    return float(np.clip(1 - min(left, default=nothing) / nothing, 0.0, 1.0))
+
+
+def _left(eps: Array, rate: Array, fold: NDArray[np.int64]) -> float:
+    from scipy.optimize import isotonic_regression  # most comparisons have repeats
+
+    left = 0.0
+    for number in np.unique(fold):
+        out = fold == number
+        order = np.argsort(eps[~out], kind="stable")
+        steps = isotonic_regression(rate[~out][order]).x
+        left += float(((rate[out] - np.interp(eps[out], eps[~out][order], steps)) ** 2).sum())
+    return left
+
+
+def blocks(observed: Observed, folds: int) -> NDArray[np.int64]:
+    """(p,) number of the block of neighbouring positions, `folds` in each stimulus, that each is left out with."""
+    number = np.empty(len(observed.rate), dtype=np.int64)
+    for stimulus in np.unique(observed.stimulus):
+        mine = np.flatnonzero(observed.stimulus == stimulus)
+        number[mine] = stimulus * folds + np.arange(len(mine)) * min(folds, len(mine)) // len(mine)
+    return np.unique(number, return_inverse=True)[1]

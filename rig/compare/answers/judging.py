@@ -1,0 +1,233 @@
+"""From recordings laid over stimuli to an answer: every candidate fitted once to one afferent, tested, predicted."""
+
+from collections.abc import Sequence
+from itertools import groupby
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.compare.answers.answer import (
+    A_CONSTANT,
+    LEVEL,
+    Answer,
+    LeftOut,
+    Mimic,
+    PairRow,
+    Places,
+    Power,
+    Separate,
+    Together,
+    titled,
+)
+from rig.compare.answers.candidates import Candidates, Fitted
+from rig.compare.answers.confidence_set import set_probabilities
+from rig.compare.answers.goodness import by_monotone, by_repeats, detectable, tail
+from rig.compare.answers.left_out import Predicted, predicted_left_out
+from rig.compare.answers.likeliest import Form
+from rig.compare.answers.limits import Region, limits
+from rig.compare.answers.observed import Observed, observed
+from rig.compare.answers.power import imitated
+from rig.compare.comparison import Comparison, Overlay
+from rig.compare.controls import CONTROLS
+from rig.compare.fit import fit_rates
+from rig.compare.plausible import PlausibleFingers
+from rig.compare.statistics import Flags, compared, correlation
+from sim.measures.measures import MEASURES
+
+Array = NDArray[np.float64]
+
+_NOT_KNOWN = Region((np.nan, np.nan), (np.nan, np.nan))
+
+
+def answers(comparison: Comparison, form: Form = Form()) -> tuple[Answer, ...]:  # noqa: B008
+    """One for each afferent; none where too few positions are covered by the receptors in play."""
+    found = [_answer(group, comparison.plausible, form) for group in _afferents(comparison)]
+    return tuple(one for one in found if one is not None)
+
+
+def _afferents(comparison: Comparison) -> list[tuple[Overlay, ...]]:
+    """All recordings are of one afferent, unless rates are of each family's own unit, or one is laid over several."""
+    if comparison.normalised:
+        families = groupby(comparison.overlays, key=lambda p: p.stimulus.family)
+        return [tuple(group) for _, group in families]
+    laid = [id(overlay.recording) for overlay in comparison.overlays]
+    if len(set(laid)) < len(laid):
+        return [joint.overlays for joint in comparison.joints]
+    return [comparison.overlays] if comparison.overlays else []
+
+
+class _Named(NamedTuple):
+    """Whose row each is: its name, whether it is a control, and its receptor."""
+
+    name: str
+    control: bool
+    receptor_mm: float | None
+
+    @property
+    def title(self) -> str:
+        """As in tables."""
+        return titled(self.name, self.receptor_mm)
+
+
+class _Judged(NamedTuple):
+    """All candidates, in one order, and how they fared."""
+
+    named: list[_Named]
+    observed: Observed
+    candidates: Candidates
+    fit: Fitted
+    left_out: Predicted
+    ratio: Array
+    p_fit: Array
+    p_set: Array
+
+    @property
+    def measures(self) -> Flags:
+        """(N,) those that are no control."""
+        return np.array([not one.control for one in self.named])
+
+    @property
+    def closest(self) -> int:
+        """The likeliest measure."""
+        return int(np.argmin(np.where(self.measures, self.fit.found.total, np.inf)))
+
+
+def _answer(overlays: Sequence[Overlay], plausible: PlausibleFingers | None, form: Form) -> Answer | None:
+    on_fingers = _eps(overlays, with_fingers=plausible is not None)
+    which = compared(on_fingers[0])
+    if which is None:
+        return None
+    receptors, used = which
+    seen = observed([overlay.recording for overlay in overlays], used)
+    judged = _judged(on_fingers[:, :, used][..., receptors], overlays[0].stimulus.receptor_mm[receptors], seen, form)
+    order = np.argsort(judged.fit.found.total, kind="stable")
+    rows = [_row(judged, int(n), plausible) for n in order]
+    noise = seen.noise
+    repeated = noise.source == "repeats"
+    return Answer(
+        title=", ".join(overlay.stimulus.title for overlay in overlays),
+        stimuli=tuple(overlay.stimulus.title for overlay in overlays),
+        recordings=tuple(overlay.recording.name for overlay in overlays),
+        places=Places(
+            seen.stimulus, seen.position_mm, seen.rate, np.sqrt(noise.dispersion * seen.variance(seen.rate))
+        ),
+        recorded=len(used),
+        left_out=_left_out(overlays, used),
+        noise=noise,
+        ceiling=by_repeats(seen) if repeated else by_monotone(judged.fit.eps, seen),
+        ceiling_from="repeats" if repeated else "monotone",
+        rows=tuple(rows),
+        together=_together(judged, [overlay.stimulus.title for overlay in overlays]),
+        power=_power(judged),
+        saturating=form.saturating,
+        silent_at_rest=form.silent_at_rest,
+        fingers=len(on_fingers),
+    )
+
+
+def _eps(overlays: Sequence[Overlay], *, with_fingers: bool) -> Array:
+    """(fingers, 18 + controls, all positions, receptors); controls where every stimulus has them."""
+    each = [_with_controls(overlay, with_fingers=with_fingers) for overlay in overlays]
+    fewest = min(one.shape[1] for one in each)
+    return np.concatenate([one[:, :fewest] for one in each], axis=2)
+
+
+def _with_controls(overlay: Overlay, *, with_fingers: bool) -> Array:
+    measures = overlay.eps_on_fingers if with_fingers else overlay.eps[None]
+    control = overlay.stimulus.controls_at(overlay.recording.position_mm)
+    return np.concatenate([measures, np.broadcast_to(control, (len(measures), *control.shape))], axis=1)
+
+
+def _judged(eps: Array, receptor_mm: Array, seen: Observed, form: Form) -> _Judged:
+    """For ε (fingers, 18 + controls, p, receptors)."""
+    names = [*MEASURES, *CONTROLS][: eps.shape[1]]
+    named = [_Named(name, name in CONTROLS, float(x)) for name in names for x in receptor_mm]
+    pairs = np.moveaxis(eps, 2, -1).reshape(len(eps), -1, eps.shape[2])
+    constant = np.zeros((len(eps), 1, eps.shape[2]))
+    candidates = Candidates(np.concatenate([pairs, constant], axis=1), form)
+    fit = candidates.fitted(seen)
+    ratio, p_fit = candidates.tested(seen, fit)
+    p_set = set_probabilities(fit.found.deviance, seen.stimulus)
+    left_out = predicted_left_out(candidates, seen)
+    return _Judged([*named, _Named(A_CONSTANT, True, None)], seen, candidates, fit, left_out, ratio, p_fit, p_set)
+
+
+def _row(judged: _Judged, n: int, plausible: PlausibleFingers | None) -> PairRow:
+    seen, fit, named = judged.observed, judged.fit, judged.named[n]
+    found, eps, noise = fit.found, fit.eps[n], judged.observed.noise
+    fits = judged.p_fit[n] >= LEVEL or n == judged.closest
+    region = limits(judged.candidates, seen, fit, n, float(judged.ratio[n])) if fits else _NOT_KNOWN
+    error = np.sqrt(noise.dispersion * seen.variance(found.mean[n]))
+    return PairRow(
+        **named._asdict(),
+        k=float(found.k[n]),
+        eps0=float(found.eps0[n]),
+        saturation=float(found.saturation[n]),
+        k_interval=region.k,
+        eps0_interval=region.eps0,
+        r=float(correlation(eps[None, :, None], seen.rate)[0, 0]),
+        r2=_least_squares_r2(eps, seen.rate),
+        deviance=float(found.total[n] / noise.dispersion),
+        lack_of_fit=float(judged.ratio[n]),
+        p_fit=float(judged.p_fit[n]),
+        p_set=float(judged.p_set[n]),
+        left_out=float(judged.left_out.share()[n]),
+        eps=eps,
+        predicted=found.mean[n],
+        residual=(seen.rate - found.mean[n]) / error,
+        finger=None if plausible is None else plausible.values(fit.place[n]),
+    )
+
+
+def _least_squares_r2(eps: Array, rate: Array) -> float:
+    total = float(((rate - rate.mean()) ** 2).sum())
+    left = float(fit_rates(eps, rate).rss)
+    return 1 - left / total if total > 0 else np.nan
+
+
+def _left_out(overlays: Sequence[Overlay], used: Flags) -> tuple[LeftOut, ...]:
+    """What no receptor in play, or not all of them, saw."""
+    ends = np.cumsum([len(overlay.recording.position_mm) for overlay in overlays])[:-1]
+    found = []
+    for overlay, mine in zip(overlays, np.split(used, ends), strict=True):
+        missing = tuple(float(x) for x in overlay.recording.position_mm[~mine])
+        if missing:
+            found.append(LeftOut(overlay.stimulus.title, missing))
+    return tuple(found)
+
+
+def _together(judged: _Judged, stimuli: Sequence[str]) -> Together | None:
+    """The likeliest measure on the finger of its joint fit."""
+    seen, n = judged.observed, judged.closest
+    numbers = np.unique(seen.stimulus)
+    if len(numbers) < 2:
+        return None
+    one = Candidates(judged.fit.eps[None, n : n + 1], judged.candidates.form)
+    apart = 0.0
+    separate = []
+    for number in numbers:
+        mine = seen.stimulus == number
+        found = one.fitted(seen, mine).found
+        apart += float(found.total[0])
+        share = float(judged.left_out.share(mine)[n])
+        separate.append(Separate(stimuli[number], float(found.k[0]), float(found.eps0[0]), share))
+    noise, even = seen.noise, seen.evenness
+    freedom = one.parameters * (len(numbers) - 1.0)
+    ratio = max(float(judged.fit.found.total[n]) - apart, 0.0) / noise.dispersion / freedom
+    p = float(tail(np.array([ratio]), np.array([even * freedom]), even * noise.freedom)[0])
+    return Together((freedom, noise.freedom), ratio, p, tuple(separate))
+
+
+def _power(judged: _Judged) -> Power:
+    """Were each control, at its likeliest receptor, the truth."""
+    mimics, total = [], judged.fit.found.total
+    measures = np.flatnonzero(judged.measures)
+    for name in dict.fromkeys(one.name for one in judged.named if one.control and one.receptor_mm is not None):
+        mine = np.array([one.name == name for one in judged.named])
+        control = int(np.argmin(np.where(mine, total, np.inf)))
+        truth = judged.fit.found.mean[control]
+        best, chance = imitated(judged.candidates.only(measures), judged.observed, truth)
+        who = judged.named[measures[best]]
+        mimics.append(Mimic(judged.named[control].title, who.title, chance))
+    return Power(detectable(judged.observed, judged.candidates.parameters), tuple(mimics))

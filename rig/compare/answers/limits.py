@@ -1,0 +1,98 @@
+"""Profile-likelihood limits of k and ε₀ of one candidate, on one finger or over plausible ones."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import fdtri
+
+from rig.compare.answers.answer import LEVEL, Limits
+from rig.compare.answers.candidates import Candidates, Fitted
+from rig.compare.answers.observed import Observed
+from rig.compare.fingers.finger_fit import weights
+from rig.compare.plausible import places
+
+Array = NDArray[np.float64]
+
+_GRID = 5  # places along each range of a finger's parameter
+_STEPS = np.concatenate([[0.0], np.geomspace(1e-3, 30.0, 80)])
+_OFFSETS = np.concatenate([-_STEPS[:0:-1], _STEPS])  # of ε₀ from its best, over the range of ε
+
+
+class Region(NamedTuple):
+    """The limits of k and ε₀."""
+
+    k: Limits
+    eps0: Limits
+
+
+def limits(candidates: Candidates, observed: Observed, fit: Fitted, row: int, ratio: float) -> Region:
+    """Where the deviance of a candidate, by its row, is not above its least by more than F(1, noise) at 95 %.
+
+    `ratio` is the F of its fit; above 1 it counts as noise. The place of the finger is free. NaN without a fit,
+    infinite where not even an end of the range of ε₀ is unlikely.
+    """
+    found = fit.found
+    k, saturation = float(found.k[row]), float(found.saturation[row])
+    if np.isnan(k):
+        return Region((np.nan, np.nan), (np.nan, np.nan))
+    noise, sign = observed.noise, np.sign(k)
+    dispersion = noise.dispersion * max(ratio, 1.0)
+    limit = found.total[row] + dispersion * fdtri(1, min(noise.freedom * observed.evenness, 1e9), 1 - LEVEL)
+    eps = sign * _on_fingers(candidates, fit, row)
+    eps0 = sign * float(found.eps0[row]) + _OFFSETS * np.ptp(fit.eps[row])
+    least = -np.inf
+    if candidates.form.silent_at_rest:
+        eps0, least = np.unique(np.maximum(eps0, 0.0)), 0.0
+    best, deviance, spread = _along(eps, eps0, observed, saturation)
+    room = np.where(deviance == deviance.min(), np.inf, limit) - deviance
+    room = np.minimum(room, limit - float(found.total[row]))
+    inside = room >= 0
+    reach = np.sqrt(np.maximum(room, 0.0) / spread)
+    of_k = np.sort(sign * np.array([np.min((best - reach)[inside]), np.max((best + reach)[inside])]))
+    ends = np.sort(sign * np.array(_crossed(eps0, room.max(axis=0), least)))
+    return Region((float(of_k[0]), float(of_k[1])), (float(ends[0]), float(ends[1])))
+
+
+def _on_fingers(candidates: Candidates, fit: Fitted, row: int) -> Array:
+    """(places, p) of the candidate, that of its best finger first."""
+    if not candidates.free:
+        return fit.eps[row : row + 1]
+    at = weights(places(np.linspace(-1, 1, _GRID).tolist(), candidates.free))
+    return np.concatenate([fit.eps[row : row + 1], at @ candidates.eps[:, row]])
+
+
+def _along(eps: Array, eps0: Array, observed: Observed, saturation: float) -> tuple[Array, Array, Array]:
+    """The best k (places, q) at each ε₀ (q,), its deviance, and half the second derivative of that by k."""
+    above = np.maximum(eps[:, None] - eps0[:, None], 0.0)
+    weight = 1 / observed.variance(np.broadcast_to(observed.smooth, above.shape))
+    k = _slope(above, observed.rate, weight)
+    for _ in range(_ROUNDS):
+        drive = k[..., None] * above
+        mean, steep = drive / (1 + saturation * drive), (1 + saturation * drive) ** -2
+        weight = 1 / observed.variance(mean)
+        k = _slope(above * steep, observed.rate - mean + steep * drive, weight)
+    drive = k[..., None] * above
+    mean, steep = drive / (1 + saturation * drive), (1 + saturation * drive) ** -2
+    spread = (steep * steep * above * above / observed.variance(mean)).sum(axis=-1)
+    return k, observed.deviance(mean).sum(axis=-1), np.maximum(spread, np.finfo(float).tiny)
+
+
+_ROUNDS = 3
+
+
+def _slope(above: Array, rate: Array, weight: Array) -> Array:
+    square = (weight * above * above).sum(axis=-1)
+    return np.maximum((weight * above * rate).sum(axis=-1), 0.0) / np.maximum(square, np.finfo(float).tiny)
+
+
+def _crossed(at: Array, room: Array, least: float) -> Limits:
+    """Where room, positive somewhere, is zero first and last, linearly between; `least` or infinite if nowhere."""
+    inside = np.flatnonzero(room >= 0)
+    first, last = int(inside[0]), int(inside[-1])
+    low, high = least, np.inf
+    if first > 0:
+        low = float(np.interp(0.0, room[first - 1 : first + 1], at[first - 1 : first + 1]))
+    if last < len(at) - 1:
+        high = float(np.interp(0.0, room[last : last + 2][::-1], at[last : last + 2][::-1]))
+    return low, high

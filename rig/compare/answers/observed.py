@@ -1,0 +1,163 @@
+"""What was recorded, as a likelihood needs it: mean rates, how they vary, and how large that noise is.
+
+Counts are quasi-Poisson: variance = dispersion × mean, the dispersion free. Half a spike is added to what is counted
+and to what is expected at each position (as Jeffreys's prior does), so that a spike where a model is silent costs
+much, but not infinitely much. Rates with an sd are normal; rates alone are normal with one variance for all.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import xlogy
+
+from rig.compare.answers.answer import Noise
+from rig.compare.recordings.recorded import Recording
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+FEWEST_REPEATED = 3
+"""Degrees of freedom within positions from which repeats say how large the noise is."""
+
+_HALF_A_SPIKE = 0.5
+_LEAST_NOISE = 1e-6  # of the largest rate: what has no noise at all is fitted, too
+_NEIGHBOURS_COUNT = 18 / 35  # degrees of freedom a position of (½, −1, ½) differences (Gasser et al. 1986)
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """At (p,) positions: number of the stimulus, mm, mean rate, presses, squares within, exposure and sd.
+
+    `within` is the sum of squared deviations of presses from their mean; `exposure_s` presses × window, NaN where
+    rates alone are known; `sd` that of the mean rate, where it was given.
+    """
+
+    kind: Literal["counts", "sd", "rates"]
+    stimulus: NDArray[np.int64]
+    position_mm: Array
+    rate: Array
+    presses: Array
+    within: Array
+    exposure_s: Array
+    sd: Array
+
+    def at(self, chosen: Flags | NDArray[np.int64]) -> "Observed":
+        """Some of the positions, by flags or numbers."""
+        return Observed(self.kind, *(getattr(self, field.name)[chosen] for field in fields(self)[1:]))
+
+    @property
+    def base(self) -> Array:
+        """(p,) weights of a constant rate."""
+        if self.kind == "sd":
+            return np.asarray(self.sd**-2)
+        return self.exposure_s if self.kind == "counts" else self.presses
+
+    @cached_property
+    def _half(self) -> Array:
+        return _HALF_A_SPIKE / self.exposure_s
+
+    def variance(self, mean: Array) -> Array:
+        """(…, p) of mean rates (…, p) expected, over the dispersion."""
+        more = mean + self._half if self.kind == "counts" else np.ones_like(mean)
+        return np.asarray(more / self.base)
+
+    def deviance(self, mean: Array) -> Array:
+        """(…, p) of each position under expected rates (…, p), not yet over the dispersion."""
+        if self.kind != "counts":
+            return np.asarray(self.base * (self.rate - mean) ** 2)
+        y, mu = self.rate + self._half, mean + self._half
+        return np.asarray(np.maximum(2 * self.exposure_s * (xlogy(y, y / mu) - (y - mu)), 0.0))
+
+    def share(self, mean: Array) -> Array:
+        """(…, p) of a degree of freedom that each position is worth: none where silence is expected of counts."""
+        return np.asarray(mean / (mean + self._half)) if self.kind == "counts" else np.ones_like(mean)
+
+    @cached_property
+    def smooth(self) -> Array:
+        """(p,) rates averaged with those of the neighbours: where fits begin."""
+        total, count = self.base * self.rate, self.base.copy()
+        same = self.stimulus[1:] == self.stimulus[:-1]
+        for of, value in ((total, self.base * self.rate), (count, self.base)):
+            of[1:] += np.where(same, value[:-1], 0.0)
+            of[:-1] += np.where(same, value[1:], 0.0)
+        return total / count
+
+    @cached_property
+    def noise(self) -> Noise:
+        """How large it is, and where that is known from."""
+        if self.kind == "sd":
+            return Noise("sd", "sd", 1.0, np.inf)
+        within = (self.presses - 1).sum() >= FEWEST_REPEATED
+        dispersion, freedom = self._between_presses() if within else self._between_neighbours()
+        least = _LEAST_NOISE * (1.0 if self.kind == "counts" else float(self.rate.max()) or 1.0) ** 2
+        return Noise(self.kind, "repeats" if within else "neighbours", max(dispersion, least), max(freedom, 1.0))
+
+    @cached_property
+    def evenness(self) -> float:
+        """Share of the degrees of freedom that is left where noise differs between positions (Box 1954); 1 at most.
+
+        Of rates alone with repeats; the variances' own scatter, σ⁴ (1 + 2/freedom), is taken out.
+        """
+        freedom = self.presses - 1
+        if self.noise.kind != "rates" or self.noise.source != "repeats":
+            return 1.0
+        here = freedom > 0
+        variance, freedom = self.within[here] / freedom[here], freedom[here]
+        fourth = (variance**2 * freedom / (freedom + 2)).sum()
+        return float(min(variance.sum() ** 2 / (here.sum() * fourth), 1.0)) if fourth > 0 else 1.0
+
+    def _between_presses(self) -> tuple[float, float]:
+        """Squares within over what Poisson's presses would have, both weighted by the rates round about."""
+        freedom, weight = self.presses - 1, self.base / self.presses
+        if self.kind != "counts":
+            return float((weight * self.within).sum() / freedom.sum()), float(freedom.sum())
+        weight = weight / (self.smooth + self._half)
+        poisson = freedom * weight * self.rate / (self.base / self.presses)
+        dispersion = float((weight * self.within).sum() / max(poisson.sum(), np.finfo(float).tiny))
+        return dispersion, float((freedom * self.share(self.rate)).sum())
+
+    def _between_neighbours(self) -> tuple[float, float]:
+        """From how far each rate is off the line through its neighbours': a profile's curvature counts as noise."""
+        one = np.arange(1, len(self.rate) - 1)
+        one = one[(self.stimulus[one - 1] == self.stimulus[one]) & (self.stimulus[one + 1] == self.stimulus[one])]
+        sides = (self.at(one - 1), self.at(one), self.at(one + 1))
+        before, here, after = sides
+        right = (here.position_mm - before.position_mm) / (after.position_mm - before.position_mm)
+        mean = (before.rate + here.rate + after.rate) / 3
+        off = (1 - right) * before.rate + right * after.rate - here.rate
+        parts = ((1 - right) ** 2, np.ones(len(one)), right**2)
+        variance = sum(part * side.variance(mean) for part, side in zip(parts, sides, strict=True))
+        worth = float(here.share(mean).sum())
+        return float((off**2 / variance).sum()) / max(worth, 1.0), _NEIGHBOURS_COUNT * worth
+
+
+def observed(recordings: Sequence[Recording], known: Flags) -> Observed:
+    """Of recordings in the order of their stimuli, at those of all their positions that are known.
+
+    Counts where every recording has a window, sd where every rate has one and none is repeated, otherwise rates.
+    """
+    each = [rates for one in recordings for rates in one.repeats]
+    presses = np.array([len(rates) for rates in each], dtype=float)
+    number = np.repeat(np.arange(len(recordings)), [len(one.repeats) for one in recordings])
+    windows = np.array([np.nan if one.window_s is None else one.window_s for one in recordings])[number]
+    sd = np.concatenate([one.sd for one in recordings])
+    kind: Literal["counts", "sd", "rates"] = "rates"
+    if np.isfinite(windows).all():
+        kind = "counts"
+    elif (presses == 1).all() and np.isfinite(sd[known]).all() and (sd[known] > 0).any():
+        kind = "sd"
+        sd = np.where(sd > 0, sd, sd[known & (sd > 0)].min())  # nothing is known without error
+    return Observed(
+        kind,
+        number,
+        np.concatenate([one.position_mm for one in recordings]),
+        np.array([rates.mean() for rates in each]),
+        presses,
+        np.array([((rates - rates.mean()) ** 2).sum() for rates in each]),
+        windows * presses,
+        sd,
+    ).at(known)

@@ -1,0 +1,148 @@
+"""An answer in words, each from the object that the table is made from."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rig.compare.answers.answer import LEVEL, Answer, Mimic, PairRow, in_mm
+from rig.compare.answers.goodness import SEEN
+
+FROM = {
+    "repeats": "from repeated presses",
+    "sd": "as given with the rates",
+    "neighbours": "from differences between neighbouring positions, for want of repeats",
+}
+
+
+def sentence(answer: Answer) -> str:
+    """What the recording says, in one line."""
+    best = answer.headline
+    if best is None:
+        row = answer.closest
+        return (
+            "No measure explains this recording within its noise: the closest, "
+            f"{row.title}, {_why_not(row)}{_explains(row)}."
+        )
+    among = listed(answer.set)
+    if answer.outcome == "not beyond controls":
+        return (
+            f"No measure is shown to explain this recording: {among} cannot be told from "
+            f"{listed(answer.controls_in_set)}, and a measure that does not beat a control explains nothing."
+        )
+    if len(answer.set) == 1:
+        return f"{best.title} explains this recording, and nothing else that was tried does{_explains(best)}."
+    return f"This recording is explained by {among}, which it cannot tell apart; the likeliest is {best.title}" + (
+        f"{_explains(best)}."
+    )
+
+
+def sentences(answer: Answer) -> list[str]:
+    """What goes with it, in the order of its weight."""
+    said = [
+        _next(answer),
+        _controls(answer),
+        _ceiling(answer),
+        *_powers(answer),
+        _together(answer),
+        _positions(answer),
+    ]
+    return [one for one in said if one]
+
+
+def listed(rows: Sequence[PairRow]) -> str:
+    """For example "ep1 at −1.25 and −1 mm, sed at 0 mm", in the order of the rows."""
+    names = dict.fromkeys(row.name for row in rows)
+    places = {name: sorted(row.receptor_mm for row in rows if row.name == name and row.receptor_mm is not None)
+              for name in names}  # fmt: skip
+    return ", ".join(f"{name} at {_and(list(map(in_mm, at)))} mm" if at else name for name, at in places.items())
+
+
+def percent(share: float) -> str:
+    """Of a share, for example "93 %"; what is worse than a mean is below zero."""
+    return "–" if np.isnan(share) else f"{100 * share:.0f} %".replace("-", "−")
+
+
+def probability(p: float) -> str:
+    """For example "p = 0.03"."""
+    return "p < 0.001" if p < 0.001 else f"p = {p:.2g}"
+
+
+def _and(words: Sequence[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def _explains(row: PairRow) -> str:
+    return f" (it predicts {percent(row.left_out)} of the deviance of what it was not fitted to)"
+
+
+def _why_not(row: PairRow) -> str:
+    if not row.fits:
+        return f"is rejected by its own lack of fit ({probability(row.p_fit)})"
+    return f"is worse than a control ({probability(row.p_set)})"
+
+
+def _next(answer: Answer) -> str:
+    row = answer.next
+    if answer.headline is None:
+        return ""
+    if row is None:
+        return "No pair of a measure and a receptor can be excluded: this recording says little."
+    why = "its fit is rejected" if not row.fits else "it is not in the model confidence set"
+    by = probability(row.p_fit if not row.fits else row.p_set)
+    more = f"{answer.worse_by:.1f}".replace("-", "−")
+    return (
+        f"The next pair, {row.title}, has a deviance larger by {more} times the noise, and {why} ({by}); of what was "
+        f"left out it predicts {percent(row.left_out)}."
+    )
+
+
+def _controls(answer: Answer) -> str:
+    if not answer.controls:
+        return ""
+    best = max(answer.controls, key=lambda row: -np.inf if np.isnan(row.left_out) else row.left_out)
+    inside = f"in the set: {listed(answer.controls_in_set)}" if answer.controls_in_set else "none in the set"
+    share = percent(best.left_out)
+    return f"Of the controls {inside}; the best of them, {best.title}, predicts {share} of what was left out."
+
+
+def _ceiling(answer: Answer) -> str:
+    if answer.ceiling_from == "repeats":
+        return f"By its repeats {percent(answer.ceiling)} of the recording's variance can be explained at all."
+    return (
+        f"At most {percent(answer.ceiling)} of the recording's variance can be explained: so much of what was left "
+        "out the best monotone function of any candidate predicts."
+    )
+
+
+def _powers(answer: Answer) -> list[str]:
+    """What the noise hides."""
+    seen = percent(answer.power.detectable)
+    found = [f"A misfit of {seen} of the largest rate (rms) would be seen in {percent(SEEN)} of such recordings."]
+    blind = [one for one in answer.power.mimics if one.probability < SEEN]
+    return found + [_blind(one) for one in blind]
+
+
+def _blind(one: Mimic) -> str:
+    return (
+        f"Were {one.control} the truth, {one.pair} would imitate it, and be rejected with a probability of "
+        f"{one.probability:.2f} only."
+    )
+
+
+def _together(answer: Answer) -> str:
+    found = answer.together
+    if found is None:
+        return ""
+    differ = "differ" if found.p < LEVEL else "do not differ"
+    return (
+        f"Fitted to each of {len(found.separate)} stimuli alone, k and ε₀ of {answer.closest.title} {differ} "
+        f"from the one fit of all ({probability(found.p)})."
+    )
+
+
+def _positions(answer: Answer) -> str:
+    used = len(answer.places.rate)
+    if not answer.left_out:
+        return f"All {used} recorded positions are used."
+    missing = "; ".join(f"{one.stimulus}: {', '.join(map(in_mm, one.position_mm))} mm" for one in answer.left_out)
+    return f"{used} of {answer.recorded} recorded positions are used; not every receptor in play saw {missing}."
