@@ -3,6 +3,7 @@
 import json
 import shlex
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,6 +13,11 @@ import typer
 
 from rig.cli.options import ExactOption, JsonOption, checked_file, numbers
 from rig.cli.output import THE_FINGER, busy, out, print_json, told_in_one_line
+from rig.compare.answers.answer import Answer
+from rig.compare.answers.answer_json import answers_as_json
+from rig.compare.answers.judging import answers
+from rig.compare.answers.likeliest import Form
+from rig.compare.answers.wording import sentence
 from rig.compare.comparison import Comparison, compare
 from rig.compare.fingers.on_fingers import on_plausible_fingers
 from rig.compare.left_out import left_out_lines, left_out_rows
@@ -62,6 +68,10 @@ def command(
     fingers: Annotated[
         Path | None, typer.Option(metavar="TOML", help="How well the finger is known: ranges of its parameters.")
     ] = None,
+    saturating: Annotated[bool, typer.Option("--saturating", help="Let rates level off: a third parameter.")] = False,
+    silent_at_rest: Annotated[
+        bool, typer.Option("--silent-at-rest", help="Keep k above 0 and ε₀ at 0 or more.")
+    ] = False,
     out_file: Annotated[
         Path | None, typer.Option("--out", metavar="HTML", help="The report; comparison.html in the first run.")
     ] = None,
@@ -86,6 +96,7 @@ def command(
         line = _under_the_line(answered, deflection)
         comparison = _compared(answered, recordings, normalise, plausible, exact=exact, as_json=as_json)
         tables = finger_tables(comparison)
+        said = answers(comparison, Form(saturating, silent_at_rest))
         options = {
             "--recorded": recorded or [],
             "--columns": columns or [],
@@ -99,24 +110,25 @@ def command(
                 ("--receptor-depth-mm", f"{receptor_depth_mm:g}", "0.76"),
             ),
         }
+        flags = {"--normalise": normalise, "--saturating": saturating, "--silent-at-rest": silent_at_rest}
         report = out_file or runs[0] / "comparison.html"
         write_comparison(
             report,
             comparison,
             found,
             answered[0].finger,
-            _remade_by(runs, options, {"--normalise": normalise, "--exact": exact}),
+            _remade_by(runs, options, flags | {"--exact": exact}),
             [*map(finger_section, tables), *line],
             maps=[m for one in answered for m in stimulus_maps(one.run, one.finger, one.stimuli)],
             pdf=pdf,
         )
         _write_sidecar(report, time.perf_counter() - began)
         if as_json:
-            said = comparison_as_json(comparison, str(report))
-            said |= {"left_out": left_out_rows(comparison), "shape_test": chance_rows(comparison.stimuli)}
-            print_json(said | fingers_as_json(comparison, tables))
+            rows = comparison_as_json(comparison, str(report))
+            rows |= {"left_out": left_out_rows(comparison), "shape_test": chance_rows(comparison.stimuli)}
+            print_json(rows | {"answers": answers_as_json(said)} | fingers_as_json(comparison, tables))
         else:
-            _print(comparison, report)
+            _print(comparison, said, report)
             if any(table.interpolated for table in tables):
                 out.print(f"the plausible fingers were {HOW_MADE}; --exact builds each in full")
 
@@ -212,9 +224,11 @@ def _write_sidecar(report: Path, seconds: float) -> None:
     replace_text(report.with_name(report.name + ".made.json"), json.dumps(made) + "\n")
 
 
-def _print(comparison: Comparison, report: Path) -> None:
+def _print(comparison: Comparison, said: Sequence[Answer], report: Path) -> None:
     names = comparison.candidates()
     out.print(f"{', '.join(stimulus.title for stimulus in comparison.stimuli)}")
+    for answer in said:
+        out.print(f"answer      {sentence(answer)}")
     out.print(f"candidates  {', '.join(names) or 'none'}")
     for line in left_out_lines(comparison):
         out.print(f"left out    {line}")

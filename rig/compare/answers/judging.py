@@ -23,11 +23,11 @@ from rig.compare.answers.answer import (
 from rig.compare.answers.candidates import Candidates, Fitted
 from rig.compare.answers.confidence_set import set_probabilities
 from rig.compare.answers.goodness import by_monotone, by_repeats, detectable, tail
-from rig.compare.answers.left_out import Predicted, predicted_left_out
 from rig.compare.answers.likeliest import Form
-from rig.compare.answers.limits import Region, limits
 from rig.compare.answers.observed import Observed, observed
 from rig.compare.answers.power import imitated
+from rig.compare.answers.prediction import Predicted, predicted_left_out
+from rig.compare.answers.profile_limits import Region, limits
 from rig.compare.comparison import Comparison, Overlay
 from rig.compare.controls import CONTROLS
 from rig.compare.fit import fit_rates

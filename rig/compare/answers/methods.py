@@ -3,7 +3,7 @@
 from rig.compare.answers.answer import LEVEL, Answer
 from rig.compare.answers.candidates import DISCREPANCY, OF_THE_MESH
 from rig.compare.answers.confidence_set import BLOCK, DRAWS
-from rig.compare.answers.left_out import BLOCKS
+from rig.compare.answers.prediction import BLOCKS
 from rig.compare.answers.wording import FROM, percent, probability
 from sim.measures.measures import MEASURES
 

@@ -48,7 +48,8 @@ def limits(candidates: Candidates, observed: Observed, fit: Fitted, row: int, ra
     room = np.where(deviance == deviance.min(), np.inf, limit) - deviance
     room = np.minimum(room, limit - float(found.total[row]))
     inside = room >= 0
-    reach = np.sqrt(np.maximum(room, 0.0) / spread)
+    with np.errstate(over="ignore"):  # where no position is above ε₀ any k will do
+        reach = np.sqrt(np.maximum(room, 0.0) / spread)
     of_k = np.sort(sign * np.array([np.min((best - reach)[inside]), np.max((best + reach)[inside])]))
     ends = np.sort(sign * np.array(_crossed(eps0, room.max(axis=0), least)))
     return Region((float(of_k[0]), float(of_k[1])), (float(ends[0]), float(ends[1])))
