@@ -4,6 +4,7 @@ import errno
 import os
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
@@ -12,10 +13,11 @@ import typer
 
 from rig.cli.confirming import Confirm, nothing_to_confirm
 from rig.cli.interrupts import Pause, at_a_safe_point
-from rig.cli.output import THE_FINGER, ExitCode, busy, checking_the_script, complain, out, print_json
+from rig.cli.output import THE_FINGER, ExitCode, busy, checking_the_script, complain, out, print_json, screen_aside
 from rig.cli.progress import progress
-from rig.data import Run, export_run
+from rig.data import Run, RunFolder, export_run
 from rig.engine import EngineError, RunAborted
+from rig.plan.agenda import Course
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.plan.timeline import TimeLeft
@@ -30,10 +32,23 @@ from sim.models.fingertip import Fingertip
 
 
 class AtTheTerminal:
-    """Somebody with Ctrl-C at hand and a bar to look at."""
+    """Somebody with Ctrl-C at hand and a screen to look at, whose course others may look at too."""
 
-    def __init__(self, pause: Pause, watch: Watch, begins: Callable[[], None]) -> None:
-        self.watch, self.interrupted, self.go_on, self.begins = watch, pause.asked, pause.go_on, begins
+    def __init__(self, pause: Pause, watch: Watch, begins: Callable[[], None], course: Course | None) -> None:
+        self.watch, self.interrupted = watch, pause.asked
+        self._pause, self._begins, self._course = pause, begins, course
+
+    def begins(self, folder: RunFolder) -> None:
+        """A disk too full for the course ends no run here: the journal will tell."""
+        self._begins()
+        if self._course is not None:
+            with suppress(OSError):
+                self._course.keep(folder)
+
+    def go_on(self) -> bool:
+        """The answer is typed below the screen."""
+        with screen_aside():
+            return self._pause.go_on()
 
 
 def carry_out(
@@ -64,9 +79,10 @@ def carry_out(
         plan = make_plan(script, config, finger, before, folder, told)
     page = (confirm or nothing_to_confirm(as_json=as_json))(Session(script, config, finger, plan, into))
     began = time.perf_counter()
-    shown = progress(len(plan.indentations), time_left(page, pace), as_json=as_json)
+    course = None if isinstance(page.rehearsal, EngineError) else page.rehearsal.course
+    shown = progress(len(plan.indentations), time_left(page, pace), course, as_json=as_json)
     with at_a_safe_point() as pause, shown as watch:
-        done = how(Session(script, config, finger, plan, into, AtTheTerminal(pause, watch, begins)))
+        done = how(Session(script, config, finger, plan, into, AtTheTerminal(pause, watch, begins, course)))
     done = _reported(done, finger)
     _print(done, time.perf_counter() - began, as_json=as_json, resumed=stopped is not None)
     return done

@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from enum import IntEnum
 from typing import Any, NoReturn
 
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.live import Live
 from rich.spinner import Spinner
 
@@ -90,6 +90,34 @@ def checking_the_script() -> Iterator[Callable[[int], None]]:
             yield lambda steps: status.update(f"checking the script: {steps} steps")
         finally:
             _spinners.pop()
+
+
+_screens: list[Live] = []
+"""Those of a run that goes on."""
+
+
+@contextmanager
+def a_screen(console: Console, shown: RenderableType) -> Iterator[None]:
+    """Shown below whatever else is said, while it changes."""
+    with Live(shown, console=console, transient=True, refresh_per_second=4) as live:
+        _screens.append(live)
+        try:
+            yield
+        finally:
+            _screens.pop()
+
+
+@contextmanager
+def screen_aside() -> Iterator[None]:
+    """While somebody is asked: what is typed would tear it."""
+    shown = list(_screens)
+    for live in shown:
+        live.stop()
+    try:
+        yield
+    finally:
+        for live in shown:
+            live.start(refresh=True)
 
 
 class ExitCode(IntEnum):

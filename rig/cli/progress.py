@@ -1,13 +1,16 @@
-"""How far a run is: a bar where somebody looks, elsewhere one line for each indentation."""
+"""How far a run is: force, steps and a bar where somebody looks, elsewhere one line for each indentation."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
+from rich.console import Group
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn
 from rich.text import Text
 
-from rig.cli.output import complain, err
+from rig.cli.output import a_screen, complain, err
+from rig.cli.screen import Force, Screen, named
+from rig.plan.agenda import Agenda, Course
 from rig.plan.timeline import TimeLeft, as_clock
 from rig.session.session import Watch
 
@@ -24,11 +27,13 @@ class _Told(ProgressColumn):
 
 
 class Indentations:
-    """Counts the indentations of a run, and knows where each is made, its highest force, and what time is left."""
+    """Counts the indentations of a run, and knows where each is made, its forces, its steps and what time is left."""
 
-    def __init__(self, total: int, time_left: TimeLeft | None) -> None:
+    def __init__(self, total: int, time_left: TimeLeft | None, course: Course | None = None) -> None:
         self.total, self.done = total, 0
         self.time_left = time_left
+        self.agenda = None if course is None else Agenda(course)
+        self.force = Force()
         self._about: Mapping[str, Any] = {}
         self._peak_gwt = 0.0
 
@@ -36,6 +41,9 @@ class Indentations:
         """What the journal is told."""
         if self.time_left is not None:
             self.time_left.event(stream, data)
+        if self.agenda is not None:
+            self.agenda.event(stream, data)
+        self.force.event(stream, data)
         if stream == "indentation_start":
             self._about, self._peak_gwt = data, 0.0
         elif stream == "hold_end":
@@ -59,6 +67,12 @@ class Indentations:
         return f"{self._about['indentor']} at {self._about['x_mm']:+.2f} mm" if self._about else "starting"
 
     @property
+    def steps(self) -> list[str]:
+        """Now and next."""
+        now, after = ("", "") if self.agenda is None else (self.agenda.now, self.agenda.next)
+        return [named("now", now or "-"), named("next", after or "-")]
+
+    @property
     def line(self) -> str:
         """All of the indentation that has ended."""
         marks = [f"block {self._about['block']}"] if "block" in self._about else []
@@ -68,12 +82,14 @@ class Indentations:
 
 
 @contextmanager
-def progress(total: int, time_left: TimeLeft | None, *, as_json: bool) -> Iterator[Watch]:
+def progress(
+    total: int, time_left: TimeLeft | None, course: Course | None = None, *, as_json: bool
+) -> Iterator[Watch]:
     """A run of so many indentations, shown on standard error from its first second on.
 
     Whoever asked for JSON and has no terminal is a program, and is told of alarms only.
     """
-    run = Indentations(total, time_left)
+    run = Indentations(total, time_left, course)
     shown = _bar if err.is_terminal else _nothing if as_json else _lines
     with shown(run) as show:
 
@@ -106,6 +122,7 @@ def _lines(run: Indentations) -> Iterator[Callable[[str], None]]:
 def _bar(run: Indentations) -> Iterator[Callable[[str], None]]:
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
     told = (_Told(lambda: run.elapsed), _Told(lambda: run.left))
-    with Progress(*columns, *told, console=err, transient=True) as bar:
-        task = bar.add_task(run.where, total=run.total)
+    bar = Progress(*columns, *told, console=err)
+    task = bar.add_task(run.where, total=run.total)
+    with a_screen(err, Group(Screen(run.force, list, lambda: run.steps), bar)):
         yield lambda stream: bar.update(task, description=run.where, completed=run.done)

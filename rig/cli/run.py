@@ -17,7 +17,7 @@ from rig.cli.options import (
     SubjectOption,
     YesOption,
 )
-from rig.cli.output import Beginning, err, told_in_one_line
+from rig.cli.output import Beginning, err, screen_aside, told_in_one_line
 from rig.engine import RunAborted
 from rig.plan.config import load_config
 from rig.protocol.script import load_script
@@ -56,8 +56,9 @@ def command(
 
 def ask_at_the_bench(request: str) -> str:
     """Ask the person at the bench and return the line that answers; no answer at all ends the run."""
-    err.print(f"{request}, then press Enter")
-    answer = sys.stdin.readline()
+    with screen_aside():
+        err.print(f"{request}, then press Enter")
+        answer = sys.stdin.readline()
     if not answer:
         raise RunAborted(f"nobody answered: {request}")
     return answer

@@ -66,7 +66,7 @@ def _told(run: Run) -> dict[str, Any]:
         "state": about.state,
         "planned": about.planned,
         "done": about.done,
-        "ending": _ending(run, about.state),
+        "ending": ending_of(run, about.state),
         "presses": _presses(run),
         "limits": {**_limits(run), "soft_trip_of_the_plan_n": run.start.get("soft_trip_n")},
         "devices": made.get("devices", {}) | _identities(run),
@@ -85,7 +85,7 @@ def _limits(run: Run) -> dict[str, Any]:
     return dict(found)
 
 
-def _ending(run: Run, state: str) -> dict[str, Any] | None:
+def ending_of(run: Run, state: str) -> dict[str, Any] | None:
     """Of a run that did not end well: why, and where that left the indentor."""
     if state in ("done", "running"):
         return None

@@ -155,7 +155,7 @@ def read_journal(path: Path) -> Iterator[Document]:
     for number, line in enumerate(lines, 1):
         if not line:
             continue
-        document = _document(line)
+        document = document_on(line)
         if document is not None:
             yield document
         elif number < len(lines):
@@ -173,7 +173,7 @@ def mend_journal(path: Path) -> int:
     with path.open("rb+") as file:
         data = file.read()
         whole = data.rindex(b"\n") + 1 if b"\n" in data else 0
-        if _document(data[whole:]) is not None:
+        if document_on(data[whole:]) is not None:
             file.write(b"\n")
         elif whole < len(data):
             file.truncate(whole)
@@ -181,7 +181,7 @@ def mend_journal(path: Path) -> int:
     return sum(1 for _ in read_journal(path))
 
 
-def _document(line: bytes) -> Document | None:
+def document_on(line: bytes) -> Document | None:
     """The document on a line, or None where there is none."""
     try:
         found = json.loads(line)

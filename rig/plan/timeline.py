@@ -10,8 +10,9 @@ from rig.engine.streams import WAITED_FOR
 Milestone = tuple[str, int, int]
 """Stream; number of the press, or of the event in its stream; number of the hold."""
 
+BEGUN, ENDED = "indentation_start", "indentation_end"
 _ONE_BY_ONE = ("mount", "home", "zero", "move", "rest", "find")
-_OF_A_PRESS = ("indentation_start", "touch", "hold_start", "hold_end", "indentation_end")
+_OF_A_PRESS = (BEGUN, "touch", "hold_start", "hold_end", ENDED)
 
 
 class Milestones:
@@ -29,17 +30,44 @@ class Milestones:
 
 
 class Timeline:
-    """A journal that keeps when each milestone was passed."""
+    """A journal that keeps when each milestone was passed, and what was told of those that are steps."""
 
     def __init__(self, now: Callable[[], float]) -> None:
         self._now, self._milestones = now, Milestones()
         self.instants_s: dict[Milestone, float] = {}
+        self._steps: dict[Milestone, Mapping[str, Any]] = {}
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
         """Its instant is kept if it is a milestone."""
         name = self._milestones.name(stream, data)
         if name is not None:
             self.instants_s[name] = self._now()
+            if stream in _ONE_BY_ONE or stream.endswith(BEGUN):
+                self._steps[name] = data
+
+    @property
+    def words(self) -> dict[Milestone, str]:
+        """What is done on the way to each step's milestone, or from it on."""
+        return {name: step_in_words(name[0], data) for name, data in self._steps.items()}
+
+
+def step_in_words(stream: str, data: Mapping[str, Any]) -> str:
+    """What is done until this event, or from it on where it begins a press."""
+    match stream:
+        case "mount":
+            return f"mount {data['indentor']}"
+        case "move":
+            along = f", {data['along_mm']:+.2f} mm along the finger" if data.get("along_mm") else ""
+            return f"move to x = {data['x_mm']:+.2f} mm{along}"
+        case "rest":
+            return f"rest {data['rest_s']:g} s"
+        case "find":
+            return f"touch at x = {data['x_mm']:+.2f} mm"
+        case "home" | "zero":
+            return stream
+    unit = {"doi_mm": "mm", "force_gwt": "gwt"}[data["target"]]
+    purpose = stream.removesuffix(BEGUN).replace("_", " ") or "press "
+    return f"{purpose}{data['indentor']} at {data['x_mm']:+.2f} mm to {data['value']:g} {unit}"
 
 
 class TimeLeft:

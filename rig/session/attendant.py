@@ -3,12 +3,14 @@
 from collections.abc import Mapping
 from typing import Any, Protocol
 
+from rig.data import RunFolder
+
 
 class Attendant(Protocol):
     """Whoever looks on: sees every event, may ask for a pause, and says whether to go on after it."""
 
-    def begins(self) -> None:
-        """Ports are open and the journal has begun: from now on something may move."""
+    def begins(self, folder: RunFolder) -> None:
+        """Ports are open and the journal in this folder has begun: from now on something may move."""
 
     def watch(self, stream: str, data: Mapping[str, Any]) -> None:
         """An event is on disk."""
@@ -23,7 +25,7 @@ class Attendant(Protocol):
 class Nobody:
     """Looks on and asks for nothing."""
 
-    def begins(self) -> None:
+    def begins(self, folder: RunFolder) -> None:
         """Nothing comes of it."""
 
     def watch(self, stream: str, data: Mapping[str, Any]) -> None:

@@ -180,7 +180,7 @@ def _on_a_bench(
             engine = Engine(session.config, bench, journal, session.plan.soft_trip_n, contact_s)
             journal.at_end = lambda: {"indentor": asdict(Whereabouts.of(engine))}
             _begin(session, journal, virtual=bench.virtual)
-            session.attendant.begins()
+            session.attendant.begins(folder)
             problem = _carry_out(session, journal, engine, _rig(session, folder, engine), bench)
             return problem, Whereabouts.of(engine)
 

@@ -1,0 +1,179 @@
+"""`rig watch`: look on at a run from elsewhere; it is only read, and never told anything."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.live import Live
+
+from rig.cli.options import JsonOption
+from rig.cli.output import ExitCode, err, out, print_json, told_in_one_line
+from rig.cli.screen import Force, Screen, named
+from rig.cli.show import ending_of
+from rig.data.folder import RunFolder
+from rig.data.following import Following, followed
+from rig.data.reader import RunError, read_run
+from rig.data.summary import FOREIGN, RUNNING, alive, foreign, summary_of
+from rig.engine.journal import Document
+from rig.plan.agenda import Ahead, Course, written_ns
+from rig.plan.timeline import BEGUN, ENDED, as_clock, step_in_words
+from rig.transport.clock import WallClock
+
+LOOK_S = 0.2
+
+
+class Onlooker:
+    """What is known of a run by its journal so far, and by the course that its folder keeps."""
+
+    def __init__(self, folder: RunFolder) -> None:
+        self.folder, self.force = folder, Force()
+        self.start: Mapping[str, Any] = {}
+        self._done: set[int] = set()
+        self._since: list[Document] = []  # the start, or the last resuming, but for readings
+        self._course_ns = 0
+        self._ahead: Ahead | None = None
+        self._begun = ""
+
+    def take(self, documents: Iterable[Document]) -> None:
+        """What came to the journal."""
+        for document in documents:
+            self._take(document)
+        if self._since and written_ns(self.folder) != self._course_ns:
+            self._course_ns, course = written_ns(self.folder), Course.kept(self.folder)
+            self._ahead = None if course is None else Ahead(course, self._since[0]["t_s"])
+            for document in self._since:
+                self._pass(document)
+
+    def _take(self, document: Document) -> None:
+        if document["doc"] in ("start", "resume"):
+            self.start = document if document["doc"] == "start" else self.start
+            self._since, self._ahead = [document], None
+        elif document["doc"] == "event":
+            self._event(document["stream"], document["data"])
+            if not document["stream"].endswith("sample"):
+                self._since.append(document)
+            self._pass(document)
+
+    def _event(self, stream: str, data: Mapping[str, Any]) -> None:
+        self.force.event(stream, data)
+        if stream.endswith(BEGUN):
+            self._begun = step_in_words(stream, data)
+        elif stream.endswith(ENDED):
+            self._begun = ""
+        if stream == ENDED:
+            self._done.add(data["index"])
+
+    def _pass(self, document: Document) -> None:
+        if self._ahead is not None and document["doc"] == "event":
+            self._ahead.event(document["t_s"], document["stream"], document["data"])
+
+    @property
+    def now(self) -> str:
+        """The step that it is at, in words; empty where that is not known."""
+        return self._begun if self._ahead is None else self._ahead.agenda.now
+
+    @property
+    def next(self) -> str:
+        """The step after it."""
+        return "" if self._ahead is None else self._ahead.agenda.next
+
+    @property
+    def left_s(self) -> float | None:
+        """Seconds of the run's clock, None where nobody knows."""
+        return None if self._ahead is None else self._ahead.left_s
+
+    @property
+    def done(self) -> str:
+        """Of the indentations."""
+        return f"{len(self._done)} of {self.start.get('planned_indentations', '?')}"
+
+    def above(self) -> list[str]:
+        """What stands above the force."""
+        subject = f", subject {self.start['subject']}" if self.start.get("subject") else ""
+        virtual = ", virtual bench" if self.start.get("virtual") else ""
+        return [named("run", f"{self.folder.path.name}{subject}{virtual}")]
+
+    def below(self) -> list[str]:
+        """And below it."""
+        left = "time left not known" if self.left_s is None else f"{as_clock(self.left_s)} left on the run's clock"
+        return [named("now", self.now or "-"), named("next", self.next or "-"), named("done", f"{self.done}, {left}")]
+
+
+def command(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Live force, step now and next, and the time left, until the run ends; in a pipe one line an event.
+
+    With --json: how it is now, at once.
+    """
+    with told_in_one_line(as_json=as_json):
+        seen = Onlooker(RunFolder(run))
+        try:
+            if as_json:
+                seen.take(Following(seen.folder).new())
+                print_json(_now(seen))
+                return
+            (_on_a_screen if out.is_terminal else _line_by_line)(seen)
+            out.print("\n".join(_end(seen)))
+        except FOREIGN as error:
+            raise RunError(f"run {run}: {foreign(error)}") from None
+        except KeyboardInterrupt:
+            err.print("not watched any more; the run was told nothing")
+            raise typer.Exit(ExitCode.ABORTED) from None
+
+
+def _on_a_screen(seen: Onlooker) -> None:
+    clock, screen = WallClock(), Screen(seen.force, seen.above, seen.below)
+    with Live(screen, console=out, auto_refresh=False) as live:
+        for documents in followed(seen.folder, lambda: clock.wait_s(LOOK_S)):
+            seen.take(documents)
+            live.refresh()
+
+
+def _line_by_line(seen: Onlooker) -> None:
+    clock = WallClock()
+    for documents in followed(seen.folder, lambda: clock.wait_s(LOOK_S)):
+        seen.take(documents)
+        out.print("\n".join(line for document in documents for line in _line(document)))
+
+
+def _line(document: Document) -> list[str]:
+    """One for each document but those that only describe others."""
+    if document["doc"] == "descriptor":
+        return []
+    of_an_event = document["doc"] == "event"
+    name, data = (document["stream"], document["data"]) if of_an_event else (document["doc"], document)
+    hidden = () if of_an_event else ("doc", "uid", "seq", "t_s", "unix_s", "parameters")
+    told = ", ".join(f"{key} {value}" for key, value in data.items() if value is not None and key not in hidden)
+    return [f"{document['t_s']:10.3f}  {name:<18}  {told}".rstrip()]
+
+
+def _end(seen: Onlooker) -> list[str]:
+    """How the run ended, or left off."""
+    found = read_run(seen.folder.path)
+    about = alive(summary_of(found), seen.folder.path.parent)
+    ending = ending_of(found, about.state) or {}
+    told = {name: ending.get(name) for name in ("reason", "words", "next", "resume")}
+    lines = [named("state", f"{about.state}, {about.done} of {about.planned} indentations")]
+    names = {"reason": "because", "words": "where"}
+    return lines + [named(names.get(name, name), words) for name, words in told.items() if words]
+
+
+def _now(seen: Onlooker) -> dict[str, Any]:
+    found = read_run(seen.folder.path)
+    about = alive(summary_of(found), seen.folder.path.parent)
+    newest = {name: seen.force.newest.get(name) for name in ("force_gwt", "doi_mm", "x_mm", "height_mm", "phase")}
+    goes_on = about.state == RUNNING
+    return {
+        "run": str(seen.folder.path),
+        "state": about.state,
+        "done": about.done,
+        "planned": about.planned,
+        **newest,
+        "now": seen.now if goes_on else None,
+        "next": seen.next if goes_on else None,
+        "left_s": seen.left_s if goes_on else None,
+        "ending": ending_of(found, about.state),
+    }

@@ -1,0 +1,505 @@
+"""`rig watch` and a run's own screen: force, trace, steps and time left; a run is only read, whatever its state."""
+
+import io
+import json
+import re
+import shutil
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+from rich.live import Live
+
+import rig.cli.output as output
+import rig.cli.watch as watch_command
+from rig.cli.carrying_out import AtTheTerminal
+from rig.cli.interrupts import Pause
+from rig.cli.output import a_screen, screen_aside
+from rig.cli.progress import Indentations
+from rig.cli.run import ask_at_the_bench
+from rig.cli.screen import BLOCKS, COLUMNS, EACH, ROWS, Force, Screen
+from rig.cli.watch import Onlooker
+from rig.data.folder import RunFolder, UnwritableError
+from rig.data.following import Following, followed
+from rig.data.reader import RunError, read_run
+from rig.engine.journal import mend_journal
+from rig.plan.agenda import Agenda, Ahead, Course, written_ns
+from rig.plan.timeline import Timeline, step_in_words
+from rig.session.rehearsal import Rehearsed
+from rig.transport.clock import WallClock
+from tests.program import Program
+
+OLD = Path(__file__).parents[1] / "data" / "runs_of_0_1"
+PRESS = {"indentor": "bar:3.0", "x_mm": 0.5, "target": "force_gwt", "value": 2.33, "increments": 1}
+EVENTS: list[tuple[str, dict[str, Any]]] = [
+    ("mount", {"indentor": "bar:3.0"}),
+    ("home", {"controller": "a"}),
+    ("move", {"x_mm": 0.5, "along_mm": 0.0}),
+    ("precondition_indentation_start", {"index": 0, **PRESS}),
+    ("precondition_touch", {"index": 0}),
+    ("precondition_indentation_end", {"index": 0}),
+    ("rest", {"rest_s": 2.5}),
+    ("indentation_start", {"index": 0, **PRESS}),
+    ("touch", {"index": 0}),
+    ("hold_start", {"index": 0, "hold": 1}),
+    ("hold_end", {"index": 0, "hold": 1}),
+    ("indentation_end", {"index": 0}),
+    ("find_touch", {"index": 0}),
+    ("find", {"index": 0, "x_mm": -1.0}),
+]
+MOUNT, HOME, MOVE, REST, FIND = "mount bar:3.0", "home", "move to x = +0.50 mm", "rest 2.5 s", "touch at x = -1.00 mm"
+FIRST, SECOND = "precondition bar:3.0 at +0.50 mm to 2.33 gwt", "press bar:3.0 at +0.50 mm to 2.33 gwt"
+NOW_AND_NEXT = [
+    *((MOUNT, HOME), (HOME, MOVE), (MOVE, FIRST), (FIRST, REST), (FIRST, REST), (FIRST, REST), (REST, SECOND)),
+    *(
+        (SECOND, FIND),
+        (SECOND, FIND),
+        (SECOND, FIND),
+        (SECOND, FIND),
+        (SECOND, FIND),
+        (FIND, ""),
+        (FIND, ""),
+        ("", ""),
+    ),
+]
+"""Before the first of them, and after each."""
+
+
+@pytest.fixture
+def course() -> Course:
+    """Rehearsed with ten seconds between the events, and five after the last."""
+    seconds = [0.0]
+    timeline = Timeline(lambda: seconds[0])
+    for stream, data in EVENTS:
+        seconds[0] += 10.0
+        timeline.event(stream, data)
+    return Course(seconds[0] + 5.0, timeline.instants_s, timeline.words)
+
+
+# --- what a run is at ---
+
+
+def test_a_course_is_kept_beside_the_journal(course: Course, tmp_path: Path) -> None:
+    folder = RunFolder(tmp_path)
+    assert (Course.kept(folder), written_ns(folder)) == (None, 0)
+    course.keep(folder)
+    assert Course.kept(folder) == course
+    assert written_ns(folder) == (tmp_path / "timeline.json").stat().st_mtime_ns
+    for broken in ("", "{", "[]", '{"duration_s": 1}', '{"duration_s": 1, "passes": [["a"]]}', '{"passes": []}'):
+        (tmp_path / "timeline.json").write_text(broken, encoding="utf-8")
+        assert Course.kept(folder) is None, broken
+
+
+def test_the_step_now_and_the_next(course: Course) -> None:
+    agenda = Agenda(course)
+    found = [(agenda.now, agenda.next)]
+    for stream, data in EVENTS:
+        agenda.event("sample", {"index": 0})
+        agenda.event(stream, data)
+        found.append((agenda.now, agenda.next))
+    # until the find's milestone is passed, the press before it is over and touching is what is done
+    assert found == NOW_AND_NEXT
+
+
+def test_a_press_begun_anew_is_the_step_again(course: Course) -> None:
+    agenda = Agenda(course)
+    for stream, data in EVENTS[:11]:
+        agenda.event(stream, data)
+    agenda.event("indentation_start", {"index": 0, **PRESS})
+    assert (agenda.now, agenda.next) == (SECOND, FIND)
+    agenda.event("rest", {"rest_s": 1.0})  # one more than was rehearsed
+    assert agenda.now == SECOND
+
+
+@pytest.mark.parametrize(
+    ("stream", "data", "words"),
+    [
+        ("move", {"x_mm": -1.0, "along_mm": 0.25}, "move to x = -1.00 mm, +0.25 mm along the finger"),
+        ("zero", {}, "zero"),
+        ("indentation_start", PRESS | {"target": "doi_mm", "value": 0.4}, "press bar:3.0 at +0.50 mm to 0.4 mm"),
+        ("reference_indentation_start", PRESS, "reference bar:3.0 at +0.50 mm to 2.33 gwt"),
+    ],
+)
+def test_a_step_in_words(stream: str, data: Mapping[str, Any], words: str) -> None:
+    assert step_in_words(stream, data) == words
+
+
+def test_the_time_left_is_that_of_the_run_s_own_clock(course: Course) -> None:
+    ahead = Ahead(course, 1000.0)
+    assert ahead.left_s == 145.0
+    ahead.event(1010.0, *EVENTS[0])
+    assert ahead.left_s == 135.0
+    ahead.event(1025.0, *EVENTS[1])
+    assert ahead.left_s == 125.0
+    ahead.event(1029.0, "sample", {})
+    assert ahead.left_s == 121.0
+    ahead.event(1300.0, *EVENTS[-1])
+    assert ahead.left_s == 5.0
+
+
+# --- the force ---
+
+
+def test_the_newest_reading_is_a_number() -> None:
+    force = Force()
+    assert (force.line, force.highest_gwt) == ("no reading yet", 0.0)
+    assert force.trace == [" " * COLUMNS] * ROWS
+    force.event("touch", {"force_gwt": 9.0})
+    force.event("sample", {"force_gwt": 0.004, "doi_mm": None, "x_mm": None, "phase": "clearance"})
+    assert force.line == "0.00 gwt, clearance"
+    force.event("reference_sample", {"force_gwt": 2.326, "doi_mm": 0.1234, "x_mm": -0.5, "phase": "hold"})
+    assert force.line == "2.33 gwt, depth 0.123 mm, x = -0.50 mm, hold"
+
+
+def test_the_trace_has_the_highest_of_each_few_readings_and_forgets() -> None:
+    force = Force()
+    for column in ([-1.0, -2.0, -1.0, -1.0], [0.0, 1.0, 0.5, 0.0], [12.0, 24.0, 1.0, 0.0], [9.0]):
+        assert len(column) <= EACH
+        for force_gwt in column:
+            force.event("sample", {"force_gwt": force_gwt})
+    assert force.highest_gwt == 24.0 == len(BLOCKS[1:]) * ROWS
+    assert [line.rstrip() for line in force.trace] == ["  █", "  █▁", " ▁██"]
+    assert {len(line) for line in force.trace} == {COLUMNS}
+    for _ in range(EACH * COLUMNS):
+        force.event("sample", {"force_gwt": 3.0})
+    assert force.highest_gwt == 3.0
+    assert force.trace == ["█" * COLUMNS] * ROWS
+
+
+def test_a_screen_is_no_wider_than_the_terminal() -> None:
+    force, screen = Force(), io.StringIO()
+    force.event("sample", {"force_gwt": 100.0, "doi_mm": 1.5, "x_mm": -3.69, "phase": "back off"})
+    shown = Screen(force, lambda: ["x" * 100], lambda: ["below [b]it[/b]"])
+    Console(file=screen, width=80, force_terminal=True).print(shown)
+    lines = screen.getvalue().splitlines()
+    assert [len(line) for line in lines] == [80, 58, 77, 66, 68, 15]
+    assert lines[0].endswith("x…")
+    assert (lines[2].split()[-2:], lines[4][-1]) == (["100.00", "gwt"], "0")
+    assert lines[-1] == "below [b]it[/b]"
+
+
+# --- a journal that grows ---
+
+
+def _document(kind: str, **body: Any) -> bytes:
+    return json.dumps({"doc": kind, "t_s": 0.0, **body}).encode() + b"\n"
+
+
+def test_a_journal_is_followed_line_by_line(tmp_path: Path) -> None:
+    folder = RunFolder(tmp_path)
+    following = Following(folder)
+    assert following.new() == []
+    folder.events.write_bytes(_document("start") + b'{"doc": "ev')
+    assert [one["doc"] for one in following.new()] == ["start"]
+    assert following.new() == []
+    with folder.events.open("ab") as file:
+        file.write(b'ent", "t_s": 1, "stream": "note", "data": {}}\n' + _document("resume"))
+    assert [one["doc"] for one in following.new()] == ["event", "resume"]
+    with folder.events.open("ab") as file:
+        file.write(b"noise\n")
+    with pytest.raises(RunError, match=r"events\.jsonl, line 4: not a journal document"):
+        following.new()
+    folder.events.unlink()
+    folder.events.mkdir()
+    with pytest.raises(RunError, match="Is a directory"):
+        Following(folder).new()
+
+
+def test_it_is_followed_to_its_end_or_as_long_as_somebody_writes(tmp_path: Path) -> None:
+    folder, waited = RunFolder(tmp_path), list[int]()
+
+    def seen(coming: list[bytes]) -> list[str]:
+        def wait() -> None:
+            with folder.events.open("ab") as file:
+                file.write(coming.pop(0))
+            waited.append(1)
+
+        return [one["doc"] for documents in followed(folder, wait) for one in documents]
+
+    folder.events.write_bytes(_document("start"))
+    assert (seen([]), waited) == (["start"], [])  # nobody is at it: killed
+    with folder.owned():
+        coming = [b"", _document("resume")[:9], _document("resume")[9:], _document("stop", status="done"), b"more"]
+        assert seen(coming) == ["start", "resume", "stop"]
+        assert (len(waited), coming) == (4, [b"more"])
+        folder.events.write_bytes(_document("stop", status="aborted") + _document("resume"))
+        assert seen([_document("stop", status="done")]) == ["stop", "resume", "stop"]
+
+
+def test_who_looks_on_knows_force_step_and_time(course: Course, tmp_path: Path) -> None:
+    folder = RunFolder(tmp_path / "mine")
+    folder.path.mkdir()
+    seen = Onlooker(folder)
+    start = {"doc": "start", "t_s": 100.0, "planned_indentations": 2, "subject": "S07", "virtual": True}
+    documents = [
+        {"doc": "event", "t_s": 110.0 + 10 * n, "stream": stream, "data": data}
+        for n, (stream, data) in enumerate(EVENTS)
+    ]
+    seen.take([start])
+    assert (seen.above(), seen.left_s, seen.now, seen.next) == (
+        ["run     mine, subject S07, virtual bench"], None, "", "",
+    )  # fmt: skip
+    assert seen.below() == ["now     -", "next    -", "done    0 of 2, time left not known"]
+    seen.take(documents[:4])
+    assert (seen.now, seen.left_s) == (FIRST, None)  # of the press that was begun: nothing else is known
+    seen.take(documents[4:6])
+    assert seen.now == ""
+    course.keep(folder)
+    seen.take([])
+    assert (seen.now, seen.next, seen.left_s) == (REST, SECOND, 85.0)
+    seen.take([*documents[6:12], {"doc": "event", "t_s": 223.0, "stream": "sample", "data": {"force_gwt": 2.0}}])
+    assert (seen.now, seen.left_s) == (FIND, 22.0)
+    assert seen.below()[-1] == "done    1 of 2, 0:00:22 left on the run's clock"
+    assert seen.force.newest == {"force_gwt": 2.0}
+
+
+def test_a_run_that_is_taken_up_has_a_course_of_its_own(course: Course, tmp_path: Path) -> None:
+    folder = RunFolder(tmp_path)
+    course.keep(folder)
+    seen = Onlooker(folder)
+    seen.take(
+        [{"doc": "start", "t_s": 0.0}, {"doc": "event", "t_s": 10.0, "stream": EVENTS[0][0], "data": EVENTS[0][1]}]
+    )
+    assert (seen.now, seen.left_s) == (HOME, 135.0)
+    seen.take([{"doc": "stop", "t_s": 12.0, "status": "aborted"}, {"doc": "resume", "t_s": 50.0}])
+    assert (seen.now, seen.left_s) == ("", None)
+    Course(30.0, {("home", 1, 0): 20.0}, {("home", 1, 0): "home"}).keep(folder)
+    seen.take([])
+    assert (seen.now, seen.left_s) == ("home", 30.0)
+    seen.take([{"doc": "event", "t_s": 60.0, "stream": "home", "data": {}}])
+    assert (seen.now, seen.left_s) == ("", 10.0)
+
+
+# --- the command ---
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Callable[[str], Path]:
+    """A copy of an old run."""
+
+    def copy(name: str) -> Path:
+        return Path(shutil.copytree(OLD / name, tmp_path / name))
+
+    return copy
+
+
+def test_in_a_pipe_there_is_one_line_an_event(program: Program, run: Callable[[str], Path]) -> None:
+    folder = run("complete")
+    ended = program("watch", folder)
+    found = read_run(folder)
+    lines = ended.out.splitlines()
+    events = sorted((round(e["t_s"], 3), stream) for stream, them in found.events.items() for e in them)
+    assert (ended.code, ended.err) == (0, "")
+    assert len(lines) == len(events) + 3  # start, stop, and how it ended
+    assert sorted((float(line[:10]), line.split()[1]) for line in lines[1:-2]) == events
+    assert lines[0].startswith("     0.000  start               protocol bars_of_five, title Bar at five positions")
+    assert lines[1] == "     0.000  mount               indentor bar:3.0"
+    assert "unix_s" not in ended.out
+    assert "None" not in ended.out
+    assert lines[-1] == "state   done, 5 of 5 indentations"
+
+
+def _stop(folder: Path) -> None:
+    mend_journal(folder / "events.jsonl")
+    with (folder / "events.jsonl").open("ab") as file:
+        file.write(b'{"doc": "stop", "t_s": 90.0, "status": "tripped", "reason": "too much"}\n')
+
+
+def test_a_run_without_an_end_and_one_that_was_stopped_say_so(program: Program, run: Callable[[str], Path]) -> None:
+    folder = run("stopped")
+    lines = program("watch", folder).out.splitlines()
+    assert lines[-5] == "state   killed, 5 of 8 indentations"
+    assert [line[:8].strip() for line in lines[-4:]] == ["because", "where", "next", "resume"]
+    assert lines[-1] == f"resume  rig resume {folder}"
+    _stop(folder)
+    lines = program("watch", folder).out.splitlines()
+    assert lines[-2:] == ["state   tripped, 5 of 8 indentations", "because too much"]
+
+
+def test_as_json_it_is_how_it_is_now(program: Program, run: Callable[[str], Path], course: Course) -> None:
+    folder = run("stopped")
+    last = read_run(folder).stream("sample")[-1]
+    told = program("watch", folder, "--json").json
+    assert told == {
+        "run": str(folder), "state": "killed", "done": 5, "planned": 8, "now": None, "next": None, "left_s": None,
+        **{name: last[name] for name in ("force_gwt", "doi_mm", "x_mm", "height_mm", "phase")},
+        "ending": told["ending"],
+    }  # fmt: skip
+    assert told["ending"]["resume"] == f"rig resume {folder}"
+    course.keep(RunFolder(folder))
+    with RunFolder(folder).owned():
+        told = program("watch", folder, "--json").json
+    assert (told["state"], told["ending"], told["now"]) == ("running", None, SECOND)
+    assert told["left_s"] > 0
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        (None, "run {}: events.jsonl: No such file or directory"),
+        (b"noise\n", "{}/events.jsonl, line 1: not a journal document"),
+        (b'{"doc": "start", "t_s": 0}\n', "run {}: no journal that this version can read: KeyError: 'unix_s'"),
+        (b'{"doc": "start", "t_s": "x"}\n{"doc": "event", "t_s": "x", "stream": "sample", "data": {}}\n',
+         "run {}: no journal that this version can read: KeyError: 'force_gwt'"),
+    ],
+)  # fmt: skip
+def test_what_is_no_run_has_one_line(program: Program, tmp_path: Path, content: bytes | None, complaint: str) -> None:
+    folder = tmp_path / "odd"
+    folder.mkdir()
+    if content is not None:
+        (folder / "events.jsonl").write_bytes(content)
+    for options in ([], ["--json"]):
+        ended = program("watch", folder, *options)
+        assert (ended.code, ended.complaint) == (2, complaint.format(folder))
+
+
+def test_nothing_is_changed_by_looking_on(program: Program, run: Callable[[str], Path]) -> None:
+    folder = run("complete")
+
+    def there() -> dict[str, tuple[int, bytes]]:
+        return {path.name: (path.stat().st_mtime_ns, path.read_bytes()) for path in folder.iterdir()}
+
+    before = there()
+    program("watch", folder)
+    program("watch", folder, "--json")
+    assert there() == before
+
+
+def test_on_a_terminal_there_is_a_screen(
+    program: Program, run: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    screen = io.StringIO()
+    console = Console(file=screen, force_terminal=True, width=80, highlight=False, markup=False)
+    monkeypatch.setattr(watch_command, "out", console)
+    program("watch", run("complete"))
+    drawn = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "\n", screen.getvalue())
+    assert "run     complete, virtual bench\n" in drawn
+    assert re.search(r"force   [\d.]+ gwt, depth [\d.]+ mm, x = .3\.00 mm, hold\n", drawn)
+    assert "█" in drawn
+    assert "done    5 of 5, time left not known\n" in drawn
+    assert drawn.rstrip().endswith("state   done, 5 of 5 indentations")
+    assert max(map(len, drawn.splitlines())) <= 80
+
+
+def test_ctrl_c_ends_the_looking_on_only(
+    program: Program, run: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(clock: WallClock, seconds: float) -> None:
+        assert seconds == watch_command.LOOK_S
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(WallClock, "wait_s", interrupted)
+    folder = run("stopped")
+    for terminal in (False, True):
+        console = Console(file=io.StringIO(), force_terminal=terminal, highlight=False, markup=False)
+        monkeypatch.setattr(watch_command, "out", console)
+        with RunFolder(folder).owned():
+            ended = program("watch", folder)
+        assert (ended.code, ended.err) == (130, "not watched any more; the run was told nothing\n")
+
+
+# --- a run's own screen, and what it leaves for others ---
+
+SCRIPT = """\
+def run(rig):
+    rig.mount("bar:3.0")
+    rig.home()
+    rig.zero()
+    rig.move_to(x_mm=0.5)
+    rig.indent(doi_mm=0.2, hold_s=0.1)
+    rig.rest(1.5)
+"""
+
+
+@pytest.mark.usefixtures("empty_figures", "finger")
+def test_a_run_leaves_its_course_and_shows_it(
+    program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import rig.cli.progress as progress
+
+    screen = io.StringIO()
+    console = Console(file=screen, force_terminal=True, width=80, highlight=False, markup=False)
+    for module in (output, progress):
+        monkeypatch.setattr(module, "err", console)
+    (tmp_path / "mine.py").write_text(SCRIPT, encoding="utf-8")
+    told = program("dry-run", tmp_path / "mine.py", "--out", tmp_path / "runs", "--json").json
+    folder = RunFolder(Path(told["run"]))
+    course = Course.kept(folder)
+    assert course is not None
+    assert list(course.words.values()) == [
+        "mount bar:3.0", "home", "zero", "move to x = +0.50 mm", "press bar:3.0 at +0.50 mm to 0.2 mm", "rest 1.5 s",
+    ]  # fmt: skip
+    assert course.duration_s >= max(course.instants_s.values())
+    assert "  timeline.json\n" in (folder.path / "SHA256SUMS").read_text(encoding="utf-8")
+    drawn = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "\n", screen.getvalue())
+    assert "now     mount bar:3.0\nnext    home\n" in drawn.replace("\r", "").replace("\n\n", "\n")
+    assert "force   " in drawn
+    assert max(map(len, drawn.splitlines())) <= 80
+    seen = Onlooker(folder)
+    seen.take(Following(folder).new())
+    assert (seen.now, seen.next) == ("", "")
+    assert seen.left_s == pytest.approx(0.0, abs=0.5)
+
+
+def test_a_rehearsal_without_an_end_leaves_no_course_and_no_disk_ends_a_run(
+    course: Course, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun = list[int]()
+    folder = RunFolder(tmp_path)
+
+    def attendant(of: Course | None) -> AtTheTerminal:
+        return AtTheTerminal(pause=Pause(), watch=print, begins=lambda: begun.append(1), course=of)  # type: ignore[arg-type]
+
+    attendant(None).begins(folder)
+    assert (begun, list(tmp_path.iterdir())) == ([1], [])
+
+    def full(path: Path, text: str) -> None:
+        raise UnwritableError.of(path, OSError(28, "No space left on device"))
+
+    with monkeypatch.context() as patched:
+        patched.setattr("rig.plan.agenda.replace_text", full)
+        attendant(course).begins(folder)
+    assert (begun, list(tmp_path.iterdir())) == ([1, 1], [])
+    attendant(course).begins(folder)
+    assert Course.kept(folder) == course
+    assert Rehearsed(course.duration_s, 0.0, course.instants_s, course.words).course == course
+
+
+def test_a_screen_gives_way_while_somebody_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    console = Console(file=io.StringIO(), force_terminal=True)
+    monkeypatch.setattr(output, "err", console)
+    shown: list[bool] = []
+
+    class Answer:
+        def readline(self) -> str:
+            shown.append(live.is_started)
+            return "yes\n"
+
+    live: Live
+    with a_screen(console, "drawn"):
+        (live,) = output._screens
+        with screen_aside():
+            assert not live.is_started
+        assert live.is_started
+        monkeypatch.setattr("sys.stdin", Answer())
+        assert ask_at_the_bench("mount it") == "yes\n"
+        assert live.is_started
+        pause = Pause()
+        monkeypatch.setattr(pause, "go_on", lambda: shown.append(live.is_started) or True)
+        assert AtTheTerminal(pause, print, print, None).go_on()  # type: ignore[arg-type]
+    assert shown == [False, False]
+    assert not output._screens
+    with screen_aside():
+        pass
+
+
+def test_what_is_counted_has_its_steps(course: Course) -> None:
+    run = Indentations(1, None, course)
+    assert run.steps == [f"now     {MOUNT}", f"next    {HOME}"]
+    run.event(*EVENTS[0])
+    run.event("sample", {"force_gwt": 1.0, "phase": "clearance"})
+    assert run.steps == [f"now     {HOME}", f"next    {MOVE}"]
+    assert run.force.line == "1.00 gwt, clearance"
+    assert Indentations(1, None).steps == ["now     -", "next    -"]
