@@ -39,6 +39,7 @@ REAL_TIME = (
     "rig/test_safety.py::test_a_beating_or_resting_engine_is_left_alone",
     "rig/test_transport.py",
     "rig/test_wall_clock.py",
+    "rig/test_watch_command.py::test_ctrl_c_ends_the_looking_on_only",
     "sim/test_door.py::test_the_door_itself_weighs_nothing",
     "sim/test_library_examples.py::test_one_runs_as_a_script_beside_processes",
     "sim/test_many.py::test_a_finger_presses_in_processes_however_they_are_begun",
