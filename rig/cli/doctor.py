@@ -13,6 +13,7 @@ from rig.cli.confirming import careful
 from rig.cli.looking import look
 from rig.cli.options import JsonOption
 from rig.cli.output import out, print_json, told_in_one_line
+from rig.data.bug_report import LEFT_OUT, bug_report, bundle_name
 from rig.devices import catalogue
 from rig.plan.config import Config, load_config
 from rig.protocol.script import shipped_protocols
@@ -27,11 +28,15 @@ _PACKAGES = ("indentation-rig", "numpy", "scipy", "h5py", "pydantic", "pyserial"
 
 def command(
     config: Annotated[Path | None, typer.Option(metavar="TOML", help="Also look at the devices it names.")] = None,
+    bundle: Annotated[
+        Path | None,
+        typer.Option(metavar="RUN", help="Instead: one file of that run for a bug report, no subject in it."),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Print what a bug report should say."""
     with told_in_one_line(as_json=as_json):
-        found = _examine(config)
+        found = _examine(config) if bundle is None else _bundled(bundle, load_config(config))
         if as_json:
             print_json(found)
             return
@@ -41,6 +46,16 @@ def command(
             elif isinstance(value, list):
                 value = ", ".join(str(v) for v in value) or "none"
             out.print(f"{name:<12}{value}")
+
+
+def _bundled(run: Path, settings: Config) -> dict[str, Any]:
+    """Write the file for a bug report beside where the command is given; what is in it, and what is not."""
+    here = _installation(settings)
+    told = {name: here[name] for name in ("python", "versions", "devices", "solver", "protocols")}
+    to = Path(bundle_name(run))
+    shipped = {path.name: path.read_bytes() for path in shipped_protocols().glob("*.py")}
+    members = bug_report(run, to, told | {"problems": list(catalogue.problems())}, shipped)
+    return {"bundle": str(to), "holds": members, "left out": list(LEFT_OUT)}
 
 
 def _examine(config: Path | None) -> dict[str, Any]:

@@ -1,0 +1,215 @@
+"""`rig doctor --bundle`: what is in the one file for a bug report, and that it tells of nobody and no machine."""
+
+import getpass
+import json
+import platform
+import shutil
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from rig.data.bug_report import LEFT_OUT
+from rig.data.scrubbed import GONE, Scrubber
+from rig.protocol.script import shipped_protocols
+from tests.program import Program
+
+OLD = Path(__file__).parents[1] / "data" / "runs_of_0_1"
+HOLDER = "Ada Byron"
+SCRIPT = '''\
+"""Presses for Ada B."""
+METADATA = {"title": "Ada's finger"}  # she came late
+NOTE = f"subject {METADATA} is tired"
+
+def run(rig):
+    """Of two
+    lines."""
+    rig.mount("bar:3.0")
+    rig.note('Ada is cold', "1.5", rig.x)
+'''
+
+
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """One that was stopped, in a folder of somebody's, who wrote a name wherever one can be written."""
+    folder = tmp_path / HOLDER / "runs" / "20260301T101500-of_S07-1a2b3c"
+    shutil.copytree(OLD / "stopped", folder)
+    monkeypatch.chdir(tmp_path)
+    lines = (folder / "events.jsonl").read_text(encoding="utf-8").splitlines()[:60]
+    start = json.loads(lines[0])
+    start |= {"title": "Ada's finger", "source": "Ada's notebook"}
+    start["parameters"] |= {"who": "Ada", "shape": "bar:3.0", "many": ["Ada", 2.0], "order": None}
+    events = [
+        ("note", {"text": "Ada says it tickles"}),
+        ("checkpoint", {"name": "Ada rests"}),
+        ("mount", {"indentor": f"profile:{tmp_path}/{HOLDER}/ridge.csv"}),
+        ("mount", {"indentor": "bar:1.5"}),
+        ("alarm", {"reason": "Ada says it tickles: S07 moved"}),
+        ("indentation_start", {"index": 9, "indentor": "bar:1.5", "condition": "Ada, left", "block": 1}),
+        ("indentation_start", {"index": 9, "indentor": "bar:1.5", "condition": "-0.5", "block": 1}),
+    ]
+    told = [{"doc": "event", "t_s": 80.0, "stream": stream, "data": data} for stream, data in events]
+    reason = f"{folder}/bytes.jsonl: cannot be written, see tcp://10.0.0.7:502 and C:\\Users\\Ada\\x.py, line 3 mm/s"
+    told += [{"doc": "resume", "t_s": 81.0, "missing": 3, "after": "Ada rests"}]
+    told += [{"doc": "stop", "t_s": 90.0, "status": "failed", "reason": reason}]
+    text = "\n".join([json.dumps(start), *lines[1:], *map(json.dumps, told), '{"doc": "event", "text": "Ad'])
+    (folder / "events.jsonl").write_text(text, encoding="utf-8")
+    made = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
+    made["command"] = ["rig", "dry-run", f"/home/{HOLDER}/mine.py", "--out", f"{HOLDER}/runs", "--subject", "S07"]
+    (folder / "provenance.json").write_text(json.dumps(made), encoding="utf-8")
+    port = f'[stage]\nport = "{tmp_path}/{HOLDER}/tty0"\n[force]\nport = "tcp://balance.ada.org:4001"\n'
+    (folder / "config.toml").write_text(port, encoding="utf-8")
+    wire = {"t_s": 0.0, "port": "/dev/serial/by-id/usb-x", "dir": "tx", "hex": "24490a"}
+    (folder / "bytes.jsonl").write_text(json.dumps(wire) + "\n", encoding="utf-8")
+    (folder / "timeline.json").write_text(json.dumps({"passes": [["mount", 1, 0, 0.0, "mount x"]]}), encoding="utf-8")
+    (folder / "protocol.py").write_text(SCRIPT, encoding="utf-8")
+    (folder / "report.html").write_text("Ada", encoding="utf-8")
+    return folder
+
+
+def members(path: Path) -> dict[str, str]:
+    with zipfile.ZipFile(path) as archive:
+        assert archive.testzip() is None
+        return {name: archive.read(name).decode("utf-8") for name in archive.namelist()}
+
+
+def test_nobody_and_no_machine_is_told_of(program: Program, run: Path) -> None:
+    ended = program("doctor", "--bundle", run, "--json")
+    told = ended.json
+    assert told["bundle"] == "bug-report-20260301T101500-of_SUBJECT-1a2b3c.zip"
+    found = members(Path(told["bundle"]))
+    assert told["holds"] == {name: len(text.encode("utf-8")) for name, text in found.items()}
+    assert set(found) == {
+        *("README.txt", "installation.json", "provenance.json", "config.toml", "events.jsonl", "bytes.jsonl"),
+        *("timeline.json", "protocol.py"),
+    }
+    assert told["left out"] == list(LEFT_OUT)
+    assert all(words in found["README.txt"] for words in (*LEFT_OUT, *set(found) - {"README.txt"}))
+    secret = (
+        "Ada",
+        "Byron",
+        "S07",
+        "tickles",
+        "10.0.0.7",
+        "ada.org",
+        str(Path.home()),
+        str(run.parents[2]),
+        "/home/",
+        "/dev/",
+    )
+    for name, text in found.items():
+        for words in (*secret, str(Path(sys.executable).parent)):
+            assert words not in text, (name, words)
+    if len(platform.node()) > 2:
+        assert not [name for name, text in found.items() if platform.node() in text]
+    if len(getpass.getuser()) > 3 and getpass.getuser() != "root":
+        assert not [name for name, text in found.items() if getpass.getuser() in text]
+
+
+def test_what_a_bug_report_needs_is_there(program: Program, run: Path) -> None:
+    program("doctor", "--bundle", run)
+    (bundle,) = Path().glob("bug-report-*.zip")
+    found = members(bundle)
+    documents = [json.loads(line) for line in found["events.jsonl"].splitlines()]
+    lines = (run / "events.jsonl").read_text(encoding="utf-8").splitlines()
+    assert len(documents) == len(lines)
+    assert documents[-1] == {"unreadable": len(lines[-1])}
+    assert documents[-2]["reason"] == (
+        "…/20260301T101500-of_SUBJECT-1a2b3c/bytes.jsonl: cannot be written, see tcp://…:502 and …/x.py, line 3 mm/s"
+    )
+    assert documents[-3] == {"doc": "resume", "t_s": 81.0, "missing": 3, "after": GONE}
+    events = [one["data"] for one in documents if one.get("t_s") == 80.0]
+    assert events == [
+        {"text": GONE}, {"name": GONE}, {"indentor": "profile:…/ridge.csv"}, {"indentor": "bar:1.5"},
+        {"reason": f"{GONE}: SUBJECT moved"},
+        {"index": 9, "indentor": "bar:1.5", "condition": GONE, "block": 1},
+        {"index": 9, "indentor": "bar:1.5", "condition": "-0.5", "block": 1},
+    ]  # fmt: skip
+    start, was = documents[0], json.loads(lines[0])
+    assert (start["subject"], start["title"], start["source"]) == (GONE, GONE, GONE)
+    assert start["parameters"] == {
+        **was["parameters"], "who": GONE, "many": [GONE, 2.0], "shape": "bar:3.0", "order": None,
+    }  # fmt: skip
+    assert start["unix_s"] == was["unix_s"]
+    unchanged = [line for line in lines[1:60] if "checkpoint" not in line and "note" not in line]
+    assert [json.loads(line) for line in unchanged if json.loads(line) in documents] == [
+        json.loads(line) for line in unchanged
+    ]
+    assert json.loads(found["bytes.jsonl"]) == {"t_s": 0.0, "port": "…/usb-x", "dir": "tx", "hex": "24490a"}
+    assert found["config.toml"] == '[stage]\nport = "…/tty0"\n[force]\nport = "tcp://…:4001"\n'
+    assert json.loads(found["provenance.json"])["versions"]["indentation-rig"] == "0.1.0"
+    installed = json.loads(found["installation.json"])
+    assert set(installed) == {"python", "versions", "devices", "solver", "protocols", "problems"}
+    assert "steps" in installed["protocols"]
+
+
+def test_a_script_of_one_s_own_keeps_its_lines_and_loses_its_words(run: Path, program: Program) -> None:
+    program("doctor", "--bundle", run)
+    found = members(Path("bug-report-20260301T101500-of_SUBJECT-1a2b3c.zip"))["protocol.py"]
+    lines = found.splitlines()
+    assert len(lines) == len(SCRIPT.splitlines())
+    compile(found, "protocol.py", "exec")
+    assert lines[1].endswith("  #")
+    assert lines[4] == "def run(rig):"
+    assert lines[7] == '    rig.mount("bar:3.0")'
+    assert lines[8] == f'    rig.note("""{GONE}""", "1.5", rig.x)'
+
+
+def test_a_shipped_script_is_there_whole(run: Path, program: Program) -> None:
+    content = (shipped_protocols() / "steps.py").read_bytes()
+    (run / "protocol.py").write_bytes(content)
+    told = program("doctor", "--bundle", run, "--json").json
+    assert members(Path(told["bundle"]))["protocol_steps.py"].encode() == content
+    assert "protocol.py" not in told["holds"]
+
+
+@pytest.mark.parametrize("missing", ["events.jsonl", "provenance.json"])
+def test_what_is_broken_is_bundled_as_far_as_it_goes(run: Path, program: Program, missing: str) -> None:
+    (run / missing).unlink()
+    (run / "protocol.py").write_text("def run(rig:\n  '''", encoding="utf-8")
+    told = program("doctor", "--bundle", run, "--json").json
+    assert {missing, "protocol.py"}.isdisjoint(told["holds"])
+    (run / "provenance.json").write_text("[1]", encoding="utf-8")
+    (run / "events.jsonl").write_bytes(b"\xff\xfe\n[]\n")
+    told = program("doctor", "--bundle", run, "--json").json
+    assert "provenance.json" not in told["holds"]
+    assert members(Path(told["bundle"]))["events.jsonl"] == '{"unreadable": 2}\n[]\n'
+
+
+def test_what_is_no_run_folder_is_refused(tmp_path: Path, program: Program, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for options in ([], ["--json"]):
+        ended = program("doctor", "--bundle", "nowhere", *options)
+        assert ended.code == 2
+        assert ended.complaint == "run nowhere: neither events.jsonl nor provenance.json, expected a run folder"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_lines_for_people(run: Path, program: Program) -> None:
+    ended = program("doctor", "--bundle", run)
+    assert (ended.code, ended.err) == (0, "")
+    lines = {line[:12].strip(): line[12:] for line in ended.out.splitlines()}
+    assert lines["bundle"] == "bug-report-20260301T101500-of_SUBJECT-1a2b3c.zip"
+    assert lines["holds"].startswith("README.txt ")
+    assert lines["left out"] == ", ".join(LEFT_OUT)
+
+
+@pytest.mark.parametrize(
+    ("text", "scrubbed"),
+    [
+        ("/a/b/c.py, line 3", "…/c.py, line 3"),
+        ("at 3 mm/s and N/cm²", "at 3 mm/s and N/cm²"),
+        ("'/home/Ada Byron/x y.py': no", "'…/x y.py': no"),
+        (r"C:\\Users\\Ada\\x.py", "…/x.py"),
+        ("tcp://host:502", "tcp://…:502"),
+        ("given/to/x.py", "…/to/x.py"),
+        ("given/to", "…/to"),
+        ("S0712 and S07", "SUBJECT12 and SUBJECT"),
+        ("  ", "  "),
+        ("a “quoted” note", GONE),
+        (r"a \u201cquoted\u201d note", GONE),
+    ],
+)
+def test_a_text(text: str, scrubbed: str) -> None:
+    assert Scrubber(["S07", ""], ["  ", "a “quoted” note"], ["given/", "x"]).text(text) == scrubbed
