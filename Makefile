@@ -2,7 +2,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 export OMP_NUM_THREADS ?= 2
 
-.PHONY: setup demo study study-coding studies test shake check bench mutants clean
+.PHONY: setup demo study study-coding studies docs test shake check bench mutants clean
 
 setup: .venv/.ready
 
@@ -27,6 +27,9 @@ study-coding: setup
 
 studies: study
 	$(BIN)/python -m studies.coding.pages study --draws 200
+
+docs: .venv/.ready-dev
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/site
 
 check: .venv/.ready-dev
 	$(BIN)/ruff check .

@@ -64,7 +64,7 @@ LONG = (
     "sim/test_hard_cases.py",
     "rig/real_time/test_run_on_wires.py",
     "rig/compare/test_compare_command.py",
-    "rig/test_tutorial.py",
+    "rig/test_followed_pages.py",
     "rig/test_modbus_counterparties.py",
     "sim/test_strain_map.py",
     "rig/test_every_end.py",

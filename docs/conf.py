@@ -1,0 +1,45 @@
+"""The documentation as a site: `make docs` writes it to build/site. Commands and names in Python are generated."""
+
+import re
+import sys
+from importlib.metadata import version as installed
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
+
+project = "Indentation rig"
+copyright = "The indentation rig authors, MIT licence"
+version = release = installed("indentation-rig")
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+exclude_patterns = ["figures/*.html"]
+html_theme = "furo"
+html_title = f"Indentation rig {version}"
+html_theme_options = {"source_repository": "", "navigation_with_keys": True}
+myst_enable_extensions = ["colon_fence"]
+myst_heading_anchors = 3
+suppress_warnings = ["misc.highlighting_failure"]  # mermaid, and blocks that are named by what becomes of them
+autodoc_typehints = "description"
+autodoc_member_order = "bysource"
+
+_PAGE = re.compile(r"`docs/([\w/]+)\.md`")
+
+
+def _linked(app: Any, page: str, source: list[str]) -> None:
+    """Where a page names another one by its path in the repository, it becomes a link."""
+    up = "../" * page.count("/")
+    source[0] = _PAGE.sub(lambda found: f"[`docs/{found[1]}.md`]({up}{found[1]}.md)", source[0])
+
+
+def _generated(app: Any) -> None:
+    """What is read off the program itself."""
+    from commands_page import commands_page
+
+    (HERE / "commands.md").write_text(commands_page(), encoding="utf-8")
+
+
+def setup(app: Any) -> None:
+    """As Sphinx asks for it."""
+    app.connect("builder-inited", _generated)
+    app.connect("source-read", _linked)

@@ -1,0 +1,55 @@
+"""The documentation builds as a site without a warning, holds every page, and links where pages name one another."""
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from rig.cli.program import COMMANDS
+from tests.waiting import DEADLINE_S
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    pytest.importorskip("sphinx", reason="needs Sphinx: pip install -e '.[dev]'")
+    folder = tmp_path_factory.mktemp("site")
+    shutil.copytree(DOCS, folder / "docs", ignore=shutil.ignore_patterns("commands.md", "__pycache__"))
+    words = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "docs", "html"]
+    built = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=10 * DEADLINE_S)
+    assert built.returncode == 0, built.stderr
+    return folder / "html"
+
+
+def test_every_page_is_there_and_reached_from_the_first(site: Path) -> None:
+    index = (site / "index.html").read_text(encoding="utf-8")
+    for page in [*DOCS.glob("*.md"), DOCS / "commands.md"]:
+        assert (site / page.with_suffix(".html").name).exists(), page.name
+        assert page.stem == "index" or f'href="{page.stem}.html"' in index, page.name
+
+
+def test_pages_that_name_one_another_are_linked(site: Path) -> None:
+    assert 'href="first_light.html"' in (site / "tutorial.html").read_text(encoding="utf-8").split("From here")[1]
+    for page in sorted((DOCS / "decisions").glob("0*.md")):
+        named = set(re.findall(r"`docs/([\w/]+)\.md`", page.read_text(encoding="utf-8")))
+        shown = (site / "decisions" / f"{page.stem}.html").read_text(encoding="utf-8")
+        assert all(f'href="../{name}.html"' in shown or name.startswith("decisions/") for name in named), page.name
+
+
+def test_every_command_is_told_with_its_options(site: Path) -> None:
+    page = (site / "commands.html").read_text(encoding="utf-8")
+    for name in COMMANDS:
+        assert f">rig {name}<" in page.replace('<span class="pre">', "").replace("</span>", ""), name
+    for option in ("--doi-mm", "--recorded", "--subject"):
+        assert option in page
+
+
+def test_nothing_is_fetched_from_elsewhere(site: Path) -> None:
+    for page in site.rglob("*.html"):
+        text = page.read_text(encoding="utf-8")
+        assert not re.findall(r'(?:<script[^>]* src|<link[^>]*stylesheet[^>]* href)="https?:', text), page.name
