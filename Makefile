@@ -2,7 +2,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 export OMP_NUM_THREADS ?= 2
 
-.PHONY: setup demo study study-coding studies docs test shake check bench mutants clean
+.PHONY: setup demo study study-coding studies docs test shake check bench mutants release-check clean
 
 setup: .venv/.ready
 
@@ -76,6 +76,9 @@ bench: .venv/.ready-dev
 test shake mutants: export OMP_NUM_THREADS = 1  # of each worker
 mutants: .venv/.ready-dev
 	$(BIN)/python -m studies.mutants --fresh
+
+release-check:
+	$(PYTHON) -m studies.release_check
 
 clean:
 	rm -rf .venv .mutants runs study build dist

@@ -33,6 +33,8 @@ REAL_TIME = (
     "rig/test_kills.py",
     "rig/test_modbus_counterparties.py",
     "rig/test_patience.py::test_elsewhere_than_on_the_main_thread_there_are_no_alarms",
+    "rig/test_release.py::test_python_runs_the_package_and_ends_as_the_program_does",
+    "rig/test_release.py::test_every_module_is_imported_without_an_extra",
     "rig/test_resume.py::test_a_terminal_pauses_and_goes_on",
     "rig/test_runs_command.py::test_several_at_once_see_the_same",
     "rig/test_safety.py::test_a_silent_engine_stops_the_stage_while_another_thread_blocks",

@@ -2,12 +2,12 @@
 
 from rig.cli.output import ExitCode
 from rig.compare.errors import ComparisonError, RecordingError
+from rig.compare.parameter_study.errors import StudyError, WorkersError
 from rig.data import FolderBusyError, NwbMissingError, RunError
 from rig.data.folder import UnwritableError
 from rig.devices.force.base import ForceError
 from rig.devices.stage.base import StageError
 from rig.engine import EngineError
-from rig.parameter_study.errors import StudyError, WorkersError
 from rig.protocol.errors import BadInputError
 from rig.transport.base import TransportError
 from sim.contact.shapes import ShapeError

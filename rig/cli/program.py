@@ -5,11 +5,11 @@ import sys
 from collections.abc import Callable
 from difflib import get_close_matches
 from importlib import import_module
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import typer
 
-from rig.cli.output import ExitCode, fail, looking_busy, show_builds
+from rig.cli.output import ExitCode, fail, looking_busy, out, show_builds
 
 # typer carries its own copy of click in some versions: its exceptions are reached through a public one.
 _ClickException = typer.BadParameter.mro()[2]
@@ -110,5 +110,18 @@ def _named() -> None:
     """A command in the list of them, when none is asked for."""
 
 
-def _about() -> None:
+def _say_version(asked: bool) -> None:
+    """Print it and end."""
+    if asked:
+        from importlib.metadata import version
+
+        out.print(f"rig {version('indentation-rig')}")
+        raise typer.Exit
+
+
+def _about(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Say which.")
+    ] = False,
+) -> None:
     """Indentation rig: run, rehearse and compare fingertip indentations."""

@@ -12,10 +12,10 @@ from rich.progress import track
 
 from rig.cli.options import ExactOption, JsonOption, checked_file
 from rig.cli.output import err, out, print_json, told_in_one_line
+from rig.compare.parameter_study.cases import Row, columns, read_study, solve
+from rig.compare.parameter_study.interpolation import interpolated, nodes_to_build
+from rig.compare.parameter_study.workers import spread
 from rig.data.folder import replace_text
-from rig.parameter_study.cases import Row, columns, read_study, solve
-from rig.parameter_study.interpolation import interpolated, nodes_to_build
-from rig.parameter_study.workers import spread
 from sim.models.moduli.interpolated import HOW_MADE, make_node
 from sim.models.moduli.node_builds import INTERPOLATED
 

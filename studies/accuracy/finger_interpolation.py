@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.fingers.finger_fit import free_of, weights
+from rig.compare.parameter_study.workers import spread
 from rig.compare.plausible import read_plausible
 from rig.compare.stimuli import Stimulus
-from rig.parameter_study.workers import spread
 from sim.config.fingertip_config import FingertipConfig
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_DEPTH_MM

@@ -16,8 +16,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from rig.compare.parameter_study.workers import spread
 from rig.data.folder import replace_bytes, replace_text
-from rig.parameter_study.workers import spread
 from rig.report.html import Section, as_png, render
 from rig.report.pdf import as_pdf
 from sim.config.stiffness import E_EPIDERMIS_MPA

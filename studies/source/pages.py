@@ -17,13 +17,13 @@ from pathlib import Path
 import numpy as np
 
 from rig.compare.comparison import compare
+from rig.compare.parameter_study.workers import spread
 from rig.compare.recordings.inputs import Reading, read_recordings
 from rig.compare.recordings.synthetic import afferent_for, record, write_synthetic
 from rig.compare.stimuli import Stimulus, stimuli
 from rig.compare.stimulus_maps import stimulus_maps
 from rig.data import Run, read_run
 from rig.data.folder import replace_text
-from rig.parameter_study.workers import spread
 from rig.plan.config import load_config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script

@@ -12,9 +12,9 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.patches import Patch
 
 from rig.compare.comparison import compare
+from rig.compare.parameter_study.workers import spread
 from rig.compare.shape_test import THRESHOLD
 from rig.compare.table_5_2 import agreement, agreement_limits, source_flags
-from rig.parameter_study.workers import spread
 from rig.report.html import Figure, Section
 from rig.report.labels import label
 from rig.report.style import BLUE, Plot

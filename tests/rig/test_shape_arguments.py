@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from rig.cli import main
+from rig.compare.parameter_study.cases import read_study
+from rig.compare.parameter_study.errors import StudyError
 from rig.engine.records import Target
-from rig.parameter_study.cases import read_study
-from rig.parameter_study.errors import StudyError
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
 from rig.virtual.served_bench import ServedBench

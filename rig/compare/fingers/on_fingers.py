@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.errors import FingersError
+from rig.compare.parameter_study.interpolation import interpolated, nodes_to_build
+from rig.compare.parameter_study.workers import spread
 from rig.compare.plausible import DesignFinger, PlausibleFingers
 from rig.compare.stimuli import Stimulus
 from rig.data import Run
-from rig.parameter_study.interpolation import interpolated, nodes_to_build
-from rig.parameter_study.workers import spread
 from sim.config.fingertip_config import FingertipConfig
 from sim.contact.shapes import parse_shape
 from sim.finger.grading import MeshError

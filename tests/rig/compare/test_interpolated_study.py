@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from rig.cli import main, study
-from rig.parameter_study.cases import read_study, solve
-from rig.parameter_study.interpolation import interpolated, nodes_to_build
+from rig.compare.parameter_study.cases import read_study, solve
+from rig.compare.parameter_study.interpolation import interpolated, nodes_to_build
 from sim.contact.indentor import ALONG, BOTH
 from sim.models.moduli.interpolated import HOW_MADE, forget_kept
 from sim.models.moduli.node_builds import INTERPOLATED
@@ -116,7 +116,7 @@ def test_a_case_that_is_interpolated_is_solved_so(nine: Path, monkeypatch: pytes
         asked.append(options["exact"])
         raise ValueError("enough")
 
-    monkeypatch.setattr("rig.parameter_study.cases.Fingertip.load", load)
+    monkeypatch.setattr("rig.compare.parameter_study.cases.Fingertip.load", load)
     for case in (*read_study(nine)[:1], *interpolated(read_study(nine))[1:2]):
         with pytest.raises(ValueError, match="enough"):
             solve(case)

@@ -12,9 +12,9 @@ import pytest
 from threadpoolctl import threadpool_info
 
 from rig.cli import main
-from rig.parameter_study.cases import Case, columns, read_study, solve
-from rig.parameter_study.errors import StudyError, WorkersError
-from rig.parameter_study.workers import spread
+from rig.compare.parameter_study.cases import Case, columns, read_study, solve
+from rig.compare.parameter_study.errors import StudyError, WorkersError
+from rig.compare.parameter_study.workers import spread
 from sim.config.fingertip_config import FingertipConfig
 from sim.models.fingertip import Fingertip
 

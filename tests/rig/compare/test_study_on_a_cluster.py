@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
-from rig.parameter_study import cluster as cluster_module
-from rig.parameter_study.errors import WorkersError
-from rig.parameter_study.workers import spread
+from rig.compare.parameter_study import cluster as cluster_module
+from rig.compare.parameter_study.errors import WorkersError
+from rig.compare.parameter_study.workers import spread
 from tests.waiting import DEADLINE_S, until
 
 distributed: Any = pytest.importorskip(
@@ -39,7 +39,7 @@ SCHEDULER = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "
 WORKER = "from distributed.cli.dask_worker import main; main()"
 WORKER_HELD_AT_A_CASE = f"""\
 import os, pathlib, time
-from rig.parameter_study import cases
+from rig.compare.parameter_study import cases
 
 solve = cases.solve
 

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from rig.parameter_study.errors import WorkersError
+from rig.compare.parameter_study.errors import WorkersError
 from sim.models.processes.workers import in_processes
 
 Item = TypeVar("Item")
@@ -31,7 +31,7 @@ def spread(
         yield from _over_processes(alone, items, processes)
         return
     try:
-        from rig.parameter_study.cluster import over_cluster
+        from rig.compare.parameter_study.cluster import over_cluster
     except ImportError:
         needed = "needs dask.distributed, expected pip install 'indentation-rig[cluster]'"
         raise WorkersError(f"--scheduler: {needed}") from None

@@ -21,7 +21,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from rig.parameter_study.errors import StudyError
+from rig.compare.parameter_study.errors import StudyError
 from rig.plan.toml_file import told_of
 from sim.config.fingertip_config import FingertipConfig
 from sim.contact.patch import X

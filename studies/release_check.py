@@ -1,0 +1,142 @@
+"""Is this tree fit to be released? Built, checked and installed where nothing else is, and tried there.
+
+    make release-check    # some minutes, and the network: build, twine and all that the program needs
+
+Nothing is uploaded, and nothing is installed but into a folder that is removed. What was built is left in dist/.
+"""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import tomllib
+import venv
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+TOOLS = ("build", "twine")
+SCRIPT = """\
+def run(rig):
+    rig.mount("bar:3.0")
+    rig.home()
+    rig.zero()
+    for x_mm in (-0.5, 0.5):
+        rig.move_to(x_mm=x_mm)
+        rig.indent(doi_mm=0.3, hold_s=0.2)
+"""
+EVERYTHING = """\
+import importlib, pkgutil, sys
+
+for package in ("rig", "sim"):
+    for found in pkgutil.walk_packages([importlib.import_module(package).__path__[0]], package + "."):
+        if found.name not in {left_out}:
+            importlib.import_module(found.name)
+print(sys.modules["rig"].__file__)
+"""
+OF_EXTRAS = ("rig.compare.parameter_study.cluster", "rig.__main__")
+"""Not imported: what only an extra brings along, and what is the program itself."""
+
+
+class NotFitError(Exception):
+    """What a release must not have."""
+
+
+class Place:
+    """An environment of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        venv.create(folder, with_pip=True)
+
+    def run(self, *words: str | Path, code: int = 0) -> str:
+        """What a program of it prints; it knows of no other environment. Raises NotFitError."""
+        program = self.folder / ("Scripts" if os.name == "nt" else "bin") / words[0]
+        kept = {
+            name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "RIG_", "VIRTUAL"))
+        }
+        here = {"RIG_CACHE_DIR": str(self.folder / "cache"), "RIG_STATE_DIR": str(self.folder / "state")}
+        done = subprocess.run(
+            [program, *words[1:]], cwd=self.folder, env=kept | here, capture_output=True, text=True, check=False
+        )
+        if done.returncode != code:
+            raise NotFitError(f"{' '.join(map(str, words))}: {done.returncode}\n{done.stdout}{done.stderr}")
+        return done.stdout + done.stderr
+
+
+def main() -> None:
+    """Say what was checked, line by line; ends with 1 at the first that fails."""
+    try:
+        for line in checks():
+            print(line, flush=True)
+    except NotFitError as error:
+        sys.exit(f"not fit to be released: {error}")
+    print("fit to be released")
+
+
+def checks() -> Iterator[str]:
+    """Each when it has passed. Raises NotFitError."""
+    version = stated_version()
+    yield f"version {version}: the same in pyproject.toml, CITATION.cff and CHANGELOG.md"
+    with tempfile.TemporaryDirectory() as folder:
+        made = built(Place(Path(folder) / "tools"))
+        yield f"built, and twine finds nothing: {', '.join(path.name for path in made)}"
+        place = Place(Path(folder) / "clean")
+        (wheel,) = (path for path in made if path.suffix == ".whl")
+        place.run("python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check", wheel)
+        yield f"{wheel.name} installed in an empty environment, without extras"
+        yield from tried(place, version)
+
+
+def stated_version() -> str:
+    """Of pyproject.toml. Raises NotFitError where another file says another."""
+    version = str(tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"])
+    for name, pattern in {"CITATION.cff": r"^version: (.*)$", "CHANGELOG.md": r"^## (?:\[)?v?([\d.]+)"}.items():
+        found = re.search(pattern, (ROOT / name).read_text(encoding="utf-8"), flags=re.M)
+        if found is None or found[1] != version:
+            raise NotFitError(f"{name}: expected version {version}")
+    return version
+
+
+def built(tools: Place) -> list[Path]:
+    """The source distribution, and the wheel that is made from it. Raises NotFitError."""
+    tools.run("python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *TOOLS)
+    out = tools.folder / "dist"
+    tools.run("python", "-m", "build", "--outdir", out, ROOT)
+    made = sorted(out.iterdir())
+    tools.run("python", "-m", "twine", "check", "--strict", *made)
+    (ROOT / "dist").mkdir(exist_ok=True)
+    return [Path(shutil.move(path, ROOT / "dist" / path.name)) for path in made]
+
+
+def tried(place: Place, version: str) -> Iterator[str]:
+    """The program where it is installed and nothing else is. Raises NotFitError."""
+    for program in (("rig",), ("python", "-m", "rig")):
+        _expect(place.run(*program, "--version").strip(), f"rig {version}")
+    yield "rig --version and python -m rig --version"
+    file = place.run("python", "-c", EVERYTHING.format(left_out=OF_EXTRAS)).strip()
+    _expect(Path(file).is_relative_to(place.folder.resolve()), True)
+    yield "every module but the cluster's is imported without an extra"
+    (place.folder / "mine.py").write_text(SCRIPT, encoding="utf-8")
+    told = json.loads(place.run("rig", "dry-run", "mine.py", "--json"))
+    _expect((told["complete"], told["indentations"]), (True, 2))
+    yield "a run of two indentations, with its report"
+    run = str(told["run"])
+    for words in (("runs",), ("show", run), ("watch", run), ("export", run, "--csv"), ("doctor", "--bundle", run)):
+        place.run("rig", *words)
+    yield "runs, show, watch, export, doctor --bundle"
+    said = place.run("rig", "export", run, "--nwb", code=2)
+    _expect(said.strip(), "rig: export --nwb: needs pynwb, expected pip install 'indentation-rig[nwb]'")
+    yield "an extra that is not there is asked for in one line"
+
+
+def _expect(found: object, expected: object) -> None:
+    if found != expected:
+        raise NotFitError(f"{found!r}, expected {expected!r}")
+
+
+if __name__ == "__main__":
+    main()
