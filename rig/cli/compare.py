@@ -4,6 +4,7 @@ import json
 import shlex
 import time
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -21,6 +22,9 @@ from rig.compare.answers.wording import sentence
 from rig.compare.comparison import Comparison, compare
 from rig.compare.fingers.on_fingers import on_plausible_fingers
 from rig.compare.left_out import left_out_lines, left_out_rows
+from rig.compare.place.place_grid import PlaceRange
+from rig.compare.place.placed import Sought, places, sought_in
+from rig.compare.place.whereabouts import Whereabouts, place_lines, places_as_json
 from rig.compare.plausible import PlausibleFingers, read_plausible
 from rig.compare.recordings.column_map import column_map
 from rig.compare.recordings.inputs import Reading, read_recordings, sha256
@@ -36,6 +40,7 @@ from rig.protocol.errors import BadInputError
 from rig.report.comparison.comparison_report import write_comparison
 from rig.report.comparison.deflection import deflection_section, read_deflections, simulated
 from rig.report.comparison.finger_tables import finger_section, finger_tables, fingers_as_json
+from rig.report.comparison.place_table import place_section
 from rig.report.html import Section
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
 from sim.models.fingertip import Fingertip
@@ -72,6 +77,15 @@ def command(
     silent_at_rest: Annotated[
         bool, typer.Option("--silent-at-rest", help="Keep k above 0 and ε₀ at 0 or more.")
     ] = False,
+    place: Annotated[
+        bool, typer.Option("--place", help="Fit the receptor's x and depth, too: where it is, with intervals.")
+    ] = False,
+    depth_range_mm: Annotated[
+        str | None, typer.Option(metavar="LOW,HIGH", help="Of --place; 0.1 to 0.7 below the epidermis by default.")
+    ] = None,
+    offset_mm: Annotated[
+        str | None, typer.Option(metavar="LOW,HIGH", help="Of --place: fit how far the field's centre is off, too.")
+    ] = None,
     out_file: Annotated[
         Path | None, typer.Option("--out", metavar="HTML", help="The report; comparison.html in the first run.")
     ] = None,
@@ -92,11 +106,15 @@ def command(
         plausible = None if fingers is None else read_plausible(fingers)
         found = [read_run(path) for path in runs]
         recordings = read_recordings(recorded or [], mirror or [], found, reading)
+        where = _sought(found, receptors, place, depth_range_mm, offset_mm)
         answered = _answered(found, receptors, as_json=as_json)
         line = _under_the_line(answered, deflection)
         comparison = _compared(answered, recordings, normalise, plausible, exact=exact, as_json=as_json)
         tables = finger_tables(comparison)
-        said = answers(comparison, Form(saturating, silent_at_rest))
+        form = Form(saturating, silent_at_rest)
+        said = answers(comparison, form)
+        with busy(THE_PLACES, as_json=as_json) if where else nullcontext():
+            at = places(found, recordings, where, form, normalise=normalise) if where else []
         options = {
             "--recorded": recorded or [],
             "--columns": columns or [],
@@ -108,9 +126,16 @@ def command(
                 ("--field-centre-mm", f"{field_centre_mm:g}", "0"),
                 ("--receptor-x-mm", receptor_x_mm, None),
                 ("--receptor-depth-mm", f"{receptor_depth_mm:g}", "0.76"),
+                ("--depth-range-mm", depth_range_mm, None),
+                ("--offset-mm", offset_mm, None),
             ),
         }
-        flags = {"--normalise": normalise, "--saturating": saturating, "--silent-at-rest": silent_at_rest}
+        flags = {
+            "--normalise": normalise,
+            "--saturating": saturating,
+            "--silent-at-rest": silent_at_rest,
+            "--place": place,
+        }
         report = out_file or runs[0] / "comparison.html"
         write_comparison(
             report,
@@ -118,7 +143,7 @@ def command(
             found,
             answered[0].finger,
             _remade_by(runs, options, flags | {"--exact": exact}),
-            [*map(finger_section, tables), *line],
+            [*map(place_section, at), *map(finger_section, tables), *line],
             maps=[m for one in answered for m in stimulus_maps(one.run, one.finger, one.stimuli)],
             pdf=pdf,
         )
@@ -126,11 +151,15 @@ def command(
         if as_json:
             rows = comparison_as_json(comparison, str(report))
             rows |= {"left_out": left_out_rows(comparison), "shape_test": chance_rows(comparison.stimuli)}
-            print_json(rows | {"answers": answers_as_json(said)} | fingers_as_json(comparison, tables))
+            rows |= {"answers": answers_as_json(said), "places": places_as_json(at)}
+            print_json(rows | fingers_as_json(comparison, tables))
         else:
-            _print(comparison, said, report)
+            _print(comparison, said, at, report)
             if any(table.interpolated for table in tables):
                 out.print(f"the plausible fingers were {HOW_MADE}; --exact builds each in full")
+
+
+THE_PLACES = "where the receptor is: columns at its places from the cache, or made in half a minute …"
 
 
 class Receptors(NamedTuple):
@@ -201,10 +230,28 @@ def _fingers(runs: list[Run], receptors: Receptors, *, as_json: bool) -> list[Fi
     return [loaded[config.model_dump_json()] for config in configs]
 
 
+def _sought(
+    runs: list[Run], receptors: Receptors, place: bool, depth_mm: str | None, offset_mm: str | None
+) -> PlaceRange | None:
+    """Where the receptor is sought, None unless it is asked for."""
+    ranges = {"--depth-range-mm": depth_mm, "--offset-mm": offset_mm}
+    if not place:
+        given = next((name for name, text in ranges.items() if text is not None), None)
+        if given:
+            raise BadInputError(f"{given} {ranges[given]}: expected --place beside it")
+        return None
+    depth, offset = (None if text is None else _two(name, text, "LOW,HIGH") for name, text in ranges.items())
+    return sought_in(runs, Sought((min(receptors.x_mm), max(receptors.x_mm)), depth, offset))
+
+
 def _window(text: str) -> tuple[float, float]:
-    ends = numbers("--window-s", text)
+    return _two("--window-s", text, "begin,end")
+
+
+def _two(option: str, text: str, named: str) -> tuple[float, float]:
+    ends = numbers(option, text)
     if len(ends) != 2:
-        raise BadInputError(f"--window-s {text!r}: expected two numbers, begin,end")
+        raise BadInputError(f"{option} {text!r}: expected two numbers, {named}")
     return ends[0], ends[1]
 
 
@@ -224,11 +271,13 @@ def _write_sidecar(report: Path, seconds: float) -> None:
     replace_text(report.with_name(report.name + ".made.json"), json.dumps(made) + "\n")
 
 
-def _print(comparison: Comparison, said: Sequence[Answer], report: Path) -> None:
+def _print(comparison: Comparison, said: Sequence[Answer], at: Sequence[Whereabouts], report: Path) -> None:
     names = comparison.candidates()
     out.print(f"{', '.join(stimulus.title for stimulus in comparison.stimuli)}")
     for answer in said:
         out.print(f"answer      {sentence(answer)}")
+    for line in place_lines(at):
+        out.print(f"place       {line}")
     out.print(f"candidates  {', '.join(names) or 'none'}")
     for line in left_out_lines(comparison):
         out.print(f"left out    {line}")

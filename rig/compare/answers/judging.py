@@ -42,11 +42,11 @@ _NOT_KNOWN = Region((np.nan, np.nan), (np.nan, np.nan))
 
 def answers(comparison: Comparison, form: Form = Form()) -> tuple[Answer, ...]:  # noqa: B008
     """One for each afferent; none where too few positions are covered by the receptors in play."""
-    found = [_answer(group, comparison.plausible, form) for group in _afferents(comparison)]
+    found = [_answer(group, comparison.plausible, form) for group in afferents(comparison)]
     return tuple(one for one in found if one is not None)
 
 
-def _afferents(comparison: Comparison) -> list[tuple[Overlay, ...]]:
+def afferents(comparison: Comparison) -> list[tuple[Overlay, ...]]:
     """All recordings are of one afferent, unless rates are of each family's own unit, or one is laid over several."""
     if comparison.normalised:
         families = groupby(comparison.overlays, key=lambda p: p.stimulus.family)

@@ -121,6 +121,11 @@ def test_without_a_recording(command: Command, bar_run: Run) -> None:
         (("--pdf", "no/such.pdf"), "--pdf no/such.pdf: expected a file in a folder that exists"),
         (("--pdf", "."), "--pdf .: expected a file in a folder that exists and may be written to"),
         (("--window-s", "1"), "--window-s '1': expected two numbers, begin,end"),
+        (("--offset-mm", "0,1"), "--offset-mm 0,1: expected --place beside it"),
+        (("--depth-range-mm", "0.5,1"), "--depth-range-mm 0.5,1: expected --place beside it"),
+        (("--place", "--offset-mm", "1"), "--offset-mm '1': expected two numbers, LOW,HIGH"),
+        (("--place", "--depth-range-mm", "0.3,1"), "--depth-range-mm 0.3,1: the epidermis ends at 0.4 mm"),
+        (("--place", "--receptor-x-mm", "0"), "--place: expected receptors at two or more x, between which it"),
         (("--columns", "speed=v"), "--columns 'speed=v': expected ROLE=COLUMN[:UNIT], ROLE one of position, rate"),
         (("--receptor-x-mm", "0,left"), "--receptor-x-mm '0,left': expected numbers separated by commas"),
     ],
@@ -136,6 +141,35 @@ def test_bad_input_is_refused_in_one_line(
     assert err.replace(f"{THE_FINGER}\n", "").count("\n") == 1  # what it begins with aside
     assert complaint in err
     assert not Path("a.html").exists()
+
+
+@no_figures
+def test_where_the_receptor_is(command: Command, bar_run: Run, csv: Path) -> None:
+    """Sought within 0.1 mm of x = 0, on six nodes."""
+    asked = ("compare", bar_run.folder.path, "--recorded", f"bar:3.0={csv}", "--receptor-x-mm=-0.1,0.1", "--place")
+    asked = (*asked, "--depth-range-mm", "0.7,0.85", "--out", "a.html")
+    code, out, _ = command(*asked, "--json")
+    assert code == 0
+    (found,) = json.loads(out)["places"]
+    assert (found["positions"], found["positions_recorded"], len(found["rows"])) == (7, 9, 18)
+    assert (found["x_range_mm"], found["depth_range_mm"], found["offset_range_mm"]) == (
+        [-0.1, 0.1],
+        [0.7, 0.85],
+        None,
+    )
+    assert {row["offset_mm"] for row in found["rows"]} == {0.0}
+    row = next(row for row in found["rows"] if row["measure"] == "ep1")
+    assert row["at_bounds"]
+    assert -0.1 <= row["x_mm"] <= 0.1
+    assert 0.7 <= row["depth_mm"] <= 0.85
+    page = Path("a.html").read_text(encoding="utf-8")
+    assert "Where the receptor is: bar:3.0 at 0.4 mm" in page
+    assert "--place" in page
+    code, out, _ = command(*asked, "--offset-mm=-0.05,0.05")
+    assert code == 0
+    said = " ".join(out.split())
+    assert "place " in said
+    assert "offset, fitted between −0.05 and 0.05 mm" in said
 
 
 @no_figures

@@ -1,0 +1,126 @@
+"""Where the receptor may be, measure by measure: what the table, the terminal and `--json` say of it."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rig.compare.answers.answer import LEVEL
+from rig.compare.place.place_grid import PlaceRange, Range
+
+_DIGITS = 6
+
+
+@dataclass(frozen=True)
+class PlaceRow:
+    """A measure at its likeliest place, mm, with 95 % intervals; `at_bounds` are ends of the range that hold one."""
+
+    measure: str
+    x_mm: float
+    depth_mm: float
+    offset_mm: float
+    x_interval: Range
+    depth_interval: Range
+    offset_interval: Range
+    k: float
+    eps0: float
+    deviance: float
+    lack_of_fit: float
+    p_fit: float
+    at_bounds: tuple[str, ...]
+
+    @property
+    def fits(self) -> bool:
+        """Whether its own fit does not reject it."""
+        return self.p_fit >= LEVEL
+
+
+@dataclass(frozen=True)
+class Whereabouts:
+    """Of one afferent; `asked` is the range of the fit, `where` the part of it that the runs cover.
+
+    `rows` has every measure, the likeliest first, all over the same `positions` of those `recorded`.
+    """
+
+    stimuli: tuple[str, ...]
+    recordings: tuple[str, ...]
+    positions: int
+    recorded: int
+    asked: PlaceRange
+    where: PlaceRange
+    rows: tuple[PlaceRow, ...]
+
+    @property
+    def with_offset(self) -> bool:
+        """Whether an offset of the field's centre was fitted."""
+        return self.asked.offset_mm[0] < self.asked.offset_mm[1]
+
+    @property
+    def frame(self) -> str:
+        """What was done about an offset; said wherever rows are shown."""
+        if not self.with_offset:
+            return "indentor x = recorded position + receptor x, no offset fitted"
+        low, high = map(in_mm, self.asked.offset_mm)
+        return f"indentor x = recorded position + receptor x + offset, fitted between {low} and {high} mm"
+
+
+def in_mm(x: float) -> str:
+    """For example "−1.25"."""
+    return f"{x + 0.0:.2f}".replace("-", "−")
+
+
+def place_lines(found: Sequence[Whereabouts], most: int = 3) -> list[str]:
+    """For people: of each afferent the likeliest measures that fit, or the closest one."""
+    return [line for one in found for line in _lines(one, most)]
+
+
+def _lines(found: Whereabouts, most: int) -> list[str]:
+    fitting = [row for row in found.rows if row.fits][:most]
+    rows = fitting or list(found.rows[:1])
+    return [f"{_line(row, found)}{'' if row.fits else '; its fit is rejected'}" for row in rows] + [found.frame]
+
+
+def _line(row: PlaceRow, found: Whereabouts) -> str:
+    said = f"{row.measure}: x {within(row.x_mm, row.x_interval)}, depth {within(row.depth_mm, row.depth_interval)}"
+    said += f", offset {within(row.offset_mm, row.offset_interval)}" if found.with_offset else ""
+    return f"{said} mm" + (f"; held by a bound: {', '.join(row.at_bounds)}" if row.at_bounds else "")
+
+
+def within(value: float, interval: Range) -> str:
+    """For example "−0.98 (−1.10 … −0.85)"."""
+    return f"{in_mm(value)} ({in_mm(interval[0])} … {in_mm(interval[1])})"
+
+
+def places_as_json(found: Sequence[Whereabouts]) -> list[dict[str, Any]]:
+    """One for each afferent; intervals are [low, high] in mm, that of an offset is None where none was fitted."""
+    return [
+        {
+            "stimuli": list(one.stimuli),
+            "recordings": list(one.recordings),
+            "positions": one.positions,
+            "positions_recorded": one.recorded,
+            "x_range_mm": list(one.where.x_mm),
+            "depth_range_mm": list(one.where.depth_mm),
+            "offset_range_mm": list(one.asked.offset_mm) if one.with_offset else None,
+            "frame": one.frame,
+            "rows": [_as_json(row, with_offset=one.with_offset) for row in one.rows],
+        }
+        for one in found
+    ]
+
+
+def _as_json(row: PlaceRow, *, with_offset: bool) -> dict[str, Any]:
+    numbers = ("x_mm", "depth_mm", "offset_mm", "k", "eps0", "deviance", "lack_of_fit", "p_fit")
+    return {
+        "measure": row.measure,
+        **{name: _number(getattr(row, name)) for name in numbers},
+        "x_interval": [_number(x) for x in row.x_interval],
+        "depth_interval": [_number(x) for x in row.depth_interval],
+        "offset_interval": [_number(x) for x in row.offset_interval] if with_offset else None,
+        "fits": row.fits,
+        "at_bounds": list(row.at_bounds),
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None

@@ -1,0 +1,77 @@
+"""Ranges in which a receptor is sought, nodes, and the splines between them."""
+
+import numpy as np
+import pytest
+
+from rig.compare.errors import ComparisonError
+from rig.compare.place.place_grid import PlaceRange, nodes, place_range, spline_weights
+from sim.config.fingertip_config import FingertipConfig, Tissue
+
+
+def test_nodes_go_from_end_to_end_in_equal_steps_that_are_small_enough() -> None:
+    np.testing.assert_allclose(nodes((-1.0, 1.0), 0.5), [-1, -0.5, 0, 0.5, 1])
+    np.testing.assert_allclose(nodes((0.0, 1.0), 0.4), [0, 1 / 3, 2 / 3, 1])
+    where = PlaceRange((-2.0, 2.0), (0.5, 1.1))
+    np.testing.assert_allclose(where.x_nodes, np.arange(-2, 2.01, 0.125), atol=1e-12)
+    np.testing.assert_allclose(where.depth_nodes, [0.5, 0.65, 0.8, 0.95, 1.1])
+
+
+def test_what_is_free() -> None:
+    assert PlaceRange((-2.0, 2.0), (0.5, 1.1)).free == 2
+    assert PlaceRange((-2.0, 2.0), (0.5, 1.1), (-0.1, 0.1)).free == 3
+    assert PlaceRange((-2.0, 2.0), (0.5, 0.5)).free == 1
+
+
+def test_the_usual_depths_lie_below_the_epidermis() -> None:
+    default = place_range((-2.0, 2.0), None, None, FingertipConfig())
+    assert default.depth_mm == pytest.approx((0.5, 1.1))
+    assert default.offset_mm == (0.0, 0.0)
+    thick = place_range((-2.0, 2.0), None, (-0.2, 0.3), FingertipConfig(tissue=Tissue(epidermis_mm=0.6)))
+    assert thick.depth_mm == pytest.approx((0.7, 1.3))
+    assert thick.offset_mm == (-0.2, 0.3)
+
+
+def test_a_range_may_end_where_the_epidermis_ends() -> None:
+    for depth in ((0.4, 0.9), (0.1, 0.4)):
+        assert place_range((-1.0, 1.0), depth, None, FingertipConfig()).depth_mm == depth
+
+
+@pytest.mark.parametrize(
+    ("x_mm", "depth_mm", "offset_mm", "complaint"),
+    [
+        (
+            (-1.0, 1.0),
+            (0.3, 0.9),
+            None,
+            "--depth-range-mm 0.3,0.9: the epidermis ends at 0.4 mm, where strains jump; exp",
+        ),
+        ((-1.0, 1.0), (0.9, 0.5), None, "--depth-range-mm 0.9,0.5: expected two numbers, the lower one first"),
+        ((-1.0, 1.0), (0.5, 0.5), None, "--depth-range-mm 0.5,0.5: expected two numbers, the lower one first"),
+        ((-1.0, 1.0), (0.5, np.inf), None, "--depth-range-mm 0.5,inf: expected two numbers"),
+        ((-1.0, 1.0), None, (0.2, -0.2), "--offset-mm 0.2,-0.2: expected two numbers, the lower one first"),
+        ((-1.0, 1.0), None, (np.nan, 0.2), "--offset-mm nan,0.2: expected two numbers"),
+        ((1.0, 1.0), None, None, "--place: expected receptors at two or more x, between which it is sought"),
+    ],
+)
+def test_ranges_that_are_none(
+    x_mm: tuple[float, float],
+    depth_mm: tuple[float, float] | None,
+    offset_mm: tuple[float, float] | None,
+    complaint: str,
+) -> None:
+    with pytest.raises(ComparisonError) as caught:
+        place_range(x_mm, depth_mm, offset_mm, FingertipConfig())
+    assert str(caught.value).startswith(complaint)
+
+
+def test_splines_are_exact_for_cubics_and_at_nodes() -> None:
+    at_nodes = np.array([0.0, 0.5, 1.0, 1.5, 2.0])
+    at = np.array([0.2, 0.5, 1.9])
+    found = spline_weights(at_nodes, at) @ (1 + at_nodes - 2 * at_nodes**3)
+    np.testing.assert_allclose(found, 1 + at - 2 * at**3, atol=1e-12)
+    np.testing.assert_allclose(spline_weights(at_nodes, at_nodes), np.eye(5), atol=1e-12)
+
+
+def test_with_few_nodes_there_is_less_to_a_spline() -> None:
+    np.testing.assert_allclose(spline_weights(np.array([0.0, 1.0]), np.array([0.25])), [[0.75, 0.25]])
+    np.testing.assert_allclose(spline_weights(np.array([0.7]), np.array([0.7, 0.7])), [[1], [1]])
