@@ -13,7 +13,7 @@ from rig.cli.decode_said import as_json_object, draw, print_decoded
 from rig.cli.decode_sources import task_of_press, task_of_pressures, task_of_readings
 from rig.cli.decoding import DECODERS, Answer, DecoderName, Search, Task, decode
 from rig.cli.options import FingertipOption, JsonOption
-from rig.cli.output import busy, print_json, told_in_one_line
+from rig.cli.output import THE_FINGER, busy, print_json, told_in_one_line
 from rig.cli.pictures import PictureOption, checked_picture
 from rig.cli.pressures import read_pressures
 from rig.cli.readings_file import read_readings
@@ -41,7 +41,8 @@ def command(
     ] = None,
     shape: Annotated[str | None, typer.Option(metavar="S", help="Or press this, prismatic along z.")] = None,
     readings: Annotated[
-        Path | None, typer.Option(metavar="FILE.csv", help="Or take these: places, depths, readings, their noise.")
+        Path | None,
+        typer.Option(metavar="FILE.csv", help="Or take these: places, depths, readings, noise; with z_mm a sheet."),
     ] = None,
     x_mm: Annotated[float, typer.Option(metavar="X", help="Of the indentor's reference point.")] = 0.0,
     doi_mm: Annotated[float | None, typer.Option(metavar="D", help="How deep it is pressed.")] = None,
@@ -84,6 +85,7 @@ def command(
         checked_picture(picture)
         finger = load_config(config).finger
         make: Callable[[], Task]
+        what = "the plane-strain section: about a second …"
         if pressure is not None:
             samples = read_pressures(pressure)
             make = partial(task_of_pressures, finger, sampling, by, how, samples)
@@ -93,8 +95,9 @@ def command(
         else:
             assert readings is not None
             given = read_readings(readings, finger)
+            what = what if given.z_mm is None else THE_FINGER
             make = partial(task_of_readings, finger, how, given, spacing_mm, contacts=name == "ours")
-        with busy("the plane-strain section: about a second …", as_json=as_json):
+        with busy(what, as_json=as_json):
             task, answer = _answered(make, name, search)
         if picture is not None:
             draw(task, answer, picture)

@@ -12,6 +12,9 @@ from rig.cli.output import out
 from rig.cli.pictures import write_picture
 from rig.cli.readings_file import PA
 from sim.coding.decoded import decoding_errors
+from sim.coding.operators import Operator
+from sim.coding.sheets.felt_solid import felt_solid
+from sim.coding.sheets.sheet_operator import SheetOperator
 from sim.coding.univariate import error_surface
 
 Array = NDArray[np.float64]
@@ -52,6 +55,7 @@ def as_json_object(task: Task, answer: Answer) -> dict[str, Any]:
         "moves": max(0, len(answer.path) - 1),
         "converged": answer.converged,
         "problems": list(answer.problems),
+        "felt": _felt(operator, answer),
         "ms": answer.ms,
     }
 
@@ -77,11 +81,36 @@ def print_decoded(decoder: DecoderName, task: Task, answer: Answer) -> None:
         out.print(f"  one pseudo-unit is {PA:.4g} Pa")
     for problem in answer.problems:
         out.print(f"  beware: {problem}")
-    out.print(_table(task, answer))
+    if isinstance(operator, SheetOperator):
+        felt = felt_solid(operator.skin, found)
+        out.print(
+            f"  felt as a {felt.name}, {felt.size_mm:.2g} mm; in contact over {felt.extent_mm[0]:.2f} mm along x, "
+            f"{felt.extent_mm[1]:.2f} mm along z"
+        )
+        out.print(_map(operator, answer))
+    else:
+        out.print(_table(task, answer))
 
 
 def _share(task: Task, answer: Answer) -> float:
     return left(task, answer) / float(task.sed.max())
+
+
+def _felt(operator: Operator, answer: Answer) -> dict[str, Any] | None:
+    """Class and size of what touches a sheet."""
+    if not isinstance(operator, SheetOperator):
+        return None
+    felt = felt_solid(operator.skin, answer.pressure)
+    return {"class": felt.name, "size_mm": felt.size_mm, "extent_mm": list(felt.extent_mm)}
+
+
+def _map(operator: SheetOperator, answer: Answer) -> Table:
+    """Pressures, x downwards and z to the right; pseudo-units."""
+    grid = operator.skin.grid
+    table = Table("x \\ z (mm)", *(f"{z:.1f}" for z in grid.z_mm), box=None, padding=(0, 1))
+    for x, row in zip(grid.x_mm, answer.pressure.reshape(grid.shape), strict=True):
+        table.add_row(f"{x:.1f}", *(f"{v:.0f}" for v in row))
+    return table
 
 
 def _table(task: Task, answer: Answer) -> Table:
@@ -102,10 +131,21 @@ def _table(task: Task, answer: Answer) -> Table:
 
 def draw(task: Task, answer: Answer, picture: Path) -> None:
     """The way over the error surface where two pressures were searched for, else the pressures with their band."""
-    if len(answer.pressure) == 2 and len(answer.path) > 1:
+    if isinstance(task.operator, SheetOperator):
+        _draw_sheet(task.operator, answer, picture)
+    elif len(answer.pressure) == 2 and len(answer.path) > 1:
         _draw_search(task, answer, picture)
     else:
         _draw_pressures(task, answer, picture)
+
+
+def _draw_sheet(operator: SheetOperator, answer: Answer, picture: Path) -> None:
+    from rig.report.coding.sheet_figure import Drawn, sheet_figure  # matplotlib: only where it is wanted
+
+    grid = operator.skin.grid
+    assert answer.profile is not None
+    found, sd = (values.reshape(grid.shape) for values in (answer.pressure, answer.profile.sd))
+    write_picture(sheet_figure(Drawn(grid.x_mm, grid.z_mm, found, sd, operator.receptor_mm)), picture)
 
 
 def _draw_search(task: Task, answer: Answer, picture: Path) -> None:

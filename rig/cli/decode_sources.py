@@ -28,7 +28,11 @@ from sim.coding.operators import (
 from sim.coding.profile_decoder import FEWEST_FOR_CONTACTS
 from sim.coding.readings import sd_at_rest
 from sim.coding.sampled_section import SPACING_MM, SampledSection, Sampling, felt_section, sampled_section
+from sim.coding.sheets.felt_skin import felt_skin
+from sim.coding.sheets.sheet_operator import FEWEST_PLACES, GRID_MM, SHEET_SPACING_MM, Grid, sheet_operator
 from sim.config.fingertip_config import FingertipConfig
+from sim.finger.surface import FingertipSurface
+from sim.measures.reach import points_below
 
 Array = NDArray[np.float64]
 
@@ -81,6 +85,12 @@ def task_of_readings(
     if (given.kind == "rate") != (how.receptor is not None):
         expected = "--gain and --threshold beside rates" if given.kind == "rate" else "no --threshold beside SED"
         raise BadInputError(f"--readings with a column {given.kind}: expected {expected}")
+    if given.z_mm is not None:
+        if not contacts:
+            raise BadInputError("--readings with a column z_mm: expected --decoder ours, the only one of sheets")
+        return Task(
+            _over_sheet(config, given, spacing_mm, how.energy), given.reading, how.receptor, _noise(given, how)
+        )
     section = felt_section(config, given.place_mm, given.depth_mm)
     on_patch = section.line.places(section.model.patch.x)
     low, high = np.clip(given.place_mm[[0, -1]], on_patch.min(), on_patch.max()).tolist()
@@ -93,6 +103,27 @@ def task_of_readings(
         few = np.linspace(low, high, min(n + 1, len(given.place_mm)))
         operator = normal_influence(section, few, SPACING_MM, how.energy)
     return Task(operator, given.reading, how.receptor, _noise(given, how))
+
+
+def _over_sheet(config: FingertipConfig, given: GivenReadings, spacing_mm: float, energy: Energy) -> Operator:
+    """Pressures over x and z between the outermost receptors, as far as the finger's patch goes."""
+    assert given.z_mm is not None
+    apart = max(spacing_mm, SHEET_SPACING_MM)
+    sides = [_places(name, v, middle, apart) for name, v, middle in (
+        ("x_mm", given.place_mm, 0.0), ("z_mm", given.z_mm, config.receptor_plane_mm))]  # fmt: skip
+    points = points_below(config, FingertipSurface.fit(config.geometry), given.place_mm, given.depth_mm, given.z_mm)
+    return sheet_operator(felt_skin(config, points, given.depth_mm), Grid(*sides), energy)
+
+
+def _places(name: str, receptors_mm: Array, middle_mm: float, apart_mm: float) -> Array:
+    low, high = np.clip([receptors_mm.min(), receptors_mm.max()], middle_mm - GRID_MM, middle_mm + GRID_MM)
+    n = int((high - low) / apart_mm + 1e-9) + 1
+    if n < FEWEST_PLACES:
+        raise BadInputError(
+            f"--readings, {name}: a sheet over {high - low:.2f} mm, expected {(FEWEST_PLACES - 1) * apart_mm:g} mm "
+            f"or more within ± {GRID_MM:g} mm of {middle_mm:.2f}"
+        )
+    return np.asarray(0.5 * (low + high) + centred(n, apart_mm))
 
 
 def _sought(section: SampledSection, by: OperatorName, energy: Energy, half: int) -> Operator:

@@ -16,6 +16,8 @@ from sim.coding.operators import Operator, weighted
 from sim.coding.other_searches import global_search, table_search
 from sim.coding.profile_decoder import ModelError, Profile, decode_profile
 from sim.coding.readings import QUIET_SD, Readings, sd_at_rest
+from sim.coding.sheets.sheet_decoder import decode_sheet
+from sim.coding.sheets.sheet_operator import SheetOperator
 from sim.coding.univariate import Range, converged_search, grid_search
 
 Array = NDArray[np.float64]
@@ -156,11 +158,17 @@ def _profile(task: Task, noise: Noisy, seed: int) -> Profile:
         of_rates = Readings.of_rates if noise.at == "receptor" else Readings.of_noisy_rates
         unit = receptor.gain if noise.at == "receptor" else 1.0
         mine = Receptor(receptor.gain, weight * receptor.threshold)
-        return decode_profile(operator, of_rates(reading, mine, sd / unit), seed=seed)
+        return _decoded(operator, of_rates(reading, mine, sd / unit), seed)
 
     if task.receptor is None:
-        return decode_profile(operator, Readings.of_sed(reading, sd), seed=seed)
+        return _decoded(operator, Readings.of_sed(reading, sd), seed)
     return decode_through(task.receptor, through)
+
+
+def _decoded(operator: Operator, readings: Readings, seed: int) -> Profile:
+    if isinstance(operator, SheetOperator):
+        return decode_sheet(operator, readings, operator.skin.grid.shape)
+    return decode_profile(operator, readings, seed=seed)
 
 
 def _range(task: Task, search: Search) -> Range:

@@ -1,6 +1,6 @@
 """Readings of receptors from a CSV file (`docs/coding.md`): where they lie, what they say, how noisy they are."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 from rig.protocol.errors import BadInputError
 from sim.coding.readings import FEWEST_AT_REST, LOWEST_SD
 from sim.coding.sampled_section import receptor_points, skin_of
-from sim.coding.skin_line import SkinLine
+from sim.coding.sheets.sheet_decoder import FEWEST_READINGS as FEWEST_OF_SHEET
 from sim.config.csv_table import TableError, header_of, read_numbered
 from sim.config.fingertip_config import FingertipConfig
 from sim.config.stiffness import E_EPIDERMIS_MPA
 from sim.config.units import PSEUDO_E_EPIDERMIS
+from sim.finger.surface import FingertipSurface
+from sim.measures.reach import points_below
 from sim.measures.receptors import ReceptorError
 from sim.models.errors import ModelRangeError
 
@@ -30,17 +32,21 @@ PA = 1e6 * E_EPIDERMIS_MPA / PSEUDO_E_EPIDERMIS
 
 _SAME_MM = 1e-6
 
+Placed = Callable[[int, tuple[float, ...]], tuple[float, ...]]
+"""A row's number and its cells to where its receptor is."""
+
 
 @dataclass(frozen=True)
 class GivenReadings:
     """Rows of the file by their place on the skin; SED is in pseudo-units, whichever it was given in."""
 
     kind: str  # one of KINDS
-    place_mm: Array  # (m,) on the skin, ascending
+    place_mm: Array  # (m,) on the skin, ascending; of a sheet x of the receptor
     depth_mm: Array  # (m,)
     reading: Array  # (m,) SED or rate
     sd: Array | None  # (m,) in the readings' unit
     at_rest: Array | None  # (m,)
+    z_mm: Array | None = None  # (m,) of a sheet's receptors
 
 
 def read_readings(path: Path, finger: FingertipConfig) -> GivenReadings:
@@ -54,7 +60,11 @@ def read_readings(path: Path, finger: FingertipConfig) -> GivenReadings:
             raise TableError(f"{where}: columns {' and '.join(noise)}, expected at most one of them")
         if kind == "rate" and noise == ["at_rest"]:
             raise TableError(f"{where}: at_rest, expected sd beside rate: a silent receptor hides its noise")
-        return _Rows(path, place, kind, noise, read_numbered(path, (place, "depth_mm", kind, *noise))).checked(finger)
+        along = ["z_mm"] if "z_mm" in names else []
+        if along and place != "x_mm":
+            raise TableError(f"{where}: z_mm beside {place}, expected x_mm: a sheet has places in space")
+        columns = (place, "depth_mm", kind, *noise, *along)
+        return _Rows(path, columns, noise, read_numbered(path, columns)).checked(finger)
     except TableError as error:
         raise BadInputError(f"--readings {error}") from None
 
@@ -68,28 +78,44 @@ def _one_of(where: str, names: Sequence[str], columns: Sequence[str]) -> str:
 
 @dataclass(frozen=True)
 class _Rows:
-    """The table as it was read: place, depth, reading and, where there is one, the column of noise."""
+    """The table as it was read: place, depth, reading and, where there are such, the columns of noise and of z."""
 
     path: Path
-    place: str
-    kind: str
+    columns: tuple[str, ...]
     noise: list[str]
     numbered: tuple[tuple[int, tuple[float, ...]], ...]
 
+    @property
+    def place(self) -> str:
+        """The name of the first column."""
+        return self.columns[0]
+
+    @property
+    def kind(self) -> str:
+        """What the readings are."""
+        return self.columns[2]
+
+    @property
+    def sheet(self) -> bool:
+        """Whether receptors lie along the finger too."""
+        return self.columns[-1] == "z_mm"
+
     def checked(self, finger: FingertipConfig) -> GivenReadings:
-        if not FEWEST <= len(self.numbered) <= MOST:
-            raise TableError(f"{self.path}: {len(self.numbered)} readings, expected {FEWEST} … {MOST}")
-        line = skin_of(finger)
-        places = np.array([self._placed(finger, line, n, row) for n, row in self.numbered])
+        fewest = FEWEST_OF_SHEET if self.sheet else FEWEST
+        if not fewest <= len(self.numbered) <= MOST:
+            raise TableError(f"{self.path}: {len(self.numbered)} readings, expected {fewest} … {MOST}")
+        placed = self._placed_in_space(finger) if self.sheet else self._placed_on_skin(finger)
+        places = np.array([placed(n, row) for n, row in self.numbered])
         self._refuse_twice(places)
         self._refuse_noise()
         self._refuse_low()
         order = np.lexsort(places.T[::-1])
-        reading, *noise = np.array([row[2:] for _, row in self.numbered])[order].T
+        reading, *noise = np.array([row[2 : 3 + len(self.noise)] for _, row in self.numbered])[order].T
         unit = PA if self.kind == "sed_pa" else 1.0
         known = {name: values / unit for name, values in zip(self.noise, noise, strict=True)}
-        place, depth = places[order].T
-        return GivenReadings(self.kind, place, depth, reading / unit, known.get("sd"), known.get("at_rest"))
+        place, depth, *along = places[order].T
+        z_mm = along[0] if along else None
+        return GivenReadings(self.kind, place, depth, reading / unit, known.get("sd"), known.get("at_rest"), z_mm)
 
     def _refused(self, n: int, column: str, value: float, expected: str) -> TableError:
         return TableError(f"{self.path}, line {n}, {column}: {value:g}, expected {expected}")
@@ -97,17 +123,39 @@ class _Rows:
     def _column(self, k: int) -> Iterator[tuple[int, float]]:
         return ((n, row[k]) for n, row in self.numbered)
 
-    def _placed(self, finger: FingertipConfig, line: SkinLine, n: int, row: tuple[float, ...]) -> tuple[float, float]:
+    def _placed_on_skin(self, finger: FingertipConfig) -> Placed:
         """The place on the skin above a receptor, and its depth."""
-        where, depth = row[:2]
-        if not DEPTHS_MM[0] <= depth <= DEPTHS_MM[1]:
-            raise self._refused(n, "depth_mm", depth, f"{DEPTHS_MM[0]:g} … {DEPTHS_MM[1]:g} mm below the skin")
-        try:
-            place = line.above(where, depth) if self.place == "x_mm" else where
-            receptor_points(finger, line, place, depth)
-        except (ModelRangeError, ReceptorError) as error:
-            raise TableError(f"{self.path}, line {n}, {self.place}: {error}") from None
-        return place, depth
+        line = skin_of(finger)
+
+        def of(n: int, row: tuple[float, ...]) -> tuple[float, ...]:
+            where, depth = row[0], self._depth(n, row)
+            try:
+                place = line.above(where, depth) if self.place == "x_mm" else where
+                receptor_points(finger, line, place, depth)
+            except (ModelRangeError, ReceptorError) as error:
+                raise TableError(f"{self.path}, line {n}, {self.place}: {error}") from None
+            return place, depth
+
+        return of
+
+    def _placed_in_space(self, finger: FingertipConfig) -> Placed:
+        """x, depth and z of a receptor of the whole finger."""
+        surface = FingertipSurface.fit(finger.geometry)
+
+        def of(n: int, row: tuple[float, ...]) -> tuple[float, ...]:
+            x, depth, z = row[0], self._depth(n, row), row[-1]
+            try:
+                points_below(finger, surface, x, depth, z)
+            except ReceptorError as error:
+                raise TableError(f"{self.path}, line {n}, x_mm and z_mm: {error}") from None
+            return x, depth, z
+
+        return of
+
+    def _depth(self, n: int, row: tuple[float, ...]) -> float:
+        if not DEPTHS_MM[0] <= row[1] <= DEPTHS_MM[1]:
+            raise self._refused(n, "depth_mm", row[1], f"{DEPTHS_MM[0]:g} … {DEPTHS_MM[1]:g} mm below the skin")
+        return row[1]
 
     def _refuse_twice(self, places: Array) -> None:
         for k, place in enumerate(places):

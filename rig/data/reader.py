@@ -91,11 +91,11 @@ class Run:
         return {start["index"]: start["increments"] for start in self.stream("indentation_start")}
 
 
-def read_run(path: Path) -> Run:
-    """Read a run folder's journal; raises RunError."""
+def read_run(path: Path, *, readings: bool = True) -> Run:
+    """Read a run folder's journal; raises RunError. readings=False: with few of the readings, for a list of many."""
     folder = RunFolder(path)
     try:
-        documents = list(read_journal(folder.events))
+        documents = list(read_journal(folder.events, readings=readings))
     except OSError as error:
         raise RunError(f"run {path}: {folder.events.name}: {error.strerror}") from None
     except JournalError as error:

@@ -54,7 +54,7 @@ class Summary:
 def summarised(path: Path) -> tuple[Summary, list[Row]]:
     """A run folder and its holds in the order of HOLD_COLUMNS; whatever lies there, nothing is raised."""
     try:
-        run = read_run(path)
+        run = read_run(path, readings=False)
         found = summary_of(run)
         return found, _holds(run)
     except RunError as error:

@@ -7,6 +7,7 @@
   skin. `encoding`: noise and receptors.
 - `frictionless`: pressures that lean as the skin does under them.
 - `point_spread`: how SED spreads under equal point loads all over the pulp of the whole finger.
+- `sheets`: the whole finger's pressures, under a named axial shape or over x and z.
 - `univariate`, `other_searches`: the source's decoder and cheap others. `profile_decoder`: ours, with a band (its
   parts in `profiles/`), from `readings`, through a `fitted_receptor` too; `decoded` says how wrong an answer is.
 """

@@ -97,7 +97,7 @@ def normal_alone(operator: Operator) -> Operator:
     return replace(operator, parts=operator.parts[:, :, :n], place_mm=operator.place_mm[:n])
 
 
-def felt_where(operator: Operator, receptors: slice) -> Operator:
+def felt_where(operator: Operator, receptors: slice | NDArray[np.bool_]) -> Operator:
     """At some of its receptors alone."""
     felt = operator.per_receptor(lambda parts: parts[:, receptors])
     return replace(felt, receptor_mm=operator.receptor_mm[receptors])

@@ -17,7 +17,7 @@ from rig.data.folder import RunFolder
 from rig.data.reader import read_run
 from rig.data.run_index import INDEX, Entry, listed
 from rig.data.summary import HOLD_COLUMNS, RUN_COLUMNS, STATES, Row, Summary, summarised
-from rig.engine.journal import mend_journal
+from rig.engine.journal import JournalError, mend_journal, read_journal
 from tests.program import Program
 from tests.waiting import DEADLINE_S
 
@@ -182,6 +182,46 @@ def test_a_run_that_is_written_to_is_running(program: Program, runs: Path) -> No
         assert program("runs", runs, "--state", "running", "--json").json["runs"][0]["name"] == "stopped"
         assert program("show", folder.path, "--json").json["state"] == "running"
     assert states() == ["done", "done", "killed"]
+
+
+def test_a_list_reads_few_of_the_readings_and_says_the_same(runs: Path) -> None:
+    for name in NAMES:
+        whole, quick = read_run(runs / name), read_run(runs / name, readings=False)
+        assert (quick.duration_s, quick.end_s, quick.stop) == (whole.duration_s, whole.end_s, whole.stop)
+        assert (quick.done, quick.missing, quick.units) == (whole.done, whole.missing, whole.units)
+        for stream, events in whole.events.items():
+            if stream.endswith("sample"):
+                assert 0 < len(quick.stream(stream)) < len(events)
+            else:
+                assert quick.stream(stream) == events
+
+
+SAMPLE = '{"doc": "event", "t_s": %d, "stream": "find_sample", "data": {"index": 0}}'
+
+
+@pytest.mark.parametrize(
+    ("lines", "read"),
+    [
+        ([SAMPLE % 1, SAMPLE % 2, SAMPLE % 3, '{"doc": "resume", "t_s": 4}', SAMPLE % 5], [3, 4, 5]),
+        ([SAMPLE % 1, SAMPLE % 2, (SAMPLE % 3)[:-9]], [1 + 1]),
+        ([SAMPLE % 1, SAMPLE % 2, ""], [2]),
+        ([(SAMPLE % 1).replace(": ", ":"), SAMPLE % 2, SAMPLE % 3], [1, 3]),
+        ([(SAMPLE % 1).replace("sample", "touch"), SAMPLE % 2], [1, 2]),
+    ],
+    ids=["the last before what is none", "torn", "whole", "written otherwise", "no reading"],
+)
+def test_of_readings_in_a_row_the_last_is_read(tmp_path: Path, lines: list[str], read: list[int]) -> None:
+    path = tmp_path / "events.jsonl"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    assert [one["t_s"] for one in read_journal(path, readings=False)] == read
+
+
+@pytest.mark.parametrize("torn", [(SAMPLE % 2)[:-1], (SAMPLE % 2)[1:], (SAMPLE % 2)[:40]])
+def test_a_reading_that_is_not_whole_is_no_document_all_the_same(tmp_path: Path, torn: str) -> None:
+    path = tmp_path / "events.jsonl"
+    path.write_text("\n".join([SAMPLE % 1, torn, SAMPLE % 3, ""]), encoding="utf-8")
+    with pytest.raises(JournalError, match="line 2: not a journal document"):
+        list(read_journal(path, readings=False))
 
 
 # --- the table ---

@@ -1,0 +1,148 @@
+"""`rig decode --readings` with z_mm: a sheet of receptors over x and z, and what is no sheet."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from rig.cli import decode_sources
+from rig.cli.readings_file import read_readings
+from rig.protocol.errors import BadInputError
+from sim.coding.operators import centred
+from sim.config.fingertip_config import FingertipConfig
+from sim.contact.patch import X, Z
+from sim.models.catalogue import load
+from tests.program import Program, program_of
+from tests.sim.coarse import as_toml, coarse_mesh
+
+MESH = coarse_mesh(0.3, 0.3, patch_x_mm=2.5, patch_z_mm=2.5, round_patch_mm=2.5)
+PLANE = FingertipConfig().receptor_plane_mm
+SIDE = centred(7, 0.6)
+Cells = dict[str, np.ndarray]
+
+
+@pytest.fixture(scope="module")
+def sphere() -> Cells:
+    """What a sphere of 4 mm is felt as, with a hundredth of noise."""
+    places = {"receptor_x_mm": SIDE.tolist(), "receptor_z_mm": (PLANE + SIDE).tolist()}
+    finger = load("finger", FingertipConfig(mesh=MESH), slopes=(X, Z), cached=False, **places)
+    pressed = finger.indent("sphere:2", 0.2, z_mm=PLANE + 0.2, doi_mm=0.5)
+    sed, at = pressed.receptor_measures["sed"], pressed.model.receptors.position_mm
+    sd = 0.01 * float(sed.max())
+    noise = sd * np.random.default_rng(0).normal(size=(2, 49))
+    depth = np.full(49, 0.76)
+    return {
+        "x_mm": at[:, X].round(6) + 0.0,
+        "z_mm": at[:, Z],
+        "depth_mm": depth,
+        "sed": sed + noise[0],
+        "at_rest": noise[1],
+    }
+
+
+@pytest.fixture
+def rig(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Program:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "120")
+    monkeypatch.setenv("RIG_CACHE_DIR", "kept")
+    Path("coarse.toml").write_text(as_toml(MESH), encoding="utf-8")
+    return program_of(monkeypatch, capsys)
+
+
+def written(cells: Cells, order: np.ndarray | None = None) -> str:
+    rows = np.stack(list(cells.values()), axis=1)[slice(None) if order is None else order]
+    lines = [",".join(cells), *(",".join(f"{v:.9g}" for v in row) for row in rows.tolist())]
+    Path("r.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return "r.csv"
+
+
+def test_a_sheet_gives_pressures_over_x_and_z_and_what_touches(rig: Program, sphere: Cells) -> None:
+    shuffled = written(sphere, np.random.default_rng(1).permutation(49))
+    ended = rig("decode", "--readings", shuffled, "--config", "coarse.toml", "--picture", "sheet.svg")
+    assert ended.code == 0
+    assert ended.err.startswith("fingertip: from the cache, or built in about 15 s …\n")
+    assert "ours, influence, SED finite: 169 pressures from M = 49 readings in " in ended.out
+    assert "  felt as a sphere, " in ended.out
+    rows = [line.split() for line in ended.out.splitlines()]
+    header = next(row for row in rows if row[:4] == ["x", "\\", "z", "(mm)"])
+    assert header[4:] == [f"{z:.1f}" for z in PLANE + centred(13, 0.3)]
+    table = [row for row in rows[rows.index(header) + 1 :] if len(row) == 14]
+    assert [row[0] for row in table] == [f"{x:.1f}" for x in centred(13, 0.3)]
+    assert Path("sheet.svg").read_text(encoding="utf-8").startswith("<?xml")
+
+    found = rig("decode", "--readings", written(sphere), "--config", "coarse.toml", "--json").json
+    pressure = np.array(found["pressure"]).reshape(13, 13)
+    assert_allclose(np.array([row[1:] for row in table], dtype=float), pressure, atol=0.51)
+    place = np.array(found["place_mm"])
+    assert_allclose(place[[0, 1, 13]], [[-1.8, PLANE - 1.8], [-1.8, PLANE - 1.5], [-1.5, PLANE - 1.8]], atol=1e-6)
+    assert_allclose(place.T @ np.array(found["pressure"]) / pressure.sum(), [0.2, PLANE + 0.2], atol=0.15)
+    assert found["felt"]["class"] == "sphere"
+    assert found["felt"]["size_mm"] == pytest.approx(4.0, rel=0.3)
+    assert len(found["felt"]["extent_mm"]) == 2
+    assert (found["converged"], found["problems"]) == (True, [])
+    assert len(found["receptor_mm"]) == 49
+    assert found["noise"]["known"] == "measured at rest of 49 receptors"
+    low, high = (np.array(found["band_90"][end]) for end in ("low", "high"))
+    assert ((low <= found["pressure"]) & (high >= found["pressure"])).all()
+
+
+def test_a_row_has_no_felt_solid(rig: Program) -> None:
+    assert rig("decode", "--pressure", "20,14", "--json").json["felt"] is None
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (lambda c: {"place_mm": c["x_mm"], **{k: v for k, v in c.items() if k != "x_mm"}}, "z_mm beside place_mm"),
+        (lambda c: {k: v[:8] for k, v in c.items()}, "8 readings, expected 9 … 400"),
+        (lambda c: c | {"z_mm": np.full(49, 40.0)}, "line 2, x_mm and z_mm: no receptor at z = 40 mm: expected"),
+        (lambda c: c | {"x_mm": np.full(49, 9.0)}, "line 2, x_mm and z_mm: no receptor at x = 9 mm"),
+        (lambda c: c | {"depth_mm": np.full(49, 3.1)}, "line 2, depth_mm: 3.1, expected 0.1 … 3 mm"),
+        (lambda c: c | {"x_mm": np.ones(49), "z_mm": np.full(49, 7.0)}, "line 3, x_mm: 1, expected each receptor"),
+        (lambda c: c | {"x_mm": c["x_mm"] / 10}, "x_mm: a sheet over 0.36 mm, expected 0.6 mm or more within ± 2.1"),
+        (lambda c: c | {"z_mm": 7 + c["z_mm"] / 40}, "z_mm: a sheet over 0.09 mm, expected 0.6 mm or more within"),
+    ],
+)  # fmt: skip
+def test_what_is_no_sheet_is_one_line(
+    rig: Program, sphere: Cells, change: Callable[[Cells], Cells], expected: str
+) -> None:
+    ended = rig("decode", "--readings", written(change(sphere)), "--config", "coarse.toml", "--json")
+    assert ended.code == 2
+    assert expected in ended.json["error"]
+    assert ended.json["error"].startswith("--readings")
+
+
+def test_of_sheets_there_is_one_decoder(rig: Program, sphere: Cells) -> None:
+    ended = rig("decode", "--readings", written(sphere), "--decoder", "univariate", "--json")
+    assert ended.code == 2
+    assert ended.json["error"] == "--readings with a column z_mm: expected --decoder ours, the only one of sheets"
+
+
+def test_the_same_x_at_another_z_is_another_receptor(rig: Program, sphere: Cells) -> None:
+    given = read_readings(Path(written(sphere)), FingertipConfig())
+    assert given.z_mm is not None
+    assert_allclose(given.place_mm, np.repeat(SIDE, 7), atol=1e-6)
+    assert_allclose(given.z_mm, np.tile(PLANE + SIDE, 7))
+    order = np.lexsort((sphere["z_mm"], sphere["x_mm"].round(6)))
+    assert_allclose(given.reading, sphere["sed"][order], rtol=1e-6)
+    assert given.at_rest is not None
+    assert_allclose(given.at_rest, sphere["at_rest"][order], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "middle", "apart", "expected"),
+    [
+        (-1.0, 1.0, 0.0, 0.3, 0.3 * np.arange(-3, 4)),
+        (-9.0, 9.0, 0.0, 0.3, 0.3 * np.arange(-7, 8)),
+        (5.0, 6.0, 7.0, 0.5, np.array([5.0, 5.5, 6.0])),
+    ],
+)
+def test_places_lie_between_the_outermost_receptors_on_the_patch(
+    low: float, high: float, middle: float, apart: float, expected: np.ndarray
+) -> None:
+    found = decode_sources._places("x_mm", np.array([high, low]), middle, apart)
+    assert_allclose(found, expected, atol=1e-9)
+    with pytest.raises(BadInputError, match="expected 1 mm or more"):
+        decode_sources._places("x_mm", np.array([0.0, 0.99]), 0.0, 0.5)

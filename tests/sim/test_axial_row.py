@@ -1,0 +1,137 @@
+"""A row of receptors of the whole finger under a named axial shape: what it feels of a press, and reads back."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from numpy.typing import NDArray
+
+from sim.coding.borne import Borne
+from sim.coding.decoded import decoding_errors
+from sim.coding.encoding import noise_sd
+from sim.coding.operators import centred
+from sim.coding.readings import Readings
+from sim.coding.sheets.axial_row import AxialShape, FeltRow, decode_row, felt_row
+from sim.coding.sheets.felt_skin import FeltSkin
+from sim.coding.skin_line import SkinLine
+from sim.config.fingertip_config import FingertipConfig
+from sim.contact.patch import X, Z
+from sim.models.catalogue import load
+from sim.models.fingertip import Fingertip
+from sim.models.results.indentation import IndentationResult
+from studies.coding.sheets_read_back import in_plane
+from tests.sim.coarse import coarse_mesh
+
+Array = NDArray[np.float64]
+
+CONFIG = FingertipConfig(mesh=coarse_mesh(0.2, 0.35, patch_x_mm=3.0, patch_z_mm=2.6))
+ENDS = centred(27, 0.2)
+PLACES = centred(29, 0.2)
+CENTRE = 7.0
+
+
+@pytest.fixture(scope="module")
+def line() -> SkinLine:
+    return SkinLine(load("halfspace", CONFIG).surface, CONFIG.receptor_plane_mm, "skin")
+
+
+@pytest.fixture(scope="module")
+def finger(line: SkinLine) -> Fingertip:
+    x_mm = line.below(line.angles(PLACES), 0.76)[:, X]
+    return load("finger", CONFIG, receptor_x_mm=x_mm.tolist(), cached=False)
+
+
+@pytest.fixture(scope="module")
+def row(finger: Fingertip, line: SkinLine) -> FeltRow:
+    return FeltRow(FeltSkin(CONFIG, finger.model), line, PLACES)
+
+
+@pytest.fixture(scope="module")
+def cylinder(finger: Fingertip) -> IndentationResult:
+    return finger.indent("cylinder:6", 0.2, doi_mm=0.6)
+
+
+def means(row: FeltRow, pressed: IndentationResult) -> Array:
+    return in_plane(row, pressed).means(0.5 * (ENDS[1:] + ENDS[:-1]))
+
+
+def test_the_shape_is_an_ellipse_by_its_name() -> None:
+    shape = AxialShape(1.5, CENTRE)
+    assert shape.name == "ellipse:1.5"
+    assert_allclose(shape.at(np.array([5.5, 6.1, 7.0, 7.9, 8.5, 9.0, 4.0])), [0, 0.8, 1, 0.8, 0, 0, 0], atol=1e-12)
+
+
+def test_pressures_of_a_press_give_its_sed_under_the_right_length_only(
+    row: FeltRow, cylinder: IndentationResult
+) -> None:
+    true, sed = means(row, cylinder), cylinder.receptor_measures["sed"]
+    under = {half: row.under(AxialShape(half, CENTRE), ENDS, "finite").sed(true) for half in (1.0, 2.0)}
+    missed = {half: np.linalg.norm(found - sed) / np.linalg.norm(sed) for half, found in under.items()}
+    assert missed[2.0] < 0.08
+    assert missed[1.0] > 3 * missed[2.0]
+
+
+def test_pressures_are_those_of_the_receptor_plane_wherever_the_shape_is_highest(row: FeltRow) -> None:
+    plane = np.array(CONFIG.receptor_plane_mm)
+    told = {centre: AxialShape(2.0, centre) for centre in (float(plane), float(plane) + 0.8)}
+    there, beyond = (row.under(shape, ENDS, "finite") for shape in told.values())
+    assert_allclose(told[float(plane) + 0.8].at(plane), np.sqrt(1 - 0.4**2))
+    even = np.full(26, 100.0)
+    under_it = 14  # the receptor below the middle feels what is borne about the plane, which is told to be alike
+    assert beyond.sed(even)[under_it] == pytest.approx(there.sed(even)[under_it], rel=0.25)
+
+
+def test_the_skin_of_the_plane_lies_on_the_cylinder(row: FeltRow, cylinder: IndentationResult) -> None:
+    true = means(row, cylinder)
+    skin = row.under(AxialShape(1.5, CENTRE), ENDS, "finite").skin
+    x, y = skin.pressed(true, skin.lean(true) * true)
+    inside = np.flatnonzero(true > 0.3 * true.max())[1:]
+    centre = cylinder.touch_height_mm - cylinder.doi_mm + 3.0
+    assert_allclose(np.hypot(x[inside] - 0.2, y[inside] - centre), 3.0, atol=0.05)
+
+
+def test_forces_of_a_prismatic_indentor_have_no_part_along_the_finger(row: FeltRow) -> None:
+    flat = row.under(AxialShape(1.5, CENTRE), ENDS, "finite")
+    assert flat.skin.moved_mm.shape == (2, 27, 52)
+    assert flat.parts.shape == flat.lateral.shape == (7, 29, 26)
+    assert_allclose(flat.place_mm, 0.5 * (ENDS[1:] + ENDS[:-1]))
+    assert_allclose(flat.receptor_mm, PLACES)
+
+
+def test_a_cylinder_is_read_back_under_the_length_that_explains_it_best(
+    row: FeltRow, cylinder: IndentationResult
+) -> None:
+    true, sed = means(row, cylinder), cylinder.receptor_measures["sed"]
+    sd = noise_sd(sed, 30.0)
+    said = Readings.of_sed(sed + sd * np.random.default_rng(1).normal(size=len(sed)), sd)
+    shapes = [AxialShape(half, CENTRE) for half in (1.5, 2.5)]
+    found = decode_row(row, shapes, ENDS, said)
+    assert found.shape == shapes[0]
+    assert decoding_errors(true, found.profile.pressure).relative_l2 < 0.25
+    wrong = decode_row(row, shapes[1:], ENDS, said)
+    assert wrong.profile.misfit > 2 * found.profile.misfit
+    low, high = found.profile.band()
+    inside = true > 0.05 * true.max()
+    assert ((low <= true) & (true <= high))[inside].mean() > 0.7
+
+
+def test_it_lies_below_places_of_the_receptor_plane(tmp_path: object, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path))
+    config = FingertipConfig(mesh=coarse_mesh(0.6, 0.6, patch_x_mm=2.0, patch_z_mm=1.5))
+    row = felt_row(config, np.array([-1.0, 0.0, 1.0]), 0.7)
+    points = row.felt.model.receptors.position_mm
+    assert_allclose(points[:, Z], config.receptor_plane_mm)
+    assert_allclose([row.line.above(x, 0.7) for x in points[:, X]], [-1, 0, 1], atol=1e-3)
+    assert row.felt.model.patch.axes == (X, 1)
+
+
+def test_what_a_press_bears_in_the_plane_is_its_forces_there(row: FeltRow, cylinder: IndentationResult) -> None:
+    borne = in_plane(row, cylinder)
+    assert isinstance(borne, Borne)
+    pressure = cylinder.nodal_pressure_pseudo[cylinder.model.across]
+    assert_allclose(np.hypot(borne.normal, borne.lateral), pressure, atol=1e-6)
+    assert (borne.normal >= 0).all()
+    assert (np.diff(borne.place_mm) > 0).all()
+    total = partial(np.sum, borne.normal * borne.width_mm)
+    assert means(row, cylinder).sum() * 0.2 == pytest.approx(float(total()), rel=0.02)

@@ -1,0 +1,348 @@
+"""Pressures over x and z: what presses bear gives their SED back, is read back from it, and tells what pressed."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from numpy.typing import NDArray
+
+from sim.coding.decoded import DecodingError, decoding_errors
+from sim.coding.encoding import Receptor, noise_sd
+from sim.coding.energy import sed_of
+from sim.coding.operators import centred, felt_where, weighted
+from sim.coding.profile_decoder import ModelError
+from sim.coding.readings import Readings
+from sim.coding.sheets import sheet_decoder
+from sim.coding.sheets.felt_skin import FeltSkin, felt_skin
+from sim.coding.sheets.felt_solid import SOLIDS, contact, extent_mm, felt_solid
+from sim.coding.sheets.sheet_decoder import decode_sheet
+from sim.coding.sheets.sheet_operator import Grid, SheetOperator, SkinOver, hats, sheet_operator
+from sim.config.fingertip_config import FingertipConfig
+from sim.contact.patch import X, Y, Z
+from sim.measures.measures import Elastic, measures_from_strain
+from sim.models.catalogue import load
+from sim.models.errors import ModelRangeError
+from sim.models.fingertip import Fingertip
+from sim.models.results.indentation import IndentationResult
+from tests.sim.coarse import coarse_mesh
+
+Array = NDArray[np.float64]
+
+CONFIG = FingertipConfig(mesh=coarse_mesh(0.3, 0.3, patch_x_mm=2.5, patch_z_mm=2.5, round_patch_mm=2.5))
+PLANE = CONFIG.receptor_plane_mm
+SIDE = centred(9, 0.5)
+GRID = Grid(centred(13, 0.3), PLANE + centred(13, 0.3))
+
+
+@pytest.fixture(scope="module")
+def finger() -> Fingertip:
+    """What is pressed, with a sheet of 81 receptors."""
+    return load(
+        "finger",
+        CONFIG,
+        slopes=(X, Z),
+        receptor_x_mm=SIDE.tolist(),
+        receptor_z_mm=(PLANE + SIDE).tolist(),
+        cached=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def felt(finger: Fingertip) -> FeltSkin:
+    return FeltSkin(CONFIG, finger.model_for((X, Z)))
+
+
+@pytest.fixture(scope="module")
+def operator(felt: FeltSkin) -> SheetOperator:
+    return sheet_operator(felt, GRID, "finite")
+
+
+@pytest.fixture(scope="module")
+def sphere(finger: Fingertip) -> IndentationResult:
+    return finger.indent("sphere:2", 0.2, z_mm=PLANE + 0.2, doi_mm=0.5)
+
+
+def forces(pressed: IndentationResult) -> Array:
+    """(3, k) of a press on the patch."""
+    force = np.zeros((3, len(pressed.model.patch)))
+    force[list(pressed.model.patch.axes)] = pressed.state.force
+    return force
+
+
+def borne(felt: FeltSkin, pressed: IndentationResult) -> Array:
+    """Normal pressures at the grid's places."""
+    patch = pressed.model.patch
+    _, outward, _ = felt.frames(patch.x, patch.position_mm[:, Z])
+    inward = -(forces(pressed) * outward).sum(axis=0)
+    return GRID.nearest(patch.position_mm, patch.area_mm2, 1e4 * inward / patch.area_mm2)
+
+
+def missed(found: Array, true: Array) -> float:
+    return float(np.linalg.norm(found - true) / np.linalg.norm(true))
+
+
+# --- energy of six strains ---
+
+
+@pytest.mark.parametrize("young", [1.0, 18.0])
+def test_squares_of_all_six_strains_sum_to_half_of_stress_times_strain(young: float) -> None:
+    strain, material = np.random.default_rng(0).normal(size=(4, 6)), Elastic(young, 0.48)
+    assert_allclose(sed_of(strain.T, material, "finite"), measures_from_strain(strain, material)["sed"])
+    plane = strain.copy()
+    plane[:, [2, 4, 5]] = 0
+    for energy in ("finite", "incompressible"):
+        assert_allclose(sed_of(plane.T, material, energy), sed_of(plane.T[[0, 1, 3]], material, energy))  # type: ignore[arg-type]
+    apart = sed_of(strain.T, material, "finite") - sed_of(strain.T, material, "incompressible")
+    lame = young * 0.48 / (1.48 * 0.04)
+    assert_allclose(apart, 0.5 * lame * strain[:, :3].sum(axis=1) ** 2)
+
+
+# --- places ---
+
+
+def test_pressures_are_straight_between_places_and_none_beside_them() -> None:
+    at = np.array([-0.31, -0.3, 0.0, 0.1, 0.45, 0.6, 0.75, 0.91])
+    straight = np.interp(at, [0.0, 0.3, 0.6], [1.0, 2.0, 4.0])
+    found = hats(at, np.array([0.0, 0.3, 0.6])) @ [1.0, 2.0, 4.0]
+    assert_allclose(found[2:6], straight[2:6])
+    assert_allclose(found[[0, 1, 6, 7]], [0, 0, 2, 0], atol=1e-9)  # down to 0 over one more spacing
+    grid = Grid(np.array([0.0, 1.0]), np.array([5.0, 6.0, 7.0]))
+    assert_allclose(grid.place_mm[:4], [[0, 5], [0, 6], [0, 7], [1, 5]])
+    assert grid.shape == (2, 3)
+    share = grid.shares(np.array([0.25]), np.array([6.5])).reshape(2, 3)
+    assert_allclose(share, [[0, 0.375, 0.375], [0, 0.125, 0.125]])
+
+
+def test_what_is_straight_between_places_is_found_again_and_nothing_falls_below_zero() -> None:
+    rng = np.random.default_rng(2)
+    at = np.stack([rng.uniform(-1.8, 1.8, 400), np.zeros(400), PLANE + rng.uniform(-1.8, 1.8, 400)], axis=1)
+    at[1:170, [X, Z]] = GRID.place_mm
+    true = rng.uniform(0, 10, 169)
+    share = GRID.shares(at[:, X], at[:, Z])
+    assert_allclose(GRID.nearest(at, rng.uniform(0.5, 2, 400), share @ true), true, atol=1e-6)
+    assert_allclose(GRID.nearest(at, np.ones(400), -(share @ true)), 0.0, atol=1e-9)
+    with_one_off = share @ true
+    with_one_off[0] += 100.0
+    for area in (1e-6, 1.0):  # what stands on no area counts for nothing
+        areas = np.where(np.arange(400) == 0, area, 1.0)
+        assert np.allclose(GRID.nearest(at, areas, with_one_off), true, atol=1e-2) == (area < 1)
+
+
+# --- the operator ---
+
+
+def test_pressures_that_lean_as_the_skin_does_give_a_presss_sed(
+    felt: FeltSkin, operator: SheetOperator, sphere: IndentationResult
+) -> None:
+    true, sed = borne(felt, sphere), sphere.receptor_measures["sed"]
+    assert missed(operator.sed(true), sed) < 0.03
+    upright = operator.leaning(np.zeros(169))
+    assert missed(upright.sed(true), sed) > 0.06
+
+
+def test_leans_are_those_of_the_forces(felt: FeltSkin, operator: SheetOperator, sphere: IndentationResult) -> None:
+    force, patch = forces(sphere), sphere.model.patch
+    across, outward, along = felt.frames(patch.x, patch.position_mm[:, Z])
+    strong = np.linalg.norm(force, axis=0) > 0.6 * np.linalg.norm(force, axis=0).max()
+    lean = operator.skin.lean(borne(felt, sphere))
+    share = GRID.shares(patch.x, patch.position_mm[:, Z])
+    for k, axis in enumerate((across, along)):
+        true = (force * axis).sum(axis=0)[strong] / -(force * outward).sum(axis=0)[strong]
+        assert np.abs(true).max() > 0.2
+        assert_allclose((share @ lean[k])[strong], true, atol=0.1)
+    steep = SkinOver(
+        GRID, operator.skin.at_rest_mm * [[1], [9], [1]], 0 * operator.skin.moved_mm, operator.skin.frames
+    )
+    assert np.abs(steep.lean(np.zeros(169))).max() == 1.0
+
+
+def test_the_skin_lies_on_the_sphere(felt: FeltSkin, operator: SheetOperator, sphere: IndentationResult) -> None:
+    true = borne(felt, sphere)
+    at = operator.skin.pressed(true, operator.skin.lean(true))[:, contact(operator.skin, true)]
+    centre = np.array([0.2, sphere.touch_height_mm - sphere.doi_mm + 2.0, PLANE + 0.2])
+    assert_allclose(np.linalg.norm(at.T - centre, axis=1), 2.0, atol=0.02)
+
+
+def test_slopes_and_gradients_are_those_of_its_sed(operator: SheetOperator) -> None:
+    """With leans held."""
+    rng = np.random.default_rng(3)
+    pressure, step = rng.uniform(0, 100, 169), rng.normal(size=169)
+    held = operator.leaning(pressure)
+    by_difference = (held.sed(pressure + 1e-3 * step) - held.sed(pressure - 1e-3 * step)) / 2e-3
+    assert_allclose(operator.slope(pressure) @ step, by_difference, rtol=1e-5)
+    weight = rng.normal(size=81)
+    assert_allclose(operator.pulled_back(pressure, weight), weight @ operator.slope(pressure))
+    assert_allclose(operator.sed(pressure), held.sed(pressure))
+
+
+def test_some_receptors_and_weighted_ones(operator: SheetOperator) -> None:
+    pressure = np.random.default_rng(4).uniform(0, 100, 169)
+    some = np.arange(81) % 2 == 0
+    assert_allclose(felt_where(operator, some).sed(pressure), operator.sed(pressure)[some])
+    weight = np.linspace(1, 2, 81)
+    assert_allclose(weighted(operator, weight).sed(pressure), weight * operator.sed(pressure))
+
+
+def test_softer_tissue_feels_less_energy_under_the_same_strain(felt: FeltSkin, operator: SheetOperator) -> None:
+    """Receptors lie in the dermis, a tenth as stiff as the epidermis that pressures are told by."""
+    assert_allclose(felt.model.columns.young_ratio, 0.1)
+    one = np.zeros((len(felt.nodes_mm), 1))
+    one[100] = 1.0
+    down = np.zeros((3, len(one)))
+    down[Y] = -1.0
+    parts = felt.parts(down, one, "finite")
+    force = np.zeros((3, len(one)))
+    force[2, 100] = -felt.model.patch.area_mm2[100] / 1e4  # axes are x, z, y
+    strain = felt.model.strain(force)
+    expected = measures_from_strain(strain, Elastic(1e3, 0.48))["sed"]
+    assert_allclose((parts[..., 0] ** 2).sum(axis=0), expected)
+
+
+def test_a_place_without_skin_about_it_is_refused(felt: FeltSkin) -> None:
+    with pytest.raises(ModelRangeError, match=r"pressure at x = -3.50, z = .* mm: expected a place on the patch"):
+        sheet_operator(felt, Grid(np.array([-3.5, -3.2]), GRID.z_mm), "finite")
+    assert sheet_operator(felt, Grid(centred(4, 0.3), GRID.z_mm), "incompressible").parts.shape[0] == 6
+
+
+def test_it_is_read_from_the_cache_with_any_receptors(tmp_path: object, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path))
+    config = FingertipConfig(mesh=coarse_mesh(0.6, 0.6, round_patch_mm=1.5))
+    points = np.array([[0.0, 4.0, PLANE], [0.3, 4.1, PLANE + 0.4]])
+    made, read = (felt_skin(config, points, np.full(2, np.nan)) for _ in range(2))
+    assert_allclose(made.model.receptors.position_mm, points)
+    assert_allclose(made.model.strain_per_force, read.model.strain_per_force, rtol=0, atol=0)
+    assert made.model.patch.axes == (X, Z, Y)
+
+
+# --- the decoder ---
+
+
+@pytest.mark.parametrize(("snr_db", "most"), [(30.0, 0.35), (20.0, 0.5)])
+def test_a_sphere_is_read_back(
+    felt: FeltSkin, operator: SheetOperator, sphere: IndentationResult, snr_db: float, most: float
+) -> None:
+    true, sed = borne(felt, sphere), sphere.receptor_measures["sed"]
+    sd = noise_sd(sed, snr_db)
+    found = decode_sheet(
+        operator, Readings.of_sed(sed + sd * np.random.default_rng(1).normal(size=81), sd), GRID.shape
+    )
+    assert found.converged
+    assert found.pressure.min() == 0.0
+    assert decoding_errors(true, found.pressure).relative_l2 < most
+    assert found.pressure.sum() == pytest.approx(true.sum(), rel=0.1)
+    low, high = found.band()
+    inside = true > 0.05 * true.max()
+    assert ((low <= true) & (true <= high))[inside].mean() > 0.85
+    felt_as = felt_solid(operator.skin, found.pressure)
+    assert felt_as.name == "sphere"
+    assert felt_as.size_mm == pytest.approx(4.0, rel=0.25)
+    assert_allclose(felt_as.extent_mm, extent_mm(operator.skin, true), atol=0.25)
+
+
+def test_silent_receptors_and_known_model_errors(
+    felt: FeltSkin, operator: SheetOperator, sphere: IndentationResult
+) -> None:
+    true, sed = borne(felt, sphere), sphere.receptor_measures["sed"]
+    receptor = Receptor(2.0, 0.1 * float(sed.max()))
+    sd = noise_sd(sed, 30.0)
+    rate = receptor.rate(sed + sd * np.random.default_rng(1).normal(size=81))
+    assert (rate == 0).sum() > 20
+    readings = Readings.of_rates(rate, receptor, sd)
+    found = decode_sheet(operator, readings, GRID.shape)
+    assert decoding_errors(true, found.pressure).relative_l2 < 0.4
+    sure, unsure = (decode_sheet(operator, readings, GRID.shape, ModelError(share)) for share in (0.001, 0.2))
+    assert np.median(sure.sd) < np.median(found.sd) < np.median(unsure.sd)
+    assert sure.misfit < found.misfit < unsure.misfit
+    heard = rate > 0
+    left = (operator.sed(found.pressure) - readings.sed)[heard] / sd
+    assert found.misfit == pytest.approx(float(left @ left))
+
+
+def test_the_prior_is_of_neighbours_both_ways_and_a_little_of_each() -> None:
+    rows = sheet_decoder._differences((2, 3))
+    pressure = np.array([1.0, 2.0, 4.0, 8.0, 16.0, 32.0])
+    along_x, along_z = 7.0**2 + 14.0**2 + 28.0**2, 1.0 + 2.0**2 + 8.0**2 + 16.0**2
+    assert ((rows @ pressure) ** 2).sum() == pytest.approx(along_x + along_z + 0.1 * (pressure**2).sum())
+
+
+def test_too_few_readings_are_refused(operator: SheetOperator) -> None:
+    some = np.arange(81) < 8
+    with pytest.raises(DecodingError, match="8 readings of 169 pressures: expected 9 or more"):
+        decode_sheet(felt_where(operator, some), Readings.of_sed(np.ones(8), 0.1), GRID.shape)  # type: ignore[arg-type]
+
+
+# --- what touches: made-up skins ---
+
+
+def lying_on(height: Array, noise_mm: float = 1e-4) -> SkinOver:
+    """A skin at (13, 13) heights over x and z whatever bears on it."""
+    at = np.stack([GRID.place_mm[:, 0], height.ravel(), GRID.place_mm[:, 1]])
+    at[1] += noise_mm * np.random.default_rng(0).normal(size=169)
+    return SkinOver(GRID, at, np.zeros((3, 169, 507)), np.tile(np.eye(3), (169, 1, 1)))
+
+
+DISC = (np.hypot(GRID.place_mm[:, 0] - 0.3, GRID.place_mm[:, 1] - PLANE) < 1.3).astype(float)
+XX, ZZ = (GRID.place_mm.T[k].reshape(13, 13) for k in (0, 1))
+
+
+@pytest.mark.parametrize("diameter", [3.0, 8.0, 19.0])
+def test_round_skin_is_a_sphere_or_a_cylinder_of_that_diameter(diameter: float) -> None:
+    radius = diameter / 2
+    sphere = -np.sqrt(radius**2 - np.minimum(radius**2, (XX - 0.3) ** 2 + (ZZ - PLANE) ** 2))
+    cylinder = -np.sqrt(radius**2 - np.minimum(radius**2, (XX - 0.3) ** 2))
+    for name, height in (("sphere", sphere), ("cylinder", cylinder)):
+        found = felt_solid(lying_on(height), DISC)
+        assert found.name == name
+        assert found.size_mm == pytest.approx(diameter, rel=0.03)
+        assert set(found.cost) == set(SOLIDS)
+
+
+def test_flat_skin_is_a_bar_and_a_flank_a_step() -> None:
+    flat = felt_solid(lying_on(np.zeros((13, 13))), DISC)
+    assert flat.name == "bar"
+    assert flat.size_mm == flat.extent_mm[0]
+    s = np.clip((XX + 0.6) / 1.3, 0.0, 1.0)
+    step = felt_solid(lying_on(0.25 * (1 - np.cos(np.pi * s))), DISC)
+    assert step.name == "step"
+    assert step.size_mm == pytest.approx(1.3, rel=0.2)
+
+
+def test_hollow_skin_and_skin_too_wide_are_not_round() -> None:
+    hollow = felt_solid(lying_on(-0.2 * ((XX - 0.3) ** 2 + (ZZ - PLANE) ** 2)), DISC)
+    assert hollow.cost["sphere"] == hollow.cost["cylinder"] == np.inf
+    wide = felt_solid(lying_on((XX - 0.3) ** 2 / 21.0), DISC)
+    assert wide.cost["cylinder"] == np.inf
+    few = np.zeros(169)
+    few[[80, 81]] = 1.0
+    assert felt_solid(lying_on((XX - 0.3) ** 2), few).cost["sphere"] == np.inf
+
+
+def test_costs_are_squares_over_20_micrometres_and_the_log_of_places_for_each_number() -> None:
+    found = felt_solid(lying_on(0.01 * XX, 0.0), DISC)
+    inside = contact(lying_on(XX), DISC)
+    x = XX.ravel()[inside]
+    assert found.cost["bar"] == pytest.approx(1e-4 * ((x - x.mean()) ** 2).sum() / 0.02**2 + np.log(len(x)))
+    flat = felt_solid(lying_on(np.zeros((13, 13)), 0.0), DISC)
+    assert flat.cost["step"] == pytest.approx(3 * np.log(len(x)))
+
+
+def test_a_contact_is_where_pressure_is_a_quarter_of_the_highest_beside_two_others() -> None:
+    skin, pressure = lying_on(XX), np.zeros((13, 13))
+    pressure[4:7, 4:7] = 1.0
+    pressure[7, 4:7] = [0.24, 0.26, 0.26]
+    pressure[10, 10] = 1.0  # alone
+    pressure[4, 7] = 1.0  # beside one
+    inside = contact(skin, pressure.ravel()).reshape(13, 13)
+    expected = np.zeros((13, 13), bool)
+    expected[4:7, 4:7] = True
+    expected[7, 5:7] = True
+    np.testing.assert_array_equal(inside, expected)
+    alone = np.zeros(169)
+    alone[5] = 1.0
+    np.testing.assert_array_equal(contact(skin, alone), alone > 0)
+
+
+def test_an_even_square_is_as_wide_as_its_places_are() -> None:
+    pressure = np.zeros((13, 13))
+    pressure[3:7, 5:11] = 2.0
+    x, z = extent_mm(lying_on(XX), pressure.ravel())
+    assert (x, z) == (pytest.approx(0.3 * np.sqrt(4**2 - 1)), pytest.approx(0.3 * np.sqrt(6**2 - 1)))
