@@ -5,20 +5,28 @@ displacement, C the curvature of the indentor relative to the finger, K1 the slo
 Written out it is linear in its constants: P = K1·DOI − K2·(DOI − d) + K3·C. Pressures in pseudo-units, lengths in mm.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.contact.indentor import Indentor
+from sim.contact.patch import Z
 from sim.finger import section
 from sim.finger.surface import FingertipSurface
-from sim.models.results.indentation import IndentationResult
+from sim.models.results.indentation import FILTER_SPACING_MM, REGION_GAP_MM, IndentationResult
 
 Array = NDArray[np.float64]
+Nodes = Literal["row", "patch"]
 
 FROM_EDGE_MM = 0.35
-"""Places nearer to an end of their contact region, two elements, are not what the formula is for."""
+"""Places nearer to an edge, two elements, are not what the formula is for."""
+
+RESAMPLES, SEED = 2000, 1998
+_COVERED = (2.5, 97.5)
+_EDGES_WITHIN_MM, _EDGES_STEP_MM = 5.0, 0.01
 
 
 class Constants(NamedTuple):
@@ -31,18 +39,28 @@ class Constants(NamedTuple):
 
 @dataclass(frozen=True)
 class Places:
-    """Places in contact, (n,) each: DOI, displacement and distance to the contact's end (mm), C (1/mm), pressure."""
+    """Places in contact, (n,) each: DOI and displacement (mm), C (1/mm), pressure, and how far edges are (mm).
+
+    `from_end_mm` is to the end of the contact, across the finger; `from_edge_mm` to the indentor's nearest edge,
+    infinite where it has none.
+    """
 
     doi_mm: Array
     displacement_mm: Array
     curvature_per_mm: Array
     pressure: Array
     from_end_mm: Array
+    from_edge_mm: Array
 
     @property
     def inside(self) -> "Places":
         """Those away from the ends of their contact regions."""
         return self.where(self.from_end_mm >= FROM_EDGE_MM)
+
+    @property
+    def off_edges(self) -> "Places":
+        """Those away from the indentor's edges; a contact's smooth ends are among them."""
+        return self.where(self.from_edge_mm >= FROM_EDGE_MM)
 
     def where(self, chosen: NDArray[np.bool_]) -> "Places":
         """Some of them."""
@@ -54,15 +72,44 @@ def together(parts: list[Places]) -> Places:
     return Places(*(np.concatenate(values) for values in zip(*(vars(p).values() for p in parts), strict=True)))
 
 
-def places(result: IndentationResult, surface: FingertipSurface) -> Places:
-    """The nodes in the receptor plane that carry force, under an indentor prismatic along the finger."""
-    x, pressure = result.pressure_profile
-    order = np.argsort(result.model.patch.x[result.plane])
-    moved, down = (result.state.displacement[k, result.plane][order] for k in (0, -1))
-    _, (slope,), ((bend,),) = result.indentor.evaluate((x + moved - result.x_mm)[None])
-    relative = bend / np.hypot(1.0, slope) ** 3 + finger_curvature(surface, x, result.z_mm)
-    found = Places(np.full(len(x), result.doi_mm), -down, relative, pressure, _from_end(x, result))
+def places(result: IndentationResult, surface: FingertipSurface, nodes: Nodes = "row") -> Places:
+    """The nodes that carry force in the receptor plane or on the patch, under an indentor prismatic along the finger."""
+    patch, number = result.model.patch, np.arange(len(result.model.patch)).reshape(result.model.patch.shape)
+    rows = [result.model.across] if nodes == "row" else [row[np.argsort(patch.x[row])] for row in number]
+    return together([_on_row(result, surface, row) for row in rows])
+
+
+def _on_row(result: IndentationResult, surface: FingertipSurface, row: NDArray[np.int64]) -> Places:
+    """Those of one row of nodes across the finger, by ascending x."""
+    x, z_mm = result.model.patch.x[row], float(result.model.patch.position_mm[row[0], Z])
+    pressure = result.nodal_pressure_pseudo[row]
+    offset = x + result.state.displacement[0, row] - result.x_mm
+    _, (slope,), ((bend,),) = result.indentor.evaluate(offset[None])
+    relative = bend / np.hypot(1.0, slope) ** 3 + finger_curvature(surface, x, z_mm)
+    here = z_mm == result.model.plane_mm
+    regions = result.contact_regions_mm if here else _runs(x[pressure > 0])
+    found = Places(
+        np.full(len(x), result.doi_mm),
+        -result.state.displacement[-1, row],
+        relative,
+        pressure,
+        _from_end(x, regions),
+        np.abs(offset - edges_mm(result.indentor)[:, None]).min(axis=0, initial=np.inf),
+    )
     return found.where(pressure > 0)
+
+
+def edges_mm(indentor: Indentor) -> Array:
+    """(k,) offsets at which a prismatic indentor turns, convex, within less than an element: its edges."""
+    s = np.arange(-_EDGES_WITHIN_MM, _EDGES_WITHIN_MM, _EDGES_STEP_MM)
+    _, (slope,), ((bend,),) = indentor.evaluate(s[None])
+    return s[bend / np.hypot(1.0, slope) ** 3 > 1 / FILTER_SPACING_MM]
+
+
+def _runs(touching_mm: Array) -> list[tuple[float, float]]:
+    """Ends of the runs of places (n,), ascending, as contact regions are told apart."""
+    parts = np.split(touching_mm, np.flatnonzero(np.diff(touching_mm) > REGION_GAP_MM) + 1)
+    return [(float(part[0]), float(part[-1])) for part in parts if len(part)]
 
 
 def finger_curvature(surface: FingertipSurface, x_mm: Array, z_mm: float) -> Array:
@@ -74,9 +121,9 @@ def finger_curvature(surface: FingertipSurface, x_mm: Array, z_mm: float) -> Arr
     return np.asarray((x1 * y2 - y1 * x2) / np.hypot(x1, y1) ** 3)
 
 
-def _from_end(x_mm: Array, result: IndentationResult) -> Array:
+def _from_end(x_mm: Array, regions_mm: Sequence[tuple[float, float]]) -> Array:
     """(n,) distance to the nearer end of the contact region that holds each x; negative outside all."""
-    ends = np.array(result.contact_regions_mm).reshape(-1, 2, 1)
+    ends = np.array(regions_mm).reshape(-1, 2, 1)
     return np.asarray(np.minimum(x_mm - ends[:, 0], ends[:, 1] - x_mm).max(axis=0, initial=-np.inf))
 
 
@@ -89,6 +136,33 @@ def fit(at: Places) -> Constants:
     """Least squares; NaN where the places do not determine all three."""
     solution, _, rank, _ = np.linalg.lstsq(_terms(at), at.pressure, rcond=None)
     return Constants(*(float(k) if rank == 3 else np.nan for k in solution))
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Constants refitted on resampled indentations: `of` (resamples, 3)."""
+
+    of: Array
+
+    @property
+    def intervals(self) -> tuple[tuple[float, float], ...]:
+        """95 % of each constant."""
+        return tuple((float(low), float(high)) for low, high in np.percentile(self.of, _COVERED, axis=0).T)
+
+    @property
+    def k2_above_k1(self) -> float:
+        """The part of the resamples in which K2 > K1."""
+        return float(np.mean(self.of[:, 1] > self.of[:, 0]))
+
+
+def refitted(parts: Sequence[Places], resamples: int = RESAMPLES) -> Spread:
+    """The fit over whole indentations drawn with replacement: the nodes of one are not independent."""
+    terms = [_terms(part) for part in parts]
+    squares = np.array([t.T @ t for t in terms])
+    rights = np.array([t.T @ part.pressure for t, part in zip(terms, parts, strict=True)])
+    drawn = np.random.default_rng(SEED).multinomial(len(parts), np.full(len(parts), 1 / len(parts)), resamples)
+    inverse = np.linalg.pinv(np.tensordot(drawn, squares, 1), hermitian=True)
+    return Spread(np.einsum("rij,rj->ri", inverse, drawn @ rights))
 
 
 def predicted(constants: Constants, at: Places) -> Array:

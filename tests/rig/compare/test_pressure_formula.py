@@ -26,7 +26,7 @@ def parabola(doi_mm: float, curvature: float, x_mm: np.ndarray) -> Places:
     d0 = doi_mm * (1 - TRUE.k1 / TRUE.k2)
     pressure = TRUE.k2 * (d - d0) + TRUE.k3 * curvature  # Eq. 4.1, 4.2 as they are written
     n = np.ones_like(x_mm)
-    return Places(doi_mm * n, d, curvature * n, pressure, n)
+    return Places(doi_mm * n, d, curvature * n, pressure, n, n)
 
 
 def test_constants_come_back_exactly() -> None:
