@@ -2,7 +2,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 export OMP_NUM_THREADS ?= 2
 
-.PHONY: setup demo study study-coding studies docs test shake check bench mutants release-check clean
+.PHONY: setup demo study study-bench study-coding studies docs test shake check bench mutants release-check clean
 
 setup: .venv/.ready
 
@@ -22,10 +22,13 @@ demo: setup
 study: setup
 	$(BIN)/python -m studies.source.pages study
 
+study-bench: setup
+	$(BIN)/python -m studies.source.bench_pages study
+
 study-coding: setup
 	$(BIN)/python -m studies.coding.pages study
 
-studies: study
+studies: study study-bench
 	$(BIN)/python -m studies.coding.pages study --draws 200
 
 docs: .venv/.ready-dev

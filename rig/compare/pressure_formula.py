@@ -73,7 +73,7 @@ def together(parts: list[Places]) -> Places:
 
 
 def places(result: IndentationResult, surface: FingertipSurface, nodes: Nodes = "row") -> Places:
-    """The nodes that carry force in the receptor plane or on the patch, under an indentor prismatic along the finger."""
+    """The nodes that carry force in the receptor plane or on the patch, under a shape prismatic along the finger."""
     patch, number = result.model.patch, np.arange(len(result.model.patch)).reshape(result.model.patch.shape)
     rows = [result.model.across] if nodes == "row" else [row[np.argsort(patch.x[row])] for row in number]
     return together([_on_row(result, surface, row) for row in rows])
@@ -148,6 +148,12 @@ class Spread:
     def intervals(self) -> tuple[tuple[float, float], ...]:
         """95 % of each constant."""
         return tuple((float(low), float(high)) for low, high in np.percentile(self.of, _COVERED, axis=0).T)
+
+    @property
+    def k2_over_k1(self) -> tuple[float, float]:
+        """95 % of K2 − K1."""
+        low, high = np.percentile(self.of[:, 1] - self.of[:, 0], _COVERED)
+        return float(low), float(high)
 
     @property
     def k2_above_k1(self) -> float:

@@ -22,7 +22,7 @@ from rig.report.html import Section, as_png, render
 from rig.report.pdf import as_pdf
 from sim.config.stiffness import E_EPIDERMIS_MPA
 from studies.coding import decoding_part, profiles_part, section_part, spread_part
-from studies.source.pages import markdown
+from studies.source.matrix_page import markdown
 
 Work = tuple[str, tuple[Any, ...]]
 

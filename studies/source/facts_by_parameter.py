@@ -16,9 +16,9 @@ from scipy.signal import find_peaks
 from sim.config.fingertip_config import FingertipConfig, MeshSpec, Tissue
 from sim.contact.profiles import BAR_EDGE_RADIUS_MM, Bar
 from sim.models.fingertip import Fingertip
-from sim.models.results.indentation import IndentationResult, median_of_four
+from sim.models.results.indentation import median_of_four
+from studies.source.printed.bars import edge_ratios, in_words
 
-SPACING_MM = 0.17
 STEP_POSITIONS_MM = (2.0, 1.5, 1.0, 0.5, *np.arange(0.17, -2.6, -0.17).round(2), -2.75, -3.0, -3.25, -3.5, -3.69)
 BAR_DOIS_MM = (0.33, 0.67, 1.0, 1.33)
 FACT_4_X_MM = np.arange(-2.4, 1.3, 0.15).round(2).tolist()
@@ -56,16 +56,6 @@ def counted(values: Array) -> str:
     return f"{(found > PROMINENT).sum()}{second}"
 
 
-def edges_touched(result: IndentationResult, half_width_mm: float) -> str:
-    """Edges next to which the pressure rises above that in the middle of the bar."""
-    x, pressure = result.pressure_profile
-    middle = np.interp(result.x_mm, x, pressure)
-    near = np.abs(np.abs(x - result.x_mm) - half_width_mm) < 1.5 * SPACING_MM
-    left = pressure[near & (x < result.x_mm)].max(initial=0) > middle
-    right = pressure[near & (x > result.x_mm)].max(initial=0) > middle
-    return {(False, False): "none", (True, False): "left", (False, True): "right", (True, True): "both"}[left, right]
-
-
 def load(config: FingertipConfig) -> Fingertip:
     """A fingertip with the receptors of fact 4."""
     return Fingertip.load(config, receptor_x_mm=FACT_4_X_MM, receptor_depth_mm=FACT_4_DEPTH_MM)
@@ -84,7 +74,7 @@ def collect(finger: Fingertip, edge_radius_mm: float = BAR_EDGE_RADIUS_MM) -> Fa
     two = [r.x_mm for r in steps["1"] if len(r.contact_regions_mm) > 1]
     best = int(np.argmax(raw))
     return Facts(
-        tuple(edges_touched(r, 1.5) for r in bars),
+        tuple(in_words(*edge_ratios(r, 1.5)) for r in bars),
         (raw[best], STEP_POSITIONS_MM[best], max(filtered)),
         (max(two, default=np.nan), min(two, default=np.nan)),
         (raw[0], raw[-1]),
@@ -98,7 +88,7 @@ def collect(finger: Fingertip, edge_radius_mm: float = BAR_EDGE_RADIUS_MM) -> Fa
 def row(name: str, f: Facts) -> str:
     """One line of the Markdown table."""
     return (
-        f"| {name} | {', '.join(f.bar_edges)} | {f.step1_peak[0]:.0f} at {f.step1_peak[1]:.2f} "
+        f"| {name} | {'; '.join(f.bar_edges)} | {f.step1_peak[0]:.0f} at {f.step1_peak[1]:.2f} "
         f"({f.step1_peak[2]:.0f}) | {f.step1_two_regions[0]:.2f} … {f.step1_two_regions[1]:.2f} | "
         f"{f.step1_start_end[0]:.1f}, {f.step1_start_end[1]:.1f} | {f.step5_peak:.0f}, {f.step5_regions} | "
         f"{', '.join(f.sed_peaks)} | {', '.join(f.s33_peaks)} |"

@@ -1,195 +1,62 @@
-"""The whole study: every schedule on the virtual bench, the comparison and the facts of the source.
+"""The source, figure by figure: chapters 3 to 5 on one page, the matrix of all verdicts first.
 
-    .venv/bin/python -m studies.source.pages [FOLDER]    # default: study; some ten minutes on two idle cores
+    .venv/bin/python -m studies.source.pages [FOLDER] [--only NUMBER …]    # default: study, everything
 
-Writes FOLDER/study.html and .pdf (steps, bars, gratings, line load; facts; Table 5.2; pressure formula; sensitivity),
-FOLDER/forces.html (the paired-force study), FOLDER/synthetic.html (what a comparison with recordings looks like, on
-synthetic ones) and FOLDER/tables.md, the tables of docs/comparison.md. Schedules run over this machine's processes.
+Writes FOLDER/study.html and .pdf, and their tables as tables.md and tables.json; with --only (4-4, table-5-2, …) the
+same of those alone in FOLDER/only, and prints their tables. Presses go over this machine's cores, each made once for
+all figures that show it.
 """
 
-import sys
+import argparse
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import numpy as np
+from studies.source.matrix_page import markdown, studied, write
+from studies.source.printed.answers import Answers, load
+from studies.source.printed.catalogue import ENTRIES, named
+from studies.source.printed.entry import scenes_of
 
-from rig.compare.comparison import compare
-from rig.compare.parameter_study.workers import spread
-from rig.compare.recordings.inputs import Reading, read_recordings
-from rig.compare.recordings.synthetic import afferent_for, record, write_synthetic
-from rig.compare.stimuli import Stimulus, stimuli
-from rig.compare.stimulus_maps import stimulus_maps
-from rig.data import Run, read_run
-from rig.data.folder import replace_text
-from rig.plan.config import load_config
-from rig.plan.plan import make_plan
-from rig.protocol.script import load_script
-from rig.report.comparison.comparison_report import write_comparison
-from rig.report.comparison.deflection import Deflection, deflection_section
-from rig.report.html import Section
-from rig.report.run.run_report import write_report
-from rig.session.session import NewRun, Session, dry_run
-from sim.models.fingertip import Fingertip
-from studies.source.facts import DEPTHS_MM, FINE_X_MM, facts_section
-from studies.source.pressure_fits import layers_section, press_all, pressure_section
-from studies.source.shape_test_errors import by_chance_section, perturbed_section, source_stimuli
-from studies.source.side_by_side import shapes_side_by_side
-from studies.source.table_agreement import survivors_section, table_5_2
-from studies.source.verdicts_by_parameter import all_verdicts, sensitivity_section
-
-LOW_GWT, HIGH_GWT = 2.33, 8.0
-LINE_DOIS_MM = (0.5, 1.0, 1.5, 2.0)
-Words = tuple[str, ...]
-SCHEDULES: tuple[Words, ...] = (
-    ("bars", "width_mm=3.0"),  # the longest first
-    ("bars", "width_mm=1.5"),
-    ("gratings",),
-    *(("steps", f"step={n}", f"force_gwt={f}") for f in (LOW_GWT, HIGH_GWT) for n in "135"),
-    ("paired_forces",),
-    ("cylinders", "diameter_mm=9"),
-    ("cylinders", "diameter_mm=3"),
-    ("line",),
-)
 COMMAND = "make study"
+_SAID_EACH = 40
 
 
-@dataclass(frozen=True)
-class Done:
-    """A finished run and what it took."""
-
-    words: Words
-    path: Path
-    seconds: float
-    problem: str
-
-    @property
-    def run(self) -> Run:
-        """Its journal."""
-        return read_run(self.path)
-
-    @property
-    def line(self) -> str:
-        """For the table of times."""
-        n = len(self.run.stream("hold_end"))
-        stopped = f", stopped: {self.problem}" if self.problem else ""
-        return f"{' '.join(self.words):<34} {n:>4} holds {self.seconds:6.1f} s of one process{stopped}"
+def parser() -> argparse.ArgumentParser:
+    """What may be asked for."""
+    asks = argparse.ArgumentParser(description="The source, figure by figure.")
+    asks.add_argument("folder", nargs="?", default="study", type=Path)
+    keys = [entry.key for entry in ENTRIES]
+    asks.add_argument("--only", nargs="+", default=[], choices=keys, metavar="NUMBER", help=", ".join(keys))
+    return asks
 
 
-def carry_out(words: Words, folder: Path) -> Done:
-    """One protocol on the virtual bench, as `rig dry-run` does it; what stops early is kept as far as it got."""
-    began = time.process_time()
-    config, finger = load_config(None), Fingertip.load()
-    script = load_script(words[0], words[1:])
-    plan = make_plan(script, config, finger)
-    done = dry_run(Session(script, config, finger, plan, NewRun(folder)))
-    write_report(done.run, finger)
-    done.folder.write_checksums()
-    return Done(words, done.folder.path, time.process_time() - began, str(done.problem or ""))
-
-
-def carry_out_all(folder: Path) -> list[Done]:
-    """Every schedule, and the thin cylinder at the thick one's force."""
-    done = []
-    for one in spread(partial(carry_out, folder=folder), SCHEDULES):
-        print(one.line, flush=True)
-        done.append(one)
-    done.append(carry_out(("cylinders", "diameter_mm=3", f"force_gwt={equal_force_gwt(done)}"), folder))
-    print(done[-1].line, flush=True)
-    return done
-
-
-def equal_force_gwt(done: Sequence[Done]) -> float:
-    """The force that the 9 mm cylinder needs for its deepest DOI."""
-    run = next(d.run for d in done if d.words == ("cylinders", "diameter_mm=9"))
-    return float(round(run.stream("hold_end")[-1]["force_gwt"], 2))
-
-
-def line_section(finger: Fingertip) -> Section:
-    """The deflection under the line load, at 2 mm too, which is beyond the limit of a bench."""
-    results = [finger.indent("line", doi_mm=doi) for doi in LINE_DOIS_MM]
-    return deflection_section([Deflection(result.doi_mm, *result.axial_profile) for result in results], [])
-
-
-def study_page(folder: Path, done: Sequence[Done], finger: Fingertip) -> tuple[Section, ...]:
-    """The main report; returns its tables."""
-    runs = [d.run for d in done if d.words[0] in ("steps", "bars", "gratings")]
-    pressed = [(run, stimuli(run, finger)) for run in runs]
-    found = compare([stimulus for _, members in pressed for stimulus in members], {})
-    fine = {depth: Fingertip.load(receptor_x_mm=FINE_X_MM, receptor_depth_mm=depth) for depth in DEPTHS_MM}
-    pressures = press_all(finger)
-    by_title = {stimulus.title: stimulus for stimulus in found.stimuli}
-    extra = (
-        facts_section(finger, fine, by_title, pressures),
-        *table_5_2(found, LOW_GWT),
-        survivors_section(found),
-        by_chance_section(source_stimuli(finger)),
-        perturbed_section(source_stimuli(finger)),
-        sensitivity_section(list(all_verdicts())),
-        shapes_side_by_side(finger, fine, equal_force_gwt(done)),
-        line_section(finger),
-        pressure_section(pressures),
-        layers_section(),
-    )
-    maps = [one for run, members in pressed for one in stimulus_maps(run, finger, members)]
-    title = "The study: steps, bars and gratings"
-    page = partial(write_comparison, folder / "study.html", found, runs, finger, COMMAND, extra, title)
-    page(maps=maps, pdf=folder / "study.pdf")
-    return extra
-
-
-def forces_page(folder: Path, done: Sequence[Done], finger: Fingertip) -> None:
-    """Step 1 at two forces."""
-    runs = [d.run for d in done if d.words[0] == "paired_forces"]
-    found = compare([s for run in runs for s in stimuli(run, finger)], {})
-    write_comparison(folder / "forces.html", found, runs, finger, COMMAND, title="Step 1 at two forces")
-
-
-def synthetic_page(folder: Path, done: Sequence[Done], finger: Fingertip) -> None:
-    """A comparison with synthetic recordings: ep1 at −1.0 under the steps at 8 gwt, at 0 under the bars."""
-    runs = [d.run for d in done if d.words[0] == "bars" or f"force_gwt={HIGH_GWT}" in d.words]
-    chosen = [s for run in runs for s in stimuli(run, finger)]
-    rng = np.random.default_rng(1998)
-    names = [
-        name
-        for family, x_mm in (("step", -1.0), ("bar", 0.0))
-        for name in _recorded(folder, [s for s in chosen if s.family == family], x_mm, rng)
-    ]
-    comparison = compare(chosen, read_recordings(names, [], runs, Reading()))
-    title = "An example on synthetic recordings (not data)"
-    write_comparison(folder / "synthetic.html", comparison, runs, finger, COMMAND, title=title)
-
-
-def _recorded(folder: Path, members: list[Stimulus], x_mm: float, rng: np.random.Generator) -> list[str]:
-    """SHAPE=CSV of a synthetic recording of each."""
-    receptor = int(np.argmin(np.abs(members[0].receptor_mm - x_mm)))
-    afferent = afferent_for(members, "ep1", receptor, peak=60.0, silent=0.3)
-    positions = np.arange(-2.0, 2.01, 0.2)
-    return [f"{s.indentor}={write_synthetic(folder, record(afferent, s, positions, rng))}" for s in members]
-
-
-def markdown(section: Section) -> str:
-    """A table as docs/comparison.md has them."""
-    lines = [section.header, tuple("---" for _ in section.header), *section.rows]
-    return f"**{section.title}.** {section.text}\n\n" + "".join(f"| {' | '.join(cells)} |\n" for cells in lines)
-
-
-def main() -> None:
-    """Run everything and write the reports."""
-    began = time.perf_counter()
-    folder = Path(sys.argv[1] if len(sys.argv) > 1 else "study")
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Press, measure and write."""
+    told, began = parser().parse_args(arguments), time.perf_counter()
+    say = partial(_say, began)
+    folder = told.folder / "only" if told.only else told.folder
     folder.mkdir(parents=True, exist_ok=True)
-    finger = Fingertip.load()
-    done = carry_out_all(folder / "runs")
-    print(f"schedules {time.perf_counter() - began:.0f} s", flush=True)
-    tables = study_page(folder, done, finger)
-    forces_page(folder, done, finger)
-    synthetic_page(folder, done, finger)
-    text = "\n".join(markdown(section) for section in tables if section.rows)
-    replace_text(folder / "tables.md", text)
-    print(f"{text}\neverything {time.perf_counter() - began:.0f} s; {folder / 'study.html'}")
+    entries, answers = named(told.only), Answers(load())
+    scenes = scenes_of(entries)
+    say(f"{len(scenes)} presses over this machine's cores …")
+    answers.press_all(scenes, partial(_pressed, say))
+    command = f"python -m studies.source.pages --only {' '.join(told.only)}" if told.only else COMMAND
+    study = studied(entries, answers, say, command)
+    say("drawing …")
+    write(folder, study)
+    if told.only:
+        print("\n".join(markdown(section) for section in study.tables[1:]))
+    say(f"{folder / 'study.html'}, its PDF and its tables")
+
+
+def _pressed(say: partial[None], done: int, of: int) -> None:
+    if done == of or done % _SAID_EACH == 0:
+        say(f"{done} of {of} presses")
+
+
+def _say(began: float, text: str) -> None:
+    print(f"{time.perf_counter() - began:5.0f} s  {text}", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,11 @@
-"""The pressure formula of Raju (1998), Eq. 4.1 and 4.2, fitted over shapes and depths, and inverted for curvature."""
+"""The pressure formula of Raju (1998), Eq. 4.1 and 4.2, fitted over shapes and depths, and inverted for curvature.
 
+.venv/bin/python -m studies.source.pressure_fits    # K1, K2, K3 with intervals, over patch and row; seconds
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -13,12 +16,15 @@ from numpy.typing import NDArray
 from rig.compare.pressure_formula import (
     FROM_EDGE_MM,
     Constants,
+    Nodes,
     Places,
+    Spread,
     finger_curvature,
     fit,
     places,
     predicted,
     recover_curvature,
+    refitted,
     residual,
     together,
 )
@@ -48,35 +54,109 @@ _LOOK = {"bar": (BLUE, "s"), "cylinder": (ORANGE, "o"), "step": (GREEN, "^")}
 
 @dataclass(frozen=True)
 class Pressed:
-    """One indentation and its places in contact."""
+    """One indentation and its places in contact, in the receptor plane and on the whole patch."""
 
     shape: str
     result: IndentationResult
-    at: Places
+    row: Places
+    patch: Places
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Constants over one choice of shapes, nodes and edges, with what they leave."""
+
+    told: str
+    parts: list[Places]
+
+    @cached_property
+    def at(self) -> Places:
+        """All places."""
+        return together(self.parts)
+
+    @cached_property
+    def constants(self) -> Constants:
+        """Least squares."""
+        return fit(self.at)
+
+    @cached_property
+    def spread(self) -> Spread:
+        """Over indentations drawn with replacement."""
+        return refitted(self.parts)
+
+    def with_interval(self, k: int) -> str:
+        """A constant with 95 % of it."""
+        low, high = self.spread.intervals[k]
+        return f"{self.constants[k]:.0f} [{low:.0f}, {high:.0f}]".replace("-", "−")
+
+    @property
+    def row(self) -> tuple[str, ...]:
+        """As cells."""
+        rms, explained = residual(self.constants, self.at)
+        left = (
+            f"{self.spread.k2_above_k1:.0%}",
+            f"{rms:.0f}",
+            f"{rms / self.at.pressure.mean():.0%}",
+            f"{explained:.2f}",
+        )
+        return self.told, f"{len(self.at.pressure)}", *(self.with_interval(k) for k in range(3)), *left
+
+
+FIT_HEADER = ("shapes, nodes, left out", "places", "K1 (pseudo-units/mm)", "K2 (pseudo-units/mm)",
+              "K3 (pseudo-units · mm)", "K2 > K1 in", "rms", "rms / mean", "R²")  # fmt: skip
 
 
 @dataclass(frozen=True)
 class PressureStudy:
-    """Everything that the section shows."""
+    """Everything that is pressed for the formula."""
 
     finger: Fingertip
-    pressed: list[Pressed]
+    centred: list[Pressed]
+    steps: list[Pressed]
     unseen: list[Pressed]
 
     @cached_property
-    def constants(self) -> Constants:
-        """Over all shapes and depths, away from edges."""
-        return fit(together([one.at.inside for one in self.pressed]))
+    def fits(self) -> dict[str, Fit]:
+        """By choice; the verdict rests on the first, the row is the second."""
+        both = [*self.centred, *self.steps]
+        bars, every, edges, ends = "bars and cylinders", "and steps", "indentor's edges", "contacts' ends too"
+        return {
+            "patch": Fit(f"{bars}, patch, {edges}", [one.patch.off_edges for one in self.centred]),
+            "row": Fit(f"{bars}, row, {edges}", [one.row.off_edges for one in self.centred]),
+            "patch, no ends": Fit(f"{bars}, patch, {ends}", [one.patch.off_edges.inside for one in self.centred]),
+            "row, no ends": Fit(f"{bars}, row, {ends}", [one.row.off_edges.inside for one in self.centred]),
+            "patch, nothing": Fit(f"{bars}, patch, nothing", [one.patch for one in self.centred]),
+            "all, patch": Fit(f"{every}, patch, {edges}", [one.patch.off_edges for one in both]),
+            "all, row": Fit(f"{every}, row, {edges}", [one.row.off_edges for one in both]),
+            "all, row, no ends": Fit(f"{every}, row, {ends}", [one.row.inside for one in both]),
+        }
 
-    def by_shape(self) -> list[tuple[str, list[Pressed]]]:
-        """In the order of the scenes."""
-        return [(shape, list(members)) for shape, members in groupby(self.pressed, key=lambda one: one.shape)]
+    @property
+    def k2_against_curvature(self) -> list[tuple[str, float, float]]:
+        """(shape, median C in 1/mm, K2 within its contacts on the patch) of bars and cylinders, by C."""
+        found = []
+        for shape in CENTRED:
+            parts = [one.patch.off_edges for one in self.centred if one.shape == shape]
+            found.append((shape, float(np.median(together(parts).curvature_per_mm)), k2_alone(parts)))
+        return sorted(found, key=lambda one: one[1])
 
 
 def press(finger: Fingertip, shape: str, x_mm: float, **target: Any) -> Pressed:
     """One indentation."""
-    result = finger.indent(shape, x_mm, **target)
-    return Pressed(shape, result, places(result, finger.surface))
+    return pressed(finger, shape, finger.indent(shape, x_mm, **target))
+
+
+def pressed(finger: Fingertip, shape: str, result: IndentationResult) -> Pressed:
+    """An indentation that is there."""
+    sampled: dict[Nodes, Places] = {nodes: places(result, finger.surface, nodes) for nodes in ("row", "patch")}
+    return Pressed(shape, result, sampled["row"], sampled["patch"])
+
+
+def press_all(finger: Fingertip) -> PressureStudy:
+    """The scenes of the fit and those it has not seen."""
+    steps = [press(finger, f"step:{n}", x, force_gwt=f) for n in "135" for x in STEP_X_MM for f in STEP_GWT]
+    unseen = [press(finger, shape, 0.0, doi_mm=d) for shape in UNSEEN for d in DEPTHS_MM]
+    return PressureStudy(finger, centred(finger), steps, unseen)
 
 
 def centred(finger: Fingertip) -> list[Pressed]:
@@ -84,98 +164,64 @@ def centred(finger: Fingertip) -> list[Pressed]:
     return [press(finger, shape, 0.0, doi_mm=d) for shape, depths in CENTRED.items() for d in depths]
 
 
-def press_all(finger: Fingertip) -> PressureStudy:
-    """The scenes of the fit and those it has not seen."""
-
-    pressed = centred(finger)
-    pressed += [press(finger, f"step:{n}", x, force_gwt=f) for n in "135" for x in STEP_X_MM for f in STEP_GWT]
-    unseen = [press(finger, shape, 0.0, doi_mm=d) for shape in UNSEEN for d in DEPTHS_MM]
-    return PressureStudy(finger, pressed, unseen)
-
-
-def slope_of_peak(members: list[Pressed]) -> float:
-    """K1 as the source defines it: highest pressure away from edges against DOI, a line through all depths.
-
-    NaN where the indentor was not at one place.
-    """
-    if len({m.result.x_mm for m in members}) > 1:
-        return np.nan
-    found = [(m.result.doi_mm, m.at.inside.pressure.max()) for m in members if len(m.at.inside.pressure)]
-    doi, peak = np.array(found).reshape(-1, 2).T
-    return float(np.polyfit(doi, peak, 1)[0]) if len(np.unique(doi.round(3))) > 1 else np.nan
-
-
-def k2_alone(members: list[Pressed]) -> float:
+def k2_alone(parts: Sequence[Places]) -> float:
     """Slope of pressure against displacement within contacts, each with an intercept of its own."""
-    inside = [m.at.inside for m in members]
-    d = np.concatenate([at.displacement_mm - at.displacement_mm.mean() for at in inside if len(at.pressure) > 2])
-    p = np.concatenate([at.pressure - at.pressure.mean() for at in inside if len(at.pressure) > 2])
-    return float(d @ p / (d @ d)) if len(d) else np.nan
+    inside = [at for at in parts if len(at.pressure) > 2]
+    if not inside:
+        return np.nan
+    d = np.concatenate([at.displacement_mm - at.displacement_mm.mean() for at in inside])
+    p = np.concatenate([at.pressure - at.pressure.mean() for at in inside])
+    return float(d @ p / (d @ d))
 
 
-def pressure_section(study: PressureStudy) -> Section:
-    """Constants, residuals by shape, and what the inversion gives."""
-    k, every = study.constants, together([one.at.inside for one in study.pressed])
-    rms, explained = residual(k, every)
-    text = (
-        f"P = K2 (d − d0) + K3 C with d0 = DOI (1 − K1/K2) (Raju 1998, Eq. 4.1, 4.2), least squares over "
-        f"{len(every.pressure)} nodes in the receptor plane, {FROM_EDGE_MM:g} mm or more from the ends of their "
-        f"contact regions, in {len(study.pressed)} indentations: {told(k)}; residual {rms:.0f} pseudo-units rms, "
-        f"R² = {explained:.2f}. The table has each shape's own slopes beside it, and what the common constants leave."
-    )
-    header = ("shape", "C (1/mm), median", "places", "K1, slope of the peak", "K2 within contacts",
-              "residual, rms", "mean", "rms / mean pressure")  # fmt: skip
-    rows = tuple(_row(shape, members, k) for shape, members in study.by_shape())
+def fits_section(study: PressureStudy) -> Section:
+    """Constants by choice of shapes, nodes and edges, and what the inversion gives."""
     figure = Figure(
         "The pressure formula and its inverse",
         Plot((10.2, 3.6), lambda canvas: _draw(canvas, study)),
-        "Left: pressures by the formula against the model's, away from edges. Middle: what is left against the "
-        f"distance from the end of the contact (a few at bars' edges lie far outside); the fit used only what lies "
-        f"right of {FROM_EDGE_MM:g} mm. Right: "
-        "curvature of cylinders that the fit had not seen, read back from their pressure profiles and depths (open: "
-        "fewer than five nodes); the line is the truth.",
+        "On the patch. Left: pressures by the formula against the model's, away from the indentor's edges. "
+        "Middle: what is left "
+        "against the distance from the contact's end, across the finger. Right: curvature of cylinders that the "
+        "fit had not "
+        "seen, read back from their pressure profiles and depths with the constants of the row without "
+        "contacts' ends "
+        "(open: fewer than five nodes); the line is the truth.",
     )
-    return Section("Pressure from depth and curvature", text, header, rows, (figure,))
-
-
-def _row(shape: str, members: list[Pressed], k: Constants) -> tuple[str, ...]:
-    at = together([one.at.inside for one in members])
-    if not len(at.pressure):
-        return shape, *(["–"] * 7)
-    left = predicted(k, at) - at.pressure
-    rms, _ = residual(k, at)
-    slopes = (f"{slope_of_peak(members):.0f}", f"{k2_alone(members):.0f}")
-    remains = (f"{rms:.0f}", f"{left.mean():+.0f}", f"{rms / at.pressure.mean():.0%}")
-    return shape, *_typeset(f"{np.median(at.curvature_per_mm):.2f}", f"{len(left)}", *slopes, *remains)
-
-
-def _typeset(*cells: str) -> tuple[str, ...]:
-    return tuple("–" if cell == "nan" else cell.replace("-", "−") for cell in cells)
-
-
-def told(k: Constants) -> str:
-    """The constants with their units."""
-    numbers = f"K1 = {k.k1:.0f}, K2 = {k.k2:.0f} pseudo-units/mm, K3 = {k.k3:.0f} pseudo-units · mm"
-    return numbers.replace("-", "−").replace("pseudo−units", "pseudo-units")
+    return Section(
+        "The pressure formula by choice of places",
+        "P = K2 (d − d0) + K3 C with d0 = DOI (1 − K1/K2), least squares over all nodes that carry force. "
+        "Intervals: 95 % "
+        "over indentations drawn with replacement. “Indentor's edges”: places within "
+        f"{FROM_EDGE_MM:g} mm of an edge of a bar or of step 1 are left out, “contacts' ends too”: also those "
+        f"as near to where "
+        "the contact ends across the finger.",
+        FIT_HEADER,
+        tuple(one.row for one in study.fits.values()),
+        (figure,),
+    )
 
 
 def layers_section() -> Section:
-    """The same formula on fingers whose epidermis carries less: does K2 change its sign?"""
+    """The same formula on fingers whose epidermis carries less."""
     rows = []
     for name, tissue in LAYERS.items():
         finger = Fingertip.load(FingertipConfig(tissue=tissue))
-        at = together([one.at.inside for one in centred(finger)])
-        k = fit(at)
-        rms, explained = residual(k, at)
-        numbers = (f"{value:.0f}" for value in k)
-        rows.append((name, *_typeset(*numbers, f"{rms / at.pressure.mean():.0%}", f"{explained:.2f}")))
+        rows += [Fit(f"{name}, {choice}", parts).row for choice, parts in _two_choices(centred(finger)).items()]
     return Section(
         "The pressure formula and the layers",
-        "Centred bars and cylinders only. A stiff epidermis over soft tissue is a bent plate: it presses hardest "
-        "near the ends of the contact, so that pressure does not rise with the local displacement.",
-        ("finger", "K1", "K2", "K3", "rms / mean pressure", "R²"),
+        "Centred bars and cylinders on other fingers. A stiff epidermis over soft tissue is a bent plate: it presses "
+        "hardest near the ends of the contact, so that pressure across one row does not rise with the local "
+        "displacement.",
+        FIT_HEADER,
         tuple(rows),
     )
+
+
+def _two_choices(members: list[Pressed]) -> dict[str, list[Places]]:
+    return {
+        "patch": [one.patch.off_edges for one in members],
+        "row, contacts' ends left out too": [one.row.inside for one in members],
+    }
 
 
 @dataclass(frozen=True)
@@ -190,14 +236,14 @@ class Curvature:
 
 def recovered_curvatures(study: PressureStudy) -> list[Curvature]:
     """From pressure against undeformed x and the depth, away from edges; the finger's own curvature taken off."""
-    found = []
+    found, constants = [], study.fits["row, no ends"].constants
     for one in study.unseen:
         x, pressure = one.result.pressure_profile
         (low, high), *_ = one.result.contact_regions_mm
         inside = (x >= low + FROM_EDGE_MM) & (x <= high - FROM_EDGE_MM)
         if inside.sum() < 3:
             continue
-        relative = recover_curvature(x[inside], pressure[inside], one.result.doi_mm, study.constants)
+        relative = recover_curvature(x[inside], pressure[inside], one.result.doi_mm, constants)
         own = relative - finger_curvature(study.finger.surface, x[inside], one.result.z_mm).mean()
         true = 2 / float(one.shape.partition(":")[2])
         found.append(Curvature(true, float(own), one.result.doi_mm, int(inside.sum())))
@@ -206,13 +252,13 @@ def recovered_curvatures(study: PressureStudy) -> list[Curvature]:
 
 def _draw(canvas: Canvas, study: PressureStudy) -> None:
     against, ends, curvature = canvas.subplots(1, 3)
-    for one in study.pressed:
+    constants = study.fits["patch"].constants
+    for one in [*study.centred, *study.steps]:
         colour, marker = _LOOK[one.shape.partition(":")[0]]
-        left = predicted(study.constants, one.at) - one.at.pressure
-        inside = one.at.from_end_mm >= FROM_EDGE_MM
-        style = {"ls": "", "marker": marker, "ms": 3, "mfc": "none", "mec": colour, "mew": 0.7}
-        against.plot(one.at.pressure[inside], (one.at.pressure + left)[inside], **style)
-        ends.plot(one.at.from_end_mm, left, **style)
+        at = one.patch.off_edges
+        style = {"ls": "", "marker": marker, "ms": 2, "mfc": "none", "mec": colour, "mew": 0.5, "rasterized": True}
+        against.plot(at.pressure, predicted(constants, at), **style)
+        ends.plot(at.from_end_mm, predicted(constants, at) - at.pressure, **style)
     _decorate(against, ends)
     _draw_curvatures(curvature, recovered_curvatures(study))
     for name, (colour, marker) in _LOOK.items():
@@ -238,3 +284,17 @@ def _draw_curvatures(axes: Axes, found: list[Curvature]) -> None:
     axes.plot([0, top], [0, top], color="black", lw=0.8)
     axes.set(xlabel="object's curvature (1/mm)", ylabel="read from its pressure (1/mm)")
     axes.set_title("larger circles: deeper (DOI 0.33 … 1.33 mm)", fontsize=8)
+
+
+def main() -> None:
+    """Print the constants over the patch and over the row."""
+    study = press_all(Fingertip.load())
+    print(f"| {' | '.join(FIT_HEADER)} |\n|{'---|' * len(FIT_HEADER)}")
+    for one in study.fits.values():
+        print(f"| {' | '.join(one.row)} |")
+    for shape, curvature, k2 in study.k2_against_curvature:
+        print(f"{shape}: C {curvature:.2f} /mm, K2 within its contacts {k2:.0f} pseudo-units/mm")
+
+
+if __name__ == "__main__":
+    main()

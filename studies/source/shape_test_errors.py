@@ -13,6 +13,7 @@ from rig.compare.shape_test import shape_flags
 from rig.compare.stimuli import Stimulus
 from rig.report.html import Section
 from sim.models.fingertip import Fingertip
+from studies.source.printed.steps import POSITIONS_MM
 from studies.source.simulated_stimuli import bars, stimulus
 
 Array = NDArray[np.float64]
@@ -24,17 +25,10 @@ PERTURBED = {"smooth over 0.5 mm": 0.5, "at each position by itself": 1e-3}
 EACH = 40
 BUMP_MM = 0.6
 
-# protocols/steps.py
-STEP_1 = (2.0, 1.5, 1.0, 0.5, 0.17, 0.0, -0.17, -0.34, -0.51, -0.68, -0.85, -1.02, -1.19, -1.36, -1.63, -1.8, -1.97,
-          -2.25, -2.75, -3.25, -3.69)  # fmt: skip
-STEP_5 = (2.5, 2.0, 1.5, 1.0, 0.5, 0.0, -0.34, -0.68, -1.02, -1.36, -1.63, -1.97, -2.31, -2.65, -2.99, -3.33, -3.69,
-          -4.2, -4.7, -5.2, -5.7)  # fmt: skip
-STEPS = {"step:1": STEP_1, "step:3": (*STEP_1, -4.2), "step:5": STEP_5}
-
 
 def source_stimuli(finger: Fingertip) -> list[Stimulus]:
     """The steps at 2.33 gwt at the protocol's positions, and both bars at DOI 1.0."""
-    three = [stimulus(finger, shape, np.sort(x_mm), "force_gwt", 2.33) for shape, x_mm in STEPS.items()]
+    three = [stimulus(finger, f"step:{n}", np.sort(x_mm), "force_gwt", 2.33) for n, x_mm in POSITIONS_MM.items()]
     return [*three, *bars(finger)]
 
 

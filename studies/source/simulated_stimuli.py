@@ -1,5 +1,6 @@
 """Stimuli simulated directly, without the bench: what runs of these schedules would give."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from rig.compare.stimuli import Stimulus, answers_key, contact_regions
 from sim.measures.measures import MEASURES, shown
 from sim.models.cache import Arrays, cached_arrays
 from sim.models.fingertip import Fingertip
+from sim.models.results.indentation import IndentationResult
 
 Array = NDArray[np.float64]
 
@@ -22,11 +24,23 @@ def stimulus(finger: Fingertip, indentor: str, x_mm: Array, kind: str, value: fl
     key = answers_key(finger, ["simulated", 3, indentor, x_mm.tolist(), kind, value])
     found, _ = cached_arrays(key, lambda: _answers(finger, indentor, x_mm, {kind: value}), kind="answers")
     receptors = finger.model.receptors.position_mm[:, 0].round(6) + 0.0
+    return _stimulus(("simulated", indentor, kind, value), x_mm, found, receptors)
+
+
+def stimulus_of(
+    indentor: str, pressed: tuple[str, float], results: Sequence[IndentationResult], receptors: NDArray[np.int64]
+) -> Stimulus:
+    """Presses to one depth or force, by ascending x, at some of the finger's receptors."""
+    places = results[0].model.receptors.position_mm[receptors, 0].round(6) + 0.0
+    x_mm = np.array([result.x_mm for result in results])
+    return _stimulus(("study", indentor, *pressed), x_mm, _table(results, receptors), places)
+
+
+def _stimulus(what: tuple[str, str, str, float], x_mm: Array, found: Arrays, receptor_mm: Array) -> Stimulus:
     doi, force, measures, skin, pressure, regions, control = (
         np.asarray(found[name], dtype=float) for name in _STORED
     )
-    given = (doi, force, measures, receptors, skin, pressure, regions)
-    return Stimulus("simulated", indentor, kind, value, x_mm, *given, controls=control)
+    return Stimulus(*what, x_mm, doi, force, measures, receptor_mm, skin, pressure, regions, controls=control)
 
 
 _STORED = ("doi_mm", "force_gwt", "measures", "skin_mm", "pressure", "regions_mm", "controls")
@@ -34,13 +48,19 @@ _STORED = ("doi_mm", "force_gwt", "measures", "skin_mm", "pressure", "regions_mm
 
 def _answers(finger: Fingertip, indentor: str, x_mm: Array, target: dict[str, Any]) -> Arrays:
     results = [finger.indent(indentor, float(x), **target) for x in x_mm]
+    return _table(results, np.arange(len(finger.model.receptors.depths_mm)))
+
+
+def _table(results: Sequence[IndentationResult], receptors: NDArray[np.int64]) -> Arrays:
     return {
         **{name: np.array([getattr(r, name) for r in results]) for name in ("doi_mm", "force_gwt")},
-        "measures": np.array([[shown(name, r.receptor_measures[name]) for r in results] for name in MEASURES]),
+        "measures": np.array(
+            [[shown(name, r.receptor_measures[name])[receptors] for r in results] for name in MEASURES]
+        ),
         "skin_mm": results[0].pressure_profile[0],
         "pressure": np.array([r.pressure_profile[1] for r in results]),
         "regions_mm": contact_regions(results),
-        "controls": np.moveaxis(np.array([controls(r) for r in results]), 1, 0),
+        "controls": np.moveaxis(np.array([controls(r)[:, receptors] for r in results]), 1, 0),
     }
 
 

@@ -1,5 +1,7 @@
 """The pressure formula of Raju (1998), Eq. 4.1 and 4.2: exact where it holds, and what the finger gives."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,14 +9,18 @@ from rig.compare.pressure_formula import (
     FROM_EDGE_MM,
     Constants,
     Places,
+    Spread,
+    edges_mm,
     finger_curvature,
     fit,
     places,
     predicted,
     recover_curvature,
+    refitted,
     residual,
     together,
 )
+from sim.contact.shapes import parse_shape
 from sim.models.fingertip import Fingertip
 
 TRUE = Constants(600.0, 900.0, 250.0)
@@ -109,3 +115,89 @@ def test_a_stiff_epidermis_turns_k2_around(finger: Fingertip) -> None:
     deepest, shallowest = at.pressure[np.argmax(at.displacement_mm)], at.pressure[np.argmin(at.displacement_mm)]
     assert shallowest > 1.05 * deepest
     assert fit(sampled(finger).inside).k2 < 0
+
+
+# --- over the whole patch, away from the indentor's edges ---
+
+
+@pytest.mark.parametrize(
+    ("shape", "edges"),
+    [("bar:3.0", [-1.5, 1.5]), ("bar:1.5", [-0.75, 0.75]), ("step:1", [0.0]), ("step:3", []), ("cylinder:3", [])],
+)
+def test_where_an_indentor_has_edges(shape: str, edges: list[float]) -> None:
+    found = edges_mm(parse_shape(shape))
+    assert all(np.abs(found - edge).min() < 0.02 for edge in edges)
+    assert all(np.abs(np.array(edges) - one).min() < 0.07 for one in found)  # an edge is as wide as its radius
+
+
+def test_places_of_the_patch_and_how_far_edges_are(finger: Fingertip) -> None:
+    result = finger.indent("bar:3.0", 0.0, doi_mm=1.0)
+    row, patch = places(result, finger.surface), places(result, finger.surface, "patch")
+    assert len(patch.pressure) == (result.nodal_pressure_pseudo > 0).sum() > len(row.pressure)
+    assert patch.pressure.sum() == pytest.approx(result.nodal_pressure_pseudo.sum())
+    plane = result.model.across
+    touching = result.pressure_profile[1] > 0
+    s = (result.model.patch.x[plane] + result.state.displacement[0, plane])[touching]
+    np.testing.assert_allclose(row.from_edge_mm, np.abs(np.abs(s) - 1.49).clip(0), atol=0.06)
+    assert (patch.off_edges.from_edge_mm >= FROM_EDGE_MM).all()
+    assert patch.pressure.max() > 1.5 * patch.off_edges.pressure.max()  # peaks are at the edges
+    in_plane = np.isin(patch.pressure, row.pressure)
+    assert in_plane.sum() >= len(row.pressure)
+
+
+def test_a_row_without_edges_keeps_everything(finger: Fingertip) -> None:
+    at = places(finger.indent("cylinder:3", 0.0, doi_mm=1.0), finger.surface, "patch")
+    assert np.isinf(at.from_edge_mm).all()
+    assert len(at.off_edges.pressure) == len(at.pressure) > len(at.inside.pressure) > 0
+    assert (at.from_end_mm >= 0).all()
+
+
+def test_rows_have_the_curvature_of_their_own_place(finger: Fingertip) -> None:
+    """Towards the tip the finger's sections are more curved than in the receptor plane."""
+    result = finger.indent("cylinder:9", 0.0, doi_mm=1.33)
+    patch = result.model.patch
+    at = places(result, finger.surface, "patch")
+    z = patch.position_mm[result.nodal_pressure_pseudo > 0, 2]
+    nearest = finger_curvature(finger.surface, np.array([0.0]), float(z.max()))[0] + 1 / 4.5
+    row_at_tip = at.curvature_per_mm[-1] if z[-1] == z.max() else at.curvature_per_mm[0]
+    assert row_at_tip == pytest.approx(nearest, rel=0.05)
+
+
+def test_refitting_exact_places_gives_the_same_constants() -> None:
+    x = np.linspace(-0.5, 0.5, 9)
+    spread = refitted([parabola(doi, c, x) for doi in (0.3, 0.7, 1.0) for c in (0.3, 0.5, 0.9)], resamples=50)
+    assert spread.of.shape == (50, 3)
+    np.testing.assert_allclose(spread.of, np.tile(TRUE, (50, 1)), rtol=1e-6)
+    np.testing.assert_allclose(spread.intervals, [(k, k) for k in TRUE], rtol=1e-6)
+    np.testing.assert_allclose(spread.k2_over_k1, (300, 300), rtol=1e-6)
+    assert spread.k2_above_k1 == 1.0
+
+
+def test_intervals_are_over_indentations() -> None:
+    """Two indentations that disagree are drawn as wholes: many nodes of one do not make it more certain."""
+    x = np.linspace(-0.5, 0.5, 9)
+    parts = [parabola(doi, c, x) for doi in (0.3, 0.7, 1.0) for c in (0.3, 0.5, 0.9)]
+    off = [replace(part, pressure=part.pressure + 50 * (-1) ** k) for k, part in enumerate(parts)]
+    many = [together([part] * 20) for part in off]
+    few, more = refitted(off, resamples=200), refitted(many, resamples=200)
+    np.testing.assert_allclose(few.of, more.of, rtol=1e-6)
+    low, high = few.intervals[0]
+    assert low < TRUE.k1 < high
+    assert high - low > 20
+
+
+def test_intervals_hold_95_percent() -> None:
+    of = np.stack([np.arange(1001.0), np.arange(1001.0) + 500, np.zeros(1001)], axis=1)
+    assert Spread(of).intervals == ((25.0, 975.0), (525.0, 1475.0), (0.0, 0.0))
+    assert Spread(of).k2_over_k1 == (500.0, 500.0)
+    assert Spread(np.array([[1.0, 2, 0], [2, 1, 0], [1, 1, 0], [0, 5, 0]])).k2_above_k1 == 0.5
+
+
+def test_over_the_patch_the_constants_are_as_the_source_has_them(finger: Fingertip) -> None:
+    """Raju (1998, ch. 4): all positive, K2 above K1; one row alone, without contacts' ends, turns K2 around."""
+    scenes = [(shape, doi) for shape, dois in CENTRED.items() for doi in dois]
+    parts = [places(finger.indent(s, 0.0, doi_mm=d), finger.surface, "patch").off_edges for s, d in scenes]
+    k1, k2, k3 = fit(together(parts))
+    assert min(k1, k2, k3) > 0
+    assert k2 > 1.1 * k1
+    assert refitted(parts, resamples=300).k2_above_k1 > 0.95

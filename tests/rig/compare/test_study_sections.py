@@ -11,7 +11,7 @@ from rig.report.html import Section
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_X_MM
 from studies.source import shape_test_errors
-from studies.source.pages import markdown
+from studies.source.matrix_page import markdown
 from studies.source.shape_test_errors import by_chance_section, perturbed_section
 from studies.source.table_agreement import survivors_section, table_5_2, with_limits
 from studies.source.verdicts_by_parameter import FORCES_GWT, HEADER, VARIANTS, Verdicts, sensitivity_section

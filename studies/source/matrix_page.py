@@ -1,0 +1,126 @@
+"""The page of the study: the matrix first, then every figure and table, each with its claims."""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from rig.data.folder import replace_bytes, replace_text
+from rig.report.html import Figure, Section, as_png, render
+from rig.report.pdf import as_pdf
+from studies.source.matrix import VERDICT_COLUMN, matrix
+from studies.source.printed.answers import Answers
+from studies.source.printed.entry import HEADER, Entry, Row, found
+
+TITLE = "The source, figure by figure"
+ABOUT = "Chapters 3 to 5 of B. I. Raju, S.M. thesis, MIT, 1998, beside the default finger."
+DOCS = (
+    "Chapters 3 to 5 of B. I. Raju, S.M. thesis, MIT, 1998 (*Raju 1998*), beside the default finger: written by "
+    "`make study` as `study/source.md`, and kept here. Chapter 6 is in `docs/coding.md`."
+)
+PAGES = (
+    ("coding.html", "chapter 6, encoding and decoding", "make study-coding"),
+    ("comparison.html", "the same schedules on the virtual bench, as a comparison shows them", "make study-bench"),
+    ("forces.html", "step 1 at two forces on the virtual bench", "make study-bench"),
+    ("synthetic.html", "an example on synthetic recordings", "make study-bench"),
+)
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What an entry draws."""
+
+    figures: tuple[Figure, ...]
+    tables: tuple[Section, ...]
+
+
+@dataclass(frozen=True)
+class Study:
+    """Everything that is written."""
+
+    rows: tuple[Row, ...]
+    shown: dict[str, Shown]
+    provenance: dict[str, Any]
+
+    @property
+    def matrix(self) -> Section:
+        """The first page."""
+        return matrix(self.rows)
+
+    @property
+    def tables(self) -> list[Section]:
+        """The matrix, the claims of each entry, and the tables that go with them."""
+        claims = [_claims(row) for row in self.rows if row.found]
+        others = [table for one in self.shown.values() for table in one.tables if table.rows]
+        return [self.matrix, *claims, *others]
+
+
+def _claims(row: Row) -> Section:
+    return Section(f"{row.entry.number}: {row.told}", row.entry.shows, HEADER, tuple(one.row for one in row.found))
+
+
+def studied(entries: Sequence[Entry], answers: Answers, say: Callable[[str], object], command: str) -> Study:
+    """Every entry measured; figures are drawn when they are written."""
+    rows, shown = [], {}
+    for entry in entries:
+        rows.append(found(entry, answers))
+        shown[entry.key] = Shown(entry.figures(answers), entry.tables(answers))
+        say(f"{entry.number}: {rows[-1].told}")
+    return Study(tuple(rows), shown, _provenance(answers, command))
+
+
+def _provenance(answers: Answers, command: str) -> dict[str, Any]:
+    return {
+        "command": command,
+        "presses": answers.presses,
+        "nodes": answers.finger.model.nodes,
+        "e_epidermis_mpa": answers.finger.e_epidermis_mpa,
+        "versions": {name: version(name) for name in ("indentation-rig", "numpy", "scipy", "matplotlib")},
+    }
+
+
+def write(folder: Path, study: Study) -> None:
+    """study.html and .pdf, tables.md and .json, and source.md for the docs."""
+    draw = partial(
+        render,
+        "study.html.j2",
+        title=TITLE,
+        about=ABOUT,
+        matrix=study.matrix,
+        rows=study.rows,
+        header=HEADER,
+        verdict_column=VERDICT_COLUMN,
+        shown=study.shown,
+        pages=PAGES,
+        provenance=study.provenance,
+    )
+    replace_text(folder / "study.html", draw())
+    replace_bytes(folder / "study.pdf", as_pdf(draw(picture=as_png), datetime.now(UTC)))
+    replace_text(folder / "tables.md", "\n".join(markdown(section) for section in study.tables))
+    replace_text(folder / "source.md", as_docs(study))
+    as_json = [
+        {"number": row.entry.number, "verdict": row.verdict, "claims": [f.row for f in row.found]}
+        for row in study.rows
+    ]
+    kept = {**study.provenance, "header": HEADER, "entries": as_json}
+    replace_text(folder / "tables.json", json.dumps(kept, ensure_ascii=False, indent=1))
+
+
+def as_docs(study: Study) -> str:
+    """The page as docs/source.md has it: the matrix, and the claims of each entry."""
+    parts = [f"# {TITLE}", DOCS, markdown(study.matrix)]
+    for row in study.rows:
+        if row.found:
+            reading = f"{row.entry.reading}\n\n" if row.entry.reading else ""
+            parts.append(f"## {row.entry.number}\n\n{reading}{markdown(_claims(row))}")
+    return "\n\n".join(part.strip() for part in parts) + "\n"
+
+
+def markdown(section: Section) -> str:
+    """A table as the docs have them."""
+    lines = [section.header, tuple("---" for _ in section.header), *section.rows]
+    return f"**{section.title}.** {section.text}\n\n" + "".join(f"| {' | '.join(cells)} |\n" for cells in lines)

@@ -1,0 +1,60 @@
+"""Rows of the matrix of which the model alone says nothing: what is missing, elsewhere, or out of scope."""
+
+from rig.report.comparison.deflection import Deflection, deflection_section
+from rig.report.html import Figure
+from studies.source.printed.answers import Answers
+from studies.source.printed.entry import Entry
+
+LINE_DOIS_MM = (0.5, 1.0, 1.5, 2.0)
+
+
+def _line(answers: Answers) -> tuple[Figure, ...]:
+    results = [answers.finger.indent("line", doi_mm=doi) for doi in LINE_DOIS_MM]
+    return deflection_section([Deflection(result.doi_mm, *result.axial_profile) for result in results], []).figures
+
+
+COMPARED = ".venv/bin/rig compare RUN… --recorded SHAPE=FILE"
+CODING = "make study-coding"
+
+BEFORE = (
+    Entry(
+        "ch. 3, line load",
+        "The skin's deflection under a line load across the finger, against measured fingers.",
+        figures=_line,
+        missing="the measured deflections, as a CSV of z_mm,deflection_mm,doi_mm",
+        made_by=".venv/bin/rig compare RUN… --deflection FILE",
+        reading="Ours is drawn at four depths; the measurements are a figure, not a table.",
+    ),
+)
+RECORDED = tuple(
+    Entry(
+        number,
+        shows,
+        missing=f"the recorded profiles of {who}, as CSVs of position_mm,rate",
+        made_by=COMPARED,
+        reading="Which of these numbers stands for steps and which for bars is inferred from their order.",
+    )
+    for number, shows, who in (
+        ("5-8, 5-9", "Profiles under steps against recorded discharge rates.", "Srinivasan & LaMotte 1987"),
+        ("5-12, 5-13", "Profiles under bars against recorded discharge rates.", "Phillips & Johnson 1981"),
+        ("Table 5.1", "Its numbers come from the recorded profiles.", "both"),
+    )
+)
+CHAPTER_6 = tuple(
+    Entry(number, shows, elsewhere="coding.html", made_by=CODING)
+    for number, shows in (
+        ("6-3, 6-4, Table 6.1", "Shift invariance: strain energy under point loads at 24 sites falls off alike."),
+        ("ch. 6, impulse responses", "Impulse responses h, g and f and their spectra."),
+        ("6-6", "Encoding: from pressure to the receptors' readings, with noise."),
+        ("6-8 … 6-12", "Decoding: the worked example, its search, and what noise does to it."),
+    )
+)
+OUTSIDE = (
+    Entry("psychophysics", "What people feel of such shapes.", outside="the model ends at the receptor", made_by="–"),
+    Entry(
+        "transduction",
+        "How strain becomes an impulse in a nerve's end.",
+        outside="the model ends at the receptor",
+        made_by="–",
+    ),
+)
