@@ -146,6 +146,7 @@ def command(
             [*map(place_section, at), *map(finger_section, tables), *line],
             maps=[m for one in answered for m in stimulus_maps(one.run, one.finger, one.stimuli)],
             pdf=pdf,
+            answers=said,
         )
         _write_sidecar(report, time.perf_counter() - began)
         if as_json:

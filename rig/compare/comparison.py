@@ -13,7 +13,7 @@ from rig.compare.errors import ComparisonError
 from rig.compare.fit import Fit
 from rig.compare.plausible import PlausibleFingers
 from rig.compare.recordings.recorded import Recording
-from rig.compare.shape_test import THRESHOLD, shape_test
+from rig.compare.shape_test import THRESHOLD, shape_flags
 from rig.compare.statistics import Flags, Interval, correlation, fit_all, in_play, indistinguishable, interval
 from rig.compare.stimuli import FAMILIES, Stimulus
 from sim.measures.measures import MEASURES
@@ -152,16 +152,11 @@ class Comparison:
 
     def passes(self, stimulus: Stimulus, threshold: float = THRESHOLD) -> Flags | None:
         """(18, receptors) verdicts of the shape test, None where none is defined."""
-        verdicts = [
-            [
-                shape_test(stimulus.indentor, stimulus.x_mm, stimulus.ssrp(m, k), threshold)
-                for k in _receptors(stimulus)
-            ]
-            for m in MEASURES
-        ]
-        if verdicts[0][0] is None:
-            return None
-        return np.array([[verdict is not None and verdict.passed for verdict in row] for row in verdicts])
+        key = stimulus, threshold
+        if key not in self._passed:
+            profiles = np.moveaxis(stimulus.measures, 1, -1)
+            self._passed[key] = shape_flags(stimulus.indentor, stimulus.x_mm, profiles, threshold)
+        return self._passed[key]
 
     def candidates(self, threshold: float = THRESHOLD, stimuli: Sequence[Stimulus] | None = None) -> list[str]:
         """Measures for which one receptor passes under every step, and one near x = 0 under every bar.
@@ -189,6 +184,11 @@ class Comparison:
         """
         moved = [group for group in self._groups if any(len(stimulus.x_mm) > 1 for stimulus in group)]
         return [(_conditions(group), _collinear(group)) for group in moved]
+
+    @cached_property
+    def _passed(self) -> dict[tuple[Stimulus, float], Flags | None]:
+        """What the shape test said, each stimulus judged once at each threshold."""
+        return {}
 
     @cached_property
     def _groups(self) -> list[list[Stimulus]]:
@@ -270,7 +270,3 @@ def _collinear(group: Sequence[Stimulus]) -> list[list[str]]:
 def _conditions(group: Sequence[Stimulus]) -> str:
     """For example "step:1, step:3, step:5 at 8 gwt"."""
     return f"{', '.join(stimulus.indentor for stimulus in group)} at {group[0].condition}"
-
-
-def _receptors(stimulus: Stimulus) -> range:
-    return range(len(stimulus.receptor_mm))

@@ -82,12 +82,6 @@ def best_receptor(joint: Joint, measure: int) -> int | None:
     return None if np.isnan(explained).all() else int(np.nanargmax(explained))
 
 
-def best_pairs(joint: Joint, measures: list[str]) -> list[Pair]:
-    """Each measure at its best receptor, as far as it has one."""
-    numbers = [MEASURES.index(name) for name in measures]
-    return [(m, k) for m in numbers if (k := best_receptor(joint, m)) is not None]
-
-
 def indistinguishable_rows(joint: Joint) -> dict[str, Any]:
     """The set that the recordings cannot tell apart, and what chance would give."""
     stimulus = joint.overlays[0].stimulus

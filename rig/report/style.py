@@ -12,7 +12,9 @@ from matplotlib.figure import Figure
 
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"  # Okabe & Ito
 PURPLE, YELLOW = "#CC79A7", "#E69F00"
-PNG_DOTS_PER_INCH = 200
+PNG_DOTS_PER_INCH = 200  # letters are measured at it, too: coarser ones are rounded to other widths
+_IMAGES_DOTS_PER_INCH = 100
+"""Of what is no line or letter in an SVG."""
 PAGE_IN = (10.9, 6.3)
 """Width and height that A4 across leaves to a figure beside its heading and caption: what is larger is shrunk."""
 
@@ -42,7 +44,7 @@ class Plot:
     def svg(self) -> str:
         """As text."""
         text = io.StringIO()
-        self._save(text, format="svg", metadata={"Date": None})
+        self._save(text, format="svg", dpi=_IMAGES_DOTS_PER_INCH, metadata={"Date": None})
         return text.getvalue()
 
     @cached_property
@@ -59,7 +61,7 @@ class Plot:
     @cached_property
     def _laid_out(self) -> Figure:
         """Drawn once for every format. Saving would draw all of it once more for its layout: the engine is enough."""
-        figure = Figure(figsize=self.size, layout=self.layout)
+        figure = Figure(figsize=self.size, dpi=PNG_DOTS_PER_INCH, layout=self.layout)
         self.draw(figure)
         engine = figure.get_layout_engine()
         if engine is not None:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rig.compare.answers.judging import answers
 from rig.compare.comparison import compare
 from rig.compare.parameter_study.workers import spread
 from rig.compare.recordings.inputs import Reading, read_recordings
@@ -114,23 +115,18 @@ def forces_page(folder: Path, done: Sequence[Done], finger: Fingertip) -> None:
 
 
 def synthetic_page(folder: Path, done: Sequence[Done], finger: Fingertip) -> None:
-    """A comparison with synthetic recordings: ep1 at −1.0 under the steps at 8 gwt, at 0 under the bars."""
+    """A comparison with synthetic recordings of one afferent: ep1 at −1.0 under the steps at 8 gwt and both bars."""
     runs = [d.run for d in done if d.words[0] == "bars" or f"force_gwt={HIGH_GWT}" in d.words]
-    chosen = [s for run in runs for s in stimuli(run, finger)]
-    rng = np.random.default_rng(1998)
-    names = [
-        name
-        for family, x_mm in (("step", -1.0), ("bar", 0.0))
-        for name in _recorded(folder, [s for s in chosen if s.family == family], x_mm, rng)
-    ]
+    chosen = [s for run in runs for s in stimuli(run, finger) if s.family in ("step", "bar")]
+    names = _recorded(folder, chosen, np.random.default_rng(1998))
     comparison = compare(chosen, read_recordings(names, [], runs, Reading()))
-    title = "An example on synthetic recordings (not data)"
-    write_comparison(folder / "synthetic.html", comparison, runs, finger, COMMAND, title=title)
+    title, said = "An example on synthetic recordings (not data)", answers(comparison)
+    write_comparison(folder / "synthetic.html", comparison, runs, finger, COMMAND, title=title, answers=said)
 
 
-def _recorded(folder: Path, members: list[Stimulus], x_mm: float, rng: np.random.Generator) -> list[str]:
+def _recorded(folder: Path, members: list[Stimulus], rng: np.random.Generator) -> list[str]:
     """SHAPE=CSV of a synthetic recording of each."""
-    receptor = int(np.argmin(np.abs(members[0].receptor_mm - x_mm)))
+    receptor = int(np.argmin(np.abs(members[0].receptor_mm + 1.0)))
     afferent = afferent_for(members, "ep1", receptor, peak=60.0, silent=0.3)
     positions = np.arange(-2.0, 2.01, 0.2)
     return [f"{s.indentor}={write_synthetic(folder, record(afferent, s, positions, rng))}" for s in members]

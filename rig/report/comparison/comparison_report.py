@@ -7,19 +7,19 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from rig.compare.comparison import Comparison, Joint
+from rig.compare.answers.answer import Answer
+from rig.compare.comparison import Comparison, Overlay
 from rig.compare.recordings.inputs import sha256
 from rig.compare.stimulus_maps import StimulusMap
-from rig.compare.tables import best_receptor, indistinguishable_rows, joint_row
 from rig.data import Run
 from rig.data.folder import replace_bytes, replace_text
-from rig.report.comparison.comparison_figures import recorded_figures, shape_figures, simulation_figures
+from rig.report.comparison.answer_sections import answer_sections
+from rig.report.comparison.comparison_figures import shape_figures, shown_measures, simulation_figures
+from rig.report.comparison.fit_figures import frame
 from rig.report.comparison.measures_section import measures_section
 from rig.report.comparison.shape_section import shape_sections
-from rig.report.comparison.source_section import source_section, table_5_1
+from rig.report.comparison.source_section import source_sections
 from rig.report.html import Section, alone, as_png, render
-from rig.report.labels import as_limits, as_number, as_positions, unit
-from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
 
 
@@ -33,19 +33,25 @@ def write_comparison(
     title: str = "Which measure explains the response?",
     maps: Sequence[StimulusMap] = (),
     pdf: Path | None = None,
+    answers: Sequence[Answer] = (),
 ) -> None:
     """Write the report as HTML, and as PDF where asked for, dated by the newest run.
 
-    `extra` sections come after the verdicts; `command` is what makes the report again.
+    `answers` are what the recordings say; `extra` sections come after them; `command` makes the report again.
     """
+    shown = shown_measures(comparison, answers)
     page = partial(
         render,
         "comparison.html.j2",
         title=title,
-        sections=_sections(comparison, finger, extra, maps),
-        **_fits(comparison),
+        sections=[
+            *answer_sections(answers, frame(comparison.overlays), recorded=bool(comparison.overlays)),
+            *extra,
+            *simulation_sections(comparison, shown, maps),
+            measures_section(comparison, finger.e_epidermis_mpa),
+            *source_sections(comparison),
+        ],
         **_provenance(comparison, runs, finger, command),
-        **_WRITTEN,
     )
     replace_text(path, page())
     if pdf is not None:
@@ -55,56 +61,24 @@ def write_comparison(
         replace_bytes(pdf, as_pdf(page(picture=as_png), newest))
 
 
-def _sections(
-    comparison: Comparison, finger: Fingertip, extra: Sequence[Section], maps: Sequence[StimulusMap]
-) -> list[Section]:
-    """In the order of the page: recordings, what was asked for besides, the simulation, what words mean."""
-    return [
-        *map(alone, recorded_figures(comparison)),
-        *extra,
-        *shape_sections(comparison, shape_figures(comparison)),
-        *map(alone, simulation_figures(comparison, maps)),
-        measures_section(comparison, finger.e_epidermis_mpa),
-        source_section(comparison),
-        *([table] if (table := table_5_1(comparison)).rows else []),
-    ]
-
-
-def _fits(comparison: Comparison) -> dict[str, Any]:
-    return {
-        "comparison": comparison,
-        "verdicts": verdict_rows(comparison),
-        "sets": [(joint.title, indistinguishable_rows(joint)) for joint in comparison.joints],
-    }
+def simulation_sections(comparison: Comparison, shown: Sequence[str], maps: Sequence[StimulusMap]) -> list[Section]:
+    """What the simulation says, whatever was recorded, of the measures that are shown."""
+    figures = simulation_figures(comparison, shown, maps)
+    return [*shape_sections(comparison, shape_figures(comparison, shown)), *map(alone, figures)]
 
 
 def _provenance(comparison: Comparison, runs: Sequence[Run], finger: Fingertip, command: str) -> dict[str, Any]:
     return {
+        "comparison": comparison,
         "finger": finger,
         "runs": [(run, sha256(run.folder.events), sha256(run.folder.path / "config.toml")) for run in runs],
-        "recordings": {p.stimulus.shape: p.recording for p in comparison.overlays},
+        "recordings": list(dict.fromkeys(map(_recording, comparison.overlays))),
         "command": command,
         "versions": {name: version(name) for name in ("indentation-rig", "numpy", "scipy", "matplotlib")},
     }
 
 
-def verdict_rows(comparison: Comparison) -> list[dict[str, Any]]:
-    """One row a measure: its best receptor in each joint fit."""
-    return [
-        {"measure": measure, "fits": [_best(joint, m) for joint in comparison.joints]}
-        for m, measure in enumerate(MEASURES)
-    ]
-
-
-def _best(joint: Joint, measure: int) -> dict[str, Any] | None:
-    receptor = best_receptor(joint, measure)
-    return None if receptor is None else joint_row(joint, (measure, receptor))
-
-
-_WRITTEN: dict[str, Any] = {
-    "num": as_number,
-    "mm": as_positions,
-    "limits": as_limits,
-    "units": {name: unit(name) for name in MEASURES},
-}
-"""How the template writes numbers, positions, intervals and units."""
+def _recording(overlay: Overlay) -> tuple[str, str, str, str]:
+    """Its file, the shape, what was done to its numbers, and SHA-256; laid over several conditions it is one."""
+    found = overlay.recording
+    return found.name, overlay.stimulus.shape, ", ".join(found.changes), found.sha256

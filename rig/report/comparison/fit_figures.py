@@ -1,16 +1,18 @@
 """Figures of fits: recorded rates under what a joint line predicts, and against the measure itself."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from numpy.typing import NDArray
 
 from rig.compare.comparison import Joint, Overlay
 from rig.compare.fit import Fit, predicted
 from rig.compare.tables import Pair
-from rig.report.comparison.pair_labels import frame, named
 from rig.report.labels import label, unit
-from rig.report.style import BLUE, GREEN, GREY, ORANGE, Plot
+from rig.report.style import BLUE, GREEN, GREY, ORANGE, Plot, signed
 from sim.measures.measures import MEASURES
 
 _SHAPE_STYLES = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "^"), (GREY, "D"))
@@ -78,3 +80,14 @@ def _against_measure(axes: Axes, joint: Joint, pair: Pair) -> None:
     fitted = f"R² = {joint.explained[pair]:.3f}, k = {k:.3g}, ε₀ = {eps0:.3g}".replace("-", "−")
     axes.set_title(f"{named(joint.overlays[0].stimulus.receptor_mm, pair)}\n{fitted}", fontsize=8)
     axes.set_xlabel(f"{label(MEASURES[measure])} ({unit(MEASURES[measure])})")
+
+
+def frame(overlays: Sequence[Overlay]) -> str:
+    """How recorded positions and rates were laid over the simulation; printed on every figure that does."""
+    changed = {f"{p.stimulus.indentor} {change}" for p in overlays for change in p.recording.changes}
+    return "; ".join(["indentor x = recorded position + receptor x, no offset fitted", *sorted(changed)])
+
+
+def named(receptor_mm: NDArray[np.float64], pair: Pair) -> str:
+    """A measure at a receptor."""
+    return f"{label(MEASURES[pair[0]])} at {signed(receptor_mm[pair[1]])} mm"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rig.compare.comparison import Comparison
 from rig.compare.stimuli import Stimulus
-from rig.report.comparison.pair_labels import frame
+from rig.report.comparison.fit_figures import frame
 from rig.report.labels import label
 from rig.report.style import GREY, Plot, signed, some_of
 from sim.measures.measures import MEASURES

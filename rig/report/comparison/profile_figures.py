@@ -1,5 +1,7 @@
 """Figures of stimuli: SSRPs with their shape tests, and population responses."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
@@ -25,20 +27,20 @@ _TICKS_OF_A_SCALE = 4
 _OUTLINED = [withStroke(linewidth=2.0, foreground="black")]
 
 
-def ssrps(stimulus: Stimulus, measures: list[str]) -> Plot:
+def ssrps(stimulus: Stimulus, measures: Sequence[str]) -> Plot:
     """One panel a measure: the SSRPs of all receptors above each other, and how each did in the shape test."""
     size = (3.4 * len(measures), min(1.2 + 0.42 * len(stimulus.receptor_mm), _HIGHEST_IN))
     return Plot(size, lambda figure: _ssrps(figure, stimulus, measures))
 
 
-def populations(stimulus: Stimulus, measures: list[str]) -> Plot:
+def populations(stimulus: Stimulus, measures: Sequence[str]) -> Plot:
     """The measures at all receptors for each indentor position: lines where these are few, images else."""
     if _few(stimulus):
         return Plot((0.8 + 2.4 * len(measures), 2.6), lambda figure: _lines(figure, stimulus, measures))
     return Plot((0.5 + 2.5 * len(measures), 2.9), lambda figure: _images(figure, stimulus, measures))
 
 
-def _ssrps(figure: Figure, stimulus: Stimulus, measures: list[str]) -> None:
+def _ssrps(figure: Figure, stimulus: Stimulus, measures: Sequence[str]) -> None:
     panels = figure.subplots(1, len(measures), squeeze=False, sharex=True, sharey=True)[0]
     for axes, measure in zip(panels, measures, strict=True):
         values = stimulus.measures[MEASURES.index(measure)]
@@ -76,7 +78,7 @@ def _few(stimulus: Stimulus) -> bool:
     return len(stimulus.x_mm) <= len(_MARKERS)
 
 
-def _lines(figure: Figure, stimulus: Stimulus, measures: list[str]) -> None:
+def _lines(figure: Figure, stimulus: Stimulus, measures: Sequence[str]) -> None:
     panels = figure.subplots(1, len(measures), squeeze=False)[0]
     positions = [float(x) for x in stimulus.x_mm]
     for axes, measure in zip(panels, measures, strict=True):
@@ -91,7 +93,7 @@ def _lines(figure: Figure, stimulus: Stimulus, measures: list[str]) -> None:
     figure.legend(handles, names, loc="outside right upper", title="indentor x (mm)", **style)
 
 
-def _images(figure: Figure, stimulus: Stimulus, measures: list[str]) -> None:
+def _images(figure: Figure, stimulus: Stimulus, measures: Sequence[str]) -> None:
     panels = figure.subplots(1, len(measures), squeeze=False, sharey=True)[0]
     for axes, measure in zip(panels, measures, strict=True):
         image = _image(axes, stimulus, stimulus.measures[MEASURES.index(measure)])

@@ -30,7 +30,7 @@ def shape_sections(comparison: Comparison, figures: list[Figure]) -> list[Sectio
             f"{_ONLY_SIMULATED}\n\n{_candidates(comparison)} The table lists the receptors (x in mm) at which each "
             f"measure passes, at a threshold of {100 * THRESHOLD:g} %.",
             ("measure", "candidate", *(stimulus.title for stimulus in judged)),
-            tuple(_row(comparison, judged, m) for m in range(len(MEASURES))),
+            _rows(comparison, judged),
             tuple(figures),
             points=_by_condition(comparison),
         ),
@@ -52,11 +52,17 @@ def _by_condition(comparison: Comparison) -> tuple[str, ...]:
     return tuple(f"{name}: {', '.join(names) or 'none'}" for name, names in found) if len(found) > 1 else ()
 
 
-def _row(comparison: Comparison, judged: list[Stimulus], measure: int) -> tuple[str, ...]:
-    name = MEASURES[measure]
+def _rows(comparison: Comparison, judged: list[Stimulus]) -> tuple[tuple[str, ...], ...]:
+    candidates = comparison.candidates()
     passed = [(s.receptor_mm, comparison.passes(s)) for s in judged]
-    places = [as_positions(x[flags[measure]]) for x, flags in passed if flags is not None]
-    return (name, "yes" if name in comparison.candidates() else "no", *places)
+    return tuple(
+        (
+            name,
+            "yes" if name in candidates else "no",
+            *(as_positions(x[flags[measure]]) for x, flags in passed if flags is not None),
+        )
+        for measure, name in enumerate(MEASURES)
+    )
 
 
 def _thresholds(comparison: Comparison, judged: list[Stimulus]) -> Section:

@@ -36,6 +36,12 @@ PUBLISHED = (
 )
 
 
+def source_sections(comparison: Comparison) -> list[Section]:
+    """Which file fills which figure, and the table, where something fills it."""
+    table = table_5_1(comparison)
+    return [source_section(comparison), *([table] if table.rows else [])]
+
+
 def source_section(comparison: Comparison) -> Section:
     """A row for each figure and table, and the figures of those whose recordings are loaded."""
     return Section(

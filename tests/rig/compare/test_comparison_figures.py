@@ -1,6 +1,6 @@
 """The figures of a report at print size: what an A4 page cannot hold at full size would shrink with its letters."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,11 +11,14 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
+from rig.compare.answers.judging import answers
 from rig.compare.comparison import Comparison, compare
 from rig.compare.recordings.recorded import recording
 from rig.compare.stimuli import Stimulus
 from rig.compare.stimulus_maps import StimulusMap
-from rig.report.comparison.comparison_figures import comparison_figures, shape_figures
+from rig.report.comparison.answer_sections import answer_sections
+from rig.report.comparison.comparison_figures import shape_figures, shown_measures
+from rig.report.comparison.comparison_report import simulation_sections
 from rig.report.comparison.profile_figures import populations
 from rig.report.comparison.source_section import source_section
 from rig.report.html import Figure
@@ -55,6 +58,16 @@ def section(comparison: Comparison) -> StimulusMap:
     return StimulusMap(comparison.stimuli[0], 0.5, corners, np.array([[0.0, 4.0]]), {"sed": values, "ep1": values})
 
 
+def comparison_figures(comparison: Comparison, maps: Sequence[StimulusMap]) -> list[Figure]:
+    """All figures of a page, those of the source aside."""
+    said = answers(comparison)
+    sections = [
+        *answer_sections(said, "no offset fitted", recorded=True),
+        *simulation_sections(comparison, shown_measures(comparison, said), maps),
+    ]
+    return [figure for section in sections for figure in section.figures]
+
+
 def drawn(figure: Figure) -> Canvas:
     canvas = Canvas(figsize=figure.plot.size, layout="constrained")
     figure.plot.draw(canvas)
@@ -86,7 +99,8 @@ def test_every_figure_is_printed_at_its_own_size_and_can_be_read(
     found = comparison_figures(comparison, [section] * 3)
     titles = [figure.title for figure in found]
     assert len(set(titles)) == len(titles)
-    kinds = ("Recorded over", "Rate against", "Correlation", "SSRPs", "Population", "Pressure", "Strain under")
+    kinds = ("Recorded over", "Rate against", "Correlation", "SSRPs", "Population", "Pressure", "Strain under",
+             "Verdicts", "Residuals", "Every pair")  # fmt: skip
     for figure in found:
         width, height = figure.plot.size
         assert width <= PAGE_IN[0], figure.title
@@ -109,7 +123,7 @@ def test_letters_do_not_lie_over_each_other(comparison: Comparison, section: Sti
         for s in comparison.stimuli[:2]
     ]
     kinds = {figure.title.partition(":")[0]: figure for figure in found}
-    for figure in (*kinds.values(), *shape_figures(compare(crowded, {}))[:2]):
+    for figure in (*kinds.values(), *shape_figures(compare(crowded, {}), ["ep1"])[:2]):
         boxes = [(text.get_window_extent(), text.get_text()) for text in seen(drawn(figure))]
         for k, (box, words) in enumerate(boxes):
             over = [other for place, other in boxes[k + 1 :] if _area(box, place) > 1]

@@ -1,0 +1,287 @@
+"""Figures of what one afferent's recording says: rates as recorded and predicted, residuals, how each pair fares."""
+
+from collections.abc import Callable, Sequence
+from itertools import cycle
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
+from numpy.typing import NDArray
+
+from rig.compare.answers.answer import Answer, PairRow
+from rig.report.labels import as_number, label, unit
+from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, Plot, signed, some_of
+
+Array = NDArray[np.float64]
+Places = NDArray[np.int64]
+
+STIMULI_FIRST, STIMULI_ACROSS = 4, 3
+_WIDE_IN, _PROFILES_IN, _LEAST_MAP_IN = 7.8, 2.55, 2.7
+_RANKED, _CONTROLS_RANKED = 7, 3
+_RATE = "discharge rate\n(unit of the recording)"
+_RESIDUAL = "recorded − predicted\n(standard deviations)"
+_LINES: tuple[tuple[str, str, float], ...] = ((BLUE, "-", 1.6), (ORANGE, "--", 1.3), (GREEN, ":", 1.5))
+"""Of the pairs that are drawn over each other, in their order."""
+_MOST_RECEPTORS = 14
+_FRAME_POINTS = 7
+USUAL = 2.0  # standard deviations
+_STYLES = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "^"), (GREY, "D"), (PURPLE, "v"), ("black", "P"))
+
+
+def drawn_pairs(answer: Answer) -> list[PairRow]:
+    """The likeliest pair, the likeliest of another measure, and the likeliest control."""
+    first = answer.headline or answer.closest
+    found = (first, rival(answer), next(iter(answer.controls), None))
+    return [row for row in found if row is not None]
+
+
+def rival(answer: Answer) -> PairRow | None:
+    """The likeliest pair of another measure than the first, in the set if that has one."""
+    first = answer.headline or answer.closest
+    others = [row for row in answer.measures if row.name != first.name]
+    return next((row for row in others if row.in_set), next(iter(others), None))
+
+
+def apart(answer: Answer) -> Array | None:
+    """(p,) by how many standard errors the likeliest pair and its rival predict other rates; None without a rival."""
+    first, other = answer.headline or answer.closest, rival(answer)
+    if other is None:
+        return None
+    return np.abs(first.predicted - other.predicted) / answer.places.error
+
+
+def most_telling(answer: Answer) -> list[int]:
+    """The stimuli that a figure has room for, in order: those under which rivals differ most."""
+    numbers = list(range(len(answer.stimuli)))
+    found = apart(answer)
+    if found is None or len(numbers) <= STIMULI_FIRST:
+        return numbers
+    told = [float(np.nansum(found[of_stimulus(answer, number)] ** 2)) for number in numbers]
+    return sorted(sorted(numbers, key=lambda number: -told[number])[:STIMULI_FIRST])
+
+
+def the_answer(answer: Answer, shown: Sequence[int], frame: str) -> Plot:
+    """Recorded rates of the stimuli shown, with the pairs' predictions, above how well the likeliest pairs fit."""
+    size = (_WIDE_IN, _PROFILES_IN + _ranking_in(answer))
+    return Plot(size, lambda figure: _the_answer(figure, answer, shown, frame))
+
+
+def ranking(answer: Answer) -> list[PairRow]:
+    """The likeliest receptor of each of the likeliest measures and controls, likeliest first."""
+    best: dict[str, PairRow] = {}
+    for row in answer.rows:
+        best.setdefault(row.name, row)
+    measures = [row for row in best.values() if not row.control][:_RANKED]
+    controls = [row for row in best.values() if row.control][:_CONTROLS_RANKED]
+    return sorted((*measures, *controls), key=lambda row: row.deviance)
+
+
+def profiles(answer: Answer, shown: Sequence[int], frame: str) -> Plot:
+    """Recorded over predicted: a row a pair, a column a stimulus."""
+    size = (_width(len(shown)), 0.8 + 1.5 * len(drawn_pairs(answer)))
+    return Plot(size, lambda figure: _grid(figure, answer, shown, _profile, (_RATE, frame)))
+
+
+def residuals(answer: Answer, shown: Sequence[int], frame: str) -> Plot:
+    """Residuals in standard deviations of the noise: a row a pair, a column a stimulus."""
+    size = (_width(len(shown)), 0.8 + 1.35 * len(drawn_pairs(answer)))
+    return Plot(size, lambda figure: _grid(figure, answer, shown, _residual, (_RESIDUAL, frame)))
+
+
+def scatter(answer: Answer, frame: str) -> Plot:
+    """Recorded rate against each pair's measure, with what it predicts."""
+    rows = [row for row in drawn_pairs(answer) if np.isfinite(row.eps).any()]
+    return Plot((0.6 + 2.4 * len(rows), 3.0), lambda figure: _scatter(figure, answer, rows, frame))
+
+
+def every_pair(answer: Answer) -> Plot:
+    """Misfit of each measure and control at each receptor, and which of them are in the set."""
+    names = list(dict.fromkeys(row.name for row in sorted(answer.rows, key=lambda row: row.control)))
+    return Plot(
+        (_WIDE_IN, max(0.9 + 0.2 * len(names), _LEAST_MAP_IN)), lambda figure: _every_pair(figure, answer, names)
+    )
+
+
+def named(row: PairRow) -> str:
+    """A pair in the sign in which it is drawn."""
+    name = f"{row.name} (control)" if row.control else label(row.name)
+    return name if row.receptor_mm is None else f"{name} at {signed(row.receptor_mm)} mm"
+
+
+def of_stimulus(answer: Answer, number: int) -> Places:
+    """Which of the places belong to one stimulus, by position."""
+    mine = np.flatnonzero(answer.places.stimulus == number)
+    return mine[np.argsort(answer.places.position_mm[mine])]
+
+
+def _ranking_in(answer: Answer) -> float:
+    return 0.95 + 0.19 * len(ranking(answer))
+
+
+def _width(columns: int) -> float:
+    return min(_WIDE_IN, 1.0 + 2.6 * columns)
+
+
+def _the_answer(figure: Figure, answer: Answer, shown: Sequence[int], frame: str) -> None:
+    parts: Any = figure.subfigures(2, 1, height_ratios=(_PROFILES_IN, _ranking_in(answer)))
+    above, below = parts
+    panels = above.subplots(1, len(shown), squeeze=False, sharey=True)[0]
+    pairs = drawn_pairs(answer)
+    for axes, number in zip(panels, shown, strict=True):
+        _recorded(axes, answer, number)
+        for row, (colour, style, width) in zip(pairs, _LINES, strict=False):
+            _predicted(axes, answer, number, row, color=colour, ls=style, lw=width)
+        axes.set_title(answer.stimuli[number], fontsize=8)
+    panels[0].set_ylabel(_RATE, fontsize=8)
+    above.supxlabel("position from field centre (mm)", fontsize=8)
+    lines = [Line2D([], [], color=c, ls=s, lw=w) for c, s, w in _LINES[: len(pairs)]]
+    handles = [Line2D([], [], color="black", marker="o", ms=3, ls=""), *lines]
+    names = ["recorded, ± standard error", *(f"{named(row)}: {_fate(row)}" for row in pairs)]
+    above.legend(handles, names, loc="outside upper center", ncols=2, fontsize=7.5)
+    figure.suptitle(frame, fontsize=_FRAME_POINTS, color=GREY)
+    _ranking(below, ranking(answer))
+
+
+def _recorded(axes: Axes, answer: Answer, number: int) -> None:
+    mine, places = of_stimulus(answer, number), answer.places
+    bars = np.nan_to_num(places.error[mine])
+    axes.errorbar(places.position_mm[mine], places.rate[mine], bars, fmt="o", ms=3, color="black", elinewidth=0.7)
+    left_out = [x for one in answer.left_out if one.stimulus == answer.stimuli[number] for x in one.position_mm]
+    if left_out:
+        axes.plot(left_out, np.zeros(len(left_out)), "x", ms=4, color=GREY)
+    axes.tick_params(labelsize=7.5)
+
+
+def _predicted(axes: Axes, answer: Answer, number: int, row: PairRow, **style: Any) -> None:
+    mine = of_stimulus(answer, number)
+    axes.plot(answer.places.position_mm[mine], row.predicted[mine], **style)
+
+
+def _ranking(below: SubFigure, ranked: Sequence[PairRow]) -> None:
+    axes = below.subplots()
+    for height, row in enumerate(ranked):
+        axes.plot(row.lack_of_fit, height, **_marker(row))
+        said = f"p = {row.p_fit:.2g}" if row.p_fit >= 1e-4 else "p < 0.0001"
+        axes.annotate(said, (1.0, height), (4, 0), xycoords=("axes fraction", "data"), textcoords="offset points",
+                      fontsize=7, va="center", annotation_clip=False)  # fmt: skip
+    axes.set_yticks(range(len(ranked)), [named(row) for row in ranked], fontsize=7.5)
+    axes.set_ylim(len(ranked) - 0.4, -0.6)
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.axvline(1.0, color=GREY, lw=0.8, ls=":")
+    axes.set_xlabel("misfit over noise (lack-of-fit F; noise alone gives about 1)", fontsize=8)
+    axes.tick_params(axis="x", labelsize=7.5, which="both")
+    axes.grid(axis="y", color="#e4e4e4", lw=0.5)
+    below.legend(handles=_legend(), loc="outside lower center", ncols=4, fontsize=7.5)
+
+
+def _fate(row: PairRow) -> str:
+    return "in the set" if row.in_set else "fits, but worse" if row.fits else "rejected by its fit"
+
+
+def _marker(row: PairRow) -> dict[str, Any]:
+    shape = "s" if row.control else "o"
+    if row.in_set:
+        return {"marker": shape, "ms": 6, "mfc": BLUE, "mec": BLUE}
+    if row.fits:
+        return {"marker": shape, "ms": 6, "mfc": "white", "mec": BLUE}
+    return {"marker": "X" if row.control else "x", "ms": 6, "mfc": ORANGE, "mec": ORANGE}
+
+
+def _legend() -> list[Line2D]:
+    return [
+        Line2D([], [], ls="", marker="o", mfc=BLUE, mec=BLUE, label="in the set"),
+        Line2D([], [], ls="", marker="o", mfc="white", mec=BLUE, label="fits, but worse"),
+        Line2D([], [], ls="", marker="x", mec=ORANGE, label="rejected by its fit"),
+        Line2D([], [], ls="", marker="s", mfc="white", mec=GREY, label="squares: controls"),
+    ]
+
+
+def _grid(
+    figure: Figure,
+    answer: Answer,
+    shown: Sequence[int],
+    draw: Callable[[Axes, Answer, int, PairRow], None],
+    said: tuple[str, str],  # of the vertical axis, above all
+) -> None:
+    rows, (quantity, frame) = drawn_pairs(answer), said
+    figure.suptitle(frame, fontsize=_FRAME_POINTS, color=GREY)
+    panels = figure.subplots(len(rows), len(shown), squeeze=False, sharex="col", sharey=True)
+    for line, row in zip(panels, rows, strict=True):
+        for axes, number in zip(line, shown, strict=True):
+            draw(axes, answer, number, row)
+            axes.set_title(f"{answer.stimuli[number]}\n{named(row)}", fontsize=7.5)
+            axes.tick_params(labelsize=7.5)
+    figure.supxlabel("position from field centre (mm)", fontsize=8)
+    figure.supylabel(quantity, fontsize=8)
+
+
+def _profile(axes: Axes, answer: Answer, number: int, row: PairRow) -> None:
+    _recorded(axes, answer, number)
+    _predicted(axes, answer, number, row, color=BLUE, lw=1.4)
+
+
+def _residual(axes: Axes, answer: Answer, number: int, row: PairRow) -> None:
+    mine = of_stimulus(answer, number)
+    x, size = answer.places.position_mm[mine], row.residual[mine]
+    axes.axhspan(-USUAL, USUAL, color="#e9eef2", lw=0)
+    axes.axhline(0, color=GREY, lw=0.6)
+    axes.vlines(x, 0, size, color=BLUE, lw=1.2)
+    axes.plot(x, size, "o", ms=2.5, color=BLUE)
+
+
+def _scatter(figure: Figure, answer: Answer, rows: Sequence[PairRow], frame: str) -> None:
+    figure.suptitle(frame, fontsize=_FRAME_POINTS, color=GREY)
+    panels = figure.subplots(1, len(rows), squeeze=False, sharey=True)[0]
+    for axes, row in zip(panels, rows, strict=True):
+        for number, (colour, marker) in zip(range(len(answer.stimuli)), cycle(_STYLES), strict=False):
+            mine = of_stimulus(answer, number)
+            axes.plot(row.eps[mine], answer.places.rate[mine], marker, ms=4, mfc="none", mec=colour)
+        order = np.argsort(row.eps)
+        axes.plot(row.eps[order], row.predicted[order], color="black", lw=1)
+        axes.set_title(f"{named(row)}\nk = {as_number(row.k)}, ε₀ = {as_number(row.eps0)}", fontsize=8)
+        axes.set_xlabel(_measured_in(row), fontsize=8)
+        axes.tick_params(labelsize=7.5)
+    panels[0].set_ylabel(_RATE, fontsize=8)
+    handles = [
+        Line2D([], [], ls="", marker=marker, mfc="none", mec=colour, label=title)
+        for title, (colour, marker) in zip(answer.stimuli, cycle(_STYLES), strict=False)
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4), fontsize=7.5)
+
+
+def _measured_in(row: PairRow) -> str:
+    return row.name if row.control else f"{label(row.name)} ({unit(row.name)})"
+
+
+def _every_pair(figure: Figure, answer: Answer, names: Sequence[str]) -> None:
+    receptors = sorted({row.receptor_mm for row in answer.rows if row.receptor_mm is not None})
+    misfit = np.full((len(names), len(receptors)), np.nan)
+    axes = figure.subplots()
+    for row in answer.rows:
+        line = names.index(row.name)
+        across = range(len(receptors)) if row.receptor_mm is None else [receptors.index(row.receptor_mm)]
+        misfit[line, list(across)] = max(row.lack_of_fit, 1.0)
+        if row.fits:
+            filled = "black" if row.in_set else "none"
+            axes.plot(across, [line] * len(across), "o", ms=5, mfc=filled, mec="black", mew=1.0)
+    scale = LogNorm(1.0, max(float(np.nanmax(misfit)), 2.0))
+    image = axes.imshow(misfit, cmap="cividis_r", norm=scale, aspect="auto", interpolation="nearest")
+    controls = {row.name for row in answer.controls}
+    written = some_of(len(receptors), _MOST_RECEPTORS)
+    axes.set_xticks(written, [signed(receptors[k]) for k in written], fontsize=7.5)
+    axes.set_yticks(range(len(names)), [n if n in controls else label(n) for n in names], fontsize=7.5)
+    axes.set_xlabel("receptor x (mm)", fontsize=8)
+    axes.axhline(len(names) - len(controls) - 0.5, color="white", lw=2)
+    bar = figure.colorbar(image, ax=axes, pad=0.02)
+    bar.locator = LogLocator(subs=(1, 2, 5))
+    bar.formatter = StrMethodFormatter("{x:g}")
+    bar.minorticks_off()
+    bar.set_label("misfit over noise (lack-of-fit F)", fontsize=8)
+    bar.ax.tick_params(labelsize=7.5)
