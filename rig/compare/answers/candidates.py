@@ -14,7 +14,7 @@ from rig.compare.fingers.finger_fit import fit_with_finger, free_of, weights
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-DISCREPANCY = 0.25
+DISCREPANCY = 0.5
 """How far a right measure may be off on a finger that no finger of the ranges quite is, over the spread of these."""
 
 OF_THE_MESH = 0.02
@@ -63,13 +63,13 @@ class Candidates:
         eps = np.einsum("nf,fnp->np", weights(place), self.eps)
         return Fitted(likeliest(eps[:, at], some, self.form), eps, place)
 
-    def discrepancy(self, fit: Fitted) -> Array | float:
+    def discrepancy(self, fit: Fitted) -> Array:
         """(N, p) variance of rates that another finger and mesh may make, where fingers are stated; else none.
 
         A share of what the fingers of the design differ by, once k and ε₀ have followed, and one of the largest rate.
         """
         if not self.free:
-            return 0.0
+            return np.zeros_like(fit.found.mean)
         own = fit.eps - fit.eps.mean(axis=1, keepdims=True)
         all_ = self.eps - self.eps.mean(axis=2, keepdims=True)
         slope = (all_ * own).sum(axis=2) / np.maximum((own * own).sum(axis=1), np.finfo(float).tiny)

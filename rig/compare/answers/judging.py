@@ -32,7 +32,7 @@ from rig.compare.comparison import Comparison, Overlay
 from rig.compare.controls import CONTROLS
 from rig.compare.fit import fit_rates
 from rig.compare.plausible import PlausibleFingers
-from rig.compare.statistics import Flags, compared, correlation
+from rig.compare.statistics import Flags, by_pair, compared, correlation
 from sim.measures.measures import MEASURES
 
 Array = NDArray[np.float64]
@@ -70,8 +70,17 @@ class _Named(NamedTuple):
         return titled(self.name, self.receptor_mm)
 
 
+class Laid(NamedTuple):
+    """All candidates of one afferent in one order, over the positions (of all) that are used."""
+
+    named: list[_Named]
+    observed: Observed
+    candidates: Candidates
+    used: Flags
+
+
 class _Judged(NamedTuple):
-    """All candidates, in one order, and how they fared."""
+    """How they fared."""
 
     named: list[_Named]
     observed: Observed
@@ -94,13 +103,10 @@ class _Judged(NamedTuple):
 
 
 def _answer(overlays: Sequence[Overlay], plausible: PlausibleFingers | None, form: Form) -> Answer | None:
-    on_fingers = _eps(overlays, with_fingers=plausible is not None)
-    which = compared(on_fingers[0])
-    if which is None:
+    given = laid(overlays, form, with_fingers=plausible is not None)
+    if given is None:
         return None
-    receptors, used = which
-    seen = observed([overlay.recording for overlay in overlays], used)
-    judged = _judged(on_fingers[:, :, used][..., receptors], overlays[0].stimulus.receptor_mm[receptors], seen, form)
+    judged, seen = _judged(given), given.observed
     order = np.argsort(judged.fit.found.total, kind="stable")
     rows = [_row(judged, int(n), plausible) for n in order]
     noise = seen.noise
@@ -112,8 +118,8 @@ def _answer(overlays: Sequence[Overlay], plausible: PlausibleFingers | None, for
         places=Places(
             seen.stimulus, seen.position_mm, seen.rate, np.sqrt(noise.dispersion * seen.variance(seen.rate))
         ),
-        recorded=len(used),
-        left_out=_left_out(overlays, used),
+        recorded=len(given.used),
+        left_out=_left_out(overlays, given.used),
         noise=noise,
         ceiling=by_repeats(seen) if repeated else by_monotone(judged.fit.eps, seen),
         ceiling_from="repeats" if repeated else "monotone",
@@ -122,8 +128,27 @@ def _answer(overlays: Sequence[Overlay], plausible: PlausibleFingers | None, for
         power=_power(judged),
         saturating=form.saturating,
         silent_at_rest=form.silent_at_rest,
-        fingers=len(on_fingers),
+        fingers=len(given.candidates.eps),
     )
+
+
+def laid(overlays: Sequence[Overlay], form: Form, *, with_fingers: bool = False) -> Laid | None:
+    """Measures, controls and a constant beside the recordings; None where too few positions are covered.
+
+    The positions are those that every receptor in play covers.
+    """
+    eps = _eps(overlays, with_fingers=with_fingers)
+    which = compared(eps[0])
+    if which is None:
+        return None
+    receptors, used = which
+    names = [*MEASURES, *CONTROLS][: eps.shape[1]]
+    places = overlays[0].stimulus.receptor_mm[receptors]
+    named = [_Named(name, name in CONTROLS, float(x)) for name in names for x in places]
+    constant = np.zeros((len(eps), 1, int(used.sum())))
+    pairs = np.concatenate([by_pair(eps[:, :, used][..., receptors]), constant], axis=1)
+    seen = observed([overlay.recording for overlay in overlays], used)
+    return Laid([*named, _Named(A_CONSTANT, True, None)], seen, Candidates(pairs, form), used)
 
 
 def _eps(overlays: Sequence[Overlay], *, with_fingers: bool) -> Array:
@@ -139,18 +164,12 @@ def _with_controls(overlay: Overlay, *, with_fingers: bool) -> Array:
     return np.concatenate([measures, np.broadcast_to(control, (len(measures), *control.shape))], axis=1)
 
 
-def _judged(eps: Array, receptor_mm: Array, seen: Observed, form: Form) -> _Judged:
-    """For ε (fingers, 18 + controls, p, receptors)."""
-    names = [*MEASURES, *CONTROLS][: eps.shape[1]]
-    named = [_Named(name, name in CONTROLS, float(x)) for name in names for x in receptor_mm]
-    pairs = np.moveaxis(eps, 2, -1).reshape(len(eps), -1, eps.shape[2])
-    constant = np.zeros((len(eps), 1, eps.shape[2]))
-    candidates = Candidates(np.concatenate([pairs, constant], axis=1), form)
+def _judged(given: Laid) -> _Judged:
+    named, seen, candidates, _ = given
     fit = candidates.fitted(seen)
-    ratio, p_fit = candidates.tested(seen, fit)
     p_set = set_probabilities(fit.found.deviance, seen.stimulus)
     left_out = predicted_left_out(candidates, seen)
-    return _Judged([*named, _Named(A_CONSTANT, True, None)], seen, candidates, fit, left_out, ratio, p_fit, p_set)
+    return _Judged(named, seen, candidates, fit, left_out, *candidates.tested(seen, fit), p_set)
 
 
 def _row(judged: _Judged, n: int, plausible: PlausibleFingers | None) -> PairRow:

@@ -37,7 +37,7 @@ def limits(candidates: Candidates, observed: Observed, fit: Fitted, row: int, ra
     if np.isnan(k):
         return Region((np.nan, np.nan), (np.nan, np.nan))
     noise, sign = observed.noise, np.sign(k)
-    dispersion = noise.dispersion * max(ratio, 1.0)
+    dispersion = noise.dispersion * max(ratio, 1.0) * _more(candidates, observed, fit, row)
     limit = found.total[row] + dispersion * fdtri(1, min(noise.freedom * observed.evenness, 1e9), 1 - LEVEL)
     eps = sign * _on_fingers(candidates, fit, row)
     eps0 = sign * float(found.eps0[row]) + _OFFSETS * np.ptp(fit.eps[row])
@@ -53,6 +53,15 @@ def limits(candidates: Candidates, observed: Observed, fit: Fitted, row: int, ra
     of_k = np.sort(sign * np.array([np.min((best - reach)[inside]), np.max((best + reach)[inside])]))
     ends = np.sort(sign * np.array(_crossed(eps0, room.max(axis=0), least)))
     return Region((float(of_k[0]), float(of_k[1])), (float(ends[0]), float(ends[1])))
+
+
+def _more(candidates: Candidates, observed: Observed, fit: Fitted, row: int) -> float:
+    """By how much the discrepancy of fingers is above the noise, on average over what fires; 1 on one finger."""
+    mean = fit.found.mean[row]
+    if not candidates.free or not (mean > 0).any():
+        return 1.0
+    noise = observed.noise.dispersion * observed.variance(mean)
+    return 1.0 + float((candidates.discrepancy(fit)[row] / noise)[mean > 0].mean())
 
 
 def _on_fingers(candidates: Candidates, fit: Fitted, row: int) -> Array:

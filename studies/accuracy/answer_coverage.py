@@ -1,0 +1,296 @@
+"""How often an answer holds the truth, and how often it is fooled: synthetic afferents with a known answer.
+
+    .venv/bin/python -m studies.accuracy.answer_coverage [DRAWS] [--kept FILE]    # default 400 a row
+
+Prints the tables of docs/comparison.md, each line as it is done; FILE gets every draw as a line of JSON, after one
+with the commit, the version of numpy and the seeds. Afferents are made on the finger that is fitted, on eight drawn
+within the ranges of examples/plausible_fingers/fingers.toml, and on four more, drawn by another seed, on another
+mesh; every recording is answered twice, given the default finger and with the ranges stated.
+"""
+
+import argparse
+import itertools
+import json
+import subprocess
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple, TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.compare.answers.confidence_set import set_probabilities
+from rig.compare.answers.judging import Laid, answers, laid
+from rig.compare.answers.likeliest import Form
+from rig.compare.answers.profile_limits import limits
+from rig.compare.comparison import Joint, compare
+from rig.compare.controls import CONTROLS
+from rig.compare.fingers.with_finger import WithFinger
+from rig.compare.plausible import PlausibleFingers, read_plausible
+from rig.compare.recordings.recorded import Recording, recording
+from rig.compare.recordings.synthetic import Afferent, afferent_for
+from rig.compare.stimuli import Stimulus
+from sim.config.fingertip_config import FingertipConfig
+from sim.measures.measures import MEASURES
+from sim.measures.receptors import DEFAULT_DEPTH_MM
+from studies.accuracy.interval_coverage import (
+    POSITIONS_MM,
+    RANGES,
+    SILENT,
+    TRUTHS,
+    Families,
+    families,
+    inside,
+    with_design,
+)
+
+Array = NDArray[np.float64]
+
+FRESH_SEED, FRESH, FRESH_MESH_MM = 1998, 4, 0.15
+DRAWS_SEED = 20261122
+RATES = ((60.0, 1.0), (20.0, 0.5))  # largest rate (/s) and window (s)
+LEVEL = 0.05
+
+
+class Made(NamedTuple):
+    """How afferents are recorded: on which fingers, presses at a place, dispersion, and whether counts are known."""
+
+    title: str
+    on: str
+    presses: int = 5
+    dispersion: float = 1.0
+    counted: bool = True
+
+
+ROWS = (
+    Made("right finger", "right"),
+    Made("right finger, dispersion 0.3", "right", dispersion=0.3),
+    Made("right finger, dispersion 3", "right", dispersion=3.0),
+    Made("right finger, three presses", "right", presses=3),
+    Made("right finger, one press", "right", presses=1),
+    Made("right finger, rates alone", "right", counted=False),
+    Made("another finger", "others"),
+    Made("another finger, dispersion 0.3", "others", dispersion=0.3),
+    Made("another finger and mesh", "fresh"),
+    Made("another finger and mesh, one press", "fresh", presses=1),
+)
+
+
+def spikes(rng: np.random.Generator, mean: Array, presses: int, dispersion: float) -> Array:
+    """(presses, p) counts of a mean (p,) and a variance of `dispersion` times that."""
+    if dispersion == 1:
+        return rng.poisson(mean, size=(presses, len(mean))).astype(float)
+    if dispersion < 1:
+        trials = np.maximum(np.ceil(mean / (1 - dispersion)), 1)
+        return rng.binomial(trials.astype(int), mean / trials, size=(presses, len(mean))).astype(float)
+    shape = np.maximum(mean, 1e-9) / (dispersion - 1)
+    return np.where(mean > 0, rng.negative_binomial(shape, 1 / dispersion, size=(presses, len(mean))), 0.0)
+
+
+def recorded(truth: Afferent, stimulus: Stimulus, made: Made, window_s: float, rng: np.random.Generator) -> Recording:
+    """What would be recorded where the stimulus went."""
+    mean = truth.rate(stimulus, POSITIONS_MM)
+    there = np.isfinite(mean)
+    counts = spikes(rng, window_s * mean[there], made.presses, made.dispersion)
+    return _as_recording(POSITIONS_MM[there], counts / window_s, window_s if made.counted else None)
+
+
+def _as_recording(position_mm: Array, rates: Array, window_s: float | None) -> Recording:
+    rows = [(float(x), float(r), np.nan) for row in rates for x, r in zip(position_mm, row, strict=True)]
+    return recording("synthetic", rows, window_s)
+
+
+class Found(NamedTuple):
+    """One draw, answered one way: percentages when averaged, and sizes."""
+
+    in_set: float
+    fits: float
+    in_confidence_set: float
+    pairs: float
+    measures: float
+    controls: float
+    k: float
+    eps0: float
+    before: float
+    pairs_before: float
+
+
+@dataclass(frozen=True)
+class Study:
+    """The stimuli that are fitted, with their design, and those of the fingers that afferents are made on."""
+
+    fitted: Families
+    made: dict[str, list[Families]]
+    plausible: PlausibleFingers
+
+
+def study() -> Study:
+    """All simulated, or from the cache: some 24 fingers."""
+    plausible = read_plausible(RANGES)
+    design = [families(one.config) for one in plausible.design(FingertipConfig(), DEFAULT_DEPTH_MM)]
+    default = families(FingertipConfig())
+    made = {"right": [default], "others": list(map(families, inside(plausible))), "fresh": fresh(plausible)}
+    return Study(with_design(default, design), made, plausible)
+
+
+def fresh(plausible: PlausibleFingers) -> list[Families]:
+    """Fingers that nothing was tuned on, on a mesh that nothing was tuned on."""
+    places = np.random.default_rng(FRESH_SEED).uniform(-1, 1, size=(FRESH, len(plausible.free)))
+    mesh = {"spacing_mm": FRESH_MESH_MM}
+    found = []
+    for place in places:
+        tissue = {name.partition(".")[2]: value for name, value in plausible.values(place).items()}
+        found.append(families(FingertipConfig.model_validate({"tissue": tissue, "mesh": mesh})))
+    return found
+
+
+def draws(of: Study, made: Made, number: int) -> Iterator[tuple[str, Found, Found]]:
+    """Each truth and rate in turn: its name, what is said given the default finger, and on all plausible ones."""
+    rng = np.random.default_rng(DRAWS_SEED)
+    truths = [(family, measure, x_mm) for family, some in TRUTHS.items() for measure, x_mm in some]
+    everything = itertools.cycle(itertools.product(RATES, truths, of.made[made.on]))
+    for (peak, window_s), (family, measure, x_mm), there in itertools.islice(everything, number):
+        receptor = int(np.argmin(np.abs(of.fitted[family][0].receptor_mm - x_mm)))
+        truth = afferent_for(there[family], measure, receptor, peak, SILENT)
+        found = [recorded(truth, stimulus, made, window_s, rng) for stimulus in there[family]]
+        fitted = of.fitted[family]
+        given = compare(fitted, {s.shape: r for s, r in zip(fitted, found, strict=True)})
+        (joint,) = given.joints
+        pair = (MEASURES.index(measure), receptor)
+        both = (joint.indistinguishable, WithFinger(joint).indistinguishable)
+        told = [judged(joint, truth, flags, pair, with_fingers=n == 1) for n, flags in enumerate(both)]
+        yield f"{measure}, {family}, {peak:g} /s", told[0], told[1]
+
+
+def judged(
+    joint: Joint, truth: Afferent, before: NDArray[np.bool_] | None, pair: tuple[int, int], *, with_fingers: bool
+) -> Found:
+    """What one answer says of the truth."""
+    given = laid(joint.overlays, Form(), with_fingers=with_fingers)
+    assert given is not None
+    assert before is not None
+    fit = given.candidates.fitted(given.observed)
+    ratio, p_fit = given.candidates.tested(given.observed, fit)
+    p_set = set_probabilities(fit.found.deviance, given.observed.stimulus)
+    row = _row(given, truth, joint)
+    chosen = (p_fit >= LEVEL) & (p_set >= LEVEL)
+    control = np.array([one.control for one in given.named])
+    names = {one.name for one, inside in zip(given.named, chosen & ~control, strict=True) if inside}
+    region = limits(given.candidates, given.observed, fit, row, float(ratio[row]))
+    return Found(
+        float(chosen[row]),
+        float(p_fit[row] >= LEVEL),
+        float(p_set[row] >= LEVEL),
+        float((chosen & ~control).sum()),
+        float(len(names)),
+        float((chosen & control).any()),
+        float(region.k[0] <= truth.k <= region.k[1]),
+        float(region.eps0[0] <= truth.eps0 <= region.eps0[1]),
+        float(before[pair]),
+        float(before.sum()),
+    )
+
+
+def _row(given: Laid, truth: Afferent, joint: Joint) -> int:
+    x_mm = float(joint.overlays[0].stimulus.receptor_mm[truth.receptor])
+    return next(n for n, one in enumerate(given.named) if (one.name, one.receptor_mm) == (truth.measure, x_mm))
+
+
+HEADER = ("made on", "answered", "draws", "truth in the set, smallest / mean (%)", "fits (%)", "in the MCS (%)",
+          "pairs / measures in the set", "a control, too (%)", "k (%)", "ε₀ (%)",
+          "before: in the set (%)", "before: pairs")  # fmt: skip
+ANSWERED = ("given the default finger", "on all plausible fingers")
+
+
+def lines(made: Made, names: Sequence[str], found: Array) -> Iterator[str]:
+    """Of (draws, 2, numbers): two lines of the table; the smallest is of a truth under its stimuli."""
+    truths = np.array([name.rpartition(",")[0] for name in names])
+    for n, how in enumerate(ANSWERED):
+        mean = Found(*found[:, n].mean(axis=0))
+        least = min(found[truths == one, n, 0].mean() for one in np.unique(truths))
+        cells = (made.title, how, str(len(found)), f"{100 * least:.0f} / {100 * mean.in_set:.1f}",
+                 f"{100 * mean.fits:.1f}", f"{100 * mean.in_confidence_set:.1f}",
+                 f"{mean.pairs:.1f} / {mean.measures:.1f}", f"{100 * mean.controls:.0f}",
+                 f"{100 * mean.k:.1f}", f"{100 * mean.eps0:.1f}", f"{100 * mean.before:.1f}",
+                 f"{mean.pairs_before:.1f}")  # fmt: skip
+        yield f"| {' | '.join(cells)} |"
+
+
+POWER_HEADER = ("rates made by", "at (mm)", "stimuli", "draws", "explained by none of the 18 (%)",
+                "not told from it (%)", "it is in the set (%)", "power that is printed")  # fmt: skip
+POWER_NOISE, POWER_PRESSES = 0.1, 5
+
+
+def fooled(of: Study, control: int, x_mm: float, stimuli: Sequence[Stimulus], number: int) -> str:
+    """A line of what is said of rates that a control made, linearly from the least of it on, with an sd of 10 %."""
+    rng = np.random.default_rng(DRAWS_SEED)
+    receptor = int(np.argmin(np.abs(stimuli[0].receptor_mm - x_mm)))
+    drive = [s.controls_at(POSITIONS_MM)[control, :, receptor] for s in stimuli]
+    least, most = np.nanmin(np.concatenate(drive)), np.nanmax(np.concatenate(drive))
+    rows = []
+    for _ in range(number):
+        recordings = {}
+        for stimulus, values in zip(stimuli, drive, strict=True):
+            there = np.isfinite(values)
+            mean = 60 * (values[there] - least) / (most - least)
+            rates = np.maximum(mean * (1 + POWER_NOISE * rng.normal(size=(POWER_PRESSES, there.sum()))), 0)
+            recordings[stimulus.shape] = _as_recording(POSITIONS_MM[there], rates, None)
+        (answer,) = answers(compare(list(stimuli), recordings))
+        itself = [row for row in answer.controls_in_set if row.name == CONTROLS[control]]
+        power = next(m.probability for m in answer.power.mimics if m.control.startswith(CONTROLS[control]))
+        rows.append((not answer.set, bool(answer.set) and bool(itself), bool(itself), power))
+    none, both, itself_in, power = np.mean(np.array(rows, dtype=float), axis=0)
+    cells = (CONTROLS[control], f"{x_mm:g}", ", ".join(s.indentor for s in stimuli), str(number), f"{100 * none:.0f}",
+             f"{100 * both:.0f}", f"{100 * itself_in:.0f}", f"{power:.2f}")  # fmt: skip
+    return f"| {' | '.join(cells)} |"
+
+
+def provenance(number: int) -> dict[str, Any]:
+    """What the table was made by."""
+    commit = subprocess.run(["git", "rev-parse", "HEAD"], capture_output=True, text=True, check=False).stdout.strip()
+    seeds = {"draws": DRAWS_SEED, "fresh fingers": FRESH_SEED}
+    return {"commit": commit, "numpy": np.__version__, "seeds": seeds, "draws": number, "mesh_mm": FRESH_MESH_MM}
+
+
+def print_rows(of: Study, number: int, kept: TextIO | None) -> None:
+    """The table of coverage."""
+    print(f"| {' | '.join(HEADER)} |\n|{'---|' * len(HEADER)}", flush=True)
+    for made in ROWS:
+        found = list(draws(of, made, number))
+        if kept is not None:
+            for name, given, all_fingers in found:
+                kept.write(json.dumps({"row": made.title, "truth": name, "given": given, "all": all_fingers}) + "\n")
+        for line in lines(made, [name for name, *_ in found], np.array([told for _, *told in found])):
+            print(line, flush=True)
+
+
+def print_power(of: Study, number: int) -> None:
+    """The table of controls that are the truth."""
+    print(f"\n| {' | '.join(POWER_HEADER)} |\n|{'---|' * len(POWER_HEADER)}", flush=True)
+    steps, bars = of.fitted["steps"], of.fitted["bars"]
+    for control in range(len(CONTROLS)):
+        for x_mm, stimuli in ((-1.0, steps), (-1.0, steps[:1]), (0.0, bars), (-1.0, [*steps, *bars])):
+            print(fooled(of, control, x_mm, stimuli, number), flush=True)
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("draws", type=int, nargs="?", default=400)
+    parser.add_argument("--kept", type=Path)
+    given = parser.parse_args()
+    of = study()
+    made = provenance(given.draws)
+    print(json.dumps(made) + "\n", flush=True)
+    if given.kept is None:
+        print_rows(of, given.draws, None)
+    else:
+        with given.kept.open("w", encoding="utf-8") as kept:
+            kept.write(json.dumps(made) + "\n")
+            print_rows(of, given.draws, kept)
+    print_power(of, max(given.draws // 4, 1))
+
+
+if __name__ == "__main__":
+    main()
