@@ -58,14 +58,6 @@ def detectable(observed: Observed, parameters: float) -> float:
     return float(np.sqrt(high / max(worth.sum(), 1.0) * variance)) / (float(observed.rate.max()) or 1.0)
 
 
-def explained(observed: Observed, deviance: Array) -> Array:
-    """(…,) share of the deviance of a constant rate that is explained, of deviances (…, p)."""
-    level = float(observed.base @ observed.rate / observed.base.sum())
-    nothing = observed.deviance(np.full_like(observed.rate, level)).sum()
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(1 - deviance.sum(axis=-1) / nothing)
-
-
 def by_repeats(observed: Observed) -> float:
     """Share of the variance of the mean rates that is not noise: split halves, stepped up by Spearman and Brown.
 

@@ -16,7 +16,7 @@ from rig.compare.fit import Fit, fit_rates, predicted
 Array = NDArray[np.float64]
 
 _ROUNDS = 6
-_SATURATIONS = (0.0, 0.25, 0.5, 0.7, 0.85)  # of 1 over the largest smoothed rate
+_SATURATIONS = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.7, 0.8, 0.9])  # of 1 over the largest smoothed rate
 
 
 class Form(NamedTuple):
@@ -54,13 +54,21 @@ class Likeliest:
 
 def likeliest(eps: Array, observed: Observed, form: Form) -> Likeliest:
     """Of candidates ε (N, p); NaN rows are a constant rate."""
-    found = _of_saturation(eps, observed, form, 0.0)
-    for part in _SATURATIONS[1:] if form.saturating else ():
-        found = _likelier(_of_saturation(eps, observed, form, part / float(observed.smooth.max() or 1.0)), found)
+    first, *others = saturations(observed, form)
+    found = at_saturation(eps, observed, form, first)
+    for saturation in others:
+        found = _likelier(at_saturation(eps, observed, form, saturation), found)
     return found
 
 
-def _of_saturation(eps: Array, observed: Observed, form: Form, saturation: float) -> Likeliest:
+def saturations(observed: Observed, form: Form) -> list[float]:
+    """Those that are tried; none but 0 of a line."""
+    tried = _SATURATIONS / float(observed.smooth.max() or 1.0)
+    return [float(value) for value in tried] if form.saturating else [0.0]
+
+
+def at_saturation(eps: Array, observed: Observed, form: Form, saturation: float) -> Likeliest:
+    """The same at one saturation."""
     level = float(observed.base @ observed.rate / observed.base.sum())
     bent = np.full(len(eps), saturation)
     start = np.broadcast_to(np.minimum(observed.smooth, 0.9 / saturation if saturation else np.inf), eps.shape)

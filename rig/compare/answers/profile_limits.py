@@ -8,6 +8,7 @@ from scipy.special import fdtri
 
 from rig.compare.answers.answer import LEVEL, Limits
 from rig.compare.answers.candidates import Candidates, Fitted
+from rig.compare.answers.likeliest import Form, at_saturation, saturations
 from rig.compare.answers.observed import Observed
 from rig.compare.fingers.finger_fit import weights
 from rig.compare.plausible import places
@@ -15,7 +16,7 @@ from rig.compare.plausible import places
 Array = NDArray[np.float64]
 
 _GRID = 5  # places along each range of a finger's parameter
-_STEPS = np.concatenate([[0.0], np.geomspace(1e-3, 30.0, 80)])
+_STEPS = np.concatenate([[0.0], np.geomspace(1e-3, 30.0, 60)])
 _OFFSETS = np.concatenate([-_STEPS[:0:-1], _STEPS])  # of ε₀ from its best, over the range of ε
 
 
@@ -29,30 +30,44 @@ class Region(NamedTuple):
 def limits(candidates: Candidates, observed: Observed, fit: Fitted, row: int, ratio: float) -> Region:
     """Where the deviance of a candidate, by its row, is not above its least by more than F(1, noise) at 95 %.
 
-    `ratio` is the F of its fit; above 1 it counts as noise. The place of the finger is free. NaN without a fit,
-    infinite where not even an end of the range of ε₀ is unlikely.
+    `ratio` is the F of its fit; above 1 it counts as noise. The finger's place and the saturation are free. NaN
+    without a fit, infinite where not even an end of the range of ε₀ is unlikely.
     """
-    found = fit.found
-    k, saturation = float(found.k[row]), float(found.saturation[row])
+    found, noise, form = fit.found, observed.noise, candidates.form
+    k, eps0 = float(found.k[row]), float(found.eps0[row])
     if np.isnan(k):
         return Region((np.nan, np.nan), (np.nan, np.nan))
-    noise, sign = observed.noise, np.sign(k)
+    sign = np.sign(k)
     dispersion = noise.dispersion * max(ratio, 1.0) * _more(candidates, observed, fit, row)
     limit = found.total[row] + dispersion * fdtri(1, min(noise.freedom * observed.evenness, 1e9), 1 - LEVEL)
     eps = sign * _on_fingers(candidates, fit, row)
-    eps0 = sign * float(found.eps0[row]) + _OFFSETS * np.ptp(fit.eps[row])
+    ends = [_ends(eps, saturation, observed, form, float(limit)) for saturation in saturations(observed, form)]
+    of_k, of_eps0 = np.moveaxis(np.concatenate([*ends, [[[sign * k] * 2, [sign * eps0] * 2]]]), 1, 0)
+    return Region(_hull(sign * of_k), _hull(sign * of_eps0))
+
+
+def _hull(ends: Array) -> Limits:
+    return float(ends.min()), float(ends.max())
+
+
+def _ends(eps: Array, saturation: float, observed: Observed, form: Form, limit: float) -> Array:
+    """(n, 2, 2) ends of k and ε₀ where the deviance of rising ε (places, p) is below a limit, for places with any."""
+    own = at_saturation(eps, observed, form, saturation)
+    eps, centre = eps[own.k > 0], own.eps0[own.k > 0]
+    eps0 = centre[:, None] + np.ptp(eps, axis=1, keepdims=True) * _OFFSETS
     least = -np.inf
-    if candidates.form.silent_at_rest:
-        eps0, least = np.unique(np.maximum(eps0, 0.0)), 0.0
+    if form.silent_at_rest:
+        eps0, least = np.maximum(eps0, 0.0), 0.0
     best, deviance, spread = _along(eps, eps0, observed, saturation)
-    room = np.where(deviance == deviance.min(), np.inf, limit) - deviance
-    room = np.minimum(room, limit - float(found.total[row]))
-    inside = room >= 0
+    room = limit - deviance
     with np.errstate(over="ignore"):  # where no position is above ε₀ any k will do
         reach = np.sqrt(np.maximum(room, 0.0) / spread)
-    of_k = np.sort(sign * np.array([np.min((best - reach)[inside]), np.max((best + reach)[inside])]))
-    ends = np.sort(sign * np.array(_crossed(eps0, room.max(axis=0), least)))
-    return Region((float(of_k[0]), float(of_k[1])), (float(ends[0]), float(ends[1])))
+    found = []
+    for one in np.flatnonzero((room >= 0).any(axis=1)):
+        inside = room[one] >= 0
+        of_k = (best - reach)[one, inside].min(), (best + reach)[one, inside].max()
+        found.append((of_k, _crossed(eps0[one], room[one], least)))
+    return np.array(found).reshape(-1, 2, 2)
 
 
 def _more(candidates: Candidates, observed: Observed, fit: Fitted, row: int) -> float:
@@ -73,19 +88,21 @@ def _on_fingers(candidates: Candidates, fit: Fitted, row: int) -> Array:
 
 
 def _along(eps: Array, eps0: Array, observed: Observed, saturation: float) -> tuple[Array, Array, Array]:
-    """The best k (places, q) at each ε₀ (q,), its deviance, and half the second derivative of that by k."""
-    above = np.maximum(eps[:, None] - eps0[:, None], 0.0)
-    weight = 1 / observed.variance(np.broadcast_to(observed.smooth, above.shape))
-    k = _slope(above, observed.rate, weight)
+    """The best k at each ε₀ (places, q), its deviance, and half the second derivative of that by k."""
+    above = np.maximum(eps[:, None] - eps0[..., None], 0.0)
+    k = _slope(above, observed.rate, 1 / observed.variance(observed.smooth))
     for _ in range(_ROUNDS):
-        drive = k[..., None] * above
-        mean, steep = drive / (1 + saturation * drive), (1 + saturation * drive) ** -2
-        weight = 1 / observed.variance(mean)
-        k = _slope(above * steep, observed.rate - mean + steep * drive, weight)
-    drive = k[..., None] * above
-    mean, steep = drive / (1 + saturation * drive), (1 + saturation * drive) ** -2
+        mean, steep = _bent(k, above, saturation)
+        k = _slope(above * steep, observed.rate - mean + steep * k[..., None] * above, 1 / observed.variance(mean))
+    mean, steep = _bent(k, above, saturation)
     spread = (steep * steep * above * above / observed.variance(mean)).sum(axis=-1)
     return k, observed.deviance(mean).sum(axis=-1), np.maximum(spread, np.finfo(float).tiny)
+
+
+def _bent(k: Array, above: Array, saturation: float) -> tuple[Array, Array]:
+    """Rates, and their derivatives by the drive."""
+    drive = k[..., None] * above
+    return drive / (1 + saturation * drive), (1 + saturation * drive) ** -2
 
 
 _ROUNDS = 3

@@ -76,3 +76,25 @@ def test_scale_and_origin_of_the_measure_are_free() -> None:
 def test_predicted_broadcasts() -> None:
     fit = Fit(np.array([[2.0], [-1.0]]), np.array([[0.5], [0.5]]), np.zeros((2, 1)))
     np.testing.assert_allclose(predicted(fit, np.array([0.0, 1.0])), [[0, 1], [0.5, 0]])
+
+
+def test_silent_at_rest_is_the_best_of_what_is_allowed() -> None:
+    """Against every k and ε₀ ≥ 0 of a fine grid; half of the fits end at the origin."""
+    rng = np.random.default_rng(7)
+    eps, weight = rng.normal(0.5, 0.5, size=(40, 9)), rng.uniform(0.5, 2, size=9)
+    rate = np.maximum(0, 8 * (eps - rng.uniform(-0.8, 0.8, size=(40, 1)))) + rng.random((40, 9))
+    found = fit_rates(eps, rate, weight, silent=True)
+    assert (found.k > 0).all()
+    assert (found.eps0 >= 0).all()
+    assert 5 < (found.eps0 == 0).sum() < 35
+    for row, y, rss in zip(eps, rate, found.rss, strict=True):
+        k, eps0 = np.meshgrid(np.linspace(0.1, 40, 200), np.linspace(0, row.max(), 80))
+        left = (weight * (y - np.maximum(0, k[..., None] * (row - eps0[..., None]))) ** 2).sum(axis=-1)
+        assert rss <= left.min() * (1 + 1e-9)
+
+
+def test_silent_at_rest_has_no_fit_where_nothing_rises() -> None:
+    eps = np.array([[-3.0, -2.0, -1.0], [1.0, 2.0, 3.0]])
+    found = fit_rates(eps, np.array([[1.0, 2.0, 3.0], [0.0, 0.0, 0.0]]), silent=True)
+    assert np.isnan(found.k).all()
+    assert np.isnan(found.eps0).all()
