@@ -16,7 +16,9 @@ from rig.compare.fit import Fit, fit_rates, predicted
 Array = NDArray[np.float64]
 
 _ROUNDS = 6
-_SATURATIONS = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.7, 0.8, 0.9])  # of 1 over the largest smoothed rate
+_COARSE = 0.15  # steps of the saturation, of 1 over the largest smoothed rate
+_HALVED = 4  # times, around the best
+_MOST = 0.96
 
 
 class Form(NamedTuple):
@@ -53,50 +55,57 @@ class Likeliest:
 
 
 def likeliest(eps: Array, observed: Observed, form: Form) -> Likeliest:
-    """Of candidates ε (N, p); NaN rows are a constant rate."""
-    first, *others = saturations(observed, form)
-    found = at_saturation(eps, observed, form, first)
-    for saturation in others:
-        found = _likelier(at_saturation(eps, observed, form, saturation), found)
+    """Of candidates ε (N, p); one that does not vary is a constant rate."""
+    none = np.zeros(len(eps))
+    found = at_saturation(eps, observed, form, none)
+    if not form.saturating:
+        return found
+    for saturation in saturations(observed, _COARSE)[1:]:
+        found = _likelier(at_saturation(eps, observed, form, none + saturation), found)
+    for step in _COARSE / 2.0 ** np.arange(1, _HALVED + 1) / _largest(observed):
+        for near in (found.saturation - step, found.saturation + step):
+            tried = np.clip(near, 0.0, _MOST / _largest(observed))
+            found = _likelier(at_saturation(eps, observed, form, tried), found)
     return found
 
 
-def saturations(observed: Observed, form: Form) -> list[float]:
-    """Those that are tried; none but 0 of a line."""
-    tried = _SATURATIONS / float(observed.smooth.max() or 1.0)
-    return [float(value) for value in tried] if form.saturating else [0.0]
+def saturations(observed: Observed, step: float) -> Array:
+    """Those that are possible, in steps of a part of 1 over the largest smoothed rate."""
+    return np.arange(0.0, _MOST, step) / _largest(observed)
 
 
-def at_saturation(eps: Array, observed: Observed, form: Form, saturation: float) -> Likeliest:
-    """The same at one saturation."""
+def _largest(observed: Observed) -> float:
+    return float(observed.smooth.max()) or 1.0
+
+
+def at_saturation(eps: Array, observed: Observed, form: Form, saturation: Array) -> Likeliest:
+    """The same at saturations (N,)."""
     level = float(observed.base @ observed.rate / observed.base.sum())
-    bent = np.full(len(eps), saturation)
-    start = np.broadcast_to(np.minimum(observed.smooth, 0.9 / saturation if saturation else np.inf), eps.shape)
+    bent = saturation[:, None]
+    mean = np.where(bent > 0, np.minimum(observed.smooth, 0.98 / np.maximum(bent, 1e-300)), observed.smooth)
     sign = np.zeros(len(eps))
-    best, mean = None, start
-    for _ in range(_ROUNDS if observed.kind == "counts" or saturation else 1):
-        fit = _round(eps, sign, mean, observed, form, saturation)
+    best = None
+    for _ in range(_ROUNDS if observed.kind == "counts" or bent.any() else 1):
+        fit = _round(eps, sign, mean, observed, form, bent)
         sign = np.where(fit.k < 0, -1.0, 1.0)
-        mean = np.where(np.isnan(fit.k)[:, None], level, _rates(fit, bent, eps))
-        tried = Likeliest(fit.k, fit.eps0, bent, mean, observed.deviance(mean))
+        mean = np.where(np.isnan(fit.k)[:, None], level, _rates(fit, saturation, eps))
+        tried = Likeliest(fit.k, fit.eps0, saturation, mean, observed.deviance(mean))
         best = tried if best is None else _likelier(tried, best)
     assert best is not None
     return best
 
 
-def _round(eps: Array, sign: Array, mean: Array, observed: Observed, form: Form, saturation: float) -> Fit:
+def _round(eps: Array, sign: Array, mean: Array, observed: Observed, form: Form, bent: Array) -> Fit:
     """One weighted fit, of what rates mean where these would not saturate."""
-    rate, weight = np.broadcast_to(observed.rate, eps.shape), 1 / observed.variance(mean)
-    if saturation:
-        drive = mean / (1 - saturation * mean)
-        steep = (1 + saturation * drive) ** 2
-        rate, weight = np.maximum(drive + (rate - mean) * steep, 0.0), weight / steep**2
-    known = np.nan_to_num(eps)
+    drive = mean / (1 - bent * mean)
+    steep = (1 + bent * drive) ** 2
+    rate = np.maximum(drive + (observed.rate - mean) * steep, 0.0)
+    weight = 1 / observed.variance(mean) / steep**2
     if form.silent_at_rest:
-        return fit_rates(known, rate, weight, silent=True)
+        return fit_rates(eps, rate, weight, silent=True)
     if not sign.any():
-        return fit_rates(known, rate, weight)
-    fit = fit_rates(sign[:, None] * known, rate, weight, sign=1)
+        return fit_rates(eps, rate, weight)
+    fit = fit_rates(sign[:, None] * eps, rate, weight, sign=1)
     return Fit(sign * fit.k, sign * fit.eps0, fit.rss)
 
 

@@ -15,6 +15,7 @@ from rig.compare.plausible import places
 
 Array = NDArray[np.float64]
 
+_FINE = 0.03  # steps of the saturation, of 1 over the largest rate
 _GRID = 5  # places along each range of a finger's parameter
 _STEPS = np.concatenate([[0.0], np.geomspace(1e-3, 30.0, 60)])
 _OFFSETS = np.concatenate([-_STEPS[:0:-1], _STEPS])  # of ε₀ from its best, over the range of ε
@@ -41,7 +42,8 @@ def limits(candidates: Candidates, observed: Observed, fit: Fitted, row: int, ra
     dispersion = noise.dispersion * max(ratio, 1.0) * _more(candidates, observed, fit, row)
     limit = found.total[row] + dispersion * fdtri(1, min(noise.freedom * observed.evenness, 1e9), 1 - LEVEL)
     eps = sign * _on_fingers(candidates, fit, row)
-    ends = [_ends(eps, saturation, observed, form, float(limit)) for saturation in saturations(observed, form)]
+    tried = saturations(observed, _FINE) if form.saturating else np.zeros(1)
+    ends = [_ends(eps, float(saturation), observed, form, float(limit)) for saturation in tried]
     of_k, of_eps0 = np.moveaxis(np.concatenate([*ends, [[[sign * k] * 2, [sign * eps0] * 2]]]), 1, 0)
     return Region(_hull(sign * of_k), _hull(sign * of_eps0))
 
@@ -52,7 +54,7 @@ def _hull(ends: Array) -> Limits:
 
 def _ends(eps: Array, saturation: float, observed: Observed, form: Form, limit: float) -> Array:
     """(n, 2, 2) ends of k and ε₀ where the deviance of rising ε (places, p) is below a limit, for places with any."""
-    own = at_saturation(eps, observed, form, saturation)
+    own = at_saturation(eps, observed, form, np.full(len(eps), saturation))
     eps, centre = eps[own.k > 0], own.eps0[own.k > 0]
     eps0 = centre[:, None] + np.ptp(eps, axis=1, keepdims=True) * _OFFSETS
     least = -np.inf
