@@ -172,7 +172,8 @@ def judged(
     assert before is not None
     fit = given.candidates.fitted(given.observed)
     ratio, p_fit = given.candidates.tested(given.observed, fit)
-    p_set = set_probabilities(fit.found.deviance, given.observed.stimulus)
+    loss = fit.found.deviance / given.observed.noise.dispersion
+    p_set = set_probabilities(loss, given.observed.stimulus)
     row = _row(given, truth, joint)
     chosen = (p_fit >= LEVEL) & (p_set >= LEVEL)
     control = np.array([one.control for one in given.named])

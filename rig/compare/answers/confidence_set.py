@@ -9,6 +9,8 @@ DRAWS = 500
 BLOCK = 4
 """Neighbouring positions that are resampled together: what a model leaves is alike there."""
 
+_HARDLY = 0.25  # standard deviations of a difference in deviance are not taken to be smaller: twins stay twins
+
 
 def resampled(stimulus: NDArray[np.int64], draws: int = DRAWS) -> Array:
     """(draws, p) how often each position is drawn: circular blocks of neighbours, within each stimulus; one seed."""
@@ -24,7 +26,7 @@ def resampled(stimulus: NDArray[np.int64], draws: int = DRAWS) -> Array:
 
 
 def set_probabilities(loss: Array, stimulus: NDArray[np.int64]) -> Array:
-    """(N,) p of losses (N, p): candidates below a level are not in the set of that level.
+    """(N,) p of losses (N, p), deviances over the noise: candidates below a level are not in the set of that level.
 
     The one that loses most clearly to another is taken out, as long as the largest difference of two of those left,
     in its standard deviations, is larger than resampling makes it (their T_R).
@@ -34,8 +36,7 @@ def set_probabilities(loss: Array, stimulus: NDArray[np.int64]) -> Array:
     scatter = ((drawn @ loss.T) / loss.shape[1] - mean).T.astype(np.float32)  # (N, draws)
     square = scatter @ scatter.T / scatter.shape[1]
     own = np.diag(square)
-    least = 1e-6 * max(float(own.max()), np.finfo(float).tiny ** 0.5)
-    sd = np.sqrt(np.maximum(own[:, None] + own - 2 * square, least))
+    sd = np.sqrt(np.maximum(own[:, None] + own - 2 * square, (_HARDLY / loss.shape[1]) ** 2))
     t = (mean[:, None] - mean) / sd
     order = _taken_out(t)
     p = np.ones(len(loss))

@@ -167,7 +167,7 @@ def _with_controls(overlay: Overlay, *, with_fingers: bool) -> Array:
 def _judged(given: Laid) -> _Judged:
     named, seen, candidates, _ = given
     fit = candidates.fitted(seen)
-    p_set = set_probabilities(fit.found.deviance, seen.stimulus)
+    p_set = set_probabilities(fit.found.deviance / seen.noise.dispersion, seen.stimulus)
     left_out = predicted_left_out(candidates, seen)
     return _Judged(named, seen, candidates, fit, left_out, *candidates.tested(seen, fit), p_set)
 
