@@ -9,7 +9,8 @@ DRAWS = 500
 BLOCK = 4
 """Neighbouring positions that are resampled together: what a model leaves is alike there."""
 
-_HARDLY = 0.25  # standard deviations of a difference in deviance are not taken to be smaller: twins stay twins
+HARDLY = 0.5
+"""A difference in deviance (over the noise, all positions together) that is none: twins stay twins."""
 
 
 def resampled(stimulus: NDArray[np.int64], draws: int = DRAWS) -> Array:
@@ -36,8 +37,10 @@ def set_probabilities(loss: Array, stimulus: NDArray[np.int64]) -> Array:
     scatter = ((drawn @ loss.T) / loss.shape[1] - mean).T.astype(np.float32)  # (N, draws)
     square = scatter @ scatter.T / scatter.shape[1]
     own = np.diag(square)
-    sd = np.sqrt(np.maximum(own[:, None] + own - 2 * square, (_HARDLY / loss.shape[1]) ** 2))
-    t = (mean[:, None] - mean) / sd
+    least = 1e-9 * max(float(own.max()), np.finfo(np.float32).tiny)
+    sd = np.sqrt(np.maximum(own[:, None] + own - 2 * square, least))
+    excess = mean[:, None] - mean
+    t = np.sign(excess) * np.maximum(np.abs(excess) - HARDLY / loss.shape[1], 0.0) / sd
     order = _taken_out(t)
     p = np.ones(len(loss))
     largest = np.zeros(scatter.shape[1], dtype=np.float32)

@@ -2,7 +2,7 @@
 
 from rig.compare.answers.answer import LEVEL, Answer
 from rig.compare.answers.candidates import DISCREPANCY, OF_THE_MESH
-from rig.compare.answers.confidence_set import BLOCK, DRAWS
+from rig.compare.answers.confidence_set import BLOCK, DRAWS, HARDLY
 from rig.compare.answers.prediction import BLOCKS
 from rig.compare.answers.wording import FROM, percent, probability
 from sim.measures.measures import MEASURES
@@ -60,7 +60,8 @@ def _test(answer: Answer) -> str:
 def _set(answer: Answer) -> str:
     return (
         f"Pairs that were not rejected were kept if they were in the {percent(1 - LEVEL)} model confidence set "
-        f"(Hansen, Lunde & Nason 2011; range statistic, {DRAWS} draws of blocks of {BLOCK} neighbouring positions)."
+        f"(Hansen, Lunde & Nason 2011; range statistic, {DRAWS} draws of blocks of {BLOCK} neighbouring "
+        f"positions; differences in deviance below {HARDLY:g} count as none)."
     )
 
 
