@@ -37,7 +37,7 @@ def set_probabilities(loss: Array, stimulus: NDArray[np.int64]) -> Array:
     scatter = ((drawn @ loss.T) / loss.shape[1] - mean).T.astype(np.float32)  # (N, draws)
     square = scatter @ scatter.T / scatter.shape[1]
     own = np.diag(square)
-    least = 1e-9 * max(float(own.max()), np.finfo(np.float32).tiny)
+    least = max(1e-9 * float(own.max()), 1e-30)
     sd = np.sqrt(np.maximum(own[:, None] + own - 2 * square, least))
     excess = mean[:, None] - mean
     t = np.sign(excess) * np.maximum(np.abs(excess) - HARDLY / loss.shape[1], 0.0) / sd

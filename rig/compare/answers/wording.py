@@ -21,7 +21,7 @@ def sentence(answer: Answer) -> str:
         row = answer.closest
         return (
             "No measure explains this recording within its noise: the closest, "
-            f"{row.title}, {_why_not(row)}{_explains(row)}."
+            f"{row.title}, {_why_not(row)}, though {_explains(row)}."
         )
     among = listed(answer.set)
     if answer.outcome == "not beyond controls":
@@ -30,9 +30,9 @@ def sentence(answer: Answer) -> str:
             f"{listed(answer.controls_in_set)}, and a measure that does not beat a control explains nothing."
         )
     if len(answer.set) == 1:
-        return f"{best.title} explains this recording, and nothing else that was tried does{_explains(best)}."
+        return f"{best.title} explains this recording, and nothing else that was tried does: {_explains(best)}."
     return f"This recording is explained by {among}, which it cannot tell apart; the likeliest is {best.title}" + (
-        f"{_explains(best)}."
+        f": {_explains(best)}."
     )
 
 
@@ -72,7 +72,7 @@ def _and(words: Sequence[str]) -> str:
 
 
 def _explains(row: PairRow) -> str:
-    return f" (it predicts {percent(row.left_out)} of the deviance of what it was not fitted to)"
+    return f"it predicts {percent(row.left_out)} of the deviance of what it was not fitted to"
 
 
 def _why_not(row: PairRow) -> str:
