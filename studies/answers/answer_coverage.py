@@ -1,6 +1,6 @@
 """How often an answer holds the truth, and how often it is fooled: synthetic afferents with a known answer.
 
-    .venv/bin/python -m studies.accuracy.answer_coverage [DRAWS] [--kept FILE]    # default 400 a row
+    .venv/bin/python -m studies.answers.answer_coverage [DRAWS] [--kept FILE]    # default 400 a row
 
 Prints the tables of docs/comparison.md, each line as it is done; FILE gets every draw as a line of JSON, after one
 with the commit, the version of numpy and the seeds. Afferents are made on the finger that is fitted, on eight drawn
