@@ -57,7 +57,9 @@ bench: .venv/.ready-dev
 	$(BIN)/python -m studies.coding.profiles_read_back
 	$(BIN)/python -m studies.coding.profiles_read_back 8 snr
 	$(BIN)/python -m studies.coding.shapes_read_back
+	$(BIN)/python -m studies.coding.curvature_read_back
 	$(BIN)/python -m studies.coding.edge_place
+	$(BIN)/python -m studies.coding.sheets_read_back
 	$(BIN)/python -m studies.accuracy.random_poses
 	$(BIN)/python -m studies.accuracy.sharp_sweep
 	$(BIN)/python -m studies.accuracy.branches

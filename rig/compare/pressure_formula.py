@@ -190,3 +190,13 @@ def recover_curvature(x_mm: Array, pressure: Array, doi_mm: float, constants: Co
     """
     weight = constants.k3 - 0.5 * constants.k2 * (x_mm - 0.5 * (x_mm[0] + x_mm[-1])) ** 2
     return float(weight @ (pressure - constants.k1 * doi_mm) / (weight @ weight))
+
+
+def curvature_at(displacement_mm: Array, pressure: Array, constants: Constants) -> float:
+    """Mean curvature C (1/mm, relative to the finger) of (n,) places inside one contact whose displacement is known.
+
+    The place that is pressed down farthest is where the indentor touched first: its displacement is the depth.
+    """
+    doi_mm = displacement_mm.max()
+    left = pressure - constants.k1 * doi_mm + constants.k2 * (doi_mm - displacement_mm)
+    return float(left.mean() / constants.k3)

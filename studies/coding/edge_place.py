@@ -7,6 +7,7 @@ reader who knows the bar and its width, not its place and depth.
 """
 
 import sys
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,19 +26,23 @@ Array = NDArray[np.float64]
 WIDTH_MM, DOI_MM = 2.0, 0.9
 PLACES_MM = SPACING_MM * np.linspace(-0.5, 0.5, 6)
 EVERY, SNRS_DB, DRAWS, SEED = (1, 2, 4, 7), (20.0, 30.0, 40.0), 4, 5000
+HEADER = ("receptors apart", "SNR (dB)", "bias, µm", "sd, µm", "bound, µm")
 _ASIDE_MM, _DEEPER_MM = SPACING_MM, 0.05  # of the differences that the bound's slopes are taken by
 
 
 def main(draws: int = DRAWS) -> None:
     """Print bias, sd and bound in micrometres."""
+    print(f"{draws} draws at each of {len(PLACES_MM)} places\n| {' | '.join(HEADER)} |\n|{'---|' * len(HEADER)}")
+    for row in rows(draws):
+        print(f"| {' | '.join(row)} |", flush=True)
+
+
+def rows(draws: int) -> Iterator[tuple[str, ...]]:
+    """One for each spacing and SNR."""
     finer, same = finer_section(), default_section()
     operator = frictionless(same, centred(SAMPLES + 1, SPACING_MM), "finite")
     sed = {x: felt(finer, x, DOI_MM) for x in PLACES_MM.tolist()}
     slopes = {x: _slopes(finer, x) for x in sed}
-    print(
-        f"{draws} draws at each of {len(sed)} places\n| receptors apart | SNR (dB) | bias, µm | sd, µm | bound, µm |"
-    )
-    print("|---|---|---|---|---|")
     for every in EVERY:
         at = slice((every - 1) // 2, None, every)
         there = felt_where(operator, at)
@@ -51,10 +56,7 @@ def main(draws: int = DRAWS) -> None:
                     found = decode_profile(there, Readings.of_sed(said, sd)).pressure
                     off.append(edges_mm(operator.skin, found)[0] - (x - WIDTH_MM / 2))
             cells = (1e3 * np.mean(off), 1e3 * np.std(off, ddof=1), 1e3 * np.mean(bound))
-            print(
-                f"| {every * SPACING_MM:.2f} mm | {snr_db:g} | " + " | ".join(f"{v:.0f}" for v in cells) + " |",
-                flush=True,
-            )
+            yield f"{every * SPACING_MM:.2f} mm", f"{snr_db:g}", *(f"{v:.0f}" for v in cells)
 
 
 def felt(section: SampledSection, x_mm: float, doi_mm: float) -> Array:

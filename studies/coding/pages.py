@@ -21,7 +21,7 @@ from rig.data.folder import replace_bytes, replace_text
 from rig.report.html import Section, as_png, render
 from rig.report.pdf import as_pdf
 from sim.config.stiffness import E_EPIDERMIS_MPA
-from studies.coding import decoding_part, profiles_part, section_part, spread_part
+from studies.coding import decoding_part, profiles_part, section_part, shapes_part, spread_part
 from studies.source.matrix_page import markdown
 
 Work = tuple[str, tuple[Any, ...]]
@@ -33,8 +33,12 @@ _WORKS: dict[str, Callable[..., Any]] = {
     "the worked example": decoding_part.searched,
     "decoding under noise": decoding_part.noisy,
     "a whole profile": profiles_part.profile,
+    "whole profiles against noise": shapes_part.against_noise,
+    "shapes": shapes_part.shapes,
+    "curvature both ways": shapes_part.curvatures,
+    "where an edge is": shapes_part.edges,
 }
-SHIFT, SECTION, SEARCH, NOISE, PROFILE = _WORKS
+SHIFT, SECTION, SEARCH, NOISE, PROFILE, AGAINST_NOISE, SHAPES, CURVATURE, EDGES = _WORKS
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -58,7 +62,17 @@ def works(draws: int) -> list[Work]:
     """Quick ones first, so that something is said soon, then the longest."""
     noise: list[Work] = [(NOISE, job) for job in decoding_part.jobs(draws)]
     profiles: list[Work] = [(PROFILE, job) for job in profiles_part.jobs(draws)]
-    return [(SEARCH, ()), (SECTION, ()), (SHIFT, ()), *profiles, *noise]
+    against: list[Work] = [(AGAINST_NOISE, job) for job in shapes_part.noise_jobs(draws)]
+    return [(SEARCH, ()), (SECTION, ()), *shape_works(draws), (SHIFT, ()), *profiles, *against, *noise]
+
+
+def shape_works(draws: int) -> list[Work]:
+    """Shapes, curvature and edges."""
+    return [
+        (SHAPES, (shapes_part.scenes_of(draws),)),
+        (CURVATURE, (shapes_part.noise_draws_of(draws),)),
+        (EDGES, (shapes_part.edge_draws_of(draws),)),
+    ]
 
 
 def carried_out(work: Work) -> Any:
@@ -84,12 +98,15 @@ def sections(done: dict[Work, Any], draws: int) -> list[Section]:
     for (truths, snr_db, _), one in noisy.items():
         by_truths.setdefault(truths, {})[snr_db] = one
     clouds = by_truths.pop("")
+    against = {job[0]: done[AGAINST_NOISE, job] for job in shapes_part.noise_jobs(draws)}
     return [
         *spread_part.spread_sections(done[SHIFT, ()]),
         *section_part.section_sections(done[SECTION, ()]),
         *decoding_part.search_sections(searched),
         *decoding_part.noise_sections(by_truths, clouds, searched.samples),
         *profiles_part.profile_sections({job[0]: done[PROFILE, job] for job in profiles_part.jobs(draws)}, draws),
+        *shapes_part.noise_sections(against, draws),
+        *shapes_part.shape_sections([done[work] for work in shape_works(draws)], draws),
     ]
 
 

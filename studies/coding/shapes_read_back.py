@@ -8,7 +8,7 @@ chosen.
 """
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +33,12 @@ OTHER_TISSUE = Tissue(e_dermis=0.065)
 """Of another finger: its SED differs by 10 % and more."""
 
 STEPS = (1, 3, 5)
+EVERY = (1, 2, 4, 7)  # samples between receptors
+HEADER = (
+    "receptors apart", "by", "class", "bar", "cylinder", "step",
+    "width, mm", "within 0.2 mm", "diameter", "within 15 %",
+)  # fmt: skip
+Row = tuple[str, ...]
 Guess = Callable[[Array], tuple[ShapeClass, float]]
 
 
@@ -47,43 +53,34 @@ class Drawn:
 
 def main(scenes: int = SCENES, seed: int = SEED) -> None:
     """Print how often the class is right, and errors of size, for each way of reading."""
-    same = default_section()
+    print(f"{scenes} scenes a class, seeds {seed} …; chance is {1 / len(CLASSES):.0%}")
+    print(f"| {' | '.join(HEADER)} |\n|{'---|' * len(HEADER)}")
+    for row in rows(scenes, seed):
+        print(f"| {' | '.join(row)} |", flush=True)
+
+
+def rows(scenes: int, seed: int = SEED) -> Iterator[Row]:
+    """One for each way of reading; last by how much SED of the other finger differs."""
+    same, finer = default_section(), finer_section()
     drawn = [draw(name, seed + k) for name in CLASSES for k in range(scenes)]
-    sed = [felt(finer_section(), one) for one in drawn]
-    other = sampled_section(FingertipConfig(tissue=OTHER_TISSUE, mesh=MeshSpec(level="fine")), Sampling())
-    sed_of_other = [felt(other, one) for one in drawn]
+    sed = [felt(finer, one) for one in drawn]
     templates = [draw(name, TEMPLATE_SEED + k) for name in CLASSES for k in range(TEMPLATES)]
     known = np.array([felt(same, one) for one in templates])
     operator = frictionless(same, centred(SAMPLES + 1, SPACING_MM), "finite")
-    half = SAMPLES // 2
+    for every in EVERY:
+        at, apart = slice((every - 1) // 2, None, every), f"{every * SPACING_MM:.2f} mm"
+        yield apart, "skin", *_row(drawn, sed, at, by_skin(felt_where(operator, at), operator.skin))
+        yield apart, "templates of SED", *_row(drawn, sed, at, by_templates(templates, known[:, at]))
+    everywhere, apart, half = slice(None), f"{SPACING_MM:.2f} mm", SAMPLES // 2
     shifted = convolution(impulse_responses(same), SAMPLES, "finite")
     convolved = felt_where(shifted, slice(half, half + len(same.place_mm)))
-    print(f"{scenes} scenes a class, seeds {seed} …; chance is {1 / len(CLASSES):.0%}\n{_HEAD}")
-    for every in (1, 2, 4, 7):
-        at, apart = slice((every - 1) // 2, None, every), f"{every * SPACING_MM:.2f} mm"
-        print(
-            f"| {apart} | skin | {_row(drawn, sed, at, by_skin(felt_where(operator, at), operator.skin))} |",
-            flush=True,
-        )
-        print(
-            f"| {apart} | templates of SED | {_row(drawn, sed, at, by_templates(templates, known[:, at]))} |",
-            flush=True,
-        )
-    everywhere = slice(None)
-    print(f"| 0.17 mm | skin, convolution | {_row(drawn, sed, everywhere, by_skin(convolved, operator.skin))} |")
-    for name, guess in (
-        ("skin", by_skin(operator, operator.skin)),
-        ("templates of SED", by_templates(templates, known)),
-    ):
-        print(f"| 0.17 mm | {name}, of another finger | {_row(drawn, sed_of_other, everywhere, guess)} |", flush=True)
-    apart_by = [np.linalg.norm(b - a) / np.linalg.norm(a) for a, b in zip(sed, sed_of_other, strict=True)]
-    print(f"\nSED of the other finger differs by {min(apart_by):.0%} … {max(apart_by):.0%}")
-
-
-_HEAD = (
-    "| receptors apart | by | class | bar | cylinder | step | width, mm | within 0.2 mm | diameter | within 15 % |\n"
-    "|---|---|---|---|---|---|---|---|---|---|"
-)
+    yield apart, "skin, convolution", *_row(drawn, sed, everywhere, by_skin(convolved, operator.skin))
+    other = sampled_section(FingertipConfig(tissue=OTHER_TISSUE, mesh=MeshSpec(level="fine")), Sampling())
+    sed_of_other = [felt(other, one) for one in drawn]
+    by = [np.linalg.norm(b - a) / np.linalg.norm(a) for a, b in zip(sed, sed_of_other, strict=True)]
+    who = f"of another finger, SED {min(by):.0%} … {max(by):.0%} other"
+    yield apart, f"skin, {who}", *_row(drawn, sed_of_other, everywhere, by_skin(operator, operator.skin))
+    yield apart, f"templates of SED, {who}", *_row(drawn, sed_of_other, everywhere, by_templates(templates, known))
 
 
 def draw(name: ShapeClass, seed: int) -> Drawn:
@@ -128,7 +125,7 @@ def by_templates(templates: list[Drawn], known: Array) -> Guess:
     return guess
 
 
-def _row(drawn: list[Drawn], sed: list[Array], at: slice, guess: Guess) -> str:
+def _row(drawn: list[Drawn], sed: list[Array], at: slice, guess: Guess) -> Row:
     found = []
     for k, whole in enumerate(sed):
         signal = whole[at]
@@ -146,8 +143,12 @@ def _row(drawn: list[Drawn], sed: list[Array], at: slice, guess: Guess) -> str:
     true = np.array([one.size for (said, _), one in zip(found, drawn, strict=True) if said == one.name == "cylinder"])
     share = off["cylinder"] / true
     cells = [f"{right.mean():.0%}", *(f"{value:.0%}" for value in each)]
-    cells += [_told(off["bar"], "{:+.2f} ± {:.2f}"), f"{(np.abs(off['bar']) <= 0.2).mean():.0%}"]
-    return " | ".join([*cells, _told(100 * share, "{:+.0f} ± {:.0f} %"), f"{(np.abs(share) <= 0.15).mean():.0%}"])
+    cells += [_told(off["bar"], "{:+.2f} ± {:.2f}"), _within(off["bar"], 0.2)]
+    return (*cells, _told(100 * share, "{:+.0f} ± {:.0f} %"), _within(share, 0.15))
+
+
+def _within(off: Array, most: float) -> str:
+    return f"{(np.abs(off) <= most).mean():.0%}" if len(off) else "–"
 
 
 def _told(values: Array, form: str) -> str:

@@ -8,13 +8,25 @@ import numpy as np
 import pytest
 
 from rig.report.html import Section
+from sim.coding.borne import borne_by
+from sim.coding.operators import centred
 from sim.coding.point_spread.all_sites import all_sites, deformed_by
 from sim.coding.point_spread.loaded_finger import LoadedFinger
 from sim.coding.point_spread.moved_response import MovedResponse
 from sim.coding.point_spread.spreads import receptor_sheet
 from sim.config.fingertip_config import FingertipConfig
-from studies.coding import decoding_part, pages, profiles_part, spread_part
+from studies.coding import (
+    curvature_read_back,
+    decoding_part,
+    edge_place,
+    pages,
+    profiles_part,
+    shapes_part,
+    shapes_read_back,
+    spread_part,
+)
 from studies.coding.decoding_part import Noisy
+from studies.coding.profiles_read_back import SNRS_DB, ReadBack, Row, Scene, default_section
 from tests.sim.coarse import coarse_mesh
 
 DRAWS = 3
@@ -114,7 +126,7 @@ def test_noise_is_told_per_cell(noise: Noisy) -> None:
 
 def test_all_that_is_shown_is_worked_out_once() -> None:
     asked = pages.works(7)
-    assert len(set(asked)) == len(asked) == 3 + 6 + 2 * 7 + 3
+    assert len(set(asked)) == len(asked) == 3 + 6 + 2 * 7 + 3 + 6 + 3
     assert {name for name, _ in asked} == set(pages._WORKS)
     assert (pages.NOISE, ("U(0, 30)²", 0, 7)) in asked
     assert (pages.NOISE, ("", 20, 7)) in asked
@@ -160,14 +172,82 @@ def test_it_is_shown_in_the_order_of_the_chapter(
     done: dict[Any, Any] = {(pages.NOISE, job): noise for job in decoding_part.jobs(DRAWS)}
     monkeypatch.setattr(pages.profiles_part, "profile_sections", lambda *_: [Section("Decoding: whole profiles", "")])
     done |= {(pages.PROFILE, job): None for job in pages.profiles_part.jobs(DRAWS)}
+    done |= {(pages.AGAINST_NOISE, job): ROWS for job in pages.shapes_part.noise_jobs(DRAWS)}
+    done |= {work: [("a", "b")] for work in pages.shape_works(DRAWS)}
     done |= {(pages.SHIFT, ()): spreads, (pages.SEARCH, ()): decoding_part.searched(), (pages.SECTION, ()): None}
     titles = [section.title for section in pages.sections(done, DRAWS)]
-    shift, decoding = ["Shift invariance"] * 2, ["Decoding"] * 3
+    shift, decoding = ["Shift invariance"] * 2, ["Decoding"] * 7
     expected = [*shift, "Convolution under presses of the finger", "Encoding", *decoding]
     assert [title.split(":")[0] for title in titles] == expected
     told = pages.provenance(done, DRAWS)
     assert (told["nodes"], told["draws"]) == (77, DRAWS)
     assert told["command"] == "python -m studies.coding.pages --draws 3"
+
+
+# --- past the source ---
+
+
+ROWS = [Row(ReadBack(0.1 * k, 0.9, 0.2, 5.0), ReadBack(0.0, 0.0, 0.0, 0.0)) for k in range(1, 6)]
+
+
+def test_profiles_against_noise_have_a_cell_for_each_snr() -> None:
+    scene = shapes_part.noise_jobs(40)[0][0]
+    (section,) = shapes_part.noise_sections({scene: ROWS}, 40)
+    assert section.header == ("shape", "0 dB", "10 dB", "20 dB", "30 dB", "40 dB")
+    assert section.rows == (("cylinder:9", *(f"{10 * k}%, 90%, 5" for k in range(1, 6))),)
+    assert "8 draws a cell" in section.text
+
+
+def test_less_noise_is_read_back_better() -> None:
+    scene = Scene("cylinder:9", 0.0, 0.67)
+    rows = shapes_part.against_noise(scene, 2)
+    assert len(rows) == len(SNRS_DB)
+    assert rows[-1].mean.relative_l2 < 0.5 * rows[0].mean.relative_l2
+
+
+@pytest.mark.parametrize(("draws", "scenes", "noise", "edge"), [(40, 20, 8, 4), (200, 100, 40, 20), (2, 2, 2, 1)])
+def test_tables_past_the_source_take_their_part_of_the_draws(draws: int, scenes: int, noise: int, edge: int) -> None:
+    arguments = dict(pages.shape_works(draws))
+    assert arguments == {pages.SHAPES: (scenes,), pages.CURVATURE: (noise,), pages.EDGES: (edge,)}
+    assert {job[1] for job in shapes_part.noise_jobs(draws)} == {noise}
+    texts = [section.text for section in shapes_part.shape_sections([[], [], []], draws)]
+    for text, number in zip(texts, (f"{scenes} bars", f"{noise} draws", f"{edge} draws at each of 6"), strict=True):
+        assert number in text
+
+
+def test_tables_past_the_source_are_as_wide_as_their_headers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shapes_read_back, "TEMPLATES", 3)
+    monkeypatch.setattr(shapes_read_back, "EVERY", (1, 7))
+    monkeypatch.setattr(edge_place, "EVERY", (1, 7))
+    monkeypatch.setattr(edge_place, "PLACES_MM", edge_place.PLACES_MM[:2])
+    monkeypatch.setattr(curvature_read_back, "DIAMETERS_MM", (6.0,))
+    tables = [shapes_part.shapes(1), shapes_part.curvatures(2), shapes_part.edges(1)]
+    sections = shapes_part.shape_sections(tables, 2)
+    for section, rows in zip(sections, (7, 2, 6), strict=True):
+        assert len(section.rows) == rows
+        assert {len(row) for row in section.rows} <= {len(section.header)}
+    apart, by = zip(*(row[:2] for row in sections[0].rows), strict=True)
+    assert apart == ("0.17 mm",) * 2 + ("1.19 mm",) * 2 + ("0.17 mm",) * 3
+    assert by[:2] == ("skin", "templates of SED")
+    assert by[4] == "skin, convolution"
+    assert [row[:3] for row in sections[1].rows] == [("6", "0.5", "0.33"), ("6", "0.8", "0.33")]
+    assert [row[:2] for row in sections[2].rows[:2]] == [("0.17 mm", "20"), ("0.17 mm", "30")]
+
+
+def test_curvature_comes_from_the_skin_and_from_the_formula() -> None:
+    section = default_section()
+    press = section.finger.indent("cylinder:6", 0.2, doi_mm=0.8)
+    true = borne_by(section, press).means(centred(39, 0.17))
+    skin, formula = curvature_read_back.both(true)
+    assert skin == pytest.approx(1 / 3, rel=0.08)
+    assert formula == pytest.approx(1 / 3, rel=0.3)
+    inside, down = curvature_read_back.displaced(curvature_read_back._operator().skin, true)
+    pressed_at = np.flatnonzero(true > 0.2 * true.max())
+    np.testing.assert_array_equal(np.flatnonzero(inside), pressed_at[2:-2])
+    assert down[inside].max() == pytest.approx(0.8, abs=0.02)
+    alone = np.zeros(39)
+    alone[20] = 100.0
+    assert np.isnan(curvature_read_back.both(alone)[1])
 
 
 # --- whole profiles ---

@@ -10,6 +10,7 @@ from rig.compare.pressure_formula import (
     Constants,
     Places,
     Spread,
+    curvature_at,
     edges_mm,
     finger_curvature,
     fit,
@@ -52,6 +53,14 @@ def test_curvature_comes_back_from_the_profile(curvature: float) -> None:
     x = np.linspace(-0.6, 0.6, 8)
     found = recover_curvature(x + 0.31, parabola(0.8, curvature, x).pressure, 0.8, TRUE)
     assert found == pytest.approx(curvature, rel=1e-9)
+
+
+@pytest.mark.parametrize("curvature", [0.3, 0.9, -0.2])
+def test_curvature_comes_back_where_the_displacement_is_known(curvature: float) -> None:
+    at = parabola(0.8, curvature, np.linspace(-0.6, 0.6, 9))
+    deepest = 0.8 if curvature > 0 else 0.8 + 0.1 * 0.36  # under a hollow one its ends go farthest
+    found = curvature_at(at.displacement_mm, at.pressure, TRUE)
+    assert found == pytest.approx(curvature + (TRUE.k2 - TRUE.k1) * (deepest - 0.8) / TRUE.k3, rel=1e-9)
 
 
 def test_the_residual_is_of_the_pressure() -> None:

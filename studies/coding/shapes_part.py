@@ -1,0 +1,130 @@
+"""Shapes, curvature and edges read back, and whole profiles against noise: the tables of past the source."""
+
+from collections.abc import Mapping, Sequence
+from functools import cache
+
+from rig.report.html import Section
+from sim.coding.frictionless import Frictionless, frictionless
+from sim.coding.operators import centred
+from sim.coding.profiles.felt_shape import CLASSES
+from sim.coding.sampled_section import SPACING_MM, SampledSection
+from studies.coding import curvature_read_back, edge_place, shapes_read_back
+from studies.coding.profiles_read_back import (
+    OURS,
+    SAMPLES,
+    SCENES,
+    SEED,
+    SNR_DB,
+    SNRS_DB,
+    Row,
+    Scene,
+    decoders,
+    default_section,
+    finer_section,
+    pressed,
+    read_back,
+)
+
+Cells = tuple[str, ...]
+
+
+def shapes(scenes: int) -> list[Cells]:
+    """A minute or so of one core for twenty scenes a class."""
+    return list(shapes_read_back.rows(scenes))
+
+
+def curvatures(draws: int) -> list[Cells]:
+    """Some seconds."""
+    return list(curvature_read_back.rows(draws))
+
+
+def edges(draws: int) -> list[Cells]:
+    """Half a minute for four draws a place."""
+    return list(edge_place.rows(draws))
+
+
+def against_noise(scene: Scene, draws: int) -> list[Row]:
+    """Of our decoder, at each SNR."""
+    true, sed = pressed(_finer(), scene)
+    decode = decoders(_operator())[OURS]
+    return [Row.of([read_back(decode, true, sed, snr, SEED + k) for k in range(draws)]) for snr in SNRS_DB]
+
+
+@cache
+def _operator() -> Frictionless:
+    return frictionless(default_section(), centred(SAMPLES + 1, SPACING_MM), "finite")
+
+
+@cache
+def _finer() -> SampledSection:
+    return finer_section()
+
+
+def scenes_of(draws: int) -> int:
+    """Of each class."""
+    return max(2, draws // 2)
+
+
+def noise_draws_of(draws: int) -> int:
+    """At each SNR, and of each cylinder."""
+    return max(2, draws // 5)
+
+
+def edge_draws_of(draws: int) -> int:
+    """At each place of an edge."""
+    return max(1, draws // 10)
+
+
+def noise_jobs(draws: int) -> Sequence[tuple[Scene, int]]:
+    """Arguments of every `against_noise`."""
+    return [(scene, noise_draws_of(draws)) for scene in SCENES]
+
+
+def noise_sections(found: Mapping[Scene, Sequence[Row]], draws: int) -> list[Section]:
+    """Whole profiles against noise."""
+    rows = [(scene.shape, *map(_cell, by_snr)) for scene, by_snr in found.items()]
+    return [
+        Section(
+            "Decoding: whole profiles against noise",
+            f"The same presses, {noise_draws_of(draws)} draws a cell: relative L2, coverage of the 90 % band inside "
+            "the contact, milliseconds of processor time.",
+            ("shape", *(f"{snr:g} dB" for snr in SNRS_DB)),
+            tuple(rows),
+        )
+    ]
+
+
+def _cell(row: Row) -> str:
+    return f"{row.mean.relative_l2:.0%}, {row.mean.held:.0%}, {row.mean.spent_ms:.0f}"
+
+
+def shape_sections(tables: Sequence[Sequence[Cells]], draws: int) -> list[Section]:
+    """Three, of the rows of shapes, of curvature and of edges."""
+    read, round_ones, told = tables
+    return [
+        Section(
+            "Decoding: shapes",
+            f"Class and size of what pressed, {scenes_of(draws)} bars, cylinders and steps of any size and place, "
+            f"pressed on a finer mesh, {SNR_DB:g} dB; chance is {1 / len(CLASSES):.0%}. Skin: decoded pressures move "
+            "the skin, and where it touches it lies on the indentor. Templates: the nearest in SED of "
+            f"{len(CLASSES) * shapes_read_back.TEMPLATES} presses drawn alike.",
+            shapes_read_back.HEADER,
+            tuple(read),
+        ),
+        Section(
+            "Decoding: curvature, both ways",
+            f"Of cylinders, {SNR_DB:g} dB, {noise_draws_of(draws)} draws: by the circle on the skin less its "
+            "displacement d, compliance × pressure, and by Eq. 4.1 inverted with that d, the finger's own curvature "
+            "taken off.",
+            curvature_read_back.HEADER,
+            tuple(round_ones),
+        ),
+        Section(
+            "Decoding: where an edge is",
+            f"The left edge of a bar {edge_place.WIDTH_MM:g} mm wide, {edge_draws_of(draws)} draws at each of "
+            f"{len(edge_place.PLACES_MM)} places within a sample; the Cramér–Rao bound is of an unbiased reader who "
+            "knows the bar but not its place and depth.",
+            edge_place.HEADER,
+            tuple(told),
+        ),
+    ]
