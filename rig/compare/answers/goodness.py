@@ -17,7 +17,7 @@ _FOLDS = 5
 
 
 def lack_of_fit(
-    observed: Observed, mean: Array, deviance: Array, parameters: float, discrepancy: Array
+    observed: Observed, mean: Array, deviance: Array, parameters: float, discrepancy: Array | float = 0.0
 ) -> tuple[Array, Array]:
     """F (N,) of deviances (N, p) against the noise, and the probability of a larger one if the model is right.
 
