@@ -7,7 +7,7 @@ import numpy as np
 
 from rig.compare.comparison import Comparison, Joint
 from rig.compare.shape_test import THRESHOLDS
-from rig.compare.statistics import Flags, chance_correlation, fit_all
+from rig.compare.statistics import chance_correlation, compared, fit_all
 from rig.compare.stimuli import Stimulus
 from sim.measures.measures import MEASURES
 
@@ -22,7 +22,7 @@ def as_json(comparison: Comparison, report: str) -> dict[str, Any]:
         "candidates_by_condition": dict(comparison.candidates_by_condition()),
         "collinear": dict(comparison.collinear()),
         "joint": [row for joint in comparison.joints for row in _joint_rows(joint)],
-        "indistinguishable": [indistinguishable_rows(joint) for joint in comparison.joints],
+        "chance": [chance_row(joint) for joint in comparison.joints],
         "report": report,
     }
 
@@ -59,7 +59,6 @@ def _joint_rows(joint: Joint) -> list[dict[str, Any]]:
 def joint_row(joint: Joint, pair: Pair) -> dict[str, Any]:
     """One measure at one receptor over all shapes of a joint fit."""
     limits = joint.interval(*pair)
-    chosen = joint.indistinguishable
     return {
         "shapes": [overlay.stimulus.indentor for overlay in joint.overlays],
         "condition": joint.overlays[0].stimulus.condition,
@@ -72,7 +71,6 @@ def joint_row(joint: Joint, pair: Pair) -> dict[str, Any]:
         "resampled": limits.over if limits else None,
         "fires_unloaded": bool(joint.fit.fires_unloaded[pair]),
         "r2": number(joint.explained[pair]),
-        "indistinguishable_from_best": None if chosen is None else bool(chosen[pair]),
     }
 
 
@@ -82,28 +80,20 @@ def best_receptor(joint: Joint, measure: int) -> int | None:
     return None if np.isnan(explained).all() else int(np.nanargmax(explained))
 
 
-def indistinguishable_rows(joint: Joint) -> dict[str, Any]:
-    """The set that the recordings cannot tell apart, and what chance would give."""
+def chance_row(joint: Joint) -> dict[str, Any]:
+    """The |r| that the largest of so many unrelated correlations exceeds, over the positions that all pairs share."""
     stimulus = joint.overlays[0].stimulus
-    positions = len(joint.rate)
+    which = compared(joint.eps)
+    positions = len(joint.rate) if which is None else int(which[1].sum())
     looked_at = len(MEASURES) * len(stimulus.receptor_mm)
     return {
         "shapes": [overlay.stimulus.indentor for overlay in joint.overlays],
         "condition": stimulus.condition,
-        "measures": members(joint, joint.indistinguishable),
         "positions": positions,
+        "positions_recorded": len(joint.rate),
         "looked_at": looked_at,
         "chance_r": round(chance_correlation(positions, looked_at), 3),
     }
-
-
-def members(joint: Joint, chosen: Flags | None) -> dict[str, list[float]] | None:
-    """Receptors in mm of a set (18, receptors), by measure; None without a set."""
-    if chosen is None:
-        return None
-    receptors = joint.overlays[0].stimulus.receptor_mm
-    named = zip(MEASURES, chosen, strict=True)
-    return {measure: [round(float(x), 6) for x in receptors[row]] for measure, row in named if row.any()}
 
 
 def threshold_rows(comparison: Comparison) -> list[dict[str, Any]]:

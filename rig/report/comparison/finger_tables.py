@@ -9,7 +9,7 @@ import numpy as np
 from rig.compare.comparison import Comparison, Joint
 from rig.compare.fingers.with_finger import WithFinger
 from rig.compare.plausible import PlausibleFingers
-from rig.compare.tables import Pair, joint_row, members, number
+from rig.compare.tables import Pair, joint_row, number
 from rig.report.html import Section
 from rig.report.labels import as_limits, as_number, as_positions
 from sim.models.moduli.interpolated import HOW_MADE
@@ -18,7 +18,7 @@ Row = dict[str, Any]
 
 _HEADER = (
     "measure", "receptor (mm)", "R²", "best finger", "k, on this finger", "95 % interval", "on all fingers",
-    "ε₀, on this finger", "95 % interval", "on all fingers", "in the set on this finger",
+    "ε₀, on this finger", "95 % interval", "on all fingers",
 )  # fmt: skip
 
 
@@ -26,13 +26,12 @@ _HEADER = (
 class FingerTable:
     """What one joint fit says with the finger anywhere in the stated ranges.
 
-    `chosen` are the receptors of the set by measure, None with too few positions; `rows` has each measure of the set
-    at the receptor of the set that explains most, with and without doubt of the finger.
+    `rows` has each measure that by least squares explains no less than the best, at the receptor where it explains
+    most, with and without doubt of the finger. Which of these the recordings can tell apart is the answers' to say.
     """
 
     joint: Joint
     plausible: PlausibleFingers
-    chosen: dict[str, list[float]] | None
     rows: list[Row]
 
     @property
@@ -49,7 +48,7 @@ def finger_tables(comparison: Comparison) -> list[FingerTable]:
 
 def _table(found: WithFinger, plausible: PlausibleFingers) -> FingerTable:
     rows = [_row(found, pair, plausible) for pair in _best_of_set(found)]
-    return FingerTable(found.joint, plausible, members(found.joint, found.indistinguishable), rows)
+    return FingerTable(found.joint, plausible, rows)
 
 
 def fingers_as_json(comparison: Comparison, tables: Sequence[FingerTable]) -> dict[str, Any]:
@@ -63,7 +62,6 @@ def fingers_as_json(comparison: Comparison, tables: Sequence[FingerTable]) -> di
             "built": 3 ** len(plausible.free),
             "interpolation": HOW_MADE if any(table.interpolated for table in tables) else None,
             "joint": [row for table in tables for row in table.rows],
-            "indistinguishable": [_set(table) for table in tables],
         }
     }
 
@@ -92,15 +90,7 @@ def _row(found: WithFinger, pair: Pair, plausible: PlausibleFingers) -> Row:
     }
 
 
-_GIVEN = ("k", "k_interval", "eps0", "eps0_interval", "r2", "indistinguishable_from_best")
-
-
-def _set(table: FingerTable) -> Row:
-    return {
-        "shapes": [overlay.stimulus.indentor for overlay in table.joint.overlays],
-        "condition": table.joint.overlays[0].stimulus.condition,
-        "measures": table.chosen,
-    }
+_GIVEN = ("k", "k_interval", "eps0", "eps0_interval", "r2")
 
 
 def finger_section(table: FingerTable) -> Section:
@@ -108,17 +98,12 @@ def finger_section(table: FingerTable) -> Section:
     plausible = table.plausible
     ranges = "; ".join(f"{name} {low:g} … {high:g}" for name, (low, high) in plausible.ranges.items())
     made = f" The fingers were {HOW_MADE}; `--exact` builds each in full." if table.interpolated else ""
-    said = "Too few recorded positions are covered to say which measures can be told apart."
-    if table.chosen is not None:
-        listed = "; ".join(f"{measure} at {as_positions(places)} mm" for measure, places in table.chosen.items())
-        said = f"With the finger anywhere in these ranges the recordings cannot tell apart: {listed}."
     return Section(
         f"On all plausible fingers: {table.joint.title}",
-        f"Stated as plausible: {ranges} (file with SHA-256 {plausible.sha256}). {said} Each pair may have its best "
-        "finger. Intervals “on all fingers” are the hull of those on every finger of the ranges on which the pair "
+        f"Stated as plausible: {ranges} (file with SHA-256 {plausible.sha256}). Least squares; each pair may have "
+        "its best finger. Intervals “on all fingers” are the hull of those on every finger of the ranges on which the pair "
         "does not fit significantly worse than on its best one: they hold for whatever finger lies within the "
-        "ranges, and for no other. “On this finger” is what the run's own finger gives, as in the tables above."
-        + made,
+        "ranges, and for no other. “On this finger” is what the run's own finger gives." + made,
         _HEADER,
         tuple(_cells(row) for row in table.rows),
     )
@@ -131,6 +116,5 @@ def _cells(row: Row) -> tuple[str, ...]:
         (as_number(given[name]), as_limits(given[f"{name}_interval"]), as_limits(row[f"{name}_interval"]))
         for name in ("k", "eps0")
     ]
-    told = {True: "yes", False: "no", None: "–"}[given["indistinguishable_from_best"]]
     return (row["measure"], as_positions([row["receptor_mm"]]), as_number(row["r2"]), place,
-            *values[0], *values[1], told)  # fmt: skip
+            *values[0], *values[1])  # fmt: skip
