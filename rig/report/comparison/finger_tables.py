@@ -101,7 +101,7 @@ def finger_section(table: FingerTable) -> Section:
     return Section(
         f"On all plausible fingers: {table.joint.title}",
         f"Stated as plausible: {ranges} (file with SHA-256 {plausible.sha256}). Least squares; each pair may have "
-        "its best finger. Intervals “on all fingers” are the hull of those on every finger of the ranges on which the pair "
+        "its best finger. Intervals “on all fingers” are the hull of those on every finger of the ranges on which it "
         "does not fit significantly worse than on its best one: they hold for whatever finger lies within the "
         "ranges, and for no other. “On this finger” is what the run's own finger gives." + made,
         _HEADER,
