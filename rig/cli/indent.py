@@ -13,6 +13,7 @@ from rig.cli.chosen_model import TOLERANCE, Chosen, Wanted
 from rig.cli.options import FingertipOption, JsonOption, numbers
 from rig.cli.output import ExitCode, complain, loading_the_finger, out, print_json, told_in_one_line
 from rig.cli.pictures import checked_picture, write_picture
+from rig.compare.recordings.skin_deflection import SkinDeflection, in_words, laid_beside, read_skin_deflection
 from rig.plan.config import load_config
 from rig.protocol.errors import BadInputError
 from sim.contact.indentor import ALONG, BOTH, Indentor
@@ -65,6 +66,10 @@ def command(
     picture: Annotated[
         Path | None, typer.Option(metavar="FILE.svg", help="Draw the contact, seen from the finger; or a .png.")
     ] = None,
+    deflection: Annotated[
+        Path | None,
+        typer.Option(metavar="CSV", help="Measured of the skin beside it (x_mm and z_mm or one, deflection_mm)."),
+    ] = None,
     other_paths: Annotated[
         bool, typer.Option("--other-paths", help="Where the answer may depend on how it was reached, by how much.")
     ] = False,
@@ -77,6 +82,7 @@ def command(
         receptors = _receptors(receptor_x_mm, receptor_depth_mm, receptor_z_mm)
         origin = _reference(reference)
         _refuse_picture(picture, shape)
+        measured = _measured(deflection, shape)
         indentor = None if shape == "point" else parse_shape(shape)
         _refuse_place(shape, indentor, x_mm, z_mm)
         if indentor is None:
@@ -101,12 +107,15 @@ def command(
         result = press(doi_mm=doi_mm, force_gwt=force)
         if picture is not None:
             _draw(result, picture)
+        beside = None if measured is None else laid_beside(result, measured)
         if as_json:
             answer = chosen.described(result.as_json())
             answer["solver"]["build_s"] = finger.build_s
-            print_json(answer)
+            print_json(answer if beside is None else answer | {"deflection": beside})
         else:
             _print(result, chosen, finger.build_s)
+            if beside is not None:
+                out.print(f"  deflection     {in_words(beside)}")
         if not result.state.converged:
             complain(f"not converged, residual {result.state.residual:.1e}")
             raise typer.Exit(ExitCode.STOPPED)
@@ -137,6 +146,14 @@ def _refuse_picture(picture: Path | None, shape: str) -> None:
     if picture is not None and shape == "point":
         raise BadInputError("--picture: a point load has no contact to be drawn")
     checked_picture(picture)
+
+
+def _measured(deflection: Path | None, shape: str) -> SkinDeflection | None:
+    if deflection is None:
+        return None
+    if shape == "point":
+        raise BadInputError("--deflection: a point load's skin is not kept, expected an indentor")
+    return read_skin_deflection(deflection)
 
 
 def _draw(result: IndentationResult, picture: Path) -> None:

@@ -21,8 +21,8 @@ BEFORE = (
         "ch. 3, line load",
         "The skin's deflection under a line load across the finger, against measured fingers.",
         figures=_line,
-        missing="the measured deflections, as a CSV of z_mm,deflection_mm,doi_mm",
-        made_by=".venv/bin/rig compare RUN… --deflection FILE",
+        missing="the measured deflections, as a CSV of z_mm,deflection_mm",
+        made_by=".venv/bin/rig indent --shape line --z-mm 6.893 --doi-mm 1 --deflection FILE",
         reading="Ours is drawn at four depths; the measurements are a figure, not a table.",
     ),
 )

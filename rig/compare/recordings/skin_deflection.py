@@ -1,0 +1,99 @@
+"""How far the skin goes down beside an indentor, and what was measured of it.
+
+Measured deflections are a CSV of the columns `deflection_mm` and `x_mm`, `z_mm` or both, in any order: where on the
+undeformed skin, and its downward displacement there. x is lateral, 0 at the pad's centre, z runs along the finger from
+the proximal edge; without x the pad's centre line is meant, without z the receptor plane.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.compare.errors import RecordingError
+from rig.compare.recordings.table_file import read_table, told
+from sim.contact.patch import Z
+from sim.models.results.indentation import IndentationResult
+
+Array = NDArray[np.float64]
+
+_COLUMNS = ("x_mm", "z_mm")
+_CENTRE_MM = 0.0
+
+
+@dataclass(frozen=True)
+class SkinDeflection:
+    """(n,) places on the undeformed skin and downward displacements there, in mm; NaN in z is the receptor plane."""
+
+    x_mm: Array
+    z_mm: Array
+    deflection_mm: Array
+
+
+def read_skin_deflection(path: Path) -> SkinDeflection:
+    """A measured deflection. Raises RecordingError with row and column."""
+    rows = read_table(path, ("deflection_mm",), _COLUMNS)
+    if not rows:
+        raise RecordingError(f"{path}: no rows below the header, expected {told(('deflection_mm',), _COLUMNS)}")
+    given = [name for name in _COLUMNS if name in rows[0].cells]
+    if not given:
+        raise RecordingError(f"{path}, row 1: neither x_mm nor z_mm, expected one of them or both")
+    usual = {"x_mm": _CENTRE_MM, "z_mm": np.nan}
+    places = {
+        name: np.array([row.number(name) if name in given else usual[name] for row in rows]) for name in _COLUMNS
+    }
+    return SkinDeflection(**places, deflection_mm=np.array([row.number("deflection_mm") for row in rows]))
+
+
+def deflection_at(result: IndentationResult, x_mm: Array, z_mm: Array) -> Array:
+    """(n,) downward displacement of the skin at places (n,) of the undeformed one, in mm; NaN beside the patch.
+
+    Linear between nodes, along a row across the finger and then along it. A section has one row, for every z.
+    """
+    patch = result.model.patch
+    x, down = (values.reshape(patch.shape) for values in (patch.x, -result.state.displacement[-1]))
+    order = np.argsort(x, axis=1)
+    x, down = (np.take_along_axis(values, order, axis=1) for values in (x, down))
+    across = np.array([np.interp(x_mm, *row, left=np.nan, right=np.nan) for row in zip(x, down, strict=True)])
+    if len(across) == 1:
+        return np.asarray(across[0])
+    return _between_rows(across, patch.position_mm[:: patch.shape[1], Z], z_mm)
+
+
+def _between_rows(values: Array, rows_mm: Array, z_mm: Array) -> Array:
+    """(n,) of values (rows, n) at rows in any order, NaN beyond the last."""
+    order = np.argsort(rows_mm)
+    values, rows_mm = values[order], rows_mm[order]
+    low = np.clip(np.searchsorted(rows_mm, z_mm, side="right") - 1, 0, len(rows_mm) - 2)
+    part = (z_mm - rows_mm[low]) / (rows_mm[low + 1] - rows_mm[low])
+    at = np.arange(len(z_mm))
+    between = values[low, at] * (1 - part) + values[low + 1, at] * part
+    return np.where((part >= 0) & (part <= 1), between, np.nan)
+
+
+def laid_beside(result: IndentationResult, measured: SkinDeflection) -> dict[str, Any]:
+    """Measured and simulated at each place, and measured − model over those on the patch; null without."""
+    z_mm = np.where(np.isnan(measured.z_mm), result.model.plane_mm, measured.z_mm)
+    model = deflection_at(result, measured.x_mm, z_mm)
+    left = (measured.deflection_mm - model)[~np.isnan(model)]
+    return {
+        "points": len(model),
+        "beside_the_patch": int(np.isnan(model).sum()),
+        "mean_mm": float(left.mean()) if len(left) else None,
+        "rms_mm": float(np.sqrt(np.mean(left**2))) if len(left) else None,
+        "x_mm": measured.x_mm.tolist(),
+        "z_mm": z_mm.tolist(),
+        "measured_mm": measured.deflection_mm.tolist(),
+        "model_mm": [None if np.isnan(value) else float(value) for value in model],
+    }
+
+
+def in_words(found: dict[str, Any]) -> str:
+    """For the terminal."""
+    on = found["points"] - found["beside_the_patch"]
+    if not on:
+        return f"none of {found['points']} measured points lies on the model's patch"
+    beside = f"; {found['beside_the_patch']} beside the patch" if found["beside_the_patch"] else ""
+    return f"measured − model {found['mean_mm']:+.3f} mm mean, {found['rms_mm']:.3f} mm rms, {on} points{beside}"

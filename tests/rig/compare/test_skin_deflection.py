@@ -1,0 +1,152 @@
+"""The skin's deflection beside an indentor: read, interpolated between nodes, and laid beside the model."""
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.cli import main
+from rig.compare.errors import RecordingError
+from rig.compare.recordings.skin_deflection import (
+    SkinDeflection,
+    _between_rows,
+    deflection_at,
+    in_words,
+    laid_beside,
+    read_skin_deflection,
+)
+from sim.models.catalogue import load
+from sim.models.fingertip import Fingertip
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "mine.csv"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+# --- reading ---
+
+
+def test_columns_in_any_order(tmp_path: Path) -> None:
+    found = read_skin_deflection(written(tmp_path, "z_mm,deflection_mm,x_mm\n6.5,0.3,-1\n7,0.2,2\n"))
+    assert found.x_mm.tolist() == [-1.0, 2.0]
+    assert found.z_mm.tolist() == [6.5, 7.0]
+    assert found.deflection_mm.tolist() == [0.3, 0.2]
+
+
+def test_what_is_not_given_is_the_receptor_plane_or_the_centre_line(tmp_path: Path) -> None:
+    across = read_skin_deflection(written(tmp_path, "x_mm,deflection_mm\n1,0.1\n"))
+    assert (across.x_mm.tolist(), np.isnan(across.z_mm).tolist()) == ([1.0], [True])
+    along = read_skin_deflection(written(tmp_path, "z_mm,deflection_mm\n5,0.1\n"))
+    assert (along.x_mm.tolist(), along.z_mm.tolist()) == ([0.0], [5.0])
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("x_mm\n1\n", "row 1: no column deflection_mm, expected deflection_mm[,x_mm][,z_mm]"),
+        ("deflection_mm\n1\n", "row 1: neither x_mm nor z_mm, expected one of them or both"),
+        ("x_mm,deflection_mm\n", "no rows below the header, expected deflection_mm[,x_mm][,z_mm]"),
+        ("x_mm,deflection_mm\n1,deep\n", "row 2, column deflection_mm: 'deep', expected a number"),
+        ("x_mm,deflection_mm,y_mm\n1,1,1\n", "row 1: column 'y_mm'"),
+    ],
+)
+def test_a_file_that_cannot_be_used(tmp_path: Path, text: str, expected: str) -> None:
+    with pytest.raises(RecordingError) as raised:
+        read_skin_deflection(written(tmp_path, text))
+    assert expected in str(raised.value)
+
+
+# --- the model's ---
+
+
+def test_at_nodes_it_is_theirs_and_between_them_linear(finger: Fingertip) -> None:
+    result = finger.indent("cylinder:9", 0.0, doi_mm=0.67)
+    patch, down = result.model.patch, -result.state.displacement[-1]
+    nodes = np.array([0, 100, 613, len(patch) - 1])
+    x, z = patch.x[nodes], patch.position_mm[nodes, 2]
+    np.testing.assert_allclose(deflection_at(result, x, z), down[nodes], atol=1e-12)
+    two = result.model.across[20:22]
+    middle = deflection_at(result, patch.x[two].mean(keepdims=True), np.array([result.z_mm]))
+    np.testing.assert_allclose(middle, down[two].mean(), atol=1e-12)
+
+
+def test_between_rows_it_is_linear_and_beyond_them_unknown() -> None:
+    values = np.array([[3.0] * 5, [1.0] * 5])  # at z = 3 and 1: rows in any order
+    found = _between_rows(values, np.array([3.0, 1.0]), np.array([1.0, 1.5, 3.0, 0.9, 3.1]))
+    np.testing.assert_allclose(found, [1.0, 1.5, 3.0, np.nan, np.nan])
+
+
+@pytest.mark.parametrize("shape", ["cylinder:3,across", "sphere:3", "step:1"])
+def test_any_shape_presses_the_skin_down(finger: Fingertip, shape: str) -> None:
+    at = {"z_mm": finger.config.receptor_plane_mm} if shape != "step:1" else {}
+    result = finger.indent(shape, 0.0, doi_mm=0.5, **at)
+    below, beside, far = deflection_at(result, np.array([0.0, 1.5, 99.0]), np.full(3, result.z_mm))
+    assert below == pytest.approx(0.5 if shape != "step:1" else below, abs=0.05)
+    assert 0 < beside < below
+    assert np.isnan(far)
+
+
+def test_a_section_knows_no_z() -> None:
+    result = load("section").indent("cylinder:9", 0.0, doi_mm=0.5)
+    here, there = deflection_at(result, np.array([0.5, 0.5]), np.array([1.0, 9.0]))
+    assert here == there > 0
+
+
+# --- laid beside ---
+
+
+def test_measured_less_the_model(finger: Fingertip) -> None:
+    result = finger.indent("cylinder:9", 0.0, doi_mm=0.67)
+    x, z = np.array([0.0, 1.0, 50.0]), np.array([np.nan, 6.0, 6.0])
+    model = deflection_at(result, x, np.array([result.z_mm, 6.0, 6.0]))
+    found = laid_beside(result, SkinDeflection(x, z, model + np.array([0.1, -0.3, 0.0])))
+    assert (found["points"], found["beside_the_patch"]) == (3, 1)
+    assert found["mean_mm"] == pytest.approx(-0.1)
+    assert found["rms_mm"] == pytest.approx(np.sqrt((0.01 + 0.09) / 2))
+    assert found["model_mm"][2] is None
+    assert found["z_mm"] == [result.z_mm, 6.0, 6.0]
+    assert in_words(found) == "measured − model -0.100 mm mean, 0.224 mm rms, 2 points; 1 beside the patch"
+
+
+def test_nothing_on_the_patch(finger: Fingertip) -> None:
+    result = finger.indent("cylinder:9", 0.0, doi_mm=0.67)
+    found = laid_beside(result, SkinDeflection(np.array([50.0]), np.array([np.nan]), np.array([1.0])))
+    assert (found["mean_mm"], found["rms_mm"]) == (None, None)
+    assert in_words(found) == "none of 1 measured points lies on the model's patch"
+
+
+@pytest.fixture
+def rig(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> Callable[..., tuple[int, str, str]]:
+    """Run the program; its exit code and what it said on both streams."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["rig", *arguments])
+        with pytest.raises(SystemExit) as caught:
+            main()
+        said = capsys.readouterr()
+        return int(caught.value.code or 0), said.out, said.err
+
+    return run
+
+
+def test_the_command(rig: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
+    path = written(tmp_path, "x_mm,deflection_mm\n0,0.5\n1.5,0.2\n")
+    asked = ("indent", "--shape", "cylinder:9", "--x-mm", "0", "--doi-mm", "0.5", "--deflection", str(path))
+    code, said, _ = rig(*asked)
+    assert code == 0
+    assert "deflection     measured − model" in said
+    code, said, _ = rig(*asked, "--json")
+    assert json.loads(said)["deflection"]["measured_mm"] == [0.5, 0.2]
+    code, _, said = rig("indent", "--shape", "point", "--x-mm", "0", "--force-gwt", "1", "--deflection", str(path))
+    assert (code, said.count("\n")) == (2, 1)
+    assert "--deflection: a point load's skin is not kept, expected an indentor" in said
+    code, _, said = rig(*asked[:-1], "nowhere.csv")
+    assert (code, said.count("\n")) == (2, 1)
