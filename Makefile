@@ -28,7 +28,8 @@ study-bench: setup
 study-coding: setup
 	$(BIN)/python -m studies.coding.pages study
 
-studies: study study-bench
+studies: study-bench
+	$(BIN)/python -m studies.source.pages study --sensitivity
 	$(BIN)/python -m studies.coding.pages study --draws 200
 
 docs: .venv/.ready-dev

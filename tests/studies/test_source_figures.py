@@ -10,12 +10,14 @@ import pytest
 
 from rig.cli import program
 from rig.protocol.script import find_script
+from rig.report.html import Section
 from sim.config.fingertip_config import FingertipConfig
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
 from sim.models.results.indentation import median_of_four
 from studies.source import pages
 from studies.source.matrix import HEADER, matrix
+from studies.source.matrix_page import Study, as_docs
 from studies.source.printed import answers as presses
 from studies.source.printed import bars, cylinders, drawing, profiles, steps, table, under_steps
 from studies.source.printed.answers import Answers, Scene, deep, forced, once
@@ -364,6 +366,28 @@ def test_the_page_opens_with_the_matrix(
     printed = capsys.readouterr().out
     assert "2 of 2 presses" in printed
     assert "**4-7: " in printed
+
+
+def test_the_sensitivity_is_added_where_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    other = Section("Other fingers", "Text.", ("model",), (("default",),))
+    monkeypatch.setattr(pages, "all_verdicts", lambda: iter([]))
+    monkeypatch.setattr(pages, "sensitivity_section", lambda found: other)
+    entry = Entry("1-1", "It shows.", tables=lambda _: (Section("Mine", "Text."),))
+    assert [one.title for one in pages._with_sensitivity(entry).tables(None)] == ["Mine", "Other fingers"]  # type: ignore[arg-type]
+    assert pages.SURVIVORS in [one.key for one in ENTRIES]
+    assert pages.parser().parse_args(["--sensitivity"]).sensitivity
+
+
+def test_the_docs_are_the_matrix_and_the_claims() -> None:
+    rule = Below(1, 2)
+    row = Row(Entry("1-1", "It shows.", reading="Read it."), (Found(Claim("x", "y", rule, lambda _: 0.0), 0.0),))
+    silent = Row(Entry("9-9", "It shows nothing.", outside="elsewhere"), ())
+    text = as_docs(Study((row, silent), {}, {}))
+    assert text.startswith("# The source, figure by figure\n\n")
+    assert text.endswith("## 1-1\n\nRead it.\n\n**1-1: agrees.** It shows.\n\n" + text.partition("It shows.\n\n")[2])
+    assert "| x | y | 0.00 | −1 | agrees | ≤ 1, ≤ 2 |" in text
+    assert "## 9-9" not in text
+    assert "| 9-9 | It shows nothing. | – | – | elsewhere | – | out of scope |" in text
 
 
 def test_an_unknown_number_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

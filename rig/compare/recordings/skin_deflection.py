@@ -1,8 +1,8 @@
 """How far the skin goes down beside an indentor, and what was measured of it.
 
 Measured deflections are a CSV of the columns `deflection_mm` and `x_mm`, `z_mm` or both, in any order: where on the
-undeformed skin, and its downward displacement there. x is lateral, 0 at the pad's centre, z runs along the finger from
-the proximal edge; without x the pad's centre line is meant, without z the receptor plane.
+undeformed skin, and its downward displacement there. x is lateral, 0 at the pad's centre, z runs along the finger
+from the proximal edge; without x the pad's centre line is meant, without z the receptor plane.
 """
 
 from dataclasses import dataclass

@@ -16,7 +16,6 @@ from studies.source.printed.rules import Above
 from studies.source.printed.steps import MOVED, POSITIONS_MM
 from studies.source.shape_test_errors import by_chance_section, perturbed_section
 from studies.source.table_agreement import survivors_section, table_5_2
-from studies.source.verdicts_by_parameter import all_verdicts, sensitivity_section
 
 STRONG = {n: [forced(f"step:{n}", HIGH_GWT, x) for x in positions] for n, positions in POSITIONS_MM.items()}
 OF_STEPS, OF_ALL = ("e13", "ep1", "ep3", "sed"), ("ep1", "ep3", "sed")
@@ -85,8 +84,8 @@ def _cells(answers: Answers) -> tuple[Section, ...]:
     return *table_5_2(compared(answers), LOW_GWT), by_chance_section(judged), perturbed_section(judged)
 
 
-def _free(answers: Answers) -> tuple[Section, ...]:
-    return survivors_section(compared(answers)), sensitivity_section(list(all_verdicts()))
+def _conditions(answers: Answers) -> tuple[Section, ...]:
+    return (survivors_section(compared(answers)),)
 
 
 LOW_SCENES = tuple(scene for scenes in (*MOVED.values(), *BARS.values()) for scene in scenes)
@@ -113,6 +112,8 @@ ENTRIES = (
             _left("of steps and bars", True, OF_ALL),
         ),
         LOW_SCENES,
-        tables=_free,
+        tables=_conditions,
+        reading="How this moves with receptor depth, epidermis, stiffness and force is in docs/comparison.md, and "
+        "here with `make studies`.",
     ),
 )
