@@ -6,13 +6,18 @@ import os
 import shutil
 import sqlite3
 import threading
+import zlib
 from collections.abc import Callable
 from contextlib import closing
+from dataclasses import fields
+from datetime import date, timedelta
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+import rig.data.run_index as run_index
+from rig.cli.runs import Wanted, _line
 from rig.data.folder import RunFolder
 from rig.data.reader import read_run
 from rig.data.run_index import INDEX, Entry, listed
@@ -95,6 +100,28 @@ def test_the_list_as_json(program: Program, runs: Path) -> None:
 def test_what_is_asked_for(program: Program, runs: Path, options: list[str], found: tuple[str, ...]) -> None:
     ended = program("runs", runs, *options, "--json")
     assert [one["name"] for one in ended.json["runs"]] == list(found)
+
+
+def test_who_is_asked_for_says_yes_or_no() -> None:
+    run = Summary("a", date_utc="2026-03-01T10:00:00+00:00", subject="S07", shapes=("bar:3.0",), state="done")
+    none = (None,) * 5
+    assert Wanted(None, *none).has(run) is True
+    assert Wanted("S08", *none).has(run) is False
+    assert Wanted(None, "step", None, None, None, None).has(run) is False
+    day = date(2026, 3, 1)
+    assert [Wanted(None, None, None, None, first, last).has(run) for first, last in (
+        (day, day), (day + timedelta(1), None), (None, day - timedelta(1)), (day - timedelta(1), day + timedelta(1)),
+    )] == [True, False, False, True]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("shapes", "told"),
+    [((), "-"), (("bar:3.0",), "bar:3.0"), (("a", "b"), "a and 1 more"), (("a", "b", "c"), "a and 2 more")],
+)
+def test_many_shapes_are_counted(shapes: tuple[str, ...], told: str) -> None:
+    line = _line(Summary("a", shapes=shapes, state="done", planned=3, done=2))
+    assert line == ["a", "-", told, "2 of 3", "done"]
+    assert _line(Summary("a", shapes=shapes, state="done", virtual=True))[-1] == "done, virtual"
 
 
 @pytest.mark.parametrize(
@@ -235,6 +262,7 @@ def test_all_holds_of_many_runs_are_one_table(program: Program, runs: Path, tmp_
     rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
     assert (ended.code, ended.err) == (0, "")
     assert list(rows[0]) == [*RUN_COLUMNS, *HOLD_COLUMNS]
+    assert b"\r" not in path.read_bytes()
     holds = {name: read_run(OLD / name).stream("hold_end") for name in NAMES}
     assert [(row["run"], row["index"], row["hold"]) for row in rows] == [
         (name, str(hold["index"]), str(hold["hold"])) for name in NAMES for hold in holds[name]
@@ -269,6 +297,26 @@ def test_a_journal_is_read_once(runs: Path) -> None:
     first = listed(runs)
     assert listed(runs, unread) == first
     assert [len(entry.rows) for entry in first] == [len(summarised(OLD / name)[1]) for name in NAMES]
+
+
+def test_where_nothing_changed_nothing_is_written(runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = listed(runs)
+    with monkeypatch.context() as patched:
+        patched.setattr(run_index, "_keep", unread)
+        assert listed(runs) == first
+    shutil.rmtree(runs / "complete")
+    listed(runs)
+    with closing(sqlite3.connect(runs / INDEX)) as index:
+        assert {name for (name,) in index.execute("SELECT name FROM runs")} == set(NAMES[1:])
+
+
+def test_an_index_is_of_its_columns_and_edition(runs: Path) -> None:
+    listed(runs)
+    names_of_it = [field.name for field in fields(Summary)]
+    mark = zlib.crc32(repr((1, names_of_it, HOLD_COLUMNS)).encode()) & 0x7FFFFFFF
+    with closing(sqlite3.connect(runs / INDEX)) as index:
+        assert index.execute("PRAGMA user_version").fetchone() == (mark,)
+    assert run_index._BUSY_S == 2.0
 
 
 def test_what_changed_is_read_again_and_no_other(runs: Path) -> None:
@@ -356,7 +404,8 @@ def test_an_index_that_cannot_be_written_is_done_without(runs: Path, monkeypatch
 
 def test_where_there_is_no_run_there_is_no_index(tmp_path: Path) -> None:
     (tmp_path / "holiday").mkdir()
-    assert names(listed(tmp_path)) == ["holiday"]
+    (found,) = listed(tmp_path)
+    assert (found.mark, found.summary.name, found.rows) == ("", "holiday", [])
     assert not (tmp_path / INDEX).exists()
 
 

@@ -4,7 +4,8 @@ import io
 import json
 import re
 import shutil
-from collections.abc import Callable, Mapping
+import threading
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from rig.cli.watch import Onlooker
 from rig.data.folder import RunFolder, UnwritableError
 from rig.data.following import Following, followed
 from rig.data.reader import RunError, read_run
-from rig.engine.journal import mend_journal
+from rig.engine.journal import Document, mend_journal
 from rig.plan.agenda import Agenda, Ahead, Course, written_ns
 from rig.plan.timeline import Timeline, step_in_words
 from rig.session.rehearsal import Rehearsed
@@ -244,11 +245,14 @@ def test_who_looks_on_knows_force_step_and_time(course: Course, tmp_path: Path) 
     assert seen.below() == ["now     -", "next    -", "done    0 of 2, time left not known"]
     seen.take(documents[:4])
     assert (seen.now, seen.left_s) == (FIRST, None)  # of the press that was begun: nothing else is known
-    seen.take(documents[4:6])
+    seen.take(documents[4:5])
+    assert seen.now == FIRST
+    seen.take(documents[5:6])
     assert seen.now == ""
     course.keep(folder)
     seen.take([])
     assert (seen.now, seen.next, seen.left_s) == (REST, SECOND, 85.0)
+    assert seen.below() == [f"now     {REST}", f"next    {SECOND}", "done    0 of 2, 0:01:25 left on the run's clock"]
     seen.take([*documents[6:12], {"doc": "event", "t_s": 223.0, "stream": "sample", "data": {"force_gwt": 2.0}}])
     assert (seen.now, seen.left_s) == (FIND, 22.0)
     assert seen.below()[-1] == "done    1 of 2, 0:00:22 left on the run's clock"
@@ -383,11 +387,33 @@ def test_on_a_terminal_there_is_a_screen(
     assert max(map(len, drawn.splitlines())) <= 80
 
 
+def test_the_screen_is_drawn_when_something_comes_and_at_no_other_time(
+    program: Program, run: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    screen, folder = io.StringIO(), run("complete")
+    console = Console(file=screen, force_terminal=True, width=80, highlight=False, markup=False)
+    monkeypatch.setattr(watch_command, "out", console)
+    documents, threads = Following(RunFolder(folder)).new(), threading.active_count()
+
+    def in_parts(of: RunFolder, wait: Callable[[], None]) -> Iterator[list[Document]]:
+        assert of.path == folder
+        assert "virtual bench" not in screen.getvalue()
+        yield documents[:1]
+        assert "run     complete, virtual bench" in screen.getvalue()
+        assert "no reading yet" in screen.getvalue()
+        assert threading.active_count() == threads
+        yield documents[1:]
+
+    monkeypatch.setattr(watch_command, "followed", in_parts)
+    assert program("watch", folder).code == 0
+    assert "done    5 of 5" in screen.getvalue()
+
+
 def test_ctrl_c_ends_the_looking_on_only(
     program: Program, run: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupted(clock: WallClock, seconds: float) -> None:
-        assert seconds == watch_command.LOOK_S
+        assert seconds == watch_command.LOOK_S == 0.2
         raise KeyboardInterrupt
 
     monkeypatch.setattr(WallClock, "wait_s", interrupted)
