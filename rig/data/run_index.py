@@ -139,7 +139,7 @@ def _write(path: Path, fresh: Mapping[str, Entry], gone: set[str], *, anew: bool
 
 @contextmanager
 def _opened(path: Path) -> Iterator[sqlite3.Connection]:
-    with closing(sqlite3.connect(path, timeout=_BUSY_S, isolation_level=None)) as index:
+    with closing(sqlite3.connect(path, timeout=_BUSY_S)) as index:
         yield index
 
 

@@ -39,7 +39,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     lines = (folder / "events.jsonl").read_text(encoding="utf-8").splitlines()[:60]
     start = json.loads(lines[0])
     start |= {"title": "Ada's finger", "source": "Ada's notebook"}
-    start["parameters"] |= {"who": "Ada", "shape": "bar:3.0", "many": ["Ada", 2.0], "order": None}
+    start["parameters"] |= {"who": "Ada", "shape": "bar:3.0", "many": ["Ada", 2.0], "order": None, "empty": ""}
     events = [
         ("note", {"text": "Ada says it tickles"}),
         ("checkpoint", {"name": "Ada rests"}),
@@ -111,6 +111,7 @@ def test_what_a_bug_report_needs_is_there(program: Program, run: Path) -> None:
     program("doctor", "--bundle", run)
     (bundle,) = Path().glob("bug-report-*.zip")
     found = members(bundle)
+    assert "…/x.py, line 3" in found["events.jsonl"]  # to be read by people
     documents = [json.loads(line) for line in found["events.jsonl"].splitlines()]
     lines = (run / "events.jsonl").read_text(encoding="utf-8").splitlines()
     assert len(documents) == len(lines)
@@ -129,7 +130,7 @@ def test_what_a_bug_report_needs_is_there(program: Program, run: Path) -> None:
     start, was = documents[0], json.loads(lines[0])
     assert (start["subject"], start["title"], start["source"]) == (GONE, GONE, GONE)
     assert start["parameters"] == {
-        **was["parameters"], "who": GONE, "many": [GONE, 2.0], "shape": "bar:3.0", "order": None,
+        **was["parameters"], "who": GONE, "many": [GONE, 2.0], "shape": "bar:3.0", "order": None, "empty": "",
     }  # fmt: skip
     assert start["unix_s"] == was["unix_s"]
     unchanged = [line for line in lines[1:60] if "checkpoint" not in line and "note" not in line]
@@ -205,6 +206,8 @@ def test_lines_for_people(run: Path, program: Program) -> None:
         ("tcp://host:502", "tcp://…:502"),
         ("given/to/x.py", "…/to/x.py"),
         ("given/to", "…/to"),
+        ("x/y.py", "x/y.py"),
+        ("ab/y.py", "…/y.py"),
         ("S0712 and S07", "SUBJECT12 and SUBJECT"),
         ("  ", "  "),
         ("a “quoted” note", GONE),
@@ -212,4 +215,10 @@ def test_lines_for_people(run: Path, program: Program) -> None:
     ],
 )
 def test_a_text(text: str, scrubbed: str) -> None:
-    assert Scrubber(["S07", ""], ["  ", "a “quoted” note"], ["given/", "x"]).text(text) == scrubbed
+    assert Scrubber(["S07", ""], ["  ", "a “quoted” note"], ["given/", "x", "ab"]).text(text) == scrubbed
+
+
+@pytest.mark.parametrize(("node", "scrubbed"), [("ab", "on ab"), ("abc", "on HOST"), ("bench-7", "on HOST")])
+def test_the_name_of_the_machine(node: str, scrubbed: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(platform, "node", lambda: node)
+    assert Scrubber([], [], []).text(f"on {node}") == scrubbed

@@ -402,6 +402,60 @@ def test_an_index_that_cannot_be_written_is_done_without(runs: Path, monkeypatch
     assert len(listed(runs, unread)) == 4
 
 
+def _error(code: int | None) -> sqlite3.Error:
+    error = sqlite3.OperationalError("no")
+    if code is not None:
+        error.sqlite_errorcode = code
+    return error
+
+
+@pytest.mark.parametrize(
+    ("errors", "writes", "removes"),
+    [
+        ([], 1, 0),
+        ([_error(sqlite3.SQLITE_BUSY)], 1, 0),
+        ([_error(sqlite3.SQLITE_BUSY_SNAPSHOT)], 1, 0),
+        ([_error(sqlite3.SQLITE_READONLY_DIRECTORY)], 1, 0),
+        ([_error(sqlite3.SQLITE_CORRUPT)], 2, 1),
+        ([_error(None)], 2, 1),
+        ([_error(sqlite3.SQLITE_NOTADB), _error(sqlite3.SQLITE_BUSY)], 2, 1),
+        ([_error(sqlite3.SQLITE_FULL)] * 3, 2, 2),
+    ],
+)
+def test_what_passes_is_waited_for_and_what_is_broken_is_removed_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, errors: list[sqlite3.Error], writes: int, removes: int
+) -> None:
+    done, left = list[str](), list(errors)
+
+    def write(*_: object, anew: bool) -> None:
+        done.append("write")
+        if left:
+            raise left.pop(0)
+
+    monkeypatch.setattr(run_index, "_write", write)
+    monkeypatch.setattr(run_index, "_remove", lambda path: done.append("remove"))
+    run_index._keep(tmp_path / INDEX, {}, set(), anew=True)
+    assert (done.count("write"), done.count("remove")) == (writes, removes)
+
+
+def test_one_of_another_version_is_made_anew_in_its_place(runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = listed(runs)
+    DAMAGE["of another version"](runs / INDEX)
+    monkeypatch.setattr(run_index, "_remove", unread)
+    assert listed(runs) == first == listed(runs, unread)
+
+
+def test_what_cannot_be_removed_is_left(tmp_path: Path) -> None:
+    run_index._remove(tmp_path / INDEX)
+    (tmp_path / INDEX).mkdir()
+    (tmp_path / f"{INDEX}-journal").touch()
+    run_index._remove(tmp_path / INDEX)
+    assert (tmp_path / INDEX).is_dir()
+    (tmp_path / INDEX).rmdir()
+    run_index._remove(tmp_path / INDEX)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_where_there_is_no_run_there_is_no_index(tmp_path: Path) -> None:
     (tmp_path / "holiday").mkdir()
     (found,) = listed(tmp_path)
