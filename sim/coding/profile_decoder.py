@@ -1,13 +1,15 @@
 """Pressures on the skin from noisy receptors: not negative, within a few contacts, with a band.
 
-It begins with a smooth fit. SED is made linear about it, and the likeliest contacts of each sort that may be (how
-many, with sharp ends or without) are climbed to. Then, for each sort, SED is made linear about its own answer, round
-by round, until that stays; pressures are averaged over them all (`profiles`). Where too few pressures are asked for
-to tell contacts apart, the smooth fit is the answer.
+It begins with a smooth fit, and a table of imagined pressures is weighed by how well they explain the readings.
+Where noise is loud that is the answer. Else SED is made linear about the smooth fit, and the likeliest contacts of
+each sort that may be (how many, with sharp ends or without) are climbed to. Then, for each sort, SED is made linear
+about its own answer, round by round, until that stays; pressures are averaged over them all, and over the table by
+how much of the readings it could take in (`profiles`). Where too few pressures are asked for to tell contacts apart,
+the smooth fit is the answer.
 """
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +17,11 @@ from scipy.special import ndtr
 
 from sim.coding.decoded import checked_readings
 from sim.coding.operators import Operator
-from sim.coding.profiles.climb import alone, climbed, runs, sort_of
-from sim.coding.profiles.mixture import Mixture, mixed, together
+from sim.coding.profiles.climb import Sort, alone, climbed, runs, sort_of
+from sim.coding.profiles.mixture import Mixture, mixed, pooled, together
 from sim.coding.profiles.seen import Model, Seen, linearised
 from sim.coding.profiles.smooth_fit import chi2, smooth_fit, smooth_start, spread
+from sim.coding.profiles.table import Weighed, table_of
 from sim.coding.readings import Readings
 
 Array = NDArray[np.float64]
@@ -35,9 +38,14 @@ FEWEST_READINGS = 5
 _LOOSENED = 3.0
 """The model's error at the first look, over what it is: far from the answer linear SED is wrong too."""
 
+_VISIBLE = 1.0
+"""Singular values that the first look goes by, over noise: it has only to tell which sorts are possible."""
+
 _STARTS = 3
-_POSSIBLE = 12.0  # log evidence below the best at the first look
+_POSSIBLE = 8.0  # log evidence below the best at the first look
+_STILL_POSSIBLE = 6.0  # the same of the first round, which later ones move by less than 1
 _MOST_ROUNDS = 8
+_AS_GOOD = 0.5  # power at which the table is as good as a search beside it; below, its share falls with it
 _SETTLED = 0.02  # of the pressures, in relative L2
 _KEPT = 20  # models of a round that the next begins with
 _DEAF = 1e-6  # least weight of a reading, over that of one that is not silent
@@ -68,14 +76,18 @@ class Profile:
     mixture: Mixture | None = None  # where pressures lie within contacts
 
     def band(self, z: float = 1.645) -> tuple[Array, Array]:
-        """(n,) lower and upper bounds, of 90 % by default; not below 0."""
+        """(n,) lower and upper bounds, of 90 % by default; not below 0, and never without the pressure itself.
+
+        Of a mixture they are quantiles. Its mean may lie outside them, where a few models have a contact and the rest
+        has none: the band reaches to it.
+        """
         if self.mixture is None:
             low, high = -z * self.sd, z * self.sd
         else:
             mean, sd = self.mixture.moments()
             wider = np.divide(self.sd, sd, out=np.ones_like(sd), where=sd > 0)
             low, high = (wider * (self.mixture.quantile(float(ndtr(k))) - mean) for k in (-z, z))
-        return np.maximum(0.0, self.pressure + low), self.pressure + high
+        return np.maximum(0.0, self.pressure + np.minimum(0.0, low)), self.pressure + np.maximum(0.0, high)
 
 
 def decode_profile(
@@ -114,7 +126,7 @@ class _Within:
     error: ModelError
     typical: float  # of pressures in contact
 
-    def seen_from(self, pressure: Array, loosened: float = 1.0) -> Seen:
+    def seen_from(self, pressure: Array, loosened: float = 1.0, visible: float | None = None) -> Seen:
         """Readings as linear in the pressures, about these; a silent receptor's by Newton's step."""
         there = self.operator.leaning(pressure)
         sed, slope = there.sed(pressure), there.slope(pressure)
@@ -122,31 +134,73 @@ class _Within:
         second = np.maximum(second, _DEAF / self.readings.sd**2)
         wrong = self.error.covariance(self.operator, sed) + self.operator.unsure(pressure)
         covariance = np.diag(1 / second) + loosened**2 * wrong
-        return linearised(slope, slope @ pressure - first / second, covariance, self.typical)
+        return linearised(slope, slope @ pressure - first / second, covariance, self.typical, visible)
 
-    def settled(self, seen: Seen, model: Model) -> tuple[Mixture, bool]:
-        """Models of one sort, seen from their own mean until it stays; and whether it did."""
-        mixture, models = mixed(seen, {model: 0.0}), [model]
-        for _ in range(_MOST_ROUNDS):
-            pressure, _ = mixture.moments()
-            near = self.seen_from(pressure)
-            climb = climbed(near, models, sort=sort_of(model))
-            mixture, models = mixed(near, climb.known), climb.best(_KEPT)
-            moved = np.linalg.norm(mixture.moments()[0] - pressure)
-            if climb.at_top and moved <= _SETTLED * np.linalg.norm(pressure):
-                return mixture, True
-        return mixture, False
+    def begun(self, seen: Seen, model: Model) -> "_Round":
+        """Models of one sort, seen from the mean of one of them."""
+        return self.next_of(_Round(sort_of(model), mixed(seen, {model: 0.0}), [model], moved=np.inf, at_top=False))
+
+    def next_of(self, last: "_Round") -> "_Round":
+        """Seen from the last round's mean."""
+        pressure, _ = last.mixture.moments()
+        near = self.seen_from(pressure)
+        climb = climbed(near, last.models, sort=last.sort)
+        mixture = mixed(near, climb.known)
+        moved = float(np.linalg.norm(mixture.moments()[0] - pressure) / np.linalg.norm(pressure))
+        return _Round(last.sort, mixture, climb.best(_KEPT), moved, climb.at_top)
+
+    def settled(self, begun: "_Round") -> "_Round":
+        """Round by round, until the pressures stay."""
+        last = begun
+        for _ in range(_MOST_ROUNDS - 1):
+            if last.settled:
+                break
+            last = self.next_of(last)
+        return last
+
+
+class _Round(NamedTuple):
+    """Models of one sort, seen from where the round before left them."""
+
+    sort: Sort
+    mixture: Mixture
+    models: list[Model]
+    moved: float  # relative L2
+    at_top: bool
+
+    @property
+    def settled(self) -> bool:
+        return self.at_top and self.moved <= _SETTLED
 
 
 def _within_contacts(operator: Operator, readings: Readings, error: ModelError) -> Profile:
-    """Each sort of answer that a first look leaves possible, and the mean over them all."""
+    """By the table where it takes in most of what readings tell; else averaged over it and all sorts of answers."""
     start = smooth_start(operator.leaning(np.zeros(operator.parts.shape[2])), readings)
-    begun = start.pressure
-    within = _Within(operator, readings, error, float(begun @ begun / begun.sum()))
-    seen = within.seen_from(begun, _LOOSENED)
-    look = climbed(seen, [*runs(begun), *alone(len(begun))], _STARTS)
-    found = [within.settled(seen, model) for model in look.best_of_sorts(_POSSIBLE).values()]
-    mixture = together([mixture for mixture, _ in found])
+    weighed = _by_table(operator, readings, error, start.pressure)
+    mixture, converged = weighed.mixture, True
+    share = weighed.power / _AS_GOOD
+    if share < 1:
+        found, converged = _by_search(operator, readings, error, start.pressure)
+        mixture = pooled(weighed.mixture, found, share)
     pressure, sd = mixture.moments()
-    misfit = chi2(operator, readings, pressure)
-    return Profile(pressure, sd, start.smoothing, misfit, all(settled for _, settled in found), mixture)
+    return Profile(pressure, sd, start.smoothing, chi2(operator, readings, pressure), converged, mixture)
+
+
+def _by_table(operator: Operator, readings: Readings, error: ModelError, begun: Array) -> Weighed:
+    """A silent receptor by Newton's step, as a reading that noise makes uncertain."""
+    sed = operator.sed(begun)
+    _, first, second = readings.cost(sed)
+    second = np.maximum(second, _DEAF / readings.sd**2)
+    variance = 1 / second + np.diag(error.covariance(operator, sed))
+    return table_of(operator).weighed(sed - first / second, variance, float(np.linalg.norm(sed)))
+
+
+def _by_search(operator: Operator, readings: Readings, error: ModelError, begun: Array) -> tuple[Mixture, bool]:
+    """Each sort of answer that a first look and a first round leave possible; and whether all settled."""
+    within = _Within(operator, readings, error, float(begun @ begun / begun.sum()))
+    seen = within.seen_from(begun, _LOOSENED, _VISIBLE)
+    look = climbed(seen, [*runs(begun), *alone(len(begun))], _STARTS)
+    rounds = [within.begun(seen, model) for model in look.best_of_sorts(_POSSIBLE).values()]
+    best = max(one.mixture.log_weight.max() for one in rounds)
+    found = [within.settled(one) for one in rounds if one.mixture.log_weight.max() > best - _STILL_POSSIBLE]
+    return together([one.mixture for one in found]), all(one.settled for one in found)

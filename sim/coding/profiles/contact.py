@@ -4,6 +4,7 @@ Inside, pressure has a level and varies slowly about it. At a blunt end it does 
 corner's, it may stand out by far; the outermost samples are covered in part. Sizes are over a typical pressure.
 """
 
+from collections.abc import Sequence
 from functools import cache
 from itertools import product
 from typing import NamedTuple
@@ -66,29 +67,39 @@ class Contact(NamedTuple):
     @property
     def mean(self) -> Array:
         """(k,) pressures of its k samples beforehand, over the typical pressure."""
-        return KINDS[self.kind].level * _covered(self.stop - self.first)
+        return self._alone()[0]
 
     @property
     def covariance(self) -> Array:
         """(k, k) of those pressures."""
-        return _covariance(self.stop - self.first, self.kind)
+        mean, alone = self._alone()
+        return np.asarray(np.outer(mean, mean) * alike(len(mean)) + np.diag(alone))
+
+    def _alone(self) -> tuple[Array, Array]:
+        samples = self.stop - self.first
+        mean, alone = side_by_side([Contact(0, samples, self.kind)], samples)
+        return mean[0], alone[0]
 
 
 @cache
-def _covered(samples: int) -> Array:
-    covered = np.ones(samples)
-    covered[[0, -1]] = _COVERED
-    return covered
-
-
-@cache
-def _covariance(samples: int, kind: int) -> Array:
-    level, first_end, last_end = KINDS[kind]
+def alike(samples: int) -> Array:
+    """(samples, samples) covariance of levels and slow variation, over the mean."""
     number = np.arange(samples)
     apart = np.abs(np.subtract.outer(number, number)) * (np.sqrt(5) / _LENGTH_SAMPLES)
-    slow = _SLOW**2 * (1 + apart + apart**2 / 3) * np.exp(-apart)
-    from_first, from_last = number, number[::-1]
-    alone = _FREE**2 + np.where((from_first == 0) | (from_last == 0), _COVERED_SD**2, 0.0)
-    alone = alone + np.where(from_first <= 1, first_end**2, 0.0) + np.where(from_last <= 1, last_end**2, 0.0)
-    covered = _covered(samples)
-    return np.asarray(level**2 * (np.outer(covered, covered) * (_LEVEL_SD**2 + slow) + np.diag(alone)))
+    return np.asarray(_LEVEL_SD**2 + _SLOW**2 * (1 + apart + apart**2 / 3) * np.exp(-apart))
+
+
+def side_by_side(contacts: Sequence[Contact], samples: int) -> tuple[Array, Array]:
+    """(k, samples) means of k contacts' pressures, and variances of each sample by itself; 0 outside a contact.
+
+    With them the covariance is `alike` times the means' products, and those variances.
+    """
+    first, stop, kind = np.array(contacts)[:, :, None].transpose(1, 0, 2)
+    level, first_end, last_end = np.array(KINDS)[kind].transpose(2, 0, 1)
+    number = np.arange(samples)
+    from_first, from_last = number - first, stop - 1 - number
+    inside = (from_first >= 0) & (from_last >= 0)
+    outermost = (from_first == 0) | (from_last == 0)
+    alone = _FREE**2 + _COVERED_SD**2 * outermost
+    alone = alone + first_end**2 * (from_first <= 1) + last_end**2 * (from_last <= 1)
+    return level * np.where(outermost, _COVERED, 1.0) * inside, level**2 * alone * inside

@@ -17,6 +17,7 @@ FROM_BEST = 5.0
 _MOST_CUTS = 8
 _SURELY_ABOVE = 2.5  # sd: what is cut off so far out moves nothing
 _HALVINGS = 40
+_NOTHING = 1e-300  # a weight whose log is still a number
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,13 @@ def mixed(seen: Seen, known: dict[Model, float]) -> Mixture:
 def together(mixtures: list[Mixture]) -> Mixture:
     """All of their models."""
     return Mixture(*(np.concatenate([getattr(m, name) for m in mixtures]) for name in ("log_weight", "mean", "sd")))
+
+
+def pooled(first: Mixture, second: Mixture, share: float) -> Mixture:
+    """Both, the first having so much of the probability, less than 1; its models come first."""
+    weight = np.concatenate([share * first.weight, (1 - share) * second.weight])
+    both = (np.concatenate([getattr(m, name) for m in (first, second)]) for name in ("mean", "sd"))
+    return Mixture(np.log(np.maximum(weight, _NOTHING)), *both)
 
 
 def cut_off(mean: Array, covariance: Array) -> tuple[Array, Array, Array]:

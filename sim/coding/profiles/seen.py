@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
-from sim.coding.profiles.contact import Contact
+from sim.coding.profiles.contact import Contact, alike, side_by_side
 
 Array = NDArray[np.float64]
 
@@ -49,40 +49,49 @@ class Seen:
         most = max(map(len, models))
         of = np.array([[number[c] for c in model] + [len(contacts)] * (most - len(model)) for model in models])
         places = self.matrix.shape[1] * (self.matrix.shape[1] + 1) / 2
-        terms = np.stack([*map(self._term, contacts), np.zeros((len(self.value) + 1,) * 2)])
+        self._meet([contact for contact in contacts if contact not in self._terms])
+        terms = np.stack([*(self._terms[contact] for contact in contacts), np.zeros((len(self.value) + 1,) * 2)])
         log_prior = np.array([*(contact.log_prior - np.log(places) for contact in contacts), 0.0])
         return np.asarray(sum(terms[of[:, k]] for k in range(most))), log_prior[of].sum(axis=1)
 
-    def _term(self, contact: Contact) -> Array:
-        """(r + 1, r + 1) covariance that a contact gives the values, and their mean as its last row."""
-        found = self._terms.get(contact)
-        if found is None:
-            part = self.matrix[:, contact.samples]
-            found = np.zeros((len(part) + 1,) * 2)
-            found[:-1, :-1] = part @ contact.covariance @ part.T
-            found[-1, :-1] = part @ contact.mean
-            self._terms[contact] = found
-        return found
+    def _meet(self, contacts: list[Contact]) -> None:
+        """The (r + 1, r + 1) covariance that each gives the values, and their mean as its last row."""
+        if not contacts:
+            return
+        r, samples = self.matrix.shape
+        mean, alone = side_by_side(contacts, samples)
+        weighed = mean[:, None] * self.matrix  # (k, r, n)
+        terms = np.zeros((len(contacts), r + 1, r + 1))
+        terms[:, :r, :r] = (weighed @ alike(samples)) @ weighed.swapaxes(1, 2)
+        terms[:, :r, :r] += (alone[:, None] * self.matrix) @ self.matrix.T
+        terms[:, r, :r] = mean @ self.matrix.T
+        self._terms.update(zip(contacts, terms, strict=True))
 
     def posterior(self, models: Sequence[Model]) -> tuple[Array, Array]:
         """(k, n) means and (k, n, n) covariances of the pressures over typical; 0 outside a model's contacts."""
-        samples = self.matrix.shape[1]
-        mean, prior = np.zeros((len(models), samples)), np.zeros((len(models), samples, samples))
-        for k, model in enumerate(models):
-            for contact in model:
-                mean[k, contact.samples] = contact.mean
-                prior[k, contact.samples, contact.samples] = contact.covariance
+        samples, most = self.matrix.shape[1], max(map(len, models))
+        contacts = [contact for model in models for contact in model]
+        each, alone = np.zeros((2, len(models), most, samples))
+        at = [(k, c) for k, model in enumerate(models) for c in range(len(model))]
+        row, column = np.array(at).T
+        each[row, column], alone[row, column] = side_by_side(contacts, samples)
+        mean = each.sum(axis=1)
+        prior = (each.swapaxes(1, 2) @ each) * alike(samples)
+        prior[:, range(samples), range(samples)] += alone.sum(axis=1)
         seen = self.matrix @ prior  # (k, r, n)
         gain = np.linalg.solve(np.eye(len(self.value)) + seen @ self.matrix.T, seen).swapaxes(1, 2)
         left = self.value - mean @ self.matrix.T
         return mean + (gain @ left[..., None])[..., 0], prior - gain @ seen
 
 
-def linearised(slope: Array, value: Array, covariance: Array, typical: float) -> Seen:
-    """From (m, n) slopes, (m,) values that slope · pressure should have, and the (m, m) covariance of their noise."""
+def linearised(slope: Array, value: Array, covariance: Array, typical: float, visible: float | None = None) -> Seen:
+    """From (m, n) slopes, (m,) values that slope · pressure should have, and the (m, m) covariance of their noise.
+
+    Singular values below `visible` are dropped, by default `VISIBLE`.
+    """
     lower = cholesky(covariance, lower=True)
     left, size, right = np.linalg.svd(solve_triangular(lower, slope * typical, lower=True), full_matrices=False)
-    kept = size > VISIBLE
+    kept = size > (VISIBLE if visible is None else visible)
     white = solve_triangular(lower, value, lower=True)
     inside = left.T[kept] @ white
     unexplained = -0.5 * (white @ white - inside @ inside) - np.log(np.diag(lower)).sum()
