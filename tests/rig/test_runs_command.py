@@ -503,7 +503,17 @@ def test_one_run_is_told(program: Program, runs: Path) -> None:
 def test_one_run_in_lines(program: Program, runs: Path) -> None:
     ended = program("show", runs / "complete")
     assert (ended.code, ended.err) == (0, "")
+    size = sum(path.stat().st_size for path in (runs / "complete").iterdir() if path.name != "SHA256SUMS")
     lines = {line[:12].strip(): line[12:] for line in ended.out.splitlines()}
+    assert lines["run"] == str(runs / "complete")
+    assert lines["source"] == "tests/data/runs_of_0_1"
+    assert lines["parameters"] == "doi_mm 0.4"
+    assert lines["began"] == "2026-11-22T05:11:01+00:00, 57 s"
+    assert lines["limits"].startswith("max_doi_mm 1.5, max_force_gwt 100.0, ")
+    assert lines["devices"].startswith("stage virtual grbl, force virtual mtsics, controller [VER:")
+    assert lines["versions"].startswith("python 3.11.7, indentation-rig 0.1.0, ")
+    assert lines["model"] == "nodes 34164, e_epidermis_mpa 0.186266, from_cache True"
+    assert lines["files"].startswith(f"16, {size / 1e6:.1f} MB: config.toml, data.h5, ")
     assert lines["what"] == "Bar at five positions (bars_of_five), on the virtual bench"
     assert lines["subject"] == "none given"
     assert lines["state"] == "done, 5 of 5 indentations"
@@ -521,6 +531,34 @@ def test_a_run_that_was_killed_says_where_it_left_the_indentor(program: Program,
     stopped(runs / "stopped", "tripped", "too much")
     ended = program("show", runs / "stopped")
     assert "state       tripped, 5 of 8 indentations\nbecause     too much\npressed" in ended.out
+
+
+def test_a_script_that_did_less_than_was_planned(program: Program, runs: Path) -> None:
+    stopped(runs / "stopped", "done", "")
+    told = program("show", runs / "stopped", "--json").json
+    assert (told["state"], told["done"]) == ("incomplete", 5)
+    assert told["ending"] == {"reason": "the script did less than was planned", "words": None}
+    assert "subject     S07\n" in program("show", runs / "stopped").out
+    at = {"left": "lifted", "x_mm": 0.5, "height_mm": 2.0, "trusted": True, "may_touch": False}
+    with (runs / "stopped" / "events.jsonl").open("a", encoding="utf-8") as file:
+        file.write(
+            json.dumps({"doc": "stop", "t_s": 91.0, "status": "aborted", "reason": "x", "indentor": at}) + "\n"
+        )
+    assert program("show", runs / "stopped", "--json").json["ending"] == {
+        "reason": "x",
+        "words": "lifted, at x = 0.50 mm, 2.00 mm above the nominal apex (trusted); it does not touch the finger",
+    }
+
+
+def test_a_run_that_had_no_time_for_anything(program: Program, tmp_path: Path) -> None:
+    events = [{"doc": "event", "t_s": 0, "stream": "home", "data": {}}]
+    documents = [START | {"planned_indentations": 1}, *events]
+    (tmp_path / "events.jsonl").write_text("".join(json.dumps(one) + "\n" for one in documents), encoding="utf-8")
+    told = program("show", tmp_path, "--json").json
+    assert (told["devices"], told["presses"], told["parameters"], told["subject"]) == ({}, [], {}, None)
+    lines = program("show", tmp_path).out.splitlines()
+    assert {line[:12].strip(): line[12:] for line in lines}["source"] == "-"
+    assert [line[12:] for line in lines if line[:12].strip() in ("parameters", "devices", "model")] == ["none"] * 3
 
 
 def test_a_run_without_its_copies_is_told_all_the_same(program: Program, runs: Path) -> None:
