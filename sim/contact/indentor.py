@@ -27,6 +27,9 @@ EDGE_RADIUS_MM = 0.02
 """Radii below this are edges, whatever they are."""
 
 
+_ALONG_ITSELF = np.ones((1, 1))
+
+
 class ShapeWarning(UserWarning):
     """Something that a shape says of itself is not so."""
 
@@ -171,10 +174,14 @@ class Prismatic(_OfProfile):
         )
 
     def _arm(self, offset_mm: Array) -> tuple[Array, Array]:
+        if self.direction == (1.0,):
+            return offset_mm[0], _ALONG_ITSELF
         direction = np.array(self.direction)[:, None]
         return (direction * offset_mm).sum(axis=0), direction
 
     def _swept(self, s: Array, direction: Array, height: Array, slope: Array, curvature: Array) -> Surface:
+        if direction is _ALONG_ITSELF:
+            return Surface(height, slope[None], curvature[None, None])
         return Surface(height, direction * slope, direction[:, None] * direction * curvature)
 
 

@@ -1,10 +1,13 @@
-"""Linear complementarity with a symmetric positive definite matrix."""
+"""Linear complementarity with a symmetric positive definite matrix: which points of the skin bear, and how much."""
 
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
+
+from sim.contact.compiled.compiling import compiled
+from sim.contact.compiled.elastic import Skin, moved, worked
+from sim.contact.compiled.factors import factor_in_place, solve_in_place
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -24,78 +27,153 @@ class LcpSolution(NamedTuple):
     factor: Array
 
 
-def solve_lcp(q: Array, w: Array, start: Bools) -> LcpSolution | None:
+class _Problem(NamedTuple):
+    """q, the points with their normals, and W among such as were held before, one after another."""
+
+    q: Array
+    skin: Skin
+    normal: Array  # (m, n)
+    w: Array  # (n, n), filled as far as needed
+    place: Ints  # (n,) of a point in W, or −1
+
+
+def solve_lcp(q: Array, skin: Skin, normal: Array, start: Bools) -> LcpSolution | None:
     """λ ≥ 0 with q + Wλ ≥ 0 and λ·(q + Wλ) = 0, or None when W is not positive definite.
 
-    Block principal pivoting: all infeasible indices are exchanged at once (Júdice & Pires 1994). Where their number
-    has not fallen for 8 exchanges, one index enters at a time and λ stays feasible (Lawson & Hanson 1974), which is
-    finite. W's diagonal counts as raised by 1e-11, so that points that cannot be told apart share a load.
+    W (n, n) is the motion of points along their normals (m, n) by unit forces along them. Block principal pivoting:
+    all infeasible indices are exchanged at once (Júdice & Pires 1994). Where their number has not fallen for 8
+    exchanges, one index enters at a time and λ stays feasible (Lawson & Hanson 1974), which is finite. W's diagonal
+    counts as raised by 1e-11, so that points that cannot be told apart share a load.
     """
-    return _by_blocks(q, w, start) or _one_by_one(q, w, start)
+    found, multipliers, active, factor = _solved(q, skin, np.ascontiguousarray(normal), start)
+    return LcpSolution(multipliers, active, factor) if found else None
 
 
-def _by_blocks(q: Array, w: Array, start: Bools) -> LcpSolution | None:
-    active = start.copy()
-    best, patience = len(q) + 1, _PATIENCE
-    tiny = _TOLERANCE * np.abs(q).max(initial=1e-300)
-    while patience >= 0:
-        solution = _held(q, w, active.nonzero()[0])
-        if solution is None:
-            return None
-        wrong = solution.multipliers < 0
-        wrong |= _slack(q, w, solution) < -tiny
-        n_wrong = int(wrong.sum())
-        if n_wrong == 0:
-            return solution
-        best, patience = (n_wrong, _PATIENCE) if n_wrong < best else (best, patience - 1)
-        active ^= wrong
-    return None
+@compiled
+def _solved(q: Array, skin: Skin, normal: Array, start: Bools) -> tuple[bool, Array, Ints, Array]:
+    problem = _Problem(q, skin, normal, np.empty((len(q), len(q))), np.full(len(q), -1))
+    tiny = _TOLERANCE * max(1e-300, np.abs(q).max()) if len(q) else 0.0
+    ended, found, multipliers, active, factor = _by_blocks(problem, start, tiny)
+    if ended:
+        return found, multipliers, active, factor
+    return _one_by_one(problem, start, tiny)
 
 
-def _one_by_one(q: Array, w: Array, start: Bools) -> LcpSolution | None:
-    solution = _feasible(q, w, np.flatnonzero(start), np.zeros(len(q)))
-    tiny = _TOLERANCE * np.abs(q).max(initial=1e-300)
-    for _ in range(_MOST_ENTRIES):
-        if solution is None:
-            return None
-        slack = _slack(q, w, solution)
-        entering = int(np.argmin(slack))
-        if slack[entering] >= -tiny:
-            return solution
-        solution = _feasible(q, w, np.append(solution.active, entering), solution.multipliers)
-    return None
-
-
-def _feasible(q: Array, w: Array, active: Ints, before: Array) -> LcpSolution | None:
-    """The solution with some indices held, or fewer: those that would pull are let go on the way from `before`."""
+@compiled
+def _by_blocks(problem: _Problem, start: Bools, tiny: float) -> tuple[bool, bool, Array, Ints, Array]:
+    """Whether it came to an end, and as `_held`."""
+    held = start.copy()
+    best, patience = len(held) + 1, _PATIENCE
     while True:
-        solution = _held(q, w, active)
-        if solution is None:
-            return None
-        new, old = solution.multipliers[active], before[active]
-        pulling = new < 0
-        if not pulling.any():
-            return solution
-        share = np.where(pulling, old / np.where(pulling, old - new, 1.0), np.inf)
-        before = before + share.min() * (solution.multipliers - before)
+        definite, multipliers, active, factor = _held(problem, np.flatnonzero(held))
+        if not definite:
+            return True, False, multipliers, active, factor
+        slack, n_wrong = _slack(problem, multipliers, active), 0
+        for point in range(len(held)):
+            if multipliers[point] < 0.0 or slack[point] < -tiny:
+                held[point] = not held[point]
+                n_wrong += 1
+        if n_wrong == 0:
+            return True, True, multipliers, active, factor
+        if n_wrong < best:
+            best, patience = n_wrong, _PATIENCE
+        else:
+            patience -= 1
+        if patience < 0:
+            return False, False, multipliers, active, factor
+
+
+@compiled
+def _one_by_one(problem: _Problem, start: Bools, tiny: float) -> tuple[bool, Array, Ints, Array]:
+    definite, multipliers, active, factor = _feasible(problem, np.flatnonzero(start), np.zeros(len(start)))
+    for _ in range(_MOST_ENTRIES):
+        if not definite:
+            break
+        slack = _slack(problem, multipliers, active)
+        entering = np.argmin(slack)
+        if slack[entering] >= -tiny:
+            return True, multipliers, active, factor
+        definite, multipliers, active, factor = _feasible(problem, np.append(active, entering), multipliers)
+    return False, multipliers, active, factor
+
+
+@compiled
+def _feasible(problem: _Problem, active: Ints, before: Array) -> tuple[bool, Array, Ints, Array]:
+    """As `_held`, or with fewer indices: those that would pull are let go on the way from `before`."""
+    while True:
+        definite, multipliers, active, factor = _held(problem, active)
+        new, old = multipliers[active], before[active]
+        if not definite or not (new < 0.0).any():
+            return definite, multipliers, active, factor
+        share = np.full(len(active), np.inf)
+        for i in range(len(active)):
+            if new[i] < 0.0:
+                share[i] = old[i] / (old[i] - new[i])
+        before = before + share.min() * (multipliers - before)
         active = active[share > share.min()]
 
 
-def _held(q: Array, w: Array, active: Ints) -> LcpSolution | None:
-    held = w.take(active, axis=0).take(active, axis=1)
-    held.ravel()[:: len(active) + 1] *= 1 + _LIFT
-    factor, info = lapack.dpotrf(held.T, lower=1, clean=0, overwrite_a=1)
-    if info:
-        return None
-    multipliers = np.zeros(len(q))
-    if len(active):
-        multipliers[active] = lapack.dpotrs(factor, -q.take(active), lower=1)[0]
-    return LcpSolution(multipliers, active, factor)
+@compiled
+def _held(problem: _Problem, active: Ints) -> tuple[bool, Array, Ints, Array]:
+    """Whether W is definite there, the multipliers with some indices held, these indices, and their factor."""
+    _know(problem, active)
+    n, w, place = len(active), problem.w, problem.place
+    held, multipliers = np.empty((n, n)), np.zeros(len(place))
+    for i in range(n):
+        one = place[active[i]]
+        for j in range(i + 1):
+            other = place[active[j]]
+            held[i, j] = w[one, other] if one > other else w[other, one]
+        held[i, i] *= 1.0 + _LIFT
+    definite = factor_in_place(held)
+    if definite:
+        right = np.empty(n)
+        for i in range(n):
+            right[i] = -problem.q[active[i]]
+        solve_in_place(held, right)
+        for i in range(n):
+            multipliers[active[i]] = right[i]
+    return definite, multipliers, active, held
 
 
-def _slack(q: Array, w: Array, solution: LcpSolution) -> Array:
+@compiled
+def _know(problem: _Problem, active: Ints) -> None:
+    """Fill W's lower triangle where points are held for the first time."""
+    place, normal = problem.place, problem.normal
+    before = 0
+    for point in range(len(place)):
+        before = max(before, place[point] + 1)
+    after = before
+    for point in active:
+        if place[point] < 0:
+            place[point] = after
+            after += 1
+    if after == before:
+        return
+    every, along = np.empty(after, np.int64), np.empty((len(normal), after))
+    for point in range(len(place)):
+        if place[point] >= 0:
+            every[place[point]] = point
+            for a in range(len(normal)):
+                along[a, place[point]] = normal[a, point]
+    rows = worked(problem.skin, every[before:], along[:, before:].copy(), every, along, before + 1)
+    for r in range(after - before):
+        for c in range(before + r + 1):
+            problem.w[before + r, c] = rows[r, c]
+
+
+@compiled
+def _slack(problem: _Problem, multipliers: Array, active: Ints) -> Array:
     """q + Wλ, zero where held."""
-    slack = w @ solution.multipliers
-    slack += q
-    slack[solution.active] = 0.0
+    normal, slack = problem.normal, problem.q.copy()
+    force = np.empty((len(normal), len(active)))
+    for i in range(len(active)):
+        for a in range(len(normal)):
+            force[a, i] = normal[a, active[i]] * multipliers[active[i]]
+    u = moved(problem.skin, active, force)
+    for a in range(len(normal)):
+        for point in range(len(slack)):
+            slack[point] += normal[a, point] * u[a, point]
+    for point in active:
+        slack[point] = 0.0
     return slack

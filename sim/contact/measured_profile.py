@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import BSpline, PchipInterpolator, make_interp_spline
+from scipy.interpolate import BSpline, PchipInterpolator, PPoly, make_interp_spline
 
+from sim.contact.compiled import curves
 from sim.contact.profiles import STEEPEST_SLOPE, arc_tangent
 
 Array = NDArray[np.float64]
@@ -84,14 +85,17 @@ class MeasuredProfile:
         return 0.0
 
     @cached_property
-    def _curves(self) -> tuple[Curve, Curve, Curve]:
-        curve = _filleted(self.x_mm, self.height_mm) if self.linear else PchipInterpolator(self.x_mm, self.height_mm)
-        return curve, curve.derivative(), curve.derivative(2)
+    def _curve(self) -> PPoly:
+        return (_filleted if self.linear else PchipInterpolator)(self.x_mm, self.height_mm)
 
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
         """Height, slope and curvature."""
         beyond, side, clipped = self._beyond(s_mm)
-        height, slope, curvature = (np.asarray(curve(clipped)) for curve in self._curves)
+        return self._with_flanks(beyond, side, curves.joined(clipped, self._curve.x, self._curve.c))
+
+    @staticmethod
+    def _with_flanks(beyond: Array, side: Array, profile: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        height, slope, curvature = profile
         inside = beyond <= 0
         return (
             height + STEEPEST_SLOPE * np.maximum(beyond, 0.0),
@@ -102,14 +106,13 @@ class MeasuredProfile:
     def tangent(self, s_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
         """As `evaluate`; beyond an end, the plane through that end that is closest to the node."""
         beyond, side, clipped = self._beyond(s_mm)
-        end_height = self._curves[0](clipped)
-        height, slope, _ = arc_tangent(beyond, y_mm - end_height, 0.0, side)
-        profile = self.evaluate(s_mm)
+        profile = curves.joined(clipped, self._curve.x, self._curve.c)
+        height, slope, _ = arc_tangent(beyond, y_mm - profile[0], 0.0, side)
         inside = beyond <= 0
         return (
-            np.where(inside, profile[0], end_height + height),
+            np.where(inside, profile[0], profile[0] + height),
             np.where(inside, profile[1], slope),
-            profile[2],
+            np.where(inside, profile[2], 0.0),
         )
 
     def _beyond(self, s_mm: Array) -> tuple[Array, Array, Array]:
@@ -118,14 +121,14 @@ class MeasuredProfile:
         return np.maximum(s_mm - last, first - s_mm), np.sign(s_mm - 0.5 * (first + last)), np.clip(s_mm, first, last)
 
 
-def _filleted(x_mm: tuple[float, ...], height_mm: tuple[float, ...]) -> BSpline:
+def _filleted(x_mm: tuple[float, ...], height_mm: tuple[float, ...]) -> PPoly:
     """Straight lines whose slope changes linearly about each point."""
     x, height = np.array(x_mm), np.array(height_mm)
     slope, half = np.diff(height) / np.diff(x), np.minimum(_FILLET_MM, 0.4 * np.diff(x))
     reach = np.minimum(half[:-1], half[1:])
     knots = np.concatenate([x[:1], np.stack([x[1:-1] - reach, x[1:-1] + reach], axis=1).ravel(), x[-1:]])
     curve = make_interp_spline(knots, np.repeat(slope, 2), k=1).antiderivative()
-    return BSpline(curve.t, curve.c + height[0], curve.k)
+    return PPoly.from_spline(BSpline(curve.t, curve.c + height[0], curve.k))
 
 
 def read_profile(path: str, *, linear: bool = False) -> MeasuredProfile:

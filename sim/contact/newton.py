@@ -1,15 +1,24 @@
 """Newton's step from the planes of one pass to those of the next: forces turn as points slide along curved parts."""
 
-from collections.abc import Iterable
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import blas, lapack
 
+from sim.contact.compiled.compiling import compiled
+from sim.contact.compiled.elastic import Skin, moved, worked
+from sim.contact.compiled.factors import (
+    add_products,
+    back_in_place,
+    eigen_in_place,
+    factor_in_place,
+    forth_in_place,
+    one_over_inverse,
+    solve_in_place,
+)
 from sim.contact.lcp import LcpSolution
-from sim.contact.planes import FrozenPlanes, among
-from sim.contact.points import norm
+from sim.contact.planes import FrozenPlanes
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -27,22 +36,6 @@ class Onward(NamedTuple):
     unstable: bool
 
 
-class _Slides(NamedTuple):
-    """Slides of active points on curved parts along the principal directions of ∇²h, each scaled by √|λ κ|."""
-
-    points: Ints  # (c,)
-    weights: list[Array]  # m − 1 of (m − 1, c), the scaled directions
-    concave: Bools  # ((m − 1) c,)
-
-    def sideways(self, amplitude: Array) -> Array:
-        """(m − 1, c) forces or displacements of (q,) amplitudes."""
-        return summed(w * a for w, a in zip(self.weights, np.split(amplitude, len(self.weights)), strict=True))
-
-    def amplitude(self, sideways: Array) -> Array:
-        """(q,) the slides' shares in (m − 1, c) displacements."""
-        return np.concatenate([(w * sideways).sum(axis=0) for w in self.weights])
-
-
 def predicted(planes: FrozenPlanes, solution: LcpSolution, un: Array, residual: float, share: float) -> Onward | None:
     """Displacements after a share of Newton's step; None where no active point is on a curved part.
 
@@ -53,111 +46,172 @@ def predicted(planes: FrozenPlanes, solution: LcpSolution, un: Array, residual: 
     curved = np.flatnonzero(planes.curved & (solution.multipliers > 0))
     if not len(curved):
         return None
-    slides = _slides(planes, solution.multipliers, curved)
-    by_slide = planes.sideways.take(np.searchsorted(planes.turning, curved), axis=1)
-    half = _held_back(planes, solution, by_slide, slides)
-    moved = (un - planes.u)[:-1, curved]
-    matrix = _one_less_compliance(by_slide, slides)
-    matrix = blas.dsyrk(1.0, half, beta=1.0, c=matrix, trans=1, lower=1, overwrite_c=1)
+    slides = _slides(planes.curvature, solution.multipliers, curved)
+    moved_mm = (un - planes.u)[:-1, curved]
     floor = _COARSE_FLOOR if residual > 1e-3 else _FINE_FLOOR
-    turned, unstable = _turned(matrix, slides.amplitude(moved), slides.concave, floor)
-    force = np.zeros_like(un)
-    force[:-1, curved] = slides.sideways(turned)
-    reaction = lapack.dtrtrs(solution.factor, half @ turned, lower=1, trans=1)[0]
-    force[:, solution.active] -= planes.normal[:, solution.active] * reaction
-    step = moved + np.einsum("bcmk,mk->bc", by_slide, force)
+    step, unstable = _step(planes.region.skin, planes.normal, solution, slides, moved_mm, floor)
+    step *= share * _shortened(planes.curvature, planes.slope, step, curved)
     after = un.copy()
-    after[:-1, curved] = planes.u[:-1, curved] + share * step * _shortened(planes, step, curved)
+    after[:-1, curved] = planes.u[:-1, curved] + step
     return Onward(after, unstable)
 
 
-def summed(terms: Iterable[Array]) -> Array:
-    """Their sum, made in the first one's place."""
-    first, *others = terms
-    for other in others:
-        first += other
-    return first
+class _Slides(NamedTuple):
+    """Slides of active points on curved parts along the principal directions of ∇²h, each scaled by √|λ κ|."""
+
+    points: Ints  # (q,) along the first direction, then along the second
+    force: Array  # (m, q) of unit amplitude
+    concave: Bools  # (q,)
 
 
-def _slides(planes: FrozenPlanes, multipliers: Array, curved: Ints) -> _Slides:
-    bend = planes.curvature[:, :, curved]
-    if len(bend) == 1:
-        kappa, direction = bend[0].T, np.ones((len(curved), 1, 1))
-    else:
-        kappa, direction = np.linalg.eigh(np.moveaxis(bend, -1, 0))  # (c, i), (c, axis, i)
-    scaled = direction * np.sqrt(multipliers[curved, None] * np.abs(kappa))[:, None]
-    return _Slides(curved, list(scaled.transpose(2, 1, 0)), (kappa < 0).T.ravel())
+@compiled
+def _slides(curvature: Array, multipliers: Array, curved: Ints) -> _Slides:
+    m, c = len(curvature), len(curved)
+    points, force, concave = np.empty(m * c, np.int64), np.zeros((m + 1, m * c)), np.zeros(m * c, np.bool_)
+    for p in range(c):
+        bend = curvature[:, :, curved[p]]
+        angle = 0.5 * math.atan2(2.0 * bend[0, m - 1], bend[0, 0] - bend[m - 1, m - 1]) if m > 1 else 0.0
+        for i in range(m):
+            way = (math.cos(angle + 0.5 * math.pi * i), math.sin(angle + 0.5 * math.pi * i))
+            kappa = 0.0
+            for a in range(m):
+                for b in range(m):
+                    kappa += way[a] * bend[a, b] * way[b]
+            points[i * c + p], concave[i * c + p] = curved[p], kappa < 0.0
+            for a in range(m):
+                force[a, i * c + p] = way[a] * math.sqrt(multipliers[curved[p]] * abs(kappa))
+    return _Slides(points, force, concave)
 
 
-def _one_less_compliance(moved: Array, slides: _Slides) -> Array:
-    """(q, q) lower triangle of 1 − the compliance of the slides with nothing held, of (m − 1, c, m, k)."""
-    lateral, c = range(len(moved)), len(slides.points)
-    part = moved.take(slides.points, axis=3)
-    matrix = np.empty((len(slides.concave),) * 2, order="F")
-    for i, v in enumerate(slides.weights):
-        along = [summed(v[a][:, None] * part[a, :, b] for a in lateral) for b in lateral]
-        for j, w in enumerate(slides.weights[: i + 1]):
-            compliance = summed(block * of_axis for block, of_axis in zip(along, w, strict=True))
-            matrix[i * c : (i + 1) * c, j * c : (j + 1) * c] = -compliance
-    np.einsum("ii->i", matrix)[:] += 1.0
-    return matrix
+@compiled
+def _step(
+    skin: Skin, normal: Array, solution: LcpSolution, slides: _Slides, moved_mm: Array, floor: float
+) -> tuple[Array, bool]:
+    """(m − 1, c) where points slide in all by Newton's whole step; whether what was stepped from is unstable."""
+    active, m, q = solution.active, len(normal) - 1, len(slides.points)
+    c = moved_mm.shape[1]
+    pressing = np.empty((m + 1, len(active)))
+    for i in range(len(active)):
+        for a in range(m + 1):
+            pressing[a, i] = normal[a, active[i]]
+    # (q, active): what slides make active points approach the indentor by, then L⁻¹ of it, W = L Lᵀ
+    held_back = worked(skin, slides.points, slides.force, active, pressing, len(active))
+    forth_in_place(solution.factor, held_back)
+    matrix, right = -worked(skin, slides.points, slides.force, slides.points, slides.force, 1), np.zeros(q)
+    for s in range(q):
+        matrix[s, s] += 1.0
+        for a in range(m):
+            right[s] += slides.force[a, s] * moved_mm[a, s % c]
+    add_products(matrix, held_back)
+    turned, unstable = _turned(matrix, right, slides.concave, floor)
+    reaction, place = np.zeros(len(active)), np.empty(normal.shape[1], np.int64)
+    for s in range(q):
+        for i in range(len(active)):
+            reaction[i] += turned[s] * held_back[s, i]
+    back_in_place(solution.factor, reaction)
+    for i in range(len(active)):
+        place[active[i]] = i
+        for a in range(m + 1):
+            pressing[a, i] *= -reaction[i]
+    for s in range(q):
+        for a in range(m):
+            pressing[a, place[slides.points[s]]] += slides.force[a, s] * turned[s]
+    u, step = moved(skin, active, pressing), moved_mm.copy()
+    for p in range(c):
+        for a in range(m):
+            step[a, p] += u[a, slides.points[p]]
+    return step, unstable
 
 
-def _held_back(planes: FrozenPlanes, solution: LcpSolution, moved: Array, slides: _Slides) -> Array:
-    """(active, q) L⁻¹ A: A the approach of active points to the indentor by unit slides, W = L Lᵀ."""
-    active = solution.active
-    approach = np.einsum("bcma,ma->bca", moved.take(active, axis=3), planes.normal[:, active])
-    by_slide = [summed(block * w[:, None] for block, w in zip(approach, ws, strict=True)) for ws in slides.weights]
-    return np.asarray(blas.dtrsm(1.0, solution.factor, np.concatenate(by_slide).T, lower=1))
-
-
-def _shortened(planes: FrozenPlanes, step: Array, curved: Ints) -> Array:
+@compiled
+def _shortened(curvature: Array, slope: Array, step: Array, curved: Ints) -> Array:
     """Factors ≤ 1 that keep each step within 0.1 mm and within what turns the point's normal by a radian."""
-    curvature, slope = planes.curvature[:, :, curved], planes.slope[:, curved]
-    bend = np.sqrt((curvature**2).sum(axis=(0, 1))) / norm(slope) ** 2  # of the normal, rad/mm
-    return np.minimum(1.0, np.minimum(_LONGEST_MM, _FULL_TURN / bend) / np.maximum(np.abs(step), 1e-300))
+    factor = np.ones(step.shape)
+    m = len(slope)
+    for p in range(len(curved)):
+        bend, along = 0.0, 1.0
+        for a in range(m):
+            along += slope[a, curved[p]] ** 2
+            for b in range(m):
+                bend += curvature[a, b, curved[p]] ** 2
+        longest = min(_LONGEST_MM, _FULL_TURN * along / math.sqrt(bend))
+        for a in range(m):
+            factor[a, p] = min(1.0, longest / max(abs(step[a, p]), 1e-300))
+    return factor
 
 
+@compiled
 def _turned(matrix: Array, right: Array, concave: Bools, floor: float) -> tuple[Array, bool]:
     """(q,) turning forces S y of (1 − N S) y = r, given the lower triangle of 1 − N; whether that is indefinite.
 
     The concave ones are eliminated first: they stiffen, and leave (1 − N') y = r' with N' ≥ 0 over the convex ones.
     """
-    if not concave.any():
-        return _solve_positive(matrix, right, floor)
-    matrix = np.tril(matrix) + np.tril(matrix, -1).T
     stiff, soft = np.flatnonzero(concave), np.flatnonzero(~concave)
-    lower = lapack.dpotrf(2 * np.eye(len(stiff)) - among(matrix, stiff, stiff), lower=1, clean=0)[0]
-    cross = np.asarray(blas.dtrsm(1.0, lower, among(matrix, stiff, soft), lower=1))
-    known = lapack.dtrtrs(lower, right[stiff], lower=1)[0]
-    force = np.empty(len(right))
-    left = among(matrix, soft, soft) + cross.T @ cross
-    force[soft], unstable = _solve_positive(left, right[soft] + cross.T @ known, floor)
-    force[stiff] = lapack.dtrtrs(lower, cross @ force[soft] - known, lower=1, trans=1)[0]
+    if not len(stiff):
+        return _solve_positive(matrix, right, floor)
+    lower, known = -_part(matrix, stiff, stiff), right[stiff]
+    for i in range(len(stiff)):
+        lower[i, i] += 2.0
+    factor_in_place(lower)
+    cross, left, rest = _part(matrix, soft, stiff), _part(matrix, soft, soft), right[soft]
+    forth_in_place(lower, cross)
+    forth_in_place(lower, known.reshape(1, -1))
+    add_products(left, cross)
+    for s in range(len(soft)):
+        for i in range(len(stiff)):
+            rest[s] += cross[s, i] * known[i]
+    convex, unstable = _solve_positive(left, rest, floor)
+    force, stiffened = np.empty(len(right)), -known
+    for s in range(len(soft)):
+        force[soft[s]] = convex[s]
+        for i in range(len(stiff)):
+            stiffened[i] += cross[s, i] * convex[s]
+    back_in_place(lower, stiffened)
+    force[stiff] = stiffened
     return force, unstable
 
 
+@compiled
+def _part(matrix: Array, rows: Ints, columns: Ints) -> Array:
+    """(r, c) of a symmetric matrix given by its lower triangle."""
+    found = np.empty((len(rows), len(columns)))
+    for r in range(len(rows)):
+        for c in range(len(columns)):
+            found[r, c] = matrix[max(rows[r], columns[c]), min(rows[r], columns[c])]
+    return found
+
+
+@compiled
 def _solve_positive(matrix: Array, right: Array, floor: float) -> tuple[Array, bool]:
     """z = M⁻¹ r of the step y + (1 − M) z, given M's lower triangle; r is y, scaled: along an eigenvector z is y / e.
 
     Eigenvalues e count as max(|e|, floor), by the coarse floor if one is negative: then the second answer is yes.
     """
-    if not len(right):
-        return right, False
-    factor, info = lapack.dpotrf(matrix, lower=1, clean=0)
-    if info == 0 and _smallest_exceeds(floor, matrix, factor):
-        return np.asarray(lapack.dpotrs(factor, right, lower=1)[0]), False
-    values, vectors, _ = lapack.dsyevd(matrix, lower=1)
-    unstable = bool(values[0] < 0)
-    if unstable:
-        floor = _COARSE_FLOOR
-    raised = np.maximum(np.abs(values), floor)
-    share = np.where(values >= floor, 1 / raised, (1 - 1 / raised) / np.minimum(values - 1, -1e-3))
-    return np.asarray(vectors @ ((vectors.T @ right) * share)), unstable
+    factor, found = matrix.copy(), right.copy()
+    if factor_in_place(factor) and _smallest_exceeds(floor, matrix, factor):
+        solve_in_place(factor, found)
+        return found, False
+    vectors = matrix.copy()
+    values = eigen_in_place(vectors)
+    unstable = values[0] < 0.0
+    least = _COARSE_FLOOR if unstable else floor
+    found[:] = 0.0
+    for i in range(len(values)):
+        along, raised = 0.0, max(abs(values[i]), least)
+        for j in range(len(values)):
+            along += vectors[i, j] * right[j]
+        along *= 1.0 / raised if values[i] >= least else (1.0 - 1.0 / raised) / min(values[i] - 1.0, -1e-3)
+        for j in range(len(values)):
+            found[j] += vectors[i, j] * along
+    return found, unstable
 
 
+@compiled
 def _smallest_exceeds(floor: float, matrix: Array, factor: Array) -> bool:
     """Whether every eigenvalue does: by an estimate of the inverse's norm, else by a factorisation."""
-    if lapack.dpocon(factor, 1.0, uplo="L")[0] > floor:  # 1 / the inverse's 1-norm, no more than the smallest
+    if not len(matrix) or one_over_inverse(factor) > floor:
         return True
-    return bool(lapack.dpotrf(matrix - floor * np.eye(len(matrix)), lower=1, clean=0)[1] == 0)
+    lowered = matrix.copy()
+    for i in range(len(matrix)):
+        lowered[i, i] -= floor
+    return factor_in_place(lowered)

@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.contact.compiled import chords
 from sim.contact.indentor import SHARP_RADIUS_MM, Indentor, Surface
 
 Array = NDArray[np.float64]
@@ -33,14 +34,17 @@ class Pose:
 
     def gap(self, tangential_mm: Array, y_mm: Array) -> Surface:
         """Vertical gap (mm), slope and curvature of the indentor over points at (m, k) and y."""
-        surface = self.indentor.evaluate(tangential_mm - np.array(self.at_mm)[:, None])
-        return surface._replace(height_mm=self.height_mm + surface.height_mm - y_mm)
+        height, slope, curvature = self.indentor.evaluate(tangential_mm - self._place)
+        return Surface(self.height_mm + height - y_mm, slope, curvature)
 
     def plane(self, tangential_mm: Array, y_mm: Array) -> Surface:
         """As `gap`, to the tangent plane of the indentor closest to each point."""
-        offset = tangential_mm - np.array(self.at_mm)[:, None]
-        surface = self.indentor.tangent(offset, y_mm - self.height_mm)
-        return surface._replace(height_mm=self.height_mm + surface.height_mm - y_mm)
+        height, slope, curvature = self.indentor.tangent(tangential_mm - self._place, y_mm - self.height_mm)
+        return Surface(self.height_mm + height - y_mm, slope, curvature)
+
+    @cached_property
+    def _place(self) -> Array:
+        return np.array(self.at_mm)[:, None]
 
 
 class Skin(Protocol):
@@ -74,16 +78,6 @@ class ContactPoints:
     def __len__(self) -> int:
         return len(self.nodes) + len(self.between)
 
-    @cached_property
-    def segments(self) -> Ints:
-        """(e,) the segments of the points between nodes."""
-        return self.between // _INNER
-
-    @cached_property
-    def along(self) -> Array:
-        """(e,) their places, from the segment's first node (0) to its second (1)."""
-        return (self.between % _INNER + 1) / PARTS
-
     def chosen(self, mask: Bools) -> "ContactPoints":
         """Some of the points."""
         return ContactPoints(self.nodes[mask[: len(self.nodes)]], self.between[mask[len(self.nodes) :]])
@@ -91,17 +85,16 @@ class ContactPoints:
     def among(self, other: "ContactPoints") -> Bools:
         """(k,) whether each point is one of the other's."""
         pairs = ((self.nodes, other.nodes), (self.between, other.between))
-        return np.concatenate([_marked(others, mine)[mine] for mine, others in pairs])
+        return np.concatenate([chords.which_of(mine, others) for mine, others in pairs])
 
     def joined(self, other: "ContactPoints") -> "ContactPoints":
         """These and the other's points."""
         pairs = ((self.nodes, other.nodes), (self.between, other.between))
-        return ContactPoints(*[np.flatnonzero(_marked(a, b) | _marked(b, a)) for a, b in pairs])
+        return ContactPoints(*[chords.merged(mine, others) for mine, others in pairs])
 
     def on(self, skin: Skin) -> "Places":
         """The same points, ready to take values from the nodes of a skin."""
-        first, second = skin.segments[self.segments].T
-        return Places(skin, self.nodes, first, second, self.along)
+        return Places(skin, *chords.carried(self.nodes, self.between, skin.segments, PARTS))
 
 
 @dataclass(frozen=True)
@@ -109,10 +102,8 @@ class Places:
     """Points of a skin: some of its nodes, then places between two of them."""
 
     skin: Skin
-    alone: Ints  # (k − e,)
-    first: Ints  # (e,)
-    second: Ints  # (e,)
-    along: Array  # (e,) from the first to the second
+    around: Ints  # (2, k) the nodes around each point; a node stands by itself
+    share: Array  # (k,) of the second
 
     @cached_property
     def tangential_mm(self) -> Array:
@@ -122,29 +113,20 @@ class Places:
     @cached_property
     def y(self) -> Array:
         """(k,) undeformed heights in mm."""
-        return self.interpolate(self.skin.y)
+        return self.interpolate(self.skin.y[None])[0]
 
-    @cached_property
+    @property
     def carriers(self) -> tuple[Ints, Array]:
-        """(2, k) nodes around each point and their shares in it; a node stands by itself."""
-        nodes = np.stack([np.concatenate([self.alone, self.first]), np.concatenate([self.alone, self.second])])
-        share = np.concatenate([np.zeros(len(self.alone)), self.along])
-        return nodes, np.stack([1 - share, share])
+        """(2, k) nodes around each point and their shares in it."""
+        return self.around, np.stack([1 - self.share, self.share])
 
     def interpolate(self, nodal: Array) -> Array:
-        """(…, k) values at the points from (…, n) values at the nodes."""
-        at_nodes = nodal.take(self.alone, axis=-1)
-        if not len(self.along):
-            return at_nodes
-        first, second = (nodal.take(ends, axis=-1) for ends in (self.first, self.second))
-        between = (1 - self.along) * first + self.along * second
-        return np.concatenate([at_nodes, between], axis=-1)
+        """(r, k) values at the points from (r, n) values at the nodes."""
+        return chords.interpolated(np.ascontiguousarray(nodal), self.around, self.share)
 
     def to_nodes(self, force: Array) -> Array:
         """(m, n) forces on the nodes that (m, k) forces at the points amount to."""
-        nodes, share = self.carriers
-        parts = (force[:, None] * share).reshape(len(force), -1)
-        return np.stack([np.bincount(nodes.ravel(), weights=f, minlength=len(self.skin.y)) for f in parts])
+        return chords.shared_out(force, self.around, self.share, len(self.skin.y))
 
 
 @dataclass(frozen=True)
@@ -167,18 +149,20 @@ class Survey:
         if not between:
             nothing = np.zeros((0, _INNER))
             return cls(pose, skin, u, surface, np.zeros(0, np.int64), nothing, nothing > 0)
-        high = (pose.height_mm - y) < _REACH_MM
-        segments = np.flatnonzero(high[skin.segments].any(axis=1))
-        return cls(pose, skin, u, surface, segments, *_between(pose, tangential, y, surface, skin.segments[segments]))
+        segments, at, at_y = chords.spread(tangential, y, skin.segments, pose.height_mm - _REACH_MM, PARTS)
+        gap = pose.gap(at, at_y).height_mm.reshape(-1, _INNER)
+        below = chords.below_chord(surface.height_mm, skin.segments, segments, gap, _BENT_MM)
+        if pose.indentor.corners_only:
+            below &= _turns(pose, tangential[:, skin.segments[segments]])[:, None]
+        return cls(pose, skin, u, surface, segments, gap, below)
 
     def near(self, pose: Pose, gap_mm: float) -> ContactPoints:
         """Nodes closer than a gap to the indentor at another height, and points between nodes where it bends."""
         lower_mm = self.pose.height_mm - pose.height_mm
         if len(self.segments) and lower_mm + gap_mm > _REACH_MM:
             return Survey.of(pose, self.skin, self.u, between=True).near(pose, gap_mm)
-        bent = self.below_chord.any(axis=1, keepdims=True)
-        nodes = np.flatnonzero(self.surface.height_mm - lower_mm < gap_mm)
-        return ContactPoints(nodes, self._points(bent & (self.gap_mm - lower_mm < gap_mm)))
+        height, gap = self.surface.height_mm, self.gap_mm
+        return ContactPoints(*chords.closer(height, gap, self.below_chord, self.segments, lower_mm, gap_mm))
 
     @cached_property
     def penetrated(self) -> tuple[ContactPoints, Array]:
@@ -207,27 +191,6 @@ def displaced_gap(pose: Pose, places: Places, u: Array) -> Surface:
 def norm(slope: Array) -> Array:
     """Length of (∇h, −1)."""
     return np.sqrt(1 + (slope**2).sum(axis=0))
-
-
-def _marked(numbers: Ints, others: Ints) -> Bools:
-    """Which of all numbers up to the largest of both, each ascending, are among the first."""
-    marked = np.zeros(1 + max([-1, *numbers[-1:], *others[-1:]]), dtype=bool)
-    marked[numbers] = True
-    return marked
-
-
-def _between(pose: Pose, tangential_mm: Array, y_mm: Array, nodes: Surface, segments: Ints) -> tuple[Array, Bools]:
-    """(s, _INNER) gaps at the points between (s, 2) nodes, and whether the indentor is below its chord there."""
-    along = np.arange(1, PARTS) / PARTS
-    s, y = tangential_mm[:, segments], y_mm[segments]
-    at_s, at_y = (v[..., :1] + np.diff(v) * along for v in (s, y))
-    surface = pose.gap(at_s.reshape(len(s), -1), at_y.ravel())
-    gap = surface.height_mm.reshape(at_y.shape)
-    chord = nodes.height_mm[segments] @ np.stack([1 - along, along])
-    bent = np.asarray(chord - gap > _BENT_MM)
-    if pose.indentor.corners_only:
-        bent &= _turns(pose, s)[:, None]
-    return gap, bent
 
 
 def _turns(pose: Pose, s: Array) -> Bools:

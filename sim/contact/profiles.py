@@ -3,13 +3,14 @@
 Shapes and dimensions: Raju (1998, ch. 4). The lateral coordinate s is measured from the reference point.
 """
 
-import math
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from sim.contact.compiled import curves
 
 Array = NDArray[np.float64]
 
@@ -126,15 +127,7 @@ class Step(Profile):
 
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
         """Height, slope and curvature: h = 0.25 (1 − cos πs/L) on the flank."""
-        k = np.pi / STEP_HALF_WAVELENGTH_MM[self.number]
-        half = 0.5 * STEP_HEIGHT_MM
-        flank = (s_mm >= 0) & (s_mm <= np.pi / k)
-        t = np.clip(k * s_mm, 0.0, np.pi)
-        return (
-            half * (1 - np.cos(t)),
-            np.where(flank, half * k * np.sin(t), 0.0),
-            np.where(flank, half * k * k * np.cos(t), 0.0),
-        )
+        return curves.flank(s_mm, 0.5 * STEP_HEIGHT_MM, np.pi / STEP_HALF_WAVELENGTH_MM[self.number])
 
 
 @dataclass(frozen=True)
@@ -250,26 +243,11 @@ def _floored(profile: tuple[Array, Array, Array], floor: NDArray[np.bool_]) -> t
 
 def arc(t: Array, radius: float, side: Array, steepest: float = STEEPEST_SLOPE) -> tuple[Array, Array, Array]:
     """A circle's lower part at distance t from its lowest point, then a flank at its steepest; flat at t < 0."""
-    end = radius * steepest / math.hypot(1.0, steepest)
-    within = np.minimum(np.maximum(t, 0.0), end)
-    cosine = np.sqrt(radius * radius - within * within)
-    height = radius - cosine + steepest * (np.maximum(t, end) - end)
-    if not radius > 0:
-        return height, side * np.where(t > end, steepest, 0.0), np.zeros_like(t)
-    past = t > end
-    slope = np.where(past, steepest, within / cosine)
-    curvature = np.where(past | (t < 0), 0.0, radius**2 / (cosine * cosine * cosine))
-    return height, side * slope, curvature
+    return curves.arc(t, radius, side, steepest)
 
 
 def arc_tangent(t: Array, y_mm: Array, radius: float, side: Array) -> tuple[Array, Array, Array]:
     """As `arc`, but past the end of the arc the tangent that is closest to the node at height y."""
     height, slope, curvature = arc(t, radius, side)
-    past = (t > radius * STEEPEST_SLOPE / math.hypot(1.0, STEEPEST_SLOPE)).nonzero()[0]
-    if len(past):
-        beyond = t[past]
-        below = np.maximum(radius - y_mm[past], 1e-12)
-        steepness = np.minimum(beyond / below, STEEPEST_SLOPE)
-        height[past] = radius - radius * np.hypot(1.0, steepness) + steepness * beyond
-        slope[past] = side[past] * steepness
+    curves.lean(height, slope, t, y_mm, radius, side, STEEPEST_SLOPE)
     return height, slope, curvature

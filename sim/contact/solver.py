@@ -13,11 +13,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.contact.indentor import Surface
+from sim.contact.compiled.elastic import displaced
+from sim.contact.compiled.gaps import missed
 from sim.contact.newton import predicted
 from sim.contact.patch import Patch
 from sim.contact.planes import FrozenPlanes, Gathered, Region, forces_along
-from sim.contact.points import ContactPoints, Pose, Survey, displaced_gap, norm
+from sim.contact.points import ContactPoints, Pose, Survey, displaced_gap
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -164,27 +165,18 @@ class _Iteration:
     def _residual(self, u: Array, multipliers: Array, slope: Array) -> tuple[float, float]:
         """The residual over the region's points that forces along slopes moved, and the sum of their depths (mm)."""
         here = self.pose.gap(*self.region.moved_to(u))
-        mismatch = self.region.moved_by(np.concatenate([(here.slope - slope) * multipliers, 0 * multipliers[None]]))
-        depth = np.maximum(0.0, -here.height_mm) / norm(here.slope)
-        return _residual(mismatch, here, multipliers, self.pose.scale_mm), float(depth.sum())
-
-
-def _residual(mismatch: Array, here: Surface, multipliers: Array, scale_mm: float) -> float:
-    """Largest of mismatch of u, penetration, complementarity and tension, as ratios."""
-    along = norm(here.slope)
-    push = multipliers * along
-    peak = float(push.max(initial=0.0))
-    push = push / peak if peak > 0 else push
-    complementarity = np.abs(np.minimum(push, here.height_mm / (along * scale_mm)))
-    mismatch_ratio = float(np.abs(mismatch).max(initial=0.0)) / scale_mm
-    return float(max(mismatch_ratio, complementarity.max(initial=0.0), -push.min(initial=0.0)))
+        turn = (here.slope - slope) * multipliers
+        bent = np.flatnonzero(turn.any(axis=0))
+        turned = turn.take(bent, axis=1)
+        mismatch = self.region.moved_by(np.concatenate([turned, 0 * turned[:1]]), bent)
+        return missed(mismatch, here.height_mm, here.slope, multipliers, self.pose.scale_mm)
 
 
 def _passed(patch: Patch, between_nodes: bool, iteration: "_Iteration", passes: int) -> tuple[ContactState, Survey]:
     """Where the forces found in a region leave the whole patch, its residual not looked at outside the region."""
     region, pose = iteration.region, iteration.pose
     force = region.places.to_nodes(forces_along(iteration.slope, iteration.multiplier))
-    u = patch.displaced(force)
+    u = displaced(patch.compliance, force)
     survey = Survey.of(pose, patch, u, between=between_nodes)
     residual = max(iteration.residual, float(survey.penetrated[1].max(initial=0.0)) / pose.scale_mm)
     gap = survey.surface.height_mm
@@ -197,10 +189,11 @@ def _assessed(patch: Patch, between_nodes: bool, iteration: "_Iteration", passes
     places = region.places
     pushing = forces_along(iteration.slope, multiplier)
     force = places.to_nodes(pushing)
-    here = pose.gap(*region.moved_to(region.moved_by(pushing)))
+    here = pose.gap(*region.moved_to(region.moved_by(pushing, np.arange(len(region.points)))))
     turned = places.to_nodes(forces_along(here.slope, multiplier))
-    u, again = patch.displaced(np.stack([force, turned]))
+    u, again = displaced(patch.compliance, force), displaced(patch.compliance, turned)
     survey = Survey.of(pose, patch, u, between=between_nodes)
-    residual = _residual(again - u, displaced_gap(pose, places, u), multiplier, pose.scale_mm)
+    there = displaced_gap(pose, places, u)
+    residual, _ = missed(again - u, there.height_mm, there.slope, multiplier, pose.scale_mm)
     residual = max(residual, float(survey.penetrated[1].max(initial=0.0)) / pose.scale_mm)
     return ContactState(region.points, multiplier, u, force, survey.surface.height_mm, residual, passes), survey

@@ -14,7 +14,8 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from filelock import FileLock
 from numpy.typing import NDArray
-from platformdirs import user_cache_path
+
+from sim.contact.compiled.kept import cache_dir as cache_dir
 
 Arrays = dict[str, NDArray[np.generic]]
 Kind = Literal["model", "node", "columns", "skin", "answers", "sites"]
@@ -45,12 +46,6 @@ class Entry(NamedTuple):
     kind: Kind
     size: int  # bytes
     read_ns: int  # when it was last read, or else made; since 1970
-
-
-def cache_dir() -> Path:
-    """Folder of cached models: RIG_CACHE_DIR, or the user's cache folder."""
-    chosen = os.environ.get("RIG_CACHE_DIR")
-    return Path(chosen) if chosen else user_cache_path("indentation-rig")
 
 
 def most_bytes() -> float:

@@ -31,6 +31,7 @@ from sim.models.moduli.interpolated import Interpolated
 from sim.models.patches import HalfWidths, half_widths, larger
 from sim.models.pressing import PlacedIndentor, Pressing, RimError, refuse_beside_the_finger, refuse_meaningless
 from sim.models.processes.recipe import ByRecipe, Recipe
+from sim.models.ready import make_ready
 from sim.models.results.indentation import IndentationResult
 from sim.models.results.outline import ModelOutline
 from sim.models.results.pictures import finger_as_html
@@ -111,6 +112,7 @@ class Fingertip(ByRecipe, SeenInside):
         """The model for indentors that slope along some axes, on the mesh's patch or another; built in seconds."""
         key = slopes, patch
         if key not in self._models:
+            make_ready()
             start = time.perf_counter()
             self._models[key], from_cache = self._source.model(key)
             self._outlines[key] = _outline(self._models[key], self.config.tissue.poisson, patch)

@@ -20,7 +20,8 @@ from scipy.linalg import lapack
 from threadpoolctl import threadpool_limits
 
 from sim.config.fingertip_config import FingertipConfig
-from sim.contact import lcp
+from sim.contact import planes
+from sim.contact.lcp import LcpSolution
 from sim.contact.measured_profile import MeasuredProfile
 from sim.contact.solver import ContactState
 from sim.fem import pardiso
@@ -35,7 +36,7 @@ from sim.models.results.indentation import IndentationResult
 
 Shape = str | MeasuredProfile
 Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 SPLINE = MeasuredProfile("two ridges", (-1.2, -0.6, 0.0, 0.6, 1.2), (0.4, 0.0, 0.25, 0.0, 0.4))
 _BARS_X_MM, _STEPS_X_MM = (-0.3, 0.0, 0.25), (2.0, 0.5, -0.5, -1.0, -1.63, -2.25, -3.69)
@@ -144,34 +145,34 @@ def _spent(results: list[IndentationResult]) -> str:
 
 
 def counts(finger: Fingertip) -> None:
-    """What a press by DOI from rest is made of, in the mean: solves, passes, factorisations and their orders."""
+    """What a press by DOI from rest is made of, in the mean: solves, passes, orders and share of convex problems."""
     orders: list[int] = []
-    factor_s: list[float] = []
+    convex_s: list[float] = []
     solves: list[float] = []
-    factorised, solved = lcp._held, Pressing._at
+    convex, solved = planes.FrozenPlanes.solve, Pressing._at
 
-    def factorise_told(q: Array, w: Array, active: Ints) -> lcp.LcpSolution | None:
+    def convex_told(self: planes.FrozenPlanes, held: Bools) -> LcpSolution | None:
         start = time.thread_time()
-        solution = factorised(q, w, active)
-        factor_s.append(time.thread_time() - start)
-        orders.append(len(active))
+        solution = convex(self, held)
+        convex_s.append(time.thread_time() - start)
+        orders.append(len(solution.active) if solution else 0)
         return solution
 
     def solve_told(self: Pressing, doi: float, start: ContactState | None, target: float | None) -> ContactState:
         solves.append(doi)
         return solved(self, doi, start, target)
 
-    columns = ("scene", "solves", "passes", "factorisations", "their order, median / max", "their share of the time")
+    columns = ("scene", "solves", "passes", "points that bear in a pass, median / max", "convex problems' share")
     print(f"| {' | '.join(columns)} |\n|{'---|' * len(columns)}")
-    with patch.object(lcp, "_held", factorise_told), patch.object(Pressing, "_at", solve_told):
+    with patch.object(planes.FrozenPlanes, "solve", convex_told), patch.object(Pressing, "_at", solve_told):
         for name, shape, xs, dois in SCENES:
-            for told in (orders, factor_s, solves):
+            for told in (orders, convex_s, solves):
                 told.clear()
             results = [finger.indent(shape, x, doi_mm=doi) for x in xs for doi in dois]
             n, spent = len(results), sum(r.contact_s for r in results)
-            means = (len(solves) / n, sum(r.state.passes for r in results) / n, len(orders) / n)
+            means = (len(solves) / n, sum(r.state.passes for r in results) / n)
             print(f"| {name} | {' | '.join(f'{mean:.0f}' for mean in means)} | "
-                  f"{np.median(orders):.0f} / {max(orders)} | {sum(factor_s) / spent:.0%} |")  # fmt: skip
+                  f"{np.median(orders):.0f} / {max(orders)} | {sum(convex_s) / spent:.0%} |")  # fmt: skip
 
 
 def solvers() -> None:

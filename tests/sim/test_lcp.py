@@ -8,13 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from sim.contact.compiled.elastic import Skin
 from sim.contact.lcp import LcpSolution, solve_lcp
 
 Array = NDArray[np.float64]
 
 
 def solve(w: Array, q: Array, start: NDArray[np.bool_]) -> LcpSolution | None:
-    return solve_lcp(q, w, start)
+    n = len(q)
+    nodes = Skin(np.ascontiguousarray(w)[None, :, None], n, np.stack([np.arange(n)] * 2), np.zeros(n))
+    return solve_lcp(q, nodes, np.ones((1, n)), start)
 
 
 def raised(w: Array) -> Array:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from sim.contact.indentor import Indentor
 from sim.contact.patch import Patch, X, Y, Z
 from sim.contact.planes import FrozenPlanes, Gathered, Region
-from sim.contact.points import ContactPoints, Pose, Survey
+from sim.contact.points import PARTS, ContactPoints, Pose, Survey
 from sim.contact.profiles import Bar, Step
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import ContactState, PassedState, solve_contact
@@ -44,7 +44,9 @@ def shares(points: ContactPoints, patch: Patch) -> Array:
     """(k, n) of the nodes in the points."""
     found = np.zeros((len(points), len(patch)))
     found[np.arange(len(points.nodes)), points.nodes] = 1
-    for row, (segment, along) in enumerate(zip(points.segments, points.along, strict=True), len(points.nodes)):
+    between = zip(*np.divmod(points.between, PARTS - 1), strict=True)
+    for row, (segment, place) in enumerate(between, len(points.nodes)):
+        along = (place + 1) / PARTS
         first, second = patch.segments[segment]
         found[row, first], found[row, second] = 1 - along, along
     return found
@@ -61,52 +63,45 @@ def test_what_is_gathered_is_the_patchs_own_whatever_came_before(patch: Patch) -
     gathered, whole = Gathered(patch), patch.compliance.reshape(m, n, m, n)
     for nodes in ([4, 9], [4, 9], [9], [2, 4, 9, 11], [0, 11, 23], [1, 5], list(range(n)), [3, 4]):
         part = whole[:, nodes][:, :, :, nodes]
-        assert np.array_equal(gathered.among(np.array(nodes)), part), nodes
+        at = gathered.numbers(np.array(nodes))
+        assert np.array_equal(gathered.store[:, at][:, :, :, at], part), nodes
 
 
 @pytest.mark.parametrize("points", [NODES, MIXED, EVERY_NODE], ids=["nodes", "mixed", "all nodes"])
 def test_points_move_one_another_as_their_nodes_do(patch: Patch, points: ContactPoints) -> None:
     region, whole = Region(Gathered(patch), points), by_definition(points, patch)
     m, k = len(patch.axes), len(points)
-    scale = np.abs(whole).max()
-    np.testing.assert_allclose(region.vertical, whole[-1, :, -1], atol=1e-14 * scale, rtol=0)
-    for some in ([0, 2], [2, 3, k - 1], [0, 2], list(range(k)), [1]):
-        found = region.sideways(np.array(some))
-        np.testing.assert_allclose(found, whole[:-1, some], atol=1e-14 * scale, rtol=0)
-    force = np.zeros((m, k))
-    for loaded in (0, 1, k):  # few and all of the nodes loaded along each axis
-        force[:, :loaded] = np.arange(1.0, 1 + m)[:, None] + np.arange(loaded)
-        moved = np.einsum("akbl,bl->ak", whole, force)
-        np.testing.assert_allclose(region.moved_by(force), moved, atol=1e-12 * scale, rtol=0)
-
-
-def test_what_turning_points_add_is_taken_back(patch: Patch) -> None:
-    region = Region(Gathered(patch), MIXED)
-    k, rng = len(MIXED), np.random.default_rng(1)
-    for turning in ([1, 4], [2], [], [0, 2, 5], list(range(k)), [8]):
-        added = rng.normal(size=(len(turning), k))
-        whole = region.vertical.copy()
-        whole[turning] += added
-        whole[:, turning] += added.T
-        np.testing.assert_array_equal(region.along_normals(np.array(turning, dtype=np.int64), added), whole)
+    scale, rng = np.abs(whole).max(), np.random.default_rng(1)
+    for some in ([0, 2], [2, 3, k - 1], list(range(k)), [1]):
+        force = rng.normal(size=(m, len(some))) * (rng.random((m, len(some))) < 0.7)
+        moved = np.einsum("akbl,bl->ak", whole[:, :, :, some], force)
+        np.testing.assert_allclose(region.moved_by(force, np.array(some)), moved, atol=1e-12 * scale, rtol=0)
 
 
 def test_planes_are_as_compliant_as_their_normals_say(patch: Patch) -> None:
     shape = "sphere:1" if len(patch.axes) == 3 else "step:1"
     pose = Pose(parse_shape(shape), (0.3,) * (len(patch.axes) - 1), -0.1, 0.1)
     planes = FrozenPlanes(pose, Region(Gathered(patch), MIXED), np.zeros((len(patch.axes), len(MIXED))), False)
-    assert planes.tilted.any()
+    assert (planes.slope != 0).any()
     whole = by_definition(MIXED, patch)
     along = np.einsum("ak,akbl,bl->kl", planes.normal, whole, planes.normal)
-    np.testing.assert_allclose(planes._compliance(), along, atol=1e-13 * np.abs(whole).max(), rtol=0)
+    solution = planes.solve(np.ones(len(MIXED), dtype=bool))
+    assert solution is not None
+    slack = planes.gap_mm + along @ solution.multipliers
+    scale = np.abs(planes.gap_mm).max()
+    assert len(solution.active)
+    np.testing.assert_allclose(slack[solution.active], 0.0, atol=1e-9 * scale)
+    assert slack.min() > -1e-9 * scale
+    moved = np.einsum("akbl,bl->ak", whole, planes.normal * solution.multipliers)
+    np.testing.assert_allclose(planes.displacement(solution), moved, atol=1e-12 * np.abs(moved).max(), rtol=0)
 
 
 def test_a_plane_that_is_level_only_here_turns_too() -> None:
     patch = make_patch((X, Y))
     pose = Pose(parse_shape("cylinder:9"), (float(patch.x[7]),), -0.1, 0.1)
     planes = FrozenPlanes(pose, Region(Gathered(patch), NODES), np.zeros((2, len(NODES))), False)
-    assert not planes.tilted[1]  # node 7 lies under the cylinder's lowest line
-    assert planes.turning.tolist() == list(range(len(NODES)))
+    assert planes.slope[0, 1] == 0  # node 7 lies under the cylinder's lowest line
+    assert planes.curved.all()
 
 
 @pytest.mark.parametrize("lower_mm", [0.0, 0.05, 0.2, 0.5])

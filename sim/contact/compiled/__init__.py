@@ -1,0 +1,1 @@
+"""Loops over the points of a contact, compiled for the machine at hand."""

@@ -1,0 +1,56 @@
+"""How loops over the points of a contact are compiled: for the machine at hand, when first called, and then kept.
+
+Kept beside these modules as Python keeps its own byte code, or in the cache's folder where that cannot be written;
+what cannot be kept at all is compiled in each process. A change of any of the modules begins a folder anew.
+"""
+
+import hashlib
+import os
+import shutil
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+from numba import config as numba_config
+from numba import njit
+
+from sim.contact.compiled.kept import cache_dir
+
+Loops = TypeVar("Loops", bound=Callable[..., Any])
+
+_config: Any = numba_config
+_HERE = Path(__file__).parent
+_ALSO = ("lcp.py", "newton.py")
+
+
+def compiled(loops: Loops) -> Loops:
+    """The same loops as machine code."""
+    before, _config.CACHE_DIR = _config.CACHE_DIR, str(_folder())
+    try:
+        made = njit(cache=True, error_model="numpy")(loops)
+    except (RuntimeError, OSError):  # numba has no place to keep it
+        made = njit(error_model="numpy")(loops)
+    finally:
+        _config.CACHE_DIR = before
+    return cast(Loops, made)
+
+
+@cache
+def _folder() -> Path:
+    """Where machine code of the modules as they are now is kept; what older ones left there is removed."""
+    here = _HERE / "__pycache__"
+    parent = here if os.access(here if here.exists() else _HERE, os.W_OK) else cache_dir()
+    folder = parent / f"loops-{_digest()}"
+    for other in parent.glob("loops-*"):
+        if other != folder:
+            shutil.rmtree(other, ignore_errors=True)
+    return folder
+
+
+def _digest() -> str:
+    """Of all modules with loops: numba looks at changes of the one alone in which it finds a function."""
+    found = hashlib.sha256()
+    for module in (*sorted(_HERE.glob("*.py")), *(_HERE.parent / name for name in _ALSO)):
+        found.update(module.read_bytes())
+    return found.hexdigest()[:16]

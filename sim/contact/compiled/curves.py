@@ -1,0 +1,68 @@
+"""Heights, slopes and curvatures of profiles: arcs with flanks, the sine of a step, cubics joined at points."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.contact.compiled.compiling import compiled
+
+Array = NDArray[np.float64]
+
+
+@compiled
+def arc(t: Array, radius: float, side: Array, steepest: float) -> tuple[Array, Array, Array]:
+    """A circle's lower part at t (k,) from its lowest point, then a flank at its steepest; flat at t < 0."""
+    height, slope, curvature = np.zeros(len(t)), np.zeros(len(t)), np.zeros(len(t))
+    end = radius * steepest / math.hypot(1.0, steepest)
+    for p in range(len(t)):
+        if t[p] > end:
+            height[p] = radius - math.sqrt(radius * radius - end * end) + steepest * (t[p] - end)
+            slope[p] = side[p] * steepest
+        elif t[p] >= 0.0 and radius > 0.0:
+            cosine = math.sqrt(radius * radius - t[p] * t[p])
+            height[p] = radius - cosine
+            slope[p] = side[p] * (t[p] / cosine)
+            curvature[p] = radius * radius / (cosine * cosine * cosine)
+    return height, slope, curvature
+
+
+@compiled
+def lean(height: Array, slope: Array, t: Array, y_mm: Array, radius: float, side: Array, steepest: float) -> None:
+    """Put the tangent of `arc`'s circle that is closest to a point at height y where it would be a flank."""
+    end = radius * steepest / math.hypot(1.0, steepest)
+    for p in range(len(t)):
+        if t[p] > end:
+            steepness = min(t[p] / max(radius - y_mm[p], 1e-12), steepest)
+            height[p] = radius - radius * math.hypot(1.0, steepness) + steepness * t[p]
+            slope[p] = side[p] * steepness
+
+
+@compiled
+def flank(s: Array, half: float, k: float) -> tuple[Array, Array, Array]:
+    """A flank half · (1 − cos ks) from a level at s < 0 to another one half a wave on."""
+    height, slope, curvature = np.zeros(len(s)), np.zeros(len(s)), np.zeros(len(s))
+    for p in range(len(s)):
+        if s[p] > math.pi / k:
+            height[p] = half * 2.0
+        elif s[p] >= 0.0:
+            t = min(k * s[p], math.pi)
+            height[p] = half * (1.0 - math.cos(t))
+            slope[p] = half * k * math.sin(t)
+            curvature[p] = half * k * k * math.cos(t)
+    return height, slope, curvature
+
+
+@compiled
+def joined(s: Array, knots: Array, powers: Array) -> tuple[Array, Array, Array]:
+    """Polynomials (p, n), highest power first, from each of n knots (n + 1) to the next; the outer ones go on."""
+    height, slope, curvature = np.zeros(len(s)), np.zeros(len(s)), np.zeros(len(s))
+    last = powers.shape[1] - 1
+    for p in range(len(s)):
+        i = min(max(np.searchsorted(knots, s[p], side="right") - 1, 0), last)
+        t = s[p] - knots[i]
+        for power in powers[:, i]:
+            curvature[p] = curvature[p] * t + 2.0 * slope[p]
+            slope[p] = slope[p] * t + height[p]
+            height[p] = height[p] * t + power
+    return height, slope, curvature

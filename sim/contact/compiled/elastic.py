@@ -1,0 +1,95 @@
+"""What forces at points of the skin do at other points, by loops over the nodes that carry them."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.contact.compiled.compiling import compiled
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class Skin(NamedTuple):
+    """Points of the skin, and how the nodes around them move one another."""
+
+    store: Array  # (m, N, m, N) mm/N: motion of nodes along the second pair by forces along the first
+    nodes: int  # so many of the N are there
+    carriers: Ints  # (2, k) the nodes around each point
+    share: Array  # (k,) of the second: 0 for a node
+
+
+@compiled
+def worked(skin: Skin, rows: Ints, row_force: Array, columns: Ints, column_force: Array, width: int) -> Array:
+    """(r, c) work of a force (m, r) at each of some points along the motion by one (m, c) at each of others.
+
+    The first row has `width` columns, each other one more than the one before it; the rest is zero.
+    """
+    store, carriers, share = skin.store, skin.carriers, skin.share
+    m, n = len(row_force), len(columns)
+    found = np.zeros((len(rows), n))
+    first, second, part = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n)
+    for c in range(n):
+        first[c], second[c], part[c] = carriers[0, columns[c]], carriers[1, columns[c]], share[columns[c]]
+    for r in range(len(rows)):
+        i, k, t = carriers[0, rows[r]], carriers[1, rows[r]], share[rows[r]]
+        for a in range(m):
+            f = row_force[a, r]
+            if f == 0.0:
+                continue
+            for b in range(m):
+                near, far = store[a, i, b], store[a, k, b]
+                for c in range(min(width + r, n)):
+                    g = f * column_force[b, c]
+                    if g == 0.0:
+                        continue
+                    motion = near[first[c]]
+                    if t > 0.0:
+                        motion += t * (far[first[c]] - motion)
+                    if part[c] > 0.0:
+                        end = near[second[c]]
+                        if t > 0.0:
+                            end += t * (far[second[c]] - end)
+                        motion += part[c] * (end - motion)
+                    found[r, c] += g * motion
+    return found
+
+
+@compiled
+def moved(skin: Skin, loaded: Ints, force: Array) -> Array:
+    """(m, k) motion in mm of all points by forces (m, r) at some of them."""
+    store, count, carriers, share = skin
+    m, k = len(store), len(share)
+    nodal = np.zeros((m, count))
+    for p in range(len(loaded)):
+        for a in range(m):
+            for end in range(2):
+                t = share[loaded[p]]
+                f = force[a, p] * (t if end else 1.0 - t)
+                if f == 0.0:
+                    continue
+                for b in range(m):
+                    row = store[a, carriers[end, loaded[p]], b]
+                    for n in range(count):
+                        nodal[b, n] += f * row[n]
+    found = np.empty((m, k))
+    for b in range(m):
+        for p in range(k):
+            near, far = nodal[b, carriers[0, p]], nodal[b, carriers[1, p]]
+            found[b, p] = near + share[p] * (far - near)
+    return found
+
+
+@compiled
+def displaced(compliance: Array, force: Array) -> Array:
+    """(m, n) motion of nodes by forces (m, n), of which most are zero; the compliance is (m n, m n)."""
+    pushing, found = force.ravel(), np.zeros(force.size)
+    for i in range(len(pushing)):
+        f = pushing[i]
+        if f == 0.0:
+            continue
+        row = compliance[i]
+        for j in range(len(found)):
+            found[j] += f * row[j]
+    return found.reshape(force.shape)

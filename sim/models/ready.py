@@ -1,0 +1,49 @@
+"""Loops of a contact made ready when a finger is loaded: read in a quarter of a second, or compiled and said so."""
+
+import logging
+from functools import cache
+
+import numba.core.event as numba_events
+import numpy as np
+
+from sim.contact.indentor import Indentor
+from sim.contact.patch import Patch
+from sim.contact.points import Pose
+from sim.contact.profiles import Cylinder
+from sim.contact.solver import solve_contact
+
+_log = logging.getLogger(__name__)
+
+_SPACING_MM, _DEEP_MM = 0.2, 0.05
+
+
+class _Compiling(numba_events.Listener):
+    """Says once that something is compiled."""
+
+    def __init__(self) -> None:
+        self.told = False
+
+    def on_start(self, event: numba_events.Event) -> None:
+        """Called before a function is."""
+        if not self.told:
+            _log.info("the contact's loops are compiled for this machine, once: some twenty seconds …")
+        self.told = True
+
+    def on_end(self, event: numba_events.Event) -> None:
+        """Called after it."""
+
+
+@cache
+def make_ready() -> None:
+    """Have what a press needs in memory: a patch of a few nodes is pressed. Does nothing a second time."""
+    with numba_events.install_listener("numba:compile", _Compiling()):
+        pose = Pose(Indentor.along(Cylinder(1.0)), (0.0,), -_DEEP_MM, _DEEP_MM)
+        solve_contact(_few_nodes(), pose, between_nodes=True)
+
+
+def _few_nodes() -> Patch:
+    """A level patch of three by five nodes, each of which moves the others the less the farther they are."""
+    z, x = (place.ravel() for place in np.meshgrid(np.arange(-1.0, 2.0), np.arange(-2.0, 3.0), indexing="ij"))
+    position = _SPACING_MM * np.stack([x, np.zeros_like(x), z], axis=1)
+    near = np.exp(-np.linalg.norm(position[:, None] - position[None], axis=2) / _SPACING_MM)
+    return Patch(position, np.ones(len(x)), (3, 5), compliance=np.kron(np.eye(2), near))

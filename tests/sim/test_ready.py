@@ -1,0 +1,101 @@
+"""Loops are compiled once, kept where that is possible, and whoever waits is told."""
+
+import logging
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numba.core.event import Event, EventStatus, broadcast
+
+from sim.contact.compiled import compiling
+from sim.models import ready
+from sim.models.fingertip import Fingertip
+
+
+def doubled(x: float) -> float:
+    return 2 * x
+
+
+@pytest.fixture
+def modules(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A place for modules of its own, and a cache that is not there yet."""
+    here = tmp_path / "contact" / "compiled"
+    here.mkdir(parents=True)
+    for name in ("compiled/loops.py", *compiling._ALSO):
+        (here.parent / name).write_text("1")
+    monkeypatch.setattr(compiling, "_HERE", here)
+    monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path / "cache"))
+    known = compiling._folder
+    known.cache_clear()
+    yield here
+    known.cache_clear()
+
+
+def test_it_is_kept_beside_the_modules(modules: Path) -> None:
+    made = compiling.compiled(doubled)
+    assert made(3.0) == 6.0
+    assert list((modules / "__pycache__").glob("loops-*/*/*.nbc"))
+
+
+def test_where_nothing_may_be_written_it_is_kept_in_the_cache(
+    modules: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "access", lambda path, how: False)
+    assert compiling._folder().parent == tmp_path / "cache"
+
+
+def test_what_cannot_be_kept_is_compiled_all_the_same(modules: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (modules / "a_file").write_text("")
+    monkeypatch.setattr(compiling, "_folder", lambda: modules / "a_file" / "below")
+    assert compiling.compiled(doubled)(3.0) == 6.0
+
+
+@pytest.mark.parametrize("changed", ["compiled/loops.py", *compiling._ALSO])
+def test_a_change_of_any_module_begins_anew(modules: Path, changed: str) -> None:
+    before = compiling._folder()
+    before.mkdir(parents=True)
+    compiling._folder.cache_clear()
+    assert compiling._folder() == before
+    assert before.exists()
+    (modules.parent / changed).write_text("2")
+    compiling._folder.cache_clear()
+    assert compiling._folder() != before
+    assert not before.exists()  # what older modules left is removed
+
+
+def test_numba_keeps_its_own_settings(modules: Path) -> None:
+    before = compiling._config.CACHE_DIR
+    compiling.compiled(doubled)
+    assert before == compiling._config.CACHE_DIR
+
+
+def test_a_compilation_is_told_of_once(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
+    ready.make_ready.cache_clear()
+
+    def compiles(*_: object, **__: object) -> None:
+        for _event in range(2):
+            broadcast(Event("numba:compile", EventStatus.START))
+            broadcast(Event("numba:compile", EventStatus.END))
+
+    monkeypatch.setattr(ready, "solve_contact", compiles)
+    with caplog.at_level(logging.INFO, "sim.models"):
+        ready.make_ready()
+    assert [line.split(" are ")[0] for line in caplog.messages] == ["the contact's loops"]
+    ready.make_ready.cache_clear()
+
+
+def test_what_is_ready_is_not_told_of(caplog: pytest.LogCaptureFixture, finger: Fingertip) -> None:
+    """A finger has made it ready; pressing one compiles nothing else."""
+    ready.make_ready.cache_clear()
+    with caplog.at_level(logging.INFO, "sim.models"):
+        ready.make_ready()
+    assert not caplog.messages
+
+
+def test_the_few_nodes_are_pressed() -> None:
+    patch = ready._few_nodes()
+    assert len(patch) == 15
+    assert np.linalg.eigvalsh(patch.compliance).min() > 0
+    assert np.ptp(patch.x) == pytest.approx(0.8)
