@@ -20,9 +20,10 @@ _TOLERANCE = 1e-15
 
 
 class LcpSolution(NamedTuple):
-    """Multipliers (n,), their active set and its Cholesky factor (lower)."""
+    """Multipliers (n,), the motion (m, n) that they cause, their active set and its Cholesky factor (lower)."""
 
     multipliers: Array
+    u: Array
     active: Ints
     factor: Array
 
@@ -45,63 +46,63 @@ def solve_lcp(q: Array, skin: Skin, normal: Array, start: Bools) -> LcpSolution 
     exchanges, one index enters at a time and λ stays feasible (Lawson & Hanson 1974), which is finite. W's diagonal
     counts as raised by 1e-11, so that points that cannot be told apart share a load.
     """
-    found, multipliers, active, factor = _solved(q, skin, np.ascontiguousarray(normal), start)
-    return LcpSolution(multipliers, active, factor) if found else None
+    found, solution = _solved(q, skin, np.ascontiguousarray(normal), start)
+    return solution if found else None
 
 
 @compiled
-def _solved(q: Array, skin: Skin, normal: Array, start: Bools) -> tuple[bool, Array, Ints, Array]:
+def _solved(q: Array, skin: Skin, normal: Array, start: Bools) -> tuple[bool, LcpSolution]:
     problem = _Problem(q, skin, normal, np.empty((len(q), len(q))), np.full(len(q), -1))
     tiny = _TOLERANCE * max(1e-300, np.abs(q).max()) if len(q) else 0.0
-    ended, found, multipliers, active, factor = _by_blocks(problem, start, tiny)
-    if ended:
-        return found, multipliers, active, factor
-    return _one_by_one(problem, start, tiny)
+    ended, found, solution = _by_blocks(problem, start, tiny)
+    return (found, solution) if ended else _one_by_one(problem, start, tiny)
 
 
 @compiled
-def _by_blocks(problem: _Problem, start: Bools, tiny: float) -> tuple[bool, bool, Array, Ints, Array]:
-    """Whether it came to an end, and as `_held`."""
+def _by_blocks(problem: _Problem, start: Bools, tiny: float) -> tuple[bool, bool, LcpSolution]:
+    """Whether it came to an end, whether W was definite so far, and what was found."""
     held = start.copy()
     best, patience = len(held) + 1, _PATIENCE
     while True:
-        definite, multipliers, active, factor = _held(problem, np.flatnonzero(held))
+        active = np.flatnonzero(held)
+        definite, multipliers, factor = _held(problem, active)
+        slack, u = _slack(problem, multipliers, active)
+        solution, n_wrong = LcpSolution(multipliers, u, active, factor), 0
         if not definite:
-            return True, False, multipliers, active, factor
-        slack, n_wrong = _slack(problem, multipliers, active), 0
+            return True, False, solution
         for point in range(len(held)):
             if multipliers[point] < 0.0 or slack[point] < -tiny:
                 held[point] = not held[point]
                 n_wrong += 1
         if n_wrong == 0:
-            return True, True, multipliers, active, factor
+            return True, True, solution
         if n_wrong < best:
             best, patience = n_wrong, _PATIENCE
         else:
             patience -= 1
         if patience < 0:
-            return False, False, multipliers, active, factor
+            return False, True, solution
 
 
 @compiled
-def _one_by_one(problem: _Problem, start: Bools, tiny: float) -> tuple[bool, Array, Ints, Array]:
-    definite, multipliers, active, factor = _feasible(problem, np.flatnonzero(start), np.zeros(len(start)))
-    for _ in range(_MOST_ENTRIES):
-        if not definite:
-            break
-        slack = _slack(problem, multipliers, active)
+def _one_by_one(problem: _Problem, start: Bools, tiny: float) -> tuple[bool, LcpSolution]:
+    entries, entered = 0, np.flatnonzero(start)
+    multipliers = np.zeros(len(start))
+    while True:
+        definite, multipliers, active, factor = _feasible(problem, entered, multipliers)
+        slack, u = _slack(problem, multipliers, active)
         entering = np.argmin(slack)
-        if slack[entering] >= -tiny:
-            return True, multipliers, active, factor
-        definite, multipliers, active, factor = _feasible(problem, np.append(active, entering), multipliers)
-    return False, multipliers, active, factor
+        done = slack[entering] >= -tiny
+        if done or not definite or entries == _MOST_ENTRIES:
+            return done and definite, LcpSolution(multipliers, u, active, factor)
+        entries, entered = entries + 1, np.append(active, entering)
 
 
 @compiled
 def _feasible(problem: _Problem, active: Ints, before: Array) -> tuple[bool, Array, Ints, Array]:
-    """As `_held`, or with fewer indices: those that would pull are let go on the way from `before`."""
+    """As `_held`, or with fewer indices: those that would pull are let go on the way from `before`. Which, third."""
     while True:
-        definite, multipliers, active, factor = _held(problem, active)
+        definite, multipliers, factor = _held(problem, active)
         new, old = multipliers[active], before[active]
         if not definite or not (new < 0.0).any():
             return definite, multipliers, active, factor
@@ -114,8 +115,8 @@ def _feasible(problem: _Problem, active: Ints, before: Array) -> tuple[bool, Arr
 
 
 @compiled
-def _held(problem: _Problem, active: Ints) -> tuple[bool, Array, Ints, Array]:
-    """Whether W is definite there, the multipliers with some indices held, these indices, and their factor."""
+def _held(problem: _Problem, active: Ints) -> tuple[bool, Array, Array]:
+    """Whether W is definite there, the multipliers with some indices held, and their factor."""
     _know(problem, active)
     n, w, place = len(active), problem.w, problem.place
     held, multipliers = np.empty((n, n)), np.zeros(len(place))
@@ -133,7 +134,7 @@ def _held(problem: _Problem, active: Ints) -> tuple[bool, Array, Ints, Array]:
         solve_in_place(held, right)
         for i in range(n):
             multipliers[active[i]] = right[i]
-    return definite, multipliers, active, held
+    return definite, multipliers, held
 
 
 @compiled
@@ -163,8 +164,8 @@ def _know(problem: _Problem, active: Ints) -> None:
 
 
 @compiled
-def _slack(problem: _Problem, multipliers: Array, active: Ints) -> Array:
-    """q + Wλ, zero where held."""
+def _slack(problem: _Problem, multipliers: Array, active: Ints) -> tuple[Array, Array]:
+    """q + Wλ, zero where held, and the motion (m, n)."""
     normal, slack = problem.normal, problem.q.copy()
     force = np.empty((len(normal), len(active)))
     for i in range(len(active)):
@@ -176,4 +177,4 @@ def _slack(problem: _Problem, multipliers: Array, active: Ints) -> Array:
             slack[point] += normal[a, point] * u[a, point]
     for point in active:
         slack[point] = 0.0
-    return slack
+    return slack, u

@@ -47,7 +47,7 @@ def predicted(planes: FrozenPlanes, solution: LcpSolution, un: Array, residual: 
     if not len(curved):
         return None
     slides = _slides(planes.curvature, solution.multipliers, curved)
-    moved_mm = (un - planes.u)[:-1, curved]
+    moved_mm = (un - planes.u)[:-1].take(curved, axis=1)
     floor = _COARSE_FLOOR if residual > 1e-3 else _FINE_FLOOR
     step, unstable = _step(planes.region.skin, planes.normal, solution, slides, moved_mm, floor)
     step *= share * _shortened(planes.curvature, planes.slope, step, curved)

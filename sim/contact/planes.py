@@ -29,10 +29,11 @@ class Gathered:
 
     def numbers(self, nodes: Ints) -> Ints:
         """Where nodes are in the store, put there if they are new; an array of any shape."""
-        new = np.unique(nodes[self._number[nodes] < 0])
-        if len(new):
-            self._add(new)
-        return self._number[nodes]
+        numbers = self._number[nodes]
+        if numbers.size and numbers.min() < 0:
+            self._add(np.unique(nodes[numbers < 0]))
+            numbers = self._number[nodes]
+        return numbers
 
     def _add(self, new: Ints) -> None:
         before, (m, room) = len(self), self.store.shape[:2]
@@ -81,11 +82,6 @@ class FrozenPlanes:
         """Multipliers λ ≥ 0 with gap + Wλ ≥ 0 complementary to them."""
         entered = (self.gap_mm < 0) & (np.arange(len(held)) < len(self.region.points.nodes))
         return solve_lcp(self.gap_mm, self.region.skin, self.normal, held if held.any() else entered)
-
-    def displacement(self, solution: LcpSolution) -> Array:
-        """(m, k) displacements of the points in mm."""
-        active = solution.active
-        return self.region.moved_by(self.normal.take(active, axis=1) * solution.multipliers.take(active), active)
 
     def energy(self, solution: LcpSolution, u: Array) -> float:
         """Elastic energy of the displacements u that the multipliers cause."""

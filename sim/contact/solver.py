@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.contact.compiled.elastic import displaced
+from sim.contact.compiled.elastic import displaced, moved_by_turns
 from sim.contact.compiled.gaps import missed
 from sim.contact.newton import predicted
 from sim.contact.patch import Patch
@@ -140,7 +140,7 @@ class _Iteration:
                     return
                 self.u, fallback = fallback, None
                 continue
-            un = planes.displacement(solution)
+            un = solution.u
             residual, depth = self._residual(un, solution.multipliers, planes.slope)
             if residual < self.residual:
                 self.residual, self.multiplier, self.slope = residual, solution.multipliers, planes.slope
@@ -165,10 +165,7 @@ class _Iteration:
     def _residual(self, u: Array, multipliers: Array, slope: Array) -> tuple[float, float]:
         """The residual over the region's points that forces along slopes moved, and the sum of their depths (mm)."""
         here = self.pose.gap(*self.region.moved_to(u))
-        turn = (here.slope - slope) * multipliers
-        bent = np.flatnonzero(turn.any(axis=0))
-        turned = turn.take(bent, axis=1)
-        mismatch = self.region.moved_by(np.concatenate([turned, 0 * turned[:1]]), bent)
+        mismatch = moved_by_turns(self.region.skin, here.slope - slope, multipliers)
         return missed(mismatch, here.height_mm, here.slope, multipliers, self.pose.scale_mm)
 
 

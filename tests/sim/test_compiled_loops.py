@@ -69,6 +69,17 @@ def test_motion_by_forces(moved: Loops, m: int) -> None:
     np.testing.assert_allclose(moved(skin, loaded, force), expected, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.parametrize("m", [1, 2])
+@pytest.mark.parametrize("moved_by_turns", both_ways(elastic.moved_by_turns))
+def test_motion_by_forces_that_turn(moved_by_turns: Loops, m: int) -> None:
+    skin, rng = some_skin(m + 1), np.random.default_rng(4)
+    turn, multipliers = rng.normal(size=(m, POINTS)), rng.random(POINTS)
+    turn[:, [1, 4]] = multipliers[6] = 0.0
+    force = np.concatenate([turn * multipliers, np.zeros((1, POINTS))])
+    expected = np.einsum("akbl,bl->ak", among_points(skin), force)
+    np.testing.assert_allclose(moved_by_turns(skin, turn, multipliers), expected, rtol=1e-12, atol=1e-12)
+
+
 @pytest.mark.parametrize("displaced", both_ways(elastic.displaced))
 def test_displacements_by_few_forces(displaced: Loops) -> None:
     compliance = some_skin(2).store.reshape(12, 12).copy()

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from numba.core.event import Event, EventStatus, broadcast
 
-from sim.contact.compiled import compiling
+from sim.contact import lcp, newton
+from sim.contact.compiled import chords, compiling, curves, elastic, factors, gaps
+from sim.contact.measured_profile import MeasuredProfile
 from sim.models import ready
 from sim.models.fingertip import Fingertip
 
@@ -99,3 +101,27 @@ def test_the_few_nodes_are_pressed() -> None:
     assert len(patch) == 15
     assert np.linalg.eigvalsh(patch.compliance).min() > 0
     assert np.ptp(patch.x) == pytest.approx(0.8)
+
+
+EVERY_KIND = [
+    "bar:1.5",
+    "step:1",
+    "wedge:45",
+    "grating:0.5,1.2",
+    "cylinder:9",
+    "bar:1.5,turn_deg=30",
+    "sphere:3",
+    "line",
+]
+
+
+def test_whatever_is_pressed_was_compiled_before(coarse_finger: Fingertip) -> None:
+    """Each loop is compiled for one kind of arguments: no press waits for a compiler."""
+    modules = (elastic, gaps, curves, chords, factors, lcp, newton)
+    loops = [loop for module in modules for loop in vars(module).values() if hasattr(loop, "signatures")]
+    ready.make_ready()
+    before = [set(loop.signatures) for loop in loops]
+    ridges = MeasuredProfile("two ridges", (-1.2, -0.6, 0.0, 0.6, 1.2), (0.4, 0.0, 0.25, 0.0, 0.4))
+    for shape in (*EVERY_KIND, ridges):
+        coarse_finger.indent(shape, doi_mm=0.3)
+    assert [set(loop.signatures) for loop in loops] == before

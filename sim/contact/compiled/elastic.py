@@ -82,6 +82,22 @@ def moved(skin: Skin, loaded: Ints, force: Array) -> Array:
 
 
 @compiled
+def moved_by_turns(skin: Skin, turn: Array, multipliers: Array) -> Array:
+    """(m, k) motion in mm by forces of points (k,) whose planes' slopes change by (m − 1, k)."""
+    m, k = len(turn), len(multipliers)
+    loaded, force, n = np.empty(k, np.int64), np.zeros((m + 1, k)), 0
+    for p in range(k):
+        changed = False
+        for a in range(m):
+            force[a, n] = turn[a, p] * multipliers[p]
+            changed |= force[a, n] != 0.0
+        if changed:
+            loaded[n] = p
+            n += 1
+    return moved(skin, loaded[:n], force)
+
+
+@compiled
 def displaced(compliance: Array, force: Array) -> Array:
     """(m, n) motion of nodes by forces (m, n), of which most are zero; the compliance is (m n, m n)."""
     pushing, found = force.ravel(), np.zeros(force.size)
