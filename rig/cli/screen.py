@@ -51,9 +51,7 @@ class Force:
     def trace(self) -> list[str]:
         """Lines of blocks from the top, each as wide as the trace; what is below zero is drawn as zero."""
         full = self.highest_gwt
-        levels = [
-            round(len(BLOCKS[1:]) * ROWS * max(force, 0.0) / full) if full > 0 else 0 for force in self._columns
-        ]
+        levels = [round(len(BLOCKS[1:]) * ROWS * force / full) if full > 0 else 0 for force in self._columns]
         lines = []
         for row in reversed(range(ROWS)):
             below = len(BLOCKS[1:]) * row

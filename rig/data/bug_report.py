@@ -103,10 +103,9 @@ def _scrubber(folder: RunFolder) -> Scrubber:
         if told.get("stream") == "note" and isinstance(told.get("data"), dict):
             notes.add(str(told["data"].get("text", "")))
         words = [str(word) for word in told.get("command") or []]
-        given = {word for word in words if "/" in word or "\\" in word}
-        given |= {after for word, after in pairwise(words) if word == "--out"}
-        folders |= given | {str(Path(word).parent) for word in given}
-    return Scrubber(subjects, notes, folders - {".", ""})
+        folders |= {str(Path(word).parent) for word in words}
+        folders |= {after for word, after in pairwise(words) if word == "--out"}
+    return Scrubber(subjects, notes, folders)
 
 
 def _text(path: Path) -> str | None:
@@ -117,7 +116,7 @@ def _text(path: Path) -> str | None:
 
 
 def _json(told: Any) -> str:
-    return json.dumps(told, indent=2, ensure_ascii=False) + "\n"
+    return json.dumps(told, indent=2) + "\n"
 
 
 def _write(to: Path, members: Mapping[str, str]) -> dict[str, int]:

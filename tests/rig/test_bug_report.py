@@ -188,6 +188,36 @@ def test_what_is_no_run_folder_is_refused(tmp_path: Path, program: Program, monk
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("text", "scrubbed"),
+    [
+        ("Ada L/other.py", "…/other.py"),
+        ("Ada N/20260301/events.jsonl", "…/20260301/events.jsonl"),
+        ("Ada M/K/y.py", "…/y.py"),
+        ("dry-run/x", "dry-run/x"),
+        ("None of it", "None of it"),
+        ("steps", "steps"),
+    ],
+)
+def test_folders_of_the_command_line(
+    tmp_path: Path, program: Program, monkeypatch: pytest.MonkeyPatch, text: str, scrubbed: str
+) -> None:
+    """However they were given; a run without a subject has none to take out."""
+    command = ["rig", "dry-run", "Ada L/mine.py", "steps", "--out", "Ada N", "--config", "Ada M/K/x.toml", "--set"]
+    (tmp_path / "run").mkdir()
+    monkeypatch.chdir(tmp_path)
+    made = {"command": command, "subject": None, "protocol": "mine.py"}
+    (tmp_path / "run" / "provenance.json").write_text(json.dumps(made), encoding="utf-8")
+    documents = [
+        {"doc": "event", "t_s": 0.0, "stream": "other", "data": {"text": "steps"}},
+        {"doc": "stop", "t_s": 0.0, "status": "failed", "reason": text},
+    ]
+    (tmp_path / "run" / "events.jsonl").write_text("\n".join(map(json.dumps, documents)), encoding="utf-8")
+    found = members(Path(program("doctor", "--bundle", "run", "--json").json["bundle"]))
+    assert json.loads(found["events.jsonl"].splitlines()[1])["reason"] == scrubbed
+    assert found["provenance.json"] == '{\n  "protocol": "mine.py"\n}\n'
+
+
 def test_lines_for_people(run: Path, program: Program) -> None:
     ended = program("doctor", "--bundle", run)
     assert (ended.code, ended.err) == (0, "")

@@ -169,10 +169,17 @@ def test_the_trace_has_the_highest_of_each_few_readings_and_forgets() -> None:
     assert force.trace == ["█" * COLUMNS] * ROWS
 
 
+@pytest.mark.parametrize(("force_gwt", "block"), [(0.0, " "), (-1.0, " "), (0.01, "█"), (0.9, "█"), (1.0, "█")])
+def test_the_trace_is_as_high_as_its_highest_force(force_gwt: float, block: str) -> None:
+    force = Force()
+    force.event("sample", {"force_gwt": force_gwt})
+    assert [line[0] for line in force.trace] == [block] * ROWS
+
+
 def test_a_screen_is_no_wider_than_the_terminal() -> None:
     force, screen = Force(), io.StringIO()
     force.event("sample", {"force_gwt": 100.0, "doi_mm": 1.5, "x_mm": -3.69, "phase": "back off"})
-    shown = Screen(force, lambda: ["x" * 100], lambda: ["below [b]it[/b]"])
+    shown = Screen(force, lambda: ["xx " * 34], lambda: ["below [b]it[/b]"])
     Console(file=screen, width=80, force_terminal=True).print(shown)
     lines = screen.getvalue().splitlines()
     assert [len(line) for line in lines] == [80, 58, 77, 66, 68, 15]
