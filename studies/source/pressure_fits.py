@@ -93,13 +93,9 @@ class Fit:
     def row(self) -> tuple[str, ...]:
         """As cells."""
         rms, explained = residual(self.constants, self.at)
-        left = (
-            f"{self.spread.k2_above_k1:.0%}",
-            f"{rms:.0f}",
-            f"{rms / self.at.pressure.mean():.0%}",
-            f"{explained:.2f}",
-        )
-        return self.told, f"{len(self.at.pressure)}", *(self.with_interval(k) for k in range(3)), *left
+        sure, part = f"{self.spread.k2_above_k1:.0%}", f"{rms / self.at.pressure.mean():.0%}"
+        constants = (self.with_interval(k) for k in range(3))
+        return self.told, f"{len(self.at.pressure)}", *constants, sure, f"{rms:.0f}", part, f"{explained:.2f}"
 
 
 FIT_HEADER = ("shapes, nodes, left out", "places", "K1 (pseudo-units/mm)", "K2 (pseudo-units/mm)",
@@ -132,12 +128,13 @@ class PressureStudy:
         }
 
     @property
-    def k2_against_curvature(self) -> list[tuple[str, float, float]]:
-        """(shape, median C in 1/mm, K2 within its contacts on the patch) of bars and cylinders, by C."""
+    def by_shape(self) -> list[tuple[str, float, float, float]]:
+        """(shape, median C in 1/mm, slope of the peak against DOI, K2 within contacts) on the patch, by C."""
         found = []
         for shape in CENTRED:
             parts = [one.patch.off_edges for one in self.centred if one.shape == shape]
-            found.append((shape, float(np.median(together(parts).curvature_per_mm)), k2_alone(parts)))
+            curvature = float(np.median(together(parts).curvature_per_mm))
+            found.append((shape, curvature, slope_of_peak(parts), k2_alone(parts)))
         return sorted(found, key=lambda one: one[1])
 
 
@@ -162,6 +159,11 @@ def press_all(finger: Fingertip) -> PressureStudy:
 def centred(finger: Fingertip) -> list[Pressed]:
     """Bars and cylinders on the pad's centre."""
     return [press(finger, shape, 0.0, doi_mm=d) for shape, depths in CENTRED.items() for d in depths]
+
+
+def slope_of_peak(parts: Sequence[Places]) -> float:
+    """K1 as the source defines it: highest pressure of each indentation against its DOI, a line through all."""
+    return float(np.polyfit([at.doi_mm[0] for at in parts], [at.pressure.max() for at in parts], 1)[0])
 
 
 def k2_alone(parts: Sequence[Places]) -> float:
@@ -206,7 +208,9 @@ def layers_section() -> Section:
     rows = []
     for name, tissue in LAYERS.items():
         finger = Fingertip.load(FingertipConfig(tissue=tissue))
-        rows += [Fit(f"{name}, {choice}", parts).row for choice, parts in _two_choices(centred(finger)).items()]
+        members = centred(finger)
+        rows.append(Fit(f"{name}, patch", [one.patch.off_edges for one in members]).row)
+        rows.append(Fit(f"{name}, row, contacts' ends left out too", [one.row.inside for one in members]).row)
     return Section(
         "The pressure formula and the layers",
         "Centred bars and cylinders on other fingers. A stiff epidermis over soft tissue is a bent plate: it presses "
@@ -215,13 +219,6 @@ def layers_section() -> Section:
         FIT_HEADER,
         tuple(rows),
     )
-
-
-def _two_choices(members: list[Pressed]) -> dict[str, list[Places]]:
-    return {
-        "patch": [one.patch.off_edges for one in members],
-        "row, contacts' ends left out too": [one.row.inside for one in members],
-    }
 
 
 @dataclass(frozen=True)
@@ -272,8 +269,9 @@ def _decorate(against: Axes, ends: Axes) -> None:
     against.set(xlabel="pressure in the model (pseudo-units)", ylabel="by the formula (pseudo-units)")
     ends.axhline(0, color="black", lw=0.8)
     ends.axvline(FROM_EDGE_MM, color=GREY, lw=0.8, ls="--")
-    ends.set_ylim(-1500, 1500)
-    ends.set(xlabel="distance from the contact's end (mm)", ylabel="formula − model (pseudo-units)")
+    ends.set(
+        ylim=(-1500, 1500), xlabel="distance from the contact's end (mm)", ylabel="formula − model (pseudo-units)"
+    )
 
 
 def _draw_curvatures(axes: Axes, found: list[Curvature]) -> None:
@@ -292,8 +290,10 @@ def main() -> None:
     print(f"| {' | '.join(FIT_HEADER)} |\n|{'---|' * len(FIT_HEADER)}")
     for one in study.fits.values():
         print(f"| {' | '.join(one.row)} |")
-    for shape, curvature, k2 in study.k2_against_curvature:
-        print(f"{shape}: C {curvature:.2f} /mm, K2 within its contacts {k2:.0f} pseudo-units/mm")
+    for shape, curvature, k1, k2 in study.by_shape:
+        print(
+            f"{shape}: C {curvature:.2f} /mm, slope of the peak {k1:.0f}, K2 within contacts {k2:.0f} pseudo-units/mm"
+        )
 
 
 if __name__ == "__main__":

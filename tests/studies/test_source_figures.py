@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from rig.cli import program
+from rig.compare.pressure_formula import Places
 from rig.protocol.script import find_script
 from rig.report.html import Section
 from sim.config.fingertip_config import FingertipConfig
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
 from sim.models.results.indentation import median_of_four
-from studies.source import pages
+from studies.source import pages, pressure_fits
 from studies.source.matrix import HEADER, matrix
 from studies.source.matrix_page import Study, as_docs
 from studies.source.printed import answers as presses
@@ -404,3 +405,11 @@ def test_the_docs_have_every_entry(entry: Entry) -> None:
     assert f"| {entry.number} | {entry.shows} |" in text
     for claim in entry.claims:
         assert f"| {typeset(claim.says)} | {claim.source} | " in text
+
+
+def test_the_formulas_constants_by_shape() -> None:
+    d = np.linspace(0.1, 0.4, 4)
+    parts = [Places(np.full(4, doi), d + doi, d, 300 * doi + 700 * d, d, d) for doi in (0.5, 1.0)]
+    assert pressure_fits.slope_of_peak(parts) == pytest.approx(300)
+    assert pressure_fits.k2_alone(parts) == pytest.approx(700)
+    assert np.isnan(pressure_fits.k2_alone([part.where(d < 0.25) for part in parts]))

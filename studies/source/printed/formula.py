@@ -62,12 +62,12 @@ def _k2_over_k1(answers: Answers) -> str:
 
 def k2_with_curvature(answers: Answers) -> float:
     """Rank correlation of the slope within contacts with the curvature, over bars and cylinders."""
-    _, curvature, k2 = zip(*study(answers).k2_against_curvature, strict=True)
+    _, curvature, _, k2 = zip(*study(answers).by_shape, strict=True)
     return float(spearmanr(curvature, k2).statistic)
 
 
 def _by_shape(answers: Answers) -> str:
-    return ", ".join(f"{k2:.0f} ({shape})" for shape, _, k2 in study(answers).k2_against_curvature)
+    return ", ".join(f"{k2:.0f} ({shape})" for shape, _, _, k2 in study(answers).by_shape)
 
 
 def _constant(answers: Answers, k: int) -> str:
