@@ -44,7 +44,11 @@ def cells(row: Row) -> tuple[str, ...]:
     why = (
         entry.outside or (entry.missing and f"needs {entry.missing}") or (entry.elsewhere and f"on {entry.elsewhere}")
     )
-    measured = ("–", "–", why, "–") if one is None else one.row[:4]
+    if one is None:
+        measured: tuple[str, ...] = ("–", "–", why, "–")
+    else:
+        says, source, ours, difference, *_ = one.row
+        measured = (says, source, "; ".join(filter(None, (ours, why))), difference)
     return entry.number, entry.shows, *measured, row.told, entry.command
 
 

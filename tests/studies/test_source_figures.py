@@ -379,6 +379,14 @@ def test_the_sensitivity_is_added_where_it_is_asked_for(monkeypatch: pytest.Monk
     assert pages.parser().parse_args(["--sensitivity"]).sensitivity
 
 
+def test_what_is_measured_though_a_datum_is_missing_says_which() -> None:
+    one = Found(Claim("x", "y", Below(1, 2), lambda _: 9.0), 9.0)
+    row = Row(Entry("1-1", "It shows.", missing="the place"), (one,))
+    assert row.verdict == "cannot be said"
+    assert matrix([row]).rows[0][2:7] == ("x", "y", "9.00; needs the place", "+8", "cannot be said")
+    assert "Of 0 single claims" in matrix([row]).text
+
+
 def test_the_docs_are_the_matrix_and_the_claims() -> None:
     rule = Below(1, 2)
     row = Row(Entry("1-1", "It shows.", reading="Read it."), (Found(Claim("x", "y", rule, lambda _: 0.0), 0.0),))
