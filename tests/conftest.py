@@ -14,6 +14,7 @@ import sim.models.cache as cache
 from rig.report.style import Plot
 from sim.config.fingertip_config import Contact
 from sim.models.fingertip import Fingertip
+from sim.models.ready import make_ready
 
 # Processes, threads, ports and clocks of the real world: what `make shake` repeats beside a busy machine.
 REAL_TIME = (
@@ -95,6 +96,12 @@ LONG = (
 )
 # Files of the cache, of up to 80 MB each.
 MOST_KEPT = 12
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """The contact's loops are compiled before workers and commands would each do it at once."""
+    if not hasattr(config, "workerinput"):
+        make_ready()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

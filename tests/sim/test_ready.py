@@ -2,6 +2,7 @@
 
 import logging
 import os
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -60,11 +61,21 @@ def test_a_change_of_any_module_begins_anew(modules: Path, changed: str) -> None
     before.mkdir(parents=True)
     compiling._folder.cache_clear()
     assert compiling._folder() == before
-    assert before.exists()
     (modules.parent / changed).write_text("2")
     compiling._folder.cache_clear()
     assert compiling._folder() != before
-    assert not before.exists()  # what older modules left is removed
+
+
+@pytest.mark.parametrize(("unused_s", "kept"), [(86_300, True), (86_500, False)])
+def test_what_nobody_used_for_a_day_is_removed(modules: Path, unused_s: int, kept: bool) -> None:
+    mine, other = compiling._folder(), compiling._folder().with_name("loops-of-older-modules")
+    for folder in (mine, other):
+        folder.mkdir(parents=True)
+        os.utime(folder, times=(time.time() - unused_s,) * 2)
+    compiling._folder.cache_clear()
+    compiling._folder()
+    assert other.exists() == kept
+    assert time.time() - mine.stat().st_mtime < 3_600  # it is used now
 
 
 def test_numba_keeps_its_own_settings(modules: Path) -> None:

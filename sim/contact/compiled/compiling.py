@@ -7,7 +7,9 @@ what cannot be kept at all is compiled in each process. A change of any of the m
 import hashlib
 import os
 import shutil
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -22,6 +24,7 @@ Loops = TypeVar("Loops", bound=Callable[..., Any])
 _config: Any = numba_config
 _HERE = Path(__file__).parent
 _ALSO = ("lcp.py", "newton.py")
+_UNUSED_S = 86_400
 
 
 def compiled(loops: Loops) -> Loops:
@@ -38,12 +41,14 @@ def compiled(loops: Loops) -> Loops:
 
 @cache
 def _folder() -> Path:
-    """Where machine code of the modules as they are now is kept; what older ones left there is removed."""
+    """Where machine code of the modules as they are now is kept; what nobody used for a day is removed."""
     here = _HERE / "__pycache__"
     parent = here if os.access(here if here.exists() else _HERE, os.W_OK) else cache_dir()
     folder = parent / f"loops-{_digest()}"
+    with suppress(OSError):
+        os.utime(folder)
     for other in parent.glob("loops-*"):
-        if other != folder:
+        if other != folder and time.time() - other.stat().st_mtime > _UNUSED_S:
             shutil.rmtree(other, ignore_errors=True)
     return folder
 
