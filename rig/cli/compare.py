@@ -106,6 +106,8 @@ def command(
         plausible = None if fingers is None else read_plausible(fingers)
         found = [read_run(path) for path in runs]
         recordings = read_recordings(recorded or [], mirror or [], found, reading)
+        if place and not recordings:
+            raise BadInputError("--place: nothing recorded, expected --recorded beside it")
         where = _sought(found, receptors, place, depth_range_mm, offset_mm)
         answered = _answered(found, receptors, as_json=as_json)
         line = _under_the_line(answered, deflection)

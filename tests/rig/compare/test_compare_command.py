@@ -123,9 +123,19 @@ def test_without_a_recording(command: Command, bar_run: Run) -> None:
         (("--window-s", "1"), "--window-s '1': expected two numbers, begin,end"),
         (("--offset-mm", "0,1"), "--offset-mm 0,1: expected --place beside it"),
         (("--depth-range-mm", "0.5,1"), "--depth-range-mm 0.5,1: expected --place beside it"),
-        (("--place", "--offset-mm", "1"), "--offset-mm '1': expected two numbers, LOW,HIGH"),
-        (("--place", "--depth-range-mm", "0.3,1"), "--depth-range-mm 0.3,1: the epidermis ends at 0.4 mm"),
-        (("--place", "--receptor-x-mm", "0"), "--place: expected receptors at two or more x, between which it"),
+        (("--place",), "--place: nothing recorded, expected --recorded beside it"),
+        (
+            ("--place", "--offset-mm", "1", "--recorded", "bar:3.0=good.csv"),
+            "--offset-mm '1': expected two numbers, LOW,HIGH",
+        ),
+        (
+            ("--place", "--depth-range-mm", "0.3,1", "--recorded", "bar:3.0=good.csv"),
+            "--depth-range-mm 0.3,1: the epidermis ends at 0.4 mm",
+        ),
+        (
+            ("--place", "--receptor-x-mm", "0", "--recorded", "bar:3.0=good.csv"),
+            "--place: expected receptors at two or more x, between which it",
+        ),
         (("--columns", "speed=v"), "--columns 'speed=v': expected ROLE=COLUMN[:UNIT], ROLE one of position, rate"),
         (("--receptor-x-mm", "0,left"), "--receptor-x-mm '0,left': expected numbers separated by commas"),
     ],
