@@ -1,11 +1,11 @@
 """The likeliest place of the receptor for each measure, with profile-likelihood limits.
 
-Every measure has its own k and ε₀ at every place. Places are tried on a grid of the whole range, then on finer ones
-over what is likely. The frame is that of all comparisons, x_indentor = position + x_receptor, with the offset added
-where one is asked for; all places are judged over the same positions.
+Every measure has its own k and ε₀ at every place. The frame is that of all comparisons, x_indentor = position +
+x_receptor, with the offset added where one is asked for; all places are judged over the same positions.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,33 +18,17 @@ from rig.compare.answers.likeliest import Form, Likeliest, likeliest
 from rig.compare.answers.observed import Observed, observed
 from rig.compare.comparison import Overlay
 from rig.compare.place.place_grid import PlaceRange, Range, spline_weights
+from rig.compare.place.place_search import least, region
 from rig.compare.place.whereabouts import PlaceRow, Whereabouts
 from rig.compare.statistics import Flags, compared
 from sim.measures.measures import MEASURES
 
 Array = NDArray[np.float64]
 
-_FIRST, _NEXT, _LAST = (21, 9, 9), (13, 13, 9), (17, 17, 13)
-"""Nodes of x, depth and offset: over the whole range, over what may be likely, and over what is."""
+_STEPS_MM = np.array([0.05, 0.15, 0.05])
+"""Of the first grid in x, depth and offset: profiles change within a tenth of a millimetre."""
 
-_ROUNDS = 6
-_SMALLER = 0.9  # a box that shrinks less than this is as small as it gets
-
-
-class _Tried(NamedTuple):
-    """Places (n,) along each of x, depth and offset, and what was fitted at all of them, x going slowest."""
-
-    axes: list[Array]
-    found: Likeliest
-
-    @property
-    def total(self) -> Array:
-        """(nx, nd, no) deviances."""
-        return self.found.total.reshape([len(axis) for axis in self.axes])
-
-    def profile(self, axis: int) -> Array:
-        """The least deviance over the other two."""
-        return self.total.min(axis=tuple({0, 1, 2} - {axis}))
+_BLOCK = 400  # places that are fitted at once
 
 
 class _Seen(NamedTuple):
@@ -57,11 +41,24 @@ class _Seen(NamedTuple):
     where: PlaceRange  # x of those in play
     nodes: tuple[Array, Array]
 
-    def eps(self, measure: int, offset_mm: float) -> Array:
-        """(p, nd, nx) of a measure at the nodes in play."""
-        each = [p.stimulus.at(p.recording.position_mm + offset_mm)[measure] for p in self.overlays]
-        values = np.concatenate(each)[self.used]
-        return values.reshape(len(values), len(self.nodes[1]), -1)[:, :, self.in_play]
+    def nodes_at(self, measure: int, offset_mm: Array) -> Array:
+        """(offsets, p, nd, nx) of a measure at the nodes in play."""
+        each = [_at(p, measure, offset_mm) for p in self.overlays]
+        values = np.concatenate(each, axis=1)[:, self.used]
+        return values.reshape(*values.shape[:2], len(self.nodes[1]), -1)[..., self.in_play]
+
+    def eps(self, measure: int, place: Array) -> Array:
+        """(n, p) of a measure at places (n, 3)."""
+        offset, which = np.unique(place[:, 2], return_inverse=True)
+        of_x, of_depth = (spline_weights(nodes, place[:, n]) for n, nodes in enumerate(self.nodes))
+        return np.einsum("npji,ni,nj->np", self.nodes_at(measure, offset)[which], of_x, of_depth, optimize=True)
+
+
+def _at(overlay: Overlay, measure: int, offset_mm: Array) -> Array:
+    """(offsets, p, receptors)."""
+    one = replace(overlay.stimulus, measures=overlay.stimulus.measures[measure : measure + 1])
+    position = overlay.recording.position_mm + offset_mm[:, None]
+    return one.at(position.ravel())[0].reshape(*position.shape, -1)
 
 
 def whereabouts(
@@ -107,94 +104,48 @@ def _seen(overlays: Sequence[Overlay], where: PlaceRange) -> _Seen | None:
 
 
 def _row(seen: _Seen, measure: int, form: Form) -> PlaceRow:
-    ranges = list(seen.where)
-    box = ranges
-    for n in range(_ROUNDS):
-        tried = _tried(seen, measure, form, box, _NEXT if n else _FIRST)
-        before, box = box, _maybe_likely(tried, _limit(seen, tried, form)[0])
-        if n and _size(box) > _SMALLER * _size(before):
-            break
-    tried = _tried(seen, measure, form, box, _LAST)
-    limit, ratio, p_fit = _limit(seen, tried, form)
-    best = int(np.argmin(tried.found.total))
-    at = np.unravel_index(best, tried.total.shape)
-    x, depth, offset = (float(axis[n]) for axis, n in zip(tried.axes, at, strict=True))
-    crossed = [_interval(axis, tried.profile(n), limit) for n, axis in enumerate(tried.axes)]
+    low, high = (np.array(ends) for ends in zip(*seen.where, strict=True))
+
+    def fitted(place: Array) -> Likeliest:
+        return likeliest(seen.eps(measure, place), seen.observed, form)
+
+    def deviance(places: Array) -> Array:
+        blocks = [places[n : n + _BLOCK] for n in range(0, len(places), _BLOCK)]
+        return np.concatenate([fitted(block).total for block in blocks])
+
+    best = least(deviance, low, high, _STEPS_MM)
+    found = fitted(best[None])
+    more, ratio, p_fit = _not_unlikely(seen, found, form)
+    ends = region(deviance, best, low, high, float(found.total[0]) + more)
+    intervals = [(float(a), float(b)) for a, b in zip(*ends, strict=True)]
     return PlaceRow(
         MEASURES[measure],
-        x_mm=x,
-        depth_mm=depth,
-        offset_mm=offset,
-        x_interval=crossed[0],
-        depth_interval=crossed[1],
-        offset_interval=crossed[2],
-        k=float(tried.found.k[best]),
-        eps0=float(tried.found.eps0[best]),
-        deviance=float(tried.found.total[best] / seen.observed.noise.dispersion),
+        x_mm=float(best[0]),
+        depth_mm=float(best[1]),
+        offset_mm=float(best[2]),
+        x_interval=intervals[0],
+        depth_interval=intervals[1],
+        offset_interval=intervals[2],
+        k=float(found.k[0]),
+        eps0=float(found.eps0[0]),
+        deviance=float(found.total[0] / seen.observed.noise.dispersion),
         lack_of_fit=ratio,
         p_fit=p_fit,
-        at_bounds=_at_bounds(crossed, ranges),
+        at_bounds=_at_bounds(intervals, list(seen.where)),
     )
 
 
-def _tried(seen: _Seen, measure: int, form: Form, ranges: Sequence[Range], n: Sequence[int]) -> _Tried:
-    axes = [np.linspace(*ends, number if ends[0] < ends[1] else 1) for ends, number in zip(ranges, n, strict=True)]
-    of_x, of_depth = (spline_weights(*one) for one in zip(seen.nodes, axes[:2], strict=True))
-    eps = [np.einsum("xi,dj,pji->xdp", of_x, of_depth, seen.eps(measure, float(o))) for o in axes[2]]
-    pairs = np.stack(eps, axis=2)
-    return _Tried(axes, likeliest(pairs.reshape(-1, pairs.shape[-1]), seen.observed, form))
-
-
-def _limit(seen: _Seen, tried: _Tried, form: Form) -> tuple[float, float, float]:
-    """The deviance that is just not unlikely (as of k and ε₀), and F and p of the best place's own fit."""
-    best = [int(np.argmin(tried.found.total))]
+def _not_unlikely(seen: _Seen, found: Likeliest, form: Form) -> tuple[float, float, float]:
+    """By how much the deviance may be above the least (as of k and ε₀), and F and p of that place's own fit."""
     free = form.parameters + seen.where.free
-    ratio, p = lack_of_fit(seen.observed, tried.found.mean[best], tried.found.deviance[best], free)
+    ratio, p = lack_of_fit(seen.observed, found.mean, found.deviance, free)
     noise = seen.observed.noise
     freedom = min(noise.freedom * seen.observed.evenness, _KNOWN)
     more = noise.dispersion * max(float(ratio[0]), 1.0) * fdtri(1, freedom, 1 - LEVEL)
-    return float(tried.found.total[best[0]] + more), float(ratio[0]), float(p[0])
+    return float(more), float(ratio[0]), float(p[0])
 
 
 _KNOWN = 1e9
-
-
-def _maybe_likely(tried: _Tried, limit: float) -> list[Range]:
-    """The smallest box with all that may be likely, and a node more on each side.
-
-    Between two nodes the deviance may be lower than at both, by an eighth of how much it changes to the next ones if
-    it is a parabola; twice that is allowed for along each axis, since a valley need not lie along one.
-    """
-    lower = tried.total - sum(0.25 * _change(tried.total, n) for n in range(3))
-    box = []
-    for n, axis in enumerate(tried.axes):
-        inside = np.flatnonzero(lower.min(axis=tuple({0, 1, 2} - {n})) <= limit)
-        low, high = max(int(inside[0]) - 1, 0), min(int(inside[-1]) + 1, len(axis) - 1)
-        box.append((float(axis[low]), float(axis[high])))
-    return box
-
-
-def _change(total: Array, axis: int) -> Array:
-    """To whichever neighbour along an axis it is larger; none along an axis of one node."""
-    steps = np.abs(np.diff(total, axis=axis))
-    none = np.zeros_like(total.take([0], axis))
-    return np.maximum(np.concatenate([steps, none], axis), np.concatenate([none, steps], axis))
-
-
-def _size(box: Sequence[Range]) -> float:
-    return float(np.prod([high - low for low, high in box if low < high]))
-
-
-def _interval(axis: Array, profile: Array, limit: float) -> Range:
-    """Where a profile crosses its limit first and last, linearly between; the end of the axis where it does not."""
-    inside = np.flatnonzero(profile <= limit)
-    first, last = int(inside[0]), int(inside[-1])
-    low, high = float(axis[first]), float(axis[last])
-    if first > 0:
-        low = float(np.interp(-limit, -profile[first - 1 : first + 1], axis[first - 1 : first + 1]))
-    if last < len(axis) - 1:
-        high = float(np.interp(limit, profile[last : last + 2], axis[last : last + 2]))
-    return low, high
 
 
 def _at_bounds(crossed: Sequence[Range], ranges: Sequence[Range]) -> tuple[str, ...]:
