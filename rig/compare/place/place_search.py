@@ -127,13 +127,19 @@ def _rays(columns: Array, free: int) -> Array:
     """(n, free) vectors of the round region: spread evenly, and those that lead farthest along each axis."""
     if free == 1:
         return np.array([columns[0], -columns[0]])
-    number = np.arange(_DIRECTIONS) + 0.5
-    if free == 2:
-        turn = 2 * np.pi * number / _DIRECTIONS
-        even: Array = np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    else:
-        height, turn = 1 - 2 * number / _DIRECTIONS, np.pi * (1 + 5**0.5) * number
-        flat = np.sqrt(1 - height**2)
-        even = np.stack([flat * np.cos(turn), flat * np.sin(turn), height], axis=1)
+    even = _circle() if free == 2 else _sphere()
     farthest = columns / np.linalg.norm(columns, axis=1, keepdims=True)
     return np.asarray(np.concatenate([even, farthest, -farthest]) @ columns.T)
+
+
+def _circle() -> Array:
+    turn = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    return np.stack([np.cos(turn), np.sin(turn)], axis=1)
+
+
+def _sphere() -> Array:
+    """A spiral from pole to pole."""
+    number = np.arange(_DIRECTIONS) + 0.5
+    height, turn = 1 - 2 * number / _DIRECTIONS, np.pi * (1 + 5**0.5) * number
+    flat = np.sqrt(1 - height**2)
+    return np.asarray(np.stack([flat * np.cos(turn), flat * np.sin(turn), height], axis=1))
