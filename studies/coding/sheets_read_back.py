@@ -2,8 +2,8 @@
 
     .venv/bin/python -m studies.coding.sheets_read_back [SCENES]    # minutes: finer fingers are built
 
-Pressed on finer meshes of the default finger, decoded by the default mesh; sheets of another finger too. 30 dB over
-the receptors there are, unless said.
+Pressed on finer meshes of the default finger, decoded by the default mesh; sheets of another finger too, on its
+default mesh. 30 dB over the receptors there are, unless said.
 """
 
 import sys
@@ -93,7 +93,7 @@ def main(scenes: int = SCENES_A_CLASS) -> None:
 
 def row_cells(scene: Scene, draws: int) -> str:
     """Mean over draws of the noise."""
-    row, finger = default_row(), finer((X,), Tissue(), sheet=False)
+    row, finger = default_row(), pressed_finger((X,), Tissue(), sheet=False)
     result = finger.indent(scene.shape, scene.x_mm, doi_mm=scene.doi_mm)
     ends, sed = centred(SAMPLES - 4, SPACING_MM), np.asarray(result.receptor_measures["sed"])
     true = in_plane(row, result).means(0.5 * (ends[1:] + ends[:-1]))
@@ -190,9 +190,9 @@ def draw(name: SolidClass, seed: int) -> SheetScene:
 
 
 @cache
-def finer(slopes: tuple[int, ...], tissue: Tissue, *, sheet: bool) -> Fingertip:
-    """What is pressed, with the row's receptors or the sheet's."""
-    config = FingertipConfig(tissue=tissue, mesh=FINER[slopes])
+def pressed_finger(slopes: tuple[int, ...], tissue: Tissue, *, sheet: bool) -> Fingertip:
+    """What is pressed, with the row's receptors or the sheet's; another finger on the default mesh."""
+    config = FingertipConfig(tissue=tissue, mesh=FINER[slopes] if tissue == Tissue() else MeshSpec())
     if not sheet:
         x_mm = default_row().felt.model.receptors.position_mm[:, X]
         return Fingertip.load(config, slopes=slopes, receptor_x_mm=x_mm.tolist())
@@ -201,15 +201,15 @@ def finer(slopes: tuple[int, ...], tissue: Tissue, *, sheet: bool) -> Fingertip:
 
 
 def press(tissue: Tissue, scene: SheetScene) -> Pressed:
-    """On a finer mesh."""
+    """By its finger: what it bears along the skin's inward normal, and SED."""
     shape = parse_shape(scene.shape)
-    result = finer(shape.axes, tissue, sheet=True).indent(shape, scene.x_mm, z_mm=scene.z_mm, doi_mm=scene.doi_mm)
+    finger = pressed_finger(shape.axes, tissue, sheet=True)
+    result = finger.indent(shape, scene.x_mm, z_mm=scene.z_mm, doi_mm=scene.doi_mm)
     patch = result.model.patch
     force = np.zeros((3, len(patch)))
     force[list(patch.axes)] = result.state.force
-    surface = finer(shape.axes, tissue, sheet=True).surface
-    phi = surface.angle_at(patch.x, patch.position_mm[:, Z])
-    inward = -(force * surface.normal(phi, patch.position_mm[:, Z]).T).sum(axis=0)
+    phi = finger.surface.angle_at(patch.x, patch.position_mm[:, Z])
+    inward = -(force * finger.surface.normal(phi, patch.position_mm[:, Z]).T).sum(axis=0)
     true = GRID.nearest(patch.position_mm, patch.area_mm2, PSEUDO_E_EPIDERMIS * inward / patch.area_mm2)
     return Pressed(true, np.asarray(result.receptor_measures["sed"]))
 

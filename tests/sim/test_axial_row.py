@@ -76,7 +76,12 @@ def test_pressures_are_those_of_the_receptor_plane_wherever_the_shape_is_highest
     plane = np.array(CONFIG.receptor_plane_mm)
     told = {centre: AxialShape(2.0, centre) for centre in (float(plane), float(plane) + 0.8)}
     there, beyond = (row.under(shape, ENDS, "finite") for shape in told.values())
-    assert_allclose(told[float(plane) + 0.8].at(plane), np.sqrt(1 - 0.4**2))
+    beside = told[float(plane) + 0.8]
+    assert_allclose(beside.at(plane), np.sqrt(1 - 0.4**2))
+    assert_allclose(
+        beside.over(float(plane), plane + np.array([0.0, 0.8, 2.0])),
+        [1, 1 / np.sqrt(1 - 0.4**2), 0.8 / beside.at(plane)],
+    )
     even = np.full(26, 100.0)
     under_it = 14  # the receptor below the middle feels what is borne about the plane, which is told to be alike
     assert beyond.sed(even)[under_it] == pytest.approx(there.sed(even)[under_it], rel=0.25)

@@ -45,6 +45,10 @@ class AxialShape:
         """(…) over its highest."""
         return np.asarray(np.sqrt(np.maximum(0.0, 1 - ((z_mm - self.centre_mm) / self.half_length_mm) ** 2)))
 
+    def over(self, plane_mm: float, z_mm: Array) -> Array:
+        """(…) over what it is in a plane."""
+        return np.asarray(self.at(z_mm) / self.at(np.array(plane_mm)))
+
 
 @dataclass(frozen=True)
 class FeltRow:
@@ -59,7 +63,7 @@ class FeltRow:
         nodes = self.felt.nodes_mm
         place = self.line.places(nodes[:, X])
         middle = 0.5 * (ends_mm[1:] + ends_mm[:-1])
-        along = shape.at(nodes[:, Z]) / shape.at(np.array(self.line.plane_mm))
+        along = shape.over(self.line.plane_mm, nodes[:, Z])
         share = hats(place, middle) * along[:, None]
         outward = self.line.normals(self.line.angles(place)).T
         normal = np.stack([-outward[X], -outward[Y], np.zeros(len(place))])
