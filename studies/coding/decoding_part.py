@@ -21,7 +21,8 @@ from sim.coding.readings import Readings
 from sim.coding.sampled_section import Sampling, sampled_section
 from sim.coding.univariate import Range, converged_search, error_surface, grid_search
 from sim.config.fingertip_config import FingertipConfig
-from studies.coding.two_samples import SEED, SNR_DB, START, TRUE, TRUTHS, WITHIN
+from studies.coding.limits import bayes_found
+from studies.coding.two_samples import ENDS, SEED, SNR_DB, START, TRUE, TRUTHS, WITHIN
 
 Array = NDArray[np.float64]
 Row = tuple[str, ...]
@@ -50,6 +51,7 @@ class Noisy(NamedTuple):
     found: Array  # (decoders, draws, 2)
     errors: Array  # (decoders, draws) Eq. 6.8
     ours_ms: float
+    limit: float  # mean error of a reader who is told the distribution; none of the worked example
 
 
 @cache
@@ -98,7 +100,7 @@ def _surface(operator: Operator, reading: Array, low: Array, high: Array) -> Sur
 
 def noisy(truths: str, snr_db: int, draws: int) -> Noisy:
     """Draws that no decoder is told about: of a distribution, or of the worked example itself where there is none."""
-    operator, spent_s = _operator(), 0.0
+    operator, spent_s, limits = _operator(), 0.0, []
     found, true = np.empty((len(DECODERS), draws, 2)), np.empty((draws, 2))
     for k in range(draws):
         seed = SEED + k
@@ -109,8 +111,11 @@ def noisy(truths: str, snr_db: int, draws: int) -> Noisy:
         began = time.process_time()
         found[2, k] = decode_profile(operator, Readings.of_sed(said.rate, said.noise_sd)).pressure
         spent_s += time.process_time() - began
+        if truths:
+            told = bayes_found(operator, said.rate, said.noise_sd, ENDS[truths])
+            limits.append(decoding_errors(true[k], told).eq_6_8)
     errors = ((found - true) ** 2).sum(axis=-1) / (true**2).sum(axis=-1)
-    return Noisy(found, errors, 1e3 * spent_s / draws)
+    return Noisy(found, errors, 1e3 * spent_s / draws, float(np.mean(limits)) if limits else np.nan)
 
 
 def search_sections(found: Searched) -> list[Section]:
@@ -154,6 +159,7 @@ def noise_sections(by_truths: dict[str, dict[int, Noisy]], clouds: dict[int, Noi
                 np.array(list(by), dtype=float),
                 {name: np.stack([one.errors[k] for one in by.values()]) for k, name in enumerate(DECODERS)},
                 samples,
+                np.array([one.limit for one in by.values()]),
             ),
             f"After Fig. 6-12: mean over {draws} draws a point, ± its error. The source: within 10 % from 20 dB "
             "on, failing "
@@ -174,8 +180,9 @@ def noise_sections(by_truths: dict[str, dict[int, Noisy]], clouds: dict[int, Noi
             "Decoding: two pressures under noise",
             f"{draws} draws a cell, M = {samples} samples; Eq. 6.8 (squared: 0.1 is 32 % in relative L2), mean ± "
             "sd; paired: "
-            "ours less the converged search, ± its standard error. Neither decoder is told which distribution it is.",
-            ("truths", "SNR (dB)", *DECODERS, "paired", "ms, ours"),
+            "ours less the converged search, ± its standard error. Neither decoder is told which distribution it is; "
+            "the limit is of a reader who is told, by Bayes.",
+            ("truths", "SNR (dB)", *DECODERS, "paired", "ms, ours", "limit"),
             rows,
             (cloud, *figures),
         )
@@ -190,6 +197,7 @@ def _noise_row(truths: str, snr_db: int, one: Noisy) -> Row:
         *(f"{e.mean():.4f} ± {e.std(ddof=1):.4f}" for e in one.errors),
         f"{apart.mean():+.4f} ± {apart.std(ddof=1) / np.sqrt(len(apart)):.4f}",
         f"{one.ours_ms:.0f}",
+        f"{one.limit:.4f}",
     )
 
 

@@ -3,7 +3,8 @@
     .venv/bin/python -m studies.coding.profiles_read_back [DRAWS] [chosen | snr]
 
 Decoded on 39 samples 170 µm apart, at 30 dB over M receptors, from SED of presses on a finer mesh. With `chosen`: the
-scenes and seeds on which the prior was chosen, which are none of those reported. With `snr`: ours against noise.
+scenes and seeds on which the prior was chosen, which are none of those reported. With `snr`: against noise, beside a
+bound and cheaper decoders.
 """
 
 import sys
@@ -19,10 +20,14 @@ from sim.coding.decoded import decoding_errors
 from sim.coding.encoding import noise_sd
 from sim.coding.frictionless import Frictionless, frictionless
 from sim.coding.operators import centred
+from sim.coding.other_searches import global_search
 from sim.coding.profile_decoder import Profile, decode_profile
+from sim.coding.profiles.table import table_of
 from sim.coding.readings import Readings
 from sim.coding.sampled_section import SPACING_MM, SampledSection, Sampling, sampled_section
+from sim.coding.univariate import Range, converged_search
 from sim.config.fingertip_config import FingertipConfig, MeshSpec
+from studies.coding.limits import profile_bound
 
 Array = NDArray[np.float64]
 
@@ -59,6 +64,9 @@ SAMPLES, SNR_DB, DRAWS = 39, 30.0, 20
 SNRS_DB = (0.0, 10.0, 20.0, 30.0, 40.0)
 OURS = "within contacts, frictionless"
 PRESSED = 0.02  # of the peak: inside the contact
+WITHIN = Range(0.0, 3000.0)
+BASELINE_DRAWS, SLOW_DRAWS = 4, {"univariate": 1}  # that one takes seconds a decode
+_ASIDE_MM, _DEEPER_MM = 0.02, 0.02  # of the differences that the bound's slopes are taken by
 _HEAD = "| shape | pressures | relative L2 | coverage | width over peak | ms |\n|---|---|---|---|---|---|"
 
 Decode = Callable[[Readings], Profile]
@@ -77,14 +85,69 @@ def main(draws: int = DRAWS, scenes: list[Scene] = SCENES, seed: int = SEED) -> 
 
 
 def against_noise(draws: int) -> None:
-    """Print the same of ours at other SNRs."""
+    """Print the same of ours at other SNRs, a bound, and errors and times of cheaper decoders."""
     finer, operator = finer_section(), frictionless(default_section(), centred(SAMPLES + 1, SPACING_MM), "finite")
-    print("| shape | SNR (dB) | relative L2 | coverage | width over peak | ms |\n|---|---|---|---|---|---|")
+    ours, others = decoders(operator)[OURS], baselines(operator)
+    head = "| shape | SNR (dB) | ours | coverage | width over peak | ms | bound | " + " | ".join(others) + " |"
+    print(f"{draws} draws a cell, seeds {SEED} …; of cheaper decoders the first {BASELINE_DRAWS} or less\n{head}")
+    print("|---" * head.count(" | ") + "|---|")
+    held = []
     for scene in SCENES:
         true, sed = pressed(finer, scene)
+        slopes = _slopes(finer, scene)
         for snr_db in SNRS_DB:
-            row = Row.of([read_back(decoders(operator)[OURS], true, sed, snr_db, SEED + k) for k in range(draws)])
-            print(f"| {scene.shape} | {snr_db:g} | {row} |", flush=True)
+            seeds = range(SEED, SEED + draws)
+            row = Row.of([read_back(ours, true, sed, snr_db, seed) for seed in seeds])
+            held.append(row.mean.held)
+            bound = profile_bound(true, *slopes, noise_sd(sed, snr_db))
+            cells = [
+                _cheaper(decode, true, sed, snr_db, seeds[: SLOW_DRAWS.get(name, BASELINE_DRAWS)])
+                for name, decode in others.items()
+            ]
+            told = " | ".join([str(row), f"{100 * bound:.1f} %", *cells])
+            print(f"| {scene.shape} | {snr_db:g} | {told} |", flush=True)
+    print(f"\ncoverage pooled {np.mean(held):.1%}, of single cells {min(held):.0%} and more")
+
+
+def baselines(operator: Frictionless) -> dict[str, Callable[[Readings], Array]]:
+    """Decoders that know less, or search for less; all but the look-up with upright forces."""
+    upright, table = operator.leaning(np.zeros(len(operator.place_mm))), table_of(operator)
+    even = np.full(len(operator.place_mm), WITHIN.high / 30)
+
+    def looked_up(readings: Readings) -> Array:
+        along = table.sed @ readings.sed
+        nearest = int(along.argmax())
+        return np.asarray(np.sqrt(max(0.0, along[nearest])) * table.pressure[nearest])
+
+    return {
+        "smooth": lambda readings: decode_profile(upright, readings, prior="smooth").pressure,
+        "look-up": looked_up,
+        "dual annealing": lambda readings: global_search(upright, readings.sed, WITHIN).pressure,
+        "univariate": lambda readings: converged_search(upright, readings.sed, even, WITHIN).pressure,
+    }
+
+
+def _cheaper(decode: Callable[[Readings], Array], true: Array, sed: Array, snr_db: float, seeds: range) -> str:
+    error, began, sd = [], time.process_time(), noise_sd(sed, snr_db)
+    for seed in seeds:
+        said = Readings.of_sed(sed + sd * np.random.default_rng(seed).normal(size=len(sed)), sd)
+        error.append(decoding_errors(true, decode(said)).relative_l2)
+    return f"{100 * np.mean(error):.0f} %, {1e3 * (time.process_time() - began) / len(seeds):.0f} ms"
+
+
+def _slopes(section: SampledSection, scene: Scene) -> tuple[Array, Array]:
+    """(n, 2) of pressures and (m, 2) of SED, per mm of place and of depth."""
+    x, doi = scene.x_mm, scene.doi_mm
+    ends = [
+        (scene._replace(x_mm=x + _ASIDE_MM), scene._replace(x_mm=x - _ASIDE_MM), _ASIDE_MM),
+        (scene._replace(doi_mm=doi + _DEEPER_MM), scene._replace(doi_mm=doi - _DEEPER_MM), _DEEPER_MM),
+    ]
+    each = [
+        [(high - low) / (2 * apart) for high, low in zip(pressed(section, a), pressed(section, b), strict=True)]
+        for a, b, apart in ends
+    ]
+    pressure, sed = (np.stack(columns, axis=1) for columns in zip(*each, strict=True))
+    return pressure, sed
 
 
 def default_section() -> SampledSection:

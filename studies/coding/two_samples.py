@@ -3,8 +3,9 @@
     .venv/bin/python -m studies.coding.two_samples [DRAWS] [chosen]
 
 Off-grid truths from U(0, 30)² and from [20 14] ± 3; neither decoder is told which. Error is Eq. 6.8 (squared), noise
-is of the SNR over M samples. With `chosen`: the draws on which the prior was chosen, none of which are reported. Then
-the worked example on grids: where it sticks, and two more decoders.
+is of the SNR over M samples. The limit is of a reader who is told the distribution (`limits.py`). With `chosen`: the
+draws on which the prior was chosen, none of which are reported. Then the worked example on grids: where it sticks,
+and two more decoders.
 """
 
 import sys
@@ -24,6 +25,7 @@ from sim.coding.readings import Readings
 from sim.coding.sampled_section import Sampling, sampled_section
 from sim.coding.univariate import Range, converged_search, grid_search
 from sim.config.fingertip_config import FingertipConfig
+from studies.coding.limits import bayes_found
 
 Array = NDArray[np.float64]
 
@@ -36,6 +38,8 @@ TRUTHS: dict[str, Callable[[np.random.Generator], Array]] = {
     "U(0, 30)²": lambda rng: rng.uniform(0.0, 30.0, 2),
     "[20 14] ± 3": lambda rng: TRUE + rng.uniform(-3.0, 3.0, 2),
 }
+ENDS = {"U(0, 30)²": (np.zeros(2), np.full(2, 30.0)), "[20 14] ± 3": (TRUE - 3, TRUE + 3)}
+"""Between which the truths are even."""
 
 
 def main(draws: int = DRAWS, seed: int = SEED) -> None:
@@ -43,25 +47,28 @@ def main(draws: int = DRAWS, seed: int = SEED) -> None:
     operator = convolution(impulse_responses(sampled_section(FingertipConfig(), Sampling())), 2, "finite")
     seeds = f"{draws} draws a row, seeds {seed} … {seed + draws - 1}"
     print(f"M = {operator.parts.shape[1]} samples, {seeds}; Eq. 6.8, mean ± sd; paired, mean ± its error")
-    print("| truths | SNR (dB) | univariate, converged | ours | paired | ms, ours |\n|---|---|---|---|---|---|")
-    for name, draw in TRUTHS.items():
+    head = "| truths | SNR (dB) | univariate, converged | ours | limit | paired | ms, ours |"
+    print(f"{head}\n|---|---|---|---|---|---|---|")
+    for name in TRUTHS:
         for snr_db in SNR_DB:
-            print(f"| {name} | {snr_db} | {_row(operator, draw, snr_db, range(seed, seed + draws))} |", flush=True)
+            print(f"| {name} | {snr_db} | {_row(operator, name, snr_db, range(seed, seed + draws))} |", flush=True)
     print("\n| decoder of [20 14] without noise, from [10 10] | found | Eq. 6.8 | moves |\n|---|---|---|---|")
     for name, found in _worked_example(operator).items():
         squared = decoding_errors(TRUE, found.pressure).eq_6_8
         print(f"| {name} | {np.round(found.pressure, 2)} | {squared:.2g} | {max(0, len(found.path) - 1)} |")
 
 
-def _row(operator: Operator, draw: Callable[[np.random.Generator], Array], snr_db: int, seeds: range) -> str:
-    errors, spent_s = np.empty((2, len(seeds))), 0.0
+def _row(operator: Operator, truths: str, snr_db: int, seeds: range) -> str:
+    errors, spent_s = np.empty((3, len(seeds))), 0.0
     for k, seed in enumerate(seeds):
-        true = draw(np.random.default_rng((seed, snr_db)))
+        true = TRUTHS[truths](np.random.default_rng((seed, snr_db)))
         said = encode(operator, true, None, Noise(snr_db, seed=seed + 1000 * snr_db))
         errors[0, k] = decoding_errors(true, converged_search(operator, said.rate, START, WITHIN).pressure).eq_6_8
         began = time.process_time()
         errors[1, k] = decoding_errors(true, _ours(operator, said)).eq_6_8
         spent_s += time.process_time() - began
+        told = bayes_found(operator, said.rate, said.noise_sd, ENDS[truths])
+        errors[2, k] = decoding_errors(true, told).eq_6_8
     apart = errors[1] - errors[0]
     cells = [f"{e.mean():.4f} ± {e.std(ddof=1):.4f}" for e in errors]
     cells.append(f"{apart.mean():+.4f} ± {apart.std(ddof=1) / np.sqrt(len(seeds)):.4f}")

@@ -106,3 +106,6 @@ def test_error_against_noise() -> None:
     assert heights.max() == pytest.approx(0.2 + 0.1)  # sd 0.1 √2, of two draws
     assert heights.min() == pytest.approx(0.02 - 0.01)
     assert "M = 50" in axes.get_xlabel()
+    assert not any("limit" in name for name in lines(axes))
+    (axes,) = drawn(noise_figure(np.array([0.0, 10.0]), errors, 50, np.array([0.1, 0.01]))).axes
+    assert_allclose(lines(axes)["limit, told the distribution"], [[0, 10], [0.1, 0.01]])

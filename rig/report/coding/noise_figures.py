@@ -35,9 +35,19 @@ def _draw_clouds(figure: Figure, found: Mapping[str, Mapping[str, Array]], true:
         axes.set_xlabel("first pressure (pseudo-units)")
 
 
-def noise_figure(snr_db: Array, errors: Mapping[str, Array], samples: int) -> Plot:
-    """(k, draws) errors of Eq. 6.8 by decoder, against (k,) SNRs over so many samples: mean ± its error."""
-    return Plot((5.8, 4.0), lambda figure: _draw_errors(figure.subplots(), snr_db, errors, samples))
+def noise_figure(snr_db: Array, errors: Mapping[str, Array], samples: int, limit: Array | None = None) -> Plot:
+    """(k, draws) errors of Eq. 6.8 by decoder, against (k,) SNRs over so many samples: mean ± its error.
+
+    With the (k,) least mean errors that any reader could have.
+    """
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        if limit is not None:
+            axes.plot(snr_db, limit, "--", color=GREY, lw=1.2, label="limit, told the distribution")
+        _draw_errors(axes, snr_db, errors, samples)
+
+    return Plot((5.8, 4.0), draw)
 
 
 def _draw_errors(axes: Axes, snr_db: Array, errors: Mapping[str, Array], samples: int) -> None:

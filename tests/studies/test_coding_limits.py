@@ -1,0 +1,96 @@
+"""Limits beside decoders' errors: what a reader who is told more could do."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from numpy.typing import NDArray
+
+from sim.coding.decoded import decoding_errors
+from sim.coding.operators import Operator
+from sim.coding.readings import Readings
+from studies.coding import decoding_part
+from studies.coding.limits import bayes_found, profile_bound
+from studies.coding.profiles_read_back import WITHIN, baselines, default_section, frictionless
+from studies.coding.two_samples import ENDS, TRUE, TRUTHS
+
+Array = NDArray[np.float64]
+
+
+@pytest.fixture
+def two() -> Operator:
+    parts = np.random.default_rng(0).normal(size=(3, 12, 2))
+    return Operator("convolution", "incompressible", parts, np.arange(2.0), np.arange(12.0))
+
+
+def test_truths_lie_between_the_ends_that_the_limit_is_told() -> None:
+    for name, draw in TRUTHS.items():
+        low, high = ENDS[name]
+        drawn = np.array([draw(np.random.default_rng(k)) for k in range(200)])
+        assert (drawn >= low).all()
+        assert (drawn <= high).all()
+        assert_allclose(drawn.min(axis=0), low, atol=0.05 * (high - low).max())
+        assert_allclose(drawn.max(axis=0), high, atol=0.05 * (high - low).max())
+
+
+def test_with_hardly_any_noise_the_truth_is_found_to_a_step_of_the_grid(two: Operator) -> None:
+    ends = ENDS["U(0, 30)²"]
+    assert_allclose(bayes_found(two, two.sed(TRUE), 3.0, ends), TRUE, atol=30 / 121)
+
+
+def test_with_nothing_to_go_by_what_is_found_has_the_least_expected_error(two: Operator) -> None:
+    ends = (np.array([5.0, 1.0]), np.array([9.0, 3.0]))
+    found = bayes_found(two, np.zeros(12), 1e9, ends)
+    drawn = np.random.default_rng(0).uniform(*ends, (20_000, 2))
+    weight = 1 / (drawn**2).sum(axis=1)
+    assert_allclose(found, weight @ drawn / weight.sum(), rtol=0.01)
+
+
+def test_nobody_is_better_than_the_limit_on_average(two: Operator) -> None:
+    """Against the mean of the distribution, and against the likeliest pressures."""
+    low, high = ENDS["[20 14] ± 3"]
+    errors = []
+    for k in range(60):
+        rng = np.random.default_rng(k)
+        true = rng.uniform(low, high)
+        reading = two.sed(true) + 800 * rng.normal(size=12)
+        grid = np.stack(np.meshgrid(*np.linspace(low, high, 40).T, indexing="ij"), axis=-1).reshape(-1, 2)
+        likeliest = grid[[((two.sed(one) - reading) ** 2).sum() for one in grid].index(
+            min(((two.sed(one) - reading) ** 2).sum() for one in grid)
+        )]  # fmt: skip
+        found = (bayes_found(two, reading, 800.0, (low, high)), TRUE, likeliest)
+        errors.append([decoding_errors(true, one).eq_6_8 for one in found])
+    limit, middle, likely = np.mean(errors, axis=0)
+    assert limit < middle
+    assert limit < likely
+
+
+def test_the_bound_of_a_profile_is_what_its_numbers_are_not_known_to() -> None:
+    true, by_number = np.array([3.0, 4.0]), np.array([[1.0], [2.0]])
+    sed = np.array([[2.0], [0.0], [1.0]])
+    assert profile_bound(true, by_number, sed, 0.5) == pytest.approx(0.5 * np.sqrt(5 / 5) / 5)
+    assert profile_bound(true, by_number, sed, 1.0) == pytest.approx(0.2)
+
+
+def test_baselines_find_what_has_no_noise_and_is_smooth() -> None:
+    operator = frictionless(default_section(), np.linspace(-1.0, 1.0, 9), "finite")
+    upright = operator.leaning(np.zeros(8))
+    true = np.array([0.0, 50, 150, 200, 200, 150, 50, 0])
+    sed = upright.sed(true)
+    said = Readings.of_sed(sed, 1e-3 * float(sed.max()))
+    found = {name: decode(said) for name, decode in baselines(operator).items() if name != "univariate"}
+    assert set(found) == {"smooth", "look-up", "dual annealing"}
+    for name, one in found.items():
+        assert one.shape == (8,)
+        assert (one >= 0).all()
+        assert one.max() <= WITHIN.high
+        assert decoding_errors(true, one).relative_l2 < {"smooth": 0.02, "look-up": 0.2}.get(name, 1.0), name
+
+
+def test_the_page_has_the_limit_below_every_decoder() -> None:
+    noisy = decoding_part.noisy("[20 14] ± 3", 0, 6)
+    assert 0 < noisy.limit < noisy.errors[1:].mean(axis=1).min()
+    (section,) = decoding_part.noise_sections({"one": {0: noisy}}, {0: noisy}, 50)
+    ((*_, limit),) = section.rows
+    assert limit == f"{noisy.limit:.4f}"
+    assert section.header[-3:] == ("paired", "ms, ours", "limit")
+    assert np.isnan(decoding_part.noisy("", 40, 2).limit)
