@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rig.compare.answers.answer import Answer, PairRow
 from rig.report.labels import as_number, label, unit
-from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, Plot, signed, some_of
+from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, Plot, Room, signed, some_of
 
 Array = NDArray[np.float64]
 Places = NDArray[np.int64]
@@ -28,6 +28,7 @@ _LINES: tuple[tuple[str, str, float], ...] = ((BLUE, "-", 1.6), (ORANGE, "--", 1
 """Of the pairs that are drawn over each other, in their order."""
 _MOST_RECEPTORS = 14
 _FRAME_POINTS = 7
+_ROOM = Room(left=0.75, right=0.1, bottom=0.42, top=0.55, columns=0.12, rows=0.42)
 USUAL = 2.0  # standard deviations
 _STYLES = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "^"), (GREY, "D"), (PURPLE, "v"), ("black", "P"))
 
@@ -81,15 +82,13 @@ def ranking(answer: Answer) -> list[PairRow]:
 
 
 def profiles(answer: Answer, shown: Sequence[int], frame: str) -> Plot:
-    """Recorded over predicted: a row a pair, a column a stimulus."""
-    size = (_width(len(shown)), 0.8 + 1.5 * len(drawn_pairs(answer)))
-    return Plot(size, lambda figure: _grid(figure, answer, shown, _profile, (_RATE, frame)))
+    """Recorded over predicted: a row a pair and a column a stimulus; of one stimulus a column a pair."""
+    return _grid(answer, shown, _profile, (_RATE, frame))
 
 
 def residuals(answer: Answer, shown: Sequence[int], frame: str) -> Plot:
-    """Residuals in standard deviations of the noise: a row a pair, a column a stimulus."""
-    size = (_width(len(shown)), 0.8 + 1.35 * len(drawn_pairs(answer)))
-    return Plot(size, lambda figure: _grid(figure, answer, shown, _residual, (_RESIDUAL, frame)))
+    """Residuals in standard deviations of the noise, in the same order."""
+    return _grid(answer, shown, _residual, (_RESIDUAL, frame))
 
 
 def scatter(answer: Answer, frame: str) -> Plot:
@@ -120,10 +119,6 @@ def of_stimulus(answer: Answer, number: int) -> Places:
 
 def _ranking_in(answer: Answer) -> float:
     return 0.95 + 0.19 * len(ranking(answer))
-
-
-def _width(columns: int) -> float:
-    return min(_WIDE_IN, 1.0 + 2.6 * columns)
 
 
 def _the_answer(figure: Figure, answer: Answer, shown: Sequence[int], frame: str) -> None:
@@ -203,23 +198,30 @@ def _legend() -> list[Line2D]:
     ]
 
 
-def _grid(
-    figure: Figure,
-    answer: Answer,
-    shown: Sequence[int],
-    draw: Callable[[Axes, Answer, int, PairRow], None],
-    said: tuple[str, str],  # of the vertical axis, above all
-) -> None:
-    rows, (quantity, frame) = drawn_pairs(answer), said
-    figure.suptitle(frame, fontsize=_FRAME_POINTS, color=GREY)
-    panels = figure.subplots(len(rows), len(shown), squeeze=False, sharex="col", sharey=True)
-    for line, row in zip(panels, rows, strict=True):
-        for axes, number in zip(line, shown, strict=True):
-            draw(axes, answer, number, row)
-            axes.set_title(f"{answer.stimuli[number]}\n{named(row)}", fontsize=7.5)
-            axes.tick_params(labelsize=7.5)
-    figure.supxlabel("position from field centre (mm)", fontsize=8)
-    figure.supylabel(quantity, fontsize=8)
+Draw = Callable[[Axes, Answer, int, PairRow], None]
+
+
+def _grid(answer: Answer, shown: Sequence[int], draw: Draw, said: tuple[str, str]) -> Plot:
+    """`said`: of the vertical axis, above all."""
+    pairs = len(drawn_pairs(answer))
+    rows, columns = (pairs, len(shown)) if len(shown) > 1 else (1, pairs)
+    size = (_ROOM.left + 2.3 * columns, _ROOM.top + _ROOM.bottom + 1.45 * rows)
+    return Plot(size, lambda figure: _draw_grid(figure, answer, shown, draw, said), layout=None)
+
+
+def _draw_grid(figure: Figure, answer: Answer, shown: Sequence[int], draw: Draw, said: tuple[str, str]) -> None:
+    pairs, (quantity, frame) = drawn_pairs(answer), said
+    rows, columns = (len(pairs), len(shown)) if len(shown) > 1 else (1, len(pairs))
+    panels = _ROOM.panels(figure, rows, columns, sharex="col" if rows > 1 else True, sharey=True)
+    drawn = ((row, number) for row in pairs for number in shown)
+    for axes, (row, number) in zip(panels.ravel(), drawn, strict=True):
+        draw(axes, answer, number, row)
+        axes.set_title(f"{answer.stimuli[number]}\n{named(row)}", fontsize=7)
+        axes.tick_params(labelsize=7.5)
+    width, height = figure.get_size_inches()
+    figure.text(0.5, 1 - 0.08 / height, frame, fontsize=_FRAME_POINTS, color=GREY, ha="center", va="top")
+    figure.text(0.5, 0.05 / height, "position from field centre (mm)", fontsize=8, ha="center", va="bottom")
+    figure.text(0.05 / width, 0.5, quantity, fontsize=8, rotation=90, va="center", ha="left")
 
 
 def _profile(axes: Axes, answer: Answer, number: int, row: PairRow) -> None:

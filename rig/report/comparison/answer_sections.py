@@ -164,9 +164,9 @@ def _residual_words(answer: Answer, row: PairRow) -> str:
 
 
 def _fits(answer: Answer, of: str) -> Section:
-    fingers = "this finger (--fingers states how well it is known)"
+    finger = "They hold for this finger (--fingers states how well it is known)."
     if answer.fingers > 1:
-        fingers = "any finger of the stated ranges"
+        finger = f"The finger was fitted with each pair, between {answer.fingers} fingers of the stated ranges."
     figure = Figure(
         f"Every pair of measure and receptor{of}",
         answer_figures.every_pair(answer),
@@ -180,7 +180,7 @@ def _fits(answer: Answer, of: str) -> Section:
         f"{percent(LEVEL)} without correction, all over the same {len(answer.places.rate)} positions. A pair would "
         f"leave it if either p fell below {LEVEL:g}. Below the set: the likeliest receptor of the likeliest others. "
         "The intervals in a row are those of this pair; over whichever receptor of the set they are listed first. "
-        f"They hold for {fingers}.",
+        f"{finger}",
         _PAIR,
         tuple(_cells(row) for row in (*answer.set, *rest)),
         (figure,),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rig.compare.shape_test import THRESHOLD, shape_test
 from rig.compare.stimuli import Stimulus
 from rig.report.labels import label, unit
-from rig.report.style import BLUE, GREY, ORANGE, Plot, shade_of, signed, some_of
+from rig.report.style import BLUE, GREY, ORANGE, Plot, Room, shade_of, signed, some_of
 from sim.measures.measures import MEASURES
 
 Array = NDArray[np.float64]
@@ -24,24 +24,27 @@ _MARKERS = "osD^vP"
 """For positions few enough to tell by marker; more are rows of an image."""
 _BOTH_SIGNS = 0.05  # of the largest magnitude: a measure has both signs from here on
 _TICKS_OF_A_SCALE = 4
+_PROFILES = Room(left=0.75, right=0.4, bottom=0.45, top=0.3, columns=0.45)
+_IMAGES = Room(left=0.6, right=0.2, bottom=0.85, top=0.28, columns=0.12)
+_SCALE_IN = (0.25, 0.1)  # above the figure's foot, high
 _OUTLINED = [withStroke(linewidth=2.0, foreground="black")]
 
 
 def ssrps(stimulus: Stimulus, measures: Sequence[str]) -> Plot:
     """One panel a measure: the SSRPs of all receptors above each other, and how each did in the shape test."""
     size = (3.4 * len(measures), min(1.2 + 0.42 * len(stimulus.receptor_mm), _HIGHEST_IN))
-    return Plot(size, lambda figure: _ssrps(figure, stimulus, measures))
+    return Plot(size, lambda figure: _ssrps(figure, stimulus, measures), layout=None)
 
 
 def populations(stimulus: Stimulus, measures: Sequence[str]) -> Plot:
     """The measures at all receptors for each indentor position: lines where these are few, images else."""
     if _few(stimulus):
         return Plot((0.8 + 2.4 * len(measures), 2.6), lambda figure: _lines(figure, stimulus, measures))
-    return Plot((0.5 + 2.5 * len(measures), 2.9), lambda figure: _images(figure, stimulus, measures))
+    return Plot((0.5 + 2.5 * len(measures), 2.9), lambda figure: _images(figure, stimulus, measures), layout=None)
 
 
 def _ssrps(figure: Figure, stimulus: Stimulus, measures: Sequence[str]) -> None:
-    panels = figure.subplots(1, len(measures), squeeze=False, sharex=True, sharey=True)[0]
+    panels = _PROFILES.panels(figure, 1, len(measures), sharex=True, sharey=True)[0]
     for axes, measure in zip(panels, measures, strict=True):
         values = stimulus.measures[MEASURES.index(measure)]
         size = float(np.ptp(values)) or 1.0
@@ -94,16 +97,23 @@ def _lines(figure: Figure, stimulus: Stimulus, measures: Sequence[str]) -> None:
 
 
 def _images(figure: Figure, stimulus: Stimulus, measures: Sequence[str]) -> None:
-    panels = figure.subplots(1, len(measures), squeeze=False, sharey=True)[0]
+    panels = _IMAGES.panels(figure, 1, len(measures), sharey=True)[0]
     for axes, measure in zip(panels, measures, strict=True):
         image = _image(axes, stimulus, stimulus.measures[MEASURES.index(measure)])
         axes.set_title(f"{label(measure)} ({unit(measure)})", fontsize=8)
         axes.set_xlabel("receptor x (mm)", fontsize=8)
         axes.tick_params(labelsize=8)
-        bar = figure.colorbar(image, ax=axes, location="bottom", aspect=24, pad=0.02)
+        bar = figure.colorbar(image, cax=_below(figure, axes), orientation="horizontal")
         bar.locator = MaxNLocator(_TICKS_OF_A_SCALE)
         bar.ax.tick_params(labelsize=7)
     panels[0].set_ylabel("indentor x (mm)", fontsize=8)
+
+
+def _below(figure: Figure, axes: Axes) -> Axes:
+    """Room for a scale under a panel's own label."""
+    _, height = figure.get_size_inches()
+    place = axes.get_position()
+    return figure.add_axes((place.x0, _SCALE_IN[0] / height, place.width, _SCALE_IN[1] / height))
 
 
 def _image(axes: Axes, stimulus: Stimulus, values: Array) -> QuadMesh:

@@ -9,30 +9,38 @@ from matplotlib.figure import Figure
 
 from rig.compare.stimulus_maps import MAPPED, StimulusMap
 from rig.report.labels import label, unit
-from rig.report.style import Plot, signed
+from rig.report.style import Plot, Room, signed
 
 _SHOWN_MM = ((-3.4, 3.4), (2.0, 5.2))
 _TOP_QUANTILE = 0.97
+_ROOM = Room(left=0.5, right=1.0, bottom=0.42, top=0.28, columns=0.12, rows=0.15)
 
 
 def strain_maps(maps: Sequence[StimulusMap]) -> Plot:
     """One stimulus: measures down, positions across; one scale a measure."""
     size = (1.2 + 3.0 * len(maps), 0.5 + 1.55 * len(MAPPED))
-    return Plot(size, lambda figure: _strain_maps(figure, maps))
+    return Plot(size, lambda figure: _strain_maps(figure, maps), layout=None)
 
 
 def _strain_maps(figure: Figure, maps: Sequence[StimulusMap]) -> None:
-    panels = figure.subplots(len(MAPPED), len(maps), squeeze=False, sharex=True, sharey=True)
+    panels = _ROOM.panels(figure, len(MAPPED), len(maps), sharex=True, sharey=True)
     for row, measure in zip(panels, MAPPED, strict=True):
         top = max(_top(one, measure) for one in maps)
         drawn = [_map(axes, one, measure, top) for axes, one in zip(row, maps, strict=True)]
         name = f"{label(measure)} ({unit(measure)})"
-        figure.colorbar(drawn[-1], ax=row.tolist(), label=name, extend="max", shrink=0.9)
+        figure.colorbar(drawn[-1], cax=_beside(figure, row[-1]), label=name, extend="max")
         row[0].set_ylabel("y (mm)")
     for axes, one in zip(panels[0], maps, strict=True):
         axes.set_title(f"indentor at x = {signed(one.x_mm)} mm", fontsize=8)
     for axes in panels[-1]:
         axes.set_xlabel("x (mm)")
+
+
+def _beside(figure: Figure, axes: Axes) -> Axes:
+    """Room for a scale at the right of a row."""
+    width, _ = figure.get_size_inches()
+    place = axes.get_position()
+    return figure.add_axes((place.x1 + 0.15 / width, place.y0, 0.12 / width, place.height))
 
 
 def _map(axes: Axes, one: StimulusMap, measure: str, top: float) -> QuadMesh:

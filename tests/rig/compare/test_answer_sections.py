@@ -80,7 +80,7 @@ def sections(*found: Answer) -> dict[str, Section]:
 
 
 def drawn(plot: Plot) -> Canvas:
-    canvas = Canvas(figsize=plot.size, layout="constrained")
+    canvas = Canvas(figsize=plot.size, layout=plot.layout)
     plot.draw(canvas)
     canvas.draw_without_rendering()
     return canvas
@@ -252,7 +252,10 @@ def test_the_set_comes_first_in_the_table() -> None:
     )
     assert "over the same 12 positions" in section.text
     assert "for this finger (--fingers" in section.text
-    assert "for any finger of the stated ranges" in sections(replace(answer(*ROWS), fingers=9))[section.title].text
+    assert (
+        "fitted with each pair, between 9 fingers of the stated ranges"
+        in sections(replace(answer(*ROWS), fingers=9))[section.title].text
+    )
 
 
 def test_what_is_not_known_is_a_dash() -> None:
@@ -321,6 +324,17 @@ def test_without_an_answer(recorded: bool, said: str) -> None:
     (section,) = answer_sections([], "", recorded=recorded)
     assert section.title == "Verdicts"
     assert section.text.startswith(said)
+
+
+def test_of_one_stimulus_pairs_are_side_by_side() -> None:
+    found = answer(*ROWS, stimuli=TITLES[:1])
+    found = replace(found, places=found.places._replace(stimulus=np.zeros(P, dtype=np.int64)))
+    for section in ("Recorded over predicted", "Residuals by position"):
+        panels = drawn(sections(found)[section].figures[0].plot).axes
+        assert [axes.get_subplotspec().get_geometry()[:2] for axes in panels] == [(1, 3)] * 3
+        assert [axes.get_title().partition("\n")[2] for axes in panels] == [
+            "−ep1 at −1.00 mm", "SED at −1.00 mm", "skin pressure (control) at −1.00 mm",
+        ]  # fmt: skip
 
 
 def test_every_figure_of_an_answer_fits_a_page() -> None:

@@ -69,7 +69,7 @@ def comparison_figures(comparison: Comparison, maps: Sequence[StimulusMap]) -> l
 
 
 def drawn(figure: Figure) -> Canvas:
-    canvas = Canvas(figsize=figure.plot.size, layout="constrained")
+    canvas = Canvas(figsize=figure.plot.size, layout=figure.plot.layout)
     figure.plot.draw(canvas)
     canvas.draw_without_rendering()
     return canvas
