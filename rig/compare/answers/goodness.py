@@ -13,6 +13,7 @@ SEEN = 0.8
 """The probability with which a misfit that counts as detectable is rejected."""
 
 _KNOWN = 1e9  # degrees of freedom from which a variance counts as known
+_CERTAIN = 12.0
 _FOLDS = 5
 
 
@@ -41,7 +42,8 @@ def rejected(misfit: Array, freedom: float, of_noise: float) -> Array:
     """Probability that a misfit (…,), the squares that it adds to the deviance over the dispersion, is rejected."""
     of_noise = min(of_noise, _KNOWN)
     limit = fdtri(freedom, of_noise, 1 - LEVEL)
-    return np.asarray(1 - ncfdtr(freedom, of_noise, np.asarray(misfit), limit))
+    certain = misfit > _CERTAIN * freedom * limit  # ncfdtr has none for some of these
+    return np.where(certain, 1.0, 1 - ncfdtr(freedom, of_noise, np.where(certain, 0.0, misfit), limit))
 
 
 def detectable(observed: Observed, parameters: float) -> float:

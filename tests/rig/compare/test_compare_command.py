@@ -13,6 +13,8 @@ import pytest
 
 from rig.cli import main
 from rig.cli.output import THE_FINGER
+from rig.compare.answers.answer import A_CONSTANT
+from rig.compare.controls import CONTROLS
 from rig.compare.recordings.synthetic import afferent_for, record, write_synthetic
 from rig.compare.stimuli import stimuli
 from rig.data import Run
@@ -62,6 +64,12 @@ def test_json_and_report(command: Command, bar_run: Run, csv: Path) -> None:
     assert all(set(row) >= KEYS for row in answer["rows"])
     truth = next(r for r in answer["rows"] if (r["measure"], r["receptor_mm"]) == ("ep1", 0.0))
     assert truth["r"] > 0.9
+    (said,) = answer["answers"]
+    assert (said["positions"], said["positions_recorded"], said["noise"]["source"]) == (9, 9, "repeats")
+    assert {row["name"] for row in said["rows"] if row["control"]} == {*CONTROLS, A_CONSTANT}
+    assert any(row["eps0"] is not None and row["eps0"] < 0 for row in said["rows"])
+    (chance,) = answer["chance"]
+    assert (chance["positions"], chance["positions_recorded"], chance["looked_at"]) == (9, 9, 180)
     assert truth["shape"] == "bar:3.0"
     assert truth["run"] == bar_run.folder.path.name
     page = Path("a.html").read_text(encoding="utf-8")
@@ -72,6 +80,20 @@ def test_json_and_report(command: Command, bar_run: Run, csv: Path) -> None:
     assert page.index("Verdicts</h2>") < page.index("<figure>")
     assert "http" not in page.replace("http://www.w3.org", "")  # nothing is fetched
     assert set(json.loads(Path("a.html.made.json").read_text(encoding="utf-8"))) == {"made_utc", "seconds"}
+
+
+@no_figures
+def test_the_terminal_says_what_the_recording_says_under_what_was_asked(
+    command: Command, bar_run: Run, csv: Path
+) -> None:
+    asked = ("--recorded", f"bar:3.0={csv}", "--saturating", "--silent-at-rest", "--out", "b.html")
+    code, out, _ = command("compare", bar_run.folder.path, *asked)
+    assert code == 0
+    (said,) = (line for line in out.splitlines() if line.startswith("answer      "))
+    assert "explain" in said
+    page = Path("b.html").read_text(encoding="utf-8")
+    assert "--saturating --silent-at-rest" in page
+    assert "R = z / (1 + s·z) with z = max(0, k(ε − ε₀)), with k &gt; 0 and ε₀ ≥ 0," in page
 
 
 def test_the_same_input_gives_the_same_bytes(command: Command, bar_run: Run, csv: Path, work: Counter[str]) -> None:

@@ -84,6 +84,13 @@ def test_tails_and_powers_are_those_of_f() -> None:
     assert rejected(np.array(12.0), 6.0, np.inf) == pytest.approx(known, rel=1e-4)
 
 
+def test_a_misfit_beyond_all_doubt_is_rejected_for_sure() -> None:
+    """At 2140 with 42.7 and 68.7 degrees of freedom scipy's distribution has no value."""
+    found = rejected(np.array([2140.57, 1e9, 0.0]), 42.7343128, 68.7236183)
+    np.testing.assert_allclose(found, [1, 1, 0.05])
+    assert rejected(np.array(11.9 * 6 * stats.f.ppf(0.95, 6, 1)), 6.0, 1.0) < 1
+
+
 def test_a_detectable_misfit_is_rejected_in_four_of_five() -> None:
     """White misfit of that size, on top of a given sd: 2000 draws, 4 standard errors of 0.9 %."""
     given = seen(np.linspace(5, 50, 20)[:, None], sd=3.0)

@@ -14,6 +14,7 @@ from rig.compare.answers.likeliest import Form
 from rig.compare.answers.wording import sentence
 from rig.compare.comparison import compare
 from rig.compare.controls import CONTROLS
+from rig.compare.errors import ComparisonError
 from rig.compare.plausible import PlausibleFingers
 from rig.compare.recordings.recorded import Recording, recording
 from rig.compare.stimuli import Stimulus
@@ -262,6 +263,8 @@ def test_a_recording_can_be_of_one_condition(steps: list[Stimulus], make_stimulu
     assert found.closest.name == "ep1"
     assert found.together is not None
     assert found.together.p > 0.05
+    with pytest.raises(ComparisonError, match=r"--recorded step:1@9 gwt: no such shape in the runs, expected one of"):
+        compare([steps[0], harder], {"step:1@9 gwt": counted(rates(steps[0]), 1)})
 
 
 def test_too_few_positions_say_nothing(steps: list[Stimulus]) -> None:
