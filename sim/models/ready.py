@@ -1,4 +1,4 @@
-"""Loops of a contact made ready when a finger is loaded: read in a quarter of a second, or compiled and said so."""
+"""Loops of a contact made ready when a finger is loaded: read in some tenths of a second, or compiled and said so."""
 
 import logging
 from functools import cache
