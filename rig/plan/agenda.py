@@ -106,4 +106,4 @@ class Ahead:
     @property
     def left_s(self) -> float:
         """Seconds of the run's clock."""
-        return max(self._left.left_s, 0.0)
+        return self._left.left_s

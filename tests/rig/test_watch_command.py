@@ -104,6 +104,13 @@ def test_the_step_now_and_the_next(course: Course) -> None:
     assert found == NOW_AND_NEXT
 
 
+def test_a_run_may_begin_with_a_press() -> None:
+    begun = ("indentation_start", 0, 0)
+    agenda = Agenda(Course(20.0, {begun: 1.0, ("rest", 1, 0): 9.0}, {begun: SECOND, ("rest", 1, 0): REST}))
+    agenda.event("indentation_start", {"index": 0})
+    assert (agenda.now, agenda.next) == (SECOND, REST)
+
+
 def test_a_press_begun_anew_is_the_step_again(course: Course) -> None:
     agenda = Agenda(course)
     for stream, data in EVENTS[:11]:
