@@ -1,6 +1,7 @@
 """The shape test as a part of the report of its own: it says something of the simulation, nothing of a recording."""
 
 from rig.compare.comparison import COLLINEAR, Comparison
+from rig.compare.shape_chance import DRAWS, chance_rows
 from rig.compare.shape_test import THRESHOLD
 from rig.compare.stimuli import Stimulus
 from rig.compare.tables import threshold_rows
@@ -28,7 +29,7 @@ def shape_sections(comparison: Comparison, figures: list[Figure]) -> list[Sectio
         Section(
             title,
             f"{_ONLY_SIMULATED}\n\n{_candidates(comparison)} The table lists the receptors (x in mm) at which each "
-            f"measure passes, at a threshold of {100 * THRESHOLD:g} %.",
+            f"measure passes, at a threshold of {100 * THRESHOLD:g} %. {_by_chance(comparison)}",
             ("measure", "candidate", *(stimulus.title for stimulus in judged)),
             _rows(comparison, judged),
             tuple(figures),
@@ -45,6 +46,13 @@ def _candidates(comparison: Comparison) -> str:
         f"Candidates: {names}. A candidate passes at one and the same receptor under every step given here, at every "
         "force, and near x = 0 under every bar."
     )
+
+
+def _by_chance(comparison: Comparison) -> str:
+    """What the test lets pass that has no form at all."""
+    rows = [row for row in chance_rows(comparison.stimuli) if row["passes_by_chance"] is not None]
+    shares = [f"{row['shape']} at {row['condition']} {100 * row['passes_by_chance']:.0f} %" for row in rows]
+    return f"Of {DRAWS} random profiles as smooth as a stimulus's own pass: {', '.join(shares)}." if rows else ""
 
 
 def _by_condition(comparison: Comparison) -> tuple[str, ...]:

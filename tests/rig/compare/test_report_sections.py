@@ -140,6 +140,22 @@ def test_the_shape_test_is_a_section_of_its_own(steps: list[Stimulus]) -> None:
     assert "|r| ≥ 0.98" in collinear.text
 
 
+def test_what_chance_passes_is_said_beside_the_verdicts(
+    steps: list[Stimulus], make_stimulus: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = [
+        {"shape": "step:1", "condition": "8 gwt", "passes_by_chance": 0.0651},
+        {"shape": "step:3", "condition": "8 gwt", "passes_by_chance": None},
+        {"shape": "step:5", "condition": "8 gwt", "passes_by_chance": 0.11},
+    ]
+    monkeypatch.setattr("rig.report.comparison.shape_section.chance_rows", lambda _: found)
+    said = "Of 1000 random profiles as smooth as a stimulus's own pass: step:1 at 8 gwt 7 %, step:5 at 8 gwt 11 %."
+    assert shape_sections(compare(steps, {}), [])[0].text.endswith(f"at a threshold of 5 %. {said}")
+    monkeypatch.undo()
+    flat = shape_sections(compare([make_stimulus("step:1", X, RECEPTORS, {})], {}), [])[0]
+    assert "random profiles" not in flat.text
+
+
 def test_conditions_are_listed_where_there_are_several(steps: list[Stimulus], make_stimulus: Make) -> None:
     other = make_stimulus("step:1", X, RECEPTORS, {"ep1": STEP}, run="light")
     test = shape_sections(compare([*steps, other], {}), [])[0]
