@@ -12,16 +12,25 @@ from sim.coding.operators import Operator
 
 Array = NDArray[np.float64]
 
-ACROSS = 121  # values of each of two pressures
+ACROSS = 61  # values of each of two pressures
+_GRIDS = 3
+_UNLIKELY = 18.0  # log likelihood below the highest
 
 
 def bayes_found(operator: Operator, reading: Array, sd: float, within: tuple[Array, Array]) -> Array:
-    """(2,) the pressures whose expected error of Eq. 6.8 is least, if they are even between two (2,) ends."""
-    share = (np.arange(ACROSS) + 0.5) / ACROSS
-    axes = [low + (high - low) * share for low, high in zip(*within, strict=True)]
-    both = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")])
-    sed = ((operator.parts @ both) ** 2).sum(axis=0)
-    log = -0.5 * (((sed - reading[:, None]) / sd) ** 2).sum(axis=0)
+    """(2,) the pressures whose expected error of Eq. 6.8 is least, if they are even between two (2,) ends.
+
+    The grid is laid anew about what the last one left likely.
+    """
+    low, high = within
+    for _ in range(_GRIDS):
+        step = (high - low) / ACROSS
+        axes = [first + each * (np.arange(ACROSS) + 0.5) for first, each in zip(low, step, strict=True)]
+        both = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")])
+        sed = ((operator.parts @ both) ** 2).sum(axis=0)
+        log = -0.5 * (((sed - reading[:, None]) / sd) ** 2).sum(axis=0)
+        likely = both[:, log > log.max() - _UNLIKELY]
+        low, high = np.maximum(low, likely.min(axis=1) - step), np.minimum(high, likely.max(axis=1) + step)
     weight = np.exp(log - log.max()) / (both**2).sum(axis=0)
     return np.asarray(both @ weight / weight.sum())
 
