@@ -90,7 +90,7 @@ def _other_measure(answer: Answer) -> list[str]:
         f"{as_number(other.deviance - first.deviance)} times the noise, and it is {kept}."
     )
     return [
-        *([by] if other is not answer.next or answer.headline is None else []),
+        *([] if other is answer.next else [by]),
         f"Of the recorded positions {_place(answer, k)} tells {other.title} from {first.title} best: {rates}, "
         f"{as_number(float(distance[k]), 2)} standard errors apart. More presses there change the answer soonest.",
     ]

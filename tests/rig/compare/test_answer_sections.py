@@ -54,7 +54,7 @@ def pair(
 
 BEST = pair("ep1", 10.0, 0.5, 1.0)
 TWIN = pair("ep1", 11.0, 0.4, 0.3, receptor_mm=-1.25)
-FITS = pair("sed", 13.0, 0.2, 0.01, residual=np.where(np.arange(P) == 7, 9.0, 0.0))
+FITS = pair("sed", 13.0, 0.2, 0.01, residual=np.select([np.arange(P) == 7, np.arange(P) == 3], [9.0, -2.1]))
 WRONG = pair("e13", 30.0, 0.0004, 0.01)
 CONTROL = pair("skin pressure", 21.0, 0.001, 0.02, control=True)
 CONSTANT = pair("a constant rate", 90.0, receptor_mm=None, control=True)
@@ -225,7 +225,7 @@ def test_residuals_are_drawn_and_told() -> None:
     section = sections(answer(*ROWS))["Residuals by position"]
     assert "(|r| below 0.67 here)" in section.text  # 9 neighbours
     assert section.points[1] == (
-        "sed at −1 mm: the largest is 9 (0.5 mm under step:3 at 8 gwt), 1 of 12 are beyond two, neighbours go "
+        "sed at −1 mm: the largest is 9 (0.5 mm under step:3 at 8 gwt), 2 of 12 are beyond two, neighbours go "
         "together with r = 0."
     )
     # in order of position −2, 1, −0.5, 1: products −2, −0.5, −0.5 of squares 6.25
