@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 import sim.models.cache as cache
 from rig.report.style import Plot
 from sim.config.fingertip_config import Contact
+from sim.contact.compiled.ready import make_ready
 from sim.models.fingertip import Fingertip
-from sim.models.ready import make_ready
 
 # Processes, threads, ports and clocks of the real world: what `make shake` repeats beside a busy machine.
 REAL_TIME = (

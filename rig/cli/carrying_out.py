@@ -22,7 +22,7 @@ from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.plan.timeline import TimeLeft
 from rig.protocol.script import Script
-from rig.report.run.run_report import write_report
+from rig.report.run.run_report import lacks_report, write_missing, write_report
 from rig.session.ending import Whereabouts
 from rig.session.page import Page
 from rig.session.resume import StoppedRun
@@ -96,10 +96,10 @@ def make_whole(stopped: StoppedRun, run: Run, *, as_json: bool) -> FinishedRun:
         there = folder.files
         try:
             export_run(run, again=False)
-            if not folder.report.exists():
+            if lacks_report(run):
                 with busy(THE_FINGER, as_json=as_json):
                     finger = Fingertip.load(stopped.config.finger)
-                write_report(run, finger)
+                write_missing(run, finger)
             folder.add_checksums(folder.files - there)
         except OSError as error:
             done = replace(done, problem=error)

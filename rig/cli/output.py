@@ -55,7 +55,7 @@ class _Builds(logging.Handler):
 
 def show_builds() -> None:
     """From now on, where somebody looks: a larger patch or a round shape's model takes a minute on a busy machine."""
-    logger = logging.getLogger("sim.models")
+    logger = logging.getLogger("sim")
     for handler in [handler for handler in logger.handlers if isinstance(handler, _Builds)]:
         logger.removeHandler(handler)
     if err.is_terminal:

@@ -121,8 +121,9 @@ class Places:
         return self.around, np.stack([1 - self.share, self.share])
 
     def interpolate(self, nodal: Array) -> Array:
-        """(r, k) values at the points from (r, n) values at the nodes."""
-        return chords.interpolated(np.ascontiguousarray(nodal), self.around, self.share)
+        """(r, k) values at the points from (r, n) values at the nodes, (k,) from (n,)."""
+        rows = np.ascontiguousarray(nodal).reshape(-1, nodal.shape[-1])
+        return chords.interpolated(rows, self.around, self.share).reshape(*nodal.shape[:-1], -1)
 
     def to_nodes(self, force: Array) -> Array:
         """(m, n) forces on the nodes that (m, k) forces at the points amount to."""

@@ -14,6 +14,7 @@ from threadpoolctl import ThreadpoolController
 from sim.config.fingertip_config import FingertipConfig
 from sim.config.stiffness import E_EPIDERMIS_MPA
 from sim.config.units import GWT_N
+from sim.contact.compiled.ready import make_ready
 from sim.contact.control import ForceNotReachedError, solve_for_force
 from sim.contact.indentor import ALONG, Indentor
 from sim.contact.patch import X, Z
@@ -31,7 +32,6 @@ from sim.models.moduli.interpolated import Interpolated
 from sim.models.patches import HalfWidths, half_widths, larger
 from sim.models.pressing import PlacedIndentor, Pressing, RimError, refuse_beside_the_finger, refuse_meaningless
 from sim.models.processes.recipe import ByRecipe, Recipe
-from sim.models.ready import make_ready
 from sim.models.results.indentation import IndentationResult
 from sim.models.results.outline import ModelOutline
 from sim.models.results.pictures import finger_as_html

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from rig.cli import output
 
-LOGGER = logging.getLogger("sim.models")
+LOGGER = logging.getLogger("sim")
 BUILDER = logging.getLogger("sim.models.discretised")
 
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, get_args
 
 import pytest
-from rig.report.run.run_tables import phases
 
 from rig.data import Run, read_run
 from rig.engine import RunAborted, TripError
@@ -20,6 +19,7 @@ from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
 from rig.report.run.run_report import write_report
+from rig.report.run.what_ran import phases
 from rig.session.attendant import Nobody
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip

@@ -3,6 +3,7 @@
 import csv
 import io
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 from rig.data import Run
 from rig.data.dictionary import MODEL_TABLES, OF_A_HOLD
@@ -18,11 +19,21 @@ COLUMNS = {
 """Of each file, in order."""
 
 
-def write_numbers(run: Run, found: Sequence[Response]) -> None:
-    """Write contact regions, pressure and skin in the receptor plane, and receptor measures of every hold."""
+def numbers_missing(run: Run) -> bool:
+    """Whether a file is not there."""
+    return not all(_file(run, name).exists() for name in COLUMNS)
+
+
+def write_numbers(run: Run, found: Sequence[Response], *, again: bool = True) -> None:
+    """Write contact regions, pressure and skin in the receptor plane, and receptor measures of every hold.
+
+    again: also what is there.
+    """
     holds = {(row["index"], row["hold"]): row for row in tables(run)["hold_end"].rows}
     rows_of = {"model_contact": _contact, "model_pressure": _pressure, "model_measures": _measures}
     for name, rows in rows_of.items():
+        if not again and _file(run, name).exists():
+            continue
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(COLUMNS[name])
@@ -30,7 +41,11 @@ def write_numbers(run: Run, found: Sequence[Response]) -> None:
             hold = holds[response.index, response.hold["hold"]]
             of_a_hold = [hold.get(column) for column in OF_A_HOLD]
             writer.writerows([*of_a_hold, *row] for row in rows(response))
-        replace_text(run.folder.path / f"{name}.csv", text.getvalue())
+        replace_text(_file(run, name), text.getvalue())
+
+
+def _file(run: Run, name: str) -> Path:
+    return run.folder.path / f"{name}.csv"
 
 
 Rows = Iterable[Sequence[object]]

@@ -13,7 +13,7 @@ from rig.report.html import Figure, figures_of, render
 from rig.report.run import contact_figures, force_figures, run_figures, what_ran
 from rig.report.run.conditions import Condition, by_target, conditions
 from rig.report.run.contact_picture import PICTURES_A_PAGE, contacts_from_below, is_relief
-from rig.report.run.numbers import write_numbers
+from rig.report.run.numbers import numbers_missing, write_numbers
 from rig.report.style import signed
 from sim.models.fingertip import Fingertip
 
@@ -29,9 +29,29 @@ def write_report(
     its end, by what it is about.
     """
     found = responses(run, finger)
-    provenance = json.loads(run.folder.provenance.read_text(encoding="utf-8"))
     if found:
         write_numbers(run, found)
+    return _write_page(run, finger, found, wall_s, ending)
+
+
+def write_missing(run: Run, finger: Fingertip) -> None:
+    """Of report and numbers what is not there; the rest stays as it is."""
+    found = responses(run, finger)
+    if found:
+        write_numbers(run, found, again=False)
+    if not run.folder.report.exists():
+        _write_page(run, finger, found, None, None)
+
+
+def lacks_report(run: Run) -> bool:
+    """Whether the report, or numbers behind its figures, are missing."""
+    return not run.folder.report.exists() or (bool(run.done) and numbers_missing(run))
+
+
+def _write_page(
+    run: Run, finger: Fingertip, found: list[Response], wall_s: float | None, ending: Mapping[str, str] | None
+) -> Path:
+    provenance = json.loads(run.folder.provenance.read_text(encoding="utf-8"))
     text = render(
         "run.html.j2",
         run=run,
