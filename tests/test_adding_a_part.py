@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from fnmatch import fnmatch
+from hashlib import sha1
 from pathlib import Path
 from typing import Any
 
@@ -75,6 +76,10 @@ class Tree:
         self.folder = folder
         for place in PLACES:
             shutil.copytree(ROOT / place, folder / place)
+        contact = folder / "sim" / "contact"
+        for room in (contact, contact / "compiled"):  # numba keeps what it compiled by the folder of its source
+            for kept in (contact / "compiled" / "__pycache__").glob(f"loops-*/{room.name}_*"):
+                kept.rename(kept.with_name(f"{room.name}_{sha1(str(room).encode()).hexdigest()}"))
 
     def add(self, part: str, name: str, made: dict[str, str], inserted: Sequence[tuple[str, str, str]]) -> None:
         """Write files (from tests/parts) and insert text before anchors; all is where the page says, and no more."""
