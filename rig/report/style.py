@@ -91,28 +91,20 @@ def some_of(n: int, most: int) -> list[int]:
     return sorted({round(k * (n - 1) / (most - 1)) for k in range(most)})
 
 
-def position_bar(figure: Figure, axes: Any, positions: Sequence[float]) -> None:
-    """A scale for lines that are coloured by position: a band each."""
-    if len(set(positions)) > 1:
-        _scale(figure, sorted(set(positions)), {"ax": axes})
-
-
 def position_scale(axes: Axes, positions: Sequence[float]) -> None:
-    """The same at the right of a panel whose figure has margins of its own; it takes some 0.8 inches."""
-    if len(set(positions)) > 1:
-        figure: Any = axes.figure
-        width, _ = figure.get_size_inches()
-        place = axes.get_position()
-        beside = figure.add_axes((place.x1 + 0.12 / width, place.y0, 0.12 / width, place.height))
-        _scale(figure, sorted(set(positions)), {"cax": beside})
-
-
-def _scale(figure: Any, ranked: Sequence[float], where: dict[str, Any]) -> None:
+    """A scale for lines that are coloured by position, a band each, right of a panel; it takes some 0.8 inches."""
+    ranked = sorted(set(positions))
     n = len(ranked)
+    if n == 1:
+        return
+    figure: Any = axes.figure
+    width, _ = figure.get_size_inches()
+    place = axes.get_position()
+    beside = figure.add_axes((place.x1 + 0.12 / width, place.y0, 0.12 / width, place.height))
     bands = mpl.colors.ListedColormap([shade(k, n) for k in range(n)])
     scale = mpl.cm.ScalarMappable(mpl.colors.Normalize(-0.5, n - 0.5), bands)
     ticks = some_of(n, _MOST_TICKS)
-    bar = figure.colorbar(scale, label="indentor x (mm)", ticks=ticks, **where)
+    bar = figure.colorbar(scale, label="indentor x (mm)", ticks=ticks, cax=beside)
     bar.ax.set_yticklabels([signed(ranked[k]) for k in ticks], fontsize=8)
 
 

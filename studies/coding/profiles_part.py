@@ -37,19 +37,21 @@ class ReadBackScene(NamedTuple):
 
 
 @cache
-def _operator() -> Frictionless:
+def default_operator() -> Frictionless:
+    """By which the default mesh decodes whole profiles."""
     return frictionless(default_section(), centred(SAMPLES + 1, SPACING_MM), "finite")
 
 
 @cache
-def _pressed_finger() -> SampledSection:
+def pressed_finger() -> SampledSection:
+    """The finer mesh that is pressed."""
     return finer_section()
 
 
 def profile(scene: Scene, draws: int) -> ReadBackScene:
     """A second for some ten draws, once the sections are there (some seconds)."""
-    operator = _operator()
-    true, sed = pressed(_pressed_finger(), scene)
+    operator = default_operator()
+    true, sed = pressed(pressed_finger(), scene)
     by = decoders(operator)
     rows = {
         name: Row.of([read_back(decode, true, sed, SNR_DB, SEED + k) for k in range(draws)])

@@ -1,17 +1,13 @@
 """Shapes, curvature and edges read back, and whole profiles against noise: the tables of past the source."""
 
 from collections.abc import Mapping, Sequence
-from functools import cache
 
 from rig.report.html import Section
-from sim.coding.frictionless import Frictionless, frictionless
-from sim.coding.operators import centred
 from sim.coding.profiles.felt_shape import CLASSES
-from sim.coding.sampled_section import SPACING_MM, SampledSection
 from studies.coding import curvature_read_back, edge_place, shapes_read_back
+from studies.coding.profiles_part import default_operator, pressed_finger
 from studies.coding.profiles_read_back import (
     OURS,
-    SAMPLES,
     SCENES,
     SEED,
     SNR_DB,
@@ -19,8 +15,6 @@ from studies.coding.profiles_read_back import (
     Row,
     Scene,
     decoders,
-    default_section,
-    finer_section,
     pressed,
     read_back,
 )
@@ -45,19 +39,9 @@ def edges(draws: int) -> list[Cells]:
 
 def against_noise(scene: Scene, draws: int) -> list[Row]:
     """Of our decoder, at each SNR."""
-    true, sed = pressed(_finer(), scene)
-    decode = decoders(_operator())[OURS]
+    true, sed = pressed(pressed_finger(), scene)
+    decode = decoders(default_operator())[OURS]
     return [Row.of([read_back(decode, true, sed, snr, SEED + k) for k in range(draws)]) for snr in SNRS_DB]
-
-
-@cache
-def _operator() -> Frictionless:
-    return frictionless(default_section(), centred(SAMPLES + 1, SPACING_MM), "finite")
-
-
-@cache
-def _finer() -> SampledSection:
-    return finer_section()
 
 
 def scenes_of(draws: int) -> int:

@@ -22,7 +22,7 @@ from rig.report.comparison.comparison_report import simulation_sections
 from rig.report.comparison.profile_figures import populations
 from rig.report.comparison.source_section import source_section
 from rig.report.html import Figure
-from rig.report.style import PAGE_IN, position_bar, shade, shade_of
+from rig.report.style import PAGE_IN, position_scale, shade, shade_of
 from sim.measures.receptors import DEFAULT_X_MM
 
 LEAST_POINTS = 6.5
@@ -190,7 +190,7 @@ def test_colours_by_rank_tell_close_positions_apart() -> None:
     grey = [0.299 * r + 0.587 * g + 0.114 * b for r, g, b, _ in found]
     assert min(np.diff(grey)) > 0.1  # in print without colours, too
     canvas = Canvas(layout="constrained")
-    position_bar(canvas, canvas.subplots(), positions)
+    position_scale(canvas.subplots(), positions)
     assert [text.get_text() for text in canvas.axes[1].get_yticklabels()] == [
         "−3.70", "−1.02", "−0.85", "−0.68", "2.00",
     ]  # fmt: skip
