@@ -21,7 +21,7 @@ from rig.protocol.errors import BadInputError
 from rig.protocol.script import load_script
 from rig.session.calibration import expired_calibrations
 from rig.session.session import dry_run
-from rig.virtual.twins import refuse_twinless
+from rig.session.virtual.twins import refuse_twinless
 
 
 def command(

@@ -11,7 +11,7 @@ from rig.devices.catalogue import names
 from rig.devices.kinds import Room
 from rig.plan.config import Config, load_config
 from rig.protocol.errors import BadInputError
-from rig.virtual.served_bench import ServedBench
+from rig.session.virtual.served_bench import ServedBench
 from sim.serve.press_ahead import PressStatistics
 
 

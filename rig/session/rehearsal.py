@@ -29,8 +29,8 @@ from rig.protocol.steps import ExpectedPresses, ExpectedTouch, Step
 from rig.protocol.taken_up import TakenUp
 from rig.protocol.walk import Model, NoPredictionError, Spot, Walk
 from rig.session.running import run_script
-from rig.virtual.twins import with_stand_ins
-from rig.virtual.virtual_bench import bench_around
+from rig.session.virtual.twins import with_stand_ins
+from rig.session.virtual.virtual_bench import bench_around
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 from sim.plant.plant import Carriage, TruePose

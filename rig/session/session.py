@@ -32,9 +32,9 @@ from rig.session.provenance import provenance
 from rig.session.real_bench import open_bench
 from rig.session.resume import StoppedRun, first_reference_gwt
 from rig.session.running import ENDINGS, run_script, stopped_at_once
+from rig.session.virtual.virtual_bench import virtual_bench
 from rig.transport.byte_log import ByteLog, Sink
 from rig.transport.clock import Clock, WallClock
-from rig.virtual.virtual_bench import virtual_bench
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 

@@ -13,9 +13,9 @@ from rig.engine.bench import NO_PAUSE
 from rig.engine.streams import STREAMS
 from rig.plan.config import Config
 from rig.session.rehearsal import Spring
+from rig.session.virtual.twins import virtual_force, virtual_stage
+from rig.session.virtual.virtual_devices import true_carriage
 from rig.transport import LoopbackTransport
-from rig.virtual.twins import virtual_force, virtual_stage
-from rig.virtual.virtual_devices import true_carriage
 from sim.devices.cell import Load
 from sim.devices.clock import VirtualClock
 from sim.devices.line import SerialLine

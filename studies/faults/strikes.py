@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import rig.session.session as sessions
-import rig.virtual.virtual_bench as benches
+import rig.session.virtual.virtual_bench as benches
 from rig.engine.journal import Journal
 from rig.transport.clock import Clock
 from rig.transport.loopback import HostLine, LoopbackTransport

@@ -20,9 +20,9 @@ from rig.engine.bench import NO_PAUSE, Bench
 from rig.engine.journal import NoJournal
 from rig.plan.config import Config
 from rig.session.real_bench import open_bench
+from rig.session.virtual.served_bench import ServedBench
+from rig.session.virtual.virtual_bench import virtual_bench
 from rig.transport.clock import WallClock
-from rig.virtual.served_bench import ServedBench
-from rig.virtual.virtual_bench import virtual_bench
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 

@@ -19,9 +19,9 @@ from rig.engine import Engine, Journal, Pause, verbs
 from rig.engine.rig_settings import RigSettings
 from rig.engine.streams import STREAMS
 from rig.plan.config import Config
+from rig.session.virtual.served_bench import ServedBench
 from rig.transport import LoopbackTransport
 from rig.transport.byte_log import LoggedTransport
-from rig.virtual.served_bench import ServedBench
 from sim.devices import Load, SerialLine, VirtualBalance, VirtualGrbl
 from sim.devices.clock import VirtualClock
 from tests.program import Program, program_of

@@ -20,7 +20,7 @@ from rig.engine.by_hand.dead_man import dead_man_jog
 from rig.engine.errors import LimitError
 from rig.engine.sensing import Sensing, Zero
 from rig.plan.config import Config
-from rig.virtual.virtual_bench import bench_around
+from rig.session.virtual.virtual_bench import bench_around
 from sim.devices.clock import VirtualClock
 from sim.plant.plant import Carriage, TruePose
 

@@ -21,11 +21,11 @@ from rig.devices.own_table import as_kind
 from rig.plan.config import Config, load_config
 from rig.protocol.errors import BadInputError
 from rig.session.rehearsal import SpringPlant
+from rig.session.virtual.served_bench import ServedBench
+from rig.session.virtual.twins import refuse_twinless, virtual_force, virtual_stage, with_stand_ins
+from rig.session.virtual.virtual_bench import bench_around
 from rig.transport import LoopbackTransport
 from rig.transport.port_settings import Settings
-from rig.virtual.served_bench import ServedBench
-from rig.virtual.twins import refuse_twinless, virtual_force, virtual_stage, with_stand_ins
-from rig.virtual.virtual_bench import bench_around
 from sim.devices.cell import Load
 from sim.devices.clock import VirtualClock
 from sim.devices.line import SerialLine

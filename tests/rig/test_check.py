@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-import rig.virtual.virtual_devices as devices
+import rig.session.virtual.virtual_devices as devices
 from rig.cli import main
 from rig.data import Run
 from rig.devices.units import GWT_N

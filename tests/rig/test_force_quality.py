@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import rig.virtual.virtual_devices as devices
+import rig.session.virtual.virtual_devices as devices
 from rig.data import Run
 from rig.devices.units import GWT_N
 from rig.plan.config import Config

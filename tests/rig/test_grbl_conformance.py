@@ -11,9 +11,9 @@ import pytest
 
 from rig.devices.stage import StageAlarm, StageError, StageRejected
 from rig.devices.stage.grbl.grbl_stage import GrblStage
+from rig.session.virtual.served_bench import ServedBench
 from rig.transport import LineReader, LoopbackTransport, SerialTransport, Transport
 from rig.transport.clock import Clock, WallClock
-from rig.virtual.served_bench import ServedBench
 from sim.devices import SerialLine, VirtualGrbl
 from sim.devices.clock import VirtualClock
 

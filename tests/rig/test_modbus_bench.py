@@ -20,8 +20,8 @@ from rig.engine.by_hand.dead_man import Direction, dead_man_jog
 from rig.engine.engine import State
 from rig.engine.streams import STREAMS
 from rig.plan.config import Config
+from rig.session.virtual.twins import virtual_force, virtual_stage
 from rig.transport import LoggedTransport, LoopbackTransport, TransportError
-from rig.virtual.twins import virtual_force, virtual_stage
 from sim.devices import Load, ModbusBus, SerialLine, VirtualDrive
 from sim.devices.clock import VirtualClock
 from sim.devices.leadshine import DrivePair

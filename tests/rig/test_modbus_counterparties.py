@@ -17,8 +17,8 @@ import serial
 from rig.devices.drivers import open_force, open_stage
 from rig.devices.units import GWT_N
 from rig.plan.config import Config
+from rig.session.virtual.served_bench import ServedBench
 from rig.transport.clock import WallClock
-from rig.virtual.served_bench import ServedBench
 from sim.models.fingertip import Fingertip
 from tests.waiting import DEADLINE_S, until
 

@@ -13,8 +13,8 @@ import pytest
 import rig.cli.confirming as confirming
 import rig.session.session as sessions
 from rig.devices.units import GWT_N
+from rig.session.virtual.virtual_bench import VirtualBench, virtual_bench
 from rig.transport import TransportError
-from rig.virtual.virtual_bench import VirtualBench, virtual_bench
 from sim.devices.clock import VirtualClock
 from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip

@@ -22,7 +22,7 @@ from rig.plan.config import Config
 from rig.plan.timeline import TimeLeft
 from rig.session.page import Page
 from rig.session.rehearsal import Rehearsed
-from rig.virtual.virtual_bench import VirtualBench, virtual_bench
+from rig.session.virtual.virtual_bench import VirtualBench, virtual_bench
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 from tests.sim.coarse import as_toml, coarse_mesh

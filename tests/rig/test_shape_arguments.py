@@ -13,7 +13,7 @@ from rig.compare.parameter_study.errors import StudyError
 from rig.engine.records import Target
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
-from rig.virtual.served_bench import ServedBench
+from rig.session.virtual.served_bench import ServedBench
 from sim.contact.shapes import ShapeError, parse_shape, shape_name
 from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 import rig.session.session as sessions
-from rig.virtual.virtual_bench import virtual_bench
+from rig.session.virtual.virtual_bench import virtual_bench
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 from tests.program import Program

@@ -19,7 +19,7 @@ from rig.engine.bench import NO_PAUSE
 from rig.engine.engine import Engine, State
 from rig.engine.journal import NoJournal
 from rig.plan.config import Config
-from rig.virtual.virtual_bench import VirtualBench, bench_around
+from rig.session.virtual.virtual_bench import VirtualBench, bench_around
 from sim.devices.clock import VirtualClock
 from sim.plant.plant import Carriage, Pose, TruePose
 

@@ -13,9 +13,9 @@ from rig.devices.drivers import force_driver, stage_driver
 from rig.devices.force import ForceError
 from rig.devices.stage import Stage, StageError
 from rig.plan.config import Config
+from rig.session.virtual.twins import virtual_force, virtual_stage
 from rig.transport import LoopbackTransport
 from rig.transport.byte_log import LoggedTransport
-from rig.virtual.twins import virtual_force, virtual_stage
 from sim.devices import SerialLine
 from sim.devices.cell import Load
 from sim.devices.clock import VirtualClock

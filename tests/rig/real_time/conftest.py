@@ -15,9 +15,9 @@ import pytest
 
 from rig.devices.stage.grbl.grbl_stage import GrblStage
 from rig.plan.config import Config
+from rig.session.virtual.served_bench import ServedBench
 from rig.transport import open_port
 from rig.transport.clock import WallClock
-from rig.virtual.served_bench import ServedBench
 from sim.devices import BalanceMenu, Load, SerialLine, VirtualBalance, VirtualGrbl
 from sim.serve.ports import PtyPort
 from sim.serve.wall_clock import WallScheduler

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from rig.devices.stage.grbl.grbl_stage import GrblStage
+from rig.session.virtual.served_bench import ServedBench
 from rig.transport import open_port
 from rig.transport.clock import WallClock
-from rig.virtual.served_bench import ServedBench
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 

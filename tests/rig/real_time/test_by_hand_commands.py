@@ -9,7 +9,7 @@ import pytest
 from rig.devices.units import GWT_N
 from rig.engine.by_hand.bench_memory import BenchMemory
 from rig.plan.config import load_config
-from rig.virtual.served_bench import ServedBench
+from rig.session.virtual.served_bench import ServedBench
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 

@@ -5,8 +5,8 @@ from contextlib import ExitStack
 
 from rig.plan.config import Config
 from rig.protocol.errors import BadInputError
-from rig.virtual.twins import refuse_twinless, virtual_force, virtual_stage
-from rig.virtual.virtual_devices import load_on_sensor, true_carriage, truth, with_framing, with_kinds
+from rig.session.virtual.twins import refuse_twinless, virtual_force, virtual_stage
+from rig.session.virtual.virtual_devices import load_on_sensor, true_carriage, truth, with_framing, with_kinds
 from sim.contact.shapes import parse_shape
 from sim.devices.cell import Load
 from sim.devices.line import SerialLine

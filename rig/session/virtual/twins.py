@@ -10,7 +10,7 @@ from rig.devices.kinds import Kind
 from rig.devices.own_table import DeviceSettings
 from rig.plan.config import Config
 from rig.protocol.errors import BadInputError
-from rig.virtual.virtual_devices import believed_steps_per_mm, lost_steps, with_kinds
+from rig.session.virtual.virtual_devices import believed_steps_per_mm, lost_steps, with_kinds
 from sim.devices.cell import Load
 from sim.devices.clock import Scheduler
 from sim.devices.line import SerialLine

@@ -14,10 +14,10 @@ from rig.engine.heartbeat import LOOK_S, Heartbeat
 from rig.engine.sensing import Zero
 from rig.plan.config import Config
 from rig.plan.shape_files import kept_in
+from rig.session.virtual.twins import virtual_force, virtual_stage
+from rig.session.virtual.virtual_devices import load_on_sensor, true_carriage, truth
 from rig.transport.byte_log import LoggedTransport, Sink
 from rig.transport.loopback import LoopbackTransport
-from rig.virtual.twins import virtual_force, virtual_stage
-from rig.virtual.virtual_devices import load_on_sensor, true_carriage, truth
 from sim.devices.cell import Load
 from sim.devices.clock import VirtualClock
 from sim.devices.line import SerialLine
