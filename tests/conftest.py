@@ -25,6 +25,7 @@ REAL_TIME = (
     "rig/compare/test_study_on_a_cluster.py",
     "rig/test_command_line.py::test_ctrl_c_stops_at_a_safe_point",
     "rig/test_command_line.py::test_a_killed_run_leaves_a_readable_journal",
+    "rig/test_control_socket.py",
     "rig/test_every_end.py",
     "rig/test_first_second.py::test_what_needs_no_library_imports_none",
     "rig/test_first_second.py::test_a_list_of_runs_waits_for_no_library_but_its_own",
@@ -142,6 +143,14 @@ def _read_once() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(cache, "_read", once)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _announced_here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Runs that tests carry out are none of the user's, and are not seen by what looks for those."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("RIG_RUNTIME_DIR", str(tmp_path_factory.mktemp("runtime")))
         yield
 
 

@@ -1,0 +1,126 @@
+"""Who owns ports now: one note a process, in a folder that only this user reads, and how such a process is asked."""
+
+import errno
+import os
+import stat
+import warnings
+from multiprocessing import AuthenticationError
+from pathlib import Path
+from typing import Any, Literal
+
+import filelock
+from platformdirs import user_runtime_path
+from pydantic import BaseModel, ValidationError
+
+from rig.session.control.conversation import BROKEN, Wire, connected, encoded
+
+ASK_S = 1.0
+
+
+class ControlError(Exception):
+    """No answer: the process has ended, hangs, or is not the one that announced itself. One line."""
+
+
+class RefusedError(ControlError):
+    """The process answered that it will not. One line."""
+
+
+class Announcement(BaseModel, frozen=True):
+    """What a process says of itself while it owns ports; run is the run's folder once there is one."""
+
+    pid: int
+    kind: Literal["run", "by hand"]
+    virtual: bool
+    ports: tuple[str, ...]
+    out: str | None = None
+    run: str | None = None
+    protocol: str | None = None
+    config: str | None = None
+    began_unix_s: float
+
+
+class Announced(Announcement, frozen=True):
+    """An announcement as others read it, with where to ask and the key."""
+
+    address: str
+    key: str
+
+    def ask(self, do: str, *, within_s: float = ASK_S, **more: Any) -> dict[str, Any]:
+        """Its answer to one request. Raises RefusedError with what it says, ControlError where nobody answers."""
+        who = f"process {self.pid}"
+        try:
+            answer = self._answer({"do": do, **more}, within_s)
+        except (TimeoutError, BlockingIOError):
+            raise ControlError(f"{who} does not answer within {within_s:g} s") from None
+        except AuthenticationError:
+            raise ControlError(f"{who} is not the one that announced itself: it has another key") from None
+        except (FileNotFoundError, ConnectionRefusedError):
+            raise ControlError(f"{who} has ended") from None
+        except BROKEN as error:
+            raise ControlError(f"{who} ended before it answered {do!r}: {error or type(error).__name__}") from None
+        if answer.get("ok") is not True:
+            raise RefusedError(str(answer.get("problem", f"{who} refused {do!r}")))
+        return answer
+
+    def _answer(self, request: dict[str, Any], within_s: float) -> dict[str, Any]:
+        with connected(self.address, within_s) as connection:
+            wire = Wire(connection, within_s)
+            wire.prove(bytes.fromhex(self.key))
+            wire.send_bytes(encoded(request))
+            return wire.hear()
+
+
+def announced() -> list[Announced]:
+    """Every process that owns ports now, the oldest first; notes of those that have ended are removed.
+
+    Raises PermissionError where the folder is somebody else's.
+    """
+    found = []
+    for note in runtime_folder().glob("*.json"):
+        try:
+            if not _removed_where_left(note):
+                found.append(Announced.model_validate_json(note.read_bytes()))
+        except (OSError, ValidationError):
+            continue  # just removed, or none of ours
+    return sorted(found, key=lambda one: one.began_unix_s)
+
+
+def runtime_folder() -> Path:
+    """RIG_RUNTIME_DIR, or the user's runtime folder; private. Raises OSError."""
+    chosen = os.environ.get("RIG_RUNTIME_DIR")
+    if chosen:
+        return _private(Path(chosen))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # where nobody has logged in there is none, and another one will do
+        return _private(user_runtime_path("rig", ensure_exists=True))
+
+
+def lock_of(note: Path) -> filelock.FileLock:
+    """Held by the process that wrote a note, until it ends however it ends."""
+    return filelock.FileLock(note.with_suffix(".lock"), timeout=0.2, thread_local=False)
+
+
+def remove(note: Path) -> None:
+    """A note, its socket and its lock, which the caller holds."""
+    for suffix in (".json", ".new", ".sock", ".lock"):
+        note.with_suffix(suffix).unlink(missing_ok=True)
+
+
+def _removed_where_left(note: Path) -> bool:
+    try:
+        with lock_of(note).acquire(timeout=0):
+            remove(note)
+            return True
+    except filelock.Timeout:
+        return False
+
+
+def _private(folder: Path) -> Path:
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if os.name == "posix":
+        found = folder.lstat()
+        if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid():
+            raise PermissionError(errno.EPERM, "expected a folder of this user's own", str(folder))
+        if stat.S_IMODE(found.st_mode) != 0o700:
+            folder.chmod(0o700)
+    return folder

@@ -1,0 +1,449 @@
+"""The private socket of whoever owns the ports: who may ask, what is answered, and who hangs is not waited for."""
+
+import errno
+import json
+import os
+import signal
+import socket
+import stat
+import subprocess
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, closing, suppress
+from pathlib import Path
+from typing import Any
+
+import filelock
+import pytest
+
+import rig.session.control.announcements as announcements
+import rig.session.control.control_socket as control_socket
+from rig.session.control.announcements import (
+    Announced,
+    Announcement,
+    ControlError,
+    RefusedError,
+    announced,
+    runtime_folder,
+)
+from rig.session.control.control_socket import ControlSocket
+from tests.waiting import DEADLINE_S
+
+OWNER = """
+import os, sys, time
+from rig.session.control.announcements import Announcement
+from rig.session.control.control_socket import ControlSocket
+
+about = Announcement(pid=os.getpid(), kind="run", virtual=True, ports=("a", "b"), began_unix_s=5.0)
+with ControlSocket(about, {"status": lambda _: {"state": "planning"}, "end": lambda _: os._exit(3)}):
+    print("ready", flush=True)
+    sys.stdin.read()
+"""
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Of announcements; short enough for a socket's path."""
+    monkeypatch.setenv("RIG_RUNTIME_DIR", str(tmp_path / "r"))
+    return tmp_path / "r"
+
+
+@pytest.fixture
+def elsewhere() -> Iterator[subprocess.Popen[str]]:
+    """An owner in a process of its own, which ends when its input does."""
+    words = [sys.executable, "-c", OWNER]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline() == "ready\n"
+            yield process
+        finally:
+            process.kill()
+
+
+def _about(**more: Any) -> Announcement:
+    return Announcement(
+        **{"pid": os.getpid(), "kind": "run", "virtual": False, "ports": ("/dev/a",), "began_unix_s": 7.0} | more
+    )
+
+
+def _owner(**answers: Callable[[Mapping[str, Any]], Mapping[str, Any]]) -> ControlSocket:
+    return ControlSocket(_about(), answers)
+
+
+def _only() -> Announced:
+    (one,) = announced()
+    return one
+
+
+def _raw(one: Announced) -> socket.socket:
+    end = socket.socket(socket.AF_UNIX)
+    end.settimeout(DEADLINE_S)
+    end.connect(one.address)
+    return end
+
+
+# --- a question and its answer ---
+
+
+def test_a_question_is_answered_with_what_it_said() -> None:
+    heard: list[Mapping[str, Any]] = []
+
+    def answer(request: Mapping[str, Any]) -> dict[str, Any]:
+        heard.append(request)
+        return {"state": "running"}
+
+    with _owner(jog=answer):
+        assert _only().ask("jog", axis="x", sign=-1) == {"ok": True, "state": "running"}
+    assert heard == [{"do": "jog", "axis": "x", "sign": -1}]
+
+
+@pytest.mark.parametrize("request_", ["fly", "", "__class__"])
+def test_what_cannot_be_asked_is_refused_with_what_can(request_: str) -> None:
+    with _owner(status=lambda _: {}, stop=lambda _: {}), pytest.raises(RefusedError) as refused:
+        _only().ask(request_)
+    assert str(refused.value) == f"{request_!r} cannot be asked here, expected status, stop"
+
+
+def _fail(_: object) -> dict[str, Any]:
+    raise RuntimeError("the board\n is gone")
+
+
+def _fail_silently(_: object) -> dict[str, Any]:
+    raise RuntimeError
+
+
+@pytest.mark.parametrize(
+    ("answer", "told"),
+    [
+        (_fail, "the board is gone"),
+        (_fail_silently, "RuntimeError"),
+        (lambda _: {"ok": False, "problem": "not now"}, "not now"),
+        (lambda _: {"force_gwt": float("nan")}, "Out of range float values are not JSON compliant"),
+        (lambda _: {"at": object()}, "Object of type object is not JSON serializable"),
+    ],
+)
+def test_a_problem_is_one_line(answer: Any, told: str) -> None:
+    with _owner(do=answer), pytest.raises(RefusedError) as refused:
+        _only().ask("do")
+    assert str(refused.value).startswith(told)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_stop_is_answered_while_another_answer_takes_its_time() -> None:
+    begun, over = threading.Event(), threading.Event()
+    slow: list[dict[str, Any]] = []
+
+    def home(_: object) -> dict[str, Any]:
+        begun.set()
+        assert over.wait(DEADLINE_S)
+        return {"homed": True}
+
+    with _owner(home=home, stop=lambda _: {"stopped": True}):
+        one = _only()
+        asking = threading.Thread(target=lambda: slow.append(one.ask("home", within_s=DEADLINE_S)))
+        asking.start()
+        assert begun.wait(DEADLINE_S)
+        assert one.ask("stop") == {"ok": True, "stopped": True}
+        assert slow == []
+        over.set()
+        asking.join(DEADLINE_S)
+    assert slow == [{"ok": True, "homed": True}]
+
+
+# --- who may not ask ---
+
+
+def _says_nothing(end: socket.socket) -> None:
+    """Connected, and that is all."""
+
+
+def _half_a_message(end: socket.socket) -> None:
+    end.sendall(b"\x00\x00")
+
+
+def _garbage(end: socket.socket) -> None:
+    end.sendall(b"GET / HTTP/1.1\r\n\r\n")
+
+
+def _enormous(end: socket.socket) -> None:
+    end.sendall(b"\x7f\xff\xff\xff")
+
+
+def _none_of_ours(end: socket.socket) -> None:
+    end.sendall(b"\x00\x00\x00\x04{}{}")
+
+
+@pytest.mark.parametrize("nuisance", [_says_nothing, _half_a_message, _garbage, _enormous, _none_of_ours])
+def test_whoever_hangs_or_babbles_stands_in_nobodys_way(nuisance: Callable[[socket.socket], None]) -> None:
+    with _owner(stop=lambda _: {"stopped": True}):
+        one = _only()
+        with closing(_raw(one)) as end:
+            nuisance(end)
+            assert one.ask("stop", within_s=DEADLINE_S)["stopped"]
+
+
+def test_whoever_says_nothing_is_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(control_socket, "PATIENCE_S", 0.01)
+    with _owner(stop=lambda _: {}), closing(_raw(_only())) as end:
+        heard = b""
+        while data := end.recv(4096):
+            heard += data
+    assert b"#CHALLENGE#" in heard, "it was challenged, and then let go"
+
+
+def test_another_key_is_refused_and_nothing_is_done() -> None:
+    done: list[object] = []
+
+    def stop(request: Mapping[str, Any]) -> dict[str, Any]:
+        done.append(request)
+        return {}
+
+    with _owner(stop=stop):
+        other = _only().model_copy(update={"key": "00" * 32})
+        with pytest.raises(ControlError, match="it has another key"):
+            other.ask("stop")
+        assert done == []
+
+
+def test_an_owner_that_does_not_know_the_key_is_not_believed() -> None:
+    """Somebody else's socket at the same place: it lets everybody in, and is told nothing."""
+    with _owner(status=lambda _: {}):
+        one = _only()
+    from multiprocessing.connection import Listener, deliver_challenge
+
+    heard: list[bytes] = []
+    with Listener(one.address) as listener:
+
+        def lets_in() -> None:
+            with listener.accept() as connection:
+                connection.send_bytes(b"#CHALLENGE#" + b"0" * 20)
+                connection.recv_bytes()
+                connection.send_bytes(b"#WELCOME#")
+                with suppress(Exception):
+                    deliver_challenge(connection, b"no such key")
+                    connection.recv_bytes()
+                    connection.send_bytes(b"nonsense")
+                    heard.append(connection.recv_bytes())
+
+        thread = threading.Thread(target=lets_in)
+        thread.start()
+        with pytest.raises(ControlError):
+            one.ask("status", within_s=DEADLINE_S)
+        thread.join(DEADLINE_S)
+    assert all(b"status" not in said for said in heard)
+
+
+def test_a_request_is_an_object() -> None:
+    from rig.session.control.conversation import Wire, connected
+
+    with _owner(status=lambda _: {}):
+        one = _only()
+        with connected(one.address, DEADLINE_S) as connection:
+            wire = Wire(connection, DEADLINE_S)
+            wire.prove(bytes.fromhex(one.key))
+            wire.send_bytes(b'["status"]')
+            with pytest.raises(EOFError):
+                wire.recv_bytes()
+
+
+# --- where it lies ---
+
+
+def test_only_this_user_reads_the_note_and_the_socket(folder: Path) -> None:
+    before = os.umask(0)
+    try:
+        with _owner():
+            note = folder / f"{os.getpid()}.json"
+            modes = {path.suffix: stat.S_IMODE(path.stat().st_mode) for path in folder.iterdir()}
+            assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+            assert modes[".json"] == modes[".sock"] == 0o600
+            assert set(json.loads(note.read_text())) == {
+                *("pid", "kind", "virtual", "ports", "out", "run", "protocol", "config", "began_unix_s"),
+                *("address", "key"),
+            }
+            assert len(bytes.fromhex(_only().key)) == 32
+    finally:
+        os.umask(before)
+
+
+def test_every_key_is_another() -> None:
+    keys = set()
+    for _ in range(3):
+        with _owner():
+            keys.add(_only().key)
+    assert len(keys) == 3
+
+
+def test_nothing_is_left_of_one_that_has_ended(folder: Path) -> None:
+    with _owner(status=lambda _: {}):
+        one = _only()
+    assert list(folder.iterdir()) == []
+    assert announced() == []
+    with pytest.raises(ControlError, match=f"process {os.getpid()} has ended"):
+        one.ask("status")
+
+
+def test_what_is_announced_changes_as_a_whole(folder: Path) -> None:
+    with _owner(status=lambda _: {}) as own:
+        before = _only()
+        own.tell(run="/runs/a")
+        after = _only()
+        assert (before.run, after.run) == (None, "/runs/a")
+        assert after.model_copy(update={"run": None}) == before
+        assert {path.suffix for path in folder.iterdir()} == {".json", ".lock", ".sock"}
+
+
+def test_the_oldest_is_first() -> None:
+    with ExitStack() as several:
+        for pid, began_unix_s in ((7, 9.0), (8, 3.0), (9, 4.0)):
+            several.enter_context(ControlSocket(_about(pid=pid, began_unix_s=began_unix_s), {}))
+        assert [one.pid for one in announced()] == [8, 9, 7]
+
+
+def test_one_process_announces_itself_once() -> None:
+    with _owner(status=lambda _: {}):
+        with pytest.raises(filelock.Timeout), _owner():
+            pass
+        assert _only().ask("status") == {"ok": True}, "the first one is as it was"
+
+
+def test_a_path_too_long_for_a_socket_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RIG_RUNTIME_DIR", str(tmp_path / ("long" * 40)))
+    with _owner(status=lambda _: {}):
+        one = _only()
+        address = Path(one.address)
+        assert len(os.fsencode(one.address)) <= 100
+        assert stat.S_IMODE(address.parent.stat().st_mode) == 0o700
+        assert one.ask("status") == {"ok": True}
+    assert not address.parent.exists()
+
+
+@pytest.mark.parametrize(("length", "beside"), [(100, True), (101, False)])
+def test_the_longest_path_for_a_socket(monkeypatch: pytest.MonkeyPatch, length: int, beside: bool) -> None:
+    name = f"/{os.getpid()}.sock"
+    here = "/tmp/" + "x" * (length - len("/tmp/") - len(name))
+    monkeypatch.setenv("RIG_RUNTIME_DIR", here)
+    try:
+        with _owner():
+            assert (_only().address == here + name) is beside
+    finally:
+        Path(here).rmdir()
+
+
+def test_a_folder_that_others_could_read_is_closed(folder: Path) -> None:
+    folder.mkdir(mode=0o755)
+    runtime_folder()
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+
+
+def test_somebody_elses_folder_is_not_used(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder.mkdir()
+    monkeypatch.setattr(os, "getuid", lambda: folder.stat().st_uid + 1)
+    for use in (announced, _owner().__enter__):
+        with pytest.raises(PermissionError) as refused:
+            use()
+        assert (refused.value.errno, refused.value.filename) == (errno.EPERM, str(folder))
+        assert refused.value.strerror == "expected a folder of this user's own"
+
+
+def test_a_link_to_a_folder_is_not_used(folder: Path, tmp_path: Path) -> None:
+    folder.symlink_to(tmp_path)
+    with pytest.raises(PermissionError):
+        runtime_folder()
+
+
+def test_the_users_own_folder_is_taken_without_a_word(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def found(name: str, *, ensure_exists: bool) -> Path:
+        assert (name, ensure_exists) == ("rig", True)
+        warnings.warn("XDG_RUNTIME_DIR is not set", UserWarning, stacklevel=2)
+        return tmp_path / "own"
+
+    monkeypatch.delenv("RIG_RUNTIME_DIR")
+    monkeypatch.setattr(announcements, "user_runtime_path", found)
+    assert runtime_folder() == tmp_path / "own"
+
+
+# --- notes that nobody stands behind ---
+
+
+def test_a_note_of_a_process_that_has_gone_is_removed(folder: Path) -> None:
+    with _owner():
+        note = next(folder.glob("*.json")).read_text()
+    for suffix in (".json", ".new", ".sock"):
+        (folder / f"17{suffix}").write_text(note)
+    assert announced() == []
+    assert list(folder.iterdir()) == []
+
+
+@pytest.mark.parametrize("words", ["", "{", "[]", '{"pid": 3}', "\xff"])
+def test_a_note_that_cannot_be_read_is_passed_over(folder: Path, words: str) -> None:
+    with _owner(), announcements.lock_of(folder / "3.json"):
+        (folder / "3.json").write_text(words, encoding="latin-1")
+        assert _only().pid == os.getpid()
+
+
+def test_other_files_are_left_alone(folder: Path) -> None:
+    with _owner():
+        (folder / "notes.txt").write_text("mine")
+        assert len(announced()) == 1
+    assert [path.name for path in folder.iterdir()] == ["notes.txt"]
+
+
+def test_a_socket_whose_file_is_gone_ends_all_the_same(folder: Path) -> None:
+    with _owner(status=lambda _: {}):
+        one = _only()
+        Path(one.address).unlink()
+        with pytest.raises(ControlError, match="has ended"):
+            one.ask("status")
+    assert list(folder.iterdir()) == []
+
+
+def test_a_system_that_has_no_more_files_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    refused = [OSError(errno.EMFILE, "Too many open files")] * 2
+    with _owner(status=lambda _: {}) as own:
+        accept = own._listener.accept
+
+        def scarce() -> Any:
+            if refused:
+                raise refused.pop()
+            return accept()
+
+        monkeypatch.setattr(own._listener, "accept", scarce)
+        for _ in range(2):  # the thread waits in the old accept for the first
+            assert _only().ask("status", within_s=DEADLINE_S) == {"ok": True}
+    assert refused == []
+
+
+# --- an owner elsewhere ---
+
+
+def test_a_killed_owner_is_not_listed(elsewhere: subprocess.Popen[str], folder: Path) -> None:
+    one = _only()
+    assert (one.pid, one.ports, one.run) == (elsewhere.pid, ("a", "b"), None)
+    assert one.ask("status")["state"] == "planning"
+    elsewhere.kill()
+    elsewhere.wait(DEADLINE_S)
+    with pytest.raises(ControlError, match=f"^process {one.pid} has ended$"):
+        one.ask("status")
+    assert announced() == []
+    assert list(folder.iterdir()) == []
+
+
+def test_an_owner_that_ends_in_mid_question(elsewhere: subprocess.Popen[str]) -> None:
+    with pytest.raises(ControlError, match=f"^process {elsewhere.pid} ended before it answered 'end'"):
+        _only().ask("end", within_s=DEADLINE_S)
+    assert elsewhere.wait(DEADLINE_S) == 3
+
+
+def test_an_owner_that_hangs_is_told_of_however_often_it_is_asked(elsewhere: subprocess.Popen[str]) -> None:
+    """More often than the system keeps for it: neither connecting nor the handshake is waited for."""
+    elsewhere.send_signal(signal.SIGSTOP)
+    one = _only()
+    for _ in range(40):
+        with pytest.raises(ControlError, match=f"^process {one.pid} does not answer within 0.01 s$"):
+            one.ask("status", within_s=0.01)
+    elsewhere.send_signal(signal.SIGCONT)
+    assert one.ask("status", within_s=DEADLINE_S)["state"] == "planning"
