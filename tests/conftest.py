@@ -41,6 +41,7 @@ REAL_TIME = (
     "rig/test_runs_command.py::test_several_at_once_see_the_same",
     "rig/test_safety.py::test_a_silent_engine_stops_the_stage_while_another_thread_blocks",
     "rig/test_safety.py::test_a_beating_or_resting_engine_is_left_alone",
+    "rig/test_stop_gate.py",
     "rig/test_transport.py",
     "rig/test_wall_clock.py",
     "rig/test_watch_command.py::test_ctrl_c_ends_the_looking_on_only",

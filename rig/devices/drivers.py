@@ -10,6 +10,7 @@ from rig.devices.stage.base import Stage
 from rig.transport import LoggedTransport, Transport, open_port
 from rig.transport.byte_log import Sink
 from rig.transport.clock import Clock
+from rig.transport.stop_gate import StopGate
 
 
 def stage_driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
@@ -22,9 +23,15 @@ def force_driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Force
     return find(ForceKind, settings.force.kind).driver(opener, clock, settings)
 
 
-def open_stage(settings: BenchSettings, clock: Clock, byte_log: Sink | None = None) -> Stage:
-    """The stage on its port, not yet spoken to. Raises TransportError."""
-    opener = partial(_open, settings=settings.stage, clock=clock, byte_log=byte_log)
+def open_stage(
+    settings: BenchSettings, clock: Clock, byte_log: Sink | None = None, gate: StopGate | None = None
+) -> Stage:
+    """The stage on its port, not yet spoken to; behind a gate, if there is one. Raises TransportError."""
+
+    def opener(port: str) -> Transport:
+        wire = _open(port, settings=settings.stage, clock=clock, byte_log=byte_log)
+        return wire if gate is None else gate.guarded(wire)
+
     return stage_driver(opener, clock, settings)
 
 

@@ -16,6 +16,7 @@ from rig.engine.sensing import Zero
 from rig.transport import TransportError
 from rig.transport.byte_log import Sink
 from rig.transport.clock import WallClock
+from rig.transport.stop_gate import StopGate
 
 
 class PortError(TransportError):
@@ -74,15 +75,22 @@ class RealBench:
 
 
 def open_bench(
-    settings: BenchSettings, clock: WallClock, byte_log: Sink, ask: Callable[[str], str], pause: Pause = NO_PAUSE
+    settings: BenchSettings,
+    clock: WallClock,
+    byte_log: Sink,
+    ask: Callable[[str], str],
+    pause: Pause = NO_PAUSE,
+    gate: StopGate | None = None,
 ) -> RealBench:
     """Open both ports; the bytes go to `byte_log`, and `ask` puts requests to whoever stands there.
+
+    gate: what a stop from another thread closes behind itself.
 
     Raises PortError.
     """
     memory = BenchMemory(settings)
     with _named("stage"):
-        stage = open_stage(settings, clock, byte_log)
+        stage = open_stage(settings, clock, byte_log, gate)
     try:
         with _named("force"):
             force = open_force(settings, clock, byte_log)

@@ -1,0 +1,152 @@
+"""A stop from another thread closes the wires behind itself: nothing that was under way goes out any more."""
+
+import threading
+from collections.abc import Callable
+
+import pytest
+
+from rig.transport import stop_gate
+from rig.transport.base import TransportError
+from rig.transport.stop_gate import StopGate
+from tests.waiting import DEADLINE_S, until
+
+
+class Wire:
+    """What was written, in its order; `while_in` is done within each write and read."""
+
+    name = "stage"
+
+    def __init__(self) -> None:
+        self.written: list[bytes] = []
+        self.while_in: Callable[[bytes], object] = lambda data: None
+        self.closed = False
+
+    def write(self, data: bytes) -> None:
+        self.while_in(data)
+        self.written.append(data)
+
+    def read(self, timeout_s: float) -> bytes:
+        self.while_in(b"")
+        return b"ok"[: int(timeout_s)]
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def elsewhere(action: Callable[[], object]) -> list[str]:
+    """What it raised in a thread of its own."""
+    raised: list[str] = []
+
+    def act() -> None:
+        try:
+            action()
+        except TransportError as error:
+            raised.append(str(error))
+
+    thread = threading.Thread(target=act)
+    thread.start()
+    thread.join(DEADLINE_S)
+    assert not thread.is_alive()
+    return raised
+
+
+def test_while_nobody_stops_it_is_the_wire_itself() -> None:
+    wire, gate = Wire(), StopGate()
+    guarded = gate.guarded(wire)
+    guarded.write(b"move")
+    assert (guarded.name, guarded.read(1.0), guarded.read(2.0), wire.written) == ("stage", b"o", b"ok", [b"move"])
+    assert not gate.closed
+    guarded.close()
+    assert wire.closed
+
+
+def test_after_a_stop_nothing_goes_out_or_comes_in_until_it_is_opened() -> None:
+    wire, gate = Wire(), StopGate()
+    guarded = gate.guarded(wire)
+    with gate.stopping():
+        guarded.write(b"stop")
+    for talk in (lambda: guarded.write(b"move"), lambda: guarded.read(2.0)):
+        with pytest.raises(TransportError, match=r"^stage: stopped by the operator$"):
+            talk()
+    assert wire.written == [b"stop"]
+    assert gate.closed
+    assert gate.open()
+    guarded.write(b"home")
+    assert wire.written == [b"stop", b"home"]
+
+
+def test_only_who_stops_is_heard_meanwhile() -> None:
+    wire, gate = Wire(), StopGate()
+    guarded = gate.guarded(wire)
+    with gate.stopping():
+        assert guarded.read(2.0) == b"ok"
+        refused = "stage: stopped by the operator"
+        assert elsewhere(lambda: guarded.write(b"move")) == [refused]
+        assert elsewhere(lambda: guarded.read(2.0)) == [refused]
+        assert not gate.open()
+        with gate.stopping():
+            pass
+        assert not gate.open(), "one of two stops is not over"
+        guarded.write(b"stop")
+    assert wire.written == [b"stop"]
+    assert gate.open()
+
+
+def test_what_is_heard_too_late_belongs_to_who_stops() -> None:
+    wire, gate = Wire(), StopGate()
+
+    def stop_meanwhile(data: bytes) -> None:
+        with gate.stopping():
+            wire.while_in = lambda data: None
+
+    wire.while_in = stop_meanwhile
+    with pytest.raises(TransportError, match="stopped by the operator"):
+        gate.guarded(wire).read(2.0)
+
+
+@pytest.mark.parametrize("stuck", [False, True])
+def test_a_write_under_way_goes_first_unless_it_is_stuck(stuck: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stop_gate, "STUCK_S", 0.001 if stuck else DEADLINE_S)
+    wire, gate, writing, go_on = Wire(), StopGate(), threading.Event(), threading.Event()
+    guarded = gate.guarded(wire)
+
+    def slow(data: bytes) -> None:
+        if data == b"move":
+            writing.set()
+            assert go_on.wait(DEADLINE_S)
+
+    def stop() -> None:
+        with gate.stopping():
+            guarded.write(b"stop")
+
+    wire.while_in = slow
+    threads = [threading.Thread(target=lambda: guarded.write(b"move")), threading.Thread(target=stop)]
+    threads[0].start()
+    assert writing.wait(DEADLINE_S)
+    threads[1].start()
+    if stuck:
+        until(lambda: wire.written)
+    go_on.set()
+    for thread in threads:
+        thread.join(DEADLINE_S)
+        assert not thread.is_alive()
+    assert wire.written == ([b"stop", b"move"] if stuck else [b"move", b"stop"])
+
+
+def test_a_stop_that_did_not_wait_gives_the_lock_to_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stuck write goes on to hold it, and a second stop does not wait for it either."""
+    monkeypatch.setattr(stop_gate, "STUCK_S", 0.001)
+    wire, gate = Wire(), StopGate()
+    guarded = gate.guarded(wire)
+
+    def stop_twice(data: bytes) -> None:
+        wire.while_in = lambda data: None
+        for _ in range(2):
+            with gate.stopping():
+                guarded.write(b"stop")
+
+    wire.while_in = stop_twice
+    guarded.write(b"move")
+    assert wire.written == [b"stop", b"stop", b"move"]
+    with pytest.raises(TransportError, match="stopped by the operator"):
+        guarded.write(b"move")
