@@ -55,7 +55,7 @@ def judged(stimulus: Stimulus, measure: str, x_mm: float) -> Verdict:
 
 def step_in_words(answers: Answers, x_mm: float, measure: str = "ep1") -> str:
     """What a profile under step 1 shows at a receptor: passes, no dip, dip exceeds peak, only a dip, or fails."""
-    p, q, passed = _peak_and_dip(answers, x_mm, measure)
+    p, q, passed = peak_and_dip(answers, x_mm, measure)
     if p < COUNTS * q:
         return "only a dip"
     if q < COUNTS * p:
@@ -63,7 +63,7 @@ def step_in_words(answers: Answers, x_mm: float, measure: str = "ep1") -> str:
     return "passes" if passed else "dip exceeds peak" if q > p else "peak exceeds dip, but fails"
 
 
-def _peak_and_dip(answers: Answers, x_mm: float, measure: str) -> tuple[float, float, bool]:
+def peak_and_dip(answers: Answers, x_mm: float, measure: str) -> tuple[float, float, bool]:
     stimulus = under_step(answers, "1")
     verdict = judged(stimulus, measure, x_mm)
     p, q, b = (verdict.judged_by[name] for name in ("peak", "dip", "baseline"))
@@ -72,7 +72,7 @@ def _peak_and_dip(answers: Answers, x_mm: float, measure: str) -> tuple[float, f
 
 
 def _told(answers: Answers, x_mm: float, measure: str = "ep1") -> str:
-    p, q, _ = _peak_and_dip(answers, x_mm, measure)
+    p, q, _ = peak_and_dip(answers, x_mm, measure)
     return f"peak {p:.4f}, dip {q:.4f}"
 
 
@@ -85,7 +85,7 @@ def _ep1(x_mm: float, source: str, partly: tuple[str, ...]) -> Claim:
 
 def peak_over_dip(answers: Answers) -> float:
     """ep3 under step 1 at receptor 0."""
-    p, q, _ = _peak_and_dip(answers, 0.0, "ep3")
+    p, q, _ = peak_and_dip(answers, 0.0, "ep3")
     return p / q if q else np.inf
 
 

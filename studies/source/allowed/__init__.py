@@ -1,0 +1,1 @@
+"""Which fingers the source allows: history matching of what the 24 published points leave open."""
