@@ -1,6 +1,6 @@
 """What the source's figures say, as numbers that can be emulated: a target, and how far off it may be read.
 
-Targets are those of `studies/source/printed`: a word there ("left only", two maxima) is here the quantity that decides
+Targets are those of `studies/source/printed`: a word there ("left only", two maxima) is here the quantity deciding
 it, and the bound at which it does. `reading`: one standard deviation of what is read off a printed figure, or of the
 number that we put for a word. `model`: of what this kind of model (linear, small strain, layers of one E, mesh of the
 default finger) gets wrong by itself. The errors of the design's coarser mesh and of the emulator come on top. All of
