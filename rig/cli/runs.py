@@ -3,7 +3,7 @@
 import csv
 import io
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from datetime import date
 from pathlib import Path
 from typing import Annotated
@@ -16,30 +16,9 @@ from rig.data.folder import replace_text
 from rig.data.reader import RunError
 from rig.data.run_index import Entry, listed
 from rig.data.summary import HOLD_COLUMNS, RUN_COLUMNS, STATES, Summary
+from rig.data.wanted import Wanted
 
 _DAY = "a day such as 2026-03-01"
-
-
-@dataclass(frozen=True)
-class Wanted:
-    """Which runs are asked for; None is all of them."""
-
-    subject: str | None
-    shape: str | None
-    protocol: str | None
-    state: str | None
-    since: date | None
-    until: date | None
-
-    def has(self, run: Summary) -> bool:
-        """Whether it is one of them; a shape is meant with and without what stands behind its colon."""
-        named = {self.subject: run.subject, self.protocol: run.protocol, self.state: run.state}
-        if any(wanted not in (None, found) for wanted, found in named.items()):
-            return False
-        if self.shape is not None and not any(self.shape in (one, one.partition(":")[0]) for one in run.shapes):
-            return False
-        day = date.fromisoformat(run.date_utc[:10])
-        return (self.since is None or day >= self.since) and (self.until is None or day <= self.until)
 
 
 def command(

@@ -1,6 +1,6 @@
 """`rig watch`: look on at a run from elsewhere; it is only read, and never told anything."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,77 +16,29 @@ from rig.data.following import Following, followed
 from rig.data.reader import RunError, read_run
 from rig.data.summary import FOREIGN, RUNNING, alive, foreign, summary_of
 from rig.engine.journal import Document
-from rig.plan.agenda import Ahead, Course, written_ns
-from rig.plan.timeline import BEGUN, ENDED, as_clock, step_in_words
+from rig.plan import onlooker
+from rig.plan.timeline import as_clock
 from rig.transport.clock import WallClock
 
 LOOK_S = 0.2
 
 
-class Onlooker:
-    """What is known of a run by its journal so far, and by the course that its folder keeps."""
+class Onlooker(onlooker.Onlooker):
+    """The same with the force as a screen shows it."""
 
     def __init__(self, folder: RunFolder) -> None:
-        self.folder, self.force = folder, Force()
-        self.start: Mapping[str, Any] = {}
-        self._done: set[int] = set()
-        self._since: list[Document] = []  # the start, or the last resuming, but for readings
-        self._course_ns = 0
-        self._ahead: Ahead | None = None
-        self._begun = ""
+        super().__init__(folder)
+        self.force = Force()
 
-    def take(self, documents: Iterable[Document]) -> None:
-        """What came to the journal."""
-        for document in documents:
-            self._take(document)
-        if self._since and written_ns(self.folder) != self._course_ns:
-            self._course_ns, course = written_ns(self.folder), Course.kept(self.folder)
-            self._ahead = None if course is None else Ahead(course, self._since[0]["t_s"])
-            for document in self._since:
-                self._pass(document)
-
-    def _take(self, document: Document) -> None:
-        if document["doc"] in ("start", "resume"):
-            self.start = document if document["doc"] == "start" else self.start
-            self._since, self._ahead = [document], None
-        elif document["doc"] == "event":
-            self._event(document["stream"], document["data"])
-            if not document["stream"].endswith("sample"):
-                self._since.append(document)
-            self._pass(document)
-
-    def _event(self, stream: str, data: Mapping[str, Any]) -> None:
+    def event(self, stream: str, data: Mapping[str, Any]) -> None:
+        """What the journal was told."""
         self.force.event(stream, data)
-        if stream.endswith(BEGUN):
-            self._begun = step_in_words(stream, data)
-        elif stream.endswith(ENDED):
-            self._begun = ""
-        if stream == ENDED:
-            self._done.add(data["index"])
-
-    def _pass(self, document: Document) -> None:
-        if self._ahead is not None and document["doc"] == "event":
-            self._ahead.event(document["t_s"], document["stream"], document["data"])
-
-    @property
-    def now(self) -> str:
-        """The step that it is at, in words; empty where that is not known."""
-        return self._begun if self._ahead is None else self._ahead.agenda.now
-
-    @property
-    def next(self) -> str:
-        """The step after it."""
-        return "" if self._ahead is None else self._ahead.agenda.next
-
-    @property
-    def left_s(self) -> float | None:
-        """Seconds of the run's clock, None where nobody knows."""
-        return None if self._ahead is None else self._ahead.left_s
+        super().event(stream, data)
 
     @property
     def done(self) -> str:
         """Of the indentations."""
-        return f"{len(self._done)} of {self.start.get('planned_indentations', '?')}"
+        return f"{len(self.finished)} of {'?' if self.planned is None else self.planned}"
 
     def above(self) -> list[str]:
         """What stands above the force."""

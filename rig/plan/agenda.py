@@ -2,14 +2,27 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple
 
 from rig.data.folder import RunFolder, replace_text
 from rig.plan.timeline import BEGUN, Milestone, Milestones, TimeLeft
 
 _FILE = "timeline.json"
 _INSIDE = (BEGUN, "touch", "hold_start", "hold_end")  # events of a press that is not over
+
+
+Marks = Mapping[str, Any]
+"""Block, repeat and condition of a press that a schedule asked for."""
+
+
+class CourseStep(NamedTuple):
+    """A step of a run, and whether it has been passed."""
+
+    name: Milestone
+    words: str
+    marks: Marks
+    when: Literal["done", "now", "ahead"]
 
 
 @dataclass(frozen=True)
@@ -19,10 +32,14 @@ class Course:
     duration_s: float
     instants_s: Mapping[Milestone, float]
     words: Mapping[Milestone, str]
+    marks: Mapping[Milestone, Marks] = field(default_factory=dict)  # of the steps that have any
 
     def keep(self, folder: RunFolder) -> None:
         """Write it into a run's folder. Raises UnwritableError."""
-        passes = [[*name, instant_s, self.words.get(name, "")] for name, instant_s in self.instants_s.items()]
+        passes = [
+            [*name, instant_s, self.words.get(name, ""), *([self.marks[name]] if name in self.marks else [])]
+            for name, instant_s in self.instants_s.items()
+        ]
         replace_text(folder.path / _FILE, json.dumps({"duration_s": self.duration_s, "passes": passes}) + "\n")
 
     @classmethod
@@ -32,7 +49,8 @@ class Course:
             told = json.loads((folder.path / _FILE).read_text(encoding="utf-8"))
             passes = [((str(p[0]), int(p[1]), int(p[2])), float(p[3]), str(p[4])) for p in told["passes"]]
             words = {name: said for name, _, said in passes if said}
-            return cls(float(told["duration_s"]), {name: instant_s for name, instant_s, _ in passes}, words)
+            marks = {name: dict(p[5]) for p, (name, _, _) in zip(told["passes"], passes, strict=True) if p[5:]}
+            return cls(float(told["duration_s"]), {name: instant_s for name, instant_s, _ in passes}, words, marks)
         except (OSError, ValueError, TypeError, KeyError, IndexError):
             return None
 
@@ -49,7 +67,7 @@ class Agenda:
     """The step that a run is at and the one after it; told every event."""
 
     def __init__(self, course: Course) -> None:
-        self._words = course.words
+        self._words, self._marks = course.words, course.marks
         self._order = list(course.instants_s)
         self._place = {name: n for n, name in enumerate(self._order)}
         self._milestones = Milestones()
@@ -72,6 +90,16 @@ class Agenda:
         return self._said(self._step_from(self._now + 1))
 
     @property
+    def steps(self) -> list[CourseStep]:
+        """All of them, in order."""
+        now = self._now
+        return [
+            CourseStep(name, self._words[name], self._marks.get(name, {}), _when(n, now))
+            for n, name in enumerate(self._order)
+            if name in self._words
+        ]
+
+    @property
     def _now(self) -> int:
         """The press that was begun and is not over, or the first step that is not passed."""
         if self._passed >= 0:
@@ -87,6 +115,12 @@ class Agenda:
 
     def _said(self, place: int) -> str:
         return self._words.get(self._order[place], "") if place < len(self._order) else ""
+
+
+def _when(place: int, now: int) -> Literal["done", "now", "ahead"]:
+    if place == now:
+        return "now"
+    return "done" if place < now else "ahead"
 
 
 class Ahead:

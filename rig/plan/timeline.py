@@ -14,6 +14,8 @@ BEGUN, ENDED = "indentation_start", "indentation_end"
 _ONE_BY_ONE = ("mount", "home", "zero", "move", "rest", "find")
 _OF_A_PRESS = (BEGUN, "touch", "hold_start", "hold_end", ENDED)
 
+_MARKS = ("block", "repeat", "condition")
+
 
 class Milestones:
     """Names the events of a run; a rehearsal has the same ones, and a press begun anew passes its own again."""
@@ -49,6 +51,12 @@ class Timeline:
     def words(self) -> dict[Milestone, str]:
         """What is done on the way to each step's milestone, or from it on."""
         return {name: step_in_words(name[0], data) for name, data in self._steps.items()}
+
+    @property
+    def marks(self) -> dict[Milestone, dict[str, Any]]:
+        """Block, repeat and condition of the presses that a schedule asked for."""
+        found = {name: {key: data[key] for key in _MARKS if key in data} for name, data in self._steps.items()}
+        return {name: marks for name, marks in found.items() if marks}
 
 
 def step_in_words(stream: str, data: Mapping[str, Any]) -> str:

@@ -15,7 +15,7 @@ from rig.data import Run
 from rig.devices.units import GWT_N
 from rig.engine import Engine, Target, verbs
 from rig.engine.pressing.touch_fit import CONTACT_EXPONENT
-from rig.plan.agenda import Course
+from rig.plan.agenda import Course, Marks
 from rig.plan.config import Config, VirtualSettings
 from rig.plan.finger_model import FingerModel
 from rig.plan.patience import Patience
@@ -113,11 +113,12 @@ class Rehearsed:
     contact_s: float
     instants_s: Mapping[Milestone, float]
     words: Mapping[Milestone, str] = field(default_factory=dict)
+    marks: Mapping[Milestone, Marks] = field(default_factory=dict)
 
     @property
     def course(self) -> Course:
         """For whoever looks on."""
-        return Course(self.duration_s, self.instants_s, self.words)
+        return Course(self.duration_s, self.instants_s, self.words, self.marks)
 
 
 def rehearsed(script: Script, config: Config, finger: Fingertip, plan: Plan, before: Run | None = None) -> Rehearsed:
@@ -143,4 +144,6 @@ def rehearsed(script: Script, config: Config, finger: Fingertip, plan: Plan, bef
         verbs.home(engine)
         handler = TakenUp(before, handler)
     run_script(script, engine, Rig(script.parameters, walk, Patience(handler)))
-    return Rehearsed(clock.monotonic_s(), engine.contact.total_s, timeline.instants_s, timeline.words)
+    return Rehearsed(
+        clock.monotonic_s(), engine.contact.total_s, timeline.instants_s, timeline.words, timeline.marks
+    )

@@ -1,0 +1,78 @@
+"""Who is let in: only what names this server, and changes something only from its own page, with its token.
+
+Against names that are pointed at this machine (DNS rebinding) the Host is looked at; against other pages of the same
+browser the Origin, and what the browser says of where a request comes from; against other users of this machine, who
+can connect but cannot read this process, the token.
+"""
+
+import secrets
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import JSONResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+TOKEN_HEADER, TAB_HEADER = "x-rig-token", "x-rig-tab"
+PAGE_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
+    "worker-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+FILE_POLICY = (
+    "sandbox; default-src 'none'; img-src data:; style-src 'unsafe-inline'; font-src data:; frame-ancestors 'none'"
+)
+"""What a run's own files may do where they are shown: be looked at."""
+
+_HEADERS = {
+    "cache-control": "no-store",
+    "content-security-policy": PAGE_POLICY,
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+    "referrer-policy": "no-referrer",
+    "x-content-type-options": "nosniff",
+    "x-frame-options": "DENY",
+}
+_SHOWS = ("GET", "HEAD")
+
+
+class Gate:
+    """Stands before everything that is served, and says in every answer what a browser may do with it."""
+
+    def __init__(self, app: ASGIApp, port: int, token: str) -> None:
+        self._app, self._token = app, token
+        self._hosts = (f"127.0.0.1:{port}", f"localhost:{port}")
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        async def sent(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in _HEADERS.items():
+                    headers.setdefault(name, value)
+            await send(message)
+
+        if scope["type"] != "http":
+            return
+        problem = self._problem(scope["method"], Headers(scope=scope))
+        if problem is None:
+            await self._app(scope, receive, sent)
+        else:
+            await JSONResponse({"ok": False, "problem": problem}, 403)(scope, receive, sent)
+
+    def _problem(self, method: str, headers: Headers) -> str | None:
+        """Why it is not let in."""
+        hosts, origins = headers.getlist("host"), headers.getlist("origin")
+        if len(hosts) != 1 or hosts[0].lower() not in self._hosts:
+            return f"host: expected {' or '.join(self._hosts)}"
+        own = f"http://{hosts[0].lower()}"
+        if method in _SHOWS:
+            return None if origins in ([], [own]) and _from_here(headers) else "asked for by another page"
+        if origins != [own]:
+            return f"origin: expected {own}"
+        tokens = headers.getlist(TOKEN_HEADER)
+        if len(tokens) != 1 or not secrets.compare_digest(tokens[0].encode(), self._token.encode()):
+            return "token: expected the one that rig panel printed"
+        return None
+
+
+def _from_here(headers: Headers) -> bool:
+    """By what browsers say of whoever asks; a link that somebody followed leads here from anywhere."""
+    site, mode = headers.get("sec-fetch-site", "none"), headers.get("sec-fetch-mode", "")
+    return site in ("none", "same-origin") or mode == "navigate"

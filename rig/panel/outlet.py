@@ -1,0 +1,172 @@
+"""What goes out to the pages that look on: each has a queue of its own, so that a slow one holds up nobody."""
+
+import asyncio
+import json
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+from starlette.types import Message, Receive, Send
+
+MOST_STREAMS = 4
+"""A browser has six connections to a host for all its tabs together: two are left for what is asked, STOP above all."""
+MOST_ROWS = 20_000
+"""Readings kept for a page that does not fetch them: several hundred seconds at fifty a second."""
+SHOWN_S = 60.0
+"""Of a run's clock: what a page gets of the past when it comes."""
+
+Row = Sequence[Any]
+
+
+@dataclass(frozen=True)
+class Source:
+    """What readings are of; `run` is the name of its folder, None by hand."""
+
+    run: str | None
+    columns: tuple[str, ...]
+    hand: bool = False
+
+
+NOTHING = Source(None, ())
+
+
+def as_event(kind: str, told: Mapping[str, Any]) -> str:
+    """One server-sent event."""
+    return f"event: {kind}\ndata: {json.dumps(told, allow_nan=False, separators=(',', ':'))}\n\n"
+
+
+@dataclass(eq=False)
+class Onlooking:
+    """What waits for one page: of states and pictures the newest, of readings all, as long as there is room."""
+
+    source: Source
+    rows: deque[Row]
+    latest: dict[str, str]
+    reset: bool = True
+    dropped: int = 0
+    woken: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def put(self, kind: str, event: str) -> None:
+        """The newest of its kind."""
+        self.latest[kind] = event
+        self.woken.set()
+
+    def add(self, rows: Sequence[Row]) -> None:
+        """Readings; the oldest are dropped, and counted, where there is no room."""
+        self.rows.extend(rows)
+        while len(self.rows) > MOST_ROWS:
+            self.rows.popleft()
+            self.dropped += 1
+        self.woken.set()
+
+    def begin(self, source: Source) -> None:
+        """Other readings from here on; what is left of the ones before is of no use."""
+        self.source, self.reset = source, True
+        self.rows.clear()
+        self.woken.set()
+
+    def taken(self, unix_s: float) -> str:
+        """All that waits, as events."""
+        self.woken.clear()
+        found = "".join(self.latest.values())
+        self.latest.clear()
+        if self.rows or self.reset:
+            source = self.source
+            told = {"unix_s": unix_s, "run": source.run, "hand": source.hand, "columns": source.columns}
+            told |= {"reset": self.reset, "dropped": self.dropped, "rows": list(self.rows)}
+            found += as_event("readings", told)
+            self.rows.clear()
+            self.reset, self.dropped = False, 0
+        return found
+
+
+class Outlet:
+    """Tells every page what is new, and a page that comes what there is."""
+
+    def __init__(self) -> None:
+        self.clients: list[Onlooking] = []
+        self.closed = False
+        self._latest: dict[str, str] = {}
+        self._source, self._rows = NOTHING, deque[Row](maxlen=MOST_ROWS)
+
+    def publish(self, kind: str, told: Mapping[str, Any]) -> None:
+        """A state, a schedule, a prediction or a section."""
+        self._latest[kind] = event = as_event(kind, told)
+        for client in self.clients:
+            client.put(kind, event)
+
+    def forget(self, kind: str) -> None:
+        """There is none any more, for pages that come."""
+        self._latest.pop(kind, None)
+
+    def begin(self, source: Source) -> None:
+        """Readings of something else."""
+        self._source = source
+        self._rows.clear()
+        for client in self.clients:
+            client.begin(source)
+
+    def add(self, rows: Sequence[Row]) -> None:
+        """New readings of the source."""
+        if not rows:
+            return
+        self._rows.extend(rows)
+        at = self._source.columns.index("t_s")
+        while self._rows[-1][at] - self._rows[0][at] > SHOWN_S:
+            self._rows.popleft()
+        for client in self.clients:
+            client.add(rows)
+
+    def close(self) -> None:
+        """Nothing more is told."""
+        self.closed = True
+        for client in self.clients:
+            client.woken.set()
+
+    @property
+    def full(self) -> bool:
+        """Whether as many pages look on as may."""
+        return len(self.clients) >= MOST_STREAMS
+
+    @contextmanager
+    def joined(self) -> Iterator[Onlooking]:
+        """One more page, until it leaves."""
+        client = Onlooking(self._source, deque(self._rows), dict(self._latest))
+        client.woken.set()
+        self.clients.append(client)
+        try:
+            yield client
+        finally:
+            self.clients.remove(client)
+
+
+async def stream(outlet: Outlet, client: Onlooking, receive: Receive, send: Send, unix_s: Callable[[], float]) -> None:
+    """Send a page what waits for it until it goes away or the outlet is closed."""
+    tasks = {asyncio.create_task(_gone(receive)), asyncio.create_task(_write(outlet, client, send, unix_s))}
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def _gone(receive: Receive) -> None:
+    while (await receive())["type"] != "http.disconnect":
+        pass
+
+
+async def _write(outlet: Outlet, client: Onlooking, send: Send, unix_s: Callable[[], float]) -> None:
+    headers = [(b"content-type", b"text/event-stream; charset=utf-8")]
+    await send({"type": "http.response.start", "status": 200, "headers": headers})
+    await send(_body("retry: 1000\n\n"))
+    while not outlet.closed:
+        await client.woken.wait()
+        await send(_body(client.taken(unix_s())))
+    await send({"type": "http.response.body", "body": b"", "more_body": False})
+
+
+def _body(text: str) -> Message:
+    return {"type": "http.response.body", "body": text.encode(), "more_body": True}

@@ -1,0 +1,94 @@
+"""Whoever owns ports, as they announce themselves: which of them a page shows, and what each is asked."""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+from rig.session.control.announcements import ControlError, RefusedError
+
+STOP_S = 0.25
+"""How long a stop waits for its answer: the page repeats it after 0.3 s."""
+
+
+class Owner(Protocol):
+    """A process that owns ports (rig/session/control/announcements.py: Announced)."""
+
+    @property
+    def pid(self) -> int: ...
+    @property
+    def kind(self) -> Literal["run", "by hand"]: ...
+    @property
+    def virtual(self) -> bool: ...
+    @property
+    def ports(self) -> tuple[str, ...]: ...
+    @property
+    def run(self) -> str | None: ...
+    @property
+    def began_unix_s(self) -> float: ...
+
+    def ask(self, do: str, *, within_s: float = ..., **more: Any) -> dict[str, Any]:
+        """Its answer. Raises RefusedError, ControlError."""
+        ...
+
+
+Find = Callable[[], Sequence[Owner]]
+
+
+def shown(owners: Sequence[Owner]) -> Owner | None:
+    """The one that a page shows: what is real goes before what is virtual, the newest before the others."""
+    return max(owners, key=lambda one: (not one.virtual, one.began_unix_s), default=None)
+
+
+def owner_told(owner: Owner, status: dict[str, Any] | None) -> dict[str, Any]:
+    """`owner` of the state; status: its last answer, None where it gave none."""
+    return {
+        "kind": owner.kind,
+        "pid": owner.pid,
+        "virtual": owner.virtual,
+        "ports": list(owner.ports),
+        "state": None if status is None else status.get("state"),
+        "stopped": None if status is None else status.get("stopped"),
+        "reachable": status is not None,
+    }
+
+
+def run_of(owner: Owner) -> Path | None:
+    """The folder of its run, once there is one."""
+    return None if owner.run is None else Path(owner.run)
+
+
+class NobodyError(Exception):
+    """There is nobody who could be asked. One line."""
+
+
+def asked(owner: Owner | None, kind: str, do: str, within_s: float, **more: Any) -> dict[str, Any]:
+    """An owner's answer. Raises NobodyError where it is none of that kind, RefusedError, ControlError."""
+    if owner is None or owner.kind != kind:
+        raise NobodyError("no run is going" if kind == "run" else "nobody has the bench by hand: take it first")
+    return owner.ask(do, within_s=within_s, **more)
+
+
+def stop_all(owners: Sequence[Owner], pool: ThreadPoolExecutor) -> dict[str, Any]:
+    """Every real owner is told to stop, and the one that is shown, all at once and none behind another.
+
+    Raises NobodyError where there is none; ControlError where one of them does not answer; RefusedError where all refuse.
+    """
+    there = [one for one in owners if not one.virtual or one is shown(owners)]
+    if not there:
+        raise NobodyError("nothing owns the ports: there is nothing to stop")
+    answers = list(pool.map(_stopped, there))
+    for problem in answers:
+        if isinstance(problem, ControlError) and not isinstance(problem, RefusedError):
+            raise problem
+    stopped = [one.pid for one, answer in zip(there, answers, strict=True) if not isinstance(answer, ControlError)]
+    if not stopped:
+        raise RefusedError("; ".join(map(str, answers)))
+    return {"stopped": stopped, "words": f"told to stop: process {', '.join(map(str, stopped))}"}
+
+
+def _stopped(owner: Owner) -> dict[str, Any] | ControlError:
+    try:
+        return owner.ask("stop", within_s=STOP_S)
+    except ControlError as error:
+        return error

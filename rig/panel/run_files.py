@@ -1,0 +1,109 @@
+"""The runs that there are, and the files of each: below one folder, and nothing else."""
+
+import asyncio
+import mimetypes
+import stat
+from collections.abc import AsyncIterator, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response, StreamingResponse
+
+from rig.data.run_index import listed
+from rig.data.wanted import Wanted
+from rig.panel.gate import FILE_POLICY
+
+_AS_TEXT = (".csv", ".jsonl", ".log", ".md", ".py", ".toml", ".txt", "SHA256SUMS")
+_CHUNK = 1 << 16
+_MOST_RUNS = 500
+
+
+class RunFiles:
+    """What `rig panel --out` names, looked at."""
+
+    def __init__(self, out: Path) -> None:
+        self._out = out
+
+    async def catalogue(self, request: Request) -> Response:
+        """GET /runs.json: the newest first, by subject, shape, protocol, state; limit."""
+        asked = request.query_params
+        limit = asked.get("limit", str(_MOST_RUNS))
+        if not (limit.isascii() and limit.isdecimal()):
+            raise HTTPException(400, f"limit {limit!r}: expected a number")
+        wanted = Wanted(**{name: asked.get(name) or None for name in ("subject", "shape", "protocol", "state")})
+        return JSONResponse(await asyncio.to_thread(self._told, wanted, int(limit)))
+
+    def _told(self, wanted: Wanted, limit: int) -> dict[str, Any]:
+        try:
+            entries = [one.summary for one in listed(self._out)]
+        except OSError as error:
+            return {"runs": [], "unreadable": [], "problem": f"{self._out}: {error.strerror}"}
+        found = [one for one in entries if not one.problem and wanted.has(one)]
+        runs = [{name: value for name, value in asdict(one).items() if name != "problem"} for one in reversed(found)]
+        broken = [{"name": one.name, "problem": one.problem} for one in entries if one.problem]
+        return {"runs": runs[:limit], "of": len(runs), "unreadable": broken, "problem": None}
+
+    async def files(self, request: Request) -> Response:
+        """GET /runs/NAME/: what files it has."""
+        folder = await asyncio.to_thread(self._folder, request.path_params["name"])
+        return JSONResponse({"files": await asyncio.to_thread(_files, folder)})
+
+    async def file(self, request: Request) -> Response:
+        """GET /runs/NAME/FILE: as long as it is now, and allowed nothing where it is shown."""
+        folder = await asyncio.to_thread(self._folder, request.path_params["name"])
+        path = await asyncio.to_thread(_plain_file, folder, request.path_params["file"])
+        size = path.stat().st_size
+        headers = {"content-length": str(size), "content-security-policy": FILE_POLICY}
+        body = _pieces(path, size) if request.method == "GET" else _nothing()
+        return StreamingResponse(body, media_type=_type_of(path), headers=headers)
+
+    def _folder(self, name: str) -> Path:
+        """Of a run; no link. Raises HTTPException."""
+        path = self._out / name
+        if not _named(name) or path.is_symlink() or not path.is_dir():
+            raise HTTPException(404, "no such run")
+        return path
+
+
+def _named(name: str) -> bool:
+    """Whether it is the name of something in a folder, and not hidden there."""
+    return bool(name) and not name.startswith(".") and not set(name) & {"/", "\\", "\0", ":"}
+
+
+def _plain_file(folder: Path, name: str) -> Path:
+    """A file that lies in a folder itself; no link. Raises HTTPException."""
+    path = folder / name
+    try:
+        there = _named(name) and stat.S_ISREG(path.lstat().st_mode)
+    except OSError:
+        there = False
+    if not there:
+        raise HTTPException(404, "no such file")
+    return path
+
+
+def _files(folder: Path) -> list[Mapping[str, Any]]:
+    found = sorted(path for path in folder.iterdir() if _named(path.name) and stat.S_ISREG(path.lstat().st_mode))
+    return [{"name": path.name, "bytes": path.stat().st_size} for path in found]
+
+
+def _type_of(path: Path) -> str:
+    if path.name.endswith(_AS_TEXT):
+        return "text/plain; charset=utf-8"
+    return mimetypes.guess_type(path.name)[0] or "application/octet-stream"
+
+
+async def _pieces(path: Path, size: int) -> AsyncIterator[bytes]:
+    """So many bytes; a journal may grow meanwhile."""
+    with await asyncio.to_thread(path.open, "rb") as file:
+        while size > 0 and (piece := await asyncio.to_thread(file.read, min(size, _CHUNK))):
+            size -= len(piece)
+            yield piece
+
+
+async def _nothing() -> AsyncIterator[bytes]:
+    for piece in ():
+        yield piece

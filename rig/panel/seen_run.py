@@ -1,0 +1,204 @@
+"""A run as a page is told of it: read from its journal while it grows, and never written to."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rig.data.folder import RunFolder
+from rig.data.following import Following
+from rig.data.reader import RunError
+from rig.devices.units import GWT_N
+from rig.engine.journal import Document
+from rig.panel.job import Job, Press
+from rig.panel.limits_told import limits_told
+from rig.panel.outlet import Row, Source
+from rig.plan.config import Config, load_config
+from rig.plan.onlooker import Onlooker
+from rig.plan.timeline import BEGUN
+from rig.protocol.errors import BadInputError
+
+COLUMNS = (
+    *("unix_s", "t_s", "force_gwt", "doi_mm", "x_mm", "height_mm"),
+    *("phase", "index", "purpose"),
+)
+READING = "sample"
+
+
+class SeenRun:
+    """What a run's journal says so far; `look` reads it, all else is what was read."""
+
+    def __init__(self, path: Path) -> None:
+        self.folder = RunFolder(path)
+        self.source = Source(path.name, COLUMNS)
+        self.problem = ""
+        self.newest: Mapping[str, Any] = {}
+        self.stop: Mapping[str, Any] | None = None
+        self.seen = Onlooker(self.folder)
+        self.job: Job | None = None
+        self._journal = Following(self.folder)
+        self._config: Config | None = None
+        self._devices = _Devices()
+        self._said = ""
+
+    def look(self) -> list[Row]:
+        """Read what came; returns the readings among it. What cannot be read ends the looking, and is the problem."""
+        if self.problem:
+            return []
+        try:
+            documents = self._journal.new()
+            self._read_config()
+        except (RunError, BadInputError) as error:
+            self.problem = str(error)
+            return []
+        written_s = self._written_s() if documents else 0.0
+        self.seen.take(documents)
+        return [row for document in documents for row in self._take(document, written_s)]
+
+    def _read_config(self) -> None:
+        if self._config is None and self.folder.config.is_file():
+            self._config = load_config(self.folder.config)
+
+    def _written_s(self) -> float:
+        """When the journal was last written to."""
+        return self.folder.events.stat().st_mtime
+
+    def _take(self, document: Document, written_s: float) -> list[Row]:
+        self.stop = document if document["doc"] == "stop" else None
+        if document["doc"] != "event":
+            return []
+        stream, data, t_s = document["stream"], document["data"], document["t_s"]
+        # a virtual run's days are its own: there it counts when it was written
+        unix_s = written_s if self.virtual else min(document.get("unix_s", written_s), written_s)
+        self._devices.event(stream, data, unix_s)
+        self._draw(stream, data)
+        if not stream.endswith(READING):
+            self._said = str(data.get("reason", "")) if stream in ("alarm", "trip", "paused") else self._said
+            return []
+        self.newest = {**data, "t_s": t_s, "unix_s": unix_s}
+        purpose = stream.removesuffix(READING).rstrip("_") or "data"
+        told = {**data, "unix_s": unix_s, "t_s": t_s, "purpose": purpose}
+        return [[told.get(name) for name in COLUMNS]]
+
+    def _draw(self, stream: str, data: Mapping[str, Any]) -> None:
+        """What there is to draw from here on."""
+        before = self.job or Job(self.folder.config, self.folder.path)
+        if stream == "mount":
+            self.job = Job(before.config, before.folder, str(data["indentor"]))
+        elif stream == "move":
+            along_mm = float(data.get("along_mm") or 0.0)
+            self.job = Job(before.config, before.folder, before.indentor, along_mm)
+        elif stream.endswith(BEGUN):
+            purpose = stream.removesuffix(BEGUN).rstrip("_") or "data"
+            press = Press(int(data["index"]), purpose, float(data["x_mm"]), str(data["target"]), float(data["value"]))
+            self.job = Job(before.config, before.folder, str(data["indentor"]), before.along_mm, press)
+
+    @property
+    def name(self) -> str:
+        """Of its folder."""
+        return self.folder.path.name
+
+    @property
+    def virtual(self) -> bool:
+        """Whether it is on the virtual bench."""
+        return bool(self.seen.start.get("virtual"))
+
+    @property
+    def ended(self) -> bool:
+        """Whether its journal has an end."""
+        return self.stop is not None
+
+    def told(self, *, going: bool) -> dict[str, Any]:
+        """`run` of the state. going: somebody writes to it."""
+        start, seen = self.seen.start, self.seen
+        return {
+            "folder": str(self.folder.path),
+            "name": self.name,
+            "protocol": start.get("protocol"),
+            "title": start.get("title"),
+            "subject": start.get("subject"),
+            "virtual": self.virtual,
+            "state": self._state(going=going),
+            "now": seen.now if going else None,
+            "next": seen.next if going else None,
+            "left_s": seen.left_s if going else None,
+            "done": len(seen.finished),
+            "planned": seen.planned,
+            "said": self._said or None,
+            "ending": None if self.stop is None else str(self.stop.get("reason") or ""),
+            "problem": self.problem or None,
+        }
+
+    def _state(self, *, going: bool) -> str:
+        if self.stop is not None:
+            return str(self.stop["status"])
+        return "running" if going else "killed"
+
+    def newest_told(self, unix_s: float) -> dict[str, Any]:
+        """`newest` of the state: its age is that of now."""
+        found = self.newest
+        told = {name: found.get(name) for name in ("force_gwt", "doi_mm", "x_mm", "height_mm", "phase", "t_s")}
+        force_gwt = found.get("force_gwt")
+        age_s = max(unix_s - found["unix_s"], 0.0) if found else None
+        return {**told, "force_n": None if force_gwt is None else force_gwt * GWT_N, "age_s": age_s}
+
+    def devices_told(self, unix_s: float) -> dict[str, Any]:
+        """`devices` of the state."""
+        return self._devices.told(unix_s)
+
+    def limits_told(self) -> dict[str, Any] | None:
+        """`limits` of the state: of the run's own copy of its configuration."""
+        if self._config is None:
+            return None
+        return limits_told(self._config, self.seen.start.get("soft_trip_n"), self.newest.get("force_gwt"))
+
+    def schedule_told(self) -> list[dict[str, Any]]:
+        """Its steps."""
+        return [_step(*step) for step in self.seen.steps]
+
+
+def _step(name: tuple[str, int, int], words: str, marks: Mapping[str, Any], when: str) -> dict[str, Any]:
+    stream, number, _ = name
+    press = stream.endswith(BEGUN)
+    return {
+        "index": number if press else None,
+        "purpose": (stream.removesuffix(BEGUN).rstrip("_") or "data") if press else None,
+        "words": words,
+        **{key: marks.get(key) for key in ("block", "repeat", "condition")},
+        "done": when == "done",
+        "now": when == "now",
+    }
+
+
+class _Devices:
+    """How stage and sensor are, by what was last heard of them."""
+
+    def __init__(self) -> None:
+        self._stage, self._force = "not heard of", "not heard of"
+        self._homed = False
+        self._stage_s: float | None = None
+        self._force_s: float | None = None
+
+    def event(self, stream: str, data: Mapping[str, Any], unix_s: float) -> None:
+        """What the journal was told."""
+        if stream == "home":
+            self._homed, self._stage, self._stage_s = True, "homed", unix_s
+        elif stream in ("move", "retract"):
+            self._stage, self._stage_s = "at rest", unix_s
+        elif stream == "trip":
+            self._stage, self._stage_s = "tripped", unix_s
+        elif stream == "zero":
+            self._force, self._force_s = "zeroed", unix_s
+        elif stream.endswith(READING):
+            self._stage, self._stage_s = str(data.get("phase", "moving")), unix_s
+            self._force, self._force_s = "reads", unix_s
+
+    def told(self, unix_s: float) -> dict[str, Any]:
+        """With the age of each now; None where nothing was heard."""
+        return {
+            "stage": {"word": self._stage, "homed": self._homed, "age_s": _age_s(self._stage_s, unix_s)},
+            "force": {"word": self._force, "age_s": _age_s(self._force_s, unix_s)},
+        }
+
+
+def _age_s(then_s: float | None, now_s: float) -> float | None:
+    return None if then_s is None else max(now_s - then_s, 0.0)
