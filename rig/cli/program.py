@@ -34,6 +34,9 @@ COMMANDS = {
     ),
     "show": Command("show.command", "Say of one run what ran, with what, how it ended and what its files are."),
     "watch": Command("watch.command", "Look on at a run from elsewhere: live force, step now and next, time left."),
+    "panel": Command(
+        "panel.command", "A page in the browser: the run that goes on, or the bench by hand, with STOP."
+    ),
     "export": Command("export.command", "Write a run's journal as HDF5 and CSV, or as NWB, into its folder."),
     "study": Command("study.command", "A parameter study: every combination of fingers, receptors and presses."),
     "indent": Command("indent.command", "One simulated indentation."),

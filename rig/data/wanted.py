@@ -19,8 +19,8 @@ class Wanted:
 
     def has(self, run: Summary) -> bool:
         """Whether it is one of them; a shape is meant with and without what stands behind its colon."""
-        named = {self.subject: run.subject, self.protocol: run.protocol, self.state: run.state}
-        if any(wanted not in (None, found) for wanted, found in named.items()):
+        named = ((self.subject, run.subject), (self.protocol, run.protocol), (self.state, run.state))
+        if any(wanted not in (None, found) for wanted, found in named):
             return False
         if self.shape is not None and not any(self.shape in (one, one.partition(":")[0]) for one in run.shapes):
             return False

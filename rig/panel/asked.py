@@ -1,7 +1,6 @@
 """What a page asks for by POST: read strictly, and nothing is done that was not understood."""
 
 import json
-import math
 from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
@@ -9,6 +8,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import Request
 
 MOST_BYTES = 4096
+_LARGEST = 1e12
 _SIGNS = (-1, 1)
 _AXES = ("x", "y", "z")
 
@@ -61,7 +61,7 @@ class HeldButton(NamedTuple):
 def number(name: str, body: Mapping[str, Any]) -> float:
     """A finite one. Raises HTTPException."""
     found = body.get(name)
-    if type(found) not in (int, float) or abs(found) > 1e300 or not math.isfinite(found):
+    if isinstance(found, bool) or not isinstance(found, int | float) or not abs(found) <= _LARGEST:
         raise HTTPException(400, f"{name}: expected a number")
     return float(found)
 
@@ -71,4 +71,12 @@ def whole(name: str, body: Mapping[str, Any]) -> int:
     found = body.get(name)
     if type(found) is not int or found < 0:
         raise HTTPException(400, f"{name}: expected a whole number")
+    return found
+
+
+def flag(name: str, body: Mapping[str, Any]) -> bool:
+    """True or false, which it is where nothing is said. Raises HTTPException."""
+    found = body.get(name, False)
+    if type(found) is not bool:
+        raise HTTPException(400, f"{name}: expected true or false")
     return found

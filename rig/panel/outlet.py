@@ -11,7 +11,7 @@ from typing import Any
 from starlette.types import Message, Receive, Send
 
 MOST_STREAMS = 4
-"""A browser has six connections to a host for all its tabs together: two are left for what is asked, STOP above all."""
+"""A browser has six connections to a host for all its tabs together: two are left for STOP and the rest."""
 MOST_ROWS = 20_000
 """Readings kept for a page that does not fetch them: several hundred seconds at fifty a second."""
 SHOWN_S = 60.0
@@ -74,7 +74,12 @@ class Onlooking:
         self.latest.clear()
         if self.rows or self.reset:
             source = self.source
-            told = {"unix_s": unix_s, "run": source.run, "hand": source.hand, "columns": source.columns}
+            told: dict[str, Any] = {
+                "unix_s": unix_s,
+                "run": source.run,
+                "hand": source.hand,
+                "columns": source.columns,
+            }
             told |= {"reset": self.reset, "dropped": self.dropped, "rows": list(self.rows)}
             found += as_event("readings", told)
             self.rows.clear()
@@ -89,7 +94,7 @@ class Outlet:
         self.clients: list[Onlooking] = []
         self.closed = False
         self._latest: dict[str, str] = {}
-        self._source, self._rows = NOTHING, deque[Row](maxlen=MOST_ROWS)
+        self.source, self._rows = NOTHING, deque[Row](maxlen=MOST_ROWS)
 
     def publish(self, kind: str, told: Mapping[str, Any]) -> None:
         """A state, a schedule, a prediction or a section."""
@@ -103,7 +108,7 @@ class Outlet:
 
     def begin(self, source: Source) -> None:
         """Readings of something else."""
-        self._source = source
+        self.source = source
         self._rows.clear()
         for client in self.clients:
             client.begin(source)
@@ -113,7 +118,7 @@ class Outlet:
         if not rows:
             return
         self._rows.extend(rows)
-        at = self._source.columns.index("t_s")
+        at = self.source.columns.index("t_s")
         while self._rows[-1][at] - self._rows[0][at] > SHOWN_S:
             self._rows.popleft()
         for client in self.clients:
@@ -133,7 +138,7 @@ class Outlet:
     @contextmanager
     def joined(self) -> Iterator[Onlooking]:
         """One more page, until it leaves."""
-        client = Onlooking(self._source, deque(self._rows), dict(self._latest))
+        client = Onlooking(self.source, deque(self._rows), dict(self._latest))
         client.woken.set()
         self.clients.append(client)
         try:
@@ -142,7 +147,9 @@ class Outlet:
             self.clients.remove(client)
 
 
-async def stream(outlet: Outlet, client: Onlooking, receive: Receive, send: Send, unix_s: Callable[[], float]) -> None:
+async def stream(
+    outlet: Outlet, client: Onlooking, receive: Receive, send: Send, unix_s: Callable[[], float]
+) -> None:
     """Send a page what waits for it until it goes away or the outlet is closed."""
     tasks = {asyncio.create_task(_gone(receive)), asyncio.create_task(_write(outlet, client, send, unix_s))}
     try:

@@ -72,7 +72,7 @@ def asked(owner: Owner | None, kind: str, do: str, within_s: float, **more: Any)
 def stop_all(owners: Sequence[Owner], pool: ThreadPoolExecutor) -> dict[str, Any]:
     """Every real owner is told to stop, and the one that is shown, all at once and none behind another.
 
-    Raises NobodyError where there is none; ControlError where one of them does not answer; RefusedError where all refuse.
+    Raises NobodyError where there is none, ControlError where one does not answer, RefusedError where all refuse.
     """
     there = [one for one in owners if not one.virtual or one is shown(owners)]
     if not there:

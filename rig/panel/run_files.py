@@ -19,6 +19,7 @@ from rig.panel.gate import FILE_POLICY
 _AS_TEXT = (".csv", ".jsonl", ".log", ".md", ".py", ".toml", ".txt", "SHA256SUMS")
 _CHUNK = 1 << 16
 _MOST_RUNS = 500
+_FILTERS = ("subject", "shape", "protocol", "state")
 
 
 class RunFiles:
@@ -33,7 +34,8 @@ class RunFiles:
         limit = asked.get("limit", str(_MOST_RUNS))
         if not (limit.isascii() and limit.isdecimal()):
             raise HTTPException(400, f"limit {limit!r}: expected a number")
-        wanted = Wanted(**{name: asked.get(name) or None for name in ("subject", "shape", "protocol", "state")})
+        subject, shape, protocol, state = (asked.get(name) or None for name in _FILTERS)
+        wanted = Wanted(subject, shape, protocol, state)
         return JSONResponse(await asyncio.to_thread(self._told, wanted, int(limit)))
 
     def _told(self, wanted: Wanted, limit: int) -> dict[str, Any]:
@@ -57,7 +59,7 @@ class RunFiles:
         path = await asyncio.to_thread(_plain_file, folder, request.path_params["file"])
         size = path.stat().st_size
         headers = {"content-length": str(size), "content-security-policy": FILE_POLICY}
-        body = _pieces(path, size) if request.method == "GET" else _nothing()
+        body = _pieces(path, size if request.method == "GET" else 0)
         return StreamingResponse(body, media_type=_type_of(path), headers=headers)
 
     def _folder(self, name: str) -> Path:
@@ -102,8 +104,3 @@ async def _pieces(path: Path, size: int) -> AsyncIterator[bytes]:
         while size > 0 and (piece := await asyncio.to_thread(file.read, min(size, _CHUNK))):
             size -= len(piece)
             yield piece
-
-
-async def _nothing() -> AsyncIterator[bytes]:
-    for piece in ():
-        yield piece

@@ -144,6 +144,4 @@ def rehearsed(script: Script, config: Config, finger: Fingertip, plan: Plan, bef
         verbs.home(engine)
         handler = TakenUp(before, handler)
     run_script(script, engine, Rig(script.parameters, walk, Patience(handler)))
-    return Rehearsed(
-        clock.monotonic_s(), engine.contact.total_s, timeline.instants_s, timeline.words, timeline.marks
-    )
+    return Rehearsed(clock.monotonic_s(), engine.contact.total_s, timeline.instants_s, timeline.words, timeline.marks)

@@ -16,7 +16,10 @@ import studies.release_check as release
 from tests.program import Program
 
 ROOT = Path(__file__).parents[2]
-EXTRAS = {"pynwb", "hdmf", "pypardiso", "distributed", "dask", "pandas", "xarray", "nwbinspector", "skfem", "pytest"}
+EXTRAS = {
+    *("pynwb", "hdmf", "pypardiso", "distributed", "dask", "pandas", "xarray", "nwbinspector", "skfem", "pytest"),
+    *("starlette", "uvicorn", "httpx"),
+}
 WITHOUT = f"""\
 import sys
 

@@ -1,6 +1,5 @@
 """Limits and how far the newest force is from them, in gram-weight and newtons."""
 
-from collections.abc import Mapping
 from typing import Any
 
 from rig.devices.units import GWT_N
@@ -21,6 +20,6 @@ def limits_told(config: Config, soft_trip_n: float | None, force_gwt: float | No
     return told
 
 
-def in_both(name: str, force_gwt: float | None) -> Mapping[str, float | None]:
+def in_both(name: str, force_gwt: float | None) -> dict[str, float | None]:
     """A force under its name in either unit."""
     return {f"{name}_gwt": force_gwt, f"{name}_n": None if force_gwt is None else force_gwt * GWT_N}

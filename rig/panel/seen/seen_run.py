@@ -7,11 +7,13 @@ from typing import Any
 from rig.data.folder import RunFolder
 from rig.data.following import Following
 from rig.data.reader import RunError
+from rig.data.summary import FOREIGN, foreign
 from rig.devices.units import GWT_N
 from rig.engine.journal import Document
-from rig.panel.job import Job, Press
-from rig.panel.limits_told import limits_told
+from rig.panel.drawn.job import Job, Press
 from rig.panel.outlet import Row, Source
+from rig.panel.seen.growing import GROWS_S, written_s
+from rig.panel.seen.limits_told import limits_told
 from rig.plan.config import Config, load_config
 from rig.plan.onlooker import Onlooker
 from rig.plan.timeline import BEGUN
@@ -50,25 +52,25 @@ class SeenRun:
         except (RunError, BadInputError) as error:
             self.problem = str(error)
             return []
-        written_s = self._written_s() if documents else 0.0
-        self.seen.take(documents)
-        return [row for document in documents for row in self._take(document, written_s)]
+        at_s = written_s(self.folder.path) if documents else 0.0
+        try:
+            self.seen.take(documents)
+            return [row for document in documents for row in self._take(document, at_s)]
+        except FOREIGN as error:
+            self.problem = foreign(error)
+            return []
 
     def _read_config(self) -> None:
         if self._config is None and self.folder.config.is_file():
             self._config = load_config(self.folder.config)
 
-    def _written_s(self) -> float:
-        """When the journal was last written to."""
-        return self.folder.events.stat().st_mtime
-
-    def _take(self, document: Document, written_s: float) -> list[Row]:
+    def _take(self, document: Document, at_s: float) -> list[Row]:
         self.stop = document if document["doc"] == "stop" else None
         if document["doc"] != "event":
             return []
         stream, data, t_s = document["stream"], document["data"], document["t_s"]
         # a virtual run's days are its own: there it counts when it was written
-        unix_s = written_s if self.virtual else min(document.get("unix_s", written_s), written_s)
+        unix_s = at_s if self.virtual else min(document.get("unix_s", at_s), at_s)
         self._devices.event(stream, data, unix_s)
         self._draw(stream, data)
         if not stream.endswith(READING):
@@ -106,6 +108,10 @@ class SeenRun:
     def ended(self) -> bool:
         """Whether its journal has an end."""
         return self.stop is not None
+
+    def lately(self, unix_s: float) -> bool:
+        """Whether it was written to a moment ago, and has no end."""
+        return not self.ended and unix_s - written_s(self.folder.path) < GROWS_S
 
     def told(self, *, going: bool) -> dict[str, Any]:
         """`run` of the state. going: somebody writes to it."""

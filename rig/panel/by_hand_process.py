@@ -1,0 +1,71 @@
+"""The process that has the bench by hand: begun when a page asks for it, and left when the panel ends."""
+
+import asyncio
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+from rig.panel.owners import Find
+from rig.session.control.announcements import ControlError
+
+READY_S = 15.0
+_LOOK_S = 0.05
+
+
+class NotTakenError(Exception):
+    """The bench could not be taken. One line."""
+
+
+class ByHandProcess:
+    """At most one; it owns the ports, and ends with this process."""
+
+    def __init__(self, config: Path | None, find: Find) -> None:
+        self._config, self._find = config, find
+        self._process: subprocess.Popen[str] | None = None
+        self._taking = asyncio.Lock()
+
+    async def take(self) -> None:
+        """Begin it, and wait until it has announced itself. Raises NotTakenError."""
+        async with self._taking:
+            if self._process is not None and self._process.poll() is None:
+                return
+            self._process = self._begun()
+            for _ in range(round(READY_S / _LOOK_S)):
+                if await asyncio.to_thread(self._announced):
+                    return
+                if self._process.poll() is not None:
+                    raise NotTakenError(self._last_words())
+                await asyncio.sleep(_LOOK_S)
+            self._process.terminate()
+            raise NotTakenError(f"the bench did not answer within {READY_S:g} s")
+
+    def leave(self) -> None:
+        """Have it leave the bench, where it is there."""
+        if self._process is None or self._process.poll() is not None:
+            return
+        for owner in self._find():
+            if owner.pid == self._process.pid:
+                with suppress(ControlError):
+                    owner.ask("leave", within_s=1.0)
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(READY_S)
+
+    def _begun(self) -> "subprocess.Popen[str]":
+        return subprocess.Popen(
+            [sys.executable, "-m", "rig", "by-hand", "--config", str(self._config)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,  # Ctrl-C is the panel's
+        )
+
+    def _announced(self) -> bool:
+        return self._process is not None and any(owner.pid == self._process.pid for owner in self._find())
+
+    def _last_words(self) -> str:
+        """The last line that it said."""
+        assert self._process is not None
+        said = self._process.stderr.read().strip().splitlines() if self._process.stderr else []
+        return said[-1].removeprefix("rig: ") if said else f"it ended with exit code {self._process.returncode}"

@@ -1,0 +1,161 @@
+"""What a page asks for: stop, pause, go on, the bench by hand; each answer is {"ok": …, "problem": …} and a code."""
+
+import asyncio
+from collections.abc import Awaitable, Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any
+
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
+
+from rig.panel.asked import HeldButton, body_of, flag, whole
+from rig.panel.by_hand_process import ByHandProcess, NotTakenError
+from rig.panel.gate import TAB_HEADER
+from rig.panel.owners import NobodyError, asked, stop_all
+from rig.panel.watcher import Watcher
+from rig.session.control.announcements import ControlError, RefusedError
+
+Body = Mapping[str, Any]
+Answer = Mapping[str, Any]
+
+HELD_S = 0.25
+"""A button that was down longer ago than this is down no more."""
+_ANSWER_S, _HOLD_S, _STOP_S = 1.0, 0.2, 0.25
+_THREADS = 4
+
+
+class Posts:
+    """The requests that change something, of pages that were let in."""
+
+    def __init__(self, watcher: Watcher, bench: ByHandProcess) -> None:
+        self._watcher, self._bench = watcher, bench
+        self._asking, self._holding = ThreadPoolExecutor(_THREADS, "post"), ThreadPoolExecutor(1, "hold")
+        self._stopping, self._each = ThreadPoolExecutor(16, "stop"), ThreadPoolExecutor(64, "stopped")
+        self._held = False  # a hold is on its way to the owner
+
+    @property
+    def routes(self) -> list[Route]:
+        """Every one of them."""
+        with_controls: dict[str, Callable[[str, Body], Awaitable[Answer]]] = {
+            "pause": self._of_the_run("pause"),
+            "go_on": self._of_the_run("go_on"),
+            "by_hand": self._take_the_bench,
+            "leave": self._by_hand("leave"),
+            "home": self._by_hand("home"),
+            "zero": self._zero,
+            "hold": self._hold,
+            "release": self._release,
+        }
+        routes = [Route(f"/{name}", self._guarded(do), methods=["POST"]) for name, do in with_controls.items()]
+        free = {"stop": self._stop, "take": self._take}
+        return routes + [Route(f"/{name}", self._answered(do), methods=["POST"]) for name, do in free.items()]
+
+    # --- how they are answered ---
+
+    def _guarded(self, do: Callable[[str, Body], Awaitable[Answer]]) -> Callable[[Request], Awaitable[Response]]:
+        """Only for the tab that has the controls."""
+
+        async def guarded(tab: str, body: Body) -> Answer:
+            if not self._watcher.tabs.may(tab, self._watcher.clock.monotonic_s()):
+                raise NobodyError("another tab has the controls")
+            return await do(tab, body)
+
+        return self._answered(guarded)
+
+    def _answered(self, do: Callable[[str, Body], Awaitable[Answer]]) -> Callable[[Request], Awaitable[Response]]:
+        async def answered(request: Request) -> Response:
+            body, tab = await body_of(request), request.headers.get(TAB_HEADER, "")
+            if not (0 < len(tab) <= 64 and tab.isascii() and tab.isprintable()):
+                return _problem(400, f"{TAB_HEADER}: expected the name of the tab")
+            try:
+                return JSONResponse({"ok": True, "problem": None, **await do(tab, body)})
+            except (NobodyError, RefusedError) as error:
+                return _problem(409, error)
+            except (ControlError, NotTakenError) as error:
+                return _problem(503, error)
+
+        return answered
+
+    # --- what is done ---
+
+    async def _take(self, tab: str, body: Body) -> Answer:
+        self._watcher.tabs.take(tab, self._watcher.clock.monotonic_s())
+        return {}
+
+    async def _stop(self, tab: str, body: Body) -> Answer:
+        """Past everything else: it has threads of its own, and its answer is waited for shortly."""
+        asking = asyncio.get_running_loop().run_in_executor(self._stopping, self._stop_all)
+        try:
+            return await asyncio.wait_for(asyncio.shield(asking), _STOP_S)
+        except TimeoutError:
+            asking.add_done_callback(lambda done: done.cancelled() or done.exception())
+            raise ControlError("told to stop, and not answered yet: use the emergency stop") from None
+
+    def _stop_all(self) -> Answer:
+        try:
+            owners = self._watcher.find()
+        except OSError:
+            owners = self._watcher.owners
+        return stop_all(owners, self._each)
+
+    def _of_the_run(self, do: str) -> Callable[[str, Body], Awaitable[Answer]]:
+        async def done(tab: str, body: Body) -> Answer:
+            return await self._ask(self._asking, "run", do, _ANSWER_S)
+
+        return done
+
+    def _by_hand(self, do: str) -> Callable[[str, Body], Awaitable[Answer]]:
+        async def done(tab: str, body: Body) -> Answer:
+            return await self._ask(self._asking, "by hand", do, _ANSWER_S)
+
+        return done
+
+    async def _zero(self, tab: str, body: Body) -> Answer:
+        return await self._ask(self._asking, "by hand", "zero", _ANSWER_S, anyway=flag("anyway", body))
+
+    async def _take_the_bench(self, tab: str, body: Body) -> Answer:
+        self._refuse_a_busy_bench()
+        await self._bench.take()
+        return {}
+
+    def _refuse_a_busy_bench(self) -> None:
+        if not self._watcher.bench.configured:
+            raise NobodyError("rig panel was begun without --config: it knows no bench")
+        ports = set(self._watcher.bench.ports)
+        for owner in self._watcher.owners:
+            if owner.kind == "run" and ports & set(owner.ports):
+                raise NobodyError(f"a run has the ports: process {owner.pid}")
+
+    async def _hold(self, tab: str, body: Body) -> Answer:
+        """Passed on while it is fresh, one at a time: nothing that waited somewhere moves anything."""
+        button = HeldButton.of(body)
+        if self._watcher.tabs.is_released(button.press):
+            raise NobodyError("that button was let go: press it anew")
+        if abs(self._watcher.clock.unix_s() - button.unix_s) > HELD_S:
+            raise NobodyError(f"held longer ago than {HELD_S:g} s, or by another clock: press it anew")
+        if self._held:
+            raise ControlError("the bench has not answered yet")
+        self._held = True
+        try:
+            return await self._ask(self._holding, "by hand", "hold", _HOLD_S, tab=tab, **button._asdict())
+        except (ControlError, NobodyError):
+            self._watcher.tabs.release(button.press)
+            raise
+        finally:
+            self._held = False
+
+    async def _release(self, tab: str, body: Body) -> Answer:
+        press = whole("press", body)
+        self._watcher.tabs.release(press)
+        return await self._ask(self._asking, "by hand", "release", _ANSWER_S, tab=tab, press=press)
+
+    async def _ask(self, pool: ThreadPoolExecutor, kind: str, do: str, within_s: float, **more: Any) -> Answer:
+        """The answer of whoever is shown."""
+        ask = partial(asked, self._watcher.owner, kind, do, within_s, **more)
+        return await asyncio.get_running_loop().run_in_executor(pool, ask)
+
+
+def _problem(code: int, problem: object) -> Response:
+    return JSONResponse({"ok": False, "problem": str(problem)}, code)

@@ -1,0 +1,185 @@
+"""Looks at whoever owns ports and at the journal of the run that goes on, and tells the pages."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rig.panel.drawn.job import Job
+from rig.panel.outlet import NOTHING, Outlet
+from rig.panel.owners import Find, Owner, owner_told, run_of, shown
+from rig.panel.seen.growing import growing
+from rig.panel.seen.seen_bench import HAND, SeenBench
+from rig.panel.seen.seen_run import SeenRun
+from rig.panel.tabs import Tabs
+from rig.session.control.announcements import ControlError
+from rig.transport.clock import Clock
+
+LOOK_S, ASK_S, FIND_S, BEAT_S = 0.05, 0.1, 1.0, 0.4
+"""Between two looks at a journal; two questions to an owner; two searches for a run; two states that say the same."""
+STATUS_S = 0.5
+"""How long a question for the state waits."""
+_NOTICES = {
+    "planning": "the script is being checked: nothing moves yet",
+    "asking": "waits at its terminal for an answer",
+    "pausing": "pausing: at the next safe point it lifts",
+    "paused": "paused, the indentor is lifted",
+    "reporting": "the report is being made",
+}
+
+
+@dataclass
+class Watcher:
+    """What goes on, as far as it is known here; its loops run until they are cancelled."""
+
+    out: Path
+    bench: SeenBench
+    find: Find
+    clock: Clock
+    outlet: Outlet = field(default_factory=Outlet)
+    tabs: Tabs = field(default_factory=Tabs)
+    owners: Sequence[Owner] = ()
+    run: SeenRun | None = None
+    problem: str = ""
+
+    def __post_init__(self) -> None:
+        self._asking, self._reading = ThreadPoolExecutor(2, "asking"), ThreadPoolExecutor(1, "reading")
+        self._status: dict[str, Any] | None = None
+        self._run_told: dict[str, Any] | None = None
+        self._schedule: list[dict[str, Any]] = []
+        self._told: tuple[object, float] = (None, 0.0)
+        self._found: tuple[Path | None, float] = (None, -FIND_S)
+
+    @property
+    def owner(self) -> Owner | None:
+        """The one that is shown."""
+        return shown(self.owners)
+
+    @property
+    def job(self) -> Job | None:
+        """What there is to draw."""
+        if self.run is not None:
+            return self.run.job
+        return self.bench.job
+
+    async def look_on(self) -> None:
+        """Until it is cancelled."""
+        async with asyncio.TaskGroup() as loops:
+            for each_s, look in ((ASK_S, self.ask), (LOOK_S, self.read), (LOOK_S, self.beat)):
+                loops.create_task(_again(each_s, look))
+
+    # --- what is known ---
+
+    async def ask(self) -> None:
+        """Who is there, and the state of the one that is shown."""
+        loop = asyncio.get_running_loop()
+        try:
+            self.owners = await loop.run_in_executor(self._asking, self.find)
+        except OSError as error:
+            self.owners, self.problem = (), f"{error.filename}: {error.strerror}"
+        owner = self.owner
+        if owner is None:
+            self._status = None
+        else:
+            self._status = await loop.run_in_executor(self._asking, _status_of, owner)
+        if owner is not None and owner.kind == "by hand":
+            self._show_hand()
+            self.outlet.add(self.bench.heard(self._status))
+
+    def _show_hand(self) -> None:
+        """Readings are those of by hand from here on."""
+        if self.outlet.source != HAND:
+            self.run, self._run_told = None, None
+            self.outlet.begin(HAND)
+            self._tell_schedule([])
+
+    async def read(self) -> None:
+        """What came to the journal of the run that goes on."""
+        loop, owner = asyncio.get_running_loop(), self.owner
+        if owner is not None and owner.kind == "by hand":
+            return
+        folder = await self._folder(owner)
+        if folder is None:
+            if owner is not None:
+                self._follow(None)
+        elif self.run is None or self.run.folder.path != folder:
+            self._follow(SeenRun(folder))
+        if (run := self.run) is None:
+            return
+        rows = await loop.run_in_executor(self._reading, run.look)
+        if run is self.run:
+            self.outlet.add(rows)
+            going = (owner is not None and run_of(owner) == run.folder.path) or run.lately(self.clock.unix_s())
+            self._run_told = run.told(going=going)
+            self._tell_schedule(run.schedule_told())
+
+    async def _folder(self, owner: Owner | None) -> Path | None:
+        """Of the run that is followed."""
+        if owner is not None:
+            return run_of(owner)
+        found, then_s = self._found
+        now_s = self.clock.monotonic_s()
+        if now_s - then_s >= FIND_S:
+            loop = asyncio.get_running_loop()
+            found = await loop.run_in_executor(self._reading, growing, self.out, self.clock.unix_s())
+            self._found = found, now_s
+        return found
+
+    def _follow(self, run: SeenRun | None) -> None:
+        if run is None and self.run is None:
+            return
+        self.run, self._run_told = run, None
+        self.outlet.begin(NOTHING if run is None else run.source)
+        self._tell_schedule([])
+
+    # --- what is told ---
+
+    def _tell_schedule(self, steps: list[dict[str, Any]]) -> None:
+        if steps != self._schedule:
+            self._schedule = steps
+            self.outlet.publish("schedule", {"unix_s": self.clock.unix_s(), "steps": steps})
+
+    async def beat(self) -> None:
+        """The state, where something in it has changed, and twice a second if not."""
+        now_s, unix_s = self.clock.monotonic_s(), self.clock.unix_s()
+        self.tabs.look(now_s)
+        state = self.state(unix_s)
+        marks = {name: state[name] for name in ("controls", "owner", "run", "notice", "problem")}
+        marks["hand"] = state["hand"] and {k: state["hand"].get(k) for k in ("state", "busy", "ended_by", "stopped")}
+        if marks != self._told[0] or now_s - self._told[1] >= BEAT_S:
+            self._told = marks, now_s
+            self.outlet.publish("state", state)
+
+    def state(self, unix_s: float) -> dict[str, Any]:
+        """All of it but readings and pictures; ages are those of now."""
+        owner, status = self.owner, self._status
+        hand = status if owner is not None and owner.kind == "by hand" else None
+        seen: SeenRun | SeenBench = self.bench if self.run is None else self.run
+        return {
+            "unix_s": unix_s,
+            "controls": self.tabs.holder,
+            "configured": self.bench.configured,
+            "owner": None if owner is None else owner_told(owner, status),
+            "run": self._run_told,
+            "hand": hand,
+            "devices": seen.devices_told(unix_s),
+            "newest": seen.newest_told(unix_s),
+            "limits": seen.limits_told(),
+            "notice": None if status is None else _NOTICES.get(str(status.get("state"))),
+            "problem": self.problem or None,
+        }
+
+
+def _status_of(owner: Owner) -> dict[str, Any] | None:
+    try:
+        return owner.ask("status", within_s=STATUS_S)
+    except ControlError:
+        return None
+
+
+async def _again(each_s: float, look: Callable[[], Any]) -> None:
+    while True:
+        await look()
+        await asyncio.sleep(each_s)
