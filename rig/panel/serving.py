@@ -12,6 +12,7 @@ import uvicorn
 
 from rig.panel.app import application
 from rig.panel.by_hand_process import ByHandProcess
+from rig.panel.drawn.drawer import Drawer
 from rig.panel.owners import Find
 from rig.panel.seen.seen_bench import SeenBench
 from rig.panel.watcher import Watcher
@@ -44,6 +45,7 @@ class Panel:
         self._bench = ByHandProcess(offered.config, find)
         bench = SeenBench(offered.config, config)
         self._watcher = Watcher(offered.out.absolute(), bench, find, WallClock())
+        self._drawer = Drawer(lambda: self._watcher.job, self._watcher.outlet, self._watcher.clock)
         app = application(self._watcher, self._bench, self.port, self._token)
         self._server = _Server(_quiet(app), self._watcher.outlet.close)
 
@@ -59,6 +61,7 @@ class Panel:
                 asyncio.run(self._serve())
         finally:
             self._socket.close()
+            self._drawer.close()
             self._bench.leave()
 
     def end(self) -> None:
@@ -66,14 +69,16 @@ class Panel:
         self._server.should_exit = True
 
     async def _serve(self) -> None:
-        looking = asyncio.create_task(self._watcher.look_on())
+        """Whatever fails ends the panel, and is raised."""
         serving = asyncio.create_task(self._server.serve(sockets=[self._socket]))
-        await asyncio.wait({looking, serving}, return_when=asyncio.FIRST_COMPLETED)
+        looking = [asyncio.create_task(one.look_on()) for one in (self._watcher, self._drawer)]
+        await asyncio.wait([serving, *looking], return_when=asyncio.FIRST_COMPLETED)
         self._server.should_exit = True
         await serving
-        looking.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await looking
+        for task in looking:
+            task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await task
 
 
 class _Server(uvicorn.Server):

@@ -83,15 +83,17 @@ class Watcher:
         if owner is None:
             self._status = None
         else:
-            self._status = await loop.run_in_executor(self._asking, _status_of, owner)
+            if owner.kind == "by hand":
+                self._show_hand(owner)
+            self._status = await loop.run_in_executor(self._asking, _status_of, owner, self.bench.since)
         if owner is not None and owner.kind == "by hand":
-            self._show_hand()
             self.outlet.add(self.bench.heard(self._status))
 
-    def _show_hand(self) -> None:
+    def _show_hand(self, owner: Owner) -> None:
         """Readings are those of by hand from here on."""
-        if self.outlet.source != HAND:
+        if self.outlet.source != HAND or self.bench.owner != owner.pid:
             self.run, self._run_told = None, None
+            self.bench.begin(owner.pid)
             self.outlet.begin(HAND)
             self._tell_schedule([])
 
@@ -139,7 +141,8 @@ class Watcher:
     def _tell_schedule(self, steps: list[dict[str, Any]]) -> None:
         if steps != self._schedule:
             self._schedule = steps
-            self.outlet.publish("schedule", {"unix_s": self.clock.unix_s(), "steps": steps})
+            run = None if self.run is None else self.run.name
+            self.outlet.publish("schedule", {"unix_s": self.clock.unix_s(), "run": run, "steps": steps})
 
     async def beat(self) -> None:
         """The state, where something in it has changed, and twice a second if not."""
@@ -155,7 +158,8 @@ class Watcher:
     def state(self, unix_s: float) -> dict[str, Any]:
         """All of it but readings and pictures; ages are those of now."""
         owner, status = self.owner, self._status
-        hand = status if owner is not None and owner.kind == "by hand" else None
+        by_hand = status is not None and owner is not None and owner.kind == "by hand"
+        hand = {name: told for name, told in status.items() if name != "readings"} if status and by_hand else None
         seen: SeenRun | SeenBench = self.bench if self.run is None else self.run
         return {
             "unix_s": unix_s,
@@ -172,9 +176,10 @@ class Watcher:
         }
 
 
-def _status_of(owner: Owner) -> dict[str, Any] | None:
+def _status_of(owner: Owner, since: int) -> dict[str, Any] | None:
+    more = {"since": since} if owner.kind == "by hand" else {}
     try:
-        return owner.ask("status", within_s=STATUS_S)
+        return owner.ask("status", within_s=STATUS_S, **more)
     except ControlError:
         return None
 

@@ -20,6 +20,12 @@ class SeenBench:
     def __init__(self, path: Path | None = None, config: Config | None = None) -> None:
         self.path, self._config = path, config
         self._status: Mapping[str, Any] = {}
+        self.owner: int | None = None
+        self.since = 0  # the first reading that was not told yet
+
+    def begin(self, owner: int) -> None:
+        """A process has the bench from here on."""
+        self.owner, self.since, self._status = owner, 0, {}
 
     @property
     def configured(self) -> bool:
@@ -37,14 +43,16 @@ class SeenBench:
         return None if self.path is None else Job(self.path)
 
     def heard(self, status: Mapping[str, Any] | None) -> list[Row]:
-        """What the owner answered, None where it did not; returns the reading in it that is new."""
+        """What the owner answered, None where it did not; returns the readings in it, which are new."""
         if status is None:
             return []
-        before, self._status = self._status.get("read_unix_s"), status
-        if status.get("force_gwt") is None or status.get("read_unix_s") in (None, before):
+        self._status = status
+        new = status.get("readings")
+        if new is None:
             return []
-        told = {**status, "unix_s": status["read_unix_s"], "t_s": status["read_unix_s"]}
-        return [[told.get(name) for name in COLUMNS]]
+        self.since = new["next"]
+        places = [new["columns"].index(name) for name in COLUMNS]
+        return [[row[place] for place in places] for row in new["rows"]]
 
     def newest_told(self, unix_s: float) -> dict[str, Any]:
         """`newest` of the state."""

@@ -1,0 +1,72 @@
+"""Drawings made in a process of its own, which solves what must be solved while the server answers."""
+
+import contextlib
+import multiprocessing
+import os
+import signal
+from multiprocessing.connection import Connection
+from typing import Any
+
+from rig.panel.drawn.job import Job
+from sim.models.processes.workers import leaving_ctrl_c_to_us
+
+PATIENCE_S = 120.0
+"""A larger patch takes a minute on a busy machine; what takes longer is not waited for."""
+_NICE = 10  # after whoever moves something
+
+Drawing = dict[str, Any]
+"""Of `section`, with `prediction` where there is a press, or a `problem`."""
+
+
+class DrawingError(Exception):
+    """There is no drawing. One line."""
+
+
+class DrawingProcess:
+    """One job at a time; begun with the first, and anew where it is lost."""
+
+    def __init__(self) -> None:
+        self._process: multiprocessing.process.BaseProcess | None = None
+        self._near: Connection[Job, Drawing] | None = None
+
+    def ask(self, job: Job) -> Drawing:
+        """Waits for it. Raises DrawingError; what cannot be drawn is a `problem` in it."""
+        try:
+            near = self._begun()
+            near.send(job)
+            if near.poll(PATIENCE_S):
+                return near.recv()
+        except (EOFError, OSError):
+            self.close()
+            raise DrawingError("the process that draws has ended") from None
+        self.close()
+        raise DrawingError(f"not drawn within {PATIENCE_S:g} s")
+
+    def close(self) -> None:
+        """End it."""
+        if self._process is not None and self._near is not None:
+            self._near.close()
+            self._process.kill()
+            self._process.join()
+        self._process = self._near = None
+
+    def _begun(self) -> "Connection[Job, Drawing]":
+        if self._near is None:
+            context = multiprocessing.get_context("spawn")
+            self._near, far = context.Pipe()
+            self._process = context.Process(target=_serve, args=(far,), daemon=True)
+            with leaving_ctrl_c_to_us():
+                self._process.start()
+            far.close()
+        return self._near
+
+
+def _serve(far: "Connection[Drawing, Job]") -> None:
+    from rig.panel.drawn.drawing import drawn  # solver and libraries: here alone
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(os, "nice"):
+        os.nice(_NICE)
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            far.send(drawn(far.recv()))
