@@ -7,8 +7,8 @@ from typing import Any, Literal, Protocol
 
 from rig.session.control.announcements import ControlError, RefusedError
 
-STOP_S = 0.25
-"""How long a stop waits for its answer: the page repeats it after 0.3 s."""
+STOP_S = 3.0
+"""How long an owner is listened to after a stop, which went at once: drives say when they stand."""
 
 
 class Owner(Protocol):

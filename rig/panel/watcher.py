@@ -149,8 +149,7 @@ class Watcher:
         now_s, unix_s = self.clock.monotonic_s(), self.clock.unix_s()
         self.tabs.look(now_s)
         state = self.state(unix_s)
-        marks = {name: state[name] for name in ("controls", "owner", "run", "notice", "problem")}
-        marks["hand"] = state["hand"] and {k: state["hand"].get(k) for k in ("state", "busy", "ended_by", "stopped")}
+        marks = _marks(state)
         if marks != self._told[0] or now_s - self._told[1] >= BEAT_S:
             self._told = marks, now_s
             self.outlet.publish("state", state)
@@ -182,6 +181,14 @@ def _status_of(owner: Owner, since: int) -> dict[str, Any] | None:
         return owner.ask("status", within_s=STATUS_S, **more)
     except ControlError:
         return None
+
+
+def _marks(state: dict[str, Any]) -> object:
+    """What is told at once when it changes: all but numbers that always do."""
+    run, hand = state["run"] or {}, state["hand"] or {}
+    steady = [state[name] for name in ("controls", "owner", "notice", "problem")]
+    of_the_run = {name: told for name, told in run.items() if name != "left_s"}
+    return steady, of_the_run, [hand.get(name) for name in ("state", "busy", "ended_by", "stopped", "next")]
 
 
 async def _again(each_s: float, look: Callable[[], Any]) -> None:
