@@ -1,0 +1,44 @@
+/** What the devices last said of themselves. */
+
+import { Instant, OLD_S } from "/static/feed.js";
+import { at, mark, write } from "/static/page.js";
+import { ago, known, timeOfDay } from "/static/units.js";
+
+export class Devices {
+  constructor() {
+    this.seen = {};
+    this.ports = "–";
+  }
+
+  state({ unix_s, devices, owner }) {
+    for (const name of ["stage", "force"]) {
+      const told = devices?.[name];
+      this.seen[name] = told ? { told, read: known(told.age_s) ? new Instant(unix_s - told.age_s) : null } : null;
+    }
+    const ports = owner?.ports ?? [];
+    this.ports = owner === null ? "free" : `${Array.isArray(ports) ? ports.join(", ") : ports}${owner.virtual ? " (virtual bench)" : ""}`;
+  }
+
+  /** Of what was heard last; null where nothing was. */
+  get age_s() {
+    const ages = Object.values(this.seen).flatMap((one) => one?.read?.age_s ?? []);
+    return ages.length ? Math.min(...ages) : null;
+  }
+
+  look() {
+    this.say("stage", "stage_words");
+    this.say("force", "sensor_words");
+    write("port_words", this.ports || "–");
+    mark(at("devices"), "old", this.age_s > OLD_S);
+  }
+
+  say(name, id) {
+    const seen = this.seen[name];
+    if (!seen) return write(id, "–");
+    const { told, read } = seen;
+    const homed = told.homed === undefined || told.homed === null ? "" : told.homed ? ", homed" : ", not homed";
+    const when = read === null ? "" : read.age_s > OLD_S ? `, ${timeOfDay(read.unix_s)}, ${ago(read.age_s)}` : "";
+    write(id, `${told.word ?? "–"}${homed}${when}`);
+    mark(at(id), "old", read !== null && read.age_s > OLD_S);
+  }
+}

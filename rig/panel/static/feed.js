@@ -1,0 +1,59 @@
+/** What the server sends, and how old it is; connected again whenever it is lost, and only while the tab is seen. */
+
+import { tab } from "/static/access.js";
+
+const EVENTS = ["state", "readings", "schedule", "prediction", "section"];
+const AGAIN_MS = 500;
+const SILENT_S = 1.5; // the server says how it is twice a second
+export const OLD_S = 1;
+
+/** When something was true, by the server's clock, which is this machine's; and by what has passed here since.
+ *
+ * The larger of both ages counts: neither a clock that was set back nor events that lay in a queue make data young.
+ */
+export class Instant {
+  constructor(unix_s) {
+    this.unix_s = unix_s;
+    this.came_ms = performance.now();
+    this.age_then_s = Math.max(0, Date.now() / 1000 - unix_s);
+  }
+
+  get age_s() {
+    return Math.max(Date.now() / 1000 - this.unix_s, this.age_then_s + (performance.now() - this.came_ms) / 1000);
+  }
+}
+
+export class Feed {
+  /** take(name, data) is called for every event. */
+  constructor(take) {
+    this.take = take;
+    this.heard = null;
+    this.source = null;
+    document.addEventListener("visibilitychange", () => this.follow());
+    this.follow();
+  }
+
+  /** Whether what is shown may be what is. */
+  get silent() {
+    return this.heard === null || this.heard.age_s > SILENT_S;
+  }
+
+  follow() {
+    clearTimeout(this.again);
+    this.source?.close();
+    this.source = null;
+    if (document.visibilityState === "hidden") return;
+    const source = new EventSource(`/events?tab=${encodeURIComponent(tab)}`);
+    source.onerror = () => {
+      source.close();
+      this.again = setTimeout(() => this.follow(), AGAIN_MS);
+    };
+    for (const name of EVENTS) source.addEventListener(name, (event) => this.hear(name, JSON.parse(event.data)));
+    this.source = source;
+  }
+
+  hear(name, data) {
+    this.heard = new Instant(data.unix_s);
+    this.take(name, data);
+  }
+}

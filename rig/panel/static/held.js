@@ -1,0 +1,64 @@
+/** A dead man's jog: the server is told ten times a second that a button or key is held, and at once when it is not.
+ *
+ * Whatever casts doubt on the hand (another tab or window, a second key, a page that hung) lets go.
+ */
+
+import { post } from "/static/access.js";
+
+const EACH_MS = 100;
+const HUNG_MS = 250; // what one hold counts for
+
+export class Held {
+  /** told(words) says what became of a press; null while it is held. */
+  constructor(told) {
+    this.told = told;
+    this.now = null;
+    this.last_press = 0;
+    window.addEventListener("blur", () => this.release("let go: another window has the keyboard"));
+    window.addEventListener("pagehide", () => this.release("let go"));
+    document.addEventListener("visibilitychange", () => document.hidden && this.release("let go: the tab was hidden"));
+  }
+
+  /** What: {axis, sign, speed_mm_s}; by: the button or key that holds it. */
+  press(what, by) {
+    if (this.now !== null) return this.release("let go: two at once");
+    this.last_press = Math.max(Date.now(), this.last_press + 1);
+    const abort = new AbortController();
+    this.now = { what, by, press: this.last_press, abort, asked: false, ticked_ms: performance.now() };
+    this.now.timer = setInterval(() => this.tick(), EACH_MS);
+    this.told(null);
+    this.send(this.now);
+  }
+
+  tick() {
+    const held = this.now;
+    const late_ms = performance.now() - held.ticked_ms;
+    held.ticked_ms = performance.now();
+    if (late_ms > HUNG_MS) this.release("let go: this page was held up");
+    else if (!held.asked) this.send(held);
+  }
+
+  async send(held) {
+    held.asked = true;
+    const { what, press, abort } = held;
+    const answer = await post("/hold", { ...what, press, unix_s: Date.now() / 1000 }, { signal: abort.signal });
+    held.asked = false;
+    if (this.now === held && !answer.ok) this.release(`stopped: ${answer.problem}`);
+  }
+
+  /** Nothing is held any more; with no words it was let go as it should be. */
+  release(words = "") {
+    const held = this.now;
+    if (held === null) return;
+    this.now = null;
+    clearInterval(held.timer);
+    held.abort.abort();
+    post("/release", { press: held.press }, { keepalive: true });
+    this.told(words);
+  }
+
+  /** Let go what this one holds. */
+  letGo(by) {
+    if (this.now?.by === by) this.release();
+  }
+}

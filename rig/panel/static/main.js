@@ -1,0 +1,101 @@
+/** The page: what the server sends goes to every part of it, and ten times a second each part looks how old that is. */
+
+import { hasToken, post, tab } from "/static/access.js";
+import { Controls } from "/static/controls.js";
+import { Devices } from "/static/devices.js";
+import { Feed } from "/static/feed.js";
+import { Numbers } from "/static/numbers.js";
+import { at, mark, show, write } from "/static/page.js";
+import { Runs } from "/static/runs.js";
+import { Schedule } from "/static/schedule.js";
+import { Section } from "/static/section.js";
+import { Colours } from "/static/theme.js";
+import { Traces } from "/static/traces.js";
+import { timeOfDay } from "/static/units.js";
+import { Veil } from "/static/veils.js";
+
+const LOOK_MS = 100;
+
+const colours = new Colours();
+const numbers = new Numbers();
+const devices = new Devices();
+const controls = new Controls(said, () => mine() && !feed.silent);
+const parts = [numbers, devices, controls, new Traces(colours), new Section(), new Schedule()];
+const runs = new Runs();
+const veils = ["numbers", "devices", "traces", "place"].map((id) => new Veil(at(id)));
+const loaded_unix_s = Date.now() / 1000;
+let state = null;
+let taking = false;
+
+const feed = new Feed(take);
+
+function take(name, data) {
+  if (name === "state") heard(data);
+  if (name === "readings" && data.reset) for (const part of parts) part.forget?.();
+  for (const part of parts) part[name]?.(data);
+}
+
+/** The first tab with a token has the controls without being asked. */
+async function heard(data) {
+  state = data;
+  if (data.controls !== null || !hasToken() || taking) return;
+  taking = true;
+  await post("/take");
+  taking = false;
+}
+
+const mine = () => hasToken() && state?.controls === tab;
+
+function look() {
+  for (const part of parts) part.look();
+  veils[0].data(numbers.age_s);
+  veils[1].data(devices.age_s);
+  veils[2].data(numbers.age_s);
+  veils[3].data(numbers.age_s);
+  show("no_token", !hasToken());
+  show("watching", hasToken() && state !== null && state.controls !== null && !mine() && !feed.silent);
+  show("no_server", feed.silent && (feed.heard !== null || Date.now() / 1000 - loaded_unix_s > 2));
+  write("no_server", gone());
+  mark(document.body, "silent", feed.silent);
+  document.body.dataset.owner = state?.owner?.kind ?? "";
+  write("what", what());
+}
+
+function gone() {
+  const since = feed.heard === null ? "Nothing was heard from the panel's server yet" : `Nothing heard from the panel's server since ${timeOfDay(feed.heard.unix_s)}`;
+  return `${since}; trying again. Nothing here is live, and STOP may not arrive: use the emergency stop.`;
+}
+
+function what() {
+  if (feed.silent) return feed.heard === null ? "waiting for the panel's server" : "no server";
+  const { owner, run, notice } = state ?? {};
+  const bench = owner ? (owner.virtual ? "virtual bench" : "real bench") : null;
+  const doing = run ? `${run.name}: ${[run.state, run.ending].filter(Boolean).join(", ")}` : (owner?.kind ?? "nothing is running");
+  return [doing, run?.subject ? `subject ${run.subject}` : null, bench, notice].filter(Boolean).join(" · ");
+}
+
+function said(words, bad) {
+  write("said", `${timeOfDay(Date.now() / 1000)} ${words}`);
+  mark(at("said"), "bad", bad);
+  show("said", true);
+}
+
+function view() {
+  const list = location.hash === "#runs";
+  show("runs", list);
+  show("bench", !list);
+  for (const [id, here] of [["to_bench", !list], ["to_runs", list]]) {
+    if (here) at(id).setAttribute("aria-current", "page");
+    else at(id).removeAttribute("aria-current");
+  }
+  if (list) runs.load();
+}
+
+at("take").addEventListener("click", async () => {
+  const answer = await post("/take");
+  if (!answer.ok) said(`Take the controls: ${answer.problem}`, true);
+});
+window.addEventListener("hashchange", view);
+view();
+setInterval(look, LOOK_MS);
+look();

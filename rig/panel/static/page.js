@@ -1,0 +1,17 @@
+/** The page's elements, changed only where they differ: what does not change is not drawn again. */
+
+export const at = (id) => document.getElementById(id);
+
+export function write(id, words) {
+  const element = at(id);
+  if (element.textContent !== words) element.textContent = words;
+}
+
+export function show(id, shown) {
+  const element = at(id);
+  if (element.hasAttribute("hidden") === shown) element.toggleAttribute("hidden", !shown);
+}
+
+export function mark(element, name, on) {
+  if (element.classList.contains(name) !== on) element.classList.toggle(name, on);
+}

@@ -1,0 +1,69 @@
+/** What is done, what is now, what comes, and how long it takes. */
+
+import { at, mark, show, write } from "/static/page.js";
+import { asClock, known } from "/static/units.js";
+
+const ENDED = ["done", "incomplete", "aborted", "tripped", "limited", "failed", "killed"];
+
+export class Schedule {
+  constructor() {
+    this.shown = "";
+    this.of = null;
+    this.run = null;
+  }
+
+  state({ run }) {
+    this.run = run;
+  }
+
+  schedule({ run, steps }) {
+    this.of = run ?? null;
+    const told = JSON.stringify(steps);
+    if (told === this.shown) return;
+    this.shown = told;
+    const list = at("steps");
+    while (list.children.length > steps.length) list.lastChild.remove();
+    while (list.children.length < steps.length) list.append(document.createElement("li"));
+    steps.forEach((step, n) => written(list.children[n], step));
+    this.follow();
+  }
+
+  /** The step that is now stays in view, in its own frame only. */
+  follow() {
+    const frame = at("steps_frame");
+    const now = frame.querySelector("[aria-current]");
+    if (now && document.activeElement !== frame) frame.scrollTop = now.offsetTop - frame.clientHeight / 3;
+  }
+
+  look() {
+    const { run } = this;
+    write("left_words", left(run));
+    write("done_words", run ? `${run.done} of ${run.planned ?? "?"} indentations` : "–");
+    write("now_words", run?.now || "–");
+    write("next_words", run?.next || "–");
+    at("done_bar").value = run?.planned ? run.done / run.planned : 0;
+    show("schedule", Boolean(run));
+    show("steps_frame", at("steps").children.length > 0 && run?.name === this.of);
+  }
+}
+
+function left(run) {
+  if (!run) return "no run";
+  if (ENDED.includes(run.state)) return run.state;
+  return known(run.left_s) ? `${asClock(run.left_s)} left` : "time left not known";
+}
+
+function written(row, { words, block, condition, repeat, done, now }) {
+  const marks = [known(block) ? `block ${block}` : null, condition, known(repeat) ? `repeat ${repeat}` : null];
+  const text = [words, marks.filter(Boolean).join(", ")].filter(Boolean).join(" · ");
+  const state = now ? "now" : done ? "done" : "";
+  if (row.dataset.told === `${state} ${text}`) return;
+  row.dataset.told = `${state} ${text}`;
+  const first = document.createElement("span");
+  first.className = "mark";
+  first.textContent = state;
+  row.replaceChildren(first, ` ${text}`);
+  mark(row, "done", Boolean(done) && !now);
+  if (now) row.setAttribute("aria-current", "step");
+  else row.removeAttribute("aria-current");
+}

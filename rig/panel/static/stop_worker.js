@@ -1,0 +1,41 @@
+/** Repeats STOP until it is answered or given up, whatever the page does meanwhile. */
+
+const AGAIN_MS = 300;
+const PATIENCE_MS = 900; // three are under way at most: a browser has six connections to one host
+const FINAL = [200, 403, 409];
+
+let trying = null;
+let headers = null;
+
+onmessage = ({ data }) => {
+  clearInterval(trying);
+  trying = null;
+  if (data === null) return;
+  headers = data.headers;
+  trying = setInterval(ask, AGAIN_MS);
+  ask();
+};
+
+async function ask() {
+  const asked = trying;
+  const told = await answer();
+  if (asked !== trying) return;
+  if (FINAL.includes(told.status)) {
+    clearInterval(trying);
+    trying = null;
+  }
+  postMessage(told);
+}
+
+async function answer() {
+  try {
+    const options = { method: "POST", cache: "no-store", credentials: "omit", redirect: "error", priority: "high" };
+    const response = await fetch("/stop", { ...options, headers, body: "{}", signal: AbortSignal.timeout(PATIENCE_MS) });
+    const told = await response.json().catch(() => ({}));
+    const problem = response.ok ? null : `the server says ${response.status}`;
+    const at_ms = performance.timeOrigin + performance.now();
+    return { problem, ...told, status: response.status, ok: response.ok && told.ok !== false, at_ms };
+  } catch {
+    return { status: 0, ok: false, problem: "the panel's server does not answer" };
+  }
+}
