@@ -2,7 +2,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 export OMP_NUM_THREADS ?= 2
 
-.PHONY: setup demo study study-bench study-coding studies docs test shake check bench mutants release-check clean
+.PHONY: setup demo study study-bench study-coding studies docs test panel-test shake check bench mutants release-check clean
 
 setup: .venv/.ready
 
@@ -43,6 +43,14 @@ check: .venv/.ready-dev
 
 test: check
 	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder --durations=20
+
+.venv/.ready-panel-test: .venv/.ready-dev
+	$(BIN)/pip install --quiet --disable-pip-version-check -e '.[panel,panel-test]'
+	touch $@
+
+panel-test: .venv/.ready-panel-test
+	$(BIN)/python -m tests.panel.chromium
+	$(BIN)/pytest -n 0 tests/panel
 
 shake: .venv/.ready-dev
 	$(BIN)/python -m tests.shake

@@ -18,6 +18,7 @@ from sim.models.fingertip import Fingertip
 
 # Processes, threads, ports and clocks of the real world: what `make shake` repeats beside a busy machine.
 REAL_TIME = (
+    "panel/",
     "rig/real_time/",
     "rig/compare/test_parameter_study.py::test_processes_give_what_one_gives",
     "rig/compare/test_parameter_study.py::test_a_killed_process_is_told_of",
@@ -76,6 +77,7 @@ LONG = (
     "rig/test_every_end.py",
     "rig/compare/test_study_on_a_cluster.py",
     "sim/test_own_finger.py",
+    "panel/test_accessible.py",
     "rig/real_time/test_by_hand_commands.py",
     "sim/test_speed_and_error.py",
     "rig/test_find.py",

@@ -1,4 +1,4 @@
-"""A browser for the panel's page; without Playwright or Chromium these tests are skipped (`make panel-test` has both)."""
+"""A browser for the panel's page; these tests are skipped without Playwright or Chromium (`make panel-test`)."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -37,7 +37,7 @@ def browser() -> "Iterator[Browser]":
 
 @pytest.fixture
 def opened(browser: "Browser") -> "Iterator[Callable[..., Page]]":
-    """Opens an address in a window of its own; in the end no page may have complained of anything it was not told to."""
+    """Opens an address in a window of its own; in the end no page may have complained of an error."""
     complaints: list[str] = []
     with ExitStack() as stack:
 

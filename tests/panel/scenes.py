@@ -10,69 +10,157 @@ RUN = "20260301T101500Z-steps-a1b2c3"
 def bench(**other: Any) -> dict[str, Any]:
     """Nothing is running."""
     return {
-        "controls": None, "configured": True, "owner": None, "run": None, "hand": None, "notice": None,
-        "devices": {"stage": {"word": "not heard of", "homed": None, "age_s": None}, "force": {"word": "not heard of", "age_s": None}},
+        "controls": None,
+        "configured": True,
+        "owner": None,
+        "run": None,
+        "hand": None,
+        "notice": None,
+        "devices": {
+            "stage": {"word": "not heard of", "homed": None, "age_s": None},
+            "force": {"word": "not heard of", "age_s": None},
+        },
         "newest": {"force_gwt": None, "age_s": None},
         "limits": {"trip_gwt": 20.39, "trip_n": 0.2, "margin_gwt": None, "max_doi_mm": 1.5},
         **other,
-    }  # fmt: skip
+    }
 
 
 def running(state: str = "running", **other: Any) -> dict[str, Any]:
     """A run on the virtual bench, in its ninth press of sixty."""
     run = {
-        "folder": f"runs/{RUN}", "name": RUN, "protocol": "steps", "subject": "S07", "state": state,
-        "now": "step:1 at −0.40 mm, to 2.33 gwt", "next": "step:1 at −0.20 mm, to 2.33 gwt", "left_s": 1034.0,
-        "done": 8, "planned": 60, "ending": None, "said": None, "problem": None,
-    }  # fmt: skip
-    owner = {"kind": "run", "pid": 4711, "virtual": True, "ports": ["/dev/ttyACM0", "/dev/ttyUSB0"], "state": state, "stopped": False, "reachable": True}  # fmt: skip
+        "folder": f"runs/{RUN}",
+        "name": RUN,
+        "protocol": "steps",
+        "subject": "S07",
+        "state": state,
+        "now": "step:1 at −0.40 mm, to 2.33 gwt",
+        "next": "step:1 at −0.20 mm, to 2.33 gwt",
+        "left_s": 1034.0,
+        "done": 8,
+        "planned": 60,
+        "ending": None,
+        "said": None,
+        "problem": None,
+    }
+    owner = {
+        "kind": "run",
+        "pid": 4711,
+        "virtual": True,
+        "ports": ["/dev/ttyACM0", "/dev/ttyUSB0"],
+        "state": state,
+        "stopped": False,
+        "reachable": True,
+    }
     devices = {"stage": {"word": "press", "homed": True, "age_s": 0.05}, "force": {"word": "reads", "age_s": 0.05}}
-    newest = {"force_gwt": 2.341, "force_n": 0.02296, "doi_mm": 0.412, "x_mm": -0.4, "height_mm": -0.398, "phase": "press", "t_s": 31.0, "age_s": 0.05}  # fmt: skip
+    newest = {
+        "force_gwt": 2.341,
+        "force_n": 0.02296,
+        "doi_mm": 0.412,
+        "x_mm": -0.4,
+        "height_mm": -0.398,
+        "phase": "press",
+        "t_s": 31.0,
+        "age_s": 0.05,
+    }
     return bench(owner=owner, run=run, devices=devices, newest=newest, **other)
 
 
 def by_hand(**other: Any) -> dict[str, Any]:
     """The stage is taken by hand, homed and zeroed."""
     hand = {
-        "state": "Idle", "x_mm": 1.2, "y_mm": 0.0, "z_mm": -20.0, "height_mm": 3.0, "force_gwt": 0.01,
-        "homed": True, "zeroed": True, "trip_gwt": 203.9, "busy": None, "ended_by": None, "stopped": False, "next": None,
+        "state": "Idle",
+        "x_mm": 1.2,
+        "y_mm": 0.0,
+        "z_mm": -20.0,
+        "height_mm": 3.0,
+        "force_gwt": 0.01,
+        "homed": True,
+        "zeroed": True,
+        "trip_gwt": 203.9,
+        "busy": None,
+        "ended_by": None,
+        "stopped": False,
+        "next": None,
         **other,
-    }  # fmt: skip
-    owner = {"kind": "by hand", "pid": 4712, "virtual": False, "ports": ["/dev/ttyACM0", "/dev/ttyUSB0"], "state": "Idle", "stopped": hand["stopped"], "reachable": True}  # fmt: skip
-    devices = {"stage": {"word": "Idle", "homed": hand["homed"], "age_s": 0.05}, "force": {"word": "reads", "age_s": 0.05}}  # fmt: skip
-    newest = {"force_gwt": 0.01, "doi_mm": None, "x_mm": 1.2, "height_mm": 3.0, "phase": None, "t_s": 5.0, "age_s": 0.05}  # fmt: skip
+    }
+    owner = {
+        "kind": "by hand",
+        "pid": 4712,
+        "virtual": False,
+        "ports": ["/dev/ttyACM0", "/dev/ttyUSB0"],
+        "state": "Idle",
+        "stopped": hand["stopped"],
+        "reachable": True,
+    }
+    devices = {
+        "stage": {"word": "Idle", "homed": hand["homed"], "age_s": 0.05},
+        "force": {"word": "reads", "age_s": 0.05},
+    }
+    newest = {
+        "force_gwt": 0.01,
+        "doi_mm": None,
+        "x_mm": 1.2,
+        "height_mm": 3.0,
+        "phase": None,
+        "t_s": 5.0,
+        "age_s": 0.05,
+    }
     return bench(owner=owner, hand=hand, devices=devices, newest=newest)
 
 
 def schedule(presses: int = 60, done: int = 8) -> dict[str, Any]:
     """Home, zero, presses in two blocks, one of them now."""
-    first = [{"index": None, "words": words, "block": None, "repeat": None, "condition": None, "done": True, "now": False} for words in ("home", "zero")]  # fmt: skip
+    first = [
+        {"index": None, "words": words, "block": None, "repeat": None, "condition": None, "done": True, "now": False}
+        for words in ("home", "zero")
+    ]
     steps = [
         {
-            "index": n, "words": f"step:1 at {-2 + 0.2 * (n % 30):+.2f} mm, to 2.33 gwt", "block": 1 + n // 30,
-            "repeat": 1, "condition": f"x {-2 + 0.2 * (n % 30):+.2f}", "done": n < done, "now": n == done, "purpose": "data",
+            "index": n,
+            "words": f"step:1 at {-2 + 0.2 * (n % 30):+.2f} mm, to 2.33 gwt",
+            "block": 1 + n // 30,
+            "repeat": 1,
+            "condition": f"x {-2 + 0.2 * (n % 30):+.2f}",
+            "done": n < done,
+            "now": n == done,
+            "purpose": "data",
         }
         for n in range(presses)
-    ]  # fmt: skip
+    ]
     return {"run": RUN, "steps": first + steps}
 
 
 def prediction(index: int = 8) -> dict[str, Any]:
     """F ∝ d^1.5 to 2.33 gwt at 0.42 mm."""
     depths = [0.5 * n / 40 for n in range(41)]
-    return {"run": RUN, "index": index, "purpose": "data", "doi_mm": depths, "force_gwt": [8.56 * d**1.5 for d in depths]}  # fmt: skip
+    return {
+        "run": RUN,
+        "index": index,
+        "purpose": "data",
+        "doi_mm": depths,
+        "force_gwt": [8.56 * d**1.5 for d in depths],
+    }
 
 
 def section() -> dict[str, Any]:
     """An ellipse for a finger, a smaller one within, a bone, a bar 3 mm wide."""
+
     def ellipse(a: float, b: float, z: float) -> list[list[float]]:
         return [[a * math.sin(2 * math.pi * k / 90), z + b * math.cos(2 * math.pi * k / 90)] for k in range(90)]
 
     return {
-        "run": RUN, "index": 8, "purpose": "data", "skin": ellipse(8, 6.5, -6.5), "layers": [ellipse(7.2, 5.8, -6.5)],
-        "bone": ellipse(3.4, 2.6, -7.5), "nail": None, "indentor": [[-1.5, 6], [-1.5, 0], [1.5, 0], [1.5, 6]],
-        "contact": [[-1.4, 1.4]], "pressed_skin": None,
-    }  # fmt: skip
+        "run": RUN,
+        "index": 8,
+        "purpose": "data",
+        "skin": ellipse(8, 6.5, -6.5),
+        "layers": [ellipse(7.2, 5.8, -6.5)],
+        "bone": ellipse(3.4, 2.6, -7.5),
+        "nail": None,
+        "indentor": [[-1.5, 6], [-1.5, 0], [1.5, 0], [1.5, 6]],
+        "contact": [[-1.4, 1.4]],
+        "pressed_skin": None,
+    }
 
 
 def readings(unix_s: float, upto_s: float = 31.0, each_s: float = 0.1) -> list[Sequence[Any]]:
@@ -85,7 +173,10 @@ def readings(unix_s: float, upto_s: float = 31.0, each_s: float = 0.1) -> list[S
         force = 8.4 * depth**1.5 + 0.01 * math.sin(37 * t_s)
         phase = "approach" if inside < 3 else "press" if inside < 5.2 else "hold" if inside < 9 else "retract"
         index = 5 + int(t_s // 10)
-        rows.append((unix_s - upto_s + t_s, t_s, round(force, 3), round(depth, 4) if inside >= 3 else None, -1 + 0.2 * (index - 5), -depth if inside >= 3 else 3 - inside, phase, index, "data"))  # fmt: skip
+        touched = inside >= 3
+        x_mm, height_mm = -1 + 0.2 * (index - 5), -depth if touched else 3 - inside
+        doi_mm = round(depth, 4) if touched else None
+        rows.append((unix_s - upto_s + t_s, t_s, round(force, 3), doi_mm, x_mm, height_mm, phase, index, "data"))
     return rows
 
 
@@ -94,12 +185,20 @@ def runs(n: int = 3) -> list[dict[str, Any]]:
     states = ("done", "aborted", "tripped")
     return [
         {
-            "name": f"20260301T10{k:02d}00Z-steps-{k:06d}", "date_utc": f"2026-03-01T10:{k:02d}:00+00:00", "protocol": "steps",
-            "title": "Steps", "subject": "S07" if k % 2 else "", "shapes": ["step:1", "bar:3.0"][: 1 + k % 2],
-            "state": states[k % 3], "virtual": k % 2 == 0, "planned": 21, "done": 21 - k % 3, "duration_s": 305.0,
+            "name": f"20260301T10{k:02d}00Z-steps-{k:06d}",
+            "date_utc": f"2026-03-01T10:{k:02d}:00+00:00",
+            "protocol": "steps",
+            "title": "Steps",
+            "subject": "S07" if k % 2 else "",
+            "shapes": ["step:1", "bar:3.0"][: 1 + k % 2],
+            "state": states[k % 3],
+            "virtual": k % 2 == 0,
+            "planned": 21,
+            "done": 21 - k % 3,
+            "duration_s": 305.0,
         }
         for k in range(n)
-    ]  # fmt: skip
+    ]
 
 
 def ended() -> dict[str, Any]:

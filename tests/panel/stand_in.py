@@ -89,7 +89,10 @@ def stand_in(state: dict[str, Any]) -> Iterator[StandIn]:
     server.daemon_threads = True
     one.port = server.server_address[1]
     over = threading.Event()
-    threads = [threading.Thread(target=server.serve_forever, daemon=True), threading.Thread(target=_beat, args=(one, over), daemon=True)]
+    threads = [
+        threading.Thread(target=server.serve_forever, daemon=True),
+        threading.Thread(target=_beat, args=(one, over), daemon=True),
+    ]
     for thread in threads:
         thread.start()
     try:
@@ -123,7 +126,9 @@ def _handler(one: StandIn) -> type[BaseHTTPRequestHandler]:
             else:
                 file = STATIC / ("index.html" if path == "/" else path.removeprefix("/static/"))
                 found = file.is_file()
-                self._send(200 if found else 404, KINDS.get(file.suffix, "text/plain"), file.read_bytes() if found else b"")
+                self._send(
+                    200 if found else 404, KINDS.get(file.suffix, "text/plain"), file.read_bytes() if found else b""
+                )
 
         def do_POST(self) -> None:
             body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
