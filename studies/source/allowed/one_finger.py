@@ -2,23 +2,30 @@
 
 import contextlib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
+from sim.config.fingertip_config import FingertipConfig
 from sim.finger.surface import FingertipSurface
 from sim.measures.reach import ReceptorPlaces, receptors_at
-from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
+from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorError, ReceptorSet
+from sim.models.condensed import CondensedModel
 from sim.models.fingertip import Fingertip
-from sim.models.inside.interior import Interior
+from sim.models.inside.columns import Columns
 from sim.models.patches import widened
 from sim.models.processes.recipe import Recipe
-from sim.models.sources import Anew
+from sim.models.sources import MeshKey
 from sim.models.whole_finger import build_finger
 from studies.source.allowed.facts import FACTS, SCENES
 from studies.source.allowed.ranges import LOW_FORCE, Values, finger_of
 from studies.source.printed.answers import LOW_GWT, ROW_DEPTH_MM, ROW_X_MM, Answers, Scene
+from studies.source.printed.cylinders import DEEP_MM, DEEP_X_MM
 from studies.source.stiffness_scale import calibrate
+
+_SAME_MM = 1e-9
 
 
 class OwnAnswers(Answers):
@@ -39,6 +46,34 @@ class OwnAnswers(Answers):
         return scene._replace(value=self._low_gwt) if low else scene
 
 
+@dataclass(frozen=True)
+class BuiltOnce:
+    """A finger's model and the strain at all places that are asked about, by one factorisation; nothing is kept."""
+
+    config: FingertipConfig
+    surface: FingertipSurface
+    places: ReceptorSet
+    columns_of: dict[MeshKey, Columns] = field(default_factory=dict)
+
+    def model(self, key: MeshKey) -> tuple[CondensedModel, bool]:
+        """Built."""
+        built = build_finger(widened(self.config, key[1]), self.surface, self.places, key[0])
+        self.columns_of[key] = built.columns
+        return built, False
+
+    def interior(self, _: MeshKey) -> None:
+        """There is none: what is not among the places is not known."""
+
+    def columns(self, key: MeshKey, receptors: ReceptorSet, _: object = None) -> Columns:
+        """Of some of the places, in any order. Raises ReceptorError for others."""
+        whole, far = self.columns_of[key], cdist(receptors.position_mm, self.places.position_mm)
+        if far.min(axis=1).max() > _SAME_MM:
+            raise ReceptorError("a place that nobody announced")
+        k = np.argmin(far, axis=1)
+        per_place = whole.per_skin_force.reshape(len(far[0]), 6, *whole.per_skin_force.shape[1:])[k]
+        return Columns(receptors, whole.young_ratio[k], per_place.reshape(-1, *per_place.shape[2:]))
+
+
 def finger(values: Values, mesh: Mapping[str, Any]) -> Fingertip:
     """Built, with the scale of stiffness by which it carries the source's force in the source's scene.
 
@@ -46,15 +81,19 @@ def finger(values: Values, mesh: Mapping[str, Any]) -> Fingertip:
     """
     config = finger_of(values, mesh)
     surface = FingertipSurface.fit(config.geometry)
-    places = ReceptorPlaces.of(sorted({*ROW_X_MM, *DEFAULT_X_MM}), (ROW_DEPTH_MM, DEFAULT_DEPTH_MM), None)
-    source = Anew(
-        lambda key, receptors: build_finger(widened(config, key[1]), surface, receptors, key[0]),
-        receptors_at(config, surface, places),
-        lambda key: Interior(widened(config, key[1]), surface, key[0], "auto"),
-    )
+    source = BuiltOnce(config, surface, _places(config, surface))
     made = Fingertip(config, surface, source, Recipe.of(Fingertip.load))
     made.e_epidermis_mpa = calibrate(made)
     return made
+
+
+def _places(config: FingertipConfig, surface: FingertipSurface) -> ReceptorSet:
+    """A close row, the ten receptors and, where the bone leaves room, the deep row."""
+    rows: list[tuple[Sequence[float], float]] = [(ROW_X_MM, ROW_DEPTH_MM), (DEFAULT_X_MM, DEFAULT_DEPTH_MM)]
+    found = [receptors_at(config, surface, ReceptorPlaces.of(*row, None)) for row in rows]
+    with contextlib.suppress(ReceptorError):
+        found.append(receptors_at(config, surface, ReceptorPlaces.of(DEEP_X_MM.tolist(), DEEP_MM, None)))
+    return ReceptorSet(*(np.concatenate([getattr(one, f.name) for one in found]) for f in fields(ReceptorSet)))
 
 
 def facts_of(values: Values, mesh: Mapping[str, Any]) -> dict[str, float]:

@@ -1,0 +1,91 @@
+"""Tables of the study on disk: a row a finger, written when it is there; beside them what made them."""
+
+import csv
+import datetime
+import json
+import platform
+import subprocess
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from sim.models.cache import simulator_code
+
+Array = NDArray[np.float64]
+RESULTS = Path(__file__).parent / "results"
+DIGITS = 6
+
+
+@dataclass(frozen=True)
+class Table:
+    """Fingers that were asked: (n,) numbers within the design, values (n, parameters), facts (n, facts)."""
+
+    numbers: NDArray[np.int64]
+    values: Array
+    facts: Array
+
+    def of(self, chosen: NDArray[np.bool_]) -> "Table":
+        """Some of them."""
+        return Table(self.numbers[chosen], self.values[chosen], self.facts[chosen])
+
+
+def together(tables: Sequence[Table]) -> Table:
+    """All rows."""
+    return Table(*(np.concatenate([getattr(t, name) for t in tables]) for name in ("numbers", "values", "facts")))
+
+
+def append(path: Path, number: int, values: Mapping[str, float], facts: Mapping[str, float]) -> None:
+    """One finger; not a number is an empty cell."""
+    row = {"finger": number, **{name: _short(v) for name, v in (values | facts).items()}}  # type: ignore[operator]
+    new = not path.exists()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("a", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(row), lineterminator="\n")
+        if new:
+            writer.writeheader()
+        writer.writerow(row)
+
+
+def _short(value: float) -> str:
+    return f"{value:.{DIGITS}g}" if np.isfinite(value) else ""
+
+
+def read(path: Path, parameters: Sequence[str], facts: Sequence[str]) -> Table:
+    """The fingers of a table, none where there is no file yet. Raises KeyError where a column is missing."""
+    rows: list[dict[str, str]] = []
+    if path.exists():
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+
+    def columns(names: Sequence[str]) -> Array:
+        return np.array([[float(row[name] or "nan") for name in names] for row in rows]).reshape(-1, len(names))
+
+    return Table(np.array([int(row["finger"]) for row in rows], dtype=np.int64), columns(parameters), columns(facts))
+
+
+def provenance(command: str, **more: object) -> dict[str, object]:
+    """What made a table."""
+    return {
+        "command": command,
+        "commit": _commit(),
+        "simulator": simulator_code()[:16],
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+        **more,
+    }
+
+
+def _commit() -> str:
+    asked = ["git", "-C", str(Path(__file__).parent), "rev-parse", "--short=12", "HEAD"]
+    return subprocess.run(asked, capture_output=True, text=True, check=False).stdout.strip() or "unknown"
+
+
+def write_provenance(path: Path, found: Mapping[str, object]) -> None:
+    """Beside a table: wave_1.csv has wave_1.json."""
+    path.with_suffix(".json").write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
