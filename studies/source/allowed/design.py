@@ -20,12 +20,17 @@ SEED = 1998
 
 @dataclass(frozen=True)
 class Asked:
-    """How a finger is asked, and how its place in units of the ranges is one."""
+    """How a finger is asked, and its place (d,) in units of the ranges has values and back."""
 
     values_at: Callable[[Array], dict[str, float]]
+    place_of: Callable[[Mapping[str, float]], Array]
     ask: Ask
     parameters: Sequence[str]
     facts: Sequence[str]
+
+    def places_of(self, table: kept.Table) -> Array:
+        """(n, d) of the fingers of a table."""
+        return np.array([self.place_of(dict(zip(self.parameters, row, strict=True))) for row in table.values])
 
 
 def filling(n: int, dimensions: int, seed: int = SEED) -> Array:

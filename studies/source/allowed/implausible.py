@@ -1,8 +1,8 @@
 """How far a finger is from what the figures say, in standard deviations of all that may be wrong with that.
 
 Implausibility (Craig, Goldstein, Seheult & Smith 1997; Vernon, Goldstein & Bower 2010): distance of a fact from its
-target over the root of the variances of emulator, reading, model and mesh. Beyond 3 a finger is ruled out, whatever the
-distribution, by Pukelsheim's rule (1994): 95 % of any unimodal one lies within.
+target over the root of the variances of emulator, reading, model and mesh. Beyond 3 a finger is ruled out, whatever
+the distribution, by Pukelsheim's rule (1994): 95 % of any unimodal one lies within.
 """
 
 from collections.abc import Sequence

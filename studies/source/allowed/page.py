@@ -1,0 +1,153 @@
+"""The page of the fingers that the source allows: tables as Markdown, and one figure."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from rig.report.style import BLUE, GREY, ORANGE, Plot
+from studies.source.allowed.implausible import CUT_OFF, worst
+from studies.source.allowed.ranges import DEFAULT, RANGES, Range
+from studies.source.allowed.study import CHOOSES, Study, better, score
+from studies.source.allowed.summary import Line, Pin, best_row, lines, met, pins
+
+Array = NDArray[np.float64]
+
+_COLUMNS, _BINS = 5, 16
+
+
+def markdown(study: Study) -> str:
+    """All tables."""
+    parts = [waves(study), parameters(pins(study)), halves(study), facts(lines(study)), fingers(study)]
+    return "\n\n".join(["# Which fingers the source allows", *parts]) + "\n"
+
+
+def waves(study: Study) -> str:
+    """What each left."""
+    rows = [
+        (f"{k}", f"{one.fingers}", f"{one.inflation:g}", f"{one.share:.2%}") for k, one in enumerate(study.lefts, 1)
+    ]
+    return _table(("wave", "fingers so far", "inflation", "left of all ranges"), rows)
+
+
+def parameters(found: Sequence[Pin]) -> str:
+    """What is left of each range."""
+    rows = [
+        (
+            f"`{pin.one.name}`",
+            f"{pin.one.low:g} … {pin.one.high:g}",
+            f"{pin.one.default:g}",
+            f"{pin.least:.3g} … {pin.most:.3g}",
+            f"{pin.low:.3g} … {pin.high:.3g}",
+            f"{pin.part:.2f}",
+            "pinned" if pin.pinned else "not pinned",
+        )
+        for pin in found
+    ]
+    return _table(("parameter", "range", "default", "left", "middle 90 % of it", "over the range's", ""), rows)
+
+
+def halves(study: Study) -> str:
+    """Facts met by the default finger and by the best."""
+    found, best = lines(study), study.best.facts[best_row(study)]
+    rows = []
+    for name, chooses in (("choose", True), ("check", False)):
+        flags = CHOOSES if chooses else ~CHOOSES
+        rms = (score(facts_, flags)[1] for facts_ in (study.default, best))
+        rows.append((name, *map(str, met(found, chooses)), *(f"{value:.2f}" for value in rms)))
+    within = f"within {CUT_OFF:g}"
+    header = ("half", "facts", "within 1: default", "best", f"{within}: default", "best", "rms: default", "best")
+    return _table(header, rows)
+
+
+def facts(found: Sequence[Line]) -> str:
+    """Each fact."""
+    return _table(
+        (
+            "figure",
+            "half",
+            "fact",
+            "target",
+            "± read, model",
+            "default (off)",
+            "best (off)",
+            "mesh",
+            "held back",
+            "nearest",
+        ),
+        [_fact(line) for line in found],
+    )
+
+
+def _fact(line: Line) -> tuple[str, ...]:
+    fact, judge = line.fact, line.judge
+    return (
+        fact.figure,
+        "choose" if line.chooses else "check",
+        fact.says,
+        _target(fact.low, fact.high),
+        f"{fact.reading:g}, {fact.model:g}",
+        f"{line.default.value:.3g} ({line.default.off:.1f})",
+        f"{line.best.value:.3g} ({line.best.off:.1f})",
+        "–" if judge is None else f"{judge.mesh.shift:+.2g} ± {judge.mesh.deviation:.2g}",
+        "–" if judge is None else f"{judge.relative_error:.0%}",
+        f"{line.nearest:.1f}" + (" (out of reach)" if line.out_of_reach else ""),
+    )
+
+
+def _target(low: float, high: float) -> str:
+    if low == high:
+        return f"{low:g}"
+    if np.isinf(low):
+        return f"≤ {high:.3g}"
+    return f"≥ {low:.3g}" if np.isinf(high) else f"{low:.3g} … {high:.3g}"
+
+
+def fingers(study: Study) -> str:
+    """The best of what is left, and whether one may become the default."""
+    rows = []
+    for number, values, found in zip(study.best.numbers, study.best.values, study.best.facts, strict=True):
+        told = ", ".join(f"{one.name.rpartition('.')[2]} {v:.3g}" for one, v in zip(RANGES, values, strict=True))
+        scores = [score(found, flags) for flags in (CHOOSES, ~CHOOSES)]
+        verdict = "yes" if better(found, study.default) else "no"
+        rows.append((f"{number}", told, *(f"{out} ruled out, rms {rms:.2f}" for out, rms in scores), verdict))
+    own = [score(study.default, flags) for flags in (CHOOSES, ~CHOOSES)]
+    rows.append(("default", "", *(f"{out} ruled out, rms {rms:.2f}" for out, rms in own), "–"))
+    return _table(("finger", "values", "choose", "check", "no worse in both, better in check"), rows)
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines_ = [header, ["---"] * len(header), *rows]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines_).replace("-", "−").replace("−−−", "---")
+
+
+def drawn(study: Study, path: Path) -> None:
+    """One panel a parameter: what part of its slice is left, and the least worst implausibility there."""
+    path.write_bytes(Plot((10.2, 6.4), lambda canvas: _draw(canvas, study)).png)
+
+
+def _draw(canvas: Figure, study: Study) -> None:
+    last = study.last
+    away = worst(last.judges, last.places, last.inflation)
+    panels = canvas.subplots(-(-len(RANGES) // _COLUMNS), _COLUMNS, sharey=True).ravel()
+    for axes, one, units in zip(panels, RANGES, last.places.T, strict=False):
+        _panel(axes, one, units, away)
+    for axes in panels[len(RANGES) :]:
+        axes.set_visible(False)
+    canvas.supylabel("least implausibility (blue); share left, largest = cut-off (orange)", fontsize=9)
+
+
+def _panel(axes: Axes, one: Range, units: Array, away: Array) -> None:
+    bin_of = np.minimum((units * _BINS).astype(int), _BINS - 1)
+    edges = [one.at(k / _BINS) for k in range(_BINS + 1)]
+    least = [float(away[bin_of == k].min()) for k in range(_BINS)]
+    share = np.array([np.mean(away[bin_of == k] <= CUT_OFF) for k in range(_BINS)])
+    axes.stairs(CUT_OFF * share / (share.max() or 1.0), edges, fill=True, color=ORANGE, alpha=0.35)
+    axes.stairs(least, edges, color=BLUE, baseline=None)
+    axes.axhline(CUT_OFF, color=GREY, lw=0.8, ls=":")
+    axes.axvline(DEFAULT[one.name], color="black", lw=0.8)
+    axes.set_title(one.name.rpartition(".")[2], fontsize=8)
+    axes.set(xlim=(one.low, one.high), ylim=(0, 2 * CUT_OFF), xscale="log" if one.log else "linear")

@@ -1,0 +1,106 @@
+"""The history match of the source's finger: its waves, meshes compared, the best of what is left in full."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from studies.source.allowed import design, kept
+from studies.source.allowed.facts import CHOOSE, FACTS, Fact
+from studies.source.allowed.implausible import CUT_OFF, MeshError, Target, measured, mesh_error, worst
+from studies.source.allowed.one_finger import facts_of
+from studies.source.allowed.ranges import COARSE, DEFAULT, FULL, NAMES, place_of, values_at
+from studies.source.allowed.waves import Left, Match, Plan
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+KEYS = tuple(fact.key for fact in FACTS)
+CHOOSES = np.array([fact.figure in CHOOSE for fact in FACTS])
+COMPARED = 6
+"""Fingers of the first wave that are built on the default mesh too, beside the default finger."""
+
+BEST = 6
+"""Of what is left: built on the default mesh, to be laid beside the default finger."""
+
+
+def asked(mesh: Mapping[str, float]) -> design.Asked:
+    """A finger on a mesh."""
+    return design.Asked(values_at, place_of, partial(facts_of, mesh=mesh), NAMES, KEYS)
+
+
+def target(fact: Fact) -> Target:
+    """A fact without the way to measure it."""
+    return Target(fact.key, fact.low, fact.high, fact.reading, fact.model)
+
+
+TARGETS = tuple(target(fact) for fact in FACTS)
+
+
+@dataclass(frozen=True)
+class Study:
+    """What came of it: by wave what the choosing half leaves; what each mesh says; the best, on the default mesh."""
+
+    meshes: Sequence[MeshError]
+    lefts: Sequence[Left]
+    checks: Left
+    default: Array  # (facts,) on the default mesh
+    best: kept.Table
+
+    @property
+    def last(self) -> Left:
+        """After the last wave."""
+        return self.lefts[-1]
+
+
+PLAN = Plan()
+
+
+def made(folder: Path, say: design.Say, plan: Plan = PLAN) -> Study:
+    """From what is kept in a folder, and what is pressed now."""
+    first = design.filling(plan.first, len(NAMES))
+    both = np.vstack([place_of(DEFAULT), first[:COMPARED]])
+    coarse = design.run(asked(COARSE), both, folder / "mesh_design.csv", say)
+    full = design.run(asked(FULL), both, folder / "mesh_default.csv", say)
+    meshes = [mesh_error(a, b) for a, b in zip(coarse.facts.T, full.facts.T, strict=True)]
+    match = _match(CHOOSES, meshes, plan, folder)
+    lefts = match.all(say)
+    checks = _match(~CHOOSES, meshes, plan, folder).judged(match.tables(len(lefts)), lefts[-1].inflation)
+    best = design.run(asked(FULL), best_places(lefts[-1]), folder / "best.csv", say)
+    return Study(meshes, lefts, checks, full.facts[0], best)
+
+
+def _match(chosen: Flags, meshes: Sequence[MeshError], plan: Plan, folder: Path) -> Match:
+    """By some of the facts."""
+    targets = [one for one, takes_part in zip(TARGETS, chosen, strict=True) if takes_part]
+    errors = [one for one, takes_part in zip(meshes, chosen, strict=True) if takes_part]
+    return Match(asked(COARSE), targets, errors, plan, folder)
+
+
+def best_places(left: Left) -> Array:
+    """(≤ BEST, d) of what is left: the one that is worst by least, and others spread over the better tenth."""
+    inside = left.places[left.allowed]
+    by_worst = inside[np.argsort(worst(left.judges, inside, left.inflation))]
+    better = by_worst[1 : max(BEST, len(by_worst) // 10)]
+    return np.concatenate([by_worst[:1], design.spread_among(better, BEST - 1, by_worst[:1])])
+
+
+def score(facts: Array, chosen: Flags) -> tuple[int, float]:
+    """Of one half on the default mesh: facts that are ruled out, and the rms implausibility."""
+    found = measured(TARGETS, facts[None])[0][chosen]
+    found = found[np.isfinite(found)]
+    return int((found > CUT_OFF).sum()), float(np.sqrt(np.mean(found**2)))
+
+
+def better(facts: Array, default: Array) -> bool:
+    """Whether a finger may become the default one: the checking half improves and the choosing half is no worse.
+
+    Improves: no more facts ruled out, and a lower rms. No worse: neither is higher.
+    """
+    (out, rms), (out_before, rms_before) = score(facts, ~CHOOSES), score(default, ~CHOOSES)
+    chosen, chosen_before = score(facts, CHOOSES), score(default, CHOOSES)
+    no_worse = chosen[0] <= chosen_before[0] and chosen[1] <= chosen_before[1]
+    return no_worse and out <= out_before and rms < rms_before

@@ -1,0 +1,106 @@
+"""What is left of each range, and what each fact says of the default finger, of the best one and of all of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from studies.source.allowed.facts import FACTS, Fact
+from studies.source.allowed.implausible import CUT_OFF, Judge, measured
+from studies.source.allowed.ranges import RANGES, Range
+from studies.source.allowed.study import CHOOSES, TARGETS, Study, score
+
+Array = NDArray[np.float64]
+
+MIDDLE = (0.05, 0.95)
+PINNED = 0.75
+"""A parameter is pinned where nine tenths of what is left take less than this part of what they took before."""
+
+HALVES = ("choose", "check")
+
+
+@dataclass(frozen=True)
+class Pin:
+    """One parameter: lowest and highest value that is left, the middle nine tenths, and their part of the range's."""
+
+    one: Range
+    least: float
+    most: float
+    low: float
+    high: float
+    part: float
+
+    @property
+    def pinned(self) -> bool:
+        """Whether the source says something of it."""
+        return self.part < PINNED
+
+
+def pins(study: Study) -> list[Pin]:
+    """In the order of the ranges."""
+    left = study.last.places[study.last.allowed]
+    found = []
+    for one, units in zip(RANGES, left.T, strict=True):
+        low, high = np.quantile(units, MIDDLE)
+        part = float((high - low) / (MIDDLE[1] - MIDDLE[0]))
+        least, most = one.at(float(units.min())), one.at(float(units.max()))
+        found.append(Pin(one, least, most, one.at(float(low)), one.at(float(high)), part))
+    return found
+
+
+class Shown(NamedTuple):
+    """A fact of one finger on the default mesh, and how far off it is."""
+
+    value: float
+    off: float
+
+
+@dataclass(frozen=True)
+class Line:
+    """One fact: of the default finger and of the best one, and the least implausibility of any finger."""
+
+    fact: Fact
+    chooses: bool
+    default: Shown
+    best: Shown
+    judge: Judge | None
+    nearest: float  # with the emulator's error
+
+    @property
+    def out_of_reach(self) -> bool:
+        """Whether no finger of the ranges comes near it."""
+        return self.nearest > CUT_OFF
+
+
+def lines(study: Study) -> list[Line]:
+    """In the order of the facts."""
+    by_key = {judge.target.key: judge for judge in (*study.last.judges, *study.checks.judges)}
+    values = np.stack([study.default, study.best.facts[best_row(study)]])
+    off, found = measured(TARGETS, values), []
+    for k, fact in enumerate(FACTS):
+        default, best = (Shown(float(values[row, k]), float(off[row, k])) for row in (0, 1))
+        judge = by_key.get(fact.key)
+        found.append(Line(fact, bool(CHOOSES[k]), default, best, judge, _nearest(judge, study.last.places)))
+    return found
+
+
+def _nearest(judge: Judge | None, places: Array) -> float:
+    return np.nan if judge is None else float(judge.implausibility(places).min())
+
+
+def best_row(study: Study) -> int:
+    """The row of the finger that the choosing half likes best, on the default mesh: fewest ruled out, then rms."""
+    scores: Sequence[tuple[int, float]] = [score(facts, CHOOSES) for facts in study.best.facts]
+    return min(range(len(scores)), key=lambda k: scores[k])
+
+
+def met(lines_: Sequence[Line], chooses: bool) -> tuple[int, int, int, int, int]:
+    """Of one half: facts; within one deviation on the default finger and on the best; within the cut-off on them."""
+    half = [line for line in lines_ if line.chooses is chooses]
+
+    def within(limit: float) -> tuple[int, int]:
+        return sum(line.default.off <= limit for line in half), sum(line.best.off <= limit for line in half)
+
+    return len(half), *within(1.0), *within(CUT_OFF)
