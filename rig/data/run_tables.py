@@ -33,8 +33,13 @@ class Table:
 
 def tables(run: Run) -> dict[str, Table]:
     """One for each stream that has events, by its name; what was begun anew has tables of its own."""
-    found = {name: _table(run, name, events) for name, events in run.events.items() if events}
+    found = {name: table(run, name) for name, events in run.events.items() if events}
     return found | {name + SUPERSEDED: _table(run, name, events) for name, events in run.superseded.items()}
+
+
+def table(run: Run, stream: str) -> Table:
+    """Of one stream that has events."""
+    return _table(run, stream, run.stream(stream))
 
 
 def _table(run: Run, stream: str, events: list[dict[str, Any]]) -> Table:

@@ -8,7 +8,7 @@ from typing import Any
 
 from rig.data.folder import RunFolder
 from rig.data.reader import Run, RunError, read_run
-from rig.data.run_tables import tables
+from rig.data.run_tables import table
 
 RUNNING, KILLED, SHORT = "running", "killed", "incomplete"
 STATES = ("done", SHORT, "aborted", "tripped", "limited", "failed", KILLED, RUNNING)
@@ -101,6 +101,6 @@ def state_of(run: Run) -> str:
 
 def _holds(run: Run) -> list[Row]:
     contacts = {touch["index"]: touch["contact_height_mm"] for touch in run.stream("touch")}
-    ended = tables(run)["hold_end"].rows if run.stream("hold_end") else []
+    ended = table(run, "hold_end").rows if run.stream("hold_end") else []
     rows = [{**hold, "contact_height_mm": contacts.get(hold["index"])} for hold in ended]
     return [[row.get(name) for name in HOLD_COLUMNS] for row in rows]

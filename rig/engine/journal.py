@@ -8,7 +8,7 @@ import contextlib
 import json
 import os
 import uuid
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol
@@ -28,6 +28,9 @@ _NEEDED: dict[str, set[str]] = {
     "stop": {"t_s", "status"},
 }
 _STATUS = {RunAborted: "aborted", KeyboardInterrupt: "aborted", TripError: "tripped", LimitError: "limited"}
+
+
+_AS_IT_IS = "surrogateescape"  # bytes that are no text stay what they are, and make no document
 
 
 class JournalError(Exception):
@@ -154,15 +157,20 @@ def read_journal(path: Path, *, readings: bool = True) -> Iterator[Document]:
 
     readings=False: of readings in a row the last only, since nine documents in ten are readings.
     """
-    lines = path.read_bytes().split(b"\n")
+    lines = path.read_bytes().decode("utf-8", _AS_IT_IS).split("\n")  # text is searched in half the time
     passed_over = [False] * len(lines) if readings else _before_another_reading(lines)
-    for number, line in enumerate(lines, 1):
-        if not line or passed_over[number - 1]:
-            continue
-        document = document_on(line)
+    counting = {n: line for n, line in enumerate(lines, 1) if line and not passed_over[n - 1]}
+    documents = None if readings else _documents_on(counting.values())
+    yield from documents if documents is not None else _one_by_one(counting, len(lines), path)
+
+
+def _one_by_one(lines: Mapping[int, str], last: int, path: Path) -> Iterator[Document]:
+    """The documents of lines, by their numbers; the last may be torn. Raises JournalError."""
+    for number, line in lines.items():
+        document = document_on(line.encode("utf-8", _AS_IT_IS))
         if document is not None:
             yield document
-        elif number < len(lines):
+        elif number < last:
             raise JournalError(f"{path}, line {number}: not a journal document")
 
 
@@ -185,13 +193,24 @@ def mend_journal(path: Path) -> int:
     return sum(1 for _ in read_journal(path))
 
 
-def _before_another_reading(lines: Sequence[bytes]) -> list[bool]:
+def _before_another_reading(lines: Sequence[str]) -> list[bool]:
     """Which lines look like whole readings, as the journal writes them, and stand before another one."""
     reading = [
-        b'sample", "data": {' in line and line.startswith(b'{"doc": "event", ') and line.endswith(b"}}")
+        'sample", "data": {' in line and line.startswith('{"doc": "event", ') and line.endswith("}}")
         for line in lines
     ]
     return [one and other for one, other in zip(reading, [*reading[1:], False], strict=True)]
+
+
+def _documents_on(lines: Iterable[str]) -> list[Document] | None:
+    """A document from each line, read as one list in half the time; None where they are not all documents."""
+    each = list(lines)
+    text = ",".join(each)
+    try:
+        found = json.loads(f"[{text}]") if text.isascii() else []  # as journals are written: no broken bytes
+    except ValueError:
+        return None
+    return found if len(found) == len(each) and all(map(_is_document, found)) else None
 
 
 def document_on(line: bytes) -> Document | None:
@@ -200,6 +219,9 @@ def document_on(line: bytes) -> Document | None:
         found = json.loads(line)
     except ValueError:  # neither JSON nor UTF-8
         return None
-    if not isinstance(found, dict) or found.get("doc") not in _NEEDED:
-        return None
-    return found if _NEEDED[found["doc"]] <= set(found) else None
+    return found if _is_document(found) else None
+
+
+def _is_document(found: object) -> bool:
+    needed = _NEEDED.get(str(found.get("doc"))) if isinstance(found, dict) else None
+    return needed is not None and isinstance(found, dict) and needed <= found.keys()

@@ -251,6 +251,49 @@ def test_a_reading_that_is_not_whole_is_no_document_all_the_same(tmp_path: Path,
         list(read_journal(path, readings=False))
 
 
+EVENT = '{"doc": "event", "t_s": %d, "stream": "note", "data": {"text": %s}}'
+
+
+@pytest.mark.parametrize("text", ['"plain"', '"süß"', '"\\u00fc"', "[1, 2]"])
+def test_without_readings_a_journal_says_the_same(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "events.jsonl"
+    path.write_text("\n".join([EVENT % (1, text), "", EVENT % (2, text), ""]), encoding="utf-8")
+    assert list(read_journal(path, readings=False)) == list(read_journal(path)) != []
+
+
+@pytest.mark.parametrize("readings", [False, True])
+@pytest.mark.parametrize(
+    "broken",
+    [
+        (EVENT % (1, '"a')).encode() + b"\xff" + b'"}}',
+        (EVENT % (1, '"süß"')).encode("latin-1"),
+        b"\n".join([(EVENT % (1, "[1"))[:-2].encode(), b"2]}}"]),
+        b",".join([(EVENT % (1, "0")).encode()] * 2),
+        b'{"doc": "event", "t_s": 1}',
+        b'{"doc": "event of another kind", "t_s": 1}',
+        b'{"doc": [], "t_s": 1}',
+        b"[]",
+        b" ",
+    ],
+    ids=[
+        "no text",
+        "latin-1",
+        "one on two lines",
+        "two on one line",
+        "keys lacking",
+        "unknown",
+        "odd",
+        "a list",
+        "blank",
+    ],
+)
+def test_what_is_no_document_is_refused_with_its_line(tmp_path: Path, broken: bytes, readings: bool) -> None:
+    path = tmp_path / "events.jsonl"
+    path.write_bytes(b"\n".join([(EVENT % (0, "0")).encode(), broken, (EVENT % (2, "0")).encode(), b""]))
+    with pytest.raises(JournalError, match=r"line 2: not a journal document$"):
+        list(read_journal(path, readings=readings))
+
+
 # --- the table ---
 
 
