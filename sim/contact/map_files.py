@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
-from scipy.ndimage import gaussian_filter
 
 from sim.contact.height_map import MOST_POINTS, HeightMap, HeightMapError
 
@@ -39,6 +38,8 @@ def read_height_map(file: str, options: Sequence[str]) -> HeightMap:
         raise HeightMapError(f"{where}: expected a file named .png, .npy or .csv")
     x, z, height = readers[suffix](where, file, given)
     if min(height.shape) > 1:
+        from scipy.ndimage import gaussian_filter  # few scenes have a map
+
         spacing = x[1] - x[0], z[1] - z[0]
         edge_mm = _edge_mm(where, given, LEAST_EDGE_SPACINGS * max(spacing), picture=suffix == ".png")
         height = gaussian_filter(height, (edge_mm / spacing[1], edge_mm / spacing[0]), mode="nearest")

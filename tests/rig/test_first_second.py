@@ -1,5 +1,6 @@
 """What is seen of a command in its first second: its help, a word that it starts, a name that was mistyped."""
 
+import gc
 import io
 import shutil
 import subprocess
@@ -113,3 +114,34 @@ def test_a_mistyped_command_is_told_its_neighbour(
     assert code == 2
     assert complaint.count("\n") == 1
     assert f"No such command {typed!r}, expected one that rig --help lists: {meant}" in complaint
+
+
+def test_a_dry_run_of_a_bar_does_not_wait_for_what_smooths_a_map() -> None:
+    imported = imported_by(["dry-run", "--help"])
+    assert "scipy.interpolate" in imported
+    assert "scipy.ndimage" not in imported
+
+
+@pytest.fixture
+def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that nobody has imported; it says what the collector of garbage did meanwhile."""
+    (tmp_path / "newly_made.py").write_text("import gc\nlooking = gc.isenabled()\n", encoding="utf-8")
+    (tmp_path / "broken_one.py").write_text("import gc\nraise KeyError(gc.isenabled())\n", encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "newly_made", raising=False)
+
+
+def test_nothing_is_collected_while_a_command_is_imported_and_what_it_brings_stays(module: None) -> None:
+    before = gc.get_freeze_count()
+    found = program._imported("newly_made")
+    assert (found.looking, gc.isenabled()) == (False, True)
+    frozen = gc.get_freeze_count()
+    assert frozen > before
+    assert program._imported("newly_made") is found  # there already: nothing more is set aside
+    assert gc.get_freeze_count() == frozen
+
+
+def test_a_command_that_cannot_be_imported_leaves_the_collector_on(module: None) -> None:
+    with pytest.raises(KeyError, match="False"):
+        program._imported("broken_one")
+    assert gc.isenabled()
