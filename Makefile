@@ -81,6 +81,7 @@ bench: .venv/.ready-dev
 	$(BIN)/python -m studies.speed.commands
 	$(BIN)/python -m studies.accuracy.strain_recovery
 	OMP_NUM_THREADS=1 $(BIN)/python -m studies.accuracy.another_finger
+	OMP_NUM_THREADS=1 $(BIN)/python -m studies.verification.in_time
 	$(BIN)/python -m studies.faults.kills --cables 60
 	$(BIN)/python -m studies.faults.outcomes
 	$(BIN)/python -m studies.faults.phases

@@ -12,7 +12,7 @@ from rig.devices.kinds import Room
 from rig.plan.config import Config, load_config
 from rig.protocol.errors import BadInputError
 from rig.session.virtual.served_bench import ServedBench
-from sim.serve.press_ahead import PressStatistics
+from sim.serve.ahead import PressStatistics
 
 
 def command(

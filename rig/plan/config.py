@@ -37,7 +37,7 @@ class VirtualSettings(Settings):
     finger_tilt_deg: float = Field(0.0, ge=-20, le=20, description="about x; for spheres only")
     stiffness: float = Field(1.0, gt=0, le=100, description="true force over the predicted one")
     relaxation: tuple[tuple[float, float], ...] = Field(
-        (), description="Prony series of the force: [share, time constant in s], shares sum to less than 1"
+        (), description="Prony series of the tissue: [share, time constant in s], shares sum to less than 1"
     )
     cell_noise_gwt: float = Field(0.0, ge=0, le=10, description="standard deviation of each sample")
     cell_latency_s: float = Field(0.0, ge=0, le=1, description="how late a sample truly is")

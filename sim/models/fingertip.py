@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Hashable, Sequence
 from copy import copy
+from dataclasses import replace
 from functools import cached_property, lru_cache, partial
 from typing import Literal
 
@@ -32,6 +33,7 @@ from sim.models.moduli.interpolated import Interpolated
 from sim.models.patches import HalfWidths, half_widths, larger
 from sim.models.pressing import PlacedIndentor, Pressing, RimError, refuse_beside_the_finger, refuse_meaningless
 from sim.models.processes.recipe import ByRecipe, Recipe
+from sim.models.relaxing.held import held_by
 from sim.models.results.indentation import IndentationResult
 from sim.models.results.outline import ModelOutline
 from sim.models.results.pictures import finger_as_html
@@ -229,6 +231,16 @@ class Fingertip(ByRecipe, SeenInside):
         """A copy that remembers the ways down to where it pressed, for other depths there: with the same answers."""
         copied = copy(self)
         copied._ways = {}
+        return copied
+
+    def held_by(self, slopes: tuple[int, ...], force: Array) -> "Fingertip":
+        """A copy whose skin (m, n) forces on its own patch hold: it answers for what comes on top of them."""
+        copied, model = copy(self), self.model_for(slopes)
+        moved = replace(model, patch=held_by(model.patch, force))
+        no_larger = {"contact": self.config.contact.model_copy(update={"patch_gb": 0.0})}
+        copied.config, copied._ways = self.config.model_copy(update=no_larger), None
+        copied._models = {(slopes, None): moved}
+        copied._outlines = {(slopes, None): _outline(moved, self.config.tissue.poisson, None)}
         return copied
 
     def _pressing(self, placed: PlacedIndentor, target: float) -> Pressing:

@@ -138,6 +138,8 @@ class Press:
             self._radius_mm = self._indentor.profile.sharpest_radius_mm
         elif truth.turn != STRAIGHT:
             raise ModelRangeError(f"{indentor} on a finger that is rolled or tilted: expected a sphere")
+        self._stiffness = truth.stiffness
+        self._known: _Pressed | None = None  # of the skin as it lies
         self._last: _Pressed | None = None
         self._before: _Pressed | None = None  # the one before the last
         self.contact_solves = 0
@@ -156,6 +158,11 @@ class Press:
         way_mm = self._way_mm(pose)
         return self._pressed(pose, way_mm).force_n if way_mm > 0 else 0.0
 
+    @property
+    def _lying(self) -> Fingertip:
+        """The finger with its skin as it lies now."""
+        return self._finger
+
     def _way_mm(self, pose: Pose) -> float:
         """How far the stage has gone past first contact: the depth, if the rig were rigid."""
         z_mm = self._z_mm(pose)
@@ -169,13 +176,11 @@ class Press:
         return None if Z not in self._indentor.placed_by else self._finger.config.receptor_plane_mm + pose.along_mm
 
     def _pressed(self, pose: Pose, way_mm: float) -> _Pressed:
-        if self._last is None or self._last.pose != pose:
+        if self._known is None or self._known.pose != pose:
             rigid = self._at_depth(pose, way_mm, self._last)
-            self._before, self._last = (
-                self._last,
-                self._given_way(rigid) if self._truth.compliance_mm_per_n else rigid,
-            )
-        return self._last
+            self._known = self._given_way(rigid) if self._truth.compliance_mm_per_n else rigid
+            self._before, self._last = self._last, self._known
+        return self._known
 
     def _given_way(self, rigid: _Pressed) -> _Pressed:
         """The depth at which finger and rig, in series, share the way; sideways the rig is rigid."""
@@ -196,7 +201,7 @@ class Press:
         self.contact_solves += 1
         near = last is not None and last.pose.over(pose) and abs(last.doi_mm - doi_mm) <= _WARM_MOVE_MM
         start = self._onward(last, doi_mm) if last is not None and near else None
-        result = self._finger.indent(
+        result = self._lying.indent(
             self._indentor,
             self._indentor.lateral_mm(pose.x_mm),
             z_mm=self._z_mm(pose),
@@ -209,7 +214,7 @@ class Press:
                 f"the virtual finger has no answer for {self._indentor.name} at x = {pose.x_mm:g} mm, DOI "
                 f"{doi_mm:g} mm: residual {result.state.residual:.0e}"
             )
-        return _Pressed(pose, doi_mm, self._truth.stiffness * result.force_n, result.state)
+        return _Pressed(pose, doi_mm, self._stiffness * result.force_n, result.state)
 
     def _onward(self, last: _Pressed, doi_mm: float) -> ContactState:
         """A start: the last state, under smooth shapes moved on by what changed before it.

@@ -5,8 +5,11 @@ import math
 import multiprocessing
 import signal
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing.connection import Connection
+from typing import Generic, TypeVar
 
 from sim.config.fingertip_config import FingertipConfig
 from sim.contact.shapes import ShapeError
@@ -16,6 +19,11 @@ from sim.models.processes.workers import keep_freed_memory, leaving_ctrl_c_to_us
 from sim.plant.plant import AS_MODELLED, Pose, Press, Truth
 
 _READY_S = 300.0  # building a model takes some 15 s, minutes on a small machine
+
+
+Asked = TypeVar("Asked")
+Answer = TypeVar("Answer")
+Answering = Callable[[Asked], Answer]
 
 
 @dataclass(frozen=True)
@@ -32,14 +40,14 @@ class FingerNotLoadedError(Exception):
     """The process of the finger has no finger; the message is one line."""
 
 
-class PressProcess:
-    """Answers poses with forces, one at a time, in the order they are sent."""
+class FingerProcess(Generic[Asked, Answer]):
+    """Answers what it is asked, one at a time, in the order it is sent."""
 
-    def __init__(self, config: FingertipConfig, indentor: str, truth: Truth = AS_MODELLED) -> None:
-        """Returns when the finger is loaded. Raises FingerNotLoadedError where it cannot be."""
+    def __init__(self, begin: Callable[[], Answering[Asked, Answer]]) -> None:
+        """`begin`, importable, loads the finger there, and then this returns. Raises FingerNotLoadedError."""
         context = multiprocessing.get_context("spawn")
         self._near, far = context.Pipe()
-        self._process = context.Process(target=_serve, args=(far, config, indentor, truth), daemon=True)
+        self._process = context.Process(target=_serve, args=(far, begin), daemon=True)
         with leaving_ctrl_c_to_us():
             self._process.start()
         far.close()
@@ -54,12 +62,12 @@ class PressProcess:
     def fileno(self) -> int:
         return self._near.fileno()
 
-    def ask(self, pose: Pose) -> None:
-        self._near.send(pose)
+    def ask(self, asked: Asked) -> None:
+        self._near.send(asked)
 
-    def answer(self) -> PressAnswer:
+    def answer(self) -> Answer:
         """Waits for it. Raises EOFError if the process has gone."""
-        found: PressAnswer = self._near.recv()
+        found: Answer = self._near.recv()
         return found
 
     def close(self) -> None:
@@ -68,28 +76,35 @@ class PressProcess:
         self._process.terminate()
 
 
-def _serve(
-    far: "Connection[str | PressAnswer, Pose]",
-    config: FingertipConfig,
-    indentor: str,
-    truth: Truth,
-) -> None:
+class PressProcess(FingerProcess[Pose, PressAnswer]):
+    """The elastic force at one pose after another."""
+
+    def __init__(self, config: FingertipConfig, indentor: str, truth: Truth = AS_MODELLED) -> None:
+        """Returns when the finger is loaded. Raises FingerNotLoadedError where it cannot be."""
+        super().__init__(partial(_pressing, config, indentor, truth))
+
+
+def told(error: Exception) -> str:
+    """In words where they were made for people, else with what kind of error it is."""
+    return str(error) if isinstance(error, (ModelRangeError, ShapeError)) else f"{type(error).__name__}: {error}"
+
+
+def _serve(far: "Connection[str | Answer, Asked]", begin: Callable[[], Answering[Asked, Answer]]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # where it was not held back: this process ends with its pipe
     keep_freed_memory()
     try:
-        press = Press(Fingertip.load(config), indentor, truth)
+        answer = begin()
     except Exception as error:
-        far.send(_told(error))
+        far.send(told(error))
         return
     far.send("")
     with contextlib.suppress(EOFError, OSError):  # the pipe is closed, perhaps while an answer is being made
         while True:
-            far.send(_answer(press, far.recv()))
+            far.send(answer(far.recv()))
 
 
-def _told(error: Exception) -> str:
-    """In words where they were made for people, else with what kind of error it is."""
-    return str(error) if isinstance(error, (ModelRangeError, ShapeError)) else f"{type(error).__name__}: {error}"
+def _pressing(config: FingertipConfig, indentor: str, truth: Truth) -> Answering[Pose, PressAnswer]:
+    return partial(_answer, Press(Fingertip.load(config), indentor, truth))
 
 
 def _answer(press: Press, pose: Pose) -> PressAnswer:
@@ -97,5 +112,5 @@ def _answer(press: Press, pose: Pose) -> PressAnswer:
     try:
         force, problem = press.force_n(pose), ""
     except Exception as error:  # a scene beyond the model must not end this process
-        force, problem = math.nan, _told(error)
+        force, problem = math.nan, told(error)
     return PressAnswer(pose, force, time.perf_counter() - began, problem)

@@ -11,7 +11,8 @@ import pytest
 from sim.config.fingertip_config import FingertipConfig
 from sim.models.fingertip import Fingertip
 from sim.plant.plant import Carriage, Placement, Pose, Screws, Truth
-from sim.serve.press_ahead import STALE_S, PressAhead
+from sim.serve.ahead import STALE_S
+from sim.serve.press_ahead import PressAhead
 from sim.serve.press_process import FingerNotLoadedError, PressAnswer, PressProcess
 from sim.serve.wall_clock import WallScheduler
 from tests.waiting import DEADLINE_S, until

@@ -6,16 +6,26 @@ from contextlib import ExitStack
 from rig.plan.config import Config
 from rig.protocol.errors import BadInputError
 from rig.session.virtual.twins import refuse_twinless, virtual_force, virtual_stage
-from rig.session.virtual.virtual_devices import load_on_sensor, true_carriage, truth, with_framing, with_kinds
+from rig.session.virtual.virtual_devices import (
+    load_on_sensor,
+    relaxation,
+    true_carriage,
+    truth,
+    with_framing,
+    with_kinds,
+)
 from sim.contact.shapes import parse_shape
 from sim.devices.cell import Load
 from sim.devices.line import SerialLine
 from sim.devices.told import VirtualStage
 from sim.plant.plant import Carriage
+from sim.serve.ahead import Ahead, PressStatistics
 from sim.serve.ports import PortBusyError, PtyPort, TcpPort
-from sim.serve.press_ahead import PressAhead, PressStatistics
+from sim.serve.press_ahead import PressAhead
 from sim.serve.press_process import FingerNotLoadedError, PressProcess
 from sim.serve.wall_clock import WallScheduler
+from sim.serve.way_ahead import WayAhead
+from sim.serve.way_process import WayProcess
 
 
 class ServedBench:
@@ -40,7 +50,7 @@ class ServedBench:
         config = with_framing(with_kinds(config, stage, force), "rtu" if tcp is None else "tcp")
         self.scheduler = WallScheduler()
         self.ports: dict[str, str] = {}
-        self.press: PressAhead | None = None
+        self.press: Ahead | None = None
         self._tcp = tcp
         self._closing = ExitStack()
         self._closing.callback(self.scheduler.close)
@@ -83,8 +93,8 @@ class ServedBench:
         force_line = self._open("force", config.force.baud) if force else None
         board = virtual_stage(self.scheduler, stage_line, config) if stage_line else None
         if force_line:
-            elastic = self._finger(config, board, complain) if board else Load(lambda t_s: 0.0)
-            virtual_force(self.scheduler, force_line, config, load_on_sensor(self.scheduler, elastic, config))
+            felt = self._finger(config, board, complain) if board else Load(lambda t_s: 0.0)
+            virtual_force(self.scheduler, force_line, config, load_on_sensor(felt, config))
 
     def _open(self, name: str, baud: int) -> SerialLine:
         line = SerialLine(self.scheduler, baud)
@@ -98,7 +108,13 @@ class ServedBench:
 
     def _finger(self, config: Config, board: VirtualStage, complain: Callable[[str], object]) -> Load:
         carriage: Carriage = true_carriage(board, config)
-        process = PressProcess(config.finger, config.virtual.indentor, truth(config))
-        self._closing.callback(process.close)
-        self.press = PressAhead(self.scheduler, carriage, process, config.force.sample_period_s, complain)
+        indentor, terms, period_s = config.virtual.indentor, relaxation(config), config.force.sample_period_s
+        if terms:
+            way = WayProcess(config.finger, indentor, terms, truth(config))
+            self._closing.callback(way.close)
+            self.press = WayAhead(self.scheduler, carriage, way, period_s, complain)
+        else:
+            process = PressProcess(config.finger, indentor, truth(config))
+            self._closing.callback(process.close)
+            self.press = PressAhead(self.scheduler, carriage, process, period_s, complain)
         return Load(self.press.force_n, self.press.fresh)

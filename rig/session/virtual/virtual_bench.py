@@ -15,7 +15,7 @@ from rig.engine.sensing import Zero
 from rig.plan.config import Config
 from rig.plan.shape_files import kept_in
 from rig.session.virtual.twins import virtual_force, virtual_stage
-from rig.session.virtual.virtual_devices import load_on_sensor, true_carriage, truth
+from rig.session.virtual.virtual_devices import load_on_sensor, relaxation, true_carriage, truth
 from rig.transport.byte_log import LoggedTransport, Sink
 from rig.transport.loopback import LoopbackTransport
 from sim.devices.cell import Load
@@ -23,6 +23,7 @@ from sim.devices.clock import VirtualClock
 from sim.devices.line import SerialLine
 from sim.models.fingertip import Fingertip
 from sim.plant.plant import Carriage, Plant, TruePose
+from sim.plant.relaxing_plant import RelaxingPlant
 
 
 class AnyPlant(Protocol):
@@ -95,7 +96,11 @@ def virtual_bench(
 ) -> VirtualBench:
     """Devices as configured, with the fingertip under the indentor; the bytes go to `byte_log`."""
 
+    terms, period_s = relaxation(config), config.force.sample_period_s
+
     def plant(carriage: Carriage) -> Plant:
+        if terms:
+            return RelaxingPlant(finger, carriage, terms, truth(config), clock, period_s)
         return Plant(finger, carriage, truth(config))
 
     return bench_around(plant, config, clock, byte_log, pause)
@@ -113,7 +118,7 @@ def bench_around(
     force_line = SerialLine(clock, config.force.baud)
     board = virtual_stage(clock, stage_line, config)
     plant = make_plant(true_carriage(board, config))
-    load = load_on_sensor(clock, Load(plant.force_n), config)
+    load = load_on_sensor(Load(plant.force_n), config)
     virtual_force(clock, force_line, config, load)
     stage_port = LoggedTransport(LoopbackTransport(stage_line, clock, name="stage"), clock, byte_log)
     force_port = LoggedTransport(LoopbackTransport(force_line, clock, name="force"), clock, byte_log)

@@ -9,10 +9,9 @@ from rig.plan.config import Config
 from rig.protocol.errors import first_problem
 from rig.transport.port_settings import Framing
 from sim.devices.cell import Load, load_cell
-from sim.devices.clock import Scheduler
 from sim.devices.told import VirtualStage
+from sim.models.relaxing.prony import PronyTerm
 from sim.plant.plant import Carriage, Placement, Screws, Truth, Turn
-from sim.plant.relaxation import PronyTerm, RelaxingForce
 
 
 def believed_steps_per_mm(config: Config, axis: str) -> float:
@@ -71,15 +70,16 @@ def truth(config: Config) -> Truth:
     return Truth(virtual.stiffness, virtual.compliance_mm_per_n, turn)
 
 
-def load_on_sensor(scheduler: Scheduler, elastic: Load, config: Config) -> Load:
-    """The elastic force of the finger as the sensor gets it: relaxed, late and noisy where that is configured."""
+def relaxation(config: Config) -> list[PronyTerm]:
+    """Of the tissue; none: it is elastic."""
+    return [PronyTerm(share, tau_s) for share, tau_s in config.virtual.relaxation]
+
+
+def load_on_sensor(felt: Load, config: Config) -> Load:
+    """The force on the finger as the sensor gets it: late and noisy where that is configured."""
     virtual, period_s = config.virtual, config.force.sample_period_s
-    force_n = elastic.force_n
-    if virtual.relaxation:
-        terms = [PronyTerm(share, tau_s) for share, tau_s in virtual.relaxation]
-        force_n = RelaxingForce(scheduler, force_n, terms, period_s).force_n
     noise_n, latency_s = virtual.cell_noise_gwt * GWT_N, virtual.cell_latency_s
     force_n = load_cell(
-        force_n, sample_period_s=period_s, noise_n=noise_n, latency_s=latency_s, seed=virtual.noise_seed
+        felt.force_n, sample_period_s=period_s, noise_n=noise_n, latency_s=latency_s, seed=virtual.noise_seed
     )
-    return Load(force_n, lambda t_s: elastic.fresh(t_s - latency_s))
+    return Load(force_n, lambda t_s: felt.fresh(t_s - latency_s))

@@ -1,0 +1,96 @@
+"""An indentor on tissue that relaxes: one press after another, each on the skin that the last one left.
+
+With one series for all layers the contact of every instant is an elastic one on displaced skin: nodal forces f follow
+the forces p that would displace the skin so at once by f = α (p − c), where α and c hang on the past and on the step
+of time alone (`prony`). The skin is held by c, contact adds f / α, and the indentor feels f.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.config.units import GWT_N
+from sim.contact.indentor import Indentor
+from sim.contact.shapes import parse_shape
+from sim.contact.solver import ContactState
+from sim.models.fingertip import Fingertip
+from sim.models.relaxing.prony import Ahead, Memory, Prony
+from sim.models.results.indentation import IndentationResult
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Instant:
+    """Where the indentor is, what it feels, and what the tissue remembers from then on."""
+
+    t_s: float
+    doi_mm: float  # from the skin at rest
+    force_n: float
+    contact: IndentationResult | None  # as on elastic skin that lay so: forces in it are f / α; None in the air
+    memory: Memory
+
+    @property
+    def force_gwt(self) -> float:
+        """Force in gram-weight."""
+        return self.force_n / GWT_N
+
+    @property
+    def converged(self) -> bool:
+        """Whether the contact was solved to 1e-8; none is."""
+        return self.contact is None or self.contact.state.converged
+
+
+class InTime:
+    """An indentor over one place of a finger; a step of time is exact where the skin moves evenly.""" ""
+
+    def __init__(
+        self, finger: Fingertip, indentor: Indentor | str, prony: Prony, x_mm: float = 0.0, z_mm: float | None = None
+    ) -> None:
+        """Tissue that was never touched, at 0 s."""
+        self._finger, self._x_mm, self._z_mm = finger, x_mm, z_mm
+        self._indentor = parse_shape(indentor) if isinstance(indentor, str) else indentor
+        self._model = finger.model_for(self._indentor.axes)
+        patch = self._model.patch
+        self.now = Instant(0.0, 0.0, 0.0, None, Memory.none(prony, (len(patch.axes), len(patch))))
+
+    def to_depth(self, step_s: float, doi_mm: float) -> Instant:
+        """So much later, at a depth past first touch of the skin at rest, ≤ 0: let go. Raises ModelRangeError."""
+        if doi_mm <= 0:
+            return self._arrived(Instant(self.now.t_s + step_s, doi_mm, 0.0, None, self.now.memory.released(step_s)))
+        ahead = self.now.memory.ahead(step_s)
+        return self._touching(step_s, ahead, self._pressed(ahead, doi_mm=doi_mm))
+
+    def to_force(self, step_s: float, force_gwt: float) -> Instant:
+        """So much later, at whatever depth carries a force > 0. Raises ModelRangeError."""
+        ahead = self.now.memory.ahead(step_s)
+        return self._touching(step_s, ahead, self._pressed(ahead, force_gwt=force_gwt / ahead.stiffness))
+
+    def strain(self) -> Array:
+        """(n_receptors, 6) engineering strains of now; stress is not that of this strain alone."""
+        return self._model.strain(self.now.memory.borne)
+
+    def _pressed(
+        self, ahead: Ahead, *, doi_mm: float | None = None, force_gwt: float | None = None
+    ) -> IndentationResult:
+        held = self._finger.held_by(self._indentor.axes, ahead.carried)
+        return held.indent(
+            self._indentor, self._x_mm, z_mm=self._z_mm, doi_mm=doi_mm, force_gwt=force_gwt, start=self._start(ahead)
+        )
+
+    def _start(self, ahead: Ahead) -> ContactState | None:
+        """The last contact, with the skin where it was."""
+        if self.now.contact is None:
+            return None
+        stayed = self._model.patch.displaced(self.now.memory.borne - ahead.carried)
+        return replace(self.now.contact.state, displacement=stayed)
+
+    def _touching(self, step_s: float, ahead: Ahead, contact: IndentationResult) -> Instant:
+        t_s, force_n = self.now.t_s + step_s, ahead.stiffness * contact.force_n
+        memory = self.now.memory.after(ahead, ahead.carried + contact.state.force)
+        return self._arrived(Instant(t_s, contact.doi_mm, force_n, contact, memory))
+
+    def _arrived(self, instant: Instant) -> Instant:
+        self.now = instant
+        return instant
