@@ -24,6 +24,8 @@ HELD_S = 0.25
 """A button that was down longer ago than this is down no more."""
 _ANSWER_S, _HOLD_S, _STOP_S = 1.0, 0.2, 0.25
 _THREADS = 4
+_MOST_HELD = 3
+"""Holds on their way to an owner, each with a thread: with more than that it is too slow to be moved by hand."""
 
 
 class Posts:
@@ -31,9 +33,9 @@ class Posts:
 
     def __init__(self, watcher: Watcher, bench: ByHandProcess) -> None:
         self._watcher, self._bench = watcher, bench
-        self._asking, self._holding = ThreadPoolExecutor(_THREADS, "post"), ThreadPoolExecutor(1, "hold")
+        self._asking, self._holding = ThreadPoolExecutor(_THREADS, "post"), ThreadPoolExecutor(_MOST_HELD, "hold")
         self._stopping, self._each = ThreadPoolExecutor(16, "stop"), ThreadPoolExecutor(64, "stopped")
-        self._held = False  # a hold is on its way to the owner
+        self._held = 0  # holds on their way to the owner
 
     @property
     def routes(self) -> list[Route]:
@@ -129,22 +131,22 @@ class Posts:
                 raise NobodyError(f"a run has the ports: process {owner.pid}")
 
     async def _hold(self, tab: str, body: Body) -> Answer:
-        """Passed on while it is fresh, one at a time: nothing that waited somewhere moves anything."""
+        """Passed on at once and while it is fresh: nothing that waited somewhere moves anything."""
         button = HeldButton.of(body)
         if self._watcher.tabs.is_released(button.press):
             raise NobodyError("that button was let go: press it anew")
         if abs(self._watcher.clock.unix_s() - button.unix_s) > HELD_S:
             raise NobodyError(f"held longer ago than {HELD_S:g} s, or by another clock: press it anew")
-        if self._held:
+        if self._held >= _MOST_HELD:
             raise ControlError("the bench has not answered yet")
-        self._held = True
+        self._held += 1
         try:
             return await self._ask(self._holding, "by hand", "hold", _HOLD_S, tab=tab, **button._asdict())
         except (ControlError, NobodyError):
             self._watcher.tabs.release(button.press)
             raise
         finally:
-            self._held = False
+            self._held -= 1
 
     async def _release(self, tab: str, body: Body) -> Answer:
         press = whole("press", body)

@@ -3,7 +3,8 @@
 import asyncio
 import mimetypes
 import stat
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncGenerator, Mapping
+from contextlib import aclosing
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
+from starlette.types import Send
 
 from rig.data.run_index import listed
 from rig.data.wanted import Wanted
@@ -60,7 +62,7 @@ class RunFiles:
         size = path.stat().st_size
         headers = {"content-length": str(size), "content-security-policy": FILE_POLICY}
         body = _pieces(path, size if request.method == "GET" else 0)
-        return StreamingResponse(body, media_type=_type_of(path), headers=headers)
+        return _Closing(body, media_type=_type_of(path), headers=headers)
 
     def _folder(self, name: str) -> Path:
         """Of a run; no link. Raises HTTPException."""
@@ -68,6 +70,16 @@ class RunFiles:
         if not _named(name) or path.is_symlink() or not path.is_dir():
             raise HTTPException(404, "no such run")
         return path
+
+
+class _Closing(StreamingResponse):
+    """Whoever leaves in the middle leaves no file open."""
+
+    async def stream_response(self, send: Send) -> None:
+        """Send it."""
+        assert isinstance(self.body_iterator, AsyncGenerator)
+        async with aclosing(self.body_iterator):
+            await super().stream_response(send)
 
 
 def _named(name: str) -> bool:
@@ -98,7 +110,7 @@ def _type_of(path: Path) -> str:
     return mimetypes.guess_type(path.name)[0] or "application/octet-stream"
 
 
-async def _pieces(path: Path, size: int) -> AsyncIterator[bytes]:
+async def _pieces(path: Path, size: int) -> AsyncGenerator[bytes, None]:
     """So many bytes; a journal may grow meanwhile."""
     with await asyncio.to_thread(path.open, "rb") as file:
         while size > 0 and (piece := await asyncio.to_thread(file.read, min(size, _CHUNK))):

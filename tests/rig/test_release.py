@@ -18,7 +18,7 @@ from tests.program import Program
 ROOT = Path(__file__).parents[2]
 EXTRAS = {
     *("pynwb", "hdmf", "pypardiso", "distributed", "dask", "pandas", "xarray", "nwbinspector", "skfem", "pytest"),
-    *("starlette", "uvicorn", "httpx"),
+    *("starlette", "uvicorn"),
 }
 WITHOUT = f"""\
 import sys

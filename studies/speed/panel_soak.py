@@ -1,0 +1,158 @@
+"""A long run looked at through the panel: readings lost, the delay from journal to page, memory of the server.
+
+    .venv/bin/python -m studies.speed.panel_soak [MINUTES]
+
+For half an hour, if nothing else is said, a journal is written as a run writes it, fifty readings a second and a
+press every twelve seconds, and one page looks on. What else runs on the machine is in the delays.
+"""
+
+import json
+import os
+import re
+import socket
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from rig.engine.journal import Journal
+from rig.engine.streams import STREAMS
+from rig.plan.config import Config
+from rig.transport.clock import WallClock
+
+PER_S, PRESS_S = 50, 12.0
+_SETTLED_S, _EACH_S = 120.0, 5.0
+_AFTER_S = 3.0
+
+
+@dataclass
+class Seen:
+    """What the page was told, and how large the server was meanwhile."""
+
+    places: list[float] = field(default_factory=list)  # t_s of each reading
+    delays_s: list[float] = field(default_factory=list)
+    dropped: int = 0
+    states: int = 0
+    states_apart_s: float = 0.0  # the longest
+    kinds: dict[str, int] = field(default_factory=dict)
+    memory_mb: list[tuple[float, float]] = field(default_factory=list)  # seconds, MB
+    _state_s: float = 0.0
+
+    def event(self, kind: str, told: dict[str, object]) -> None:
+        """One that came just now."""
+        now_s = time.time()
+        self.kinds[kind] = self.kinds.get(kind, 0) + 1
+        if kind == "state":
+            self.states_apart_s = max(self.states_apart_s, now_s - self._state_s) if self._state_s else 0.0
+            self._state_s = now_s
+        if kind == "readings":
+            rows, columns = told["rows"], told["columns"]
+            assert isinstance(rows, list)
+            assert isinstance(columns, list)
+            self.dropped += int(str(told["dropped"]))
+            for row in rows:
+                named = dict(zip(columns, row, strict=True))
+                self.places.append(named["t_s"])
+                self.delays_s.append(now_s - named["unix_s"])
+
+
+def main(minutes: float = 30.0) -> None:
+    """Print what came of it."""
+    seen = Seen()
+    with tempfile.TemporaryDirectory() as folder:
+        run = Path(folder) / "runs" / "20260101T000000-soak-000000"
+        run.mkdir(parents=True)
+        (run / "config.toml").write_text(Config().as_toml(), encoding="utf-8")
+        environment = {**os.environ, "RIG_RUNTIME_DIR": str(Path(folder) / "runtime")}
+        words = [sys.executable, "-m", "rig", "panel", "--no-browser", "--json", "--out", str(run.parent)]
+        with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env=environment) as server:
+            assert server.stdout is not None
+            port = json.loads(server.stdout.readline())["port"]
+            written: list[float] = []
+            writing = threading.Thread(target=lambda: written.extend(_write(run, 60.0 * minutes)))
+            with socket.create_connection(("127.0.0.1", port)) as page:
+                writing.start()
+                for kind, told in _events(page, port):
+                    seen.event(kind, told)
+                    _weigh(server.pid, seen)
+                    if not writing.is_alive() and time.time() - _last_s(run) > _AFTER_S:
+                        break
+            writing.join()
+            server.terminate()
+    _tell(seen, written)
+
+
+def _write(run: Path, seconds: float) -> Iterator[float]:
+    """The journal; gives the instant of each reading on the run's clock."""
+    clock = WallClock()
+    with Journal(run / "events.jsonl", clock, STREAMS) as journal:
+        journal.start({"protocol": "soak", "title": "", "planned_indentations": 9999, "soft_trip_n": 1.0})
+        journal.event("mount", {"indentor": "bar:3.0"})
+        began_s, n = clock.monotonic_s(), 0
+        while (gone_s := n / PER_S) < seconds:
+            clock.wait_until(lambda: False, began_s + gone_s)
+            index, into_s = divmod(gone_s, PRESS_S)
+            if n % round(PER_S * PRESS_S) == 0:
+                press = {"index": int(index), "indentor": "bar:3.0", "x_mm": 0.01 * index}
+                journal.event("indentation_start", {**press, "target": "doi_mm", "value": 1.0, "increments": 1})
+            about = {"index": int(index), "phase": "press", "x_mm": 0.01 * index, "height_mm": -0.1 * into_s}
+            journal.event("sample", {**about, "doi_mm": 0.1 * into_s, "force_gwt": 0.5 * into_s, "stable": True})
+            yield gone_s
+            n += 1
+        journal.stop("done")
+
+
+def _events(page: socket.socket, port: int) -> Iterator[tuple[str, dict[str, object]]]:
+    """Each event as it comes, chunks put together."""
+    page.sendall(f"GET /events?tab=soak HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n".encode())
+    heard = page.makefile("rb")
+    while heard.readline().strip():
+        pass  # of the head
+    text = b""
+    while size := int(heard.readline(), 16):
+        text += heard.read(size)
+        heard.readline()
+        *whole, text = text.split(b"\n\n")
+        for one in whole:
+            found = re.fullmatch(rb"event: (\w+)\ndata: (.*)", one)
+            if found:
+                yield found[1].decode(), json.loads(found[2])
+
+
+def _weigh(pid: int, seen: Seen) -> None:
+    """Its memory, now and then."""
+    now_s = time.monotonic()
+    if not seen.memory_mb or now_s - seen.memory_mb[-1][0] >= _EACH_S:
+        status = Path(f"/proc/{pid}/status").read_text(encoding="ascii")
+        found = re.search(r"VmRSS:\s+(\d+) kB", status)
+        assert found is not None
+        seen.memory_mb.append((now_s, int(found[1]) / 1024))
+
+
+def _last_s(run: Path) -> float:
+    return (run / "events.jsonl").stat().st_mtime
+
+
+def _tell(seen: Seen, written: list[float]) -> None:
+    delays_ms = sorted(1e3 * delay for delay in seen.delays_s)
+    began_s = seen.memory_mb[0][0]
+    settled = [(s - began_s, mb) for s, mb in seen.memory_mb if s - began_s >= _SETTLED_S] or seen.memory_mb
+    slope, _ = statistics.linear_regression(*zip(*settled, strict=True)) if len(settled) > 1 else (0.0, 0.0)
+    print(f"written {len(written)} readings in {len(written) / PER_S / 60:.1f} min")
+    once = len(set(seen.places)) == len(seen.places)
+    print(f"told    {len(seen.places)} readings, each once: {once}; dropped {seen.dropped}")
+    median_ms, p99_ms = delays_ms[len(delays_ms) // 2], delays_ms[int(0.99 * len(delays_ms))]
+    print(f"delay   median {median_ms:.0f} ms, p99 {p99_ms:.0f} ms, worst {delays_ms[-1]:.0f} ms")
+    print(f"states  {seen.kinds.get('state', 0)}, at most {seen.states_apart_s:.2f} s apart; {seen.kinds}")
+    first_mb, settled_mb, last_mb = seen.memory_mb[0][1], settled[0][1], seen.memory_mb[-1][1]
+    print(f"memory  {first_mb:.1f} MB at first, {settled_mb:.1f} after {_SETTLED_S:g} s, {last_mb:.1f} at the end")
+    print(f"        {3600 * slope:+.2f} MB an hour from {_SETTLED_S:g} s on")
+
+
+if __name__ == "__main__":
+    main(*map(float, sys.argv[1:]))

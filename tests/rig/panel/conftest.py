@@ -1,0 +1,34 @@
+"""A panel without a port."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from rig.panel.app import application
+from rig.panel.seen.seen_bench import SeenBench
+from rig.panel.watcher import Watcher
+from rig.plan.config import Config
+from sim.devices.clock import VirtualClock
+from tests.rig.panel.told_panel import PORT, TOKEN, Told, ToldBench, ToldOwner
+
+
+@pytest.fixture
+def make(tmp_path: Path) -> Callable[..., Told]:
+    """Make a panel: make(*owners, configured=True)."""
+
+    def made(*owners: ToldOwner, configured: bool = True) -> Told:
+        there, clock, bench = list(owners), VirtualClock(1000.0), ToldBench()
+        of_the_bench = SeenBench(tmp_path / "rig.toml", Config()) if configured else SeenBench()
+        watcher = Watcher(tmp_path / "runs", of_the_bench, lambda: there, clock)
+        watcher.owners = there
+        app = application(watcher, bench, PORT, TOKEN)
+        return Told(there, watcher, bench, clock, app)
+
+    return made
+
+
+@pytest.fixture
+def panel(make: Callable[..., Told]) -> Told:
+    """One beside a run that goes on."""
+    return make(ToldOwner())

@@ -1,0 +1,150 @@
+"""Who is let in: each refusal for every request that changes something, walked from the routes themselves."""
+
+import asyncio
+
+import pytest
+from starlette.routing import Route
+
+from rig.panel.gate import FILE_POLICY, PAGE_POLICY
+from tests.rig.panel.asgi_client import asked
+from tests.rig.panel.told_panel import HERE, OWN, PORT, TOKEN, Told
+
+ALL = ["/by_hand", "/go_on", "/hold", "/home", "/leave", "/pause", "/release", "/stop", "/take", "/zero"]
+ELSEWHERE = "http://evil.example"
+WRONG: dict[str, dict[str, str | bytes | None]] = {
+    "no token": {"x_rig_token": None},
+    "an empty token": {"x_rig_token": ""},
+    "another token": {"x_rig_token": TOKEN + "x"},
+    "part of the token": {"x_rig_token": TOKEN[:-1]},
+    "a token beyond ASCII": {"x_rig_token": b"t\xf6ken"},
+    "no origin": {"origin": None},
+    "another origin": {"origin": ELSEWHERE},
+    "a hidden origin": {"origin": "null"},
+    "another port's origin": {"origin": f"http://127.0.0.1:{PORT + 1}"},
+    "its other name's origin": {"origin": f"http://localhost:{PORT}"},
+    "an origin with more behind": {"origin": f"{HERE}.evil.example"},
+    "an origin by https": {"origin": f"https://127.0.0.1:{PORT}"},
+    "another host": {"host": "evil.example"},
+    "a name that leads here": {"host": f"rebound.evil.example:{PORT}", "origin": f"http://rebound.evil.example:{PORT}"},
+    "a name that ends alike": {"host": f"evil-localhost:{PORT}", "origin": f"http://evil-localhost:{PORT}"},
+    "this machine elsewhere": {"host": f"0.0.0.0:{PORT}", "origin": f"http://0.0.0.0:{PORT}"},
+    "another port": {"host": f"127.0.0.1:{PORT + 1}"},
+    "no port": {"host": "127.0.0.1"},
+}  # fmt: skip
+
+
+def test_every_request_that_changes_something_is_walked(panel: Told) -> None:
+    routes = [one for one in panel.app._app.routes if isinstance(one, Route)]  # type: ignore[attr-defined]
+    assert sorted(one.path for one in routes if "POST" in (one.methods or ())) == ALL
+    assert {method for one in routes for method in one.methods or ()} == {"GET", "HEAD", "POST"}
+
+
+@pytest.mark.parametrize("path", ALL)
+@pytest.mark.parametrize("wrong", WRONG)
+def test_what_is_not_the_page_s_own_is_refused_and_does_nothing(path: str, wrong: str, panel: Told) -> None:
+    code, answer = panel.post(path, **WRONG[wrong])
+    assert code == 403
+    assert answer["ok"] is False
+    assert "\n" not in answer["problem"]
+    assert (panel.owners[0].asked, panel.watcher.tabs.holder, panel.bench.taken) == ([], None, 0)
+
+
+@pytest.mark.parametrize("path", ALL)
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "LOCALHOST"])
+def test_what_is_the_page_s_own_is_let_in(path: str, host: str, panel: Told) -> None:
+    own = f"{host}:{PORT}"
+    code, _ = panel.post(path, host=own, origin=f"http://{own.lower()}")
+    assert code != 403
+
+
+@pytest.mark.parametrize("twice", ["host", "origin", "x-rig-token"])
+def test_what_is_said_twice_is_refused(twice: str, panel: Told) -> None:
+    """One of them may be read here, the other by whoever stands between."""
+    headers = [*OWN.items(), ("x-rig-tab", "a"), (twice, OWN[twice])]
+    assert asked(panel.app, "POST", "/take", headers, [b"{}"]).status_code == 403
+    assert panel.watcher.tabs.holder is None
+
+
+@pytest.mark.parametrize("path", [*ALL, "/", "/events", "/runs.json", "/runs/a/", "/runs/a/b", "/static/a", "/none"])
+@pytest.mark.parametrize("method", ["PUT", "DELETE", "PATCH", "OPTIONS", "TRACE", "PROPFIND"])
+def test_there_are_no_other_methods(path: str, method: str, panel: Told) -> None:
+    """A preflight is answered with a refusal: no other page may even ask."""
+    assert panel.get(path, method).status_code == 403
+    answer = asked(panel.app, method, path, [*OWN.items(), ("x-rig-tab", "a")])
+    assert answer.status_code in (404, 405)
+    assert "access-control-allow-origin" not in answer.headers
+    assert panel.owners[0].asked == []
+
+
+@pytest.mark.parametrize("path", ALL)
+def test_what_changes_something_is_not_to_be_had_by_looking(path: str, panel: Told) -> None:
+    for method in ("GET", "HEAD"):
+        assert panel.get(path, method, x_rig_token=TOKEN).status_code == 405
+    assert panel.owners[0].asked == []
+
+
+@pytest.mark.parametrize("path", ["/", "/events", "/runs.json", "/runs/a/", "/runs/a/b", "/static/a", "/none"])
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"host": "evil.example"},
+        {"host": f"rebound.evil.example:{PORT}"},
+        {"origin": ELSEWHERE},
+        {"origin": "null"},
+        {"sec_fetch_site": "cross-site", "sec_fetch_mode": "no-cors"},
+        {"sec_fetch_site": "same-site", "sec_fetch_mode": "cors"},
+        {"sec_fetch_site": "cross-site"},
+    ],
+    ids=str,
+)
+def test_looking_is_for_this_machine_s_own_pages(path: str, headers: dict[str, str], panel: Told) -> None:
+    assert panel.get(path, **headers).status_code == 403
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {},
+        {"origin": HERE},
+        {"sec_fetch_site": "none", "sec_fetch_mode": "navigate"},
+        {"sec_fetch_site": "same-origin", "sec_fetch_mode": "cors"},
+        {"sec_fetch_site": "cross-site", "sec_fetch_mode": "navigate"},
+    ],
+    ids=str,
+)
+def test_a_link_from_anywhere_leads_to_the_page(headers: dict[str, str], panel: Told) -> None:
+    assert panel.get("/", **headers).status_code == 200
+
+
+@pytest.mark.parametrize("path", ["/", "/runs.json", "/runs/none/", "/none", "/static/none"])
+def test_every_answer_says_what_a_browser_may_do_with_it(path: str, panel: Told) -> None:
+    for answer in (panel.get(path), panel.get(path, host="evil.example")):
+        assert answer.headers["cache-control"] == "no-store"
+        assert answer.headers["content-security-policy"] == PAGE_POLICY
+        assert answer.headers["cross-origin-resource-policy"] == "same-origin"
+        assert answer.headers["cross-origin-opener-policy"] == "same-origin"
+        assert answer.headers["referrer-policy"] == "no-referrer"
+        assert answer.headers["x-content-type-options"] == "nosniff"
+        assert answer.headers["x-frame-options"] == "DENY"
+        assert "access-control-allow-origin" not in answer.headers
+
+
+def test_nothing_inline_and_nothing_from_elsewhere() -> None:
+    for policy in (PAGE_POLICY, FILE_POLICY):
+        assert "default-src 'none'" in policy
+        assert "frame-ancestors 'none'" in policy
+        assert "http" not in policy
+        assert "unsafe-eval" not in policy
+    assert "unsafe" not in PAGE_POLICY
+    assert FILE_POLICY.startswith("sandbox; ")
+    assert "script" not in FILE_POLICY
+
+
+def test_what_is_no_request_is_not_answered(panel: Told) -> None:
+    said = list[object]()
+
+    async def send(message: object) -> None:
+        said.append(message)
+
+    asyncio.run(panel.app({"type": "websocket"}, None, send))
+    assert said == []

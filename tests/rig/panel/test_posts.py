@@ -1,0 +1,370 @@
+"""What a page asks for: who is asked for it, what is answered, and what is not understood."""
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+import rig.panel.posts as posts
+from rig.panel.asked import MOST_BYTES
+from rig.panel.by_hand_process import NotTakenError
+from rig.panel.tabs import GONE_S
+from rig.session.control.announcements import ControlError, RefusedError
+from tests.rig.panel.asgi_client import asked
+from tests.rig.panel.told_panel import OWN, Told, ToldOwner
+from tests.waiting import DEADLINE_S
+
+Make = Callable[..., Told]
+
+HOLD = {"axis": "x", "sign": 1, "speed_mm_s": 1.5, "press": 7, "unix_s": 1000.0}
+OF_THE_RUN, OF_THE_BENCH = ["pause", "go_on"], ["home", "zero", "leave", "hold", "release"]
+BODIES: dict[str, Any] = {"hold": HOLD, "release": {"press": 7}}
+ALL = ["by_hand", "stop", "take", *OF_THE_RUN, *OF_THE_BENCH]
+
+
+def by_hand(**more: Any) -> ToldOwner:
+    return ToldOwner(kind="by hand", **more)
+
+
+# --- what is understood ---
+
+
+@pytest.mark.parametrize("path", ALL)
+@pytest.mark.parametrize(
+    ("body", "code"),
+    [
+        (b"", 400),
+        (b"{", 400),
+        (b"[]", 400),
+        (b'"a"', 400),
+        (b"null", 400),
+        (b"\xff", 400),
+        (b'{"speed_mm_s": NaN}', 400),
+        (b'{"speed_mm_s": Infinity}', 400),
+        (b"[" * 4000, 400),
+        (b" " * (MOST_BYTES + 1), 413),
+    ],
+    ids=lambda value: str(value)[:24],
+)
+def test_what_is_no_object_is_refused_and_does_nothing(path: str, body: bytes, code: int, make: Make) -> None:
+    panel = make(ToldOwner(), by_hand())
+    found, answer = panel.post(f"/{path}", body)
+    assert (found, answer["ok"]) == (code, False)
+    assert [one.asked for one in panel.owners] == [[], []]
+    assert (panel.bench.taken, panel.watcher.tabs.holder) == (0, None)
+
+
+@pytest.mark.parametrize("path", ALL)
+@pytest.mark.parametrize("kind", [None, "text/plain", "application/x-www-form-urlencoded", "application/jsonx"])
+def test_what_a_form_could_send_is_refused(path: str, kind: str | None, panel: Told) -> None:
+    assert panel.post(f"/{path}", content_type=kind)[0] == 415
+
+
+def test_a_body_in_pieces_is_put_together_and_one_without_end_is_not_waited_for(panel: Told) -> None:
+    headers = [*OWN.items(), ("x-rig-tab", "a")]
+    assert asked(panel.app, "POST", "/take", headers, [b"{", b" ", b"}"]).status_code == 200
+    pieces = [b" " * MOST_BYTES, b" ", b"}"]
+    assert asked(panel.app, "POST", "/take", headers, pieces).status_code == 413
+    exactly = b"{}" + b" " * (MOST_BYTES - 2)
+    assert panel.post("/take", exactly)[0] == 200
+    assert panel.post("/take", content_type="application/json; charset=utf-8")[0] == 200
+
+
+@pytest.mark.parametrize("tab", ["", "a" * 65, "t\u00e4b", "a\tb"])
+@pytest.mark.parametrize("path", ALL)
+def test_a_tab_has_a_name(path: str, tab: str, panel: Told) -> None:
+    code, answer = panel.post(f"/{path}", x_rig_tab=tab.encode("latin-1"))
+    assert code == 400
+    assert "name of the tab" in answer["problem"]
+    assert panel.post(f"/{path}", x_rig_tab=None)[0] == 400
+    assert panel.owners[0].asked == []
+
+
+@pytest.mark.parametrize(
+    ("wrong", "problem"),
+    [
+        ({"axis": "w"}, "axis: expected x, y or z"),
+        ({"axis": None}, "axis: expected x, y or z"),
+        ({"axis": ["x"]}, "axis: expected x, y or z"),
+        ({"sign": 0}, "sign: expected 1 or -1"),
+        ({"sign": 2}, "sign: expected 1 or -1"),
+        ({"sign": True}, "sign: expected 1 or -1"),
+        ({"sign": 1.0}, "sign: expected 1 or -1"),
+        ({"speed_mm_s": 0}, "speed_mm_s: expected more than 0"),
+        ({"speed_mm_s": -1}, "speed_mm_s: expected more than 0"),
+        ({"speed_mm_s": "1"}, "speed_mm_s: expected a number"),
+        ({"speed_mm_s": True}, "speed_mm_s: expected a number"),
+        ({"speed_mm_s": None}, "speed_mm_s: expected a number"),
+        ({"unix_s": "now"}, "unix_s: expected a number"),
+        ({"press": 1.5}, "press: expected a whole number"),
+        ({"press": -1}, "press: expected a whole number"),
+        ({"press": True}, "press: expected a whole number"),
+        ({"press": None}, "press: expected a whole number"),
+    ],
+    ids=str,
+)
+def test_a_button_that_is_not_understood_moves_nothing(wrong: dict[str, Any], problem: str, make: Make) -> None:
+    panel = make(by_hand())
+    assert panel.post("/hold", {**HOLD, **wrong}) == (400, {"ok": False, "problem": problem})
+    assert panel.owners[0].asked == []
+
+
+def test_numbers_beyond_all_numbers_are_refused(make: Make) -> None:
+    panel = make(by_hand())
+    for speed in (b"1e999", b"1e13", b"-1e999", b"9" * 400):
+        body = b'{"axis": "x", "sign": 1, "press": 1, "unix_s": 1000, "speed_mm_s": ' + speed + b"}"
+        assert panel.post("/hold", body)[0] == 400, speed
+    assert panel.post("/zero", {"anyway": 1}) == (400, {"ok": False, "problem": "anyway: expected true or false"})
+    assert panel.owners[0].asked == []
+
+
+# --- who is asked ---
+
+
+@pytest.mark.parametrize("path", OF_THE_RUN)
+def test_a_run_is_asked_for_what_is_its_own(path: str, panel: Told) -> None:
+    assert panel.post(f"/{path}") == (200, {"ok": True, "problem": None})
+    assert panel.owners[0].asked == [(path, {})]
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "more"),
+    [
+        ("home", {}, {}),
+        ("leave", {}, {}),
+        ("zero", {}, {"anyway": False}),
+        ("zero", {"anyway": True}, {"anyway": True}),
+        ("hold", HOLD, {"tab": "a", **HOLD}),
+        ("hold", HOLD | {"axis": "z", "sign": -1}, {"tab": "a", **HOLD, "axis": "z", "sign": -1}),
+        ("release", {"press": 7}, {"tab": "a", "press": 7}),
+    ],
+    ids=str,
+)
+def test_the_bench_is_asked_for_what_is_its_own(path: str, body: Any, more: Any, make: Make) -> None:
+    panel = make(by_hand())
+    assert panel.post(f"/{path}", body) == (200, {"ok": True, "problem": None})
+    assert panel.owners[0].asked == [(path, more)]
+
+
+@pytest.mark.parametrize("path", [*OF_THE_RUN, *OF_THE_BENCH])
+def test_nobody_is_asked_for_what_is_another_s(path: str, make: Make) -> None:
+    other = by_hand() if path in OF_THE_RUN else ToldOwner()
+    words = "no run is going" if path in OF_THE_RUN else "nobody has the bench by hand: take it first"
+    for owners in ([other], []):
+        assert make(*owners).post(f"/{path}", BODIES.get(path, {})) == (409, {"ok": False, "problem": words})
+    assert other.asked == []
+
+
+@pytest.mark.parametrize("path", [*OF_THE_RUN, *OF_THE_BENCH])
+def test_what_an_owner_says_is_passed_on(path: str, make: Make) -> None:
+    owner = ToldOwner() if path in OF_THE_RUN else by_hand()
+    for error, code in ((RefusedError("not now"), 409), (ControlError("process 1 has ended"), 503)):
+        owner.answers[path] = error
+        panel = make(owner)
+        assert panel.post(f"/{path}", BODIES.get(path, {})) == (code, {"ok": False, "problem": str(error)})
+    owner.answers[path] = {"ok": True, "words": "well"}
+    assert panel.post(f"/{path}", BODIES.get(path, {}) | {"press": 8})[1]["words"] == "well"
+
+
+def test_what_is_real_is_shown_before_what_is_virtual(make: Make) -> None:
+    real, rehearsal = ToldOwner(pid=1, began_unix_s=1.0), ToldOwner(pid=2, virtual=True, began_unix_s=2.0)
+    later = ToldOwner(pid=3, began_unix_s=3.0)
+    make(real, rehearsal).post("/pause")
+    assert (len(real.asked), len(rehearsal.asked)) == (1, 0)
+    make(later, real, rehearsal).post("/pause")
+    assert (len(real.asked), len(later.asked)) == (1, 1)
+
+
+# --- which tab ---
+
+
+@pytest.mark.parametrize("path", ["by_hand", *OF_THE_RUN, *OF_THE_BENCH])
+def test_only_the_tab_with_the_controls_asks_for_what_moves(path: str, make: Make) -> None:
+    owner = ToldOwner() if path in OF_THE_RUN else by_hand()
+    panel, body = make(owner), BODIES.get(path, {})
+    assert panel.post("/take", tab="first")[0] == 200
+    refused = (409, {"ok": False, "problem": "another tab has the controls"})
+    assert panel.post(f"/{path}", body, tab="second") == refused
+    assert (owner.asked, panel.bench.taken) == ([], 0)
+    assert panel.post("/take", tab="second")[0] == 200
+    assert panel.post(f"/{path}", body, tab="first") == refused
+    assert panel.post(f"/{path}", body, tab="second")[0] == 200
+
+
+def test_the_first_that_asks_has_the_controls_until_it_leaves(panel: Told) -> None:
+    assert panel.post("/pause", tab="first")[0] == 200
+    assert panel.watcher.tabs.holder == "first"
+    assert panel.post("/pause", tab="second")[0] == 409
+    panel.clock.wait_s(GONE_S)
+    panel.watcher.tabs.look(panel.clock.monotonic_s())
+    assert panel.post("/pause", tab="second")[0] == 409
+    panel.clock.wait_s(0.01)
+    panel.watcher.tabs.look(panel.clock.monotonic_s())
+    assert panel.watcher.tabs.holder is None
+    assert panel.post("/pause", tab="second")[0] == 200
+
+
+def test_anybody_stops(panel: Told) -> None:
+    panel.post("/take", tab="first")
+    assert panel.post("/stop", tab="second")[0] == 200
+    assert panel.owners[0].asked == [("stop", {})]
+    assert panel.watcher.tabs.holder == "first"
+
+
+# --- stop ---
+
+
+def test_a_stop_goes_to_everything_that_is_real_and_to_what_is_shown(make: Make) -> None:
+    real, other = ToldOwner(pid=1, began_unix_s=1.0), by_hand(pid=2, began_unix_s=2.0)
+    rehearsal = ToldOwner(pid=3, virtual=True, began_unix_s=3.0)
+    answer = make(real, other, rehearsal).post("/stop")
+    assert answer == (
+        200, {"ok": True, "problem": None, "stopped": [1, 2], "words": "told to stop: process 1, 2"},
+    )  # fmt: skip
+    assert [one.asked for one in (real, other, rehearsal)] == [[("stop", {})], [("stop", {})], []]
+    assert make(rehearsal).post("/stop")[1]["stopped"] == [3]
+
+
+def test_a_stop_asks_who_is_there_now(make: Make) -> None:
+    panel, new = make(), ToldOwner()
+    panel.watcher.owners = ()
+    panel.watcher.find = lambda: [new]
+    assert panel.post("/stop")[0] == 200
+    assert new.asked == [("stop", {})]
+
+    def gone() -> list[ToldOwner]:
+        raise PermissionError(1, "not yours", "/run")
+
+    panel.watcher.find, panel.watcher.owners = gone, [new]
+    assert panel.post("/stop")[0] == 200
+    assert len(new.asked) == 2
+
+
+def test_a_stop_that_did_not_arrive_is_told(make: Make) -> None:
+    nothing = (409, {"ok": False, "problem": "nothing owns the ports: there is nothing to stop"})
+    assert make().post("/stop") == nothing
+    ended, well = ToldOwner(answers={"stop": ControlError("process 1 has ended")}), ToldOwner(pid=2)
+    assert make(ended, well).post("/stop") == (503, {"ok": False, "problem": "process 1 has ended"})
+    assert well.asked == [("stop", {})]
+    refusing = [ToldOwner(answers={"stop": RefusedError(words)}) for words in ("over", "done")]
+    assert make(*refusing).post("/stop") == (409, {"ok": False, "problem": "over; done"})
+    assert make(*refusing, well).post("/stop")[1]["stopped"] == [2]
+
+
+def test_a_stop_is_not_behind_anything(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever is asked for something else hangs, and the stop's own answer does not come either."""
+    monkeypatch.setattr(posts, "_STOP_S", 0.01)
+    free = threading.Event()
+
+    def hangs() -> dict[str, Any]:
+        assert free.wait(DEADLINE_S)
+        return {"ok": True}
+
+    panel = make(ToldOwner(answers={"pause": hangs, "stop": hangs}))
+    hung = [threading.Thread(target=panel.post, args=["/pause"]) for _ in range(12)]
+    for one in hung:
+        one.start()
+    for _ in range(10):
+        code, answer = panel.post("/stop")
+        assert (code, answer["problem"]) == (503, "told to stop, and not answered yet: use the emergency stop")
+    assert panel.owners[0].asked.count(("stop", {})) == 10
+    free.set()
+    for one in hung:
+        one.join(DEADLINE_S)
+    assert panel.post("/stop")[0] in (200, 503)
+
+
+# --- jogging ---
+
+
+@pytest.mark.parametrize(("late_s", "code"), [(0.0, 200), (0.25, 200), (0.26, 409), (-0.25, 200), (-0.26, 409)])
+def test_a_hold_that_waited_somewhere_moves_nothing(late_s: float, code: int, make: Make) -> None:
+    panel = make(by_hand())
+    assert panel.post("/hold", HOLD | {"unix_s": 1000.0 - late_s})[0] == code
+    assert bool(panel.owners[0].asked) is (code == 200)
+
+
+def test_a_press_that_was_let_go_moves_nothing_any_more(make: Make) -> None:
+    panel = make(by_hand())
+    assert panel.post("/hold", HOLD)[0] == 200
+    assert panel.post("/release", {"press": 7})[0] == 200
+    over = (409, {"ok": False, "problem": "that button was let go: press it anew"})
+    assert panel.post("/hold", HOLD) == over
+    assert panel.post("/hold", HOLD | {"press": 6}) == over
+    assert panel.post("/hold", HOLD | {"press": 8})[0] == 200
+    assert panel.post("/release", {"press": 3})[0] == 200
+    assert panel.post("/hold", HOLD) == over
+    assert [do for do, _ in panel.owners[0].asked] == ["hold", "release", "hold", "release"]
+
+
+def test_a_press_that_was_refused_is_over(make: Make) -> None:
+    for error in (RefusedError("touched"), ControlError("process 1 does not answer within 0.2 s")):
+        panel = make(by_hand(answers={"hold": error}))
+        assert panel.post("/hold", HOLD)[1]["problem"] == str(error)
+        assert panel.post("/hold", HOLD) == (409, {"ok": False, "problem": "that button was let go: press it anew"})
+        assert len(panel.owners[0].asked) == 1
+
+
+def test_another_tab_s_buttons_are_its_own(make: Make) -> None:
+    panel = make(by_hand())
+    panel.post("/release", {"press": 100}, tab="a")
+    assert panel.post("/hold", HOLD, tab="a")[0] == 409
+    panel.post("/take", tab="a")
+    assert panel.post("/hold", HOLD, tab="a")[0] == 409
+    panel.post("/take", tab="b")
+    assert panel.post("/hold", HOLD, tab="b")[0] == 200
+
+
+def test_three_holds_at_most_are_on_their_way(make: Make) -> None:
+    """Those that a slow owner has not answered do not queue behind one another."""
+    free, begun = threading.Event(), threading.Barrier(4)
+
+    def slow() -> dict[str, Any]:
+        begun.wait(DEADLINE_S)
+        assert free.wait(DEADLINE_S)
+        return {"ok": True}
+
+    panel = make(by_hand(answers={"hold": slow}))
+    first: list[tuple[int, Any]] = []
+    waiting = [threading.Thread(target=lambda: first.append(panel.post("/hold", HOLD))) for _ in range(3)]
+    for one in waiting:
+        one.start()
+    begun.wait(DEADLINE_S)
+    assert panel.post("/hold", HOLD) == (503, {"ok": False, "problem": "the bench has not answered yet"})
+    free.set()
+    for one in waiting:
+        one.join(DEADLINE_S)
+    assert [code for code, _ in first] == [200, 200, 200]
+    assert len(panel.owners[0].asked) == 3
+    del panel.owners[0].answers["hold"]
+    assert panel.post("/hold", HOLD)[0] == 200
+
+
+# --- the bench ---
+
+
+def test_the_bench_is_taken_where_there_is_one_and_it_is_free(make: Make) -> None:
+    panel = make()
+    assert panel.post("/by_hand") == (200, {"ok": True, "problem": None})
+    assert panel.bench.taken == 1
+    panel.bench.problem = NotTakenError("/dev/ttyUSB0: no such file")
+    assert panel.post("/by_hand") == (503, {"ok": False, "problem": "/dev/ttyUSB0: no such file"})
+
+
+def test_the_bench_is_not_taken_from_a_run(make: Make) -> None:
+    ports = make().watcher.bench.ports
+    assert len(ports) == 2
+    for port in ports:
+        panel = make(ToldOwner(pid=5, ports=(port, "other")))
+        assert panel.post("/by_hand") == (409, {"ok": False, "problem": "a run has the ports: process 5"})
+        assert panel.bench.taken == 0
+    for owner in (ToldOwner(ports=("others",)), ToldOwner(ports=(), virtual=True), by_hand(ports=ports)):
+        assert make(owner).post("/by_hand")[0] == 200
+
+
+def test_without_a_configuration_there_is_no_bench(make: Make) -> None:
+    panel = make(configured=False)
+    words = "rig panel was begun without --config: it knows no bench"
+    assert panel.post("/by_hand") == (409, {"ok": False, "problem": words})
+    assert panel.watcher.bench.ports == ()

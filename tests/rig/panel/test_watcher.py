@@ -1,0 +1,213 @@
+"""What is looked at: the owner that is shown, the run that goes on, and what pages are told of both."""
+
+import asyncio
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.panel.outlet import NOTHING, Onlooking
+from rig.panel.seen.seen_bench import HAND
+from rig.panel.watcher import BEAT_S, Watcher
+from rig.session.control.announcements import ControlError
+from sim.devices.clock import VirtualClock
+from tests.rig.panel.test_outlet import events
+from tests.rig.panel.told_panel import Told, ToldOwner
+
+Make = Callable[..., Told]
+
+
+def journal(path: Path, *documents: dict[str, Any]) -> Path:
+    """A run's folder; its documents are appended."""
+    path.mkdir(parents=True, exist_ok=True)
+    with (path / "events.jsonl").open("a", encoding="utf-8") as file:
+        for n, one in enumerate(documents):
+            file.write(json.dumps({"t_s": float(n), "unix_s": 1000.0 + n, **one}) + "\n")
+    return path
+
+
+START = {"doc": "start", "protocol": "p", "planned_indentations": 1, "virtual": True}
+
+
+def sample(force_gwt: float) -> dict[str, Any]:
+    return {"doc": "event", "stream": "sample", "data": {"index": 0, "phase": "press", "force_gwt": force_gwt}}
+
+
+def look(watcher: Watcher) -> None:
+    async def once() -> None:
+        await watcher.ask()
+        await watcher.read()
+        await watcher.beat()
+
+    asyncio.run(once())
+
+
+def told(watcher: Watcher, client: Onlooking) -> dict[str, Any]:
+    look(watcher)
+    return dict(events(client.taken(0.0)))
+
+
+def test_an_owner_s_run_is_followed_wherever_it_lies(make: Make, tmp_path: Path) -> None:
+    run = journal(tmp_path / "elsewhere" / "run", START, sample(1.5))
+    owner = ToldOwner(run=str(run), answers={"status": {"ok": True, "state": "running", "stopped": False}})
+    watcher = make(owner).watcher
+    with watcher.outlet.joined() as client:
+        found = told(watcher, client)
+        assert found["state"]["owner"] == {
+            "kind": "run", "pid": 1, "virtual": False, "ports": ["stage", "force"], "state": "running",
+            "stopped": False, "reachable": True,
+        }  # fmt: skip
+        assert found["state"]["run"]["name"] == "run"
+        assert (found["state"]["newest"]["force_gwt"], found["state"]["run"]["state"]) == (1.5, "running")
+        assert (found["state"]["hand"], found["state"]["notice"], found["state"]["configured"]) == (None, None, True)
+        assert (found["readings"]["run"], len(found["readings"]["rows"])) == ("run", 1)
+        journal(run, sample(2.5))
+        assert told(watcher, client)["readings"]["rows"][0][2] == 2.5
+        owner.run = str(journal(tmp_path / "other", START))
+        found = told(watcher, client)
+        assert (found["state"]["run"]["name"], found["readings"]["reset"]) == ("other", True)
+
+
+def test_a_run_that_has_not_begun_is_no_run_and_one_that_ended_stays(make: Make, tmp_path: Path) -> None:
+    run = journal(tmp_path / "run", START, sample(1.5))
+    owner = ToldOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})
+    panel = make(owner)
+    watcher = panel.watcher
+    look(watcher)
+    journal(run, {"doc": "stop", "status": "done"})
+    panel.owners.clear()
+    with watcher.outlet.joined() as client:
+        state = told(watcher, client)["state"]
+        assert (state["owner"], state["run"]["state"], state["run"]["now"]) == (None, "done", None)
+        panel.owners.append(ToldOwner(pid=2, answers={"status": {"ok": True, "state": "planning"}}))
+        found = told(watcher, client)
+        assert (found["state"]["run"], found["state"]["notice"]) == (
+            None, "the script is being checked: nothing moves yet",
+        )  # fmt: skip
+        assert (found["readings"]["run"], found["readings"]["columns"], found["readings"]["rows"]) == (None, [], [])
+        assert watcher.outlet.source is NOTHING
+        assert watcher.job == watcher.bench.job
+
+
+def test_where_nobody_announces_a_run_the_one_that_grows_is_followed(make: Make) -> None:
+    panel = make()
+    watcher, now_s = panel.watcher, panel.clock.unix_s()
+    run = journal(watcher.out / "20260101-run", START, sample(1.5))
+    os.utime(run / "events.jsonl", (now_s, now_s))
+    with watcher.outlet.joined() as client:
+        assert told(watcher, client)["state"]["run"]["name"] == "20260101-run"
+        panel.clock.wait_s(10.0)
+        assert told(watcher, client)["state"]["run"]["state"] == "killed"
+        other = journal(watcher.out / "20260102-other", START)
+        os.utime(other / "events.jsonl", (now_s + 10.0, now_s + 10.0))
+        panel.clock.wait_s(1.0)
+        assert told(watcher, client)["state"]["run"]["name"] == "20260102-other"
+
+
+def test_runs_are_not_searched_for_all_the_time(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    panel, searched = make(), list[float]()
+    monkeypatch.setattr("rig.panel.watcher.growing", lambda out, unix_s: searched.append(unix_s))
+    for _ in range(4):
+        look(panel.watcher)
+    assert len(searched) == 1
+    panel.clock.wait_s(1.0)
+    look(panel.watcher)
+    assert len(searched) == 2
+
+
+def test_the_bench_by_hand(make: Make, tmp_path: Path) -> None:
+    row = [5.0, 5.0, 0.25, 1.0, 2.0, 3.0, None]
+    status = {
+        "ok": True, "state": "idle", "stopped": False, "force_gwt": 0.25, "read_unix_s": 999.0, "homed": True,
+        "readings": {"columns": list(HAND.columns), "rows": [row], "next": 4},
+    }  # fmt: skip
+    hand = ToldOwner(kind="by hand", answers={"status": status})
+    panel = make(hand)
+    watcher = panel.watcher
+    with watcher.outlet.joined() as client:
+        found = told(watcher, client)
+        assert hand.asked == [("status", {"since": 0})]
+        assert found["readings"]["hand"] is True
+        assert found["readings"]["rows"] == [row]
+        state = found["state"]
+        assert state["hand"] == {name: value for name, value in status.items() if name != "readings"}
+        assert (state["run"], state["newest"]["age_s"], state["devices"]["stage"]["word"]) == (None, 1.0, "idle")
+        assert state["limits"]["margin_gwt"] == state["limits"]["trip_gwt"] - 0.25
+        look(watcher)
+        assert hand.asked[-1] == ("status", {"since": 4})
+        panel.owners[:] = [ToldOwner(pid=9, kind="by hand", answers={"status": ControlError("gone")})]
+        found = told(watcher, client)
+        assert (found["readings"]["reset"], found["state"]["owner"]["reachable"]) == (True, False)
+        assert (found["state"]["hand"], found["state"]["newest"]["force_gwt"]) == (None, None)
+        run = journal(tmp_path / "run", START)
+        panel.owners[:] = [ToldOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})]
+        assert told(watcher, client)["readings"]["hand"] is False
+
+
+def test_a_state_is_told_when_it_changes_and_otherwise_now_and_then(make: Make) -> None:
+    panel = make()
+    watcher = panel.watcher
+    with watcher.outlet.joined() as client:
+        assert told(watcher, client)["state"]["unix_s"] == 1000.0
+        panel.clock.wait_s(BEAT_S - 0.01)
+        assert "state" not in told(watcher, client)
+        panel.clock.wait_s(0.01)
+        assert told(watcher, client)["state"]["unix_s"] == pytest.approx(1000.0 + BEAT_S)
+        watcher.tabs.take("a", panel.clock.monotonic_s())
+        assert told(watcher, client)["state"]["controls"] == "a"
+        assert "state" not in told(watcher, client)
+        panel.owners.append(ToldOwner(answers={"status": ControlError("hangs")}))
+        assert told(watcher, client)["state"]["owner"]["reachable"] is False
+        panel.owners[0].answers["status"] = {"ok": True, "state": "paused", "stopped": True}
+        state = told(watcher, client)["state"]
+        assert (state["owner"]["stopped"], state["notice"]) == (True, "paused, the indentor is lifted")
+        watcher.find = _not_ours
+        state = told(watcher, client)["state"]
+        assert (state["owner"], state["problem"]) == (None, "/run/rig: not yours")
+    assert BEAT_S < 0.5
+
+
+def _not_ours() -> list[ToldOwner]:
+    raise PermissionError(1, "not yours", "/run/rig")
+
+
+def test_the_time_left_alone_is_no_change(make: Make, tmp_path: Path) -> None:
+    from rig.data.folder import RunFolder
+    from rig.plan.agenda import Course
+
+    run = journal(tmp_path / "run", START)
+    Course(100.0, {("home", 1, 0): 50.0}, {("home", 1, 0): "home"}).keep(RunFolder(run))
+    owner = ToldOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})
+    watcher = make(owner).watcher
+    with watcher.outlet.joined() as client:
+        found = told(watcher, client)
+        assert found["state"]["run"]["left_s"] == 100.0
+        assert [one["words"] for one in found["schedule"]["steps"]] == ["home"]
+        assert found["schedule"]["run"] == "run"
+        journal(run, {"doc": "event", "stream": "note", "data": {"text": "a"}, "t_s": 10.0})
+        assert told(watcher, client) == {}
+        journal(run, {"doc": "event", "stream": "home", "data": {"controller": "a"}, "t_s": 20.0})
+        found = told(watcher, client)
+        assert found["schedule"]["steps"][0]["done"] is True
+
+
+def test_it_looks_on_until_it_is_cancelled(make: Make, tmp_path: Path) -> None:
+    run = journal(tmp_path / "run", START, sample(1.0))
+    watcher = make(ToldOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})).watcher
+
+    async def looks_on() -> None:
+        with watcher.outlet.joined() as client:
+            task = asyncio.create_task(watcher.look_on())
+            seen: dict[str, Any] = {}
+            while not seen.get("state", {}).get("run") or "readings" not in seen:
+                await client.woken.wait()
+                seen |= dict(events(client.taken(0.0)))
+            task.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await task
+
+    asyncio.run(looks_on())
+    assert isinstance(watcher.clock, VirtualClock)

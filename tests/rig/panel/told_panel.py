@@ -1,0 +1,79 @@
+"""The panel without a port: its application, told what owners there are and what each of them answers."""
+
+import json
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from rig.panel.by_hand_process import ByHandProcess
+from rig.panel.watcher import Watcher
+from sim.devices.clock import VirtualClock
+from tests.rig.panel.asgi_client import Answer, asked
+
+PORT, TOKEN = 8123, "the-token"
+HERE = f"http://127.0.0.1:{PORT}"
+OWN = {
+    "host": f"127.0.0.1:{PORT}",
+    "origin": HERE,
+    "x-rig-token": TOKEN,
+    "content-type": "application/json",
+}
+
+
+@dataclass(eq=False)
+class ToldOwner:
+    """Announces what a test says, and answers what it says: an answer or an error for each request."""
+
+    pid: int = 1
+    kind: Literal["run", "by hand"] = "run"
+    virtual: bool = False
+    ports: tuple[str, ...] = ("stage", "force")
+    run: str | None = None
+    began_unix_s: float = 0.0
+    answers: dict[str, Any] = field(default_factory=dict)
+    asked: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
+
+    def ask(self, do: str, *, within_s: float = 1.0, **more: Any) -> dict[str, Any]:
+        self.asked.append((do, more))
+        answer = self.answers.get(do, {"ok": True})
+        if isinstance(answer, Exception):
+            raise answer
+        return dict(answer() if callable(answer) else answer)
+
+
+class ToldBench(ByHandProcess):
+    """Takes the bench as a test says."""
+
+    def __init__(self) -> None:
+        super().__init__(None, list)
+        self.taken, self.problem = 0, None  # type: int, Exception | None
+
+    async def take(self) -> None:
+        self.taken += 1
+        if self.problem is not None:
+            raise self.problem
+
+
+@dataclass
+class Told:
+    """A panel with everything around it."""
+
+    owners: list[ToldOwner]
+    watcher: Watcher
+    bench: ToldBench
+    clock: VirtualClock
+    app: Any
+
+    def post(
+        self, path: str, body: object = None, tab: str = "a", **headers: str | bytes | None
+    ) -> tuple[int, dict[str, Any]]:
+        """From the panel's own page, but for headers that are given; None leaves one out."""
+        told = {**OWN, "x-rig-tab": tab, **{name.replace("_", "-"): value for name, value in headers.items()}}
+        given = [(name, value) for name, value in told.items() if value is not None]
+        content = body if isinstance(body, bytes) else json.dumps({} if body is None else body).encode()
+        answer = asked(self.app, "POST", path, given, [content])
+        return answer.status_code, answer.json()
+
+    def get(self, path: str, method: str = "GET", **headers: str) -> Answer:
+        """From the line of a browser, but for headers that are given."""
+        told = {"host": OWN["host"], **{name.replace("_", "-"): value for name, value in headers.items()}}
+        return asked(self.app, method, path, list(told.items()))
