@@ -35,6 +35,7 @@ REAL_TIME = (
     "rig/test_how_it_ends.py",
     "rig/test_kills.py",
     "rig/test_modbus_counterparties.py",
+    "rig/panel/test_posts.py",
     "rig/test_patience.py::test_elsewhere_than_on_the_main_thread_there_are_no_alarms",
     "rig/test_release.py::test_python_runs_the_package_and_ends_as_the_program_does",
     "rig/test_release.py::test_every_module_is_imported_without_an_extra",

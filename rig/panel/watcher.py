@@ -110,10 +110,10 @@ class Watcher:
             self._follow(SeenRun(folder))
         if (run := self.run) is None:
             return
-        rows = await loop.run_in_executor(self._reading, run.look)
+        rows = await loop.run_in_executor(self._reading, run.look, self.clock.unix_s())
         if run is self.run:
             self.outlet.add(rows)
-            going = (owner is not None and run_of(owner) == run.folder.path) or run.lately(self.clock.unix_s())
+            going = run.alive or (owner is not None and run_of(owner) == run.folder.path)
             self._run_told = run.told(going=going)
             self._tell_schedule(run.schedule_told())
 

@@ -35,17 +35,32 @@ class SeenRun:
         self.problem = ""
         self.newest: Mapping[str, Any] = {}
         self.stop: Mapping[str, Any] | None = None
+        self.alive = False
         self.seen = Onlooker(self.folder)
         self.job: Job | None = None
         self._journal = Following(self.folder)
         self._config: Config | None = None
         self._devices = _Devices()
         self._said = ""
+        self._asked_s = 0.0
 
-    def look(self) -> list[Row]:
+    def look(self, unix_s: float) -> list[Row]:
         """Read what came; returns the readings among it. What cannot be read ends the looking, and is the problem."""
-        if self.problem:
-            return []
+        rows = [] if self.problem else self._new()
+        self.alive = not self.ended and self._is_alive(unix_s)
+        return rows
+
+    def _is_alive(self, unix_s: float) -> bool:
+        """Whether somebody writes to it: while it is silent its lock is asked now and then, until nobody holds it."""
+        if unix_s - written_s(self.folder.path) < GROWS_S:
+            self._asked_s = unix_s
+            return True
+        if self.alive and unix_s - self._asked_s >= GROWS_S:
+            self._asked_s = unix_s
+            return self.folder.busy
+        return self.alive
+
+    def _new(self) -> list[Row]:
         try:
             documents = self._journal.new()
             self._read_config()
@@ -108,10 +123,6 @@ class SeenRun:
     def ended(self) -> bool:
         """Whether its journal has an end."""
         return self.stop is not None
-
-    def lately(self, unix_s: float) -> bool:
-        """Whether it was written to a moment ago, and has no end."""
-        return not self.ended and unix_s - written_s(self.folder.path) < GROWS_S
 
     def told(self, *, going: bool) -> dict[str, Any]:
         """`run` of the state. going: somebody writes to it."""

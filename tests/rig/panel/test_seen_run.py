@@ -1,11 +1,13 @@
 """A run as a page is told of it, from its journal alone."""
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from rig.data.folder import RunFolder
 from rig.devices.units import GWT_N
 from rig.panel.drawn.job import Job, Press
 from rig.panel.seen.growing import GROWS_S, growing, written_s
@@ -15,6 +17,7 @@ from rig.panel.seen.seen_run import COLUMNS, SeenRun
 from rig.plan.agenda import Course
 from rig.plan.config import Config
 
+NOW_S = 2000.0
 START = {"protocol": "steps", "title": "Steps", "subject": "S07", "planned_indentations": 2, "soft_trip_n": 0.05}
 PRESS = {"index": 0, "indentor": "bar:3.0", "x_mm": 0.5, "target": "doi_mm", "value": 0.8, "increments": 1}
 SAMPLE = {"index": 0, "phase": "press", "x_mm": 0.5, "height_mm": -0.1, "doi_mm": 0.1, "force_gwt": 1.5}
@@ -48,7 +51,7 @@ def run(tmp_path: Path) -> Written:
 
 def told(run: Written) -> SeenRun:
     seen = SeenRun(run.path)
-    seen.look()
+    seen.look(NOW_S)
     return seen
 
 
@@ -61,11 +64,11 @@ def test_readings_as_they_come(run: Written) -> None:
     }  # fmt: skip
     run.event("sample", **SAMPLE)
     run.event("precondition_sample", **{**SAMPLE, "force_gwt": 2.0, "doi_mm": None})
-    assert seen.look() == [
+    assert seen.look(NOW_S) == [
         [1002.0, 2.0, 1.5, 0.1, 0.5, -0.1, "press", 0, "data"],
         [1003.0, 3.0, 2.0, None, 0.5, -0.1, "press", 0, "precondition"],
     ]
-    assert seen.look() == []
+    assert seen.look(NOW_S) == []
     assert seen.newest_told(1003.5) == {
         "force_gwt": 2.0, "force_n": 2.0 * GWT_N, "doi_mm": None, "x_mm": 0.5, "height_mm": -0.1, "phase": "press",
         "t_s": 3.0, "age_s": 0.5,
@@ -79,14 +82,14 @@ def test_a_virtual_run_is_as_old_as_its_journal(tmp_path: Path) -> None:
     run.doc("start", **START, virtual=True)
     run.event("sample", **SAMPLE)
     seen = SeenRun(run.path)
-    ((unix_s, *_),) = seen.look()
+    ((unix_s, *_),) = seen.look(NOW_S)
     assert unix_s == run.journal.stat().st_mtime == written_s(run.path)
     assert seen.virtual is True
 
 
 def test_a_clock_that_is_ahead_makes_nothing_younger_than_its_journal(run: Written) -> None:
     run.doc("event", stream="sample", data=SAMPLE, unix_s=1e11)
-    (*_, row) = SeenRun(run.path).look()
+    (*_, row) = SeenRun(run.path).look(NOW_S)
     assert row[0] == written_s(run.path)
 
 
@@ -98,20 +101,20 @@ def test_what_a_page_is_told_of_it(run: Written) -> None:
         "said": None, "ending": None, "problem": None,
     }  # fmt: skip
     run.event("indentation_start", **PRESS)
-    seen.look()
+    seen.look(NOW_S)
     assert seen.told(going=True)["now"] == "press bar:3.0 at +0.50 mm to 0.8 mm"
     run.event("indentation_end", index=0, duration_s=1.0)
     run.event("alarm", reason="the zero has drifted")
-    seen.look()
+    seen.look(NOW_S)
     about = seen.told(going=False)
     assert (about["state"], about["done"], about["now"], about["said"]) == ("killed", 1, None, "the zero has drifted")
     assert seen.ended is False
     run.doc("stop", status="tripped", reason="force 9 gwt")
-    seen.look()
+    seen.look(NOW_S)
     about = seen.told(going=True)
     assert (about["state"], about["ending"], seen.ended) == ("tripped", "force 9 gwt", True)
     run.doc("resume", missing=1)
-    seen.look()
+    seen.look(NOW_S)
     assert (seen.told(going=True)["state"], seen.ended) == ("running", False)
 
 
@@ -122,13 +125,11 @@ def test_its_schedule(run: Written) -> None:
         {moved: "move", begun: "press", ("reference_indentation_start", 0, 0): "reference"},
         {begun: {"block": 1, "repeat": 2, "condition": "c"}},
     )  # fmt: skip
-    from rig.data.folder import RunFolder
-
     course.keep(RunFolder(run.path))
     assert Course.kept(RunFolder(run.path)) == course
     seen = told(run)
     run.event("move", x_mm=0.5, along_mm=0.0)
-    seen.look()
+    seen.look(NOW_S)
     nothing = {"block": None, "repeat": None, "condition": None}
     assert seen.schedule_told() == [
         {"index": None, "purpose": None, "words": "move", **nothing, "done": True, "now": False},
@@ -145,7 +146,7 @@ def test_devices_by_what_was_heard_of_them(run: Written) -> None:
 
     def after(stream: str, **data: Any) -> tuple[Any, ...]:
         run.event(stream, **data)
-        seen.look()
+        seen.look(NOW_S)
         found = seen.devices_told(1000.0 + run.t_s + 2.0)
         stage, force = found["stage"], found["force"]
         return stage["word"], stage["homed"], stage["age_s"], force["word"], force["age_s"]
@@ -163,16 +164,16 @@ def test_what_there_is_to_draw(run: Written) -> None:
     seen, config = told(run), run.path / "config.toml"
     assert seen.job is None
     run.event("mount", indentor="step:1")
-    seen.look()
+    seen.look(NOW_S)
     assert seen.job == Job(config, run.path, "step:1")
     run.event("move", x_mm=0.5, along_mm=1.5)
-    seen.look()
+    seen.look(NOW_S)
     assert seen.job == Job(config, run.path, "step:1", 1.5)
     run.event("reference_indentation_start", **PRESS)
-    seen.look()
+    seen.look(NOW_S)
     assert seen.job == Job(config, run.path, "bar:3.0", 1.5, Press(0, "reference", 0.5, "doi_mm", 0.8))
     run.event("move", x_mm=0.5)
-    seen.look()
+    seen.look(NOW_S)
     assert seen.job == Job(config, run.path, "bar:3.0")
 
 
@@ -180,7 +181,7 @@ def test_limits_and_margins_in_either_unit(run: Written) -> None:
     seen = told(run)
     assert seen.limits_told() is not None
     run.event("sample", **{**SAMPLE, "force_gwt": -1.5})
-    seen.look()
+    seen.look(NOW_S)
     assert seen.limits_told() == limits_told(Config(), 0.05, -1.5)
     found = limits_told(Config(), 0.05, -1.5)
     assert found["trip_n"] == pytest.approx(0.05)
@@ -201,7 +202,7 @@ def test_without_its_configuration_there_are_no_limits_until_it_comes(tmp_path: 
     seen = told(run)
     assert (seen.limits_told(), seen.problem) == (None, "")
     (run.path / "config.toml").write_text("[limits]\nmax_doi_mm = 1.0\n", encoding="utf-8")
-    seen.look()
+    seen.look(NOW_S)
     limits = seen.limits_told()
     assert limits is not None
     assert limits["max_doi_mm"] == 1.0
@@ -222,15 +223,13 @@ def test_what_cannot_be_read_is_told_and_not_looked_at_again(spoil: Any, problem
     assert problem in seen.problem
     assert seen.told(going=True)["problem"] == seen.problem
     run.event("sample", **SAMPLE)
-    assert seen.look() == []
+    assert seen.look(NOW_S) == []
 
 
 # --- which run ---
 
 
 def test_the_run_that_goes_on_is_the_one_that_is_written_to(tmp_path: Path) -> None:
-    import os
-
     out = tmp_path / "runs"
     assert growing(out, 0.0) is None
     for name, then_s in (("20260101T000000-a-1", 100.0), ("20260102T000000-b-2", 98.0), (".20260103-c.part", 101.0)):
@@ -240,24 +239,46 @@ def test_the_run_that_goes_on_is_the_one_that_is_written_to(tmp_path: Path) -> N
     (out / "20260105T000000-e-4" / "events.jsonl").mkdir(parents=True)
     assert growing(out, 100.0 + GROWS_S - 0.1) == out / "20260101T000000-a-1"
     assert growing(out, 100.0 + GROWS_S) is None
-    seen = SeenRun(out / "20260101T000000-a-1")
-    assert seen.lately(104.9) is True
-    assert seen.lately(105.0) is False
-    Written.doc(run := _again(out / "20260101T000000-a-1"), "stop", status="done")
-    seen.look()
-    assert seen.lately(run.journal.stat().st_mtime) is False
     assert written_s(tmp_path / "none") == 0.0
 
 
-def _again(path: Path) -> Written:
-    run = Written.__new__(Written)
-    run.path, run.journal, run.t_s = path, path / "events.jsonl", 9.0
-    return run
+def test_a_silent_run_goes_on_while_somebody_holds_it(run: Written, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked, holds = list[float](), [True]
+
+    def busy(folder: RunFolder) -> bool:
+        asked.append(now_s)
+        return holds[0]
+
+    monkeypatch.setattr(RunFolder, "busy", property(busy))
+    os.utime(run.journal, (100.0, 100.0))
+    seen, found = SeenRun(run.path), list[bool]()
+    for now_s in (104.9, 105.0, 109.8, 110.0, 114.9):
+        seen.look(now_s)
+        found.append(seen.alive)
+    assert (found, asked) == ([True] * 5, [110.0])
+    holds[0] = False
+    for now_s in (115.0, 130.0, 150.0):
+        seen.look(now_s)
+        assert seen.alive is False
+    assert asked == [110.0, 115.0]
+    os.utime(run.journal, (150.0, 150.0))
+    seen.look(151.0)
+    assert seen.alive is True
+    run.doc("stop", status="done")
+    os.utime(run.journal, (151.0, 151.0))
+    seen.look(151.0)
+    assert seen.alive is False
+
+
+def test_a_run_that_was_left_long_ago_is_not_asked_for(run: Written, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(RunFolder, "busy", property(lambda folder: 1 / 0))
+    os.utime(run.journal, (100.0, 100.0))
+    seen = SeenRun(run.path)
+    seen.look(200.0)
+    assert seen.alive is False
 
 
 def test_only_the_newest_folders_are_looked_at(tmp_path: Path) -> None:
-    import os
-
     for n in range(51):
         Written(tmp_path / f"{n:03d}").doc("start", **START)
         os.utime(tmp_path / f"{n:03d}" / "events.jsonl", (n if n else 100.0,) * 2)
