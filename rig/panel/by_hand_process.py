@@ -3,8 +3,10 @@
 import asyncio
 import subprocess
 import sys
+import tempfile
 from contextlib import suppress
 from pathlib import Path
+from typing import IO
 
 from rig.panel.owners import Find
 from rig.session.control.announcements import ControlError
@@ -17,12 +19,18 @@ class NotTakenError(Exception):
     """The bench could not be taken. One line."""
 
 
+def words(config: Path | None) -> list[str]:
+    """What it is begun with."""
+    return [sys.executable, "-m", "rig", "by-hand", "--config", str(config)]
+
+
 class ByHandProcess:
     """At most one; it owns the ports, and ends with this process."""
 
     def __init__(self, config: Path | None, find: Find) -> None:
         self._config, self._find = config, find
-        self._process: subprocess.Popen[str] | None = None
+        self._process: subprocess.Popen[bytes] | None = None
+        self._said: IO[bytes] | None = None
         self._taking = asyncio.Lock()
 
     async def take(self) -> None:
@@ -30,12 +38,13 @@ class ByHandProcess:
         async with self._taking:
             if self._process is not None and self._process.poll() is None:
                 return
+            self.forget()
             self._process = self._begun()
             for _ in range(round(READY_S / _LOOK_S)):
                 if await asyncio.to_thread(self._announced):
                     return
                 if self._process.poll() is not None:
-                    raise NotTakenError(self._last_words())
+                    raise NotTakenError(self.last_words or f"it ended with exit code {self._process.returncode}")
                 await asyncio.sleep(_LOOK_S)
             self._process.terminate()
             raise NotTakenError(f"the bench did not answer within {READY_S:g} s")
@@ -51,21 +60,30 @@ class ByHandProcess:
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(READY_S)
 
-    def _begun(self) -> "subprocess.Popen[str]":
+    def forget(self) -> None:
+        """What the last one said."""
+        if self._said is not None:
+            self._said.close()
+            self._said = None
+
+    @property
+    def last_words(self) -> str:
+        """The last line of one that has ended otherwise than it was asked to; else none."""
+        if self._said is None or self._process is None or self._process.poll() in (None, 0):
+            return ""
+        self._said.seek(0)
+        said = self._said.read().decode("utf-8", "replace").strip().splitlines()
+        return said[-1].removeprefix("rig: ") if said else ""
+
+    def _begun(self) -> "subprocess.Popen[bytes]":
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115  # until it is forgotten
         return subprocess.Popen(
-            [sys.executable, "-m", "rig", "by-hand", "--config", str(self._config)],
+            words(self._config),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
+            stderr=self._said,
             start_new_session=True,  # Ctrl-C is the panel's
         )
 
     def _announced(self) -> bool:
         return self._process is not None and any(owner.pid == self._process.pid for owner in self._find())
-
-    def _last_words(self) -> str:
-        """The last line that it said."""
-        assert self._process is not None
-        said = self._process.stderr.read().strip().splitlines() if self._process.stderr else []
-        return said[-1].removeprefix("rig: ") if said else f"it ended with exit code {self._process.returncode}"

@@ -45,6 +45,7 @@ class Panel:
         self._bench = ByHandProcess(offered.config, find)
         bench = SeenBench(offered.config, config)
         self._watcher = Watcher(offered.out.absolute(), bench, find, WallClock())
+        self._watcher.last_words = lambda: self._bench.last_words
         self._drawer = Drawer(lambda: self._watcher.job, self._watcher.outlet, self._watcher.clock)
         app = application(self._watcher, self._bench, self.port, self._token)
         self._server = _Server(_quiet(app), self._watcher.outlet.close)
@@ -63,6 +64,7 @@ class Panel:
             self._socket.close()
             self._drawer.close()
             self._bench.leave()
+            self._bench.forget()
 
     def end(self) -> None:
         """From any thread."""

@@ -43,6 +43,7 @@ class Watcher:
     owners: Sequence[Owner] = ()
     run: SeenRun | None = None
     problem: str = ""
+    last_words: Callable[[], str] = str  # of a process by hand that has ended
 
     def __post_init__(self) -> None:
         self._asking, self._reading = ThreadPoolExecutor(2, "asking"), ThreadPoolExecutor(1, "reading")
@@ -170,7 +171,7 @@ class Watcher:
             "devices": seen.devices_told(unix_s),
             "newest": seen.newest_told(unix_s),
             "limits": seen.limits_told(),
-            "notice": None if status is None else _NOTICES.get(str(status.get("state"))),
+            "notice": (self.last_words() or None) if status is None else _NOTICES.get(str(status.get("state"))),
             "problem": self.problem or None,
         }
 

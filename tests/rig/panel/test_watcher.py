@@ -170,6 +170,14 @@ def test_a_state_is_told_when_it_changes_and_otherwise_now_and_then(make: Make) 
     assert BEAT_S < 0.5
 
 
+def test_a_process_by_hand_that_ended_by_itself_is_told_of(make: Make) -> None:
+    watcher = make().watcher
+    with watcher.outlet.joined() as client:
+        assert told(watcher, client)["state"]["notice"] is None
+        watcher.last_words = lambda: "/dev/ttyUSB0: gone"
+        assert told(watcher, client)["state"]["notice"] == "/dev/ttyUSB0: gone"
+
+
 def _not_ours() -> list[ToldOwner]:
     raise PermissionError(1, "not yours", "/run/rig")
 

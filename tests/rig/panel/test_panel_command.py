@@ -1,0 +1,106 @@
+"""`rig panel`: what it prints, opens and refuses; serving itself is looked at in real time."""
+
+import sys
+import webbrowser
+from pathlib import Path
+
+import pytest
+
+import rig.panel.serving as serving
+from rig.session.control.announcements import runtime_folder
+from tests.program import Program
+
+
+class ToldPanel:
+    """Serves nothing, and remembers what it was begun with."""
+
+    url, port = "http://127.0.0.1:8123/#token=the-token", 8123
+    offered: serving.Offered
+    served = 0
+
+    def __init__(self, offered: serving.Offered) -> None:
+        type(self).offered = offered
+
+    def serve(self) -> None:
+        type(self).served += 1
+
+
+@pytest.fixture
+def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """What the browser was begun with."""
+    found: list[str] = []
+    monkeypatch.setattr(serving, "Panel", ToldPanel)
+    monkeypatch.setattr(ToldPanel, "served", 0)
+
+    def told(url: str) -> bool:
+        path = Path(url.removeprefix("file://"))
+        assert path.stat().st_mode & 0o777 == 0o600
+        found.extend([url, path.read_text(encoding="utf-8")])
+        return True
+
+    monkeypatch.setattr(webbrowser, "open", told)
+    return found
+
+
+def test_it_prints_the_page_and_opens_it_by_a_file_of_its_own(program: Program, opened: list[str]) -> None:
+    ended = program("panel")
+    assert (ended.code, ended.out) == (0, f"{ToldPanel.url}\n")
+    assert ended.err == "Ctrl-C ends the panel; a run goes on without it\n"
+    url, page = opened
+    assert "the-token" not in url
+    assert f'url={ToldPanel.url}"' in page
+    assert list(runtime_folder().glob("panel-*")) == []
+    assert (ToldPanel.served, ToldPanel.offered) == (1, serving.Offered(Path("runs"), None, 0))
+
+
+@pytest.mark.parametrize("word", ["--no-browser", "--json"])
+def test_a_browser_is_opened_for_people_who_want_one(word: str, program: Program, opened: list[str]) -> None:
+    ended = program("panel", word, "--out", "elsewhere", "--config", "rig.toml", "--port", 8123)
+    assert (opened, ToldPanel.served) == ([], 1)
+    assert ToldPanel.offered == serving.Offered(Path("elsewhere"), Path("rig.toml"), 8123)
+    if word == "--json":
+        told = ended.json
+        assert (told["url"], told["port"], set(told)) == (ToldPanel.url, 8123, {"url", "port", "pid"})
+        assert ended.err == ""
+
+
+@pytest.mark.parametrize("port", [1, 1023, 65536, -1])
+def test_a_port_is_one_that_anybody_may_have(port: int, program: Program, opened: list[str]) -> None:
+    ended = program("panel", "--port", port)
+    assert (ended.code, ended.complaint) == (2, f"--port {port}: expected 1024 … 65535, or 0")
+    assert ToldPanel.served == 0
+
+
+@pytest.mark.parametrize("port", [0, 1024, 65535])
+def test_every_other_port_is_taken(port: int, program: Program, opened: list[str]) -> None:
+    assert program("panel", "--no-browser", "--port", port).code == 0
+    assert ToldPanel.offered.port == port
+
+
+def test_a_configuration_that_is_none_is_told_before_anything_is_served(program: Program, tmp_path: Path) -> None:
+    ended = program("panel", "--no-browser", "--config", tmp_path / "none.toml")
+    assert ended.code == 2
+    assert "none.toml: No such file" in ended.complaint
+
+
+@pytest.mark.parametrize("missing", ["starlette", "uvicorn"])
+def test_without_the_extra_one_line_says_how_to_have_it(
+    missing: str, program: Program, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in [name for name in sys.modules if name.startswith(("rig.panel.", f"{missing}."))]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, missing, None)
+    ended = program("panel")
+    assert ended.code == 2
+    assert ended.complaint.startswith(f"panel: needs {missing}")
+    assert ended.complaint.endswith("expected pip install 'indentation-rig[panel]'")
+
+
+def test_what_is_missing_for_another_reason_is_no_matter_of_the_extra(
+    program: Program, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in [name for name in sys.modules if name.startswith("rig.panel.")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "rig.panel.gate", None)
+    with pytest.raises(ModuleNotFoundError, match=r"rig\.panel\.gate"):
+        program("panel")

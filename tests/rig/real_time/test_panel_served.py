@@ -1,0 +1,439 @@
+"""The panel on a port of loopback, with real sockets, processes and clocks."""
+
+import asyncio
+import http.client
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import rig.panel.by_hand_process as by_hand_process
+from rig.engine.journal import Journal
+from rig.engine.streams import STREAMS
+from rig.panel.by_hand_process import ByHandProcess, NotTakenError
+from rig.panel.drawn.drawing_process import DrawingError, DrawingProcess
+from rig.panel.drawn.job import Job
+from rig.panel.serving import Offered, Panel
+from rig.session.control.announcements import Announcement, announced
+from rig.session.control.control_socket import ControlSocket
+from rig.transport.clock import WallClock
+from tests.program import Program
+from tests.waiting import DEADLINE_S, until
+
+Serve = Callable[..., Panel]
+
+SAMPLE = {"index": 0, "phase": "press", "x_mm": 0.5, "height_mm": -0.1, "doi_mm": 0.1, "force_gwt": 1.5}
+
+
+@pytest.fixture
+def serve(tmp_path: Path) -> Iterator[Serve]:
+    """Serve a panel from a thread until the test ends."""
+    going: list[tuple[Panel, threading.Thread]] = []
+
+    def begin(**more: Any) -> Panel:
+        panel = Panel(Offered(tmp_path / "runs", **more))
+        thread = threading.Thread(target=panel.serve)
+        thread.start()
+        going.append((panel, thread))
+        return panel
+
+    yield begin
+    for panel, thread in going:
+        panel.end()
+        thread.join(DEADLINE_S)
+        assert not thread.is_alive()
+
+
+class Stream:
+    """A page's stream of events: what came, put together."""
+
+    def __init__(self, panel: Panel, tab: str = "a") -> None:
+        self.wire = http.client.HTTPConnection("127.0.0.1", panel.port, timeout=DEADLINE_S)
+        self.wire.request("GET", f"/events?tab={tab}")
+        self.answer = self.wire.getresponse()
+        self.came: dict[str, list[dict[str, Any]]] = {}
+
+    def event(self) -> tuple[str, dict[str, Any]]:
+        """The next one."""
+        lines: list[str] = []
+        while line := self.answer.readline().decode().rstrip("\n"):
+            lines.append(line)
+        if not lines or not lines[0].startswith("event: "):
+            return self.event()
+        kind, told = lines[0].removeprefix("event: "), json.loads(lines[1].removeprefix("data: "))
+        self.came.setdefault(kind, []).append(told)
+        return kind, told
+
+    def until(self, kind: str, look: Callable[[dict[str, Any]], Any]) -> dict[str, Any]:
+        """The first of a kind that is as it is looked for."""
+        while True:
+            found, told = self.event()
+            if found == kind and look(told):
+                return told
+
+    def close(self) -> None:
+        self.answer.close()
+        self.wire.close()
+
+
+def post(panel: Panel, path: str, body: Any = None, tab: str = "a", **headers: str) -> tuple[int, dict[str, Any]]:
+    """From the panel's own page."""
+    here = f"http://127.0.0.1:{panel.port}"
+    own = {"Origin": here, "X-Rig-Token": panel.url.partition("=")[2], "X-Rig-Tab": tab}
+    with closing(http.client.HTTPConnection("127.0.0.1", panel.port, timeout=DEADLINE_S)) as wire:
+        kind = {"Content-Type": "application/json"}
+        wire.request("POST", path, json.dumps({} if body is None else body), {**own, **kind, **headers})
+        answer = wire.getresponse()
+        return answer.status, json.loads(answer.read())
+
+
+def raw(panel: Panel, request: bytes) -> bytes:
+    """What a server says to bytes."""
+    with socket.create_connection(("127.0.0.1", panel.port), timeout=DEADLINE_S) as wire:
+        wire.sendall(request)
+        wire.shutdown(socket.SHUT_WR)
+        heard = bytearray()
+        while piece := wire.recv(65536):
+            heard += piece
+        return bytes(heard)
+
+
+@pytest.fixture
+def journal(tmp_path: Path) -> Iterator[Journal]:
+    """Of a run that begins."""
+    run = tmp_path / "runs" / "20260101T000000-p-abcdef"
+    run.mkdir(parents=True)
+    with Journal(run / "events.jsonl", WallClock(), STREAMS) as found:
+        found.start({"protocol": "p", "title": "", "planned_indentations": 1})
+        yield found
+        found.stop("done")
+
+
+# --- what is shown ---
+
+
+def test_a_page_sees_a_run_as_it_goes_on(serve: Serve, journal: Journal) -> None:
+    panel = serve()
+    with closing(Stream(panel)) as page:
+        assert page.answer.getheader("Content-Type") == "text/event-stream; charset=utf-8"
+        state = page.until("state", lambda told: told["run"] is not None)
+        assert (state["run"]["state"], state["run"]["name"]) == ("running", "20260101T000000-p-abcdef")
+        for n in range(200):
+            journal.event("sample", {**SAMPLE, "force_gwt": float(n)})
+        places: list[float] = []
+        while len(places) < 200:
+            kind, told = page.event()
+            if kind == "readings":
+                assert told["dropped"] == 0
+                places += [row[told["columns"].index("force_gwt")] for row in told["rows"]]
+        assert places == [float(n) for n in range(200)]
+        last = page.until("state", lambda told: told["newest"]["force_gwt"] == 199.0)
+        assert 0.0 <= last["newest"]["age_s"] <= last["unix_s"] - page.came["state"][0]["unix_s"]
+        older = page.until("state", lambda told: told["newest"]["age_s"] > last["newest"]["age_s"])
+        assert older["unix_s"] > last["unix_s"]
+
+
+def test_a_page_that_never_reads_holds_up_no_other(serve: Serve, journal: Journal) -> None:
+    panel = serve()
+    with closing(socket.create_connection(("127.0.0.1", panel.port))) as stuck, closing(Stream(panel)) as page:
+        stuck.sendall(f"GET /events?tab=b HTTP/1.1\r\nHost: 127.0.0.1:{panel.port}\r\n\r\n".encode())
+        page.until("state", lambda told: told["run"] is not None)
+        seen = 0
+        for n in range(3000):
+            journal.event("sample", {**SAMPLE, "force_gwt": float(n)})
+        while seen < 3000:
+            kind, told = page.event()
+            seen += len(told["rows"]) if kind == "readings" else 0
+        assert all(told["dropped"] == 0 for told in page.came["readings"])
+        assert post(panel, "/take")[0] == 200
+
+
+def test_the_fifth_page_is_told_that_it_is_one_too_many(serve: Serve) -> None:
+    panel = serve()
+    pages = [Stream(panel, str(n)) for n in range(4)]
+    for page in pages:
+        page.until("state", bool)
+    with closing(Stream(panel)) as fifth:
+        assert fifth.answer.status == 503
+        assert fifth.answer.read() == b"4 pages look on already: close one of them"
+    pages.pop().close()
+
+    def again() -> bool:
+        with closing(Stream(panel)) as other:
+            return other.answer.status == 200
+
+    until(again)
+    for page in pages:
+        page.close()
+
+
+def test_two_tabs_and_one_that_takes_the_controls(serve: Serve) -> None:
+    panel = serve()
+    with closing(Stream(panel, "a")) as first, closing(Stream(panel, "b")) as second:
+        assert post(panel, "/take", tab="a") == (200, {"ok": True, "problem": None})
+        for page in (first, second):
+            page.until("state", lambda told: told["controls"] == "a")
+        assert post(panel, "/pause", tab="b")[1]["problem"] == "another tab has the controls"
+        post(panel, "/take", tab="b")
+        for page in (first, second):
+            page.until("state", lambda told: told["controls"] == "b")
+        assert post(panel, "/pause", tab="a")[1]["problem"] == "another tab has the controls"
+    with closing(Stream(panel, "a")) as first:
+        first.until("state", lambda told: told["controls"] is None)  # a tab that left gives them back
+
+
+def test_it_ends_while_pages_look_on(serve: Serve) -> None:
+    panel = serve()
+    with closing(Stream(panel)) as page:
+        page.until("state", bool)
+        panel.end()
+        while page.answer.readline():
+            pass
+    with pytest.raises(OSError):  # noqa: PT011
+        until(lambda: socket.create_connection(("127.0.0.1", panel.port)).close())
+
+
+# --- who is let in ---
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        "Host: evil.example:{port}",
+        "Host: evil.example",
+        "Host: [::1]:{port}",
+        "Host: 127.0.0.1:{port}\r\nHost: evil.example",
+        "Host: 127.0.0.1:{port}\r\nOrigin: http://evil.example",
+        "Host: 127.0.0.1:{port}@evil.example",
+        "Host: 127.0.0.1.evil.example:{port}",
+        "Host:",
+    ],
+)
+@pytest.mark.parametrize("what", ["GET /", "GET /events", "GET /runs.json", "POST /stop", "POST /hold"])
+def test_on_the_wire_too_names_of_others_are_refused(what: str, head: str, serve: Serve) -> None:
+    panel = serve()
+    lines = [f"{what} HTTP/1.1", head.format(port=panel.port), f"X-Rig-Token: {panel.url.partition('=')[2]}"]
+    said = raw(panel, "\r\n".join([*lines, "Connection: close", "", ""]).encode())
+    assert said.startswith((b"HTTP/1.1 403 ", b"HTTP/1.1 400 "))
+    assert b"token=" not in said
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        b"GET / HTTP/1.0\r\n\r\n",
+        b"GET / HTTP/1.1\r\n\r\n",
+        b"nonsense\r\n\r\n",
+        b"GET http://evil.example/ HTTP/1.1\r\nHost: evil.example\r\nConnection: close\r\n\r\n",
+        b"\x16\x03\x01\x00\xa5\x01\x00\x00\xa1\x03\x03" + bytes(160),
+        b"GET / HTTP/1.1\r\nHost: a\r\nX: " + b"a" * 200_000 + b"\r\n\r\n",
+    ],
+    ids=lambda value: str(value)[:20],
+)
+def test_what_is_no_request_of_a_page_is_refused_and_the_next_is_answered(request_: bytes, serve: Serve) -> None:
+    panel = serve()
+    try:
+        said = raw(panel, request_)
+    except ConnectionError:
+        said = b""
+    assert said.partition(b" ")[2][:3] in (b"", b"400", b"403", b"431")
+    assert post(panel, "/take")[0] == 200
+
+
+def test_a_body_without_end_is_not_waited_for(serve: Serve) -> None:
+    panel = serve()
+    here, token = f"127.0.0.1:{panel.port}", panel.url.partition("=")[2]
+    head = f"POST /take HTTP/1.1\r\nHost: {here}\r\nOrigin: http://{here}\r\nX-Rig-Token: {token}\r\nX-Rig-Tab: a\r\n"
+    head += "Content-Type: application/json\r\nTransfer-Encoding: chunked\r\n\r\n"
+    with socket.create_connection(("127.0.0.1", panel.port), timeout=DEADLINE_S) as wire:
+        wire.sendall(head.encode() + b"2000\r\n" + b" " * 0x2000 + b"\r\n")
+        assert wire.recv(12) == b"HTTP/1.1 413"
+
+
+def test_another_panel_s_token_is_none(serve: Serve) -> None:
+    one, other = serve(), serve()
+    assert one.url != other.url
+    assert len(one.url.partition("=")[2]) >= 43
+    assert post(one, "/take", **{"X-Rig-Token": other.url.partition("=")[2]})[0] == 403
+
+
+# --- owners ---
+
+
+def owned(answers: dict[str, Any]) -> ControlSocket:
+    about = Announcement(pid=os.getpid(), kind="run", virtual=False, ports=("a",), began_unix_s=1.0)
+    return ControlSocket(about, answers)
+
+
+def test_stop_goes_over_the_private_socket_of_whoever_owns_the_ports(serve: Serve) -> None:
+    panel, asked = serve(), list[str]()
+    answers = {"stop": lambda request: asked.append("stop") or {}, "status": lambda request: {"state": "paused"}}
+    with closing(Stream(panel)) as page:
+        with owned(answers):
+            state = page.until("state", lambda told: told["owner"] and told["owner"]["reachable"])
+            assert (state["owner"]["pid"], state["notice"]) == (os.getpid(), "paused, the indentor is lifted")
+            assert post(panel, "/stop", tab="b")[1]["stopped"] == [os.getpid()]
+            assert asked == ["stop"]
+            refused = post(panel, "/pause")
+            assert refused[0] == 409
+            assert "'pause' cannot be asked here" in refused[1]["problem"]
+        page.until("state", lambda told: told["owner"] is None)
+    assert post(panel, "/stop")[0] == 409
+
+
+def test_an_owner_that_ends_between_question_and_answer_is_told_of_in_one_line(
+    serve: Serve, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with owned({}):
+        gone = announced()
+    panel = serve()
+    panel._watcher.find = lambda: gone
+    assert post(panel, "/stop") == (503, {"ok": False, "problem": f"process {os.getpid()} has ended"})
+
+
+def test_a_hung_owner_hangs_nothing_else(serve: Serve) -> None:
+    free, panel = threading.Event(), serve()
+
+    def hangs(request: object) -> dict[str, Any]:
+        free.wait(DEADLINE_S)
+        return {}
+
+    with owned(dict.fromkeys(("status", "pause"), hangs) | {"stop": lambda request: {}}):
+        with closing(Stream(panel)) as page:
+            page.until("state", lambda told: told["owner"] and not told["owner"]["reachable"])
+            waiting = threading.Thread(target=post, args=(panel, "/pause"))
+            waiting.start()
+            assert post(panel, "/stop")[0] == 200
+            page.until("state", bool)
+        free.set()
+        waiting.join(DEADLINE_S)
+
+
+# --- the bench by hand ---
+
+OWNER = """\
+import os, sys, threading
+from rig.session.control.announcements import Announcement
+from rig.session.control.control_socket import ControlSocket
+over = threading.Event()
+about = Announcement(pid=os.getpid(), kind="by hand", virtual=True, ports=(), began_unix_s=1.0)
+with ControlSocket(about, {"leave": lambda request: over.set() or {}}):
+    over.wait(60)
+"""
+REFUSES = "import sys; print('rig: warming up\\nrig: the port is in use', file=sys.stderr); sys.exit(1)"
+
+
+def taking(monkeypatch: pytest.MonkeyPatch, script: str) -> ByHandProcess:
+    """The bench, taken by another program."""
+    monkeypatch.setattr(by_hand_process, "words", lambda config: [sys.executable, "-c", script])
+    return ByHandProcess(Path("rig.toml"), announced)
+
+
+def test_the_bench_is_taken_by_one_process_and_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = taking(monkeypatch, OWNER)
+
+    async def twice() -> None:
+        await asyncio.gather(bench.take(), bench.take())
+
+    asyncio.run(twice())
+    assert [one.kind for one in announced()] == ["by hand"]
+    bench.leave()
+    assert bench._process is not None
+    assert bench._process.returncode == 0
+    assert announced() == []
+    bench.leave()
+    assert bench.last_words == ""
+    bench.forget()
+
+
+def test_a_bench_that_cannot_be_taken_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    for script, problem in ((REFUSES, "the port is in use"), ("raise SystemExit(3)", "it ended with exit code 3")):
+        bench = taking(monkeypatch, script)
+        with pytest.raises(NotTakenError, match=f"^{problem}$"):
+            asyncio.run(bench.take())
+        assert bench.last_words == (problem if script == REFUSES else "")
+        bench.forget()
+        assert bench.last_words == ""
+    monkeypatch.setattr(by_hand_process, "READY_S", 0.2)
+    bench = taking(monkeypatch, "import threading; threading.Event().wait(60)")
+    with pytest.raises(NotTakenError, match=r"did not answer within 0\.2 s"):
+        asyncio.run(bench.take())
+    assert bench._process is not None
+    assert until(lambda: bench._process.poll() is not None)
+    bench.forget()
+
+
+def test_how_the_bench_is_taken() -> None:
+    assert by_hand_process.words(Path("rig.toml")) == [
+        sys.executable, "-m", "rig", "by-hand", "--config", "rig.toml",
+    ]  # fmt: skip
+
+
+# --- the process that draws ---
+
+
+def test_the_process_that_draws_is_begun_anew_where_it_is_lost(tmp_path: Path) -> None:
+    config = tmp_path / "config.toml"
+    config.write_text("", encoding="utf-8")
+    process = DrawingProcess()
+    try:
+        first = process.ask(Job(config, None, "bar:3.0"))
+        assert len(first["skin"]) == 181
+        assert process._process is not None
+        assert process._process.pid is not None
+        os.kill(process._process.pid, signal.SIGKILL)
+        with pytest.raises(DrawingError, match="has ended"):
+            process.ask(Job(config, None, "bar:3.0"))
+        assert process.ask(Job(config, None, "bar:3.0")) == first
+        assert "No such file" in process.ask(Job(tmp_path / "none.toml"))["problem"]
+    finally:
+        process.close()
+    assert process._process is None
+
+
+def test_what_is_not_drawn_in_time_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rig.panel.drawn.drawing_process.PATIENCE_S", 0.01)
+    process = DrawingProcess()
+    with pytest.raises(DrawingError, match=r"^not drawn within 0\.01 s$"):
+        process.ask(Job(tmp_path / "config.toml"))
+    assert process._process is None
+
+
+# --- the command ---
+
+
+def test_a_port_that_is_taken_is_told_in_one_line(serve: Serve, program: Program) -> None:
+    panel = serve()
+    ended = program("panel", "--no-browser", "--port", panel.port)
+    assert (ended.code, ended.out) == (2, "")
+    assert ended.complaint == f"127.0.0.1:{panel.port}: Address already in use"
+
+
+def test_the_program_prints_where_its_page_is_and_logs_nothing_of_what_is_asked(tmp_path: Path) -> None:
+    words = [sys.executable, "-m", "rig", "panel", "--no-browser", "--json", "--out", str(tmp_path)]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as served:
+        assert served.stdout is not None
+        told = json.loads(served.stdout.readline())
+        token = told["url"].partition("#token=")[2]
+        assert told == {
+            "url": f"http://127.0.0.1:{told['port']}/#token={token}",
+            "port": told["port"],
+            "pid": served.pid,
+        }
+        with closing(http.client.HTTPConnection("127.0.0.1", told["port"], timeout=DEADLINE_S)) as wire:
+            for method, path in (("GET", "/"), ("POST", "/stop"), ("GET", f"/{token}"), ("GET", "/runs/../a")):
+                wire.request(method, path, headers={"X-Rig-Token": token})
+                answer = wire.getresponse()
+                assert token.encode() not in answer.read() + str(answer.getheaders()).encode()
+        served.send_signal(signal.SIGINT)
+        out, err = served.communicate(timeout=DEADLINE_S)
+    assert (served.returncode, out, err) == (0, "", "")
