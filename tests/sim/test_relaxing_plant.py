@@ -47,6 +47,15 @@ def test_step_by_step_it_is_the_librarys(skin: Fingertip) -> None:
     assert expected > 0
 
 
+def test_below_an_indentor_that_it_does_not_reach_it_recovers_as_in_the_air(skin: Fingertip) -> None:
+    def again(between_mm: float) -> list[float]:
+        press = RelaxingPress(skin, SHAPE, TERMS)
+        return [press.moved_to(deep(skin, mm), s) for s, mm in ((5.0, 0.4), (1.0, between_mm), (0.1, 0.4))]
+
+    assert again(0.05)[1] == 0.0
+    assert again(0.05) == pytest.approx(again(-0.1), rel=1e-9)
+
+
 def test_what_relaxes_slowly_is_elastic_at_first(skin: Fingertip) -> None:
     slow, elastic = RelaxingPress(skin, SHAPE, [PronyTerm(0.5, 1e7)]), Press(skin, SHAPE)
     for doi_mm in DEPTHS_MM:
