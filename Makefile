@@ -76,6 +76,7 @@ bench: .venv/.ready-dev
 	$(BIN)/rig bench
 	$(BIN)/python -m studies.speed.serve_latency
 	$(BIN)/python -m studies.speed.looks
+	$(BIN)/python -m studies.speed.panel_soak
 	$(BIN)/python -m studies.speed.warm_contact
 	OMP_NUM_THREADS=1 $(BIN)/python -m studies.speed.many_presses
 	$(BIN)/python -m studies.speed.commands

@@ -3,8 +3,9 @@
 import asyncio
 import contextlib
 import secrets
+import signal
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from rig.transport.clock import WallClock
 
 HOST = "127.0.0.1"
 _BACKLOG = 64
+_SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
 @dataclass(frozen=True)
@@ -56,9 +58,9 @@ class Panel:
         return f"http://{HOST}:{self.port}/#token={self._token}"
 
     def serve(self) -> None:
-        """Until a signal, or `end`; the bench is left then."""
+        """Until Ctrl-C, another signal that asks for it, or `end`; the bench is left then."""
         try:
-            with contextlib.suppress(KeyboardInterrupt):
+            with contextlib.suppress(KeyboardInterrupt):  # where signals do not come to the loop
                 asyncio.run(self._serve())
         finally:
             self._socket.close()
@@ -72,6 +74,7 @@ class Panel:
 
     async def _serve(self) -> None:
         """Whatever fails ends the panel, and is raised."""
+        self._end_at_signals()
         serving = asyncio.create_task(self._server.serve(sockets=[self._socket]))
         looking = [asyncio.create_task(one.look_on()) for one in (self._watcher, self._drawer)]
         await asyncio.wait([serving, *looking], return_when=asyncio.FIRST_COMPLETED)
@@ -82,13 +85,25 @@ class Panel:
             with contextlib.suppress(asyncio.CancelledError):
                 await task
 
+    def _end_at_signals(self) -> None:
+        for number in _SIGNALS:
+            with contextlib.suppress(
+                NotImplementedError, RuntimeError, ValueError
+            ):  # elsewhere than in a main thread
+                asyncio.get_running_loop().add_signal_handler(number, self.end)
+
 
 class _Server(uvicorn.Server):
-    """Streams to pages have no end of their own: they are closed before it waits for them."""
+    """Signals are the panel's; streams, which have no end of their own, are closed before it waits for them."""
 
     def __init__(self, config: uvicorn.Config, close: Callable[[], None]) -> None:
         super().__init__(config)
         self._close = close
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """They are left alone."""
+        yield
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """End."""

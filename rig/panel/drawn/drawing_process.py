@@ -4,6 +4,7 @@ import contextlib
 import multiprocessing
 import os
 import signal
+import threading
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -28,6 +29,7 @@ class DrawingProcess:
     def __init__(self) -> None:
         self._process: multiprocessing.process.BaseProcess | None = None
         self._near: Connection[Job, Drawing] | None = None
+        self._changing = threading.Lock()
 
     def ask(self, job: Job) -> Drawing:
         """Waits for it. Raises DrawingError; what cannot be drawn is a `problem` in it."""
@@ -44,21 +46,24 @@ class DrawingProcess:
 
     def close(self) -> None:
         """End it."""
-        if self._process is not None and self._near is not None:
-            self._near.close()
-            self._process.kill()
-            self._process.join()
-        self._process = self._near = None
+        with self._changing:
+            process, near = self._process, self._near
+            self._process = self._near = None
+        if process is not None and near is not None:
+            process.kill()  # first: whoever waits for its answer sees that it has ended
+            process.join()
+            near.close()
 
     def _begun(self) -> "Connection[Job, Drawing]":
-        if self._near is None:
-            context = multiprocessing.get_context("spawn")
-            self._near, far = context.Pipe()
-            self._process = context.Process(target=_serve, args=(far,), daemon=True)
-            with leaving_ctrl_c_to_us():
-                self._process.start()
-            far.close()
-        return self._near
+        with self._changing:
+            if self._near is None:
+                context = multiprocessing.get_context("spawn")
+                self._near, far = context.Pipe()
+                self._process = context.Process(target=_serve, args=(far,), daemon=True)
+                with leaving_ctrl_c_to_us():
+                    self._process.start()
+                far.close()
+            return self._near
 
 
 def _serve(far: "Connection[Drawing, Job]") -> None:

@@ -400,6 +400,24 @@ def test_the_process_that_draws_is_begun_anew_where_it_is_lost(tmp_path: Path) -
     assert process._process is None
 
 
+def test_a_process_that_draws_is_ended_while_it_is_asked(tmp_path: Path) -> None:
+    process, ended = DrawingProcess(), list[str]()
+
+    def ask() -> None:
+        try:
+            process.ask(Job(tmp_path / "pipe"))
+        except DrawingError as error:
+            ended.append(str(error))
+
+    os.mkfifo(tmp_path / "pipe")  # whose reader waits for ever
+    asking = threading.Thread(target=ask)
+    asking.start()
+    until(lambda: process._process is not None)
+    process.close()
+    asking.join(DEADLINE_S)
+    assert ended == ["the process that draws has ended"]
+
+
 def test_what_is_not_drawn_in_time_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rig.panel.drawn.drawing_process.PATIENCE_S", 0.01)
     process = DrawingProcess()
@@ -418,7 +436,10 @@ def test_a_port_that_is_taken_is_told_in_one_line(serve: Serve, program: Program
     assert ended.complaint == f"127.0.0.1:{panel.port}: Address already in use"
 
 
-def test_the_program_prints_where_its_page_is_and_logs_nothing_of_what_is_asked(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_the_program_prints_where_its_page_is_and_logs_nothing_of_what_is_asked(
+    number: signal.Signals, tmp_path: Path
+) -> None:
     words = [sys.executable, "-m", "rig", "panel", "--no-browser", "--json", "--out", str(tmp_path)]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as served:
         assert served.stdout is not None
@@ -434,6 +455,6 @@ def test_the_program_prints_where_its_page_is_and_logs_nothing_of_what_is_asked(
                 wire.request(method, path, headers={"X-Rig-Token": token})
                 answer = wire.getresponse()
                 assert token.encode() not in answer.read() + str(answer.getheaders()).encode()
-        served.send_signal(signal.SIGINT)
+        served.send_signal(number)
         out, err = served.communicate(timeout=DEADLINE_S)
     assert (served.returncode, out, err) == (0, "", "")
