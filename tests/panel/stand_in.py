@@ -2,7 +2,6 @@
 
 import json
 import queue
-import socket
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -10,6 +9,7 @@ from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
+from urllib.parse import parse_qs
 
 from rig.transport.clock import WallClock
 
@@ -19,6 +19,7 @@ POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
     "worker-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
+NOT_THERE = (404, "text/plain", b"")
 TOKEN = "a-token"
 COLUMNS = ("unix_s", "t_s", "force_gwt", "doi_mm", "x_mm", "height_mm", "phase", "index", "purpose")
 
@@ -44,7 +45,7 @@ class StandIn:
     answering: threading.Event = field(default_factory=threading.Event)
     talking: threading.Event = field(default_factory=threading.Event)
     kept: list[tuple[str, Mapping[str, Any]]] = field(default_factory=list)
-    streams: list["queue.Queue[str]"] = field(default_factory=list)
+    streams: list["queue.Queue[str | None]"] = field(default_factory=list)
     port: int = 0
     before_s: float = 0.0  # how far its clock is behind
     now = WallClock().unix_s
@@ -80,12 +81,12 @@ class StandIn:
 
 
 @contextmanager
-def stand_in(state: dict[str, Any]) -> Iterator[StandIn]:
+def stand_in(state: dict[str, Any], port: int = 0) -> Iterator[StandIn]:
     """One that listens, and says its state twice a second."""
     one = StandIn(state)
     one.answering.set()
     one.talking.set()
-    server = ThreadingHTTPServer(("127.0.0.1", 0), _handler(one))
+    server = ThreadingHTTPServer(("127.0.0.1", port), _handler(one))
     server.daemon_threads = True
     one.port = server.server_address[1]
     over = threading.Event()
@@ -100,6 +101,8 @@ def stand_in(state: dict[str, Any]) -> Iterator[StandIn]:
     finally:
         over.set()
         one.answering.set()
+        for stream in list(one.streams):
+            stream.put(None)
         server.shutdown()
         server.server_close()
 
@@ -118,17 +121,16 @@ def _handler(one: StandIn) -> type[BaseHTTPRequestHandler]:
         protocol_version = "HTTP/1.1"
 
         def do_GET(self) -> None:
-            path = self.path.partition("?")[0]
+            path, _, query = self.path.partition("?")
             if path == "/events":
                 self._stream()
             elif path == "/runs.json":
-                self._send(200, "application/json", json.dumps({"runs": one.runs, "unreadable": []}).encode())
+                wanted = {name: values[0] for name, values in parse_qs(query).items() if name != "limit"}
+                found = [run for run in one.runs if wanted.items() <= run.items()]
+                self._send(200, "application/json", json.dumps({"runs": found, "unreadable": []}).encode())
             else:
                 file = STATIC / ("index.html" if path == "/" else path.removeprefix("/static/"))
-                found = file.is_file()
-                self._send(
-                    200 if found else 404, KINDS.get(file.suffix, "text/plain"), file.read_bytes() if found else b""
-                )
+                self._send(*((200, KINDS[file.suffix], file.read_bytes()) if file.is_file() else NOT_THERE))
 
         def do_POST(self) -> None:
             body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
@@ -144,7 +146,7 @@ def _handler(one: StandIn) -> type[BaseHTTPRequestHandler]:
             self._send(status, "application/json", json.dumps(told).encode())
 
         def _stream(self) -> None:
-            mine: queue.Queue[str] = queue.Queue()
+            mine: queue.Queue[str | None] = queue.Queue()
             mine.put(one.opening())
             one.streams.append(mine)
             self.send_response(200)
@@ -152,12 +154,13 @@ def _handler(one: StandIn) -> type[BaseHTTPRequestHandler]:
             self.send_header("Connection", "close")
             self.end_headers()
             try:
-                while True:
-                    self.wfile.write(mine.get().encode())
+                while (event := mine.get()) is not None:
+                    self.wfile.write(event.encode())
                     self.wfile.flush()
             except OSError:
-                one.streams.remove(mine)
-                self.close_connection = True
+                pass
+            one.streams.remove(mine)
+            self.close_connection = True
 
         def _send(self, status: int, kind: str, body: bytes) -> None:
             self.send_response(status)
@@ -172,10 +175,3 @@ def _handler(one: StandIn) -> type[BaseHTTPRequestHandler]:
             pass
 
     return Handler
-
-
-def a_free_port() -> int:
-    """One that nobody listens at."""
-    with socket.socket() as tried:
-        tried.bind(("127.0.0.1", 0))
-        return int(tried.getsockname()[1])

@@ -4,6 +4,7 @@ import { tab } from "/static/access.js";
 
 const EVENTS = ["state", "readings", "schedule", "prediction", "section"];
 const AGAIN_MS = 500;
+const LOST_S = 5;
 const SILENT_S = 1.5; // the server says how it is twice a second
 export const OLD_S = 1;
 
@@ -38,8 +39,15 @@ export class Feed {
     return this.heard === null || this.heard.age_s > SILENT_S;
   }
 
+  /** A connection that says nothing for so long is taken for lost. */
+  look() {
+    const waited_s = (performance.now() - this.begun_ms) / 1000;
+    if (this.source !== null && this.silent && waited_s > LOST_S) this.follow();
+  }
+
   follow() {
     clearTimeout(this.again);
+    this.begun_ms = performance.now();
     this.source?.close();
     this.source = null;
     if (document.visibilityState === "hidden") return;

@@ -47,6 +47,7 @@ async function heard(data) {
 const mine = () => hasToken() && state?.controls === tab;
 
 function look() {
+  feed.look();
   for (const part of parts) part.look();
   veils[0].data(numbers.age_s);
   veils[1].data(devices.age_s);

@@ -25,13 +25,14 @@ export class Schedule {
     while (list.children.length > steps.length) list.lastChild.remove();
     while (list.children.length < steps.length) list.append(document.createElement("li"));
     steps.forEach((step, n) => written(list.children[n], step));
-    this.follow();
+    this.followed = false;
   }
 
   /** The step that is now stays in view, in its own frame only. */
   follow() {
     const frame = at("steps_frame");
     const now = frame.querySelector("[aria-current]");
+    this.followed = true;
     if (now && document.activeElement !== frame) frame.scrollTop = now.offsetTop - frame.clientHeight / 3;
   }
 
@@ -44,6 +45,7 @@ export class Schedule {
     at("done_bar").value = run?.planned ? run.done / run.planned : 0;
     show("schedule", Boolean(run));
     show("steps_frame", at("steps").children.length > 0 && run?.name === this.of);
+    if (!this.followed && at("steps_frame").offsetParent) this.follow();
   }
 }
 

@@ -63,7 +63,8 @@ function arm() {
 at("stop").addEventListener("pointerdown", (event) => event.button === 0 && stop(event));
 at("stop").addEventListener("click", (event) => event.detail === 0 && stop(event));
 window.addEventListener("keydown", (event) => {
-  if ((event.key === "Escape" || event.code === "Escape") && !event.repeat) stop(event);
+  const stops = event.key === "Escape" || event.code === "Escape" || (event.target === at("stop") && [" ", "Enter"].includes(event.key));
+  if (stops && !event.repeat) stop(event);
 }, { capture: true });
 at("stop_close").addEventListener("click", () => (giveUp(), show("stop_said", false), at("stop").focus()));
 window.addEventListener("token", arm);
