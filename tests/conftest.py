@@ -81,6 +81,7 @@ LONG = (
     "sim/test_own_finger.py",
     "panel/test_accessible.py",
     "rig/real_time/test_by_hand_commands.py",
+    "rig/real_time/test_by_hand_process.py",
     "sim/test_speed_and_error.py",
     "rig/test_find.py",
     "rig/test_how_it_ends.py",

@@ -4,7 +4,6 @@ import io
 import os
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from datetime import datetime
 from typing import Annotated, Any
 
 import typer
@@ -14,17 +13,12 @@ from rig.cli.looking import look, position
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import ExitCode, complain, out, print_json, told_in_one_line
 from rig.devices.drivers import open_force, open_stage
-from rig.devices.force.base import ForceError
 from rig.devices.stage.base import Stage, StageStatus
-from rig.devices.units import GWT_N
-from rig.engine import Engine, LimitError, verbs
-from rig.engine.by_hand.bench_memory import BenchMemory, LastKnown
-from rig.engine.journal import NoJournal
-from rig.engine.sensing import Sensing, several_gwt
+from rig.engine.by_hand.bench_memory import BenchMemory
+from rig.engine.sensing import Sensing
 from rig.plan.config import Config, load_config
-from rig.protocol.errors import BadInputError
+from rig.session.by_hand import at_hand
 from rig.session.real_bench import PortError, RealBench, open_bench
-from rig.session.running import stopped_at_once
 from rig.transport import TransportError, first_owner
 from rig.transport.clock import WallClock
 
@@ -54,13 +48,9 @@ def home(config: ConfigOption, without_force: WithoutForceOption = False, as_jso
 
 def _home(settings: Config) -> StageStatus:
     with at_once(), closing(_bench_at_hand(settings)) as bench:
-        engine = Engine(settings, bench, NoJournal())
-        engine.sensing.zero = bench.memory.read().zero
-        try:
-            with stopped_at_once(engine):
-                verbs.home(engine)
-        except ForceError as error:
-            raise unfelt(error) from None
+        sensing = Sensing(settings, bench.clock, bench.force)
+        sensing.zero = bench.memory.read().zero
+        at_hand.home(settings, bench, sensing)
         return bench.stage.status()
 
 
@@ -69,12 +59,7 @@ def _bench_at_hand(settings: Config) -> RealBench:
     try:
         return open_bench(settings, WallClock(), io.StringIO(), ask=lambda request: "")
     except PortError as error:
-        raise unfelt(error) if error.device == "force" else error from None
-
-
-def unfelt(error: Exception) -> BadInputError:
-    """A sensor that does not answer, where something should be moved."""
-    return BadInputError(f"{error}; nothing was moved: without a force sensor only --without-force moves")
+        raise at_hand.unfelt(error) if error.device == "force" else error from None
 
 
 def _home_unfelt(settings: Config) -> StageStatus:
@@ -96,24 +81,9 @@ def zero(
     with told_in_one_line(as_json=as_json), at_once():
         settings, clock = load_config(config), WallClock()
         with closing(open_force(settings, clock)) as force:
-            sensing, memory = Sensing(settings, clock, force), BenchMemory(settings)
-            name, last = sensing.connect(), memory.read()
-            sensing.zero = last.zero
-            if not anyway:
-                _refuse_touched(sensing, last)
-            force.zero()
-            memory.zeroed(sensing.take_zero(several_gwt(sensing.raw)))
+            sensing = Sensing(settings, clock, force)
+            name = at_hand.zero(settings, sensing, anyway=anyway)
             tell({"identity": name, "force_n": sensing.raw().force_n}, as_json=as_json)
-
-
-def _refuse_touched(sensing: Sensing, last: LastKnown) -> None:
-    """Raises LimitError for a load that is no drift of the zero on record."""
-    if sensing.zeroed and abs(force_gwt := sensing.settled().force_n / GWT_N) > sensing.touch_gwt:
-        taken = datetime.fromtimestamp(last.zero_unix_s).isoformat(" ", "minutes")
-        raise LimitError(
-            f"{force_gwt:.2f} gwt against the last zero on record, of {taken}, more than {sensing.touch_gwt:.2f}: "
-            "is something touched? Nothing was zeroed; --anyway zeroes all the same"
-        )
 
 
 def status(config: ConfigOption, as_json: JsonOption = False) -> None:

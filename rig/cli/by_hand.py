@@ -5,15 +5,15 @@ from contextlib import closing, contextmanager
 
 from rich.live import Live
 
-from rig.cli.at_the_bench import stage_at_hand, unfelt
+from rig.cli.at_the_bench import stage_at_hand
 from rig.cli.output import err
 from rig.devices.drivers import open_force
-from rig.devices.force.base import ForceError
 from rig.devices.stage.base import StageStatus
-from rig.engine.by_hand import ByHand, Guard, Show
+from rig.engine.by_hand import ByHand, Show
 from rig.engine.by_hand.bench_memory import BenchMemory
-from rig.engine.sensing import Sensing, Zero
+from rig.engine.sensing import Sensing
 from rig.plan.config import Config
+from rig.session.by_hand.at_hand import at_hand, feel, unfelt
 from rig.transport import TransportError
 from rig.transport.clock import Clock
 
@@ -21,19 +21,17 @@ from rig.transport.clock import Clock
 @contextmanager
 def by_hand(settings: Config, show: Show, *, without_force: bool) -> Iterator[tuple[ByHand, Clock]]:
     """Motions on the ports of the configuration. Raises BadInputError where no force sensor answers."""
-    memory = BenchMemory(settings)
-    with stage_at_hand(settings) as (stage, clock):
-        known = memory.read()
-        with _guard(settings, known.zero, clock, without=without_force) as guard:
-            placed = stage.homed or known.stands_there(stage.status())
-            memory.moves()
-            yield ByHand(settings, stage, clock, guard, show, placed=placed), clock
-            if placed:
-                memory.left(stage.status())
+    known = BenchMemory(settings).read()
+    with (
+        stage_at_hand(settings) as (stage, clock),
+        _sensing(settings, clock, without=without_force) as sensing,
+        at_hand(settings, stage, clock, sensing, show, known) as hand,
+    ):
+        yield hand, clock
 
 
 @contextmanager
-def _guard(settings: Config, zero: Zero | None, clock: Clock, *, without: bool) -> Iterator[Guard | None]:
+def _sensing(settings: Config, clock: Clock, *, without: bool) -> Iterator[Sensing | None]:
     if without:
         err.print("without force: nothing stops the stage at a finger")
         yield None
@@ -43,13 +41,7 @@ def _guard(settings: Config, zero: Zero | None, clock: Clock, *, without: bool) 
     except TransportError as error:
         raise unfelt(error) from None
     with closing(sensor):
-        sensing = Sensing(settings, clock, sensor)
-        try:
-            sensing.connect()
-        except (ForceError, TransportError) as error:
-            raise unfelt(error) from None
-        sensing.zero = zero
-        yield Guard(settings, sensing)
+        yield feel(Sensing(settings, clock, sensor))
 
 
 @contextmanager

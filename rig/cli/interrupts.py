@@ -78,6 +78,21 @@ def at_once() -> Iterator[None]:
 
 
 @contextmanager
+def asked_to_leave(leave: Callable[[], object]) -> Iterator[None]:
+    """Ctrl-C, SIGTERM or a terminal that goes away asks for the end; another one is a KeyboardInterrupt."""
+    numbers = (signal.SIGINT, signal.SIGTERM, _HANG_UP)
+
+    def ask(*_: object) -> None:
+        for number in numbers:
+            if number is not None:
+                signal.signal(number, signal.default_int_handler)
+        leave()
+
+    with _handling(dict.fromkeys(numbers, ask)):
+        yield
+
+
+@contextmanager
 def _handling(handlers: Handlers) -> Iterator[None]:
     before = [(number, signal.signal(number, act)) for number, act in handlers.items() if number is not None]
     try:

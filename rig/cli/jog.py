@@ -17,12 +17,12 @@ from rig.cli.output import ExitCode, complain, err, told_in_one_line
 from rig.devices.bench_settings import SLOWEST_MM_S
 from rig.devices.stage.base import Axis
 from rig.engine.by_hand import ByHand, Direction, Moved
+from rig.engine.by_hand.held import FASTEST_MM_S, Held
 from rig.engine.errors import LimitError
 from rig.plan.config import load_config
 from rig.protocol.errors import BadInputError
 from rig.transport.clock import Clock
 
-FASTEST_MM_S = 10.0
 _FARTHEST_MM = 1000.0
 KEYS = {
     ord("d"): Direction("x", +1), ord("a"): Direction("x", -1),
@@ -106,9 +106,7 @@ class HeldKey:
 
     def __init__(self, clock: Clock, read_keys: Callable[[], bytes | None]) -> None:
         """read_keys gives what has been typed since the last time, None when there will be no more."""
-        self._clock, self._read_keys = clock, read_keys
-        self._direction: Direction | None = None
-        self._until_s = 0.0
+        self._held, self._read_keys = Held(clock, RELEASED_S), read_keys
         self.finished = False
 
     def __call__(self) -> Direction | None:
@@ -116,10 +114,8 @@ class HeldKey:
         if typed is None or _QUIT in typed:
             self.finished = True
         elif typed:
-            self._direction = KEYS.get(typed[-1])
-            self._until_s = self._clock.monotonic_s() + RELEASED_S
-        released = self.finished or self._clock.monotonic_s() >= self._until_s
-        return None if released else self._direction
+            self._held.say(KEYS.get(typed[-1]))
+        return None if self.finished else self._held()
 
 
 @contextmanager

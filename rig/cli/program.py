@@ -57,6 +57,7 @@ COMMANDS = {
     "status": Command("at_the_bench.status", "Where the stage is and what the sensor feels; moves nothing."),
     "stop": Command("at_the_bench.stop", "Stop the stage now, whoever moves it."),
     "jog": Command("jog.command", "Move an axis by hand: hold a key, or give --axis and --by-mm."),
+    "by-hand": Command("owning.command", "Own the ports while somebody works at the bench through rig panel."),
     "calibrate": Command("calibrate.calibrate", "Measure the rig: steps/mm, force scale, compliance."),
     "bench": Command("speed.command", "Speed against error on this machine: one HTML page."),
     "cache": Command("cache.command", "What is kept on disk to save work, and how large; removes it."),

@@ -113,6 +113,10 @@ class Sensing:
         """From the end of a move to a reading that knows nothing of it."""
         return self._settings.habits.settle_readings * self.sensor.sample_period_s + self._settings.force.latency_s
 
+    def now(self) -> ForceReading:
+        """The newest reading from zero, whatever moves, waited for no longer than it takes. Raises NoReadingError."""
+        return self._from_zero(read(self.sensor, self._clock, 0.0))
+
     def settled(self) -> ForceReading:
         """A new reading, made when all motion was over, from zero. Raises NoReadingError."""
         return self._from_zero(self.raw())

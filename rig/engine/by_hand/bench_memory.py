@@ -46,7 +46,7 @@ class BenchMemory:
 
     def __init__(self, settings: BenchSettings) -> None:
         ports = " ".join((*settings.stage.ports, settings.force.port))
-        self._path = _folder() / f"bench-{sha256(ports.encode()).hexdigest()[:16]}.json"
+        self._path = state_folder() / f"bench-{sha256(ports.encode()).hexdigest()[:16]}.json"
 
     def read(self) -> LastKnown:
         """What is known; nothing, where nothing can be read."""
@@ -59,6 +59,10 @@ class BenchMemory:
         """A zero was taken."""
         now_s = WallClock().unix_s()
         self._write(zero_offset_n=zero.offset_n, zero_noise_gwt=zero.noise_gwt, zero_unix_s=now_s)
+
+    def forget_zero(self) -> None:
+        """What the sensor shows is counted from elsewhere now, and nobody knows yet from where."""
+        self._write(zero_offset_n=None, zero_noise_gwt=0.0, zero_unix_s=0.0)
 
     def moves(self) -> None:
         """Something is about to move: where it stands is not known until `left`."""
@@ -77,7 +81,7 @@ class BenchMemory:
             temporary.replace(self._path)
 
 
-def _folder() -> Path:
+def state_folder() -> Path:
     """RIG_STATE_DIR, or the user's state folder."""
     chosen = os.environ.get("RIG_STATE_DIR")
     return Path(chosen) if chosen else user_state_path("indentation-rig")

@@ -42,7 +42,13 @@ class ByHand:
     ) -> None:
         """guard: None moves without force. placed: where the stage is homed, so that heights are known."""
         self._settings, self._stage, self._clock = settings, stage, clock
-        self._guard, self._show, self._placed = guard, show, placed
+        self._guard, self._show, self.placed = guard, show, placed
+
+    def stands(self, *, placed: bool) -> None:
+        """The stage was homed, or its place was lost; whatever was touched before lies elsewhere now."""
+        self.placed = placed
+        if self._guard is not None:
+            self._guard.forget()
 
     def go(self, held: Held, speed_mm_s: float, by_mm: float | None = None) -> Moved:
         """Move while held() keeps its first answer, by_mm at most.
@@ -137,7 +143,7 @@ class ByHand:
 
     def _height_mm(self, at: StageStatus) -> float | None:
         """Above the nominal apex, where that is known."""
-        return at.z_mm - self._settings.frame.apex_z_mm if self._placed else None
+        return at.z_mm - self._settings.frame.apex_z_mm if self.placed else None
 
     @property
     def _lowest_mm(self) -> float:

@@ -24,7 +24,7 @@ class Guard:
         self._sensing, self._trips = sensing, Trips(settings.limits, None)
         self._increment_mm = settings.habits.increment_mm
         self.force_gwt: float | None = None  # at the last look; None: the sensor cannot say
-        self._touched_z_mm: float | None = None
+        self.forget()
         # of each motion, from `begin` on
         self._up: bool
         self._unanswered: Unanswered
@@ -32,6 +32,10 @@ class Guard:
         self._air_gwt: float  # before the motion that touched
         self._rest_gwt: float  # at the last rest
         self._stiffness_gwt_mm: float  # as the step before it was answered
+
+    def forget(self) -> None:
+        """The stage's heights are not what they were, or the zero is not: the next motion knows of no touch."""
+        self._touched_z_mm: float | None = None
 
     @property
     def above_trip(self) -> str | None:

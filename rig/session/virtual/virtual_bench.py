@@ -18,6 +18,7 @@ from rig.session.virtual.twins import virtual_force, virtual_stage
 from rig.session.virtual.virtual_devices import load_on_sensor, relaxation, true_carriage, truth
 from rig.transport.byte_log import LoggedTransport, Sink
 from rig.transport.loopback import LoopbackTransport
+from rig.transport.stop_gate import StopGate
 from sim.devices.cell import Load
 from sim.devices.clock import VirtualClock
 from sim.devices.line import SerialLine
@@ -112,15 +113,20 @@ def bench_around(
     clock: VirtualClock,
     byte_log: Sink,
     pause: Pause = NO_PAUSE,
+    gate: StopGate | None = None,
 ) -> VirtualBench:
-    """Devices as configured around a plant, which is told where the carriage is; the bytes go to `byte_log`."""
+    """Devices as configured around a plant, which is told where the carriage is; the bytes go to `byte_log`.
+
+    gate: what a stop closes, between the stage and its driver.
+    """
     stage_line = SerialLine(clock, config.stage.baud)
     force_line = SerialLine(clock, config.force.baud)
     board = virtual_stage(clock, stage_line, config)
     plant = make_plant(true_carriage(board, config))
     load = load_on_sensor(Load(plant.force_n), config)
     virtual_force(clock, force_line, config, load)
-    stage_port = LoggedTransport(LoopbackTransport(stage_line, clock, name="stage"), clock, byte_log)
+    stage_wire = LoggedTransport(LoopbackTransport(stage_line, clock, name="stage"), clock, byte_log)
+    stage_port = stage_wire if gate is None else gate.guarded(stage_wire)
     force_port = LoggedTransport(LoopbackTransport(force_line, clock, name="force"), clock, byte_log)
     return VirtualBench(
         clock,

@@ -1,0 +1,42 @@
+"""`rig by-hand`: own the ports of a configuration while somebody works at the bench through the panel."""
+
+import os
+from contextlib import closing
+
+from rig.cli.interrupts import asked_to_leave, at_once
+from rig.cli.options import ConfigOption
+from rig.cli.output import complain, told_in_one_line
+from rig.engine.by_hand.bench_memory import BenchMemory
+from rig.plan.config import Config, load_config
+from rig.session.by_hand.at_hand import unfelt
+from rig.session.by_hand.hand_log import HandLog
+from rig.session.by_hand.hand_owner import HandOwner
+from rig.session.control.announcements import Announcement
+from rig.session.control.control_socket import ControlSocket
+from rig.session.real_bench import PortError, RealBench, open_bench
+from rig.transport.clock import WallClock
+from rig.transport.stop_gate import StopGate
+
+
+def command(config: ConfigOption) -> None:
+    """What rig panel starts; it ends with it, at rest. It is ready when it has announced itself."""
+    with told_in_one_line(as_json=False), at_once():
+        settings, clock, gate, parent = load_config(config), WallClock(), StopGate(), os.getppid()
+        known = BenchMemory(settings).read()  # a bench that is open says no more
+        with HandLog(clock) as log, closing(_bench(settings, clock, log, gate)) as bench:
+            owner = HandOwner(settings, bench, gate, log, known)
+            announcement = Announcement(
+                pid=os.getpid(), kind="by hand", virtual=False, ports=(*settings.stage.ports, settings.force.port),
+                config=os.path.abspath(config), began_unix_s=clock.unix_s(),
+            )  # fmt: skip
+            with owner.begun(), asked_to_leave(owner.leave), ControlSocket(announcement, owner.answers):
+                owner.run(lambda: os.getppid() != parent)
+            if log.problem is not None:
+                complain(f"what was done by hand is not logged from some moment on: {log.problem}")
+
+
+def _bench(settings: Config, clock: WallClock, log: HandLog, gate: StopGate) -> RealBench:
+    try:
+        return open_bench(settings, clock, log, ask=lambda request: "", gate=gate)
+    except PortError as error:
+        raise unfelt(error) if error.device == "force" else error from None

@@ -1,0 +1,28 @@
+"""A direction that somebody holds down, as long as they keep saying so."""
+
+import math
+
+from rig.engine.by_hand.dead_man import Direction
+from rig.transport.clock import Clock
+
+FASTEST_MM_S = 10.0
+"""By hand, in any direction; down a finger's own limit counts besides."""
+
+
+class Held:
+    """What was said last, for counts_s from when it was said."""
+
+    def __init__(self, clock: Clock, counts_s: float) -> None:
+        self._clock, self._counts_s = clock, counts_s
+        self._direction: Direction | None = None
+        self._until_s = -math.inf
+
+    def say(self, direction: Direction | None, ago_s: float = 0.0) -> None:
+        """It is held, None: it is not; so it was ago_s ago. What was said later counts on."""
+        until_s = self._clock.monotonic_s() + self._counts_s - ago_s
+        same = direction is not None and direction == self._direction
+        self._until_s = max(until_s, self._until_s) if same else until_s
+        self._direction = direction
+
+    def __call__(self) -> Direction | None:
+        return self._direction if self._clock.monotonic_s() < self._until_s else None

@@ -1,0 +1,97 @@
+"""A bench at hand: what the last command left of it and what this one leaves; homing and zeroing, felt."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import datetime
+
+from rig.devices.force.base import ForceError
+from rig.devices.stage.base import Stage
+from rig.devices.units import GWT_N
+from rig.engine import Engine, LimitError, verbs
+from rig.engine.bench import Bench
+from rig.engine.by_hand import ByHand, Guard, Show
+from rig.engine.by_hand.bench_memory import BenchMemory, LastKnown
+from rig.engine.journal import NoJournal
+from rig.engine.rig_settings import RigSettings
+from rig.engine.sensing import NoReadingError, Sensing, several_gwt
+from rig.protocol.errors import BadInputError
+from rig.session.running import stopped_at_once
+from rig.transport.base import TransportError
+from rig.transport.clock import Clock
+
+
+def unfelt(error: Exception) -> BadInputError:
+    """A sensor that does not answer, where something should be moved."""
+    return BadInputError(f"{error}; nothing was moved: without a force sensor only --without-force moves")
+
+
+def feel(sensing: Sensing) -> Sensing:
+    """Speak to a sensor. Raises BadInputError where it does not answer."""
+    try:
+        sensing.connect()
+    except (ForceError, TransportError) as error:
+        raise unfelt(error) from None
+    return sensing
+
+
+@contextmanager
+def at_hand(
+    settings: RigSettings, stage: Stage, clock: Clock, sensing: Sensing | None, show: Show, known: LastKnown
+) -> Iterator[ByHand]:
+    """Motions of a stage that was spoken to; None: without force.
+
+    Where it stands is known if the last command left it there homed, and is remembered where this one ends well.
+    """
+    memory = BenchMemory(settings)
+    guard = None
+    if sensing is not None:
+        sensing.zero, guard = known.zero, Guard(settings, sensing)
+    placed = stage.homed or known.stands_there(stage.status())
+    memory.moves()
+    hand = ByHand(settings, stage, clock, guard, show, placed=placed)
+    yield hand
+    if hand.placed:
+        memory.left(stage.status())
+
+
+def home(settings: RigSettings, bench: Bench, sensing: Sensing) -> None:
+    """Find the switches, the force read all the way. Raises ENDINGS but ForceError, BadInputError."""
+    engine = Engine(settings, bench, NoJournal())
+    engine.sensing = sensing
+    try:
+        with stopped_at_once(engine):
+            verbs.home(engine)
+    except ForceError as error:
+        raise unfelt(error) from None
+
+
+def zero(settings: RigSettings, sensing: Sensing, *, anyway: bool) -> str:
+    """Take the present load for zero and remember it; returns the sensor's identity.
+
+    Raises LimitError where the last zero on record says that something is touched, unless anyway, and where there are
+    no readings; ForceError, TransportError.
+    """
+    memory = BenchMemory(settings)
+    name, last = sensing.connect(), memory.read()
+    try:
+        if last.zero is not None:
+            sensing.zero = last.zero
+            if not anyway:
+                _refuse_touched(sensing, last)
+        sensing.sensor.zero()
+        sensing.zero = None  # what the sensor shows counts from elsewhere now
+        memory.forget_zero()
+        memory.zeroed(sensing.take_zero(several_gwt(sensing.raw)))
+    except NoReadingError as error:
+        raise LimitError(f"{error}; the sensor must be zeroed again") from error
+    return name
+
+
+def _refuse_touched(sensing: Sensing, last: LastKnown) -> None:
+    """Raises LimitError for a load that is no drift of the zero on record."""
+    if abs(force_gwt := sensing.settled().force_n / GWT_N) > sensing.touch_gwt:
+        taken = datetime.fromtimestamp(last.zero_unix_s).isoformat(" ", "minutes")
+        raise LimitError(
+            f"{force_gwt:.2f} gwt against the last zero on record, of {taken}, more than {sensing.touch_gwt:.2f}: "
+            "is something touched? Nothing was zeroed; --anyway zeroes all the same"
+        )

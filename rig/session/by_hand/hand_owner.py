@@ -1,0 +1,177 @@
+"""The process that owns the ports while somebody works by hand: the one thread of it that moves anything."""
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+
+from rig.devices.stage.base import StageError, StageOverridden, StageRejected, StageStatus, is_held
+from rig.engine.bench import Bench
+from rig.engine.by_hand import ByHand
+from rig.engine.by_hand.bench_memory import BenchMemory, LastKnown
+from rig.engine.rig_settings import RigSettings
+from rig.engine.sensing import NoReadingError, Sensing
+from rig.protocol.errors import BadInputError
+from rig.session.by_hand import at_hand
+from rig.session.by_hand.hand_answers import hand_answers
+from rig.session.by_hand.hand_readings import OverheardSensor
+from rig.session.by_hand.hand_status import HandStatus
+from rig.session.by_hand.holds import HOLD_S, Hold
+from rig.session.by_hand.orders import Orders, Verb
+from rig.session.running import ENDINGS
+from rig.transport.base import TransportError
+from rig.transport.byte_log import Sink
+from rig.transport.stop_gate import StopGate
+
+LOOK_S = 0.1
+"""With nothing to do the stage is looked at so often, and the force as often as the sensor has a new value."""
+
+STOPPED = "stopped at once by the operator"
+LAPSED = f"nothing was heard of the button for {HOLD_S:g} s: press anew"
+_GATE_S = 0.02
+
+
+class HandOwner:
+    """answers is asked by other threads; run() does it, until somebody leaves."""
+
+    def __init__(self, settings: RigSettings, bench: Bench, gate: StopGate, log: Sink, known: LastKnown) -> None:
+        """gate: that of the stage's wires. log: takes a line for each deed. known: what the last command left."""
+        self._settings, self._bench, self._gate, self._log = settings, bench, gate, log
+        self._clock, self._stage, self._known = bench.clock, bench.stage, known
+        sensor = OverheardSensor(
+            bench.force, lambda reading: self._status.read(reading), lambda problem: self._status.unread(problem)
+        )
+        self._sensing = Sensing(settings, bench.clock, sensor)
+        self._orders, self._status = Orders(bench.clock), HandStatus(settings, bench.clock, self._sensing)
+        self.answers = hand_answers(self._orders, self._status, bench.stage, gate)
+        self._read_s = self._look_s = 0.0  # when each is due
+        self._lost = False  # whether the stage must be spoken to anew
+        self._hand: ByHand
+
+    def leave(self) -> None:
+        """End run(), at rest; from a signal's handler, too."""
+        self._orders.leave()
+
+    @contextmanager
+    def begun(self) -> Iterator[None]:
+        """Both devices spoken to; where the stage is left at the end is remembered.
+
+        Raises StageError, TransportError, BadInputError where a device does not answer.
+        """
+        self._stage.connect()
+        at_hand.feel(self._sensing)
+        settings, known = self._settings, self._known
+        with at_hand.at_hand(settings, self._stage, self._clock, self._sensing, self._show, known) as self._hand:
+            self._status.placed, self._status.zeroed = self._hand.placed, self._sensing.zero is not None
+            self._show(self._stage.status(), None)
+            yield
+            if self._gate.closed:
+                self._lose()
+
+    def run(self, gone: Callable[[], bool] = lambda: False) -> None:
+        """Until leave(), or until nobody is there any more. Raises StageError, TransportError: the stage is lost."""
+        try:
+            while not (self._orders.leaving or gone()):
+                self._turn()
+        except BaseException:
+            with suppress(StageError, TransportError):  # what is raised says more
+                self._stage.stop()
+            raise
+
+    def _turn(self) -> None:
+        """One thing, or a look at both devices."""
+        if self._gate.closed:
+            self._lose()
+            if not self._gate.open():
+                self._clock.wait_s(_GATE_S)
+                return
+        to_do = self._orders.next()
+        if to_do is None:
+            self._look()
+        else:
+            self._carry_out(to_do)
+
+    def _carry_out(self, to_do: Hold | Verb) -> None:
+        begun_s, self._status.ended_by = self._clock.monotonic_s(), None
+        try:
+            ended_by = self._jog(to_do) if isinstance(to_do, Hold) else self._do(to_do)
+        except (*ENDINGS, BadInputError) as error:
+            ended_by = str(error)
+            self._doubt(error)
+        if self._gate.closed:
+            ended_by = STOPPED
+        self._status.ended_by = ended_by or (LAPSED if self._orders.lapsed(to_do) else None)
+        self._orders.over(to_do)
+        self._note(to_do, begun_s)
+
+    def _jog(self, press: Hold) -> str | None:
+        moved = self._hand.go(self._orders.held(press), press.speed_mm_s)
+        self._show(moved.at, moved.force_gwt)
+        return moved.ended_by
+
+    def _do(self, verb: Verb) -> str | None:
+        if verb == "home":
+            self._status.seen(None)
+            self._stands(placed=False)
+            at_hand.home(self._settings, self._bench, self._sensing)
+            self._stands(placed=True)
+            self._orders.homed()
+            self._lost = False
+            self._show(self._stage.status(), None)
+            return None
+        try:
+            at_hand.zero(self._settings, self._sensing, anyway=verb == "zero anyway")
+        finally:
+            self._stands(placed=self._hand.placed)
+            self._status.zeroed = BenchMemory(self._settings).read().zero is not None
+        return None
+
+    # looking
+
+    def _look(self) -> None:
+        """The newest reading; and the stage, where it is due."""
+        now_s = self._clock.monotonic_s()
+        if now_s >= self._look_s:
+            self._look_s = now_s + LOOK_S
+            self._look_at_stage()
+        with suppress(NoReadingError):  # overheard
+            self._sensing.now()
+        self._read_s = max(self._read_s + self._sensing.sensor.sample_period_s, self._clock.monotonic_s())
+        self._clock.wait_s(self._read_s - self._clock.monotonic_s())
+
+    def _look_at_stage(self) -> None:
+        """Raises TransportError where its port is gone."""
+        try:
+            at = self._stage.status()
+            self._show(at, None)
+            if self._lost and not is_held(at.state):
+                self._stage.connect()
+                self._lost = False
+        except StageError as error:
+            self._status.unseen(str(error))
+            self._doubt(error)
+        except TransportError:
+            if not self._gate.closed:
+                raise
+
+    def _show(self, at: StageStatus, force_gwt: float | None) -> None:
+        self._status.seen(at)
+
+    def _doubt(self, error: Exception) -> None:
+        """After a failure of the stage only its driver may know where it stands."""
+        kept = self._stage.homed or isinstance(error, StageOverridden | StageRejected)
+        if isinstance(error, StageError | TransportError) and not kept:
+            self._lose()
+
+    def _lose(self) -> None:
+        """Where it stands is not known any more, and its driver may be out of step."""
+        self._stands(placed=False)
+        self._lost = True
+
+    def _stands(self, *, placed: bool) -> None:
+        self._hand.stands(placed=placed)
+        self._status.placed = placed
+
+    def _note(self, done: Hold | Verb, begun_s: float) -> None:
+        what = f"jog {done.axis}{done.sign:+d} at {done.speed_mm_s:g} mm/s" if isinstance(done, Hold) else done
+        line = {"t_s": round(begun_s, 6), "did": what, "ended_by": self._status.ended_by}
+        self._log.write(json.dumps(line) + "\n")

@@ -1,0 +1,108 @@
+"""The buttons of the panel that are held down: which one moves the stage, and for how long it counts."""
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+from pydantic import BaseModel, Field, ValidationError
+
+from rig.devices.bench_settings import SLOWEST_MM_S
+from rig.devices.stage.base import Axis
+from rig.engine.by_hand import Direction
+from rig.engine.by_hand.held import FASTEST_MM_S, Held
+from rig.engine.errors import LimitError, NotReadyError
+from rig.transport.clock import Clock
+
+HOLD_S = 0.25
+"""A hold counts for so long from when it was said, whenever it comes."""
+
+AHEAD_S = 1.0
+"""By so much the clock of who says it may be ahead."""
+
+
+class Hold(BaseModel, frozen=True, allow_inf_nan=False):
+    """A button was down at unix_s: press counts the presses of a tab, and grows."""
+
+    axis: Axis
+    sign: Literal[-1, 1]
+    speed_mm_s: float = Field(ge=SLOWEST_MM_S, le=FASTEST_MM_S)
+    tab: str = Field(max_length=100)
+    press: int
+    unix_s: float
+
+    @classmethod
+    def asked(cls, request: Mapping[str, Any]) -> "Hold":
+        """What somebody asks for. Raises LimitError."""
+        try:
+            return cls.model_validate(request)
+        except ValidationError as error:
+            first = error.errors()[0]
+            raise LimitError(f"hold: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+
+    @property
+    def direction(self) -> Direction:
+        """Which way."""
+        return Direction(self.axis, self.sign)
+
+    def is_of(self, other: "Hold") -> bool:
+        """Whether it is the same press of the same button."""
+        return (self.tab, self.press, self.direction) == (other.tab, other.press, other.direction)
+
+
+class Holds:
+    """One press is one motion: when that has ended, whatever ended it, the button must be pressed anew.
+
+    Used by several threads, one at a time: whoever has it looks after that.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock, self._held = clock, Held(clock, HOLD_S)
+        self.press: Hold | None = None  # what moves the stage or is about to, until `end`
+        self._over: dict[str, int] = {}  # the last press of each tab that is over
+
+    @property
+    def live(self) -> bool:
+        """Whether a button is held now."""
+        return self.press is not None and self._held() is not None
+
+    def take(self, hold: Hold) -> None:
+        """A button is held. Raises LimitError for one that is too late, NotReadyError where another one is."""
+        ago_s = self._clock.unix_s() - hold.unix_s
+        if not -AHEAD_S <= ago_s < HOLD_S:
+            raise LimitError(f"a hold of {ago_s:.2f} s ago, expected at most {HOLD_S:g} s: press anew")
+        if self._is_over(hold):
+            raise NotReadyError("that motion is over: press anew")
+        if self.press is None or not hold.is_of(self.press):
+            if self.live:
+                raise NotReadyError("busy: another button is held")
+            self.drop()
+            self.press = hold
+        self._held.say(hold.direction, max(ago_s, 0.0))
+
+    def release(self, tab: str, press: int) -> None:
+        """The button is not down any more, nor is any that this tab pressed before."""
+        self._over[tab] = max(press, self._over.get(tab, press))
+        if self.press is not None and self._is_over(self.press):
+            self._held.say(None)
+
+    def drop(self) -> None:
+        """Whatever is held counts no more."""
+        if self.press is not None:
+            self.release(self.press.tab, self.press.press)
+            self.press = None
+
+    def held(self, press: Hold) -> Direction | None:
+        """Which way, as long as that press is what is held."""
+        return self._held() if self.press is press else None
+
+    def lapsed(self, press: Hold) -> bool:
+        """Whether a press was not let go, and yet not heard of for too long."""
+        return not self._is_over(press) and not self.live
+
+    def end(self, press: Hold) -> None:
+        """The motion of a press is over, and no hold of it counts any more."""
+        self.release(press.tab, press.press)
+        if self.press is press:
+            self.press = None
+
+    def _is_over(self, hold: Hold) -> bool:
+        return hold.tab in self._over and hold.press <= self._over[hold.tab]

@@ -1,0 +1,184 @@
+"""`rig by-hand` in a process of its own, asked over its socket, on devices in real time; and every way it ends."""
+
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.devices.stage.grbl.grbl_stage import GrblStage
+from rig.engine.by_hand.bench_memory import BenchMemory, state_folder
+from rig.plan.config import load_config
+from rig.session.control.announcements import ControlError, RefusedError, announced
+from rig.session.virtual.served_bench import ServedBench
+from rig.transport import open_port
+from rig.transport.clock import WallClock
+from tests.waiting import DEADLINE_S, repeated, until
+
+pytest.importorskip("pty", reason="needs pseudo-terminals")
+
+CLOCK = WallClock()
+COMMAND = [sys.executable, "-m", "rig", "by-hand", "--config"]
+# Popened by one that then waits to be killed.
+PARENT = "import subprocess, sys; subprocess.Popen(sys.argv[1:]); sys.stdin.read()"
+
+
+class Owner:
+    """The process, and the way to ask it."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        self.process = process
+        (self.there,) = until(lambda: announced() or self._failed())
+        self.presses = 0
+
+    def __call__(self, do: str, **more: Any) -> dict[str, Any]:
+        return self.there.ask(do, within_s=DEADLINE_S, **more)
+
+    def hold(self, press: int, axis: str = "x", sign: int = -1, speed_mm_s: float = 2.0) -> None:
+        how = {"axis": axis, "sign": sign, "speed_mm_s": speed_mm_s, "tab": "one", "press": press}
+        self("hold", **how, unix_s=CLOCK.unix_s())
+
+    def jog_until(self, there: Callable[[dict[str, Any]], bool], press: int) -> None:
+        """Hold a button until it has come so far; not let go then."""
+        for _ in repeated(0.05):
+            self.hold(press)
+            if there(self("status")):
+                return
+
+    def done(self) -> dict[str, Any]:
+        return until(lambda: (found := self("status"))["busy"] is None and found)
+
+    def end(self, number: signal.Signals | None = None) -> tuple[int, str]:
+        if number is not None:
+            self.process.send_signal(number)
+        _, err = self.process.communicate(timeout=DEADLINE_S)
+        return self.process.returncode, err
+
+    def _failed(self) -> None:
+        assert self.process.poll() is None, self.process.communicate()[1]
+
+
+@pytest.fixture
+def begin() -> Iterator[Callable[..., Owner]]:
+    started: list[subprocess.Popen[str]] = []
+
+    def start(config: Path) -> Owner:
+        started.append(
+            subprocess.Popen([*COMMAND, str(config)], stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        )
+        return Owner(started[-1])
+
+    yield start
+    for one in started:
+        if one.poll() is None:
+            one.kill()
+        one.communicate()
+
+
+@pytest.fixture
+def homed(begin: Callable[..., Owner], whole: tuple[ServedBench, Path]) -> tuple[Owner, Path]:
+    owner = begin(whole[1])
+    owner("home")
+    assert owner.done()["ended_by"] is None
+    return owner, whole[1]
+
+
+def test_homed_jogged_and_left_it_is_known_to_the_next(
+    homed: tuple[Owner, Path], begin: Callable[..., Owner]
+) -> None:
+    owner, config = homed
+    state = owner("status", since=0)
+    assert (state["x_mm"], state["homed"], state["stopped"]) == (-1.0, True, False)
+    assert state["readings"]["rows"][-1][2] == pytest.approx(0.0, abs=0.02)
+    owner.jog_until(lambda found: found["x_mm"] is not None and found["x_mm"] < -1.5, press=1)
+    owner("release", tab="one", press=1)
+    with pytest.raises(RefusedError, match=r"^that motion is over: press anew$"):
+        owner.hold(1)
+    state = owner.done()
+    assert state["ended_by"] is None
+    later = owner("status", since=0)["readings"]
+    assert min(row[3] for row in later["rows"] if row[3] is not None) < -1.4
+    owner("leave")
+    assert owner.end() == (0, "")
+    assert not announced()
+    left_mm = BenchMemory(load_config(config)).read().left_at_mm
+    assert left_mm is not None
+    assert left_mm[0] == pytest.approx(state["x_mm"], abs=0.003)
+    again = begin(config)
+    assert again("status")["homed"]
+    log = sorted((state_folder() / "by_hand").glob("*.jsonl"))
+    assert len(log) == 2
+    assert '"did": "jog x-1 at 2 mm/s"' in log[0].read_text("ascii")
+
+
+def test_a_stop_while_it_jogs_and_home_after_it(homed: tuple[Owner, Path]) -> None:
+    owner, _ = homed
+    owner.jog_until(lambda found: found["x_mm"] is not None and found["x_mm"] < -1.2, press=1)
+    assert owner("stop")["stopped"]
+    state = owner.done()
+    assert (state["ended_by"], state["stopped"], state["homed"]) == ("stopped at once by the operator", True, False)
+    with pytest.raises(RefusedError, match=r"^stopped: home first"):
+        owner.hold(2)
+    owner("home")
+    assert owner.done()["stopped"] is False
+
+
+def test_holds_that_stop_coming_stop_it(homed: tuple[Owner, Path]) -> None:
+    owner, _ = homed
+    owner.jog_until(lambda found: found["x_mm"] is not None and found["x_mm"] < -1.2, press=1)
+    assert owner.done()["ended_by"] == "nothing was heard of the button for 0.25 s: press anew"
+
+
+@pytest.mark.parametrize(
+    ("number", "code", "kept"),
+    [(signal.SIGTERM, 0, True), (signal.SIGUSR1, 130, False), (signal.SIGKILL, -9, False)],
+)
+def test_while_it_jogs_a_signal_ends_it_at_rest(
+    homed: tuple[Owner, Path], number: signal.Signals, code: int, kept: bool
+) -> None:
+    """Killed, too, it goes no farther than two slices; asked to end, where it stands is remembered."""
+    owner, config = homed
+    owner.jog_until(lambda found: found["x_mm"] is not None and found["x_mm"] < -1.2, press=1)
+    ended, said = owner.end(number)
+    assert ended == code
+    assert said.count("\n") == (1 if code == 130 else 0)
+    known = BenchMemory(load_config(config)).read()
+    assert (known.left_at_mm is not None) is kept
+    stage = GrblStage(open_port(load_config(config).stage.port, 115200), CLOCK)
+    at = until(lambda: (now := stage.look()).state in ("Idle", "Alarm") and now)
+    stage.close()
+    assert known.stands_there(at) is kept
+    assert at.x_mm > -8.0
+
+
+def test_it_ends_with_its_parent(homed: tuple[Owner, Path], whole: tuple[ServedBench, Path]) -> None:
+    owner, config = homed
+    owner("leave")
+    owner.end()
+    parent = subprocess.Popen([sys.executable, "-c", PARENT, *COMMAND, str(config)], stdin=subprocess.PIPE)
+    try:
+        (there,) = until(announced)
+        parent.kill()
+        parent.communicate()
+        until(lambda: not announced())
+        with pytest.raises(ControlError):
+            there.ask("status")
+        until(lambda: BenchMemory(load_config(config)).read().left_at_mm)
+    finally:
+        parent.kill()
+        parent.communicate()
+
+
+def test_why_it_does_not_begin_is_one_line(rig_toml: Callable[..., Path], apart: tuple[str, str, Path]) -> None:
+    stage, _, config = apart
+    for settings, says in ((rig_toml(stage), "without a force sensor only --without-force moves"), (config, "")):
+        wire = open_port(stage, 115200) if not says else None
+        ended = subprocess.run([*COMMAND, str(settings)], capture_output=True, text=True, check=False)
+        if wire is not None:
+            wire.close()
+        assert ended.returncode in (1, 2)
+        assert ended.stderr.count("\n") == 1
+        assert (says or "is already in use by process") in ended.stderr

@@ -1,0 +1,425 @@
+"""What the process at the bench tells, keeps and logs: readings, state, what to do next, how it gets back in step."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.devices.force.base import ForceReading, ForceTimeout
+from rig.devices.stage.base import StageError, StageRejected
+from rig.devices.units import GWT_N
+from rig.engine.by_hand.bench_memory import BenchMemory
+from rig.engine.errors import LimitError
+from rig.engine.rig_settings import RigSettings
+from rig.engine.sensing import Sensing, Zero
+from rig.protocol.errors import BadInputError
+from rig.session.by_hand import at_hand, hand_log
+from rig.session.by_hand.hand_log import HandLog
+from rig.session.by_hand.hand_readings import AT_A_TIME, COLUMNS, KEPT, Backlog, OverheardSensor
+from rig.transport.base import TransportError
+from sim.devices.clock import VirtualClock
+from tests.rig.hand_bench import APEX_MM, KINDS, HandBench, Person
+from tests.told import ToldSensor, raising
+
+ZERO = Zero(0.0, 0.0)
+
+
+@pytest.fixture(params=KINDS)
+def make(request: pytest.FixtureRequest) -> Callable[..., HandBench]:
+    return lambda **options: HandBench(request.param, **{"zero": ZERO, **options})
+
+
+# --- readings ---
+
+
+def test_the_backlog_gives_what_is_new_in_pieces_and_says_what_was_lost() -> None:
+    log = Backlog()
+    assert log.since(0) == {"columns": COLUMNS, "rows": [], "next": 0, "more": False, "lost": 0}
+    for number in range(450):
+        log.add((float(number),))
+    first = log.since(0)
+    assert (len(first["rows"]), first["next"], first["more"]) == (AT_A_TIME, 400, True)
+    assert (first["rows"][0], first["rows"][-1]) == ((0.0,), (399.0,))
+    second = log.since(400)
+    assert (len(second["rows"]), second["next"], second["more"]) == (50, 450, False)
+    assert second["rows"][0] == (400.0,)
+    assert log.since(450)["rows"] == log.since(9999)["rows"] == []
+    assert log.since(9999)["next"] == 450
+    for number in range(450, KEPT + 10):
+        log.add((float(number),))
+    assert [log.since(number)["lost"] for number in (0, 1, 9, 10, 11)] == [0, 9, 1, 0, 0]
+    assert log.since(0)["rows"][0] == log.since(3)["rows"][0] == (10.0,)
+    assert log.since(11)["rows"][0] == (11.0,)
+
+
+def test_an_answer_stays_below_what_the_wire_takes() -> None:
+    row = (1763942400.123, 123456.789, -1234.567891, -123.456, -123.456, -123.456, -123.456789)
+    assert AT_A_TIME * len(json.dumps(row)) < 0.75 * (1 << 16)
+    assert len(row) == len(COLUMNS)
+
+
+def test_every_reading_is_overheard_and_every_lack_of_one() -> None:
+    sensor = ToldSensor(VirtualClock())
+    heard: list[Any] = []
+    overheard = OverheardSensor(sensor, heard.append, heard.append)  # type: ignore[arg-type]
+    sensor.identify, sensor.close = lambda: "named", lambda: heard.append("closed")  # type: ignore[attr-defined]
+    sensor.shows_gwt = 2.0
+    assert overheard.read() is heard[0]
+    assert heard[0].force_n == pytest.approx(2.0 * GWT_N)
+    for error in (ForceTimeout("silent"), TransportError("gone")):
+        sensor.at_read = raising(error)
+        with pytest.raises(type(error)):
+            overheard.read()
+        assert heard[-1] == str(error)
+    assert (overheard.sample_period_s, overheard.resolution_gwt) == (0.05, 0.01)
+    assert (overheard.connect(), overheard.identify()) == ("told sensor", "named")
+    overheard.close()
+    assert heard[-1] == "closed"
+
+
+def test_while_nothing_is_done_it_is_read_as_often_as_the_sensor_has_a_value(make: Callable[..., HandBench]) -> None:
+    """The stage beside it, ten times a second."""
+    bench = make()
+    looks: list[float] = []
+    status = bench.bench.stage.status
+    bench.bench.stage.status = lambda: (looks.append(bench.clock.monotonic_s()), status())[1]  # type: ignore[method-assign]
+
+    def person() -> Person:
+        bench.spring.offset_gwt = 1.5
+        yield 10.0
+        found = bench("status", since=0)
+        rows = found["readings"]["rows"]
+        assert len(rows) == pytest.approx(10.0 / bench.bench.force.sample_period_s, abs=6)
+        assert 90 <= len(looks) <= 103
+        assert rows[-1][0] == pytest.approx(bench.clock.unix_s(), abs=0.11)
+        assert rows[-1][1] == pytest.approx(bench.clock.monotonic_s(), abs=0.11)
+        assert rows[-1][2] == found["force_gwt"] == pytest.approx(1.5, abs=0.01)
+        assert rows[-1][3:] == [found["x_mm"], found["y_mm"], found["z_mm"], found["height_mm"]]
+        assert found["height_mm"] == pytest.approx(3.0, abs=0.003)
+        assert found["z_mm"] == pytest.approx(APEX_MM + 3.0, abs=0.003)
+        assert found["read_unix_s"] == pytest.approx(rows[-1][0], abs=0.002)
+        assert found["seen_unix_s"] == pytest.approx(bench.clock.unix_s(), abs=0.15)
+        assert "readings" not in bench("status")
+
+    bench.run(person())
+
+
+@pytest.mark.parametrize("since", [-1, 1.5, "all"])
+def test_readings_since_what_is_no_number_are_refused(since: Any) -> None:
+    with pytest.raises(LimitError, match=r"^status: since = "):
+        HandBench("grbl")("status", since=since)
+
+
+@pytest.mark.parametrize("tab", [None, 3])
+def test_a_release_of_what_is_no_press_is_refused(tab: Any) -> None:
+    bench = HandBench("grbl")
+    with pytest.raises(LimitError, match=r"^release: tab = "):
+        bench("release", tab=tab, press=1)
+    with pytest.raises(LimitError, match=r"press = 'x', expected those of a hold$"):
+        bench("release", tab="one", press="x")
+
+
+# --- state ---
+
+
+def test_what_is_told_of_it(make: Callable[..., HandBench]) -> None:
+    bench = make(soft_trip_n=1.0)
+
+    def person() -> Person:
+        yield 0.3
+
+    found = bench.run(person())
+    assert found["trip_gwt"] == pytest.approx(1.0 / GWT_N)
+    assert (found["touch_gwt"], found["clearance_mm"], found["fastest_mm_s"]) == (0.05, 2.0, 10.0)
+    assert (found["state"], found["busy"], found["tab"], found["ended_by"], found["next"]) == ("Idle", *[None] * 4)
+    assert (found["stage_problem"], found["force_problem"]) == (None, None)
+    assert (found["homed"], found["zeroed"], found["stopped"]) == (True, True, False)
+
+
+def test_while_it_homes_no_place_is_told(make: Callable[..., HandBench]) -> None:
+    bench = make()
+
+    def person() -> Person:
+        yield 0.1
+        bench("home")
+        yield 1.0
+        found = bench("status", since=0)
+        assert (found["state"], found["busy"], found["homed"]) == ("Home", "home", False)
+        assert [found[key] for key in ("x_mm", "y_mm", "z_mm", "height_mm")] == [None] * 4
+        assert found["readings"]["rows"][-1][3:] == [None] * 4
+        assert found["readings"]["rows"][-1][2] is not None
+        yield from bench.done()
+        assert bench("status")["height_mm"] == pytest.approx(bench.height_mm, abs=0.003)
+
+    bench.run(person())
+
+
+@pytest.mark.parametrize(
+    ("known", "zero", "next_is"),
+    [(True, ZERO, "None"), (True, None, "zero, with nothing touched"), (False, ZERO, "home: where it is not homed"),
+     (False, None, "home: where it is not homed")],
+)  # fmt: skip
+def test_what_had_better_be_done_next_is_said(known: bool, zero: Zero | None, next_is: str) -> None:
+    bench = HandBench("grbl", known=known, zero=zero)
+    assert str(bench.run(bench.done())["next"]).startswith(next_is)
+
+
+def test_a_sensor_that_falls_silent_is_said_and_its_last_reading_grows_old(make: Callable[..., HandBench]) -> None:
+    bench = make()
+    read = bench.bench.force.read
+
+    def person() -> Person:
+        yield 0.3
+        before = bench("status")
+        assert before["force_problem"] is None
+        bench.bench.force.read = raising(ForceTimeout("no answer"))  # type: ignore[method-assign]
+        yield 1.0
+        found = bench("status")
+        assert (found["force_problem"], found["read_unix_s"]) == ("no answer", before["read_unix_s"])
+        assert found["next"] == "nothing moves while the force sensor does not answer"
+        bench.bench.force.read = lambda: ForceReading(float("inf"), True, 0.0)  # type: ignore[method-assign]
+        yield 0.2
+        assert bench("status")["force_problem"] == "the force reading is inf, not a number"
+        bench.bench.force.read = read  # type: ignore[method-assign]
+        yield 0.2
+        assert bench("status")["force_problem"] is None
+
+    bench.run(person())
+
+
+# --- a stage that fails ---
+
+
+def test_a_stage_that_failed_is_spoken_to_anew_and_its_place_is_not_known(make: Callable[..., HandBench]) -> None:
+    bench = make()
+    stage = bench.bench.stage
+    status, connect, connected = stage.status, stage.connect, []
+
+    def person() -> Person:
+        yield 0.3
+        stage.connect = lambda: (connected.append(1), connect())[1]  # type: ignore[method-assign]
+        stage.status = raising(StageError("the board was reset"))  # type: ignore[method-assign]
+        yield 0.3
+        found = bench("status")
+        assert (found["stage_problem"], found["homed"], found["height_mm"]) == ("the board was reset", False, None)
+        assert not connected
+        stage.status = status  # type: ignore[method-assign]
+        yield 2.0
+        assert bench("status")["stage_problem"] is None
+        assert len(connected) == 1
+        yield from bench.hold("x", 1, 0.5)
+
+    found = bench.run(person())
+    assert (found["ended_by"], found["homed"]) == (None, False)
+    assert bench.memory.read().left_at_mm is None
+
+
+def test_a_held_board_is_not_spoken_to_before_it_is_let_go() -> None:
+    """Speaking to it would reset it: somebody holds it on purpose."""
+    bench = HandBench("grbl", zero=ZERO)
+    stage: Any = bench.bench.stage
+    status, connect, connected = stage.status, stage.connect, []
+
+    def person() -> Person:
+        stage.connect = lambda: (connected.append(1), connect())[1]
+        stage.status = raising(StageError("the board was reset"))
+        yield 0.3
+        stage.status = lambda: replace(status(), state="Hold:0")
+        yield 1.0
+        assert (bench("status")["state"], connected) == ("Hold:0", [])
+        yield from bench.hold("x", 1, 0.5)
+        assert "the stage is held, Hold:0" in bench("status")["ended_by"]
+        assert not connected
+        stage.status = status
+        yield 1.0
+        assert connected == [1]
+
+    bench.run(person())
+
+
+def test_what_a_controller_merely_refuses_leaves_its_place_known(make: Callable[..., HandBench]) -> None:
+    bench = make()
+    jog = bench.bench.stage.jog
+
+    def person() -> Person:
+        bench.bench.stage.jog = raising(StageRejected(15, "$J", "outside the travel"))  # type: ignore[method-assign]
+        yield from bench.hold("x", 1, 0.5)
+        assert "outside the travel" in bench("status")["ended_by"]
+        bench.bench.stage.jog = jog  # type: ignore[method-assign]
+        yield from bench.hold("x", 1, 0.5)
+
+    found = bench.run(person())
+    assert (found["ended_by"], found["homed"]) == (None, True)
+
+
+def test_where_its_port_is_gone_it_ends(make: Callable[..., HandBench]) -> None:
+    bench = make()
+
+    def person() -> Person:
+        yield 0.3
+        bench.bench.stage.status = raising(TransportError("cannot read from stage"))  # type: ignore[method-assign]
+        yield 5.0
+        raise AssertionError("it went on")
+
+    with pytest.raises(TransportError, match="cannot read from stage"):
+        bench.run(person())
+    assert bench.memory.read().left_at_mm is None
+
+
+def test_whatever_ends_it_unforeseen_stops_the_stage(make: Callable[..., HandBench]) -> None:
+    bench = make()
+    stops: list[int] = []
+
+    def person() -> Person:
+        bench.bench.stage.stop = lambda: stops.append(1)  # type: ignore[method-assign]
+        yield 0.3
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        bench.run(person())
+    assert stops == [1]
+
+
+def test_a_stop_just_before_it_is_left_is_no_place_to_remember(make: Callable[..., HandBench]) -> None:
+    bench = make()
+
+    def person() -> Person:
+        yield 0.3
+        bench("stop")
+
+    assert bench.run(person())["homed"] is False
+    assert bench.memory.read().left_at_mm is None
+
+
+def test_left_while_it_jogs_it_comes_to_rest_and_is_remembered(make: Callable[..., HandBench]) -> None:
+    bench = make()
+
+    def person() -> Person:
+        holding = bench.hold("x", 1, 20.0)
+        yield from (next(holding) for _ in range(5))
+
+    bench.run(person())
+    left_mm, pad_mm = bench.memory.read().left_at_mm, bench.config.frame.pad_centre_x_mm
+    at_mm = bench.x_mm
+    bench.clock.wait_s(2.0)
+    assert bench.x_mm == at_mm > 0.2
+    assert left_mm is not None
+    assert left_mm[0] - pad_mm == pytest.approx(at_mm, abs=0.003)
+
+
+def test_it_ends_when_nobody_is_there_any_more() -> None:
+    bench = HandBench("grbl")
+    asked: list[float] = []
+
+    def gone() -> bool:
+        asked.append(bench.clock.monotonic_s())
+        return len(asked) > 20
+
+    with bench.owner.begun():
+        bench.owner.run(gone)
+    assert len(asked) == 21
+    assert asked[-1] - asked[0] == pytest.approx(20 * bench.bench.force.sample_period_s, abs=0.15)
+
+
+def test_a_sensor_that_does_not_answer_begins_nothing() -> None:
+    bench = HandBench("grbl")
+    bench.bench.force.connect = raising(ForceTimeout("no balance answers"))  # type: ignore[method-assign]
+    says = "^no balance answers; nothing was moved: without a force sensor only"
+    with pytest.raises(BadInputError, match=says), bench.owner.begun():
+        raise AssertionError("begun")
+
+
+# --- zero ---
+
+
+def test_a_zero_that_fails_halfway_is_no_zero_on_record(make: Callable[..., HandBench]) -> None:
+    """The sensor counts from elsewhere then, and from where nobody knows."""
+    bench = make(zero=Zero(0.02, 0.0))
+    bench.spring.offset_gwt = 0.02 / GWT_N
+    zero, read = bench.bench.force.zero, bench.bench.force.read
+
+    def zeroed() -> None:
+        zero()
+        bench.bench.force.read = raising(ForceTimeout("no answer"))  # type: ignore[method-assign]
+
+    def person() -> Person:
+        bench.bench.force.zero = zeroed  # type: ignore[method-assign]
+        yield from bench.do("zero")
+        found = bench("status")
+        assert found["ended_by"] == "no force reading: no answer; the sensor must be zeroed again"
+        assert (found["zeroed"], found["homed"]) == (False, True)
+        assert bench.memory.read().zero is None
+        bench.bench.force.read = read  # type: ignore[method-assign]
+        bench.bench.force.zero = zero  # type: ignore[method-assign]
+        yield from bench.do("zero")
+
+    found = bench.run(person())
+    assert (found["ended_by"], found["zeroed"]) == (None, True)
+    assert bench.memory.read().zero is not None
+
+
+def test_a_sensor_that_cannot_zero_keeps_the_zero_it_had() -> None:
+    settings, sensor = RigSettings(), ToldSensor(VirtualClock(1.7e9))
+    memory, sensing = BenchMemory(settings), Sensing(settings, sensor.clock, sensor)  # type: ignore[arg-type]
+    memory.zeroed(ZERO)
+    sensor.zero = raising(ForceTimeout("not stable"))  # type: ignore[method-assign]
+    with pytest.raises(ForceTimeout, match="not stable"):
+        at_hand.zero(settings, sensing, anyway=False)
+    assert memory.read().zero == sensing.zero == ZERO
+
+
+# --- the log ---
+
+
+def test_a_log_begins_with_the_wall_time_and_the_oldest_make_room(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("RIG_STATE_DIR", str(tmp_path))
+    monkeypatch.setattr(hand_log, "FILE_BYTES", 100)
+    assert hand_log.KEPT == 16
+    clock = VirtualClock(1.7e9, 50.0)
+    with HandLog(clock) as log:
+        for number in range(200):
+            clock.wait_s(0.01)
+            log.write(f'{{"number": {number:5d}}}\n')
+        assert log.problem is None
+        assert log.path.exists()
+    files = sorted((tmp_path / "by_hand").iterdir())
+    assert len(files) == 16
+    assert files[-1] == log.path
+    lines = [[json.loads(line) for line in path.read_text("ascii").splitlines()] for path in files]
+    for first, *rest in lines:
+        assert first["unix_s"] - first["t_s"] == pytest.approx(1.7e9 - 50.0)
+        assert 1 <= len(rest) <= 6
+    numbers = [line["number"] for _, *rest in lines for line in rest]
+    assert numbers == list(range(200 - len(numbers), 200))
+    assert len(numbers) >= 75
+
+
+def test_a_full_file_that_none_can_follow_goes_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("RIG_STATE_DIR", str(tmp_path))
+    monkeypatch.setattr(hand_log, "FILE_BYTES", 100)
+    with HandLog(VirtualClock(1.7e9)) as log:
+        monkeypatch.setattr(hand_log, "ByteLog", raising(OSError("no space")))
+        for number in range(30):
+            log.write(f'{{"number": {number:5d}}}\n')
+    assert len(log.path.read_text("ascii").splitlines()) == 31
+
+
+def test_what_was_done_is_noted_beside_the_bytes(make: Callable[..., HandBench]) -> None:
+    bench = make()
+
+    def person() -> Person:
+        yield from bench.hold("z", 1, 0.5, 3.5)
+        yield from bench.do("zero", anyway=True)
+        yield from bench.do("home")
+
+    bench.run(person())
+    did = [json.loads(line) for line in bench.wire.getvalue().splitlines() if '"did"' in line]
+    assert [(line["did"], line["ended_by"]) for line in did] == [
+        ("jog z+1 at 3.5 mm/s", None), ("zero anyway", None), ("home", None),
+    ]  # fmt: skip
+    assert did[0]["t_s"] < did[1]["t_s"] < did[2]["t_s"] < bench.clock.monotonic_s()

@@ -1,0 +1,441 @@
+"""What docs/safety.md promises of everything done by hand holds for what is asked over the socket, on every bench.
+
+Each promise is a walk of a person at the panel; devices virtual, bytes real, clock virtual.
+"""
+
+import math
+import re
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from rig.devices.force.base import ForceReading
+from rig.devices.stage.base import StageOverridden
+from rig.devices.units import GWT_N
+from rig.engine.sensing import Zero
+from tests.rig.hand_bench import APEX_MM, KINDS, STOPS, HandBench, Person
+
+Make = Callable[..., HandBench]
+ZERO = Zero(0.0, 0.0)
+INCREMENT_MM, TOUCH_GWT = 0.05, 0.05
+
+PROMISES: dict[str, Callable[[Make], None]] = {}
+
+
+def promise(walk: Callable[[Make], None]) -> Callable[[Make], None]:
+    PROMISES[walk.__name__.replace("_", " ")] = walk
+    return walk
+
+
+def nan(bench: HandBench) -> None:
+    """From here on the sensor has no number to say."""
+    bench.bench.force.read = lambda: ForceReading(math.nan, True, bench.clock.monotonic_s())  # type: ignore[method-assign]
+
+
+def freeze(bench: HandBench, at_gwt: float | None) -> None:
+    """The sensor stays at a value, its own last one if none is given."""
+    sensor = bench.bench.force
+    last_n = sensor.read().force_n if at_gwt is None else at_gwt * GWT_N
+
+    def read() -> ForceReading:
+        bench.clock.wait_s(0.02)
+        return ForceReading(last_n, True, bench.clock.monotonic_s())
+
+    sensor.read = read  # type: ignore[method-assign]
+
+
+def ended(bench: HandBench, person: Person) -> str:
+    """How the last thing that a person did ended."""
+    return str(bench.run(person)["ended_by"])
+
+
+# --- the force ---
+
+
+@promise
+def a_sensor_that_does_not_answer_moves_nothing(make: Make) -> None:
+    bench = make()
+    nan(bench)
+    before = (bench.x_mm, bench.height_mm, len(bench.moves_sent()))
+
+    def person() -> Person:
+        for axis, sign in (("x", 1), ("z", -1), ("z", 1)):
+            yield from bench.hold(axis, sign, 0.4)
+            assert "not a number; nothing was moved" in bench("status")["ended_by"]
+        yield from bench.do("home")
+        assert "not a number" in bench("status")["ended_by"]
+        assert bench("status")["next"] == "nothing moves while the force sensor does not answer"
+
+    bench.run(person())
+    assert (bench.x_mm, bench.height_mm, len(bench.moves_sent())) == before
+
+
+@promise
+def down_it_ends_at_the_first_touch_and_a_new_press_goes_on_to_nine_tenths_of_the_trip(make: Make) -> None:
+    bench = make(above_mm=0.2, soft_trip_n=0.05)
+
+    def person() -> Person:
+        yield from bench.hold("z", -1, 20.0)
+        assert bench("status")["ended_by"].startswith("touched")
+        assert bench.worst_gwt <= 6.0 * ((TOUCH_GWT / 6.0) ** (2 / 3) + INCREMENT_MM + 0.003) ** 1.5
+        assert bench.refused == ["that motion is over: press anew"], "the same press never goes on"
+        for _ in range(3):
+            yield from bench.hold("z", -1, 20.0)
+            assert "the next step down would pass the soft trip" in bench("status")["ended_by"]
+
+    bench.run(person())
+    assert 3.0 < bench.worst_gwt < 0.05 / GWT_N
+
+
+@promise
+def above_a_trip_it_goes_back_up_the_way_it_came(make: Make) -> None:
+    bench = make(above_mm=0.52, k_gwt=6000.0, soft_trip_n=0.1)
+    said = ended(bench, bench.hold("z", -1, 20.0))
+    assert re.search(r"above the soft trip 10\.20 gwt.*; lifted by 0\.\d\d mm$", said)
+    assert bench.height_mm == pytest.approx(0.52, abs=0.004)
+
+
+@promise
+def with_on_trip_stop_it_stays(make: Make) -> None:
+    bench = make(above_mm=0.52, k_gwt=6000.0, soft_trip_n=0.1, on_trip="stop")
+    assert "lifted" not in ended(bench, bench.hold("z", -1, 20.0))
+    assert bench.height_mm < 0.0
+
+
+@promise
+def a_reading_that_falls_ends_it(make: Make) -> None:
+    bench = make(above_mm=0.2, k_gwt=-6.0)
+    assert "does the sensor read backwards?" in ended(bench, bench.hold("z", -1, 20.0))
+
+
+@promise
+def a_reading_that_stays_the_same_or_is_gone_below_a_touch_ends_it(make: Make) -> None:
+    for at_gwt, reason in ((0.0, "mm below a touch: a frozen reading"), (None, "stays at")):
+        bench = make(above_mm=0.2)
+
+        def person(bench: HandBench = bench, at_gwt: float | None = at_gwt) -> Person:
+            yield from bench.hold("z", -1, 20.0)
+            freeze(bench, at_gwt)
+            yield from bench.hold("z", -1, 20.0)
+
+        assert reason in ended(bench, person())
+        assert bench.height_mm > -0.5
+
+
+@promise
+def sideways_it_ends_at_a_touch(make: Make) -> None:
+    bench = make()
+    bench.spring.wall_x_mm = 1.0
+    assert "touched" in ended(bench, bench.hold("x", 1, 20.0))
+    assert 1.0 < bench.x_mm < 1.0 + 2.0 * 0.6
+
+
+@promise
+def above_a_trip_only_up_is_free(make: Make) -> None:
+    bench = make(above_mm=-0.8, soft_trip_n=0.02, zero=ZERO)
+
+    def person() -> Person:
+        for axis, sign in (("x", 1), ("z", -1)):
+            yield from bench.hold(axis, sign, 0.4)
+            assert "above the soft trip 2.04 gwt; nothing was moved: up first" in bench("status")["ended_by"]
+        yield from bench.hold("z", 1, 1.0)
+
+    assert ended(bench, person()) == "None"
+    assert bench.height_mm > 0.8
+
+
+@promise
+def up_it_is_stopped_by_a_force_that_grows_beyond_a_trip(make: Make) -> None:
+    bench = make(soft_trip_n=0.02)
+    from_s = bench.clock.monotonic_s() + 2.0
+    bench.spring.true_gwt = lambda t_s: 30.0 + t_s if t_s > from_s else 0.0  # type: ignore[method-assign]
+    assert "above the soft trip" in ended(bench, bench.hold("z", 1, 20.0))
+    assert bench.height_mm < 3.0 + 2.0 * 3.2
+
+
+@promise
+def a_sensor_beyond_its_range_is_left_upwards_and_nowhere_else(make: Make) -> None:
+    bench = make(above_mm=0.5)
+    bench.spring.offset_gwt = 500.0
+
+    def person() -> Person:
+        yield from bench.hold("x", 1, 0.4)
+        assert "nothing was moved" in bench("status")["ended_by"]
+        yield from bench.hold("z", 1, 1.0)
+
+    assert ended(bench, person()) == "None"
+    assert bench.x_mm == pytest.approx(0.0, abs=0.002)
+    assert bench.height_mm > 1.5
+
+
+@promise
+def without_a_zero_forces_count_from_before_the_first_motion(make: Make) -> None:
+    """A holder of 80 gwt hangs on the sensor, and the soft trip is 51."""
+    bench = make(above_mm=0.3, soft_trip_n=0.5)
+    bench.spring.offset_gwt = 80.0
+    state = bench.run(bench.hold("z", -1, 20.0))
+    assert "touched" in state["ended_by"]
+    assert state["force_gwt"] == pytest.approx(bench.worst_gwt, abs=0.02)
+    assert not state["zeroed"]
+
+
+@promise
+def with_one_forces_count_from_the_last_zero_on_record(make: Make) -> None:
+    bench = make(zero=Zero(3.0 * GWT_N, 0.0))
+    bench.spring.offset_gwt = 5.0
+    state = bench.run(bench.hold("x", 1, 0.5))
+    assert state["force_gwt"] == pytest.approx(2.0, abs=0.011)
+    assert state["zeroed"]
+
+
+# --- the way ---
+
+
+@promise
+def deeper_than_max_doi_below_the_apex_a_held_button_ends(make: Make) -> None:
+    """A sensor that is frozen from the beginning cannot show the finger; the known height can."""
+    bench = make(above_mm=0.2)
+    freeze(bench, 0.0)
+    assert "deeper than limits.max_doi_mm" in ended(bench, bench.hold("z", -1, 60.0))
+    assert bench.height_mm == pytest.approx(-1.5, abs=0.051)
+
+
+@promise
+def a_stage_that_is_not_where_it_was_left_has_no_known_height(make: Make) -> None:
+    """And counts as below clearance: one increment at a time."""
+    bench = make(known=False, zero=ZERO)
+    state = bench.run(bench.hold("z", -1, 0.3, 5.0))
+    assert (state["homed"], state["height_mm"]) == (False, None)
+    assert state["next"].startswith("home: where it is not homed heights are not known")
+    assert 3.0 - 3 * INCREMENT_MM - 0.003 <= bench.height_mm < 3.0
+
+
+@promise
+def where_it_was_left_homed_it_is_known_and_left_to_the_next_command(make: Make) -> None:
+    bench = make()
+    assert bench.memory.read().left_at_mm is not None
+
+    def person() -> Person:
+        yield 0.1
+        assert bench.memory.read().left_at_mm is None, "killed now, nobody knows"
+        assert bench("status")["height_mm"] == pytest.approx(3.0, abs=0.003)
+        yield from bench.hold("z", 1, 1.0)
+
+    bench.run(person())
+    left_mm = bench.memory.read().left_at_mm
+    assert left_mm is not None
+    assert left_mm[2] - APEX_MM == pytest.approx(bench.height_mm, abs=0.003)
+
+
+@promise
+def a_changed_override_ends_it_and_the_next_motion_goes_at_full_speed(make: Make) -> None:
+    bench = make()
+    halts: list[float] = []
+    stage = bench.bench.stage
+    halt, status = stage.halt, stage.status
+
+    def person() -> Person:
+        holding = bench.hold("x", 1, 20.0)
+        yield from (next(holding) for _ in range(5))
+        stage.halt = lambda: (halts.append(bench.clock.monotonic_s()), halt())[1]  # type: ignore[method-assign]
+
+        def overridden() -> Any:
+            stage.status = status  # type: ignore[method-assign]
+            raise StageOverridden("feed override 200 %")
+
+        stage.status = overridden  # type: ignore[method-assign]
+        yield from holding
+        assert "feed override 200 %" in bench("status")["ended_by"]
+        assert bench("status")["homed"], "its position is kept"
+        yield from bench.hold("x", -1, 0.5)
+
+    assert ended(bench, person()) == "None"
+    assert len(halts) == 1
+
+
+@promise
+def it_ends_within_two_slices_and_a_hold_of_the_last_one(make: Make) -> None:
+    for speed_mm_s in (0.5, 2.0, 10.0):
+        bench = make()
+        last: list[float] = []
+
+        def person(bench: HandBench = bench, last: list[float] = last, speed_mm_s: float = speed_mm_s) -> Person:
+            holding = bench.hold("x", 1, 20.0, speed_mm_s)
+            for _ in range(9):
+                last[:] = [bench.x_mm]
+                yield next(holding)
+            yield from bench.done()
+
+        said = ended(bench, person())
+        assert said == "nothing was heard of the button for 0.25 s: press anew"
+        assert 0 < bench.x_mm - last[0] <= speed_mm_s * (0.25 + 2 * 0.1) + 1 / 400
+
+
+# --- home, zero, stop ---
+
+
+@promise
+def homing_reads_the_force_all_the_way_and_a_trip_ends_it(make: Make) -> None:
+    bench = make(zero=ZERO, above_mm=-10.0, soft_trip_n=0.5)
+    bench.spring.k_gwt = 0.0
+    from_mm = bench.height_mm
+
+    def person() -> Person:
+        bench("home")
+        yield 1.0
+        assert bench("status")["busy"] == "home"
+        bench.spring.offset_gwt = 60.0
+        yield from bench.done()
+        state = bench("status")
+        assert "above the soft trip" in state["ended_by"]
+        assert (state["homed"], state["stopped"]) == (False, False)
+        assert state["next"].startswith("home")
+
+    bench.run(person())
+    at_mm = bench.height_mm
+    bench.clock.wait_s(5.0)
+    assert from_mm < bench.height_mm == at_mm < 20.0
+    assert bench.memory.read().left_at_mm is None
+
+
+@promise
+def homed_the_height_is_known_and_a_touch_of_before_is_forgotten(make: Make) -> None:
+    bench = make(above_mm=0.2, known=False)
+
+    def person() -> Person:
+        yield from bench.hold("z", -1, 20.0)
+        assert bench("status")["ended_by"].startswith("touched")
+        yield from bench.do("home")
+        state = bench("status")
+        assert (state["ended_by"], state["homed"]) == (None, True)
+        assert state["height_mm"] == pytest.approx(bench.height_mm, abs=0.003)
+        bench.spring.k_gwt, bench.spring.offset_gwt = 0.0, 0.0
+        bench.spring.wall_x_mm = -1000.0  # something is met at once, wherever it goes
+        bench.spring.true_gwt = lambda t_s: 3.0 * (bench.height_mm < 22.0)  # type: ignore[method-assign]
+        yield from bench.hold("z", -1, 30.0, 5.0)
+
+    assert ended(bench, person()).startswith("touched, 3.00 gwt more")
+
+
+@promise
+def zero_is_refused_where_something_seems_touched_and_taken_anyway(make: Make) -> None:
+    bench = make(zero=ZERO)
+    bench.spring.offset_gwt = 2.0
+
+    def person() -> Person:
+        yield from bench.do("zero")
+        assert bench("status")["ended_by"].startswith("2.00 gwt against the last zero on record, of 20")
+        assert bench.memory.read().zero == ZERO
+        yield from bench.do("zero", anyway="yes")
+        assert "is something touched?" in bench("status")["ended_by"], "anyway is true or nothing"
+        yield from bench.do("zero", anyway=True)
+        assert bench("status")["ended_by"] is None
+        assert bench("status")["force_gwt"] == pytest.approx(0.0, abs=0.011)
+        yield from bench.do("zero")
+
+    state = bench.run(person())
+    assert (state["ended_by"], state["zeroed"]) == (None, True)
+    assert bench.memory.read().zero_unix_s > 1.7e9
+
+
+@promise
+def one_thing_at_a_time_and_what_is_busy_is_said(make: Make) -> None:
+    bench = make(zero=ZERO)
+
+    def person() -> Person:
+        holding = bench.hold("x", 1, 0.8)
+        for _ in range(4):
+            yield next(holding)
+            assert (bench("status")["busy"], bench("status")["tab"]) == ("jog", "one")
+            for tab in ("one", "two"):
+                assert bench.refusal("hold", tab=tab) == "busy: another button is held"
+            assert bench.refusal("home") == bench.refusal("zero") == "busy: jog"
+        yield from holding
+        for verb in ("zero", "home"):
+            bench(verb)
+            yield 0.1
+            for do in ("hold", "home", "zero"):
+                assert bench.refusal(do) == f"busy: {verb}"
+            yield from bench.done()
+
+    assert ended(bench, person()) == "None"
+    assert bench.height_mm > 20.0
+
+
+def _idle(bench: HandBench) -> Person:
+    yield 0.31
+
+
+def _jogging(bench: HandBench) -> Person:
+    holding = bench.hold("x", 1, 20.0, 5.0)
+    yield from (next(holding) for _ in range(4))
+
+
+def _stepping_down(bench: HandBench) -> Person:
+    holding = bench.hold("z", -1, 20.0, 5.0)
+    yield from (next(holding) for _ in range(4))
+
+
+def _homing(bench: HandBench) -> Person:
+    bench("home")
+    yield 1.0
+
+
+def _zeroing(bench: HandBench) -> Person:
+    bench("zero")
+    yield 0.2
+
+
+def _about_to_home(bench: HandBench) -> Person:
+    yield 0.1
+    bench("home")
+
+
+STATES = {walk.__name__[1:]: walk for walk in (_idle, _jogging, _stepping_down, _homing, _zeroing, _about_to_home)}
+
+
+@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_stop_goes_out_at_once_in_every_state_and_nothing_after_it(kind: str, state: str) -> None:
+    """The byte in the log at the instant of the request, no move behind it; then home, and nothing else, moves."""
+    bench = HandBench(kind, zero=ZERO)
+    stopped_s: list[float] = []
+    at_mm: list[tuple[float, float]] = []
+
+    def person() -> Iterator[float]:
+        yield from STATES[state](bench)
+        stopped_s.append(bench.clock.monotonic_s())
+        assert bench("stop") == {"stopped": True}
+        yield from bench.done()
+        yield 1.0
+        found = bench("status")
+        assert (found["stopped"], found["homed"], found["busy"]) == (True, False, None)
+        assert found["next"].startswith("home first: nothing else moves until then")
+        at_mm.append((bench.x_mm, bench.height_mm))
+        for more in (bench.hold("z", 1, 0.3), bench.do("zero")):
+            yield from more
+        assert bench.refused[-2:] == [f"stopped: {found['next']}"] * 2
+        yield 1.0
+        at_mm.append((bench.x_mm, bench.height_mm))
+        yield from bench.do("home")
+        found = bench("status")
+        assert (found["ended_by"], found["stopped"], found["homed"]) == (None, False, True)
+        yield from bench.hold("x", -1, 0.5)
+
+    end = bench.run(person())
+    assert end["ended_by"] is None
+    first_s, first = next((t_s, data) for t_s, data in bench.sent() if t_s > stopped_s[0] - 1e-6)
+    assert (first_s, first[:6]) == (pytest.approx(stopped_s[0], abs=1e-6), STOPS[kind])
+    assert at_mm[0] == at_mm[1]
+    homed_s = min(t_s for t_s in bench.moves_sent() if t_s > stopped_s[0])
+    assert homed_s >= stopped_s[0] + 2.0, "no move but the homing that was asked for"
+    if state not in ("idle", "zeroing"):
+        did = [line for line in bench.wire.getvalue().splitlines() if '"did"' in line]
+        assert state == "about_to_home" or '"stopped at once by the operator"' in did[0]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", PROMISES)
+def test_what_is_promised_by_hand_holds_through_the_socket(name: str, kind: str) -> None:
+    PROMISES[name](lambda **options: HandBench(kind, **options))
