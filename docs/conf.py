@@ -17,7 +17,7 @@ exclude_patterns = ["figures/*.html"]
 html_theme = "furo"
 html_title = f"Indentation rig {version}"
 html_theme_options = {"source_repository": "", "navigation_with_keys": True}
-myst_enable_extensions = ["colon_fence"]
+myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 3
 suppress_warnings = ["misc.highlighting_failure"]  # mermaid, and blocks that are named by what becomes of them
 autodoc_typehints = "description"
@@ -35,8 +35,10 @@ def _linked(app: Any, page: str, source: list[str]) -> None:
 def _generated(app: Any) -> None:
     """What is read off the program itself."""
     from commands_page import commands_page
+    from names_page import names_page
 
     (HERE / "commands.md").write_text(commands_page(), encoding="utf-8")
+    (HERE / "python_names.md").write_text(names_page(), encoding="utf-8")
 
 
 def setup(app: Any) -> None:

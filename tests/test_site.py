@@ -4,6 +4,7 @@ import re
 import shutil
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -13,13 +14,14 @@ from tests.waiting import DEADLINE_S
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
+GENERATED = ("commands.md", "python_names.md")
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pytest.importorskip("sphinx", reason="needs Sphinx: pip install -e '.[dev]'")
     folder = tmp_path_factory.mktemp("site")
-    shutil.copytree(DOCS, folder / "docs", ignore=shutil.ignore_patterns("commands.md", "__pycache__"))
+    shutil.copytree(DOCS, folder / "docs", ignore=shutil.ignore_patterns(*GENERATED, "__pycache__"))
     words = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "docs", "html"]
     built = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=10 * DEADLINE_S)
     assert built.returncode == 0, built.stderr
@@ -28,7 +30,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_every_page_is_there_and_reached_from_the_first(site: Path) -> None:
     index = (site / "index.html").read_text(encoding="utf-8")
-    for page in [*DOCS.glob("*.md"), DOCS / "commands.md"]:
+    for page in [*DOCS.glob("*.md"), *(DOCS / name for name in GENERATED)]:
         assert (site / page.with_suffix(".html").name).exists(), page.name
         assert page.stem == "index" or f'href="{page.stem}.html"' in index, page.name
 
@@ -47,6 +49,18 @@ def test_every_command_is_told_with_its_options(site: Path) -> None:
         assert f">rig {name}<" in page.replace('<span class="pre">', "").replace("</span>", ""), name
     for option in ("--doi-mm", "--recorded", "--subject"):
         assert option in page
+
+
+@pytest.mark.parametrize("door", ["sim", "rig.protocol"])
+def test_every_public_name_is_told(site: Path, door: str) -> None:
+    page = (
+        (site / "python_names.html")
+        .read_text(encoding="utf-8")
+        .replace('<span class="pre">', "")
+        .replace("</span>", "")
+    )
+    for name in import_module(door).__all__:
+        assert f'id="{door}.{name}"' in page or f">{name}<" in page, name
 
 
 def test_nothing_is_fetched_from_elsewhere(site: Path) -> None:

@@ -15,7 +15,7 @@ CONFIDENCE = 0.95
 DRAWS = 1000
 SET_LEVEL = 0.01
 """One-sided level at which a pair counts as worse than the best. On the right finger 2.5 % would do; at 1 % the truth
-stays in the set in 95 % of draws on average when the finger is another one, too (docs/comparison.md)."""
+stays in the set in 95 % of draws on average when the finger is another one, too (docs/comparison_quality.md)."""
 
 FEWEST_POSITIONS = 5
 _COVERED_ENOUGH = 0.8
@@ -55,7 +55,7 @@ def interval(eps: Array, repeats: list[Array], shape_of: NDArray[np.int64], sign
     """Bootstrap limits for one measure at one receptor, ε (n,) and the rates of each of n positions.
 
     Over repeats, within each position, where every position has two or more; otherwise over positions, within each
-    shape, which covers less often than it says (docs/comparison.md). Percentiles of `DRAWS` draws, a fixed seed.
+    shape, which covers less often than it says (docs/comparison_quality.md). Percentiles of `DRAWS` draws, a fixed seed.
     """
     rng = np.random.default_rng(0)
     if min(len(rates) for rates in repeats) > 1:

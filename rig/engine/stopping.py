@@ -8,7 +8,7 @@ from rig.engine.rig_settings import RigSettings
 
 # What a controller has prepared it steps at full speed first: 0.05 s GRBL 1.1h, 0.11 s grblHAL (docs/devices.md).
 PREPARED_S = 0.11
-# The longest that the force goes unread while anything moves: 0.34 s behind `rig serve` (docs/performance.md).
+# The longest that the force goes unread while anything moves: 0.34 s behind `rig serve` (docs/speed.md).
 UNREAD_S = 0.35
 
 

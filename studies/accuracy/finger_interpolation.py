@@ -1,6 +1,6 @@
 """How far SSRPs interpolated between the fingers of a design are from those of fingers simulated directly.
 
-.venv/bin/python -m studies.accuracy.finger_interpolation    # the table of docs/comparison.md; minutes, once
+.venv/bin/python -m studies.accuracy.finger_interpolation    # the table of docs/comparison_quality.md; minutes, once
 
 The fingers are those of interval_coverage.py, drawn within the ranges of examples/plausible_fingers/fingers.toml.
 """

@@ -2,7 +2,7 @@
 
     .venv/bin/python -m studies.accuracy.interval_coverage [DRAWS] [--cases]    # default 100
 
-Prints the tables of docs/comparison.md.
+Prints the tables of docs/comparison_quality.md.
 
 Runs are simulated here directly, without the bench: SSRPs of steps 1, 3, 5 at 2.33 gwt and of both bars at DOI 1.0.
 Recordings are made on the finger that is fitted and on others, and fitted twice: given the default finger, and with

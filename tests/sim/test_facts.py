@@ -307,7 +307,7 @@ def test_sed_second_peak_is_slight_at_the_low_force(dense: dict[str, Indentation
 
 
 def test_sed_at_the_ten_receptors_has_two_peaks_and_one(finger: Fingertip) -> None:
-    # Raju (1998) at his own receptors, by the rule of 5 % of the shape test for bars (`docs/comparison.md`): two
+    # Raju (1998) at his own receptors, by the rule of 5 % of the shape test for bars (`docs/statistics.md`): two
     # at DOI 0.73, the second by 22 %; one at 2.33 gwt, where a second stands out by 4.8 % only.
     for target, number in (({"doi_mm": 0.73}, 2), ({"force_gwt": 2.33}, 1)):
         sed = finger.indent("step:1", -1.63, **target).receptor_measures["sed"]

@@ -166,7 +166,7 @@ def test_measures_that_go_together_are_named(make_stimulus: Make) -> None:
 
 
 def test_measures_that_go_together_loosely_are_not_named(make_stimulus: Make) -> None:
-    """|r| = 1/√(1 + 0.25²) = 0.970, below the 0.98 that docs/comparison.md states."""
+    """|r| = 1/√(1 + 0.25²) = 0.970, below the 0.98 that docs/statistics.md states."""
     columns = np.column_stack([np.ones(3 * len(X)), np.random.default_rng(0).normal(size=(3 * len(X), 2))])
     ep1, e13 = np.linalg.qr(columns)[0].T[1:].reshape(2, len(X), 3)  # of mean zero and orthogonal
     profiles = {"ep1": ep1, "sed": ep1 + 0.25 * e13, "e13": e13}

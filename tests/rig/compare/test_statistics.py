@@ -80,7 +80,7 @@ def test_intervals_over_repeats_cover_as_they_say() -> None:
 
 
 def test_intervals_over_positions_cover_less() -> None:
-    """Measured at 0.83–0.98 (docs/comparison.md); 0.75 is two standard errors of 100 draws below that."""
+    """Measured at 0.83–0.98 (docs/comparison_quality.md); 0.75 is two standard errors of 100 draws below that."""
     k, eps0 = covered(with_repeats=False, draws=100)
     assert min(k, eps0) > 0.75
 
