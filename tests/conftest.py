@@ -74,6 +74,7 @@ LONG = (
     "rig/real_time/test_run_on_wires.py",
     "rig/compare/test_compare_command.py",
     "rig/test_followed_pages.py",
+    "rig/test_every_block.py",
     "rig/test_modbus_counterparties.py",
     "sim/test_strain_map.py",
     "rig/test_every_end.py",

@@ -1,0 +1,266 @@
+"""Every block of every page: what can be run is run, all else stands here with the reason why it is not."""
+
+import re
+import shlex
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+
+from rig.cli import program as the_program
+from rig.compare.parameter_study.cases import read_study
+from rig.compare.plausible import read_plausible
+from rig.plan.config import load_config
+from sim.models.fingertip import Fingertip
+from tests.program import Program
+from tests.rig.test_followed_pages import NOT_RUN as NOT_FOLLOWED
+from tests.rig.test_followed_pages import PAGES as FOLLOWED
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted(
+    path
+    for path in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "examples").rglob("*.md")]
+    if path.name not in ("commands.md", "python_names.md")  # read off the program
+)
+DRAWN = {"mermaid", "{toctree}", "{eval-rst}"}
+
+HARDWARE, SLOW, NETWORK, SETUP = "needs a rig", "takes long", "needs the network", "what every test begins with"
+PRINTED, SKETCH, DATA = "what is printed", "shown in part", "what a file holds"
+NOT_RUN = {
+    # --- commands, a line each ---
+    "make setup": SETUP,
+    ". .venv/bin/activate": SETUP,
+    "make demo": f"{SETUP}; its dry-run is tests/rig/test_dry_run.py's",
+    "make test": SETUP,
+    "rig serve": "tests/rig/real_time/test_serve_command.py",
+    "rig serve --stage leadshine --tcp 5020": "tests/rig/real_time/test_serve_command.py",
+    ".venv/bin/rig serve --stage grbl --pty": "tests/rig/real_time/test_serve_command.py",
+    "rig doctor --config rig.toml": HARDWARE,
+    "rig home --config rig.toml": HARDWARE,
+    "rig status --config rig.toml": HARDWARE,
+    "rig run first_press --config rig.toml": HARDWARE,
+    "rig jog --config rig.toml --speed-mm-s 2": HARDWARE,
+    "rig jog --config rig.toml --axis z --by-mm -5": HARDWARE,
+    "rig calibrate steps --config rig.toml --axis z --by-mm -20": HARDWARE,
+    "rig calibrate force --config rig.toml --mass-g 50": HARDWARE,
+    "rig calibrate compliance --config rig.toml --to-gwt 100": HARDWARE,
+    "rig panel": "a server: tests/panel",
+    "rig panel --config rig.toml": HARDWARE,
+    "rig compare RUN --recorded step:1=mine.csv --place --depth-range-mm 0.5,1.1 --offset-mm=-0.3,0.3": SLOW,
+    "rig finger --config examples/own_finger/points.toml": "tests/rig/test_finger_command.py",
+    "rig indent --config examples/own_finger/points.toml --shape bar:3.0 --x-mm 0 --doi-mm 0.5": SLOW,
+    "rig study mine.toml --scheduler tcp://scheduler:8786": "tests/rig/compare/test_study_on_a_cluster.py",
+    ".venv/bin/rig bench --out bench.html --json > bench.json": SLOW,
+    "dask scheduler": "tests/rig/compare/test_study_on_a_cluster.py",
+    "dask worker tcp://scheduler:8786 --nthreads 1": "tests/rig/compare/test_study_on_a_cluster.py",
+    "pip install 'indentation-rig[cluster]'": NETWORK,
+    "pip install build && python -m build --wheel": f"{NETWORK}; tests/test_wheel.py makes one without",
+    "python -m venv elsewhere && elsewhere/bin/pip install dist/indentation_rig-*.whl": "tests/test_wheel.py",
+    "elsewhere/bin/python examples/library/01_press_and_plot.py": "tests/test_wheel.py",
+    "mbpoll -m tcp -p 5020 -a 1 -t 4:hex -0 -r 25088 -c 8 -1 127.0.0.1": "tests/rig/test_modbus_counterparties.py",
+    "RIG_GRBL_PORT=/dev/pts/… .venv/bin/pytest tests/rig/test_grbl_conformance.py": HARDWARE,
+    # --- blocks, by their first line ---
+    "git clone https://github.com/gnea/grbl && git clone https://github.com/grbl/grbl-sim grbl/grbl/sim": NETWORK,
+    "protocols/steps.py   run(rig): rig.move_to(…); rig.indent(…)": "a drawing",
+    "auto chose finger, level coarse: force and contact, no receptors; patch ± 3.30 × ± 3.50 mm; "
+    "from nothing some 2.6 s of …": PRINTED,
+    "21 indentations, 0:05:05 left": PRINTED,
+    "skin     99 points": PRINTED,
+    "x_mm,z_mm,depth_mm,sed_pa,at_rest": DATA,
+    "# a row of receptors, pressed; from 0.17 to 1.2 mm apart": "tests/rig/test_decode_command.py",
+    "def read(self) -> ForceReading:": SKETCH,
+    "def test_a_weight_is_a_magnitude_with_its_sign_in_the_status(transmitter: Make) -> None:": SKETCH,
+    "DEVICE = ForceKind(": SKETCH,
+    "for e_fat in (0.03, 0.05, 0.1, 0.2):": f"{SLOW}: sixteen fingers; tests/sim/test_moduli.py builds smaller ones",
+    "force_gwt = h5read('data.h5', '/sample/force_gwt');": "not tried in MATLAB",
+}
+"""Nothing else is shown that no test runs. A study is run by hand, and test_house sees that it is there."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """What a fence says that it holds, and what it holds."""
+
+    page: Path
+    kind: str
+    text: str
+
+    @property
+    def first(self) -> str:
+        """Its first line that imports nothing."""
+        lines = (line for line in self.text.splitlines() if line.strip())
+        return next((line for line in lines if not line.startswith(("from ", "import "))), "")
+
+    def __str__(self) -> str:
+        return f"{self.page.stem}: {self.first[:50]}"
+
+
+def _blocks() -> list[Block]:
+    fence = re.compile(r"^( *)```([^\n]*)\n(.*?)^\1```$", flags=re.MULTILINE | re.DOTALL)
+    return [
+        Block(page, kind.strip(), re.sub(f"^{indent}", "", text, flags=re.MULTILINE))
+        for page in PAGES
+        for indent, kind, text in fence.findall(page.read_text(encoding="utf-8"))
+        if kind.strip() not in DRAWN
+    ]
+
+
+BLOCKS = [block for block in _blocks() if block.page.stem not in FOLLOWED]
+COMMANDS = [block for block in BLOCKS if not block.kind and block.first not in NOT_RUN]
+"""Those that hold a command a line; a block that is excused as one is excused by its first line."""
+
+
+def _lines(block: Block) -> list[str]:
+    """Commands without what is said of them."""
+    found = (re.sub(r"\s+#.*$", "", line).strip() for line in block.text.splitlines())
+    return [line for line in found if line and not line.startswith("#")]
+
+
+def _is_study(line: str) -> bool:
+    return re.match(r"(OMP_NUM_THREADS=1 )?\.venv/bin/python -m studies\.", line) is not None
+
+
+TO_RUN = {
+    page: [
+        line
+        for block in [one for one in BLOCKS if one.page == page and not one.kind]
+        for line in _lines(block)
+        if line.startswith("rig ") and line not in NOT_RUN
+    ]
+    for page in PAGES
+}
+
+
+def test_pages_are_walked() -> None:
+    assert len(PAGES) > 40
+    assert len(BLOCKS) > 60
+    assert sum(map(len, TO_RUN.values())) >= 10
+
+
+@pytest.mark.parametrize("block", [block for block in BLOCKS if not block.kind], ids=str)
+def test_every_command_is_run_or_excused(block: Block) -> None:
+    if block.first in NOT_RUN and not block.first.startswith(("rig ", "make ", "pip ", ".venv", "dask ")):
+        return
+    for line in _lines(block):
+        assert line in NOT_RUN or _is_study(line) or line in TO_RUN[block.page], line
+
+
+def test_nothing_is_excused_that_is_not_shown() -> None:
+    shown = {block.first for block in BLOCKS} | {line for block in _blocks() for line in _lines(block)}
+    assert not set(NOT_RUN) - shown
+    assert {line for lines in NOT_FOLLOWED.values() for line in lines} <= set(NOT_RUN)
+
+
+@pytest.mark.parametrize("reason", sorted(set(NOT_RUN.values())))
+def test_a_test_that_stands_in_for_a_command_is_there(reason: str) -> None:
+    for name in re.findall(r"tests/[\w/.]+", reason):
+        assert (ROOT / name.rstrip(".")).exists(), name
+
+
+# --- what is shown is run, in the order of its page ---
+
+RECORDED = [(-1.2, 8), (-0.8, 14), (-0.4, 22), (0.0, 35), (0.4, 26), (0.8, 12), (1.2, 7)]  # SYNTHETIC
+RATES = "position_mm,rate,sd\n" + "".join(f"{x_mm},{rate},2\n" for x_mm, rate in RECORDED)
+OTHER_UNITS = "Position (um),FR,SD,trial\n" + "".join(
+    f"{1000 * x_mm:.0f},{rate / 1000 + trial / 1e4},0.002,{trial}\n" for x_mm, rate in RECORDED for trial in (1, 2)
+)
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if TO_RUN[page]], ids=lambda page: page.stem)
+def test_what_is_shown_runs(
+    page: Path,
+    program: Program,
+    finger: Fingertip,
+    empty_figures: None,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("rig.toml").write_text("", encoding="utf-8")
+    shutil.copy(ROOT / "examples" / "plausible_fingers" / "fingers.toml", tmp_path)
+    positions = ["from_mm=1.2", "to_mm=-1.2", "spacing_mm=0.4"]
+    assert program("dry-run", "steps", "--set", *positions, "--subject", "S07").code == 0
+    (run,) = Path("runs").iterdir()
+    for line in TO_RUN[page]:
+        Path("mine.csv").write_text(OTHER_UNITS if "FR:1/ms" in line else RATES, encoding="utf-8")
+        found = sorted(Path("runs").glob("*-find_finger-*"))
+        names = {"RUN": run, "runs/…-find_finger-…": found[0] if found else run}
+        words = [
+            str(run) if re.fullmatch(r"runs/\d{8}T.*", word) else str(names.get(word, word))
+            for word in shlex.split(line)
+        ]
+        ended = program(*words[1:])
+        assert ended.code == 0, f"{line}: {ended.err}"
+
+
+# --- whatever is named in running text can be typed ---
+
+
+def _options(command: str) -> set[str]:
+    found: Any = typer.main.get_command(the_program._app([command])).commands[command]
+    below = [found, *getattr(found, "commands", {}).values()]
+    return {name for one in below for param in one.params for name in (*param.opts, *param.secondary_opts)} | {
+        "--help"
+    }
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
+def test_every_command_and_option_that_is_named_is_there(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    named = re.findall(r"`(?:\.venv/bin/)?rig ([a-z][a-z-]*)([^`\n]*)`", text)
+    named += re.findall(r"^ *(?:\.venv/bin/)?rig ([a-z][a-z-]*)(?= |$)([^\n#]*)", text, flags=re.MULTILINE)
+    if page.stem == "CHANGELOG":  # of versions that there were
+        return
+    for command, rest in named:
+        assert command in the_program.COMMANDS, command
+        options = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", rest))
+        assert options <= _options(command), (command, options - _options(command))
+
+
+# --- configurations and code ---
+
+READ_BY: dict[str, Callable[[Path], object]] = {
+    "parameter_studies": read_study,
+    "comparison": read_plausible,
+    "adding_a_device": lambda path: (
+        (ROOT / "examples" / "rig_line_scale" / "pyproject.toml").read_text().index(path.read_text())
+    ),
+    "README": lambda path: None,  # of the example: tests/test_third_party_device.py
+}
+"""All others are configurations of the rig."""
+
+
+@pytest.mark.parametrize("block", [block for block in BLOCKS if block.kind.startswith("toml")], ids=str)
+def test_a_table_can_be_read(block: Block, tmp_path: Path) -> None:
+    path = tmp_path / "block.toml"
+    drives = next(one.text for one in BLOCKS if 'kind = "leadshine"' in one.text)
+    path.write_text((drives if 'output = "drive"' in block.text else "") + block.text, encoding="utf-8")
+    READ_BY.get(block.page.stem, load_config)(path)
+
+
+SHOWN_BY = {"library": "tests/sim/test_library_examples.py", "data": "tests/rig/test_data_dictionary.py"}
+
+
+@pytest.mark.parametrize("block", [block for block in BLOCKS if block.kind.startswith("python")], ids=str)
+def test_code_is_run_or_excused(
+    block: Block, program: Program, finger: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    if block.page.stem in SHOWN_BY and not block.text.startswith("from sim import"):
+        assert block.page.name in (ROOT / SHOWN_BY[block.page.stem]).read_text(encoding="utf-8")
+    elif "def run(rig: Rig)" in block.text:
+        Path("mine.py").write_text(block.text, encoding="utf-8")
+        assert program("check", "mine.py").code == 0
+    elif block.first not in NOT_RUN:
+        exec(compile(block.text, str(block.page), "exec"), {})
+
+
+@pytest.mark.parametrize(
+    "block", [block for block in BLOCKS if block.kind.split()[:1] not in ([], ["python"], ["toml"])], ids=str
+)
+def test_other_kinds_are_excused(block: Block) -> None:
+    assert block.first in NOT_RUN
