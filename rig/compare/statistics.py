@@ -55,7 +55,7 @@ def interval(eps: Array, repeats: list[Array], shape_of: NDArray[np.int64], sign
     """Bootstrap limits for one measure at one receptor, ε (n,) and the rates of each of n positions.
 
     Over repeats, within each position, where every position has two or more; otherwise over positions, within each
-    shape, which covers less often than it says (docs/comparison_quality.md). Percentiles of `DRAWS` draws, a fixed seed.
+    shape, which covers less often than it says (docs/comparison_quality.md). Percentiles of `DRAWS` draws, one seed.
     """
     rng = np.random.default_rng(0)
     if min(len(rates) for rates in repeats) > 1:

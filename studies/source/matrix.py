@@ -28,14 +28,21 @@ def matrix(rows: Sequence[Row]) -> Section:
     """One row a figure or table."""
     counts = Counter(row.verdict for row in rows)
     claims: Counter[str] = Counter(one.word for row in rows if row.verdict in VERDICTS[:3] for one in row.found)
-    told = ", ".join(f"{counts[word]} {word}" for word in VERDICTS if counts[word])
-    of_claims = ", ".join(f"{claims[word]} {word}" for word in VERDICTS[:3] if claims[word])
+    told = ", ".join(f"{counts[word]} {_said(word, counts[word])}" for word in VERDICTS if counts[word])
+    of_claims = ", ".join(f"{claims[word]} {_said(word, claims[word])}" for word in VERDICTS[:3] if claims[word])
     text = (
         f"{len(rows)} figures and tables: {told}. Of {sum(claims.values())} single claims {of_claims}. Where the "
         "printed number of a figure is not known here, its chapter stands for it. Nothing was tuned to any of "
         "these; the bounds of the verdicts stand in each table and were set knowing the numbers."
     )
     return Section("All figures and tables", text, HEADER, tuple(cells(row) for row in rows), (summary(rows),))
+
+
+def _said(verdict: str, how_many: int) -> str:
+    """Of so many: one agrees, two agree."""
+    of_several = {"agrees": "agree", "partly": "agree in part", "differs": "differ"}
+    of_one = {"partly": "agrees in part"}
+    return (of_one if how_many == 1 else of_several).get(verdict, verdict)
 
 
 def cells(row: Row) -> tuple[str, ...]:

@@ -387,6 +387,18 @@ def test_what_is_measured_though_a_datum_is_missing_says_which() -> None:
     assert "Of 0 single claims" in matrix([row]).text
 
 
+def test_the_matrix_counts_in_words_that_fit_the_number() -> None:
+    rule = Below(1, 2)
+    one = Claim("x", "y", rule, lambda _: 0.0)
+    found = [tuple(Found(one, value) for value in values) for values in ((0.0, 0.0), (0.0, 1.5, 3.0), (3.0,))]
+    rows = [Row(Entry(f"1-{n}", "It shows."), claims) for n, claims in enumerate(found)]
+    assert matrix(rows).text.startswith(
+        "3 figures and tables: 1 agrees, 1 agrees in part, 1 differs. "
+        "Of 6 single claims 3 agree, 1 agrees in part, 2 differ."
+    )
+    assert matrix([*rows, rows[1]]).text.startswith("4 figures and tables: 1 agrees, 2 agree in part, 1 differs.")
+
+
 def test_the_docs_are_the_matrix_and_the_claims() -> None:
     rule = Below(1, 2)
     row = Row(Entry("1-1", "It shows.", reading="Read it."), (Found(Claim("x", "y", rule, lambda _: 0.0), 0.0),))

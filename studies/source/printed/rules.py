@@ -4,7 +4,7 @@ The bounds were set knowing the numbers of the default finger, and stand beside 
 """
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import ClassVar, Literal, Protocol
 
 from rig.report.labels import as_number
 
@@ -77,15 +77,19 @@ class Within:
 
 
 @dataclass(frozen=True)
-class Below:
-    """At most a limit; up to `partly` it is missed by little."""
+class _OneSided:
+    """A limit; as far as `partly` it is missed by little."""
 
     limit: float
     partly: float
+    beyond: ClassVar[int]
+    """What is beyond the limit lies above it (1) or below it (-1)."""
+    sign: ClassVar[str]
 
     def verdict(self, ours: Measured) -> Word:
         """By the limits."""
-        return _word(float(ours) <= self.limit, float(ours) <= self.partly)
+        off = self.beyond * float(ours)
+        return _word(off <= self.beyond * self.limit, off <= self.beyond * self.partly)
 
     def difference(self, ours: Measured) -> tuple[float, str]:
         """Ours less the limit."""
@@ -94,28 +98,19 @@ class Below:
     @property
     def bounds(self) -> str:
         """As a table has them."""
-        return f"≤ {as_number(self.limit, 4)}, ≤ {as_number(self.partly, 4)}"
+        return f"{self.sign} {as_number(self.limit, 4)}, {self.sign} {as_number(self.partly, 4)}"
 
 
-@dataclass(frozen=True)
-class Above:
-    """At least a limit; down to `partly` it is missed by little."""
+class Below(_OneSided):
+    """At most a limit."""
 
-    limit: float
-    partly: float
+    beyond, sign = 1, "≤"
 
-    def verdict(self, ours: Measured) -> Word:
-        """By the limits."""
-        return _word(float(ours) >= self.limit, float(ours) >= self.partly)
 
-    def difference(self, ours: Measured) -> tuple[float, str]:
-        """Ours less the limit."""
-        return float(ours) - self.limit, "{:+.3g}"
+class Above(_OneSided):
+    """At least a limit."""
 
-    @property
-    def bounds(self) -> str:
-        """As a table has them."""
-        return f"≥ {as_number(self.limit, 4)}, ≥ {as_number(self.partly, 4)}"
+    beyond, sign = -1, "≥"
 
 
 @dataclass(frozen=True)

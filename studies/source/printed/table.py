@@ -113,7 +113,7 @@ ENTRIES = (
         ),
         LOW_SCENES,
         tables=_conditions,
-        reading="How this moves with receptor depth, epidermis, stiffness and force is in docs/source_verdicts.md, and "
-        "here with `make studies`.",
+        reading="How this moves with receptor depth, epidermis, stiffness and force is in docs/source_verdicts.md, "
+        "and here with `make studies`.",
     ),
 )
