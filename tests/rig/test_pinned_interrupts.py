@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.cli.interrupts import STOP_SIGNAL, Pause, at_a_safe_point, at_once
+from rig.cli.interrupts import STOP_SIGNAL, Pause, asked_to_leave, at_a_safe_point, at_once
 
 if STOP_SIGNAL is None:
     pytest.skip("only where there are signals", allow_module_level=True)
@@ -202,3 +202,20 @@ def test_where_terminals_send_no_signal_ctrl_c_works_all_the_same(
             assert pause.asked() is True
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=lambda number: number.name)
+def test_who_works_by_hand_is_asked_to_leave_first_and_made_to_by_the_next_signal(
+    number: signal.Signals, mine: dict[signal.Signals, Callable[..., None]]
+) -> None:
+    """`rig stop` is left to whoever looks after it."""
+    asked: list[int] = []
+    with asked_to_leave(lambda: asked.append(1)):
+        assert signal.getsignal(STOP_SIGNAL) is mine[STOP_SIGNAL]  # type: ignore[arg-type, index]
+        signal.raise_signal(number)
+        assert asked == [1]
+        for again in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(again)
+    assert asked == [1]
+    assert all(signal.getsignal(n) is mine[n] for n in SIGNALS)

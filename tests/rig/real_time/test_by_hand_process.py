@@ -1,5 +1,6 @@
 """`rig by-hand` in a process of its own, asked over its socket, on devices in real time; and every way it ends."""
 
+import json
 import signal
 import subprocess
 import sys
@@ -11,11 +12,12 @@ import pytest
 
 from rig.devices.stage.grbl.grbl_stage import GrblStage
 from rig.engine.by_hand.bench_memory import BenchMemory, state_folder
-from rig.plan.config import load_config
+from rig.plan.config import Config, load_config
 from rig.session.control.announcements import ControlError, RefusedError, announced
 from rig.session.virtual.served_bench import ServedBench
 from rig.transport import open_port
 from rig.transport.clock import WallClock
+from tests.rig.hand_bench import STOPS, is_move
 from tests.waiting import DEADLINE_S, repeated, until
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
@@ -124,6 +126,34 @@ def test_a_stop_while_it_jogs_and_home_after_it(homed: tuple[Owner, Path]) -> No
         owner.hold(2)
     owner("home")
     assert owner.done()["stopped"] is False
+
+
+def test_two_drives_on_a_bus_are_stopped_while_they_jog(
+    begin: Callable[..., Owner], served: Callable[..., ServedBench], tmp_path: Path
+) -> None:
+    """What stops shares the bus with what moves: nothing moves after the stop, and the drives say that they stand."""
+    tables = {"stage": {"kind": "leadshine"}, "force": {"kind": "laumas", "baud": 115200}}
+    bench = served(Config.model_validate(tables), stage="leadshine", force="laumas")
+    for name in ("stage", "force"):
+        tables[name]["port"] = bench.ports[name]
+    config = tmp_path / "rig.toml"
+    config.write_text(Config.model_validate(tables).as_toml(), encoding="utf-8")
+    owner = begin(config)
+    start_mm = owner("status")["x_mm"]
+    owner.jog_until(lambda found: found["x_mm"] < start_mm - 0.2, press=1)
+    assert owner("stop")["stopped"]
+    state = owner.done()
+    assert (state["ended_by"], state["stopped"]) == ("stopped at once by the operator", True)
+    at_mm = until(lambda: (found := owner("status"))["seen_unix_s"] > state["seen_unix_s"] and found["x_mm"])
+    owner("leave")
+    assert owner.end() == (0, "")
+    (log,) = (state_folder() / "by_hand").glob("*.jsonl")
+    sent = [json.loads(line) for line in log.read_text("ascii").splitlines() if '"tx"' in line]
+    frames = [bytes.fromhex(line["hex"]) for line in sent if line["port"] == bench.ports["stage"]]
+    stop = next(number for number, frame in enumerate(frames) if frame[:6] == STOPS["leadshine"])
+    assert not [frame for frame in frames[stop:] if is_move("leadshine", frame)]
+    again = begin(config)
+    assert again("status")["x_mm"] == pytest.approx(at_mm, abs=0.003)
 
 
 def test_holds_that_stop_coming_stop_it(homed: tuple[Owner, Path]) -> None:
