@@ -36,8 +36,9 @@ class ByHandProcess:
     async def take(self) -> None:
         """Begin it, and wait until it has announced itself. Raises NotTakenError."""
         async with self._taking:
-            if self._process is not None and self._process.poll() is None:
+            if await asyncio.to_thread(self._announced):
                 return
+            await self.ended()
             self.forget()
             self._process = self._begun()
             for _ in range(round(READY_S / _LOOK_S)):
@@ -48,6 +49,14 @@ class ByHandProcess:
                 await asyncio.sleep(_LOOK_S)
             self._process.terminate()
             raise NotTakenError(f"the bench did not answer within {READY_S:g} s")
+
+    async def ended(self) -> None:
+        """Wait until it is there no more: it has the ports longer than its note says. Raises NotTakenError."""
+        for _ in range(round(READY_S / _LOOK_S)):
+            if self._process is None or self._process.poll() is not None:
+                return
+            await asyncio.sleep(_LOOK_S)
+        raise NotTakenError(f"the bench was not left within {READY_S:g} s")
 
     def leave(self) -> None:
         """Have it leave the bench, where it is there."""
@@ -86,4 +95,6 @@ class ByHandProcess:
         )
 
     def _announced(self) -> bool:
-        return self._process is not None and any(owner.pid == self._process.pid for owner in self._find())
+        process = self._process
+        there = process is not None and process.poll() is None
+        return there and any(owner.pid == process.pid for owner in self._find() if process is not None)

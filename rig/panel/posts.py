@@ -44,7 +44,7 @@ class Posts:
             "pause": self._of_the_run("pause"),
             "go_on": self._of_the_run("go_on"),
             "by_hand": self._take_the_bench,
-            "leave": self._by_hand("leave"),
+            "leave": self._leave,
             "home": self._by_hand("home"),
             "zero": self._zero,
             "hold": self._hold,
@@ -121,6 +121,11 @@ class Posts:
         self._refuse_a_busy_bench()
         await self._bench.take()
         return {}
+
+    async def _leave(self, tab: str, body: Body) -> Answer:
+        answer = await self._ask(self._asking, "by hand", "leave", _ANSWER_S)
+        await self._bench.ended()
+        return answer
 
     def _refuse_a_busy_bench(self) -> None:
         if not self._watcher.bench.configured:

@@ -142,6 +142,7 @@ class SeenRun:
             "planned": seen.planned,
             "said": self._said or None,
             "ending": None if self.stop is None else str(self.stop.get("reason") or ""),
+            "stopped_while": None if self.stop is None else self.stop.get("stopped_while"),
             "problem": self.problem or None,
         }
 

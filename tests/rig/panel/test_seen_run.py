@@ -98,7 +98,7 @@ def test_what_a_page_is_told_of_it(run: Written) -> None:
     assert seen.told(going=True) == {
         "folder": str(run.path), "name": run.path.name, "protocol": "steps", "title": "Steps", "subject": "S07",
         "virtual": False, "state": "running", "now": "", "next": "", "left_s": None, "done": 0, "planned": 2,
-        "said": None, "ending": None, "problem": None,
+        "said": None, "ending": None, "stopped_while": None, "problem": None,
     }  # fmt: skip
     run.event("indentation_start", **PRESS)
     seen.look(NOW_S)
@@ -109,10 +109,11 @@ def test_what_a_page_is_told_of_it(run: Written) -> None:
     about = seen.told(going=False)
     assert (about["state"], about["done"], about["now"], about["said"]) == ("killed", 1, None, "the zero has drifted")
     assert seen.ended is False
-    run.doc("stop", status="tripped", reason="force 9 gwt")
+    run.doc("stop", status="tripped", reason="force 9 gwt", stopped_while="reporting")
     seen.look(NOW_S)
     about = seen.told(going=True)
     assert (about["state"], about["ending"], seen.ended) == ("tripped", "force 9 gwt", True)
+    assert about["stopped_while"] == "reporting"
     run.doc("resume", missing=1)
     seen.look(NOW_S)
     assert (seen.told(going=True)["state"], seen.ended) == ("running", False)
