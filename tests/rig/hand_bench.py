@@ -57,9 +57,10 @@ class HandBench:
 
     def __init__(
         self, kind: str, *, k_gwt: float = 6.0, above_mm: float = 3.0, known: bool = True, zero: Zero | None = None,
-        **limits: Any,
+        sample_period_s: float = 0.05, **limits: Any,
     ) -> None:  # fmt: skip
-        self.kind, self.config = kind, Config.model_validate({**KINDS[kind], "limits": limits})
+        force = {**KINDS[kind]["force"], "sample_period_s": sample_period_s}
+        self.kind, self.config = kind, Config.model_validate({**KINDS[kind], "force": force, "limits": limits})
         self.clock, self.wire, self.gate = VirtualClock(1.7e9), io.StringIO(), StopGate()
         springs: list[Spring] = []
 

@@ -80,9 +80,12 @@ def test_every_reading_is_overheard_and_every_lack_of_one() -> None:
     assert heard[-1] == "closed"
 
 
-def test_while_nothing_is_done_it_is_read_as_often_as_the_sensor_has_a_value(make: Callable[..., HandBench]) -> None:
+@pytest.mark.parametrize("period_s", [0.05, 0.02])
+def test_while_nothing_is_done_it_is_read_as_often_as_the_sensor_has_a_value(
+    make: Callable[..., HandBench], period_s: float
+) -> None:
     """The stage beside it, ten times a second."""
-    bench = make()
+    bench = make(sample_period_s=period_s)
     looks: list[float] = []
     status = bench.bench.stage.status
     bench.bench.stage.status = lambda: (looks.append(bench.clock.monotonic_s()), status())[1]  # type: ignore[method-assign]
@@ -90,10 +93,12 @@ def test_while_nothing_is_done_it_is_read_as_often_as_the_sensor_has_a_value(mak
     def person() -> Person:
         bench.spring.offset_gwt = 1.5
         yield 10.0
-        found = bench("status", since=0)
+        told = bench("status", since=1 << 40)["readings"]["next"]
+        assert told == pytest.approx(10.0 / period_s, rel=0.04)
+        found = bench("status", since=told - 10)
         rows = found["readings"]["rows"]
-        assert len(rows) == pytest.approx(10.0 / bench.bench.force.sample_period_s, abs=6)
-        assert 90 <= len(looks) <= 103
+        assert len(rows) == 10
+        assert 85 <= len(looks) <= 103
         assert rows[-1][0] == pytest.approx(bench.clock.unix_s(), abs=0.11)
         assert rows[-1][1] == pytest.approx(bench.clock.monotonic_s(), abs=0.11)
         assert rows[-1][2] == found["force_gwt"] == pytest.approx(1.5, abs=0.01)
@@ -253,6 +258,20 @@ def test_what_a_controller_merely_refuses_leaves_its_place_known(make: Callable[
 
     found = bench.run(person())
     assert (found["ended_by"], found["homed"]) == (None, True)
+
+
+def test_an_axis_that_is_not_there_and_a_speed_that_it_does_not_have_leave_its_place_known() -> None:
+    bench = HandBench("leadshine", zero=ZERO)
+
+    def person() -> Person:
+        yield from bench.hold("y", 1, 0.5)
+        assert bench("status")["ended_by"] == "there is no drive for y; it is set by hand"
+        bench.bench.stage.jog = raising(ValueError("speed_mm_s must be at least 0.02"))  # type: ignore[method-assign]
+        yield from bench.hold("x", 1, 0.5)
+        assert bench("status")["ended_by"] == "speed_mm_s must be at least 0.02; nothing was moved"
+
+    assert bench.run(person())["homed"]
+    assert bench.moves_sent()[-1] < bench.clock.monotonic_s() - 1.0
 
 
 def test_where_its_port_is_gone_it_ends(make: Callable[..., HandBench]) -> None:

@@ -53,8 +53,9 @@ class ByHand:
     def go(self, held: Held, speed_mm_s: float, by_mm: float | None = None) -> Moved:
         """Move while held() keeps its first answer, by_mm at most.
 
-        Raises LimitError before anything moves: a way that ends too deep in the known finger, or a sensor that does
-        not answer (up it is not needed where it is merely beyond its range). Raises StageError.
+        Raises LimitError before anything moves: a way that ends too deep in the known finger, a speed that the stage
+        does not have, or a sensor that does not answer (up it is not needed where it is merely beyond its range).
+        Raises StageError.
         """
         direction, at = held(), self._stage.status()
         if direction is None:
@@ -70,6 +71,8 @@ class ByHand:
         except StageOverridden as error:
             self._stage.halt()
             return self._ended(direction, at, str(error))
+        except ValueError as error:
+            raise LimitError(f"{error}; nothing was moved") from error
         return Moved(end, self._force_gwt)
 
     def steps_per_mm(self, axis: Axis) -> float:

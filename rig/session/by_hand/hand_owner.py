@@ -104,6 +104,10 @@ class HandOwner:
         self._note(to_do, begun_s)
 
     def _jog(self, press: Hold) -> str | None:
+        try:
+            self._hand.steps_per_mm(press.axis)
+        except StageError as error:
+            return str(error)  # there is no such axis: nothing was told to move, and its place is still known
         moved = self._hand.go(self._orders.held(press), press.speed_mm_s)
         self._show(moved.at, moved.force_gwt)
         return moved.ended_by
