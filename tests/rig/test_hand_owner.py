@@ -195,6 +195,43 @@ def test_a_sensor_that_falls_silent_is_said_and_its_last_reading_grows_old(make:
     bench.run(person())
 
 
+def test_as_soon_as_it_has_begun_it_can_tell(make: Callable[..., HandBench]) -> None:
+    """Both devices spoken to once, and nothing read yet."""
+    bench = make()
+    stage, connected = bench.bench.stage, []
+    connect = stage.connect
+    stage.connect = lambda: (connected.append(1), connect())[1]  # type: ignore[method-assign]
+    with bench.owner.begun():
+        found = bench("status", since=0)
+        assert (found["state"], found["homed"], found["zeroed"]) == ("Idle", True, True)
+        assert found["height_mm"] == pytest.approx(3.0, abs=0.003)
+        assert (found["force_gwt"], found["read_unix_s"], found["readings"]["rows"]) == (None, None, [])
+        bench.clock.call_at(bench.clock.monotonic_s() + 1.0, bench.owner.leave)
+        bench.owner.run()
+    assert connected == [1]
+
+
+def test_while_somebody_stops_it_nothing_else_is_asked_of_a_device(make: Callable[..., HandBench]) -> None:
+    bench = make()
+    tries: list[float] = []
+    open_again = bench.gate.open
+
+    def person() -> Person:
+        yield 0.3
+        with bench.gate.stopping():
+            bench.gate.open = lambda: (tries.append(bench.clock.monotonic_s()), open_again())[1]  # type: ignore[method-assign]
+            yield 0.1
+            before = len(bench.sent()) + len(bench.sent("force"))
+            yield 0.5
+            assert len(bench.sent()) + len(bench.sent("force")) == before
+            assert bench("status")["homed"] is False
+        assert 25 <= len(tries) <= 31
+        yield 0.5
+        assert len(bench.sent("force")) + len(bench.sent()) > before + 5
+
+    bench.run(person())
+
+
 # --- a stage that fails ---
 
 

@@ -43,7 +43,7 @@ class HandOwner:
         self._sensing = Sensing(settings, bench.clock, sensor)
         self._orders, self._status = Orders(bench.clock), HandStatus(settings, bench.clock, self._sensing)
         self.answers = hand_answers(self._orders, self._status, bench.stage, gate)
-        self._read_s = self._look_s = 0.0  # when each is due
+        self._read_s = self._look_s = bench.clock.monotonic_s()  # when each is due
         self._lost = False  # whether the stage must be spoken to anew
         self._hand: ByHand
 
