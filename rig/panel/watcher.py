@@ -101,8 +101,6 @@ class Watcher:
     async def read(self) -> None:
         """What came to the journal of the run that goes on."""
         loop, owner = asyncio.get_running_loop(), self.owner
-        if owner is not None and owner.kind == "by hand":
-            return
         folder = await self._folder(owner)
         if folder is None:
             if owner is not None:
@@ -114,8 +112,7 @@ class Watcher:
         rows = await loop.run_in_executor(self._reading, run.look, self.clock.unix_s())
         if run is self.run:
             self.outlet.add(rows)
-            going = run.alive or (owner is not None and run_of(owner) == run.folder.path)
-            self._run_told = run.told(going=going)
+            self._run_told = run.told(going=run.alive or owner is not None)
             self._tell_schedule(run.schedule_told())
 
     async def _folder(self, owner: Owner | None) -> Path | None:

@@ -9,9 +9,11 @@ from typing import Any
 
 import pytest
 
+from rig.data.folder import RunFolder
 from rig.panel.outlet import NOTHING, Onlooking
 from rig.panel.seen.seen_bench import HAND
-from rig.panel.watcher import BEAT_S, Watcher
+from rig.panel.watcher import ASK_S, BEAT_S, FIND_S, LOOK_S, STATUS_S, Watcher
+from rig.plan.agenda import Course
 from rig.session.control.announcements import ControlError
 from sim.devices.clock import VirtualClock
 from tests.rig.panel.test_outlet import events
@@ -98,13 +100,44 @@ def test_where_nobody_announces_a_run_the_one_that_grows_is_followed(make: Make)
     run = journal(watcher.out / "20260101-run", START, sample(1.5))
     os.utime(run / "events.jsonl", (now_s, now_s))
     with watcher.outlet.joined() as client:
-        assert told(watcher, client)["state"]["run"]["name"] == "20260101-run"
+        state = told(watcher, client)["state"]
+        assert (state["run"]["name"], state["run"]["state"]) == ("20260101-run", "running")
         panel.clock.wait_s(10.0)
         assert told(watcher, client)["state"]["run"]["state"] == "killed"
         other = journal(watcher.out / "20260102-other", START)
         os.utime(other / "events.jsonl", (now_s + 10.0, now_s + 10.0))
         panel.clock.wait_s(1.0)
         assert told(watcher, client)["state"]["run"]["name"] == "20260102-other"
+
+
+def test_how_often_is_looked() -> None:
+    """A page has a reading within a tenth of a second, and a state at least twice a second."""
+    assert (LOOK_S, ASK_S, FIND_S, BEAT_S, STATUS_S) == (0.05, 0.1, 1.0, 0.4, 0.5)
+
+
+def test_what_is_drawn_is_of_the_run_that_is_followed(make: Make, tmp_path: Path) -> None:
+    mount = {"doc": "event", "stream": "mount", "data": {"indentor": "bar:3.0"}}
+    run = journal(tmp_path / "run", START, mount)
+    owner = ToldOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})
+    watcher = make(owner).watcher
+    assert watcher.job == watcher.bench.job
+    look(watcher)
+    assert watcher.run is not None
+    assert watcher.job is watcher.run.job is not None
+    assert (owner.asked, owner.within_s) == ([("status", {})], [STATUS_S])
+    assert watcher.bench.devices_told(0.0)["stage"]["word"] == "not heard of"
+
+
+def test_an_announced_run_goes_on_however_silent_it_is(make: Make, tmp_path: Path) -> None:
+    run = journal(tmp_path / "run", START)
+    os.utime(run / "events.jsonl", (10.0, 10.0))
+    panel = make(ToldOwner(run=str(run), answers={"status": {"ok": True, "state": "paused"}}))
+    with panel.watcher.outlet.joined() as client:
+        state = told(panel.watcher, client)["state"]
+        assert (state["run"]["state"], state["notice"]) == ("running", "paused, the indentor is lifted")
+        panel.owners.clear()
+        state = told(panel.watcher, client)["state"]
+        assert (state["run"]["state"], state["notice"]) == ("killed", None)
 
 
 def test_runs_are_not_searched_for_all_the_time(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -145,6 +178,12 @@ def test_the_bench_by_hand(make: Make, tmp_path: Path) -> None:
         run = journal(tmp_path / "run", START)
         panel.owners[:] = [ToldOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})]
         assert told(watcher, client)["readings"]["hand"] is False
+        Course(9.0, {("home", 1, 0): 5.0}, {("home", 1, 0): "home"}).keep(RunFolder(run))
+        assert len(told(watcher, client)["schedule"]["steps"]) == 1
+        panel.owners[:] = [ToldOwner(pid=9, kind="by hand", answers={"status": status})]
+        found = told(watcher, client)
+        assert (found["readings"]["hand"], found["schedule"]["steps"]) == (True, [])
+        assert found["schedule"]["run"] is None
 
 
 def test_a_state_is_told_when_it_changes_and_otherwise_now_and_then(make: Make) -> None:
@@ -183,9 +222,6 @@ def _not_ours() -> list[ToldOwner]:
 
 
 def test_the_time_left_alone_is_no_change(make: Make, tmp_path: Path) -> None:
-    from rig.data.folder import RunFolder
-    from rig.plan.agenda import Course
-
     run = journal(tmp_path / "run", START)
     Course(100.0, {("home", 1, 0): 50.0}, {("home", 1, 0): "home"}).keep(RunFolder(run))
     owner = ToldOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})

@@ -31,9 +31,11 @@ class ToldOwner:
     began_unix_s: float = 0.0
     answers: dict[str, Any] = field(default_factory=dict)
     asked: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
+    within_s: list[float] = field(default_factory=list)
 
     def ask(self, do: str, *, within_s: float = 1.0, **more: Any) -> dict[str, Any]:
         self.asked.append((do, more))
+        self.within_s.append(within_s)
         answer = self.answers.get(do, {"ok": True})
         if isinstance(answer, Exception):
             raise answer
