@@ -1,11 +1,13 @@
-"""A long run looked at through the panel: readings lost, the delay from journal to page, memory of the server.
+"""A long run looked at through the panel: readings lost, delays to the page and of STOP, memory of the server.
 
     .venv/bin/python -m studies.speed.panel_soak [MINUTES]
 
 For half an hour, if nothing else is said, a journal is written as a run writes it, fifty readings a second and a
-press every twelve seconds, and one page looks on. What else runs on the machine is in the delays.
+press every twelve seconds, one page looks on, and STOP is asked for every few seconds of an owner that only notes
+when it came. What else runs on the machine is in the delays.
 """
 
+import http.client
 import json
 import os
 import re
@@ -17,17 +19,20 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from rig.engine.journal import Journal
 from rig.engine.streams import STREAMS
 from rig.plan.config import Config
+from rig.session.control.announcements import Announcement
+from rig.session.control.control_socket import ControlSocket
 from rig.transport.clock import WallClock
 
 PER_S, PRESS_S = 50, 12.0
 _SETTLED_S, _EACH_S = 120.0, 5.0
-_AFTER_S = 3.0
+_AFTER_S, _STOPS_S = 3.0, 3.0
 
 
 @dataclass
@@ -40,6 +45,7 @@ class Seen:
     states: int = 0
     states_apart_s: float = 0.0  # the longest
     kinds: dict[str, int] = field(default_factory=dict)
+    stops_s: list[float] = field(default_factory=list)  # from the request to the owner's own thread
     memory_mb: list[tuple[float, float]] = field(default_factory=list)  # seconds, MB
     _state_s: float = 0.0
 
@@ -68,21 +74,26 @@ def main(minutes: float = 30.0) -> None:
         run = Path(folder) / "runs" / "20260101T000000-soak-000000"
         run.mkdir(parents=True)
         (run / "config.toml").write_text(Config().as_toml(), encoding="utf-8")
-        environment = {**os.environ, "RIG_RUNTIME_DIR": str(Path(folder) / "runtime")}
+        os.environ["RIG_RUNTIME_DIR"] = str(Path(folder) / "runtime")
         words = [sys.executable, "-m", "rig", "panel", "--no-browser", "--json", "--out", str(run.parent)]
-        with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env=environment) as server:
+        with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as server:
             assert server.stdout is not None
-            port = json.loads(server.stdout.readline())["port"]
+            url = json.loads(server.stdout.readline())["url"]
+            port = int(url.partition("/#")[0].rpartition(":")[2])
             written: list[float] = []
+            came_s: list[float] = []
+            stopping = threading.Thread(target=lambda: seen.stops_s.extend(_stops(url, came_s, writing)))
             writing = threading.Thread(target=lambda: written.extend(_write(run, 60.0 * minutes)))
-            with socket.create_connection(("127.0.0.1", port)) as page:
+            with _owner(run, came_s) as _, socket.create_connection(("127.0.0.1", port)) as page:
                 writing.start()
+                stopping.start()
                 for kind, told in _events(page, port):
                     seen.event(kind, told)
                     _weigh(server.pid, seen)
                     if not writing.is_alive() and time.time() - _last_s(run) > _AFTER_S:
                         break
             writing.join()
+            stopping.join()
             server.terminate()
     _tell(seen, written)
 
@@ -105,6 +116,33 @@ def _write(run: Path, seconds: float) -> Iterator[float]:
             yield gone_s
             n += 1
         journal.stop("done")
+
+
+def _owner(run: Path, came_s: list[float]) -> ControlSocket:
+    """Announces the run as its own; a stop is noted."""
+    about = {"kind": "run", "virtual": False, "ports": (), "run": str(run), "began_unix_s": time.time()}
+    answers = {"status": lambda _: {"state": "running", "stopped": False}, "stop": lambda _: _noted(came_s)}
+    return ControlSocket(Announcement.model_validate({"pid": os.getpid(), **about}), answers)
+
+
+def _noted(came_s: list[float]) -> dict[str, object]:
+    came_s.append(time.monotonic())
+    return {}
+
+
+def _stops(url: str, came_s: list[float], writing: threading.Thread) -> Iterator[float]:
+    """Seconds from each request until the owner was told."""
+    here, _, token = url.partition("/#token=")
+    headers = {"Origin": here, "X-Rig-Token": token, "X-Rig-Tab": "soak", "Content-Type": "application/json"}
+    while writing.is_alive():
+        time.sleep(_STOPS_S)
+        began_s, before = time.monotonic(), len(came_s)
+        with closing(http.client.HTTPConnection(here.removeprefix("http://"))) as wire:
+            wire.request("POST", "/stop", "{}", headers)
+            wire.getresponse().read()
+        while len(came_s) == before:
+            time.sleep(0.001)
+        yield came_s[before] - began_s
 
 
 def _events(page: socket.socket, port: int) -> Iterator[tuple[str, dict[str, object]]]:
@@ -139,19 +177,24 @@ def _last_s(run: Path) -> float:
 
 
 def _tell(seen: Seen, written: list[float]) -> None:
-    delays_ms = sorted(1e3 * delay for delay in seen.delays_s)
     began_s = seen.memory_mb[0][0]
-    settled = [(s - began_s, mb) for s, mb in seen.memory_mb if s - began_s >= _SETTLED_S] or seen.memory_mb
-    slope, _ = statistics.linear_regression(*zip(*settled, strict=True)) if len(settled) > 1 else (0.0, 0.0)
     print(f"written {len(written)} readings in {len(written) / PER_S / 60:.1f} min")
     once = len(set(seen.places)) == len(seen.places)
     print(f"told    {len(seen.places)} readings, each once: {once}; dropped {seen.dropped}")
-    median_ms, p99_ms = delays_ms[len(delays_ms) // 2], delays_ms[int(0.99 * len(delays_ms))]
-    print(f"delay   median {median_ms:.0f} ms, p99 {p99_ms:.0f} ms, worst {delays_ms[-1]:.0f} ms")
+    print(f"delay   {_spread(seen.delays_s)}")
+    print(f"stops   {len(seen.stops_s)}: {_spread(seen.stops_s)}")
     print(f"states  {seen.kinds.get('state', 0)}, at most {seen.states_apart_s:.2f} s apart; {seen.kinds}")
-    first_mb, settled_mb, last_mb = seen.memory_mb[0][1], settled[0][1], seen.memory_mb[-1][1]
-    print(f"memory  {first_mb:.1f} MB at first, {settled_mb:.1f} after {_SETTLED_S:g} s, {last_mb:.1f} at the end")
-    print(f"        {3600 * slope:+.2f} MB an hour from {_SETTLED_S:g} s on")
+    print(f"memory  {seen.memory_mb[0][1]:.1f} MB at first, {seen.memory_mb[-1][1]:.1f} at the end")
+    settled = [(s - began_s, mb) for s, mb in seen.memory_mb if s - began_s >= _SETTLED_S]
+    if len(settled) > 1:
+        slope, _ = statistics.linear_regression(*zip(*settled, strict=True))
+        print(f"        {settled[0][1]:.1f} MB after {_SETTLED_S:g} s; from there on {3600 * slope:+.2f} MB an hour")
+
+
+def _spread(seconds: list[float]) -> str:
+    found = sorted(1e3 * one for one in seconds) or [0.0]
+    median_ms, p99_ms = found[len(found) // 2], found[int(0.99 * len(found))]
+    return f"median {median_ms:.0f} ms, p99 {p99_ms:.0f} ms, worst {found[-1]:.0f} ms"
 
 
 if __name__ == "__main__":
