@@ -49,6 +49,7 @@ REAL_TIME = (
     "rig/test_watch_command.py::test_ctrl_c_ends_the_looking_on_only",
     "rig/test_watch_command.py::test_the_screen_is_drawn_when_something_comes_and_at_no_other_time",
     "sim/test_door.py::test_the_door_itself_weighs_nothing",
+    "sim/test_finger_process.py",
     "sim/test_library_examples.py::test_one_runs_as_a_script_beside_processes",
     "sim/test_relaxing_plant.py::test_in_real_time_a_hold_relaxes",
     "sim/test_many.py::test_a_finger_presses_in_processes_however_they_are_begun",

@@ -16,6 +16,7 @@ from sim.finger.surface import SurfaceError
 from sim.measures.receptors import ReceptorError
 from sim.models.cache import CacheError
 from sim.models.errors import ModelRangeError
+from sim.models.processes.finger_process import FingerLostError
 
 _BAD_INPUT = (
     *(BadInputError, RunError, FolderBusyError, NwbMissingError),
@@ -29,7 +30,7 @@ def outcome(error: Exception) -> tuple[str, ExitCode] | None:
     match error:
         case _ if isinstance(error, _BAD_INPUT):
             return str(error), ExitCode.BAD_INPUT
-        case EngineError() | StageError() | ForceError() | TransportError():
+        case EngineError() | StageError() | ForceError() | TransportError() | FingerLostError():
             return f"stopped: {error}", ExitCode.STOPPED
         case UnwritableError():
             return f"{error}: free space, then the same again", ExitCode.BAD_INPUT

@@ -1,6 +1,7 @@
 """The finger as a script's steps see it: predictions, each solved once."""
 
 from collections.abc import Callable
+from typing import Any, NamedTuple
 
 from rig.engine.records import Target
 from rig.protocol.planned import Prediction
@@ -9,6 +10,7 @@ from sim.contact.indentor import Indentor
 from sim.contact.shapes import parse_shape
 from sim.models.errors import ForceOutOfReachError
 from sim.models.fingertip import Fingertip
+from sim.models.processes.finger_process import Finger, asked
 
 Predictions = dict[tuple[str, float, Target], Prediction]
 
@@ -19,7 +21,7 @@ class FingerModel:
     A shape is read once, by the name that `where` makes of the script's: a file that is edited meanwhile is not seen.
     """
 
-    def __init__(self, finger: Fingertip, kept: Predictions, where: Callable[[str], str] = str) -> None:
+    def __init__(self, finger: Finger, kept: Predictions, where: Callable[[str], str] = str) -> None:
         self._finger, self._kept, self._where = finger, kept, where
         self._shapes: dict[str, Indentor] = {}
 
@@ -36,9 +38,7 @@ class FingerModel:
 
     def touch_height_mm(self, indentor: str, x_mm: float, along_mm: float) -> float:
         """Height of the indentor at first touch, from the nominal apex."""
-        z_mm = self._finger.config.receptor_plane_mm + along_mm if along_mm else None
-        height_mm = self._finger.touch_height_mm(self._shape(indentor), x_mm, z_mm=z_mm)
-        return height_mm - self._finger.apex_height_mm
+        return asked(self._finger, _touch_height_mm, self._shape(indentor), x_mm, along_mm)
 
     def _shape(self, indentor: str) -> Indentor:
         if indentor not in self._shapes:
@@ -46,20 +46,44 @@ class FingerModel:
         return self._shapes[indentor]
 
     def _solved(self, indentor: str, x_mm: float, target: Target) -> Prediction:
-        shape = self._shape(indentor)
-        try:
-            found = self._finger.indent(shape, x_mm, **{target.kind: target.value})  # type: ignore[arg-type]
-        except ForceOutOfReachError as error:
-            raise ForceTooDeepError(str(error)) from None
-        if not found.state.converged:
-            raise NoPredictionError(f"the model does not converge here (residual {found.state.residual:.0e})")
-        return Prediction(
-            indentor,
-            x_mm,
-            target,
-            found.touch_height_mm - self._finger.apex_height_mm,
-            found.force_gwt,
-            found.doi_mm,
-            found.contact_area_mm2,
-            found.peak_pressure_mpa,
-        )
+        return asked(self._finger, _predicted, self._shape(indentor), Asked(indentor, x_mm, target))
+
+
+class Asked(NamedTuple):
+    """A press by the script's words."""
+
+    indentor: str
+    x_mm: float
+    target: Target
+
+
+def about_model(finger: Fingertip) -> dict[str, Any]:
+    """What is kept of the model that a run was made with."""
+    return {
+        "nodes": finger.model.nodes,
+        "e_epidermis_mpa": finger.e_epidermis_mpa,
+        "from_cache": finger.from_cache,
+    }
+
+
+def _touch_height_mm(finger: Fingertip, shape: Indentor, x_mm: float, along_mm: float) -> float:
+    z_mm = finger.config.receptor_plane_mm + along_mm if along_mm else None
+    return finger.touch_height_mm(shape, x_mm, z_mm=z_mm) - finger.apex_height_mm
+
+
+def _predicted(finger: Fingertip, shape: Indentor, press: Asked) -> Prediction:
+    target = press.target
+    try:
+        found = finger.indent(shape, press.x_mm, **{target.kind: target.value})  # type: ignore[arg-type]
+    except ForceOutOfReachError as error:
+        raise ForceTooDeepError(str(error)) from None
+    if not found.state.converged:
+        raise NoPredictionError(f"the model does not converge here (residual {found.state.residual:.0e})")
+    return Prediction(
+        *press,
+        found.touch_height_mm - finger.apex_height_mm,
+        found.force_gwt,
+        found.doi_mm,
+        found.contact_area_mm2,
+        found.peak_pressure_mpa,
+    )

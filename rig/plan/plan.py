@@ -23,7 +23,7 @@ from rig.protocol.taken_up import TakenUp
 from rig.protocol.walk import Spot, Walk
 from sim.contact.shapes import ShapeError
 from sim.models.errors import ModelRangeError
-from sim.models.fingertip import Fingertip
+from sim.models.processes.finger_process import Finger, FingerLostError
 
 E = TypeVar("E")
 A = TypeVar("A")
@@ -76,12 +76,12 @@ class Plan:
 def make_plan(
     script: Script,
     config: Config,
-    finger: Fingertip,
+    finger: Finger,
     before: Run | None = None,
     folder: Path | None = None,
     told: Callable[[int], None] = lambda steps: None,
 ) -> Plan:
-    """Walk through the script; raises BadInputError at the first step that cannot be done.
+    """Walk through the script; raises BadInputError at the first step that cannot be done, FingerLostError.
 
     `before` is the run that is to be taken up: what it has done is answered by its journal, and not planned, where
     that tells the soft trip of the whole; `folder` is that run's, whose copies of files that shapes name are read.
@@ -101,6 +101,8 @@ def make_plan(
     try:
         with impatient():
             script.run(Rig(script.parameters, walk, Patience(planner, told)))
+    except FingerLostError:
+        raise
     except (BadInputError, ShapeError, ModelRangeError, SilentScriptError) as error:
         raise BadInputError(f"{where_in_script(script.path, error)}: {error}") from None
     except (Exception, SystemExit) as error:

@@ -14,6 +14,7 @@ from rig.data.folder import free_space
 from rig.engine import Engine, LimitError, RecordError, RunAborted, ScriptError, TripError
 from rig.engine.engine import State
 from rig.engine.limits import AT_MM
+from sim.models.processes.finger_process import FingerLostError
 
 Left = Literal["lifted", "held", "not moved"]
 
@@ -28,6 +29,7 @@ _SEE_TO: tuple[tuple[type[Exception], str], ...] = (
     (ScriptError, "correct the script and begin a new run: resumed, this one runs its own copy of the script"),
     (OSError, "free space, then resume"),
     (RecordError, "free space, then resume"),
+    (FingerLostError, "see whether memory ran out, then resume"),
 )
 _PUT_RIGHT = "put right what is named, then "
 _SEE_TO_THE_DEVICE = "see to the device that is named"

@@ -9,17 +9,18 @@ from pathlib import Path
 from typing import Any
 
 from rig.plan.config import Config
+from rig.plan.finger_model import about_model
 from rig.protocol.script import Script
-from sim.models.fingertip import Fingertip
+from sim.models.processes.finger_process import Finger, asked
 
 _PATIENCE_S = 5.0
 _PACKAGES = ("indentation-rig", "numpy", "scipy", "h5py", "pydantic", "matplotlib")
 
 
 def provenance(
-    script: Script, config: Config, finger: Fingertip, now: datetime, *, virtual: bool, subject: str | None = None
+    script: Script, config: Config, finger: Finger | None, now: datetime, *, virtual: bool, subject: str | None = None
 ) -> dict[str, Any]:
-    """All that `rig resume` and a reader in ten years need to know, ready for JSON."""
+    """All that `rig resume` and a reader in ten years need to know, as JSON; no finger: it was not loaded yet."""
     prefix = "virtual " if virtual else ""
     return {
         "started_utc": now.isoformat(timespec="seconds"),
@@ -32,11 +33,7 @@ def provenance(
         "platform": f"{platform.system()} {platform.machine()}",
         "versions": {name: version(name) for name in _PACKAGES},
         "commit": commit(Path(__file__)),
-        "model": {
-            "nodes": finger.model.nodes,
-            "e_epidermis_mpa": finger.e_epidermis_mpa,
-            "from_cache": finger.from_cache,
-        },
+        "model": None if finger is None else asked(finger, about_model),
         "devices": {"stage": f"{prefix}{config.stage.kind}", "force": f"{prefix}{config.force.kind}"},
     }
 

@@ -32,7 +32,7 @@ from rig.session.running import run_script
 from rig.session.virtual.twins import with_stand_ins
 from rig.session.virtual.virtual_bench import bench_around
 from sim.devices.clock import VirtualClock
-from sim.models.fingertip import Fingertip
+from sim.models.processes.finger_process import Finger
 from sim.plant.plant import Carriage, TruePose
 
 E = TypeVar("E")
@@ -121,7 +121,7 @@ class Rehearsed:
         return Course(self.duration_s, self.instants_s, self.words, self.marks)
 
 
-def rehearsed(script: Script, config: Config, finger: Fingertip, plan: Plan, before: Run | None = None) -> Rehearsed:
+def rehearsed(script: Script, config: Config, finger: Finger, plan: Plan, before: Run | None = None) -> Rehearsed:
     """Carry a script out on springs, or what is missing of a run that is taken up.
 
     Raises EngineError where it would not come to its end.

@@ -11,8 +11,9 @@ from rig.protocol.api import Rig
 from rig.protocol.errors import BadInputError
 from rig.protocol.script import Script, in_words, where_in_script
 from rig.transport.base import TransportError
+from sim.models.processes.finger_process import FingerLostError
 
-ENDINGS = (EngineError, StageError, ForceError, TransportError)
+ENDINGS = (EngineError, StageError, ForceError, TransportError, FingerLostError)
 """What ends a run before its end: the engine has lifted or stopped before it raises these."""
 
 
@@ -35,6 +36,9 @@ def run_script(script: Script, engine: Engine, rig: Rig) -> None:
     try:
         with impatient():
             script.run(rig)
+    except FingerLostError:
+        engine.make_safe()
+        raise
     except ENDINGS:
         raise
     except (Exception, SystemExit, SilentScriptError) as error:

@@ -39,10 +39,24 @@ def in_processes(
 @contextmanager
 def leaving_ctrl_c_to_us() -> Iterator[None]:
     """Processes that are begun inside never see Ctrl-C, which a terminal sends to all; here it comes at the end."""
+    with _kept_from_others("SIGINT"):
+        yield
+
+
+@contextmanager
+def leaving_signals_to_us() -> Iterator[None]:
+    """The same of everything that a terminal, or whoever ends a run, sends to all processes of a command."""
+    with _kept_from_others("SIGINT", "SIGHUP", "SIGTERM", "SIGUSR1"):
+        yield
+
+
+@contextmanager
+def _kept_from_others(*names: str) -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # the mask is inherited
+    numbers = {signal.Signals[name] for name in names}
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)  # the mask is inherited
     try:
         yield
     finally:

@@ -1,0 +1,187 @@
+"""A finger in a process of its own, for one that must never solve: what it is asked is a function of the finger."""
+
+import contextlib
+import logging
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar, Union
+
+from sim.config.fingertip_config import FingertipConfig
+from sim.models.processes.workers import keep_freed_memory, leaving_signals_to_us
+
+if TYPE_CHECKING:
+    from sim.models.fingertip import Fingertip  # whoever begins the process has no use for what solves
+
+P = ParamSpec("P")
+T = TypeVar("T")
+Finger = Union["Fingertip", "FingerProcess"]
+
+_MODELS = logging.getLogger("sim")
+_END_S = 5.0
+
+
+class FingerLostError(RuntimeError):
+    """The process of the finger ended before it answered; one line."""
+
+
+class FingerProcess:
+    """Answers functions of the finger, importable ones, in the order in which they are asked; close() it, or `with`.
+
+    It begins to load the finger at once. No signal of a terminal reaches it, and it ends with the process that began
+    it, however that ends. One that was lost, or whose answer was not waited for, is begun anew when it is asked next.
+    """
+
+    def __init__(self, config: FingertipConfig) -> None:
+        self._config = config
+        self._process: BaseProcess | None = None
+        self._begin()
+
+    @property
+    def pid(self) -> int | None:
+        """Of the process, if there is one now."""
+        return None if self._process is None else self._process.pid
+
+    def ask(self, function: "Callable[Concatenate[Fingertip, P], T]", *arguments: P.args, **options: P.kwargs) -> T:
+        """What function(finger, …) gives, or raises, there; Ctrl-C ends the waiting. Raises FingerLostError."""
+        if self._process is None:
+            self._begin()
+        try:
+            self._near.send((function, arguments, options))
+            while (said := self._near.recv())[0] == "told":
+                _MODELS.log(*said[1:])
+        except (EOFError, OSError):
+            raise FingerLostError(f"the process of the finger model has ended ({self._how_it_ended()})") from None
+        except BaseException:
+            self.close()  # its answer would be taken for that of the next question
+            raise
+        kind, found = said
+        if kind == "raised":
+            raise found
+        return found
+
+    def close(self) -> None:
+        """End the process, whatever it does."""
+        process, self._process = self._process, None
+        if process is not None:
+            self._near.close()
+            process.kill()
+            process.join(_END_S)
+
+    def __enter__(self) -> "FingerProcess":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _begin(self) -> None:
+        context = multiprocessing.get_context("spawn")  # a forked MKL may hang
+        self._near, far = context.Pipe()
+        self._process = context.Process(target=_serve, args=(far, self._config), name="finger", daemon=True)
+        with leaving_signals_to_us():
+            self._process.start()
+        far.close()
+
+    def _how_it_ended(self) -> str:
+        process = self._process
+        assert process is not None
+        process.join(_END_S)
+        code = process.exitcode
+        self.close()
+        if code is None:
+            return "it does not answer"
+        return signal.Signals(-code).name if code < 0 else f"exit code {code}"
+
+
+def asked(
+    finger: Finger, function: "Callable[Concatenate[Fingertip, P], T]", *arguments: P.args, **options: P.kwargs
+) -> T:
+    """What function(finger, …) gives, worked out where the finger is."""
+    if isinstance(finger, FingerProcess):
+        return finger.ask(function, *arguments, **options)
+    return function(finger, *arguments, **options)
+
+
+class _Tells(logging.Handler):
+    """What a model says while it is built goes to whoever asks."""
+
+    def __init__(self, far: "Connection[Any, Any]") -> None:
+        super().__init__()
+        self._far = far
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._far.send(("told", record.levelno, "%s", record.getMessage()))
+
+
+def _serve(far: "Connection[Any, Any]", config: FingertipConfig) -> None:
+    _leave_the_terminal()
+    threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
+    keep_freed_memory()
+    _MODELS.addHandler(_Tells(far))
+    _MODELS.setLevel(logging.DEBUG)
+    load = _Loaded(config)
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            function, arguments, options = far.recv()
+            _send(far, *_answer(load, function, arguments, options))
+
+
+def _leave_the_terminal() -> None:
+    """Its signals go to its session; what came while this process was begun is forgotten."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(os, "setsid"):
+        os.setsid()
+        for number in (signal.SIGHUP, signal.SIGUSR1):
+            signal.signal(number, signal.SIG_IGN)
+        signal.pthread_sigmask(signal.SIG_SETMASK, ())
+
+
+class _Loaded:
+    """The finger, once; a failure to load it is the answer to every question."""
+
+    def __init__(self, config: FingertipConfig) -> None:
+        from sim.models.fingertip import Fingertip
+
+        self._finger: Fingertip | None = None
+        self._problem: Exception | None = None
+        try:
+            self._finger = Fingertip.load(config)
+        except Exception as error:
+            self._problem = error
+
+    def finger(self) -> "Fingertip":
+        if self._finger is None:
+            assert self._problem is not None
+            raise self._problem
+        return self._finger
+
+
+def _answer(load: _Loaded, function: Callable[..., Any], arguments: Any, options: Any) -> tuple[str, Any]:
+    try:
+        return "gave", function(load.finger(), *arguments, **options)
+    except Exception as error:
+        return "raised", error
+
+
+def _send(far: "Connection[Any, Any]", kind: str, found: Any) -> None:
+    """What cannot cross is told by its words."""
+    try:
+        far.send((kind, found))
+    except (OSError, EOFError):
+        raise
+    except Exception as error:
+        far.send(("raised", RuntimeError(f"{type(found).__name__} cannot cross processes: {error}")))
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+    os._exit(1)

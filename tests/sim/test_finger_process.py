@@ -1,0 +1,198 @@
+"""A finger in a process of its own: it answers as the finger does, and ends with whoever began it."""
+
+import logging
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import sim.models.processes.finger_process as finger_process
+from sim.config.fingertip_config import FingertipConfig
+from sim.models.cache import CacheError
+from sim.models.errors import ForceOutOfReachError, ModelRangeError
+from sim.models.fingertip import Fingertip
+from sim.models.processes.finger_process import FingerLostError, FingerProcess, asked
+from tests.waiting import DEADLINE_S, until
+
+
+@pytest.fixture(scope="module")
+def process(finger: Fingertip) -> Iterator[FingerProcess]:
+    """Of the default finger, which is in the cache."""
+    with FingerProcess(finger.config) as process:
+        yield process
+
+
+def force_gwt(finger: Fingertip, shape: str, *, doi_mm: float) -> float:
+    return finger.indent(shape, 0.3, doi_mm=doi_mm).force_gwt
+
+
+def refused(finger: Fingertip, error: Exception) -> None:
+    raise error
+
+
+def told(finger: Fingertip) -> str:
+    for level, words in ((logging.DEBUG, "building"), (logging.WARNING, "slowly, 3 %")):
+        logging.getLogger("sim.models").log(level, words)
+    return "built"
+
+
+def about_itself(finger: Fingertip) -> dict[str, Any]:
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    handlers = {number.name: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGHUP, signal.SIGUSR1)}
+    return {"pid": os.getpid(), "session": os.getsid(0), "blocked": len(blocked), "handlers": handlers}
+
+
+def ends(finger: Fingertip, code: int) -> None:
+    os._exit(code)
+
+
+def never_ends(finger: Fingertip) -> None:
+    signal.sigwait({signal.SIGALRM})
+
+
+def no_pickle(finger: Fingertip) -> Any:
+    return threading.Lock()
+
+
+def test_it_answers_to_the_bit_what_the_finger_answers(process: FingerProcess, finger: Fingertip) -> None:
+    for shape, doi_mm in (("bar:3.0", 0.4), ("step:1", 0.7)):
+        here = asked(finger, force_gwt, shape, doi_mm=doi_mm)
+        assert (
+            asked(process, force_gwt, shape, doi_mm=doi_mm)
+            == here
+            == finger.indent(shape, 0.3, doi_mm=doi_mm).force_gwt
+        )
+
+
+@pytest.mark.parametrize(
+    "error",
+    [ModelRangeError("too deep"), ForceOutOfReachError("too soft"), OSError(28, "No space left", "report.html")],
+    ids=lambda error: type(error).__name__,
+)
+def test_what_is_raised_there_is_raised_here(process: FingerProcess, error: Exception) -> None:
+    with pytest.raises(type(error)) as raised:
+        process.ask(refused, error)
+    assert raised.value.args == error.args
+    assert process.ask(force_gwt, "bar:3.0", doi_mm=0.4) > 0, "and it goes on"
+
+
+def test_what_cannot_cross_is_told_of(process: FingerProcess) -> None:
+    with pytest.raises(RuntimeError, match=r"^lock cannot cross processes: "):
+        process.ask(no_pickle)
+    before = process.pid
+    assert process.ask(about_itself)["pid"] == before
+
+
+def test_what_a_model_says_is_heard_here(process: FingerProcess, caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.DEBUG, "sim"):
+        assert process.ask(told) == "built"
+    assert [(r.levelno, r.getMessage()) for r in caplog.records] == [
+        (logging.DEBUG, "building"), (logging.WARNING, "slowly, 3 %")
+    ]  # fmt: skip
+
+
+def test_no_signal_of_a_terminal_reaches_it(process: FingerProcess) -> None:
+    about = process.ask(about_itself)
+    assert about["session"] == about["pid"] == process.pid != os.getsid(0)
+    assert about["blocked"] == 0, "it can be terminated"
+    assert set(about["handlers"].values()) == {signal.SIG_IGN}
+
+
+def test_one_that_is_lost_is_told_of_and_begun_anew(finger: Fingertip) -> None:
+    with FingerProcess(finger.config) as process:
+        first = process.pid
+        with pytest.raises(FingerLostError, match=r"^the process of the finger model has ended \(exit code 3\)$"):
+            process.ask(ends, 3)
+        assert process.pid is None
+        second = process.ask(about_itself)["pid"]
+        assert second == process.pid != first
+        os.kill(second, signal.SIGKILL)
+        with pytest.raises(FingerLostError, match=r"^the process of the finger model has ended \(SIGKILL\)$"):
+            process.ask(about_itself)
+
+
+def test_whoever_does_not_wait_for_an_answer_is_not_given_it_next(finger: Fingertip) -> None:
+    def ctrl_c(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, ctrl_c)
+    try:
+        with FingerProcess(finger.config) as process:
+            first = process.ask(about_itself)["pid"]
+            signal.setitimer(signal.ITIMER_REAL, 0.05)
+            with pytest.raises(KeyboardInterrupt):
+                process.ask(never_ends)
+            assert process.pid is None
+            assert process.ask(force_gwt, "bar:3.0", doi_mm=0.4) == force_gwt(finger, "bar:3.0", doi_mm=0.4)
+            with pytest.raises(ProcessLookupError):
+                os.kill(first, 0)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def test_a_finger_that_cannot_be_loaded_is_told_of_at_every_question(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path / "file"))
+    with FingerProcess(FingertipConfig()) as process:
+        for _ in range(2):
+            with pytest.raises(CacheError, match=r"^cache folder .*: "):
+                process.ask(about_itself)
+
+
+def test_one_that_was_closed_is_gone(finger: Fingertip) -> None:
+    process = FingerProcess(finger.config)
+    pid = process.pid
+    process.close()
+    process.close()
+    assert pid is not None
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+
+
+OWNER = """
+import signal, time
+from sim.models.processes.finger_process import FingerProcess
+from sim.config.fingertip_config import FingertipConfig
+from tests.sim.test_finger_process import never_ends
+if __name__ == "__main__":
+    process = FingerProcess(FingertipConfig())
+    print(process.pid, flush=True)
+    process.ask(never_ends)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT], ids=lambda number: number.name)
+def test_it_ends_with_whoever_began_it_in_the_middle_of_a_question(number: signal.Signals) -> None:
+    words = [sys.executable, "-c", OWNER]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as owner:
+        assert owner.stdout is not None
+        pid = int(owner.stdout.readline())
+        owner.send_signal(number)
+        owner.wait(DEADLINE_S)
+    until(lambda: _gone(pid))
+
+
+def _gone(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    return False
+
+
+def test_where_there_are_no_sessions_ctrl_c_is_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows."""
+    ignored: list[Any] = []
+    monkeypatch.delattr(os, "setsid")
+    monkeypatch.setattr(signal, "signal", lambda number, act: ignored.append((number, act)))
+    finger_process._leave_the_terminal()
+    assert ignored == [(signal.SIGINT, signal.SIG_IGN)]
