@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 from rig.cli.output import NotConfirmedError, busy, err
@@ -44,8 +45,12 @@ def ready_for_a_real_run(command: str, config: Config, out: Path, *, yes: bool) 
         raise BadInputError(f"{command}: nobody can be asked here, expected a terminal or --yes")
 
 
-def at_the_page(before: Ending | None, *, yes: bool) -> Confirm:
+def at_the_page(
+    before: Ending | None, *, yes: bool, asking: Callable[[], AbstractContextManager[None]] = nullcontext
+) -> Confirm:
     """Print the page, and wait for the one answer to it; before: how the last run left the indentor.
+
+    asking: is entered while the answer is waited for.
 
     What it returns raises NotConfirmedError.
     """
@@ -55,8 +60,11 @@ def at_the_page(before: Ending | None, *, yes: bool) -> Confirm:
         lines = page.lines if before is None else {"careful": careful(before), **page.lines}
         for about, words in lines.items():
             err.print(f"{about:<10}{words}")
-        if not yes and not _confirmed():
-            raise NotConfirmedError("not confirmed: nothing has moved")
+        if not yes:
+            with asking():
+                confirmed = _confirmed()
+            if not confirmed:
+                raise NotConfirmedError("not confirmed: nothing has moved")
         return page
 
     return confirm

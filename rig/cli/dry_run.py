@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from rig.cli.carrying_out import carry_out, leave
+from rig.cli.carrying_out import carry_out, leave, new_run
 from rig.cli.options import (
     FingerConfigOption,
     JsonOption,
@@ -16,6 +16,7 @@ from rig.cli.options import (
     SubjectOption,
 )
 from rig.cli.output import Beginning, complain, told_in_one_line
+from rig.cli.run_owner import owning
 from rig.plan.config import load_config
 from rig.protocol.errors import BadInputError
 from rig.protocol.script import load_script
@@ -43,16 +44,18 @@ def command(
             complain(f"warning: {problem}; `rig run` would refuse")
         script = load_script(protocol, [*(set_ or []), *(more or [])])
         faster = _times_real(speed)
-        done = carry_out(
-            script,
-            settings,
-            out_dir,
-            lambda session: dry_run(session, faster),
-            as_json=as_json,
-            subject=subject,
-            pace=None if faster is None else 1 / faster,
-            begins=beginning.begins,
-        )
+        into = new_run(out_dir, subject)
+        with owning(script, settings, into, virtual=True, config_file=config) as owner:
+            done = carry_out(
+                script,
+                settings,
+                into,
+                lambda session: dry_run(session, faster),
+                owner,
+                as_json=as_json,
+                pace=None if faster is None else 1 / faster,
+                begins=beginning.begins,
+            )
     leave(done)
 
 

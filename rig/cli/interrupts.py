@@ -1,13 +1,17 @@
 """Signals: Ctrl-C, a terminal that goes away, and `rig stop` from another process."""
 
+import _thread
 import os
+import select
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
 from rig.cli.output import err
+from rig.transport.clock import WallClock
 
 # Not on Windows, where `rig stop` can only open a port that nobody owns.
 STOP_SIGNAL: signal.Signals | None = getattr(signal, "SIGUSR1", None)
@@ -16,21 +20,36 @@ _HANG_UP: signal.Signals | None = getattr(signal, "SIGHUP", None)
 Handlers = dict[signal.Signals | None, Callable[[int, FrameType | None], object]]
 
 
+_LOOK_S = 0.05
+
+
 class Pause:
-    """Whether the operator has asked for a pause, and whether to go on after it."""
+    """Whether somebody has asked for a pause, at the terminal or elsewhere, and whether to go on after it."""
 
     def __init__(self) -> None:
-        self._asked = self._alone = False
+        self._asked = self._alone = self._from_elsewhere = False
+        self.waits = False  # lifted, for somebody who says that it goes on
 
     def asked(self) -> bool:
-        """Whether Ctrl-C, SIGTERM or the end of the terminal has come."""
+        """Whether Ctrl-C, SIGTERM, the end of the terminal or a question from elsewhere has come."""
         return self._asked
 
-    def ask(self, *_: object) -> None:
-        """The signal: from now on a second Ctrl-C stops at once."""
-        self._asked = True
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+    def ask(self, number: int | None = None, *_: object) -> None:
+        """The signal: from now on Ctrl-C stops at once."""
+        if self._asked and number == signal.SIGINT:
+            raise KeyboardInterrupt
+        self._asked, self._from_elsewhere = True, False
         err.print("pausing: stopping at the next safe point; Ctrl-C again stops now")
+
+    def ask_from_elsewhere(self) -> None:
+        """Another process asks, from a thread of its own; it waits there for whoever says first that it goes on."""
+        self._asked = self._from_elsewhere = True
+        err.print("pausing, as the panel asks: stopping at the next safe point; Ctrl-C stops now")
+
+    def go_on_from_elsewhere(self) -> None:
+        """Another process says that it goes on, from a thread of its own; nobody at the terminal is waited for."""
+        self._asked = self._from_elsewhere = False
+        err.print("going on, as the panel asks")
 
     def hang_up(self, *_: object) -> None:
         """The terminal has gone: nobody can be told anything, and nobody will say that it goes on."""
@@ -40,24 +59,57 @@ class Pause:
         self._asked = self._alone = True
 
     def go_on(self) -> bool:
-        """The answer of whoever sits at the terminal; without one there is nobody to wait for."""
-        if self._alone or not (sys.stdin.isatty() and sys.stderr.isatty()):
-            return False
-        err.print("paused, the indentor is lifted: Enter goes on, Ctrl-C ends the run; rig resume can take it up")
-        if not sys.stdin.readline():
-            return False
-        self._asked = False
-        signal.signal(signal.SIGINT, self.ask)
+        """The answer of whoever is first, at the terminal or elsewhere; without both there is nobody to wait for."""
+        at_terminal = sys.stdin.isatty() and sys.stderr.isatty()
+        if at_terminal and not self._alone:
+            err.print("paused, the indentor is lifted: Enter goes on, Ctrl-C ends the run; rig resume can take it up")
+        elif self._from_elsewhere:
+            err.print("paused, the indentor is lifted: the panel goes on, Ctrl-C ends the run")
+        self.waits = True
+        try:
+            goes_on = self._answer(at_terminal=at_terminal)
+        finally:
+            self.waits = False
+        if goes_on:
+            self._asked = self._from_elsewhere = False
+        return goes_on
+
+    def _answer(self, *, at_terminal: bool) -> bool:
+        clock = WallClock()
+        while self._asked:
+            if self._alone or not (at_terminal or self._from_elsewhere):
+                return False
+            if not at_terminal:
+                clock.wait_s(_LOOK_S)
+            elif _typed(_LOOK_S):
+                return bool(sys.stdin.readline())
         return True
 
 
+def _typed(within_s: float) -> bool:
+    """Whether a line waits at the keyboard; where that cannot be known it is waited for."""
+    try:
+        return bool(select.select([sys.stdin], [], [], within_s)[0])
+    except (OSError, ValueError):  # no file, or not on this system
+        return True
+
+
+def interrupt_main() -> None:
+    """A KeyboardInterrupt in the main thread, from another one, also where that waits for the system."""
+    main = threading.main_thread().ident
+    if STOP_SIGNAL is None or main is None:
+        _thread.interrupt_main()
+    else:
+        signal.pthread_kill(main, STOP_SIGNAL)
+
+
 @contextmanager
-def at_a_safe_point() -> Iterator[Pause]:
+def at_a_safe_point(pause: Pause | None = None) -> Iterator[Pause]:
     """Ctrl-C (or SIGTERM) once asks for a pause at the next safe point; twice, or `rig stop`, stops at once.
 
     A terminal that goes away ends the run there, lifted, unless the program was told not to mind (`nohup`).
     """
-    pause = Pause()
+    pause = Pause() if pause is None else pause
     handlers: Handlers = {
         signal.SIGINT: pause.ask,
         signal.SIGTERM: pause.ask,
@@ -67,6 +119,13 @@ def at_a_safe_point() -> Iterator[Pause]:
         handlers[_HANG_UP] = pause.hang_up
     with _handling(handlers):
         yield pause
+
+
+@contextmanager
+def stoppable() -> Iterator[None]:
+    """`rig stop`, and a stop from another thread, are a KeyboardInterrupt from here on."""
+    with _handling({STOP_SIGNAL: signal.default_int_handler}):
+        yield
 
 
 @contextmanager

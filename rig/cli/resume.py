@@ -1,5 +1,7 @@
 """`rig resume`: a run that stopped goes on with the indentations that are missing."""
 
+from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -10,8 +12,10 @@ from rig.cli.confirming import Confirm, at_the_page, careful, ready_for_a_real_r
 from rig.cli.options import JsonOption, YesOption
 from rig.cli.output import Beginning, complain, err, told_in_one_line
 from rig.cli.run import ask_at_the_bench
-from rig.session.resume import ending_on_record, read_stopped
-from rig.session.session import FinishedRun, Session, dry_run, real_run
+from rig.cli.run_owner import Owner, owning
+from rig.session.resume import StoppedRun, ending_on_record, read_stopped
+from rig.session.session import dry_run, real_run
+from sim.models.processes.finger_process import FingerProcess
 
 
 def command(
@@ -23,30 +27,35 @@ def command(
     beginning = Beginning(aloud=True)
     with told_in_one_line(as_json=as_json, beginning=beginning):
         stopped = read_stopped(run)
-        if stopped.run is not None and stopped.complete:
-            leave(make_whole(stopped, stopped.run, as_json=as_json))
-        left = None if stopped.run is None else ending_on_record(stopped.run)
-        if stopped.run is not None and stopped.run.last_checkpoint is not None:
-            err.print(f"goes on after the checkpoint {stopped.run.last_checkpoint!r}")
-        confirm: Confirm | None = None
-        if not stopped.virtual:
-            ready_for_a_real_run("resume", stopped.config, run.parent, yes=yes)
-            confirm = at_the_page(left, yes=yes)
-        elif left is not None:
-            complain(careful(left))
-
-        def go_on(session: Session) -> FinishedRun:
-            return dry_run(session) if stopped.virtual else real_run(session, ask_at_the_bench)
-
-        done = carry_out(
-            stopped.script,
-            stopped.config,
-            run.parent,
-            go_on,
-            as_json=as_json,
-            stopped=stopped,
-            confirm=confirm,
-            pace=None if stopped.virtual else 1.0,
-            begins=beginning.begins,
-        )
+        virtual = stopped.virtual
+        with owning(stopped.script, stopped.config, stopped, virtual=virtual) as owner:
+            if stopped.run is not None and stopped.complete:
+                leave(make_whole(stopped, stopped.run, owner, as_json=as_json))
+            with nullcontext() if virtual else FingerProcess(stopped.config.finger) as finger:
+                confirm = _checked(stopped, run, owner, yes=yes)
+                done = carry_out(
+                    stopped.script,
+                    stopped.config,
+                    stopped,
+                    dry_run if virtual else partial(real_run, ask=partial(ask_at_the_bench, asking=owner.asking)),
+                    owner,
+                    as_json=as_json,
+                    finger=finger,
+                    confirm=confirm,
+                    pace=None if virtual else 1.0,
+                    begins=beginning.begins,
+                )
     leave(done)
+
+
+def _checked(stopped: StoppedRun, run: Path, owner: Owner, *, yes: bool) -> Confirm | None:
+    """Where it goes on, and how it was left; what would stop a real run is refused."""
+    left = None if stopped.run is None else ending_on_record(stopped.run)
+    if stopped.run is not None and stopped.run.last_checkpoint is not None:
+        err.print(f"goes on after the checkpoint {stopped.run.last_checkpoint!r}")
+    if not stopped.virtual:
+        ready_for_a_real_run("resume", stopped.config, run.parent, yes=yes)
+        return at_the_page(left, yes=yes, asking=owner.asking)
+    if left is not None:
+        complain(careful(left))
+    return None

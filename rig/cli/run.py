@@ -1,13 +1,14 @@
 """`rig run`: a protocol on real ports."""
 
 import sys
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from rig.cli.carrying_out import carry_out, leave
-from rig.cli.confirming import at_the_page, ready_for_a_real_run
 from rig.cli.options import (
     JsonOption,
     MoreArgument,
@@ -21,8 +22,7 @@ from rig.cli.output import Beginning, err, screen_aside, told_in_one_line
 from rig.engine import RunAborted
 from rig.plan.config import load_config
 from rig.protocol.script import load_script
-from rig.session.resume import last_left
-from rig.session.session import real_run
+from sim.models.processes.finger_process import FingerProcess
 
 
 def command(
@@ -39,24 +39,35 @@ def command(
     beginning = Beginning(aloud=True)
     with told_in_one_line(as_json=as_json, beginning=beginning):
         settings = load_config(config)
-        script = load_script(protocol, [*(set_ or []), *(more or [])])
-        ready_for_a_real_run("run", settings, out_dir, yes=yes)
-        done = carry_out(
-            script,
-            settings,
-            out_dir,
-            lambda session: real_run(session, ask_at_the_bench),
-            as_json=as_json,
-            subject=subject,
-            confirm=at_the_page(last_left(out_dir, settings), yes=yes),
-            begins=beginning.begins,
-        )
+        with FingerProcess(settings.finger) as finger:
+            # Its process reads the model while this one reads what follows.
+            from rig.cli.carrying_out import carry_out, leave, new_run
+            from rig.cli.confirming import at_the_page, ready_for_a_real_run
+            from rig.cli.run_owner import owning
+            from rig.session.resume import last_left
+            from rig.session.session import real_run
+
+            script = load_script(protocol, [*(set_ or []), *(more or [])])
+            into = new_run(out_dir, subject)
+            with owning(script, settings, into, virtual=False, config_file=config) as owner:
+                ready_for_a_real_run("run", settings, out_dir, yes=yes)
+                done = carry_out(
+                    script,
+                    settings,
+                    into,
+                    lambda session: real_run(session, partial(ask_at_the_bench, asking=owner.asking)),
+                    owner,
+                    as_json=as_json,
+                    finger=finger,
+                    confirm=at_the_page(last_left(out_dir, settings), yes=yes, asking=owner.asking),
+                    begins=beginning.begins,
+                )
     leave(done)
 
 
-def ask_at_the_bench(request: str) -> str:
+def ask_at_the_bench(request: str, asking: Callable[[], AbstractContextManager[None]] = nullcontext) -> str:
     """Ask the person at the bench and return the line that answers; no answer at all ends the run."""
-    with screen_aside():
+    with screen_aside(), asking():
         err.print(f"{request}, then press Enter")
         answer = sys.stdin.readline()
     if not answer:

@@ -193,6 +193,17 @@ def mend_journal(path: Path) -> int:
     return sum(1 for _ in read_journal(path))
 
 
+def add_to_end(path: Path, more: Mapping[str, Any], unix_s: float) -> None:
+    """One document more: the last one, with these keys besides, at the same instant of the run. Raises OSError."""
+    documents = mend_journal(path)
+    *_, last = read_journal(path)
+    document = {**last, **more, "uid": uuid.uuid4().hex, "seq": documents, "unix_s": round(unix_s, 6)}
+    with path.open("ab") as file:
+        file.write((json.dumps(document, allow_nan=False) + "\n").encode("ascii"))
+        file.flush()
+        os.fsync(file.fileno())
+
+
 def _before_another_reading(lines: Sequence[str]) -> list[bool]:
     """Which lines look like whole readings, as the journal writes them, and stand before another one."""
     reading = [

@@ -57,12 +57,15 @@ def _read(folder: RunFolder) -> StoppedRun:
         )
     about: dict[str, Any] = json.loads(folder.provenance.read_text(encoding="utf-8"))
     copy = folder.path / "protocol.py"
+    run = read_run(folder.path) if mend_journal(folder.events) else None
+    if run is not None and not run.start["planned_indentations"]:
+        raise BadInputError(f"run {folder.path}: it was stopped while it was planned, expected a new run")
     return StoppedRun(
         folder=folder,
         script=script_with(copy, Path(about["protocol"]).stem, about["parameters"]),
         config=load_config(folder.config),
         virtual=about["virtual"],
-        run=read_run(folder.path) if mend_journal(folder.events) else None,
+        run=run,
         subject=about.get("subject"),
     )
 

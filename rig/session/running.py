@@ -1,6 +1,6 @@
 """A script run on a rig, and the ends that it may come to."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rig.devices.force.base import ForceError
@@ -18,13 +18,19 @@ ENDINGS = (EngineError, StageError, ForceError, TransportError, FingerLostError)
 
 
 @contextmanager
-def stopped_at_once(engine: Engine) -> Iterator[None]:
-    """A second Ctrl-C, or `rig stop`, stops the stage past every queue, whatever is being done."""
+def stopped_at_once(engine: Engine, stopped: Callable[[], bool] = lambda: False) -> Iterator[None]:
+    """A second Ctrl-C, or `rig stop`, stops the stage past every queue, whatever is being done.
+
+    stopped: whether another thread has done so already; then whatever fails here has failed for that.
+    """
     try:
         yield
     except BaseException as error:
-        if not isinstance(error, Exception):
-            engine.stop()
+        if isinstance(error, Exception) and not stopped():
+            raise
+        engine.stop()
+        if isinstance(error, Exception):
+            raise KeyboardInterrupt from error
         raise
 
 

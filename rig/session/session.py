@@ -36,7 +36,7 @@ from rig.session.virtual.virtual_bench import virtual_bench
 from rig.transport.byte_log import ByteLog, Sink
 from rig.transport.clock import Clock, WallClock
 from sim.devices.clock import VirtualClock
-from sim.models.fingertip import Fingertip
+from sim.models.processes.finger_process import Finger, FingerProcess
 
 Watch = Callable[[str, Mapping[str, Any]], None]
 
@@ -92,7 +92,7 @@ class Session:
 
     script: Script
     config: Config
-    finger: Fingertip
+    finger: Finger
     plan: Plan
     into: NewRun | StoppedRun
     attendant: Attendant = field(default_factory=Nobody)
@@ -116,9 +116,12 @@ class Session:
 def dry_run(session: Session, speed: float | None = None) -> FinishedRun:
     """Carry it out on the virtual bench; `speed` limits virtual seconds per real second."""
 
+    finger = session.finger
+    assert not isinstance(finger, FingerProcess), "it is pressed here, by the virtual bench"
+
     def open_bench(folder: RunFolder, byte_log: Sink, start_unix_s: float) -> WatchedBench:
         clock = VirtualClock(start_unix_s, session.begins_at_s)
-        bench = virtual_bench(session.config, session.finger, byte_log, clock, session.pause)
+        bench = virtual_bench(session.config, finger, byte_log, clock, session.pause)
         return replace(bench, shape_files=folder.path)
 
     return _run_session(session, open_bench, virtual=True, speed=speed)
@@ -181,13 +184,14 @@ def _on_a_bench(
             journal.at_end = lambda: {"indentor": asdict(Whereabouts.of(engine))}
             _begin(session, journal, virtual=bench.virtual)
             session.attendant.begins(folder)
-            problem = _carry_out(session, journal, engine, _rig(session, folder, engine), bench)
+            with session.attendant.at_hand(engine.heartbeat.stop):
+                problem = _carry_out(session, journal, engine, _rig(session, folder, engine), bench)
             return problem, Whereabouts.of(engine)
 
 
 def _carry_out(session: Session, journal: Journal, engine: Engine, rig: Rig, bench: WatchedBench) -> Exception | None:
     try:
-        with journal, stopped_at_once(engine):
+        with journal, stopped_at_once(engine, session.attendant.stopped):
             with bench.look_after(engine.heartbeat):
                 if session.before is not None:
                     verbs.home(engine)

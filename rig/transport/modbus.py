@@ -4,7 +4,9 @@ One code serves the virtual and the wall clock; pymodbus' own clients sleep on t
 Sources: Modbus application protocol V1.1b3; Modbus over serial line V1.02, §2.5.1.1 (silence of 3.5 characters).
 """
 
-from collections.abc import Callable, Sequence
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 
 from pymodbus.exceptions import ModbusException
 from pymodbus.framer import FramerRTU, FramerSocket
@@ -85,6 +87,7 @@ class ModbusMaster:
         self._free_s = 0.0
         self._reply_s, self._read_tries = reply_s, read_tries
         self._transaction = 0
+        self._one = threading.Lock()
         self.echoes: bool | None = (
             None if self._rtu else False
         )  # whether what is sent comes back; None: not known yet
@@ -106,7 +109,8 @@ class ModbusMaster:
             except (ModbusTimeout, ModbusGarbled):
                 if not left:
                     raise
-                self._drain()
+                with self._turn():
+                    self._drain()
         raise ValueError(f"read_tries must be positive, got {self._read_tries}")
 
     def write_one(self, device_id: int, address: int, value: int) -> None:
@@ -135,6 +139,20 @@ class ModbusMaster:
         self._transport.close()
 
     def _exchange(self, request: ModbusPDU, fits: Callable[[ModbusPDU], bool]) -> ModbusPDU:
+        with self._turn():
+            return self._exchanged(request, fits)
+
+    @contextmanager
+    def _turn(self) -> Iterator[None]:
+        """Who makes sure of a stop from another thread waits for the exchange under way, but for none that hangs."""
+        mine = self._one.acquire(timeout=2 * self._reply_s)
+        try:
+            yield
+        finally:
+            if mine:
+                self._one.release()
+
+    def _exchanged(self, request: ModbusPDU, fits: Callable[[ModbusPDU], bool]) -> ModbusPDU:
         self._clock.wait_s(self._free_s - self._clock.monotonic_s())
         while self._transport.read(0.0):
             pass

@@ -24,6 +24,8 @@ from rig.transport import LoopbackTransport
 from rig.transport.byte_log import LoggedTransport
 from sim.devices import Load, SerialLine, VirtualBalance, VirtualGrbl
 from sim.devices.clock import VirtualClock
+from sim.models.fingertip import Fingertip
+from sim.models.processes.finger_process import FingerProcess
 from tests.program import Program, program_of
 from tests.waiting import DEADLINE_S
 
@@ -33,6 +35,22 @@ Pair = tuple[bytes, bytes | list[bytes]]
 AS_RECORDED = Path(__file__).parents[1] / "data" / "as_recorded"
 # Of seconds, mm and gwt that are rounded to 1e-6 where they are recorded.
 ROUND_OFF = 2e-6
+
+
+@pytest.fixture(autouse=True)
+def _finger_in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A real run asks a finger in a process of its own, which takes seconds to begin; here it is asked in this one.
+
+    Programs in processes of their own are as they are, and tests/sim/test_finger_process.py asks a real one.
+    """
+    fingers: dict[int, Fingertip] = {}
+
+    def ask(process: FingerProcess, function: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
+        finger = fingers.get(id(process)) or fingers.setdefault(id(process), Fingertip.load(process._config))
+        return function(finger, *arguments, **options)
+
+    monkeypatch.setattr(FingerProcess, "_begin", lambda process: None)
+    monkeypatch.setattr(FingerProcess, "ask", ask)
 
 
 class ScriptedTransport:

@@ -252,7 +252,7 @@ def test_a_resume_and_a_dry_run_that_are_refused_say_so_too(rig: Run, tmp_path: 
 def test_what_fails_after_it_began_does_not_say_that_nothing_was_moved(
     rig: Run, opened: list[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rig.cli.carrying_out.write_report", _raising(ModelRangeError("no such force")))
+    monkeypatch.setattr("rig.cli.carrying_out.make_report", _raising(ModelRangeError("no such force")))
     ended = rig(*RUN, "--yes", "--json")
     assert (ended.code, len(opened)) == (2, 1)
     assert json.loads(ended.out) == {"error": "no such force", "exit_code": 2}

@@ -9,6 +9,8 @@ from multiprocessing import AuthenticationError
 from multiprocessing.connection import Client, Connection, answer_challenge, deliver_challenge
 from typing import Any
 
+from rig.transport.clock import WallClock
+
 MOST_BYTES = 1 << 16
 _AGAIN_S = 0.005
 BROKEN = (OSError, EOFError, ValueError, AuthenticationError, AssertionError)
@@ -67,7 +69,7 @@ def connected(address: str, within_s: float) -> "Connection[Any, Any]":
             except BlockingIOError:  # more wait already than the system keeps
                 if time.monotonic() >= deadline_s:
                     raise
-                time.sleep(_AGAIN_S)
+                WallClock().wait_s(_AGAIN_S)
             else:
                 end.setblocking(True)
                 return Connection(end.detach())

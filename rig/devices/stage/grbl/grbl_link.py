@@ -22,6 +22,7 @@ from rig.devices.stage.grbl.grbl_words import (
     ALARMS,
     ERRORS,
     FULL,
+    HOLD_AND_RESET,
     OVERRIDDEN,
     StatusFields,
     Xyz,
@@ -51,6 +52,7 @@ class GrblLink:
         self._reader = LineReader(transport, clock)
         self.in_step = False
         self.trusted = False
+        self.times_stopped = 0  # from whatever thread
         self.offset: Xyz | None = None
         self.overrides = FULL
 
@@ -87,6 +89,12 @@ class GrblLink:
         self.trusted = False
         if not self.in_step:
             self.reset()
+
+    def stop_now(self) -> None:
+        """Hold and reset, from any thread; before that goes out, lines that another thread would send are refused."""
+        self.times_stopped += 1
+        self.in_step = self.trusted = False
+        self._transport.write(HOLD_AND_RESET)
 
     def send_now(self, data: bytes) -> None:
         """Real-time bytes: they wait for nothing."""

@@ -34,7 +34,6 @@ from rig.devices.stage.grbl.grbl_settings import (
 )
 from rig.devices.stage.grbl.grbl_words import (
     FULL,
-    HOLD_AND_RESET,
     JOG_CANCEL,
     OUTPUT_WORDS,
     Xyz,
@@ -118,11 +117,11 @@ class GrblStage(Stage):
         if not self._link.in_step:
             self._link.reset()
         self._link.refuse_interference(self.status().state)
-        self._link.trusted = False
+        self._link.trusted, times = False, self._link.times_stopped
         for _ in self._link.talking("$H", HOME_S, LOOK_S):
             yield None
         self.status()
-        self._link.trusted = True
+        self._link.trusted = self._link.times_stopped == times
 
     def unlock(self) -> None:
         self._link.recover()
@@ -185,7 +184,7 @@ class GrblStage(Stage):
         if self._link.overrides != FULL:
             self._link.full_speed()
         deadline_s = self._clock.monotonic_s() + HALT_S
-        trusted = self._link.trusted
+        trusted, times = self._link.trusted, self._link.times_stopped
         self.hold()
         while (state := self._status().state) not in ("Hold:0", "Idle"):
             if self._clock.monotonic_s() >= deadline_s:
@@ -195,12 +194,11 @@ class GrblStage(Stage):
         state = self._status().state
         if state != "Idle":
             raise StageError(f"{self._transport.name}: {state} after a halt, the position is lost")
-        self._link.trusted = trusted
+        self._link.trusted = trusted and self._link.times_stopped == times
 
     def stop(self) -> None:
         """Feed hold and reset in one write: no queue, no lock, no waiting. Then home() or unlock()."""
-        self._link.send_now(HOLD_AND_RESET)
-        self._link.in_step = self._link.trusted = False
+        self._link.stop_now()
 
     def hold(self) -> None:
         """Slow down to a stop and stay there; resume() goes on, the position stays trusted. Raises TransportError."""

@@ -36,6 +36,7 @@ class LeadshineStage(Stage):
         self._y_mm = y_mm
         self._output = output
         self._trusted = False
+        self._times_stopped = 0  # from whatever thread
 
     @property
     def homed(self) -> bool:
@@ -49,12 +50,12 @@ class LeadshineStage(Stage):
 
     def homing(self) -> Looks:
         """Home z, then x, then set the soft limits in the drives. An alarm is not cleared. Raises StageError."""
-        self._trusted = False
+        self._trusted, times = False, self._times_stopped
         for drive in self._up_first():
             for _ in drive.homing():
                 yield None
             drive.set_soft_limits()
-        self._trusted = True
+        self._trusted = self._times_stopped == times
 
     def unlock(self) -> None:
         """Clear alarms; the position stays untrusted. Raises StageError."""
@@ -141,6 +142,7 @@ class LeadshineStage(Stage):
         What goes out at once: a broadcast on a serial bus they share, else a frame to each. Then each is told again
         until it says that it stands, for a second at most. Raises StageError if one does not, TransportError.
         """
+        self._times_stopped += 1
         self._trusted = False
         for bus in self._buses():
             ids = [drive.device_id for drive in self._up_first() if drive.bus is bus]

@@ -1,0 +1,198 @@
+"""How long a stop takes from its request to its byte, whatever a run is at, and whether the run is told as stopped.
+
+    .venv/bin/python -m studies.faults.stops --stops 50
+
+`rig run`, behind `rig serve` in processes of their own, is stopped over its control socket, in turn in each of five
+phases: while it is planned, in an approach, while the model solves for a script that decides as it goes, in a hold,
+and while the report is made. The request is timed here, the byte by the run's byte log: both on the machine's clock.
+"""
+
+import argparse
+import json
+import os
+import random
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from rig.devices.stage.leadshine import leadshine_words as reg
+from rig.plan.config import Config
+from rig.session.control.announcements import Announced, ControlError, announced
+from rig.transport import open_port
+
+PHASES = ("plan", "approach", "solve", "hold", "report")
+NEAR: dict[str, Any] = {
+    "frame": {"pad_centre_x_mm": -3.0, "pad_y_mm": -2.0, "apex_z_mm": -4.0},
+    "force": {"baud": 115200, "sample_period_s": 0.02},
+    "habits": {"clearance_mm": 0.4, "approach_speed_mm_s": 2.0, "press_speed_mm_s": 2.0, "settle_readings": 5},
+}
+FAST = ("$110=3000", "$111=3000", "$112=3000", "$120=500", "$121=500", "$122=500", "$24=600", "$25=3000", "$26=10")
+SCRIPT = """\
+def run(rig):
+    rig.mount("bar:3.0")
+    rig.home()
+    rig.zero()
+    rig.move_to(x_mm=0.0)
+    force_gwt = rig.indent(doi_mm=0.3, hold_s=HOLD).holds[-1].force_gwt
+    for n in range(1, 4):
+        rig.move_to(x_mm=0.1 * n + 1e-4 * force_gwt)
+        rig.indent(force_gwt=1.0 + 1e-4 * force_gwt, hold_s=0.1)
+"""
+STOP = {"grbl": "2118", "leadshine": f"06{reg.TRIGGER:04x}{reg.QUICK_STOP:04x}"}
+_LOOK_S, _DEADLINE_S = 0.002, 240.0
+
+
+@dataclass(frozen=True)
+class Stop:
+    """One of them: when it was asked for on the machine's clock, and what became of it. No byte: nan."""
+
+    phase: str
+    latency_s: float
+    recorded: str  # the journal's status, and the state in which it was stopped after its end
+    code: int
+
+
+class Benches:
+    """`rig serve`, and a run on its ports for each stop."""
+
+    def __init__(self, folder: Path, stage: str) -> None:
+        self._folder, self._stage = folder, stage
+        self._chance = random.Random(0)
+        self._config = folder / "rig.toml"
+
+    @contextmanager
+    def served(self) -> Iterator[None]:
+        """The devices, until the end."""
+        tables = NEAR | {"stage": {"kind": self._stage}, "virtual": {"indentor": "bar:3.0"}}
+        self._config.write_text(Config.model_validate(tables).as_toml(), encoding="utf-8")
+        words = [sys.executable, "-m", "rig", "serve", "--tcp", "0", "--config", str(self._config)]
+        with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as serve:
+            try:
+                assert serve.stdout is not None
+                ports = json.loads(serve.stdout.readline())
+                tables["stage"] |= {"port": ports["stage"]}
+                tables["force"] = {**NEAR["force"], "port": ports["force"]}
+                self._config.write_text(Config.model_validate(tables).as_toml(), encoding="utf-8")
+                if self._stage == "grbl":
+                    _make_fast(ports["stage"])
+                self._port = ports["stage"]
+                yield
+            finally:
+                serve.terminate()
+
+    def stopped(self, number: int, phase: str) -> Stop:
+        """One run, stopped in a phase."""
+        out = self._folder / f"{number:03}"
+        script = self._folder / "decides.py"
+        script.write_text(SCRIPT.replace("HOLD", "0.1" if phase == "report" else "2.0"), encoding="utf-8")
+        words = [sys.executable, "-m", "rig", "run", str(script), "--yes", "--config", str(self._config)]
+        with subprocess.Popen(
+            [*words, "--out", str(out)],
+            stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True,
+        ) as run:  # fmt: skip
+            try:
+                assert run.stdin is not None
+                run.stdin.write("\n" * 9)
+                run.stdin.flush()
+                owner = _until(lambda: run.poll() or next((one for one in announced() if one.pid == run.pid), None))
+                if not isinstance(owner, Announced):
+                    return Stop(phase, float("nan"), "it never began", owner)
+                _until(lambda: self._is_at(phase, owner, out) or run.poll() is not None)
+                time.sleep(self._chance.uniform(0.0, 0.2))
+                asked_s = time.monotonic()
+                with suppress(ControlError):  # what came of it is read
+                    owner.ask("stop", within_s=10.0)
+                code = run.wait(_DEADLINE_S)
+            finally:
+                run.kill()
+        return self._read(out, phase, asked_s, code)
+
+    def _is_at(self, phase: str, owner: Announced, out: Path) -> bool:
+        if phase == "plan":
+            return owner.ask("status")["state"] == "planning"
+        if phase == "report":
+            return owner.ask("status")["state"] == "reporting"
+        journal = "".join(path.read_text(encoding="utf-8") for path in out.glob("*/events.jsonl"))
+        if phase == "solve":
+            *_, last = [{}, *(json.loads(line) for line in journal.splitlines()[:-1])]
+            return last.get("stream") == "move" and journal.count('"indentation_end"') > 1
+        return f'"phase": "{phase}"' in journal
+
+    def _read(self, out: Path, phase: str, asked_s: float, code: int) -> Stop:
+        folder = (
+            next((path for path in out.iterdir() if not path.name.startswith(".")), None) if out.is_dir() else None
+        )
+        if folder is None:
+            return Stop(phase, float("nan"), "no folder", code)
+        wire = [json.loads(line) for line in (folder / "bytes.jsonl").read_text(encoding="ascii").splitlines()]
+        found = [
+            line["t_s"]
+            for line in wire
+            if line["dir"] == "tx" and STOP[self._stage] in line["hex"] and line["t_s"] >= asked_s
+        ]
+        last = json.loads((folder / "events.jsonl").read_text(encoding="utf-8").splitlines()[-1])
+        recorded = f"{last.get('status')} {last.get('stopped_while', '')}".strip()
+        return Stop(phase, min(found, default=float("nan")) - asked_s, recorded, code)
+
+
+def _make_fast(port: str) -> None:
+    """A board that homes in a second, so that a run takes some."""
+    wire = open_port(port, 115200)
+    for line in FAST:
+        wire.write(f"{line}\n".encode("ascii"))
+        heard = b""
+        while b"ok" not in heard:
+            heard += wire.read(0.1)
+    wire.close()
+
+
+def _until(look: Callable[[], Any]) -> Any:
+    deadline_s = time.monotonic() + _DEADLINE_S
+    while not (found := look()):
+        if time.monotonic() > deadline_s:
+            raise SystemExit("a run never came so far")
+        time.sleep(_LOOK_S)
+    return found
+
+
+def table(stops: Sequence[Stop]) -> str:
+    """For each phase: request to byte, and what the journals say."""
+    lines = ["| stopped in | stops | request to byte, ms: median, worst | recorded |", "|---|---|---|---|"]
+    for phase in PHASES:
+        those = [stop for stop in stops if stop.phase == phase]
+        if those:
+            ms = [1e3 * stop.latency_s for stop in those]
+            said = ", ".join(sorted({stop.recorded for stop in those}))
+            lines.append(f"| {phase} | {len(those)} | {median(ms):.1f}, {max(ms):.1f} | {said} |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Stop, count, tell."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--stops", type=int, default=50)
+    parser.add_argument("--stage", choices=sorted(STOP), default="grbl")
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["RIG_RUNTIME_DIR"] = str(Path(folder) / "runtime")
+        benches = Benches(Path(folder), options.stage)
+        with benches.served():
+            stops = []
+            for number in range(options.stops):
+                stops.append(benches.stopped(number, PHASES[number % len(PHASES)]))
+                print(stops[-1], file=sys.stderr, flush=True)
+    print(json.dumps([vars(stop) for stop in stops]) if options.json else table(stops))
+    bad = [stop for stop in stops if not stop.latency_s < 0.1 or stop.code != 130]
+    sys.exit(1 if bad else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,196 @@
+"""A stop is recorded whenever it came, and no data look worse for it."""
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.data import RunFolder, read_run
+from rig.data.summary import state_of, summary_of
+from rig.engine.journal import add_to_end, read_journal
+from rig.plan.config import Config
+from rig.plan.plan import make_plan
+from rig.protocol.errors import BadInputError
+from rig.protocol.script import Script, load_script
+from rig.session.control.recorded_stop import record_after, record_before
+from rig.session.ending import Whereabouts
+from rig.session.resume import ending_on_record, read_stopped
+from rig.session.session import NewRun, Session, dry_run
+from sim.models.fingertip import Fingertip
+
+SCRIPT = """\
+def run(rig):
+    rig.mount("bar:3.0")
+    rig.home()
+    rig.zero()
+    for x_mm in (0.0, 0.5):
+        rig.move_to(x_mm=x_mm)
+        rig.indent(doi_mm=0.2, hold_s=0.1)
+"""
+WIRE = '{"t_s": 3.5, "port": "stage", "dir": "tx", "hex": "2118"}\n'
+AT_ONCE = "at once, by the operator"
+
+
+@pytest.fixture
+def script(tmp_path: Path) -> Script:
+    path = tmp_path / "two.py"
+    path.write_text(SCRIPT, encoding="utf-8")
+    return load_script(str(path))
+
+
+@pytest.fixture
+def whole(script: Script, finger: Fingertip, tmp_path: Path) -> RunFolder:
+    plan = make_plan(script, Config(), finger)
+    return dry_run(Session(script, Config(), finger, plan, NewRun(tmp_path / "runs", "S07"))).folder
+
+
+def _last(folder: RunFolder) -> Mapping[str, Any]:
+    *_, last = read_journal(folder.events)
+    return last
+
+
+def _sums_fit(folder: RunFolder) -> bool:
+    before = (folder.path / "SHA256SUMS").read_bytes()
+    folder.write_checksums()
+    return (folder.path / "SHA256SUMS").read_bytes() == before
+
+
+# --- before it began ---
+
+
+@pytest.mark.parametrize("virtual", [False, True])
+def test_a_run_that_was_stopped_while_it_was_planned_has_a_folder_and_is_aborted(
+    script: Script, tmp_path: Path, virtual: bool
+) -> None:
+    folder = record_before(script, Config(), NewRun(tmp_path / "runs", "S07"), virtual=virtual)
+    record_after(folder, "planning", WIRE)
+    run = read_run(folder.path)
+    start, stop = read_journal(folder.events)
+    assert (start["doc"], start["planned_indentations"], start["virtual"]) == ("start", 0, virtual)
+    assert (start["protocol"], start["title"], start["subject"]) == ("two", script.title, "S07")
+    assert (stop["status"], stop["reason"], stop["stopped_while"]) == ("aborted", AT_ONCE, "planning")
+    assert stop["indentor"]["left"] == "not moved"
+    assert folder.bytes_log.read_text(encoding="ascii") == WIRE
+    assert (run.complete, state_of(run), summary_of(run).done) == (False, "aborted", 0)
+    assert json.loads(folder.provenance.read_text(encoding="utf-8"))["model"] is None
+    assert _sums_fit(folder)
+    assert folder.changed() == []
+    with folder.owned():
+        pass
+
+
+def test_it_holds_nothing_to_go_on_with(script: Script, tmp_path: Path) -> None:
+    folder = record_before(script, Config(), NewRun(tmp_path / "runs"), virtual=True)
+    with pytest.raises(BadInputError) as refused:
+        read_stopped(folder.path)
+    assert str(refused.value) == f"run {folder.path}: it was stopped while it was planned, expected a new run"
+
+
+def _cut(folder: RunFolder, last: Callable[[Mapping[str, Any]], bool]) -> None:
+    lines = folder.events.read_bytes().splitlines(keepends=True)
+    end = next(n for n, line in enumerate(lines) if last(json.loads(line)))
+    folder.events.write_bytes(b"".join(lines[: end + 1]))
+
+
+@pytest.mark.parametrize("said", [False, True], ids=["killed", "ended"])
+def test_a_run_that_was_to_be_taken_up_says_so_and_where_it_was_left(whole: RunFolder, said: bool) -> None:
+    _cut(whole, lambda one: one["doc"] == "event" and one["data"].get("phase") == "hold")
+    left: Any = None
+    if said:
+        left = {"left": "held", "x_mm": 0.25, "height_mm": -0.1, "trusted": False, "may_touch": True}
+        with whole.events.open("a", encoding="ascii") as file:
+            document = {"doc": "stop", "seq": 1, "t_s": 99.0, "unix_s": 1.0, "status": "failed", "reason": "x"}
+            file.write(json.dumps({**document, "indentor": left}) + "\n")
+    stopped = read_stopped(whole.path)
+    assert stopped.run is not None
+    end_s, duration_s = stopped.run.end_s, stopped.run.duration_s
+    assert record_before(stopped.script, stopped.config, stopped, virtual=True) == whole
+    record_after(whole, "planning", "")
+    *_, resume, stop = read_journal(whole.events)
+    assert (resume["doc"], resume["missing"], resume["after"]) == ("resume", 2, None)
+    assert (stop["status"], stop["reason"], stop["stopped_while"]) == ("aborted", AT_ONCE, "planning")
+    assert resume["t_s"] >= end_s
+    again = read_run(whole.path)
+    assert again.duration_s == pytest.approx(duration_s, abs=1.0)
+    ending = ending_on_record(again)
+    assert ending is not None
+    assert ending.at.may_touch is True, "planning has not lifted it"
+    if said:
+        assert stop["indentor"] == left
+    assert read_stopped(whole.path).complete is False
+
+
+def test_a_run_that_had_journalled_nothing_begins_and_ends_there(whole: RunFolder) -> None:
+    whole.events.unlink()
+    stopped = read_stopped(whole.path)
+    record_before(stopped.script, stopped.config, stopped, virtual=True)
+    start, stop = read_journal(whole.events)
+    assert (start["doc"], start["subject"], stop["status"]) == ("start", "S07", "aborted")
+
+
+# --- after it ended ---
+
+
+def test_a_run_whose_report_was_being_made_stays_done(whole: RunFolder) -> None:
+    before, documents = read_run(whole.path), list(read_journal(whole.events))
+    wire = whole.bytes_log.read_text(encoding="ascii")
+    record_after(whole, "reporting", WIRE)
+    after, (*kept, last) = read_run(whole.path), read_journal(whole.events)
+    assert kept == documents
+    assert last["stopped_while"] == "reporting"
+    differs = {key for key in last if last[key] != documents[-1].get(key)}
+    assert differs == {"uid", "seq", "unix_s", "stopped_while"}
+    assert last["seq"] == documents[-1]["seq"] + 1
+    assert (after.complete, state_of(after), after.done) == (True, "done", before.done)
+    assert (after.duration_s, after.end_s) == (before.duration_s, before.end_s)
+    assert whole.bytes_log.read_text(encoding="ascii") == wire + WIRE
+    assert _sums_fit(whole)
+
+
+@pytest.mark.parametrize(
+    ("status", "state", "said_again"),
+    [
+        ("aborted", "running", False),
+        ("aborted", "paused", False),
+        ("aborted", "reporting", True),
+        ("done", "running", True),
+        ("tripped", "running", True),
+    ],
+)
+def test_an_end_is_said_again_only_where_it_does_not_say_the_stop(
+    whole: RunFolder, status: str, state: str, said_again: bool
+) -> None:
+    """What the engine's own journal has written down as aborted is the record."""
+    add_to_end(whole.events, {"status": status}, 5.0)
+    documents = len(list(read_journal(whole.events)))
+    record_after(whole, state, "")
+    *_, last = found = list(read_journal(whole.events))
+    assert len(found) == documents + said_again
+    assert (last["status"], last.get("stopped_while")) == (status, state if said_again else None)
+
+
+def test_a_run_that_was_stopped_before_its_journal_had_an_end_gets_one(whole: RunFolder) -> None:
+    _cut(whole, lambda one: one["doc"] == "event" and one["data"].get("phase") == "hold")
+    known = Whereabouts.last_known(read_run(whole.path))
+    t_s = _last(whole)["t_s"]
+    record_after(whole, "running", WIRE)
+    last = _last(whole)
+    assert (last["doc"], last["status"], last["reason"], last["t_s"]) == ("stop", "aborted", AT_ONCE, t_s)
+    assert last["stopped_while"] == "running"
+    assert Whereabouts(**last["indentor"]) == known
+    assert known.may_touch is True
+
+
+def test_one_document_more_is_the_last_one_with_more(tmp_path: Path) -> None:
+    path = tmp_path / "events.jsonl"
+    path.write_bytes(
+        b'{"doc": "start", "uid": "a", "seq": 0, "t_s": 1.5}\n'
+        b'{"doc": "stop", "uid": "b", "seq": 1, "t_s": 2.5, "unix_s": 9.0, "status": "done"}\n{"doc": "st'
+    )
+    add_to_end(path, {"reason": "again"}, 12.3456789)
+    *_, before, last = read_journal(path)
+    assert before["uid"] == "b"
+    assert last.pop("uid") not in ("a", "b")
+    assert last == {"doc": "stop", "seq": 2, "t_s": 2.5, "unix_s": 12.345679, "status": "done", "reason": "again"}

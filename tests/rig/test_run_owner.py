@@ -1,0 +1,374 @@
+"""What a run answers to others, and a pause that ends wherever somebody first says so."""
+
+import io
+import os
+import select
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import rig.cli.interrupts as interrupts
+import rig.cli.run_owner as owning_module
+from rig.cli.interrupts import STOP_SIGNAL, Pause, at_a_safe_point, interrupt_main, stoppable
+from rig.cli.run_owner import Owner, owning
+from rig.data import RunFolder
+from rig.plan.config import Config
+from rig.session.control.announcements import RefusedError, announced
+from rig.session.control.stop_switch import StopSwitch
+from rig.session.session import NewRun
+from tests.waiting import DEADLINE_S, until
+
+if STOP_SIGNAL is None:
+    pytest.skip("only where there are signals", allow_module_level=True)
+
+
+@pytest.fixture
+def owner() -> Owner:
+    return Owner(StopSwitch(None, lambda: None), virtual=False)
+
+
+def _asked(owner: Owner, do: str) -> Any:
+    return owner.answers[do]({"do": do})
+
+
+# --- in one word ---
+
+
+def test_what_it_is_at(owner: Owner) -> None:
+    def state() -> str:
+        return str(_asked(owner, "status")["state"])
+
+    assert state() == "planning"
+    with owner.asking():
+        assert state() == "asking"
+    owner.at("running")
+    assert state() == "running"
+    with owner.asking():
+        assert state() == "asking"
+    owner.pause.ask_from_elsewhere()
+    assert state() == "pausing"
+    owner.pause.waits = True
+    assert state() == "paused"
+    owner.at("reporting")
+    assert state() == "reporting"
+
+
+def test_it_is_no_more_asking_where_nobody_answered(owner: Owner) -> None:
+    with pytest.raises(KeyboardInterrupt), owner.asking():
+        raise KeyboardInterrupt
+    assert owner.state == "planning"
+
+
+def test_where_the_run_is(owner: Owner, tmp_path: Path) -> None:
+    told: list[Path] = []
+    owner.told = told.append
+    assert _asked(owner, "status") == {"state": "planning", "run": None, "stopped": False}
+    owner.begins(RunFolder(tmp_path))
+    assert (_asked(owner, "status")["run"], told) == (str(tmp_path), [tmp_path])
+
+
+def test_a_note_that_cannot_be_written_ends_no_run(owner: Owner, tmp_path: Path) -> None:
+    def full(run: Path) -> None:
+        raise OSError(28, "No space left")
+
+    owner.told = full
+    owner.begins(RunFolder(tmp_path))
+    assert owner.folder == RunFolder(tmp_path)
+
+
+def test_a_stop_is_told_of_with_the_state_it_came_in(owner: Owner) -> None:
+    owner.at("running")
+    assert owner.stopped() is False
+    with owner.asking():
+        assert _asked(owner, "stop") == {"stopped": True}
+    assert (owner._stopped_while, owner.stopped(), _asked(owner, "status")["stopped"]) == ("asking", True, True)
+
+
+@pytest.mark.parametrize("do", ["pause", "go_on"])
+@pytest.mark.parametrize("phase", ["planning", "reporting"])
+def test_only_what_runs_is_paused(owner: Owner, do: str, phase: Any) -> None:
+    owner.at(phase)
+    words = {"pause": "there is nothing to pause", "go_on": "it is not paused"}[do]
+    assert _asked(owner, do) == {"ok": False, "problem": f"it is {phase}: {words}"}
+    assert owner.pause.asked() is False
+
+
+def test_a_pause_and_its_end(owner: Owner, capsys: pytest.CaptureFixture[str]) -> None:
+    owner.at("running")
+    assert _asked(owner, "go_on") == {"ok": False, "problem": "it is running: it is not paused"}
+    for _ in range(2):
+        assert _asked(owner, "pause") == {"state": "pausing"}
+    assert owner.pause.asked() is True
+    assert _asked(owner, "go_on") == {"state": "running"}
+    assert owner.pause.asked() is False
+    assert capsys.readouterr().err == (
+        "pausing, as the panel asks: stopping at the next safe point; Ctrl-C stops now\ngoing on, as the panel asks\n"
+    )
+
+
+# --- whoever says first that it goes on ---
+
+
+class Keyboard:
+    """A terminal whose line comes when a test types it."""
+
+    def __init__(self) -> None:
+        self.read, self.write = os.pipe()
+
+    def fileno(self) -> int:
+        return self.read
+
+    def isatty(self) -> bool:
+        return True
+
+    def readline(self) -> str:
+        return os.read(self.read, 100).decode()
+
+    def types(self, line: bytes) -> None:
+        os.write(self.write, line)
+
+
+class Screen(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+Terminal = Callable[[], tuple[Keyboard, Screen]]
+
+
+@pytest.fixture
+def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Terminal]:
+    """To be called in the test itself: where it is set up, standard error is another one."""
+    keyboard, screen = Keyboard(), Screen()
+
+    def sit_down() -> tuple[Keyboard, Screen]:
+        monkeypatch.setattr(sys, "stdin", keyboard)
+        monkeypatch.setattr(sys, "stderr", screen)
+        return keyboard, screen
+
+    yield sit_down
+    os.close(keyboard.read)
+    os.close(keyboard.write)
+
+
+@contextmanager
+def _as_soon_as_it_waits(pause: Pause, act: Callable[[], object]) -> Iterator[None]:
+    def wait() -> None:
+        until(lambda: pause.waits)
+        act()
+
+    thread = threading.Thread(target=wait)
+    thread.start()
+    yield
+    thread.join(DEADLINE_S)
+
+
+@pytest.mark.parametrize("asked", ["ask", "ask_from_elsewhere"])
+@pytest.mark.parametrize("answered", ["typed", "elsewhere"])
+def test_at_a_terminal_it_goes_on_with_whoever_is_first(terminal: Terminal, asked: str, answered: str) -> None:
+    keyboard, screen = terminal()
+    pause = Pause()
+    getattr(pause, asked)()
+    act = {"typed": lambda: keyboard.types(b"\n"), "elsewhere": pause.go_on_from_elsewhere}[answered]
+    with _as_soon_as_it_waits(pause, act):
+        assert pause.go_on() is True
+    assert (pause.asked(), pause.waits) == (False, False)
+    said = screen.getvalue()
+    assert "paused, the indentor is lifted: Enter goes on, Ctrl-C ends the run; rig resume can take it up" in said
+    assert ("going on, as the panel asks" in said) is (answered == "elsewhere")
+
+
+def test_the_end_of_the_keyboard_ends_a_pause_that_was_asked_elsewhere(terminal: Terminal) -> None:
+    keyboard, _ = terminal()
+    pause = Pause()
+    pause.ask_from_elsewhere()
+    keyboard.readline = lambda: ""  # type: ignore[method-assign]
+    keyboard.types(b"\x04")
+    assert pause.go_on() is False
+    assert pause.asked() is True
+
+
+def test_what_was_typed_for_somebody_else_is_not_taken(terminal: Terminal) -> None:
+    """A pause that went on from elsewhere leaves the next line to whoever asks next."""
+    keyboard, _ = terminal()
+    pause = Pause()
+    pause.ask_from_elsewhere()
+    with _as_soon_as_it_waits(pause, pause.go_on_from_elsewhere):
+        assert pause.go_on() is True
+    keyboard.types(b"bar:3.0\n")
+    assert keyboard.readline() == "bar:3.0\n"
+
+
+@pytest.fixture
+def nobody(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> pytest.CaptureFixture[str]:
+    """There is no terminal."""
+    monkeypatch.setattr(sys, "stdin", io.StringIO("\n"))
+    return capsys
+
+
+def test_without_a_terminal_the_panel_is_waited_for(nobody: pytest.CaptureFixture[str]) -> None:
+    pause = Pause()
+    pause.ask_from_elsewhere()
+    with _as_soon_as_it_waits(pause, pause.go_on_from_elsewhere):
+        assert pause.go_on() is True
+    assert "paused, the indentor is lifted: the panel goes on, Ctrl-C ends the run\n" in nobody.readouterr().err
+
+
+def test_without_a_terminal_nobody_is_waited_for_where_a_signal_asked(nobody: pytest.CaptureFixture[str]) -> None:
+    pause = Pause()
+    pause.ask()
+    assert pause.go_on() is False
+    assert "paused" not in nobody.readouterr().err
+
+
+@pytest.mark.parametrize("end", ["ask", "hang_up"])
+def test_a_signal_ends_a_pause_that_only_the_panel_would_end(
+    nobody: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, end: str
+) -> None:
+    """SIGTERM, or a terminal that goes away: nobody is left who knows of the panel."""
+    monkeypatch.setattr(os, "dup2", lambda *_: None)
+    pause = Pause()
+    pause.ask_from_elsewhere()
+    with _as_soon_as_it_waits(pause, getattr(pause, end)):
+        assert pause.go_on() is False
+
+
+def test_ctrl_c_stops_at_once_where_the_panel_has_asked_for_a_pause(nobody: object) -> None:
+    with at_a_safe_point() as pause:
+        pause.ask_from_elsewhere()
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        assert pause.asked() is True
+
+
+def test_a_pause_of_ones_own_is_the_one_that_is_asked(nobody: object) -> None:
+    own = Pause()
+    with at_a_safe_point(own) as pause:
+        assert pause is own
+
+
+def test_where_a_keyboard_cannot_be_looked_at_it_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows, whose select knows sockets only."""
+
+    def no_socket(*_: object) -> None:
+        raise OSError(10038, "not a socket")
+
+    monkeypatch.setattr(select, "select", no_socket)
+    assert interrupts._typed(0.0) is True
+
+
+# --- the main thread ---
+
+
+def _from_a_thread(act: Callable[[], object]) -> None:
+    thread = threading.Thread(target=act)
+    thread.start()
+    thread.join(DEADLINE_S)
+    until(lambda: False)  # interrupted, or never
+
+
+@pytest.mark.parametrize("signals", [True, False])
+def test_the_main_thread_is_interrupted_from_another_one(monkeypatch: pytest.MonkeyPatch, signals: bool) -> None:
+    with stoppable():
+        if not signals:
+            monkeypatch.setattr(interrupts, "STOP_SIGNAL", None)
+        with pytest.raises(KeyboardInterrupt):
+            _from_a_thread(interrupt_main)
+
+
+def test_afterwards_the_signal_does_what_it_did_before() -> None:
+    assert STOP_SIGNAL is not None
+    before = signal.getsignal(STOP_SIGNAL)
+    with stoppable():
+        assert signal.getsignal(STOP_SIGNAL) is signal.default_int_handler
+    assert signal.getsignal(STOP_SIGNAL) is before
+
+
+# --- announced ---
+
+
+class Script:
+    name = "two"
+
+
+SCRIPT: Any = Script()
+
+
+def _owning(into: NewRun, *, virtual: bool = False, file: Path | None = None) -> Any:
+    config = Config.model_validate({"stage": {"port": "/dev/a"}, "force": {"port": "/dev/b"}})
+    return owning(SCRIPT, config, into, virtual=virtual, config_file=file)
+
+
+@pytest.mark.parametrize("virtual", [False, True])
+def test_a_run_is_announced_while_it_lasts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, virtual: bool) -> None:
+    monkeypatch.chdir(tmp_path)
+    with _owning(NewRun(Path("runs")), virtual=virtual, file=Path("rig.toml")) as owner:
+        (one,) = (one for one in announced() if one.pid == os.getpid())
+        assert (one.kind, one.virtual, one.ports) == ("run", virtual, () if virtual else ("/dev/a", "/dev/b"))
+        assert (one.out, one.config) == (str(tmp_path / "runs"), str(tmp_path / "rig.toml"))
+        assert (one.protocol, one.run) == ("two", None)
+        assert one.ask("status") == {"ok": True, "state": "planning", "run": None, "stopped": False}
+        with pytest.raises(RefusedError, match=r"^it is planning: there is nothing to pause$"):
+            one.ask("pause")
+        owner.begins(RunFolder(tmp_path / "runs" / "one"))
+        (one,) = (one for one in announced() if one.pid == os.getpid())
+        assert one.run == str(tmp_path / "runs" / "one")
+    assert not [one for one in announced() if one.pid == os.getpid()]
+
+
+def test_where_a_run_cannot_be_announced_it_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("RIG_RUNTIME_DIR", str(tmp_path / "file"))
+    with _owning(NewRun(tmp_path)) as owner:
+        owner.begins(RunFolder(tmp_path))
+    assert capsys.readouterr().err.startswith("rig: warning: no panel can reach this run: ")
+
+
+@pytest.mark.parametrize("began", [False, True])
+def test_a_stop_is_recorded_at_the_end_and_only_then(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], began: bool
+) -> None:
+    done: list[Any] = []
+
+    def before(script: Any, config: Config, into: NewRun, *, virtual: bool) -> RunFolder:
+        done.append(("before", into, virtual))
+        return RunFolder(tmp_path / "own")
+
+    monkeypatch.setattr(owning_module, "record_before", before)
+    monkeypatch.setattr(owning_module, "record_after", lambda *what: done.append(what))
+    with _owning(NewRun(tmp_path), virtual=True):
+        pass
+    assert done == []
+    folder = RunFolder(tmp_path / ("run" if began else "own"))
+    with suppress(KeyboardInterrupt), _owning(NewRun(tmp_path), virtual=True) as owner:
+        if began:
+            owner.begins(folder)
+            owner.at("reporting")
+        owner.switch.sent.write("its bytes")
+        (one,) = (one for one in announced() if one.pid == os.getpid())
+        _from_a_thread(lambda: one.ask("stop"))
+    state = "reporting" if began else "planning"
+    assert done == [*([] if began else [("before", NewRun(tmp_path), True)]), (folder, state, "its bytes")]
+    assert (f"rig: the stop is recorded in {folder.path}\n" in capsys.readouterr().err) is not began
+
+
+def test_a_stop_that_cannot_be_recorded_is_told_of(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left")
+
+    monkeypatch.setattr(owning_module, "record_after", full)
+    with _owning(NewRun(tmp_path), virtual=True) as owner:
+        owner.begins(RunFolder(tmp_path))
+        owner.switch._interrupt_main = lambda: None
+        owner.switch.stop()
+    assert capsys.readouterr().err == "rig: the stop could not be recorded: [Errno 28] No space left\n"
