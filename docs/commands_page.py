@@ -9,8 +9,16 @@ from rig.cli import program
 _HEAD = """\
 # Commands
 
-What `rig COMMAND --help` prints, on one page. Exit codes: 0 done, 1 stopped by a limit, a trip or a device, 2 bad
-input, 130 stopped by Ctrl-C.
+What `rig COMMAND --help` prints, on one page.
+
+Exit codes: 0 done; 1 stopped by a limit, a trip or a device, or nobody read the output; 2 bad input or a file
+that cannot be written (one line: what, where, what was expected); 130 stopped by Ctrl-C. `--json` prints
+exactly one JSON object on standard output; all else goes to standard error.
+
+In `rig dry-run`, `run` and `resume` Ctrl-C stops at the next safe point and lifts (so does a terminal that
+goes away), and a second one stops at once; every other command it ends at once, and `rig serve` with 0. They
+say how much time is left from the first second on; in a pipe they say one line for each indentation, and
+beside `--json` nothing.
 """
 
 
