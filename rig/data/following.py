@@ -13,12 +13,15 @@ class Following:
     def __init__(self, folder: RunFolder) -> None:
         self._path, self._at, self._line = folder.events, 0, 0
 
-    def new(self) -> list[Document]:
-        """What came since the last time; a line that is not whole yet is left for the next. Raises RunError."""
+    def new(self, most: int = -1) -> list[Document]:
+        """What came since the last time; a line that is not whole yet is left for the next. Raises RunError.
+
+        most: bytes, more than the longest line; what is beyond them is left, too. Without it all that there is.
+        """
         try:
             with self._path.open("rb") as file:
                 file.seek(self._at)
-                whole, end, _ = file.read().rpartition(b"\n")
+                whole, end, _ = file.read(most).rpartition(b"\n")
         except FileNotFoundError:
             return []
         except OSError as error:

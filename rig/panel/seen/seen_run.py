@@ -11,7 +11,7 @@ from rig.data.summary import FOREIGN, foreign
 from rig.devices.units import GWT_N
 from rig.engine.journal import Document
 from rig.panel.drawn.job import Job, Press
-from rig.panel.outlet import Row, Source
+from rig.panel.outlet import SHOWN_S, Row, Source
 from rig.panel.seen.growing import GROWS_S, written_s
 from rig.panel.seen.limits_told import limits_told
 from rig.plan.config import Config, load_config
@@ -24,6 +24,8 @@ COLUMNS = (
     *("phase", "index", "purpose"),
 )
 READING = "sample"
+AT_ONCE = 1 << 20
+"""Bytes: a journal of hours is read in pieces, and of its readings the last minute is kept."""
 
 
 class SeenRun:
@@ -61,19 +63,22 @@ class SeenRun:
         return self.alive
 
     def _new(self) -> list[Row]:
+        rows: list[Row] = []
         try:
-            documents = self._journal.new()
             self._read_config()
+            while documents := self._journal.new(AT_ONCE):
+                rows = _latest(rows) + self._taken(documents)
+            self.seen.take(())  # its course may have been written since
         except (RunError, BadInputError) as error:
             self.problem = str(error)
-            return []
-        at_s = written_s(self.folder.path) if documents else 0.0
-        try:
-            self.seen.take(documents)
-            return [row for document in documents for row in self._take(document, at_s)]
         except FOREIGN as error:
             self.problem = foreign(error)
-            return []
+        return rows
+
+    def _taken(self, documents: list[Document]) -> list[Row]:
+        at_s = written_s(self.folder.path)
+        self.seen.take(documents)
+        return [row for document in documents for row in self._take(document, at_s)]
 
     def _read_config(self) -> None:
         if self._config is None and self.folder.config.is_file():
@@ -172,6 +177,12 @@ class SeenRun:
     def schedule_told(self) -> list[dict[str, Any]]:
         """Its steps."""
         return [_step(*step) for step in self.seen.steps]
+
+
+def _latest(rows: list[Row]) -> list[Row]:
+    """Those that a page is shown."""
+    at = COLUMNS.index("t_s")
+    return [row for row in rows if row[at] >= rows[-1][at] - SHOWN_S]
 
 
 def _step(name: tuple[str, int, int], words: str, marks: Mapping[str, Any], when: str) -> dict[str, Any]:

@@ -10,12 +10,14 @@ import pytest
 from rig.data.folder import RunFolder
 from rig.devices.units import GWT_N
 from rig.panel.drawn.job import Job, Press
+from rig.panel.outlet import SHOWN_S
 from rig.panel.seen.growing import GROWS_S, growing, written_s
 from rig.panel.seen.limits_told import limits_told
 from rig.panel.seen.seen_bench import HAND, SeenBench
-from rig.panel.seen.seen_run import COLUMNS, SeenRun
+from rig.panel.seen.seen_run import AT_ONCE, COLUMNS, SeenRun
 from rig.plan.agenda import Course
 from rig.plan.config import Config
+from rig.plan.timeline import Timeline
 
 NOW_S = 2000.0
 START = {"protocol": "steps", "title": "Steps", "subject": "S07", "planned_indentations": 2, "soft_trip_n": 0.05}
@@ -225,6 +227,39 @@ def test_what_cannot_be_read_is_told_and_not_looked_at_again(spoil: Any, problem
     assert seen.told(going=True)["problem"] == seen.problem
     run.event("sample", **SAMPLE)
     assert seen.look(NOW_S) == []
+
+
+def test_who_comes_late_reads_in_pieces_and_is_told_of_the_last_minute(
+    run: Written, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert AT_ONCE == 2**20
+    monkeypatch.setattr("rig.panel.seen.seen_run.AT_ONCE", 1000)
+    for _ in range(200):
+        run.event("sample", **SAMPLE)
+    run.event("note", text="a")
+    seen = SeenRun(run.path)
+    seconds = [row[1] for row in seen.look(NOW_S)]
+    assert seconds[-1] == 201.0
+    assert 201.0 - SHOWN_S - 10.0 <= seconds[0] <= 201.0 - SHOWN_S
+    assert seconds == [seconds[0] + k for k in range(len(seconds))]
+    assert seen.newest["t_s"] == 201.0
+    run.event("sample", **SAMPLE)
+    assert [row[1] for row in seen.look(NOW_S)] == [203.0]
+
+
+def test_what_came_at_once_is_told_whole(run: Written) -> None:
+    """A server that hung for minutes tells all that it missed."""
+    for _ in range(200):
+        run.event("sample", **SAMPLE)
+    assert len(SeenRun(run.path).look(NOW_S)) == 200
+
+
+def test_a_schedule_marks_its_presses() -> None:
+    timeline = Timeline(lambda: 1.0)
+    timeline.event("indentation_start", {**PRESS, "block": 1, "repeat": 2, "condition": "c"})
+    timeline.event("move", {"x_mm": 0.5, "along_mm": 0.0})
+    timeline.event("reference_indentation_start", PRESS)
+    assert timeline.marks == {("indentation_start", 0, 0): {"block": 1, "repeat": 2, "condition": "c"}}
 
 
 # --- which run ---
