@@ -30,6 +30,7 @@ study-coding: setup
 
 studies: study-bench
 	$(BIN)/python -m studies.source.pages study --sensitivity
+	$(BIN)/python -m studies.source.allowed study
 	$(BIN)/python -m studies.coding.pages study --draws 200
 
 docs: .venv/.ready-dev

@@ -52,6 +52,8 @@ def spread_among(candidates: Array, n: int, taken: Array) -> Array:
 def run(asked: Asked, places: Array, path: Path, say: Say = print) -> kept.Table:
     """Every finger that the table has not yet; each is on disk before the next is begun."""
     done = set(kept.read(path, asked.parameters, asked.facts).numbers.tolist())
+    if len(done) < len(places):
+        kept.write_provenance(path, fingers=len(places), seed=SEED)
     for number, place in enumerate(places):
         if number in done:
             continue

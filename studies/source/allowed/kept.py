@@ -17,6 +17,7 @@ from sim.models.cache import simulator_code
 
 Array = NDArray[np.float64]
 RESULTS = Path(__file__).parent / "results"
+COMMAND = "python -m studies.source.allowed"
 DIGITS = 6
 
 
@@ -67,10 +68,10 @@ def read(path: Path, parameters: Sequence[str], facts: Sequence[str]) -> Table:
     return Table(np.array([int(row["finger"]) for row in rows], dtype=np.int64), columns(parameters), columns(facts))
 
 
-def provenance(command: str, **more: object) -> dict[str, object]:
-    """What made a table."""
-    return {
-        "command": command,
+def write_provenance(path: Path, **more: object) -> None:
+    """What makes a table, beside it: wave_1.csv has wave_1.json."""
+    told = {
+        "command": COMMAND,
         "commit": _commit(),
         "simulator": simulator_code()[:16],
         "python": platform.python_version(),
@@ -79,13 +80,10 @@ def provenance(command: str, **more: object) -> dict[str, object]:
         "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
         **more,
     }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.with_suffix(".json").write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
 
 
 def _commit() -> str:
     asked = ["git", "-C", str(Path(__file__).parent), "rev-parse", "--short=12", "HEAD"]
     return subprocess.run(asked, capture_output=True, text=True, check=False).stdout.strip() or "unknown"
-
-
-def write_provenance(path: Path, found: Mapping[str, object]) -> None:
-    """Beside a table: wave_1.csv has wave_1.json."""
-    path.with_suffix(".json").write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")

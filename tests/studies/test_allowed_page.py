@@ -1,0 +1,207 @@
+"""Which fingers the source allows: what is kept, what is told of it, and when the default finger may change."""
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from studies.source.allowed import design, kept, page, study, summary
+from studies.source.allowed.emulator import learn
+from studies.source.allowed.facts import FACTS
+from studies.source.allowed.implausible import Judge, MeshError, worst
+from studies.source.allowed.ranges import COARSE, DEFAULT, FULL, NAMES, RANGES, place_of, values_at
+from studies.source.allowed.study import CHOOSES, KEYS, TARGETS, Study, best_places, better, made, score
+from studies.source.allowed.waves import Left, Plan
+
+Array = NDArray[np.float64]
+TABLES = sorted(kept.RESULTS.glob("*.csv"))
+
+
+def in_the_middle() -> Array:
+    """(facts,) each on its target."""
+    return np.array([f.low if np.isfinite(f.low) else f.high for f in FACTS])
+
+
+def off_by(away: Array) -> Array:
+    """(facts,) each so many deviations beyond its target."""
+    sd = np.array([np.hypot(f.reading, f.model) for f in FACTS])
+    return np.array([f.high + a if np.isfinite(f.high) else f.low - a for f, a in zip(FACTS, away * sd, strict=True)])
+
+
+@pytest.fixture(scope="module")
+def small() -> Study:
+    """Of emulators that all say ten times the first parameter, or that less a hundred; a quarter is left."""
+    x = design.filling(64, len(NAMES))
+    near, far = learn(x, 10 * x[:, 0]), learn(x, 10 * x[:, 0] - 1e6)
+    judges = [
+        Judge(replace(t, low=-np.inf, high=2.5, reading=1e-6, model=0.0), MeshError(0.5, 0.25), near, 1.0, 0.125)
+        for t in TARGETS
+    ]
+    judges[1] = replace(judges[1], target=replace(judges[1].target, low=0.0, high=np.inf), emulator=far)
+    of = np.array(CHOOSES)
+    allowed = x[:, 0] <= 0.25
+    chosen, checked = ([one for one, c in zip(judges, of == half, strict=True) if c] for half in (True, False))
+    left, checks = (Left(64, 1.5, x, allowed, mine) for mine in (chosen, checked))
+    facts = np.stack([off_by(np.full(len(FACTS), off)) for off in (2.0, 0.5)])
+    best = kept.Table(np.array([0, 1]), np.array([list(values_at(p).values()) for p in x[:2]]), facts)
+    default = off_by(np.where(CHOOSES, 4.0, 1.0))
+    return Study([MeshError()] * len(FACTS), [left, left], checks, default, best)
+
+
+# --- when the default may change ---
+
+
+def test_the_score_of_a_half_counts_what_is_ruled_out_and_takes_the_rms() -> None:
+    away = np.where(CHOOSES, 4.0, 1.0)
+    away[int(np.flatnonzero(~CHOOSES)[0])] = 0.0
+    n = int((~CHOOSES).sum())
+    assert score(off_by(away), CHOOSES) == (int(CHOOSES.sum()), pytest.approx(4.0))
+    assert score(off_by(away), ~CHOOSES) == (0, pytest.approx(np.sqrt((n - 1) / n)))
+    missing = off_by(away)
+    missing[np.flatnonzero(CHOOSES)[:3]] = np.nan
+    assert score(missing, CHOOSES) == (int(CHOOSES.sum()) - 3, pytest.approx(4.0))
+
+
+@pytest.mark.parametrize(
+    ("choose", "check", "may"),
+    [(1.0, 0.9, True), (0.9, 0.9, True), (1.0, 1.0, False), (1.1, 0.5, False), (0.5, 1.1, False)],
+)
+def test_the_default_changes_only_where_checks_improve_and_choices_are_no_worse(
+    choose: float, check: float, may: bool
+) -> None:
+    found = off_by(np.where(CHOOSES, choose, check))
+    assert better(found, off_by(np.ones(len(FACTS)))) is may
+
+
+@pytest.mark.parametrize("half", [True, False])
+def test_a_fact_more_that_is_ruled_out_is_worse_whatever_the_rms(half: bool) -> None:
+    before, after = np.full(len(FACTS), 2.9), np.full(len(FACTS), 1.0)
+    after[int(np.flatnonzero(half == CHOOSES)[0])] = 3.1
+    assert not better(off_by(after), off_by(before))
+
+
+def test_the_best_places_are_allowed_and_the_least_bad_is_the_first(small: Study) -> None:
+    places = best_places(small.last)
+    left = small.last
+    inside = left.places[left.allowed]
+    assert len(places) == study.BEST == 4
+    assert all((inside == place).all(axis=1).any() for place in places)
+    assert worst(left.judges, places[:1], left.inflation)[0] == worst(left.judges, inside, left.inflation).min()
+    assert len(np.unique(places, axis=0)) == len(places)
+
+
+# --- what is told ---
+
+
+def test_a_parameter_is_pinned_where_little_of_its_range_is_left(small: Study) -> None:
+    first, *others = summary.pins(small)
+    assert first.one is RANGES[0]
+    left = small.last.places[small.last.allowed][:, 0]
+    assert (first.least, first.most) == (RANGES[0].at(left.min()), RANGES[0].at(left.max()))
+    low, high = np.quantile(left, (0.05, 0.95))
+    assert (first.low, first.high) == (RANGES[0].at(low), RANGES[0].at(high))
+    assert first.part == pytest.approx((high - low) / 0.9)
+    assert first.pinned
+    assert not any(pin.pinned for pin in others)
+
+
+def test_a_fact_is_out_of_reach_where_no_finger_comes_near(small: Study) -> None:
+    found = summary.lines(small)
+    assert [line.fact for line in found] == list(FACTS)
+    assert [line.fact.key for line in found if line.out_of_reach] == [KEYS[1]]
+    assert {line.chooses for line in found if line.fact.figure == "4-4"} == {True}
+    assert found[0].default.off == pytest.approx(4.0)
+    assert found[0].best.off == pytest.approx(0.5)
+
+
+def test_the_best_is_the_one_that_the_choosing_half_likes_best(small: Study) -> None:
+    assert summary.best_row(small) == 1
+
+
+def test_facts_met_are_counted_within_one_and_within_the_cut_off(small: Study) -> None:
+    found, n = summary.lines(small), int(CHOOSES.sum())
+    assert summary.met(found, True) == (n, 0, n, 0, n)
+    assert summary.met(found, False)[0] == len(FACTS) - n
+
+
+def test_the_page_has_a_row_for_each_wave_parameter_half_fact_and_finger(small: Study, tmp_path: Path) -> None:
+    told = page.markdown(small)
+    tables = [part.splitlines() for part in told.split("\n\n") if part.startswith("|")]
+    assert [len(table) - 2 for table in tables] == [2, len(RANGES), 2, len(FACTS), 3]
+    assert all(len(row.split("|")) == len(table[0].split("|")) for table in tables for row in table)
+    assert tables[0][-1] == f"| 2 | 64 | 1.5 | {small.last.share:.2%} |"
+    assert "(out of reach)" in tables[3][3]
+    assert "+0.5 ± 0.25" in tables[3][2]
+    page.drawn(small, tmp_path / "one.png")
+    assert (tmp_path / "one.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "told"),
+    [(1.0, 1.0, "1"), (-np.inf, 0.05, "≤ 0.05"), (0.85, np.inf, "≥ 0.85"), (1, 1.5, "1 … 1.5")],
+)
+def test_a_target_is_told(low: float, high: float, told: str) -> None:
+    assert page._target(low, high) == told
+
+
+# --- what is kept ---
+
+
+def test_waves_meshes_and_the_best_are_kept() -> None:
+    names = {path.stem for path in TABLES}
+    assert {"mesh_design", "mesh_default", "wave_1", "best"} <= names
+
+
+@pytest.mark.parametrize("path", TABLES, ids=lambda path: path.stem)
+def test_a_kept_table_says_what_made_it(path: Path) -> None:
+    told = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+    assert told["command"] == "python -m studies.source.allowed"
+    assert len(told["commit"]) >= 12
+    assert (told["seed"], told["fingers"]) == (1998, len(path.read_text(encoding="utf-8").splitlines()) - 1)
+    assert {"simulator", "python", "numpy", "scipy", "date"} <= set(told)
+
+
+@pytest.mark.parametrize("path", TABLES, ids=lambda path: path.stem)
+def test_a_kept_table_has_fingers_of_the_ranges_and_all_facts(path: Path) -> None:
+    found = kept.read(path, NAMES, KEYS)
+    with path.open(encoding="utf-8") as file:
+        assert next(csv.reader(file)) == ["finger", *NAMES, *KEYS]
+    np.testing.assert_array_equal(found.numbers, np.arange(len(found.numbers)))
+    for one, values in zip(RANGES, found.values.T, strict=True):
+        assert values.min() >= one.low * (1 - 1e-5) - 1e-5
+        assert values.max() <= one.high * (1 + 1e-5) + 1e-5
+    assert np.isfinite(found.facts).mean() > 0.95
+
+
+def test_the_first_wave_is_the_design() -> None:
+    found = kept.read(kept.RESULTS / "wave_1.csv", NAMES, KEYS)
+    places = design.filling(Plan().first, len(NAMES))
+    expected = [list(values_at(place).values()) for place in places]
+    np.testing.assert_allclose(found.values, expected, rtol=1e-5, atol=1e-5)
+
+
+def test_both_meshes_have_the_default_finger_and_some_of_the_first_wave() -> None:
+    coarse, full = (kept.read(kept.RESULTS / f"mesh_{name}.csv", NAMES, KEYS) for name in ("design", "default"))
+    np.testing.assert_array_equal(coarse.values, full.values)
+    np.testing.assert_allclose(coarse.values[0], list(DEFAULT.values()))
+    first = kept.read(kept.RESULTS / "wave_1.csv", NAMES, KEYS)
+    np.testing.assert_allclose(coarse.facts[1:], first.facts[: study.COMPARED], rtol=1e-4, atol=1e-4)
+    assert len(full.numbers) == study.COMPARED + 1
+    assert not np.allclose(coarse.facts, full.facts, equal_nan=True)
+    assert COARSE["spacing_mm"] > FULL["spacing_mm"] == 0.17
+
+
+def test_what_is_kept_is_not_pressed_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nor written: meshes, waves and the best are read, and all that is left is judging."""
+    said: list[str] = []
+    monkeypatch.setattr(study, "best_places", lambda left: np.zeros((study.BEST, len(NAMES))))
+    before = {path: path.read_bytes() for path in kept.RESULTS.iterdir()}
+    found = made(kept.RESULTS, said.append, Plan(places=2**9))
+    assert not [text for text in said if "finger " in text]
+    assert {path: path.read_bytes() for path in kept.RESULTS.iterdir()} == before
+    assert len(found.best.numbers) == study.BEST
+    assert place_of(DEFAULT).shape == (len(NAMES),)
