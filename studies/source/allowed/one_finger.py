@@ -88,7 +88,7 @@ def finger(values: Values, mesh: Mapping[str, Any]) -> Fingertip:
 
 
 def _places(config: FingertipConfig, surface: FingertipSurface) -> ReceptorSet:
-    """A close row, the ten receptors and, where the bone leaves room, the deep row."""
+    """A close row, the ten receptors and, where the pulp is thick enough, the deep row."""
     rows: list[tuple[Sequence[float], float]] = [(ROW_X_MM, ROW_DEPTH_MM), (DEFAULT_X_MM, DEFAULT_DEPTH_MM)]
     found = [receptors_at(config, surface, ReceptorPlaces.of(*row, None)) for row in rows]
     with contextlib.suppress(ReceptorError):

@@ -18,8 +18,8 @@ Flags = NDArray[np.bool_]
 class Plan:
     """Fingers of the first wave and of each later one, places at which they are judged, and when to stop."""
 
-    first: int = 64
-    later: int = 24
+    first: int = 32
+    later: int = 32
     places: int = 2**15
     waves: int = 4
     still: float = 0.9  # of the places left before are left: it no longer shrinks
