@@ -48,8 +48,9 @@ def small() -> Study:
     left, checks = (Left(64, 1.5, x, allowed, mine) for mine in (chosen, checked))
     facts = np.stack([off_by(np.full(len(FACTS), off)) for off in (2.0, 0.5)])
     best = kept.Table(np.array([0, 1]), np.array([list(values_at(p).values()) for p in x[:2]]), facts)
-    default = off_by(np.where(CHOOSES, 4.0, 1.0))
-    return Study([MeshError()] * len(FACTS), [left, left], checks, default, best)
+    default = off_by(np.where(CHOOSES, 4.0, 0.9))
+    alike = kept.Table(best.numbers, best.values, np.stack([off_by(np.full(len(FACTS), 1.5))] * 2))
+    return Study([MeshError()] * len(FACTS), [left, left], checks, default, best, alike)
 
 
 # --- when the default may change ---
@@ -123,17 +124,25 @@ def test_the_best_is_the_one_that_the_choosing_half_likes_best(small: Study) -> 
 
 
 def test_facts_met_are_counted_within_one_and_within_the_cut_off(small: Study) -> None:
-    found, n = summary.lines(small), int(CHOOSES.sum())
-    assert summary.met(found, True) == (n, 0, n, 0, n)
-    assert summary.met(found, False)[0] == len(FACTS) - n
+    found, n, m = summary.lines(small), int(CHOOSES.sum()), int((~CHOOSES).sum())
+    assert summary.met(found, True, 1.01) == (0, 0, n)
+    assert summary.met(found, True, 1.6) == (0, n, n)
+    assert summary.met(found, False, 1.01) == (m, 0, m)
 
 
 def test_the_page_has_a_row_for_each_wave_parameter_half_fact_and_finger(small: Study, tmp_path: Path) -> None:
     told = page.markdown(small)
     tables = [part.splitlines() for part in told.split("\n\n") if part.startswith("|")]
-    assert [len(table) - 2 for table in tables] == [2, len(RANGES), 2, len(FACTS), 3]
+    assert [len(table) - 2 for table in tables] == [2, len(RANGES), 2, len(FACTS), 2]
     assert all(len(row.split("|")) == len(table[0].split("|")) for table in tables for row in table)
     assert tables[0][-1] == f"| 2 | 64 | 1.5 | {small.last.share:.2%} |"
+    n, m = int(CHOOSES.sum()), int((~CHOOSES).sum())
+    assert tables[2][2:] == [
+        f"| choose | {n} | 0, 0, 4.00 | 0, {n}, 1.50 | {n}, {n}, 0.50 |",
+        f"| check | {m} | {m}, {m}, 0.90 | 0, {m}, 1.50 | {m}, {m}, 0.50 |",
+    ]
+    assert [row.rpartition(" | ")[2] for row in tables[4][2:]] == ["no |", "yes |"]
+    assert "| 0, 2.00; 0, 2.00 | 0, 1.50; 0, 1.50 |" in tables[4][2]
     assert "(out of reach)" in tables[3][3]
     assert "+0.5 ± 0.25" in tables[3][2]
     page.drawn(small, tmp_path / "one.png")

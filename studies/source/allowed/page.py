@@ -51,16 +51,19 @@ def parameters(found: Sequence[Pin]) -> str:
 
 
 def halves(study: Study) -> str:
-    """Facts met by the default finger and by the best."""
-    found, best = lines(study), study.best.facts[best_row(study)]
+    """Facts met before and after: by the default finger, by it at the best one's low force, by the best."""
+    found, row = lines(study), best_row(study)
+    three = (study.default, study.alike.facts[row], study.best.facts[row])
     rows = []
     for name, chooses in (("choose", True), ("check", False)):
         flags = CHOOSES if chooses else ~CHOOSES
-        rms = (score(facts_, flags)[1] for facts_ in (study.default, best))
-        rows.append((name, *map(str, met(found, chooses)), *(f"{value:.2f}" for value in rms)))
-    within = f"within {CUT_OFF:g}"
-    header = ("half", "facts", "within 1: default", "best", f"{within}: default", "best", "rms: default", "best")
-    return _table(header, rows)
+        rms = [score(one, flags)[1] for one in three]
+        counts = [met(found, chooses, limit) for limit in (1.0, CUT_OFF)]
+        cells = (f"{near}, {within}, {off:.2f}" for near, within, off in zip(*counts, rms, strict=True))
+        rows.append((name, f"{int(flags.sum())}", *cells))
+    header = ("half", "facts", "default finger", "at the best one's low force", "best finger")
+    told = f"Facts within 1, within {CUT_OFF:g}, and the rms implausibility, on the default mesh:"
+    return f"{told}\n\n{_table(header, rows)}"
 
 
 def facts(found: Sequence[Line]) -> str:
@@ -109,14 +112,19 @@ def _target(low: float, high: float) -> str:
 def fingers(study: Study) -> str:
     """The best of what is left, and whether one may become the default."""
     rows = []
-    for number, values, found in zip(study.best.numbers, study.best.values, study.best.facts, strict=True):
+    best = study.best
+    for number, values, found, own in zip(best.numbers, best.values, best.facts, study.alike.facts, strict=True):
         told = ", ".join(f"{one.name.rpartition('.')[2]} {v:.3g}" for one, v in zip(RANGES, values, strict=True))
-        scores = [score(found, flags) for flags in (CHOOSES, ~CHOOSES)]
-        verdict = "yes" if better(found, study.default) else "no"
-        rows.append((f"{number}", told, *(f"{out} ruled out, rms {rms:.2f}" for out, rms in scores), verdict))
-    own = [score(study.default, flags) for flags in (CHOOSES, ~CHOOSES)]
-    rows.append(("default", "", *(f"{out} ruled out, rms {rms:.2f}" for out, rms in own), "–"))
-    return _table(("finger", "values", "choose", "check", "no worse in both, better in check"), rows)
+        cells = (f"{_scored(one, CHOOSES)}; {_scored(one, ~CHOOSES)}" for one in (found, own))
+        rows.append((f"{number}", told, *cells, "yes" if better(found, own) else "no"))
+    told = "Each of the best, and the default finger at its low force: facts ruled out and rms, choose; check."
+    header = ("finger", "values", "its own", "default finger", "check improves, choose no worse")
+    return f"{told}\n\n{_table(header, rows)}"
+
+
+def _scored(facts_: Array, flags: NDArray[np.bool_]) -> str:
+    out, rms = score(facts_, flags)
+    return f"{out}, {rms:.2f}"
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -151,3 +159,6 @@ def _panel(axes: Axes, one: Range, units: Array, away: Array) -> None:
     axes.axvline(DEFAULT[one.name], color="black", lw=0.8)
     axes.set_title(one.name.rpartition(".")[2], fontsize=8)
     axes.set(xlim=(one.low, one.high), ylim=(0, 2 * CUT_OFF), xscale="log" if one.log else "linear")
+    if one.log:
+        axes.set_xticks(ticks := [one.low, one.at(0.5), one.high], [f"{tick:.2g}" for tick in ticks], minor=False)
+        axes.minorticks_off()

@@ -12,7 +12,7 @@ from studies.source.allowed import design, kept
 from studies.source.allowed.facts import CHOOSE, FACTS, Fact
 from studies.source.allowed.implausible import CUT_OFF, MeshError, Target, measured, mesh_error, worst
 from studies.source.allowed.one_finger import facts_of
-from studies.source.allowed.ranges import COARSE, DEFAULT, FULL, NAMES, place_of, values_at
+from studies.source.allowed.ranges import COARSE, DEFAULT, FULL, LOW_FORCE, NAMES, place_of, values_at
 from studies.source.allowed.waves import Left, Match, Plan
 
 Array = NDArray[np.float64]
@@ -49,6 +49,7 @@ class Study:
     checks: Left
     default: Array  # (facts,) on the default mesh
     best: kept.Table
+    alike: kept.Table  # the default finger at the low force of each of the best
 
     @property
     def last(self) -> Left:
@@ -70,7 +71,10 @@ def made(folder: Path, say: design.Say, plan: Plan = PLAN) -> Study:
     lefts = match.all(say)
     checks = _match(~CHOOSES, meshes, plan, folder).judged(match.tables(len(lefts)), lefts[-1].inflation)
     best = design.run(asked(FULL), best_places(lefts[-1]), folder / "best.csv", say)
-    return Study(meshes, lefts, checks, full.facts[0], best)
+    forces = best.values[:, NAMES.index(LOW_FORCE)]
+    others = np.stack([place_of(DEFAULT | {LOW_FORCE: float(force)}) for force in forces])
+    alike = design.run(asked(FULL), others, folder / "default_alike.csv", say)
+    return Study(meshes, lefts, checks, full.facts[0], best, alike)
 
 
 def _match(chosen: Flags, meshes: Sequence[MeshError], plan: Plan, folder: Path) -> Match:
@@ -98,7 +102,8 @@ def score(facts: Array, chosen: Flags) -> tuple[int, float]:
 def better(facts: Array, default: Array) -> bool:
     """Whether a finger may become the default one: the checking half improves and the choosing half is no worse.
 
-    Improves: no more facts ruled out, and a lower rms. No worse: neither is higher.
+    Both at one low force, which is no part of a finger. Improves: no more facts ruled out, and a lower rms. No worse:
+    neither is higher.
     """
     (out, rms), (out_before, rms_before) = score(facts, ~CHOOSES), score(default, ~CHOOSES)
     chosen, chosen_before = score(facts, CHOOSES), score(default, CHOOSES)

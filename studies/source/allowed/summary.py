@@ -59,11 +59,12 @@ class Shown(NamedTuple):
 
 @dataclass(frozen=True)
 class Line:
-    """One fact: of the default finger and of the best one, and the least implausibility of any finger."""
+    """One fact: of the default finger, also at the best one's low force, and of the best; and the nearest of all."""
 
     fact: Fact
     chooses: bool
     default: Shown
+    alike: Shown
     best: Shown
     judge: Judge | None
     nearest: float  # with the emulator's error
@@ -77,12 +78,13 @@ class Line:
 def lines(study: Study) -> list[Line]:
     """In the order of the facts."""
     by_key = {judge.target.key: judge for judge in (*study.last.judges, *study.checks.judges)}
-    values = np.stack([study.default, study.best.facts[best_row(study)]])
+    row = best_row(study)
+    values = np.stack([study.default, study.alike.facts[row], study.best.facts[row]])
     off, found = measured(TARGETS, values), []
     for k, fact in enumerate(FACTS):
-        default, best = (Shown(float(values[row, k]), float(off[row, k])) for row in (0, 1))
+        default, alike, best = (Shown(float(v), float(o)) for v, o in zip(values[:, k], off[:, k], strict=True))
         judge = by_key.get(fact.key)
-        found.append(Line(fact, bool(CHOOSES[k]), default, best, judge, _nearest(judge, study.last.places)))
+        found.append(Line(fact, bool(CHOOSES[k]), default, alike, best, judge, _nearest(judge, study.last.places)))
     return found
 
 
@@ -96,11 +98,8 @@ def best_row(study: Study) -> int:
     return min(range(len(scores)), key=lambda k: scores[k])
 
 
-def met(lines_: Sequence[Line], chooses: bool) -> tuple[int, int, int, int, int]:
-    """Of one half: facts; within one deviation on the default finger and on the best; within the cut-off on them."""
-    half = [line for line in lines_ if line.chooses is chooses]
-
-    def within(limit: float) -> tuple[int, int]:
-        return sum(line.default.off <= limit for line in half), sum(line.best.off <= limit for line in half)
-
-    return len(half), *within(1.0), *within(CUT_OFF)
+def met(found: Sequence[Line], chooses: bool, limit: float) -> tuple[int, int, int]:
+    """Facts of one half within a limit: of the default finger, of it at the best one's low force, of the best."""
+    half = [(line.default, line.alike, line.best) for line in found if line.chooses is chooses]
+    default, alike, best = (sum(shown.off <= limit for shown in column) for column in zip(*half, strict=True))
+    return default, alike, best
