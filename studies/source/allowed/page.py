@@ -30,7 +30,9 @@ def waves(study: Study) -> str:
     rows = [
         (f"{k}", f"{one.fingers}", f"{one.inflation:g}", f"{one.share:.2%}") for k, one in enumerate(study.lefts, 1)
     ]
-    return _table(("wave", "fingers so far", "inflation", "left of all ranges"), rows)
+    table = _table(("wave", "fingers so far", "inflation", "left of all ranges"), rows)
+    both = np.mean(study.checks.allowed[study.last.allowed])
+    return f"{table}\n\nOf what is left the checking half allows {both:.0%}, of all ranges {study.checks.share:.0%}."
 
 
 def parameters(found: Sequence[Pin]) -> str:

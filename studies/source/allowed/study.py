@@ -23,7 +23,7 @@ CHOOSES = np.array([fact.figure in CHOOSE for fact in FACTS])
 COMPARED = 6
 """Fingers of the first wave that are built on the default mesh too, beside the default finger."""
 
-BEST = 4
+BEST = 3
 """Of what is left: built on the default mesh, to be laid beside the default finger."""
 
 

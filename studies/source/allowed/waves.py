@@ -19,7 +19,7 @@ class Plan:
     """Fingers of the first wave and of each later one, places at which they are judged, and when to stop."""
 
     first: int = 32
-    later: int = 32
+    later: int = 24
     places: int = 2**15
     waves: int = 4
     still: float = 0.9  # of the places left before are left: it no longer shrinks
