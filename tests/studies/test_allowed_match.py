@@ -280,17 +280,23 @@ def test_waves_on_a_section_close_in_on_the_finger_that_made_the_facts(tmp_path:
 
 
 @pytest.mark.parametrize(
-    ("before", "now", "still"),
-    [((1.0, 0.5), (1.0, 0.46), True), ((1.0, 0.5), (1.0, 0.4), False), ((1.0, 0.5), (1.1, 0.5), False),
-     ((1.2, 0.01), (1.1, 0.01), True)],
-)  # fmt: skip
-def test_waves_end_when_next_to_nothing_more_is_ruled_out(
-    before: tuple[float, float], now: tuple[float, float], still: bool, tmp_path: Path
+    ("inflations", "shares", "still"),
+    [
+        ((1.0, 1.0, 1.0), (0.5, 0.46, 0.42), True),
+        ((1.0, 1.0, 1.0), (0.5, 0.4, 0.4), False),
+        ((1.0, 1.0, 1.0), (0.5, 0.5, 0.4), False),
+        ((1.0, 1.0, 1.1), (0.5, 0.5, 0.5), False),
+        ((1.2, 1.1, 1.1), (0.1, 0.1, 0.1), True),
+        ((1.0, 1.0, 1.0, 1.0), (0.9, 0.4, 0.4, 0.4), True),
+        ((1.0, 1.0), (0.5, 0.5), False),
+        ((1.0,), (0.5,), False),
+    ],
+)
+def test_waves_end_when_two_in_a_row_rule_out_next_to_nothing(
+    inflations: tuple[float, ...], shares: tuple[float, ...], still: bool, tmp_path: Path
 ) -> None:
     lefts = [
         Left(1, inflation, np.zeros((100, 1)), np.arange(100) < round(100 * share), [])
-        for inflation, share in (before, now)
+        for inflation, share in zip(inflations, shares, strict=True)
     ]
-    match = Match(steps_of([]), [], [], Plan(), tmp_path)
-    assert match._still(lefts) is still
-    assert match._still(lefts[:1]) is False
+    assert Match(steps_of([]), [], [], Plan(), tmp_path)._still(lefts) is still

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ class Plan:
     """Fingers of the first wave and of each later one, places at which they are judged, and when to stop."""
 
     first: int = 32
-    later: int = 24
+    later: int = 32
     places: int = 2**15
     waves: int = 4
     still: float = 0.9  # of the places left before are left: it no longer shrinks
@@ -87,8 +88,9 @@ class Match:
         return self.folder / f"wave_{wave}.csv"
 
     def _still(self, lefts: Sequence[Left]) -> bool:
-        """Whether the last wave ruled out next to nothing, and asked for no more inflation."""
-        if len(lefts) < 2:
-            return False
-        before, now = lefts[-2:]
-        return now.inflation <= before.inflation and now.share >= self.plan.still * before.share
+        """Whether the last two waves ruled out next to nothing each, and asked for no more inflation."""
+        steps = list(pairwise(lefts[-3:]))
+        ruled = (
+            now.inflation > before.inflation or now.share < self.plan.still * before.share for before, now in steps
+        )
+        return len(steps) == 2 and not any(ruled)
