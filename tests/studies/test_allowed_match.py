@@ -263,13 +263,12 @@ def test_waves_on_a_section_close_in_on_the_finger_that_made_the_facts(tmp_path:
     true = section(TRUTH)
     targets = [Target(key, value, value, 0.004 * value, 0.0) for key, value in true.items()]
     asked = design.Asked(values_at, place_of, section, tuple(TRUTH), tuple(true))
-    plan = Plan(first=16, later=6, places=2**10, waves=3)
+    plan = Plan(fingers=(16, 6, 6), places=2**10)
     said: list[str] = []
     match = Match(asked, targets, [MeshError()] * 2, plan, tmp_path)
     lefts = match.all(said.append)
-    assert [left.fingers for left in lefts] == [16, 22, 28][: len(lefts)]
-    assert len(lefts) >= 2
-    assert [left.inflation for left in lefts] == [1.0] * len(lefts)
+    assert [left.fingers for left in lefts] == [16, 22, 28]
+    assert [left.inflation for left in lefts] == [1.0] * 3
     assert 0 < lefts[-1].share < 0.5
     assert worst(lefts[-1].judges, place_of(TRUTH)[None])[0] < 1.0
     later = match.tables(2)[1]

@@ -189,7 +189,7 @@ def test_a_kept_table_has_fingers_of_the_ranges_and_all_facts(path: Path) -> Non
 
 def test_the_first_wave_is_the_design() -> None:
     found = kept.read(kept.RESULTS / "wave_1.csv", NAMES, KEYS)
-    places = design.filling(Plan().first, len(NAMES))
+    places = design.filling(Plan().fingers[0], len(NAMES))
     expected = [list(values_at(place).values()) for place in places]
     np.testing.assert_allclose(found.values, expected, rtol=1e-5, atol=1e-5)
 

@@ -62,7 +62,7 @@ PLAN = Plan()
 
 def made(folder: Path, say: design.Say, plan: Plan = PLAN) -> Study:
     """From what is kept in a folder, and what is pressed now."""
-    first = design.filling(plan.first, len(NAMES))
+    first = design.filling(plan.fingers[0], len(NAMES))
     both = np.vstack([place_of(DEFAULT), first[:COMPARED]])
     coarse = design.run(asked(COARSE), both, folder / "mesh_design.csv", say)
     full = design.run(asked(FULL), both, folder / "mesh_default.csv", say)

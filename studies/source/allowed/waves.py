@@ -17,12 +17,10 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Plan:
-    """Fingers of the first wave and of each later one, places at which they are judged, and when to stop."""
+    """Fingers of each wave, places at which they are judged, and when to stop before the last."""
 
-    first: int = 32
-    later: int = 32
+    fingers: tuple[int, ...] = (32, 32, 12)
     places: int = 2**15
-    waves: int = 4
     still: float = 0.9  # of the places left before are left: it no longer shrinks
     least: float = 1e-3  # of all places must be left, or reading and model are trusted too much
 
@@ -55,14 +53,14 @@ class Match:
 
     def all(self, say: design.Say) -> list[Left]:
         """Every wave, until nothing more is ruled out."""
-        places = design.filling(self.plan.first, len(self.asked.parameters))
+        places = design.filling(self.plan.fingers[0], len(self.asked.parameters))
         tables = [design.run(self.asked, places, self._path(1), say)]
         lefts = [self.judged(tables)]
-        while len(lefts) < self.plan.waves and not self._still(lefts):
+        while len(lefts) < len(self.plan.fingers) and not self._still(lefts):
             left = lefts[-1]
             say(f"{left.share:.2%} left after {left.fingers} fingers, inflation {left.inflation:g}")
             taken = self.asked.places_of(kept.together(tables))
-            places = design.spread_among(left.places[left.allowed], self.plan.later, taken)
+            places = design.spread_among(left.places[left.allowed], self.plan.fingers[len(tables)], taken)
             tables.append(design.run(self.asked, places, self._path(len(tables) + 1), say))
             lefts.append(self.judged(tables))
         return lefts
