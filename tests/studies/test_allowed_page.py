@@ -9,15 +9,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from rig.compare.plausible import read_plausible
 from studies.source.allowed import design, kept, page, study, summary
 from studies.source.allowed.emulator import learn
 from studies.source.allowed.facts import FACTS
 from studies.source.allowed.implausible import Judge, MeshError, worst
-from studies.source.allowed.ranges import COARSE, DEFAULT, FULL, NAMES, RANGES, place_of, values_at
+from studies.source.allowed.ranges import COARSE, DEFAULT, FULL, LOW_FORCE, NAMES, RANGES, values_at
 from studies.source.allowed.study import CHOOSES, KEYS, TARGETS, Study, best_places, better, made, score
 from studies.source.allowed.waves import Left, Plan
 
 Array = NDArray[np.float64]
+EXAMPLE = Path(__file__).parents[2] / "examples" / "plausible_fingers" / "allowed_by_the_source.toml"
 TABLES = sorted(kept.RESULTS.glob("*.csv"))
 
 
@@ -205,13 +207,24 @@ def test_both_meshes_have_the_default_finger_and_some_of_the_first_wave() -> Non
     assert COARSE["spacing_mm"] > FULL["spacing_mm"] == 0.17
 
 
-def test_what_is_kept_is_not_pressed_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nor written: meshes, waves and the best are read, and all that is left is judging."""
+def test_what_is_kept_is_not_pressed_again_and_leaves_what_is_shipped() -> None:
+    """Meshes, waves and the best are read and judged: nothing is written, and the example has the ranges left."""
     said: list[str] = []
-    monkeypatch.setattr(study, "best_places", lambda left: np.zeros((study.BEST, len(NAMES))))
     before = {path: path.read_bytes() for path in kept.RESULTS.iterdir()}
-    found = made(kept.RESULTS, said.append, Plan(places=2**9))
+    found = made(kept.RESULTS, said.append, Plan(places=2**12))
     assert not [text for text in said if "finger " in text]
     assert {path: path.read_bytes() for path in kept.RESULTS.iterdir()} == before
-    assert len(found.best.numbers) == study.BEST
-    assert place_of(DEFAULT).shape == (len(NAMES),)
+    assert len(found.best.numbers) == len(found.alike.numbers) == study.BEST
+    assert found.last.inflation == 1.0
+    assert 0.02 < found.last.share < 0.2
+    left = {pin.one.name: pin for pin in summary.pins(found)}
+    shipped = read_plausible(EXAMPLE).ranges
+    for name, (low, high) in shipped.items():
+        assert low <= DEFAULT[name] <= high
+        assert (low, high) == (pytest.approx(left[name].low, rel=0.08), pytest.approx(left[name].high, rel=0.08))
+
+
+def test_the_default_finger_is_pressed_at_the_low_force_of_each_of_the_best() -> None:
+    best, alike = (kept.read(kept.RESULTS / f"{name}.csv", NAMES, KEYS) for name in ("best", "default_alike"))
+    expected = [list((DEFAULT | {LOW_FORCE: force}).values()) for force in best.values[:, NAMES.index(LOW_FORCE)]]
+    np.testing.assert_allclose(alike.values, expected, rtol=1e-5)

@@ -45,6 +45,7 @@ def run(rig: Rig) -> None:
         rig.indent(doi_mm=0.3, hold_s=0.2)
 """
 
+ALLOWED = Path(__file__).parents[3] / "examples" / "plausible_fingers" / "allowed_by_the_source.toml"
 RANGES = "[finger.tissue]\nepidermis_mm = [0.3, 0.5]\n"
 
 
@@ -166,3 +167,20 @@ def test_the_command(
     assert answer["answers"] != without["answers"]
     assert {**answer, **other} == {**without, **other}
     assert "plausible fingers" not in plain.read_text(encoding="utf-8")
+
+
+def test_the_shipped_fingers_that_the_source_allows_are_compared_with(
+    run: Run, coarse: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str],
+    empty_figures: None,
+) -> None:  # fmt: skip
+    by_force = next(stimulus for stimulus in stimuli(run, coarse) if stimulus.kind == "force_gwt")
+    afferent = afferent_for([by_force], "sed", 5, peak=60.0, silent=0.3)
+    rates = write_synthetic(tmp_path, record(afferent, by_force, np.linspace(-0.9, 0.9, 9), np.random.default_rng(1)))
+    words = ("rig", "compare", run.folder.path, "--recorded", f"cylinder:9={rates}", "--fingers", ALLOWED, "--exact")
+    monkeypatch.setattr("sys.argv", [str(word) for word in (*words, "--out", tmp_path / "a.html", "--json")])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    assert caught.value.code == 0
+    told = json.loads(capfd.readouterr().out)["fingers"]
+    assert told["built"] == 9
+    assert set(told["ranges"]) == {"tissue.e_dermis", "tissue.e_fat"}
