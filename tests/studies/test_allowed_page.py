@@ -146,6 +146,8 @@ def test_the_page_has_a_row_for_each_wave_parameter_half_fact_and_finger(small: 
     ]
     assert [row.rpartition(" | ")[2] for row in tables[4][2:]] == ["no |", "yes |"]
     assert "| 0, 2.00; 0, 2.00 | 0, 1.50; 0, 1.50 |" in tables[4][2]
+    assert tables[3][5].startswith("| 4-1 | check |")
+    assert tables[1][2].startswith("| `bone_axis_mm` | −0.4 … 0.8 |")
     assert "(out of reach)" in tables[3][3]
     assert "+0.5 ± 0.25" in tables[3][2]
     page.drawn(small, tmp_path / "one.png")

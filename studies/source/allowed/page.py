@@ -1,5 +1,6 @@
 """The page of the fingers that the source allows: tables as Markdown, and one figure."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from studies.source.allowed.summary import Line, Pin, best_row, lines, met, pins
 Array = NDArray[np.float64]
 
 _COLUMNS, _BINS = 5, 16
+_MINUS = re.compile(r"(?<![\w-])-(?=\d)")
 
 
 def markdown(study: Study) -> str:
@@ -131,7 +133,7 @@ def _scored(facts_: Array, flags: NDArray[np.bool_]) -> str:
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     lines_ = [header, ["---"] * len(header), *rows]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines_).replace("-", "−").replace("−−−", "---")
+    return _MINUS.sub("−", "\n".join(f"| {' | '.join(cells)} |" for cells in lines_))
 
 
 def drawn(study: Study, path: Path) -> None:
