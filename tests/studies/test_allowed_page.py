@@ -14,7 +14,8 @@ from studies.source.allowed import design, kept, page, study, summary
 from studies.source.allowed.emulator import learn
 from studies.source.allowed.facts import FACTS
 from studies.source.allowed.implausible import Judge, MeshError, worst
-from studies.source.allowed.ranges import COARSE, DEFAULT, FULL, LOW_FORCE, NAMES, RANGES, values_at
+from studies.source.allowed.pins import but_for_the_pinned, pins
+from studies.source.allowed.ranges import COARSE, DEFAULT, FULL, LOW_FORCE, NAMES, RANGES, place_of, values_at
 from studies.source.allowed.study import CHOOSES, KEYS, TARGETS, Study, best_places, better, made, score
 from studies.source.allowed.waves import Left, Plan
 
@@ -101,7 +102,7 @@ def test_the_best_places_are_allowed_and_the_least_bad_is_the_first(small: Study
 
 
 def test_a_parameter_is_pinned_where_little_of_its_range_is_left(small: Study) -> None:
-    first, *others = summary.pins(small)
+    first, *others = pins(small.last)
     assert first.one is RANGES[0]
     left = small.last.places[small.last.allowed][:, 0]
     assert (first.least, first.most) == (RANGES[0].at(left.min()), RANGES[0].at(left.max()))
@@ -110,6 +111,12 @@ def test_a_parameter_is_pinned_where_little_of_its_range_is_left(small: Study) -
     assert first.part == pytest.approx((high - low) / 0.9)
     assert first.pinned
     assert not any(pin.pinned for pin in others)
+
+
+def test_the_default_but_for_the_pinned_is_in_the_middle_of_what_is_left_of_those(small: Study) -> None:
+    place = but_for_the_pinned(small.last)
+    assert place[0] == pytest.approx(np.median(small.last.places[small.last.allowed][:, 0]))
+    np.testing.assert_allclose(place[1:], place_of(DEFAULT)[1:])
 
 
 def test_a_fact_is_out_of_reach_where_no_finger_comes_near(small: Study) -> None:
@@ -216,10 +223,10 @@ def test_what_is_kept_is_not_pressed_again_and_leaves_what_is_shipped() -> None:
     found = made(kept.RESULTS, said.append, Plan(places=2**12))
     assert not [text for text in said if "finger " in text]
     assert {path: path.read_bytes() for path in kept.RESULTS.iterdir()} == before
-    assert len(found.best.numbers) == len(found.alike.numbers) == study.BEST
+    assert len(found.best.numbers) == len(found.alike.numbers) == study.BEST + 1
     assert found.last.inflation == 1.0
     assert 0.02 < found.last.share < 0.2
-    left = {pin.one.name: pin for pin in summary.pins(found)}
+    left = {pin.one.name: pin for pin in pins(found.last)}
     shipped = read_plausible(EXAMPLE).ranges
     for name, (low, high) in shipped.items():
         assert low <= DEFAULT[name] <= high

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from rig.report.style import BLUE, GREY, ORANGE, Plot
 from studies.source.allowed.implausible import CUT_OFF, worst
+from studies.source.allowed.pins import Pin, pins
 from studies.source.allowed.ranges import DEFAULT, RANGES, Range
 from studies.source.allowed.study import CHOOSES, Study, better, score
-from studies.source.allowed.summary import Line, Pin, best_row, lines, met, pins
+from studies.source.allowed.summary import Line, best_row, lines, met
 
 Array = NDArray[np.float64]
 
@@ -23,7 +24,7 @@ _MINUS = re.compile(r"(?<![\w-])-(?=\d)")
 
 def markdown(study: Study) -> str:
     """All tables."""
-    parts = [waves(study), parameters(pins(study)), halves(study), facts(lines(study)), fingers(study)]
+    parts = [waves(study), parameters(pins(study.last)), halves(study), facts(lines(study)), fingers(study)]
     return "\n\n".join(["# Which fingers the source allows", *parts]) + "\n"
 
 

@@ -12,6 +12,7 @@ from studies.source.allowed import design, kept
 from studies.source.allowed.facts import CHOOSE, FACTS, Fact
 from studies.source.allowed.implausible import CUT_OFF, MeshError, Target, measured, mesh_error, worst
 from studies.source.allowed.one_finger import facts_of
+from studies.source.allowed.pins import but_for_the_pinned
 from studies.source.allowed.ranges import COARSE, DEFAULT, FULL, LOW_FORCE, NAMES, place_of, values_at
 from studies.source.allowed.waves import Left, Match, Plan
 
@@ -24,7 +25,7 @@ COMPARED = 6
 """Fingers of the first wave that are built on the default mesh too, beside the default finger."""
 
 BEST = 3
-"""Of what is left: built on the default mesh, to be laid beside the default finger."""
+"""Of what is left: built on the default mesh, and beside them the default finger but for what is pinned."""
 
 
 def asked(mesh: Mapping[str, float]) -> design.Asked:
@@ -70,7 +71,8 @@ def made(folder: Path, say: design.Say, plan: Plan = PLAN) -> Study:
     match = _match(CHOOSES, meshes, plan, folder)
     lefts = match.all(say)
     checks = _match(~CHOOSES, meshes, plan, folder).judged(match.tables(len(lefts)), lefts[-1].inflation)
-    best = design.run(asked(FULL), best_places(lefts[-1]), folder / "best.csv", say)
+    candidates = np.vstack([best_places(lefts[-1]), but_for_the_pinned(lefts[-1])])
+    best = design.run(asked(FULL), candidates, folder / "best.csv", say)
     forces = best.values[:, NAMES.index(LOW_FORCE)]
     others = np.stack([place_of(DEFAULT | {LOW_FORCE: float(force)}) for force in forces])
     alike = design.run(asked(FULL), others, folder / "default_alike.csv", say)

@@ -9,45 +9,9 @@ from numpy.typing import NDArray
 
 from studies.source.allowed.facts import FACTS, Fact
 from studies.source.allowed.implausible import CUT_OFF, Judge, measured
-from studies.source.allowed.ranges import RANGES, Range
 from studies.source.allowed.study import CHOOSES, TARGETS, Study, score
 
 Array = NDArray[np.float64]
-
-MIDDLE = (0.05, 0.95)
-PINNED = 0.75
-"""A parameter is pinned where nine tenths of what is left take less than this part of what they took before."""
-
-HALVES = ("choose", "check")
-
-
-@dataclass(frozen=True)
-class Pin:
-    """One parameter: lowest and highest value that is left, the middle nine tenths, and their part of the range's."""
-
-    one: Range
-    least: float
-    most: float
-    low: float
-    high: float
-    part: float
-
-    @property
-    def pinned(self) -> bool:
-        """Whether the source says something of it."""
-        return self.part < PINNED
-
-
-def pins(study: Study) -> list[Pin]:
-    """In the order of the ranges."""
-    left = study.last.places[study.last.allowed]
-    found = []
-    for one, units in zip(RANGES, left.T, strict=True):
-        low, high = np.quantile(units, MIDDLE)
-        part = float((high - low) / (MIDDLE[1] - MIDDLE[0]))
-        least, most = one.at(float(units.min())), one.at(float(units.max()))
-        found.append(Pin(one, least, most, one.at(float(low)), one.at(float(high)), part))
-    return found
 
 
 class Shown(NamedTuple):
