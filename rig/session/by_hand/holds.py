@@ -19,7 +19,7 @@ AHEAD_S = 1.0
 """By so much the clock of who says it may be ahead."""
 
 
-class Hold(BaseModel, frozen=True, allow_inf_nan=False):
+class Hold(BaseModel):
     """A button was down at unix_s: press counts the presses of a tab, and grows."""
 
     axis: Axis
@@ -62,7 +62,7 @@ class Holds:
     @property
     def live(self) -> bool:
         """Whether a button is held now."""
-        return self.press is not None and self._held() is not None
+        return self._held() is not None
 
     def take(self, hold: Hold) -> None:
         """A button is held. Raises LimitError for one that is too late, NotReadyError where another one is."""
