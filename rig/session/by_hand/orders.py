@@ -21,8 +21,8 @@ class Orders:
         self._lock, self._holds = threading.RLock(), Holds(clock)
         self._verb: Verb | None = None  # asked for
         self._doing: Hold | Verb | None = None
-        self._stops = self._stops_before = 0
         self.stopped = self.leaving = False
+        self._stopped_since: bool  # what is done now was begun
 
     @property
     def busy(self) -> str | None:
@@ -68,7 +68,7 @@ class Orders:
     def stop(self) -> None:
         """Nothing that was asked for counts any more."""
         with self._lock:
-            self.stopped, self._stops = True, self._stops + 1
+            self.stopped = self._stopped_since = True
             self._holds.drop()
             self._verb = None
 
@@ -81,7 +81,7 @@ class Orders:
     def next(self) -> Hold | Verb | None:
         """What is to be done now."""
         with self._lock:
-            self._doing, self._verb, self._stops_before = self._to_do, None, self._stops
+            self._doing, self._verb, self._stopped_since = self._to_do, None, False
             return self._doing
 
     def held(self, press: Hold) -> Callable[[], Direction | None]:
@@ -108,7 +108,7 @@ class Orders:
     def homed(self) -> None:
         """A stop is over with that, unless it came later than what is done now began."""
         with self._lock:
-            self.stopped = self._stops > self._stops_before
+            self.stopped = self._stopped_since
 
     def _refuse_stopped(self) -> None:
         if self.stopped:
