@@ -8,10 +8,10 @@ from typing import Annotated
 import typer
 
 from rig.cli.coded import pressed
-from rig.cli.decode_options import encoding_of, operator_of, receptor_of, refuse_together, search_of
+from rig.cli.decode_options import axial_of, encoding_of, operator_of, receptor_of, refuse_together, search_of
 from rig.cli.decode_said import as_json_object, draw, print_decoded
-from rig.cli.decode_sources import task_of_press, task_of_pressures, task_of_readings
-from rig.cli.decoding import DECODERS, Answer, DecoderName, Search, Task, decode
+from rig.cli.decode_sources import task_of_press, task_of_pressures, task_of_readings, tasks_of_row
+from rig.cli.decoding import DECODERS, Answer, DecoderName, Search, Task, best_explained, decode
 from rig.cli.options import FingertipOption, JsonOption
 from rig.cli.output import THE_FINGER, busy, print_json, told_in_one_line
 from rig.cli.pictures import PictureOption, checked_picture
@@ -43,6 +43,10 @@ def command(
     readings: Annotated[
         Path | None,
         typer.Option(metavar="FILE.csv", help="Or take these: places, depths, readings, noise; with z_mm a sheet."),
+    ] = None,
+    axial: Annotated[
+        str | None,
+        typer.Option(metavar="A", help="Of a row in the whole finger: ellipse:HALF-LENGTH in mm; ellipse: the best."),
     ] = None,
     x_mm: Annotated[float, typer.Option(metavar="X", help="Of the indentor's reference point.")] = 0.0,
     doi_mm: Annotated[float | None, typer.Option(metavar="D", help="How deep it is pressed.")] = None,
@@ -82,9 +86,10 @@ def command(
         how = encoding_of(energy, noise, snr_db, seed, receptor_of(gain, threshold))
         search = search_of(name, start, within, grid_step, seed)
         sampling = sampling_of(spacing_mm, half_length, receptor_depth_mm)
+        half_lengths = axial_of(axial, name, readings)
         checked_picture(picture)
         finger = load_config(config).finger
-        make: Callable[[], Task]
+        make: Callable[[], Task | list[Task]]
         what = "the plane-strain section: about a second …"
         if pressure is not None:
             samples = read_pressures(pressure)
@@ -95,8 +100,11 @@ def command(
         else:
             assert readings is not None
             given = read_readings(readings, finger)
-            what = what if given.z_mm is None else THE_FINGER
-            make = partial(task_of_readings, finger, how, given, spacing_mm, contacts=name == "ours")
+            what = what if given.z_mm is None and axial is None else THE_FINGER
+            if half_lengths:
+                make = partial(tasks_of_row, finger, how, given, spacing_mm, half_lengths)
+            else:
+                make = partial(task_of_readings, finger, how, given, spacing_mm, contacts=name == "ours")
         with busy(what, as_json=as_json):
             task, answer = _answered(make, name, search)
         if picture is not None:
@@ -107,9 +115,11 @@ def command(
             print_decoded(name, task, answer)
 
 
-def _answered(make: Callable[[], Task], decoder: DecoderName, search: Search) -> tuple[Task, Answer]:
+def _answered(make: Callable[[], Task | list[Task]], decoder: DecoderName, search: Search) -> tuple[Task, Answer]:
+    """Of several tasks of the same readings the one that explains them best."""
     try:
-        task = make()
+        made = make()
+        task = made if isinstance(made, Task) else best_explained(made)
         return task, decode(task, decoder, search)
     except DecodingError as error:
         raise BadInputError(str(error)) from None

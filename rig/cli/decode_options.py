@@ -13,9 +13,12 @@ from sim.coding.encoding import NOISE_PLACES, Noise, Receptor
 from sim.coding.energy import ENERGIES
 from sim.coding.fitted_receptor import FittedReceptor
 from sim.coding.operators import OPERATORS, OperatorName
+from sim.coding.sheets.axial_row import HALF_LENGTHS_MM
 
 _PLUS_MINUS = re.compile(r"±|\+/?-")
 _LARGEST = 1e9
+LEAST_MM, MOST_MM = 0.3, 10.0
+"""Half-lengths of contacts along the finger."""
 
 
 def refuse_together(pressure: str | None, shape: str | None, readings: Path | None, **others: object) -> None:
@@ -81,6 +84,27 @@ def search_of(decoder: DecoderName, start: str | None, within: str | None, step:
     if step is not None:
         bounded("--grid-step", step, 1e-6, _LARGEST)
     return Search(places, ends and (ends[0], ends[1]), step, seed)
+
+
+def axial_of(axial: str | None, decoder: DecoderName, readings: Path | None) -> tuple[float, ...]:
+    """Half-lengths of ellipses along the finger, mm, of which readings choose; none where no shape is named."""
+    if axial is None:
+        return ()
+    if readings is None:
+        raise BadInputError("--axial without --readings: expected a row of receptors in the whole finger")
+    _refuse("--axial", axial, decoder, ("ours",))
+    word, named, length = axial.partition(":")
+    if word == "ellipse" and not named:
+        return HALF_LENGTHS_MM
+    try:
+        half = float(length) if word == "ellipse" else math.nan
+    except ValueError:
+        half = math.nan
+    if not LEAST_MM <= half <= MOST_MM:
+        raise BadInputError(
+            f"--axial {axial}: expected ellipse, or ellipse:HALF-LENGTH of {LEAST_MM:g} … {MOST_MM:g} mm"
+        )
+    return (half,)
 
 
 def _refuse(option: str, value: object, decoder: DecoderName, takers: tuple[DecoderName, ...]) -> None:

@@ -56,6 +56,7 @@ def as_json_object(task: Task, answer: Answer) -> dict[str, Any]:
         "converged": answer.converged,
         "problems": list(answer.problems),
         "felt": _felt(operator, answer),
+        "axial": task.axial,
         "ms": answer.ms,
     }
 
@@ -68,6 +69,8 @@ def print_decoded(decoder: DecoderName, task: Task, answer: Answer) -> None:
         f"{decoder}, {operator.name}, SED {operator.energy}: {len(found)} pressures from M = {len(task.reading)} "
         f"readings in {answer.ms:.0f} ms, {'converged' if answer.converged else 'not converged'}{moves}"
     )
+    if task.axial is not None:
+        out.print(f"  of the receptor plane of the whole finger, under {task.axial} along it")
     if task.noise is not None and answer.profile is not None:
         out.print(f"  noise sd {np.median(task.noise.sd):.3g} of a reading, {task.noise.known}")
     out.print(f"  left of SED, root mean square {left(task, answer):.3g}, {_share(task, answer):.2%} of the highest")

@@ -1,5 +1,6 @@
 """Where `rig decode` takes readings from: pressures or a press that it encodes first, or a file."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -28,9 +29,11 @@ from sim.coding.operators import (
 from sim.coding.profile_decoder import FEWEST_FOR_CONTACTS
 from sim.coding.readings import sd_at_rest
 from sim.coding.sampled_section import SPACING_MM, SampledSection, Sampling, felt_section, sampled_section
+from sim.coding.sheets.axial_row import ROW_ERROR, AxialShape, felt_row
 from sim.coding.sheets.felt_skin import felt_skin
 from sim.coding.sheets.sheet_operator import FEWEST_PLACES, GRID_MM, SHEET_SPACING_MM, Grid, sheet_operator
 from sim.config.fingertip_config import FingertipConfig
+from sim.contact.patch import X, Z
 from sim.finger.surface import FingertipSurface
 from sim.measures.reach import points_below
 
@@ -82,9 +85,7 @@ def task_of_readings(
     """Pressures between the outermost receptors, so far apart; where they are not sought within contacts no more than
     there are readings, with straight lines between them.
     """
-    if (given.kind == "rate") != (how.receptor is not None):
-        expected = "--gain and --threshold beside rates" if given.kind == "rate" else "no --threshold beside SED"
-        raise BadInputError(f"--readings with a column {given.kind}: expected {expected}")
+    _refuse_kind(given, how)
     if given.z_mm is not None:
         if not contacts:
             raise BadInputError("--readings with a column z_mm: expected --decoder ours, the only one of sheets")
@@ -92,8 +93,7 @@ def task_of_readings(
             _over_sheet(config, given, spacing_mm, how.energy), given.reading, how.receptor, _noise(given, how)
         )
     section = felt_section(config, given.place_mm, given.depth_mm)
-    on_patch = section.line.places(section.model.patch.x)
-    low, high = np.clip(given.place_mm[[0, -1]], on_patch.min(), on_patch.max()).tolist()
+    low, high = _on_patch(given, section.line.places(section.model.patch.x))
     n = round((high - low) / spacing_mm)
     if n < 1:
         raise BadInputError(f"--readings over {high - low:g} mm of skin: expected more than {spacing_mm:g} mm")
@@ -103,6 +103,42 @@ def task_of_readings(
         few = np.linspace(low, high, min(n + 1, len(given.place_mm)))
         operator = normal_influence(section, few, SPACING_MM, how.energy)
     return Task(operator, given.reading, how.receptor, _noise(given, how))
+
+
+def tasks_of_row(
+    config: FingertipConfig, how: Encoding, given: GivenReadings, spacing_mm: float, half_lengths_mm: Sequence[float]
+) -> list[Task]:
+    """Pressures in the receptor plane of the whole finger, one task for each ellipse along it."""
+    _refuse_kind(given, how)
+    if given.z_mm is not None:
+        raise BadInputError("--axial beside a column z_mm: expected a row of receptors, a sheet needs no axial shape")
+    row = felt_row(config, given.place_mm, given.depth_mm)
+    low, high = _on_patch(given, row.line.places(row.felt.nodes_mm[:, X]))
+    n = round((high - low) / spacing_mm)
+    if n < FEWEST_FOR_CONTACTS:
+        least_mm = FEWEST_FOR_CONTACTS * spacing_mm
+        raise BadInputError(
+            f"--axial with a row over {high - low:.2f} mm of skin: expected {least_mm:.2f} mm or more"
+        )
+    centre_mm = row.line.surface.apex.position_mm[Z]
+    shapes = [AxialShape(half, centre_mm) for half in half_lengths_mm]
+    operators = row.under_each(shapes, np.linspace(low, high, n + 1), how.energy)
+    return [
+        Task(operator, given.reading, how.receptor, _noise(given, how), error=ROW_ERROR, axial=shape.name)
+        for shape, operator in zip(shapes, operators, strict=True)
+    ]
+
+
+def _refuse_kind(given: GivenReadings, how: Encoding) -> None:
+    if (given.kind == "rate") != (how.receptor is not None):
+        expected = "--gain and --threshold beside rates" if given.kind == "rate" else "no --threshold beside SED"
+        raise BadInputError(f"--readings with a column {given.kind}: expected {expected}")
+
+
+def _on_patch(given: GivenReadings, place_mm: Array) -> tuple[float, float]:
+    """From the first to the last receptor, as far as places of the patch go."""
+    low, high = np.clip(given.place_mm[[0, -1]], place_mm.min(), place_mm.max()).tolist()
+    return low, high
 
 
 def _over_sheet(config: FingertipConfig, given: GivenReadings, spacing_mm: float, energy: Energy) -> Operator:

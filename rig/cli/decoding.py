@@ -1,7 +1,7 @@
 """What `rig decode` reads back, and by which decoder: receptors, their readings, what is known of their noise."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple, get_args
 
@@ -50,6 +50,8 @@ class Task:
     receptor: FittedReceptor | None
     noise: Noisy | None  # None: nothing is known of it
     true: Array | None = None  # (n,) pressures
+    error: ModelError = field(default_factory=ModelError)
+    axial: str | None = None  # the shape along the finger under which a row is decoded, by name
 
     @property
     def sed(self) -> Array:
@@ -138,37 +140,46 @@ def decode(task: Task, decoder: DecoderName, search: Search) -> Answer:
     return Answer(found.pressure, found.converged, ms, None, found.path, within, tuple(problems))
 
 
-def _ours(task: Task, seed: int) -> Answer:
+def best_explained(tasks: Sequence[Task]) -> Task:
+    """Of the same readings under several axial shapes: the one whose pressures explain them best, at a quick look."""
+    return min(tasks, key=lambda task: _profile(task, _noise_of_ours(task), 0, table=False).misfit)
+
+
+def _noise_of_ours(task: Task) -> Noisy:
     if task.noise is None:
         raise BadInputError("--readings: expected a column sd or at_rest, decoder ours goes by the readings' noise")
+    return task.noise
+
+
+def _ours(task: Task, seed: int) -> Answer:
+    noise = _noise_of_ours(task)
     began = time.perf_counter()
-    profile = _profile(task, task.noise, seed)
+    profile = _profile(task, noise, seed)
     ms = 1e3 * (time.perf_counter() - began)
-    problems = (() if profile.converged else (CUT_OFF,)) + task.unexplained(profile.pressure, ModelError().share)
+    problems = (() if profile.converged else (CUT_OFF,)) + task.unexplained(profile.pressure, task.error.share)
     return Answer(profile.pressure, profile.converged, ms, profile, problems=problems)
 
 
-def _profile(task: Task, noise: Noisy, seed: int) -> Profile:
+def _profile(task: Task, noise: Noisy, seed: int, *, table: bool = True) -> Profile:
     """Readings whose noise differs are weighted until it does not."""
     sd = float(np.median(noise.sd))
     weight = sd / noise.sd
     operator, reading = weighted(task.operator, weight), weight * task.reading
 
+    def decoded(readings: Readings) -> Profile:
+        if isinstance(operator, SheetOperator):
+            return decode_sheet(operator, readings, operator.skin.grid.shape, task.error)
+        return decode_profile(operator, readings, task.error, seed, table=table)
+
     def through(receptor: Receptor) -> Profile:
         of_rates = Readings.of_rates if noise.at == "receptor" else Readings.of_noisy_rates
         unit = receptor.gain if noise.at == "receptor" else 1.0
         mine = Receptor(receptor.gain, weight * receptor.threshold)
-        return _decoded(operator, of_rates(reading, mine, sd / unit), seed)
+        return decoded(of_rates(reading, mine, sd / unit))
 
     if task.receptor is None:
-        return _decoded(operator, Readings.of_sed(reading, sd), seed)
+        return decoded(Readings.of_sed(reading, sd))
     return decode_through(task.receptor, through)
-
-
-def _decoded(operator: Operator, readings: Readings, seed: int) -> Profile:
-    if isinstance(operator, SheetOperator):
-        return decode_sheet(operator, readings, operator.skin.grid.shape)
-    return decode_profile(operator, readings, seed=seed)
 
 
 def _range(task: Task, search: Search) -> Range:

@@ -38,12 +38,9 @@ FEWEST_READINGS = 5
 _LOOSENED = 3.0
 """The model's error at the first look, over what it is: far from the answer linear SED is wrong too."""
 
-_VISIBLE = 1.0
-"""Singular values that the first look goes by, over noise: it has only to tell which sorts are possible."""
-
 _STARTS = 3
 _POSSIBLE = 8.0  # log evidence below the best at the first look
-_STILL_POSSIBLE = 6.0  # the same of the first round, which later ones move by less than 1
+_STILL_POSSIBLE = 4.0  # the same of the first round, which later ones move by less than 1
 _MOST_ROUNDS = 8
 _AS_GOOD = 0.5  # power at which the table is as good as a search beside it; below, its share falls with it
 _SETTLED = 0.02  # of the pressures, in relative L2
@@ -97,16 +94,17 @@ def decode_profile(
     seed: int = 0,
     *,
     prior: Prior | None = None,
+    table: bool = True,
 ) -> Profile:
     """Pressures and how sure they are. Raises DecodingError for readings that cannot be meant.
 
     Within `contacts` the mean over all that may be, of `smooth` ones the likeliest; by default within contacts,
-    unless there are few pressures.
+    unless there are few pressures. Without the table, which is made once for an operator, it is by the search alone.
     """
     error = ModelError() if error is None else error
     if (prior or ("contacts" if operator.parts.shape[2] >= FEWEST_FOR_CONTACTS else "smooth")) == "contacts":
         checked_readings(operator, readings.sed, FEWEST_READINGS)
-        return _within_contacts(operator, readings, error)
+        return _within_contacts(operator, readings, error, table=table)
     checked_readings(operator, readings.sed)
     return _smooth(operator, readings, error, seed)
 
@@ -126,7 +124,7 @@ class _Within:
     error: ModelError
     typical: float  # of pressures in contact
 
-    def seen_from(self, pressure: Array, loosened: float = 1.0, visible: float | None = None) -> Seen:
+    def seen_from(self, pressure: Array, loosened: float = 1.0) -> Seen:
         """Readings as linear in the pressures, about these; a silent receptor's by Newton's step."""
         there = self.operator.leaning(pressure)
         sed, slope = there.sed(pressure), there.slope(pressure)
@@ -134,7 +132,7 @@ class _Within:
         second = np.maximum(second, _DEAF / self.readings.sd**2)
         wrong = self.error.covariance(self.operator, sed) + self.operator.unsure(pressure)
         covariance = np.diag(1 / second) + loosened**2 * wrong
-        return linearised(slope, slope @ pressure - first / second, covariance, self.typical, visible)
+        return linearised(slope, slope @ pressure - first / second, covariance, self.typical)
 
     def begun(self, seen: Seen, model: Model) -> "_Round":
         """Models of one sort, seen from the mean of one of them."""
@@ -173,15 +171,17 @@ class _Round(NamedTuple):
         return self.at_top and self.moved <= _SETTLED
 
 
-def _within_contacts(operator: Operator, readings: Readings, error: ModelError) -> Profile:
+def _within_contacts(operator: Operator, readings: Readings, error: ModelError, *, table: bool) -> Profile:
     """By the table where it takes in most of what readings tell; else averaged over it and all sorts of answers."""
     start = smooth_start(operator.leaning(np.zeros(operator.parts.shape[2])), readings)
-    weighed = _by_table(operator, readings, error, start.pressure)
-    mixture, converged = weighed.mixture, True
-    share = weighed.power / _AS_GOOD
-    if share < 1:
-        found, converged = _by_search(operator, readings, error, start.pressure)
-        mixture = pooled(weighed.mixture, found, share)
+    weighed = _by_table(operator, readings, error, start.pressure) if table else None
+    share = 0.0 if weighed is None else weighed.power / _AS_GOOD
+    if weighed is not None and share >= 1:
+        mixture, converged = weighed.mixture, True
+    else:
+        mixture, converged = _by_search(operator, readings, error, start.pressure)
+        if weighed is not None:
+            mixture = pooled(weighed.mixture, mixture, share)
     pressure, sd = mixture.moments()
     return Profile(pressure, sd, start.smoothing, chi2(operator, readings, pressure), converged, mixture)
 
@@ -198,7 +198,7 @@ def _by_table(operator: Operator, readings: Readings, error: ModelError, begun: 
 def _by_search(operator: Operator, readings: Readings, error: ModelError, begun: Array) -> tuple[Mixture, bool]:
     """Each sort of answer that a first look and a first round leave possible; and whether all settled."""
     within = _Within(operator, readings, error, float(begun @ begun / begun.sum()))
-    seen = within.seen_from(begun, _LOOSENED, _VISIBLE)
+    seen = within.seen_from(begun, _LOOSENED)
     look = climbed(seen, [*runs(begun), *alone(len(begun))], _STARTS)
     rounds = [within.begun(seen, model) for model in look.best_of_sorts(_POSSIBLE).values()]
     best = max(one.mixture.log_weight.max() for one in rounds)

@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 
 from rig.compare.pressure_formula import Constants, curvature_at, finger_curvature, fit, together
 from sim.coding.encoding import noise_sd
-from sim.coding.frictionless import Frictionless, Skin, frictionless
-from sim.coding.operators import centred
+from sim.coding.frictionless import Skin
 from sim.coding.profile_decoder import decode_profile
 from sim.coding.profiles.felt_shape import felt_shape
 from sim.coding.readings import Readings
-from sim.coding.sampled_section import SPACING_MM, SampledSection
+from sim.coding.sampled_section import SampledSection
 from sim.contact.patch import X, Y
-from studies.coding.profiles_read_back import SAMPLES, SNR_DB, Scene, default_section, finer_section, pressed
+from studies.coding.profiles_part import default_operator, pressed_finger
+from studies.coding.profiles_read_back import SNR_DB, Scene, default_section, pressed
 from studies.source.pressure_fits import centred as centred_presses
 
 Array = NDArray[np.float64]
@@ -53,12 +53,12 @@ def rows(draws: int) -> Iterator[Row]:
     """One row for each cylinder and depth: means, and sds over draws of the noise."""
     for diameter in DIAMETERS_MM:
         for doi_mm in DEPTHS_MM:
-            true, sed = pressed(_finer(), Scene(f"cylinder:{diameter:g}", 0.2, doi_mm))
+            true, sed = pressed(pressed_finger(), Scene(f"cylinder:{diameter:g}", 0.2, doi_mm))
             sd = noise_sd(sed, SNR_DB)
             found = []
             for k in range(draws):
                 said = sed + sd * np.random.default_rng(SEED + k).normal(size=len(sed))
-                found.append(both(decode_profile(_operator(), Readings.of_sed(said, sd)).pressure))
+                found.append(both(decode_profile(default_operator(), Readings.of_sed(said, sd)).pressure))
             yield (
                 f"{diameter:g}",
                 f"{doi_mm:g}",
@@ -76,7 +76,7 @@ def _told(values: Array) -> str:
 
 def both(pressure: Array) -> tuple[float, float]:
     """Curvature in 1/mm by the circle on the skin less its displacement, and by Eq. 4.1; nan where it is not told."""
-    skin = _operator().skin
+    skin = default_operator().skin
     felt = felt_shape(skin, pressure)
     by_skin = 2 / felt.size_mm if felt.name == "cylinder" else np.nan
     inside, down = displaced(skin, pressure)
@@ -104,16 +104,6 @@ def constants() -> Constants:
 @cache
 def _same() -> SampledSection:
     return default_section()
-
-
-@cache
-def _finer() -> SampledSection:
-    return finer_section()
-
-
-@cache
-def _operator() -> Frictionless:
-    return frictionless(_same(), centred(SAMPLES + 1, SPACING_MM), "finite")
 
 
 if __name__ == "__main__":

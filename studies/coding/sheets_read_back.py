@@ -24,7 +24,7 @@ from sim.coding.profile_decoder import decode_profile
 from sim.coding.profiles.felt_shape import felt_shape
 from sim.coding.readings import Readings
 from sim.coding.sampled_section import SPACING_MM, felt_section
-from sim.coding.sheets.axial_row import AxialShape, FeltRow, decode_row, felt_row
+from sim.coding.sheets.axial_row import HALF_LENGTHS_MM, AxialShape, FeltRow, decode_row, felt_row
 from sim.coding.sheets.felt_skin import felt_skin
 from sim.coding.sheets.felt_solid import SOLIDS, SolidClass, extent_mm, felt_solid
 from sim.coding.sheets.sheet_decoder import decode_sheet
@@ -47,9 +47,6 @@ Flags = NDArray[np.bool_]
 PLANE_MM = FingertipConfig().receptor_plane_mm
 ROW_MM = centred(41, SPACING_MM)
 """Places of the row's receptors; the finger's patch is no wider."""
-
-HALF_LENGTHS_MM = (1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.3)
-"""Of the ellipses that a row is decoded under."""
 
 SHEET_MM = centred(13, 0.4)
 """Of the receptors, across and along, about the middle of the pad."""

@@ -260,7 +260,7 @@ def test_rates_from_a_file(rig: Program, section: FeltSection, felt: np.ndarray,
     assert_allclose(found["pressure"], direct["pressure"], atol=0.25 * max(direct["pressure"]))
     assert min(found["reading"]) == 0
     wide = rig(
-        "decode", "--readings", "rates.csv", "--gain", "30±3", "--threshold", f"{s0}±{0.1 * s0}", "--json"
+        "decode", "--readings", "rates.csv", "--gain", "30±4", "--threshold", f"{s0}±{0.1 * s0}", "--json"
     ).json
     assert np.mean(wide["sd"]) > 1.02 * np.mean(
         rig("decode", "--readings", "rates.csv", *through[:4], "--json").json["sd"]

@@ -1,6 +1,7 @@
 """A row of receptors of the whole finger under a named axial shape: what it feels of a press, and reads back."""
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,11 +12,14 @@ from sim.coding.borne import Borne
 from sim.coding.decoded import decoding_errors
 from sim.coding.encoding import noise_sd
 from sim.coding.operators import centred
+from sim.coding.profile_decoder import Profile
 from sim.coding.readings import Readings
+from sim.coding.sheets import axial_row
 from sim.coding.sheets.axial_row import AxialShape, FeltRow, decode_row, felt_row
 from sim.coding.sheets.felt_skin import FeltSkin
 from sim.coding.skin_line import SkinLine
 from sim.config.fingertip_config import FingertipConfig
+from sim.config.units import PSEUDO_E_EPIDERMIS
 from sim.contact.patch import X, Z
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
@@ -121,13 +125,56 @@ def test_a_cylinder_is_read_back_under_the_length_that_explains_it_best(
     assert ((low <= true) & (true <= high))[inside].mean() > 0.7
 
 
-def test_it_lies_below_places_of_the_receptor_plane(tmp_path: object, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_of_several_shapes_each_is_as_it_is_alone_and_only_the_best_has_a_table(
+    row: FeltRow, cylinder: IndentationResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shapes = [AxialShape(half, CENTRE) for half in (1.5, 2.5)]
+    for shape, operator in zip(shapes, row.under_each(shapes, ENDS, "finite"), strict=True):
+        alone = row.under(shape, ENDS, "finite")
+        assert_allclose(operator.parts, alone.parts)
+        assert_allclose(operator.lateral, alone.lateral)
+        assert_allclose(operator.skin.moved_mm, alone.skin.moved_mm)
+    made: list[bool] = []
+    decode = axial_row.decode_profile
+
+    def told(*given: Any, table: bool = True) -> Profile:
+        made.append(table)
+        return decode(*given, table=False)
+
+    monkeypatch.setattr(axial_row, "decode_profile", told)
+    sed = cylinder.receptor_measures["sed"]
+    decode_row(row, shapes, ENDS, Readings.of_sed(sed, noise_sd(sed, 30.0)))
+    assert made == [False, False, True]
+
+
+def test_the_skin_moves_as_its_nodes_do(row: FeltRow) -> None:
+    """Mixtures of few nodes, by rows of the compliance; against all of it."""
+    patch, felt = row.felt.model.patch, row.felt
+    rng = np.random.default_rng(0)
+    direction, share, seen = rng.normal(size=(3, len(patch))), rng.random((len(patch), 2)), np.zeros((len(patch), 2))
+    seen[[3, 40, 41], [0, 1, 1]] = (1.0, 0.25, 0.75)
+    force = direction[[0, 1]][:, :, None] * (patch.area_mm2[:, None] * share) / PSEUDO_E_EPIDERMIS
+    moved = (patch.compliance @ force.reshape(-1, 2)).reshape(2, len(patch), 2)
+    expected = np.stack([moved[:, 3], 0.25 * moved[:, 40] + 0.75 * moved[:, 41]], axis=1)
+    found = felt.moved(direction, share, seen)
+    assert_allclose(found[:2], expected)
+    assert not found[2].any()
+
+
+@pytest.mark.parametrize("depth_mm", [0.7, (0.6, 0.7, 0.8)])
+def test_it_lies_below_places_of_the_receptor_plane(
+    tmp_path: object, monkeypatch: pytest.MonkeyPatch, depth_mm: float | tuple[float, ...]
+) -> None:
     monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path))
     config = FingertipConfig(mesh=coarse_mesh(0.6, 0.6, patch_x_mm=2.0, patch_z_mm=1.5))
-    row = felt_row(config, np.array([-1.0, 0.0, 1.0]), 0.7)
+    row = felt_row(
+        config, np.array([-1.0, 0.0, 1.0]), depth_mm if isinstance(depth_mm, float) else np.array(depth_mm)
+    )
     points = row.felt.model.receptors.position_mm
     assert_allclose(points[:, Z], config.receptor_plane_mm)
-    assert_allclose([row.line.above(x, 0.7) for x in points[:, X]], [-1, 0, 1], atol=1e-3)
+    deep = np.broadcast_to(depth_mm, 3).tolist()
+    above = [row.line.above(x, depth) for x, depth in zip(points[:, X], deep, strict=True)]
+    assert_allclose(above, [-1, 0, 1], atol=1e-3)
     assert row.felt.model.patch.axes == (X, 1)
 
 

@@ -174,6 +174,8 @@ def test_a_table_is_made_once_for_an_operator(operator: Frictionless, monkeypatc
     assert_allclose(np.linalg.norm(table.sed, axis=1), 1.0, rtol=1e-5)
     assert_allclose(table.squared, table.sed**2)
     assert table.pressure.shape == (500, 39)
+    assert tables._drawn(500, 39) is tables._drawn(500, 39)
+    assert tables._drawn(500, 38).shape == (500, 38)
 
 
 # --- beside a search ---
@@ -202,6 +204,17 @@ def test_where_noise_is_loud_the_table_is_the_answer(
     assert found.converged
     assert found.mixture is not None
     assert len(found.mixture.mean) == 400
+
+
+def test_without_the_table_the_search_alone_is_the_answer(
+    operator: Frictionless, flat: Array, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = Mixture(np.zeros(1), np.full((1, 39), 100.0), np.zeros((1, 39)))
+    monkeypatch.setattr(profile_decoder, "_by_table", None)
+    monkeypatch.setattr(profile_decoder, "_by_search", lambda *_: (one, False))
+    found = decode_profile(operator, _said(operator, flat, 0.0, 0), table=False)
+    assert found.mixture is one
+    assert not found.converged
 
 
 @pytest.mark.parametrize(("power", "share"), [(0.1, 0.2), (0.375, 0.75), (0.5, 1.0), (0.9, 1.0)])

@@ -8,7 +8,6 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.stats import multivariate_normal, norm, truncnorm
 
-from sim.coding.profiles import seen as seeing
 from sim.coding.profiles.climb import (
     MOST_CONTACTS,
     Climb,
@@ -19,13 +18,14 @@ from sim.coding.profiles.climb import (
     runs,
     sort_of,
 )
-from sim.coding.profiles.contact import KINDS, Contact, Kind
+from sim.coding.profiles.contact import KINDS, Contact, Kind, table_of_contacts
+from sim.coding.profiles.evidence import explained
 from sim.coding.profiles.mixture import Mixture, cut_off, mixed, together
-from sim.coding.profiles.seen import Model, Seen, linearised
+from sim.coding.profiles.seen import Model, Posterior, Seen, linearised
 
 Array = NDArray[np.float64]
 
-BLUNT, SHARP = KINDS.index(Kind(0.7, 0.15, 0.15)), KINDS.index(Kind(0.7, 0.15, 2.0))
+BLUNT, SHARP = KINDS.index(Kind(0.7, 0.2, 0.2)), KINDS.index(Kind(0.7, 0.2, 2.0))
 TWO: Model = (Contact(0, 2, BLUNT), Contact(4, 7, SHARP))
 
 
@@ -45,9 +45,11 @@ def test_kinds_are_all_levels_with_all_ends_and_their_probabilities_sum_to_1() -
     assert len(set(KINDS)) == len(KINDS) == 12
     assert {kind.level for kind in KINDS} == {0.3, 0.7, 1.6}
     assert sum(np.exp(Contact(0, 3, kind).log_prior) for kind in range(12)) == pytest.approx(1.0)
-    blunt, sharp, both = (Contact(0, 3, KINDS.index(Kind(0.7, *e))) for e in ((0.15, 0.15), (0.15, 2.0), (2.0, 2.0)))
-    assert sharp.log_prior - blunt.log_prior == pytest.approx(np.log(0.3 / 0.7))
-    assert both.log_prior - blunt.log_prior == pytest.approx(2 * np.log(0.3 / 0.7))
+    ends = ((0.2, 0.2), (0.2, 2.0), (2.0, 0.2), (2.0, 2.0))
+    each = np.exp([Contact(0, 3, KINDS.index(Kind(0.7, *end))).log_prior for end in ends])
+    # the last end is told to be as the first with 0.4, else drawn anew; sharp with 0.4
+    assert_allclose(3 * each, [0.6 * (0.4 + 0.6 * 0.6), 0.6 * 0.6 * 0.4, 0.4 * 0.6 * 0.6, 0.4 * (0.4 + 0.6 * 0.4)])
+    assert [kind.sharp for kind in KINDS] == 3 * [False, True, True, True]
 
 
 def test_a_contact_has_its_level_inside_and_half_of_it_at_its_ends() -> None:
@@ -60,9 +62,9 @@ def test_a_sharp_end_lets_its_two_samples_stand_out() -> None:
     sd = np.sqrt(np.diag(Contact(0, 8, SHARP).covariance)) / 0.7
     inside = 0.5**2 + 0.2**2 + 0.02**2
     assert_allclose(sd[2:6] ** 2, inside)
-    assert_allclose(sd[[1, 6]] ** 2, [inside + 0.15**2, inside + 2.0**2])
+    assert_allclose(sd[[1, 6]] ** 2, [inside + 0.2**2, inside + 2.0**2])
     outermost = (0.5**2 + 0.2**2) / 4 + 0.02**2 + 0.3**2
-    assert_allclose(sd[[0, 7]] ** 2, [outermost + 0.15**2, outermost + 2.0**2])
+    assert_allclose(sd[[0, 7]] ** 2, [outermost + 0.2**2, outermost + 2.0**2])
 
 
 def test_pressures_inside_go_together_the_more_the_nearer() -> None:
@@ -77,9 +79,8 @@ def test_pressures_inside_go_together_the_more_the_nearer() -> None:
 # --- evidence and posterior ---
 
 
-def test_evidence_is_the_density_of_the_readings_under_the_prior(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_evidence_is_the_density_of_the_readings_under_the_prior() -> None:
     """Against scipy, in the readings' own space: but for the constant of the normal density, nothing is left out."""
-    monkeypatch.setattr(seeing, "VISIBLE", 0.0)
     rng = np.random.default_rng(0)
     slope, value, root = rng.normal(size=(9, 7)), 30 * rng.normal(size=9), rng.normal(size=(9, 9))
     noise, typical = root @ root.T + np.eye(9), 25.0
@@ -92,29 +93,43 @@ def test_evidence_is_the_density_of_the_readings_under_the_prior(monkeypatch: py
         assert evidence == pytest.approx(density.logpdf(value) + 4.5 * np.log(2 * np.pi) + places)
 
 
-def test_what_cannot_be_seen_is_dropped_and_changes_next_to_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    slope = np.diag([1.0, 0.3, 0.019 / 5, 0.021, 1e-3, 0.0, 0.0])
-    value, models = np.array([8.0, 2, 0.1, 0, 0.3, 0, 0.2]), [TWO, alone(7)[3]]
-    cut = linearised(slope, value, np.eye(7), 10.0)
-    assert cut.matrix.shape == (3, 7)
-    monkeypatch.setattr(seeing, "VISIBLE", 0.0)
-    assert_allclose(
-        cut.log_evidence(models), linearised(slope, value, np.eye(7), 10.0).log_evidence(models), atol=0.1
-    )
+def test_loops_of_the_evidence_say_the_same_uncompiled_and_of_any_number_of_models(seven: Seen) -> None:
+    models: list[Model] = [TWO, (Contact(0, 7, 2),), (Contact(3, 4, 11),), *alone(7)]
+    together = seven.log_evidence(models)
+    assert_allclose([seven.log_evidence([model])[0] for model in models], together, rtol=1e-12)
+    at = np.array([[TWO[0], TWO[1]], [(0, 7, 2), (0, 0, 0)]])
+    mean, root, _ = table_of_contacts(7)
+    plain = explained.py_func(at, np.array([2, 1]), mean, root, seven.precision, seven.towards)  # type: ignore[attr-defined]
+    prior = [sum(contact.log_prior - np.log(28) for contact in model) for model in models[:2]]
+    assert_allclose(plain + seven.nothing + prior, together[:2], rtol=1e-12)
+
+
+def test_the_table_of_contacts_has_each_with_nothing_beyond_it() -> None:
+    mean, root, log_prior = table_of_contacts(5)
+    assert mean.shape == (12, 5, 5)
+    for kind in range(12):
+        for k in range(5):
+            contact = Contact(0, k + 1, kind)
+            assert_allclose(mean[kind, k], np.pad(contact.mean, (0, 4 - k)))
+            assert_allclose(root[kind, k] @ root[kind, k].T, np.pad(contact.covariance, (0, 4 - k)), atol=1e-12)
+        assert log_prior[kind] == contact.log_prior
 
 
 def test_the_posterior_is_that_of_linear_readings(seven: Seen) -> None:
-    means, covariances = seven.posterior([(Contact(2, 5, BLUNT),), TWO])
-    for model, mean, covariance in zip([(Contact(2, 5, BLUNT),), TWO], means, covariances, strict=True):
+    models: list[Model] = [(Contact(2, 5, BLUNT),), TWO]
+    found = seven.posterior(models)
+    means, variances = found.over(7)
+    for k, model in enumerate(models):
         before, prior = _of(model)
         on = np.diag(prior) > 0
-        inside = np.ix_(on, on)
-        precision = np.linalg.inv(prior[inside]) + seven.matrix[:, on].T @ seven.matrix[:, on]
-        assert_allclose(covariance[inside], np.linalg.inv(precision), atol=1e-9)
-        left = seven.value - seven.matrix @ before
-        assert_allclose(mean[on], before[on] + np.linalg.solve(precision, seven.matrix[:, on].T @ left))
-        assert not mean[~on].any()
-        assert not covariance[~on].any()
+        inside, size = np.ix_(on, on), int(on.sum())
+        covariance = np.linalg.inv(np.linalg.inv(prior[inside]) + seven.precision[inside])
+        assert_allclose(found.covariance[k, :size, :size], covariance, atol=1e-9)
+        left = seven.towards - seven.precision @ before
+        assert_allclose(means[k, on], before[on] + covariance @ left[on])
+        assert_allclose(variances[k, on], np.diag(covariance))
+        assert not means[k, ~on].any()
+        assert not variances[k, ~on].any()
 
 
 def _of(model: Model) -> tuple[Array, Array]:
@@ -152,10 +167,15 @@ def test_neighbours_move_ends_change_kinds_split_join_leave_out_and_add() -> Non
     assert (Contact(0, 7, BLUNT),) in around
     assert (first, Contact(4, 5, SHARP), Contact(6, 7, SHARP)) in around
     assert (first, second, Contact(10, 12, BLUNT)) in around
-    alike = set(neighbours(TWO, 12, alike=True))
+    alike = set(neighbours(TWO, 12, Sort(2, sharp=True)))
     assert alike < around
     assert {len(model) for model in alike} == {2}
     assert (first, second._replace(stop=9)) in alike
+    assert {sort_of(model) for model in alike} == {Sort(2, sharp=True)}
+    assert (first._replace(kind=7), second) in alike
+    assert (first, second._replace(kind=BLUNT)) not in alike  # the only sharp one
+    blunt = (first, second._replace(kind=BLUNT))
+    assert {sort_of(model) for model in neighbours(blunt, 12, Sort(2, sharp=False))} == {Sort(2, sharp=False)}
 
 
 def test_what_lies_above_a_share_of_the_peak_is_a_contact() -> None:
@@ -250,10 +270,12 @@ def test_models_are_weighed_by_evidence_and_by_how_surely_they_are_positive(seve
     good, bad, far = (Contact(2, 5, BLUNT),), (Contact(0, 2, BLUNT),), (Contact(5, 7, BLUNT),)
     mixture = mixed(seven, {good: -1.0, bad: -2.0, far: -90.0})
     assert len(mixture.log_weight) == 2
-    means, covariances, above = cut_off(*seven.posterior([good, bad]))
+    found = seven.posterior([good, bad])
+    inside, covariances, above = cut_off(found.mean, found.covariance)
+    means, variances = Posterior(found.at, inside, covariances).over(7)
     assert_allclose(mixture.log_weight, np.array([-1.0, -2.0]) + above)
     assert_allclose(mixture.mean, 40.0 * means)
-    assert_allclose(mixture.sd**2, 1600.0 * np.diagonal(covariances, axis1=1, axis2=2), atol=1e-9)
+    assert_allclose(mixture.sd**2, 1600.0 * variances, atol=1e-9)
     both = together([mixture, mixture])
     assert_allclose(both.moments()[0], mixture.moments()[0])
     assert both.mean.shape == (4, 7)

@@ -1,6 +1,6 @@
 """Which contacts explain readings best: a climb from the runs of a first guess, by ends, kinds, splits and joins."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -13,11 +13,12 @@ Array = NDArray[np.float64]
 
 MOST_CONTACTS = 3
 
-_ANY = KINDS.index(Kind(0.7, 0.15, 0.15))  # the kind that a contact begins as
-_SHARP = {k for k, kind in enumerate(KINDS) if max(ENDS) in kind[1:]}
+_ANY = KINDS.index(Kind(0.7, ENDS[0], ENDS[0]))  # the kind that a contact begins as
+_SHARP = tuple(k for k, kind in enumerate(KINDS) if kind.sharp)
+_BLUNT = tuple(k for k in range(len(KINDS)) if k not in _SHARP)
 _SHARES = (0.02, 0.05, 0.1, 0.2, 0.4)  # of the highest pressure: what lies above is a contact
 _NEW_WIDTHS = (2, 6)  # samples
-_MOVES = (-2, -1, 0, 1, 2)  # samples
+_FARTHEST = 2  # samples that an end moves at once
 _MOST_STEPS = 20
 
 
@@ -63,9 +64,7 @@ def climbed(seen: Seen, starts: list[Model], begin: int = 1, sort: Sort | None =
 
 def _to_the_top(seen: Seen, known: dict[Model, float], model: Model, sort: Sort | None) -> bool:
     for _ in range(_MOST_STEPS):
-        around = list(neighbours(model, seen.matrix.shape[1], alike=sort is not None))
-        if sort is not None:
-            around = [other for other in around if sort_of(other) == sort]
+        around = list(neighbours(model, len(seen.towards), sort))
         _meet(seen, known, around)
         best = max(around, key=known.__getitem__)
         if known[best] <= known[model]:
@@ -98,19 +97,28 @@ def alone(samples: int) -> list[Model]:
     return [(Contact(first, stop, _ANY),) for first in ends for stop in ends if first < stop]
 
 
-def neighbours(model: Model, samples: int, *, alike: bool = False) -> Iterator[Model]:
-    """Models that differ in one contact: its ends or its kind; unless alike, also in how many there are."""
+def neighbours(model: Model, samples: int, sort: Sort | None = None) -> Iterator[Model]:
+    """Models that differ in one contact: its ends, or its kind; unless of one sort, also in how many there are."""
     for k, contact in enumerate(model):
         before, after = model[:k], model[k + 1 :]
-        for other in (*_shifted(contact), *_of_other_kinds(contact)):
-            if _fits(before, other, after, samples):
-                yield (*before, other, *after)
-        if not alike:
+        low, high = _room(before, after, samples)
+        for other in _shifted(contact, low, high):
+            yield (*before, other, *after)
+        for kind in _kinds_beside(before + after, sort):
+            yield (*before, Contact(contact.first, contact.stop, kind), *after)
+        if sort is None:
             yield from _with_fewer(before, contact, after)
             if len(model) < MOST_CONTACTS:
                 yield from ((*before, *halves, *after) for halves in _split(contact))
-    if not alike and len(model) < MOST_CONTACTS:
+    if sort is None and len(model) < MOST_CONTACTS:
         yield from _with_another(model, samples)
+
+
+def _kinds_beside(others: Model, sort: Sort | None) -> Sequence[int]:
+    """That a contact may be of."""
+    if sort is None or (sort.sharp and sort_of(others).sharp):
+        return range(len(KINDS))
+    return _SHARP if sort.sharp else _BLUNT
 
 
 def _with_fewer(before: Model, contact: Contact, after: Model) -> Iterator[Model]:
@@ -124,29 +132,21 @@ def _with_fewer(before: Model, contact: Contact, after: Model) -> Iterator[Model
 def _with_another(model: Model, samples: int) -> Iterator[Model]:
     for k in range(len(model) + 1):
         before, after = model[:k], model[k:]
+        low, high = _room(before, after, samples)
         for width in _NEW_WIDTHS:
-            for first in range(0, samples - width + 1, 2):
-                new = Contact(first, first + width, _ANY)
-                if _fits(before, new, after, samples):
-                    yield (*before, new, *after)
+            for first in range(low + low % 2, high - width + 1, 2):
+                yield (*before, Contact(first, first + width, _ANY), *after)
 
 
-def _shifted(contact: Contact) -> Iterator[Contact]:
-    first, stop, kind = contact
-    for at_first in _MOVES:
-        for at_stop in _MOVES:
-            if first + at_first < stop + at_stop:
-                yield Contact(first + at_first, stop + at_stop, kind)
+def _shifted(contact: Contact, low: int, high: int) -> Iterator[Contact]:
+    for first in range(max(low, contact.first - _FARTHEST), contact.first + _FARTHEST + 1):
+        for stop in range(max(first + 1, contact.stop - _FARTHEST), min(high, contact.stop + _FARTHEST) + 1):
+            yield Contact(first, stop, contact.kind)
 
 
-def _of_other_kinds(contact: Contact) -> list[Contact]:
-    return [contact._replace(kind=kind) for kind in range(len(KINDS))]
-
-
-def _fits(before: Model, contact: Contact, after: Model, samples: int) -> bool:
-    low = before[-1].stop + 1 if before else 0
-    high = after[0].first - 1 if after else samples
-    return low <= contact.first and contact.stop <= high
+def _room(before: Model, after: Model, samples: int) -> tuple[int, int]:
+    """First and stop between others, a sample being free on each side."""
+    return before[-1].stop + 1 if before else 0, after[0].first - 1 if after else samples
 
 
 def _split(contact: Contact) -> Iterator[tuple[Contact, Contact]]:

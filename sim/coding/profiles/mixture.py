@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtr
 
-from sim.coding.profiles.seen import Model, Seen
+from sim.coding.profiles.seen import Model, Posterior, Seen
 
 Array = NDArray[np.float64]
 
@@ -59,8 +59,10 @@ def mixed(seen: Seen, known: dict[Model, float]) -> Mixture:
     best = max(known.values())
     models = sorted((m for m in known if known[m] > best - FROM_BEST), key=known.__getitem__, reverse=True)
     models = models[:MOST_MODELS]
-    mean, covariance, above = cut_off(*seen.posterior(models))
-    sd = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
+    found = seen.posterior(models)
+    mean, covariance, above = cut_off(found.mean, found.covariance)
+    mean, variance = Posterior(found.at, mean, covariance).over(len(seen.towards))
+    sd = np.sqrt(np.maximum(variance, 0.0))
     return Mixture(np.array([known[m] for m in models]) + above, seen.typical * mean, seen.typical * sd)
 
 

@@ -26,6 +26,7 @@ _ENOUGH = 1.5
 _LEVEL = 0.1  # of L: the pressures' own squares beside their differences, chosen on two samples (docs/coding.md)
 _MOST_STEPS = 60
 _SETTLED = 1e-9
+_NEAR = 1e-3  # the same of where to begin
 _HALVINGS = 30
 _STARTS = 3
 
@@ -66,7 +67,7 @@ def smooth_start(operator: Operator, readings: Readings) -> SmoothFit:
     curvature = np.trace(_curvature(operator, readings, even)) / np.trace(prior)
     start = as_root
     for smoothing in (curvature * 10**_WHOLE_DECADES).tolist():
-        fit = _fitted(operator, readings, smoothing * prior, start)
+        fit = _fitted(operator, readings, smoothing * prior, start, _NEAR)
         start = fit.pressure if fit.pressure.any() else even
         if chi2(operator, readings, fit.pressure) <= _ENOUGH * (~readings.silent).sum():
             break
@@ -121,7 +122,9 @@ def _size(operator: Operator, readings: Readings, shape: Array) -> float:
     return float(np.sqrt(max(readings.sed @ sed, readings.sd * sed.max()) / (sed @ sed)))
 
 
-def _fitted(operator: Operator, readings: Readings, penalty: Array, start: Array) -> _Fit:
+def _fitted(
+    operator: Operator, readings: Readings, penalty: Array, start: Array, settled_at: float = _SETTLED
+) -> _Fit:
     """Projected Gauss–Newton (Bertsekas 1982): pressures at 0 that would fall stay, the others step together."""
     pressure, cost = start, _cost(operator, readings, penalty, start)
     for _ in range(_MOST_STEPS):
@@ -133,7 +136,7 @@ def _fitted(operator: Operator, readings: Readings, penalty: Array, start: Array
         step = np.zeros_like(pressure)
         step[free] = -np.linalg.solve(curvature[np.ix_(free, free)], gradient[free])
         moved, lower = _searched(operator, readings, penalty, pressure, step, cost)
-        settled = cost - lower <= _SETTLED * (1 + abs(cost))
+        settled = cost - lower <= settled_at * (1 + abs(cost))
         pressure, cost = moved, lower
         if settled:
             return _Fit(pressure, cost, converged=True)

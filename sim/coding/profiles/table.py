@@ -110,10 +110,16 @@ def table_of(operator: Operator) -> ProfileTable:
 def _made(same: _Same) -> ProfileTable:
     samples = same.operator.parts.shape[2]
     upright = same.operator.leaning(np.zeros(samples)).parts.astype(np.float32)
-    pressure = imagined(ENTRIES, samples).astype(np.float32)
-    sed = np.zeros((ENTRIES, upright.shape[1]), np.float32)
+    pressure = _drawn(ENTRIES, samples)
+    sed = np.zeros((len(pressure), upright.shape[1]), np.float32)
     for part in upright:
         sed += (pressure @ part.T) ** 2
     size = np.linalg.norm(sed, axis=1, keepdims=True)
     sed /= size
     return ProfileTable(pressure / np.sqrt(size), sed, sed**2)
+
+
+@lru_cache(maxsize=2)
+def _drawn(entries: int, samples: int) -> Singles:
+    """The same for every operator of so many pressures."""
+    return imagined(entries, samples).astype(np.float32)

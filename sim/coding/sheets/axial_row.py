@@ -4,7 +4,7 @@ A row of receptors feels what presses beside its plane too, but cannot tell it a
 the plane, under an axial shape that is told, or that of several which explains its readings best.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from sim.coding.energy import Energy
 from sim.coding.frictionless import Frictionless, Skin
+from sim.coding.operators import Operator
 from sim.coding.profile_decoder import ModelError, Profile, decode_profile
 from sim.coding.readings import Readings
 from sim.coding.sheets.felt_skin import FeltSkin, felt_skin
@@ -50,6 +51,10 @@ class AxialShape:
         return np.asarray(self.at(z_mm) / self.at(np.array(plane_mm)))
 
 
+HALF_LENGTHS_MM = (1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.3)
+"""Of the ellipses that are tried where none is named."""
+
+
 @dataclass(frozen=True)
 class FeltRow:
     """The finger with a row of receptors in the receptor plane."""
@@ -60,29 +65,37 @@ class FeltRow:
 
     def under(self, shape: AxialShape, ends_mm: Array, energy: Energy) -> Frictionless:
         """SED under pressures on n samples of skin between (n + 1,) equally spaced places, all of one axial shape."""
-        nodes = self.felt.nodes_mm
-        place = self.line.places(nodes[:, X])
-        middle = 0.5 * (ends_mm[1:] + ends_mm[:-1])
-        along = shape.over(self.line.plane_mm, nodes[:, Z])
-        share = hats(place, middle) * along[:, None]
-        outward = self.line.normals(self.line.angles(place)).T
-        normal = np.stack([-outward[X], -outward[Y], np.zeros(len(place))])
-        lateral = np.stack([outward[Y], -outward[X], np.zeros(len(place))])
-        parts = [self.felt.parts(direction, share, energy) for direction in (normal, lateral)]
-        skin = self._skin(ends_mm, middle, share, (normal, lateral))
-        return Frictionless("influence", energy, parts[0], middle, self.place_mm, parts[1], skin)
+        (operator,) = self.under_each([shape], ends_mm, energy)
+        return operator
 
-    def _skin(self, ends_mm: Array, middle: Array, share: Array, directions: tuple[Array, Array]) -> Skin:
-        row = self.felt.model.receptor_row * self.felt.model.patch.shape[1] + np.arange(
-            self.felt.model.patch.shape[1]
-        )
+    def under_each(self, shapes: Sequence[AxialShape], ends_mm: Array, energy: Energy) -> Iterator[Frictionless]:
+        """The same of several shapes: what a node alone does to receptors and skin is the same for them all."""
+        middle, place = 0.5 * (ends_mm[1:] + ends_mm[:-1]), self.line.places(self.felt.nodes_mm[:, X])
+        seen, directions = self._seen(ends_mm), self._directions(place)
+        strained = [self.felt.strained(direction) for direction in directions]
+        mobility = [self.felt.mobility(direction, seen)[[X, Y]] for direction in directions]
+        at_rest, normal = (self.felt.nodes_mm.T @ seen)[[X, Y]], self.line.normals(self.line.angles(middle))
+        across = hats(place, middle)
+        for shape in shapes:
+            share = across * shape.over(self.line.plane_mm, self.felt.nodes_mm[:, Z])[:, None]
+            parts, lateral = (self.felt.squared(one, share, energy) for one in strained)
+            skin = Skin(at_rest, np.concatenate([one @ share for one in mobility], axis=-1), normal)
+            yield Frictionless("influence", energy, parts, middle, self.place_mm, lateral, skin)
+
+    def _directions(self, place: Array) -> tuple[Array, Array]:
+        """(3, k) of normal and of lateral pressures on nodes at these places."""
+        x, y = self.line.normals(self.line.angles(place)).T
+        return np.stack([-x, -y, np.zeros(len(place))]), np.stack([y, -x, np.zeros(len(place))])
+
+    def _seen(self, ends_mm: Array) -> Array:
+        """(k, n + 1) shares of the skin's nodes, those of the receptor plane, in the samples' ends."""
+        across = self.felt.model.patch.shape[1]
+        row = self.felt.model.receptor_row * across + np.arange(across)
         place = self.line.places(self.felt.nodes_mm[row, X])
         order = np.argsort(place)
         seen = np.zeros((len(self.felt.nodes_mm), len(ends_mm)))
-        seen[row[order]] = np.stack([np.interp(ends_mm, place[order], one) for one in np.eye(len(row))])
-        at_rest = (self.felt.nodes_mm.T @ seen)[[X, Y]]
-        moved = np.concatenate([self.felt.moved(d, share, seen) for d in directions], axis=-1)[[X, Y]]
-        return Skin(at_rest, moved, self.line.normals(self.line.angles(middle)))
+        seen[row[order]] = np.stack([np.interp(ends_mm, place[order], one) for one in np.eye(across)])
+        return seen
 
 
 class DecodedRow(NamedTuple):
@@ -97,15 +110,21 @@ def decode_row(
     row: FeltRow, shapes: Sequence[AxialShape], ends_mm: Array, readings: Readings, error: ModelError = ROW_ERROR
 ) -> DecodedRow:
     """By the shape that explains the readings best; SED `finite`. Raises DecodingError."""
-    tried = [(shape, row.under(shape, ends_mm, "finite")) for shape in shapes]
-    found = [DecodedRow(shape, by, decode_profile(by, readings, error)) for shape, by in tried]
-    return min(found, key=lambda one: one.profile.misfit)
+    tried = list(zip(shapes, row.under_each(shapes, ends_mm, "finite"), strict=True))
+    shape, operator = min(tried, key=lambda one: quick_misfit(one[1], readings, error))
+    return DecodedRow(shape, operator, decode_profile(operator, readings, error))
 
 
-def felt_row(config: FingertipConfig, place_mm: Array, depth_mm: float) -> FeltRow:
+def quick_misfit(operator: Operator, readings: Readings, error: ModelError) -> float:
+    """How badly pressures explain readings, by the search alone: a table takes longer than all the rest."""
+    return decode_profile(operator, readings, error, table=False).misfit
+
+
+def felt_row(config: FingertipConfig, place_mm: Array, depth_mm: float | Array) -> FeltRow:
     """Receptors so far below places of the skin in the receptor plane. Raises ModelRangeError and ReceptorError."""
     plane = config.receptor_plane_mm
     line = SkinLine(FingertipSurface.fit(config.geometry), plane, "skin")
-    x_mm = line.below(line.angles(place_mm), depth_mm)[:, X]
-    points = points_below(config, line.surface, x_mm, depth_mm, plane)
-    return FeltRow(felt_skin(config, points, np.full(len(x_mm), depth_mm), (X,)), line, place_mm)
+    depth = np.broadcast_to(depth_mm, place_mm.shape)
+    x_mm = line.below(line.angles(place_mm), depth[:, None])[:, X]
+    points = points_below(config, line.surface, x_mm, depth, plane)
+    return FeltRow(felt_skin(config, points, depth, (X,)), line, place_mm)

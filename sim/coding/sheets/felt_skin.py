@@ -44,22 +44,37 @@ class FeltSkin:
 
         The skin's nodes bear (k, n) shares of each, along (3, k) directions.
         """
-        patch = self.model.patch
-        per_force = self.model.strain_per_force.reshape(-1, 6, len(patch.axes), len(patch))
-        force = direction[list(patch.axes)] * patch.area_mm2 / PSEUDO_E_EPIDERMIS
-        strain = np.einsum("mcak,ak->cmk", per_force, force) @ share
+        return self.squared(self.strained(direction), share, energy)
+
+    def strained(self, direction: Array) -> Array:
+        """(6, m, k) strains at receptors under a pressure on each node alone."""
+        per_force = self.model.strain_per_force.reshape(-1, 6, *self._force(direction).shape)
+        return np.einsum("mcak,ak->cmk", per_force, self._force(direction))
+
+    def squared(self, strained: Array, share: Array, energy: Energy) -> Array:
+        """(c, m, n) squares of the SED from what each node alone does."""
         unit = Elastic(PSEUDO_E_EPIDERMIS, self.config.tissue.poisson)
-        return squared_parts(strain, unit, energy) * np.sqrt(self.model.columns.young_ratio)[:, None]
+        return squared_parts(strained @ share, unit, energy) * np.sqrt(self.model.columns.young_ratio)[:, None]
 
     def moved(self, direction: Array, share: Array, seen: Array) -> Array:
         """(3, l, n) mm by which (k, l) mixtures of nodes move under each of n pressures; 0 along other axes."""
-        patch = self.model.patch
-        axes = list(patch.axes)
-        force = direction[axes][:, :, None] * (patch.area_mm2[:, None] * share) / PSEUDO_E_EPIDERMIS
-        moved = np.zeros((3, seen.shape[1], share.shape[1]))
-        all_moved = patch.compliance @ force.reshape(-1, share.shape[1])
-        moved[axes] = seen.T @ all_moved.reshape(len(axes), len(patch), -1)
+        return self.mobility(direction, seen) @ share
+
+    def mobility(self, direction: Array, seen: Array) -> Array:
+        """(3, l, k) the same under a pressure on each node alone."""
+        patch, force = self.model.patch, self._force(direction)
+        axes, there = list(patch.axes), np.flatnonzero(seen.any(axis=1))
+        compliance = patch.compliance.reshape(*force.shape, *force.shape)
+        moved = np.zeros((3, seen.shape[1], len(patch)))
+        for axis, rows in zip(axes, compliance, strict=True):
+            for rows_by_axis, by_axis in zip(rows[there].swapaxes(0, 1), force, strict=True):
+                moved[axis] += seen[there].T @ rows_by_axis * by_axis
         return moved
+
+    def _force(self, direction: Array) -> Array:
+        """(a, k) of a pressure on each node alone, along the axes that the patch knows."""
+        patch = self.model.patch
+        return np.asarray(direction[list(patch.axes)] * patch.area_mm2 / PSEUDO_E_EPIDERMIS)
 
 
 def felt_skin(

@@ -1,0 +1,63 @@
+"""The evidence of many models of contacts, by loops that are compiled (docs/decisions/0019-compiled-loops.md)."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.contact.compiled.compiling import compiled
+
+Array = NDArray[np.float64]
+Whole = NDArray[np.int64]
+
+
+@compiled
+def explained(models: Whole, count: Whole, mean: Array, root: Array, precision: Array, towards: Array) -> Array:
+    """(b,) log evidence of models over that of no pressure.
+
+    `models` (b, c, 3) are first and stop of up to c contacts and their kinds, `count` (b,) says how many there are;
+    `mean` (kinds, n, n) and `root` (kinds, n, n, n) are what is known beforehand of contacts of 1 … n samples.
+    Pressures are mean + root · u, u of variance 1 beforehand. With the readings' gradient by u as one more row of u's
+    precision, the Cholesky factor of that ends in the gradient whitened.
+    """
+    n = len(towards)
+    found = np.zeros(len(models))
+    at, middle, gradient = np.empty(n, np.int64), np.empty(n), np.empty(n)
+    by_u, seen, square = np.empty((n, n)), np.empty((n, n)), np.empty((n + 1, n + 1))
+    for b in range(len(models)):
+        k = 0
+        by_u[:] = 0.0
+        for c in range(count[b]):
+            begin, stop, kind = models[b, c]
+            samples = stop - begin
+            for i in range(samples):
+                at[k + i], middle[k + i] = begin + i, mean[kind, samples - 1, i]
+                by_u[k + i, k : k + i + 1] = root[kind, samples - 1, i, : i + 1]
+            k += samples
+        for i in range(k):
+            gradient[i] = towards[at[i]]
+            for j in range(k):
+                gradient[i] -= precision[at[i], at[j]] * middle[j]
+            found[b] += 0.5 * (towards[at[i]] + gradient[i]) * middle[i]
+        for i in range(k):
+            for j in range(k):
+                seen[i, j] = 0.0
+                for q in range(j, k):
+                    seen[i, j] += precision[at[i], at[q]] * by_u[q, j]
+        for j in range(k):
+            for i in range(j, k):
+                square[i, j] = 1.0 if i == j else 0.0
+                for q in range(i, k):
+                    square[i, j] += by_u[q, i] * seen[q, j]
+            square[k, j] = 0.0
+            for q in range(j, k):
+                square[k, j] += by_u[q, j] * gradient[q]
+        for j in range(k):
+            for q in range(j):
+                square[j, j] -= square[j, q] ** 2
+            square[j, j] = np.sqrt(square[j, j])
+            found[b] -= np.log(square[j, j])
+            for i in range(j + 1, k + 1):
+                for q in range(j):
+                    square[i, j] -= square[i, q] * square[j, q]
+                square[i, j] /= square[j, j]
+            found[b] += 0.5 * square[k, j] ** 2
+    return found

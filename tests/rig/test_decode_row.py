@@ -1,0 +1,128 @@
+"""`rig decode --readings` with --axial: a row of receptors of the whole finger under a named axial shape."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from rig.cli import decode_options, decoding
+from rig.cli.decode_options import axial_of
+from rig.protocol.errors import BadInputError
+from sim.coding.operators import centred
+from sim.coding.sheets.axial_row import HALF_LENGTHS_MM, ROW_ERROR
+from sim.coding.skin_line import SkinLine
+from sim.config.fingertip_config import FingertipConfig
+from sim.contact.patch import X
+from sim.models.catalogue import load
+from tests.program import Program, program_of
+from tests.sim.coarse import as_toml, coarse_mesh
+
+MESH = coarse_mesh(0.2, 0.35, patch_x_mm=3.0, patch_z_mm=2.6)
+CONFIG = FingertipConfig(mesh=MESH)
+PLACES = centred(25, 0.2)
+FILE = Path("r.csv")
+
+
+@pytest.fixture(scope="module")
+def cylinder() -> str:
+    """What a cylinder of 6 mm at 0.2 mm is felt as in the receptor plane, with a hundredth of noise."""
+    line = SkinLine(load("halfspace", CONFIG).surface, CONFIG.receptor_plane_mm, "skin")
+    x_mm = line.below(line.angles(PLACES), 0.76)[:, X]
+    finger = load("finger", CONFIG, receptor_x_mm=x_mm.tolist(), cached=False)
+    sed = finger.indent("cylinder:6", 0.2, doi_mm=0.6).receptor_measures["sed"]
+    sd = 0.01 * float(sed.max())
+    said = sed + sd * np.random.default_rng(0).normal(size=len(sed))
+    rows = [f"{p:.9g},0.76,{s:.9g},{sd:.9g}" for p, s in zip(PLACES, said, strict=True)]
+    return "\n".join(["place_mm,depth_mm,sed,sd", *rows]) + "\n"
+
+
+@pytest.fixture
+def rig(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path, cylinder: str
+) -> Program:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "120")
+    monkeypatch.setenv("RIG_CACHE_DIR", "kept")
+    Path("coarse.toml").write_text(as_toml(MESH), encoding="utf-8")
+    FILE.write_text(cylinder, encoding="utf-8")
+    return program_of(monkeypatch, capsys)
+
+
+def test_a_row_is_decoded_under_the_shape_that_is_named_or_that_explains_it_best(
+    rig: Program, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = ("decode", "--readings", "r.csv", "--config", "coarse.toml", "--spacing-mm", "0.2")
+    ended = rig(*given, "--axial", "ellipse:1.5")
+    assert ended.code == 0
+    assert ended.err.startswith("fingertip: from the cache, or built in about 15 s …\n")
+    assert "  of the receptor plane of the whole finger, under ellipse:1.5 along it\n" in ended.out
+    assert "24 pressures from M = 25 readings" in ended.out
+    monkeypatch.setattr(decode_options, "HALF_LENGTHS_MM", (0.8, 1.5, 3.0))
+    best = rig(*given, "--axial", "ellipse", "--json").json
+    assert best["axial"] == "ellipse:1.5"
+    assert_allclose(best["place_mm"], centred(24, 0.2), atol=1e-9)
+    pressure = np.array(best["pressure"])
+    assert best["place_mm"] @ pressure / pressure.sum() == pytest.approx(0.2, abs=0.2)
+    alone = rig(*given, "--json").json  # in the section's one plane
+    assert alone["axial"] is None
+    assert np.linalg.norm(alone["pressure"] - pressure) > 0.1 * np.linalg.norm(pressure)
+
+
+def _with_z(text: str) -> str:
+    return "\n".join(line + (",z_mm" if not k else f",{6.9}") for k, line in enumerate(text.split("\n")[:-1]))
+
+
+def _short(text: str) -> str:
+    return "\n".join(text.split("\n")[:7])
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "said"),
+    [
+        (str, ("--axial", "sphere"), "--axial sphere: expected ellipse, or ellipse:HALF-LENGTH of 0.3 … 10 mm"),
+        (str, ("--axial", "ellipse:"), "--axial ellipse:: expected ellipse, or"),
+        (str, ("--axial", "ellipse:0.2"), "--axial ellipse:0.2: expected ellipse, or"),
+        (str, ("--axial", "ellipse:nan"), "--axial ellipse:nan: expected ellipse, or"),
+        (str, ("--axial", "ellipse:x"), "--axial ellipse:x: expected ellipse, or"),
+        (str, ("--axial", "ellipse", "--decoder", "table"), "--axial beside --decoder table: expected ours"),
+        (str, ("--axial", "ellipse", "--threshold", "1"), "a column sed: expected no --threshold beside SED"),
+        (_short, ("--axial", "ellipse"), "--axial with a row over 1.00 mm of skin: expected 1.36 mm or more"),
+    ],
+)
+def test_what_cannot_be_meant_is_one_line(
+    rig: Program, change: Callable[[str], str], options: tuple[str, ...], said: str
+) -> None:
+    FILE.write_text(change(FILE.read_text(encoding="utf-8")), encoding="utf-8")
+    ended = rig("decode", "--readings", "r.csv", "--config", "coarse.toml", *options)
+    assert ended.code == 2
+    assert said in ended.err
+    assert ended.out == ""
+
+
+def test_a_sheet_and_what_is_not_read_from_a_file_have_no_axial_shape(rig: Program) -> None:
+    text = FILE.read_text(encoding="utf-8").replace("place_mm", "x_mm")
+    FILE.write_text(_with_z(text), encoding="utf-8")
+    ended = rig("decode", "--readings", "r.csv", "--config", "coarse.toml", "--axial", "ellipse")
+    assert "--axial beside a column z_mm: expected a row of receptors" in ended.err
+    with pytest.raises(BadInputError, match=r"--axial without --readings: expected a row of receptors"):
+        axial_of("ellipse", "ours", None)
+
+
+def test_names_of_axial_shapes() -> None:
+    assert axial_of(None, "table", FILE) == ()
+    assert axial_of("ellipse", "ours", FILE) == HALF_LENGTHS_MM == (1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.3)
+    assert axial_of("ellipse:1.4", "ours", FILE) == (1.4,)
+    assert axial_of("ellipse:0.3", "ours", FILE) == (0.3,)
+    assert axial_of("ellipse:10", "ours", FILE) == (10.0,)
+
+
+def test_readings_without_noise_are_refused_before_any_shape_is_chosen() -> None:
+    task = decoding.Task(None, PLACES, None, None)  # type: ignore[arg-type]
+    with pytest.raises(BadInputError, match="expected a column sd or at_rest"):
+        decoding.best_explained([task, task])
+
+
+def test_a_row_is_wrong_by_more_than_a_section() -> None:
+    assert (ROW_ERROR.share, ROW_ERROR.length_mm) == (0.06, 1.0)
