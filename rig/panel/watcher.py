@@ -75,20 +75,18 @@ class Watcher:
 
     async def ask(self) -> None:
         """Who is there, and the state of the one that is shown."""
-        loop = asyncio.get_running_loop()
+        loop, status = asyncio.get_running_loop(), None
         try:
-            self.owners = await loop.run_in_executor(self._asking, self.find)
+            owners, problem = await loop.run_in_executor(self._asking, self.find), ""
         except OSError as error:
-            self.owners, self.problem = (), f"{error.filename}: {error.strerror}"
-        owner = self.owner
-        if owner is None:
-            self._status = None
-        else:
-            if owner.kind == "by hand":
-                self._show_hand(owner)
-            self._status = await loop.run_in_executor(self._asking, _status_of, owner, self.bench.since)
+            owners, problem = (), f"{error.filename}: {error.strerror}"
+        owner = shown(owners)
+        if owner is not None:
+            status = await loop.run_in_executor(self._asking, _status_of, owner, self.bench.since_of(owner.pid))
+        self.owners, self.problem, self._status = owners, problem, status
         if owner is not None and owner.kind == "by hand":
-            self.outlet.add(self.bench.heard(self._status))
+            self._show_hand(owner)
+            self.outlet.add(self.bench.heard(status))
 
     def _show_hand(self, owner: Owner) -> None:
         """Readings are those of by hand from here on."""
@@ -112,7 +110,7 @@ class Watcher:
         rows = await loop.run_in_executor(self._reading, run.look, self.clock.unix_s())
         if run is self.run:
             self.outlet.add(rows)
-            self._run_told = run.told(going=run.alive or owner is not None)
+            self._run_told = run.told(going=not run.ended and (run.alive or owner is not None))
             self._tell_schedule(run.schedule_told())
 
     async def _folder(self, owner: Owner | None) -> Path | None:

@@ -21,11 +21,15 @@ class SeenBench:
         self.path, self._config = path, config
         self._status: Mapping[str, Any] = {}
         self.owner: int | None = None
-        self.since = 0  # the first reading that was not told yet
+        self.since = 0  # its first reading that was not told yet
 
     def begin(self, owner: int) -> None:
         """A process has the bench from here on."""
         self.owner, self.since, self._status = owner, 0, {}
+
+    def since_of(self, owner: int) -> int:
+        """Where a process's readings begin that were not told yet."""
+        return self.since if owner == self.owner else 0
 
     @property
     def configured(self) -> bool:

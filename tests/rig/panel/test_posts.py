@@ -8,7 +8,8 @@ import pytest
 
 import rig.panel.posts as posts
 from rig.panel.asked import MOST_BYTES
-from rig.panel.by_hand_process import NotTakenError
+from rig.panel.by_hand_process import READY_S, NotTakenError
+from rig.panel.owners import STOP_S
 from rig.panel.tabs import GONE_S
 from rig.session.control.announcements import ControlError, RefusedError
 from tests.rig.panel.asgi_client import asked
@@ -165,6 +166,18 @@ def test_what_an_owner_says_is_passed_on(path: str, make: Make) -> None:
         assert panel.post(f"/{path}", BODIES.get(path, {})) == (code, {"ok": False, "problem": str(error)})
     owner.answers[path] = {"ok": True, "words": "well"}
     assert panel.post(f"/{path}", BODIES.get(path, {}) | {"press": 8})[1]["words"] == "well"
+
+
+def test_how_long_each_is_waited_for(make: Make) -> None:
+    """A stop's own answer is waited for shortly, and listened to for longer; a hold no longer than it counts."""
+    assert (posts._ANSWER_S, posts._HOLD_S, posts._STOP_S, posts.HELD_S, STOP_S) == (1.0, 0.2, 0.25, 0.25, 3.0)
+    assert (posts._THREADS, posts._MOST_HELD, READY_S, GONE_S) == (4, 3, 15.0, 5.0)
+    run, hand = ToldOwner(), by_hand()
+    for path in ("pause", "stop"):
+        make(run).post(f"/{path}")
+    for path in ("hold", "release", "home", "zero"):
+        make(hand).post(f"/{path}", BODIES.get(path, {}))
+    assert (run.within_s, hand.within_s) == ([1.0, 3.0], [0.2, 1.0, 1.0, 1.0])
 
 
 def test_what_is_real_is_shown_before_what_is_virtual(make: Make) -> None:

@@ -140,6 +140,34 @@ def test_an_announced_run_goes_on_however_silent_it_is(make: Make, tmp_path: Pat
         assert (state["run"]["state"], state["notice"]) == ("killed", None)
 
 
+def test_of_a_run_that_ended_nothing_is_now(make: Make, tmp_path: Path) -> None:
+    """Its owner may be at its report still."""
+    run = journal(tmp_path / "run", START)
+    Course(9.0, {("home", 1, 0): 5.0}, {("home", 1, 0): "home"}).keep(RunFolder(run))
+    watcher = make(ToldOwner(run=str(run), answers={"status": {"ok": True, "state": "reporting"}})).watcher
+    with watcher.outlet.joined() as client:
+        assert told(watcher, client)["state"]["run"]["now"] == "home"
+        journal(run, {"doc": "stop", "status": "aborted", "reason": "by the operator"})
+        state = told(watcher, client)["state"]
+        assert (state["run"]["now"], state["run"]["left_s"], state["run"]["ending"]) == (
+            None,
+            None,
+            "by the operator",
+        )
+        assert state["notice"] == "the report is being made"
+
+
+def test_an_owner_is_told_of_together_with_what_it_says(make: Make) -> None:
+    """Not as one that cannot be reached, before it was asked."""
+    panel = make(ToldOwner())
+    panel.watcher.owners = ()
+    seen: list[object] = []
+    panel.owners[0].answers["status"] = lambda: seen.append(panel.watcher.owner) or {"ok": True, "state": "running"}
+    look(panel.watcher)
+    assert seen == [None]
+    assert panel.watcher.owner is panel.owners[0]
+
+
 def test_runs_are_not_searched_for_all_the_time(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     panel, searched = make(), list[float]()
     monkeypatch.setattr("rig.panel.watcher.growing", lambda out, unix_s: searched.append(unix_s))
@@ -173,6 +201,7 @@ def test_the_bench_by_hand(make: Make, tmp_path: Path) -> None:
         assert hand.asked[-1] == ("status", {"since": 4})
         panel.owners[:] = [ToldOwner(pid=9, kind="by hand", answers={"status": ControlError("gone")})]
         found = told(watcher, client)
+        assert panel.owners[0].asked == [("status", {"since": 0})]
         assert (found["readings"]["reset"], found["state"]["owner"]["reachable"]) == (True, False)
         assert (found["state"]["hand"], found["state"]["newest"]["force_gwt"]) == (None, None)
         run = journal(tmp_path / "run", START)
