@@ -80,6 +80,8 @@ def test_a_tab_has_a_name(path: str, tab: str, panel: Told) -> None:
     assert "name of the tab" in answer["problem"]
     assert panel.post(f"/{path}", x_rig_tab=None)[0] == 400
     assert panel.owners[0].asked == []
+    assert panel.post("/take", tab="a" * 64)[0] == 200
+    assert panel.watcher.tabs.holder == "a" * 64
 
 
 @pytest.mark.parametrize(
