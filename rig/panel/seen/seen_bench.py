@@ -7,6 +7,7 @@ from typing import Any
 from rig.devices.units import GWT_N
 from rig.panel.drawn.job import Job
 from rig.panel.outlet import Row, Source
+from rig.panel.seen.ages import age_s
 from rig.panel.seen.limits_told import limits_told
 from rig.plan.config import Config
 
@@ -70,20 +71,23 @@ class SeenBench:
             "height_mm": status.get("height_mm"),
             "phase": status.get("busy"),
             "t_s": read_s,
-            "age_s": None if read_s is None else max(unix_s - read_s, 0.0),
+            "age_s": age_s(read_s, unix_s),
         }
 
     def devices_told(self, unix_s: float) -> dict[str, Any]:
         """`devices` of the state."""
-        status, age_s = self._status, self.newest_told(unix_s)["age_s"]
+        status = self._status
         force = "not heard of" if status.get("force_gwt") is None else "zeroed" if status.get("zeroed") else "reads"
         return {
             "stage": {
-                "word": status.get("state", "not heard of"),
+                "word": status.get("stage_problem") or status.get("state", "not heard of"),
                 "homed": bool(status.get("homed")),
-                "age_s": age_s,
+                "age_s": age_s(status.get("seen_unix_s"), unix_s),
             },
-            "force": {"word": force, "age_s": age_s},
+            "force": {
+                "word": status.get("force_problem") or force,
+                "age_s": age_s(status.get("read_unix_s"), unix_s),
+            },
         }
 
     def limits_told(self) -> dict[str, Any] | None:

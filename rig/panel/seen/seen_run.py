@@ -12,6 +12,7 @@ from rig.devices.units import GWT_N
 from rig.engine.journal import Document
 from rig.panel.drawn.job import Job, Press
 from rig.panel.outlet import SHOWN_S, Row, Source
+from rig.panel.seen.ages import age_s
 from rig.panel.seen.growing import GROWS_S, written_s
 from rig.panel.seen.limits_told import limits_told
 from rig.plan.config import Config, load_config
@@ -161,8 +162,8 @@ class SeenRun:
         found = self.newest
         told = {name: found.get(name) for name in ("force_gwt", "doi_mm", "x_mm", "height_mm", "phase", "t_s")}
         force_gwt = found.get("force_gwt")
-        age_s = max(unix_s - found["unix_s"], 0.0) if found else None
-        return {**told, "force_n": None if force_gwt is None else force_gwt * GWT_N, "age_s": age_s}
+        force_n = None if force_gwt is None else force_gwt * GWT_N
+        return {**told, "force_n": force_n, "age_s": age_s(found.get("unix_s"), unix_s)}
 
     def devices_told(self, unix_s: float) -> dict[str, Any]:
         """`devices` of the state."""
@@ -224,10 +225,6 @@ class _Devices:
     def told(self, unix_s: float) -> dict[str, Any]:
         """With the age of each now; None where nothing was heard."""
         return {
-            "stage": {"word": self._stage, "homed": self._homed, "age_s": _age_s(self._stage_s, unix_s)},
-            "force": {"word": self._force, "age_s": _age_s(self._force_s, unix_s)},
+            "stage": {"word": self._stage, "homed": self._homed, "age_s": age_s(self._stage_s, unix_s)},
+            "force": {"word": self._force, "age_s": age_s(self._force_s, unix_s)},
         }
-
-
-def _age_s(then_s: float | None, now_s: float) -> float | None:
-    return None if then_s is None else max(now_s - then_s, 0.0)

@@ -334,7 +334,7 @@ def test_the_bench_by_what_its_owner_answers(tmp_path: Path) -> None:
     new = {"columns": ["t_s", *HAND.columns[2:], "unix_s"], "next": 12, "rows": [[3.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]]}
     status = {
         "state": "idle", "homed": True, "zeroed": False, "force_gwt": 1.5, "x_mm": 0.5, "height_mm": 3.0,
-        "read_unix_s": 100.0, "busy": "jog", "readings": new,
+        "read_unix_s": 100.0, "seen_unix_s": 101.0, "busy": "jog", "readings": new,
     }  # fmt: skip
     assert bench.heard(status) == [[6.0, 3.0, 1.0, 2.0, 3.0, 4.0, 5.0]]
     assert bench.since == 12
@@ -344,11 +344,13 @@ def test_the_bench_by_what_its_owner_answers(tmp_path: Path) -> None:
     }  # fmt: skip
     assert bench.newest_told(99.0)["age_s"] == 0.0
     told = bench.devices_told(101.5)
-    assert told["stage"] == {"word": "idle", "homed": True, "age_s": 1.5}
+    assert told["stage"] == {"word": "idle", "homed": True, "age_s": 0.5}
     assert told["force"] == {"word": "reads", "age_s": 1.5}
     assert bench.limits_told() == limits_told(Config(), None, 1.5)
     assert bench.heard({**status, "zeroed": True, "readings": None}) == []
     assert bench.devices_told(101.5)["force"]["word"] == "zeroed"
+    bench.heard({**status, "stage_problem": "the stage is silent", "force_problem": "no reading"})
+    assert [one["word"] for one in bench.devices_told(101.5).values()] == ["the stage is silent", "no reading"]
     bench.begin(7)
     assert (bench.owner, bench.since, bench.newest_told(1.0)["force_gwt"]) == (7, 0, None)
 
