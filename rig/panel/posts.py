@@ -89,18 +89,24 @@ class Posts:
     async def _stop(self, tab: str, body: Body) -> Answer:
         """Past everything else: it has threads of its own, and its answer is waited for shortly."""
         asking = asyncio.get_running_loop().run_in_executor(self._stopping, self._stop_all)
-        try:
-            return await asyncio.wait_for(asyncio.shield(asking), _STOP_S)
-        except TimeoutError:
-            asking.add_done_callback(lambda done: done.cancelled() or done.exception())
-            raise ControlError("told to stop, and not answered yet: use the emergency stop") from None
+        done, _ = await asyncio.wait({asking}, timeout=_STOP_S)
+        if not done:
+            raise ControlError("told to stop, and not answered yet: use the emergency stop")
+        answer = asking.result()
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
 
-    def _stop_all(self) -> Answer:
+    def _stop_all(self) -> Answer | NobodyError | ControlError:
+        """What comes of it; its failure is an answer, too, since nobody may be there any more to be told."""
         try:
             owners = self._watcher.find()
         except OSError:
             owners = self._watcher.owners
-        return stop_all(owners, self._each)
+        try:
+            return stop_all(owners, self._each)
+        except (NobodyError, ControlError) as error:
+            return error
 
     def _of_the_run(self, do: str) -> Callable[[str, Body], Awaitable[Answer]]:
         async def done(tab: str, body: Body) -> Answer:

@@ -359,6 +359,15 @@ def test_three_holds_at_most_are_on_their_way(make: Make) -> None:
 # --- the bench ---
 
 
+def test_a_leave_is_answered_when_the_bench_is_free_again(make: Make) -> None:
+    panel = make(by_hand())
+    assert panel.post("/leave")[0] == 200
+    assert (panel.owners[0].asked, panel.bench.left) == ([("leave", {})], 1)
+    panel.owners[0].answers["leave"] = RefusedError("busy: home")
+    assert panel.post("/leave") == (409, {"ok": False, "problem": "busy: home"})
+    assert panel.bench.left == 1
+
+
 def test_the_bench_is_taken_where_there_is_one_and_it_is_free(make: Make) -> None:
     panel = make()
     assert panel.post("/by_hand") == (200, {"ok": True, "problem": None})

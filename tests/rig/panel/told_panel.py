@@ -47,12 +47,15 @@ class ToldBench(ByHandProcess):
 
     def __init__(self) -> None:
         super().__init__(None, list)
-        self.taken, self.problem = 0, None  # type: int, Exception | None
+        self.taken, self.left, self.problem = 0, 0, None  # type: int, int, Exception | None
 
     async def take(self) -> None:
         self.taken += 1
         if self.problem is not None:
             raise self.problem
+
+    async def ended(self) -> None:
+        self.left += 1
 
 
 @dataclass
