@@ -223,6 +223,16 @@ def test_what_is_asked_is_done_once(orders: Orders) -> None:
         assert (orders.next(), orders.busy) == (None, None)
 
 
+def test_a_press_that_is_over_begins_nothing_more(orders: Orders, clock: VirtualClock) -> None:
+    orders.hold(a_hold(clock))
+    press = orders.next()
+    assert isinstance(press, Hold)
+    orders.over(press)
+    assert (orders.next(), orders.busy) == (None, None)
+    with pytest.raises(NotReadyError, match=OVER):
+        orders.hold(a_hold(clock))
+
+
 def test_busy_is_said_until_what_is_done_is_over(orders: Orders, clock: VirtualClock) -> None:
     """Also where its button was let go, or a stop came: it takes a moment until the stage is at rest."""
     press = a_hold(clock)

@@ -65,12 +65,14 @@ def test_after_a_stop_nothing_goes_out_or_comes_in_until_it_is_opened() -> None:
     guarded = gate.guarded(wire)
     with gate.stopping():
         guarded.write(b"stop")
+    wire.while_in = lambda data: pytest.fail("what there is to hear is for who stops")
     for talk in (lambda: guarded.write(b"move"), lambda: guarded.read(2.0)):
         with pytest.raises(TransportError, match=r"^stage: stopped by the operator$"):
             talk()
     assert wire.written == [b"stop"]
     assert gate.closed
     assert gate.open()
+    wire.while_in = lambda data: None
     guarded.write(b"home")
     assert wire.written == [b"stop", b"home"]
 
@@ -106,6 +108,7 @@ def test_what_is_heard_too_late_belongs_to_who_stops() -> None:
 
 @pytest.mark.parametrize("stuck", [False, True])
 def test_a_write_under_way_goes_first_unless_it_is_stuck(stuck: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert stop_gate.STUCK_S == 0.05
     monkeypatch.setattr(stop_gate, "STUCK_S", 0.001 if stuck else DEADLINE_S)
     wire, gate, writing, go_on = Wire(), StopGate(), threading.Event(), threading.Event()
     guarded = gate.guarded(wire)

@@ -1,7 +1,5 @@
 """A direction that somebody holds down, as long as they keep saying so."""
 
-import math
-
 from rig.engine.by_hand.dead_man import Direction
 from rig.transport.clock import Clock
 
@@ -14,15 +12,17 @@ class Held:
 
     def __init__(self, clock: Clock, counts_s: float) -> None:
         self._clock, self._counts_s = clock, counts_s
-        self._direction: Direction | None = None
-        self._until_s = -math.inf
+        self._said: tuple[Direction, float] | None = None  # and until when it counts
 
     def say(self, direction: Direction | None, ago_s: float = 0.0) -> None:
         """It is held, None: it is not; so it was ago_s ago. What was said later counts on."""
         until_s = self._clock.monotonic_s() + self._counts_s - ago_s
-        same = direction is not None and direction == self._direction
-        self._until_s = max(until_s, self._until_s) if same else until_s
-        self._direction = direction
+        if direction is not None and self._said is not None and self._said[0] == direction:
+            until_s = max(until_s, self._said[1])
+        self._said = None if direction is None else (direction, until_s)
 
     def __call__(self) -> Direction | None:
-        return self._direction if self._clock.monotonic_s() < self._until_s else None
+        if self._said is None:
+            return None
+        direction, until_s = self._said
+        return direction if self._clock.monotonic_s() < until_s else None
