@@ -59,6 +59,7 @@ def _tell(found: dict[str, Any]) -> None:
         f"{found['indentations']} indentations and {found['other_presses']} other presses in "
         f"{found['duration_s']:.0f} s, the finger touched for {found['contact_s']:.0f} s of them",
         f"peak {found['peak_force_gwt']:.4g} gwt, {found['peak_pressure_n_cm2']:.3g} N/cm²",
+        found["small_strain"]["note"],
         f"soft trip {found['soft_trip_n']:.3g} N, hard trip {found['hard_trip_n']:.3g} N",
         f"left {left['force_gwt']:.3g} gwt, DOI {left['doi_mm']:.3g} mm, {left['mean_pressure_n_cm2']:.3g} N/cm², "
         f"{left['contact_s']:.0f} s of contact",

@@ -14,6 +14,7 @@ from sim.coding.operators import Operator, OperatorName, centred, convolution, i
 from sim.coding.sampled_section import SampledSection
 from sim.contact.indentor import Indentor
 from sim.contact.shapes import parse_shape
+from sim.models.results.small_strain import SmallStrain
 
 Array = NDArray[np.float64]
 
@@ -34,6 +35,7 @@ class Told:
     pressure: Array
     true: tuple[Array, Array] | None = None  # places of receptors in mm, SED
     missed: dict[str, float] | None = None
+    small_strain: SmallStrain | None = None
 
 
 def pressed(shape: str, x_mm: float, doi_mm: float | None) -> Scene:
@@ -71,4 +73,4 @@ def told_of_press(section: SampledSection, name: OperatorName, energy: Energy, s
         "peak": float(said.max() / true.max() - 1),
         "lateral_share": borne.lateral_share,
     }
-    return Told(operator, pressure, (section.sampling.place_mm, true), missed)
+    return Told(operator, pressure, (section.sampling.place_mm, true), missed, found.small_strain)

@@ -110,6 +110,7 @@ def _as_json(mine: Told, encoded: Encoded) -> dict[str, Any]:
         "noise_sd": encoded.noise_sd,
         "noise_share_of_peak": encoded.share_of_peak,
         "against_finite_elements": mine.missed,
+        "small_strain": None if mine.small_strain is None else mine.small_strain.as_json(),
     }
 
 
@@ -128,6 +129,8 @@ def _print(mine: Told, encoded: Encoded, added: Noise | None) -> None:
             f"  against finite elements: {mine.missed['relative_l2']:.1%} relative L2, "
             f"peak {mine.missed['peak']:+.1%}; {mine.missed['lateral_share']:.0%} of the force is lateral"
         )
+    if mine.small_strain is not None:
+        out.print(f"  {mine.small_strain.note}")
     table = Table("receptor at (mm)", "SED (pseudo)", "rate", box=None, padding=(0, 2))
     for k in np.unique(np.linspace(0, encoded.samples - 1, _ROWS).round().astype(int)).tolist():
         table.add_row(f"{operator.receptor_mm[k]:.2f}", f"{encoded.sed[k]:.4g}", f"{encoded.rate[k]:.4g}")

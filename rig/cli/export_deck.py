@@ -48,4 +48,6 @@ def command(
             write_contact_deck(out_file, meshed, indentor.profile, x_mm, result.touch_height_mm, doi_mm)
         if settings.mesh.element != "full":
             err.print('rig: CalculiX\'s C3D8 is fully integrated: compare with mesh.element = "full"')
-        out.print(f"{out_file}: expect a total reaction of {-result.force_n:.6g} N along y")
+        out.print(
+            f"{out_file}: expect a total reaction of {-result.force_n:.6g} N along y; {result.small_strain.note}"
+        )

@@ -3,9 +3,9 @@
 import csv
 import io
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import typer
 from rich.progress import track
@@ -18,6 +18,7 @@ from rig.compare.parameter_study.workers import spread
 from rig.data.folder import replace_text
 from sim.models.moduli.interpolated import HOW_MADE, make_node
 from sim.models.moduli.node_builds import INTERPOLATED
+from sim.models.results.small_strain import small_strain
 
 T = TypeVar("T")
 
@@ -50,15 +51,25 @@ def command(
         replace_text(table, _as_csv(columns(cases), rows))
         problems = sum(bool(row["problem"]) for row in rows)
         between = sum(row.get("model") == INTERPOLATED for row in rows)
+        small = _small_strain(rows)
         seconds = time.perf_counter() - began
         if as_json:
             print_json({"table": str(table), "cases": len(cases), "rows": len(rows), "problems": problems,
-                        "interpolated": between, "interpolation": HOW_MADE if between else None,
+                        "small_strain": small, "interpolated": between,
+                        "interpolation": HOW_MADE if between else None,
                         "seconds": seconds})  # fmt: skip
         else:
             out.print(f"{len(cases)} cases, {len(rows)} rows, {problems} without an answer, {seconds:.1f} s\n{table}")
+            if small:
+                out.print(small)
             if between:
                 out.print(f"{between} rows on fingers {HOW_MADE}; --exact builds each in full")
+
+
+def _small_strain(rows: Sequence[Mapping[str, Any]]) -> str | None:
+    """Of the deepest answer; None where there is none."""
+    deepest = max((row for row in rows if row.get("doi_mm") is not None), key=lambda row: row["doi_mm"], default=None)
+    return None if deepest is None else small_strain(deepest["model"], deepest["doi_mm"]).note
 
 
 def _counted(answers: Iterable[T], total: int, what: str, *, as_json: bool) -> Iterator[T]:

@@ -17,6 +17,7 @@ from rig.compare.shape_test import THRESHOLD, shape_flags
 from rig.compare.statistics import Flags, Interval, correlation, fit_all, in_play, indistinguishable, interval
 from rig.compare.stimuli import FAMILIES, Stimulus
 from sim.measures.measures import MEASURES
+from sim.models.results.small_strain import SmallStrain, small_strain
 
 Array = NDArray[np.float64]
 
@@ -137,6 +138,11 @@ class Comparison:
     overlays: tuple[Overlay, ...]
     plausible: PlausibleFingers | None = None
     normalised: bool = False  # each family's rates have a unit of their own
+
+    @property
+    def small_strain(self) -> SmallStrain:
+        """How far finite strain is from the deepest of what was pressed."""
+        return small_strain("finger", max((float(np.max(s.doi_mm)) for s in self.stimuli), default=0.0))
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:

@@ -23,6 +23,7 @@ def as_json(comparison: Comparison, report: str) -> dict[str, Any]:
         "collinear": dict(comparison.collinear()),
         "joint": [row for joint in comparison.joints for row in _joint_rows(joint)],
         "chance": [chance_row(joint) for joint in comparison.joints],
+        "small_strain": comparison.small_strain.as_json(),
         "report": report,
     }
 

@@ -8,6 +8,7 @@ from rig.engine import EngineError
 from rig.plan.plan import Plan
 from rig.session.rehearsal import Rehearsed, rehearsed
 from rig.session.session import Session
+from sim.models.results.small_strain import small_strain
 
 Lines = dict[str, str]
 
@@ -81,7 +82,14 @@ class Page:
     @property
     def _force(self) -> str:
         peak_n = self._plan.peak_force_gwt * GWT_N
-        return f"predicted peak {_both(peak_n)}, {_both(self._soft_trip_n - peak_n)} below the trip"
+        return (
+            f"predicted peak {_both(peak_n)}, {_both(self._soft_trip_n - peak_n)} below the trip{self._small_strain}"
+        )
+
+    @property
+    def _small_strain(self) -> str:
+        depths = [planned.predicted_doi_mm for planned in self._plan.all_presses]
+        return f"; {small_strain('finger', max(depths)).note}" if depths else ""
 
     @property
     def _first(self) -> str:

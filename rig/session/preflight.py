@@ -11,6 +11,7 @@ from rig.protocol.planned import PlannedIndentation
 from rig.protocol.script import Script
 from rig.session.rehearsal import Rehearsed, rehearsed
 from sim.models.fingertip import Fingertip
+from sim.models.results.small_strain import small_strain
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,7 @@ class Preflight:
     def as_json(self) -> dict[str, Any]:
         """What `rig check --json` prints."""
         steps = [self._step(index, planned) for index, planned in enumerate(self.plan.indentations)]
+        deepest_mm = max(planned.predicted_doi_mm for planned in self.plan.all_presses)
         limits, peak = self.config.limits, max(self.plan.all_presses, key=lambda p: p.predicted_force_gwt)
         return {
             "indentations": len(steps),
@@ -43,6 +45,7 @@ class Preflight:
             "contact_s": self.rehearsed.contact_s,
             "peak_force_n": peak.predicted_force_gwt * GWT_N,
             "peak_force_gwt": peak.predicted_force_gwt,
+            "small_strain": small_strain("finger", deepest_mm).as_json(),
             "peak_pressure_n_cm2": max(step["peak_pressure_n_cm2"] for step in steps),
             "soft_trip_n": min(limits.soft_trip_n, self.plan.soft_trip_n),
             "hard_trip_n": limits.hard_trip_n,

@@ -21,12 +21,24 @@ from rig.data.folder import replace_bytes, replace_text
 from rig.report.html import Section, as_png, render
 from rig.report.pdf import as_pdf
 from sim.config.stiffness import E_EPIDERMIS_MPA
-from studies.coding import decoding_part, profiles_part, section_part, shapes_part, spread_part
+from sim.models.results.small_strain import small_strain
+from studies.coding import (
+    decoding_part,
+    edge_place,
+    profiles_part,
+    profiles_read_back,
+    section_part,
+    shapes_part,
+    spread_part,
+)
 from studies.source.matrix_page import markdown
 
 Work = tuple[str, tuple[Any, ...]]
 
 DRAWS = 40
+DEEPEST_MM = max(*(scene.doi_mm for scene in profiles_read_back.SCENES), edge_place.DOI_MM)
+"""Of all presses on the page."""
+
 _WORKS: dict[str, Callable[..., Any]] = {
     "shift invariance of the finger": spread_part.spreads_of_the_finger,
     "responses and encoding of the section": section_part.section_coded,
@@ -117,6 +129,7 @@ def provenance(done: dict[Work, Any], draws: int) -> dict[str, Any]:
         "draws": draws,
         "nodes": done[SHIFT, ()].nodes,
         "e_epidermis_mpa": E_EPIDERMIS_MPA,
+        "small_strain": small_strain("section", DEEPEST_MM).note,
         "versions": {name: version(name) for name in ("indentation-rig", "numpy", "scipy", "matplotlib")},
     }
 
@@ -124,7 +137,10 @@ def provenance(done: dict[Work, Any], draws: int) -> dict[str, Any]:
 def write(folder: Path, page: Sequence[Section], made_by: dict[str, Any]) -> None:
     """Page, PDF and tables."""
     title, about = "Encoding and decoding", "Chapter 6 of B. I. Raju, S.M. thesis, MIT, 1998, on the default finger."
-    draw = partial(render, "sections.html.j2", title=title, about=about, sections=page, provenance=made_by)
+    small = made_by["small_strain"]
+    draw = partial(
+        render, "sections.html.j2", title=title, about=about, sections=page, provenance=made_by, small_strain=small
+    )
     replace_text(folder / "coding.html", draw())
     replace_bytes(folder / "coding.pdf", as_pdf(draw(picture=as_png), datetime.now(UTC)))
     tables = [section for section in page if section.rows]

@@ -79,6 +79,7 @@ def _provenance(answers: Answers, command: str) -> dict[str, Any]:
         "presses": answers.presses,
         "nodes": answers.finger.model.nodes,
         "e_epidermis_mpa": answers.finger.e_epidermis_mpa,
+        "small_strain": answers.small_strain.note,
         "versions": {name: version(name) for name in ("indentation-rig", "numpy", "scipy", "matplotlib")},
     }
 
@@ -90,6 +91,7 @@ def write(folder: Path, study: Study) -> None:
         "study.html.j2",
         title=TITLE,
         about=ABOUT,
+        small_strain=study.provenance["small_strain"],
         matrix=study.matrix,
         rows=study.rows,
         header=HEADER,

@@ -71,6 +71,7 @@ def _provenance(comparison: Comparison, runs: Sequence[Run], finger: Fingertip, 
     return {
         "comparison": comparison,
         "finger": finger,
+        "small_strain": comparison.small_strain.note,
         "runs": [(run, sha256(run.folder.events), sha256(run.folder.path / "config.toml")) for run in runs],
         "recordings": list(dict.fromkeys(map(_recording, comparison.overlays))),
         "command": command,

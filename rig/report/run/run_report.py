@@ -58,6 +58,7 @@ def _write_page(
         found=what_ran.one_by_one(run, found),
         conditions=what_ran.condition_rows(run, found),
         figures=_figures(run, found, finger),
+        small_strain=_small_strain(found),
         phases=what_ran.phases(run),
         why_approach=what_ran.why_approach(run),
         limits=what_ran.limits(run),
@@ -80,6 +81,12 @@ def _figures(run: Run, found: list[Response], finger: Fingertip) -> list[Figure]
     moved = any(len(members) > 1 for members in by_group(found).values())
     pressed = [*over_time, *_press_figures(run), *_contact_figures(run, found, finger)]
     return [*pressed, *_ssrp_figures(found)] if moved else pressed
+
+
+def _small_strain(found: Sequence[Response]) -> str:
+    """Of the deepest of the model's answers; nothing where there is none."""
+    deepest = max((response.result for response in found), key=lambda result: result.doi_mm, default=None)
+    return "" if deepest is None else deepest.small_strain.note
 
 
 def _over_time(run: Run) -> Figure:

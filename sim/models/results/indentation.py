@@ -15,6 +15,7 @@ from sim.contact.points import Pose
 from sim.contact.solver import ContactState
 from sim.models.results.outline import ModelOutline
 from sim.models.results.pictures import press_as_html
+from sim.models.results.small_strain import SmallStrain, small_strain
 
 Array = NDArray[np.float64]
 
@@ -83,6 +84,11 @@ class IndentationResult:
         if self.may_depend_on_path and len(forces) == 1:
             return None
         return (max(forces) - min(forces)) / max(forces) if max(forces) > 0 else 0.0
+
+    @property
+    def small_strain(self) -> SmallStrain:
+        """How far finite strain is from this depth's linear answers: `docs/small_strain.md`."""
+        return small_strain(self.model.kind, self.doi_mm)
 
     @cached_property
     def nodal_pressure_pseudo(self) -> Array:
@@ -181,6 +187,7 @@ class IndentationResult:
             "force_gwt": self.force_gwt,
             "doi_mm": self.doi_mm,
             "peak_pressure_pseudo": self.peak_pressure_pseudo,
+            "small_strain": self.small_strain.as_json(),
             "path": {
                 "may_depend": self.may_depend_on_path,
                 "spread": self.path_spread,

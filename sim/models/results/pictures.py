@@ -63,7 +63,8 @@ def press_as_html(result: "IndentationResult") -> str:
         box.line(seen.at_rest, f'fill="none" stroke="{_SKIN}" stroke-opacity="0.3"'),
         box.line(seen.pressed, f'fill="none" stroke="{_SKIN}" stroke-width="2"'),
     ]
-    return box.html(drawn, f"{result!r}, highest pressure {result.peak_pressure_pseudo:.0f} pseudo-units")
+    pressure = f"highest pressure {result.peak_pressure_pseudo:.0f} pseudo-units"
+    return box.html(drawn, f"{result!r}, {pressure}; {result.small_strain.note}")
 
 
 def finger_as_html(section_mm: Array, model: ModelOutline, caption: str) -> str:

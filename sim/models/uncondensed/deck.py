@@ -29,11 +29,17 @@ CONTACT_STIFFNESS_MPA_PER_MM = 2000.0
 
 @dataclass(frozen=True)
 class MeshedFinger:
-    """A finger mesh and the stiffness of its layers, E(epidermis) in MPa. Raises MeshError for quadratic elements."""
+    """A finger mesh and the stiffness of its layers, E(epidermis) in MPa. Raises MeshError for quadratic elements.
+
+    At finite strain the layers are neo-Hookean, their small-strain moduli the same; in plane strain nothing moves along
+    z.
+    """
 
     config: FingertipConfig
     mesh: FingerMesh
     e_epidermis_mpa: float
+    finite_strain: bool = False
+    plane_strain: bool = False
 
     def __post_init__(self) -> None:
         if self.mesh.order > 1:
@@ -44,7 +50,7 @@ def write_load_deck(path: Path, finger: MeshedFinger, nodes: Ints, force_n: Arra
     """The finger under (n, 3) N on n nodes; prints every node's displacement and the sum of the reactions."""
     with path.open("w", encoding="ascii") as file:
         _write_finger(file, finger)
-        file.write("*STEP\n*STATIC,SOLVER=SPOOLES\n*CLOAD\n")
+        file.write(_step(finger, "*STEP") + "*STATIC,SOLVER=SPOOLES\n*CLOAD\n")
         for node, force in zip(nodes + 1, force_n, strict=True):
             file.writelines(f"{node},{axis},{value:.12g}\n" for axis, value in enumerate(force, 1) if value)
         file.write("*NODE PRINT,NSET=NALL\nU\n*NODE PRINT,NSET=NFIX,TOTALS=ONLY\nRF\n*END STEP\n")
@@ -70,7 +76,8 @@ def write_contact_deck(
         file.write("*SURFACE INTERACTION,NAME=CONTACT\n*SURFACE BEHAVIOR,PRESSURE-OVERCLOSURE=LINEAR\n")
         file.write(f"{CONTACT_STIFFNESS_MPA_PER_MM:.9g},1.E-6\n")
         file.write("*CONTACT PAIR,INTERACTION=CONTACT,TYPE=NODE TO SURFACE\nSKIN,TOOL\n")
-        file.write("*STEP,INC=200\n*STATIC,SOLVER=SPOOLES\n0.25,1.,1.E-5,0.25\n*BOUNDARY\n")
+        file.write(_step(finger, "*STEP,INC=200") + "*STATIC,SOLVER=SPOOLES\n")
+        file.write("0.05,1.,1.E-5,0.05\n*BOUNDARY\n" if finger.finite_strain else "0.25,1.,1.E-5,0.25\n*BOUNDARY\n")
         file.write(f"NIND,1,1\nNIND,3,3\nNIND,2,2,{-doi_mm:.12g}\n")
         file.write("*NODE PRINT,NSET=NIND,TOTALS=ONLY\nRF\n*END STEP\n")
 
@@ -86,11 +93,26 @@ def _write_finger(file: TextIO, finger: MeshedFinger) -> None:
         if not len(elements):
             continue
         _write_set(file, f"*ELSET,ELSET=LAYER{layer}", elements)
-        file.write(f"*MATERIAL,NAME=TISSUE{layer}\n*ELASTIC\n")
-        file.write(f"{finger.e_epidermis_mpa * ratio:.12g},{tissue.poisson:.12g}\n")
+        file.write(f"*MATERIAL,NAME=TISSUE{layer}\n")
+        file.write(_law(finger, finger.e_epidermis_mpa * float(ratio)))
         file.write(f"*SOLID SECTION,ELSET=LAYER{layer},MATERIAL=TISSUE{layer}\n")
     _write_set(file, "*NSET,NSET=NFIX", np.flatnonzero(mesh.fixed))
     file.write("*BOUNDARY\nNFIX,1,3\n")
+    if finger.plane_strain:
+        file.write("NALL,3,3\n")
+
+
+def _law(finger: MeshedFinger, young_mpa: float) -> str:
+    """Hooke's, or CalculiX's U = C10 (Ī₁ − 3) + (J − 1)² / D1."""
+    poisson = finger.config.tissue.poisson
+    if not finger.finite_strain:
+        return f"*ELASTIC\n{young_mpa:.12g},{poisson:.12g}\n"
+    mu, kappa = young_mpa / (2 * (1 + poisson)), young_mpa / (3 * (1 - 2 * poisson))
+    return f"*HYPERELASTIC,NEO HOOKE\n{0.5 * mu:.12g},{2 / kappa:.12g}\n"
+
+
+def _step(finger: MeshedFinger, card: str) -> str:
+    return f"{card}{',NLGEOM' if finger.finite_strain else ''}\n"
 
 
 def _indentor(

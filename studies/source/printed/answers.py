@@ -14,6 +14,7 @@ from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
 from sim.models.fingertip import Fingertip
 from sim.models.processes.many import indent_many
 from sim.models.results.indentation import IndentationResult
+from sim.models.results.small_strain import SmallStrain, small_strain
 from studies.source.simulated_stimuli import stimulus_of
 
 Array = NDArray[np.float64]
@@ -76,6 +77,11 @@ class Answers:
     def presses(self) -> int:
         """How many there are."""
         return len(self._pressed)
+
+    @property
+    def small_strain(self) -> SmallStrain:
+        """How far finite strain is from the deepest of them."""
+        return small_strain("finger", max((found.doi_mm for found in self._pressed.values()), default=0.0))
 
     def press(self, scene: Scene) -> IndentationResult:
         """The answer to one scene."""

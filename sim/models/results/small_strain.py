@@ -1,0 +1,87 @@
+"""How far an answer at small strain may be trusted: what finite strain makes of the same presses, as measured.
+
+`python -m studies.finite_strain.tables` makes the table; `docs/small_strain.md` says how.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+FILE = "small_strain.json"
+_LEAST_SAID = 0.01
+
+
+class Range(NamedTuple):
+    """Linear over finite strain, less one: the least and the most of all shapes compared."""
+
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        low, high = round(100 * self.low), round(100 * self.high)
+        if max(abs(self.low), abs(self.high)) < _LEAST_SAID:
+            return "within 1 %"
+        if low == high:
+            return f"{abs(low)} % {_side(low)}"
+        if low >= 0 or high <= 0:
+            near, far = sorted((abs(low), abs(high)))
+            return f"{near} to {far} % {_side(low + high)}"
+        return f"{-low} % low to {high} % high"
+
+
+@dataclass(frozen=True)
+class SmallStrain:
+    """What small strain is off at a depth, by the specimen's kind; None where nothing was compared."""
+
+    kind: str
+    doi_mm: float
+    force: Range | None
+    sed: Range | None
+
+    @property
+    def note(self) -> str:
+        """In one line."""
+        if self.force is None or self.sed is None:
+            return (
+                f"small strain: a {self.kind} pressed {self.doi_mm:.2f} mm deep was not compared with finite strain"
+            )
+        return f"small strain: {self.doi_mm:.2f} mm deep linear force is {self.force}, SED {self.sed}"
+
+    def as_json(self) -> dict[str, Any]:
+        """For programs."""
+        return {"note": self.note, "force": self.force, "sed": self.sed}
+
+
+def small_strain(kind: str, doi_mm: float) -> SmallStrain:
+    """Of a model's kind ("finger", "section", "halfspace") at the depth, or the deepest depth, of an answer in mm."""
+    curve = _curves().get(kind.removeprefix("interpolated "), ())
+    points = [(0.0, Range(0.0, 0.0), Range(0.0, 0.0)), *curve]
+    for (above, force, sed), (below, force_below, sed_below) in pairwise(points):
+        if doi_mm <= below:
+            share = (doi_mm - above) / (below - above)
+            return SmallStrain(kind, doi_mm, _between(force, force_below, share), _between(sed, sed_below, share))
+    return SmallStrain(kind, doi_mm, None, None)
+
+
+Point = tuple[float, Range, Range]
+
+
+@cache
+def _curves() -> Mapping[str, tuple[Point, ...]]:
+    kept = json.loads((files("sim.data") / FILE).read_text("utf-8"))
+    return {
+        kind: tuple((row["doi_mm"], Range(*row["force"]), Range(*row["sed"])) for row in rows)
+        for kind, rows in kept["curves"].items()
+    }
+
+
+def _between(above: Range, below: Range, share: float) -> Range:
+    return Range(*(a + share * (b - a) for a, b in zip(above, below, strict=True)))
+
+
+def _side(percent: int) -> str:
+    return "high" if percent > 0 else "low"

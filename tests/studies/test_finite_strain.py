@@ -1,0 +1,216 @@
+"""The nonlinear reference: bricks against closed forms, the linear twin against the model, CalculiX where it is."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim.config.fingertip_config import Contact, FingertipConfig, MeshSpec
+from sim.contact.shapes import parse_shape
+from sim.fem.elements import lame, stiffness
+from sim.measures.measures import Elastic, measures_from_strain
+from sim.models.catalogue import load
+from studies.finite_strain import confirmed, states
+from studies.finite_strain.bricks import Dilatation, Moduli, bricks
+from studies.finite_strain.inside import finite_measures
+from studies.finite_strain.laws import Law, NeoHookean, Yeoh
+from studies.finite_strain.press import presses
+from studies.finite_strain.ratios import COLUMNS, Ratio, correlation, envelope, ratios
+from studies.finite_strain.reading import extent
+from studies.finite_strain.rubbing import Rubbing
+from studies.finite_strain.scene import Specimen
+from studies.finite_strain.tables import kept_ratios
+
+COARSE = FingertipConfig(
+    contact=Contact(between_nodes=False), mesh=MeshSpec(spacing_mm=0.4, epidermis_elements=1, dermis_spacing_mm=0.4)
+)
+MODULI = Moduli(*lame(np.ones(8), 0.48))
+
+
+def patch() -> tuple[np.ndarray, np.ndarray]:
+    """Eight bricks in a cube of side 1 whose inner node is out of place."""
+    grid = np.stack(np.meshgrid(*[np.linspace(0, 1, 3)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    grid[13] += [0.07, -0.05, 0.04]
+    number = np.arange(27).reshape(3, 3, 3)
+    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+    return grid, np.stack([number[a : a + 2, b : b + 2, c : c + 2].ravel() for a, b, c in corners], axis=1)
+
+
+@pytest.mark.parametrize("law", [NeoHookean(), Yeoh(3.0, 2.0)])
+@pytest.mark.parametrize("dilatation", ["bbar", "full"])
+def test_forces_and_stiffness_are_derivatives_of_the_energy(law: Law, dilatation: Dilatation) -> None:
+    rng = np.random.default_rng(1)
+    nodes, elements = patch()
+    one = bricks(nodes, elements[:1], Moduli(MODULI.mu[:1], MODULI.kappa[:1]), law, dilatation)
+    at = elements[0]
+    u = rng.normal(size=(27, 3)) * 0.05
+    force, matrix = one.tangent(u)
+    h, k = 1e-6, 5  # one degree of freedom stands for all
+    aside = np.zeros((27, 3))
+    aside[at[k // 3], k % 3] = h
+    assert (one.energy(u + aside) - one.energy(u - aside)) / (2 * h) == pytest.approx(force[0, k], abs=1e-7)
+    column = (one.tangent(u + aside)[0][0] - one.tangent(u - aside)[0][0]) / (2 * h)
+    np.testing.assert_allclose(column, matrix[0, :, k], atol=1e-7 * np.abs(matrix).max())
+    at_rest = one.tangent(np.zeros((27, 3)))[1]
+    expected = stiffness(nodes, elements[:1], np.ones(1), 0.48, dilatation)
+    np.testing.assert_allclose(at_rest, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("dilatation", ["bbar", "full"])
+def test_a_patch_in_simple_shear_carries_the_shear_of_rivlin(dilatation: Dilatation) -> None:
+    """Homogeneous at finite strain: nothing is left over inside, and σ₁₂ = μγ whatever γ (Rivlin 1948)."""
+    nodes, elements = patch()
+    gamma = 0.6
+    u = np.zeros((27, 3))
+    u[:, 0] = gamma * nodes[:, 1]
+    body = bricks(nodes, elements, MODULI, NeoHookean(), dilatation)
+    force, _ = body.tangent(u)
+    total = np.zeros((27, 3))
+    np.add.at(total, elements, force.reshape(8, 8, 3))
+    np.testing.assert_allclose(total[13], 0, atol=1e-14)
+    top = nodes[:, 1] == 1
+    assert total[top, 0].sum() == pytest.approx(MODULI.mu[0] * gamma, rel=1e-12)
+    assert body.energy(u) == pytest.approx(0.5 * MODULI.mu[0] * gamma**2, rel=1e-12)
+
+
+def test_stiffening_tissue_carries_more_and_turned_elements_nothing_finite() -> None:
+    nodes, elements = patch()
+    u = np.zeros((27, 3))
+    u[:, 0] = 0.6 * nodes[:, 1]
+    i = 0.36  # Ī₁ − 3 in simple shear
+    yeoh = bricks(nodes, elements, MODULI, Yeoh(2.0, 1.0))
+    assert yeoh.energy(u) == pytest.approx(0.5 * MODULI.mu[0] * (i + 2 * i**2 + i**3), rel=1e-12)
+    assert yeoh.energy(-2 * nodes) == np.inf
+
+
+def test_measures_in_simple_shear_and_after_a_turn() -> None:
+    gamma, mu, kappa = 0.5, 2.0, 50.0
+    f = np.eye(3)
+    f[0, 1] = gamma
+    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    found = finite_measures(np.stack([f, turn @ f]), Moduli(np.full(2, mu), np.full(2, kappa)), NeoHookean())
+    for values in found.values():
+        assert values[0] == pytest.approx(values[1], abs=1e-12)  # in the material's axes
+    stretch = 0.5 * (gamma + np.sqrt(gamma**2 + 4))
+    assert found["ep3"][0] == pytest.approx(stretch - 1)
+    assert found["ep1"][0] == pytest.approx(1 / stretch - 1)
+    assert found["sed"][0] == pytest.approx(0.5 * mu * gamma**2)
+    assert found["mean"][0] == pytest.approx(0.0, abs=1e-12)
+    assert found["sp3"][0] - found["sp1"][0] == pytest.approx(mu * (stretch**2 - stretch**-2))
+
+
+def test_measures_at_small_strain_are_the_linear_ones() -> None:
+    strain = 1e-6 * np.array([1.0, -2, 0.5, 0.3, -0.4, 0.7])
+    f = np.eye(3)
+    for k, (i, j) in enumerate([(0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2)]):
+        f[i, j] += strain[k]
+    mu, kappa = lame(np.full(1, 3.0), 0.48)
+    found = finite_measures(f[None], Moduli(mu, kappa), NeoHookean())
+    for name, value in measures_from_strain(strain, Elastic(3.0, 0.48)).items():
+        assert found[name][0] == pytest.approx(float(value), rel=2e-5), name
+
+
+@pytest.fixture(scope="module")
+def section() -> Specimen:
+    return Specimen(COARSE, "section")
+
+
+def test_the_linear_twin_is_the_model(section: Specimen) -> None:
+    """The penalty lets nodes 1e-5 of the depth in: 1e-4 of the force."""
+    finger = load("section", COARSE, cached=False)
+    body = section.body(None)
+    for shape in ("cylinder:9", "bar:3.0"):
+        (found,) = presses(body, section.skin, section.touch(shape), [0.3])
+        expected = finger.indent(shape, 0.0, doi_mm=0.3).force_n / finger.e_epidermis_mpa
+        assert found.force == pytest.approx(expected, rel=1e-4)
+
+
+def test_finite_strain_begins_as_small_strain_and_leaves_it(section: Specimen) -> None:
+    linear, finite = (
+        list(presses(section.body(law), section.skin, section.touch("cylinder:9"), [0.01, 0.6]))
+        for law in (None, NeoHookean())
+    )
+    assert finite[0].force == pytest.approx(linear[0].force, rel=2e-3)
+    assert linear[1].force / finite[1].force < 0.95
+
+
+def test_friction_holds_no_more_than_its_coefficient_and_none_is_the_model() -> None:
+    finger = load("section", COARSE, cached=False)
+    touch = finger.touch_height_mm("cylinder:9", 0.5)
+    indentor = parse_shape("cylinder:9")
+    *_, free = Rubbing(finger.model.patch, indentor, 0.5, touch, 0.0).presses(0.4)
+    expected = finger.indent("cylinder:9", 0.5, doi_mm=0.4).force_n / finger.e_epidermis_mpa
+    assert free.normal_force == pytest.approx(expected, rel=1e-4)
+    *_, held = Rubbing(finger.model.patch, indentor, 0.5, touch, 0.3).presses(0.4)
+    bears = held.force[1] < 0
+    slope = indentor.evaluate((finger.model.patch.x - 0.5)[None]).slope[0]
+    angle = np.abs(np.arctan2(held.force[0], -held.force[1]) - np.arctan(slope))[bears]
+    assert angle.max() < np.arctan(0.3) + 0.05  # the slope is taken where the node was
+    assert held.normal_force > free.normal_force
+
+
+def test_where_a_gap_opens() -> None:
+    x = np.arange(-2.0, 2.01, 0.25)
+    gap = np.where(np.abs(x) <= 0.8, -1e-5, np.abs(np.abs(x) - 0.8) ** 1.5)
+    assert extent(x, gap, opens=True) == pytest.approx(1.6)
+    assert extent(x, gap, opens=False) == pytest.approx(1.5)
+    assert extent(x, gap + 1, opens=True) == 0.0
+
+
+def state(law: str, force: float, shape: str = "flat") -> dict[str, object]:
+    measures = {name[2:]: [force, 2 * force, 0.5] for name in COLUMNS if name.startswith("r_")}
+    about = {"mesh": "finger", "shape": shape, "x_mm": 0.0, "poisson": 0.48, "doi_mm": 0.5, "law": law}
+    return {**about, "force": force, "width_mm": 2.0, "peak": force, "measures": measures}
+
+
+def test_ratios_are_linear_over_finite_and_kept_as_they_were() -> None:
+    (one,) = ratios([state("linear", 1.1), state("neo-Hookean", 1.0), state("neo-Hookean", 1.0, "sphere:3")])
+    assert (one.force, one.width, one.sed) == pytest.approx((1.1, 1.0, 1.1))
+    again = Ratio.of(dict(zip(COLUMNS, one.row, strict=True)))
+    assert again.row == one.row
+    assert envelope([one, one._replace(force=0.98)], "finger", 2) == [
+        {"doi_mm": 0.5, "force": [-0.02, 0.1], "sed": [0.1, 0.1]}
+    ]
+    assert envelope([one], "finger", 2) == []
+    assert np.isnan(correlation(np.ones(3), np.arange(3.0)))
+    assert correlation(np.arange(3.0), -np.arange(3.0)) == pytest.approx(-1)
+
+
+def test_the_note_is_of_the_ratios_that_are_kept() -> None:
+    curves = json.loads((Path(states.__file__).parents[2] / "sim/data/small_strain.json").read_text("utf-8"))[
+        "curves"
+    ]
+    from studies.finite_strain.tables import SAID
+
+    for kind, (mesh, fewest) in SAID.items():
+        kept = envelope(kept_ratios(), mesh, fewest)
+        assert [row["doi_mm"] for row in kept] == [row["doi_mm"] for row in curves[kind]]
+        for ours, said in zip(kept, curves[kind], strict=True):
+            np.testing.assert_allclose(ours["force"] + ours["sed"], said["force"] + said["sed"], atol=6e-4)
+
+
+def test_what_calculix_prints_is_read() -> None:
+    printed = " displacements\n\n 1 1.0 2.0 3.0\n 2 0.0 0.0 0.0\n\n 1 4.0 5.0 6.0\n 2 7.0 8.0 9.0\n"
+    np.testing.assert_array_equal(confirmed.displacements(printed, 2), [[4, 5, 6], [7, 8, 9]])
+    total = " total force (fx,fy,fz) for set NIND and time  0.1E+01\n\n        1.0 -2.5E+00  0.0\n"
+    np.testing.assert_array_equal(confirmed.last_total("x\n" + total), [1.0, -2.5, 0.0])
+
+
+def test_without_calculix_one_line_says_so(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    confirmed.main("unused")
+    assert capsys.readouterr().out == f"{confirmed.MISSING}\n"
+
+
+@pytest.mark.skipif(shutil.which("ccx") is None, reason="no ccx (Debian package calculix-ccx)")
+@pytest.mark.xdist_group("calculix")
+def test_calculix_has_the_same_equilibrium_at_finite_strain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its displacements under our contact forces are ours to the seven digits that it prints."""
+    coarse = {"spacing_mm": 0.4, "epidermis_elements": 1, "dermis_spacing_mm": 0.4, "element": "full"}
+    monkeypatch.setitem(states.MESHES, "section coarse full", coarse)
+    found = confirmed.equilibrium(states.Scene("section coarse full", "cylinder:9"), 0.8)
+    assert found["off"] < 5e-6
