@@ -137,7 +137,7 @@ def provenance(done: dict[Work, Any], draws: int) -> dict[str, Any]:
 def write(folder: Path, page: Sequence[Section], made_by: dict[str, Any]) -> None:
     """Page, PDF and tables."""
     title, about = "Encoding and decoding", "Chapter 6 of B. I. Raju, S.M. thesis, MIT, 1998, on the default finger."
-    small = made_by["small_strain"]
+    small = small_strain("section", DEEPEST_MM).note
     draw = partial(
         render, "sections.html.j2", title=title, about=about, sections=page, provenance=made_by, small_strain=small
     )

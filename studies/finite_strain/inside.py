@@ -1,6 +1,6 @@
 """The 18 measures at receptors of a body at finite strain.
 
-Strains are those of the right stretch, U − 1, in the material's axes, shear twice the tensor's; stresses are Cauchy's,
+Strains are the right stretch's, U − 1, in the material's axes, shear twice the tensor's; stresses are Cauchy's,
 turned back by the rotation; SED is per undeformed volume. At small strain all are the linear ones.
 """
 

@@ -24,7 +24,7 @@ NOTE = Path(__file__).parents[2] / "sim" / "data" / "small_strain.json"
 FIGURE = Path(__file__).parents[2] / "docs" / "figures" / "small_strain.svg"
 COMMAND = "python -m studies.finite_strain.tables"
 
-SAID = {"finger": ("finger 0.35", 5), "section": ("section 0.17", 4)}
+SAID = {"finger": ("finger 0.35", 3), "section": ("section 0.17", 4)}
 """The mesh behind the note of each kind, and how many shapes must have reached a depth for it to be said."""
 
 _TARGETS = tuple(f"{force:g} gwt" for force in worlds.FORCES_GWT)

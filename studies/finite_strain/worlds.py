@@ -168,6 +168,9 @@ def main(path: str, *names: str) -> None:
 def rows(name: str, shape: str, x_mm: float) -> Iterator[dict[str, Any]]:
     """One a target; measures None where it was not reached."""
     world = WORLDS[name]
+    if world.kind == "finger" and not world.friction:
+        yield from _by_the_model(name, shape, x_mm)
+        return
     states = States(world)
     if shape.startswith("bar"):
         way = states.way(shape, x_mm, np.inf, BAR_DOI_MM)
@@ -178,6 +181,17 @@ def rows(name: str, shape: str, x_mm: float) -> Iterator[dict[str, Any]]:
     way = states.way(shape, x_mm, max(targets.values()), _DEEPEST_MM)
     for gwt, force in targets.items():
         yield _row(name, shape, x_mm, f"{gwt:g} gwt", between(way, force))
+
+
+def _by_the_model(name: str, shape: str, x_mm: float) -> Iterator[dict[str, Any]]:
+    """The project's own presses: without friction, and at a force without increments."""
+    finger = _finger(WORLDS[name])
+    depths: dict[str, dict[str, float]] = {f"{BAR_DOI_MM:g} mm": {"doi_mm": BAR_DOI_MM}}
+    forces: dict[str, dict[str, float]] = {f"{gwt:g} gwt": {"force_gwt": gwt} for gwt in FORCES_GWT}
+    for target, asked in (depths if shape.startswith("bar") else forces).items():
+        found = finger.indent(shape, x_mm, **asked)  # type: ignore[arg-type]
+        measures = np.array([found.receptor_measures[measure] for measure in MEASURES])
+        yield _row(name, shape, x_mm, target, (found.doi_mm, found.force_n / finger.e_epidermis_mpa, measures))
 
 
 def between(way: list[tuple[float, float, Array]], force: float) -> tuple[float, float, Array] | None:

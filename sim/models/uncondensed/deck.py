@@ -31,8 +31,7 @@ CONTACT_STIFFNESS_MPA_PER_MM = 2000.0
 class MeshedFinger:
     """A finger mesh and the stiffness of its layers, E(epidermis) in MPa. Raises MeshError for quadratic elements.
 
-    At finite strain the layers are neo-Hookean, their small-strain moduli the same; in plane strain nothing moves along
-    z.
+    At finite strain layers are neo-Hookean with the same small-strain moduli; in plane strain nothing moves along z.
     """
 
     config: FingertipConfig

@@ -1,0 +1,177 @@
+"""Every place that gives a force or SED at a depth says how far small strain is off there, in one line."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import NamedTuple
+
+import pytest
+
+from rig.plan.config import load_config
+from rig.plan.plan import make_plan
+from rig.protocol.script import load_script
+from rig.session.page import Page
+from rig.session.session import NewRun, Session
+from sim.models.catalogue import load
+from sim.models.fingertip import Fingertip
+from sim.models.results import small_strain as module
+from sim.models.results.small_strain import Range, small_strain
+from studies.coding import pages
+from studies.source import matrix_page
+from studies.source.printed.answers import Answers, deep
+from tests.program import Program
+from tests.sim.coarse import as_toml, coarse_mesh
+
+COARSE = as_toml(coarse_mesh(0.4, 0.4, patch_x_mm=2.0, patch_z_mm=2.0))
+SCRIPT = """\
+def run(rig):
+    rig.mount("cylinder:9")
+    rig.home()
+    rig.zero()
+    for x_mm in (-0.4, 0.0, 0.4):
+        rig.move_to(x_mm=x_mm)
+        rig.indent(doi_mm=0.3, hold_s=0.5)
+"""
+STUDY = '[[press]]\nshape = "cylinder:9"\ndoi_mm = [0.3]\n'
+SAID = re.compile(r"small strain: 0\.(29|3\d|90) mm deep linear force is ")  # a bench's true depth is a little off
+
+
+class At(NamedTuple):
+    """A folder with a script and a coarse finger, the program, and a run made once."""
+
+    folder: Path
+    program: Program
+    run: Callable[[], Path]
+
+    def said(self, *arguments: object) -> str:
+        """What the program prints on that finger."""
+        ended = self.program(*arguments, "--config", self.folder / "coarse.toml")
+        assert ended.code == 0, ended.err
+        return " ".join(ended.out.split())
+
+    @property
+    def finger(self) -> Fingertip:
+        """In the program's own process."""
+        return Fingertip.load(load_config(self.folder / "coarse.toml").finger)
+
+
+def _page(at: At) -> str:
+    settings, finger = load_config(at.folder / "coarse.toml"), at.finger
+    script = load_script(str(at.folder / "mine.py"))
+    session = Session(script, settings, finger, make_plan(script, settings, finger), NewRun(at.folder / "none"))
+    return Page.of(session).lines["force"]
+
+
+def _study(at: At, *more: str) -> str:
+    (at.folder / "study.toml").write_text(STUDY, encoding="utf-8")
+    return at.program("study", at.folder / "study.toml", *more).out
+
+
+def _source(at: At) -> str:
+    answers = Answers(at.finger)
+    answers.press(deep("cylinder:9", 0.3))
+    matrix_page.write(at.folder, matrix_page.Study((), {}, matrix_page._provenance(answers, "made by")))
+    return (at.folder / "study.html").read_text("utf-8")
+
+
+def _coding(at: At) -> str:
+    made_by = pages.provenance({(pages.SHIFT, ()): SimpleNamespace(nodes=1)}, 2)
+    pages.write(at.folder, [], made_by)
+    assert made_by["small_strain"] in (at.folder / "coding_tables.json").read_text("utf-8")
+    return (at.folder / "coding.html").read_text("utf-8")
+
+
+def _compared(at: At, *more: str) -> str:
+    run = at.run()
+    ended = at.program("compare", run, *more)
+    assert ended.code == 0, ended.err
+    return ended.out if more else (run / "comparison.html").read_text("utf-8")
+
+
+INDENT = ("indent", "--shape", "cylinder:9", "--x-mm", "0", "--doi-mm", "0.3")
+ENCODE = ("encode", "--shape", "cylinder:9", "--x-mm", "0", "--doi-mm", "0.3")
+PLACES: dict[str, Callable[[At], str]] = {
+    "library, JSON": lambda at: str(at.finger.indent("cylinder:9", doi_mm=0.3).as_json()),
+    "library, notebook": lambda at: at.finger.indent("cylinder:9", doi_mm=0.3)._repr_html_(),
+    "rig indent": lambda at: at.said(*INDENT),
+    "rig indent --json": lambda at: at.said(*INDENT, "--json"),
+    "rig indent --model section": lambda at: at.said(*INDENT, "--model", "section"),
+    "rig export-deck": lambda at: at.said("export-deck", *INDENT[1:], "--out", at.folder / "deck.inp"),
+    "rig encode": lambda at: at.said(*ENCODE),
+    "rig encode --json": lambda at: at.said(*ENCODE, "--json"),
+    "rig check": lambda at: at.said("check", at.folder / "mine.py"),
+    "rig check --json": lambda at: at.said("check", at.folder / "mine.py", "--json"),
+    "the page before a run": _page,
+    "a run's report": lambda at: (at.run() / "report.html").read_text("utf-8"),
+    "a comparison's report": _compared,
+    "rig compare --json": lambda at: _compared(at, "--json"),
+    "rig study": _study,
+    "rig study --json": lambda at: _study(at, "--json"),
+    "the source, figure by figure": _source,
+    "encoding and decoding": _coding,
+}
+
+
+@pytest.fixture
+def at(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    program: Program,
+    made_once: Callable[[str, Callable[[], object]], Path],
+) -> At:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "coarse.toml").write_text(COARSE, encoding="utf-8")
+    (tmp_path / "mine.py").write_text(SCRIPT, encoding="utf-8")
+
+    def run() -> Path:
+        return made_once(
+            "run", lambda: program("dry-run", tmp_path / "mine.py", "--config", tmp_path / "coarse.toml")
+        )
+
+    return At(tmp_path, program, run)
+
+
+@pytest.mark.usefixtures("empty_figures")
+@pytest.mark.parametrize("place", PLACES)
+def test_a_place_says_it(place: str, at: At) -> None:
+    assert SAID.search(PLACES[place](at))
+
+
+def test_a_half_space_was_not_compared() -> None:
+    found = load("halfspace").indent("cylinder:9", doi_mm=0.3).small_strain
+    assert found.note == "small strain: a halfspace pressed 0.30 mm deep was not compared with finite strain"
+    assert found.as_json() == {"note": found.note, "force": None, "sed": None}
+
+
+@pytest.fixture
+def curves(monkeypatch: pytest.MonkeyPatch) -> None:
+    point = (0.5, Range(0.02, 0.1), Range(-0.2, 0.1))
+    monkeypatch.setattr(module, "_curves", lambda: {"finger": (point, (1.0, Range(-0.1, 0.0), Range(0.0, 0.0)))})
+
+
+@pytest.mark.usefixtures("curves")
+def test_between_the_depths_that_were_compared_it_is_linear_and_beyond_them_not_known() -> None:
+    assert small_strain("finger", 0.25).force == pytest.approx((0.01, 0.05))
+    assert small_strain("finger", 0.75).force == pytest.approx((-0.04, 0.05))
+    assert small_strain("interpolated finger", 0.5).sed == pytest.approx((-0.2, 0.1))
+    assert small_strain("finger", 1.0).force == pytest.approx((-0.1, 0.0))
+    assert small_strain("finger", 1.01).force is None
+    assert small_strain("finger", 0.5).note == (
+        "small strain: 0.50 mm deep linear force is 2 to 10 % high, SED 20 % low to 10 % high"
+    )
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "words"),
+    [
+        (-0.009, 0.009, "within 1 %"),
+        (0.0, 0.03, "0 to 3 % high"),
+        (-0.24, -0.1, "10 to 24 % low"),
+        (0.051, 0.052, "5 % high"),
+        (-0.06, -0.06, "6 % low"),
+        (-0.01, 0.02, "1 % low to 2 % high"),
+    ],
+)
+def test_a_range_in_words(low: float, high: float, words: str) -> None:
+    assert str(Range(low, high)) == words
