@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from sim.contact.indentor import Prismatic
 from sim.models.uncondensed.deck import MeshedFinger, write_contact_deck, write_load_deck
-from studies.finite_strain.laws import NeoHookean
-from studies.finite_strain.press import Pressed, presses
-from studies.finite_strain.scene import Specimen
+from studies.finite_strain.solver.laws import NeoHookean
+from studies.finite_strain.solver.press import Pressed, presses
+from studies.finite_strain.solver.scene import Specimen
 from studies.finite_strain.states import LONGEST_MM, Scene, specimen
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ EQUILIBRIA = (
     (Scene("section 0.17 full", "bar:3.0"), 1.33),
     (Scene("section 0.17 full", "cylinder:9"), 1.33),
     (Scene("section 0.17 full", "step:1"), 1.33),
-    (Scene("finger 0.35", "cylinder:9"), 1.0),
+    (Scene("finger 0.4", "cylinder:9"), 1.0),
     (Scene("finger 0.35", "sphere:3"), 1.0),
 )
 CONTACTS = (

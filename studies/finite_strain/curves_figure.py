@@ -5,6 +5,7 @@ from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from rig.data.folder import replace_text
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, Plot
@@ -26,21 +27,20 @@ def _draw(canvas: Figure, found: Sequence[Ratio]) -> None:
             axes = panels[row, column]
             axes.axhline(0, color="black", lw=0.6)
             for shape, colour in COLOURS.items():
-                _line(axes, _of(found, mesh, shape), name, colour=colour, style="-o", label=shape)
-                _line(axes, _of(found, finer, shape), name, colour=colour, style=":", label="_finer")
+                _line(axes, _of(found, mesh, shape), name, colour=colour, style="-o")
+                _line(axes, _of(found, finer, shape), name, colour=colour, style=":")
             axes.set_ylabel(f"linear {label} over finite strain (%)" if column == 0 else "")
         panels[0, column].set_title(title, fontsize=9)
         panels[1, column].set_xlabel("DOI (mm)")
-    panels[0, 0].legend(fontsize=8)
+    keys = [Line2D([], [], color=colour, marker="o", ms=2.5, label=shape) for shape, colour in COLOURS.items()]
+    canvas.legend(handles=keys, loc="outside lower center", ncols=len(keys), fontsize=8)
 
 
 def _of(found: Sequence[Ratio], mesh: str, shape: str) -> list[Ratio]:
     return [one for one in found if (one.mesh, one.shape, one.poisson) == (mesh, shape, 0.48)]
 
 
-def _line(axes: Axes, found: Sequence[Ratio], name: str, *, colour: str, style: str, label: str) -> None:
+def _line(axes: Axes, found: Sequence[Ratio], name: str, *, colour: str, style: str) -> None:
     off = [100 * (getattr(one, name) - 1) for one in found]
     if off:
-        axes.plot(
-            [0.0, *(one.doi_mm for one in found)], [0.0, *off], style, color=colour, ms=2.5, lw=1.1, label=label
-        )
+        axes.plot([0.0, *(one.doi_mm for one in found)], [0.0, *off], style, color=colour, ms=2.5, lw=1.1)

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from sim.config.units import PSEUDO_E_EPIDERMIS
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, place_receptors
-from studies.finite_strain.inside import Receptors
-from studies.finite_strain.laws import Law
-from studies.finite_strain.press import Pressed
-from studies.finite_strain.rigid import Rigid, gap
-from studies.finite_strain.scene import Specimen
+from studies.finite_strain.solver.inside import Receptors
+from studies.finite_strain.solver.laws import Law
+from studies.finite_strain.solver.press import Pressed
+from studies.finite_strain.solver.rigid import Rigid, gap
+from studies.finite_strain.solver.scene import Specimen
 
 Array = NDArray[np.float64]
 

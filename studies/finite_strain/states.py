@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from sim.config.fingertip_config import Contact, FingertipConfig, MeshSpec, Tissue
-from studies.finite_strain.bricks import Dilatation
-from studies.finite_strain.laws import Law, NeoHookean
-from studies.finite_strain.press import presses
 from studies.finite_strain.reading import Reader
-from studies.finite_strain.scene import Kind, Specimen
+from studies.finite_strain.solver.bricks import Dilatation
+from studies.finite_strain.solver.laws import Law, NeoHookean
+from studies.finite_strain.solver.press import presses
+from studies.finite_strain.solver.scene import Kind, Specimen
 
 DEPTHS_MM = (0.1, 0.2, 0.33, 0.5, 0.67, 0.83, 1.0, 1.17, 1.33, 1.6, 2.0)
 SHAPES = ("cylinder:9", "sphere:3", "flat", "step:1", "bar:3.0")
@@ -33,6 +33,7 @@ MESHES: dict[str, dict[str, Any]] = {
     "section 0.085": {"spacing_mm": 0.085, "epidermis_elements": 4, "dermis_spacing_mm": 0.1},
     "section 0.17 full": {"element": "full"},
     "finger 0.35": {"spacing_mm": 0.35, "axial_spacing_mm": 0.6, **_FEW, "dermis_spacing_mm": 0.4},
+    "finger 0.4": {"spacing_mm": 0.4, "axial_spacing_mm": 0.55, "dermis_spacing_mm": 0.3},
     "finger 0.25": {"spacing_mm": 0.25, "axial_spacing_mm": 0.45, **_FEW, "epidermis_elements": 2},
 }
 """What each mesh sets; its first word is the specimen's kind."""

@@ -26,13 +26,13 @@ from sim.contact.shapes import parse_shape
 from sim.measures.measures import MEASURES, measures_in_layers
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
-from studies.finite_strain.body import Body
-from studies.finite_strain.inside import Receptors
-from studies.finite_strain.laws import NeoHookean
-from studies.finite_strain.press import presses
 from studies.finite_strain.reading import Reader
-from studies.finite_strain.rubbing import Rubbing
-from studies.finite_strain.scene import Specimen
+from studies.finite_strain.solver.body import Body
+from studies.finite_strain.solver.inside import Receptors
+from studies.finite_strain.solver.laws import NeoHookean
+from studies.finite_strain.solver.press import presses
+from studies.finite_strain.solver.rubbing import Rubbing
+from studies.finite_strain.solver.scene import Specimen
 
 Array = NDArray[np.float64]
 

@@ -13,14 +13,14 @@ from sim.fem.elements import lame, stiffness
 from sim.measures.measures import Elastic, measures_from_strain
 from sim.models.catalogue import load
 from studies.finite_strain import confirmed, states
-from studies.finite_strain.bricks import Dilatation, Moduli, bricks
-from studies.finite_strain.inside import finite_measures
-from studies.finite_strain.laws import Law, NeoHookean, Yeoh
-from studies.finite_strain.press import presses
 from studies.finite_strain.ratios import COLUMNS, Ratio, correlation, envelope, ratios
 from studies.finite_strain.reading import extent
-from studies.finite_strain.rubbing import Rubbing
-from studies.finite_strain.scene import Specimen
+from studies.finite_strain.solver.bricks import Dilatation, Moduli, bricks
+from studies.finite_strain.solver.inside import finite_measures
+from studies.finite_strain.solver.laws import Law, NeoHookean, Yeoh
+from studies.finite_strain.solver.press import presses
+from studies.finite_strain.solver.rubbing import Rubbing
+from studies.finite_strain.solver.scene import Specimen
 from studies.finite_strain.tables import kept_ratios
 
 COARSE = FingertipConfig(

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.fem.elements import stiffness
-from studies.finite_strain.bricks import Bricks
-from studies.finite_strain.factor import Factor
-from studies.finite_strain.pattern import Pattern
+from studies.finite_strain.solver.bricks import Bricks
+from studies.finite_strain.solver.factor import Factor
+from studies.finite_strain.solver.pattern import Pattern
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -18,8 +18,8 @@ from sim.finger.mesh import FingerMesh
 from sim.measures.measures import MEASURES, measures_in_layers
 from sim.measures.receptors import blended, located
 from sim.models.discretised import young_ratios
-from studies.finite_strain.bricks import Moduli, deformation
-from studies.finite_strain.laws import Law
+from studies.finite_strain.solver.bricks import Moduli, deformation
+from studies.finite_strain.solver.laws import Law
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.fem.shape_functions import gauss_points, gradients
-from studies.finite_strain.laws import Law
+from studies.finite_strain.solver.laws import Law
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

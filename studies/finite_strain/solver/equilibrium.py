@@ -7,9 +7,9 @@ indefinite the term is left out: what remains majorises the energy of the contac
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.finite_strain.body import Body
-from studies.finite_strain.factor import IndefiniteError
-from studies.finite_strain.rigid import PENALTY_MPA_PER_MM, Rigid, Skin, Touching, energy, touching
+from studies.finite_strain.solver.body import Body
+from studies.finite_strain.solver.factor import IndefiniteError
+from studies.finite_strain.solver.rigid import PENALTY_MPA_PER_MM, Rigid, Skin, Touching, energy, touching
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

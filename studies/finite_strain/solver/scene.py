@@ -16,10 +16,10 @@ from sim.finger.mesh import FingerMesh, build_mesh, section_mesh
 from sim.finger.surface import FingertipSurface
 from sim.models.discretised import young_ratios
 from sim.models.plane_section import prismatic
-from studies.finite_strain.body import Body, LinearBricks
-from studies.finite_strain.bricks import Dilatation, Moduli, bricks
-from studies.finite_strain.laws import Law, NeoHookean
-from studies.finite_strain.rigid import Rigid, Skin
+from studies.finite_strain.solver.body import Body, LinearBricks
+from studies.finite_strain.solver.bricks import Dilatation, Moduli, bricks
+from studies.finite_strain.solver.laws import Law, NeoHookean
+from studies.finite_strain.solver.rigid import Rigid, Skin
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pypardiso import PyPardisoSolver
 from pypardiso.pardiso_wrapper import PyPardisoError
 
-from studies.finite_strain.pattern import Pattern
+from studies.finite_strain.solver.pattern import Pattern
 
 Array = NDArray[np.float64]
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.finite_strain.body import Body
-from studies.finite_strain.equilibrium import NotFoundError, rest
-from studies.finite_strain.rigid import Rigid, Skin, Touching
+from studies.finite_strain.solver.body import Body
+from studies.finite_strain.solver.equilibrium import NotFoundError, rest
+from studies.finite_strain.solver.rigid import Rigid, Skin, Touching
 
 Array = NDArray[np.float64]
 
