@@ -51,7 +51,7 @@ def cut(result: "IndentationResult") -> Cut:
 
 
 def press_as_html(result: "IndentationResult") -> str:
-    """The cut as SVG with one line below."""
+    """The cut as SVG with a line below, and another on small strain."""
     seen = cut(result)
     top = float(seen.at_rest[1].max())
     box = _Box(seen.indentor[0, 0], seen.indentor[0, -1], seen.pressed[1].min() - _MARGIN_MM, top + _ABOVE_MM)
@@ -64,7 +64,7 @@ def press_as_html(result: "IndentationResult") -> str:
         box.line(seen.pressed, f'fill="none" stroke="{_SKIN}" stroke-width="2"'),
     ]
     pressure = f"highest pressure {result.peak_pressure_pseudo:.0f} pseudo-units"
-    return box.html(drawn, f"{result!r}, {pressure}; {result.small_strain.note}")
+    return box.html(drawn, f"{result!r}, {pressure}", result.small_strain.note)
 
 
 def finger_as_html(section_mm: Array, model: ModelOutline, caption: str) -> str:
@@ -97,12 +97,13 @@ class _Box(NamedTuple):
         """A dot at each of (2, n) points."""
         return [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="2.5" fill="{_PRESSURE}"/>' for x, y in self._placed(points)]
 
-    def html(self, drawn: Sequence[str], caption: str) -> str:
-        """The drawing, and a line of words."""
+    def html(self, drawn: Sequence[str], caption: str, note: str = "") -> str:
+        """The drawing, and a line of words; a note has a line of its own."""
         width, height = _PX_PER_MM * (self.right - self.left), _PX_PER_MM * (self.top - self.bottom)
         size = f'width="{width:.0f}" height="{height:.0f}" viewBox="0 0 {width:.1f} {height:.1f}"'
+        below = f"<small>{escape(note)}</small>" if note else ""
         svg = f'<svg xmlns="http://www.w3.org/2000/svg" {size}>{"".join(drawn)}</svg>'
-        return f"<figure>{svg}<figcaption>{escape(caption)}</figcaption></figure>"
+        return f"<figure>{svg}<figcaption>{escape(caption)}</figcaption>{below}</figure>"
 
     def _placed(self, points: Array) -> Array:
         """(n, 2) in pixels, downwards."""
