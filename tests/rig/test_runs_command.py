@@ -67,6 +67,18 @@ def test_every_run_has_a_line_and_the_newest_is_the_last(program: Program, runs:
     ]
 
 
+def test_what_cannot_be_read_comes_last_and_keeps_no_index_from_the_others(runs: Path) -> None:
+    (runs / "a_note").mkdir()
+    assert names(listed(runs)) == [*NAMES, "a_note"]
+    assert (runs / INDEX).exists()
+    assert names(listed(runs, unread)) == [*NAMES, "a_note"]
+    for name in NAMES:
+        shutil.rmtree(runs / name)
+    (runs / INDEX).unlink()
+    assert names(listed(runs)) == ["a_note"]
+    assert not (runs / INDEX).exists()  # where there are no runs it has no business
+
+
 def test_the_list_as_json(program: Program, runs: Path) -> None:
     told = program("runs", runs, "--json").json
     assert told["unreadable"] == []
