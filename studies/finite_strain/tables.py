@@ -49,7 +49,7 @@ def keep(found: Sequence[Ratio], rows: Sequence[Mapping[str, Any]]) -> None:
     lines = [",".join(COLUMNS), *(",".join(one.row) for one in found)]
     replace_text(KEPT / "ratios.csv", "\n".join(lines) + "\n")
     replace_text(KEPT / "verdicts.json", json.dumps(judged(rows), ensure_ascii=False, indent=1) + "\n")
-    curves = {kind: envelope(found, mesh, fewest) for kind, (mesh, fewest) in SAID.items()}
+    curves = {kind: envelope(kept_ratios(), mesh, fewest) for kind, (mesh, fewest) in SAID.items()}
     provenance = {
         "command": COMMAND,
         "force, sed": "linear over finite strain, less one; least and most of the shapes; sed the highest receptor's",
