@@ -168,8 +168,9 @@ def test_what_is_measured_is_held_against_reading_and_model() -> None:
 
 def test_facts_that_few_fingers_show_judge_nobody(places: Array) -> None:
     facts = np.stack([known(places), known(places), known(places)], axis=1)
-    facts[FEWEST - 1 :, 0] = np.nan
-    facts[FEWEST:, 1] = np.nan
+    assert FEWEST == 2  # for six parameters and a constant 14: of 11, a fifth held back, 7 coefficients can be told
+    facts[13:, 0] = np.nan
+    facts[14:, 1] = np.nan
     targets = [Target(key, 0.0, 1.0, 0.1, 0.1) for key in "abc"]
     found = judges(places, facts, targets, [MeshError(), MeshError(), MeshError(0.0, math.inf)])
     assert [one.target.key for one in found] == ["b"]

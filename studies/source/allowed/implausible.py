@@ -17,8 +17,8 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 CUT_OFF = 3.0
-FEWEST = 16
-"""A fact with fewer fingers that show it is not emulated."""
+FEWEST = 2
+"""A fact that fewer fingers show than this times the coefficients of a linear trend is not emulated."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def judges(x: Array, facts: Array, targets: Sequence[Target], meshes: Sequence[M
     found = []
     for y, target, mesh in zip(facts.T, targets, meshes, strict=True):
         shown = np.isfinite(y)
-        if shown.sum() >= FEWEST and np.isfinite(mesh.deviation):
+        if shown.sum() >= FEWEST * (1 + x.shape[1]) and np.isfinite(mesh.deviation):
             emulator = learn(x[shown], y[shown])
             error = held_back(x[shown], y[shown], emulator)
             found.append(Judge(target, mesh, emulator, max(1.0, error.expected), error.relative))

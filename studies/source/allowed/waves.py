@@ -19,7 +19,7 @@ Flags = NDArray[np.bool_]
 class Plan:
     """Fingers of each wave, places at which they are judged, and when to stop before the last."""
 
-    fingers: tuple[int, ...] = (32, 32)
+    fingers: tuple[int, ...] = (32, 32, 10)
     places: int = 2**15
     still: float = 0.9  # of the places left before are left: it no longer shrinks
     least: float = 1e-3  # of all places must be left, or reading and model are trusted too much
