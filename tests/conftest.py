@@ -76,6 +76,7 @@ LONG = (
     "rig/real_time/test_calibrate.py",
     "sim/test_hard_cases.py",
     "rig/real_time/test_run_on_wires.py",
+    "rig/real_time/test_asked_from_elsewhere.py",
     "rig/compare/test_compare_command.py",
     "rig/test_followed_pages.py",
     "rig/test_every_block.py",
