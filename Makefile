@@ -51,7 +51,7 @@ test: check
 	touch $@
 
 panel-test: .venv/.ready-panel-test
-	$(BIN)/python -m tests.panel.chromium
+	$(BIN)/python -m studies.pictures.chromium
 	$(BIN)/pytest -n 0 tests/panel
 
 shake: .venv/.ready-dev

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from tests.panel.chromium import FLAGS, MISSING, chromium
+from studies.pictures.chromium import FLAGS, MISSING, chromium
 from tests.panel.stand_in import StandIn, stand_in
 from tests.waiting import DEADLINE_S
 

@@ -1,4 +1,4 @@
-"""Where Chromium is, and how it is begun for tests. python -m tests.panel.chromium: its path, or how to get one."""
+"""Where Chromium is and how it is begun. python -m studies.pictures.chromium: its path, or how to get it."""
 
 import os
 import shutil
