@@ -2,8 +2,8 @@
 
     .venv/bin/python -m studies.faults.panel_stops --stops 50
 
-The same runs as of `studies.faults.stops`, in the same five phases; STOP is clicked at, touched or pressed as a key in
-Chromium (`make panel-test` installs what that needs), whose page then does nothing for a second and a half. The click
+The same runs as of `studies.faults.stops`, in the same five phases; STOP is clicked at, touched or pressed as a
+key in Chromium (`make panel-test` installs what that needs), whose page then does nothing for a second and a half. The click
 is timed by the browser, the byte by the run's byte log: both on the machine's clock.
 """
 

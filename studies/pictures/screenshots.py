@@ -1,17 +1,19 @@
-"""Screenshots of a run's report and of a comparison, as docs/figures/*.png. Needs Chromium (Debian: chromium).
+"""Screenshots of a run's report, of a comparison and of the panel, as docs/figures/*.png.
 
-The run is the tutorial's, the recording its synthetic afferent. Use: python -m studies.pictures.screenshots [FOLDER]
+The run is the tutorial's, the recording its synthetic afferent. Needs Chromium (Debian: chromium), and Playwright for
+the panel (`make panel-test` installs it). Use: python -m studies.pictures.screenshots [FOLDER]
 """
 
-import shutil
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
+from studies.pictures.chromium import MISSING, chromium
+from studies.pictures.panel_shot import shoot_panel
+
 ROOT = Path(__file__).parents[2]
 TUTORIAL = ROOT / "examples" / "tutorial"
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 WIDTH, PATIENCE_S = 1060, 120
 HEIGHTS = {"run_report": 1800, "comparison": 1500}
 _QUIET = ("--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--disable-background-networking")
@@ -19,12 +21,13 @@ _QUIET = ("--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "-
 
 def main(folder: Path) -> None:
     """Make both pages anew and take their pictures."""
-    browser = next((found for name in BROWSERS if (found := shutil.which(name))), None)
+    browser = chromium()
     if browser is None:
-        sys.exit(f"no browser, expected one of {', '.join(BROWSERS)}")
+        sys.exit(MISSING)
     with tempfile.TemporaryDirectory() as work:
         for name, page in _pages(Path(work)).items():
             _shoot(browser, page, folder / f"{name}.png", HEIGHTS[name])
+        shoot_panel(folder / "panel.png", Path(work), (1280, 860))
 
 
 def _pages(work: Path) -> dict[str, Path]:

@@ -52,7 +52,7 @@ def test_it_leaves_though_the_page_hangs_right_after(by: str, running: StandIn, 
     else:
         page.locator("#stop").focus()
         page.keyboard.press("Enter")
-    page.wait_for_function("window.freed")
+    page.wait_for_function("() => window.freed")
     pressed, freed = page.evaluate("[window.pressed, window.freed]")
     assert pressed <= _stops(running)[0] < freed - 1
     expect(page.locator("#stop_said")).to_have_class("good")
@@ -73,7 +73,7 @@ def test_it_is_repeated_though_the_page_hangs(running: StandIn, opened: Opened) 
     running.answering.clear()
     page.evaluate(BLOCKED, 3000)
     page.locator("#stop").click(no_wait_after=True)
-    page.wait_for_function("window.freed")
+    page.wait_for_function("() => window.freed")
     freed = page.evaluate("window.freed")
     assert len([at for at in _stops(running) if at < freed]) >= 4
 
