@@ -4,22 +4,26 @@ import subprocess
 import sys
 from pathlib import Path
 
-from studies.faults.panel_stops import browser, panel
+from studies.pictures.panel_page import browser, panel
 
 PRESS = "document.getElementById('phase_words').textContent === 'hold'"
 LATER = "Number.parseInt(document.getElementById('done_words').textContent) >= 3"
+DRAWN = (
+    "!document.getElementById('place').hidden"
+    " && !document.getElementById('press_words').textContent.includes('no prediction')"
+)
 
 
 def shoot_panel(picture: Path, work: Path, size: tuple[int, int]) -> None:
-    """In the hold of its fourth indentation."""
-    words = ("dry-run", "steps", "--speed", "4", "--out", work)
+    """In the hold of an indentation after the third, with what the model says of it."""
+    words = ("dry-run", "steps", "--speed", "2", "--out", work)
     with panel(work) as (_, url), browser() as found:
         page = found.new_page(viewport={"width": size[0], "height": size[1]})
         page.set_default_timeout(0)
         page.goto(url)
         run = subprocess.Popen([sys.executable, "-m", "rig", *map(str, words)], stdout=subprocess.DEVNULL)
         try:
-            page.wait_for_function(f"() => {LATER} && {PRESS} && !document.querySelector('#numbers.old')")
+            page.wait_for_function(f"() => {LATER} && {PRESS} && {DRAWN} && !document.querySelector('#numbers.old')")
             page.screenshot(path=picture)
         finally:
             run.terminate()

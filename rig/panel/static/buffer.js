@@ -4,15 +4,16 @@ import { known } from "/static/units.js";
 
 export const WINDOW_S = 60;
 const MOST_ROWS = 6000;
+const MOST_CURVES = 50;
 
 export class Buffer {
   constructor() {
-    this.curve = null;
+    this.curves = new Map(); // of presses, the newest last
     this.forget();
   }
 
   forget() {
-    this.time = [[], [], []]; // s on the run's clock, gwt, mm
+    this.time = [[], [], [], [], []]; // s on the run's clock, gwt, mm, predicted gwt, of which press
     this.press = null;
     this.pressed = [[], []]; // mm, gwt
   }
@@ -28,10 +29,9 @@ export class Buffer {
   row(of) {
     const t_s = of("t_s");
     if (this.time[0].length && t_s < this.time[0].at(-1)) this.forget();
-    this.time[0].push(t_s);
-    this.time[1].push(of("force_gwt"));
-    this.time[2].push(of("doi_mm") ?? null);
     const press = known(of("index")) ? `${of("purpose") ?? "data"} ${of("index")}` : null;
+    const doi_mm = of("doi_mm") ?? null;
+    [t_s, of("force_gwt"), doi_mm, this.said(press, doi_mm), press].forEach((value, n) => this.time[n].push(value));
     if (press !== null && press !== this.press) {
       this.press = press;
       this.pressed = [[], []];
@@ -50,21 +50,24 @@ export class Buffer {
     this.pressed = this.pressed.map((column) => column.slice(-MOST_ROWS));
   }
 
-  /** What the model said of a press; empty where it said nothing. */
+  /** What the model said of a press; the readings that came before it are told what it says of them. */
   prediction({ run, index, purpose, doi_mm, force_gwt }) {
-    const told = doi_mm?.length && force_gwt?.length;
-    this.curve = told ? { run: run ?? null, press: `${purpose ?? "data"} ${index}`, doi_mm, force_gwt } : null;
+    if (!doi_mm?.length || !force_gwt?.length) return;
+    const press = `${purpose ?? "data"} ${index}`;
+    this.curves.set(`${run ?? null} ${press}`, [doi_mm, force_gwt]);
+    if (this.curves.size > MOST_CURVES) this.curves.delete(this.curves.keys().next().value);
+    this.time[3] = this.time[3].map((before, n) => (this.time[4][n] === press ? this.said(press, this.time[2][n]) : before));
+  }
+
+  /** By the curve of its own press; null where the model said nothing. */
+  said(press, doi_mm) {
+    const curve = this.curves.get(`${this.run} ${press}`);
+    return curve && known(doi_mm) ? interpolated(doi_mm, ...curve) : null;
   }
 
   /** The curve of the press that is drawn: [mm, gwt]. */
   get predicted() {
-    return this.curve && this.curve.press === this.press && this.curve.run === this.run ? [this.curve.doi_mm, this.curve.force_gwt] : [[], []];
-  }
-
-  /** What the model says at each depth that was read, over time; null where it says nothing. */
-  get predictedInTime() {
-    const [doi_mm, force_gwt] = this.predicted;
-    return this.time[2].map((depth_mm) => (known(depth_mm) ? interpolated(depth_mm, doi_mm, force_gwt) : null));
+    return this.curves.get(`${this.run} ${this.press}`) ?? [[], []];
   }
 }
 

@@ -1,5 +1,6 @@
 /** The finger's cross-section, drawn to scale, with the indentor where the last reading has it. */
 
+import { interpolated } from "/static/buffer.js";
 import { at, show, write } from "/static/page.js";
 import { fixed, known } from "/static/units.js";
 
@@ -38,7 +39,7 @@ export class Section {
     if (data.nail) line(finger, "nail", data.nail, false);
     if (data.pressed_skin) line(finger, "pressed", data.pressed_skin, false);
     this.indentor = add(add(svg, "g", { transform: TURN }), "g", { class: "indentor" });
-    if (data.indentor) line(this.indentor, "profile", data.indentor, false);
+    if (data.indentor?.length) line(this.indentor, "profile", lidded(data.indentor), true);
     const over = add(svg, "g", { transform: TURN });
     for (const [from, to] of data.contact ?? []) line(over, "contact", between(data.skin, from, to), false);
     this.top = top;
@@ -69,11 +70,19 @@ export class Section {
   }
 }
 
-/** The upper side of a skin from one x to another. */
+/** The upper side of a skin from one x to another, however narrow. */
 function between(points, from, to) {
   const [low, high] = [Math.min(...points.map(([, z]) => z)), Math.max(...points.map(([, z]) => z))];
-  const found = points.filter(([x, z]) => x >= from && x <= to && z > (low + high) / 2);
-  return found.sort(([one], [other]) => one - other);
+  const upper = points.filter(([, z]) => z > (low + high) / 2).sort(([one], [other]) => one - other);
+  const [xs, zs] = [upper.map(([x]) => x), upper.map(([, z]) => z)];
+  const end = (x) => [x, interpolated(x, xs, zs)];
+  return [end(from), ...upper.filter(([x]) => x > from && x < to), end(to)].filter(([, z]) => z !== null);
+}
+
+/** A profile is its lower side: with a lid far above. */
+function lidded(points) {
+  const lid_mm = Math.max(...points.map(([, z]) => z)) + 2 * (ABOVE_MM + BELOW_MM);
+  return [...points, [points.at(-1)[0], lid_mm], [points[0][0], lid_mm]];
 }
 
 function line(parent, name, points, closed) {

@@ -54,7 +54,7 @@ export class Traces {
   draw() {
     const { time, pressed, press } = this.buffer;
     const [curve_mm, curve_gwt] = this.buffer.predicted;
-    const modelled = this.buffer.predictedInTime;
+    const modelled = time[3];
     this.tops.force = top(this.tops.force, time[1], modelled);
     this.tops.depth = top(this.tops.depth, time[2]);
     this.tops.press = top(this.tops.press, pressed[1], curve_gwt);
@@ -63,7 +63,7 @@ export class Traces {
     force.setData([time[0], modelled, time[1]]);
     depth.setData([time[0], time[2]]);
     both.setData(curve_mm.length ? [curve_mm, curve_gwt] : [[0, this.tops.deep], [null, null]]);
-    write("press_words", press === null ? "" : `(${press.replace("data ", "indentation ")})`);
+    write("press_words", press === null ? "" : `(${press.replace("data ", "index ")}${curve_mm.length ? "" : ", no prediction"})`);
   }
 
   /** From where to where in time: whole shifts, so that it stands still in between. */
