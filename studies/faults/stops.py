@@ -59,27 +59,36 @@ class Stop:
     code: int
 
 
+def by_socket(owner: Announced) -> float:
+    """Over the socket of whoever owns the ports; what came of it is read."""
+    asked_s = time.monotonic()
+    with suppress(ControlError):
+        owner.ask("stop", within_s=10.0)
+    return asked_s
+
+
 class Benches:
     """`rig serve`, and a run on its ports for each stop."""
 
-    def __init__(self, folder: Path, stage: str) -> None:
-        self._folder, self._stage = folder, stage
+    def __init__(self, folder: Path, stage: str, ask: Callable[[Announced], float] = by_socket) -> None:
+        """ask: asks for a stop and says when, on the machine's clock that only goes on."""
+        self._folder, self._stage, self._ask = folder, stage, ask
         self._chance = random.Random(0)
-        self._config = folder / "rig.toml"
+        self.config = folder / "rig.toml"
 
     @contextmanager
     def served(self) -> Iterator[None]:
         """The devices, until the end."""
         tables = NEAR | {"stage": {"kind": self._stage}, "virtual": {"indentor": "bar:3.0"}}
-        self._config.write_text(Config.model_validate(tables).as_toml(), encoding="utf-8")
-        words = [sys.executable, "-m", "rig", "serve", "--tcp", "0", "--config", str(self._config)]
+        self.config.write_text(Config.model_validate(tables).as_toml(), encoding="utf-8")
+        words = [sys.executable, "-m", "rig", "serve", "--tcp", "0", "--config", str(self.config)]
         with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as serve:
             try:
                 assert serve.stdout is not None
                 ports = json.loads(serve.stdout.readline())
                 tables["stage"] |= {"port": ports["stage"]}
                 tables["force"] = {**NEAR["force"], "port": ports["force"]}
-                self._config.write_text(Config.model_validate(tables).as_toml(), encoding="utf-8")
+                self.config.write_text(Config.model_validate(tables).as_toml(), encoding="utf-8")
                 if self._stage == "grbl":
                     _make_fast(ports["stage"])
                 self._port = ports["stage"]
@@ -92,7 +101,7 @@ class Benches:
         out = self._folder / f"{number:03}"
         script = self._folder / "decides.py"
         script.write_text(SCRIPT.replace("HOLD", "0.1" if phase == "report" else "2.0"), encoding="utf-8")
-        words = [sys.executable, "-m", "rig", "run", str(script), "--yes", "--config", str(self._config)]
+        words = [sys.executable, "-m", "rig", "run", str(script), "--yes", "--config", str(self.config)]
         with subprocess.Popen(
             [*words, "--out", str(out)],
             stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True,
@@ -106,9 +115,7 @@ class Benches:
                     return Stop(phase, float("nan"), "it never began", owner)
                 _until(lambda: self._is_at(phase, owner, out) or run.poll() is not None)
                 time.sleep(self._chance.uniform(0.0, 0.2))
-                asked_s = time.monotonic()
-                with suppress(ControlError):  # what came of it is read
-                    owner.ask("stop", within_s=10.0)
+                asked_s = self._ask(owner)
                 code = run.wait(_DEADLINE_S)
             finally:
                 run.kill()

@@ -1,0 +1,85 @@
+"""The page on the real server, with the bench by hand behind `rig serve`; a server that hangs."""
+
+import os
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.session.control.announcements import announced
+from studies.faults.stops import Benches
+from studies.pictures.panel_page import panel
+from tests.waiting import until
+
+expect = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed (make panel-test)").expect
+pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="needs signals")
+Opened = Callable[..., Any]
+
+
+@pytest.fixture
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Benches]:
+    """A fast board and a balance with the finger, in a process of their own."""
+    monkeypatch.setenv("RIG_STATE_DIR", str(tmp_path / "state"))
+    benches = Benches(tmp_path, "grbl")
+    with benches.served():
+        yield benches
+
+
+def _held(page: Any, key: str) -> bool:
+    """A page, or a bench, that a busy machine held up has let go: the key is pressed anew."""
+    if page.locator("#jog .held").count() == 0:
+        page.keyboard.up(key)
+        page.keyboard.down(key)
+    return True
+
+
+def test_the_stage_by_hand_is_jogged_as_long_as_a_key_is_held(bench: Benches, opened: Opened, tmp_path: Path) -> None:
+    with panel(tmp_path, "--config", str(bench.config)) as (_, url):
+        page = opened(url)
+        page.locator("[data-post=by_hand]").click()
+        page.locator("[data-post=home]:enabled").click()
+        expect(page.locator("#controls_words")).not_to_contain_text("busy: home")
+        hand = until(lambda: next((one for one in announced() if one.kind == "by hand"), None))
+        until(lambda: hand.ask("status")["homed"])
+        began_mm = hand.ask("status")["x_mm"]
+        page.locator("#jog [data-key=d]:enabled").wait_for()
+        page.keyboard.down("d")
+        until(lambda: _held(page, "d") and hand.ask("status")["x_mm"] > began_mm + 0.5)
+        page.keyboard.up("d")
+        until(lambda: hand.ask("status")["busy"] is None)
+        at_mm = hand.ask("status")["x_mm"]
+        page.keyboard.down("a")
+        until(lambda: _held(page, "a") and hand.ask("status")["x_mm"] < at_mm - 0.2)
+        page.close()  # the hand is on a page that is no more
+        until(lambda: hand.ask("status")["busy"] is None)
+        at_mm = hand.ask("status")["x_mm"]
+        assert hand.ask("status")["x_mm"] == at_mm
+
+
+def test_a_server_that_hangs_makes_old_what_is_shown_and_ends_a_jog(
+    bench: Benches, opened: Opened, tmp_path: Path
+) -> None:
+    with panel(tmp_path, "--config", str(bench.config)) as (number, url):
+        page = opened(url)
+        page.locator("[data-post=by_hand]").click()
+        hand = until(lambda: next((one for one in announced() if one.kind == "by hand"), None))
+        page.locator("[data-post=home]:enabled").click()
+        until(lambda: hand.ask("status")["homed"])
+        expect(page.locator("#read_at")).to_have_text("live")
+        page.locator("#jog [data-key=d]:enabled").wait_for()
+        page.keyboard.down("d")
+        until(lambda: _held(page, "d") and hand.ask("status")["busy"] == "jog")
+        os.kill(number, signal.SIGSTOP)
+        try:
+            until(lambda: hand.ask("status")["busy"] is None)
+            expect(page.locator("#read_at")).to_contain_text("NOT LIVE: read at")
+            expect(page.locator("#no_server")).to_contain_text("use the emergency stop")
+            page.locator("#stop").click()
+            expect(page.locator("#stop_said")).to_have_class("bad")
+        finally:
+            os.kill(number, signal.SIGCONT)
+        expect(page.locator("#stop_said")).to_have_class("good")
+        until(lambda: hand.ask("status")["stopped"])
+        expect(page.locator("#no_server")).to_be_hidden()
