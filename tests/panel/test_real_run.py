@@ -27,19 +27,19 @@ def test_a_run_that_was_begun_in_a_terminal_is_shown_until_its_end(opened: Opene
     with panel(tmp_path) as (_, url):
         page = opened(url)
         expect(page.locator("#what")).to_have_text("nothing is running")
-        run = _rig("dry-run", "first_press", "--speed", "4", "--set", "presses=2", "--out", tmp_path)
+        run = _rig("dry-run", "first_press", "--speed", "2", "--set", "presses=2", "--out", tmp_path)
         try:
             expect(page.locator("#read_at")).to_have_text("live")
+            expect(page.locator("#steps [aria-current=step]")).to_have_count(1)
+            expect(page.locator("#left_words")).to_contain_text(" left")
             shown = {page.locator("#force_gwt").text_content()}
             until(lambda: shown.add(page.locator("#force_gwt").text_content()) or len(shown) > 5)
             drawn = page.evaluate("document.querySelector('#force_time canvas').toDataURL()")
             until(lambda: page.evaluate("document.querySelector('#force_time canvas').toDataURL()") != drawn)
-            expect(page.locator("#section .indentor")).to_have_count(1)
-            expect(page.locator("#steps [aria-current=step]")).to_have_count(1)
-            expect(page.locator("#left_words")).to_contain_text(" left")
             expect(page.locator("#left_words")).to_have_text("done")
             expect(page.locator("#done_words")).to_have_text("2 of 2 indentations")
             expect(page.locator("#read_at")).to_contain_text("NOT LIVE: read at")
+            expect(page.locator("#section .indentor")).to_have_count(1)
         finally:
             run.terminate()
             run.wait()
