@@ -148,6 +148,16 @@ def test_why_an_approach_takes_what_it_takes() -> None:
     assert why_approach(run_of([], [])) == ""
 
 
+def test_a_step_is_what_goes_down_and_belongs_to_a_press_of_the_approach() -> None:
+    approach = [reading(0, None, 0.0, "approach", t_s=t_s, height_mm=mm) for t_s, mm in [(0, 2), (1, 1.9), (9, 1.9)]]
+    clearance = [
+        reading(-1, None, 0.0, "approach", t_s=20.0 + t_s, height_mm=2.0 - t_s) for t_s in (0, 0.1, 0.2, 0.3)
+    ]
+    words = why_approach(run_of([], [*approach, *clearance]))
+    assert "by 0.1 mm" in words
+    assert "1.00 s a step, 2 steps an indentation" in words
+
+
 def test_limits_stand_beside_what_came_nearest(tmp_path: Path, bar_run: Run) -> None:
     samples = [reading(0, 0.2, 2.0), reading(0, 0.31, 3.0), reading(0, None, 0.1)]
     run = replace(run_of([], samples, **TRIP), folder=bar_run.folder)
