@@ -90,6 +90,30 @@ def test_a_stop_is_told_of_with_the_state_it_came_in(owner: Owner) -> None:
     assert (owner._stopped_while, owner.stopped(), _asked(owner, "status")["stopped"]) == ("asking", True, True)
 
 
+def test_each_phase_may_be_stopped_once_more() -> None:
+    interrupts: list[int] = []
+    owner = Owner(StopSwitch(None, lambda: interrupts.append(1)), virtual=True)
+    for phase in ("running", "reporting"):
+        owner.at(phase)  # type: ignore[arg-type]
+        for _ in range(2):
+            _asked(owner, "stop")
+    assert len(interrupts) == 2
+
+
+def test_a_stop_under_way_is_waited_for_before_it_is_recorded(
+    owner: Owner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[str] = []
+    monkeypatch.setattr(owner.switch, "settled", lambda: done.append("settled"))
+    monkeypatch.setattr(owning_module, "record_after", lambda *_: done.append("recorded"))
+    owner.begins(RunFolder(tmp_path))
+    owner.record(SCRIPT, Config(), NewRun(tmp_path))
+    assert done == []
+    _asked(owner, "stop")
+    owner.record(SCRIPT, Config(), NewRun(tmp_path))
+    assert done == ["settled", "recorded"]
+
+
 @pytest.mark.parametrize("do", ["pause", "go_on"])
 @pytest.mark.parametrize("phase", ["planning", "reporting"])
 def test_only_what_runs_is_paused(owner: Owner, do: str, phase: Any) -> None:
