@@ -37,6 +37,7 @@ class RealBench:
     ask: Callable[[str], str]
     pause: Pause
     memory: BenchMemory
+    gate: StopGate
     virtual: Literal[False] = False
 
     @property
@@ -59,6 +60,15 @@ class RealBench:
     def look_after(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
         """A thread looks at it."""
         return looked_after(heartbeat)
+
+    def stopping_from_elsewhere(self, stop: Callable[[], None]) -> Callable[[], None]:
+        """The gate on the stage's wires is closed by it, for good."""
+
+        def stopped() -> None:
+            with self.gate.stopping():
+                stop()
+
+        return stopped
 
     def left_with(self, zero: Zero | None) -> None:
         """Remember for the next command what forces were counted from."""
@@ -88,14 +98,14 @@ def open_bench(
 
     Raises PortError.
     """
-    memory = BenchMemory(settings)
+    memory, gate = BenchMemory(settings), gate or StopGate()
     with _named("stage"):
         stage = open_stage(settings, clock, byte_log, gate)
     try:
         with _named("force"):
             force = open_force(settings, clock, byte_log)
         memory.moves()
-        return RealBench(clock, stage, force, ask, pause, memory)
+        return RealBench(clock, stage, force, ask, pause, memory, gate)
     except BaseException:
         stage.close()
         raise

@@ -184,7 +184,7 @@ def _on_a_bench(
             journal.at_end = lambda: {"indentor": asdict(Whereabouts.of(engine))}
             _begin(session, journal, virtual=bench.virtual)
             session.attendant.begins(folder)
-            with session.attendant.at_hand(engine.heartbeat.stop):
+            with session.attendant.at_hand(bench.stopping_from_elsewhere(engine.heartbeat.stop)):
                 problem = _carry_out(session, journal, engine, _rig(session, folder, engine), bench)
             return problem, Whereabouts.of(engine)
 

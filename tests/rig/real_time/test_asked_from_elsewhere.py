@@ -139,6 +139,8 @@ def test_a_stop_is_on_the_wire_and_on_record_whatever_the_run_is_at(
     code, _, err = run.end()
     assert code == 130, err
     assert STOP in run.sent
+    behind = [bytes.fromhex(sent) for sent in run.sent[run.sent.index(STOP) + 1 :]]
+    assert not [sent for sent in behind if b"G" in sent or b"$" in sent], "no move follows it"
     *_, last = run.documents
     assert (last["doc"], last["status"]) == ("stop", "aborted")
     found = read_run(run.folder)
