@@ -93,7 +93,7 @@ def _app(arguments: list[str]) -> typer.Typer:
         with looking_busy(f"rig {asked}: starting …"):
             _add(app, asked, getattr(_imported(f"rig.cli.{module}"), command))
         return app
-    near = get_close_matches(asked, COMMANDS)
+    near = get_close_matches(asked, COMMANDS, cutoff=0.65)
     if near:
         raise typer.BadParameter(
             f"No such command {asked!r}, expected one that rig --help lists: {' or '.join(near)}?"
