@@ -241,7 +241,7 @@ def test_curvature_comes_from_the_skin_and_from_the_formula() -> None:
     skin, formula = curvature_read_back.both(true)
     assert skin == pytest.approx(1 / 3, rel=0.08)
     assert formula == pytest.approx(1 / 3, rel=0.3)
-    inside, down = curvature_read_back.displaced(curvature_read_back._operator().skin, true)
+    inside, down = curvature_read_back.displaced(curvature_read_back.default_operator().skin, true)
     pressed_at = np.flatnonzero(true > 0.2 * true.max())
     np.testing.assert_array_equal(np.flatnonzero(inside), pressed_at[2:-2])
     assert down[inside].max() == pytest.approx(0.8, abs=0.02)
