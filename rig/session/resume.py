@@ -49,6 +49,12 @@ def read_stopped(path: Path) -> StoppedRun:
         raise BadInputError(str(error)) from None
 
 
+def _never_planned(run: Run) -> bool:
+    """Whether a stop came before its plan was there: what is missing of it nobody knows."""
+    stopped_while = None if run.stop is None else run.stop.get("stopped_while")
+    return not run.start["planned_indentations"] and stopped_while == "planning"
+
+
 def _read(folder: RunFolder) -> StoppedRun:
     changed = folder.changed()
     if changed:
@@ -58,7 +64,7 @@ def _read(folder: RunFolder) -> StoppedRun:
     about: dict[str, Any] = json.loads(folder.provenance.read_text(encoding="utf-8"))
     copy = folder.path / "protocol.py"
     run = read_run(folder.path) if mend_journal(folder.events) else None
-    if run is not None and not run.start["planned_indentations"]:
+    if run is not None and _never_planned(run):
         raise BadInputError(f"run {folder.path}: it was stopped while it was planned, expected a new run")
     return StoppedRun(
         folder=folder,
