@@ -100,6 +100,17 @@ def test_a_question_is_answered_with_what_it_said() -> None:
     assert heard == [{"do": "jog", "axis": "x", "sign": -1}]
 
 
+def test_while_it_is_announced_a_busy_main_thread_keeps_nobody_waiting() -> None:
+    """Half a millisecond a turn; an answer takes some ten of them, and Python's own are five."""
+    before_s = sys.getswitchinterval()
+    with _owner():
+        assert sys.getswitchinterval() == pytest.approx(5e-4)
+        with pytest.raises(filelock.Timeout), _owner():
+            pass
+        assert sys.getswitchinterval() == pytest.approx(5e-4)
+    assert sys.getswitchinterval() == before_s
+
+
 @pytest.mark.parametrize("request_", ["fly", "", "__class__"])
 def test_what_cannot_be_asked_is_refused_with_what_can(request_: str) -> None:
     with _owner(status=lambda _: {}, stop=lambda _: {}), pytest.raises(RefusedError) as refused:
