@@ -1,16 +1,14 @@
 """What stands on a load cell: a force, what the cell makes of it, and the samples that an instrument takes."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from sim.config.units import GWT_N
-from sim.devices.clock import Scheduler
+from sim.devices.clock import Scheduler, sample_at
 
 _SAMPLES_KEPT = 256
-_ON_GRID = 1e-6  # of a period: an instant that is a sample's but for round-off
 
 
 def _always(_t_s: float) -> bool:
@@ -34,7 +32,7 @@ class Samples:
 
     def newest(self) -> int:
         """The number of the last sample by now."""
-        return math.floor(self._scheduler.monotonic_s() / self._period_s + _ON_GRID)
+        return sample_at(self._scheduler.monotonic_s(), self._period_s)
 
     def next_s(self) -> float:
         """The instant of the sample after the newest."""
@@ -77,7 +75,7 @@ def load_cell(
 
     def read_n(t_s: float) -> float:
         force = force_n(max(t_s - latency_s, 0.0))
-        return force + noise_n * _standard_normal(seed, math.floor(t_s / sample_period_s + _ON_GRID))
+        return force + noise_n * _standard_normal(seed, sample_at(t_s, sample_period_s))
 
     return read_n if noise_n or latency_s else force_n
 

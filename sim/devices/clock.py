@@ -5,6 +5,13 @@ import math
 from collections.abc import Callable
 from typing import Protocol
 
+_ON_GRID = 1e-6  # of a period: an instant that is a sample's but for round-off
+
+
+def sample_at(t_s: float, period_s: float) -> int:
+    """The number of the last instant of a fixed grid by t_s."""
+    return math.floor(t_s / period_s + _ON_GRID)
+
 
 class Handle(Protocol):
     """A promise of a later call that can be taken back."""

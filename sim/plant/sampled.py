@@ -1,12 +1,10 @@
 """What hangs on its past is sampled on a fixed grid of instants, whether anybody asks or not."""
 
-import math
 from collections.abc import Callable
 
-from sim.devices.clock import Scheduler
+from sim.devices.clock import Scheduler, sample_at
 
 _KEPT = 256
-_ON_GRID = 1e-6  # of a period: an instant that is a sample's but for round-off
 
 
 class SampledForce:
@@ -33,4 +31,4 @@ class SampledForce:
         self._scheduler.call_at((self._index + 1) * self._period_s, self._tick)
 
     def _index_at(self, t_s: float) -> int:
-        return math.floor(t_s / self._period_s + _ON_GRID)
+        return sample_at(t_s, self._period_s)

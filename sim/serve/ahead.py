@@ -10,11 +10,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+from sim.devices.clock import sample_at
 from sim.serve.wall_clock import WallScheduler
 
 STALE_S = 0.5
 _SHORTEST_S = 0.01  # between two solves
-_ON_GRID = 1e-6  # of a period
 
 
 @dataclass
@@ -107,7 +107,7 @@ class Ahead(ABC):
             self._last_n, self._last_s = known, t_s
 
     def _index(self) -> int:
-        return math.floor(self._scheduler.monotonic_s() / self._period_s + _ON_GRID)
+        return sample_at(self._scheduler.monotonic_s(), self._period_s)
 
     def _on_answer(self) -> None:
         try:

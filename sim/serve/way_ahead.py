@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable
 from itertools import pairwise
 
+from sim.devices.clock import sample_at
 from sim.plant.plant import Carriage, Pose
 from sim.serve.ahead import Ahead
 from sim.serve.wall_clock import WallScheduler
@@ -43,7 +44,7 @@ class WayAhead(Ahead):
 
     def _known_at(self, t_s: float) -> float | None:
         """At a sample instant, or between two of them, linear in time."""
-        index = math.floor(t_s / self._period_s + 1e-6)
+        index = sample_at(t_s, self._period_s)
         share = max(t_s / self._period_s - index, 0.0)
         here = self._force_of(index)
         if here is None or share < 1e-6:
