@@ -31,17 +31,21 @@ Person = Iterator[float]
 
 
 class Spring:
-    """A finger F = k d^1.5 below its skin, with a wall beside it; offset_gwt is what hangs on the sensor."""
+    """A finger F = k d^1.5 below its skin, which lies skin_mm above the nominal apex, with a wall beside it.
 
-    def __init__(self, carriage: Carriage, k_gwt: float) -> None:
-        self.carriage, self.k_gwt, self.wall_x_mm, self.offset_gwt = carriage, k_gwt, math.inf, 0.0
+    offset_gwt is what hangs on the sensor.
+    """
+
+    def __init__(self, carriage: Carriage, k_gwt: float, skin_mm: float = 0.0) -> None:
+        self.carriage, self.k_gwt, self.skin_mm = carriage, k_gwt, skin_mm
+        self.wall_x_mm, self.offset_gwt = math.inf, 0.0
 
     def mount(self, indentor: str) -> None:
         """It does not matter."""
 
     def pose_at(self, t_s: float) -> TruePose:
         pose = self.carriage.pose_at(t_s)
-        return TruePose(pose.x_mm, pose.above_apex_mm, -pose.above_apex_mm)
+        return TruePose(pose.x_mm, pose.above_apex_mm, self.skin_mm - pose.above_apex_mm)
 
     def true_gwt(self, t_s: float) -> float:
         pose = self.pose_at(t_s)

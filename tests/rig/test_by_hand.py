@@ -5,7 +5,6 @@ The finger is a spring F = k d^1.5 below its skin; the truth is sampled every 2 
 
 import io
 import json
-import math
 import re
 from collections.abc import Callable
 from typing import Any
@@ -22,40 +21,13 @@ from rig.engine.sensing import Sensing, Zero
 from rig.plan.config import Config
 from rig.session.virtual.virtual_bench import bench_around
 from sim.devices.clock import VirtualClock
-from sim.plant.plant import Carriage, TruePose
+from sim.plant.plant import Carriage
+from tests.rig.hand_bench import APEX_MM, KINDS, Spring
 
-STAGES: dict[str, dict[str, Any]] = {
-    "grbl": {"force": {"baud": 115200}},
-    "leadshine": {"stage": {"kind": "leadshine"}, "force": {"kind": "laumas", "baud": 115200}},
-}
-APEX_MM = Config().frame.apex_z_mm
 TOUCH_GWT = Config().habits.touch_force_gwt
 INCREMENT_MM = Config().habits.increment_mm
 # One increment of the stage, and what the stage and the noise of a settled reading may add.
 SPRINGS = {"finger": 6.0, "ten times": 60.0, "a block": 6000.0}
-
-
-class Spring:
-    """A finger; `skin_mm` is how much higher it lies than the nominal apex, `side_mm` where a wall begins."""
-
-    def __init__(self, carriage: Carriage, k_gwt: float, skin_mm: float) -> None:
-        self.carriage, self.k_gwt, self.skin_mm, self.wall_x_mm = carriage, k_gwt, skin_mm, math.inf
-        self.offset_gwt = 0.0
-
-    def mount(self, indentor: str) -> None:
-        """It does not matter."""
-
-    def pose_at(self, t_s: float) -> TruePose:
-        pose = self.carriage.pose_at(t_s)
-        return TruePose(pose.x_mm, pose.above_apex_mm, self.skin_mm - pose.above_apex_mm)
-
-    def true_gwt(self, t_s: float) -> float:
-        pose = self.pose_at(t_s)
-        wall_gwt = abs(self.k_gwt) * max(pose.x_mm - self.wall_x_mm, 0.0) ** 1.5
-        return float(self.k_gwt * max(pose.doi_mm, 0.0) ** 1.5 + wall_gwt)
-
-    def force_n(self, t_s: float) -> float:
-        return (self.true_gwt(t_s) + self.offset_gwt) * GWT_N
 
 
 class AtHand:
@@ -73,7 +45,7 @@ class AtHand:
         zero: Zero | None = None,
         **limits: Any,
     ) -> None:
-        self.config = Config.model_validate({**STAGES[kind], "limits": limits})
+        self.config = Config.model_validate({**KINDS[kind], "limits": limits})
         springs: list[Spring] = []
 
         def make(carriage: Carriage) -> Spring:
@@ -125,7 +97,7 @@ class AtHand:
         return float(self.spring.k_gwt * depth_mm**1.5)
 
 
-@pytest.fixture(params=STAGES)
+@pytest.fixture(params=KINDS)
 def at_hand(request: pytest.FixtureRequest) -> Callable[..., AtHand]:
     return lambda **options: AtHand(request.param, **options)
 
