@@ -34,11 +34,17 @@ def _fresh(one: StandIn, force_gwt: float, **other: Any) -> None:
     )
 
 
-def test_force_and_depth_are_told_in_both_units(bench: Bench, opened: Opened) -> None:
+def _with_nothing_read(bench: Bench, opened: Opened, **how: Any) -> tuple[StandIn, Any]:
+    """A page that has the controls, beside a run of which no reading has come yet."""
     one = bench(scenes.running())
     one.state["newest"]["age_s"] = None
-    page = opened(one.address)
+    page = opened(one.address, **how)
     until(lambda: one.state["controls"])
+    return one, page
+
+
+def test_force_and_depth_are_told_in_both_units(bench: Bench, opened: Opened) -> None:
+    one, page = _with_nothing_read(bench, opened)
     _fresh(one, 12.34)
     expect(page.locator("#force_gwt")).to_have_text("12.34")
     expect(page.locator("#force_n")).to_have_text("0.1210")
@@ -54,10 +60,7 @@ def test_force_and_depth_are_told_in_both_units(bench: Bench, opened: Opened) ->
 
 
 def test_what_is_older_than_a_second_is_grey_and_dated(bench: Bench, opened: Opened) -> None:
-    one = bench(scenes.running())
-    one.state["newest"]["age_s"] = None
-    page = opened(one.address)
-    until(lambda: one.state["controls"])
+    one, page = _with_nothing_read(bench, opened)
     _fresh(one, 2.0)
     expect(page.locator("#read_at")).to_have_text("live")
     assert page.evaluate(OPACITY) == "0"
@@ -78,10 +81,7 @@ def test_what_comes_late_was_never_live(bench: Bench, opened: Opened) -> None:
 
 
 def test_a_clock_that_was_set_back_makes_nothing_young(bench: Bench, opened: Opened) -> None:
-    one = bench(scenes.running())
-    one.state["newest"]["age_s"] = None
-    page = opened(one.address)
-    until(lambda: one.state["controls"])
+    one, page = _with_nothing_read(bench, opened)
     _fresh(one, 2.0)
     expect(page.locator("#read_at")).to_have_text("live")
     page.evaluate("(() => { const now = Date.now; Date.now = () => now() - 3600e3; })()")
@@ -92,10 +92,7 @@ def test_a_clock_that_was_set_back_makes_nothing_young(bench: Bench, opened: Ope
 
 def test_an_old_number_is_greyed_while_the_page_itself_hangs(bench: Bench, opened: Opened) -> None:
     """By the browser's compositor, as the page itself does nothing any more: seen in pictures of the screen."""
-    one = bench(scenes.running())
-    one.state["newest"]["age_s"] = None
-    page = opened(one.address, viewport={"width": 1280, "height": 800})
-    until(lambda: one.state["controls"])
+    one, page = _with_nothing_read(bench, opened, viewport={"width": 1280, "height": 800})
     frames: list[tuple[float, str, int]] = []
     screen, browser = page.context.new_cdp_session(page), page.context.browser.new_browser_cdp_session()
     screen.on("Page.screencastFrame", lambda one: frames.append(_frame(**one)))
