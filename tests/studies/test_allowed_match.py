@@ -300,3 +300,15 @@ def test_waves_end_when_two_in_a_row_rule_out_next_to_nothing(
         for inflation, share in zip(inflations, shares, strict=True)
     ]
     assert Match(steps_of([]), [], [], Plan(), tmp_path)._still(lefts) is still
+
+
+@pytest.mark.parametrize(
+    ("fingers", "shares", "enough"), [(99, (0.5,) * 3, False), (100, (0.5,) * 3, True), (100, (0.5,) * 2, False)]
+)
+def test_waves_go_on_until_there_are_enough_fingers(
+    fingers: int, shares: tuple[float, ...], enough: bool, tmp_path: Path
+) -> None:
+    lefts = [Left(fingers, 1.0, np.zeros((100, 1)), np.arange(100) < 100 * share, []) for share in shares]
+    match = Match(steps_of([]), [], [], Plan(), tmp_path)
+    assert match._still(lefts) is (len(shares) == 3)
+    assert match._enough(lefts) is enough

@@ -58,7 +58,7 @@ class Study:
         return self.lefts[-1]
 
 
-PLAN = Plan()
+PLAN = Plan((*Plan().fingers, 32))
 
 
 def made(folder: Path, say: design.Say, plan: Plan = PLAN) -> Study:

@@ -20,6 +20,7 @@ class Plan:
     """Fingers of each wave, places at which they are judged, and when to stop before the last."""
 
     fingers: tuple[int, ...] = (32, 32, 10)
+    fewest: int = 100  # fingers, before the waves may stop
     places: int = 2**15
     still: float = 0.9  # of the places left before are left: it no longer shrinks
     least: float = 1e-3  # of all places must be left, or reading and model are trusted too much
@@ -56,7 +57,7 @@ class Match:
         places = design.filling(self.plan.fingers[0], len(self.asked.parameters))
         tables = [design.run(self.asked, places, self._path(1), say)]
         lefts = [self.judged(tables)]
-        while len(lefts) < len(self.plan.fingers) and not self._still(lefts):
+        while len(lefts) < len(self.plan.fingers) and not self._enough(lefts):
             left = lefts[-1]
             say(f"{left.share:.2%} left after {left.fingers} fingers, inflation {left.inflation:g}")
             taken = self.asked.places_of(kept.together(tables))
@@ -84,6 +85,10 @@ class Match:
 
     def _path(self, wave: int) -> Path:
         return self.folder / f"wave_{wave}.csv"
+
+    def _enough(self, lefts: Sequence[Left]) -> bool:
+        """Whether the waves may stop."""
+        return lefts[-1].fingers >= self.plan.fewest and self._still(lefts)
 
     def _still(self, lefts: Sequence[Left]) -> bool:
         """Whether the last two waves ruled out next to nothing each, and asked for no more inflation."""
