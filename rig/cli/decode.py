@@ -110,9 +110,9 @@ def command(
         if picture is not None:
             draw(task, answer, picture)
         if as_json:
-            print_json({"decoder": name, **as_json_object(task, answer)})
+            print_json({"decoder": name, **as_json_object(finger, task, answer)})
         else:
-            print_decoded(name, task, answer)
+            print_decoded(finger, name, task, answer)
 
 
 def _answered(make: Callable[[], Task | list[Task]], decoder: DecoderName, search: Search) -> tuple[Task, Answer]:

@@ -10,12 +10,13 @@ from rich.table import Table
 from rig.cli.decoding import Answer, DecoderName, Task
 from rig.cli.output import out
 from rig.cli.pictures import write_picture
-from rig.cli.readings_file import PA
+from rig.cli.readings_file import pa_per_pseudo
 from sim.coding.decoded import decoding_errors
 from sim.coding.operators import Operator
 from sim.coding.sheets.felt_solid import felt_solid
 from sim.coding.sheets.sheet_operator import SheetOperator
 from sim.coding.univariate import error_surface
+from sim.config.fingertip_config import FingertipConfig
 
 Array = NDArray[np.float64]
 
@@ -28,7 +29,7 @@ def left(task: Task, answer: Answer) -> float:
     return float(np.sqrt(np.mean((task.operator.sed(answer.pressure) - task.sed)[task.heard] ** 2)))
 
 
-def as_json_object(task: Task, answer: Answer) -> dict[str, Any]:
+def as_json_object(finger: FingertipConfig, task: Task, answer: Answer) -> dict[str, Any]:
     """Arrays and numbers; what is not known is null."""
     operator, noise, profile = task.operator, task.noise, answer.profile
     band = None if profile is None else dict(zip(("low", "high"), (v.tolist() for v in profile.band()), strict=True))
@@ -37,7 +38,7 @@ def as_json_object(task: Task, answer: Answer) -> dict[str, Any]:
         "energy": operator.energy,
         "place_mm": operator.place_mm.tolist(),
         "pressure": answer.pressure.tolist(),
-        "pa_per_pseudo": PA,
+        "pa_per_pseudo": pa_per_pseudo(finger),
         "sd": None if profile is None else profile.sd.tolist(),
         "band_90": band,
         "true": None if task.true is None else task.true.tolist(),
@@ -61,7 +62,7 @@ def as_json_object(task: Task, answer: Answer) -> dict[str, Any]:
     }
 
 
-def print_decoded(decoder: DecoderName, task: Task, answer: Answer) -> None:
+def print_decoded(finger: FingertipConfig, decoder: DecoderName, task: Task, answer: Answer) -> None:
     """For people; a search that was cut off, and readings that are not explained, say so."""
     operator, found = task.operator, answer.pressure
     moves = f", {len(answer.path) - 1} moves" if len(answer.path) else ""
@@ -81,7 +82,7 @@ def print_decoded(decoder: DecoderName, task: Task, answer: Answer) -> None:
             f"RMSE over the peak {errors.rmse_over_peak:.1%}"
         )
     else:
-        out.print(f"  one pseudo-unit is {PA:.4g} Pa")
+        out.print(f"  one pseudo-unit is {pa_per_pseudo(finger):.4g} Pa")
     for problem in answer.problems:
         out.print(f"  beware: {problem}")
     if isinstance(operator, SheetOperator):

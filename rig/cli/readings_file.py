@@ -13,7 +13,6 @@ from sim.coding.sampled_section import receptor_points, skin_of
 from sim.coding.sheets.sheet_decoder import FEWEST_READINGS as FEWEST_OF_SHEET
 from sim.config.csv_table import TableError, header_of, read_numbered
 from sim.config.fingertip_config import FingertipConfig
-from sim.config.stiffness import E_EPIDERMIS_MPA
 from sim.config.units import PSEUDO_E_EPIDERMIS
 from sim.finger.surface import FingertipSurface
 from sim.measures.reach import points_below
@@ -27,9 +26,6 @@ KINDS = ("sed", "sed_pa", "rate")
 NOISE = ("sd", "at_rest")
 FEWEST, MOST = 5, 400
 DEPTHS_MM = (0.1, 3.0)
-PA = 1e6 * E_EPIDERMIS_MPA / PSEUDO_E_EPIDERMIS
-"""Of one pseudo-unit."""
-
 _SAME_MM = 1e-6
 
 Placed = Callable[[int, tuple[float, ...]], tuple[float, ...]]
@@ -47,6 +43,11 @@ class GivenReadings:
     sd: Array | None  # (m,) in the readings' unit
     at_rest: Array | None  # (m,)
     z_mm: Array | None = None  # (m,) of a sheet's receptors
+
+
+def pa_per_pseudo(finger: FingertipConfig) -> float:
+    """Pa of a finger's pseudo-unit."""
+    return 1e6 * finger.tissue.e_epidermis_mpa / PSEUDO_E_EPIDERMIS
 
 
 def read_readings(path: Path, finger: FingertipConfig) -> GivenReadings:
@@ -111,7 +112,7 @@ class _Rows:
         self._refuse_low()
         order = np.lexsort(places.T[::-1])
         reading, *noise = np.array([row[2 : 3 + len(self.noise)] for _, row in self.numbered])[order].T
-        unit = PA if self.kind == "sed_pa" else 1.0
+        unit = pa_per_pseudo(finger) if self.kind == "sed_pa" else 1.0
         known = {name: values / unit for name, values in zip(self.noise, noise, strict=True)}
         place, depth, *along = places[order].T
         z_mm = along[0] if along else None

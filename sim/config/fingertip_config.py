@@ -10,6 +10,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from sim.config.measured_skin import POINT_COLUMNS, SECTION_COLUMNS, check_points, check_sections, rows_from
+from sim.config.stiffness import E_EPIDERMIS_MPA
 
 
 class _Many(int):
@@ -96,6 +97,17 @@ class Tissue(_Settings):
     nail_from_z_mm: float = Field(
         default=5.0, ge=0, le=20, description="where the nail begins, from the proximal edge"
     )
+    stiffness: float = Field(
+        default=1.0, gt=0, le=100, description="Young's modulus of all layers over the calibrated one"
+    )
+    stiffening: float = Field(
+        default=0.0, ge=0, le=10, description="how much tissue stiffens with strain; 0: linear, small strain"
+    )
+
+    @property
+    def e_epidermis_mpa(self) -> float:
+        """Young's modulus of the epidermis, MPa."""
+        return E_EPIDERMIS_MPA * self.stiffness
 
 
 MESH_LEVELS: dict[str, dict[str, float]] = {

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from sim.config.fingertip_config import FingertipConfig
-from sim.config.stiffness import E_EPIDERMIS_MPA
 from sim.config.units import GWT_N
 from sim.contact.compiled.ready import make_ready
 from sim.contact.control import ForceNotReachedError, solve_for_force
@@ -31,7 +30,14 @@ from sim.models.errors import ForceOutOfReachError, ModelRangeError
 from sim.models.inside.anywhere import Anywhere, SeenInside
 from sim.models.moduli.interpolated import Interpolated
 from sim.models.patches import HalfWidths, half_widths, larger
-from sim.models.pressing import PlacedIndentor, Pressing, RimError, refuse_beside_the_finger, refuse_meaningless
+from sim.models.pressing import (
+    PlacedIndentor,
+    Pressing,
+    RimError,
+    positive,
+    refuse_beside_the_finger,
+    refuse_meaningless,
+)
 from sim.models.processes.recipe import ByRecipe, Recipe
 from sim.models.relaxing.held import held_by
 from sim.models.results.indentation import IndentationResult
@@ -39,6 +45,7 @@ from sim.models.results.outline import ModelOutline
 from sim.models.results.pictures import finger_as_html
 from sim.models.results.point_load import PointLoadResult
 from sim.models.sources import MeshKey, OnDisk, Source
+from sim.models.stiffening.linear_alone import refuse_stiffening
 from sim.models.tops import keep_tops
 
 Array = NDArray[np.float64]
@@ -60,10 +67,11 @@ class Fingertip(ByRecipe, SeenInside):
     """
 
     def __init__(self, config: FingertipConfig, surface: FingertipSurface, source: Source, recipe: Recipe) -> None:
+        refuse_stiffening(config.tissue, "every model")
         self.config = config
         self.surface = surface
         self.recipe = recipe
-        self.e_epidermis_mpa = E_EPIDERMIS_MPA
+        self.e_epidermis_mpa = config.tissue.e_epidermis_mpa
         self.from_cache = True
         self.build_s = 0.0
         self._source = source
@@ -179,7 +187,7 @@ class Fingertip(ByRecipe, SeenInside):
         if doi_mm is not None and not 0 < doi_mm <= DEEPEST_DOI_MM:
             raise ModelRangeError(f"DOI {doi_mm:g} mm: expected 0 < DOI ≤ {DEEPEST_DOI_MM:g} mm")
         if force_gwt is not None:
-            _positive(force_gwt)
+            positive(force_gwt)
         patch = None
         while True:
             model = self.model_for(shape.axes, patch)
@@ -220,7 +228,7 @@ class Fingertip(ByRecipe, SeenInside):
         left, right = (float(self.surface.section(phi, z)[0]) for phi in (math.pi - _SIDE_RAD, _SIDE_RAD))
         if not left < x_mm < right:
             raise ModelRangeError(f"x = {x_mm} mm: expected {left:.2f} … {right:.2f} mm, the pulp at z = {z:g} mm")
-        force_n = _positive(force_gwt) * GWT_N
+        force_n = positive(force_gwt) * GWT_N
         key, model = next(iter(self._models.items()))
         if model.kind == "section" and z != self.config.receptor_plane_mm:
             raise ModelRangeError(f"z = {z} mm: a section is the receptor plane alone, expected no z")
@@ -265,7 +273,7 @@ class Fingertip(ByRecipe, SeenInside):
         return doi_mm, pressing.solve(doi_mm, start if fits else None)
 
     def _solve_force(self, pressing: Pressing, force_gwt: float) -> tuple[float, ContactState]:
-        force = _positive(force_gwt) * GWT_N / self.e_epidermis_mpa
+        force = positive(force_gwt) * GWT_N / self.e_epidermis_mpa
         try:
             solve = pressing.solve_from_rest if pressing.placed.indentor.sharp else pressing.solve
             return solve_for_force(force, _FORCE_GUESS_MM, DEEPEST_DOI_MM, solve)
@@ -286,12 +294,6 @@ def _outline(model: CondensedModel, poisson: float, patch: HalfWidths | None) ->
         poisson=poisson,
         widened_mm=patch,
     )
-
-
-def _positive(force_gwt: float) -> float:
-    if not (math.isfinite(force_gwt) and force_gwt > 0):
-        raise ModelRangeError(f"force {force_gwt:g} gwt: expected a positive number")
-    return force_gwt
 
 
 def _indentor(shape: Indentor | Profile | str) -> Indentor:

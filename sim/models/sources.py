@@ -87,7 +87,9 @@ class OnDisk:
     def made_of(self, key: MeshKey) -> list[object]:
         """What says how a model comes out, but for the code."""
         slopes, patch = key
-        described = self.config.model_dump(mode="json", exclude={"contact"})
+        described = self.config.model_dump(
+            mode="json", exclude={"contact": True, "tissue": {"stiffness", "stiffening"}}
+        )
         return [described, self.solver, list(slopes), patch and list(patch)]
 
 

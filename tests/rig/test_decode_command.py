@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from rig.cli import decoding
-from rig.cli.readings_file import PA
+from rig.cli.readings_file import pa_per_pseudo
 from sim.coding import univariate
 from sim.coding.encoding import noise_sd
 from sim.coding.operators import influence
@@ -19,6 +19,7 @@ from tests.sim.coarse import as_toml, coarse_mesh
 COARSE = coarse_mesh(0.3, 0.5)
 DEPTH_MM = np.tile([0.6, 0.76, 0.9], 4)
 TWO = ("decode", "--pressure", "20,14", "--config", "coarse.toml", "--half-length", 10)
+PA = pa_per_pseudo(FingertipConfig())
 WORKED = (*TWO, "--start", "10,10", "--range", "0,30")
 
 

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rig.cli.readings_file import FEWEST, MOST, PA, GivenReadings, read_readings
+from rig.cli.readings_file import FEWEST, MOST, GivenReadings, pa_per_pseudo, read_readings
 from rig.protocol.errors import BadInputError
 from sim.config.fingertip_config import FingertipConfig
 
 FINGER = FingertipConfig()
+PA = pa_per_pseudo(FINGER)
 Read = Callable[..., GivenReadings]
 
 

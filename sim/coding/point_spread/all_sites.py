@@ -10,7 +10,6 @@ from sim.coding.point_spread.moved_response import MovedResponse
 from sim.coding.point_spread.power_law import FitKind, PowerLaw
 from sim.coding.point_spread.sites import Published, published_sites, published_table
 from sim.coding.point_spread.spreads import HALF_WIDTH_MM, Judged, judged, mean_over, spreads
-from sim.config.stiffness import E_EPIDERMIS_MPA
 from sim.config.units import GWT_N
 from sim.contact.patch import X, Y
 
@@ -63,5 +62,5 @@ def deformed_by(finger: LoadedFinger, site: Judged, force_gwt: float) -> Deforme
     mesh, place = finger.interior.mesh, site.spread.site
     per_n = finger.moved([Load(place.x_mm, place.z_mm)]).reshape(*mesh.grid, 3)
     k = int(np.argmin(np.abs(mesh.z_mm - place.z_mm)))
-    moved = force_gwt * GWT_N / E_EPIDERMIS_MPA * per_n[k][..., [X, Y]]
+    moved = force_gwt * GWT_N / finger.config.tissue.e_epidermis_mpa * per_n[k][..., [X, Y]]
     return Deformed(mesh.nodes.reshape(*mesh.grid, 3)[k][..., [X, Y]], moved)

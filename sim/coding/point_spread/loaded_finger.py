@@ -17,6 +17,7 @@ from sim.models.errors import ModelRangeError
 from sim.models.inside.adjoint import Progress
 from sim.models.inside.interior import Interior, Recovery
 from sim.models.patches import HalfWidths, widened
+from sim.models.stiffening.linear_alone import refuse_stiffening
 
 Array = NDArray[np.float64]
 
@@ -43,7 +44,11 @@ class LoadedFinger:
     """A finger's mesh, its factor made when it is first needed (seconds), and places on and below its skin."""
 
     def __init__(self, config: FingertipConfig, even: HalfWidths | None = None) -> None:
-        """Its mesh is even over half widths about the receptor plane; by default as long as can be."""
+        """Its mesh is even over half widths about the receptor plane; by default as long as can be.
+
+        Raises ModelRangeError for tissue that stiffens.
+        """
+        refuse_stiffening(config.tissue, "a finger under point loads")
         self.config = config
         self.surface = FingertipSurface.fit(config.geometry)
         self.interior = Interior(widened(config, even or _all_along(config)), self.surface, (Z,))

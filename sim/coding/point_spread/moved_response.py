@@ -14,7 +14,6 @@ from scipy.interpolate import CloughTocher2DInterpolator
 
 from sim.coding.point_spread.loaded_finger import Load, LoadedFinger, energy_density
 from sim.coding.point_spread.spreads import Sheet, Spread
-from sim.config.stiffness import E_EPIDERMIS_MPA
 from sim.config.units import GWT_N
 from sim.contact.patch import Z
 from sim.models.inside.interior import Recovery
@@ -71,7 +70,7 @@ class MovedResponse:
 
     def missed(self, spread: Spread, force_gwt: float) -> float:
         """Relative L2 of the SED about a site: this response moved there against finite elements of that load."""
-        force = np.array([force_gwt * GWT_N / E_EPIDERMIS_MPA])
+        force = np.array([force_gwt * GWT_N / self.finger.config.tissue.e_epidermis_mpa])
         strain = self.convolved(spread.load_mm[None], force, spread.sheet.skin_mm)
         sed = energy_density(strain, spread.young_ratio, self.finger.config.tissue.poisson)
         return _relative_l2(sed, spread.sed)

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from sim.coding.point_spread.loaded_finger import Direction, Load, LoadedFinger, energy_density
 from sim.coding.point_spread.power_law import FIT_KINDS, PowerLaw, fitted
 from sim.coding.point_spread.sites import Published, Site, spread_over_mean
-from sim.config.stiffness import E_EPIDERMIS_MPA
 from sim.config.units import GWT_N
 from sim.contact.patch import X, Z
 from sim.measures.receptors import DEFAULT_DEPTH_MM
@@ -96,7 +95,7 @@ def spreads(
     feet = [finger.foot_mm(load) for load in loads]
     near = [_near(sheet, foot, half_width_mm, site) for foot, site in zip(feet, sites, strict=True)]
     recovery = finger.recovery(sheet.at_mm)
-    strain = force_gwt * GWT_N / E_EPIDERMIS_MPA * recovery.strain(finger.moved(loads))
+    strain = force_gwt * GWT_N / finger.config.tissue.e_epidermis_mpa * recovery.strain(finger.moved(loads))
     sed = energy_density(strain, recovery.young_ratio, finger.config.tissue.poisson)
     return [
         Spread(

@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 
 _LOG_POLES = (-1.0, 1.0)  # from the middle of the range; those of least error for a 16-fold one, to within a tenth
 _NODES = 2 + len(_LOG_POLES)
+_OF_NO_BUILD = {"stiffness": 1.0, "stiffening": 0.0}  # E(epidermis) is 1 MPa in all of them
 _TRIED_VALUES, _TRIED_POLES = 201, np.append(0.0, np.geomspace(1e-4, 1e4, 161))
 
 
@@ -82,8 +83,9 @@ def in_range(tissue: Tissue) -> bool:
 
 def node_tissues(tissue: Tissue) -> list[Tissue]:
     """(16) the layers of the fingers that are built, the fat's modulus fastest; alike in all else."""
+    linear = tissue.model_copy(update=_OF_NO_BUILD)
     return [
-        tissue.model_copy(update={"e_dermis": e_dermis, "e_fat": e_fat})
+        linear.model_copy(update={"e_dermis": e_dermis, "e_fat": e_fat})
         for e_dermis in DERMIS.nodes.tolist()
         for e_fat in FAT.nodes.tolist()
     ]

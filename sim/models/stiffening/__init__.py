@@ -1,0 +1,1 @@
+"""Tissue that stiffens with strain."""

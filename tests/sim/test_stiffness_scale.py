@@ -1,0 +1,120 @@
+"""`finger.tissue.stiffness` scales E everywhere and no model is built for it; tissue that stiffens is refused."""
+
+import pickle
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.cli.readings_file import pa_per_pseudo
+from rig.compare.stimuli import answers_key
+from sim.coding.point_spread.all_sites import deformed_by
+from sim.coding.point_spread.loaded_finger import LoadedFinger
+from sim.coding.point_spread.moved_response import MovedResponse
+from sim.coding.point_spread.sites import Site
+from sim.coding.point_spread.spreads import Spread, judged, receptor_sheet, spreads
+from sim.config.fingertip_config import FingertipConfig, Tissue
+from sim.config.stiffness import E_EPIDERMIS_MPA
+from sim.finger.surface import FingertipSurface
+from sim.measures.reach import ReceptorPlaces, receptors_at
+from sim.models.catalogue import load
+from sim.models.errors import ModelRangeError
+from sim.models.fingertip import Fingertip
+from sim.models.moduli.families import Asked
+from sim.models.moduli.weights import node_tissues
+from sim.models.sources import OnDisk
+from tests.sim.coarse import coarse_mesh
+
+MESH = coarse_mesh(0.5, 0.5, patch_x_mm=1.5, patch_z_mm=1.5)
+MIDDLE = Site(10, 0.098, 6.893, on_pulp=True)
+STIFF = 2.5
+ALONG = (0,)
+
+
+def config(stiffness: float) -> FingertipConfig:
+    return FingertipConfig(mesh=MESH, tissue=Tissue(stiffness=stiffness))
+
+
+def finger(stiffness: float) -> Fingertip:
+    return Fingertip.load(config(stiffness), receptor_x_mm=(0.0,))
+
+
+def spread(stiffness: float) -> tuple[LoadedFinger, Spread]:
+    loaded = LoadedFinger(config(stiffness))
+    return loaded, spreads(loaded, receptor_sheet(loaded, 0.5), [MIDDLE], 2.0, 1.5)[0]
+
+
+def missed(stiffness: float) -> float:
+    loaded, found = spread(stiffness)
+    response = MovedResponse.of(loaded, receptor_sheet(loaded, 0.5))
+    return response.missed(found, 2.0)
+
+
+def moved(stiffness: float) -> float:
+    loaded, found = spread(stiffness)
+    return float(np.abs(deformed_by(loaded, judged(found), 1.0).moved_mm).max())
+
+
+SCALED: dict[str, tuple[Callable[[float], float], int]] = {
+    "E of a configuration": (lambda s: config(s).tissue.e_epidermis_mpa, 1),
+    "E of a finger": (lambda s: finger(s).e_epidermis_mpa, 1),
+    "E of a pickled finger": (lambda s: pickle.loads(pickle.dumps(finger(s))).e_epidermis_mpa, 1),
+    "force at a depth": (lambda s: finger(s).indent("cylinder:9", doi_mm=0.1).force_n, 1),
+    "peak pressure at a depth": (lambda s: finger(s).indent("cylinder:9", doi_mm=0.1).peak_pressure_mpa, 1),
+    "force of a half-space": (lambda s: load("halfspace", config(s)).indent("cylinder:9", doi_mm=0.1).force_n, 1),
+    "force of a section": (lambda s: load("section", config(s)).indent("cylinder:9", doi_mm=0.1).force_n, 1),
+    "depth at scaled force": (lambda s: finger(s).indent("cylinder:9", force_gwt=0.3 * s).doi_mm, 0),
+    "sed at a depth": (lambda s: float(finger(s).indent("cylinder:9", doi_mm=0.1).receptor_measures["sed"][0]), 0),
+    "strain of a point load": (lambda s: float(finger(s).point_load(0.0, 1.0).receptor_measures["ep1"][0]), -1),
+    "sed of a point load": (lambda s: float(spread(s)[1].sed.max()), -2),
+    "displacement of a point load": (moved, -1),
+    "what a moved response misses": (missed, 0),
+    "Pa of a pseudo-unit": (lambda s: pa_per_pseudo(config(s)), 1),
+}
+"""A number that hangs on Young's modulus by a power of it."""
+
+
+@pytest.mark.parametrize("name", SCALED)
+def test_a_number_follows_the_scale(name: str) -> None:
+    number, power = SCALED[name]
+    assert number(STIFF) == pytest.approx(number(1.0) * STIFF**power, rel=1e-6)
+
+
+def test_what_knows_the_calibrated_modulus_is_the_configuration_alone() -> None:
+    root = Path(__file__).parents[2]
+    users = [path for package in ("sim", "rig") for path in (root / package).rglob("*.py")]
+    knowing = {path.relative_to(root).as_posix() for path in users if "E_EPIDERMIS_MPA" in path.read_text("utf-8")}
+    assert knowing == {"sim/config/stiffness.py", "sim/config/fingertip_config.py"}
+    assert Tissue().e_epidermis_mpa == E_EPIDERMIS_MPA
+
+
+def test_no_model_is_built_for_a_scale() -> None:
+    def made_of(**tissue: float) -> list[object]:
+        told = FingertipConfig(mesh=MESH, tissue=Tissue(**tissue))  # type: ignore[arg-type]
+        surface = FingertipSurface.fit(told.geometry)
+        receptors = receptors_at(told, surface, ReceptorPlaces.of((0.0,), 0.76, None))
+        return OnDisk(told, surface, receptors, "auto").made_of((ALONG, None))
+
+    assert made_of(stiffness=STIFF, stiffening=0.5) == made_of()
+    assert made_of(e_fat=0.2) != made_of()
+
+
+def test_fingers_of_two_scales_are_interpolated_between_the_same_builds() -> None:
+    assert node_tissues(Tissue(stiffness=STIFF, stiffening=0.5)) == node_tissues(Tissue())
+    families = {Asked(config(s), ReceptorPlaces.of((0.0,), 0.76, None)).family for s in (1.0, STIFF)}
+    assert len(families) == 1
+
+
+def test_answers_are_kept_by_scale() -> None:
+    assert answers_key(finger(1.0), "asked") != answers_key(finger(STIFF), "asked")
+
+
+@pytest.mark.parametrize("made", [load, lambda _, told: LoadedFinger(told)], ids=["models", "point loads"])
+@pytest.mark.parametrize("name", ["finger", "section", "halfspace"])
+def test_tissue_that_stiffens_is_refused(name: str, made: Callable[..., object]) -> None:
+    told = FingertipConfig(mesh=MESH, tissue=Tissue(stiffening=0.25))
+    with pytest.raises(ModelRangeError, match=re.escape("finger.tissue.stiffening = 0.25: ")) as refused:
+        made(name, told)
+    assert str(refused.value).endswith("is linear, expected 0")
