@@ -26,18 +26,11 @@ from sim.finger.surface import FingertipSurface
 from sim.measures.reach import ReceptorPlaces, receptors_at
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
 from sim.models.condensed import CondensedModel
-from sim.models.errors import ForceOutOfReachError, ModelRangeError
+from sim.models.errors import ForceOutOfReachError, ModelRangeError, positive
 from sim.models.inside.anywhere import Anywhere, SeenInside
 from sim.models.moduli.interpolated import Interpolated
 from sim.models.patches import HalfWidths, half_widths, larger
-from sim.models.pressing import (
-    PlacedIndentor,
-    Pressing,
-    RimError,
-    positive,
-    refuse_beside_the_finger,
-    refuse_meaningless,
-)
+from sim.models.pressing import PlacedIndentor, Pressing, RimError, refuse_beside_the_finger, refuse_meaningless
 from sim.models.processes.recipe import ByRecipe, Recipe
 from sim.models.relaxing.held import held_by
 from sim.models.results.indentation import IndentationResult

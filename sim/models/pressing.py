@@ -3,7 +3,6 @@
 At once, or in steps from first touch where a corner may bear.
 """
 
-import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -61,13 +60,6 @@ def refuse_meaningless(indentor: Indentor, x_mm: float, z_mm: float | None) -> N
             by = " and ".join(_AXIS_NAMES[axis] for axis in indentor.placed_by) or "its depth alone"
             name = f"{_AXIS_NAMES[axis]}_mm = {given:g}"
             raise ModelRangeError(f"{indentor.name}: {name} means nothing to it: it is placed by {by}")
-
-
-def positive(force_gwt: float) -> float:
-    """A force that can be asked for. Raises ModelRangeError."""
-    if not (math.isfinite(force_gwt) and force_gwt > 0):
-        raise ModelRangeError(f"force {force_gwt:g} gwt: expected a positive number")
-    return force_gwt
 
 
 @dataclass(frozen=True)
