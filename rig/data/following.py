@@ -1,5 +1,6 @@
 """A journal read as it grows, by whoever looks on from another process: it is only read, never locked or written."""
 
+import os
 from collections.abc import Callable, Iterator
 
 from rig.data.folder import RunFolder
@@ -21,7 +22,9 @@ class Following:
         try:
             with self._path.open("rb") as file:
                 file.seek(self._at)
-                whole, end, _ = file.read(most).rpartition(b"\n")
+                there = max(os.fstat(file.fileno()).st_size - self._at, 0)
+                # never room for more than there is: buffers cut to size twenty times a second leave holes in the heap
+                whole, end, _ = file.read(there if most < 0 else min(there, most)).rpartition(b"\n")
         except FileNotFoundError:
             return []
         except OSError as error:

@@ -8,6 +8,9 @@ from rig.engine.journal import Document
 from rig.plan.agenda import Ahead, Course, CourseStep, written_ns
 from rig.plan.timeline import BEGUN, ENDED, step_in_words
 
+LATE = 1000
+"""Events: a course that has not come by then comes no more."""
+
 
 class Onlooker:
     """What is known of a run by its journal so far, and by the course that its folder keeps."""
@@ -16,7 +19,7 @@ class Onlooker:
         self.folder = folder
         self.start: Mapping[str, Any] = {}
         self.finished: set[int] = set()  # numbers of the indentations that are over
-        self._since: list[Document] = []  # the start, or the last resuming, but for readings
+        self._since: list[Document] = []  # the start or the last resuming; events after it until there is a course
         self._course_ns = 0
         self._ahead: Ahead | None = None
         self._begun = ""
@@ -30,6 +33,8 @@ class Onlooker:
             self._ahead = None if course is None else Ahead(course, self._since[0]["t_s"])
             for document in self._since:
                 self._pass(document)
+        if self._ahead is not None or len(self._since) > LATE:
+            del self._since[1:]
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
         """What the journal was told."""
@@ -45,6 +50,8 @@ class Onlooker:
             self.start = document if document["doc"] == "start" else self.start
             self._since, self._ahead = [document], None
         elif document["doc"] == "event":
+            if self._ahead is None and len(self._since) == 1:
+                self._course_ns = 0  # a course is kept before anything happens: the one that is there is of this part
             self.event(document["stream"], document["data"])
             if not document["stream"].endswith("sample"):
                 self._since.append(document)

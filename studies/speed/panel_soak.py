@@ -47,6 +47,7 @@ class Seen:
     kinds: dict[str, int] = field(default_factory=dict)
     stops_s: list[float] = field(default_factory=list)  # from the request to the owner's own thread
     memory_mb: list[tuple[float, float]] = field(default_factory=list)  # seconds, MB
+    drawing_mb: list[tuple[float, float]] = field(default_factory=list)  # of the process that draws
     _state_s: float = 0.0
 
     def event(self, kind: str, told: dict[str, object]) -> None:
@@ -163,13 +164,18 @@ def _events(page: socket.socket, port: int) -> Iterator[tuple[str, dict[str, obj
 
 
 def _weigh(pid: int, seen: Seen) -> None:
-    """Its memory, now and then."""
+    """Its memory, and that of its largest child, now and then."""
     now_s = time.monotonic()
     if not seen.memory_mb or now_s - seen.memory_mb[-1][0] >= _EACH_S:
-        status = Path(f"/proc/{pid}/status").read_text(encoding="ascii")
-        found = re.search(r"VmRSS:\s+(\d+) kB", status)
-        assert found is not None
-        seen.memory_mb.append((now_s, int(found[1]) / 1024))
+        seen.memory_mb.append((now_s, _mb(pid)))
+        tasks = Path(f"/proc/{pid}/task").iterdir()
+        children = [child for task in tasks for child in (task / "children").read_text(encoding="ascii").split()]
+        seen.drawing_mb.append((now_s, max(map(_mb, children), default=0.0)))
+
+
+def _mb(pid: int | str) -> float:
+    found = re.search(r"VmRSS:\s+(\d+) kB", Path(f"/proc/{pid}/status").read_text(encoding="ascii"))
+    return 0.0 if found is None else int(found[1]) / 1024
 
 
 def _last_s(run: Path) -> float:
@@ -184,11 +190,14 @@ def _tell(seen: Seen, written: list[float]) -> None:
     print(f"delay   {_spread(seen.delays_s)}")
     print(f"stops   {len(seen.stops_s)}: {_spread(seen.stops_s)}")
     print(f"states  {seen.kinds.get('state', 0)}, at most {seen.states_apart_s:.2f} s apart; {seen.kinds}")
-    print(f"memory  {seen.memory_mb[0][1]:.1f} MB at first, {seen.memory_mb[-1][1]:.1f} at the end")
-    settled = [(s - began_s, mb) for s, mb in seen.memory_mb if s - began_s >= _SETTLED_S]
-    if len(settled) > 1:
-        slope, _ = statistics.linear_regression(*zip(*settled, strict=True))
-        print(f"        {settled[0][1]:.1f} MB after {_SETTLED_S:g} s; from there on {3600 * slope:+.2f} MB an hour")
+    for name, weighed in (("memory", seen.memory_mb), ("drawing", seen.drawing_mb)):
+        print(f"{name:<7} {weighed[0][1]:.1f} MB at first, {weighed[-1][1]:.1f} at the end")
+        settled = [(s - began_s, mb) for s, mb in weighed if s - began_s >= _SETTLED_S]
+        if len(settled) > 1:
+            slope, _ = statistics.linear_regression(*zip(*settled, strict=True))
+            print(
+                f"        {settled[0][1]:.1f} MB after {_SETTLED_S:g} s; from there on {3600 * slope:+.2f} MB an hour"
+            )
 
 
 def _spread(seconds: list[float]) -> str:

@@ -26,6 +26,7 @@ from rig.data.folder import RunFolder, UnwritableError
 from rig.data.following import Following, followed
 from rig.data.reader import RunError, read_run
 from rig.engine.journal import Document, mend_journal
+from rig.plan import onlooker
 from rig.plan.agenda import Agenda, Ahead, Course, written_ns
 from rig.plan.timeline import Timeline, step_in_words
 from rig.session.rehearsal import Rehearsed
@@ -288,6 +289,35 @@ def test_a_run_that_is_taken_up_has_a_course_of_its_own(course: Course, tmp_path
     assert (seen.now, seen.left_s) == ("home", 30.0)
     seen.take([{"doc": "event", "t_s": 60.0, "stream": "home", "data": {}}])
     assert (seen.now, seen.left_s) == ("", 10.0)
+
+
+def test_who_comes_after_it_was_taken_up_reads_it_in_pieces(course: Course, tmp_path: Path) -> None:
+    """The course that is there is that of the second part: it is read for the first one, and again for its own."""
+    folder = RunFolder(tmp_path)
+    Course(30.0, {("home", 1, 0): 20.0}, {("home", 1, 0): "home"}).keep(folder)
+    seen = Onlooker(folder)
+    home = {"doc": "event", "stream": "home", "data": {}}
+    seen.take([{"doc": "start", "t_s": 0.0}, {**home, "t_s": 10.0}])
+    seen.take([{"doc": "resume", "t_s": 50.0}])
+    assert (seen.now, seen.left_s) == ("", None)
+    seen.take([{"doc": "event", "t_s": 51.0, "stream": "note", "data": {"text": "a"}}])
+    assert (seen.now, seen.left_s) == ("home", 29.0)
+    seen.take([{**home, "t_s": 60.0}])
+    assert (seen.now, seen.left_s) == ("", 10.0)
+
+
+@pytest.mark.parametrize(("more", "now"), [(0, REST), (1, MOUNT)])
+def test_a_course_is_waited_for_with_so_many_events(more: int, now: str, course: Course, tmp_path: Path) -> None:
+    """What came before it is then passed at once; later than that it counts from where the run is."""
+    assert onlooker.LATE == 1000
+    seen = Onlooker(RunFolder(tmp_path))
+    seen.take([{"doc": "start", "t_s": 100.0}])
+    seen.take([{"doc": "event", "t_s": 110.0, "stream": stream, "data": data} for stream, data in EVENTS[:6]])
+    note = {"doc": "event", "t_s": 120.0, "stream": "note", "data": {"text": ""}}
+    seen.take([note] * (onlooker.LATE - 7 + more))
+    course.keep(seen.folder)
+    seen.take([])
+    assert seen.now == now
 
 
 # --- the command ---

@@ -1,0 +1,297 @@
+"""Nothing that looks on for hours keeps more than what it shows: neither of what comes, nor of what is asked."""
+
+import asyncio
+import itertools
+import json
+from collections.abc import Callable
+from contextlib import ExitStack, closing
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.cli.watch import Onlooker
+from rig.data.folder import RunFolder
+from rig.data.following import Following
+from rig.panel.drawn.drawer import Drawer
+from rig.panel.drawn.job import Job, Press
+from rig.panel.outlet import Onlooking, Outlet, Source
+from rig.panel.seen.growing import growing
+from rig.panel.seen.seen_bench import HAND, SeenBench
+from rig.panel.seen.seen_run import SeenRun
+from rig.panel.tabs import Tabs
+from rig.plan import onlooker
+from rig.plan.agenda import Course
+from rig.plan.config import Config
+from rig.session.by_hand.hand_readings import KEPT, Backlog
+from rig.session.by_hand.holds import Hold, Holds
+from rig.session.control.announcements import ControlError
+from sim.devices.clock import VirtualClock
+from tests.kept import Step, kept_bytes, needed_bytes
+from tests.rig.panel.told_panel import Told, ToldOwner
+
+Make = Callable[..., Told]
+
+READINGS, PRESS_S, ROWS = 20, 12.0, 60
+MOST_KEPT = 50_000
+"""Bytes, after a hundred more steps of the same; the events of a press that are kept have 6600 each time."""
+MOST_NEEDED = 100_000
+"""Bytes that a look needs where nothing is new: some files are opened, and a state is written."""
+
+
+class Forgetful(ToldOwner):
+    """Notes nothing of what it was asked."""
+
+    def ask(self, do: str, *, within_s: float = 1.0, **more: Any) -> dict[str, Any]:
+        try:
+            return super().ask(do, within_s=within_s, **more)
+        finally:
+            self.asked.clear()
+            self.within_s.clear()
+
+
+class Run:
+    """A journal that grows by a press at a time, with all its readings and events; index and time go on."""
+
+    def __init__(self, path: Path, *, course: bool) -> None:
+        self.folder, self.n = RunFolder(path), 0
+        path.mkdir(parents=True)
+        (path / "config.toml").write_text(Config().as_toml(), encoding="utf-8")
+        self._write({"doc": "start", "t_s": 0.0, "unix_s": 0.0, "planned_indentations": 9, "virtual": False})
+        if course:
+            name = ("indentation_start", 0, 0)
+            Course(9.0, {name: 0.0}, {name: "press"}).keep(self.folder)
+
+    def press(self) -> list[dict[str, Any]]:
+        """One more; returns its documents."""
+        t_s = PRESS_S * self.n
+        index = self.n % 9  # a plan has an end, and what is done of it is known
+        about = {"index": index, "indentor": "bar:3.0", "x_mm": 0.1, "block": 1, "repeat": 2, "condition": "bar:3.0"}
+        events = [("indentation_start", about | {"target": "doi_mm", "value": 1.0}), ("touch", about)]
+        reading = {"index": index, "phase": "press", "x_mm": 0.1, "height_mm": 0.1, "doi_mm": 0.1, "force_gwt": 1.5}
+        events += [("sample", reading)] * READINGS
+        events += [("hold_end", about | {"hold": 0}), ("indentation_end", about), ("note", {"text": f"at {t_s}"})]
+        self.n += 1
+        found = [self._event(t_s + n * PRESS_S / len(events), *event) for n, event in enumerate(events)]
+        self._write(*found)
+        return found
+
+    def _event(self, t_s: float, stream: str, data: dict[str, Any]) -> dict[str, Any]:
+        return {"doc": "event", "stream": stream, "t_s": t_s, "unix_s": t_s, "data": data}
+
+    def _write(self, *documents: dict[str, Any]) -> None:
+        with self.folder.events.open("a", encoding="utf-8") as file:
+            file.writelines(json.dumps(one) + "\n" for one in documents)
+
+
+def a_run_that_is_read(tmp_path: Path, make: Make, there: ExitStack) -> Step:
+    run = Run(tmp_path / "run", course=True)
+    seen = SeenRun(run.folder.path)
+
+    def step() -> None:
+        run.press()
+        assert len(seen.look(PRESS_S * run.n)) == READINGS
+        assert len(seen.schedule_told()) == 1
+
+    return step
+
+
+def a_run_that_two_pages_see(tmp_path: Path, make: Make, there: ExitStack) -> Step:
+    """All that the panel's watcher does, with a page that does not fetch and one that does."""
+    run = Run(tmp_path / "run", course=True)
+    watcher = make(Forgetful(run=str(run.folder.path), answers={"status": {"ok": True, "state": "running"}})).watcher
+    loop = there.enter_context(closing(asyncio.new_event_loop()))
+    slow, quick = (there.enter_context(watcher.outlet.joined()) for _ in range(2))
+
+    async def look() -> None:
+        await watcher.ask()
+        await watcher.read()
+        await watcher.beat()
+
+    def step() -> None:
+        run.press()
+        loop.run_until_complete(look())
+        assert quick.taken(0.0).count('"data"]') == READINGS
+        assert len(slow.rows) <= ROWS
+
+    return step
+
+
+def a_bench_that_a_page_sees(tmp_path: Path, make: Make, there: ExitStack) -> Step:
+    rows = [[0.0] * len(HAND.columns)] * READINGS
+    new = {"columns": list(HAND.columns), "rows": rows, "next": 4}
+    status = {"ok": True, "state": "Idle", "force_gwt": 1.0, "readings": new}
+    loop = there.enter_context(closing(asyncio.new_event_loop()))
+    watcher = make(Forgetful(kind="by hand", answers={"status": status})).watcher
+    page = there.enter_context(watcher.outlet.joined())
+
+    async def look() -> None:
+        await watcher.ask()
+        await watcher.beat()
+
+    def step() -> None:
+        loop.run_until_complete(look())
+        assert READINGS <= len(page.rows) <= ROWS
+
+    return step
+
+
+def a_run_in_a_terminal(tmp_path: Path, make: Make, there: ExitStack) -> Step:
+    return _watched(tmp_path, course=True)
+
+
+def a_run_whose_course_nobody_knows(tmp_path: Path, make: Make, there: ExitStack) -> Step:
+    return _watched(tmp_path, course=False)
+
+
+def _watched(tmp_path: Path, *, course: bool) -> Step:
+    run = Run(tmp_path / "run", course=course)
+    seen, journal = Onlooker(run.folder), Following(run.folder)
+
+    def step() -> None:
+        run.press()
+        seen.take(journal.new())
+        assert seen.force.newest["force_gwt"] == 1.5
+        assert bool(seen.steps) is course
+
+    return step
+
+
+def readings_of_a_page_that_fetches_none(tmp_path: Path, make: Make, there: ExitStack) -> Step:
+    outlet, seconds = Outlet(), itertools.count()
+    outlet.begin(Source("run", ("t_s", "force_gwt")))
+    page = there.enter_context(outlet.joined())
+
+    def step() -> None:
+        outlet.add([[float(next(seconds)), 1.0] for _ in range(READINGS)])
+        outlet.publish("state", {"n": next(seconds)})
+        assert len(page.rows) <= ROWS
+
+    return step
+
+
+def pages_that_come_and_go(tmp_path: Path, make: Make, there: ExitStack) -> Step:
+    outlet, tabs, n = Outlet(), Tabs(), itertools.count()
+
+    def step() -> None:
+        tab = f"tab {next(n)}"
+        tabs.opened(tab)
+        with outlet.joined() as client:
+            assert isinstance(client, Onlooking)
+            tabs.take(tab, 0.0)
+            tabs.release(next(n))
+        tabs.closed(tab, 0.0)
+
+    return step
+
+
+def requests_of_a_page(tmp_path: Path, make: Make, there: ExitStack) -> Step:
+    """Answered, or refused."""
+
+    def refused() -> dict[str, Any]:
+        raise ControlError("no")
+
+    panel = make(Forgetful(), Forgetful(pid=2, kind="by hand", answers={"home": refused}, began_unix_s=1.0))
+    n = itertools.count(1)
+
+    def step() -> None:
+        held = {"axis": "x", "sign": 1, "speed_mm_s": 1.0, "press": next(n), "unix_s": 1000.0}
+        codes = [panel.post(f"/{path}", held)[0] for path in ("take", "stop", "hold", "release", "home", "pause")]
+        assert codes == [200, 200, 200, 200, 503, 409]
+
+    return step
+
+
+def questions_to_the_bench_by_hand(tmp_path: Path, make: Make, there: ExitStack) -> Step:
+    backlog, told = Backlog(), itertools.count(0, 500)
+
+    def step() -> None:
+        since = next(told)
+        for n in range(500):
+            backlog.add((float(n), *[0.0] * 6))
+        assert backlog.since(since)["lost"] == 0
+
+    return step
+
+
+def presses_of_a_button(tmp_path: Path, make: Make, there: ExitStack) -> Step:
+    clock, n = VirtualClock(1000.0), itertools.count()
+    holds = Holds(clock)
+
+    def step() -> None:
+        press = Hold(axis="x", sign=1, speed_mm_s=1.0, tab="a", press=next(n), unix_s=clock.unix_s())
+        holds.take(press)
+        holds.end(press)
+
+    return step
+
+
+def drawings(tmp_path: Path, make: Make, there: ExitStack) -> Step:
+    loop = there.enter_context(closing(asyncio.new_event_loop()))
+    presses, wanted = itertools.count(), [Job(tmp_path / "rig.toml", indentor="bar:3.0")]
+    drawer = Drawer(lambda: wanted[0], Outlet(), VirtualClock())
+    drawer.process.ask = lambda job: {"skin": [[0.0, 1.0]] * 50}  # type: ignore[method-assign]
+
+    def step() -> None:
+        wanted[0] = replace(wanted[0], press=Press(next(presses), "data", 0.1, "doi_mm", 1.0))
+        loop.run_until_complete(drawer.look())
+
+    return step
+
+
+LOOKING_ON = [
+    a_run_that_is_read,
+    a_run_that_two_pages_see,
+    a_bench_that_a_page_sees,
+    a_run_in_a_terminal,
+    a_run_whose_course_nobody_knows,
+    readings_of_a_page_that_fetches_none,
+    pages_that_come_and_go,
+    requests_of_a_page,
+    questions_to_the_bench_by_hand,
+    presses_of_a_button,
+    drawings,
+]
+
+
+@pytest.mark.parametrize("looking_on", LOOKING_ON, ids=lambda one: one.__name__.replace("_", " "))
+def test_hours_of_it_are_kept_no_longer_than_they_are_shown(
+    looking_on: Callable[[Path, Make, ExitStack], Step],
+    tmp_path: Path,
+    make: Make,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("rig.panel.outlet.MOST_ROWS", ROWS)  # full at once; as many as there are: test_outlet.py
+    monkeypatch.setattr("rig.plan.onlooker.LATE", 50)
+    with ExitStack() as there:
+        step = looking_on(tmp_path, make, there)
+        assert kept_bytes(step, first=20, then=100) < MOST_KEPT
+
+
+def test_so_much_may_wait_for_a_course_and_for_who_asks() -> None:
+    assert (onlooker.LATE, KEPT) == (1000, 3600)
+
+
+@pytest.mark.parametrize("what", ["a run", "no run", "runs", "a journal", "a bench"])
+def test_a_look_at_which_nothing_is_new_needs_next_to_nothing(what: str, tmp_path: Path, make: Make) -> None:
+    """Twenty times a second: a buffer of a megabyte, cut to what came, left the heap of its thread full of holes."""
+    run = Run(tmp_path / "runs" / "run", course=True)
+    for _ in range(5):
+        run.press()
+    seen, journal, bench = SeenRun(run.folder.path), Following(run.folder), SeenBench(tmp_path / "c", Config())
+    watcher = make().watcher
+
+    async def look() -> None:
+        await watcher.ask()
+        await watcher.read()
+        await watcher.beat()
+
+    looks: dict[str, Step] = {
+        "a run": lambda: seen.look(0.0),
+        "no run": lambda: asyncio.run(look()),
+        "runs": lambda: growing(tmp_path / "runs", 0.0),
+        "a journal": lambda: journal.new(1 << 20),
+        "a bench": lambda: (bench.heard({"state": "Idle"}), bench.devices_told(0.0), bench.newest_told(0.0)),
+    }
+    assert needed_bytes(looks[what]) < MOST_NEEDED
