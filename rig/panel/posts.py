@@ -12,6 +12,7 @@ from starlette.routing import Route
 
 from rig.panel.asked import HeldButton, body_of, flag, whole
 from rig.panel.by_hand_process import ByHandProcess, NotTakenError
+from rig.panel.few import Few
 from rig.panel.gate import TAB_HEADER
 from rig.panel.owners import NobodyError, asked, stop_all
 from rig.panel.watcher import Watcher
@@ -23,9 +24,10 @@ Answer = Mapping[str, Any]
 HELD_S = 0.25
 """A button that was down longer ago than this is down no more."""
 _ANSWER_S, _HOLD_S, _STOP_S = 1.0, 0.2, 0.25
-_THREADS = 4
+_THREADS, _MOST_STOPS = 4, 16
 _MOST_HELD = 3
-"""Holds on their way to an owner, each with a thread: with more than that it is too slow to be moved by hand."""
+"""Holds on their way to an owner: with more it is too slow to be moved by hand."""
+_NOT_YET = "told to stop, and not answered yet: use the emergency stop"
 
 
 class Posts:
@@ -33,9 +35,9 @@ class Posts:
 
     def __init__(self, watcher: Watcher, bench: ByHandProcess) -> None:
         self._watcher, self._bench = watcher, bench
-        self._asking, self._holding = ThreadPoolExecutor(_THREADS, "post"), ThreadPoolExecutor(_MOST_HELD, "hold")
-        self._stopping, self._each = ThreadPoolExecutor(16, "stop"), ThreadPoolExecutor(64, "stopped")
-        self._held = 0  # holds on their way to the owner
+        self._asking = Few(_THREADS, "post", "what was asked before has not been answered yet")
+        self._holding = Few(_MOST_HELD, "hold", "the bench has not answered yet")
+        self._stopping, self._each = Few(_MOST_STOPS, "stop", _NOT_YET), ThreadPoolExecutor(64, "stopped")
 
     @property
     def routes(self) -> list[Route]:
@@ -88,10 +90,10 @@ class Posts:
 
     async def _stop(self, tab: str, body: Body) -> Answer:
         """Past everything else: it has threads of its own, and its answer is waited for shortly."""
-        asking = asyncio.get_running_loop().run_in_executor(self._stopping, self._stop_all)
+        asking = self._stopping.begin(self._stop_all)
         done, _ = await asyncio.wait({asking}, timeout=_STOP_S)
         if not done:
-            raise ControlError("told to stop, and not answered yet: use the emergency stop")
+            raise ControlError(_NOT_YET)
         answer = asking.result()
         if isinstance(answer, Exception):
             raise answer
@@ -110,18 +112,18 @@ class Posts:
 
     def _of_the_run(self, do: str) -> Callable[[str, Body], Awaitable[Answer]]:
         async def done(tab: str, body: Body) -> Answer:
-            return await self._ask(self._asking, "run", do, _ANSWER_S)
+            return await self._asked(self._asking, "run", do, _ANSWER_S)
 
         return done
 
     def _by_hand(self, do: str) -> Callable[[str, Body], Awaitable[Answer]]:
         async def done(tab: str, body: Body) -> Answer:
-            return await self._ask(self._asking, "by hand", do, _ANSWER_S)
+            return await self._asked(self._asking, "by hand", do, _ANSWER_S)
 
         return done
 
     async def _zero(self, tab: str, body: Body) -> Answer:
-        return await self._ask(self._asking, "by hand", "zero", _ANSWER_S, anyway=flag("anyway", body))
+        return await self._asked(self._asking, "by hand", "zero", _ANSWER_S, anyway=flag("anyway", body))
 
     async def _take_the_bench(self, tab: str, body: Body) -> Answer:
         self._refuse_a_busy_bench()
@@ -129,7 +131,7 @@ class Posts:
         return {}
 
     async def _leave(self, tab: str, body: Body) -> Answer:
-        answer = await self._ask(self._asking, "by hand", "leave", _ANSWER_S)
+        answer = await self._asked(self._asking, "by hand", "leave", _ANSWER_S)
         await self._bench.ended()
         return answer
 
@@ -148,26 +150,21 @@ class Posts:
             raise NobodyError("that button was let go: press it anew")
         if abs(self._watcher.clock.unix_s() - button.unix_s) > HELD_S:
             raise NobodyError(f"held longer ago than {HELD_S:g} s, or by another clock: press it anew")
-        if self._held >= _MOST_HELD:
-            raise ControlError("the bench has not answered yet")
-        self._held += 1
+        answer = self._asked(self._holding, "by hand", "hold", _HOLD_S, tab=tab, **button._asdict())
         try:
-            return await self._ask(self._holding, "by hand", "hold", _HOLD_S, tab=tab, **button._asdict())
+            return await answer
         except (ControlError, NobodyError):
             self._watcher.tabs.release(button.press)
             raise
-        finally:
-            self._held -= 1
 
     async def _release(self, tab: str, body: Body) -> Answer:
         press = whole("press", body)
         self._watcher.tabs.release(press)
-        return await self._ask(self._asking, "by hand", "release", _ANSWER_S, tab=tab, press=press)
+        return await self._asked(self._asking, "by hand", "release", _ANSWER_S, tab=tab, press=press)
 
-    async def _ask(self, pool: ThreadPoolExecutor, kind: str, do: str, within_s: float, **more: Any) -> Answer:
-        """The answer of whoever is shown."""
-        ask = partial(asked, self._watcher.owner, kind, do, within_s, **more)
-        return await asyncio.get_running_loop().run_in_executor(pool, ask)
+    def _asked(self, few: Few, kind: str, do: str, within_s: float, **more: Any) -> Awaitable[Answer]:
+        """The answer of whoever is shown. Raises ControlError where too much is asked already."""
+        return few.begin(partial(asked, self._watcher.owner, kind, do, within_s, **more))
 
 
 def _problem(code: int, problem: object) -> Response:

@@ -14,7 +14,7 @@ from rig.panel.tabs import GONE_S
 from rig.session.control.announcements import ControlError, RefusedError
 from tests.rig.panel.asgi_client import asked
 from tests.rig.panel.told_panel import OWN, Told, ToldOwner
-from tests.waiting import DEADLINE_S
+from tests.waiting import DEADLINE_S, until
 
 Make = Callable[..., Told]
 
@@ -288,6 +288,50 @@ def test_a_stop_is_not_behind_anything(make: Make, monkeypatch: pytest.MonkeyPat
     for one in hung:
         one.join(DEADLINE_S)
     assert panel.post("/stop")[0] in (200, 503)
+
+
+def test_no_stop_waits_behind_others_that_are_not_answered(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It would go out when everybody has forgotten it; those before it are on their way."""
+    assert posts._MOST_STOPS == 16
+    monkeypatch.setattr(posts, "_STOP_S", 0.01)
+    monkeypatch.setattr(posts, "_MOST_STOPS", 2)
+    free = threading.Event()
+
+    def hangs() -> dict[str, Any]:
+        assert free.wait(DEADLINE_S)
+        return {"ok": True}
+
+    panel = make(ToldOwner(answers={"stop": hangs}))
+    for _ in range(5):
+        code, answer = panel.post("/stop")
+        assert (code, answer["problem"]) == (503, "told to stop, and not answered yet: use the emergency stop")
+    until(lambda: len(panel.owners[0].asked) == 2)
+    free.set()
+    until(lambda: panel.post("/stop")[0] == 200)
+
+
+def test_what_is_asked_for_waits_behind_nothing(make: Make) -> None:
+    """Four at once; a fifth is refused, and done by nobody later."""
+    free = threading.Event()
+
+    def hangs() -> dict[str, Any]:
+        assert free.wait(DEADLINE_S)
+        return {"ok": True}
+
+    panel = make(ToldOwner(answers={"pause": hangs}))
+    codes: list[int] = []
+    asking = [threading.Thread(target=lambda: codes.append(panel.post("/pause")[0])) for _ in range(4)]
+    for one in asking:
+        one.start()
+    until(lambda: len(panel.owners[0].asked) == 4)
+    assert panel.post("/go_on") == (
+        503, {"ok": False, "problem": "what was asked before has not been answered yet"},
+    )  # fmt: skip
+    free.set()
+    for one in asking:
+        one.join(DEADLINE_S)
+    assert codes == [200] * 4
+    assert ("go_on", {}) not in panel.owners[0].asked
 
 
 # --- jogging ---

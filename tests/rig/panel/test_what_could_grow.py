@@ -1,0 +1,71 @@
+"""Every container of what looks on or answers for hours, and what ends each."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parents[3]
+LOOKS_ON = ("rig/panel", "rig/session/control", "rig/session/by_hand")
+LOOKS_ON_TOO = ("rig/cli/watch.py", "rig/cli/screen.py", "rig/plan/onlooker.py", "rig/data/following.py")
+CONTAINERS = {"list", "dict", "set", "deque", "Counter", "defaultdict", "OrderedDict", "Queue", "SimpleQueue",
+              "ThreadPoolExecutor"}  # fmt: skip
+HAS_AN_END = {
+    "rig/panel/few.py _pool": "what its threads do, and nothing waits",
+    "rig/panel/posts.py _each": "one for each owner and each stop that is on its way",
+    "rig/panel/watcher.py _asking": "one question",
+    "rig/panel/watcher.py _reading": "one look",
+    "rig/panel/watcher.py _schedule": "the run's plan",
+    "rig/panel/drawn/drawer.py _thread": "one drawing",
+    "rig/panel/drawn/drawing.py _finger_config": "four",
+    "rig/panel/drawn/drawing.py _finger": "one",
+    "rig/panel/outlet.py clients": "MOST_STREAMS",
+    "rig/panel/outlet.py _latest": "one of each kind of event",
+    "rig/panel/outlet.py _rows": "MOST_ROWS, and a minute",
+    "rig/panel/seen/seen_bench.py _status": "the last one",
+    "rig/panel/seen/seen_run.py newest": "the last one",
+    "rig/panel/tabs.py _looking": "the tabs that look on now",
+    "rig/session/by_hand/hand_readings.py _rows": "KEPT",
+    "rig/session/by_hand/holds.py _over": "a number for each tab that moved the stage",
+    "rig/cli/screen.py _columns": "the width of the trace",
+    "rig/cli/screen.py newest": "the last one",
+    "rig/plan/onlooker.py start": "one",
+    "rig/plan/onlooker.py finished": "the run's plan",
+    "rig/plan/onlooker.py _since": "LATE, until there is a course",
+}
+
+
+def _empty_at_first(path: Path) -> Iterator[str]:
+    """Attributes that begin as an empty container, and functions that remember."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.FunctionDef) and any("cache" in ast.unparse(one) for one in node.decorator_list):
+            yield node.name
+        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) and _made_of_its_own(node):
+            yield node.target.id
+        if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:
+            targets = node.targets[0] if isinstance(node, ast.Assign) else node.target
+            pairs = (
+                zip(targets.elts, node.value.elts, strict=True)
+                if isinstance(targets, ast.Tuple) and isinstance(node.value, ast.Tuple)
+                else [(targets, node.value)]
+            )
+            yield from (to.attr for to, value in pairs if isinstance(to, ast.Attribute) and _grows(value))
+
+
+def _made_of_its_own(field: ast.AnnAssign) -> bool:
+    return any(f"default_factory={name}" in ast.unparse(field) for name in CONTAINERS)
+
+
+def _grows(value: ast.expr) -> bool:
+    if isinstance(value, ast.Call):
+        made = value.func.value if isinstance(value.func, ast.Subscript) else value.func
+        return isinstance(made, ast.Name) and made.id in CONTAINERS
+    if isinstance(value, ast.Dict):
+        return not value.keys
+    return isinstance(value, ast.List) and not value.elts
+
+
+def test_whatever_could_grow_has_an_end() -> None:
+    """Of what is new here it must be said what ends it, and a step of test_memory.py must do it for hours."""
+    paths = [path for room in LOOKS_ON for path in (ROOT / room).rglob("*.py")] + [ROOT / one for one in LOOKS_ON_TOO]
+    found = {f"{path.relative_to(ROOT).as_posix()} {name}" for path in paths for name in _empty_at_first(path)}
+    assert found == set(HAS_AN_END)
