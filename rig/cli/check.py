@@ -4,9 +4,9 @@ from typing import Any
 
 from rich.table import Table
 
-from rig.cli.options import FingerConfigOption, JsonOption, MoreArgument, ProtocolArgument, SetOption
+from rig.cli.options import FingerConfigOption, JsonOption, MetFingerOption, MoreArgument, ProtocolArgument, SetOption
 from rig.cli.output import THE_FINGER, busy, checking_the_script, out, print_json, told_in_one_line
-from rig.plan.config import load_config
+from rig.plan.config import load_config, with_finger
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
 from rig.session.bench_problems import refuse_bench
@@ -30,11 +30,12 @@ def command(
     more: MoreArgument = None,
     set_: SetOption = None,
     config: FingerConfigOption = None,
+    finger_file: MetFingerOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Walk through the script against the limits and the finger model, and rehearse it on springs."""
     with told_in_one_line(as_json=as_json):
-        settings = load_config(config)
+        settings = with_finger(load_config(config), finger_file)
         refuse_bench(settings)
         script = load_script(protocol, [*(set_ or []), *(more or [])])
         with busy(THE_FINGER, as_json=as_json):
@@ -49,10 +50,14 @@ def command(
             _tell(found)
 
 
+_BANDS = {"force_band_gwt": "of ten, nine in (gwt)", "doi_band_mm": "of ten, nine in (mm)"}
+
+
 def _tell(found: dict[str, Any]) -> None:
-    table = Table(*(title or name for name, title in _COLUMNS.items()), box=None)
+    met = [name for name in _BANDS if name in found["steps"][0]]
+    table = Table(*(title or name for name, title in _COLUMNS.items()), *(_BANDS[name] for name in met), box=None)
     for step in found["steps"]:
-        table.add_row(*(_short(step[name]) for name in _COLUMNS))
+        table.add_row(*(_short(step[name]) for name in (*_COLUMNS, *met)))
     out.print(table)
     left = found["margins"]
     for line in (
@@ -69,4 +74,7 @@ def _tell(found: dict[str, Any]) -> None:
 
 
 def _short(value: object) -> str:
+    if isinstance(value, list):
+        low, high = value
+        return f"{low:.4g} … {high:.4g}" if low < high else "as asked for"
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -9,6 +9,7 @@ from rig.cli.carrying_out import carry_out, leave, new_run
 from rig.cli.options import (
     FingerConfigOption,
     JsonOption,
+    MetFingerOption,
     MoreArgument,
     OutOption,
     ProtocolArgument,
@@ -17,7 +18,7 @@ from rig.cli.options import (
 )
 from rig.cli.output import Beginning, complain, told_in_one_line
 from rig.cli.run_owner import owning
-from rig.plan.config import load_config
+from rig.plan.config import load_config, with_finger
 from rig.protocol.errors import BadInputError
 from rig.protocol.script import load_script
 from rig.session.calibration import expired_calibrations
@@ -30,6 +31,7 @@ def command(
     more: MoreArgument = None,
     set_: SetOption = None,
     config: FingerConfigOption = None,
+    finger_file: MetFingerOption = None,
     out_dir: OutOption = Path("runs"),
     speed: Annotated[str, typer.Option(metavar="max|N", help="Virtual seconds per real second.")] = "max",
     subject: SubjectOption = None,
@@ -38,7 +40,7 @@ def command(
     """Check the script, run it on the virtual bench, write the run folder and its report."""
     beginning = Beginning(aloud=False)
     with told_in_one_line(as_json=as_json, beginning=beginning):
-        settings = load_config(config)
+        settings = with_finger(load_config(config), finger_file)
         refuse_twinless(settings.stage, settings.force)
         for problem in expired_calibrations(settings):
             complain(f"warning: {problem}; `rig run` would refuse")

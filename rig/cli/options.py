@@ -18,6 +18,9 @@ FingerConfigOption = Annotated[
 FingertipOption = Annotated[
     Path | None, typer.Option("--config", metavar="TOML", help="Configuration of the finger.")
 ]
+MetFingerOption = Annotated[
+    Path | None, typer.Option("--finger", metavar="TOML", help="The finger as `rig meet` found it, with its bands.")
+]
 ConfigOption = Annotated[Path, typer.Option("--config", metavar="TOML", help="Configuration of the rig.")]
 YesOption = Annotated[bool, typer.Option("--yes", help="Begin without a confirmation; the page is printed.")]
 _MOST = 1000  # numbers in a range

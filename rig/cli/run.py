@@ -11,6 +11,7 @@ import typer
 
 from rig.cli.options import (
     JsonOption,
+    MetFingerOption,
     MoreArgument,
     OutOption,
     ProtocolArgument,
@@ -20,7 +21,7 @@ from rig.cli.options import (
 )
 from rig.cli.output import Beginning, err, screen_aside, told_in_one_line
 from rig.engine import RunAborted
-from rig.plan.config import load_config
+from rig.plan.config import load_config, with_finger
 from rig.protocol.script import load_script
 from sim.models.processes.finger_process import FingerProcess
 
@@ -30,6 +31,7 @@ def command(
     config: Annotated[Path, typer.Option(metavar="TOML", help="Configuration of rig and finger.")],
     more: MoreArgument = None,
     set_: SetOption = None,
+    finger_file: MetFingerOption = None,
     out_dir: OutOption = Path("runs"),
     subject: SubjectOption = None,
     yes: YesOption = False,
@@ -38,7 +40,7 @@ def command(
     """Check the script, have the page confirmed, carry it out, write the run folder and its report."""
     beginning = Beginning(aloud=True)
     with told_in_one_line(as_json=as_json, beginning=beginning):
-        settings = load_config(config)
+        settings = with_finger(load_config(config), finger_file)
         with FingerProcess(settings.finger) as finger:
             # Its process reads the model while this one reads what follows.
             from rig.cli.carrying_out import carry_out, leave, new_run

@@ -6,8 +6,9 @@ The file is TOML; each key is given the lowest and the highest value that is pla
     [finger.tissue]                     # or finger.geometry, keys as in a configuration
     epidermis_mm = [0.3, 0.5]
 
-SSRPs are computed on a design, every combination of the lowest, middle and highest value of each parameter, and are
-interpolated between its fingers (`rig/compare/fingers/finger_fit.py`).
+The file of a finger that `rig meet` met is one, too (`docs/meet.md`). SSRPs are computed on a design, every
+combination of the lowest, middle and highest value of each parameter, and are interpolated between its fingers
+(`rig/compare/fingers/finger_fit.py`).
 """
 
 import hashlib
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
 from rig.compare.errors import FingersError
+from rig.plan.met.finger_file import TISSUE, FingerFile, finger_file_of
 from rig.plan.toml_file import told_of
 from rig.transport.port_settings import Settings
 from sim.config.fingertip_config import FingertipConfig
@@ -133,13 +135,29 @@ def read_plausible(path: Path) -> PlausibleFingers:
     source = f"--fingers {path}"
     with told_of(source, FingersError):
         content = path.read_bytes()
-        ranges = _File.model_validate(tomllib.loads(content.decode("utf-8-sig"))).ranges
+        tables = tomllib.loads(content.decode("utf-8-sig"))
+        met = "met" in tables
+        ranges = {} if met else _File.model_validate(tables).ranges
+    if met:
+        ranges = _ranges_of(finger_file_of(source, tables, path.parent))
     found = PlausibleFingers(source, ranges, hashlib.sha256(content).hexdigest())
     if not ranges:
         raise FingersError(f"{source}: expected a range in finger.tissue, finger.geometry or {_DEPTH}")
     if len(found.free) > MOST_FREE:
         raise FingersError(f"{source}: {len(found.free)} ranges, expected {MOST_FREE} or fewer")
     return found
+
+
+def _ranges_of(file: FingerFile) -> dict[str, Range]:
+    """Of a finger that was met: nine tenths of its likely fingers and the likeliest, in what they differ in most."""
+    own = file.finger.tissue
+    values = {name: np.array([getattr(draw, name) for draw in file.met.draw]) for name in TISSUE}
+    spread = {
+        name: float(np.ptp(found) / np.abs(found).max()) if found.any() else 0.0 for name, found in values.items()
+    }
+    widest = sorted((name for name in TISSUE if spread[name]), key=spread.__getitem__, reverse=True)[:MOST_FREE]
+    ends = {name: (*np.quantile(values[name], [0.05, 0.95]), getattr(own, name)) for name in sorted(widest)}
+    return {f"tissue.{name}": (float(min(each)), float(max(each))) for name, each in ends.items()}
 
 
 def _number(config: FingertipConfig, name: str, source: str) -> float:

@@ -9,6 +9,7 @@ from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from rig.devices.own_table import as_asked
 from rig.engine.rig_settings import RigSettings
+from rig.plan.met.finger_file import Met, checked_relaxation, read_finger_file
 from rig.protocol.errors import BadInputError, first_problem
 from rig.transport.port_settings import Settings
 from sim.config.fingertip_config import FingertipConfig
@@ -47,9 +48,10 @@ class VirtualSettings(Settings):
 
     @model_validator(mode="after")
     def _relaxes(self) -> Self:
-        shares = [share for share, _ in self.relaxation]
-        if any(not (share > 0 and tau_s > 0) for share, tau_s in self.relaxation) or sum(shares) >= 1:
-            raise ValueError("relaxation: expected shares > 0 that sum to less than 1 and time constants > 0")
+        try:
+            checked_relaxation(self.relaxation)
+        except ValueError as error:
+            raise ValueError(f"relaxation: {error}") from None
         return self
 
 
@@ -58,6 +60,7 @@ class Config(RigSettings):
 
     finger: FingertipConfig = FingertipConfig()
     virtual: VirtualSettings = VirtualSettings()
+    met: Met | None = Field(None, description="how well the finger is known, as `rig meet` writes it: docs/meet.md")
 
     def as_toml(self) -> str:
         """Every table and value, as a configuration file that gives this configuration."""
@@ -81,3 +84,17 @@ def load_config(path: Path | None) -> Config:
         return Config.model_validate(tables, context={"folder": path.parent})
     except ValidationError as error:
         raise first_problem(f"config {path}", error, as_asked(Config, tables)) from None
+
+
+def with_finger(config: Config, path: Path | None) -> Config:
+    """The configuration with the finger of a file that `rig meet` wrote; None: as it is. Raises BadInputError.
+
+    The virtual bench's finger relaxes as that one does, unless the configuration says how.
+    """
+    if path is None:
+        return config
+    found = read_finger_file(path)
+    told = "relaxation" in config.virtual.model_fields_set
+    relaxes = {} if told else {"relaxation": found.relaxation}
+    virtual = config.virtual.model_copy(update=relaxes)
+    return config.model_copy(update={"finger": found.finger, "met": found.met, "virtual": virtual})

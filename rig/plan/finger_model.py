@@ -1,10 +1,15 @@
 """The finger as a script's steps see it: predictions, each solved once."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from rig.engine.records import Target
-from rig.protocol.planned import Prediction
+from rig.plan.met.expected import answers, band_of
+from rig.plan.met.finger_file import Met
+from rig.protocol.planned import Pace, Prediction
 from rig.protocol.walk import ForceTooDeepError, NoPredictionError
 from sim.contact.indentor import Indentor
 from sim.contact.shapes import parse_shape
@@ -12,7 +17,7 @@ from sim.models.errors import ForceOutOfReachError
 from sim.models.fingertip import Fingertip
 from sim.models.processes.finger_process import Finger, asked
 
-Predictions = dict[tuple[str, float, Target], Prediction]
+Predictions = dict[tuple[str, float, Target, Pace | None], Prediction]
 
 
 class FingerModel:
@@ -21,17 +26,23 @@ class FingerModel:
     A shape is read once, by the name that `where` makes of the script's: a file that is edited meanwhile is not seen.
     """
 
-    def __init__(self, finger: Finger, kept: Predictions, where: Callable[[str], str] = str) -> None:
-        self._finger, self._kept, self._where = finger, kept, where
+    def __init__(
+        self, finger: Finger, kept: Predictions, where: Callable[[str], str] = str, met: Met | None = None
+    ) -> None:
+        """met: how well the finger is known, where the rig has met it."""
+        self._finger, self._kept, self._where, self._met = finger, kept, where, met
         self._shapes: dict[str, Indentor] = {}
 
     def refuse_shape(self, indentor: str) -> None:
         """Raises ShapeError where this is the name of no indentor."""
         self._shape(indentor)
 
-    def press(self, indentor: str, x_mm: float, target: Target) -> Prediction:
-        """What a press meets. Raises ModelRangeError, and NoPredictionError where the model does not converge."""
-        asked = indentor, x_mm, target
+    def press(self, indentor: str, x_mm: float, target: Target, pace: Pace | None = None) -> Prediction:
+        """What a press meets; tissue that is known to relax does so at a pace, and not at all where none is given.
+
+        Raises ModelRangeError, and NoPredictionError where the model does not converge.
+        """
+        asked = indentor, x_mm, target, None if self._met is None else pace
         if asked not in self._kept:
             self._kept[asked] = self._solved(*asked)
         return self._kept[asked]
@@ -45,8 +56,12 @@ class FingerModel:
             self._shapes[indentor] = parse_shape(self._where(indentor))
         return self._shapes[indentor]
 
-    def _solved(self, indentor: str, x_mm: float, target: Target) -> Prediction:
-        return asked(self._finger, _predicted, self._shape(indentor), Asked(indentor, x_mm, target))
+    def _solved(self, indentor: str, x_mm: float, target: Target, pace: Pace | None) -> Prediction:
+        shape, press = self._shape(indentor), Asked(indentor, x_mm, target)
+        found = asked(self._finger, _predicted, shape, press)
+        if self._met is None or pace is None:
+            return found
+        return asked(self._finger, _with_band, found, shape, pace, self._met)
 
 
 class Asked(NamedTuple):
@@ -69,6 +84,18 @@ def about_model(finger: Fingertip) -> dict[str, Any]:
 def _touch_height_mm(finger: Fingertip, shape: Indentor, x_mm: float, along_mm: float) -> float:
     z_mm = finger.config.receptor_plane_mm + along_mm if along_mm else None
     return finger.touch_height_mm(shape, x_mm, z_mm=z_mm) - finger.apex_height_mm
+
+
+def _with_band(finger: Fingertip, found: Prediction, shape: Indentor, pace: Pace, met: Met) -> Prediction:
+    """The middle and the band of the likely fingers; area and pressure as on the likeliest, at its elastic force."""
+    try:
+        likely = answers(finger, shape, found.x_mm, found.target, pace, met)
+    except ForceOutOfReachError as error:
+        raise ForceTooDeepError(f"on one of the {len(met.draw)} likely fingers: {error}") from None
+    if not np.isfinite(likely).all():
+        raise NoPredictionError("the model does not converge here on one of the likely fingers")
+    force_gwt, doi_mm, band = band_of(likely, met)
+    return replace(found, predicted_force_gwt=force_gwt, predicted_doi_mm=doi_mm, band=band)
 
 
 def _predicted(finger: Fingertip, shape: Indentor, press: Asked) -> Prediction:

@@ -29,6 +29,9 @@ E = TypeVar("E")
 A = TypeVar("A")
 
 _SOFT_TRIP_OVER_PREDICTED = 2.0
+_SOFT_TRIP_OVER_BAND = (
+    1.25  # of a finger that was met: besides its band only noise and the bench are to be allowed for
+)
 _SMALLEST_SOFT_TRIP_N = 0.02
 
 
@@ -62,15 +65,17 @@ class Plan:
 
     @property
     def peak_force_gwt(self) -> float:
-        """Highest force the model predicts."""
-        return max((planned.predicted_force_gwt for planned in self.all_presses), default=0.0)
+        """Highest force the model predicts; of a finger that was met the upper end of its band."""
+        return max((planned.highest_gwt for planned in self.all_presses), default=0.0)
 
     @property
     def soft_trip_n(self) -> float:
-        """Twice the highest force predicted, and never so little that noise would trip."""
+        """Twice the highest force predicted, or a quarter above a band's; never so little that noise would trip."""
         if self.first_soft_trip_n is not None:
             return self.first_soft_trip_n
-        return max(_SOFT_TRIP_OVER_PREDICTED * self.peak_force_gwt * GWT_N, _SMALLEST_SOFT_TRIP_N)
+        met = all(planned.band is not None for planned in self.all_presses)
+        times = _SOFT_TRIP_OVER_BAND if met else _SOFT_TRIP_OVER_PREDICTED
+        return max(times * self.peak_force_gwt * GWT_N, _SMALLEST_SOFT_TRIP_N)
 
 
 def make_plan(
@@ -91,10 +96,8 @@ def make_plan(
         raise BadInputError(f"protocol {script.path}: run(rig) is asynchronous, expected an ordinary function")
     first_soft_trip_n = None if before is None else before.start.get("soft_trip_n")
     plan = Plan(first_soft_trip_n=first_soft_trip_n)
-    walk = Walk(
-        config,
-        FingerModel(finger, plan.predictions, partial(_kept, plan) if folder is None else partial(kept_in, folder)),
-    )
+    where = partial(_kept, plan) if folder is None else partial(kept_in, folder)
+    walk = Walk(config, FingerModel(finger, plan.predictions, where, config.met))
     planner: Handler = Planner(walk, plan)
     if before is not None and first_soft_trip_n is not None:
         planner = TakenUp(before, planner)

@@ -82,7 +82,7 @@ def refuse_target(verb: str, target: Target, limits: LimitSettings) -> None:
 
 def refuse_reach(verb: str, planned: PlannedIndentation, settings: RigSettings) -> None:
     """What the model says is too deep, too hard, or below the stage's travel."""
-    limits, doi_mm, force_gwt = settings.limits, planned.predicted_doi_mm, planned.predicted_force_gwt
+    limits, doi_mm, force_gwt = settings.limits, planned.deepest_mm, planned.highest_gwt
     means = f"{verb}: {planned.target.kind} = {planned.target.value:g} at x = {planned.x_mm:g} mm means"
     if doi_mm > limits.max_doi_mm:
         raise BadInputError(f"{means} a DOI of {doi_mm:.3g} mm, beyond limits.max_doi_mm = {limits.max_doi_mm:g}")

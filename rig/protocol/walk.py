@@ -10,7 +10,7 @@ from rig.engine.pressing.reference import Reference
 from rig.engine.records import PressId, Purpose, Target
 from rig.engine.rig_settings import RigSettings
 from rig.protocol.errors import BadInputError
-from rig.protocol.planned import Prediction
+from rig.protocol.planned import Pace, Prediction
 
 
 class NoPredictionError(Exception):
@@ -27,8 +27,8 @@ class Model(Protocol):
     def refuse_shape(self, indentor: str) -> None:
         """Raise where this is the name of no indentor."""
 
-    def press(self, indentor: str, x_mm: float, target: Target) -> Prediction:
-        """What a press meets; one that was asked for before costs nothing. Raises NoPredictionError."""
+    def press(self, indentor: str, x_mm: float, target: Target, pace: Pace | None = None) -> Prediction:
+        """What a press at a pace meets; one that was asked for before costs nothing. Raises NoPredictionError."""
 
     def touch_height_mm(self, indentor: str, x_mm: float, along_mm: float) -> float:
         """Height of the indentor at first touch, from the nominal apex."""

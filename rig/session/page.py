@@ -82,13 +82,14 @@ class Page:
     @property
     def _force(self) -> str:
         peak_n = self._plan.peak_force_gwt * GWT_N
-        return (
-            f"predicted peak {_both(peak_n)}, {_both(self._soft_trip_n - peak_n)} below the trip{self._small_strain}"
-        )
+        met = self.session.config.met
+        band = "" if met is None else f", the upper end for the finger met on {met.date} in {met.presses} presses"
+        below = f"{_both(self._soft_trip_n - peak_n)} below the trip"
+        return f"predicted peak {_both(peak_n)}{band}, {below}{self._small_strain}"
 
     @property
     def _small_strain(self) -> str:
-        depths = [planned.predicted_doi_mm for planned in self._plan.all_presses]
+        depths = [planned.deepest_mm for planned in self._plan.all_presses]
         return f"; {small_strain('finger', max(depths)).note}" if depths else ""
 
     @property

@@ -36,22 +36,22 @@ class Preflight:
     def as_json(self) -> dict[str, Any]:
         """What `rig check --json` prints."""
         steps = [self._step(index, planned) for index, planned in enumerate(self.plan.indentations)]
-        deepest_mm = max(planned.predicted_doi_mm for planned in self.plan.all_presses)
-        limits, peak = self.config.limits, max(self.plan.all_presses, key=lambda p: p.predicted_force_gwt)
+        deepest_mm = max(planned.deepest_mm for planned in self.plan.all_presses)
+        limits, peak_gwt = self.config.limits, self.plan.peak_force_gwt
         return {
             "indentations": len(steps),
             "other_presses": len(self.plan.all_presses) - len(steps),
             "duration_s": self.rehearsed.duration_s,
             "contact_s": self.rehearsed.contact_s,
-            "peak_force_n": peak.predicted_force_gwt * GWT_N,
-            "peak_force_gwt": peak.predicted_force_gwt,
+            "peak_force_n": peak_gwt * GWT_N,
+            "peak_force_gwt": peak_gwt,
             "small_strain": small_strain("finger", deepest_mm).as_json(),
             "peak_pressure_n_cm2": max(step["peak_pressure_n_cm2"] for step in steps),
             "soft_trip_n": min(limits.soft_trip_n, self.plan.soft_trip_n),
             "hard_trip_n": limits.hard_trip_n,
             "margins": {
-                "force_gwt": self.trip_gwt - peak.predicted_force_gwt,
-                "doi_mm": min(limits.max_doi_mm - step["doi_mm"] for step in steps),
+                "force_gwt": self.trip_gwt - peak_gwt,
+                "doi_mm": min(limits.max_doi_mm - planned.deepest_mm for planned in self.plan.indentations),
                 "mean_pressure_n_cm2": min(limits.max_pressure_n_cm2 - step["mean_pressure_n_cm2"] for step in steps),
                 "contact_s": limits.max_contact_s - self.rehearsed.contact_s,
             },
@@ -69,6 +69,7 @@ class Preflight:
             "value": planned.target.value,
             "increments": planned.increments,
             "hold_s": planned.hold_s,
+            **_band(planned),
             "doi_mm": planned.predicted_doi_mm,
             "force_gwt": planned.predicted_force_gwt,
             "contact_area_mm2": planned.contact_area_mm2,
@@ -78,6 +79,14 @@ class Preflight:
                 self.trip_gwt, planned.predicted_force_gwt, planned.predicted_doi_mm
             ),
         }
+
+
+def _band(planned: PlannedIndentation) -> dict[str, Any]:
+    """Of a finger that was met."""
+    if planned.band is None:
+        return {}
+    force, depth = planned.band.force_gwt, planned.band.doi_mm
+    return {"force_band_gwt": list(force), "doi_band_mm": list(depth), "highest_gwt": planned.band.highest_gwt}
 
 
 def preflight(script: Script, config: Config, finger: Fingertip, plan: Plan) -> Preflight:

@@ -17,6 +17,7 @@ from rig.engine.pressing.reference import Reference
 from rig.engine.streams import STREAMS
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
+from rig.plan.met.promises import promised
 from rig.plan.patience import Patience
 from rig.plan.plan import Plan
 from rig.plan.shape_files import kept_in
@@ -236,7 +237,8 @@ def _nothing_left(session: Session, folder: RunFolder) -> Iterator[None]:
 
 def _rig(session: Session, folder: RunFolder, engine: Engine) -> Rig:
     """The script's rig on an engine; in a run that is taken up, one that does what is missing."""
-    walk = Walk(session.config, FingerModel(session.finger, session.plan.predictions, partial(kept_in, folder.path)))
+    config, where = session.config, partial(kept_in, folder.path)
+    walk = Walk(config, FingerModel(session.finger, session.plan.predictions, where, config.met))
     handler: Handler = Live(engine, walk)
     if session.before is not None:
         walk.reference = Reference(first_reference_gwt(session.before))
@@ -255,6 +257,7 @@ def _about(session: Session, *, virtual: bool) -> dict[str, Any]:
         "soft_trip_n": session.plan.soft_trip_n,
         "subject": session.into.subject,
         "virtual": virtual,
+        **({} if session.config.met is None else {"promised": promised(session.plan)}),
     }
 
 

@@ -11,7 +11,7 @@ from rig.engine.rig_settings import RigSettings
 from rig.protocol import Rig
 from rig.protocol.api import ProtocolParameters
 from rig.protocol.errors import BadInputError
-from rig.protocol.planned import Prediction
+from rig.protocol.planned import Pace, Prediction
 from rig.protocol.steps import Step
 from rig.protocol.walk import NoPredictionError, Spot, Walk
 
@@ -32,7 +32,7 @@ class StandIn:
         if indentor not in ("bar", "step"):
             raise BadInputError(f"shape {indentor!r}: expected bar or step")
 
-    def press(self, indentor: str, x_mm: float, target: Target) -> Prediction:
+    def press(self, indentor: str, x_mm: float, target: Target, pace: Pace | None = None) -> Prediction:
         """Linear."""
         if x_mm == 5.0:
             raise NoPredictionError("the stand-in does not know")

@@ -1,5 +1,6 @@
 """The same press again and again: does force still follow depth as it did at first?"""
 
+import math
 from collections.abc import Sequence
 
 from rig.engine.engine import Engine
@@ -13,8 +14,11 @@ class Reference:
         """first_gwt: the forces of the first one, where the run had one before it stopped."""
         self._first_gwt = first_gwt
 
-    def compare(self, engine: Engine, found: Indentation) -> None:
-        """Journal the largest deviation as a share of the first force; an alarm beyond limits.reference_band."""
+    def compare(self, engine: Engine, found: Indentation, promised_gwt: tuple[float, float] | None = None) -> None:
+        """Journal the largest deviation as a share of the first force; an alarm beyond limits.reference_band.
+
+        promised_gwt: the band of a finger that was met, of the last hold; an alarm beyond it, too.
+        """
         forces_gwt = [hold.force_gwt for hold in found.holds]
         first_gwt = self._first_gwt = self._first_gwt or forces_gwt
         off = max((now / first - 1 for now, first in zip(forces_gwt, first_gwt, strict=True)), key=abs)
@@ -22,3 +26,9 @@ class Reference:
         band = engine.settings.limits.reference_band
         if abs(off) > band:
             engine.alarm(f"reference {found.index} is off by {off:+.1%}, limits.reference_band = {band:g}")
+        low, high = promised_gwt or (-math.inf, math.inf)
+        if not low <= forces_gwt[-1] <= high:
+            engine.alarm(
+                f"reference {found.index} is {forces_gwt[-1]:.3g} gwt, the finger that was met should be at "
+                f"{low:.3g} … {high:.3g} gwt"
+            )

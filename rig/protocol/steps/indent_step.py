@@ -42,7 +42,15 @@ class Indent(Step[ExpectedPresses, Indentation]):
         return walk.spot("data", 1, self.marks)
 
     def expect(self, spot: Spot, walk: Walk) -> ExpectedPresses:
-        return expect_press(self.verb, self.target, spot, walk, increments=self.increments, hold_s=self.hold_s)
+        return expect_press(
+            self.verb,
+            self.target,
+            spot,
+            walk,
+            increments=self.increments,
+            hold_s=self.hold_s,
+            speed_mm_s=self.speed_mm_s,
+        )
 
     def foreseen(self, expected: ExpectedPresses) -> Indentation:
         planned, n = expected.planned, self.increments

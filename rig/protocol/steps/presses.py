@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from rig.engine import Engine, Indentation, indent
 from rig.engine.records import PressId, Target
 from rig.protocol.errors import BadInputError
-from rig.protocol.planned import PlannedIndentation
+from rig.protocol.planned import Pace, PlannedIndentation
 from rig.protocol.refusals import (
     refuse_count,
     refuse_pressure,
@@ -39,11 +39,20 @@ def check_press(
 
 
 def expect_press(
-    verb: str, target: Target, spot: Spot, walk: Walk, *, increments: int, hold_s: float
+    verb: str,
+    target: Target,
+    spot: Spot,
+    walk: Walk,
+    *,
+    increments: int,
+    hold_s: float,
+    speed_mm_s: float | None = None,
 ) -> ExpectedPresses:
     """What the model says of it, within the limits."""
+    habits = walk.settings.habits
+    pace = Pace(speed_mm_s or habits.press_speed_mm_s, habits.increment_mm, increments, hold_s)
     try:
-        found = walk.model.press(spot.indentor, spot.x_mm, target)
+        found = walk.model.press(spot.indentor, spot.x_mm, target, pace)
     except ForceTooDeepError:
         raise BadInputError(
             f"{verb}: {target.kind} = {target.value:g} at x = {spot.x_mm:g} mm is not reached at a DOI of "

@@ -13,6 +13,7 @@ from rig.report.html import Figure, figures_of, render
 from rig.report.run import contact_figures, force_figures, run_figures, what_ran
 from rig.report.run.conditions import Condition, by_target, conditions
 from rig.report.run.contact_picture import PICTURES_A_PAGE, contacts_from_below, is_relief
+from rig.report.run.met_finger import met_finger
 from rig.report.run.numbers import numbers_missing, write_numbers
 from rig.report.style import signed
 from sim.models.fingertip import Fingertip
@@ -61,6 +62,7 @@ def _write_page(
         small_strain=_small_strain(found),
         phases=what_ran.phases(run),
         why_approach=what_ran.why_approach(run),
+        met=met_finger(run, finger),
         limits=what_ran.limits(run),
         devices=what_ran.devices(run, provenance),
         provenance=provenance,

@@ -1,0 +1,167 @@
+"""The file of a finger that the rig has met: a piece of a configuration, and what the rig learned and from what.
+
+A configuration has its tables: `[finger]` the likeliest finger, `[virtual]` how its tissue relaxes, `[met]` the rest.
+"""
+
+import math
+import tomllib
+from pathlib import Path
+from typing import Any, Self
+
+import tomlkit
+from pydantic import Field, ValidationError, field_validator, model_validator
+
+from rig.protocol.errors import BadInputError, first_problem
+from rig.transport.port_settings import Settings
+from sim.config.fingertip_config import FingertipConfig, Tissue
+from sim.models.moduli.weights import DERMIS, FAT
+
+TISSUE = ("stiffness", "e_dermis", "e_fat", "stiffening")
+"""What likely fingers differ in, besides how they relax: keys of `finger.tissue`."""
+
+Relaxation = tuple[tuple[float, float], ...]
+_ASYMMETRY = 1e-6  # of a covariance that was written with fewer digits
+
+
+def checked_relaxation(series: Relaxation) -> Relaxation:
+    """A Prony series of which something lasts. Raises ValueError."""
+    if any(not (share > 0 and tau_s > 0) for share, tau_s in series) or sum(share for share, _ in series) >= 1:
+        raise ValueError("expected shares > 0 that sum to less than 1 and time constants > 0")
+    return series
+
+
+class Place(Settings):
+    """Where the finger lay on the bench, and the cell's zero."""
+
+    x_mm: float = Field(description="of the pad's centre, from where the bench's configuration has it")
+    x_sd_mm: float = Field(ge=0)
+    height_mm: float = Field(description="of the apex, from where the bench's configuration has it")
+    height_sd_mm: float = Field(ge=0)
+    cell_zero_gwt: float
+    cell_zero_sd_gwt: float = Field(ge=0)
+
+
+class Posterior(Settings):
+    """What was learned, as one normal distribution: a name that begins with ln_ is of a logarithm."""
+
+    names: tuple[str, ...] = Field(min_length=1)
+    mean: tuple[float, ...]
+    covariance: tuple[tuple[float, ...], ...]
+
+    @model_validator(mode="after")
+    def _goes_together(self) -> Self:
+        n, rows = len(self.names), self.covariance
+        if len(self.mean) != n or len(rows) != n or any(len(row) != n for row in rows):
+            raise ValueError(f"expected {n} means and {n} rows of {n} covariances, one for each name")
+        for k, row in enumerate(rows):
+            if row[k] < 0:
+                raise ValueError(f"covariance of {self.names[k]}: {row[k]:g}, expected a variance of 0 or more")
+            for j in range(k):
+                if abs(row[j] - rows[j][k]) > _ASYMMETRY * math.sqrt(row[k] * rows[j][j]):
+                    raise ValueError(
+                        f"covariance of {self.names[k]} and {self.names[j]}: expected the same both ways"
+                    )
+        return self
+
+
+class Draw(Settings):
+    """One of the equally likely fingers."""
+
+    stiffness: float = Field(gt=0)
+    e_dermis: float = Field(gt=0)
+    e_fat: float = Field(gt=0)
+    stiffening: float = Field(0.0, ge=0)
+    relaxation: Relaxation = ()
+
+    _lasts = field_validator("relaxation")(checked_relaxation)
+
+    @model_validator(mode="after")
+    def _interpolated(self) -> Self:
+        if not (DERMIS.low <= self.e_dermis <= DERMIS.high and FAT.low <= self.e_fat <= FAT.high):
+            raise ValueError(
+                f"e_dermis = {self.e_dermis:g}, e_fat = {self.e_fat:g}: expected e_dermis from {DERMIS.low:g} to "
+                f"{DERMIS.high:g} and e_fat from {FAT.low:g} to {FAT.high:g}"
+            )
+        return self
+
+
+class Band(Settings):
+    """How wide a prediction is made."""
+
+    model_error: float = Field(ge=0, lt=1, description="relative sd of force that the simulator itself leaves")
+    coverage: float = Field(0.9, gt=0, lt=1)
+
+
+class Met(Settings):
+    """Where a met finger's numbers come from, and how well they are known."""
+
+    date: str
+    version: str
+    bench: str
+    runs: tuple[str, ...] = Field(min_length=1)
+    journals_sha256: tuple[str, ...] = Field(min_length=1)
+    presses: int = Field(ge=1)
+    not_learned: tuple[str, ...] = ()
+    place: Place
+    posterior: Posterior
+    draw: tuple[Draw, ...] = Field(min_length=4)
+    band: Band
+
+    @model_validator(mode="after")
+    def _one_hash_a_run(self) -> Self:
+        if len(self.runs) != len(self.journals_sha256):
+            raise ValueError(f"{len(self.runs)} runs and {len(self.journals_sha256)} hashes, expected one for each")
+        return self
+
+
+class FingerFile(Settings):
+    """A whole file."""
+
+    finger: FingertipConfig
+    relaxation: Relaxation
+    met: Met
+
+    _lasts = field_validator("relaxation")(checked_relaxation)
+
+    def as_toml(self) -> str:
+        """As it is written."""
+        tables = self.model_dump(mode="json", exclude_none=True)
+        return tomlkit.dumps(
+            {"finger": tables["finger"], "virtual": {"relaxation": tables["relaxation"]}} | {"met": tables["met"]}
+        )
+
+
+def fingers_of(finger: FingertipConfig, met: Met) -> list[FingertipConfig]:
+    """The equally likely ones, alike in all but the tissue's stiffness."""
+    return [finger.model_copy(update={"tissue": _tissue(finger.tissue, draw)}) for draw in met.draw]
+
+
+def _tissue(tissue: Tissue, draw: Draw) -> Tissue:
+    """Raises ValidationError where a draw is no tissue."""
+    return Tissue.model_validate(tissue.model_dump() | draw.model_dump(exclude={"relaxation"}))
+
+
+def read_finger_file(path: Path) -> FingerFile:
+    """What is in a file. Raises BadInputError: one line on what is wrong where."""
+    what = f"finger file {path}"
+    try:
+        tables = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise BadInputError(f"{what}: {error.strerror or error}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise BadInputError(f"{what}: not valid TOML: {error}") from None
+    return finger_file_of(what, tables, path.parent)
+
+
+def finger_file_of(what: str, tables: dict[str, Any], folder: Path) -> FingerFile:
+    """What is in tables. Raises BadInputError, which begins with what they are of."""
+    if "met" not in tables:
+        raise BadInputError(f"{what}: no [met] table, expected a file that `rig meet` wrote")
+    relaxation = tables.get("virtual", {}).get("relaxation", ())
+    rest = {name: table for name, table in tables.items() if name != "virtual"}
+    try:
+        found = FingerFile.model_validate({**rest, "relaxation": relaxation}, context={"folder": folder})
+        fingers_of(found.finger, found.met)
+    except ValidationError as error:
+        raise first_problem(what, error) from None
+    return found

@@ -1,0 +1,136 @@
+"""What reference presses say of a finger that was met: its likely fingers, moved and drawn together.
+
+The mean of ln force over a place's references is taken in as an observation of an ensemble: the middle moves by
+Kalman's gain and the spread shrinks with it (Anderson 2003, Mon. Weather Rev. 131, 634: the deterministic update).
+"""
+
+import hashlib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.data import Run
+from rig.engine.records import Target
+from rig.plan.config import Config, load_config
+from rig.plan.met.expected import answers
+from rig.plan.met.finger_file import Draw, FingerFile, Met, Posterior
+from rig.protocol.planned import Pace
+from sim.contact.shapes import parse_shape
+from sim.models.fingertip import Fingertip
+from sim.models.moduli.weights import DERMIS, FAT
+
+Array = NDArray[np.float64]
+
+NAMES = ("ln_stiffness", "ln_e_dermis", "ln_e_fat", "stiffening")
+_LEAST_SPREAD = 1e-9  # of ln force over the likely fingers: below, an observation tells nothing
+
+
+@dataclass(frozen=True)
+class Seen:
+    """References at one place to one target: mean of ln force, and its variance."""
+
+    indentor: str
+    x_mm: float
+    target: Target
+    pace: Pace
+    ln_force: float
+    variance: float
+
+
+def learned(run: Run, finger: Fingertip) -> FingerFile | None:
+    """The finger's file after a run; None where it was not met or nothing refers to it."""
+    config = load_config(run.folder.config)
+    seen = [] if config.met is None else references(run, config)
+    if config.met is None or not seen:
+        return None
+    met = config.met
+    for one in seen:
+        said = answers(finger, parse_shape(one.indentor), one.x_mm, one.target, one.pace, met)
+        met = taken_in(met, np.log(said.held_gwt), one)
+    tissue = config.finger.tissue.model_copy(update=_middle(met.draw))
+    sha256 = hashlib.sha256(run.folder.events.read_bytes()).hexdigest()
+    about = {"runs": (*met.runs, run.folder.path.name), "journals_sha256": (*met.journals_sha256, sha256)}
+    return FingerFile(
+        finger=config.finger.model_copy(update={"tissue": tissue}),
+        relaxation=config.virtual.relaxation,
+        met=met.model_copy(update=about),
+    )
+
+
+def references(run: Run, config: Config) -> list[Seen]:
+    """Of a run, to a depth; those alike are one."""
+    begun = {e["index"]: e for e in run.stream("reference_indentation_start")}
+    last = {e["index"]: e for e in run.stream("reference_hold_end")}
+    found = []
+    for index, hold in last.items():
+        start = begun[index]
+        if start["target"] == "doi_mm" and hold["hold"] == start["increments"] and hold["force_gwt"] > 0:
+            habits = config.habits
+            pace = Pace(habits.press_speed_mm_s, habits.increment_mm, start["increments"], hold["asked_s"])
+            press = (start["indentor"], start["x_mm"], Target("doi_mm", start["value"]), pace)
+            noise = hold["force_sd_gwt"] / hold["force_gwt"] / math.sqrt(hold["readings"])
+            found.append((press, math.log(hold["force_gwt"]), noise**2))
+    return [_together(press, [one[1:] for one in alike]) for press, alike in groupby(found, key=lambda one: one[0])]
+
+
+def _together(press: tuple[str, float, Target, Pace], alike: Sequence[tuple[float, float]]) -> Seen:
+    logs, variances = np.array(alike).T
+    return Seen(*press, float(logs.mean()), float(variances.mean() / len(logs)))
+
+
+def taken_in(met: Met, ln_said: Array, seen: Seen) -> Met:
+    """After one observation, of which the likely fingers said (draws,)."""
+    spread = float(ln_said.var(ddof=1))
+    if spread < _LEAST_SPREAD:
+        return met
+    noise = met.band.model_error**2 + seen.variance
+    moved = spread / (spread + noise) * (seen.ln_force - ln_said.mean())
+    drawn = math.sqrt(noise / (spread + noise)) - 1
+    change = moved + drawn * (ln_said - ln_said.mean())
+    z = np.array([_logs(draw) for draw in met.draw])
+    slope = (z - z.mean(axis=0)).T @ (ln_said - ln_said.mean()) / (spread * (len(z) - 1))
+    draws = tuple(_draw(draw, row) for draw, row in zip(met.draw, z + change[:, None] * slope, strict=True))
+    return met.model_copy(update={"draw": draws, "posterior": _posterior(met, slope, moved, spread, noise)})
+
+
+def _posterior(met: Met, slope: Array, moved: float, spread: float, noise: float) -> Posterior:
+    """Of what is drawn; the rest stays."""
+    before = met.posterior
+    by_name = dict(zip(NAMES, slope, strict=True))
+    along = np.array([by_name.get(name, 0.0) for name in before.names])
+    mean = np.array(before.mean) + along * moved
+    covariance = np.array(before.covariance) - np.outer(along, along) * spread**2 / (spread + noise)
+    covariance[np.diag_indices_from(covariance)] = np.maximum(covariance.diagonal(), 0.0)
+    return Posterior(names=before.names, mean=tuple(mean), covariance=tuple(map(tuple, covariance)))
+
+
+def _logs(draw: Draw) -> list[float]:
+    return [math.log(draw.stiffness), math.log(draw.e_dermis), math.log(draw.e_fat), draw.stiffening]
+
+
+def _draw(draw: Draw, row: Array) -> Draw:
+    """Moduli stay where fingers are interpolated."""
+    stiffness, e_dermis, e_fat = np.exp(row[:3])
+    return draw.model_copy(
+        update={
+            "stiffness": float(stiffness),
+            "e_dermis": float(np.clip(e_dermis, DERMIS.low, DERMIS.high)),
+            "e_fat": float(np.clip(e_fat, FAT.low, FAT.high)),
+            "stiffening": max(float(row[3]), 0.0),
+        }
+    )
+
+
+def _middle(draws: Sequence[Draw]) -> dict[str, float]:
+    stiffness, e_dermis, e_fat = np.exp(np.mean([_logs(draw)[:3] for draw in draws], axis=0))
+    stiffening = float(np.mean([draw.stiffening for draw in draws]))
+    return {
+        "stiffness": float(stiffness),
+        "e_dermis": float(e_dermis),
+        "e_fat": float(e_fat),
+        "stiffening": stiffening,
+    }

@@ -1,0 +1,128 @@
+"""What relaxation leaves of a press, the band over likely fingers, and what references say of them."""
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from rig.engine.records import Target
+from rig.plan.met.expected import Answers, band_of
+from rig.plan.met.learned import Seen, taken_in
+from rig.plan.met.left import left_of
+from rig.plan.plan import Plan
+from rig.protocol.planned import Band, Pace, PlannedIndentation
+from sim.config.units import GWT_N
+from sim.models.relaxing.prony import Memory, Prony, PronyTerm
+from tests.rig.met.met_file import SERIES, met_file
+
+PACE = Pace(speed_mm_s=1.0, increment_mm=0.05, ramps=1, hold_s=1.0)
+
+
+def test_a_ramp_takes_its_way_and_a_stop_each_increment() -> None:
+    """The demo's journal: 0.15 s an increment of 0.05 mm at 1 mm/s."""
+    assert PACE.ramp_s(1.0) == pytest.approx(1.0 + 20 * 0.1)
+    assert PACE._replace(speed_mm_s=0.5).ramp_s(0.12) == pytest.approx(0.24 + 3 * 0.1)
+
+
+def test_elastic_tissue_keeps_all() -> None:
+    assert left_of((), PACE, 1.0) == (1.0, 1.0)
+
+
+@pytest.mark.parametrize("ramps", [1, 2, 3])
+@pytest.mark.parametrize("doi_mm", [0.1, 1.0])
+def test_what_is_left_is_that_of_the_series(ramps: int, doi_mm: float) -> None:
+    """Against the exact step of `sim/models/relaxing/prony.py` in 400 steps a ramp; 0.3 % is the 32 steps' here."""
+    pace = PACE._replace(ramps=ramps)
+    prony = Prony([PronyTerm(*term) for term in SERIES])
+    memory, felt = Memory.none(prony), 0.0
+    steps, each_s = 400, pace.ramp_s(doi_mm) / ramps
+    for k in range(ramps):
+        for n in range(1, steps + 1):
+            ahead = memory.ahead(each_s / steps)
+            memory = memory.after(ahead, ((k + n / steps) / ramps) ** 1.5)
+        hold = []
+        for _ in range(steps):
+            ahead = memory.ahead(pace.hold_s / steps)
+            hold.append(ahead.stiffness * (memory.borne - ahead.carried))
+            memory = memory.after(ahead, memory.borne)
+        felt = float(np.mean(hold))
+    assert left_of(SERIES, pace, doi_mm).held == pytest.approx(felt, rel=3e-3)
+
+
+def test_the_highest_is_on_the_quickest_way_there() -> None:
+    left = left_of(SERIES, PACE, 0.5)
+    assert left.held < left.highest < 1.0
+    assert left.highest == left_of(SERIES, PACE._replace(ramps=4, hold_s=9.0), 0.5).highest
+    assert left_of(SERIES, PACE._replace(speed_mm_s=5.0), 0.5).highest > left.highest
+
+
+def test_a_band_is_log_normal_and_has_the_models_error_in_it() -> None:
+    ln = np.linspace(-0.1, 0.1, 8)
+    found = Answers(4.0 * np.exp(ln), np.full(8, 0.5), 5.0 * np.exp(ln))
+    met = met_file().met
+    force, doi, band = band_of(found, met)
+    half = norm.ppf(0.95) * np.hypot(ln.std(ddof=1), 0.02)
+    assert (force, doi) == pytest.approx((4.0, 0.5))
+    assert band.force_gwt == pytest.approx((4.0 * np.exp(-half), 4.0 * np.exp(half)))
+    assert band.doi_mm == pytest.approx((0.5, 0.5))
+    assert band.highest_gwt == pytest.approx(5.0 * np.exp(half))
+
+
+def test_at_a_force_it_is_the_depth_that_has_a_band() -> None:
+    ln = np.linspace(-0.1, 0.1, 8)
+    force, doi, band = band_of(Answers(np.full(8, 4.0), 0.5 * np.exp(ln), np.full(8, 4.0)), met_file().met)
+    half = norm.ppf(0.95) * np.hypot(ln.std(ddof=1), 0.02 / 1.5)
+    assert (force, doi) == pytest.approx((4.0, 0.5))
+    assert band.force_gwt == pytest.approx((4.0, 4.0))
+    assert band.doi_mm == pytest.approx((0.5 * np.exp(-half), 0.5 * np.exp(half)))
+    assert band.highest_gwt == pytest.approx(4.0)
+
+
+def _planned(force_gwt: float, band: Band | None) -> PlannedIndentation:
+    press = ("bar:3.0", 0.0, Target("doi_mm", 0.5), -0.1, force_gwt, 0.5, 4.0, 0.01)
+    return PlannedIndentation(*press, band=band, increments=1, hold_s=1.0)
+
+
+def test_limits_go_by_the_upper_end() -> None:
+    band = Band((18.0, 24.0), (0.4, 0.6), 26.0)
+    planned = _planned(20.0, band)
+    assert (planned.highest_gwt, planned.deepest_mm) == (26.0, 0.6)
+    assert planned.mean_pressure_n_cm2 == pytest.approx(26.0 * GWT_N / 4.0 * 100)
+    plan = Plan()
+    plan.presses["data"].append(planned)
+    assert plan.peak_force_gwt == 26.0
+    assert plan.soft_trip_n == pytest.approx(1.25 * 26.0 * GWT_N)
+    plan.presses["reference"].append(_planned(20.0, None))  # as long as one press is none of it, twice
+    assert plan.soft_trip_n == pytest.approx(2.0 * 26.0 * GWT_N)
+
+
+def test_a_reference_moves_the_likely_fingers_as_bayes_has_it() -> None:
+    """Of ln F = ln stiffness, so that the answer is that of two normal distributions."""
+    met = met_file(spread=0.2).met
+    z = np.log([draw.stiffness for draw in met.draw])
+    noise = 0.02**2 + 1e-4
+    seen = Seen("bar:3.0", 0.0, Target("doi_mm", 0.5), PACE, 0.3, 1e-4)
+    after = taken_in(met, z, seen)
+    moved = np.log([draw.stiffness for draw in after.draw])
+    prior = z.var(ddof=1)
+    assert moved.mean() == pytest.approx(0.3 * prior / (prior + noise))
+    assert moved.var(ddof=1) == pytest.approx(prior * noise / (prior + noise))
+    fat = np.log([draw.e_fat for draw in after.draw])
+    np.testing.assert_allclose(fat, np.log(0.1) - moved, atol=1e-12)  # it goes the other way, as it was drawn
+    posterior = dict(zip(after.posterior.names, after.posterior.mean, strict=True))
+    assert posterior["ln_stiffness"] == pytest.approx(moved.mean())
+    assert posterior["x_mm"] == 0.1
+    assert after.posterior.covariance[2] == met.posterior.covariance[2]
+    assert after.posterior.covariance[0][0] == pytest.approx(0.2**2 - prior**2 / (prior + noise))
+
+
+def test_what_every_likely_finger_says_teaches_nothing() -> None:
+    met = met_file().met
+    seen = Seen("bar:3.0", 0.0, Target("doi_mm", 0.5), PACE, 0.3, 1e-4)
+    assert taken_in(met, np.zeros(8), seen) == met
+
+
+def test_moduli_stay_where_fingers_are_interpolated() -> None:
+    met = met_file(spread=0.2).met
+    z = np.log([draw.stiffness for draw in met.draw])
+    far = taken_in(met, z, Seen("bar:3.0", 0.0, Target("doi_mm", 0.5), PACE, 9.0, 1e-4))
+    assert {draw.e_fat for draw in far.draw} == {0.02}
