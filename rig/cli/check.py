@@ -1,5 +1,6 @@
 """`rig check`: what a protocol will do, before anything moves."""
 
+import math
 from typing import Any
 
 from rich.table import Table
@@ -50,14 +51,23 @@ def command(
             _tell(found)
 
 
-_BANDS = {"force_band_gwt": "of ten, nine in (gwt)", "doi_band_mm": "of ten, nine in (mm)"}
+_MET_COLUMNS = {
+    "index": "",
+    "indentor": "",
+    "x_mm": "x (mm)",
+    "doi_mm": "DOI (mm)",
+    "doi_band_mm": "9 of 10 in",
+    "force_gwt": "force (gwt)",
+    "force_band_gwt": "9 of 10 in",
+    "mean_pressure_n_cm2": "highest pressure (N/cm²)",
+}
 
 
 def _tell(found: dict[str, Any]) -> None:
-    met = [name for name in _BANDS if name in found["steps"][0]]
-    table = Table(*(title or name for name, title in _COLUMNS.items()), *(_BANDS[name] for name in met), box=None)
+    columns = _MET_COLUMNS if "force_band_gwt" in found["steps"][0] else _COLUMNS
+    table = Table(*(title or name for name, title in columns.items()), box=None)
     for step in found["steps"]:
-        table.add_row(*(_short(step[name]) for name in (*_COLUMNS, *met)))
+        table.add_row(*(_short(step[name]) for name in columns))
     out.print(table)
     left = found["margins"]
     for line in (
@@ -76,5 +86,5 @@ def _tell(found: dict[str, Any]) -> None:
 def _short(value: object) -> str:
     if isinstance(value, list):
         low, high = value
-        return f"{low:.4g} … {high:.4g}" if low < high else "as asked for"
+        return "asked for" if math.isclose(low, high, rel_tol=1e-6) else f"{low:.3g} … {high:.3g}"
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -32,6 +32,7 @@ UNITS = {
     "g": "g",
 }
 ABSENT = "…"
+_WRITTEN_BY_COMMANDS = ("met",)  # docs/meet.md
 _KINDS: dict[Any, str] = {
     bool: "true | false",
     int: "whole number",
@@ -73,8 +74,9 @@ class Key:
 
 
 def keys(settings: BaseModel) -> Iterator[Key]:
-    """Every key of a configuration, in the order of its tables."""
-    return _keys(settings, type(settings)(), "")
+    """Every key of a configuration that a person writes, in the order of its tables."""
+    found = _keys(settings, type(settings)(), "")
+    return (key for key in found if key.place.lstrip(".").partition(".")[0] not in _WRITTEN_BY_COMMANDS)
 
 
 def _keys(settings: BaseModel, default: BaseModel | None, table: str) -> Iterator[Key]:

@@ -6,7 +6,7 @@ from rig.plan.met.finger_file import Band, Draw, FingerFile, Met, Place, Posteri
 from sim.config.fingertip_config import FingertipConfig, Tissue
 from tests.sim.coarse import coarse_mesh
 
-MESH = coarse_mesh(0.4, 0.6)
+MESH = coarse_mesh(0.5, 0.7, patch_x_mm=2.3, patch_z_mm=2.3)
 SERIES = ((0.2, 0.07), (0.2, 1.4))
 
 

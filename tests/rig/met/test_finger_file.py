@@ -49,19 +49,20 @@ def test_likely_fingers_differ_in_their_tissue_alone() -> None:
     assert {one.mesh for one in likely} == {file.finger.mesh}
 
 
+TO_THE_DRAWS = "stiffness = 0.9323938199059483\ne_dermis = "  # of the first of them
 WRONG = {
     "no file": (None, "No such file or directory"),
     "no TOML": (("[met]", "[met"), "not valid TOML: "),
     "another file": (("[met", "[meet"), "no [met] table, expected a file that `rig meet` wrote"),
     "unknown key": (("presses = 8", "pressed = 8"), "met.presses: field required"),
-    "no number": (("e_dermis = 0.1", "e_dermis = nan"), "met.draw.0.e_dermis = nan: input should be greater than 0"),
-    "no tissue": (("e_fat = 0.1\n", "e_fat = 11.0\n"), "finger.tissue.e_fat = 11.0: input should be less than or equal to 10"),
+    "no number": (("e_dermis = 0.1", "e_dermis = nan"), "finger.tissue.e_dermis = nan: input should be a finite"),
+    "no tissue": (("e_fat = 0.1\n", "e_fat = 11.0\n"), "finger.tissue.e_fat = 11.0: input should be less than"),
     "beyond what is interpolated": (
-        ("e_dermis = 0.1", "e_dermis = 0.01"),
-        "met.draw.0: e_dermis = 0.01, e_fat = 0.107251: expected e_dermis from 0.04 to 0.64 and e_fat from 0.02 to 0.32",
+        (TO_THE_DRAWS + "0.1", TO_THE_DRAWS + "0.01"),
+        "met.draw.0: e_dermis = 0.01, e_fat = 0.107251: expected e_dermis from 0.04 to 0.64 and e_fat from 0.02 to",
     ),
-    "relaxes away": (("[0.2, 1.4]", "[0.9, 1.4]"), "expected shares > 0 that sum to less than 1 and time constants > 0"),
-    "a variance below 0": (("4e-4", "-4e-4"), "met.posterior: covariance of x_mm: -0.0004, expected a variance of 0 or more"),
+    "relaxes away": (("[0.2, 1.4]", "[0.9, 1.4]"), "expected shares > 0 that sum to less than 1 and"),
+    "a variance below 0": (("4e-4", "-4e-4"), "met.posterior: covariance of x_mm: -0.0004, expected a variance"),
     "hashes": (('runs = ["one"]', 'runs = ["one", "two"]'), "met: 2 runs and 1 hashes, expected one for each"),
 }  # fmt: skip
 
@@ -84,7 +85,7 @@ def test_what_is_wrong_is_told_in_one_line(path: Path, wrong: str) -> None:
 
 
 POSTERIORS = {
-    "a mean too many": ({"mean": (0.0, 0.0, 0.0, 0.0)}, "expected 3 means and 3 rows of 3 covariances, one for each name"),
+    "a mean too many": ({"mean": (0.0, 0.0, 0.0, 0.0)}, "expected 3 means and 3 rows of 3 covariances"),
     "a short row": ({"covariance": ((1.0,), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))}, "expected 3 means and 3 rows of 3"),
     "one way": (
         {"covariance": ((1.0, 0.5, 0.0), (0.4, 1.0, 0.0), (0.0, 0.0, 1.0))},
