@@ -56,10 +56,9 @@ _MET_COLUMNS = {
     "indentor": "",
     "x_mm": "x (mm)",
     "doi_mm": "DOI (mm)",
-    "doi_band_mm": "9 of 10 in",
+    "doi_band_mm": "9 in 10",
     "force_gwt": "force (gwt)",
-    "force_band_gwt": "9 of 10 in",
-    "mean_pressure_n_cm2": "highest pressure (N/cm²)",
+    "force_band_gwt": "9 in 10",
 }
 
 
@@ -86,5 +85,5 @@ def _tell(found: dict[str, Any]) -> None:
 def _short(value: object) -> str:
     if isinstance(value, list):
         low, high = value
-        return "asked for" if math.isclose(low, high, rel_tol=1e-6) else f"{low:.3g} … {high:.3g}"
+        return "asked for" if math.isclose(low, high, rel_tol=1e-6) else f"{low:.3g}–{high:.3g}"
     return f"{value:.4g}" if isinstance(value, float) else str(value)

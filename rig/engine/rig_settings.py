@@ -29,7 +29,7 @@ class LimitSettings(Settings):
         2.0,
         gt=0,
         le=5.0,
-        description="trips a run; lowered to twice the highest force that the script's plan predicts",
+        description="trips a run; lowered to twice the highest force of its plan, 1.25 times a met finger's",
     )
     hard_trip_n: float = Field(
         5.0, gt=0, le=5.0, description="trips on every reading there is, whatever was predicted"

@@ -17,7 +17,7 @@ from sim.models.errors import ForceOutOfReachError
 from sim.models.fingertip import Fingertip
 from sim.models.processes.finger_process import Finger, asked
 
-Predictions = dict[tuple[str, float, Target, Pace | None], Prediction]
+Predictions = dict[tuple[str, float, Target] | tuple[str, float, Target, Pace], Prediction]
 
 
 class FingerModel:
@@ -42,9 +42,10 @@ class FingerModel:
 
         Raises ModelRangeError, and NoPredictionError where the model does not converge.
         """
-        asked = indentor, x_mm, target, None if self._met is None else pace
+        pace = None if self._met is None else pace
+        asked = (indentor, x_mm, target) if pace is None else (indentor, x_mm, target, pace)
         if asked not in self._kept:
-            self._kept[asked] = self._solved(*asked)
+            self._kept[asked] = self._solved(indentor, x_mm, target, pace)
         return self._kept[asked]
 
     def touch_height_mm(self, indentor: str, x_mm: float, along_mm: float) -> float:

@@ -60,7 +60,6 @@ def test_check_shows_bands_and_trips_above_them(program: Program, files: Files) 
     assert found["peak_force_gwt"] == pytest.approx(highest)
     assert found["soft_trip_n"] == pytest.approx(max(1.25 * highest * GWT_N, 0.02))
     told = program("check", script, "--finger", finger).out
-    assert "9 of 10 in" in told
     assert "asked for" in told
 
 
