@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from rig.engine.pressing.touch_fit import CONTACT_EXPONENT
 from rig.engine.records import Target
@@ -42,7 +42,7 @@ def answers(finger: Fingertip, shape: Indentor, x_mm: float, target: Target, pac
 
 def band_of(found: Answers, met: Met) -> tuple[float, float, Band]:
     """Force and depth in the middle, and their band: log-normal, widened by what the simulator leaves."""
-    z, error = float(norm.ppf(0.5 + met.band.coverage / 2)), met.band.model_error
+    z, error = float(ndtri(0.5 + met.band.coverage / 2)), met.band.model_error
     held, doi, highest = (np.log(values) for values in found)
     controlled = float(np.ptp(held)) < 1e-9  # a force that was asked for
     force = _range(held, 0.0 if controlled else error, z)
