@@ -46,6 +46,8 @@ def run(rig):
         rig.indent(force_gwt=1.0 + 1e-4 * force_gwt, hold_s=0.1)
 """
 STOP = {"grbl": "2118", "leadshine": f"06{reg.TRIGGER:04x}{reg.QUICK_STOP:04x}"}
+_STATES = {"plan": "planning", "report": "reporting"}
+_STOPPED = 130
 _LOOK_S, _DEADLINE_S = 0.002, 240.0
 
 
@@ -98,13 +100,12 @@ class Benches:
 
     def stopped(self, number: int, phase: str) -> Stop:
         """One run, stopped in a phase."""
-        out = self._folder / f"{number:03}"
+        out, said = self._folder / f"{number:03}", self._folder / f"{number:03}.log"
         script = self._folder / "decides.py"
         script.write_text(SCRIPT.replace("HOLD", "0.1" if phase == "report" else "2.0"), encoding="utf-8")
         words = [sys.executable, "-m", "rig", "run", str(script), "--yes", "--config", str(self.config)]
-        with subprocess.Popen(
-            [*words, "--out", str(out)],
-            stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True,
+        with said.open("w") as errors, subprocess.Popen(
+            [*words, "--out", str(out)], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors, text=True
         ) as run:  # fmt: skip
             try:
                 assert run.stdin is not None
@@ -113,19 +114,21 @@ class Benches:
                 owner = _until(lambda: run.poll() or next((one for one in announced() if one.pid == run.pid), None))
                 if not isinstance(owner, Announced):
                     return Stop(phase, float("nan"), "it never began", owner)
-                _until(lambda: self._is_at(phase, owner, out) or run.poll() is not None)
+                _until(lambda: run.poll() is not None or self._is_at(phase, owner, out))
                 time.sleep(self._chance.uniform(0.0, 0.2))
                 asked_s = self._ask(owner)
                 code = run.wait(_DEADLINE_S)
             finally:
                 run.kill()
+        if code != _STOPPED:
+            return Stop(phase, float("nan"), said.read_text().strip().rpartition("\n")[2], code)
         return self._read(out, phase, asked_s, code)
 
     def _is_at(self, phase: str, owner: Announced, out: Path) -> bool:
-        if phase == "plan":
-            return owner.ask("status")["state"] == "planning"
-        if phase == "report":
-            return owner.ask("status")["state"] == "reporting"
+        if phase in _STATES:
+            with suppress(ControlError):  # it has just ended
+                return bool(owner.ask("status")["state"] == _STATES[phase])
+            return False
         journal = "".join(path.read_text(encoding="utf-8") for path in out.glob("*/events.jsonl"))
         if phase == "solve":
             *_, last = [{}, *(json.loads(line) for line in journal.splitlines()[:-1])]
@@ -197,7 +200,7 @@ def main() -> None:
                 stops.append(benches.stopped(number, PHASES[number % len(PHASES)]))
                 print(stops[-1], file=sys.stderr, flush=True)
     print(json.dumps([vars(stop) for stop in stops]) if options.json else table(stops))
-    bad = [stop for stop in stops if not stop.latency_s < 0.1 or stop.code != 130]
+    bad = [stop for stop in stops if not stop.latency_s < 0.1 or stop.code != _STOPPED]
     sys.exit(1 if bad else 0)
 
 

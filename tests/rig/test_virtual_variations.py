@@ -1,5 +1,6 @@
 """A virtual bench that differs from what the rig believes: stiffer, relaxing, noisy, late, coarse."""
 
+import io
 import math
 from pathlib import Path
 from typing import Any
@@ -8,10 +9,13 @@ import numpy as np
 import pytest
 
 from rig.data import Run
+from rig.engine.bench import NO_PAUSE
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
 from rig.session.session import NewRun, Session, dry_run
+from rig.session.virtual.virtual_bench import virtual_bench
+from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 
 PRESS = """\
@@ -50,6 +54,22 @@ def holding(run: Run) -> np.ndarray[Any, np.dtype[np.float64]]:
 def model_gwt(finger: Fingertip, run: Run) -> float:
     hold = run.stream("hold_end")[0]
     return finger.indent("bar:3.0", hold["true_x_mm"], doi_mm=hold["true_doi_mm"]).force_gwt
+
+
+@pytest.mark.parametrize("x_port", ["/dev/x", "tcp://gateway:503", None])
+@pytest.mark.parametrize("port", ["/dev/both", "tcp://gateway:502"])
+@pytest.mark.parametrize("framing", ["rtu", "tcp", None])
+def test_a_bench_is_rehearsed_whatever_its_ports_are_called(
+    finger: Fingertip, port: str, x_port: str | None, framing: str | None
+) -> None:
+    """Modbus is framed by the name of its port where nobody says how; virtual devices have none."""
+    drives = {} if x_port is None else {"drives": {"x": {"device_id": 1, "port": x_port}, "z": {"device_id": 2}}}
+    stage = {"kind": "leadshine", "port": port, "framing": framing, **drives}
+    force = {"kind": "laumas", "port": port + "1", "framing": framing, "baud": 115200}
+    config = Config.model_validate({"stage": stage, "force": force})
+    bench = virtual_bench(config, finger, io.StringIO(), VirtualClock(0.0), NO_PAUSE)
+    assert "drive" in bench.stage.connect()
+    assert bench.force.read().stable is not None
 
 
 def test_a_stiffer_finger(finger: Fingertip, tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from rig.engine.sensing import Zero
 from rig.plan.config import Config
 from rig.plan.shape_files import kept_in
 from rig.session.virtual.twins import virtual_force, virtual_stage
-from rig.session.virtual.virtual_devices import load_on_sensor, relaxation, true_carriage, truth
+from rig.session.virtual.virtual_devices import load_on_sensor, relaxation, true_carriage, truth, with_framing
 from rig.transport.byte_log import LoggedTransport, Sink
 from rig.transport.loopback import LoopbackTransport
 from rig.transport.stop_gate import StopGate
@@ -123,6 +123,7 @@ def bench_around(
 
     gate: what a stop closes, between the stage and its driver.
     """
+    config = with_framing(config, "rtu")  # there is one wire, whatever ports the configuration names
     stage_line = SerialLine(clock, config.stage.baud)
     force_line = SerialLine(clock, config.force.baud)
     board = virtual_stage(clock, stage_line, config)
