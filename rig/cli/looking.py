@@ -7,6 +7,7 @@ from rig.devices.drivers import open_force, open_stage
 from rig.devices.force.base import ForceError
 from rig.devices.stage.base import StageError, StageStatus
 from rig.plan.config import Config
+from rig.session.control.at_work import at_work
 from rig.transport import TransportError, first_owner, port_owner
 from rig.transport.clock import WallClock
 
@@ -14,7 +15,7 @@ _AT_REST = ("Idle", "Alarm")
 
 
 def look(settings: Config, *, closely: bool = False) -> dict[str, dict[str, Any]]:
-    """Stage and force as they are: kind, port, and either its owner, what the device says, or the problem.
+    """Stage and force as they are: kind, port, who has that and what they do, or what the device says, or a problem.
 
     closely: a stage at rest also says who it is, and its settings are compared with the configuration.
     """
@@ -33,7 +34,7 @@ def position(at: StageStatus) -> dict[str, Any]:
 def _look_at_stage(settings: Config, *, closely: bool) -> dict[str, Any]:
     owner = first_owner(settings.stage.ports)
     if owner is not None:
-        return {"owner": owner}
+        return {"owner": owner, **at_work(owner)}
     found: dict[str, Any] = {}
     try:
         with closing(open_stage(settings, WallClock())) as stage:
@@ -48,7 +49,7 @@ def _look_at_stage(settings: Config, *, closely: bool) -> dict[str, Any]:
 def _look_at_force(settings: Config) -> dict[str, Any]:
     owner = port_owner(settings.force.port)
     if owner is not None:
-        return {"owner": owner}
+        return {"owner": owner, **at_work(owner)}
     try:
         with closing(open_force(settings, WallClock())) as force:
             name = force.identify()

@@ -1,0 +1,84 @@
+"""Whoever finds a port busy is told who has it, what that does, since when, and what stops it."""
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.session.control import at_work as at_work_module
+from rig.session.control.announcements import Announcement
+from rig.session.control.at_work import at_work
+from rig.session.control.control_socket import ControlSocket
+from rig.transport.ownership import PortOwnership
+from tests.program import Program
+
+BEGAN_UNIX_S = 1.7e9
+
+
+@pytest.fixture
+def announce() -> Iterator[Any]:
+    """This process, as somebody who owns ports."""
+    with ExitStack() as stack:
+
+        def begin(status: Any, **more: Any) -> None:
+            about = {"kind": "run", "virtual": False, "ports": (), "began_unix_s": BEGAN_UNIX_S, **more}
+            one = Announcement(pid=os.getpid(), **about)
+            stack.enter_context(ControlSocket(one, {"status": lambda _: status}))
+
+        yield begin
+
+
+@pytest.mark.parametrize(
+    ("more", "status", "does", "stopped_by"),
+    [
+        (
+            {"protocol": "steps", "config": "/here/rig.toml"}, {"state": "asking"},
+            "run of steps, asking", "rig stop --config /here/rig.toml",
+        ),
+        ({"kind": "by hand", "config": "rig.toml"}, {"state": "Idle"}, "by hand, Idle", "rig stop --config rig.toml"),
+        ({"protocol": "steps"}, {"ok": False, "problem": "not now"}, "run of steps, not now", "rig stop"),
+    ],
+)  # fmt: skip
+def test_what_the_owner_of_a_port_does(
+    announce: Any, more: dict[str, Any], status: Any, does: str, stopped_by: str
+) -> None:
+    announce(status, **more)
+    told = at_work(os.getpid())
+    assert (told["does"], told["stopped by"]) == (does, stopped_by)
+    assert told["since"].startswith("2023-11-1")
+    assert len(told["since"]) == len("2023-11-14 22:13:20")
+    assert at_work(os.getpid() + 1) == {}
+
+
+def test_of_one_that_has_not_said_nothing_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert at_work(os.getpid()) == {}
+
+    def not_ours() -> Any:
+        raise PermissionError(1, "somebody else's")
+
+    monkeypatch.setattr(at_work_module, "announced", not_ours)
+    assert at_work(os.getpid()) == {}
+
+
+@pytest.mark.parametrize("command", ["status", "doctor"])
+def test_both_devices_name_it(announce: Any, program: Program, tmp_path: Path, command: str) -> None:
+    config = tmp_path / "rig.toml"
+    ports = [f"tcp://127.0.0.1:{number}" for number in (1, 2)]
+    config.write_text(f"[stage]\nport = '{ports[0]}'\n[force]\nport = '{ports[1]}'\n", encoding="utf-8")
+    announce({"state": "running"}, protocol="steps", config=str(config))
+    held = [PortOwnership(port) for port in ports]
+    try:
+        found = json.loads(program(command, "--config", str(config), "--json").out)
+        line = program(command, "--config", str(config)).out
+    finally:
+        for one in held:
+            one.release()
+    for device in ("stage", "force"):
+        assert found[device]["owner"] == os.getpid()
+        assert found[device]["does"] == "run of steps, running"
+    assert f"owner {os.getpid()}, does run of steps, running, since 20" in line
+    assert line.count(f"stopped by rig stop --config {config}") == 2
