@@ -45,7 +45,10 @@ def told(finger: Fingertip) -> str:
 def about_itself(finger: Fingertip) -> dict[str, Any]:
     blocked = signal.pthread_sigmask(signal.SIG_BLOCK, ())
     handlers = {number.name: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGHUP, signal.SIGUSR1)}
-    return {"pid": os.getpid(), "session": os.getsid(0), "blocked": len(blocked), "handlers": handlers}
+    return {
+        "pid": os.getpid(), "session": os.getsid(0), "blocked": len(blocked), "handlers": handlers,
+        "nice": os.nice(0),
+    }  # fmt: skip
 
 
 def ends(finger: Fingertip, code: int) -> None:
@@ -102,6 +105,11 @@ def test_no_signal_of_a_terminal_reaches_it(process: FingerProcess) -> None:
     assert about["session"] == about["pid"] == process.pid != os.getsid(0)
     assert about["blocked"] == 0, "it can be terminated"
     assert set(about["handlers"].values()) == {signal.SIG_IGN}
+
+
+def test_it_gives_way_to_whoever_began_it(process: FingerProcess) -> None:
+    """A stop must not wait for a model that solves."""
+    assert process.ask(about_itself)["nice"] == min(os.nice(0) + 5, 19)
 
 
 def test_one_that_is_lost_is_told_of_and_begun_anew(finger: Fingertip) -> None:

@@ -2,18 +2,18 @@
 
 import contextlib
 import multiprocessing
-import os
 import signal
 import threading
 from multiprocessing.connection import Connection
 from typing import Any
 
 from rig.panel.drawn.job import Job
-from sim.models.processes.workers import leaving_ctrl_c_to_us
+from sim.models.processes.workers import give_way, leaving_ctrl_c_to_us
 
 PATIENCE_S = 120.0
 """A larger patch takes a minute on a busy machine; what takes longer is not waited for."""
-_NICE = 10  # after whoever moves something
+_GIVES_WAY = 10
+"""To whoever moves something, and to the model that they wait for."""
 
 Drawing = dict[str, Any]
 """Of `section`, with `prediction` where there is a press, or a `problem`."""
@@ -67,11 +67,10 @@ class DrawingProcess:
 
 
 def _serve(far: "Connection[Drawing, Job]") -> None:
+    give_way(_GIVES_WAY)
     from rig.panel.drawn.drawing import drawn  # solver and libraries: here alone
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if hasattr(os, "nice"):
-        os.nice(_NICE)
     with contextlib.suppress(EOFError, OSError):
         while True:
             far.send(drawn(far.recv()))

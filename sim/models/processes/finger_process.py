@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar, Union
 
 from sim.config.fingertip_config import FingertipConfig
-from sim.models.processes.workers import keep_freed_memory, leaving_signals_to_us
+from sim.models.processes.workers import give_way, keep_freed_memory, leaving_signals_to_us
 
 if TYPE_CHECKING:
     from sim.models.fingertip import Fingertip  # whoever begins the process has no use for what solves
@@ -24,6 +24,8 @@ Finger = Union["Fingertip", "FingerProcess"]
 
 _MODELS = logging.getLogger("sim")
 _END_S = 5.0
+_GIVES_WAY = 5
+"""To the process that began it, and to whoever asks that one for a stop."""
 
 
 class FingerLostError(RuntimeError):
@@ -121,6 +123,7 @@ class _Tells(logging.Handler):
 
 
 def _serve(far: "Connection[Any, Any]", config: FingertipConfig) -> None:
+    give_way(_GIVES_WAY)
     _leave_the_terminal()
     threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
     keep_freed_memory()

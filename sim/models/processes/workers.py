@@ -63,6 +63,12 @@ def _kept_from_others(*names: str) -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+def give_way(to: int) -> None:
+    """Have this process run after others that have something to do: to 0 never, to 19 nearly always."""
+    if hasattr(os, "nice"):
+        os.nice(to)
+
+
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # M_… of malloc.h
 _LARGEST_KEPT, _MOST_KEPT = 1 << 25, 1 << 28  # bytes
 
