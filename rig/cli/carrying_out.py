@@ -49,7 +49,7 @@ class AtTheTerminal:
         self.watch, self.interrupted = watch, pause.asked
         self._pause, self._begins, self._course = pause, begins, course
         self._owner = owner or Nobody()
-        self.at_hand, self.stopped = self._owner.at_hand, self._owner.stopped
+        self.stopped = self._owner.stopped
 
     def begins(self, folder: RunFolder) -> None:
         """A disk too full for the course ends no run here: the journal will tell."""

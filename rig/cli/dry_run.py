@@ -47,7 +47,7 @@ def command(
         script = load_script(protocol, [*(set_ or []), *(more or [])])
         faster = _times_real(speed)
         into = new_run(out_dir, subject)
-        with owning(script, settings, into, virtual=True, config_file=config) as owner:
+        with owning(script, settings, into, config_file=config) as owner:
             done = carry_out(
                 script,
                 settings,

@@ -13,18 +13,22 @@ from rig.session.by_hand.hand_log import HandLog
 from rig.session.by_hand.hand_owner import HandOwner
 from rig.session.control.announcements import Announcement
 from rig.session.control.control_socket import ControlSocket
+from rig.session.control.stage_in_hand import StageInHand
 from rig.session.real_bench import PortError, RealBench, open_bench
 from rig.transport.clock import WallClock
-from rig.transport.stop_gate import StopGate
 
 
 def command(config: ConfigOption) -> None:
     """What rig panel starts; it ends with it, at rest. It is ready when it has announced itself."""
     with told_in_one_line(as_json=False), at_once():
-        settings, clock, gate, parent = load_config(config), WallClock(), StopGate(), os.getppid()
+        settings, clock, parent = load_config(config), WallClock(), os.getppid()
         known = BenchMemory(settings).read()  # a bench that is open says no more
-        with HandLog(clock) as log, closing(_bench(settings, clock, log, gate)) as bench:
-            owner = HandOwner(settings, bench, gate, log, known)
+        with (
+            HandLog(clock) as log,
+            closing(StageInHand(settings, clock)) as stage,
+            closing(_bench(settings, log, stage)) as bench,
+        ):
+            owner = HandOwner(settings, bench, stage.gate, log, known)
             announcement = Announcement(
                 pid=os.getpid(), kind="by hand", virtual=False, ports=(*settings.stage.ports, settings.force.port),
                 config=os.path.abspath(config), began_unix_s=clock.unix_s(),
@@ -35,8 +39,8 @@ def command(config: ConfigOption) -> None:
                 complain(f"what was done by hand is not logged from some moment on: {log.problem}")
 
 
-def _bench(settings: Config, clock: WallClock, log: HandLog, gate: StopGate) -> RealBench:
+def _bench(settings: Config, log: HandLog, stage: StageInHand) -> RealBench:
     try:
-        return open_bench(settings, clock, log, ask=lambda request: "", gate=gate)
+        return open_bench(settings, stage.clock, log, ask=lambda request: "", in_hand=stage)
     except PortError as error:
         raise unfelt(error) if error.device == "force" else error from None

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, closing, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -46,18 +46,24 @@ def command(
             from rig.cli.carrying_out import carry_out, leave, new_run
             from rig.cli.confirming import at_the_page, ready_for_a_real_run
             from rig.cli.run_owner import owning
+            from rig.session.control.stage_in_hand import StageInHand
             from rig.session.resume import last_left
             from rig.session.session import real_run
+            from rig.transport.clock import WallClock
 
             script = load_script(protocol, [*(set_ or []), *(more or [])])
             into = new_run(out_dir, subject)
-            with owning(script, settings, into, virtual=False, config_file=config) as owner:
-                ready_for_a_real_run("run", settings, out_dir, yes=yes)
+            ready_for_a_real_run("run", settings, out_dir, yes=yes)
+            clock = WallClock(into.begins_at_s)
+            with (
+                closing(StageInHand(settings, clock).open()) as stage,
+                owning(script, settings, into, stage, config) as owner,
+            ):
                 done = carry_out(
                     script,
                     settings,
                     into,
-                    lambda session: real_run(session, partial(ask_at_the_bench, asking=owner.asking)),
+                    partial(real_run, ask=partial(ask_at_the_bench, asking=owner.asking), stage=stage),
                     owner,
                     as_json=as_json,
                     finger=finger,

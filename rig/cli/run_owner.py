@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,7 +16,8 @@ from rig.protocol.script import Script
 from rig.session.control.announcements import Announcement
 from rig.session.control.control_socket import ControlSocket
 from rig.session.control.recorded_stop import record_after, record_before
-from rig.session.control.stop_switch import StopSwitch
+from rig.session.control.stage_in_hand import StageInHand
+from rig.session.control.stop_switch import StopSwitch, answer_to_a_stop
 from rig.session.resume import StoppedRun
 from rig.session.session import NewRun
 from rig.transport.clock import WallClock
@@ -63,10 +64,6 @@ class Owner:
         finally:
             self._asks = False
 
-    def at_hand(self, stop: Callable[[], None]) -> AbstractContextManager[None]:
-        """While the ports are open: what stops the stage."""
-        return self.switch.at_hand(stop)
-
     def begins(self, folder: RunFolder) -> None:
         """The run has its folder, and its ports are open."""
         self.folder = folder
@@ -86,7 +83,7 @@ class Owner:
             if self.folder is None:
                 self.folder = record_before(script, config, into, virtual=self.virtual)
                 complain(f"the stop is recorded in {self.folder.path}")
-            record_after(self.folder, self._stopped_while, self.switch.sent.getvalue())
+            record_after(self.folder, self._stopped_while, self.switch.kept)
         except (OSError, FolderBusyError) as error:
             complain(f"the stop could not be recorded: {error}")
 
@@ -96,8 +93,7 @@ class Owner:
 
     def _stop(self, _: Mapping[str, Any]) -> dict[str, Any]:
         self._stopped_while = self.state
-        self.switch.stop()
-        return {"stopped": True}
+        return answer_to_a_stop(self.switch.stop)
 
     def _pause(self, _: Mapping[str, Any]) -> dict[str, Any]:
         if self._phase != "running":
@@ -115,14 +111,19 @@ class Owner:
 
 @contextmanager
 def owning(
-    script: Script, config: Config, into: NewRun | StoppedRun, *, virtual: bool, config_file: Path | None = None
+    script: Script,
+    config: Config,
+    into: NewRun | StoppedRun,
+    stage: StageInHand | None = None,
+    config_file: Path | None = None,
 ) -> Iterator[Owner]:
     """Announce a run, and record the stop that came from elsewhere, if one came.
 
-    Where it cannot be announced it goes on all the same, and says that no panel can reach it.
+    stage: None for a virtual bench. It is closed by the caller, when nobody can ask any more. Where the run cannot be
+    announced it goes on all the same, and says that no panel can reach it.
     """
-    out = into.out if isinstance(into, NewRun) else into.folder.path.parent
-    owner = Owner(StopSwitch(None if virtual else config, interrupt_main), virtual=virtual)
+    out, virtual = into.out if isinstance(into, NewRun) else into.folder.path.parent, stage is None
+    owner = Owner(StopSwitch(stage, interrupt_main), virtual=virtual)
     about = Announcement(
         pid=os.getpid(),
         kind="run",
@@ -134,6 +135,7 @@ def owning(
         began_unix_s=WallClock().unix_s(),
     )
     with stoppable(), ExitStack() as announced:
+        announced.callback(owner.switch.settled)
         try:
             socket = announced.enter_context(ControlSocket(about, owner.answers))
             owner.told = lambda run: socket.tell(run=str(run.resolve()))

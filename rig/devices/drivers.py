@@ -1,5 +1,6 @@
 """The drivers of the configured devices, on any wires or on the ports of the configuration."""
 
+from collections.abc import Callable
 from functools import partial
 
 from rig.devices.bench_settings import BenchSettings, ForceSettings, StageSettings
@@ -10,7 +11,6 @@ from rig.devices.stage.base import Stage
 from rig.transport import LoggedTransport, Transport, open_port
 from rig.transport.byte_log import Sink
 from rig.transport.clock import Clock
-from rig.transport.stop_gate import StopGate
 
 
 def stage_driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
@@ -24,13 +24,15 @@ def force_driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Force
 
 
 def open_stage(
-    settings: BenchSettings, clock: Clock, byte_log: Sink | None = None, gate: StopGate | None = None
+    settings: BenchSettings,
+    clock: Clock,
+    byte_log: Sink | None = None,
+    guarded: Callable[[Transport], Transport] = lambda wire: wire,
 ) -> Stage:
-    """The stage on its port, not yet spoken to; behind a gate, if there is one. Raises TransportError."""
+    """The stage on its port, not yet spoken to; its driver has each wire as it is guarded. Raises TransportError."""
 
     def opener(port: str) -> Transport:
-        wire = _open(port, settings=settings.stage, clock=clock, byte_log=byte_log)
-        return wire if gate is None else gate.guarded(wire)
+        return guarded(_open(port, settings=settings.stage, clock=clock, byte_log=byte_log))
 
     return stage_driver(opener, clock, settings)
 

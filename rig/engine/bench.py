@@ -66,10 +66,6 @@ class WatchedBench(Bench, Protocol):
         """Have the heartbeat looked at, whatever the engine waits for."""
         ...
 
-    def stopping_from_elsewhere(self, stop: Callable[[], None]) -> Callable[[], None]:
-        """A stop of the stage for any other thread than the one that works here, which sends nothing behind it."""
-        ...
-
     def left_with(self, zero: Zero | None) -> None:
         """What forces were counted from, for whoever uses the bench next."""
         ...

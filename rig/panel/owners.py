@@ -89,6 +89,9 @@ def stop_all(owners: Sequence[Owner], pool: ThreadPoolExecutor) -> dict[str, Any
 
 def _stopped(owner: Owner) -> dict[str, Any] | ControlError:
     try:
-        return owner.ask("stop", within_s=STOP_S)
+        answer = owner.ask("stop", within_s=STOP_S)
     except ControlError as error:
         return error
+    if "unconfirmed" in answer:
+        return ControlError(f"process {owner.pid} was told to stop: {answer['unconfirmed']}")
+    return answer

@@ -1,7 +1,6 @@
 """Whoever looks on while a script is carried out."""
 
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Mapping
 from typing import Any, Protocol
 
 from rig.data import RunFolder
@@ -9,9 +8,6 @@ from rig.data import RunFolder
 
 class Attendant(Protocol):
     """Whoever looks on: sees every event, may ask for a pause or stop, and says whether to go on after a pause."""
-
-    def at_hand(self, stop: Callable[[], None]) -> AbstractContextManager[None]:
-        """While the ports are open: what stops the stage past every queue, from any thread."""
 
     def stopped(self) -> bool:
         """Whether somebody has stopped the stage from another thread; asked where something has failed."""
@@ -31,10 +27,6 @@ class Attendant(Protocol):
 
 class Nobody:
     """Looks on and asks for nothing."""
-
-    def at_hand(self, stop: Callable[[], None]) -> AbstractContextManager[None]:
-        """Nothing comes of it."""
-        return nullcontext()
 
     def stopped(self) -> bool:
         """No."""

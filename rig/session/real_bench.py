@@ -13,10 +13,10 @@ from rig.engine.bench import NO_PAUSE, Pause
 from rig.engine.by_hand.bench_memory import BenchMemory
 from rig.engine.heartbeat import Heartbeat, looked_after
 from rig.engine.sensing import Zero
+from rig.session.control.stage_in_hand import StageInHand
 from rig.transport import TransportError
 from rig.transport.byte_log import Sink
 from rig.transport.clock import WallClock
-from rig.transport.stop_gate import StopGate
 
 
 class PortError(TransportError):
@@ -37,7 +37,7 @@ class RealBench:
     ask: Callable[[str], str]
     pause: Pause
     memory: BenchMemory
-    gate: StopGate
+    let_go_of_stage: Callable[[], None]
     virtual: Literal[False] = False
 
     @property
@@ -61,15 +61,6 @@ class RealBench:
         """A thread looks at it."""
         return looked_after(heartbeat)
 
-    def stopping_from_elsewhere(self, stop: Callable[[], None]) -> Callable[[], None]:
-        """The gate on the stage's wires is closed by it, for good."""
-
-        def stopped() -> None:
-            with self.gate.stopping():
-                stop()
-
-        return stopped
-
     def left_with(self, zero: Zero | None) -> None:
         """Remember for the next command what forces were counted from."""
         if zero is not None:
@@ -80,7 +71,7 @@ class RealBench:
         if self.stage.homed:
             with suppress(StageError, TransportError):
                 self.memory.left(self.stage.status())
-        self.stage.close()
+        self.let_go_of_stage()
         self.force.close()
 
 
@@ -90,24 +81,25 @@ def open_bench(
     byte_log: Sink,
     ask: Callable[[str], str],
     pause: Pause = NO_PAUSE,
-    gate: StopGate | None = None,
+    in_hand: StageInHand | None = None,
 ) -> RealBench:
     """Open both ports; the bytes go to `byte_log`, and `ask` puts requests to whoever stands there.
 
-    gate: what a stop from another thread closes behind itself.
+    in_hand: where the stage is open already; it is given back to it.
 
     Raises PortError.
     """
-    memory, gate = BenchMemory(settings), gate or StopGate()
+    memory = BenchMemory(settings)
     with _named("stage"):
-        stage = open_stage(settings, clock, byte_log, gate)
+        stage = open_stage(settings, clock, byte_log) if in_hand is None else in_hand.lend(byte_log)
+    let_go = stage.close if in_hand is None else in_hand.give_back
     try:
         with _named("force"):
             force = open_force(settings, clock, byte_log)
         memory.moves()
-        return RealBench(clock, stage, force, ask, pause, memory, gate)
+        return RealBench(clock, stage, force, ask, pause, memory, let_go)
     except BaseException:
-        stage.close()
+        let_go()
         raise
 
 

@@ -30,6 +30,11 @@ class StoppedRun:
     subject: str | None = None
 
     @property
+    def begins_at_s(self) -> float:
+        """Where the clock of its next part begins at the earliest."""
+        return 0.0 if self.run is None else self.run.end_s
+
+    @property
     def complete(self) -> bool:
         """Whether there is nothing left to do."""
         return self.run is not None and self.run.complete

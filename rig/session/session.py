@@ -27,6 +27,7 @@ from rig.protocol.taken_up import TakenUp
 from rig.protocol.walk import Walk
 from rig.session.attendant import Attendant, Nobody
 from rig.session.calibration import refuse_expired
+from rig.session.control.stage_in_hand import StageInHand
 from rig.session.ending import Ending, Whereabouts
 from rig.session.live import Live
 from rig.session.provenance import provenance
@@ -86,6 +87,11 @@ class NewRun:
     out: Path
     subject: str | None = None
 
+    @property
+    def begins_at_s(self) -> float:
+        """The first instant of its clock."""
+        return 0.0
+
 
 @dataclass(frozen=True)
 class Session:
@@ -111,7 +117,7 @@ class Session:
     @property
     def begins_at_s(self) -> float:
         """The first instant of the run's clock."""
-        return 0.0 if self.before is None else self.before.end_s
+        return self.into.begins_at_s
 
 
 def dry_run(session: Session, speed: float | None = None) -> FinishedRun:
@@ -128,12 +134,15 @@ def dry_run(session: Session, speed: float | None = None) -> FinishedRun:
     return _run_session(session, open_bench, virtual=True, speed=speed)
 
 
-def real_run(session: Session, ask: Callable[[str], str]) -> FinishedRun:
-    """Carry it out on the ports of the configuration. Raises BadInputError for a calibration out of date."""
+def real_run(session: Session, ask: Callable[[str], str], stage: StageInHand) -> FinishedRun:
+    """Carry it out on the ports of the configuration; that of the stage is open already.
+
+    Raises BadInputError for a calibration out of date.
+    """
     refuse_expired(session.config)
 
     def open_real_bench(_folder: RunFolder, byte_log: Sink, _start_unix_s: float) -> WatchedBench:
-        return open_bench(session.config, WallClock(session.begins_at_s), byte_log, ask, session.pause)
+        return open_bench(session.config, stage.clock, byte_log, ask, session.pause, stage)
 
     return _run_session(session, open_real_bench, virtual=False)
 
@@ -185,8 +194,7 @@ def _on_a_bench(
             journal.at_end = lambda: {"indentor": asdict(Whereabouts.of(engine))}
             _begin(session, journal, virtual=bench.virtual)
             session.attendant.begins(folder)
-            with session.attendant.at_hand(bench.stopping_from_elsewhere(engine.heartbeat.stop)):
-                problem = _carry_out(session, journal, engine, _rig(session, folder, engine), bench)
+            problem = _carry_out(session, journal, engine, _rig(session, folder, engine), bench)
             return problem, Whereabouts.of(engine)
 
 

@@ -479,3 +479,13 @@ def test_what_was_done_is_noted_beside_the_bytes(make: Callable[..., HandBench])
         ("jog z+1 at 3.5 mm/s", None), ("zero anyway", None), ("home", None),
     ]  # fmt: skip
     assert did[0]["t_s"] < did[1]["t_s"] < did[2]["t_s"] < bench.clock.monotonic_s()
+
+
+def test_a_stop_that_the_stage_does_not_confirm_is_told_as_one(make: Callable[..., HandBench]) -> None:
+    def still_runs() -> None:
+        raise StageError("x axis still runs")
+
+    bench = make()
+    bench.bench.stage.stop = still_runs  # type: ignore[method-assign]
+    assert bench("stop") == {"stopped": True, "unconfirmed": "x axis still runs"}
+    assert bench.gate.closed

@@ -13,6 +13,7 @@ import pytest
 import rig.cli.confirming as confirming
 import rig.session.session as sessions
 from rig.devices.units import GWT_N
+from rig.session.control.stage_in_hand import StageInHand
 from rig.session.virtual.virtual_bench import VirtualBench, virtual_bench
 from rig.transport import TransportError
 from sim.devices.clock import VirtualClock
@@ -43,11 +44,12 @@ def opened(finger: Fingertip, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """The ports of a real run lead to virtual devices; each time that they are opened is noted."""
     found: list[Any] = []
 
-    def open_bench(config: Any, clock: Any, log: Any, ask: Any, pause: Any) -> VirtualBench:
+    def open_bench(config: Any, clock: Any, log: Any, ask: Any, pause: Any, stage: Any) -> VirtualBench:
         found.append(config.stage.port)
         return virtual_bench(config, finger, log, VirtualClock(0.0, clock.monotonic_s()), pause)
 
     monkeypatch.setattr(sessions, "open_bench", open_bench)
+    monkeypatch.setattr(StageInHand, "open", lambda stage: stage)
     return found
 
 

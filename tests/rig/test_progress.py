@@ -20,6 +20,7 @@ from rig.cli.progress import Indentations, progress
 from rig.engine import TripError
 from rig.plan.config import Config
 from rig.plan.timeline import TimeLeft
+from rig.session.control.stage_in_hand import StageInHand
 from rig.session.page import Page
 from rig.session.rehearsal import Rehearsed
 from rig.session.virtual.virtual_bench import VirtualBench, virtual_bench
@@ -87,10 +88,11 @@ def rig(
     ports = f"[stage]\nport = '{tmp_path / 'stage'}'\n[force]\nport = '{tmp_path / 'force'}'\n"
     (tmp_path / "rig.toml").write_text(ports, encoding="utf-8")
 
-    def open_bench(config: Config, clock: Any, log: Any, ask: Any, pause: Any) -> VirtualBench:
+    def open_bench(config: Config, clock: Any, log: Any, ask: Any, pause: Any, stage: Any) -> VirtualBench:
         return virtual_bench(config, finger, log, VirtualClock(0.0, clock.monotonic_s()), pause)
 
     monkeypatch.setattr(sessions, "open_bench", open_bench)
+    monkeypatch.setattr(StageInHand, "open", lambda stage: stage)
     said: list[Said] = []
     load = Fingertip.load
 

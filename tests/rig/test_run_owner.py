@@ -20,8 +20,11 @@ from rig.cli.run_owner import Owner, owning
 from rig.data import RunFolder
 from rig.plan.config import Config
 from rig.session.control.announcements import RefusedError, announced
+from rig.session.control.stage_in_hand import StageInHand
 from rig.session.control.stop_switch import StopSwitch
 from rig.session.session import NewRun
+from rig.transport import TransportError
+from rig.transport.clock import WallClock
 from tests.waiting import DEADLINE_S, until
 
 if STOP_SIGNAL is None:
@@ -88,6 +91,14 @@ def test_a_stop_is_told_of_with_the_state_it_came_in(owner: Owner) -> None:
     with owner.asking():
         assert _asked(owner, "stop") == {"stopped": True}
     assert (owner._stopped_while, owner.stopped(), _asked(owner, "status")["stopped"]) == ("asking", True, True)
+
+
+def test_a_stop_that_reached_no_stage_is_told_as_such(owner: Owner, monkeypatch: pytest.MonkeyPatch) -> None:
+    def unplugged() -> None:
+        raise TransportError("there is no port")
+
+    monkeypatch.setattr(owner.switch, "stop", unplugged)
+    assert _asked(owner, "stop") == {"stopped": True, "unconfirmed": "there is no port"}
 
 
 def test_each_phase_may_be_stopped_once_more() -> None:
@@ -326,7 +337,7 @@ SCRIPT: Any = Script()
 
 def _owning(into: NewRun, *, virtual: bool = False, file: Path | None = None) -> Any:
     config = Config.model_validate({"stage": {"port": "/dev/a"}, "force": {"port": "/dev/b"}})
-    return owning(SCRIPT, config, into, virtual=virtual, config_file=file)
+    return owning(SCRIPT, config, into, None if virtual else StageInHand(config, WallClock()), file)
 
 
 @pytest.mark.parametrize("virtual", [False, True])
@@ -368,6 +379,7 @@ def test_a_stop_is_recorded_at_the_end_and_only_then(
 
     monkeypatch.setattr(owning_module, "record_before", before)
     monkeypatch.setattr(owning_module, "record_after", lambda *what: done.append(what))
+    monkeypatch.setattr(StopSwitch, "kept", "its bytes")
     with _owning(NewRun(tmp_path), virtual=True):
         pass
     assert done == []
@@ -376,7 +388,6 @@ def test_a_stop_is_recorded_at_the_end_and_only_then(
         if began:
             owner.begins(folder)
             owner.at("reporting")
-        owner.switch.sent.write("its bytes")
         (one,) = (one for one in announced() if one.pid == os.getpid())
         _from_a_thread(lambda: one.ask("stop"))
     state = "reporting" if began else "planning"

@@ -2,12 +2,9 @@
 
 import threading
 from collections.abc import Callable
-from typing import Any
 
 import pytest
 
-from rig.engine.bench import NO_PAUSE
-from rig.session.real_bench import RealBench
 from rig.transport import stop_gate
 from rig.transport.base import TransportError
 from rig.transport.stop_gate import StopGate
@@ -156,17 +153,3 @@ def test_a_stop_that_did_not_wait_gives_the_lock_to_nobody(monkeypatch: pytest.M
     assert wire.written == [b"stop", b"stop", b"move"]
     with pytest.raises(TransportError, match="stopped by the operator"):
         guarded.write(b"move")
-
-
-def test_a_real_bench_that_is_stopped_from_elsewhere_sends_nothing_behind_it() -> None:
-    """What a run hands to whoever may stop it: the engine's own stop, behind which the stage's wires are closed."""
-    wire, gate = Wire(), StopGate()
-    guarded = gate.guarded(wire)
-    nothing: Any = None
-    bench = RealBench(nothing, nothing, nothing, lambda request: "", NO_PAUSE, nothing, gate)
-    stop = bench.stopping_from_elsewhere(lambda: guarded.write(b"!\x18"))
-    guarded.write(b"move")
-    assert elsewhere(stop) == []
-    with pytest.raises(TransportError, match="stage: stopped by the operator"):
-        guarded.write(b"another move")
-    assert wire.written == [b"move", b"!\x18"]

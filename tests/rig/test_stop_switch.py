@@ -1,4 +1,4 @@
-"""A stop from another thread: past what the main thread does, through the port wherever it is, told once."""
+"""A stop from another thread: past what the main thread does, told once."""
 
 import threading
 from collections.abc import Callable
@@ -6,47 +6,26 @@ from typing import Any
 
 import pytest
 
-import rig.session.control.stop_switch as stop_switch
 from rig.devices.stage.base import StageError
 from rig.engine import LimitError
-from rig.plan.config import Config
-from rig.session.control.stop_switch import StopSwitch
+from rig.session.control.stop_switch import StopSwitch, answer_to_a_stop
 from rig.session.running import stopped_at_once
 from rig.transport import TransportError
-from sim.devices.clock import VirtualClock
 from tests.waiting import DEADLINE_S
 
-NOTHING = Config()
 
+class InHand:
+    """A stage that is told to stop so often; `act` is what it then does."""
 
-class Opened:
-    """What became of the stage's port: opened so often, told to stop, closed."""
+    kept = "!\n"
 
-    def __init__(self, patch: pytest.MonkeyPatch, clock: VirtualClock, problems: list[Exception]) -> None:
-        self.done: list[str] = []
-        self._problems = problems
-        patch.setattr(stop_switch, "open_stage", self.open)
-        patch.setattr(stop_switch, "WallClock", lambda: clock)
-
-    def open(self, settings: Config, clock: Any, sink: Any) -> "Opened":
-        assert settings is NOTHING
-        if self._problems:
-            self.done.append("refused")
-            raise self._problems.pop(0)
-        self.done.append("opened")
-        sink.write("!\n")
-        return self
+    def __init__(self) -> None:
+        self.told = 0
+        self.act: Callable[[], object] = lambda: None
 
     def stop(self) -> None:
-        self.done.append("stopped")
-
-    def close(self) -> None:
-        self.done.append("closed")
-
-
-@pytest.fixture
-def port(monkeypatch: pytest.MonkeyPatch, clock: VirtualClock) -> Callable[..., Opened]:
-    return lambda *problems: Opened(monkeypatch, clock, list(problems))
+        self.told += 1
+        self.act()
 
 
 @pytest.fixture
@@ -55,117 +34,83 @@ def interrupts() -> list[str]:
 
 
 @pytest.fixture
-def switch(interrupts: list[str]) -> StopSwitch:
-    return StopSwitch(NOTHING, lambda: interrupts.append("main"))
+def stage() -> Any:
+    return InHand()
 
 
-def test_the_engines_own_stop_goes_out_before_the_main_thread_is_told(
-    switch: StopSwitch, interrupts: list[str], port: Callable[..., Opened]
-) -> None:
-    opened, seen = port(), list[tuple[bool, list[str]]]()
-    with switch.at_hand(lambda: seen.append((switch.stopped, list(interrupts)))):
-        switch.stop()
+@pytest.fixture
+def switch(stage: Any, interrupts: list[str]) -> StopSwitch:
+    return StopSwitch(stage, lambda: interrupts.append("main"))
+
+
+def test_the_stage_is_told_before_the_main_thread_is(switch: StopSwitch, stage: Any, interrupts: list[str]) -> None:
+    seen: list[tuple[bool, list[str]]] = []
+    stage.act = lambda: seen.append((switch.stopped, list(interrupts)))
+    assert switch.stopped is False
+    switch.stop()
     assert seen == [(True, [])], "what the main thread meets from then on is the stop"
     assert interrupts == ["main"]
-    assert opened.done == []
-    assert switch.sent.getvalue() == ""
+    assert switch.kept == "!\n"
 
 
-@pytest.mark.parametrize("used", [False, True], ids=["never open", "closed again"])
-def test_where_no_port_is_open_it_is_opened_told_and_closed(
-    switch: StopSwitch, interrupts: list[str], port: Callable[..., Opened], used: bool
-) -> None:
-    opened = port()
-    if used:
-        with switch.at_hand(lambda: pytest.fail("its port is closed")):
-            pass
-    switch.stop()
-    assert opened.done == ["opened", "stopped", "closed"]
-    assert (interrupts, switch.sent.getvalue(), switch.stopped) == (["main"], "!\n", True)
-
-
-def test_a_port_that_is_just_being_closed_is_waited_for(
-    switch: StopSwitch, interrupts: list[str], port: Callable[..., Opened], clock: VirtualClock
-) -> None:
-    opened = port(TransportError("in use"), TransportError("in use"))
-    began_s = clock.monotonic_s()
-    switch.stop()
-    assert opened.done == ["refused", "refused", "opened", "stopped", "closed"]
-    assert interrupts == ["main"], "at the first refusal, and once"
-    assert clock.monotonic_s() - began_s == pytest.approx(0.01)
-
-
-def test_a_port_that_the_engine_has_just_opened_is_stopped_there(
-    switch: StopSwitch, interrupts: list[str], port: Callable[..., Opened]
-) -> None:
-    opened, told = port(TransportError("in use")), list[str]()
-
-    def interrupt() -> None:
-        switch._at_hand = lambda: told.append("engine")
-
-    switch._interrupt_main = interrupt
-    switch.stop()
-    assert (opened.done, told) == (["refused"], ["engine"])
-
-
-def test_a_port_that_cannot_be_had_is_told_of_and_the_run_ends_all_the_same(
-    switch: StopSwitch, interrupts: list[str], port: Callable[..., Opened], clock: VirtualClock
-) -> None:
-    port(*[TransportError("there is no port")] * 1000)
-    began_s = clock.monotonic_s()
-    with pytest.raises(TransportError, match="there is no port"):
-        switch.stop()
-    assert clock.monotonic_s() - began_s == pytest.approx(3.0, abs=0.01)
-    assert interrupts == ["main"]
-
-
+@pytest.mark.parametrize("problem", [StageError("still runs"), TransportError("there is no port")])
 def test_a_stage_that_does_not_stand_is_told_of_and_the_run_ends_all_the_same(
-    switch: StopSwitch, interrupts: list[str]
+    switch: StopSwitch, stage: Any, interrupts: list[str], problem: Exception
 ) -> None:
-    def still_runs() -> None:
-        raise StageError("still runs")
+    def fails() -> None:
+        raise problem
 
-    with switch.at_hand(still_runs), pytest.raises(StageError):
+    stage.act = fails
+    with pytest.raises(type(problem), match=str(problem)):
         switch.stop()
     assert interrupts == ["main"]
+    assert switch.stopped
 
 
-def test_on_a_virtual_bench_the_main_thread_stops(interrupts: list[str], port: Callable[..., Opened]) -> None:
-    opened = port()
+@pytest.mark.parametrize("problem", [StageError("still runs"), TransportError("there is no port")])
+def test_whoever_asked_is_told_what_was_not_confirmed(problem: Exception) -> None:
+    def fails() -> None:
+        raise problem
+
+    assert answer_to_a_stop(fails) == {"stopped": True, "unconfirmed": str(problem)}
+    assert answer_to_a_stop(lambda: None) == {"stopped": True}
+
+
+def test_on_a_virtual_bench_the_main_thread_stops(interrupts: list[str]) -> None:
     switch = StopSwitch(None, lambda: interrupts.append("main"))
-    with switch.at_hand(lambda: pytest.fail("not from another thread")):
-        switch.stop()
-    assert (interrupts, opened.done, switch.stopped) == (["main"], [], True)
+    switch.stop()
+    assert (interrupts, switch.kept, switch.stopped) == (["main"], "", True)
 
 
-def test_the_main_thread_is_interrupted_once_for_what_it_does(switch: StopSwitch, interrupts: list[str]) -> None:
+def test_the_main_thread_is_interrupted_once_for_what_it_does(
+    switch: StopSwitch, stage: Any, interrupts: list[str]
+) -> None:
     """A second press must not cut short what writes the first one down; what begins after that may be stopped."""
-    told: list[str] = []
-    with switch.at_hand(lambda: told.append("stop")):
-        for _ in range(3):
-            switch.stop()
-        assert (told, interrupts) == (["stop"] * 3, ["main"]), "the stage is told each time"
-        switch.ready()
+    for _ in range(3):
         switch.stop()
+    assert (stage.told, interrupts) == (3, ["main"]), "the stage is told each time"
+    switch.ready()
+    switch.stop()
     assert interrupts == ["main"] * 2
 
 
-def test_who_has_noticed_the_stop_is_not_interrupted_any_more(switch: StopSwitch, interrupts: list[str]) -> None:
+def test_who_has_noticed_the_stop_is_not_interrupted_any_more(
+    switch: StopSwitch, stage: Any, interrupts: list[str]
+) -> None:
     assert switch.noticed() is False
     noticed: list[bool] = []
-    with switch.at_hand(lambda: noticed.append(switch.noticed())):
-        switch.stop()
+    stage.act = lambda: noticed.append(switch.noticed())
+    switch.stop()
     assert (noticed, interrupts) == ([True], [])
 
 
 def test_where_nothing_was_stopped_noticing_changes_nothing(switch: StopSwitch, interrupts: list[str]) -> None:
     assert switch.noticed() is False
-    with switch.at_hand(lambda: None):
-        switch.stop()
+    switch.stop()
     assert interrupts == ["main"]
 
 
-def test_a_stop_under_way_is_waited_for(switch: StopSwitch) -> None:
+def test_a_stop_under_way_is_waited_for(switch: StopSwitch, stage: Any) -> None:
     begun, over, settled = threading.Event(), threading.Event(), threading.Event()
 
     def slow() -> None:
@@ -176,15 +121,15 @@ def test_a_stop_under_way_is_waited_for(switch: StopSwitch) -> None:
         switch.settled()
         settled.set()
 
-    with switch.at_hand(slow):
-        threads = [threading.Thread(target=switch.stop), threading.Thread(target=wait)]
-        threads[0].start()
-        assert begun.wait(DEADLINE_S)
-        threads[1].start()
-        assert not settled.is_set()
-        over.set()
-        for thread in threads:
-            thread.join(DEADLINE_S)
+    stage.act = slow
+    threads = [threading.Thread(target=switch.stop), threading.Thread(target=wait)]
+    threads[0].start()
+    assert begun.wait(DEADLINE_S)
+    threads[1].start()
+    assert not settled.is_set()
+    over.set()
+    for thread in threads:
+        thread.join(DEADLINE_S)
     assert settled.is_set()
 
 

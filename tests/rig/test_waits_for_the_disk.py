@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 import rig.session.session as sessions
+from rig.session.control.stage_in_hand import StageInHand
 from rig.session.virtual.virtual_bench import virtual_bench
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
@@ -29,13 +30,14 @@ def run(rig: Rig) -> None:
 def test_each_event_of_a_run_is_on_the_disk_and_of_a_rehearsal_in_the_file(
     command: str, finger: Fingertip, program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def open_bench(config: Any, clock: Any, log: Any, ask: Any, pause: Any) -> Any:
+    def open_bench(config: Any, clock: Any, log: Any, ask: Any, pause: Any, stage: Any) -> Any:
         bench = virtual_bench(config, finger, log, VirtualClock(0.0, clock.monotonic_s()), pause)
         return replace(bench, virtual=False)  # type: ignore[arg-type]
 
     synced: list[int] = []
     monkeypatch.setattr(os, "fsync", lambda fd: synced.append(os.fstat(fd).st_ino))
     monkeypatch.setattr(sessions, "open_bench", open_bench)
+    monkeypatch.setattr(StageInHand, "open", lambda stage: stage)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.py").write_text(SCRIPT, encoding="utf-8")
     for port in ("stage", "force"):

@@ -8,6 +8,7 @@ from rig.engine.errors import LimitError
 from rig.session.by_hand.hand_status import HandStatus
 from rig.session.by_hand.holds import Hold
 from rig.session.by_hand.orders import Orders
+from rig.session.control.stop_switch import answer_to_a_stop
 from rig.transport.stop_gate import StopGate
 
 Request = Mapping[str, Any]
@@ -21,8 +22,7 @@ def hand_answers(orders: Orders, status: HandStatus, stage: Stage, gate: StopGat
         """Past every queue, from this thread; nothing of what is under way goes out after it."""
         orders.stop()
         with gate.stopping():
-            stage.stop()
-        return {"stopped": True}
+            return answer_to_a_stop(stage.stop)
 
     def told(request: Request) -> Mapping[str, Any]:
         found = status.as_json(stopped=orders.stopped, since=_since(request))

@@ -31,7 +31,7 @@ def record_before(script: Script, config: Config, into: NewRun | StoppedRun, *, 
     else:
         folder = into.folder
     before = None if isinstance(into, NewRun) else into.run
-    clock = WallClock(0.0 if before is None else before.end_s)
+    clock = WallClock(into.begins_at_s)
     with folder.owned(), Journal(folder.events, clock, STREAMS, virtual=virtual) as journal:
         if before is None:
             journal.start(

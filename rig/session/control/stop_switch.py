@@ -1,52 +1,47 @@
 """A stop from another thread than the one that carries a run out."""
 
-import io
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable
+from typing import Any
 
-from rig.devices.bench_settings import BenchSettings
-from rig.devices.drivers import open_stage
+from rig.devices.stage.base import StageError
+from rig.session.control.stage_in_hand import StageInHand
 from rig.transport import TransportError
-from rig.transport.clock import WallClock
 
-_OPEN_S = 3.0
-_AGAIN_S = 0.005
+
+def answer_to_a_stop(stop: Callable[[], None]) -> dict[str, Any]:
+    """What whoever asked for it is told; also where the stage was not reached, or does not say that it stands."""
+    try:
+        stop()
+    except (StageError, TransportError) as error:
+        return {"stopped": True, "unconfirmed": str(error)}
+    return {"stopped": True}
 
 
 class StopSwitch:
-    """Stops the stage past whatever the main thread does, and then ends that.
+    """Stops the stage past whatever the main thread does, and then ends that."""
 
-    Where the engine has the stage's port open, it is the stop of the heartbeat's thread; elsewhere the port is opened
-    for it, as by `rig stop`, and `sent` has its bytes, as lines of a byte log.
-    """
-
-    def __init__(self, settings: BenchSettings | None, interrupt: Callable[[], None]) -> None:
-        """settings: None for a virtual bench, which the main thread stops itself. interrupt: ends what that does."""
-        self._settings, self._interrupt_main = settings, interrupt
-        self._at_hand: Callable[[], None] | None = None
+    def __init__(self, stage: StageInHand | None, interrupt: Callable[[], None]) -> None:
+        """stage: None for a virtual bench, which the main thread stops itself. interrupt: ends what that does."""
+        self._stage, self._interrupt_main = stage, interrupt
         self._one, self._guard = threading.Lock(), threading.Lock()
         self._taken = False
         self.stopped = False
-        self.sent = io.StringIO()
+
+    @property
+    def kept(self) -> str:
+        """The bytes that are in no run's byte log, as its lines."""
+        return "" if self._stage is None else self._stage.kept
 
     def stop(self) -> None:
         """From any thread but the main one. Raises TransportError, StageError where the stage could not be told."""
         with self._one:
             self.stopped = True  # first: whatever the main thread meets from now on is this
             try:
-                self._tell_the_stage()
+                if self._stage is not None:
+                    self._stage.stop()
             finally:
                 self._interrupt()
-
-    @contextmanager
-    def at_hand(self, stop: Callable[[], None]) -> Iterator[None]:
-        """While the engine has the port open: what stops its stage, from any thread."""
-        self._at_hand = None if self._settings is None else stop
-        try:
-            yield
-        finally:
-            self._at_hand = None
 
     def noticed(self) -> bool:
         """Whether there was a stop, which the main thread knows of from here on: it is not interrupted any more."""
@@ -64,22 +59,6 @@ class StopSwitch:
         """Returns when no stop is under way."""
         with self._one:
             pass
-
-    def _tell_the_stage(self) -> None:
-        if self._settings is None:
-            return None
-        clock = WallClock()
-        deadline_s = clock.monotonic_s() + _OPEN_S
-        while (stop := self._at_hand) is None:
-            try:
-                with closing(open_stage(self._settings, clock, self.sent)) as stage:
-                    return stage.stop()
-            except TransportError:
-                if clock.monotonic_s() >= deadline_s:
-                    raise
-                self._interrupt()  # it may be about to open or to close the port
-                clock.wait_s(_AGAIN_S)
-        return stop()
 
     def _interrupt(self) -> None:
         with self._guard:

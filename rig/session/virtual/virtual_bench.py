@@ -85,10 +85,6 @@ class VirtualBench:
         finally:
             looking = False
 
-    def stopping_from_elsewhere(self, stop: Callable[[], None]) -> Callable[[], None]:
-        """There is one thread; the stop comes between two of its steps."""
-        return stop
-
     def left_with(self, zero: Zero | None) -> None:
         """The next virtual bench is a new one."""
 

@@ -267,6 +267,16 @@ def test_a_stop_that_did_not_arrive_is_told(make: Make) -> None:
     assert make(*refusing, well).post("/stop")[1]["stopped"] == [2]
 
 
+def test_a_stop_that_a_stage_has_not_confirmed_is_told_as_one(make: Make) -> None:
+    """Its owner did all it could; whoever stands there must not take it for well."""
+    unconfirmed = {"ok": True, "stopped": True, "unconfirmed": "x axis still runs"}
+    owner, well = ToldOwner(pid=7, answers={"stop": lambda: unconfirmed}), ToldOwner(pid=8)
+    assert make(owner, well).post("/stop") == (
+        503, {"ok": False, "problem": "process 7 was told to stop: x axis still runs"}
+    )  # fmt: skip
+    assert well.asked == [("stop", {})]
+
+
 def test_a_stop_is_not_behind_anything(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever is asked for something else hangs, and the stop's own answer does not come either."""
     monkeypatch.setattr(posts, "_STOP_S", 0.01)

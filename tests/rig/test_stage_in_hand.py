@@ -1,0 +1,277 @@
+"""A stage that is open from the announcement of a run to its end: in every phase a stop is one write."""
+
+import io
+import json
+import threading
+from collections.abc import Callable
+from contextlib import nullcontext
+from typing import Any
+
+import pytest
+
+import rig.devices.drivers as drivers
+from rig.cli.run_owner import Owner
+from rig.devices.catalogue import built_in
+from rig.devices.stage.base import Stage
+from rig.plan.config import Config
+from rig.session.control.stage_in_hand import StageInHand
+from rig.session.control.stop_switch import StopSwitch
+from rig.session.virtual.twins import virtual_stage
+from rig.transport import LoopbackTransport, TransportError
+from sim.devices import SerialLine
+from sim.devices.clock import VirtualClock
+from tests.rig.hand_bench import STOPS
+from tests.waiting import DEADLINE_S, until
+
+KINDS = built_in("stage")
+PHASES = ("planning", "asking", "running", "reporting")
+
+
+class Port(LoopbackTransport):
+    """One opening of the port; what it says it did stands in `done`."""
+
+    def __init__(self, ports: "Ports") -> None:
+        super().__init__(ports.line, ports.clock, "stage")
+        self._ports, self.dropped, self.refuses = ports, False, False
+
+    def write(self, data: bytes) -> None:
+        if self.refuses:
+            raise TransportError("unplugged")
+        self._ports.done.append(data.hex())
+        super().write(data)
+
+    def read(self, timeout_s: float) -> bytes:
+        if self.dropped:
+            raise TransportError("the other side closed the connection")
+        self._ports.reads.append(timeout_s)
+        return super().read(timeout_s)
+
+    def close(self) -> None:
+        self._ports.done.append("closed")
+        super().close()
+
+
+class Ports:
+    """The virtual stage of a kind behind its port."""
+
+    def __init__(self, kind: str, clock: VirtualClock) -> None:
+        self.config = Config.model_validate({"stage": {"kind": kind}})
+        self.clock, self.line = clock, SerialLine(clock, self.config.stage.baud)
+        virtual_stage(clock, self.line, self.config)
+        self.done: list[str] = []
+        self.reads: list[float] = []
+        self.opened: list[Port] = []
+        self.refused = 0  # so many openings are
+
+    def open(self, port: str, baud: int, **settings: Any) -> Port:
+        assert (port, baud) == (self.config.stage.port, self.config.stage.baud)
+        if self.refused:
+            self.refused -= 1
+            raise TransportError("in use")
+        self.done.append("opened")
+        self.opened.append(Port(self))
+        return self.opened[-1]
+
+    def held(self) -> StageInHand:
+        clock: Any = self.clock
+        return StageInHand(self.config, clock)
+
+
+@pytest.fixture
+def of_kind(monkeypatch: pytest.MonkeyPatch, clock: VirtualClock) -> Callable[[str], Ports]:
+    def made(kind: str) -> Ports:
+        ports = Ports(kind, clock)
+        monkeypatch.setattr(drivers, "open_port", ports.open)
+        return ports
+
+    return made
+
+
+@pytest.fixture
+def ports(of_kind: Callable[[str], Ports]) -> Ports:
+    return of_kind("grbl")
+
+
+def _ready(stage: Stage) -> Stage:
+    stage.connect()
+    stage.home()
+    return stage
+
+
+def _sent(lines: str) -> list[str]:
+    return [line["hex"] for line in map(json.loads, lines.splitlines()) if line["dir"] == "tx"]
+
+
+@pytest.mark.parametrize("phase", PHASES)
+@pytest.mark.parametrize("kind", [*KINDS, "dry-run"])
+def test_in_every_phase_a_stop_is_the_next_byte_on_the_wire(
+    of_kind: Callable[[str], Ports], kind: str, phase: str
+) -> None:
+    """Nothing is opened for it, and what was under way goes out no more."""
+    ports = of_kind("grbl" if kind == "dry-run" else kind)
+    hand = None if kind == "dry-run" else ports.held().open()
+    interrupts: list[int] = []
+    owner, log = Owner(StopSwitch(hand, lambda: interrupts.append(1)), virtual=hand is None), io.StringIO()
+    stage: Stage | None = None
+    if phase in ("running", "reporting"):
+        owner.at("running")
+        stage = None if hand is None else _ready(hand.lend(log))
+    if phase == "reporting":
+        owner.at("reporting")
+        if hand is not None:
+            hand.give_back()
+    before, said = list(ports.done), len(log.getvalue())
+    with owner.asking() if phase == "asking" else nullcontext():
+        assert owner.answers["stop"]({"do": "stop"}) == {"stopped": True}
+    assert interrupts == [1]
+    if hand is None:
+        assert ports.done == []
+        return
+    assert ports.done[len(before)].startswith(STOPS[kind].hex())
+    assert ports.done.count("opened") == 1, "before anybody could ask, and never again"
+    recorded, elsewhere = log.getvalue()[said:], owner.switch.kept
+    if phase != "running":
+        recorded, elsewhere = elsewhere, recorded
+    assert _sent(recorded)[0] == ports.done[len(before)]
+    assert elsewhere == ""
+    if stage is not None:
+        assert not stage.homed
+        sent = len(ports.done)
+        with pytest.raises(Exception, match=r"stopped by the operator|must be reset|must be homed"):
+            stage.move_to(z_mm=-1.0, speed_mm_s=1.0)
+        assert len(ports.done) == sent
+
+
+def test_a_stop_may_come_again_in_the_same_phase(ports: Ports) -> None:
+    hand = ports.held().open()
+    for _ in range(2):
+        hand.stop()
+    assert ports.done == ["opened", "2118", "2118"]
+
+
+# --- lent, and given back ---
+
+
+def test_the_bytes_go_to_the_log_of_who_has_it(ports: Ports) -> None:
+    hand, log = ports.held().open(), io.StringIO()
+    _ready(hand.lend(log))
+    lent = log.getvalue()
+    assert "24240a" in _sent(lent)
+    assert hand.kept == ""
+    hand.give_back()
+    hand.stop()
+    assert log.getvalue() == lent
+    assert _sent(hand.kept) == ["2118"]
+
+
+def test_it_is_kept_for_a_stop_when_the_run_is_over(ports: Ports) -> None:
+    hand = ports.held().open()
+    _ready(hand.lend(io.StringIO()))
+    hand.give_back()
+    assert "closed" not in ports.done
+    hand.close()
+    assert ports.done[-1] == "closed"
+    hand.close()
+    assert ports.done.count("closed") == 1
+
+
+@pytest.mark.parametrize("used", [True, False], ids=["stopped", "never homed"])
+def test_a_stage_that_somebody_must_lift_is_let_go_at_once(ports: Ports, used: bool) -> None:
+    """Whoever stands there need not wait for a report; another stop opens it again."""
+    hand = ports.held().open()
+    stage = hand.lend(io.StringIO())
+    if used:
+        _ready(stage)
+        stage.stop()
+    hand.give_back()
+    assert ports.done[-1] == "closed"
+    hand.stop()
+    assert ports.done[-2:] == ["opened", "2118"]
+    assert len(ports.opened) == 2
+
+
+def test_what_was_never_opened_is_opened_for_a_stop_and_for_a_run(ports: Ports) -> None:
+    """A run of which only the report is missing needs no stage."""
+    hand = ports.held()
+    hand.stop()
+    assert (ports.done, _sent(hand.kept)) == (["opened", "2118"], ["2118"])
+    other = ports.held()
+    other.give_back()
+    assert _ready(other.lend(io.StringIO())).homed
+
+
+# --- ports that drop ---
+
+
+def test_a_port_that_dropped_while_the_run_was_planned_is_opened_anew_for_it(ports: Ports) -> None:
+    hand, log = ports.held().open(), io.StringIO()
+    ports.opened[0].dropped = True
+    stage = _ready(hand.lend(log))
+    assert ports.done[:3] == ["opened", "closed", "opened"]
+    assert stage.homed
+    hand.stop()
+    assert (ports.done[-1], len(ports.opened)) == ("2118", 2)
+
+
+def test_one_that_is_still_there_is_not_and_what_it_said_is_forgotten(ports: Ports) -> None:
+    hand, log = ports.held().open(), io.StringIO()
+    ports.line.host_write(b"?")
+    ports.clock.wait_s(0.1)
+    _ready(hand.lend(log))
+    first = json.loads(log.getvalue().splitlines()[0])
+    assert first["dir"] == "rx"
+    assert b"<Alarm" in bytes.fromhex(first["hex"]), "it was asked before"
+    assert ports.reads[:2] == [0.0, 0.0], "until nothing more has come"
+    assert ports.done.count("opened") == 1
+
+
+@pytest.mark.parametrize("way", ["dropped", "refuses"])
+def test_a_stop_through_a_port_that_dropped_goes_out_through_a_new_one(ports: Ports, way: str) -> None:
+    """A wire that was cut takes a byte all the same: it is told at once, and looked at then."""
+    hand = ports.held().open()
+    setattr(ports.opened[0], way, True)
+    hand.stop()
+    assert ports.done == ["opened", *(["2118"] if way == "dropped" else []), "closed", "opened", "2118"]
+
+
+def test_while_it_is_lent_nobody_else_listens(ports: Ports) -> None:
+    hand = ports.held().open()
+    _ready(hand.lend(io.StringIO()))
+    ports.opened[0].dropped = True
+    ports.reads.clear()
+    hand.stop()
+    assert (ports.reads, len(ports.opened)) == ([], 1)
+
+
+def test_a_port_that_somebody_has_for_a_moment_is_waited_for(ports: Ports) -> None:
+    hand, ports.refused = ports.held(), 2
+    began_s = ports.clock.monotonic_s()
+    hand.stop()
+    assert ports.done == ["opened", "2118"]
+    assert ports.clock.monotonic_s() - began_s == pytest.approx(0.01)
+
+
+def test_one_that_cannot_be_had_is_told_of(ports: Ports) -> None:
+    hand, ports.refused = ports.held(), 10_000
+    began_s = ports.clock.monotonic_s()
+    with pytest.raises(TransportError, match="in use"):
+        hand.stop()
+    assert ports.clock.monotonic_s() - began_s == pytest.approx(3.0, abs=0.01)
+    assert hand.gate.closed
+    with pytest.raises(TransportError, match="in use"):
+        hand.open()
+
+
+def test_a_stop_that_comes_while_a_port_is_opened_lets_nothing_else_out(ports: Ports) -> None:
+    hand = ports.held()
+    thread = threading.Thread(target=hand.stop)
+    with hand._changing:
+        thread.start()
+        until(lambda: hand.gate.closed)
+        hand.open()
+        assert ports.done == ["opened"]
+        with pytest.raises(TransportError, match="stopped by the operator"):
+            hand.lend(io.StringIO()).connect()
+    thread.join(DEADLINE_S)
+    assert ports.done == ["opened", "2118"]
+    assert hand.gate.closed
