@@ -10,7 +10,9 @@ from typing import Any
 
 import pytest
 
+import rig.cli.carrying_out as carrying_out
 import rig.cli.confirming as confirming
+import rig.cli.run_owner as run_owner
 import rig.session.session as sessions
 from rig.devices.units import GWT_N
 from rig.session.control.stage_in_hand import StageInHand
@@ -124,6 +126,34 @@ def test_the_page_is_confirmed_once(rig: Run, opened: list[Any], tmp_path: Path,
     assert len(opened) == (1 if code == 0 else 0)
     assert len(list((tmp_path / "runs").iterdir())) == len(opened)
     assert ("not confirmed: nothing has moved" in ended.err) is (code != 0)
+
+
+@pytest.mark.parametrize(("typed", "done"), [("\n", ["planned", "reported"]), ("n\n", ["planned"]), (None, None)])
+@pytest.mark.parametrize("command", ["run", "resume"])
+def test_the_stage_is_in_hand_from_before_the_plan_to_after_the_report(
+    rig: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, command: str, typed: str | None, done: list[str] | None
+) -> None:
+    """A stop is one write all that time; where nobody can be asked nothing is opened at all."""
+    arguments = RUN if command == "run" else ("resume", str(_killed(rig, tmp_path)))
+    found: list[str] = []
+
+    def noted(name: str, act: Callable[..., Any]) -> Callable[..., Any]:
+        def did(*words: Any, **more: Any) -> Any:
+            found.append(name)
+            return act(*words, **more)
+
+        return did
+
+    monkeypatch.setattr(StageInHand, "open", noted("opened", lambda stage: stage))
+    monkeypatch.setattr(StageInHand, "close", noted("closed", lambda stage: None))
+    for name, word in (("make_plan", "planned"), ("make_report", "reported")):
+        monkeypatch.setattr(carrying_out, name, noted(word, getattr(carrying_out, name)))
+    monkeypatch.setattr(run_owner, "ControlSocket", noted("announced", run_owner.ControlSocket))
+    rig(*arguments, typed=typed)
+    if done is None:
+        assert set(found) <= {"closed"}
+        return
+    assert found == ["opened", "announced", *done, "closed"]
 
 
 def test_a_dry_run_asks_nothing(rig: Run) -> None:
