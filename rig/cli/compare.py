@@ -66,7 +66,8 @@ def command(
     window_s: Annotated[str, typer.Option(metavar="A,B", help="For spikes: from the start of the hold.")] = "0,1",
     field_centre_mm: Annotated[float, typer.Option(metavar="X", help="For spikes: the receptive field's x.")] = 0.0,
     deflection: Annotated[
-        Path | None, typer.Option(metavar="CSV", help="Of the skin under a line load (z_mm,deflection_mm[,doi_mm]).")
+        Path | None,
+        typer.Option(metavar="CSV", help="Of the skin under what lies across it (z_mm,deflection_mm[,doi_mm])."),
     ] = None,
     receptor_x_mm: Annotated[str | None, typer.Option(metavar="X,X…", help="Receptors other than the ten.")] = None,
     receptor_depth_mm: Annotated[float, typer.Option(metavar="D", help="Below the skin.")] = DEFAULT_DEPTH_MM,
@@ -110,7 +111,7 @@ def command(
             raise BadInputError("--place: nothing recorded, expected --recorded beside it")
         where = _sought(found, receptors, place, depth_range_mm, offset_mm)
         answered = _answered(found, receptors, as_json=as_json)
-        line = _under_the_line(answered, deflection)
+        beside = _along_the_finger(answered, deflection)
         comparison = _compared(answered, recordings, normalise, plausible, exact=exact, as_json=as_json)
         tables = finger_tables(comparison)
         form = Form(saturating, silent_at_rest)
@@ -145,7 +146,7 @@ def command(
             found,
             answered[0].finger,
             _remade_by(runs, options, flags | {"--exact": exact}),
-            [*map(place_section, at), *map(finger_section, tables), *line],
+            [*map(place_section, at), *map(finger_section, tables), *beside],
             maps=[m for one in answered for m in stimulus_maps(one.run, one.finger, one.stimuli)],
             pdf=pdf,
             answers=said,
@@ -209,12 +210,15 @@ def _compared(
     return compare(on_all, recordings, normalise=normalise, plausible=plausible)
 
 
-def _under_the_line(answered: list[Answered], measured: Path | None) -> list[Section]:
-    """The skin's deflection, where a run had a line load; what was measured is laid over it."""
+def _along_the_finger(answered: list[Answered], measured: Path | None) -> list[Section]:
+    """The skin's deflection, where something lay across the finger; what was measured is laid over it."""
     points = [] if measured is None else read_deflections(measured)
     profiles = [profile for one in answered for profile in simulated(one.run, one.finger)]
     if measured is not None and not profiles:
-        raise BadInputError(f"--deflection {measured}: expected a run with a line load across the finger")
+        raise BadInputError(
+            f"--deflection {measured}: expected a run with a line load across the finger, or another shape across it "
+            "(beside one press of any shape: rig indent --deflection)"
+        )
     source = "" if measured is None else f"{measured.name} (SHA-256 {sha256(measured)})"
     return [deflection_section(profiles, points, source)] if profiles else []
 

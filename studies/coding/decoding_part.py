@@ -12,7 +12,7 @@ from rig.report.coding.noise_figures import cloud_figure, noise_figure
 from rig.report.coding.search_figures import Surface, extents, grid_figure, search_figure
 from rig.report.html import Figure, Section
 from sim.coding.decoded import decoding_errors
-from sim.coding.encoding import Noise, encode
+from sim.coding.encoding import Encoded, Noise, encode
 from sim.coding.impulse import impulse_responses
 from sim.coding.operators import Operator, convolution
 from sim.coding.other_searches import global_search, table_search
@@ -27,10 +27,13 @@ from studies.coding.two_samples import ENDS, SEED, SNR_DB, START, TRUE, TRUTHS, 
 Array = NDArray[np.float64]
 Row = tuple[str, ...]
 
+DRAWS = 40
+"""Of the noise, for each cell of a table, unless more are asked for."""
+
 CLOUD_SNR_DB = (30, 20, 10)
 DECODERS = ("univariate, grid of 1", "univariate, converged", "ours")
 _RANGE = Range(0.0, 30.0)  # of the worked example
-_STEPS = (3.0, 1.0, 0.3, 0.1, 0.03, 0.01)
+GRID_STEPS = (3.0, 1.0, 0.3, 0.1, 0.03, 0.01)
 _ACROSS = 81  # values of a surface's axis
 
 
@@ -63,7 +66,7 @@ def searched() -> Searched:
     """A second or two of one core."""
     operator = _operator()
     reading = operator.sed(TRUE)
-    grids = {step: grid_search(operator, reading, START, _RANGE, step) for step in _STEPS}
+    grids = {step: grid_search(operator, reading, START, _RANGE, step) for step in GRID_STEPS}
     exact = converged_search(operator, reading, START, _RANGE)
     others = {
         **{f"univariate, grid of {step:g}": found for step, found in grids.items()},
@@ -86,7 +89,7 @@ def searched() -> Searched:
     return Searched(
         {title: _surface(operator, reading, low, high) for title, (low, high) in ends.items()},
         {"exact along each coordinate": exact.path, "grid of 1": grids[1.0].path},
-        np.array([decoding_errors(TRUE, grids[step].pressure).eq_6_8 for step in _STEPS]),
+        np.array([decoding_errors(TRUE, grids[step].pressure).eq_6_8 for step in GRID_STEPS]),
         decoding_errors(TRUE, exact.pressure).eq_6_8,
         rows,
         operator.parts.shape[1],
@@ -103,9 +106,7 @@ def noisy(truths: str, snr_db: int, draws: int) -> Noisy:
     operator, spent_s, limits = _operator(), 0.0, []
     found, true = np.empty((len(DECODERS), draws, 2)), np.empty((draws, 2))
     for k in range(draws):
-        seed = SEED + k
-        true[k] = TRUTHS[truths](np.random.default_rng((seed, snr_db))) if truths else TRUE
-        said = encode(operator, true[k], None, Noise(snr_db, seed=seed + 1000 * snr_db))
+        true[k], said = _drawn(truths, snr_db, SEED + k)
         found[0, k] = grid_search(operator, said.rate, START, WITHIN, 1.0).pressure
         found[1, k] = converged_search(operator, said.rate, START, WITHIN).pressure
         began = time.process_time()
@@ -116,6 +117,22 @@ def noisy(truths: str, snr_db: int, draws: int) -> Noisy:
             limits.append(decoding_errors(true[k], told).eq_6_8)
     errors = ((found - true) ** 2).sum(axis=-1) / (true**2).sum(axis=-1)
     return Noisy(found, errors, 1e3 * spent_s / draws, float(np.mean(limits)) if limits else np.nan)
+
+
+def converged_errors(truths: str, snr_db: int, draws: int) -> Array:
+    """(draws,) Eq. 6.8 of the converged search alone, on the same draws."""
+    found = (_drawn(truths, snr_db, SEED + k) for k in range(draws))
+    return np.array(
+        [
+            decoding_errors(true, converged_search(_operator(), said.rate, START, WITHIN).pressure).eq_6_8
+            for true, said in found
+        ]
+    )
+
+
+def _drawn(truths: str, snr_db: int, seed: int) -> tuple[Array, Encoded]:
+    true = TRUTHS[truths](np.random.default_rng((seed, snr_db))) if truths else TRUE
+    return true, encode(_operator(), true, None, Noise(snr_db, seed=seed + 1000 * snr_db))
 
 
 def search_sections(found: Searched) -> list[Section]:
@@ -139,7 +156,7 @@ def search_sections(found: Searched) -> list[Section]:
                 ),
                 Figure(
                     "The univariate search on grids",
-                    grid_figure(np.array(_STEPS), found.grid_errors, found.converged_error),
+                    grid_figure(np.array(GRID_STEPS), found.grid_errors, found.converged_error),
                     "The source's search takes values of a grid; with steps of a tenth of a pseudo-unit it still "
                     "sticks.",
                 ),

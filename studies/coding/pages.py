@@ -35,7 +35,6 @@ from studies.source.matrix_page import markdown
 
 Work = tuple[str, tuple[Any, ...]]
 
-DRAWS = 40
 DEEPEST_MM = max(*(scene.doi_mm for scene in profiles_read_back.SCENES), edge_place.DOI_MM)
 """Of all presses on the page."""
 
@@ -57,7 +56,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Do all the work and write the page."""
     parser = argparse.ArgumentParser(description="Chapter 6 on one page.")
     parser.add_argument("folder", nargs="?", default="study", type=Path)
-    parser.add_argument("--draws", default=DRAWS, type=int, help="of the noise, for each cell of a table")
+    parser.add_argument(
+        "--draws", default=decoding_part.DRAWS, type=int, help="of the noise, for each cell of a table"
+    )
     told = parser.parse_args(arguments)
     if told.draws < 2:
         parser.error(f"--draws {told.draws}: expected 2 or more")

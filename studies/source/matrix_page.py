@@ -17,10 +17,10 @@ from studies.source.printed.answers import Answers
 from studies.source.printed.entry import HEADER, Entry, Row, found
 
 TITLE = "The source, figure by figure"
-ABOUT = "Chapters 3 to 5 of B. I. Raju, S.M. thesis, MIT, 1998, beside the default finger."
+ABOUT = "Chapters 3 to 6 of B. I. Raju, S.M. thesis, MIT, 1998, beside the default finger."
 DOCS = (
-    "Chapters 3 to 5 of B. I. Raju, S.M. thesis, MIT, 1998 (*Raju 1998*), beside the default finger: written by "
-    "`make study` as `study/source.md`, and kept here. Chapter 6 is in `docs/coding.md`."
+    "Chapters 3 to 6 of B. I. Raju, S.M. thesis, MIT, 1998 (*Raju 1998*), beside the default finger: written by "
+    "`make study` as `study/source.md`, and kept here. Chapter 6 has a page of its own, `docs/coding.md`."
 )
 PAGES = (
     ("coding.html", "chapter 6, encoding and decoding", "make study-coding"),
@@ -60,7 +60,7 @@ class Study:
 
 
 def _claims(row: Row) -> Section:
-    return Section(f"{row.entry.number}: {row.told}", row.entry.shows, HEADER, tuple(one.row for one in row.found))
+    return Section(f"{row.entry.number}: {row.told}", row.entry.shows, HEADER, row.claims)
 
 
 def studied(entries: Sequence[Entry], answers: Answers, say: Callable[[str], object], command: str) -> Study:

@@ -1,4 +1,4 @@
-"""The source, figure by figure: chapters 3 to 5 on one page, the matrix of all verdicts first.
+"""The source, figure by figure: chapters 3 to 6 on one page, the matrix of all verdicts first.
 
     .venv/bin/python -m studies.source.pages [FOLDER] [--only NUMBER …] [--sensitivity]    # default: study, all
 

@@ -16,6 +16,8 @@ from sim.config.fingertip_config import FingertipConfig
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
 from sim.models.results.indentation import median_of_four
+from studies.coding import chapter_6
+from studies.coding.decoding_part import converged_errors, noisy
 from studies.source import pages, pressure_fits
 from studies.source.matrix import HEADER, matrix
 from studies.source.matrix_page import Study, as_docs
@@ -40,6 +42,10 @@ def coarse() -> Fingertip:
 def answered(coarse: Fingertip) -> Answers:
     all_of_them = Answers(coarse)
     all_of_them.press_all(scenes_of(ENTRIES), cores=1)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(chapter_6, "DRAWS", 2)
+        for snr_db in (10, 20):
+            chapter_6.under_noise(all_of_them, snr_db=snr_db)
     return all_of_them
 
 
@@ -349,7 +355,55 @@ def test_overlap_is_of_what_either_has(monkeypatch: pytest.MonkeyPatch) -> None:
     assert table.overlap(None, True, table.OF_ALL) == 0.75  # type: ignore[arg-type]
 
 
+# --- chapter 6 ---
+
+
+def test_the_search_under_noise_is_that_of_the_page_of_chapter_6() -> None:
+    alone, with_others = converged_errors(chapter_6.TRUTHS, 20, 2), noisy(chapter_6.TRUTHS, 20, 2).errors[1]
+    np.testing.assert_array_equal(alone, with_others)
+    assert alone.min() > 0
+
+
+def test_the_worked_example_goes_where_the_source_goes(answered: Answers) -> None:
+    assert chapter_6.first_move(answered) == pytest.approx(23.9, abs=0.05)
+    assert chapter_6.on_a_grid(answered) == pytest.approx((4**2 + 4**2) / (20**2 + 14**2))  # stuck at [24 10]
+
+
+def test_shift_invariance_is_told_of_the_sites(answered: Answers) -> None:
+    m = np.array([site.linear.m for site in chapter_6.sites(answered).sites])
+    on_pulp = np.array([site.spread.site.on_pulp for site in chapter_6.sites(answered).sites])
+    assert (on_pulp.sum(), len(m)) == (18, 24)
+    assert chapter_6.exponent(answered, "pulp") == pytest.approx(m[on_pulp].mean())
+    assert chapter_6.exponents_spread(answered, "all") == pytest.approx(m.std(ddof=1) / m.mean())
+    a = np.array([site.linear.a for site in chapter_6.sites(answered).sites])
+    assert chapter_6.sizes_spread(answered, "all") == pytest.approx(a.std(ddof=1) / a.mean())
+    assert chapter_6._site_10(answered, "m") == m[9]
+
+
+def test_what_passes_low_frequencies_has_the_most_of_them(answered: Answers) -> None:
+    h, g, f = (chapter_6.at_rest(answered, k) for k in range(3))
+    assert min(h, g) > 0.7 > 0.3 > f
+    strain = chapter_6.responses(answered).strain
+    assert f == pytest.approx(abs(strain[2].sum()) / np.abs(np.fft.rfft(strain[2])).max())
+
+
+def test_a_page_of_its_own_is_named_beside_the_numbers() -> None:
+    one = Found(Claim("x", "y", Below(1, 2), lambda _: 0.5), 0.5)
+    row = Row(Entry("6-1", "It shows.", elsewhere="there.html"), (one,))
+    assert (row.verdict, matrix([row]).rows[0][4]) == ("agrees", "0.50; on there.html")
+    assert Row(row.entry, ()).verdict == "a page of its own"
+
+
 # --- the page ---
+
+
+@pytest.mark.parametrize(
+    ("entry", "judged"), [({}, True), ({"missing": "a datum"}, False), ({"outside": "x"}, False)]
+)
+def test_where_nothing_can_be_said_no_claim_has_a_verdict(entry: dict[str, str], judged: bool) -> None:
+    one = Found(Claim("x", "y", Below(1, 2), lambda _: 9.0), 9.0)
+    (cells,) = Row(Entry("1-1", "It shows.", **entry), (one,)).claims
+    assert cells == ("x", "y", "9.00", "+8", *(("differs", "≤ 1, ≤ 2") if judged else ("–", "–")))
 
 
 def test_the_page_opens_with_the_matrix(

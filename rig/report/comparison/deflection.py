@@ -1,4 +1,4 @@
-"""The skin's deflection along the finger under a line load across it, and a measured one laid over it.
+"""The skin's deflection along the finger under what lies across it, and a measured one laid over it.
 
 Measured deflections are a CSV of the columns `z_mm,deflection_mm[,doi_mm]`: z along the finger in the model's frame
 (0 at the proximal edge, 12.75 at the tip), the skin's downward displacement there, and the depth that goes with it.
@@ -77,10 +77,10 @@ def deflection_section(profiles: list[Deflection], measured: list[Deflection], s
         "Downward displacement of the skin along the pad's centre line against undeformed z (proximal to the left). "
         + ("Circles: measured, in the colour of their depth, black where none is given." if measured else ""),
     )
-    text = "A line load lies across the finger; what it does to the skin beside it is what can be measured by eye."
+    text = "The indentor lies across the finger; what it does to the skin beside it is what can be measured by eye."
     text += f" Measured: {source}." if source else ""
     header = ("measured at DOI (mm)", "points", "measured − model, mean (mm)", "rms (mm)") if measured else ()
-    return Section("Deflection under the line load", text, header, rows, (figure,))
+    return Section("Deflection along the finger", text, header, rows, (figure,))
 
 
 def _row(one: Deflection, other: Deflection | None) -> tuple[str, ...]:

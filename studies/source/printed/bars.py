@@ -52,7 +52,9 @@ def _touched(answers: Answers, scene: Scene) -> str:
 
 def _ratios(answers: Answers, scene: Scene) -> str:
     left, right = edges(answers, scene)
-    return f"left {left:.2f}, right {right:.2f} of the middle"
+    regions = answers.press(scene).contact_regions_mm
+    first, last = regions[0][0], regions[-1][1]
+    return f"left {left:.2f}, right {right:.2f} of the middle; contact {first:.2f} … {last:.2f}"
 
 
 def _claim(scene: Scene, source: str, rule: Same) -> Claim:
@@ -110,7 +112,7 @@ ENTRIES = (
         ),
         tuple(NARROW),
         _narrow_figures,
-        reading="At 0.33 mm the right edge's neighbour carries 11 pseudo-units: it is reached, and no more. That "
-        "the pressure beside it still exceeds the middle's is the rise of any contact towards its ends here.",
+        reading="At 0.33 mm contact ends just inside the right edge, at 0.75: it is reached, and no more. That the "
+        "pressure beside it still exceeds the middle's is the rise of any contact towards its ends here.",
     ),
 )

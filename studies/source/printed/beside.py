@@ -1,4 +1,4 @@
-"""Rows of the matrix of which the model alone says nothing: what is missing, elsewhere, or out of scope."""
+"""Rows of the matrix of which the model alone says nothing: what is missing, or out of scope."""
 
 from rig.report.comparison.deflection import Deflection, deflection_section
 from rig.report.html import Figure
@@ -14,7 +14,6 @@ def _line(answers: Answers) -> tuple[Figure, ...]:
 
 
 COMPARED = ".venv/bin/rig compare RUN… --recorded SHAPE=FILE"
-CODING = "make study-coding"
 
 BEFORE = (
     Entry(
@@ -38,15 +37,6 @@ RECORDED = tuple(
         ("5-8, 5-9", "Profiles under steps against recorded discharge rates.", "Srinivasan & LaMotte 1987"),
         ("5-12, 5-13", "Profiles under bars against recorded discharge rates.", "Phillips & Johnson 1981"),
         ("Table 5.1", "Its numbers come from the recorded profiles.", "both"),
-    )
-)
-CHAPTER_6 = tuple(
-    Entry(number, shows, elsewhere="coding.html", made_by=CODING)
-    for number, shows in (
-        ("6-3, 6-4, Table 6.1", "Shift invariance: strain energy under point loads at 24 sites falls off alike."),
-        ("ch. 6, impulse responses", "Impulse responses h, g and f and their spectra."),
-        ("6-6", "Encoding: from pressure to the receptors' readings, with noise."),
-        ("6-8 … 6-12", "Decoding: the worked example, its search, and what noise does to it."),
     )
 )
 OUTSIDE = (

@@ -3,6 +3,7 @@
 Matrix, page, tables and `docs/source.md` come from this list.
 """
 
+from studies.coding import chapter_6
 from studies.source.printed import (
     bars,
     beside,
@@ -38,7 +39,7 @@ ENTRIES: tuple[Entry, ...] = (
     _RECORDED_BARS,
     _RECORDED_TABLE,
     *table.ENTRIES,
-    *beside.CHAPTER_6,
+    *chapter_6.ENTRIES,
     *beside.OUTSIDE,
 )
 

@@ -181,6 +181,7 @@ ENTRIES = (
         ),
         tuple(deep(shape, doi) for shape in SHAPES for doi in DOIS_MM),
         _sed_figures,
-        reading=f"Maxima count from {PROMINENT:.0%} of the range. The source shows DOI 0.33 and 1.33; 1.0 is ours.",
+        reading=f"Maxima count from {100 * PROMINENT:g} % of the range. The source shows DOI 0.33 and 1.33; 1.0 is "
+        "ours.",
     ),
 )

@@ -67,7 +67,7 @@ def maps(answers: Answers, scenes: Sequence[Scene], title: str) -> Figure:
         "Nodal pressure over lateral x and z along the finger, its tip up. Dots: nodes that carry force; dotted: "
         "the receptor plane; dashed: the indentor's reference point. One colour scale for all panels."
     )
-    return Figure(title, Plot((1.3 + 2.2 * columns, 0.5 + 2.3 * rows), draw), caption)
+    return Figure(title, Plot((1.3 + 2.2 * columns, 0.8 + 2.3 * rows), draw), caption)
 
 
 def _map(axes: Axes, result: IndentationResult, top: float) -> QuadMesh:

@@ -90,7 +90,7 @@ def _no_tables(_: Answers) -> tuple[Section, ...]:
 
 @dataclass(frozen=True)
 class Entry:
-    """A row of the matrix. Where nothing is claimed, one of `missing`, `outside` and `elsewhere` says why."""
+    """A row of the matrix. Where nothing is claimed, one of `missing`, `outside` and `elsewhere` says why not."""
 
     number: str  # the source's own, or the part of a chapter where none is known
     shows: str
@@ -101,7 +101,7 @@ class Entry:
     reading: str = ""
     missing: str = ""  # the datum without which nothing can be said
     outside: str = ""  # why it is out of scope
-    elsewhere: str = ""  # the page that has it
+    elsewhere: str = ""  # the page that has all of it
     made_by: str = ""  # the command, where it is another one
 
     @property
@@ -124,12 +124,16 @@ class Row:
 
     @property
     def verdict(self) -> Verdict:
-        """Of all claims together."""
-        entry = self.entry
-        for why, word in ((entry.outside, VERDICTS[4]), (entry.missing, VERDICTS[3]), (entry.elsewhere, VERDICTS[5])):
-            if why:
-                return word
-        return together([one.word for one in self.found])
+        """Of all claims together, where a verdict can be given."""
+        if self.entry.outside or self.entry.missing:
+            return "out of scope" if self.entry.outside else "cannot be said"
+        return together([one.word for one in self.found]) if self.found else "a page of its own"
+
+    @property
+    def claims(self) -> tuple[tuple[str, ...], ...]:
+        """The table of claims; without verdicts where none can be given."""
+        judged = self.verdict in VERDICTS[:3]
+        return tuple(one.row if judged else (*one.row[:-2], "–", "–") for one in self.found)
 
     @property
     def told(self) -> str:

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.signal import find_peaks
 
 from rig.report.html import Figure
+from rig.report.style import signed
 from studies.source.printed.answers import HIGH_GWT, LOW_GWT, Answers, Scene, deep, forced
 from studies.source.printed.drawing import PROMINENT, beneath, maxima, second
 from studies.source.printed.entry import Claim, Entry
@@ -106,7 +107,7 @@ ENTRIES = (
         ),
         (DEEP, LIGHT),
         _figure("Under step 1 at −1.63", [("two depths", [DEEP, LIGHT])], "sed", "s33"),
-        reading=f"Maxima count from {PROMINENT:.0%} of the range, on a row of points 0.17 mm apart. At the "
+        reading=f"Maxima count from {100 * PROMINENT:g} % of the range, on a row of points 0.17 mm apart. At the "
         "source's own ten receptors the second one at 2.33 gwt stays below it, by a narrow margin (docs/model.md).",
     ),
     Entry(
@@ -171,7 +172,10 @@ ENTRIES = (
         ),
         tuple(scene for pair in PAIRED.values() for scene in pair),
         _figure(
-            "Step 1 at four places and two forces", [(f"x = {x:g}", pair) for x, pair in PAIRED.items()], "sed", "ep1"
+            "Step 1 at four places and two forces",
+            [(f"x = {signed(x)}", pair) for x, pair in PAIRED.items()],
+            "sed",
+            "ep1",
         ),
         reading="Populations widen with the contact, and the flat's two sides part: that is what the correlation "
         "misses.",
