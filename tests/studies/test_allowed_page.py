@@ -2,15 +2,17 @@
 
 import csv
 import json
+import subprocess
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from rig.compare.plausible import read_plausible
-from studies.source.allowed import design, kept, page, study, summary
+from studies.source.allowed import design, kept, page, sentences, study, summary
 from studies.source.allowed.emulator import learn
 from studies.source.allowed.facts import FACTS
 from studies.source.allowed.implausible import Judge, MeshError, worst
@@ -20,8 +22,17 @@ from studies.source.allowed.study import CHOOSES, KEYS, TARGETS, Study, best_pla
 from studies.source.allowed.waves import Left, Plan
 
 Array = NDArray[np.float64]
-EXAMPLE = Path(__file__).parents[2] / "examples" / "plausible_fingers" / "allowed_by_the_source.toml"
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / "examples" / "plausible_fingers" / "allowed_by_the_source.toml"
+PROVENANCES = [path for path in sorted((ROOT / "studies").rglob("*.json")) if '"commit"' in path.read_text("utf-8")]
 TABLES = sorted(kept.RESULTS.glob("*.csv"))
+
+
+def git(*words: str) -> str:
+    """What it prints; nothing where there is no history."""
+    return subprocess.run(
+        ["git", "-C", str(ROOT), *words], capture_output=True, text=True, check=False
+    ).stdout.strip()
 
 
 def in_the_middle() -> Array:
@@ -169,7 +180,70 @@ def test_a_target_is_told(low: float, high: float, told: str) -> None:
     assert page._target(low, high) == told
 
 
+# --- in words ---
+
+
+def test_the_words_are_those_of_the_numbers(small: Study) -> None:
+    """A quarter of the places is left, the emulators say 10 x + 0.5 for at most 2.5, one of them far below 0."""
+    told = sentences.sentences(small)
+    assert told[0] == "After 64 fingers 25 % of the ranges' volume are left, after 64 25 %."
+    assert told[1].startswith("Reading and model errors are multiplied by 1.5; with 0.8 times of them ")
+    assert "the checking half allows 50 %, so that all figures together leave 12 % of the ranges" in told[2]
+    assert told[3].endswith("or less.")
+    assert told[4] == "Pinned are 1 of 13, the middle nine tenths of what is left: `bone_axis_mm` −0.37 … −0.13."
+    assert "Out of reach are 1 numbers; " in told[6]
+    assert f"“{sentences.BY_KEY[KEYS[1]].says}” (" in told[6]
+    assert told[7:] == [
+        "Finger 0 at 1.91 gwt, ruled out and rms: choose 0, 2.00 for 0, 1.50; check 0, 2.00 for 0, 1.50: does not "
+        "pass the rule.",
+        "Finger 1 at 2.58 gwt, ruled out and rms: choose 0, 0.50 for 0, 1.50; check 0, 0.50 for 0, 1.50: passes the "
+        "rule.",
+    ]
+
+
+def test_what_the_later_waves_show_is_told_of_them_alone(small: Study) -> None:
+    facts = np.stack([np.full(len(FACTS), value) for value in (1.0, 2.0, 3.25)])
+    tables = [kept.Table(np.arange(3), np.zeros((3, len(NAMES))), facts + k) for k in (100, 0)]
+    (told,) = [one for one in sentences.sentences(replace(small, tables=tables)) if one.startswith("On the fingers")]
+    default = [small.default[KEYS.index(key)] for key in ("growth", "upper_share")]
+    assert told == (
+        f"On the fingers of later waves the population's peak grows 1.0 to 3.2 times (default {default[0]:.1f}), and "
+        f"the upper flat carries 1.00 to 3.25 of the force (default {default[1]:.2f})."
+    )
+
+
+@pytest.mark.parametrize(
+    ("share", "told"), [(0.0, "nothing"), (0.0026, "0.26 %"), (0.0782, "7.8 %"), (0.714, "71 %")]
+)
+def test_a_share_is_told(share: float, told: str) -> None:
+    assert sentences.percent(share) == told
+
+
 # --- what is kept ---
+
+
+def test_a_table_of_other_fingers_is_begun_anew(tmp_path: Path) -> None:
+    path = tmp_path / "best.csv"
+    for after, forgotten in ((74, False), (106, True)):
+        path.write_text("finger\n", encoding="utf-8")
+        kept.write_provenance(path, after=74)
+        kept.begin_anew(path, after=after)
+        assert path.exists() is not forgotten
+    kept.begin_anew(tmp_path / "none.csv", after=1)
+    path.with_suffix(".json").unlink()
+    path.write_text("finger\n", encoding="utf-8")
+    kept.begin_anew(path, after=1)
+    assert path.exists()
+
+
+@pytest.mark.parametrize("path", PROVENANCES, ids=lambda path: path.stem)
+def test_a_kept_table_names_a_commit_of_this_history(path: Path) -> None:
+    """Wherever in the studies: what was rebased away cannot be looked at."""
+    commit = json.loads(path.read_text(encoding="utf-8"))["commit"]
+    asked = ["git", "-C", str(ROOT), "merge-base", "--is-ancestor", commit, "HEAD"]
+    if git("rev-parse", "--is-shallow-repository") != "false":
+        pytest.skip("no history here")
+    assert subprocess.run(asked, check=False).returncode == 0, commit
 
 
 def test_waves_meshes_and_the_best_are_kept() -> None:
@@ -216,11 +290,24 @@ def test_both_meshes_have_the_default_finger_and_some_of_the_first_wave() -> Non
     assert COARSE["spacing_mm"] > FULL["spacing_mm"] == 0.17
 
 
-def test_what_is_kept_is_not_pressed_again_and_leaves_what_is_shipped() -> None:
-    """Meshes, waves and the best are read and judged: nothing is written, and the example has the ranges left."""
+class Judged(NamedTuple):
+    """The kept tables judged again: what came of it, what was said, and the files before."""
+
+    study: Study
+    said: list[str]
+    before: dict[Path, bytes]
+
+
+@pytest.fixture(scope="module")
+def judged() -> Judged:
     said: list[str] = []
     before = {path: path.read_bytes() for path in kept.RESULTS.iterdir()}
-    found = made(kept.RESULTS, said.append, Plan(places=2**12))
+    return Judged(made(kept.RESULTS, said.append, Plan(places=2**12)), said, before)
+
+
+def test_what_is_kept_is_not_pressed_again_and_leaves_what_is_shipped(judged: Judged) -> None:
+    """Meshes, waves and the best are read and judged: nothing is written, and the example has the ranges left."""
+    found, said, before = judged
     assert not [text for text in said if "finger " in text]
     assert {path: path.read_bytes() for path in kept.RESULTS.iterdir()} == before
     assert len(found.best.numbers) == len(found.alike.numbers) == study.BEST + 1

@@ -49,11 +49,11 @@ def spread_among(candidates: Array, n: int, taken: Array) -> Array:
     return candidates[chosen]
 
 
-def run(asked: Asked, places: Array, path: Path, say: Say = print) -> kept.Table:
-    """Every finger that the table has not yet; each is on disk before the next is begun."""
+def run(asked: Asked, places: Array, path: Path, say: Say = print, **told: int) -> kept.Table:
+    """Every finger that the table has not yet; each is on disk before the next is begun, what is told beside it."""
     done = set(kept.read(path, asked.parameters, asked.facts).numbers.tolist())
     if len(done) < len(places):
-        kept.write_provenance(path, fingers=len(places), seed=SEED)
+        kept.write_provenance(path, fingers=len(places), seed=SEED, **told)
     for number, place in enumerate(places):
         if number in done:
             continue

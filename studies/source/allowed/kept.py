@@ -68,6 +68,15 @@ def read(path: Path, parameters: Sequence[str], facts: Sequence[str]) -> Table:
     return Table(np.array([int(row["finger"]) for row in rows], dtype=np.int64), columns(parameters), columns(facts))
 
 
+def begin_anew(path: Path, **told: object) -> None:
+    """Forget a table that was made of something else than is told; none is forgotten where there is none."""
+    beside = path.with_suffix(".json")
+    if beside.exists():
+        said = json.loads(beside.read_text(encoding="utf-8"))
+        if any(said.get(name) != value for name, value in told.items()):
+            path.unlink(missing_ok=True)
+
+
 def write_provenance(path: Path, **more: object) -> None:
     """What makes a table, beside it: wave_1.csv has wave_1.json."""
     told = {

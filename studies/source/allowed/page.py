@@ -13,6 +13,7 @@ from rig.report.style import BLUE, GREY, ORANGE, Plot
 from studies.source.allowed.implausible import CUT_OFF, worst
 from studies.source.allowed.pins import Pin, pins
 from studies.source.allowed.ranges import DEFAULT, RANGES, Range
+from studies.source.allowed.sentences import sentences
 from studies.source.allowed.study import CHOOSES, Study, better, score
 from studies.source.allowed.summary import Line, best_row, lines, met
 
@@ -24,7 +25,8 @@ _MINUS = re.compile(r"(?<![\w-])-(?=\d)")
 
 def markdown(study: Study) -> str:
     """All tables."""
-    parts = [waves(study), parameters(pins(study.last)), halves(study), facts(lines(study)), fingers(study)]
+    words = "\n".join(f"- {one}" for one in sentences(study))
+    parts = [words, waves(study), parameters(pins(study.last)), halves(study), facts(lines(study)), fingers(study)]
     return "\n\n".join(["# Which fingers the source allows", *parts]) + "\n"
 
 
@@ -49,10 +51,12 @@ def parameters(found: Sequence[Pin]) -> str:
             f"{pin.low:.3g} … {pin.high:.3g}",
             f"{pin.part:.2f}",
             "pinned" if pin.pinned else "not pinned",
+            pin.one.why,
         )
         for pin in found
     ]
-    return _table(("parameter", "range", "default", "left", "middle 90 % of it", "over the range's", ""), rows)
+    header = ("parameter", "range", "default", "left", "middle 90 % of it", "over the range's", "", "why the range")
+    return _table(header, rows)
 
 
 def halves(study: Study) -> str:

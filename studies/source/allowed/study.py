@@ -51,6 +51,7 @@ class Study:
     default: Array  # (facts,) on the default mesh
     best: kept.Table
     alike: kept.Table  # the default finger at the low force of each of the best
+    tables: Sequence[kept.Table] = ()  # of each wave
 
     @property
     def last(self) -> Left:
@@ -58,7 +59,7 @@ class Study:
         return self.lefts[-1]
 
 
-PLAN = Plan((*Plan().fingers, 32))
+PLAN = Plan((*Plan().fingers, 26))
 
 
 def made(folder: Path, say: design.Say, plan: Plan = PLAN) -> Study:
@@ -70,13 +71,16 @@ def made(folder: Path, say: design.Say, plan: Plan = PLAN) -> Study:
     meshes = [mesh_error(a, b) for a, b in zip(coarse.facts.T, full.facts.T, strict=True)]
     match = _match(CHOOSES, meshes, plan, folder)
     lefts = match.all(say)
-    checks = _match(~CHOOSES, meshes, plan, folder).judged(match.tables(len(lefts)), lefts[-1].inflation)
+    tables, after = match.tables(len(lefts)), lefts[-1].fingers
+    checks = _match(~CHOOSES, meshes, plan, folder).judged(tables, lefts[-1].inflation)
+    for name in ("best", "default_alike"):
+        kept.begin_anew(folder / f"{name}.csv", after=after)
     candidates = np.vstack([best_places(lefts[-1]), but_for_the_pinned(lefts[-1])])
-    best = design.run(asked(FULL), candidates, folder / "best.csv", say)
+    best = design.run(asked(FULL), candidates, folder / "best.csv", say, after=after)
     forces = best.values[:, NAMES.index(LOW_FORCE)]
     others = np.stack([place_of(DEFAULT | {LOW_FORCE: float(force)}) for force in forces])
-    alike = design.run(asked(FULL), others, folder / "default_alike.csv", say)
-    return Study(meshes, lefts, checks, full.facts[0], best, alike)
+    alike = design.run(asked(FULL), others, folder / "default_alike.csv", say, after=after)
+    return Study(meshes, lefts, checks, full.facts[0], best, alike, tables)
 
 
 def _match(chosen: Flags, meshes: Sequence[MeshError], plan: Plan, folder: Path) -> Match:
