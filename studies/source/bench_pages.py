@@ -81,13 +81,15 @@ def carry_out(words: Words, folder: Path) -> Done:
 
 
 def carry_out_all(folder: Path) -> list[Done]:
-    """Every schedule, and the thin cylinder at the thick one's force."""
-    done = []
+    """Every schedule, and the thin cylinder at the thick one's force; each is told when it is done."""
+    count = len(SCHEDULES) + 1
+    print(f"{count} schedules on the virtual bench, over this machine's processes …", flush=True)
+    done: list[Done] = []
     for one in spread(partial(carry_out, folder=folder), SCHEDULES):
-        print(one.line, flush=True)
         done.append(one)
+        print(f"{len(done):>2} of {count}  {one.line}", flush=True)
     done.append(carry_out(("cylinders", "diameter_mm=3", f"force_gwt={equal_force_gwt(done)}"), folder))
-    print(done[-1].line, flush=True)
+    print(f"{count:>2} of {count}  {done[-1].line}", flush=True)
     return done
 
 
@@ -139,7 +141,7 @@ def main() -> None:
     folder.mkdir(parents=True, exist_ok=True)
     finger = Fingertip.load()
     done = carry_out_all(folder / "runs")
-    print(f"schedules {time.perf_counter() - began:.0f} s", flush=True)
+    print(f"schedules {time.perf_counter() - began:.0f} s; comparing …", flush=True)
     comparison_page(folder, done, finger)
     forces_page(folder, done, finger)
     synthetic_page(folder, done, finger)

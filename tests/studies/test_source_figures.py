@@ -3,6 +3,7 @@
 import re
 import runpy
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from sim.models.fingertip import Fingertip
 from sim.models.results.indentation import median_of_four
 from studies.coding import chapter_6
 from studies.coding.decoding_part import converged_errors, noisy
-from studies.source import pages, pressure_fits
+from studies.source import bench_pages, pages, pressure_fits
 from studies.source.matrix import HEADER, matrix
 from studies.source.matrix_page import Study, as_docs
 from studies.source.printed import answers as presses
@@ -463,6 +464,20 @@ def test_the_docs_are_the_matrix_and_the_claims() -> None:
     assert "| x | y | 0.00 | −1 | agrees | ≤ 1, ≤ 2 |" in text
     assert "## 9-9" not in text
     assert "| 9-9 | It shows nothing. | – | – | elsewhere | – | out of scope |" in text
+
+
+def test_the_bench_says_how_far_it_is(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(bench_pages, "SCHEDULES", (("line",), ("cylinders", "diameter_mm=9")))
+    monkeypatch.setattr(bench_pages, "spread", map)
+    monkeypatch.setattr(bench_pages, "carry_out", lambda words, folder: SimpleNamespace(line=" ".join(words)))
+    monkeypatch.setattr(bench_pages, "equal_force_gwt", lambda done: 5.5)
+    assert len(bench_pages.carry_out_all(Path("runs"))) == 3
+    assert capsys.readouterr().out.splitlines() == [
+        "3 schedules on the virtual bench, over this machine's processes …",
+        " 1 of 3  line",
+        " 2 of 3  cylinders diameter_mm=9",
+        " 3 of 3  cylinders diameter_mm=3 force_gwt=5.5",
+    ]
 
 
 def test_an_unknown_number_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
