@@ -77,7 +77,8 @@ def stop_all(owners: Sequence[Owner], pool: ThreadPoolExecutor) -> dict[str, Any
     there = [one for one in owners if not one.virtual or one is shown(owners)]
     if not there:
         raise NobodyError("nothing owns the ports: there is nothing to stop")
-    answers = list(pool.map(_stopped, there))
+    others = pool.map(_stopped, there[1:])
+    answers = [_stopped(there[0]), *others]
     for problem in answers:
         if isinstance(problem, ControlError) and not isinstance(problem, RefusedError):
             raise problem

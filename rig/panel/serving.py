@@ -19,6 +19,7 @@ from rig.panel.seen.seen_bench import SeenBench
 from rig.panel.watcher import Watcher
 from rig.plan.config import load_config
 from rig.session.control.announcements import announced
+from rig.session.control.control_socket import quick_switches
 from rig.transport.clock import WallClock
 
 HOST = "127.0.0.1"
@@ -60,7 +61,7 @@ class Panel:
     def serve(self) -> None:
         """Until Ctrl-C, another signal that asks for it, or `end`; the bench is left then."""
         try:
-            with contextlib.suppress(KeyboardInterrupt):  # where signals do not come to the loop
+            with quick_switches(), contextlib.suppress(KeyboardInterrupt):  # where signals do not come to the loop
                 asyncio.run(self._serve())
         finally:
             self._socket.close()

@@ -12,6 +12,7 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing, suppress
+from multiprocessing import AuthenticationError
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ from rig.session.control.announcements import (
     runtime_folder,
 )
 from rig.session.control.control_socket import ControlSocket
+from rig.session.control.conversation import Wire, connected
 from tests.waiting import DEADLINE_S
 
 OWNER = """
@@ -247,9 +249,116 @@ def test_an_owner_that_does_not_know_the_key_is_not_believed() -> None:
     assert all(b"status" not in said for said in heard)
 
 
-def test_a_request_is_an_object() -> None:
-    from rig.session.control.conversation import Wire, connected
+# --- a stop is said at once ---
 
+
+class Spoken:
+    """A wire of lists."""
+
+    def __init__(self, *heard: bytes) -> None:
+        self.sent: list[bytes] = []
+        self.heard = list(heard)
+
+    def send_bytes(self, data: bytes) -> None:
+        self.sent.append(data)
+
+    def poll(self, timeout_s: float) -> bool:
+        return bool(self.heard)
+
+    def recv_bytes(self, most: int) -> bytes:
+        return self.heard.pop(0)
+
+
+def _wire(*heard: bytes) -> tuple[Wire, Spoken]:
+    spoken: Any = Spoken(*heard)
+    return Wire(spoken, DEADLINE_S), spoken
+
+
+KEY = b"k" * 32
+
+
+def _said() -> bytes:
+    """A stop, by who knows the key."""
+    wire, spoken = _wire()
+    with pytest.raises(TimeoutError):
+        wire.stop(KEY)
+    (message,) = spoken.sent
+    return message
+
+
+def test_a_stop_is_one_message_and_waits_for_nothing() -> None:
+    message = _said()
+    wire, spoken = _wire(message)
+    nonce = wire.challenge(KEY)
+    assert nonce == message[32:]
+    assert len(nonce) == 16
+    (challenge,) = spoken.sent
+    assert challenge.startswith(b"#CHALLENGE#"), "nothing more is asked"
+    assert _said() != message, "each has a nonce of its own"
+
+
+def test_a_stop_by_another_key_or_torn_is_none() -> None:
+    message = _said()
+    for wrong in (message[:-1], message + b"0", b"0" + message, message[32:], b""):
+        with pytest.raises(AuthenticationError):
+            _wire(wrong)[0].challenge(KEY)
+    with pytest.raises(AuthenticationError):
+        _wire(message)[0].challenge(b"j" * 32)
+
+
+@pytest.mark.parametrize(
+    ("key", "to_another", "believed"), [(KEY, False, True), (b"j", False, False), (KEY, True, False)]
+)
+def test_the_answer_to_a_stop_is_believed_of_who_knows_the_key_and_answers_this_one(
+    key: bytes, to_another: bool, believed: bool
+) -> None:
+    asker, asking = _wire(b"#CHALLENGE#")
+
+    def told(most: int) -> bytes:
+        if asking.heard:
+            return asking.heard.pop()
+        owner, said = _wire(_said() if to_another else asking.sent[0])
+        nonce = owner.challenge(KEY)
+        assert nonce is not None
+        owner.told(key, nonce, b'{"ok": true}')
+        return said.sent[-1]
+
+    asking.recv_bytes = told  # type: ignore[method-assign]
+    asking.poll = lambda timeout_s: True  # type: ignore[method-assign]
+    if believed:
+        assert asker.stop(KEY) == {"ok": True}
+    else:
+        with pytest.raises(AuthenticationError):
+            asker.stop(KEY)
+
+
+def test_only_a_stop_is_said_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Anything else said twice would be done twice."""
+    said: list[Mapping[str, Any]] = []
+    proofs: list[bytes] = []
+    prove = Wire.prove
+
+    def proved(wire: Wire, key: bytes) -> None:
+        proofs.append(key)
+        prove(wire, key)
+
+    monkeypatch.setattr(Wire, "prove", proved)
+
+    def note(request: Mapping[str, Any]) -> dict[str, Any]:
+        said.append(request)
+        return {}
+
+    with _owner(stop=note, home=note):
+        one = _only()
+        one.ask("stop")
+        assert proofs == []
+        one.ask("home")
+        one.ask("stop", why="more")
+    assert said == [{"do": "stop"}, {"do": "home"}, {"do": "stop", "why": "more"}]
+    assert len(proofs) == 2
+
+
+def test_a_request_is_an_object() -> None:
     with _owner(status=lambda _: {}):
         one = _only()
         with connected(one.address, DEADLINE_S) as connection:

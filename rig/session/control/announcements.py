@@ -15,6 +15,8 @@ from pydantic import BaseModel, ValidationError
 from rig.session.control.conversation import BROKEN, Wire, connected, encoded
 
 ASK_S = 1.0
+STOP = {"do": "stop"}
+"""The one request that is said at once."""
 
 
 class ControlError(Exception):
@@ -64,8 +66,10 @@ class Announced(Announcement, frozen=True):
 
     def _answer(self, request: dict[str, Any], within_s: float) -> dict[str, Any]:
         with connected(self.address, within_s) as connection:
-            wire = Wire(connection, within_s)
-            wire.prove(bytes.fromhex(self.key))
+            wire, key = Wire(connection, within_s), bytes.fromhex(self.key)
+            if request == STOP:
+                return wire.stop(key)
+            wire.prove(key)
             wire.send_bytes(encoded(request))
             return wire.hear()
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from rig.session.control.announcements import Announced, Announcement, lock_of, remove, runtime_folder
+from rig.session.control.announcements import STOP, Announced, Announcement, lock_of, remove, runtime_folder
 from rig.session.control.conversation import BROKEN, Wire, connected, encoded
 
 Answers = Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]
@@ -44,7 +44,7 @@ class ControlSocket:
     def __enter__(self) -> "ControlSocket":
         """Raises OSError; filelock.Timeout where this process has announced itself already."""
         with ExitStack() as undo:
-            undo.enter_context(_quick_switches())
+            undo.enter_context(quick_switches())
             self._note = undo.enter_context(_own_note(self._announcement.pid))
             self._listener = undo.enter_context(_listening(self._note))
             self._tell()
@@ -97,8 +97,11 @@ class ControlSocket:
         with connection:
             try:
                 wire = Wire(connection, PATIENCE_S)
-                wire.challenge(self._key)
-                wire.send_bytes(self._answer(wire.hear()))
+                nonce = wire.challenge(self._key)
+                if nonce is None:
+                    wire.send_bytes(self._answer(wire.hear()))
+                else:
+                    wire.told(self._key, nonce, self._answer(STOP))
             except BROKEN:
                 return
 
@@ -117,7 +120,7 @@ def _refused(problem: str) -> bytes:
 
 
 @contextmanager
-def _quick_switches() -> Iterator[None]:
+def quick_switches() -> Iterator[None]:
     """A thread that waits for another gets its turn within SWITCH_S, where Python has ten times that."""
     before_s = sys.getswitchinterval()
     sys.setswitchinterval(min(SWITCH_S, before_s))

@@ -1,7 +1,9 @@
 """One question and one answer between two processes that know the same key."""
 
+import hmac
 import json
 import os
+import secrets
 import socket
 import time
 from collections.abc import Mapping
@@ -15,6 +17,14 @@ MOST_BYTES = 1 << 16
 _AGAIN_S = 0.005
 BROKEN = (OSError, EOFError, ValueError, AuthenticationError, AssertionError)
 """What a conversation ends with where the other side is gone, silent, or none of ours."""
+
+
+_STOP, _ANSWER = b"#STOP#", b"#TOLD#"
+_DIGEST, _NONCE = 32, 16
+
+
+class _StopSaidError(Exception):
+    """Instead of the answer to a challenge; its nonce."""
 
 
 class Wire:
@@ -33,22 +43,74 @@ class Wire:
             raise TimeoutError
         return self._connection.recv_bytes(most)
 
-    def challenge(self, key: bytes) -> None:
-        """The owner's side: let in whoever knows the key. Raises BROKEN."""
-        deliver_challenge(self, key)  # type: ignore[arg-type]  # it sends and receives bytes, and no more
+    def challenge(self, key: bytes) -> bytes | None:
+        """The owner's side: let in who knows the key; the nonce of a stop that was said at once. Raises BROKEN."""
+        try:
+            deliver_challenge(_Challenging(self, key), key)  # type: ignore[arg-type]  # it sends and receives bytes
+        except _StopSaidError as stop:
+            return bytes(stop.args[0])
         answer_challenge(self, key)  # type: ignore[arg-type]
+        return None
 
     def prove(self, key: bytes) -> None:
         """The other side: show that the key is known, and see that the owner knows it. Raises BROKEN."""
         answer_challenge(self, key)  # type: ignore[arg-type]
         deliver_challenge(self, key)  # type: ignore[arg-type]
 
+    def stop(self, key: bytes) -> dict[str, Any]:
+        """The other side: a stop that waits for nothing, and what is answered to it. Raises BROKEN.
+
+        It is its own proof, in one message: whoever passes one on may wait for a processor at each turn of a longer
+        conversation. One that is said again by somebody else stops what was stopped.
+        """
+        nonce = secrets.token_bytes(_NONCE)
+        self.send_bytes(_proven(key, _STOP, nonce))
+        self.recv_bytes()  # the challenge, which was not waited for
+        answer = _shown(key, _ANSWER + nonce, self.recv_bytes())
+        if answer is None:
+            raise AuthenticationError("the owner does not know the key")
+        return _object(answer)
+
+    def told(self, key: bytes, nonce: bytes, answer: bytes) -> None:
+        """The owner's side: what is answered to a stop. Raises OSError."""
+        self.send_bytes(_proven(key, _ANSWER + nonce, answer))
+
     def hear(self) -> dict[str, Any]:
         """An object. Raises BROKEN."""
-        message = json.loads(self.recv_bytes())
-        if not isinstance(message, dict):
-            raise ValueError("expected an object")
+        return _object(self.recv_bytes())
+
+
+class _Challenging:
+    """A wire on which the answer to a challenge is expected, and a stop may come."""
+
+    def __init__(self, wire: Wire, key: bytes) -> None:
+        self._wire, self._key = wire, key
+        self.send_bytes = wire.send_bytes
+
+    def recv_bytes(self, most: int) -> bytes:
+        message = self._wire.recv_bytes(most)
+        nonce = _shown(self._key, _STOP, message)
+        if nonce is not None:
+            raise _StopSaidError(nonce)
         return message
+
+
+def _proven(key: bytes, kind: bytes, said: bytes) -> bytes:
+    """With a digest before it that only who knows the key can make."""
+    return hmac.digest(key, kind + said, "sha256") + said
+
+
+def _shown(key: bytes, kind: bytes, message: bytes) -> bytes | None:
+    """What was said in a message of that kind; None where it is another, or by whoever does not know the key."""
+    said = message[_DIGEST:]
+    return said if hmac.compare_digest(_proven(key, kind, said), message) else None
+
+
+def _object(message: bytes) -> dict[str, Any]:
+    found = json.loads(message)
+    if not isinstance(found, dict):
+        raise ValueError("expected an object")
+    return found
 
 
 def encoded(message: Mapping[str, Any]) -> bytes:
