@@ -1,7 +1,7 @@
 """The page that `rig run` and `rig resume` begin with, and the one answer to it."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
@@ -58,16 +58,23 @@ def at_the_page(
     def confirm(session: Session) -> Page:
         page = nothing_to_confirm(as_json=False)(session)
         lines = page.lines if before is None else {"careful": careful(before), **page.lines}
-        for about, words in lines.items():
-            err.print(f"{about:<10}{words}")
-        if not yes:
-            with asking():
-                confirmed = _confirmed()
-            if not confirmed:
-                raise NotConfirmedError("not confirmed: nothing has moved")
+        confirmed_with(lines, yes=yes, asking=asking)
         return page
 
     return confirm
+
+
+def confirmed_with(
+    lines: Mapping[str, str], *, yes: bool, asking: Callable[[], AbstractContextManager[None]] = nullcontext
+) -> None:
+    """Print lines by what they are about, and wait for the one answer. Raises NotConfirmedError."""
+    for about, words in lines.items():
+        err.print(f"{about:<10}{words}")
+    if not yes:
+        with asking():
+            confirmed = _confirmed()
+        if not confirmed:
+            raise NotConfirmedError("not confirmed: nothing has moved")
 
 
 def careful(before: Ending) -> str:

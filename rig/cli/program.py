@@ -28,6 +28,7 @@ class Command(NamedTuple):
 COMMANDS = {
     "dry-run": Command("dry_run.command", "Run a protocol on virtual devices, over the wire protocol."),
     "run": Command("run.command", "Run a protocol on the ports of the configuration."),
+    "meet": Command("meet.command", "Learn in a few gentle presses which finger lies there."),
     "check": Command("check.command", "Say what a protocol will do and how near the limits it goes; moves nothing."),
     "resume": Command("resume.command", "Go on with a run that stopped: home, zero, then exactly what is missing."),
     "compare": Command("compare.command", "SSRPs, shape test, correlations, fits and a report of finished runs."),

@@ -103,6 +103,7 @@ class Session:
     plan: Plan
     into: NewRun | StoppedRun
     attendant: Attendant = field(default_factory=Nobody)
+    handler: Callable[[Engine, Walk], Handler] = Live  # what carries its steps out
 
     @property
     def before(self) -> Run | None:
@@ -131,7 +132,7 @@ def dry_run(session: Session, speed: float | None = None) -> FinishedRun:
         bench = virtual_bench(session.config, finger, byte_log, clock, session.pause)
         return replace(bench, shape_files=folder.path)
 
-    return _run_session(session, open_bench, virtual=True, speed=speed)
+    return run_on(session, open_bench, virtual=True, speed=speed)
 
 
 def real_run(session: Session, ask: Callable[[str], str], stage: StageInHand) -> FinishedRun:
@@ -144,17 +145,20 @@ def real_run(session: Session, ask: Callable[[str], str], stage: StageInHand) ->
     def open_real_bench(_folder: RunFolder, byte_log: Sink, _start_unix_s: float) -> WatchedBench:
         return open_bench(session.config, stage.clock, byte_log, ask, session.pause, stage)
 
-    return _run_session(session, open_real_bench, virtual=False)
+    return run_on(session, open_real_bench, virtual=False)
 
 
-def _run_session(
+def run_on(
     session: Session,
     open_bench: Callable[[RunFolder, Sink, float], WatchedBench],
     *,
     virtual: bool,
     speed: float | None = None,
 ) -> FinishedRun:
-    """A run that ends before its end has the reason in its journal and in `problem`, and is exported all the same."""
+    """Carry it out on a bench that is opened for it.
+
+    A run that ends before its end has the reason in its journal and in `problem`, and is exported all the same.
+    """
     began = time.perf_counter()
     now = datetime.now(UTC)
     folder = _folder(session, now, virtual=virtual)
@@ -247,7 +251,7 @@ def _rig(session: Session, folder: RunFolder, engine: Engine) -> Rig:
     """The script's rig on an engine; in a run that is taken up, one that does what is missing."""
     config, where = session.config, partial(kept_in, folder.path)
     walk = Walk(config, FingerModel(session.finger, session.plan.predictions, where, config.met))
-    handler: Handler = Live(engine, walk)
+    handler = session.handler(engine, walk)
     if session.before is not None:
         walk.reference = Reference(first_reference_gwt(session.before))
         handler = TakenUp(session.before, handler)

@@ -1,0 +1,76 @@
+"""A press as the journal has it, as the fit wants it."""
+
+import math
+import statistics
+from typing import Any
+
+import numpy as np
+
+from rig.data import Run
+from rig.devices.units import GWT_N
+from rig.engine.rig_settings import RigSettings
+from sim.models.meeting.given import Given, Way
+
+_ABOVE_MM = 0.1  # over the first touch nothing is felt
+_TOUCHES = 4  # of the readings just before contact was found
+_HELD = 8  # of a hold, the closer the earlier
+_DRIFT_GWT = 0.003  # between the air and the press
+_ENOUGH = 8  # readings to tell their noise by
+_DOWN = ("clearance", "approach", "touch")
+
+
+def given_press(run: Run, index: int, settings: RigSettings) -> Given | None:
+    """The press of a number; None where it has too little. Forces are counted from what was read in the air."""
+    samples = [s for s in run.stream("sample") if s["index"] == index]
+    start = next(s for s in run.stream("indentation_start") if s["index"] == index)
+    touches = [t for t in run.stream("touch") if t["index"] == index]
+    pressed = [s for s in samples if s["phase"] == "press"]
+    if not touches or len(pressed) < 2:
+        return None
+    air = _in_the_air(samples, float(touches[-1]["contact_height_mm"]))
+    noise = _noise_gwt(run, air)
+    zero, zero_sd = _zero(air, noise)
+    contact_mm = float(touches[-1]["contact_height_mm"])
+    down = [s for s in samples if s["phase"] == "touch"] + pressed
+    held = [s for s in samples if s["phase"] == "hold"]
+    asked = [*down[-len(pressed) - _TOUCHES :], *_thinned(held)]
+    given_mm = settings.calibration.value("compliance_mm_per_n", 0.0)
+    way = Way(
+        start["indentor"],
+        float(start["x_mm"]),
+        np.array([s["t_s"] for s in down]),
+        np.array([s["height_mm"] + _given_mm(s["force_gwt"], given_mm) for s in down]),
+        np.array([s["t_s"] for s in asked]),
+    )
+    return Given(way, np.array([s["force_gwt"] for s in asked]) - zero, noise, zero_sd, zero, contact_mm)
+
+
+def _in_the_air(samples: list[dict[str, Any]], contact_mm: float) -> list[float]:
+    """Forces read on the way down, with nothing touched."""
+    above = [s for s in samples if s["phase"] in _DOWN and s["height_mm"] > contact_mm + _ABOVE_MM]
+    return [s["force_gwt"] for s in above]
+
+
+def _noise_gwt(run: Run, air: list[float]) -> float:
+    """Of one reading: by those in the air, or the few at a zero."""
+    if len(air) >= _ENOUGH:
+        return statistics.stdev(air)
+    return max((float(zero["noise_gwt"] or 0.0) for zero in run.stream("zero")), default=0.0)
+
+
+def _zero(air: list[float], noise_gwt: float) -> tuple[float, float]:
+    """What is read in the air, and its sd."""
+    if not air:
+        return 0.0, math.hypot(noise_gwt, _DRIFT_GWT)
+    return statistics.fmean(air), math.hypot(noise_gwt / math.sqrt(len(air)), _DRIFT_GWT)
+
+
+def _thinned(held: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    if len(held) <= _HELD:
+        return held
+    return [held[k] for k in np.unique(np.geomspace(1, len(held), _HELD).round().astype(int) - 1)]
+
+
+def _given_mm(force_gwt: float, mm_per_n: float) -> float:
+    """How much higher the indentor is than the stage: what the rig gives."""
+    return mm_per_n * max(force_gwt, 0.0) * GWT_N

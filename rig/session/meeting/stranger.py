@@ -1,0 +1,40 @@
+"""A finger drawn from the prior, that lies where nobody was told: for somebody to meet."""
+
+import numpy as np
+
+from rig.plan.config import Config
+from sim.models.meeting.prior import TAU_FAST_S, Prior
+
+CELL_NOISE_GWT = 0.02
+
+
+def truth_of(seed: int, prior: Prior | None = None) -> dict[str, float]:
+    """The stranger's numbers, by the names of the prior."""
+    prior = prior or Prior()
+    chance = np.random.default_rng([seed, 0x5712A9])
+    return dict(zip(prior.names, prior.draws(1, chance)[0].tolist(), strict=True))
+
+
+def with_stranger(config: Config, seed: int) -> Config:
+    """The configuration of a bench under which a stranger lies; what is known of the bench stays as it is."""
+    return as_told(config, truth_of(seed), seed)
+
+
+def as_told(config: Config, truth: dict[str, float], seed: int = 0) -> Config:
+    """The configuration of a bench under which a finger of these numbers lies."""
+    values = {name: float(np.exp(v)) if name.startswith("ln_") else v for name, v in truth.items()}
+    moduli = {name: values[f"ln_{name}"] for name in ("stiffness", "e_dermis", "e_fat")}
+    stiffening = {"stiffening": values["stiffening"]} if "stiffening" in values else {}
+    tissue = config.finger.tissue.model_copy(update=moduli | stiffening)
+    virtual = config.virtual.model_copy(
+        update={
+            "relaxation": ((truth["share_fast"], TAU_FAST_S), (truth["share_slow"], values["ln_tau_slow_s"])),
+            "finger_x_offset_mm": truth["x_mm"],
+            "finger_z_offset_mm": truth["height_mm"],
+            "cell_noise_gwt": CELL_NOISE_GWT,
+            "noise_seed": seed,
+        }
+    )
+    return config.model_copy(
+        update={"finger": config.finger.model_copy(update={"tissue": tissue}), "virtual": virtual}
+    )

@@ -1,0 +1,83 @@
+"""What a meeting learned, as the file of a met finger."""
+
+import hashlib
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.plan.config import Config
+from rig.plan.met.finger_file import Band, Draw, FingerFile, Met, Place, Posterior
+from rig.session.meeting.meeting import MODEL_ERROR, Meeting
+from sim.models.meeting.next_press import COVERAGE
+from sim.models.meeting.prior import TAU_FAST_S, Prior
+
+Array = NDArray[np.float64]
+
+_DRAWS = 16
+_DIGITS = 6
+
+
+def finger_file(meeting: Meeting, config: Config, journals: Sequence[Path]) -> FingerFile:
+    """Of a meeting with at least one press, and the journals that it came from."""
+    learned, prior = meeting.learned, meeting.foreseen.prior
+    sd = np.sqrt(learned.covariance.diagonal())
+    x, height = prior.index("x_mm"), prior.index("height_mm")
+    likeliest = _draw(prior, learned.likeliest)
+    zeros = [given.zero_gwt for given in meeting.given]
+    tissue = config.finger.tissue.model_copy(update=likeliest.model_dump(exclude={"relaxation"}))
+    met = Met(
+        date=datetime.now(UTC).isoformat(timespec="seconds"),
+        version=version("indentation-rig"),
+        bench=f"{config.stage.kind} and {config.force.kind}",
+        runs=tuple(path.parent.name for path in journals),
+        journals_sha256=tuple(hashlib.sha256(path.read_bytes()).hexdigest() for path in journals),
+        presses=len(meeting.given),
+        not_learned=tuple(meeting.not_learned),
+        place=Place(
+            x_mm=_fine(learned.mean[x]),
+            x_sd_mm=_fine(sd[x]),
+            height_mm=_fine(learned.mean[height]),
+            height_sd_mm=_fine(sd[height]),
+            cell_zero_gwt=_fine(float(np.mean(zeros))),
+            cell_zero_sd_gwt=_fine(float(np.std(zeros))),
+        ),
+        posterior=Posterior(
+            names=prior.names,
+            mean=tuple(_fine(v) for v in learned.mean),
+            covariance=tuple(tuple(float(f"{v:.6g}") for v in row) for row in learned.covariance),
+        ),
+        draw=tuple(_draw(prior, one) for one in _spread(learned.draws)),
+        band=Band(model_error=MODEL_ERROR, coverage=COVERAGE),
+    )
+    return FingerFile(
+        finger=config.finger.model_copy(update={"tissue": tissue}), relaxation=likeliest.relaxation, met=met
+    )
+
+
+def _spread(draws: Array) -> list[Array]:
+    """(16,) of the equally likely ones, evenly along what they differ in most."""
+    off = (draws - draws.mean(axis=0)) / draws.std(axis=0)
+    along = np.argsort(off @ np.linalg.svd(off, full_matrices=False)[2][0])
+    return [draws[along[int((k + 0.5) * len(draws) / _DRAWS)]] for k in range(_DRAWS)]
+
+
+def _draw(prior: Prior, values: Array) -> Draw:
+    by_name = dict(zip(prior.names, values.tolist(), strict=True))
+    return Draw(
+        stiffness=_fine(np.exp(by_name["ln_stiffness"])),
+        e_dermis=_fine(np.exp(by_name["ln_e_dermis"])),
+        e_fat=_fine(np.exp(by_name["ln_e_fat"])),
+        stiffening=_fine(by_name.get("stiffening", 0.0)),
+        relaxation=(
+            (_fine(by_name["share_fast"]), TAU_FAST_S),
+            (_fine(by_name["share_slow"]), _fine(np.exp(by_name["ln_tau_slow_s"]))),
+        ),
+    )
+
+
+def _fine(value: float) -> float:
+    return round(float(value), _DIGITS)

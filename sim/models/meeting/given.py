@@ -1,0 +1,79 @@
+"""What one press gave: where the indentor was when, and the forces read; and what relaxation makes of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Way:
+    """An indentor on its way down, and when its force is asked for.
+
+    It moves evenly in the first half of the time from one height to the next, and stays where it came to.
+    """
+
+    indentor: str
+    x_mm: float  # as the stage has it
+    t_s: Array  # (p,) of the heights
+    height_mm: Array  # (p,) above where the apex is believed to be; of a way by depth, less the depth
+    asked_s: Array  # (r,) when a force is asked for
+    by_depth: bool = False  # heights are counted from first touch
+
+    @property
+    def lowest(self) -> NDArray[np.intp]:
+        """(r,) which height it has then."""
+        return np.searchsorted(self.t_s, self.asked_s + 1e-9, side="right") - 1
+
+    def fading(self, tau_s: float) -> Array:
+        """(r, p) what a term of relaxation has left of elastic forces at the heights: rows of ∫ exp(−(t−s)/τ) dF."""
+        before = np.concatenate([self.t_s[:1], self.t_s[:-1]])
+        moved_s = 0.5 * (self.t_s - before)
+        still = np.where(moved_s > 0, -np.expm1(-moved_s / tau_s) * tau_s / np.where(moved_s > 0, moved_s, 1.0), 1.0)
+        since_s = self.asked_s[:, None] - (before + moved_s)
+        there = np.arange(len(self.t_s)) <= self.lowest[:, None]
+        left = np.where(there, np.exp(-np.where(there, since_s, 0.0) / tau_s) * still, 0.0)
+        return np.asarray(left - np.concatenate([left[:, 1:], np.zeros((len(left), 1))], axis=1))
+
+
+@dataclass(frozen=True)
+class Given:
+    """A press as it was read: forces less the zero, gwt, and how well one reading is known."""
+
+    way: Way
+    force_gwt: Array  # (r,)
+    noise_gwt: float  # sd of a reading
+    zero_sd_gwt: float  # of what was taken off all of them
+    zero_gwt: float = 0.0  # that
+    contact_mm: float = 0.0  # height at which the touch found the skin
+
+    @property
+    def by_depth(self) -> Way:
+        """The way from where the touch found the skin."""
+        return replace(self.way, height_mm=self.way.height_mm - self.contact_mm, by_depth=True)
+
+
+def nominal_way(indentor: str, x_mm: float, doi_mm: float, pace: "Pace", shares: Sequence[float]) -> Way:
+    """A press to a depth past first touch, asked for at shares of its ramp, and over its hold at the end."""
+    steps = max(int(np.ceil(doi_mm / pace.increment_mm - 1e-9)), 1)
+    heights = np.array([-doi_mm * k / steps for k in range(steps + 1)])
+    t_s = np.array([pace.step_s * k for k in range(steps + 1)])
+    at = np.unique([max(round(share * steps), 1) for share in shares])
+    held = [float(t_s[-1]) + pace.hold_s * (k + 0.5) / pace.readings for k in range(pace.readings)]
+    return Way(indentor, x_mm, t_s, heights, np.array([*t_s[at], *held]), by_depth=True)
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How the bench presses: so far in so long, then held."""
+
+    increment_mm: float = 0.05
+    step_s: float = 0.15
+    hold_s: float = 1.0
+    readings: int = 6
+
+
+"""Of a hold that are foreseen."""

@@ -1,0 +1,93 @@
+"""What is known of a finger before it is touched: named parameters, each normal within a range."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import truncnorm
+
+Array = NDArray[np.float64]
+
+TAU_FAST_S = 0.07
+"""Of the quick part of relaxation: shorter than two readings of a balance, so that it cannot be learned."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number of the finger, or of how it lies: normal between low and high. A name with ln_ is a logarithm."""
+
+    name: str
+    middle: float
+    sd: float
+    low: float
+    high: float
+    why: str
+
+
+def _logarithm(name: str, middle: float, factor: float, low: float, high: float, why: str) -> Parameter:
+    middle, sd, low, high = (float(np.log(v)) for v in (middle, factor, low, high))
+    return Parameter(name, middle, sd, low, high, why)
+
+
+PARAMETERS = (
+    _logarithm("ln_stiffness", 1.0, 1.7, 0.2, 5.0, "four people under a plate differ twofold at 1 mm (Dandekar)"),
+    _logarithm("ln_e_dermis", 0.16, 1.6, 0.05, 0.5, "from half of the source's 0.1 to the published 0.59, nearly"),
+    _logarithm("ln_e_fat", 0.08, 1.6, 0.025, 0.28, "from a quarter of the source's 0.1 to the published 0.25"),
+    Parameter("share_fast", 0.2, 0.07, 0.02, 0.4, "70 ms: Pawluk & Howe 1999"),
+    Parameter("share_slow", 0.2, 0.07, 0.02, 0.4, "1.4 s: Pawluk & Howe 1999"),
+    _logarithm("ln_tau_slow_s", 1.4, 1.2, 0.8, 2.5, "Pawluk & Howe 1999, as far as people differ"),
+    Parameter("x_mm", 0.0, 0.3, -0.6, 0.6, "a finger laid down by eye"),
+    Parameter("height_mm", 0.0, 0.15, -0.4, 0.4, "the same, within limits.search_mm"),
+)
+"""Of a finger whose tissue does not stiffen."""
+
+TISSUE = ("ln_e_dermis", "ln_e_fat")
+"""Those that a model of the finger is made anew for; force is proportional to stiffness."""
+
+
+class Prior:
+    """Several parameters, each on its own."""
+
+    def __init__(self, parameters: Sequence[Parameter] = PARAMETERS) -> None:
+        self.parameters = tuple(parameters)
+        self.names = tuple(p.name for p in parameters)
+
+    @cached_property
+    def middle(self) -> Array:
+        """(p,) of each."""
+        return np.array([p.middle for p in self.parameters])
+
+    @cached_property
+    def sd(self) -> Array:
+        """(p,) of the normal that is cut off."""
+        return np.array([p.sd for p in self.parameters])
+
+    @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        """(p,) low and high."""
+        return np.array([p.low for p in self.parameters]), np.array([p.high for p in self.parameters])
+
+    def index(self, name: str) -> int:
+        """Which column of draws it is."""
+        return self.names.index(name)
+
+    def parameter(self, name: str) -> Parameter:
+        """The one of a name."""
+        return self.parameters[self.index(name)]
+
+    def draws(self, n: int, chance: np.random.Generator) -> Array:
+        """(n, p) fingers."""
+        low, high = (np.array(edge - self.middle) / self.sd for edge in self.bounds)
+        cut = truncnorm(low, high, loc=self.middle, scale=self.sd)
+        return np.asarray(cut.ppf(chance.random((n, len(self.names)))))
+
+    def within(self, draws: Array) -> NDArray[np.bool_]:
+        """(n,) whether all of a draw's numbers are in their ranges."""
+        low, high = self.bounds
+        return np.asarray(((draws >= low) & (draws <= high)).all(axis=1))
+
+    def off(self, draws: Array) -> Array:
+        """(n, p) from the middle, in standard deviations."""
+        return np.asarray((draws - self.middle) / self.sd)

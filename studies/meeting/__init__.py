@@ -1,0 +1,1 @@
+"""Meeting fingers of which only the bench knows the truth: how far off, how wide, how often flagged."""

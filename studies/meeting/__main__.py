@@ -1,0 +1,120 @@
+"""Meets fingers whose truth only the bench knows, and tells how well: the table of docs/meet.md.
+
+.venv/bin/python -m studies.meeting [ROWS] [--inside N] [--outside N]    # 200 and 40; resumes what ROWS has
+
+Each finger is met over the bytes of a virtual bench on a virtual clock. Whoever meets it has the coarse mesh, the
+bench another; the cell has 0.02 gwt of noise. Each finger that is done is a line of ROWS (default: meeting.jsonl).
+"""
+
+import argparse
+import json
+import shutil
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rig.data import RunFolder
+from rig.devices.units import GWT_N
+from rig.plan.config import Config
+from rig.plan.plan import Plan
+from rig.session.attendant import Nobody
+from rig.session.meeting.meeting import Meeting, Wanted, felt_surely
+from rig.session.meeting.meeting_script import MeetingScript
+from rig.session.provenance import commit
+from rig.session.session import NewRun, Session, run_on
+from sim.config.fingertip_config import FingertipConfig, MeshSpec
+from sim.models.fingertip import Fingertip
+from sim.models.meeting.foreseen import Foreseen
+from sim.models.meeting.next_press import PressAt
+from sim.models.meeting.prior import Prior
+from studies.meeting.hidden import Keeper
+from studies.meeting.strangers import Stranger, inside, outside
+from studies.meeting.tables import as_markdown
+
+KNOWN = felt_surely(Config(finger=FingertipConfig(mesh=MeshSpec(level="coarse"))))
+"""What whoever meets the finger is told: nothing of it but the mesh to think on."""
+
+GOALS = (
+    PressAt("cylinder:9", 0.0, 0.67),
+    PressAt("cylinder:9", 0.8, 0.5),
+    PressAt("sphere:3", -0.5, 0.5),
+    PressAt("bar:1.5", 0.3, 0.5),
+    PressAt("flat:1.5", 0.0, 0.5),
+)
+"""Of shapes that no meeting presses."""
+
+
+class _Reading(Nobody):
+    """Knows where the journal is."""
+
+    def __init__(self, script: MeetingScript) -> None:
+        self._script = script
+
+    def begins(self, folder: RunFolder) -> None:
+        self._script.folder = folder.path
+
+
+def met(stranger: Stranger, foreseen: Foreseen, unmet: Fingertip) -> dict[str, Any]:
+    """One line: the meeting, then the truth beside it."""
+    keeper, began = Keeper(stranger), time.process_time()
+    meeting = Meeting(KNOWN, foreseen, Wanted(GOALS), seed=stranger.seed)
+    script, out = MeetingScript(meeting), Path(tempfile.mkdtemp())
+    try:
+        into, attendant = NewRun(out), _Reading(script)
+        session = Session(script.as_script(), KNOWN, unmet, Plan(), into, attendant, script.handler)
+        done = run_on(session, keeper.open_bench(session.pause), virtual=True)
+    finally:
+        shutil.rmtree(out, ignore_errors=True)
+    keeper.over()
+    pace, widths = meeting.chooser.pace, meeting.widths
+    true = [keeper.held_gwt(goal, pace) for goal in GOALS]
+    before = [unmet.indent(g.indentor, g.x_mm, doi_mm=g.doi_mm).force_gwt for g in GOALS]
+    return {
+        "kind": stranger.kind,
+        "seed": stranger.seed,
+        "presses": len(meeting.told),
+        "bench_s": done.duration_s,
+        "process_s": time.process_time() - began,
+        "ended": None if done.problem is None else str(done.problem),
+        "stranger": meeting.stranger,
+        "error": [w.middle / t - 1 for w, t in zip(widths, true, strict=True)],
+        "half": [w.half for w in widths],
+        "covered": [bool(w.low <= t <= w.high) for w, t in zip(widths, true, strict=True)],
+        "unmet_error": [b / t - 1 for b, t in zip(before, true, strict=True)],
+        "of_trip": [told.surprise.measured_gwt / told.trip_gwt for told in meeting.told],
+        "highest_gwt": max((told.surprise.measured_gwt for told in meeting.told), default=0.0),
+        "surprises": [told.surprise.sds for told in meeting.told],
+        "misfit": (meeting.learned.misfit / np.maximum(meeting.learned.readings, 1)).tolist(),
+        "total": meeting.learned.total / max(int(meeting.learned.readings.sum()), 1),
+        "limit_gwt": KNOWN.limits.soft_trip_n / GWT_N,
+    }
+
+
+def main() -> None:
+    """What is missing of the rows, then the table."""
+    asked = argparse.ArgumentParser(description=__doc__)
+    asked.add_argument("rows", nargs="?", type=Path, default=Path("meeting.jsonl"))
+    asked.add_argument("--inside", type=int, default=200)
+    asked.add_argument("--outside", type=int, default=40)
+    given = asked.parse_args()
+    kept = [json.loads(line) for line in given.rows.read_text().splitlines()] if given.rows.exists() else []
+    there = {(row["of"], row["seed"]) for row in kept}
+    foreseen, unmet = Foreseen.over(KNOWN.finger, Prior(), 1.8, 1.1), Fingertip.load(KNOWN.finger)
+    made_with = {"commit": commit(Path(__file__)), "goals": [list(vars(goal).values()) for goal in GOALS]}
+    jobs = [("inside", seed) for seed in range(given.inside)] + [("outside", seed) for seed in range(given.outside)]
+    for n, (of, seed) in enumerate(jobs, 1):
+        if (of, seed) not in there:
+            stranger = (inside if of == "inside" else outside)(KNOWN, seed)
+            kept.append({"of": of, **met(stranger, foreseen, unmet), **made_with})
+            with given.rows.open("a") as file:
+                file.write(json.dumps(kept[-1]) + "\n")
+            print(f"{n} of {len(jobs)}: {stranger.kind} {seed}", file=sys.stderr, flush=True)
+    print(as_markdown(kept))
+
+
+if __name__ == "__main__":
+    main()

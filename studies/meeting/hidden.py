@@ -1,0 +1,115 @@
+"""A bench whose finger only the bench knows: whoever meets it has the wires, and nothing else."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, NoReturn
+
+import numpy as np
+
+from rig.data import RunFolder
+from rig.engine.bench import Pause, WatchedBench
+from rig.session.virtual.virtual_bench import VirtualBench, bench_around
+from rig.session.virtual.virtual_devices import relaxation, truth
+from rig.transport.byte_log import Sink
+from sim.devices.clock import VirtualClock
+from sim.models.fingertip import Fingertip
+from sim.models.meeting.given import Pace
+from sim.models.meeting.next_press import PressAt
+from sim.plant.plant import Carriage, Pose
+from sim.plant.relaxing_plant import RelaxingPlant
+from studies.meeting.strangers import Stranger
+
+_SLIPS_AT = 3  # indentors
+
+
+class TruthReadError(AssertionError):
+    """Whoever meets a finger has looked at its truth."""
+
+
+class OnlyMounts:
+    """What a person at the bench can do: put an indentor on."""
+
+    def __init__(self, mount: Callable[[str], None]) -> None:
+        self.mount = mount
+
+    def __getattr__(self, name: str) -> NoReturn:
+        raise TruthReadError(f"plant.{name} was asked for by whoever meets the finger")
+
+
+@dataclass(frozen=True)
+class BlindBench(VirtualBench):
+    """Nobody but the devices feels the finger, and the journal is told no truth."""
+
+    def witness(self, stream: str, data: Any) -> dict[str, float]:
+        """Nothing."""
+        return {}
+
+
+class Slipping:
+    """A carriage over a mount that gives way by so much when the third indentor is put on."""
+
+    carriage: Carriage
+
+    def __init__(self, by_mm: float) -> None:
+        self._by_mm, self._mounts = by_mm, 0
+
+    def mounted(self, bench: VirtualBench, indentor: str) -> None:
+        """Another indentor is on."""
+        self._mounts += 1
+        bench.plant.mount(indentor)
+
+    def pose_at(self, t_s: float) -> Pose:
+        """From the finger."""
+        pose = self.carriage.pose_at(t_s)
+        slipped = self._mounts >= _SLIPS_AT
+        return replace(pose, above_apex_mm=pose.above_apex_mm + self._by_mm) if slipped else pose
+
+
+class Keeper:
+    """Keeps a stranger's truth, opens benches over it, and tells when all is over."""
+
+    def __init__(self, stranger: Stranger) -> None:
+        self._stranger = stranger
+        self._finger = Fingertip.load(stranger.config.finger, exact=stranger.exact)
+        self._over = False
+
+    def open_bench(self, pause: Pause) -> Callable[[RunFolder, Sink, float], WatchedBench]:
+        """For a session."""
+
+        def opened(folder: RunFolder, byte_log: Sink, start_unix_s: float) -> WatchedBench:
+            clock, config = VirtualClock(start_unix_s, 0.0), self._stranger.config
+            slipping = Slipping(self._stranger.slips_mm)
+            bench = bench_around(
+                lambda carriage: self._plant(carriage, slipping, clock), config, clock, byte_log, pause
+            )
+            plant: Any = OnlyMounts(lambda indentor: slipping.mounted(bench, indentor))
+            known = {name: getattr(bench, name) for name in ("clock", "stage", "force", "pause")}
+            return BlindBench(plant=plant, shape_files=folder.path, **known)
+
+        return opened
+
+    def _plant(self, carriage: Carriage, slipping: "Slipping", clock: VirtualClock) -> RelaxingPlant:
+        config = self._stranger.config
+        slipping.carriage = carriage
+        moving: Any = slipping
+        period_s = config.force.sample_period_s
+        return RelaxingPlant(self._finger, moving, relaxation(config), truth(config), clock, period_s)
+
+    def over(self) -> None:
+        """The meeting has ended: from now on the truth may be told."""
+        self._over = True
+
+    def held_gwt(self, goal: PressAt, pace: Pace) -> float:
+        """The force that the goal's press would be answered with, in its hold."""
+        if not self._over:
+            raise TruthReadError("the truth was asked for before the meeting had ended")
+        config, way = self._stranger.config, goal.way(pace)
+        x_mm = goal.x_mm - config.virtual.finger_x_offset_mm
+        finger = self._finger.keeping_ways()
+        elastic = np.array([
+            finger.indent(goal.indentor, x_mm, doi_mm=-h).force_gwt if h < 0 else 0.0 for h in way.height_mm
+        ])  # fmt: skip
+        terms = config.virtual.relaxation
+        lasting = 1 - sum(share for share, _ in terms)
+        left = lasting * elastic[way.lowest] + sum(share * way.fading(tau_s) @ elastic for share, tau_s in terms)
+        return float(config.virtual.stiffness * left[-pace.readings :].mean())

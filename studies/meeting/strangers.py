@@ -1,0 +1,107 @@
+"""The fingers that are met: of the prior, and from outside it."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rig.plan.config import Config
+from rig.session.meeting.stranger import as_told, truth_of
+from sim.config.fingertip_config import MeshSpec
+
+COARSER = MeshSpec(level="coarse", spacing_mm=0.34, axial_spacing_mm=0.6)
+"""Of the bench's fingers: another mesh than whoever meets them has."""
+
+
+class Stranger(NamedTuple):
+    """A finger under a bench: the bench's own configuration, and what happens to it meanwhile."""
+
+    kind: str
+    seed: int
+    config: Config
+    slips_mm: float = 0.0  # the mount, when the third press begins
+    exact: bool = False
+
+
+def inside(known: Config, seed: int) -> Stranger:
+    """Of the prior."""
+    return Stranger("prior", seed, _meshed(as_told(known, truth_of(seed), seed)))
+
+
+def outside(known: Config, seed: int) -> Stranger:
+    """Not of the prior: one of the kinds, in turn."""
+    names = list(_KINDS)
+    kind = names[seed % len(names)]
+    told = _meshed(as_told(known, truth_of(10_000 + seed), seed))
+    return _KINDS[kind](Stranger(kind, seed, told), np.random.default_rng(seed))
+
+
+def _meshed(config: Config) -> Config:
+    return config.model_copy(update={"finger": config.finger.model_copy(update={"mesh": COARSER})})
+
+
+def _of(stranger: Stranger, table: str, **changed: Any) -> Stranger:
+    """With some keys of the finger changed."""
+    finger = stranger.config.finger
+    part = getattr(finger, table).model_copy(update=changed)
+    config = stranger.config.model_copy(update={"finger": finger.model_copy(update={table: part})})
+    return stranger._replace(config=config, exact=True)
+
+
+def _benched(stranger: Stranger, **changed: Any) -> Stranger:
+    virtual = stranger.config.virtual.model_copy(update=changed)
+    return stranger._replace(config=stranger.config.model_copy(update={"virtual": virtual}))
+
+
+def _rubber(stranger: Stranger, chance: np.random.Generator) -> Stranger:
+    """One material throughout, on a small core."""
+    return _of(
+        stranger, "tissue", e_dermis=1.0, e_fat=1.0, bone_fraction=0.1, stiffness=float(chance.uniform(0.1, 0.5))
+    )
+
+
+def _bony(stranger: Stranger, chance: np.random.Generator) -> Stranger:
+    """Bone close under the skin."""
+    return _of(stranger, "tissue", bone_fraction=float(chance.uniform(0.52, 0.58)))
+
+
+def _horny(stranger: Stranger, chance: np.random.Generator) -> Stranger:
+    """A callus: epidermis of twice the thickness over fat far softer than any of the prior."""
+    return _of(stranger, "tissue", epidermis_mm=0.8, e_fat=0.008, e_dermis=0.02)
+
+
+def _narrow(stranger: Stranger, chance: np.random.Generator) -> Stranger:
+    """A finger of other geometry: the nail far down, the proximal part thin."""
+    return _of(stranger, "geometry", nail_depth_ratio=0.4, proximal_apex_mm=1.6, proximal_half_width_mm=2.6)
+
+
+def _spongy(stranger: Stranger, chance: np.random.Generator) -> Stranger:
+    """Tissue that can be compressed."""
+    return _of(stranger, "tissue", poisson=float(chance.uniform(0.1, 0.25)))
+
+
+def _creeping(stranger: Stranger, chance: np.random.Generator) -> Stranger:
+    """It relaxes far more, and more slowly, than any of the prior."""
+    return _benched(stranger, relaxation=((0.3, 0.4), (0.45, 6.0)))
+
+
+def _slipping(stranger: Stranger, chance: np.random.Generator) -> Stranger:
+    """The mount gives way between two presses."""
+    return stranger._replace(slips_mm=float(chance.uniform(0.08, 0.2)))
+
+
+def _giving(stranger: Stranger, chance: np.random.Generator) -> Stranger:
+    """A rig that gives, and was not calibrated."""
+    return _benched(stranger, compliance_mm_per_n=float(chance.uniform(0.8, 1.0)))
+
+
+_KINDS: dict[str, Callable[[Stranger, np.random.Generator], Stranger]] = {
+    "one material": _rubber,
+    "bone under the skin": _bony,
+    "callus on soft fat": _horny,
+    "other geometry": _narrow,
+    "compressible": _spongy,
+    "creeps": _creeping,
+    "mount slips": _slipping,
+    "rig gives": _giving,
+}

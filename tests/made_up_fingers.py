@@ -1,0 +1,49 @@
+"""Fingers whose forces are closed forms, for meetings that need no model: each shape with an exponent of its own."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from sim.config.fingertip_config import FingertipConfig
+from sim.models.meeting.foreseen import Foreseen, tissue_axes
+from sim.models.meeting.given import Given, Way
+from sim.models.meeting.prior import Prior
+from sim.models.meeting.shape_table import Scope, ShapeTable
+
+SHAPES: Mapping[str, tuple[float, float, float]] = {  # gwt at 1 mm, exponent of depth, exponent of the fat's modulus
+    "sphere:6": (11.0, 1.5, 0.3),
+    "flat:3": (16.0, 1.7, 0.45),
+    "bar:3.0": (15.0, 1.6, 0.35),
+    "cylinder:9": (13.0, 1.55, 0.4),
+}
+_ROUND_MM = 4.0  # of the pad, under all of them
+_BESIDE = 0.08  # of force, lost for each mm² beside the middle
+
+
+def made_up(prior: Prior | None = None, deepest_mm: float = 1.1) -> Foreseen:
+    """Tables of closed forms, at their nodes."""
+    prior = Prior() if prior is None else prior
+    scope = Scope(tissue_axes(prior), 1.8, (0.03, deepest_mm), places=3, depths=4)
+    dermis, fat = (axis.nodes for axis in scope.tissue)
+    x, ln_d = scope.x.nodes, scope.depth.nodes
+    touch_mm = -(scope.touch_x.nodes**2) / (2 * _ROUND_MM)
+    tables = {}
+    for name, (scale, exponent, by_fat) in SHAPES.items():
+        tissue = (0.8 - by_fat) * dermis[:, None] + by_fat * fat + 2.0
+        ln_force = np.log(scale) + tissue[:, :, None, None] + exponent * ln_d - _BESIDE * x[:, None] ** 2
+        tables[name] = ShapeTable(name, scope, {"ln_force": ln_force, "touch_mm": touch_mm, "error": np.array(0.0)})
+    return Foreseen(FingertipConfig(), prior, scope, tables)
+
+
+def lying(foreseen: Foreseen, draw: np.ndarray, way: Way) -> Way:
+    """A way by depth as a stage goes it that finds the skin of a finger by touch."""
+    contact_mm = float(foreseen.touches_mm(draw[None], way.indentor, way.x_mm)[0])
+    return Way(way.indentor, way.x_mm, way.t_s, way.height_mm + contact_mm, way.asked_s)
+
+
+def pressed(foreseen: Foreseen, draw: np.ndarray, way: Way, chance: np.random.Generator, noise_gwt: float) -> Given:
+    """A press on a finger, read by a cell with noise."""
+    contact_mm = float(foreseen.touches_mm(draw[None], way.indentor, way.x_mm)[0])
+    way = lying(foreseen, draw, way)
+    force = foreseen.forces_gwt(draw[None], way)[0]
+    return Given(way, force + chance.normal(0.0, noise_gwt, len(force)), noise_gwt, 0.003, 0.0, contact_mm)

@@ -1,0 +1,295 @@
+"""A meeting over the bytes of the virtual bench, made-up fingers behind it: what is pressed, said and written."""
+
+import json
+import math
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rig.session.meeting.meeting as course
+from rig.cli.meeting_said import page_lines, press_rows, said_after, said_at_the_end, scope_of
+from rig.data import RunFolder, read_run
+from rig.devices.units import GWT_N
+from rig.engine.errors import TripError
+from rig.plan.config import Config, VirtualSettings
+from rig.plan.met.finger_file import read_finger_file
+from rig.plan.plan import Plan
+from rig.report.meeting_page import Met, write_meeting_page
+from rig.session.attendant import Nobody
+from rig.session.meeting.journalled_press import given_press
+from rig.session.meeting.meeting import Meeting, Wanted, felt_surely
+from rig.session.meeting.meeting_script import MeetingScript
+from rig.session.meeting.stranger import CELL_NOISE_GWT, truth_of, with_stranger
+from rig.session.meeting.written_finger import finger_file
+from rig.session.session import FinishedRun, NewRun, Session, run_on
+from rig.session.virtual.virtual_bench import bench_around
+from sim.devices.clock import VirtualClock
+from sim.models.fingertip import Fingertip
+from sim.models.meeting.given import Way
+from sim.models.meeting.next_press import PressAt
+from sim.models.meeting.prior import TAU_FAST_S, Prior
+from sim.models.relaxing.prony import Memory, Prony, PronyTerm
+from sim.plant.plant import Carriage, TruePose
+from tests.made_up_fingers import made_up
+from tests.program import Program
+
+FORESEEN = made_up()
+GOALS = (PressAt("cylinder:9", 0.5, 0.67), PressAt("bar:3.0", 0.0, 0.5))
+RELAXES = ("share_fast", "share_slow", "ln_tau_slow_s")
+SETTINGS = felt_surely(Config(virtual=VirtualSettings(cell_noise_gwt=0.01)))
+
+
+class MadeUpPlant:
+    """A made-up finger under a carriage; from a force on it may answer four times as hard."""
+
+    def __init__(self, carriage: Carriage, draw: np.ndarray, most_gwt: float = math.inf) -> None:
+        self._carriage, self._draw, self._most_gwt = carriage, draw[None], most_gwt
+        fast, slow, ln_tau = (float(draw[FORESEEN.prior.index(name)]) for name in RELAXES)
+        self._prony = Prony([PronyTerm(fast, TAU_FAST_S), PronyTerm(slow, math.exp(ln_tau))])
+        self._indentor, self._memory, self._felt = "", Memory.none(self._prony), (0.0, 0.0)
+
+    def mount(self, indentor: str) -> None:
+        self._indentor, self._memory = indentor, Memory.none(self._prony)
+
+    def pose_at(self, t_s: float) -> TruePose:
+        pose = self._carriage.pose_at(t_s)
+        return TruePose(pose.x_mm, pose.above_apex_mm, -pose.above_apex_mm)
+
+    def force_n(self, t_s: float) -> float:
+        """Once an instant; they come in their order."""
+        if t_s > self._felt[0]:
+            ahead, elastic_gwt = self._memory.ahead(t_s - self._felt[0]), self._elastic_gwt(t_s)
+            self._memory = self._memory.after(ahead, elastic_gwt)
+            self._felt = t_s, max(ahead.stiffness * (elastic_gwt - float(ahead.carried)), 0.0)
+        return self._felt[1] * GWT_N
+
+    def _elastic_gwt(self, t_s: float) -> float:
+        pose, once = self._carriage.pose_at(t_s), np.zeros(1)
+        if not self._indentor or pose.above_apex_mm > 1:
+            return 0.0
+        way = Way(self._indentor, pose.x_mm, once, np.array([pose.above_apex_mm]), once)
+        force_gwt = float(FORESEEN.elastic_gwt(self._draw, way)[0, 0])
+        return force_gwt if force_gwt < self._most_gwt else 4 * force_gwt
+
+
+class Reader(Nobody):
+    def __init__(self, script: MeetingScript) -> None:
+        self._script = script
+
+    def begins(self, folder: RunFolder) -> None:
+        self._script.folder = folder.path
+
+
+def _truth(seed: int) -> np.ndarray:
+    return FORESEEN.prior.draws(1, np.random.default_rng(seed))[0]
+
+
+def _meet(
+    tmp_path: Path, finger: Fingertip, truth: np.ndarray, wanted: Wanted | None = None, most_gwt: float = math.inf
+) -> tuple[Meeting, FinishedRun]:
+    meeting = Meeting(SETTINGS, FORESEEN, wanted or Wanted(GOALS, presses=5))
+    script = MeetingScript(meeting)
+
+    def opened(folder: RunFolder, byte_log: Any, start_unix_s: float) -> Any:
+        clock = VirtualClock(start_unix_s, 0.0)
+        return bench_around(lambda c: MadeUpPlant(c, truth, most_gwt), SETTINGS, clock, byte_log)
+
+    session = Session(script.as_script(), SETTINGS, finger, Plan(), NewRun(tmp_path), Reader(script), script.handler)
+    return meeting, run_on(session, opened, virtual=True)
+
+
+@pytest.fixture(scope="module")
+def met(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> tuple[Meeting, FinishedRun]:
+    return _meet(tmp_path_factory.mktemp("met"), finger, _truth(3))
+
+
+def test_a_meeting_ends_when_the_forces_are_known(met: tuple[Meeting, FinishedRun]) -> None:
+    meeting, done = met
+    assert done.problem is None
+    assert done.complete
+    assert 4 <= len(meeting.told) <= 5
+    assert len({told.press.indentor for told in meeting.told[:3]}) == 3
+    assert meeting.stranger is None
+    assert done.duration_s < 180
+    prior = FORESEEN.prior
+    for name, most in (("x_mm", 0.15), ("height_mm", 0.02)):
+        assert abs(meeting.learned.mean[prior.index(name)] - _truth(3)[prior.index(name)]) < most
+
+
+def test_no_reading_passes_the_trip_of_its_press(met: tuple[Meeting, FinishedRun]) -> None:
+    meeting, done = met
+    run = read_run(done.folder.path)
+    for told in meeting.told:
+        highest = max(s["force_gwt"] for s in run.stream("sample") if s["index"] == told.number - 1)
+        assert highest < told.trip_gwt
+    assert meeting.told[0].surprise.measured_gwt < 0.3 * meeting.wanted.most_gwt
+
+
+def test_the_journal_has_what_was_foreseen_and_measured(met: tuple[Meeting, FinishedRun]) -> None:
+    meeting, done = met
+    noted = [json.loads(note["text"]) for note in read_run(done.folder.path).stream("note")]
+    assert [note["press"] for note in noted] == [told.number for told in meeting.told]
+    first = meeting.told[0].surprise
+    assert noted[0]["foreseen_gwt"] == pytest.approx(
+        [first.foreseen.low, first.foreseen.middle, first.foreseen.high], abs=1e-4
+    )
+    assert noted[0]["measured_gwt"] == pytest.approx(first.measured_gwt, abs=1e-4)
+    assert noted[0]["half_width"] == pytest.approx(meeting.told[0].widest, abs=1e-4)
+
+
+def test_a_press_is_read_back_as_it_was_journalled(met: tuple[Meeting, FinishedRun]) -> None:
+    meeting, done = met
+    run = read_run(done.folder.path)
+    given = given_press(run, 0, SETTINGS)
+    assert given is not None
+    samples = [s for s in run.stream("sample") if s["index"] == 0]
+    assert given.way.height_mm[-1] == pytest.approx(min(s["height_mm"] for s in samples))
+    assert given.way.height_mm[0] > given.contact_mm
+    assert given.by_depth.height_mm[-1] == pytest.approx(-meeting.told[0].press.doi_mm, abs=0.003)
+    assert given.way.asked_s[-1] == [s["t_s"] for s in samples if s["phase"] == "hold"][-1]
+    assert (np.diff(given.way.asked_s) > 0).all()
+    assert given.noise_gwt == pytest.approx(0.01, rel=0.5)
+    assert abs(given.zero_gwt) < 0.02
+    assert given.force_gwt[-1] == pytest.approx(samples[-1]["force_gwt"] - given.zero_gwt)
+
+
+def test_what_a_rig_gives_is_taken_off_the_heights(met: tuple[Meeting, FinishedRun]) -> None:
+    _, done = met
+    run = read_run(done.folder.path)
+    given = SimpleNamespace(calibration=SimpleNamespace(value=lambda key, otherwise: 0.5))
+    stiff, soft = given_press(run, 0, SETTINGS), given_press(run, 0, given)  # type: ignore[arg-type]
+    assert stiff is not None
+    assert soft is not None
+    higher = soft.way.height_mm - stiff.way.height_mm
+    last = [s for s in run.stream("sample") if s["index"] == 0 and s["phase"] == "press"][-1]
+    assert higher[-1] == pytest.approx(0.5 * last["force_gwt"] * GWT_N)
+    assert (higher >= 0).all()
+
+
+def test_the_file_reads_back_and_says_where_it_comes_from(met: tuple[Meeting, FinishedRun], tmp_path: Path) -> None:
+    meeting, done = met
+    (tmp_path / "finger.toml").write_text(finger_file(meeting, SETTINGS, [done.folder.events]).as_toml())
+    file = read_finger_file(tmp_path / "finger.toml")
+    assert file.met.runs == (done.folder.path.name,)
+    assert file.met.presses == len(meeting.given)
+    assert file.met.posterior.names == FORESEEN.prior.names
+    assert file.met.posterior.mean == pytest.approx(meeting.learned.mean, abs=1e-5)
+    assert np.array(file.met.posterior.covariance) == pytest.approx(meeting.learned.covariance, rel=1e-4)
+    assert file.met.place.height_mm == pytest.approx(
+        meeting.learned.mean[FORESEEN.prior.index("height_mm")], abs=1e-5
+    )
+    assert len(file.met.draw) == 16
+    stiffness = [math.log(draw.stiffness) for draw in file.met.draw]
+    column = meeting.learned.draws[:, FORESEEN.prior.index("ln_stiffness")]
+    assert np.mean(stiffness) == pytest.approx(column.mean(), abs=column.std())
+    assert file.finger.tissue.stiffness == pytest.approx(math.exp(meeting.learned.likeliest[0]), rel=1e-4)
+    assert file.relaxation[0][1] == TAU_FAST_S
+    assert file.met.band.model_error == course.MODEL_ERROR
+
+
+def test_a_finger_harder_than_all_of_the_prior_trips_and_what_was_learned_is_kept(
+    finger: Fingertip, tmp_path: Path
+) -> None:
+    meeting, done = _meet(tmp_path, finger, _truth(3), most_gwt=1.5)
+    tripped = isinstance(done.problem, TripError)
+    assert tripped or meeting.stranger is not None
+    assert all(told.surprise.measured_gwt <= 1.05 * told.trip_gwt for told in meeting.told)
+
+
+def test_it_says_what_it_could_not_learn(finger: Fingertip, tmp_path: Path) -> None:
+    meeting, done = _meet(tmp_path, finger, _truth(5), Wanted(GOALS, width=0.01, presses=2, shapes=("sphere:6",)))
+    assert done.problem is None
+    assert len(meeting.told) == 2
+    assert any("is known to ±" in words and "asked for ± 1 %" in words for words in meeting.not_learned)
+    assert "ln_tau_slow_s is hardly better known than before" in meeting.not_learned
+
+
+# --- what is said ---
+
+
+def test_each_press_and_the_end_are_said(
+    met: tuple[Meeting, FinishedRun], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    meeting, done = met
+    said_after(meeting, meeting.told[0], as_json=False)
+    said_after(meeting, meeting.told[1], as_json=True)
+    line = capsys.readouterr().err.splitlines()
+    assert len(line) == 1
+    assert f"press 1: {meeting.told[0].press.indentor} at" in line[0]
+    assert "foreseen" in line[0]
+    end = said_at_the_end(done, meeting, "finger.toml")
+    assert end["presses"] == len(meeting.told)
+    assert len(end["forces"]) == len(GOALS)
+    assert len(end["learned"]) == len(FORESEEN.prior.names)
+    assert "ended" not in end
+    assert len(press_rows(meeting)) == len(meeting.told)
+    page = tmp_path / "meeting.html"
+    write_meeting_page(
+        page, Met(FORESEEN, meeting.given, meeting.before, meeting.learned, press_rows(meeting), ["x_mm is …"])
+    )
+    assert "A finger was met" in page.read_text()
+    assert "x_mm is …" in page.read_text()
+
+
+def test_the_page_before_it_begins_tells_force_and_time() -> None:
+    lines = page_lines(SETTINGS, Wanted(GOALS))
+    assert "20 gwt" in lines["meeting"]
+    assert "155 s" in lines["duration"]
+
+
+def test_forces_are_foreseen_as_far_and_as_deep_as_is_asked() -> None:
+    assert scope_of(Wanted(GOALS)) == pytest.approx((1.8, 1.1))
+    assert scope_of(Wanted((PressAt("bar:3.0", -2.0, 1.2),))) == pytest.approx((2.6, 1.32))
+
+
+# --- strangers ---
+
+
+def test_a_stranger_is_its_seed_and_leaves_the_bench_alone() -> None:
+    truth = truth_of(7)
+    assert truth == truth_of(7)
+    assert truth != truth_of(8)
+    assert set(truth) == set(Prior().names)
+    bench = with_stranger(Config(), 7)
+    assert bench.finger.tissue.stiffness == pytest.approx(math.exp(truth["ln_stiffness"]))
+    assert bench.finger.tissue.e_fat == pytest.approx(math.exp(truth["ln_e_fat"]))
+    assert bench.virtual.finger_x_offset_mm == truth["x_mm"]
+    assert bench.virtual.finger_z_offset_mm == truth["height_mm"]
+    assert bench.virtual.cell_noise_gwt == CELL_NOISE_GWT
+    assert bench.virtual.relaxation == (
+        (truth["share_fast"], TAU_FAST_S),
+        (truth["share_slow"], math.exp(truth["ln_tau_slow_s"])),
+    )
+    assert bench.limits == Config().limits
+    assert bench.finger.mesh == Config().finger.mesh
+
+
+def test_a_meeting_feels_surely_and_no_less_than_it_is_told() -> None:
+    assert felt_surely(Config()).habits.touch_force_gwt == 0.15
+    hard = Config().model_copy(update={"habits": Config().habits.model_copy(update={"touch_force_gwt": 0.4})})
+    assert felt_surely(hard).habits.touch_force_gwt == 0.4
+
+
+# --- bad input ---
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--width", "0.5"], "--width 0.5: expected 1 … 50 percent"),
+        (["--most-gwt", "500"], "--most-gwt 500: expected 1 … 100 gwt"),
+        (["--to", "nowhere/finger.toml"], "expected a file in a folder that exists"),
+        (["--shapes", "blob:3", "--dry-run"], "blob:3"),
+    ],
+)
+def test_bad_input_is_one_line(
+    program: Program, arguments: list[str], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    ended = program("meet", *arguments)
+    assert ended.code == 2
+    assert words in ended.err
+    assert not (tmp_path / "runs").exists()

@@ -1,0 +1,123 @@
+"""Quick forces over the parameters of a prior: tables, places, heights, relaxation."""
+
+import numpy as np
+import pytest
+
+from sim.config.fingertip_config import FingertipConfig
+from sim.models.meeting.foreseen import finger_of, tissue_axes
+from sim.models.meeting.given import Pace, Way, nominal_way
+from sim.models.meeting.prior import PARAMETERS, TAU_FAST_S, Parameter, Prior
+from sim.models.meeting.shape_table import Axis, Scope, ShapeTable
+from sim.models.relaxing.prony import Memory, Prony, PronyTerm
+from tests.made_up_fingers import SHAPES, lying, made_up
+from tests.sim.coarse import coarse_mesh
+
+PRIOR = Prior()
+COARSE = FingertipConfig(mesh=coarse_mesh(0.4, 0.6))
+
+
+def _finger(**changed: float) -> np.ndarray:
+    draw = PRIOR.middle.copy()
+    for name, value in changed.items():
+        draw[PRIOR.index(name)] = value
+    return draw[None]
+
+
+def _still(**changed: float) -> np.ndarray:
+    """One that does not relax."""
+    return _finger(share_fast=0.0, share_slow=0.0, **changed)
+
+
+def _way(x_mm: float, *height_mm: float) -> Way:
+    t_s = 0.2 * np.arange(len(height_mm))
+    return Way("sphere:6", x_mm, t_s, np.array(height_mm), t_s, by_depth=True)
+
+
+def test_a_prior_keeps_to_its_ranges_and_to_its_order() -> None:
+    draws = PRIOR.draws(4000, np.random.default_rng(0))
+    assert draws.shape == (4000, len(PARAMETERS))
+    assert PRIOR.within(draws).all()
+    assert abs(draws[:, PRIOR.index("ln_stiffness")].mean()) < 0.03
+    assert draws[:, PRIOR.index("x_mm")].std() == pytest.approx(0.265, abs=0.02)  # 0.3, cut off at two of them
+    outside = draws[:1].copy()
+    outside[0, PRIOR.index("x_mm")] = 0.61
+    assert not PRIOR.within(outside)[0]
+    assert PRIOR.off(PRIOR.middle + 2 * PRIOR.sd) == pytest.approx(np.full(len(PARAMETERS), 2.0))
+
+
+def test_a_finger_that_does_not_stiffen_is_one_parameter_less() -> None:
+    stiffening = Parameter("stiffening", 1.0, 0.5, 0.0, 3.0, "for the test")
+    assert [axis.name for axis in tissue_axes(PRIOR)] == ["ln_e_dermis", "ln_e_fat"]
+    axes = tissue_axes(Prior([*PARAMETERS, stiffening]))
+    assert [axis.name for axis in axes] == ["ln_e_dermis", "ln_e_fat", "stiffening"]
+    assert (axes[2].low, axes[2].high) == (0.0, 3.0)
+
+
+def test_an_axis_is_exact_for_a_cubic_and_holds_still_beyond_its_ends() -> None:
+    axis = Axis("a", -1.0, 3.0, 4)
+    value = np.array([-1.0, 0.3, 2.9])
+    assert axis.basis(value) @ axis.nodes**3 == pytest.approx(value**3)
+    assert axis.basis(np.array([5.0])) == pytest.approx(axis.basis(np.array([3.0])))
+    assert axis.basis(axis.nodes) == pytest.approx(np.eye(4), abs=1e-12)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_the_made_up_forces_come_back(shape: str) -> None:
+    scale, exponent, by_fat = SHAPES[shape]
+    found = made_up().elastic_gwt(_still(ln_stiffness=0.5, ln_e_dermis=-1.5, x_mm=0.25), Way(
+        shape, 1.0, np.array([0.0]), np.array([-0.4]), np.array([0.0]), by_depth=True
+    ))[0, 0]  # fmt: skip
+    tissue = (0.8 - by_fat) * -1.5 + by_fat * np.log(0.08) + 2.0
+    assert found == pytest.approx(np.exp(0.5 + tissue - 0.08 * 0.75**2) * scale * 0.4**exponent, rel=1e-9)
+
+
+def test_above_the_skin_there_is_no_force_and_just_below_it_hertz() -> None:
+    foreseen = made_up()
+    forces = foreseen.elastic_gwt(_still(), _way(0.0, 0.01, 0.0, -0.005, -0.01, -0.03))[0]
+    assert forces[0] == forces[1] == 0.0
+    assert forces[3] / forces[2] == pytest.approx(2**1.5)
+    assert forces[4] / forces[3] == pytest.approx(3**1.5)
+
+
+def test_a_height_and_a_place_that_are_not_known_shift_the_way() -> None:
+    foreseen = made_up()
+    by_depth = _way(1.0, 0.0, -0.3)
+    finger = _still(height_mm=0.2, x_mm=-0.4)
+    assert foreseen.touches_mm(finger, "sphere:6", 1.0)[0] == pytest.approx(0.2 - 1.4**2 / 8)
+    by_height = lying(foreseen, finger[0], by_depth)
+    assert not by_height.by_depth
+    assert foreseen.elastic_gwt(finger, by_height) == pytest.approx(foreseen.elastic_gwt(finger, by_depth))
+
+
+def test_relaxation_is_that_of_the_series_step_by_step() -> None:
+    foreseen, way = made_up(), nominal_way("sphere:6", 0.0, 0.42, Pace(), (0.5, 1.0))
+    finger = _finger(share_fast=0.25, share_slow=0.15, ln_tau_slow_s=np.log(1.1))
+    elastic = foreseen.elastic_gwt(finger, way)[0]
+    memory, now_s, at, felt = Memory.none(Prony([PronyTerm(0.25, TAU_FAST_S), PronyTerm(0.15, 1.1)])), 0.0, 0, []
+    instants = sorted({*way.asked_s, *way.t_s, *(0.5 * (way.t_s[1:] + way.t_s[:-1]))})
+    for t_s in instants[1:]:
+        at = min(int(np.searchsorted(way.t_s, t_s - 1e-9)), len(elastic) - 1)
+        ahead = memory.ahead(t_s - now_s)  # the way goes on in the first half of each step of it
+        memory, now_s = memory.after(ahead, elastic[at]), t_s
+        force = ahead.stiffness * (elastic[at] - float(ahead.carried))
+        felt += [force] if np.isclose(way.asked_s, t_s).any() else []
+    assert foreseen.forces_gwt(finger, way)[0] == pytest.approx(felt, rel=2e-3)
+    assert felt[-1] < 0.8 * elastic[-1]
+
+
+def test_a_nominal_way_goes_down_by_increments_and_is_asked_in_its_hold() -> None:
+    way = nominal_way("bar:3.0", 0.5, 0.21, Pace(0.05, 0.15, 1.0, 4), (0.5, 1.0))
+    assert -way.height_mm == pytest.approx(np.linspace(0, 0.21, 6))
+    assert way.t_s == pytest.approx(0.15 * np.arange(6))
+    assert way.asked_s == pytest.approx([0.3, 0.75, 0.875, 1.125, 1.375, 1.625])
+    assert way.lowest.tolist() == [2, 5, 5, 5, 5, 5]
+
+
+def test_a_table_of_a_real_finger_is_near_direct_presses() -> None:
+    """Of one tissue, that costs little; its own error is that of the polynomials in place and depth."""
+    scope = Scope((Axis("ln_e_fat", np.log(0.079), np.log(0.081), 1),), 0.6, (0.05, 0.6), places=3, depths=5)
+    table = ShapeTable.read_or_made("bar:3.0", scope, lambda values: finger_of(COARSE, values), "a test")
+    assert 0 < table.error < 0.03
+    direct = finger_of(COARSE, {"ln_e_fat": float(np.log(0.08))}).indent("bar:3.0", 0.3, doi_mm=0.4).force_gwt
+    basis = table.tissue_basis([np.log([0.08])])
+    assert table.forces_gwt(basis, np.array([0.3]), np.array([[0.4]]))[0, 0] == pytest.approx(direct, rel=0.03)

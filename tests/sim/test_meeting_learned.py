@@ -1,0 +1,164 @@
+"""What presses say of a finger, which press tells most, and what is no finger: on made-up fingers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sim.models.meeting.given import Given, Pace, nominal_way
+from sim.models.meeting.learned import Learned, learn, nothing_learned
+from sim.models.meeting.misfit import Surprise, no_finger
+from sim.models.meeting.next_press import Chooser, PressAt, Width, band, held_gwt, highest_gwt
+from sim.models.meeting.prior import Prior
+from tests.made_up_fingers import made_up, pressed
+
+FORESEEN, PACE, NOISE_GWT = made_up(), Pace(), 0.02
+PRIOR = FORESEEN.prior
+SHARES = (0.2, 0.4, 0.6, 0.8, 1.0)
+PRESSES = (
+    ("sphere:6", 0.0, 0.4),
+    ("bar:3.0", 0.0, 0.6),
+    ("flat:3", 0.0, 0.6),
+    ("sphere:6", 1.2, 0.6),
+    ("sphere:6", -1.2, 0.6),
+)
+GOAL = PressAt("cylinder:9", 0.5, 0.67)
+
+
+def _met(
+    seed: int, presses: tuple[tuple[str, float, float], ...] = PRESSES
+) -> tuple[np.ndarray, list[Given], Learned]:
+    chance = np.random.default_rng(seed)
+    truth = PRIOR.draws(1, chance)[0]
+    given = [pressed(FORESEEN, truth, nominal_way(*one, PACE, SHARES), chance, NOISE_GWT) for one in presses]
+    return truth, given, learn(FORESEEN, given, nothing_learned(PRIOR, chance, 600), chance)
+
+
+def test_before_the_first_press_it_is_the_prior() -> None:
+    known = nothing_learned(PRIOR, np.random.default_rng(0), 500)
+    assert known.draws.shape == (500, len(PRIOR.names))
+    assert known.effective == 500
+    assert len(known.misfit) == len(known.readings) == 0
+
+
+def test_what_was_learned_holds_the_truth_and_is_narrower() -> None:
+    off = []
+    for seed in range(8):
+        truth, given, learned = _met(seed)
+        assert learned.draws.shape == (600, len(truth))
+        assert learned.prior.within(learned.draws).all()
+        assert learned.effective > 50
+        assert learned.readings.tolist() == [len(one.force_gwt) for one in given]
+        sd = learned.draws.std(axis=0)
+        off.append((learned.mean - truth) / sd)
+        assert sd[PRIOR.index("height_mm")] < 0.1 * PRIOR.sd[PRIOR.index("height_mm")]
+        assert sd[PRIOR.index("x_mm")] < 0.5 * PRIOR.sd[PRIOR.index("x_mm")]
+    assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.4
+
+
+def test_a_wanted_force_comes_within_its_band() -> None:
+    inside, half = 0, []
+    for seed in range(8):
+        truth, _, learned = _met(seed)
+        known = band(held_gwt(FORESEEN, learned.draws, GOAL, PACE), 0.02)
+        inside += known.low < held_gwt(FORESEEN, truth[None], GOAL, PACE)[0] < known.high
+        half.append(known.half)
+    assert inside >= 6
+    assert max(half) < 0.09
+
+
+def test_more_presses_leave_less() -> None:
+    widths = [band(held_gwt(FORESEEN, _met(3, PRESSES[:k])[2].draws, GOAL, PACE), 0.0).half for k in (1, 3, 5)]
+    assert widths[0] > widths[1] > widths[2]
+
+
+def test_noise_is_told_from_knowledge() -> None:
+    """A cell twenty times as noisy leaves more."""
+    chance = np.random.default_rng(5)
+    truth = PRIOR.draws(1, chance)[0]
+    half = []
+    for noise_gwt in (0.01, 0.2):
+        given = [pressed(FORESEEN, truth, nominal_way(*one, PACE, SHARES), chance, noise_gwt) for one in PRESSES]
+        learned = learn(FORESEEN, given, nothing_learned(PRIOR, chance, 600), chance)
+        half.append(band(held_gwt(FORESEEN, learned.draws, GOAL, PACE), 0.0).half)
+    assert half[1] > 1.2 * half[0]
+
+
+def test_the_same_seed_learns_the_same() -> None:
+    assert (_met(4)[2].draws == _met(4)[2].draws).all()
+
+
+# --- which press comes next ---
+
+
+CHOOSER = Chooser(FORESEEN, (GOAL,), PACE)
+
+
+def test_no_press_is_chosen_that_may_be_too_hard() -> None:
+    known = nothing_learned(PRIOR, np.random.default_rng(1), 800)
+    menu = [PressAt("cylinder:9", 0.5, d) for d in (0.1, 0.2, 0.4, 0.67)]
+    for most_gwt in (2.0, 5.0, 20.0):
+        chosen = CHOOSER.choose(known, most_gwt, menu)
+        assert highest_gwt(FORESEEN, known.draws[::2], chosen, PACE, 0.975) <= most_gwt
+    assert CHOOSER.choose(known, 1e3, menu).doi_mm == 0.67
+    assert CHOOSER.choose(known, 1e-3, menu).doi_mm == 0.1
+
+
+def test_the_press_that_is_wanted_tells_most_of_itself() -> None:
+    known = _met(6, PRESSES[:1])[2]
+    menu = [PressAt("sphere:6", -1.2, 0.2), GOAL, PressAt("flat:3", 0.0, 0.2)]
+    assert CHOOSER.choose(known, 1e3, menu) == GOAL
+
+
+def test_a_band_is_log_normal_and_widened_by_the_models_error() -> None:
+    force = np.exp(np.random.default_rng(0).normal(1.0, 0.03, 20_000))
+    known = band(force, 0.04)
+    assert known.middle == pytest.approx(np.e, rel=2e-3)
+    assert known.high / known.middle == pytest.approx(np.exp(1.645 * 0.05), rel=2e-3)
+    assert known.middle / known.low == pytest.approx(np.exp(1.645 * 0.05), rel=2e-3)
+    assert known.half == pytest.approx((known.high - known.low) / 2 / known.middle)
+
+
+# --- what is no finger ---
+
+
+def _judged(given: list[Given], seed: int) -> str | None:
+    chance = np.random.default_rng(seed)
+    learned = learn(FORESEEN, given, nothing_learned(PRIOR, chance, 600), chance)
+    return no_finger(FORESEEN, given, learned, [])
+
+
+def _changed(given: Given, factor: np.ndarray | float) -> Given:
+    return replace(given, force_gwt=given.force_gwt * factor)
+
+
+def test_a_finger_of_the_prior_is_one() -> None:
+    assert [seed for seed in range(6) if _judged(_met(seed)[1], seed) is not None] == []
+    assert no_finger(FORESEEN, [], nothing_learned(PRIOR, np.random.default_rng(0), 10), []) is None
+
+
+@pytest.mark.parametrize(("power", "words"), [(0.5, "more steeply"), (-0.5, "less steeply")])
+def test_a_force_that_grows_otherwise_is_recognised(power: float, words: str) -> None:
+    given = [_changed(one, np.maximum(one.force_gwt / one.force_gwt.max(), 0.02) ** power) for one in _met(2)[1]]
+    assert words in str(_judged(given, 2))
+
+
+def test_a_mount_that_slips_is_recognised() -> None:
+    truth, given, _ = _met(7)
+    lower, chance = truth.copy(), np.random.default_rng(7)
+    lower[PRIOR.index("height_mm")] -= 0.15
+    slipped = [pressed(FORESEEN, lower, nominal_way(*one, PACE, SHARES), chance, NOISE_GWT) for one in PRESSES[3:]]
+    assert "does the mount slip" in str(_judged(given[:3] + slipped, 7))
+
+
+def test_a_surprise_is_counted_in_sd_of_the_logarithm() -> None:
+    surprise = Surprise(Width(2.0, 1.0, 4.0), 0.1, 2.0 * np.exp(0.3))
+    assert surprise.sds == pytest.approx(3.0)
+    _, given, learned = _met(1)
+    assert no_finger(FORESEEN, given, learned, [surprise]) is None
+    assert no_finger(FORESEEN, given, learned, [Surprise(surprise.foreseen, 0.05, surprise.measured_gwt)]) is not None
+
+
+def test_parameters_are_found_by_their_names() -> None:
+    assert Prior().parameter("x_mm").high == 0.6
+    assert Prior().names[Prior().index("ln_e_fat")] == "ln_e_fat"
