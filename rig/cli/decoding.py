@@ -50,7 +50,7 @@ class Task:
     receptor: FittedReceptor | None
     noise: Noisy | None  # None: nothing is known of it
     true: Array | None = None  # (n,) pressures
-    error: ModelError = field(default_factory=ModelError)
+    error: ModelError | None = None  # None: as meshes differ
     axial: str | None = None  # the shape along the finger under which a row is decoded, by name
 
     @property
@@ -156,7 +156,8 @@ def _ours(task: Task, seed: int) -> Answer:
     began = time.perf_counter()
     profile = _profile(task, noise, seed)
     ms = 1e3 * (time.perf_counter() - began)
-    problems = (() if profile.converged else (CUT_OFF,)) + task.unexplained(profile.pressure, task.error.share)
+    share = (task.error or ModelError()).share
+    problems = (() if profile.converged else (CUT_OFF,)) + task.unexplained(profile.pressure, share)
     return Answer(profile.pressure, profile.converged, ms, profile, problems=problems)
 
 

@@ -61,6 +61,11 @@ class ModelError:
         return np.asarray(self.share**2 * np.outer(sed, sed) * np.exp(-0.5 * apart**2))
 
 
+CONTACTS_ERROR = ModelError(0.02, 0.5)
+"""Of pressures within contacts, beside that of leans: round ones miss less, corners more, alike over less skin
+(docs/coding.md)."""
+
+
 @dataclass(frozen=True)
 class Profile:
     """Decoded pressures with a standard deviation each; `converged` is false where a search was cut off."""
@@ -101,12 +106,11 @@ def decode_profile(
     Within `contacts` the mean over all that may be, of `smooth` ones the likeliest; by default within contacts,
     unless there are few pressures. Without the table, which is made once for an operator, it is by the search alone.
     """
-    error = ModelError() if error is None else error
     if (prior or ("contacts" if operator.parts.shape[2] >= FEWEST_FOR_CONTACTS else "smooth")) == "contacts":
         checked_readings(operator, readings.sed, FEWEST_READINGS)
-        return _within_contacts(operator, readings, error, table=table)
+        return _within_contacts(operator, readings, CONTACTS_ERROR if error is None else error, table=table)
     checked_readings(operator, readings.sed)
-    return _smooth(operator, readings, error, seed)
+    return _smooth(operator, readings, ModelError() if error is None else error, seed)
 
 
 def _smooth(operator: Operator, readings: Readings, error: ModelError, seed: int) -> Profile:

@@ -92,13 +92,13 @@ WIDER = Population(
 
 def main(draws: int, population: Population, seed: int) -> None:
     """Print relative L2, coverage, its median width over the peak and ms of each cell; pooled, and the least cell."""
-    print(f"{population.ranges}; {draws} presses a row, each with its own noise, seeds {seed} …{seed + draws - 1}")
+    print(f"{population.ranges}; {draws} presses a row, each with its own noise, seeds {seed} … {seed + draws - 1}")
     print("| shape | " + " | ".join(f"{snr:g} dB" for snr in SNRS_DB) + f" |\n|{'---|' * (1 + len(SNRS_DB))}")
     operator, finer = frictionless(default_section(), centred(SAMPLES + 1, SPACING_MM), "finite"), finer_section()
     found = []
     for kind, name in enumerate(population.kinds):
         presses = [pressed(finer, scene) for scene in drawn(population, kind, draws, seed)]
-        found.append(against_noise(decoders(operator)[OURS], presses, seed))
+        found.append(with_noise(decoders(operator)[OURS], presses, seed))
         print("| " + " | ".join([name, *map(cell, found[-1])]) + " |", flush=True)
     print(f"\n{held(found)}")
 
@@ -108,7 +108,7 @@ def drawn(population: Population, kind: int, draws: int, seed: int) -> list[Scen
     return [population.draw(kind, seed + k) for k in range(draws)]
 
 
-def against_noise(decode: Decode, presses: Sequence[Press], seed: int) -> list[Row]:
+def with_noise(decode: Decode, presses: Sequence[Press], seed: int) -> list[Row]:
     """At each SNR, over presses: one draw of noise for each."""
     return [
         Row.of([read_back(decode, *press, snr_db, seed + k) for k, press in enumerate(presses)]) for snr_db in SNRS_DB

@@ -20,16 +20,21 @@ from rig.compare.parameter_study.workers import spread
 from rig.data.folder import replace_bytes, replace_text
 from rig.report.html import Section, as_png, render
 from rig.report.pdf import as_pdf
+from rig.session.provenance import commit
 from sim.config.stiffness import E_EPIDERMIS_MPA
 from sim.models.results.small_strain import small_strain
 from studies.coding import (
+    curvature_read_back,
     decoding_part,
+    drawn_presses,
     edge_place,
     profiles_part,
     profiles_read_back,
     section_part,
     shapes_part,
+    shapes_read_back,
     spread_part,
+    two_samples,
 )
 from studies.source.matrix_page import markdown
 
@@ -37,6 +42,17 @@ Work = tuple[str, tuple[Any, ...]]
 
 DEEPEST_MM = max(*(scene.doi_mm for scene in profiles_read_back.SCENES), edge_place.DOI_MM)
 """Of all presses on the page."""
+
+SEEDS = {
+    "two samples": two_samples.SEED,
+    "whole profiles": profiles_read_back.SEED,
+    "drawn presses": drawn_presses.SEED,
+    "shapes": shapes_read_back.SEED,
+    "templates": shapes_read_back.TEMPLATE_SEED,
+    "curvature": curvature_read_back.SEED,
+    "edges": edge_place.SEED,
+}
+"""Of the first draw of each study."""
 
 _WORKS: dict[str, Callable[..., Any]] = {
     "shift invariance of the finger": spread_part.spreads_of_the_finger,
@@ -111,7 +127,7 @@ def sections(done: dict[Work, Any], draws: int) -> list[Section]:
     for (truths, snr_db, _), one in noisy.items():
         by_truths.setdefault(truths, {})[snr_db] = one
     clouds = by_truths.pop("")
-    against = {job[0]: done[AGAINST_NOISE, job] for job in shapes_part.noise_jobs(draws)}
+    against = {job: done[AGAINST_NOISE, job] for job in shapes_part.noise_jobs(draws)}
     return [
         *spread_part.spread_sections(done[SHIFT, ()]),
         *section_part.section_sections(done[SECTION, ()]),
@@ -127,7 +143,9 @@ def provenance(done: dict[Work, Any], draws: int) -> dict[str, Any]:
     """What made the page."""
     return {
         "command": f"python -m studies.coding.pages --draws {draws}",
+        "commit": commit(Path(__file__)),
         "draws": draws,
+        "seeds": SEEDS,
         "nodes": done[SHIFT, ()].nodes,
         "e_epidermis_mpa": E_EPIDERMIS_MPA,
         "small_strain": small_strain("section", DEEPEST_MM).note,

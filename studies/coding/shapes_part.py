@@ -1,24 +1,16 @@
 """Shapes, curvature and edges read back, and whole profiles against noise: the tables of past the source."""
 
 from collections.abc import Mapping, Sequence
+from typing import Literal, get_args
 
 from rig.report.html import Section
 from sim.coding.profiles.felt_shape import CLASSES
 from studies.coding import curvature_read_back, edge_place, shapes_read_back
+from studies.coding.drawn_presses import NEAR, cell, drawn, held, with_noise
 from studies.coding.profiles_part import default_operator, pressed_finger
-from studies.coding.profiles_read_back import (
-    OURS,
-    SCENES,
-    SEED,
-    SNR_DB,
-    SNRS_DB,
-    Row,
-    Scene,
-    decoders,
-    pressed,
-    read_back,
-)
+from studies.coding.profiles_read_back import OURS, SCENES, SEED, SNR_DB, SNRS_DB, Row, Scene, decoders, pressed
 
+Presses = Literal["fixed", "drawn"]
 Cells = tuple[str, ...]
 
 
@@ -37,11 +29,13 @@ def edges(draws: int) -> list[Cells]:
     return list(edge_place.rows(draws))
 
 
-def against_noise(scene: Scene, draws: int) -> list[Row]:
-    """Of our decoder, at each SNR."""
-    true, sed = pressed(pressed_finger(), scene)
-    decode = decoders(default_operator())[OURS]
-    return [Row.of([read_back(decode, true, sed, snr, SEED + k) for k in range(draws)]) for snr in SNRS_DB]
+def against_noise(scene: Scene, draws: int, presses: Presses) -> list[Row]:
+    """Of our decoder, at each SNR: of one press, or of as many drawn about it as there are draws."""
+    scenes, seed = [scene] * draws, SEED
+    if presses == "drawn":
+        scenes, seed = drawn(NEAR, SCENES.index(scene), draws, NEAR.seed), NEAR.seed
+    known = {one: pressed(pressed_finger(), one) for one in scenes}
+    return with_noise(decoders(default_operator())[OURS], [known[one] for one in scenes], seed)
 
 
 def scenes_of(draws: int) -> int:
@@ -59,27 +53,31 @@ def edge_draws_of(draws: int) -> int:
     return max(1, draws // 10)
 
 
-def noise_jobs(draws: int) -> Sequence[tuple[Scene, int]]:
+def noise_jobs(draws: int) -> Sequence[tuple[Scene, int, Presses]]:
     """Arguments of every `against_noise`."""
-    return [(scene, noise_draws_of(draws)) for scene in SCENES]
+    return [(scene, draws, presses) for presses in get_args(Presses) for scene in SCENES]
 
 
-def noise_sections(found: Mapping[Scene, Sequence[Row]], draws: int) -> list[Section]:
-    """Whole profiles against noise."""
-    rows = [(scene.shape, *map(_cell, by_snr)) for scene, by_snr in found.items()]
-    return [
-        Section(
-            "Decoding: whole profiles against noise",
-            f"The same presses, {noise_draws_of(draws)} draws a cell: relative L2, coverage of the 90 % band inside "
-            "the contact, milliseconds of processor time.",
-            ("shape", *(f"{snr:g} dB" for snr in SNRS_DB)),
-            tuple(rows),
+def noise_sections(found: Mapping[tuple[Scene, int, Presses], Sequence[Row]], draws: int) -> list[Section]:
+    """Whole profiles against noise: of presses drawn, which a band is meant for, and of the fixed ones."""
+    about: dict[Presses, str] = {
+        "drawn": f"Each draw is a press of its own {NEAR.ranges}, with its own noise (seeds {NEAR.seed} …).",
+        "fixed": f"The presses of above, one place and one depth a shape, and only noise is drawn (seeds {SEED} …).",
+    }
+    sections = []
+    for presses, text in about.items():
+        by_scene = {job[0]: rows for job, rows in found.items() if job[2] == presses}
+        rows = [(scene.shape, *map(cell, by_snr)) for scene, by_snr in by_scene.items()]
+        sections.append(
+            Section(
+                f"Decoding: whole profiles against noise, {presses} presses",
+                f"{text} {draws} draws a cell: relative L2, coverage of the 90 % band inside the contact, its median "
+                f"width over the peak, milliseconds of processor time. {held(list(by_scene.values()))}",
+                ("shape", *(f"{snr:g} dB" for snr in SNRS_DB)),
+                tuple(rows),
+            )
         )
-    ]
-
-
-def _cell(row: Row) -> str:
-    return f"{row.mean.relative_l2:.0%}, {row.mean.held:.0%}, {row.mean.spent_ms:.0f}"
+    return sections
 
 
 def shape_sections(tables: Sequence[Sequence[Cells]], draws: int) -> list[Section]:

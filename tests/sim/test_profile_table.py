@@ -86,7 +86,7 @@ def test_a_sharp_end_rises_as_one_over_the_root_of_the_distance(monkeypatch: pyt
     monkeypatch.setattr(imagining, "_PEAK_SD", 0.0)
     monkeypatch.setattr(imagining, "SHARP", 1.0)
     (drawn,) = imagining._contact(np.array([4.0]), np.array([12.0]), 16, np.random.default_rng(0))
-    height = np.exp(0.9)
+    height = np.exp(1.3)
     peaks = [height * 2 * (np.sqrt(k + 1) - np.sqrt(k)) * np.exp(-k) for k in range(8)]
     assert_allclose(drawn[4:12], 1 + np.array(peaks) + np.array(peaks)[::-1])
     assert not drawn[:4].any()

@@ -47,8 +47,8 @@ def test_kinds_are_all_levels_with_all_ends_and_their_probabilities_sum_to_1() -
     assert sum(np.exp(Contact(0, 3, kind).log_prior) for kind in range(12)) == pytest.approx(1.0)
     ends = ((0.2, 0.2), (0.2, 2.0), (2.0, 0.2), (2.0, 2.0))
     each = np.exp([Contact(0, 3, KINDS.index(Kind(0.7, *end))).log_prior for end in ends])
-    # the last end is told to be as the first with 0.4, else drawn anew; sharp with 0.4
-    assert_allclose(3 * each, [0.6 * (0.4 + 0.6 * 0.6), 0.6 * 0.6 * 0.4, 0.4 * 0.6 * 0.6, 0.4 * (0.4 + 0.6 * 0.4)])
+    # the last end is told to be as the first with 0.4, else drawn anew; sharp with 0.5
+    assert_allclose(3 * each, [0.5 * (0.4 + 0.6 * 0.5), 0.5 * 0.6 * 0.5, 0.5 * 0.6 * 0.5, 0.5 * (0.4 + 0.6 * 0.5)])
     assert [kind.sharp for kind in KINDS] == 3 * [False, True, True, True]
 
 

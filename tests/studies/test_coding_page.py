@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from rig.report.html import Section
+from rig.session.provenance import commit
 from sim.coding.borne import borne_by
 from sim.coding.operators import centred
 from sim.coding.point_spread.all_sites import all_sites, deformed_by
@@ -18,9 +19,11 @@ from sim.config.fingertip_config import FingertipConfig
 from studies.coding import (
     curvature_read_back,
     decoding_part,
+    drawn_presses,
     edge_place,
     pages,
     profiles_part,
+    profiles_read_back,
     shapes_part,
     shapes_read_back,
     spread_part,
@@ -126,7 +129,7 @@ def test_noise_is_told_per_cell(noise: Noisy) -> None:
 
 def test_all_that_is_shown_is_worked_out_once() -> None:
     asked = pages.works(7)
-    assert len(set(asked)) == len(asked) == 3 + 6 + 2 * 7 + 3 + 6 + 3
+    assert len(set(asked)) == len(asked) == 3 + 6 + 2 * 7 + 3 + 2 * 6 + 3
     assert {name for name, _ in asked} == set(pages._WORKS)
     assert (pages.NOISE, ("U(0, 30)²", 0, 7)) in asked
     assert (pages.NOISE, ("", 20, 7)) in asked
@@ -176,12 +179,14 @@ def test_it_is_shown_in_the_order_of_the_chapter(
     done |= {work: [("a", "b")] for work in pages.shape_works(DRAWS)}
     done |= {(pages.SHIFT, ()): spreads, (pages.SEARCH, ()): decoding_part.searched(), (pages.SECTION, ()): None}
     titles = [section.title for section in pages.sections(done, DRAWS)]
-    shift, decoding = ["Shift invariance"] * 2, ["Decoding"] * 7
+    shift, decoding = ["Shift invariance"] * 2, ["Decoding"] * 8
     expected = [*shift, "Convolution under presses of the finger", "Encoding", *decoding]
     assert [title.split(":")[0] for title in titles] == expected
     told = pages.provenance(done, DRAWS)
     assert (told["nodes"], told["draws"]) == (77, DRAWS)
     assert told["command"] == "python -m studies.coding.pages --draws 3"
+    assert told["commit"] == commit(Path(pages.__file__))
+    assert told["seeds"] == pages.SEEDS
 
 
 # --- past the source ---
@@ -191,25 +196,68 @@ ROWS = [Row(ReadBack(0.1 * k, 0.9, 0.2, 5.0), ReadBack(0.0, 0.0, 0.0, 0.0)) for 
 
 
 def test_profiles_against_noise_have_a_cell_for_each_snr() -> None:
-    scene = shapes_part.noise_jobs(40)[0][0]
-    (section,) = shapes_part.noise_sections({scene: ROWS}, 40)
-    assert section.header == ("shape", "0 dB", "10 dB", "20 dB", "30 dB", "40 dB")
-    assert section.rows == (("cylinder:9", *(f"{10 * k}%, 90%, 5" for k in range(1, 6))),)
-    assert "8 draws a cell" in section.text
+    jobs = shapes_part.noise_jobs(40)
+    found = dict.fromkeys(jobs, ROWS)
+    found[jobs[0]] = [*ROWS[:4], Row(ReadBack(0.5, 0.6, 0.2, 5.0), ROWS[0].sd)]
+    drawn, fixed = shapes_part.noise_sections(found, 40)
+    for section, job, last in ((drawn, jobs[6], ROWS[4]), (fixed, jobs[0], found[jobs[0]][4])):
+        assert section.header == ("shape", "0 dB", "10 dB", "20 dB", "30 dB", "40 dB")
+        first = [f"{10 * k}%, 90%, 0.20, 5" for k in range(1, 5)]
+        end = f"50%, {last.mean.held:.0%}, 0.20, 5"
+        assert section.rows[0] == (job[0].shape, *first, end)
+        assert [row[0] for row in section.rows] == [scene.shape for scene in profiles_read_back.SCENES]
+        assert "40 draws a cell" in section.text
+    assert drawn.title.endswith("drawn presses")
+    assert (
+        "within ± 0.5 mm and depths within ± 0.2 mm of the fixed ones, with its own noise (seeds 61000" in drawn.text
+    )
+    assert "Coverage pooled 90.0%" in drawn.text
+    assert "of 30 cells the least 90.0%, 0 below 80%" in drawn.text
+    assert fixed.title.endswith("fixed presses")
+    assert "(seeds 1000" in fixed.text
+    assert "Coverage pooled 89.0% (90.0%, 90.0%, 90.0%, 90.0%, 85.0% by SNR)" in fixed.text
+    assert "of 30 cells the least 60.0%, 1 below 80%" in fixed.text
 
 
 def test_less_noise_is_read_back_better() -> None:
     scene = Scene("cylinder:9", 0.0, 0.67)
-    rows = shapes_part.against_noise(scene, 2)
+    rows = shapes_part.against_noise(scene, 2, "fixed")
     assert len(rows) == len(SNRS_DB)
     assert rows[-1].mean.relative_l2 < 0.5 * rows[0].mean.relative_l2
+
+
+def test_drawn_presses_are_each_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Scene] = []
+    noise: list[int] = []
+
+    def pressed(_: object, scene: Scene) -> tuple[Scene, Scene]:
+        asked.append(scene)
+        return scene, scene
+
+    def read_back(_: object, scene: Scene, *told: Any) -> ReadBack:
+        noise.append(told[-1])
+        return ReadBack(scene.x_mm, 0.9, 0.2, 5.0)
+
+    monkeypatch.setattr(shapes_part, "pressed", pressed)
+    monkeypatch.setattr(drawn_presses, "read_back", read_back)
+    scene = profiles_read_back.SCENES[4]
+    rows = shapes_part.against_noise(scene, 3, "drawn")
+    assert asked == [drawn_presses.near(4, 61_000 + k) for k in range(3)]
+    assert noise == [61_000, 61_001, 61_002] * len(SNRS_DB)
+    assert rows[0].mean.relative_l2 == pytest.approx(np.mean([one.x_mm for one in asked]))
+    asked.clear()
+    noise.clear()
+    shapes_part.against_noise(scene, 3, "fixed")
+    assert asked == [scene]  # pressed once
+    assert noise == [1000, 1001, 1002] * len(SNRS_DB)
 
 
 @pytest.mark.parametrize(("draws", "scenes", "noise", "edge"), [(40, 20, 8, 4), (200, 100, 40, 20), (2, 2, 2, 1)])
 def test_tables_past_the_source_take_their_part_of_the_draws(draws: int, scenes: int, noise: int, edge: int) -> None:
     arguments = dict(pages.shape_works(draws))
     assert arguments == {pages.SHAPES: (scenes,), pages.CURVATURE: (noise,), pages.EDGES: (edge,)}
-    assert {job[1] for job in shapes_part.noise_jobs(draws)} == {noise}
+    assert {job[1] for job in shapes_part.noise_jobs(draws)} == {draws}
+    assert [job[2] for job in shapes_part.noise_jobs(draws)] == 6 * ["fixed"] + 6 * ["drawn"]
     texts = [section.text for section in shapes_part.shape_sections([[], [], []], draws)]
     for text, number in zip(texts, (f"{scenes} bars", f"{noise} draws", f"{edge} draws at each of 6"), strict=True):
         assert number in text

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-HOW_MANY = (0.5, 0.4, 0.1)
+HOW_MANY = (0.2, 0.5, 0.3)
 """Probabilities of one, two and three contacts. Chosen on other scenes and seeds than those reported
 (docs/coding.md), as all below."""
 
@@ -19,7 +19,7 @@ SHARP, ALIKE = 0.6, 0.6
 
 _LEVEL_SD = 0.6  # of a contact's log level, beside others
 _SLOW, _LENGTH_SAMPLES = 0.2, 4.0  # of the variation inside, over the level: sd and length (Matérn 5/2)
-_PEAK, _PEAK_SD = 0.9, 0.8  # log amplitude of a sharp end over the level
+_PEAK, _PEAK_SD = 1.3, 0.8  # log amplitude of a sharp end over the level
 _FADES_SAMPLES = 1.0
 _NARROWEST = 0.7  # samples
 
