@@ -26,7 +26,6 @@ from sim.models.results.small_strain import small_strain
 from studies.coding import (
     curvature_read_back,
     decoding_part,
-    drawn_presses,
     edge_place,
     profiles_part,
     profiles_read_back,
@@ -36,6 +35,7 @@ from studies.coding import (
     spread_part,
     two_samples,
 )
+from studies.coding.bands import drawn_presses
 from studies.source.matrix_page import markdown
 
 Work = tuple[str, tuple[Any, ...]]

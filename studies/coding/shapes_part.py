@@ -6,7 +6,7 @@ from typing import Literal, get_args
 from rig.report.html import Section
 from sim.coding.profiles.felt_shape import CLASSES
 from studies.coding import curvature_read_back, edge_place, shapes_read_back
-from studies.coding.drawn_presses import NEAR, cell, drawn, held, with_noise
+from studies.coding.bands.drawn_presses import NEAR, cell, drawn, held, with_noise
 from studies.coding.profiles_part import default_operator, pressed_finger
 from studies.coding.profiles_read_back import OURS, SCENES, SEED, SNR_DB, SNRS_DB, Row, Scene, decoders, pressed
 
@@ -34,7 +34,7 @@ def against_noise(scene: Scene, draws: int, presses: Presses) -> list[Row]:
     scenes, seed = [scene] * draws, SEED
     if presses == "drawn":
         scenes, seed = drawn(NEAR, SCENES.index(scene), draws, NEAR.seed), NEAR.seed
-    known = {one: pressed(pressed_finger(), one) for one in scenes}
+    known = {one: pressed(pressed_finger(), one) for one in dict.fromkeys(scenes)}
     return with_noise(decoders(default_operator())[OURS], [known[one] for one in scenes], seed)
 
 

@@ -19,7 +19,6 @@ from sim.config.fingertip_config import FingertipConfig
 from studies.coding import (
     curvature_read_back,
     decoding_part,
-    drawn_presses,
     edge_place,
     pages,
     profiles_part,
@@ -28,6 +27,7 @@ from studies.coding import (
     shapes_read_back,
     spread_part,
 )
+from studies.coding.bands import drawn_presses
 from studies.coding.decoding_part import Noisy
 from studies.coding.profiles_read_back import SNRS_DB, ReadBack, Row, Scene, default_section
 from tests.sim.coarse import coarse_mesh
