@@ -45,7 +45,7 @@ def _columns() -> dict[str, Any]:
 
 def _described(path: Path) -> dict[str, Any]:
     try:
-        return _told(read_run(path))
+        return _told(read_run(path, readings=False))
     except FOREIGN as error:
         raise RunError(f"run {path}: {foreign(error)}") from None
 

@@ -2,13 +2,14 @@
 
 import json
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from rig.data.folder import RunFolder
+from rig.data.listed_journal import listed_documents
 from rig.engine.journal import Document, JournalError, read_journal
 from rig.engine.streams import PRESS_STREAMS
 
@@ -91,11 +92,17 @@ class Run:
         return {start["index"]: start["increments"] for start in self.stream("indentation_start")}
 
 
-def read_run(path: Path, *, readings: bool = True) -> Run:
-    """Read a run folder's journal; raises RunError. readings=False: with few of the readings, for a list of many."""
+def read_run(path: Path, *, readings: bool = True, only: Collection[str] | None = None) -> Run:
+    """Read a run folder's journal; raises RunError.
+
+    readings=False: with few of the readings. only: of the events just those of some streams are wanted.
+    """
     folder = RunFolder(path)
     try:
-        documents = list(read_journal(folder.events, readings=readings))
+        if only is None:
+            documents = list(read_journal(folder.events, readings=readings))
+        else:
+            documents = listed_documents(folder.events, only)
     except OSError as error:
         raise RunError(f"run {path}: {folder.events.name}: {error.strerror}") from None
     except JournalError as error:

@@ -22,6 +22,9 @@ HOLD_COLUMNS = (
 )
 """Of the table of many runs, after those of the run: one row for each hold that ended; names end in their units."""
 
+LISTED = ("indentation_start", "touch", "hold_end")
+"""Streams that a list and a table of many runs are made of."""
+
 FOREIGN = (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError)
 """What a journal leads to that another program wrote."""
 
@@ -54,7 +57,7 @@ class Summary:
 def summarised(path: Path) -> tuple[Summary, list[Row]]:
     """A run folder and its holds in the order of HOLD_COLUMNS; whatever lies there, nothing is raised."""
     try:
-        run = read_run(path, readings=False)
+        run = read_run(path, only=LISTED)
         found = summary_of(run)
         return found, _holds(run)
     except RunError as error:

@@ -221,7 +221,7 @@ def _documents_on(lines: Iterable[str]) -> list[Document] | None:
         found = json.loads(f"[{text}]") if text.isascii() else []  # as journals are written: no broken bytes
     except ValueError:
         return None
-    return found if len(found) == len(each) and all(map(_is_document, found)) else None
+    return found if len(found) == len(each) and all(map(is_document, found)) else None
 
 
 def document_on(line: bytes) -> Document | None:
@@ -230,9 +230,10 @@ def document_on(line: bytes) -> Document | None:
         found = json.loads(line)
     except ValueError:  # neither JSON nor UTF-8
         return None
-    return found if _is_document(found) else None
+    return found if is_document(found) else None
 
 
-def _is_document(found: object) -> bool:
+def is_document(found: object) -> bool:
+    """Whether something read is one, by the keys that each has."""
     needed = _NEEDED.get(str(found.get("doc"))) if isinstance(found, dict) else None
     return needed is not None and isinstance(found, dict) and needed <= found.keys()

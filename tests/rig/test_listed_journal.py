@@ -1,0 +1,108 @@
+"""A journal as a list of many runs reads it: the same is said of a run, and few of its lines are taken apart."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import rig.data.listed_journal as listed_journal
+from rig.data.listed_journal import listed_documents
+from rig.data.reader import read_run
+from rig.data.summary import LISTED, _holds, summarised, summary_of
+from rig.engine.journal import JournalError, read_journal
+
+OLD = Path(__file__).parents[1] / "data" / "runs_of_0_1"
+START = {"doc": "start", "t_s": 0.0}
+RESUME, STOP = {"doc": "resume", "t_s": 5.0}, {"doc": "stop", "t_s": 9.0, "status": "done"}
+
+
+def event(stream: str, t_s: float, **data: Any) -> dict[str, Any]:
+    return {"doc": "event", "t_s": t_s, "stream": stream, "data": {"index": 0, **data}}
+
+
+def lines(*documents: dict[str, Any]) -> str:
+    return "".join(json.dumps(one) + "\n" for one in documents)
+
+
+def read(path: Path, text: str, *streams: str) -> list[float]:
+    path.write_bytes(text.encode("utf-8", "surrogateescape"))
+    return [one["t_s"] for one in listed_documents(path, streams)]
+
+
+@pytest.mark.parametrize("block", [1, 40, 1000, 1 << 15])
+@pytest.mark.parametrize("name", [path.name for path in OLD.iterdir() if (path / "events.jsonl").is_file()])
+def test_of_an_old_run_the_same_is_said(name: str, block: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(listed_journal, "_BLOCK", block)
+    whole = read_run(OLD / name)
+    assert summarised(OLD / name) == (summary_of(whole), _holds(whole))
+    few = read_run(OLD / name, only=LISTED)
+    assert (few.units, few.duration_s, few.end_s, few.stop) == (
+        whole.units,
+        whole.duration_s,
+        whole.end_s,
+        whole.stop,
+    )
+    for stream in LISTED:
+        assert few.stream(stream) == whole.stream(stream)
+    assert sum(map(len, few.events.values())) < 0.5 * sum(map(len, whole.events.values()))
+
+
+def test_of_other_streams_what_stands_beside_what_is_no_event_is_read(tmp_path: Path) -> None:
+    written = lines(
+        START, event("sample", 1.0), event("sample", 1.1), event("touch", 2.0), event("hold_end", 3.0),
+        event("note", 3.5, text='"stream": "touch"'), event("precondition_touch", 3.6), event("sample", 4.0),
+        event("sample", 4.5), RESUME, event("sample", 6.0), event("sample", 6.5), event("sample", 7.0),
+        event("touch_sample", 7.5), event("sample", 8.0), STOP,
+    )  # fmt: skip
+    path = tmp_path / "events.jsonl"
+    assert read(path, written, "touch") == [0.0, 1.0, 2.0, 4.5, 5.0, 6.0, 8.0, 9.0]
+    assert read(path, written, "hold_end", "note") == [0.0, 1.0, 3.0, 3.5, 4.5, 5.0, 6.0, 8.0, 9.0]
+    assert read(path, written) == [0.0, 1.0, 4.5, 5.0, 6.0, 8.0, 9.0]
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        "",
+        lines(START),
+        lines(START)[:-1],
+        lines(START, event("touch", 1.0), event("sample", 2.0)),
+        lines(START, event("touch", 1.0), STOP).replace("\n", "\n\n"),
+        lines(START, event("touch", 1.0), STOP).replace(": ", ":"),
+        lines(START, event("touch", 1.0), STOP)[:-9],
+        lines(START, event("touch", 1.0, text="süß"), STOP).replace("\\u00fc", "ü"),
+    ],
+    ids=["empty", "begun", "no line's end", "killed", "blank lines", "written otherwise", "torn", "no ASCII"],
+)
+def test_whatever_it_looks_like_it_says_the_same(written: str, tmp_path: Path) -> None:
+    path = tmp_path / "events.jsonl"
+    path.write_text(written, encoding="utf-8")
+    assert listed_documents(path, ["touch", "sample"]) == list(read_journal(path))
+
+
+@pytest.mark.parametrize("number", [2, 3, 4, 6])
+@pytest.mark.parametrize(
+    "spoil",
+    [lambda line: line[:-1], lambda line: line[1:], lambda line: line[:20], lambda line: "x", lambda line: "{}"],
+    ids=["its end", "its begin", "half of it", "noise", "no document"],
+)
+def test_a_line_that_is_not_whole_is_told(spoil: Any, number: int, tmp_path: Path) -> None:
+    """Also where it is a reading, which nobody takes apart."""
+    path = tmp_path / "events.jsonl"
+    readings = (event("sample", t_s) for t_s in (1.0, 2.0, 3.0))
+    found = lines(START, *readings, event("touch", 4.0), RESUME, STOP).split("\n")
+    found[number - 1] = spoil(found[number - 1])
+    path.write_text("\n".join(found), encoding="utf-8")
+    with pytest.raises(JournalError, match=f"line {number}: not a journal document"):
+        listed_documents(path, ["touch"])
+
+
+@pytest.mark.parametrize("text", ["[1\n2]", '"a\udcff"'])
+def test_a_document_is_on_one_line_and_of_bytes_that_are_text(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "events.jsonl"
+    written = lines(START, event("touch", 1.0), STOP).replace('"index": 0', f'"index": {text}')
+    with pytest.raises(JournalError, match="line 2"):
+        read(path, written, "touch")
+    with pytest.raises(FileNotFoundError):
+        listed_documents(tmp_path / "none.jsonl", ["touch"])
