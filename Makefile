@@ -65,8 +65,11 @@ bench: .venv/.ready-dev
 	$(BIN)/python -m studies.source.shift_choices
 	$(BIN)/python -m studies.source.shift_by_shape
 	$(BIN)/python -m studies.coding.two_samples
-	$(BIN)/python -m studies.coding.profiles_read_back
-	$(BIN)/python -m studies.coding.profiles_read_back 8 snr
+	OMP_NUM_THREADS=1 $(BIN)/python -m studies.coding.profiles_read_back
+	OMP_NUM_THREADS=1 $(BIN)/python -m studies.coding.profiles_read_back 8 snr
+	OMP_NUM_THREADS=1 $(BIN)/python -m studies.coding.bands.drawn_presses
+	OMP_NUM_THREADS=1 $(BIN)/python -m studies.coding.bands.drawn_presses wider
+	$(BIN)/python -m studies.coding.bands.model_error
 	$(BIN)/python -m studies.coding.shapes_read_back
 	$(BIN)/python -m studies.coding.curvature_read_back
 	$(BIN)/python -m studies.coding.edge_place

@@ -41,11 +41,12 @@ class Climb(NamedTuple):
 
     def best_of_sorts(self, within: float) -> dict[Sort, Model]:
         """The likeliest of each sort, none so far below the best."""
-        found: dict[Sort, Model] = {}
-        for model in self.best(len(self.known)):
-            found.setdefault(sort_of(model), model)
         highest = max(self.known.values())
-        return {sort: model for sort, model in found.items() if self.known[model] > highest - within}
+        likely = [model for model, log in self.known.items() if log > highest - within]
+        found: dict[Sort, Model] = {}
+        for model in sorted(likely, key=self.known.__getitem__, reverse=True):
+            found.setdefault(sort_of(model), model)
+        return found
 
 
 def sort_of(model: Model) -> Sort:

@@ -16,11 +16,12 @@ def explained(models: Whole, count: Whole, mean: Array, root: Array, precision: 
     `models` (b, c, 3) are first and stop of up to c contacts and their kinds, `count` (b,) says how many there are;
     `mean` (kinds, n, n) and `root` (kinds, n, n, n) are what is known beforehand of contacts of 1 … n samples.
     Pressures are mean + root · u, u of variance 1 beforehand. With the readings' gradient by u as one more row of u's
-    precision, the Cholesky factor of that ends in the gradient whitened.
+    precision, the Cholesky factor of that ends in the gradient whitened. Innermost loops go along rows; what is 0,
+    a root between contacts, is left out.
     """
     n = len(towards)
     found = np.zeros(len(models))
-    at, middle, gradient = np.empty(n, np.int64), np.empty(n), np.empty(n)
+    at, begins, middle, gradient = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n), np.empty(n)
     by_u, seen, square = np.empty((n, n)), np.empty((n, n)), np.empty((n + 1, n + 1))
     for b in range(len(models)):
         k = 0
@@ -29,6 +30,7 @@ def explained(models: Whole, count: Whole, mean: Array, root: Array, precision: 
             begin, stop, kind = models[b, c]
             samples = stop - begin
             for i in range(samples):
+                begins[k + i] = k
                 at[k + i], middle[k + i] = begin + i, mean[kind, samples - 1, i]
                 by_u[k + i, k : k + i + 1] = root[kind, samples - 1, i, : i + 1]
             k += samples
@@ -38,18 +40,17 @@ def explained(models: Whole, count: Whole, mean: Array, root: Array, precision: 
                 gradient[i] -= precision[at[i], at[j]] * middle[j]
             found[b] += 0.5 * (towards[at[i]] + gradient[i]) * middle[i]
         for i in range(k):
-            for j in range(k):
-                seen[i, j] = 0.0
-                for q in range(j, k):
+            seen[i, :k], square[i, :k] = 0.0, 0.0
+            square[i, i] = 1.0
+            for q in range(k):
+                for j in range(begins[q], q + 1):
                     seen[i, j] += precision[at[i], at[q]] * by_u[q, j]
-        for j in range(k):
-            for i in range(j, k):
-                square[i, j] = 1.0 if i == j else 0.0
-                for q in range(i, k):
+        square[k, :k] = 0.0
+        for q in range(k):
+            for i in range(begins[q], q + 1):
+                for j in range(i + 1):
                     square[i, j] += by_u[q, i] * seen[q, j]
-            square[k, j] = 0.0
-            for q in range(j, k):
-                square[k, j] += by_u[q, j] * gradient[q]
+                square[k, i] += by_u[q, i] * gradient[q]
         for j in range(k):
             for q in range(j):
                 square[j, j] -= square[j, q] ** 2
