@@ -53,6 +53,7 @@ COMMANDS = {
     "find": Command("find.command", "Say where the finger lies, from a run of find_finger."),
     "export-deck": Command("export_deck.command", "Write a scene as a CalculiX input deck."),
     "serve": Command("serve.command", "Virtual devices in real time, behind ports that any program can open."),
+    "stranger": Command("stranger.command", "The truth of a finger of rig serve --stranger, beside what was met."),
     "home": Command("at_the_bench.home", "Find the home switches."),
     "zero": Command("at_the_bench.zero", "Zero the force sensor, with nothing on it."),
     "status": Command("at_the_bench.status", "Where the stage is and what the sensor feels; moves nothing."),

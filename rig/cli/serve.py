@@ -11,6 +11,7 @@ from rig.devices.catalogue import names
 from rig.devices.kinds import Room
 from rig.plan.config import Config, load_config
 from rig.protocol.errors import BadInputError
+from rig.session.meeting.stranger import with_stranger
 from rig.session.virtual.served_bench import ServedBench
 from sim.serve.ahead import PressStatistics
 
@@ -23,6 +24,9 @@ def command(
         int | None, typer.Option(metavar="PORT", help="Stage on PORT, force on PORT + 1; 0 takes free ones.")
     ] = None,
     indentor: Annotated[str | None, typer.Option(metavar="S", help="On the carriage, as for `rig indent`.")] = None,
+    stranger: Annotated[
+        int | None, typer.Option(metavar="SEED", min=0, help="With a finger that nobody was told of, for `rig meet`.")
+    ] = None,
     config: FingerConfigOption = None,
 ) -> None:
     """Print one JSON line of ports, then serve until Ctrl-C."""
@@ -32,6 +36,8 @@ def command(
             raise BadInputError("--pty --tcp: expected one of them")
         if tcp is not None and not 0 <= tcp <= 65534:
             raise BadInputError(f"--tcp {tcp}: expected 0 … 65534")
+        if stranger is not None:
+            settings = with_stranger(settings, stranger)
         both = stage is None and force is None
         with loading_the_finger():
             bench = ServedBench(

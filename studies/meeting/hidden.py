@@ -7,6 +7,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from rig.data import RunFolder
+from rig.devices.units import GWT_N
 from rig.engine.bench import Pause, WatchedBench
 from rig.session.virtual.virtual_bench import VirtualBench, bench_around
 from rig.session.virtual.virtual_devices import relaxation, truth
@@ -20,6 +21,7 @@ from sim.plant.relaxing_plant import RelaxingPlant
 from studies.meeting.strangers import Stranger
 
 _SLIPS_AT = 3  # indentors
+_DEPTHS = 25
 
 
 class TruthReadError(AssertionError):
@@ -105,11 +107,15 @@ class Keeper:
             raise TruthReadError("the truth was asked for before the meeting had ended")
         config, way = self._stranger.config, goal.way(pace)
         x_mm = goal.x_mm - config.virtual.finger_x_offset_mm
-        finger = self._finger.keeping_ways()
-        elastic = np.array([
-            finger.indent(goal.indentor, x_mm, doi_mm=-h).force_gwt if h < 0 else 0.0 for h in way.height_mm
+        finger, virtual = self._finger.keeping_ways(), config.virtual
+        depth_mm = np.linspace(0.0, goal.doi_mm, _DEPTHS)
+        forces_gwt = np.array([
+            finger.indent(goal.indentor, x_mm, doi_mm=d).force_gwt if d > 0 else 0.0 for d in depth_mm.tolist()
         ])  # fmt: skip
-        terms = config.virtual.relaxation
+        forces_gwt *= virtual.stiffness
+        gone_mm = depth_mm + virtual.compliance_mm_per_n * GWT_N * forces_gwt  # by the stage: the rig gives, too
+        elastic = np.interp(-way.height_mm, gone_mm, forces_gwt)
+        terms = virtual.relaxation
         lasting = 1 - sum(share for share, _ in terms)
         left = lasting * elastic[way.lowest] + sum(share * way.fading(tau_s) @ elastic for share, tau_s in terms)
-        return float(config.virtual.stiffness * left[-pace.readings :].mean())
+        return float(left[-pace.readings :].mean())

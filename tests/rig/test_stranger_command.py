@@ -1,0 +1,56 @@
+"""A stranger's truth beside what was learned of it."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from rig.plan.met.finger_file import Band, Draw, FingerFile, Met, Place, Posterior
+from rig.session.meeting.stranger import truth_of
+from sim.config.fingertip_config import FingertipConfig
+from sim.models.meeting.prior import Prior
+from tests.program import Program
+
+NAMES = Prior().names
+SD = 0.1
+
+
+def _file(folder: Path, off_sds: float) -> Path:
+    """Of somebody who met stranger 3, and is so far off in each number."""
+    mean = [value + off_sds * SD for value in truth_of(3).values()]
+    covariance = [[SD**2 if k == j else 0.0 for j in range(len(NAMES))] for k in range(len(NAMES))]
+    place = Place(x_mm=0, x_sd_mm=0, height_mm=0, height_sd_mm=0, cell_zero_gwt=0, cell_zero_sd_gwt=0)
+    draws = tuple(Draw(stiffness=1.0, e_dermis=0.1, e_fat=0.1) for _ in range(4))
+    met = Met(
+        date="2026-11-23", version="1", bench="b", runs=("r",), journals_sha256=("s",), presses=1, place=place,
+        posterior=Posterior(names=NAMES, mean=tuple(mean), covariance=tuple(map(tuple, covariance))), draw=draws,
+        band=Band(model_error=0.02),
+    )  # fmt: skip
+    path = folder / "finger.toml"
+    path.write_text(FingerFile(finger=FingertipConfig(), relaxation=((0.2, 1.4),), met=met).as_toml())
+    return path
+
+
+@pytest.mark.parametrize(("off_sds", "inside"), [(0.0, True), (1.6, True), (-1.6, True), (1.7, False), (-1.7, False)])
+def test_the_truth_is_told_beside_its_band(program: Program, tmp_path: Path, off_sds: float, inside: bool) -> None:
+    found = program("stranger", 3, "--beside", _file(tmp_path, off_sds), "--json").json
+    assert list(found) == list(NAMES)
+    assert {one["in"] for one in found.values()} == {inside}
+    truth = truth_of(3)
+    assert found["ln_stiffness"]["truth"] == pytest.approx(math.exp(truth["ln_stiffness"]))
+    assert found["x_mm"]["truth"] == pytest.approx(truth["x_mm"])
+    assert found["x_mm"]["high"] - found["x_mm"]["low"] == pytest.approx(2 * 1.645 * SD)
+
+
+def test_what_lies_outside_is_marked_and_no_file_needs_to_be_there(program: Program, tmp_path: Path) -> None:
+    lines = program("stranger", 3, "--beside", _file(tmp_path, 2.0)).out.splitlines()
+    assert len(lines) == len(NAMES)
+    assert all(line.endswith("!") for line in lines)
+    alone = program("stranger", 3).out.splitlines()
+    assert alone[0].split() == ["stiffness", f"{math.exp(truth_of(3)['ln_stiffness']):.3g}"]
+
+
+def test_a_file_that_is_none_is_one_line(program: Program, tmp_path: Path) -> None:
+    ended = program("stranger", 3, "--beside", tmp_path / "nowhere.toml")
+    assert ended.code == 2
+    assert "nowhere.toml" in ended.complaint

@@ -1,0 +1,112 @@
+"""Strangers are met without a look at their truth; what is told of many meetings."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.data import RunFolder
+from rig.plan.config import Config
+from rig.plan.plan import Plan
+from rig.session.attendant import Nobody
+from rig.session.meeting.meeting import Meeting, Wanted, felt_surely
+from rig.session.meeting.meeting_script import MeetingScript
+from rig.session.session import NewRun, Session, run_on
+from sim.config.fingertip_config import FingertipConfig
+from sim.models.fingertip import Fingertip
+from sim.models.meeting.next_press import PressAt
+from studies.meeting.hidden import Keeper, OnlyMounts, TruthReadError
+from studies.meeting.strangers import COARSER, Stranger, inside, outside
+from studies.meeting.tables import as_markdown
+from tests.made_up_fingers import made_up
+from tests.sim.coarse import coarse_mesh
+
+GOALS = (PressAt("bar:3.0", 0.0, 0.4),)
+
+
+def _row(of: str, **changed: Any) -> dict[str, Any]:
+    usual = {
+        "of": of, "kind": "prior", "seed": 0, "presses": 4, "bench_s": 90.0, "ended": None, "stranger": None,
+        "error": [0.01, -0.03], "half": [0.05, 0.06], "covered": [True, True], "unmet_error": [0.4, -0.5],
+        "of_trip": [0.5, 0.7], "highest_gwt": 9.0,
+    }  # fmt: skip
+    return {**usual, **changed}
+
+
+def test_a_finger_is_met_without_a_look_at_its_truth(finger: Fingertip, tmp_path: Path) -> None:
+    known = felt_surely(Config())
+    stranger = inside(known, 2)
+    tiny = stranger.config.finger.model_copy(update={"mesh": coarse_mesh(0.5, 0.7)})
+    keeper = Keeper(stranger._replace(config=stranger.config.model_copy(update={"finger": tiny}), exact=True))
+    with pytest.raises(TruthReadError, match="before the meeting had ended"):
+        keeper.held_gwt(GOALS[0], Meeting(known, made_up(), Wanted(GOALS)).chooser.pace)
+    meeting = Meeting(known, made_up(), Wanted(GOALS, presses=2))
+    script = MeetingScript(meeting)
+
+    class Reader(Nobody):
+        def begins(self, folder: RunFolder) -> None:
+            script.folder = folder.path
+
+    session = Session(script.as_script(), known, finger, Plan(), NewRun(tmp_path), Reader(), script.handler)
+    done = run_on(session, keeper.open_bench(session.pause), virtual=True)
+    assert done.problem is None
+    assert meeting.told
+    journal = done.folder.events.read_text()
+    events = [json.loads(line) for line in journal.splitlines()]
+    told = {key for event in events if event["doc"] == "event" for key in event["data"]}
+    assert "height_mm" in told
+    assert not [key for key in told if key.startswith("true_")]
+    written = (done.folder.path / "config.toml").read_text() + (done.folder.path / "provenance.json").read_text()
+    for value in (stranger.config.finger.tissue.stiffness, stranger.config.virtual.finger_x_offset_mm):
+        assert str(value)[:8] not in journal + written
+    keeper.over()
+    assert keeper.held_gwt(GOALS[0], meeting.chooser.pace) > 0
+
+
+def test_only_mounting_is_left_of_the_plant() -> None:
+    mounted: list[str] = []
+    plant = OnlyMounts(mounted.append)
+    plant.mount("bar:3.0")
+    assert mounted == ["bar:3.0"]
+    with pytest.raises(TruthReadError, match="pose_at"):
+        plant.pose_at(0.0)
+
+
+def test_strangers_are_on_another_mesh_and_each_is_its_seed() -> None:
+    known = Config(finger=FingertipConfig())
+    for make in (inside, outside):
+        assert make(known, 3) == make(known, 3)
+        assert make(known, 3) != make(known, 4)
+        assert make(known, 3).config.finger.mesh == COARSER != known.finger.mesh
+    kinds = [outside(known, seed).kind for seed in range(40)]
+    assert {kinds.count(kind) for kind in kinds} == {5}
+    assert outside(known, 6).slips_mm > 0
+    assert {type(outside(known, seed)) for seed in range(8)} == {Stranger}
+
+
+def test_the_table_counts_what_is_demanded() -> None:
+    rows = [
+        _row("inside"),
+        _row("inside", stranger="no finger", error=[0.2, 0.02], covered=[False, True], presses=7, bench_s=150.0),
+        _row("outside", kind="one material", covered=[False, False]),
+        _row("outside", kind="one material", covered=[False, False], stranger="no finger"),
+        _row("outside", kind="creeps", covered=[False, False], ended="tripped"),
+        _row("outside", kind="creeps"),
+    ]
+    table = as_markdown(json.loads(json.dumps(rows)))
+    for line in (
+        "| fingers of the prior | ≥ 200 | 2 |",
+        "| median error of force, held-back shapes | ≤ 5 % | 2.5 % |",
+        "| truth in the 90 % band | 85 … 95 % | 75.0 % |",
+        "| flagged as no finger of the prior | ≤ 5 % | 50.0 % |",
+        "| presses, median and most | ≤ 8 | 5.5, 7 |",
+        "| seconds of bench time, median and most | ≤ 180 | 120, 150 |",
+        "| highest force while learning over its trip | ≤ 1 | 0.70 |",
+        "| fingers from outside: covered or flagged | ≥ 36 of 40 | 3 of 4 |",
+        "| one material | 2 | 1 | 0.0 % | 2.0 % |",
+        "| creeps | 2 | 1 | 50.0 % | 2.0 % |",
+    ):
+        assert line in table
+    assert "fingers of the prior" not in as_markdown(rows[2:])
+    assert "from outside" not in as_markdown(rows[:2])
