@@ -59,6 +59,7 @@ shake: .venv/.ready-dev
 
 bench: .venv/.ready-dev
 	$(BIN)/python -m studies.speed.timing
+	OMP_NUM_THREADS=1 $(BIN)/python -m studies.speed.demo
 	$(BIN)/python -m studies.speed.planning
 	$(BIN)/python -m studies.source.facts_by_parameter
 	$(BIN)/python -m studies.source.impulse_choices

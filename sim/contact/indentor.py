@@ -152,7 +152,7 @@ class Prismatic(_OfProfile):
     axes: tuple[int, ...] = ALONG
     direction: tuple[float, ...] = (1.0,)  # in which the profile's coordinate grows, along the axes
 
-    @property
+    @cached_property
     def placed_by(self) -> tuple[int, ...]:
         """None for a plane: it is the same everywhere."""
         return () if np.isinf(self.profile.sharpest_radius_mm) and not self.sharp else self.axes

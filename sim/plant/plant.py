@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
@@ -19,6 +20,7 @@ from sim.models.pressing import FARTHEST_X_MM
 _WARM_MOVE_MM = 0.1
 _FARTHEST_ONWARD = 2.0  # times the way between the last two states
 _DEPTH_TOLERANCE_MM = 1e-6
+_PLACES_KEPT = 64
 
 StepsAt = Callable[[float], tuple[int, int, int]]
 
@@ -139,6 +141,8 @@ class Press:
         elif truth.turn != STRAIGHT:
             raise ModelRangeError(f"{indentor} on a finger that is rolled or tilted: expected a sphere")
         self._stiffness = truth.stiffness
+        # It is asked at thousands of heights over few places, and each time the finger would hash the shape anew.
+        self._touch_mm = lru_cache(_PLACES_KEPT)(partial(finger.touch_height_mm, self._indentor))
         self._known: _Pressed | None = None  # of the skin as it lies
         self._last: _Pressed | None = None
         self._before: _Pressed | None = None  # the one before the last
@@ -168,7 +172,7 @@ class Press:
         z_mm = self._z_mm(pose)
         if abs(pose.x_mm) > FARTHEST_X_MM or not 0 <= (z_mm or 0.0) <= self._finger.config.geometry.length_mm:
             return -math.inf
-        touch_mm = self._finger.touch_height_mm(self._indentor, self._indentor.lateral_mm(pose.x_mm), z_mm=z_mm)
+        touch_mm = self._touch_mm(self._indentor.lateral_mm(pose.x_mm), z_mm=z_mm)
         return touch_mm - (pose.above_apex_mm + self._finger.apex_height_mm)
 
     def _z_mm(self, pose: Pose) -> float | None:

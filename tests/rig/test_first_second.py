@@ -1,19 +1,24 @@
 """What is seen of a command in its first second: its help, a word that it starts, a name that was mistyped."""
 
+import atexit
 import gc
 import io
 import shutil
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 import typer
+from matplotlib import artist
 from rich.console import Console
 
+from rig import report
 from rig.cli import main, output, program
 from rig.cli.program import COMMANDS
+from sim import devices
 
 OLD_RUN = Path(__file__).parents[1] / "data" / "runs_of_0_1" / "complete"
 LIBRARIES = {
@@ -116,10 +121,46 @@ def test_a_mistyped_command_is_told_its_neighbour(
     assert f"No such command {typed!r}, expected one that rig --help lists: {meant}" in complaint
 
 
-def test_a_dry_run_of_a_bar_does_not_wait_for_what_smooths_a_map() -> None:
+def test_a_dry_run_waits_neither_for_what_smooths_a_map_nor_for_what_other_devices_speak() -> None:
     imported = imported_by(["dry-run", "--help"])
     assert "scipy.interpolate" in imported
-    assert "scipy.ndimage" not in imported
+    assert not imported & {"scipy.ndimage", "pymodbus", "asyncio"}
+
+
+def test_every_virtual_device_is_found_when_it_is_asked_for_and_nothing_else_is() -> None:
+    homes = {name: getattr(devices, name).__module__ for name in devices.__all__}
+    assert homes == {name: f"sim.devices.{module}" for name, module in devices._HOMES.items()}
+    with pytest.raises(AttributeError, match=r"module 'sim\.devices' has no attribute 'VirtualDog'"):
+        devices.VirtualDog  # noqa: B018
+
+
+def test_little_is_looked_through_for_garbage_and_nothing_when_a_command_ends(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A tenth of a dry-run went into it; a figure's hundred thousand objects are still given back in time."""
+    how: list[object] = []
+    monkeypatch.setattr(gc, "set_threshold", lambda *numbers: how.append(numbers))
+    monkeypatch.setattr(atexit, "register", how.append)
+    assert said(capsys, monkeypatch, "--version")[0] == 0
+    assert how == [(50_000, 3, 3), gc.freeze]
+
+
+@pytest.mark.parametrize("comes", [True, False])
+def test_the_library_that_draws_is_loaded_without_help_texts_and_has_them_afterwards(
+    comes: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    helped: list[str] = []
+
+    def importing(_name: str) -> None:
+        helped.append(artist.kwdoc(artist.Artist))
+        if not comes:
+            raise ImportError
+
+    monkeypatch.setattr(report, "import_module", importing)
+    with nullcontext() if comes else pytest.raises(ImportError):
+        report._load_library()
+    assert helped == [""]
+    assert "alpha" in artist.kwdoc(artist.Artist)
 
 
 @pytest.fixture

@@ -1,7 +1,11 @@
 """What stands behind the virtual devices: steps and screws in, force out."""
 
+from copy import copy
+
+import numpy as np
 import pytest
 
+from sim.contact.indentor import Indentor
 from sim.contact.shapes import ShapeError
 from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
@@ -180,6 +184,24 @@ def test_an_unchanged_pose_is_not_solved_again(finger: Fingertip, carriage: Step
     carriage.command(-31.0, -25.4)
     assert plant.force_n(0.0) == plant.force_n(1.0)
     assert plant.contact_solves == 1
+
+
+def test_where_skin_is_touched_is_looked_up_once_for_a_place(finger: Fingertip) -> None:
+    """For as many places as a script is likely to come back to."""
+    asked, looking = [], copy(finger)
+
+    def touch_height_mm(shape: Indentor, x_mm: float, z_mm: float | None) -> float:
+        asked.append((x_mm, z_mm))
+        return finger.touch_height_mm(shape, x_mm, z_mm=z_mm)
+
+    looking.touch_height_mm = touch_height_mm  # type: ignore[method-assign, assignment]
+    press, places = Press(looking, "bar:3.0"), [0.01 * k for k in range(64)]
+    depths = [[press.doi_mm(Pose(x_mm, height_mm)) for x_mm in places] for height_mm in (0.1, 0.2)]
+    assert asked == [(x_mm, None) for x_mm in places]
+    assert np.allclose(np.subtract(*depths), 0.1)
+    press.doi_mm(Pose(2.0, 0.1))
+    press.doi_mm(Pose(places[0], 0.1))
+    assert asked[64:] == [(2.0, None), (places[0], None)]
 
 
 def test_another_indentor_is_another_force(finger: Fingertip, carriage: Steps) -> None:
