@@ -37,12 +37,11 @@ EQUILIBRIA = (
     (Scene("section 0.17 full", "cylinder:9"), 1.33),
     (Scene("section 0.17 full", "step:1"), 1.33),
     (Scene("finger 0.4", "cylinder:9"), 1.0),
-    (Scene("finger 0.35", "sphere:3"), 1.0),
+    (Scene("finger 0.35", "bar:3.0"), 1.0),
 )
 CONTACTS = (
-    (Scene("section 0.17 full", "cylinder:9"), 0.5),
-    (Scene("section 0.17 full", "cylinder:9"), 1.0),
-    (Scene("section 0.17 full", "flat"), 1.0),
+    (Scene("finger 0.7 full", "cylinder:3"), 0.15),
+    (Scene("finger 0.7 full", "cylinder:3"), 0.45),
 )
 
 

@@ -38,6 +38,12 @@ def _shown(measures: Array) -> Array:
     return np.stack([shown(name, values) for name, values in zip(MEASURES, measures, strict=True)])
 
 
+def among(found: Profiles, others: Profiles) -> Profiles:
+    """A world's profiles at the places that another has."""
+    kept = {key: np.isin(found[key][0], x) for key, (x, _) in others.items() if key in found}
+    return {key: (found[key][0][keep], found[key][1][..., keep]) for key, keep in kept.items()}
+
+
 class Verdicts(NamedTuple):
     """Of a world at one force: flags (18, receptors) by shape, what survives steps, and steps and bars."""
 

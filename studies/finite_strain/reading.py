@@ -13,7 +13,7 @@ from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, place_recepto
 from studies.finite_strain.solver.inside import Receptors
 from studies.finite_strain.solver.laws import Law
 from studies.finite_strain.solver.press import Pressed
-from studies.finite_strain.solver.rigid import Rigid, gap
+from studies.finite_strain.solver.rigid import Rigid, clearance
 from studies.finite_strain.solver.scene import Specimen
 
 Array = NDArray[np.float64]
@@ -51,7 +51,7 @@ class Reader:
         there = Rigid(touch.indentor, touch.at_mm, touch.height_mm - pressed.doi_mm)
         x = self.specimen.skin.position_mm[columns, 0]
         order = np.argsort(x)
-        height = gap(self.specimen.skin, there, pressed.unknowns)[0][columns][order]
+        height = clearance(self.specimen.skin, there, pressed.unknowns).mm[columns][order]
         return extent(x[order], height, opens=not touch.indentor.sharp)
 
 

@@ -33,6 +33,9 @@ MESHES: dict[str, dict[str, Any]] = {
     "section 0.085": {"spacing_mm": 0.085, "epidermis_elements": 4, "dermis_spacing_mm": 0.1},
     "section 0.17 full": {"element": "full"},
     "finger 0.35": {"spacing_mm": 0.35, "axial_spacing_mm": 0.6, **_FEW, "dermis_spacing_mm": 0.4},
+    "finger 0.35 full": {"spacing_mm": 0.35, "axial_spacing_mm": 0.6, **_FEW, "dermis_spacing_mm": 0.4},
+    "finger 0.7": {"spacing_mm": 0.7, "axial_spacing_mm": 1.0, **_FEW, "dermis_spacing_mm": 0.4},
+    "finger 0.7 full": {"spacing_mm": 0.7, "axial_spacing_mm": 1.0, **_FEW, "dermis_spacing_mm": 0.4},
     "finger 0.4": {"spacing_mm": 0.4, "axial_spacing_mm": 0.55, "dermis_spacing_mm": 0.3},
     "finger 0.25": {"spacing_mm": 0.25, "axial_spacing_mm": 0.45, **_FEW, "epidermis_elements": 2},
 }
@@ -62,8 +65,8 @@ def scenes() -> Iterator[Scene]:
             yield Scene("section 0.17", shape, poisson=poisson)
     for poisson in (0.45, 0.499):
         yield Scene("finger 0.35", "cylinder:9", poisson=poisson, deepest_mm=1.0)
-    for shape in ("cylinder:9", "sphere:3"):
-        yield Scene("finger 0.25", shape, deepest_mm=0.67)
+    yield Scene("finger 0.25", "cylinder:9", deepest_mm=0.67)
+    yield Scene("finger 0.25", "bar:3.0", deepest_mm=1.0)
 
 
 def specimen(scene: Scene) -> Specimen:

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from rig.data.folder import replace_text
-from studies.finite_strain import confirmed, states, worlds
+from studies.finite_strain import cause, confirmed, states, worlds
 from studies.finite_strain.curves_figure import write_figure
-from studies.finite_strain.judged import Profiles, Verdicts, profiles, ranks, verdicts
+from studies.finite_strain.judged import Profiles, Verdicts, among, profiles, ranks, verdicts
 from studies.finite_strain.ratios import COLUMNS, Ratio, envelope, ratios
 
 KEPT = Path(__file__).parent / "kept"
@@ -24,7 +24,7 @@ NOTE = Path(__file__).parents[2] / "sim" / "data" / "small_strain.json"
 FIGURE = Path(__file__).parents[2] / "docs" / "figures" / "small_strain.svg"
 COMMAND = "python -m studies.finite_strain.tables"
 
-SAID = {"finger": ("finger 0.35", 3), "section": ("section 0.17", 4)}
+SAID = {"finger": ("finger 0.35", 5), "section": ("section 0.17", 4)}
 """The mesh behind the note of each kind, and how many shapes must have reached a depth for it to be said."""
 
 _TARGETS = tuple(f"{force:g} gwt" for force in worlds.FORCES_GWT)
@@ -37,6 +37,7 @@ def main(folder: str = "study/finite_strain") -> None:
     states.main(str(place / "states.jsonl"))
     worlds.main(str(place / "worlds.jsonl"))
     confirmed.main(str(KEPT / "calculix.jsonl"))
+    cause.main(str(KEPT / "cause.jsonl"))
     keep(list(ratios(states.read(place / "states.jsonl"))), worlds.read(place / "worlds.jsonl"))
     found = kept_ratios()
     write_figure(found, FIGURE)
@@ -93,7 +94,7 @@ def _complete(found: Profiles, target: str) -> bool:
 
 
 def _judged(name: str, found: Mapping[str, Profiles], target: str) -> dict[str, Any]:
-    base = found[name.partition(",")[0]]
+    base = among(found[name.partition(",")[0]], found[name])
     here, there = verdicts(found[name], target), verdicts(base, target)
     same, cells = _alike(here, there)
     placed = [one._asdict() for one in ranks(found[name], base, target)]

@@ -64,6 +64,7 @@ class World:
     poisson: float = 0.48
     friction: float = 0.0
     finite: bool = False
+    every: int = 1  # so many places of the schedules, from their first, are pressed
 
     @property
     def config(self) -> FingertipConfig:
@@ -81,16 +82,16 @@ WORLDS: dict[str, World] = {
     "section, finite strain": World(finite=True),
     "finger": World("finger"),
     "finger, nu 0.499": World("finger", poisson=0.499),
-    "finger, friction 0.3": World("finger", friction=0.3),
+    "finger, friction 0.3": World("finger", friction=0.3, every=2),
 }
 
 
-def presses_wanted() -> Iterator[tuple[str, float]]:
+def presses_wanted(every: int = 1) -> Iterator[tuple[str, float]]:
     """Shape and place of each."""
     for number in "135":
-        yield from ((f"step:{number}", x) for x in STEP_X_MM)
+        yield from ((f"step:{number}", x) for x in STEP_X_MM[::every])
     for bar, n in BAR_X_MM.items():
-        yield from ((bar, round(BAR_SPACING_MM * k, 2)) for k in range(-n, n + 1))
+        yield from ((bar, round(BAR_SPACING_MM * k, 2)) for k in range(-n, n + 1, every))
 
 
 @cache
@@ -156,7 +157,7 @@ def main(path: str, *names: str) -> None:
     done = {(row["world"], row["shape"], row["x_mm"]) for row in read(file)}
     for named in names or WORLDS:
         name, _, only = named.partition("@")
-        for shape, x_mm in presses_wanted():
+        for shape, x_mm in presses_wanted(WORLDS[name].every):
             if (name, shape, x_mm) in done or not shape.startswith(only):
                 continue
             with file.open("a", encoding="utf-8") as out:

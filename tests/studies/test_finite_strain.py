@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,16 +13,22 @@ from sim.contact.shapes import parse_shape
 from sim.fem.elements import lame, stiffness
 from sim.measures.measures import Elastic, measures_from_strain
 from sim.models.catalogue import load
-from studies.finite_strain import confirmed, states
+from studies.finite_strain import cause, confirmed, states
+from studies.finite_strain.cause import Parts
+from studies.finite_strain.judged import among
 from studies.finite_strain.ratios import COLUMNS, Ratio, correlation, envelope, ratios
 from studies.finite_strain.reading import extent
+from studies.finite_strain.solver.body import Body
 from studies.finite_strain.solver.bricks import Dilatation, Moduli, bricks
+from studies.finite_strain.solver.clearance import along, clearance
 from studies.finite_strain.solver.inside import finite_measures
 from studies.finite_strain.solver.laws import Law, NeoHookean, Yeoh
 from studies.finite_strain.solver.press import presses
+from studies.finite_strain.solver.rigid import clearance as skin_clearance
 from studies.finite_strain.solver.rubbing import Rubbing
 from studies.finite_strain.solver.scene import Specimen
 from studies.finite_strain.tables import kept_ratios
+from studies.finite_strain.worlds import presses_wanted
 
 COARSE = FingertipConfig(
     contact=Contact(between_nodes=False), mesh=MeshSpec(spacing_mm=0.4, epidermis_elements=1, dermis_spacing_mm=0.4)
@@ -151,6 +158,101 @@ def test_friction_holds_no_more_than_its_coefficient_and_none_is_the_model() -> 
     assert held.normal_force > free.normal_force
 
 
+def test_distance_from_a_bar_and_place_along_it() -> None:
+    """Face, edge and wall of a 3 mm bar whose edges have a radius of 0.05 mm, on either side."""
+    bar, r = parse_shape("bar:3.0"), 0.05
+    s = np.array([1.0, 1.45 + 0.04, 1.5 + 0.02, 1.44, 1.45 + 0.01])
+    above = np.array([-0.02, r - 0.03, 0.3, 0.2, 0.3])
+    found = clearance(bar, s[None], above)
+    np.testing.assert_allclose(found.mm, [0.02, 0.0, 0.02, -0.2, -0.04], atol=1e-12)
+    np.testing.assert_allclose(found.gradient[:, 0], [0, 0.8, 1, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(found.gradient[:, 1], [-1, -0.6, 0, -1, 0], atol=1e-12)
+    place, _ = along(bar, s, above)
+    quarter = r * np.pi / 2
+    arc = r * np.arctan2(0.04, 0.03)
+    np.testing.assert_allclose(place, [1.0, 1.45 + arc, 1.45 + quarter + 0.25, 1.44, 1.45 + quarter + 0.25])
+    mirrored = clearance(bar, -s[None], above)
+    np.testing.assert_allclose(mirrored.mm, found.mm)
+    np.testing.assert_allclose(mirrored.gradient, found.gradient * [-1, 1, 1])
+    np.testing.assert_allclose(along(bar, -s, above)[0], -place)
+
+
+def test_slopes_of_clearance_and_place_are_their_derivatives() -> None:
+    rng = np.random.default_rng(2)
+    s, above, h = rng.uniform(-1.6, 1.6, 300), rng.uniform(-0.04, 0.04, 300), 1e-7
+    s[:200] = np.sign(s[:200]) * (1.45 + 0.06 * rng.random(200))
+    for shape in ("bar:3.0", "cylinder:9"):
+        indentor = parse_shape(shape)
+        found, (_, growth) = clearance(indentor, s[None], above), along(indentor, s, above)
+        for axis, (dx, dy) in enumerate(((h, 0.0), (0.0, h))):
+            before, after = (clearance(indentor, s[None] + n * dx, above + n * dy) for n in (-1, 1))
+            np.testing.assert_allclose((after.mm - before.mm) / (2 * h), found.gradient[:, axis], atol=1e-6)
+            turned = (after.gradient - before.gradient) / (2 * h)
+            np.testing.assert_allclose(turned, found.hessian[:, axis], atol=1e-5)
+            low, high = (along(indentor, s + n * dx, above + n * dy)[0] for n in (-1, 1))
+            np.testing.assert_allclose((high - low) / (2 * h), growth[axis], atol=1e-6)
+
+
+def test_a_gap_from_what_is_no_bar_is_vertical_and_so_is_that_of_a_bar_across() -> None:
+    for shape in ("cylinder:9", "bar:3.0,across"):
+        indentor = parse_shape(shape)
+        offset, above = np.array([[0.3, 1.48]]), np.array([0.01, -0.02])
+        found = clearance(indentor, offset, above)
+        there = indentor.evaluate(offset)
+        np.testing.assert_array_equal(found.mm, there.height_mm - above)
+        np.testing.assert_array_equal(found.gradient[:, indentor.axes[0]], there.slope[0])
+        np.testing.assert_array_equal(found.gradient[:, 1], -1)
+        np.testing.assert_array_equal(found.hessian[:, indentor.axes[0], indentor.axes[0]], there.curvature[0, 0])
+
+
+def test_skin_slides_round_the_edges_of_a_bar(section: Specimen) -> None:
+    """Deep enough for nodes to leave the face: the press goes on, they lie beside its walls, and none is inside."""
+    touch = section.touch("bar:1.5", 0.2)
+    (found,) = presses(section.body(NeoHookean()), section.skin, touch, [0.8])
+    np.testing.assert_allclose(found.touched.normal[:, 0], [1, 0, 0, 0, -1], atol=1e-9)  # on both walls
+    there = replace(touch, height_mm=touch.height_mm - 0.8)
+    assert skin_clearance(section.skin, there, found.unknowns).mm.min() > -1e-3
+    across = found.touched.load_n[:, None] * found.touched.normal
+    assert found.force == pytest.approx(-across[:, 1].sum())
+
+
+def test_tissue_may_be_at_finite_strain_in_some_layers_alone(section: Specimen) -> None:
+    size = section.body(None).size
+    a = 1e-2 * np.random.default_rng(3).normal(size=size)
+    linear, finite = section.body(None), section.body(NeoHookean())
+    skin, below = (Body(Parts.of(section, some, "bbar"), section.unknown, 3.0) for some in ((0,), (1, 2)))
+    assert skin.energy(a) + below.energy(a) == pytest.approx(linear.energy(a) + finite.energy(a))
+    assert skin.energy(a) != pytest.approx(linear.energy(a), rel=1e-6)
+    assert skin.energy(a) != pytest.approx(finite.energy(a), rel=1e-6)
+    for k in range(2):
+        both = skin.tangent(a)[k] + below.tangent(a)[k]
+        np.testing.assert_allclose(both, linear.tangent(a)[k] + finite.tangent(a)[k], atol=1e-10)
+
+
+def test_the_table_of_causes_has_a_dash_where_nothing_converged() -> None:
+    kept = [{"what": "nothing", "doi_mm": 0.33, "off": 0.139}, {"what": "section", "doi_mm": 0.6, "off": -0.11}]
+    lines = list(cause.markdown(kept))
+    assert lines[0] == "| changed | 0.15 mm | 0.33 mm | 0.45 mm | 0.6 mm |"
+    assert lines[2] == "| nothing | – | +13.9 % | – | – |"
+    assert "| section | – | – | – | -11.0 % |" in lines
+    assert len(lines) == 2 + len(cause.CASES)
+
+
+def test_a_world_is_compared_at_the_places_where_both_were_pressed() -> None:
+    x = np.arange(5.0)
+    base = {("step:1", "8 gwt"): (x, np.arange(10.0).reshape(2, 1, 5)), ("bar:3.0", "1 mm"): (x, np.zeros((2, 1, 5)))}
+    kept = among(base, {("step:1", "8 gwt"): (x[::2], np.zeros((2, 1, 3)))})
+    assert list(kept) == [("step:1", "8 gwt")]
+    np.testing.assert_array_equal(kept["step:1", "8 gwt"][0], [0, 2, 4])
+    np.testing.assert_array_equal(kept["step:1", "8 gwt"][1][1, 0], [5, 7, 9])
+
+
+def test_a_world_may_have_every_second_place() -> None:
+    whole, half = list(presses_wanted()), list(presses_wanted(2))
+    assert (len(whole), len(half)) == (99, 52)
+    assert set(half) < set(whole)
+
+
 def test_where_a_gap_opens() -> None:
     x = np.arange(-2.0, 2.01, 0.25)
     gap = np.where(np.abs(x) <= 0.8, -1e-5, np.abs(np.abs(x) - 0.8) ** 1.5)
@@ -189,6 +291,17 @@ def test_the_note_is_of_the_ratios_that_are_kept() -> None:
         assert [row["doi_mm"] for row in kept] == [row["doi_mm"] for row in curves[kind]]
         for ours, said in zip(kept, curves[kind], strict=True):
             assert (ours["force"], ours["sed"]) == (said["force"], said["sed"])
+
+
+def test_every_shape_was_compared_to_a_millimetre_and_calculix_says_the_same() -> None:
+    reached = {(one.mesh, one.shape) for one in kept_ratios() if one.doi_mm >= 1.0}
+    assert {("finger 0.35", shape) for shape in states.SHAPES} <= reached
+    kept = states.read(Path(states.__file__).parent / "kept" / "calculix.jsonl")
+    assert ("finger 0.35", "bar:3.0", 1.0) in {(row["mesh"], row["shape"], row["doi_mm"]) for row in kept}
+    assert max(row["off"] for row in kept if row["what"] == "equilibrium") < 1e-4
+    contacts = [row["theirs"] / row["ours"] - 1 for row in kept if row["what"] == "contact"]
+    assert len(contacts) == len(confirmed.CONTACTS)
+    assert np.abs(contacts).max() < 1e-3
 
 
 def test_what_calculix_prints_is_read() -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.contact.patch import Y
 from studies.finite_strain.solver.body import Body
 from studies.finite_strain.solver.equilibrium import NotFoundError, rest
 from studies.finite_strain.solver.rigid import Rigid, Skin, Touching
@@ -27,7 +28,7 @@ class Pressed:
     @property
     def force(self) -> float:
         """The downward force, N for E(epidermis) = 1 MPa; of a section per mm."""
-        return float(self.touched.load_n.sum())
+        return -float(self.touched.load_n @ self.touched.normal[:, Y])
 
 
 def presses(

@@ -1,4 +1,4 @@
-"""A rigid, frictionless indentor on the nodes of a skin, as the energy of a stiff penalty on the vertical gap."""
+"""A rigid, frictionless indentor on the nodes of a skin, as the energy of a stiff penalty on its clearance."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from sim.contact.indentor import Indentor
 from sim.contact.patch import Y
+from studies.finite_strain.solver.clearance import Clearance
+from studies.finite_strain.solver.clearance import clearance as from_indentor
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -43,29 +45,22 @@ class Touching(NamedTuple):
     curvature: Array
 
 
-def gap(skin: Skin, rigid: Rigid, a: Array) -> tuple[Array, Array, Array]:
-    """(n,) vertical gaps in mm, negative inside, slopes (m, n) and curvatures (m, m, n)."""
+def clearance(skin: Skin, rigid: Rigid, a: Array) -> Clearance:
+    """Of every node of the skin at the unknowns."""
     moved = skin.position_mm + np.where(skin.unknown >= 0, a[skin.unknown], 0.0)
-    axes = list(rigid.indentor.axes)
-    found = rigid.indentor.evaluate(moved[:, axes].T - np.array(rigid.at_mm)[:, None])
-    return rigid.height_mm + found.height_mm - moved[:, Y], found.slope, found.curvature
+    offset = moved[:, list(rigid.indentor.axes)].T - np.array(rigid.at_mm)[:, None]
+    return from_indentor(rigid.indentor, offset, moved[:, Y] - rigid.height_mm)
 
 
 def energy(skin: Skin, rigid: Rigid, a: Array) -> float:
     """N·mm of the penalty."""
-    inside = np.minimum(gap(skin, rigid, a)[0], 0.0)
+    inside = np.minimum(clearance(skin, rigid, a).mm, 0.0)
     return 0.5 * PENALTY_MPA_PER_MM * float((skin.area_mm2 * inside**2).sum())
 
 
 def touching(skin: Skin, rigid: Rigid, a: Array) -> Touching:
-    """Nodes inside, the load of each along −(slope, −1): its push on the node is (h′, −1) times that."""
-    height, slope, curvature = gap(skin, rigid, a)
-    nodes = np.flatnonzero(height < 0)
-    normal = np.zeros((len(nodes), 3))
-    normal[:, list(rigid.indentor.axes)] = slope[:, nodes].T
-    normal[:, Y] = -1.0
-    bent = np.zeros((len(nodes), 3, 3))
-    for i, row in enumerate(rigid.indentor.axes):
-        for k, column in enumerate(rigid.indentor.axes):
-            bent[:, row, column] = curvature[i, k, nodes]
-    return Touching(nodes, -PENALTY_MPA_PER_MM * skin.area_mm2[nodes] * height[nodes], normal, bent)
+    """Nodes inside, and the load of each along minus the clearance's gradient."""
+    found = clearance(skin, rigid, a)
+    nodes = np.flatnonzero(found.mm < 0)
+    load = -PENALTY_MPA_PER_MM * skin.area_mm2[nodes] * found.mm[nodes]
+    return Touching(nodes, load, found.gradient[nodes], found.hessian[nodes])

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from sim.contact.indentor import Indentor
 from sim.contact.patch import Patch
+from studies.finite_strain.solver.clearance import along, clearance
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -23,7 +24,6 @@ NORMAL_MPA_PER_MM, TANGENTIAL_MPA_PER_MM = 1e4, 1e3
 
 INCREMENT_MM, LEAST_MM = 0.02, 1e-4
 _TOLERANCE, _MOST_STEPS, _SHORTEST = 1e-7, 60, 1e-3
-_STEEPEST = 5.0  # beyond that a bar's side is not the bar's face
 
 
 class StuckError(RuntimeError):
@@ -36,7 +36,7 @@ class Rubbed:
 
     doi_mm: float
     force: Array
-    anchor_mm: Array  # (n,) x on the indentor; nan where nothing touches
+    anchor_mm: Array  # (n,) place along the indentor; nan where nothing touches
 
     @property
     def normal_force(self) -> float:
@@ -50,6 +50,16 @@ class _Law(NamedTuple):
     force: Array
     tangent: Array
     anchor_mm: Array
+
+
+class _Met(NamedTuple):
+    """Of k nodes: gap, its gradient (2, k) and Hessian (2, 2, k), place along the profile and its gradient (2, k)."""
+
+    gap_mm: Array
+    normal: Array
+    hessian: Array
+    along_mm: Array
+    growth: Array
 
 
 @dataclass(frozen=True)
@@ -69,7 +79,7 @@ class Rubbing:
         u, anchor, doi, step = np.zeros((2, len(nodes))), np.full(len(nodes), np.nan), 0.0, INCREMENT_MM
         ahead = u
         while doi < deepest_mm - 1e-9:
-            start, there = self.patch.x[nodes] + u[0], min(doi + step, deepest_mm)
+            start, there = self._met(nodes, u, doi).along_mm, min(doi + step, deepest_mm)
             try:
                 moved = self._rest(compliance, nodes, u + step * ahead, there, anchor, start)
             except StuckError:
@@ -136,36 +146,38 @@ class Rubbing:
         return (-over.ravel() + flat[:, mine] @ (derivative @ some)).reshape(2, k)
 
     def _law(self, nodes: Ints, u: Array, doi: float, anchor: Array, start: Array) -> _Law:
-        x = self.patch.x[nodes] + u[0]
-        surface = self.indentor.evaluate((x - self.x_mm)[None])
-        slope, curvature = surface.slope[0], surface.curvature[0, 0]
-        gap = self.touch_mm - doi + surface.height_mm - self.patch.y[nodes] - u[1]
-        bears = (gap < 0) & (np.abs(slope) < _STEEPEST)
-        load = np.where(bears, -NORMAL_MPA_PER_MM * self.patch.area_mm2[nodes] * gap, 0.0)
+        met = self._met(nodes, u, doi)
+        bears = met.gap_mm < 0
         stiff = np.where(bears, NORMAL_MPA_PER_MM * self.patch.area_mm2[nodes], 0.0)
-        force = np.stack([load * slope, -load])
-        tangent = np.array([[-stiff * slope**2 + load * curvature, stiff * slope], [stiff * slope, -stiff]])
+        load = -stiff * met.gap_mm
+        tangent = load * met.hessian - stiff * met.normal[:, None] * met.normal[None]
         held = np.where(bears, np.where(np.isnan(anchor), start, anchor), np.nan)
-        return self._rubbed(nodes, x, slope, bears, _Law(force, tangent, held), (load, stiff))
+        return self._rubbed(nodes, met, bears, _Law(load * met.normal, tangent, held), (load, stiff))
+
+    def _met(self, nodes: Ints, u: Array, doi: float) -> _Met:
+        s = self.patch.x[nodes] + u[0] - self.x_mm
+        above = self.patch.y[nodes] + u[1] - (self.touch_mm - doi)
+        found = clearance(self.indentor, s[None], above)
+        normal, hessian = found.gradient[:, :2].T, np.moveaxis(found.hessian[:, :2, :2], 0, -1)
+        return _Met(found.mm, normal, hessian, *along(self.indentor, s, above))
 
     def _rubbed(
-        self, nodes: Ints, x: Array, slope: Array, bears: NDArray[np.bool_], bare: _Law, normal: tuple[Array, Array]
+        self, nodes: Ints, met: _Met, bears: NDArray[np.bool_], bare: _Law, normal: tuple[Array, Array]
     ) -> _Law:
-        """With the tangential force t along (1, h′)/√(1 + h′²); its change with the slope is left out of ∂f/∂u."""
+        """With the tangential force t along the profile; its change with the slope is left out of ∂f/∂u."""
         if self.friction == 0:
             return bare
         load, stiff = normal
-        steep = np.hypot(1.0, slope)
+        steep = np.hypot(*met.normal)
         spring = np.where(bears, TANGENTIAL_MPA_PER_MM * self.patch.area_mm2[nodes] * steep, 0.0)
         most = self.friction * load * steep
-        trial = np.where(bears, -spring * (x - np.where(bears, bare.anchor_mm, 0.0)), 0.0)
+        trial = np.where(bears, -spring * (met.along_mm - np.where(bears, bare.anchor_mm, 0.0)), 0.0)
         slips = np.abs(trial) > most
         t = np.where(slips, np.sign(trial) * most, trial)
-        direction = np.stack([1 / steep, slope / steep])
-        by_x = np.where(slips, -np.sign(trial) * self.friction * steep * stiff * slope, -spring)
-        by_y = np.where(slips, np.sign(trial) * self.friction * steep * stiff, 0.0)
-        tangent = bare.tangent + direction[:, None] * np.stack([by_x, by_y])[None]
-        anchor = np.where(slips & bears, x + t / np.where(bears, spring, 1.0), bare.anchor_mm)
+        direction = np.stack([-met.normal[1], met.normal[0]]) / steep
+        by = np.where(slips, -np.sign(trial) * self.friction * steep * stiff * met.normal, -spring * met.growth)
+        tangent = bare.tangent + direction[:, None] * by[None]
+        anchor = np.where(slips & bears, met.along_mm + t / np.where(bears, spring, 1.0), bare.anchor_mm)
         return _Law(bare.force + t * direction, tangent, anchor)
 
 

@@ -59,7 +59,7 @@ class Specimen:
 
     def body(self, law: Law | None, dilatation: Dilatation = "bbar") -> Body:
         """Of a law's tissue, or linear if there is none."""
-        mesh, one = self.mesh, self._slice
+        mesh, one = self.mesh, self.one_slice
         poisson = self.config.tissue.poisson
         moduli = Moduli(*lame(young_ratios(self.config.tissue)[mesh.layer[one]], poisson))
         hyperelastic = bricks(mesh.nodes, mesh.hexes[one], moduli, law or NeoHookean(), dilatation)
@@ -87,6 +87,7 @@ class Specimen:
         return Rigid(indentor, at, first_touch(indentor, at, self.surface).height_mm)
 
     @property
-    def _slice(self) -> slice:
+    def one_slice(self) -> slice:
+        """The elements that stand for all."""
         n = len(self.mesh.hexes)
         return slice(None) if self.kind == "finger" else slice(n // _SLICES, 2 * n // _SLICES)
