@@ -247,6 +247,13 @@ def test_a_world_is_compared_at_the_places_where_both_were_pressed() -> None:
     np.testing.assert_array_equal(kept["step:1", "8 gwt"][1][1, 0], [5, 7, 9])
 
 
+def test_ep1_and_sed_survive_in_every_world_that_is_kept() -> None:
+    kept = json.loads((Path(states.__file__).parent / "kept" / "verdicts.json").read_text("utf-8"))
+    assert {"section, friction 0.3", "finger, nu 0.499", "finger, friction 0.3"} <= {row["world"] for row in kept}
+    assert all({"ep1", "sed"} <= set(row["candidates"]) for row in kept)
+    assert max(one["rank"] for row in kept for one in row["ranks"]) <= 2
+
+
 def test_a_world_may_have_every_second_place() -> None:
     whole, half = list(presses_wanted()), list(presses_wanted(2))
     assert (len(whole), len(half)) == (99, 52)
