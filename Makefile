@@ -33,6 +33,7 @@ studies: study-bench
 	$(BIN)/python -m studies.source.allowed study
 	$(BIN)/python -m studies.coding.pages study --draws 200
 	OMP_NUM_THREADS=1 $(BIN)/python -m studies.finite_strain.tables study/finite_strain
+	OMP_NUM_THREADS=1 $(BIN)/python -m studies.stiffening.fitted
 
 docs: .venv/.ready-dev
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/site

@@ -90,7 +90,8 @@ class Page:
     @property
     def _small_strain(self) -> str:
         depths = [planned.deepest_mm for planned in self._plan.all_presses]
-        return f"; {small_strain('finger', max(depths)).note}" if depths else ""
+        stiffening = self.session.config.finger.tissue.stiffening
+        return f"; {small_strain('finger', max(depths), stiffening).note}" if depths else ""
 
     @property
     def _first(self) -> str:

@@ -45,7 +45,7 @@ class Preflight:
             "contact_s": self.rehearsed.contact_s,
             "peak_force_n": peak_gwt * GWT_N,
             "peak_force_gwt": peak_gwt,
-            "small_strain": small_strain("finger", deepest_mm).as_json(),
+            "small_strain": small_strain("finger", deepest_mm, self.config.finger.tissue.stiffening).as_json(),
             "peak_pressure_n_cm2": max(step["peak_pressure_n_cm2"] for step in steps),
             "soft_trip_n": min(limits.soft_trip_n, self.plan.soft_trip_n),
             "hard_trip_n": limits.hard_trip_n,

@@ -24,11 +24,13 @@ def solve_for_force(
     first_guess_mm: float,
     deepest_mm: float,
     solve: Callable[[float, ContactState | None], ContactState],
+    factor: Callable[[float], float] = lambda doi_mm: 1.0,
 ) -> tuple[float, ContactState]:
     """DOI in mm and state at which `solve(doi, start)` carries the force, by a bracketed secant on F^(2/3).
 
-    Where the force jumps across its target the distance left counts as residual. Raises ForceNotReachedError, or the
-    TooDeepError of a solve when the force is not reached before it.
+    What it carries at a depth is `factor` times the state's. Where the force jumps across its target the distance
+    left counts as residual. Raises ForceNotReachedError, or the TooDeepError of a solve when the force is not reached
+    before it.
     """
     goal = force ** (1 / _EXPONENT)
     low, f_low = 0.0, 0.0
@@ -44,7 +46,7 @@ def solve_for_force(
             high, f_high, refused = doi, None, error
             doi = 0.5 * (low + high)
             continue
-        reached = state.normal_force
+        reached = state.normal_force * factor(doi)
         if abs(reached - force) <= _TOLERANCE * force:
             return doi, state
         value = max(reached, 0.0) ** (1 / _EXPONENT)
@@ -67,5 +69,5 @@ def solve_for_force(
             break
         doi = guess
     assert state is not None
-    missed = abs(state.normal_force - force) / force
+    missed = abs(state.normal_force * factor(previous[0]) - force) / force
     return previous[0], replace(state, residual=max(state.residual, missed))

@@ -20,6 +20,7 @@ from sim.models.patches import widened
 from sim.models.plane_section import build_section, prismatic
 from sim.models.processes.recipe import Recipe
 from sim.models.sources import Anew, MeshKey
+from sim.models.stiffening.linear_alone import refuse_stiffening
 from sim.models.whole_finger import build_finger
 
 ModelName = Literal["halfspace", "section", "finger"]
@@ -53,6 +54,8 @@ def load(
     places = ReceptorPlaces.of(receptor_x_mm, receptor_depth_mm, receptor_z_mm)
     if name == "finger" and cached:
         return Fingertip.load(config, slopes=slopes, **places.as_options())
+    if name != "finger":
+        refuse_stiffening(config.tissue, f"the {name}")
     surface = FingertipSurface.fit(config.geometry)
     if name == "section":
         if places.z_mm:

@@ -15,7 +15,6 @@ from threadpoolctl import ThreadpoolController
 from sim.config.fingertip_config import FingertipConfig
 from sim.config.units import GWT_N
 from sim.contact.compiled.ready import make_ready
-from sim.contact.control import ForceNotReachedError, solve_for_force
 from sim.contact.indentor import ALONG, Indentor
 from sim.contact.patch import X, Z
 from sim.contact.profiles import Profile
@@ -26,7 +25,7 @@ from sim.finger.surface import FingertipSurface
 from sim.measures.reach import ReceptorPlaces, receptors_at
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
 from sim.models.condensed import CondensedModel
-from sim.models.errors import ForceOutOfReachError, ModelRangeError, positive
+from sim.models.errors import ModelRangeError, positive
 from sim.models.inside.anywhere import Anywhere, SeenInside
 from sim.models.moduli.interpolated import Interpolated
 from sim.models.patches import HalfWidths, half_widths, larger
@@ -39,15 +38,15 @@ from sim.models.results.pictures import finger_as_html
 from sim.models.results.point_load import PointLoadResult
 from sim.models.sources import MeshKey, OnDisk, Source
 from sim.models.stiffening.linear_alone import refuse_stiffening
+from sim.models.stiffening.stiffened import Under, thickness_mm
 from sim.models.tops import keep_tops
 
 Array = NDArray[np.float64]
 Reference = Literal["contact", "apex"]
 
-DEEPEST_DOI_MM = 2.0
-"""The small-displacement model is not asked beyond this depth; the source's deepest is 1.33 mm."""
+DEEPEST_DOI_MM, DEEPEST_SHARE = 2.0, 0.6
+"""No finger is asked beyond this depth, or this share of its tissue if that is more; the source's: 1.33 mm."""
 
-_FORCE_GUESS_MM = 0.3
 _TOUCHES_KEPT = 64
 _SIDE_RAD = 0.05  # of the section's widest places; below them the skin is no function of x
 
@@ -60,7 +59,6 @@ class Fingertip(ByRecipe, SeenInside):
     """
 
     def __init__(self, config: FingertipConfig, surface: FingertipSurface, source: Source, recipe: Recipe) -> None:
-        refuse_stiffening(config.tissue, "every model")
         self.config = config
         self.surface = surface
         self.recipe = recipe
@@ -74,6 +72,7 @@ class Fingertip(ByRecipe, SeenInside):
         self._ways: dict[Hashable, dict[float, ContactState]] | None = None
         self._threads = ThreadpoolController()
         self._first_touch = lru_cache(maxsize=_TOUCHES_KEPT)(partial(first_touch, skin=surface))
+        self._under = lru_cache(maxsize=_TOUCHES_KEPT)(partial(Under, config, surface))
 
     @classmethod
     def load(
@@ -134,6 +133,12 @@ class Fingertip(ByRecipe, SeenInside):
         ridge = self.surface.ridge
         return float(ridge(ridge.derivative().roots(extrapolate=False)).max())
 
+    @cached_property
+    def deepest_doi_mm(self) -> float:
+        """As deep as it may be pressed."""
+        share_mm = DEEPEST_SHARE * thickness_mm(self.config, self.surface)
+        return max(DEEPEST_DOI_MM, math.floor(10 * share_mm) / 10)
+
     def touch_height_mm(
         self,
         indentor: Indentor | Profile | str,
@@ -177,8 +182,8 @@ class Fingertip(ByRecipe, SeenInside):
         place = self._place(shape, x_mm, z_mm)
         touch = self._first_touch(shape, place)
         height = self.apex_height_mm if reference == "apex" else touch.height_mm
-        if doi_mm is not None and not 0 < doi_mm <= DEEPEST_DOI_MM:
-            raise ModelRangeError(f"DOI {doi_mm:g} mm: expected 0 < DOI ≤ {DEEPEST_DOI_MM:g} mm")
+        if doi_mm is not None and not 0 < doi_mm <= self.deepest_doi_mm:
+            raise ModelRangeError(f"DOI {doi_mm:g} mm: expected 0 < DOI ≤ {self.deepest_doi_mm:g} mm")
         if force_gwt is not None:
             positive(force_gwt)
         patch = None
@@ -195,19 +200,21 @@ class Fingertip(ByRecipe, SeenInside):
             except RimError as met:
                 now = patch or half_widths(self.config, shape.axes)
                 patch = larger(self.config, self.surface, shape.axes, now, met)
+        strained = pressing.strained(doi)
         return IndentationResult(
             indentor=shape,
             x_mm=x_mm,
             z_mm=self.config.receptor_plane_mm if z_mm is None else z_mm,
             doi_mm=doi,
             touch_height_mm=height,
-            force_n=state.normal_force * self.e_epidermis_mpa,
+            force_n=state.normal_force * strained.force * self.e_epidermis_mpa,
             state=state,
             model=self._outlines[shape.axes, patch],
             e_epidermis_mpa=self.e_epidermis_mpa,
             contact_s=time.thread_time() - began,
             _strain=partial(model.strain, state.force),
-            other_forces_n=tuple(other.normal_force * self.e_epidermis_mpa for other in others),
+            other_forces_n=tuple(one.normal_force * strained.force * self.e_epidermis_mpa for one in others),
+            strained=strained,
         )
 
     def point_load(self, x_mm: float, force_gwt: float, *, z_mm: float | None = None) -> PointLoadResult:
@@ -215,6 +222,7 @@ class Fingertip(ByRecipe, SeenInside):
 
         Raises ModelRangeError beside the pulp, and at any z but the section's own.
         """
+        refuse_stiffening(self.config.tissue, "a point load")
         z = self.config.receptor_plane_mm if z_mm is None else z_mm
         if not 0 < z < self.config.geometry.length_mm:
             raise ModelRangeError(f"z = {z} mm: expected 0 … {self.config.geometry.length_mm:g} mm along the finger")
@@ -247,7 +255,8 @@ class Fingertip(ByRecipe, SeenInside):
     def _pressing(self, placed: PlacedIndentor, target: float) -> Pressing:
         between_nodes = self.config.contact.between_nodes and placed.indentor.between_nodes
         way = (placed.indentor, placed.place, placed.zero_mm, id(placed.model), target)
-        return Pressing(placed, between_nodes, target, {} if self._ways is None else self._ways.setdefault(way, {}))
+        ways = {} if self._ways is None else self._ways.setdefault(way, {})
+        return Pressing(placed, between_nodes, target, ways, self._under(placed.indentor, placed.place, placed.touch))
 
     def _place(self, shape: Indentor, x_mm: float, z_mm: float | None) -> tuple[float, ...]:
         """Where the reference point is, along the indentor's axes; refuses a place that means nothing to it."""
@@ -260,18 +269,10 @@ class Fingertip(ByRecipe, SeenInside):
     ) -> tuple[float, ContactState]:
         """DOI and state; a start on another patch is none."""
         if force_gwt is not None:
-            return self._solve_force(pressing, force_gwt)
+            return pressing.solve_force(positive(force_gwt), self.e_epidermis_mpa, self.deepest_doi_mm)
         assert doi_mm is not None
         fits = start is not None and start.displacement.shape[1] == len(pressing.placed.model.patch)
         return doi_mm, pressing.solve(doi_mm, start if fits else None)
-
-    def _solve_force(self, pressing: Pressing, force_gwt: float) -> tuple[float, ContactState]:
-        force = positive(force_gwt) * GWT_N / self.e_epidermis_mpa
-        try:
-            solve = pressing.solve_from_rest if pressing.placed.indentor.sharp else pressing.solve
-            return solve_for_force(force, _FORCE_GUESS_MM, DEEPEST_DOI_MM, solve)
-        except ForceNotReachedError as error:
-            raise ForceOutOfReachError(f"force {force_gwt:g} gwt: {error}") from None
 
 
 def _outline(model: CondensedModel, poisson: float, patch: HalfWidths | None) -> ModelOutline:

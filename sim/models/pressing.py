@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.config.fingertip_config import FingertipConfig
-from sim.contact.control import TooDeepError
+from sim.config.units import GWT_N
+from sim.contact.control import ForceNotReachedError, TooDeepError, solve_for_force
 from sim.contact.indentor import EDGE_RADIUS_MM, SHARP_RADIUS_MM, Indentor
 from sim.contact.patch import X, Y, Z
 from sim.contact.planes import Gathered
@@ -18,7 +19,8 @@ from sim.contact.points import Pose
 from sim.contact.solver import ContactState, solve_contact
 from sim.contact.touch import Touch
 from sim.models.condensed import CondensedModel
-from sim.models.errors import ModelRangeError
+from sim.models.errors import ForceOutOfReachError, ModelRangeError
+from sim.models.stiffening.stiffened import LINEAR_TISSUE, Stiffened, Under
 
 Array = NDArray[np.float64]
 
@@ -32,6 +34,7 @@ OTHER_STEPS_MM = (0.0125, 0.00625)
 _ON_THE_WAY = 1e-4  # residual that is enough where the next step starts
 _CORNER_REACH_MM, _EDGE_STEP_MM = 0.1, 0.005
 _LEAST_SCALE_MM = 1e-3
+_FORCE_GUESS_MM = 0.3
 _AXIS_NAMES = {X: "x", Z: "z"}
 
 
@@ -171,6 +174,7 @@ class Pressing:
     between_nodes: bool  # contact is enforced between nodes, too
     target: float
     _pressed: dict[float, ContactState] = field(default_factory=dict)  # by depth past first touch, loosely solved
+    under: Under | None = None
 
     @cached_property
     def _gathered(self) -> Gathered:
@@ -200,6 +204,21 @@ class Pressing:
         if not better.converged:
             self.placed.refuse_rim(self.placed.pose(doi_mm), better)
         return replace(better, passes=state.passes + finer.passes)
+
+    def strained(self, doi_mm: float) -> Stiffened:
+        """How the tissue answers at a depth beside its linear twin."""
+        if self.under is None:
+            return LINEAR_TISSUE
+        return self.under.at(doi_mm - self.placed.first_mm, self.placed.model.receptors.position_mm)
+
+    def solve_force(self, force_gwt: float, unit_n: float, deepest_mm: float) -> tuple[float, ContactState]:
+        """DOI and state at a force, a state's forces being in units. Raises ForceOutOfReachError."""
+        solve = self.solve_from_rest if self.placed.indentor.sharp else self.solve
+        force, factor = force_gwt * GWT_N / unit_n, lambda doi_mm: self.strained(doi_mm).force
+        try:
+            return solve_for_force(force, _FORCE_GUESS_MM, deepest_mm, solve, factor)
+        except ForceNotReachedError as error:
+            raise ForceOutOfReachError(f"force {force_gwt:g} gwt: {error}") from None
 
     def by_other_paths(self, doi_mm: float) -> list[ContactState]:
         """The answers at a depth at the end of paths in finer steps from first touch."""

@@ -20,6 +20,7 @@ from sim.models.patches import HalfWidths
 from sim.models.results.fields import Fields
 from sim.models.results.indentation import IndentationResult
 from sim.models.sources import MeshKey, Source
+from sim.models.stiffening.linear_alone import refuse_stiffening
 
 Array = NDArray[np.float64]
 
@@ -123,6 +124,7 @@ class SeenInside:
         (`FEW_POINTS`) columns instead, 0.1 s each, which are cached. `progress(done, of)` counts points. Raises
         ModelRangeError and ReceptorError.
         """
+        refuse_stiffening(self.config.tissue, "what is seen inside a finger")
         points = np.asarray(points_mm, dtype=float)
         if not (points.ndim and points.shape[-1] == 3 and points.size and np.isfinite(points).all()):
             raise ModelRangeError("points_mm: expected (…, 3) finite numbers: x, y and z of each point")

@@ -16,6 +16,7 @@ from sim.contact.solver import ContactState
 from sim.models.results.outline import ModelOutline
 from sim.models.results.pictures import press_as_html
 from sim.models.results.small_strain import SmallStrain, small_strain
+from sim.models.stiffening.stiffened import LINEAR_TISSUE, Stiffened
 
 Array = NDArray[np.float64]
 
@@ -66,6 +67,7 @@ class IndentationResult:
     other_forces_n: tuple[
         float, ...
     ] = ()  # at the same depth by finer steps, where they were asked for and may differ
+    strained: Stiffened = LINEAR_TISSUE  # beside the linear twin, which state and strains are
 
     @property
     def force_gwt(self) -> float:
@@ -88,13 +90,13 @@ class IndentationResult:
     @property
     def small_strain(self) -> SmallStrain:
         """How far finite strain is from this depth's linear answers: `docs/small_strain.md`."""
-        return small_strain(self.model.kind, self.doi_mm)
+        return small_strain(self.model.kind, self.doi_mm, self.strained.stiffening)
 
     @cached_property
     def nodal_pressure_pseudo(self) -> Array:
         """(n_patch,) normal nodal force over tributary undeformed area."""
         normal = np.linalg.norm(self.state.force, axis=0)
-        return PSEUDO_E_EPIDERMIS * normal / self.model.patch.area_mm2
+        return PSEUDO_E_EPIDERMIS * self.strained.force * normal / self.model.patch.area_mm2
 
     @property
     def contact_area_mm2(self) -> float:
@@ -177,7 +179,7 @@ class IndentationResult:
     @cached_property
     def receptor_measures(self) -> dict[str, Array]:
         """The 18 measures at the receptors; tension positive, stresses in pseudo-units."""
-        return self.model.measures(self.receptor_strain)
+        return self.strained.measures(self.model.measures(self.receptor_strain))
 
     def as_json(self) -> dict[str, Any]:
         """What `rig indent --json` prints, without the model's build time."""

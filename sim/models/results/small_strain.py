@@ -11,6 +11,8 @@ from importlib.resources import files
 from itertools import pairwise
 from typing import Any, NamedTuple
 
+from sim.models.stiffening.at_finite_strain import FORCE_ERROR, SED_ERROR
+
 FILE = "small_strain.json"
 _LEAST_SAID = 0.01
 
@@ -35,16 +37,23 @@ class Range(NamedTuple):
 
 @dataclass(frozen=True)
 class SmallStrain:
-    """What small strain is off at a depth, by the specimen's kind; None where nothing was compared."""
+    """What small strain is off at a depth, by the specimen's kind; None where nothing was compared.
+
+    Of tissue that stiffens it is what the correction for finite strain is off.
+    """
 
     kind: str
     doi_mm: float
     force: Range | None
     sed: Range | None
+    stiffening: float = 0.0
 
     @property
     def note(self) -> str:
         """In one line."""
+        if self.stiffening > 0:
+            force, sed = (f"{100 * error:g} %" for error in (FORCE_ERROR, SED_ERROR))
+            return f"finite strain, stiffening {self.stiffening:g}: force within {force}, highest SED within {sed}"
         if self.force is None or self.sed is None:
             return (
                 f"small strain: a {self.kind} pressed {self.doi_mm:.2f} mm deep was not compared with finite strain"
@@ -56,8 +65,11 @@ class SmallStrain:
         return {"note": self.note, "force": self.force, "sed": self.sed}
 
 
-def small_strain(kind: str, doi_mm: float) -> SmallStrain:
+def small_strain(kind: str, doi_mm: float, stiffening: float = 0.0) -> SmallStrain:
     """Of a model's kind ("finger", "section", "halfspace") at the depth, or the deepest depth, of an answer in mm."""
+    if stiffening > 0:
+        force, sed = (Range(-error, error) for error in (FORCE_ERROR, SED_ERROR))
+        return SmallStrain(kind, doi_mm, force, sed, stiffening)
     curve = _curves().get(kind.removeprefix("interpolated "), ())
     points = [(0.0, Range(0.0, 0.0), Range(0.0, 0.0)), *curve]
     for (above, force, sed), (below, force_below, sed_below) in pairwise(points):

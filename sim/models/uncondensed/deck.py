@@ -16,6 +16,7 @@ from sim.contact.profiles import Profile
 from sim.finger.grading import MeshError
 from sim.finger.mesh import FingerMesh
 from sim.models.discretised import young_ratios
+from sim.models.stiffening.linear_alone import refuse_stiffening
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -31,6 +32,8 @@ CONTACT_STIFFNESS_MPA_PER_MM = 2000.0
 class MeshedFinger:
     """A finger mesh and the stiffness of its layers, E(epidermis) in MPa. Raises MeshError for quadratic elements.
 
+    Raises ModelRangeError for tissue that stiffens.
+
     At finite strain layers are neo-Hookean with the same small-strain moduli; in plane strain nothing moves along z.
     """
 
@@ -41,6 +44,7 @@ class MeshedFinger:
     plane_strain: bool = False
 
     def __post_init__(self) -> None:
+        refuse_stiffening(self.config.tissue, "a deck")
         if self.mesh.order > 1:
             raise MeshError('mesh.element = "quadratic": a deck has elements of eight nodes, expected "full"')
 

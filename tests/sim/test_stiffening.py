@@ -1,0 +1,233 @@
+"""A finger that stiffens: what its quick answers are made of, and that a finger that does not is what it was."""
+
+import pickle
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from rig.plan.config import load_config
+from sim.config.fingertip_config import FingertipConfig, Tissue
+from sim.contact.shapes import parse_shape
+from sim.contact.touch import first_touch
+from sim.finger.surface import FingertipSurface
+from sim.measures.measures import STRAINS, STRESSES
+from sim.models.catalogue import load
+from sim.models.errors import ForceOutOfReachError, ModelRangeError
+from sim.models.fingertip import Fingertip
+from sim.models.results.small_strain import small_strain
+from sim.models.stiffening.at_finite_strain import (
+    FORCE,
+    FORCE_ERROR,
+    SECANT,
+    SED_ERROR,
+    Numbers,
+    Press,
+    force_factor,
+    log_factor,
+    secant,
+)
+from sim.models.stiffening.overlap import Overlap, Squeezed, overlap, squeezed
+from sim.models.stiffening.stiffened import LINEAR_TISSUE, Stiffened, Under, thickness_mm
+from tests.sim.coarse import coarse_mesh
+
+MESH = coarse_mesh(0.4, 0.4, patch_x_mm=2.5, patch_z_mm=2.5, round_patch_mm=2.5)
+HUMAN = Path(__file__).parents[2] / "examples" / "human_finger" / "finger.toml"
+PRESS = Press(0.25, 1.21, 0.2)
+
+
+def config(stiffening: float = 0.0) -> FingertipConfig:
+    return FingertipConfig(mesh=MESH, tissue=Tissue(stiffening=stiffening))
+
+
+@pytest.fixture(scope="module")
+def linear() -> Fingertip:
+    return load("finger", config(), cached=False)
+
+
+@pytest.fixture(scope="module")
+def stiff(linear: Fingertip) -> Fingertip:
+    made = load("finger", config(0.4), cached=False)
+    made._models, made._outlines = linear._models, linear._outlines
+    return made
+
+
+# --- the functions ---
+
+
+@pytest.mark.parametrize("at", [0.25, 0.1])
+def test_each_number_counts_where_it_should(at: float) -> None:
+    numbers = Numbers(0.3, 0.5, 0.5, 2.0, 2.0, -0.5, 1.5, 4.0, 3.0, 1.5, 0.7)
+    arch = 0.3 * np.tanh(0.4) * 1.1
+    squeeze = 2.0 * at**2 / 1.1
+    law = 1.5 * np.log(1 + 0.6 * 4.0 * at**3 * 1.331)
+    found = log_factor(numbers, 0.6, PRESS, np.array([at, 0.0]))
+    assert found[0] == pytest.approx(squeeze - arch + law + 0.7 * 0.25)
+    assert found[1] == pytest.approx(0.7 * 0.25 - arch)
+
+
+def test_force_is_squeezed_by_its_depth_and_a_receptor_by_what_it_has() -> None:
+    local = np.array([0.25, 0.1])
+    assert force_factor(0.6, PRESS) == pytest.approx(np.exp(log_factor(FORCE, 0.6, PRESS, np.array(0.25))))
+    assert_allclose(secant(0.6, PRESS, local), np.exp(log_factor(SECANT, 0.6, PRESS, local)))
+
+
+def test_force_grows_with_stiffening_and_a_shallow_press_is_linear() -> None:
+    factors = [force_factor(a, PRESS) for a in (1e-9, 0.3, 1.0, 3.0)]
+    assert (np.diff(factors) > 0).all()
+    assert force_factor(0.3, Press(1e-6, 1e-5, 1e-6)) == pytest.approx(1.0, abs=2e-3)
+
+
+# --- where an indentor overlaps the skin ---
+
+
+def test_volume_grows_past_each_gap() -> None:
+    assert Overlap(np.array([0.0, 0.5]), np.array([2.0, 3.0])).volume_mm3(0.75) == pytest.approx(1.5 + 0.75)
+    assert Overlap(np.array([0.0, 0.5]), np.array([2.0, 3.0])).volume_mm3(0.5) == 1.0
+
+
+@pytest.mark.parametrize(("shape", "rel"), [("flat", 0.05), ("sphere:3", 0.05)])
+def test_a_cap_of_the_skin_has_the_volume_that_its_radii_give(skin: FingertipSurface, shape: str, rel: float) -> None:
+    """π √(R₁ R₂) d² under a plate, with 1 / R the sum of the curvatures under a ball."""
+    config, indentor = FingertipConfig(), parse_shape(shape)
+    apex, doi_mm = skin.apex, 0.3
+    place = tuple({0: apex.position_mm[0], 2: apex.position_mm[2]}[axis] for axis in indentor.axes)
+    touch = first_touch(indentor, place, skin)
+    found = overlap(indentor, place, touch, skin, config.geometry.length_mm).volume_mm3(doi_mm)
+    own = 0.0 if shape == "flat" else 1 / 3.0 if _is_radius(indentor) else 1 / 1.5
+    curvatures = [1 / r + own for r in (apex.lateral_radius_mm, apex.axial_radius_mm)]
+    assert found == pytest.approx(np.pi * doi_mm**2 / np.sqrt(np.prod(curvatures)), rel=rel)
+
+
+def _is_radius(indentor: object) -> bool:
+    return float(parse_shape("sphere:3").evaluate(np.array([[0.1], [0.0]])).height_mm[0]) < 0.0025
+
+
+def test_tissue_at_a_receptor_is_squeezed_between_indentor_and_bone(skin: FingertipSurface) -> None:
+    tissue, indentor = Tissue(), parse_shape("flat")
+    z = skin.apex.position_mm[2]
+    touch = first_touch(indentor, (0.0,), skin)
+    at = np.array([[skin.apex.position_mm[0], 4.0, z], [2.5, 3.0, z]])
+    found = squeezed(indentor, (0.0,), touch, at, skin, tissue.bone_fraction)
+    y = skin.section(skin.angle_at(at[:, 0], at[:, 2]), at[:, 2])[1]
+    assert_allclose(found.gap_mm, touch.height_mm - y, atol=1e-9)
+    assert found.thickness_mm[0] == pytest.approx(y[0] * (1 - tissue.bone_fraction), rel=0.01)
+    assert found.thickness_mm[1] == pytest.approx(y[1])
+    share = Squeezed(np.array([0.1, 0.6]), np.array([2.0, 4.0])).share(0.5)
+    assert_allclose(share, [0.2, 0.0])
+
+
+def test_a_press_counts_from_first_touch_in_the_tissues_thickness(skin: FingertipSurface) -> None:
+    told, indentor = config(0.4), parse_shape("flat")
+    touch = first_touch(indentor, (0.0,), skin)
+    receptor = np.array([[0.0, 4.0, 6.9]])
+    under = Under(told, skin, indentor, (0.0,), touch)
+    thick = thickness_mm(told, skin)
+    assert thick == pytest.approx(0.68 * skin.section(np.pi / 2, told.receptor_plane_mm)[1])
+    found = under.at(0.5, receptor)
+    assert found.stiffening == 0.4
+    assert found.press.depth == pytest.approx(0.5 / thick)
+    assert found.press.bend == pytest.approx(0.25 * (1 / skin.apex.lateral_radius_mm + 1 / skin.apex.axial_radius_mm))
+    volume = overlap(indentor, (0.0,), touch, skin, 12.75).volume_mm3(0.5)
+    assert found.press.width == pytest.approx(volume / (0.5 * thick**2))
+    assert found.local[0] == pytest.approx(found.press.depth, rel=0.02)
+    assert under.at(0.0, receptor) is LINEAR_TISSUE
+    assert under.at(0.5, np.zeros((0, 3))).local.shape == (0,)
+    assert Under(config(), skin, indentor, (0.0,), touch).at(0.5, receptor) is LINEAR_TISSUE
+
+
+# --- the finger ---
+
+
+def test_tissue_that_does_not_stiffen_is_the_linear_finger_to_the_last_bit(linear: Fingertip) -> None:
+    found = linear.indent("cylinder:9", doi_mm=0.5)
+    assert found.strained is LINEAR_TISSUE
+    assert found.strained.force == 1.0
+    assert found.force_n == found.state.normal_force * linear.e_epidermis_mpa
+    measures = found.model.measures(found.receptor_strain)
+    assert found.strained.measures(measures) is measures
+
+
+def test_force_pressure_and_stresses_follow_and_strains_stay(linear: Fingertip, stiff: Fingertip) -> None:
+    was, now = (finger.indent("cylinder:9", 0.2, doi_mm=0.8) for finger in (linear, stiff))
+    factor = now.strained.force
+    assert factor == force_factor(0.4, now.strained.press) != 1.0
+    assert now.force_n == pytest.approx(was.force_n * factor)
+    assert now.peak_pressure_pseudo == pytest.approx(was.peak_pressure_pseudo * factor)
+    stiffer = secant(0.4, now.strained.press, now.strained.local)
+    assert len(stiffer) == len(now.model.receptors.position_mm)
+    for name in STRESSES:
+        power = 3 if name == "third" else 1
+        assert_allclose(now.receptor_measures[name], was.receptor_measures[name] * stiffer**power)
+    for name in STRAINS:
+        assert_allclose(now.receptor_measures[name], was.receptor_measures[name])
+
+
+def test_a_force_is_reached_at_the_depth_that_carries_it(stiff: Fingertip) -> None:
+    at_depth = stiff.indent("cylinder:9", 0.2, doi_mm=0.7)
+    at_force = stiff.indent("cylinder:9", 0.2, force_gwt=at_depth.force_gwt)
+    assert at_force.doi_mm == pytest.approx(0.7, abs=1e-6)
+    assert at_force.force_gwt == pytest.approx(at_depth.force_gwt)
+    assert at_force.state.converged
+    with pytest.raises(ForceOutOfReachError, match=re.escape("force 1e+06 gwt: ")):
+        load("halfspace", config()).indent("sphere:3", force_gwt=1e6)
+
+
+def test_depth_counts_from_the_touch_whatever_the_reference(stiff: Fingertip) -> None:
+    from_touch = stiff.indent("cylinder:3", 1.0, doi_mm=0.4)
+    higher = stiff.touch_height_mm("cylinder:3", 1.0, "apex") - stiff.touch_height_mm("cylinder:3", 1.0)
+    from_apex = stiff.indent("cylinder:3", 1.0, doi_mm=0.4 + higher, reference="apex")
+    assert higher > 0.05
+    assert from_apex.force_n == pytest.approx(from_touch.force_n, rel=1e-6)
+
+
+def test_what_is_pickled_answers_the_same(stiff: Fingertip) -> None:
+    found = stiff.indent("cylinder:9", 0.2, doi_mm=0.3)
+    again = pickle.loads(pickle.dumps(found))
+    assert again.force_n == found.force_n
+    assert_allclose(again.receptor_measures["sed"], found.receptor_measures["sed"])
+    assert_allclose(again.nodal_pressure_pseudo, found.nodal_pressure_pseudo)
+
+
+def test_an_answer_says_what_it_is_off_at_finite_strain(linear: Fingertip, stiff: Fingertip) -> None:
+    assert stiff.indent("cylinder:9", doi_mm=0.3).small_strain.note == (
+        f"finite strain, stiffening 0.4: force within {100 * FORCE_ERROR:g} %, "
+        f"highest SED within {100 * SED_ERROR:g} %"
+    )
+    assert linear.indent("cylinder:9", doi_mm=0.3).small_strain == small_strain("finger", 0.3)
+    assert small_strain("finger", 0.3, 0.4).force == (-FORCE_ERROR, FORCE_ERROR)
+    assert small_strain("finger", 0.3, 0.4).sed == (-SED_ERROR, SED_ERROR)
+
+
+# --- how deep, and the human-sized finger ---
+
+
+def test_the_default_finger_is_pressed_to_two_millimetres(linear: Fingertip) -> None:
+    assert linear.deepest_doi_mm == 2.0
+    with pytest.raises(ModelRangeError, match=re.escape("DOI 2.01 mm: expected 0 < DOI ≤ 2 mm")):
+        linear.indent("cylinder:9", doi_mm=2.01)
+
+
+def test_the_human_sized_finger_is_pressed_to_three() -> None:
+    told = load_config(HUMAN).finger
+    surface = FingertipSurface.fit(told.geometry)
+    assert Fingertip.deepest_doi_mm.func(_Bare(told, surface)) == 3.0  # type: ignore[attr-defined]
+    assert 45 < surface.apex.axial_radius_mm < 51
+    assert surface.apex.position_mm[2] == pytest.approx(told.receptor_plane_mm, abs=0.05)
+    half_width = surface.section(np.array([0.0]), told.receptor_plane_mm)[0][0]
+    assert 16 <= 2 * half_width <= 20
+
+
+class _Bare:
+    def __init__(self, told: FingertipConfig, surface: FingertipSurface) -> None:
+        self.config, self.surface = told, surface
+
+
+def test_stiffened_measures_need_no_field_of_the_linear_twin() -> None:
+    twin = {name: np.array([1.0, 2.0]) for name in (*STRAINS, *STRESSES)}
+    strained = Stiffened(0.4, PRESS, np.array([0.2, 0.1]))
+    found = strained.measures(twin)
+    assert set(found) == set(twin)
+    assert (found["sed"] != twin["sed"]).all()
