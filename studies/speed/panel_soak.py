@@ -31,7 +31,7 @@ from rig.session.control.control_socket import ControlSocket
 from rig.transport.clock import WallClock
 
 PER_S, PRESS_S = 50, 12.0
-_SETTLED_S, _EACH_S = 120.0, 5.0
+_SETTLED_S, _EACH_S, _TOLD_S = 120.0, 5.0, 180.0
 _AFTER_S, _STOPS_S = 3.0, 3.0
 
 
@@ -191,7 +191,8 @@ def _tell(seen: Seen, written: list[float]) -> None:
     print(f"stops   {len(seen.stops_s)}: {_spread(seen.stops_s)}")
     print(f"states  {seen.kinds.get('state', 0)}, at most {seen.states_apart_s:.2f} s apart; {seen.kinds}")
     for name, weighed in (("memory", seen.memory_mb), ("drawing", seen.drawing_mb)):
-        print(f"{name:<7} {weighed[0][1]:.1f} MB at first, {weighed[-1][1]:.1f} at the end")
+        every = round(_TOLD_S / _EACH_S)
+        print(f"{name:<7} MB each {_TOLD_S / 60:g} min: {' '.join(f'{mb:.1f}' for _, mb in weighed[::every])}")
         settled = [(s - began_s, mb) for s, mb in weighed if s - began_s >= _SETTLED_S]
         if len(settled) > 1:
             slope, _ = statistics.linear_regression(*zip(*settled, strict=True))

@@ -223,6 +223,18 @@ def test_a_journal_is_followed_line_by_line(tmp_path: Path) -> None:
         Following(folder).new()
 
 
+@pytest.mark.parametrize("most", [-1, 1 << 20])
+def test_a_journal_that_was_cut_shorter_says_nothing_new_until_it_has_grown(most: int, tmp_path: Path) -> None:
+    folder = RunFolder(tmp_path)
+    folder.events.write_bytes(_document("start") + _document("resume"))
+    following = Following(folder)
+    assert len(following.new(most)) == 2
+    folder.events.write_bytes(_document("start"))
+    assert following.new(most) == []
+    folder.events.write_bytes(_document("start") + _document("resume") + _document("stop", status="done"))
+    assert [one["doc"] for one in following.new(most)] == ["stop"]
+
+
 def test_it_is_followed_to_its_end_or_as_long_as_somebody_writes(tmp_path: Path) -> None:
     folder, waited = RunFolder(tmp_path), list[int]()
 
