@@ -260,6 +260,23 @@ def test_a_world_may_have_every_second_place() -> None:
     assert set(half) < set(whole)
 
 
+def test_friction_on_a_bar_and_round_its_edge() -> None:
+    """Without friction the model's force; with it every force within the cone about the normal at its place."""
+    finger, bar = load("section", COARSE, cached=False), parse_shape("bar:1.5")
+    touch = finger.touch_height_mm("bar:1.5", 0.35)
+    *_, free = Rubbing(finger.model.patch, bar, 0.35, touch, 0.0).presses(1.0)
+    expected = finger.indent("bar:1.5", 0.35, doi_mm=1.0).force_n / finger.e_epidermis_mpa
+    assert free.normal_force == pytest.approx(expected, rel=1e-4)
+    touch = finger.touch_height_mm("bar:1.5", 0.3)
+    *_, held = Rubbing(finger.model.patch, bar, 0.3, touch, 0.3).presses(1.0)
+    bears = ~np.isnan(held.anchor_mm)
+    place = held.anchor_mm[bears]
+    turned = np.sign(place) * np.maximum(np.abs(place) - 0.7, 0.0) / 0.05
+    assert 0.1 < turned.max() < 0.5  # one has slid on to the edge
+    angle = np.arctan2(held.force[0], -held.force[1])[bears] - turned
+    assert np.abs(angle).max() == pytest.approx(np.arctan(0.3), abs=0.01)
+
+
 def test_where_a_gap_opens() -> None:
     x = np.arange(-2.0, 2.01, 0.25)
     gap = np.where(np.abs(x) <= 0.8, -1e-5, np.abs(np.abs(x) - 0.8) ** 1.5)
