@@ -203,12 +203,28 @@ def test_the_words_are_those_of_the_numbers(small: Study) -> None:
 
 def test_what_the_later_waves_show_is_told_of_them_alone(small: Study) -> None:
     facts = np.stack([np.full(len(FACTS), value) for value in (1.0, 2.0, 3.25)])
-    tables = [kept.Table(np.arange(3), np.zeros((3, len(NAMES))), facts + k) for k in (100, 0)]
+    tables = [kept.Table(np.arange(3), np.tile(list(DEFAULT.values()), (3, 1)), facts + k) for k in (100, 0)]
     (told,) = [one for one in sentences.sentences(replace(small, tables=tables)) if one.startswith("On the fingers")]
     default = [small.default[KEYS.index(key)] for key in ("growth", "upper_share")]
     assert told == (
         f"On the fingers of later waves the population's peak grows 1.0 to 3.2 times (default {default[0]:.1f}), and "
         f"the upper flat carries 1.00 to 3.25 of the force (default {default[1]:.2f})."
+    )
+
+
+def test_what_was_expected_of_the_last_wave_is_held_against_it(small: Study) -> None:
+    """Emulators that say 10 x, one of them far below, of two fingers: as they say, and far above."""
+    mean = float(small.last.judges[0].emulator.predict(place_of(DEFAULT)[None])[0][0])
+    facts = np.stack([np.full(len(FACTS), mean), np.full(len(FACTS), mean + 1e3)])
+    facts[1, :5] = np.nan
+    table = kept.Table(np.arange(2), np.tile(list(DEFAULT.values()), (2, 1)), facts)
+    told = sentences.foreseen(replace(small, tables=[table]))
+    found = [judge.target.key for judge in small.last.judges]
+    shown = 2 * len(found) - sum(key in KEYS[:5] for key in found)
+    within = sentences.percent((len(found) - (KEYS[1] in found)) / shown)
+    assert told == (
+        "The choosing half's emulators of 64 fingers foresaw the 2 pressed after them: "
+        f"{within} of the numbers lie within 2 deviations of what was expected."
     )
 
 
@@ -302,7 +318,7 @@ class Judged(NamedTuple):
 def judged() -> Judged:
     said: list[str] = []
     before = {path: path.read_bytes() for path in kept.RESULTS.iterdir()}
-    return Judged(made(kept.RESULTS, said.append, Plan(places=2**12)), said, before)
+    return Judged(made(kept.RESULTS, said.append), said, before)
 
 
 def test_what_is_kept_is_not_pressed_again_and_leaves_what_is_shipped(judged: Judged) -> None:
@@ -318,6 +334,20 @@ def test_what_is_kept_is_not_pressed_again_and_leaves_what_is_shipped(judged: Ju
     for name, (low, high) in shipped.items():
         assert low <= DEFAULT[name] <= high
         assert (low, high) == (pytest.approx(left[name].low, rel=0.08), pytest.approx(left[name].high, rel=0.08))
+
+
+def test_there_are_as_many_fingers_as_were_asked_for(judged: Judged) -> None:
+    assert judged.study.last.fingers >= Plan().fewest == 100
+    assert [len(table.numbers) for table in judged.study.tables] == list(Plan().fingers)
+
+
+def test_the_docs_say_what_the_kept_tables_say(judged: Judged) -> None:
+    """Every sentence, and the tables of parameters and of facts met."""
+    docs = " ".join((ROOT / "docs" / "model.md").read_text(encoding="utf-8").split())
+    told = sentences.sentences(judged.study)
+    tables = page.parameters(pins(judged.study.last)), page.halves(judged.study)
+    rows = [row for table in tables for row in table.splitlines() if row.startswith("|")]
+    assert not [text for text in (*told, *rows) if " ".join(text.split()) not in docs]
 
 
 def test_the_default_finger_is_pressed_at_the_low_force_of_each_of_the_best() -> None:

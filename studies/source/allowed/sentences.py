@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from studies.source.allowed.facts import FACTS, Fact
 from studies.source.allowed.implausible import CUT_OFF, Judge, allowed
 from studies.source.allowed.pins import pins
-from studies.source.allowed.ranges import LOW_FORCE, NAMES, RANGES
+from studies.source.allowed.ranges import LOW_FORCE, NAMES, RANGES, place_of
 from studies.source.allowed.study import CHOOSES, Study, better, score
 from studies.source.allowed.summary import lines
 from studies.source.allowed.waves import Left
@@ -19,6 +19,9 @@ DEFLATED = (0.8, 0.7)
 """Factors on the errors of reading and model, to see what rests on these."""
 
 BY_KEY = {fact.key: fact for fact in FACTS}
+FORESEEN = 2.0
+"""Deviations within which 95 % of normal errors lie."""
+
 _GROWTH, _SHARE = "growth", "upper_share"
 
 
@@ -30,7 +33,7 @@ def sentences(study: Study) -> list[str]:
         checked(study),
         held_back((*study.last.judges, *study.checks.judges)),
         pinned(study.last),
-        *([later(study)] if study.tables[1:] else []),
+        *([foreseen(study), later(study)] if study.tables[1:] else []),
         together(study.last),
         nearest(study),
         *best(study),
@@ -84,6 +87,22 @@ def pinned(last: Left) -> str:
     found = [pin for pin in pins(last) if pin.pinned]
     told = "; ".join(f"`{pin.one.name}` {typeset(f'{pin.low:.2f} … {pin.high:.2f}')}" for pin in found)
     return f"Pinned are {len(found)} of {len(RANGES)}, the middle nine tenths of what is left: {told or 'none'}."
+
+
+def foreseen(study: Study) -> str:
+    """Whether what the emulators expected of the last wave came."""
+    before, last = study.lefts[-2], study.tables[-1]
+    x = np.array([place_of(dict(zip(NAMES, row, strict=True))) for row in last.values])
+    off = []
+    for judge in before.judges:
+        mean, deviation = judge.emulator.predict(x)
+        off.append((last.facts[:, _column(judge.target.key)] - mean) / (judge.widened * deviation))
+    found = np.concatenate(off)
+    within = float(np.mean(np.abs(found[np.isfinite(found)]) <= FORESEEN))
+    return (
+        f"The choosing half's emulators of {before.fingers} fingers foresaw the {len(x)} pressed after them: "
+        f"{percent(within)} of the numbers lie within {FORESEEN:g} deviations of what was expected."
+    )
 
 
 def later(study: Study) -> str:

@@ -59,7 +59,7 @@ class Study:
         return self.lefts[-1]
 
 
-PLAN = Plan((*Plan().fingers, 26))
+PLAN = Plan()
 
 
 def made(folder: Path, say: design.Say, plan: Plan = PLAN) -> Study:

@@ -19,7 +19,7 @@ Flags = NDArray[np.bool_]
 class Plan:
     """Fingers of each wave, places at which they are judged, and when to stop before the last."""
 
-    fingers: tuple[int, ...] = (32, 32, 10)
+    fingers: tuple[int, ...] = (32, 32, 10, 26)
     fewest: int = 100  # fingers, before the waves may stop
     places: int = 2**15
     still: float = 0.9  # of the places left before are left: it no longer shrinks
