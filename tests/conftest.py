@@ -1,5 +1,6 @@
 """What every test may use: the default fingertip, loaded once, and a count of the costly work done."""
 
+import gc
 import pkgutil
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -11,6 +12,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import sim.models.cache as cache
+from rig.cli.program import LOOKED_THROUGH
 from rig.report.style import Plot
 from sim.config.fingertip_config import Contact
 from sim.contact.compiled.ready import make_ready
@@ -113,9 +115,18 @@ MOST_KEPT = 12
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """The contact's loops are compiled before workers and commands would each do it at once."""
+    """The contact's loops are compiled before workers and commands would each do it at once.
+
+    Garbage is looked for as rarely as the program does it: a third of collecting the tests went into it.
+    """
+    gc.set_threshold(*LOOKED_THROUGH)
     if not hasattr(config, "workerinput"):
         make_ready()
+
+
+def pytest_collection_finish() -> None:
+    """What was imported and collected stays: it is not looked through for garbage while the tests run."""
+    gc.freeze()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -69,14 +69,14 @@ COMMANDS = {
 }
 
 
-_LOOKED_THROUGH = (50_000, 3, 3)
+LOOKED_THROUGH = (50_000, 3, 3)
 """New objects that are looked through for garbage, and how often older ones are with them. At Python's own (700, 10,
 10) that takes a thirtieth of a dry-run; a figure is a hundred thousand objects, and few may lie about at a time."""
 
 
 def run() -> None:
     """Carry out what the command line asks for; always ends by SystemExit."""
-    gc.set_threshold(*_LOOKED_THROUGH)
+    gc.set_threshold(*LOOKED_THROUGH)
     atexit.register(gc.freeze)  # memory goes back with the process: nothing is looked through once more before
     # What pymodbus logs of a bad frame is in our own error, in one line.
     logging.getLogger("pymodbus").addHandler(logging.NullHandler())

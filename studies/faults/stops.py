@@ -34,15 +34,15 @@ NEAR: dict[str, Any] = {
     "habits": {"clearance_mm": 0.4, "approach_speed_mm_s": 2.0, "press_speed_mm_s": 2.0, "settle_readings": 5},
 }
 FAST = ("$110=3000", "$111=3000", "$112=3000", "$120=500", "$121=500", "$122=500", "$24=600", "$25=3000", "$26=10")
-SCRIPT = """\
+_DECIDES = """\
 def run(rig):
     rig.mount("bar:3.0")
     rig.home()
     rig.zero()
     rig.move_to(x_mm=0.0)
     force_gwt = rig.indent(doi_mm=0.3, hold_s=HOLD).holds[-1].force_gwt
-    for n in range(1, 4):
-        rig.move_to(x_mm=0.1 * n + 1e-4 * force_gwt)
+    for n in range(1, TIMES):
+        rig.move_to(x_mm=0.02 * n + 1e-4 * force_gwt)
         rig.indent(force_gwt=1.0 + 1e-4 * force_gwt, hold_s=0.1)
 """
 STOP = {"grbl": "2118", "leadshine": f"06{reg.TRIGGER:04x}{reg.QUICK_STOP:04x}"}
@@ -59,6 +59,11 @@ class Stop:
     latency_s: float
     recorded: str  # the journal's status, and the state in which it was stopped after its end
     code: int
+
+
+def decides(hold_s: float = 0.1, times: int = 1) -> str:
+    """A script whose presses hang on what the first one felt: all but that one are solved while it runs."""
+    return _DECIDES.replace("HOLD", str(hold_s)).replace("TIMES", str(times))
 
 
 def by_socket(owner: Announced) -> float:
@@ -102,7 +107,7 @@ class Benches:
         """One run, stopped in a phase."""
         out, said = self._folder / f"{number:03}", self._folder / f"{number:03}.log"
         script = self._folder / "decides.py"
-        script.write_text(SCRIPT.replace("HOLD", "0.1" if phase == "report" else "2.0"), encoding="utf-8")
+        script.write_text(decides(0.1 if phase == "report" else 2.0, times=4), encoding="utf-8")
         words = [sys.executable, "-m", "rig", "run", str(script), "--yes", "--config", str(self.config)]
         with said.open("w") as errors, subprocess.Popen(
             [*words, "--out", str(out)], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors, text=True

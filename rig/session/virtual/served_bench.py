@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import ExitStack
+from typing import TypeVar
 
 from rig.plan.config import Config
 from rig.protocol.errors import BadInputError
@@ -26,6 +27,8 @@ from sim.serve.press_process import FingerNotLoadedError, PressProcess
 from sim.serve.wall_clock import WallScheduler
 from sim.serve.way_ahead import WayAhead
 from sim.serve.way_process import WayProcess
+
+Process = TypeVar("Process", PressProcess, WayProcess)
 
 
 class ServedBench:
@@ -110,11 +113,13 @@ class ServedBench:
         carriage: Carriage = true_carriage(board, config)
         indentor, terms, period_s = config.virtual.indentor, relaxation(config), config.force.sample_period_s
         if terms:
-            way = WayProcess(config.finger, indentor, terms, truth(config))
-            self._closing.callback(way.close)
+            way = self._closed_with_it(WayProcess(config.finger, indentor, terms, truth(config)))
             self.press = WayAhead(self.scheduler, carriage, way, period_s, complain)
         else:
-            process = PressProcess(config.finger, indentor, truth(config))
-            self._closing.callback(process.close)
-            self.press = PressAhead(self.scheduler, carriage, process, period_s, complain)
+            press = self._closed_with_it(PressProcess(config.finger, indentor, truth(config)))
+            self.press = PressAhead(self.scheduler, carriage, press, period_s, complain)
         return Load(self.press.force_n, self.press.fresh)
+
+    def _closed_with_it(self, process: Process) -> Process:
+        self._closing.callback(process.close)
+        return process

@@ -18,23 +18,13 @@ from rig.session.control.announcements import Announced, ControlError, announced
 from rig.session.virtual.served_bench import ServedBench
 from rig.transport import first_owner
 from sim.models.fingertip import Fingertip
+from studies.faults.stops import decides
 from tests.program import EMPTY_FIGURES, Program
 from tests.waiting import DEADLINE_S, until
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 
 STOP = "2118"  # feed hold and reset
-DECIDES = """\
-def run(rig):
-    rig.mount("bar:3.0")
-    rig.home()
-    rig.zero()
-    rig.move_to(x_mm=0.0)
-    force_gwt = rig.indent(doi_mm=0.3, hold_s=HOLD).holds[-1].force_gwt
-    for n in range(1, TIMES):
-        rig.move_to(x_mm=0.02 * n + 1e-4 * force_gwt)
-        rig.indent(force_gwt=1.0 + 1e-4 * force_gwt, hold_s=0.1)
-"""
 
 
 class Elsewhere:
@@ -104,10 +94,6 @@ def elsewhere(tmp_path: Path) -> Iterator[Callable[..., Elsewhere]]:
             one.process.communicate()
 
 
-def _script(hold_s: float = 0.1, times: int = 1) -> str:
-    return DECIDES.replace("HOLD", str(hold_s)).replace("TIMES", str(times))
-
-
 def _solves(run: Elsewhere) -> bool:
     """It has moved on after its first press, to a place that was not planned."""
     events = [one.get("stream") for one in run.documents]
@@ -119,10 +105,10 @@ def _in(phase: str) -> Callable[[Elsewhere], bool]:
 
 
 PHASES: dict[str, tuple[str, Callable[[Elsewhere], bool]]] = {
-    "plan": (_script(), lambda run: run.is_at("planning")()),
-    "approach": (_script(), _in("approach")),
-    "solve": (_script(times=40), _solves),
-    "hold": (_script(hold_s=60.0), _in("hold")),
+    "plan": (decides(), lambda run: run.is_at("planning")()),
+    "approach": (decides(), _in("approach")),
+    "solve": (decides(times=40), _solves),
+    "hold": (decides(hold_s=60.0), _in("hold")),
 }
 
 
@@ -160,7 +146,7 @@ def test_a_stop_while_the_report_is_made_leaves_the_data_what_they_are(
     elsewhere: Callable[..., Elsewhere], whole: tuple[ServedBench, Path], finger: Fingertip, rig: Program
 ) -> None:
     _, config = whole
-    run = elsewhere(_script(), "run", "--yes", "--json", "--config", config)
+    run = elsewhere(decides(), "run", "--yes", "--json", "--config", config)
     run.comes_to(lambda: run.is_at("reporting")() and any(one["doc"] == "stop" for one in run.documents))
     sent = len(run.sent)
     before = read_run(run.folder)
@@ -187,7 +173,7 @@ def test_a_pause_from_elsewhere_and_rig_stop_over_the_socket(
 ) -> None:
     """Without a terminal: whoever asked for the pause ends it. `rig stop` needs no signal where a socket answers."""
     _, config = whole
-    run = elsewhere(_script(times=40), "run", "--yes", "--config", config)
+    run = elsewhere(decides(times=40), "run", "--yes", "--config", config)
     run.comes_to(lambda: _in("hold")(run))
     assert run.ask("pause")["ok"]
     run.comes_to(run.is_at("paused"))
@@ -208,7 +194,7 @@ def test_a_run_whose_finger_is_lost_is_lifted_and_says_so(
     elsewhere: Callable[..., Elsewhere], whole: tuple[ServedBench, Path], finger: Fingertip
 ) -> None:
     _, config = whole
-    run = elsewhere(_script(hold_s=1.0, times=3), "run", "--yes", "--config", config)
+    run = elsewhere(decides(hold_s=1.0, times=3), "run", "--yes", "--config", config)
     run.comes_to(lambda: _in("hold")(run))
     (child,) = _children(run.process.pid)
     os.kill(child, signal.SIGKILL)
@@ -224,7 +210,7 @@ def test_the_finger_ends_with_its_run(
     elsewhere: Callable[..., Elsewhere], whole: tuple[ServedBench, Path], finger: Fingertip
 ) -> None:
     _, config = whole
-    run = elsewhere(_script(hold_s=60.0), "run", "--yes", "--config", config)
+    run = elsewhere(decides(hold_s=60.0), "run", "--yes", "--config", config)
     run.comes_to(lambda: _in("hold")(run))
     (child,) = _children(run.process.pid)
     run.process.kill()
@@ -233,7 +219,7 @@ def test_the_finger_ends_with_its_run(
 
 
 def test_a_dry_run_answers_too(elsewhere: Callable[..., Elsewhere], finger: Fingertip) -> None:
-    run = elsewhere(_script(hold_s=60.0), "dry-run", "--speed", "10")
+    run = elsewhere(decides(hold_s=60.0), "dry-run", "--speed", "10")
     assert (run.one.virtual, run.one.ports, run.one.kind) == (True, (), "run")
     run.comes_to(lambda: _in("hold")(run))
     assert run.ask("status") == {"ok": True, "state": "running", "run": str(run.folder), "stopped": False}
