@@ -89,6 +89,8 @@ def met(stranger: Stranger, foreseen: Foreseen, unmet: Fingertip) -> dict[str, A
         "highest_gwt": max((told.surprise.measured_gwt for told in meeting.told), default=0.0),
         "surprises": [told.surprise.sds for told in meeting.told],
         "misfit": (meeting.learned.misfit / np.maximum(meeting.learned.readings, 1)).tolist(),
+        "off": foreseen.prior.off(meeting.learned.likeliest[None])[0].tolist(),
+        "readings": int(meeting.learned.readings.sum()),
         "total": meeting.learned.total / max(int(meeting.learned.readings.sum()), 1),
         "limit_gwt": KNOWN.limits.soft_trip_n / GWT_N,
     }
@@ -102,6 +104,7 @@ def main() -> None:
     asked.add_argument("--outside", type=int, default=40)
     given = asked.parse_args()
     kept = [json.loads(line) for line in given.rows.read_text().splitlines()] if given.rows.exists() else []
+    given.rows.parent.mkdir(parents=True, exist_ok=True)
     there = {(row["of"], row["seed"]) for row in kept}
     foreseen, unmet = Foreseen.over(KNOWN.finger, Prior(), 1.8, 1.1), Fingertip.load(KNOWN.finger)
     made_with = {"commit": commit(Path(__file__)), "goals": [list(vars(goal).values()) for goal in GOALS]}

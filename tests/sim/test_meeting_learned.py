@@ -151,6 +151,18 @@ def test_a_mount_that_slips_is_recognised() -> None:
     assert "does the mount slip" in str(_judged(given[:3] + slipped, 7))
 
 
+@pytest.mark.parametrize(("off_sds", "flagged"), [(2.1, False), (2.2, True), (-2.2, True)])
+def test_layers_at_the_end_of_their_ranges_are_told(off_sds: float, flagged: bool) -> None:
+    """Of both moduli: two squares, of which one in a hundred exceeds 9.21."""
+    _, given, learned = _met(1)
+    moved = PRIOR.middle.copy()
+    for name in ("ln_e_dermis", "ln_e_fat"):
+        moved[PRIOR.index(name)] += off_sds * PRIOR.sd[PRIOR.index(name)]
+    said = no_finger(FORESEEN, given, replace(learned, likeliest=moved), [])
+    assert (said is not None) == flagged
+    assert not flagged or "layers" in str(said)
+
+
 def test_a_surprise_is_counted_in_sd_of_the_logarithm() -> None:
     surprise = Surprise(Width(2.0, 1.0, 4.0), 0.1, 2.0 * np.exp(0.3))
     assert surprise.sds == pytest.approx(3.0)

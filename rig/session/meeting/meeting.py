@@ -25,7 +25,7 @@ _SMALLEST_TRIP_N = 0.02
 _BETWEEN_S = 0.1  # two moves of a press, besides the move itself
 _LEAST_NARROWER = 0.9  # of the width before the first press: else nothing was learned of it
 _NOT_LEARNED_SHARE = 0.8  # of a parameter's sd before
-_LEAST_PRESSES = 4  # fewer cannot tell what is no finger
+_LEAST_PRESSES = 4  # fewer tell neither whether it is a finger nor that it is none
 _LEAST_GWT, _EXPONENT = 1e-3, 1.7
 _MODEL = float(np.hypot(PRESS_ERROR, SHAPE_ERROR))
 
@@ -35,7 +35,7 @@ TOUCH_SD_MM = 0.015
 FELT_GWT = 0.15
 """What counts as a touch: well out of the noise of a cell, since where the skin lies is fitted afterwards."""
 
-MODEL_ERROR = 0.025
+MODEL_ERROR = 0.015
 """Relative sd of a force on a shape that was not pressed, beside the spread of the likely fingers (docs/meet.md)."""
 
 
@@ -107,7 +107,9 @@ class Meeting:
     @property
     def enough(self) -> bool:
         """Whether there is nothing more to press."""
-        known = len(self.told) >= _LEAST_PRESSES and self.told[-1].widest <= self.wanted.width
+        if len(self.told) < min(_LEAST_PRESSES, self.wanted.presses):
+            return False
+        known = self.told[-1].widest <= self.wanted.width
         return known or len(self.told) >= self.wanted.presses or self.stranger is not None
 
     @property

@@ -11,12 +11,13 @@ from sim.models.meeting.foreseen import Foreseen
 from sim.models.meeting.given import Given
 from sim.models.meeting.learned import Learned
 from sim.models.meeting.next_press import Width
+from sim.models.meeting.prior import TISSUE
 
 Array = NDArray[np.float64]
 
-CHANCE_OF_ALL, CHANCE_OF_ONE, MOST_SURPRISE = 0.01, 0.001, 4.5
-"""How often a finger of the prior would be so far off all readings, and off those of its worst press; and by how many
-sd a press may surprise."""
+CHANCE_OF_ALL, CHANCE_OF_ONE, CHANCE_OF_LAYERS, MOST_SURPRISE = 0.01, 0.001, 0.01, 4.5
+"""How often a finger of the prior would be so far off all readings, off those of its worst press, and its moduli so
+far from what is usual; and by how many sd a press may surprise."""
 
 _COMPARED, _RARE, _MOST_PRESSES = 300, 0.025, 0.6  # fingers; share of them; share of the presses
 _DEEP, _ENOUGH = 0.3, 3  # of the deepest, and readings: there the touch's own error counts little
@@ -48,8 +49,17 @@ def no_finger(
     one_off = bool((chi2.sf(learned.misfit, learned.readings) < CHANCE_OF_ONE).any())
     surprising = max((abs(one.sds) for one in surprises), default=0.0) > MOST_SURPRISE
     if not (total_off or one_off or surprising):
-        return None
+        return _NO_LAYERS if _layers_off(learned) else None
     return f"no finger of the prior answers like this: {_how(foreseen, presses, learned)}"
+
+
+_NO_LAYERS = "no finger of the prior is likely to answer like this: its layers would be at the end of their ranges"
+
+
+def _layers_off(learned: Learned) -> bool:
+    """Whether only unlikely moduli of dermis and fat come near: what lies there may be layered otherwise."""
+    off = learned.prior.off(learned.likeliest)[[learned.prior.index(name) for name in TISSUE]]
+    return bool(chi2.sf(float(off @ off), len(TISSUE)) < CHANCE_OF_LAYERS)
 
 
 def _how(foreseen: Foreseen, presses: Sequence[Given], learned: Learned) -> str:
