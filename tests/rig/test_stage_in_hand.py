@@ -234,6 +234,33 @@ def test_a_stop_through_a_port_that_dropped_goes_out_through_a_new_one(ports: Po
     assert ports.done == ["opened", *(["2118"] if way == "dropped" else []), "closed", "opened", "2118"]
 
 
+def test_one_that_dropped_while_the_report_was_made_is_opened_anew_for_a_stop_and_once(ports: Ports) -> None:
+    hand = ports.held().open()
+    ports.opened[0].dropped = True
+    _ready(hand.lend(io.StringIO()))
+    hand.give_back()
+    hand.stop()
+    assert len(ports.opened) == 2, "that of the run is well, and the one before it is forgotten"
+    ports.opened[1].dropped = True
+    hand.stop()
+    assert len(ports.opened) == 3
+    assert ports.done[-4:] == ["2118", "closed", "opened", "2118"]
+
+
+def test_the_end_of_a_wire_is_found_behind_what_came_before_it(ports: Ports, monkeypatch: pytest.MonkeyPatch) -> None:
+    hand = ports.held().open()
+    heard = [b"Grbl 1.1h\r\n"]
+
+    def read(timeout_s: float) -> bytes:
+        if heard:
+            return heard.pop()
+        raise TransportError("the other side closed the connection")
+
+    monkeypatch.setattr(ports.opened[0], "read", read)
+    _ready(hand.lend(io.StringIO()))
+    assert len(ports.opened) == 2
+
+
 def test_while_it_is_lent_nobody_else_listens(ports: Ports) -> None:
     hand = ports.held().open()
     _ready(hand.lend(io.StringIO()))
