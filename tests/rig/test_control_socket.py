@@ -134,6 +134,7 @@ def _fail_silently(_: object) -> dict[str, Any]:
         (_fail, "the board is gone"),
         (_fail_silently, "RuntimeError"),
         (lambda _: {"ok": False, "problem": "not now"}, "not now"),
+        (lambda _: {"ok": 1, "problem": "neither yes nor no"}, "neither yes nor no"),
         (lambda _: {"force_gwt": float("nan")}, "Out of range float values are not JSON compliant"),
         (lambda _: {"at": object()}, "Object of type object is not JSON serializable"),
     ],
@@ -295,6 +296,16 @@ def test_a_stop_is_one_message_and_waits_for_nothing() -> None:
     (challenge,) = spoken.sent
     assert challenge.startswith(b"#CHALLENGE#"), "nothing more is asked"
     assert _said() != message, "each has a nonce of its own"
+
+
+def test_what_is_left_of_the_time_is_waited_for_and_no_more() -> None:
+    waited_s: list[float] = []
+    spoken: Any = Spoken()
+    spoken.poll = lambda timeout_s: bool(waited_s.append(timeout_s))  # type: ignore[func-returns-value]
+    for within_s in (DEADLINE_S, -1.0):
+        with pytest.raises(TimeoutError):
+            Wire(spoken, within_s).recv_bytes()
+    assert waited_s == [pytest.approx(DEADLINE_S, rel=0.5), 0.0]
 
 
 def test_a_stop_by_another_key_or_torn_is_none() -> None:
