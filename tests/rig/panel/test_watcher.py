@@ -12,6 +12,7 @@ import pytest
 from rig.data.folder import RunFolder
 from rig.panel.outlet import NOTHING, Onlooking
 from rig.panel.seen.seen_bench import HAND
+from rig.panel.seen.seen_run import SeenRun
 from rig.panel.watcher import ASK_S, BEAT_S, FIND_S, LOOK_S, STATUS_S, Watcher
 from rig.plan.agenda import Course
 from rig.session.control.announcements import ControlError
@@ -284,3 +285,40 @@ def test_it_looks_on_until_it_is_cancelled(make: Make, tmp_path: Path) -> None:
 
     asyncio.run(looks_on())
     assert isinstance(watcher.clock, VirtualClock)
+
+
+def test_what_was_read_of_a_run_that_is_followed_no_more_is_told_to_nobody(
+    make: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Somebody took the bench by hand while its journal was looked at."""
+    run = journal(tmp_path / "run", START)
+    watcher = make(ToldOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})).watcher
+
+    def left(seen: SeenRun, unix_s: float) -> list[list[float]]:
+        watcher.run = None
+        return [[0.0] * 9]
+
+    monkeypatch.setattr(SeenRun, "look", left)
+    with watcher.outlet.joined() as client:
+        found = told(watcher, client)
+    assert (found["readings"]["rows"], found["state"]["run"]) == ([], None)
+
+
+def test_a_run_that_is_followed_no_more_leaves_no_schedule(make: Make, tmp_path: Path) -> None:
+    run = journal(tmp_path / "run", START)
+    Course(9.0, {("home", 1, 0): 5.0}, {("home", 1, 0): "home"}).keep(RunFolder(run))
+    panel = make(ToldOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}}))
+    with panel.watcher.outlet.joined() as client:
+        assert len(told(panel.watcher, client)["schedule"]["steps"]) == 1
+        panel.owners[0].run = None
+        found = told(panel.watcher, client)["schedule"]
+        assert (found["steps"], found["run"]) == ([], None)
+
+
+def test_controls_of_a_tab_that_has_left_are_free(make: Make) -> None:
+    panel = make()
+    with panel.watcher.outlet.joined() as client:
+        panel.watcher.tabs.take("a", panel.clock.monotonic_s())
+        assert told(panel.watcher, client)["state"]["controls"] == "a"
+        panel.clock.wait_s(5.1)
+        assert told(panel.watcher, client)["state"]["controls"] is None
