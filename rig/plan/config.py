@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, ValidationError, model_validator
 from rig.devices.own_table import as_asked
 from rig.engine.rig_settings import RigSettings
 from rig.plan.met.finger_file import Met, checked_relaxation, read_finger_file
-from rig.protocol.errors import BadInputError, first_problem
+from rig.protocol.errors import WRITTEN_BY_COMMANDS, BadInputError, first_problem
 from rig.transport.port_settings import Settings
 from sim.config.fingertip_config import FingertipConfig
 
@@ -60,7 +60,9 @@ class Config(RigSettings):
 
     finger: FingertipConfig = FingertipConfig()
     virtual: VirtualSettings = VirtualSettings()
-    met: Met | None = Field(None, description="how well the finger is known, as `rig meet` writes it: docs/meet.md")
+    met: Met | None = Field(
+        None, description="how well the finger is known: docs/meet.md", json_schema_extra=WRITTEN_BY_COMMANDS
+    )
 
     def as_toml(self) -> str:
         """Every table and value, as a configuration file that gives this configuration."""

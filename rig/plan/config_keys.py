@@ -12,6 +12,7 @@ from pydantic.fields import FieldInfo
 
 from rig.devices.catalogue import names
 from rig.devices.own_table import DeviceSettings
+from rig.protocol.errors import WRITTEN_BY_COMMANDS
 
 # Endings of names, the longer before those that they end on.
 UNITS = {
@@ -32,7 +33,6 @@ UNITS = {
     "g": "g",
 }
 ABSENT = "…"
-_WRITTEN_BY_COMMANDS = ("met",)  # docs/meet.md
 _KINDS: dict[Any, str] = {
     bool: "true | false",
     int: "whole number",
@@ -75,13 +75,14 @@ class Key:
 
 def keys(settings: BaseModel) -> Iterator[Key]:
     """Every key of a configuration that a person writes, in the order of its tables."""
-    found = _keys(settings, type(settings)(), "")
-    return (key for key in found if key.place.lstrip(".").partition(".")[0] not in _WRITTEN_BY_COMMANDS)
+    return _keys(settings, type(settings)(), "")
 
 
 def _keys(settings: BaseModel, default: BaseModel | None, table: str) -> Iterator[Key]:
     inner = []
     for name, field in type(settings).model_fields.items():
+        if field.json_schema_extra == WRITTEN_BY_COMMANDS:
+            continue
         value, usual = getattr(settings, name), _usual(default, name, field)
         if isinstance(value, BaseModel):
             inner.append((value, usual, f"{table}.{name}".lstrip(".")))

@@ -42,11 +42,15 @@ class FingerModel:
 
         Raises ModelRangeError, and NoPredictionError where the model does not converge.
         """
-        pace = None if self._met is None else pace
-        asked = (indentor, x_mm, target) if pace is None else (indentor, x_mm, target, pace)
+        asked = indentor, x_mm, target
         if asked not in self._kept:
-            self._kept[asked] = self._solved(indentor, x_mm, target, pace)
-        return self._kept[asked]
+            self._kept[asked] = self._solved(*asked)
+        if self._met is None or pace is None:
+            return self._kept[asked]
+        paced = *asked, pace
+        if paced not in self._kept:
+            self._kept[paced] = self._with_band(self._kept[asked], pace, self._met)
+        return self._kept[paced]
 
     def touch_height_mm(self, indentor: str, x_mm: float, along_mm: float) -> float:
         """Height of the indentor at first touch, from the nominal apex."""
@@ -57,12 +61,11 @@ class FingerModel:
             self._shapes[indentor] = parse_shape(self._where(indentor))
         return self._shapes[indentor]
 
-    def _solved(self, indentor: str, x_mm: float, target: Target, pace: Pace | None) -> Prediction:
-        shape, press = self._shape(indentor), Asked(indentor, x_mm, target)
-        found = asked(self._finger, _predicted, shape, press)
-        if self._met is None or pace is None:
-            return found
-        return asked(self._finger, _with_band, found, shape, pace, self._met)
+    def _solved(self, indentor: str, x_mm: float, target: Target) -> Prediction:
+        return asked(self._finger, _predicted, self._shape(indentor), Asked(indentor, x_mm, target))
+
+    def _with_band(self, found: Prediction, pace: Pace, met: Met) -> Prediction:
+        return asked(self._finger, _with_band, found, self._shape(found.indentor), pace, met)
 
 
 class Asked(NamedTuple):

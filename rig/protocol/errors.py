@@ -5,7 +5,10 @@ from difflib import get_close_matches
 from reprlib import Repr
 from typing import Any, get_args
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, JsonValue, ValidationError
+
+WRITTEN_BY_COMMANDS: dict[str, JsonValue] = {"written_by_commands": True}
+"""Marks the field of a table that no person writes."""
 
 _SHORT = Repr()
 _SHORT.maxlist = _SHORT.maxdict = 3
@@ -45,8 +48,10 @@ def _neighbours(place: tuple[str | int, ...], model: type[BaseModel]) -> list[st
 
 
 def _keys(model: type[BaseModel], above: str = "") -> Iterator[tuple[str, str]]:
-    """Every key of a model and of its tables, with its whole place."""
+    """Every key of a model and of its tables that a person writes, with its whole place."""
     for name, field in model.model_fields.items():
+        if field.json_schema_extra == WRITTEN_BY_COMMANDS:
+            continue
         yield name, f"{above}{name}"
         inner = _table(field.annotation)
         if inner is not None:
