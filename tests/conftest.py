@@ -76,6 +76,8 @@ REAL_TIME = (
 # among what computes, so that not all wait at once.
 LONG = (
     "test_adding_a_part.py",
+    "studies/test_finite_strain.py",
+    "studies/test_allowed_page.py",
     "rig/real_time/test_calibrate.py",
     "sim/test_hard_cases.py",
     "rig/real_time/test_run_on_wires.py",
@@ -92,6 +94,9 @@ LONG = (
     "rig/real_time/test_by_hand_commands.py",
     "rig/real_time/test_by_hand_process.py",
     "sim/test_speed_and_error.py",
+    "sim/test_meeting_forces.py",
+    "rig/met/test_met_in_a_run.py",
+    "rig/real_time/test_meet_a_stranger.py",
     "rig/test_find.py",
     "rig/test_how_it_ends.py",
     "sim/test_patches.py",

@@ -1,5 +1,6 @@
 """`rig serve` as a command: what it prints, how it ends, what it refuses."""
 
+import random
 import signal
 import socket
 from collections.abc import Callable
@@ -21,13 +22,13 @@ Rig = Callable[..., Any]
 
 
 def two_free_ports() -> int | None:
-    """The first of two TCP ports in a row that nobody has."""
-    with socket.create_server(("127.0.0.1", 0)) as first:
-        number: int = first.getsockname()[1]
-        try:
-            socket.create_server(("127.0.0.1", number + 1)).close()
-        except OSError:
-            return None
+    """The first of two TCP ports in a row that nobody has, below those that are given to whoever asks for any."""
+    number = random.randrange(20_000, 32_000, 2)
+    try:
+        for port in (number, number + 1):
+            socket.create_server(("127.0.0.1", port)).close()
+    except OSError:
+        return None
     return number
 
 
