@@ -29,10 +29,10 @@ E = TypeVar("E")
 A = TypeVar("A")
 
 _SOFT_TRIP_OVER_PREDICTED = 2.0
-_SOFT_TRIP_OVER_BAND = (
-    1.25  # of a finger that was met: besides its band only noise and the bench are to be allowed for
-)
-_SMALLEST_SOFT_TRIP_N = 0.02
+SOFT_TRIP_OVER_BAND = 1.25
+"""Of a finger that was met, or is being met: besides its band only noise and the bench are to be allowed for."""
+
+SMALLEST_SOFT_TRIP_N = 0.02
 
 
 def _nothing_yet() -> dict[Purpose, list[PlannedIndentation]]:
@@ -74,8 +74,8 @@ class Plan:
         if self.first_soft_trip_n is not None:
             return self.first_soft_trip_n
         met = all(planned.band is not None for planned in self.all_presses)
-        times = _SOFT_TRIP_OVER_BAND if met else _SOFT_TRIP_OVER_PREDICTED
-        return max(times * self.peak_force_gwt * GWT_N, _SMALLEST_SOFT_TRIP_N)
+        times = SOFT_TRIP_OVER_BAND if met else _SOFT_TRIP_OVER_PREDICTED
+        return max(times * self.peak_force_gwt * GWT_N, SMALLEST_SOFT_TRIP_N)
 
 
 def make_plan(

@@ -9,6 +9,8 @@ from scipy.stats import norm
 from rig.devices.units import GWT_N
 from rig.engine.rig_settings import RigSettings
 from rig.plan.config import Config
+from rig.plan.plan import SMALLEST_SOFT_TRIP_N, SOFT_TRIP_OVER_BAND
+from rig.protocol.planned import BETWEEN_INCREMENTS_S
 from sim.models.meeting.foreseen import Foreseen
 from sim.models.meeting.given import Given, Pace
 from sim.models.meeting.learned import PRESS_ERROR, SHAPE_ERROR, learn, nothing_learned
@@ -20,9 +22,7 @@ PLACES_MM = (-1.2, 0.0, 1.2)
 DEPTHS_MM = (0.2, 0.3, 0.45, 0.6, 0.8, 1.0)
 
 _GENTLE = (0.25, 0.5)  # of the highest force, in the first presses
-_TRIP_SHARE, _OVER_BAND = 0.995, 1.25  # what trips: the upper band of what is known, and a quarter more
-_SMALLEST_TRIP_N = 0.02
-_BETWEEN_S = 0.1  # two moves of a press, besides the move itself
+_TRIP_SHARE = 0.995  # of the likely fingers press below what trips, by a margin more
 _LEAST_NARROWER = 0.9  # of the width before the first press: else nothing was learned of it
 _NOT_LEARNED_SHARE = 0.8  # of a parameter's sd before
 _LEAST_PRESSES = 4  # fewer tell neither whether it is a finger nor that it is none
@@ -81,7 +81,7 @@ class Meeting:
 
     def __post_init__(self) -> None:
         habits = self.settings.habits
-        pace = Pace(habits.increment_mm, habits.increment_mm / habits.press_speed_mm_s + _BETWEEN_S)
+        pace = Pace(habits.increment_mm, habits.increment_mm / habits.press_speed_mm_s + BETWEEN_INCREMENTS_S)
         self._menu = [PressAt(s, x, d) for s in self.wanted.shapes for x in PLACES_MM for d in self._depths_mm]
         self.chooser = Chooser(self.foreseen, self.wanted.goals, pace)
         for shape in dict.fromkeys([*self.wanted.shapes, *(goal.indentor for goal in self.wanted.goals)]):
@@ -127,7 +127,7 @@ class Meeting:
     def trip_n(self, press: PressAt) -> float:
         """From the upper band of what is known now."""
         highest = highest_gwt(self.foreseen, self.learned.draws, press, self.chooser.pace, _TRIP_SHARE)
-        return max(_OVER_BAND * highest * GWT_N, _SMALLEST_TRIP_N)
+        return max(SOFT_TRIP_OVER_BAND * highest * GWT_N, SMALLEST_SOFT_TRIP_N)
 
     def take(self, press: PressAt, given: Given) -> Told:
         """Learn from a press."""

@@ -73,7 +73,4 @@ class Pace:
     increment_mm: float = 0.05
     step_s: float = 0.15
     hold_s: float = 1.0
-    readings: int = 6
-
-
-"""Of a hold that are foreseen."""
+    readings: int = 6  # of a hold, that are foreseen

@@ -61,8 +61,12 @@ def band(forces_gwt: Array, model_error: float, coverage: float = COVERAGE) -> W
 
 def highest_gwt(foreseen: Foreseen, draws: Array, press: PressAt, pace: Pace, share: float) -> float:
     """The force that no more than so many of the fingers would pass on the way."""
-    most = foreseen.forces_gwt(draws, press.way(pace)).max(axis=1)
-    return float(np.quantile(most, share)) * (1 + 2 * PRESS_ERROR)
+    return _highest(foreseen.forces_gwt(draws, press.way(pace)), share)
+
+
+def _highest(forces_gwt: Array, share: float) -> float:
+    """Of (n, r) forces on the way."""
+    return float(np.quantile(forces_gwt.max(axis=1), share)) * (1 + 2 * PRESS_ERROR)
 
 
 class Chooser:
@@ -85,7 +89,7 @@ class Chooser:
         highest, left = [], []
         for press in menu:
             forces = self.foreseen.forces_gwt(draws, press.way(self.pace))
-            highest.append(float(np.quantile(forces.max(axis=1), share)) * (1 + 2 * PRESS_ERROR))
+            highest.append(_highest(forces, share))
             left.append(_left(np.log(forces), wanted, _variance(forces)))
         allowed = np.array(highest) <= most_gwt
         if not allowed.any():
