@@ -226,7 +226,7 @@ def _print_receptors(result: IndentationResult | PointLoadResult) -> None:
     table = Table(*places, "ep1", "ep3", "s33 (pseudo)", "SED (pseudo)", box=None, padding=(0, 2))
     m = result.receptor_measures
     for k, place in enumerate(zip(*places.values(), strict=True)):
-        at = (f"{v:.2f}" for v in place)
+        at = (f"{v:z.2f}" for v in place)
         table.add_row(*at, f"{m['ep1'][k]:.4f}", f"{m['ep3'][k]:.4f}", f"{m['s33'][k]:.1f}", f"{m['sed'][k]:.3f}")
     out.print(table)
 

@@ -9,6 +9,7 @@ from typing import TypeVar
 from rig.session.control.announcements import ControlError
 
 Answer = TypeVar("Answer")
+Given = TypeVar("Given")
 
 
 class Few:
@@ -21,8 +22,19 @@ class Few:
 
     def begin(self, do: Callable[[], Answer]) -> "asyncio.Future[Answer]":
         """Have it done. Raises ControlError."""
+        return self.begin_behind(lambda: None, lambda _: do())
+
+    def begin_behind(self, first: Callable[[], Given], do: Callable[[Given], Answer]) -> "asyncio.Future[Answer]":
+        """Have it done with what comes of `first`, which is done here and now: a thread may wait for its turn.
+
+        Raises ControlError, and then neither is done.
+        """
         if not self._idle.acquire(blocking=False):
             raise ControlError(self._problem)
-        begun = self._pool.submit(do)
+        try:
+            begun = self._pool.submit(do, first())
+        except BaseException:
+            self._idle.release()
+            raise
         begun.add_done_callback(lambda _: self._idle.release())
         return asyncio.wrap_future(begun)

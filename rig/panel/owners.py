@@ -1,7 +1,9 @@
 """Whoever owns ports, as they announce themselves: which of them a page shows, and what each is asked."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -29,6 +31,10 @@ class Owner(Protocol):
 
     def ask(self, do: str, *, within_s: float = ..., **more: Any) -> dict[str, Any]:
         """Its answer. Raises RefusedError, ControlError."""
+        ...
+
+    def say_stop(self) -> Callable[[float], dict[str, Any]]:
+        """Waits for nothing; what is returned listens to the answer for so many seconds. Raises ControlError."""
         ...
 
 
@@ -69,16 +75,30 @@ def asked(owner: Owner | None, kind: str, do: str, within_s: float, **more: Any)
     return owner.ask(do, within_s=within_s, **more)
 
 
-def stop_all(owners: Sequence[Owner], pool: ThreadPoolExecutor) -> dict[str, Any]:
-    """Every real owner is told to stop, and the one that is shown, all at once and none behind another.
+Said = Mapping[int, Callable[[float], dict[str, Any]]]
+"""Whoever was told to stop, by process, and what listens to the answer."""
+
+
+def say_stop(owners: Sequence[Owner]) -> Said:
+    """Every real owner is told to stop, and the one that is shown, without waiting, but for those that cannot be."""
+    said = {}
+    for one in _to_be_stopped(owners):
+        with suppress(ControlError):
+            said[one.pid] = one.say_stop()
+    return said
+
+
+def stop_all(owners: Sequence[Owner], said: Said, pool: ThreadPoolExecutor) -> dict[str, Any]:
+    """Whoever has not been told to stop is, all at once and none behind another; what all of them answer.
 
     Raises NobodyError where there is none, ControlError where one does not answer, RefusedError where all refuse.
     """
-    there = [one for one in owners if not one.virtual or one is shown(owners)]
+    there = _to_be_stopped(owners)
     if not there:
         raise NobodyError("nothing owns the ports: there is nothing to stop")
-    others = pool.map(_stopped, there[1:])
-    answers = [_stopped(there[0]), *others]
+    stopping = partial(_stopped, said)
+    others = pool.map(stopping, there[1:])
+    answers = [stopping(there[0]), *others]
     for problem in answers:
         if isinstance(problem, ControlError) and not isinstance(problem, RefusedError):
             raise problem
@@ -88,9 +108,14 @@ def stop_all(owners: Sequence[Owner], pool: ThreadPoolExecutor) -> dict[str, Any
     return {"stopped": stopped, "words": f"told to stop: process {', '.join(map(str, stopped))}"}
 
 
-def _stopped(owner: Owner) -> dict[str, Any] | ControlError:
+def _to_be_stopped(owners: Sequence[Owner]) -> list[Owner]:
+    return [one for one in owners if not one.virtual or one is shown(owners)]
+
+
+def _stopped(said: Said, owner: Owner) -> dict[str, Any] | ControlError:
+    answered = said.get(owner.pid)
     try:
-        answer = owner.ask("stop", within_s=STOP_S)
+        answer = owner.ask("stop", within_s=STOP_S) if answered is None else answered(STOP_S)
     except ControlError as error:
         return error
     if "unconfirmed" in answer:

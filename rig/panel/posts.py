@@ -14,7 +14,7 @@ from rig.panel.asked import HeldButton, body_of, flag, whole
 from rig.panel.by_hand_process import ByHandProcess, NotTakenError
 from rig.panel.few import Few
 from rig.panel.gate import TAB_HEADER
-from rig.panel.owners import NobodyError, asked, stop_all
+from rig.panel.owners import NobodyError, Said, asked, say_stop, stop_all
 from rig.panel.watcher import Watcher
 from rig.session.control.announcements import ControlError, RefusedError
 
@@ -89,8 +89,11 @@ class Posts:
         return {}
 
     async def _stop(self, tab: str, body: Body) -> Answer:
-        """Past everything else: it has threads of its own, and its answer is waited for shortly."""
-        asking = self._stopping.begin(self._stop_all)
+        """Past everything else, and in no other thread: whoever is known is told here and now.
+
+        Who has come since, and what they answer, has threads of its own; it is waited for shortly.
+        """
+        asking = self._stopping.begin_behind(lambda: say_stop(self._watcher.owners), self._stop_all)
         done, _ = await asyncio.wait({asking}, timeout=_STOP_S)
         if not done:
             raise ControlError(_NOT_YET)
@@ -99,14 +102,14 @@ class Posts:
             raise answer
         return answer
 
-    def _stop_all(self) -> Answer | NobodyError | ControlError:
+    def _stop_all(self, said: Said) -> Answer | NobodyError | ControlError:
         """What comes of it; its failure is an answer, too, since nobody may be there any more to be told."""
         try:
             owners = self._watcher.find()
         except OSError:
             owners = self._watcher.owners
         try:
-            return stop_all(owners, self._each)
+            return stop_all(owners, said, self._each)
         except (NobodyError, ControlError) as error:
             return error
 

@@ -61,6 +61,9 @@ def _address(port: str) -> tuple[str, int]:
 def _connect(port: str, address: tuple[str, int]) -> socket.socket:
     try:
         connection = socket.create_connection(address, CONNECT_S)
+    except ConnectionRefusedError as problem:
+        there = "nothing listens there, expected a device that is on, or `rig serve` that has said its ports"
+        raise TransportError(f"cannot open {port}: {_said(problem)}, {there}") from problem
     except OSError as problem:
         raise TransportError(f"cannot open {port}: {_said(problem)}") from problem
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # a stop must not wait for more bytes

@@ -42,8 +42,10 @@ def test_the_stage_by_hand_is_jogged_as_long_as_a_key_is_held(bench: Benches, op
         page.locator("[data-post=home]:enabled").click()
         expect(page.locator("#controls_words")).not_to_contain_text("busy: home")
         hand = until(lambda: next((one for one in announced() if one.kind == "by hand"), None))
-        until(lambda: hand.ask("status")["homed"])
-        began_mm = hand.ask("status")["x_mm"]
+        status = until(
+            lambda: next((one for one in [hand.ask("status")] if one["homed"] and one["x_mm"] is not None), None)
+        )
+        began_mm = status["x_mm"]
         page.locator("#jog [data-key=d]:enabled").wait_for()
         page.keyboard.down("d")
         until(lambda: _held(page, "d") and hand.ask("status")["x_mm"] > began_mm + 0.5)

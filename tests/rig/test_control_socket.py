@@ -1,6 +1,7 @@
 """The private socket of whoever owns the ports: who may ask, what is answered, and who hangs is not waited for."""
 
 import errno
+import gc
 import json
 import os
 import signal
@@ -31,7 +32,7 @@ from rig.session.control.announcements import (
 )
 from rig.session.control.control_socket import ControlSocket
 from rig.session.control.conversation import Wire, connected
-from tests.waiting import DEADLINE_S
+from tests.waiting import DEADLINE_S, until
 
 OWNER = """
 import os, sys, time
@@ -103,14 +104,27 @@ def test_a_question_is_answered_with_what_it_said() -> None:
 
 
 def test_while_it_is_announced_a_busy_main_thread_keeps_nobody_waiting() -> None:
-    """Half a millisecond a turn; an answer takes some ten of them, and Python's own are five."""
-    before_s = sys.getswitchinterval()
+    """Half a millisecond a turn, of which an answer takes ten; Python's own are five. Looks for garbage are short."""
+    before_s, looked_through = sys.getswitchinterval(), gc.get_threshold()
+    assert looked_through[0] > 5000
     with _owner():
         assert sys.getswitchinterval() == pytest.approx(5e-4)
+        assert gc.get_threshold() == (5000, 3, 30)
         with pytest.raises(filelock.Timeout), _owner():
             pass
         assert sys.getswitchinterval() == pytest.approx(5e-4)
-    assert sys.getswitchinterval() == before_s
+    assert (sys.getswitchinterval(), gc.get_threshold()) == (before_s, looked_through)
+
+
+@pytest.mark.parametrize("looked_through", [(0, 10, 10), (700, 10, 10)])
+def test_looks_for_garbage_that_are_short_or_none_are_left_as_they_are(looked_through: tuple[int, int, int]) -> None:
+    before = gc.get_threshold()
+    gc.set_threshold(*looked_through)
+    try:
+        with _owner():
+            assert gc.get_threshold() == looked_through
+    finally:
+        gc.set_threshold(*before)
 
 
 @pytest.mark.parametrize("request_", ["fly", "", "__class__"])
@@ -165,6 +179,41 @@ def test_a_stop_is_answered_while_another_answer_takes_its_time() -> None:
         over.set()
         asking.join(DEADLINE_S)
     assert slow == [{"ok": True, "homed": True}]
+
+
+def _serving() -> set[threading.Thread]:
+    return {thread for thread in threading.enumerate() if thread.name == "control"}
+
+
+def test_a_stop_waits_for_no_thread_to_begin() -> None:
+    """Each turn of a thread may wait for a processor."""
+    by: list[threading.Thread] = []
+
+    def stop(_: object) -> dict[str, Any]:
+        by.append(threading.current_thread())
+        return {}
+
+    with _owner(stop=stop):
+        waiting = _serving()
+        assert len(waiting) == control_socket._SPARE == 3
+        for _ in range(5):
+            until(lambda: _serving() == waiting)
+            _only().ask("stop", within_s=DEADLINE_S)
+    assert len(by) == 5
+    assert set(by) <= waiting
+    until(lambda: not _serving())
+
+
+def test_however_many_hang_the_next_is_served_and_no_thread_is_left_of_them() -> None:
+    with _owner(stop=lambda _: {}), ExitStack() as hanging:
+        one = _only()
+        for _ in range(9):
+            hanging.enter_context(closing(_raw(one)))
+        assert one.ask("stop", within_s=DEADLINE_S) == {"ok": True}
+        assert len(_serving()) > 9
+        hanging.close()
+        until(lambda: len(_serving()) == control_socket._SPARE)
+    until(lambda: not _serving())
 
 
 # --- who may not ask ---
@@ -369,6 +418,49 @@ def test_only_a_stop_is_said_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(proofs) == 2
 
 
+def _stopped(process: subprocess.Popen[str]) -> None:
+    """All threads of it: the signal itself is on its way for a while."""
+    process.send_signal(signal.SIGSTOP)
+    os.waitpid(process.pid, os.WUNTRACED)
+
+
+def test_a_stop_is_said_before_anybody_listens(elsewhere: subprocess.Popen[str]) -> None:
+    """Whoever says it waits for no answer, and not for an owner that hangs."""
+    one = _only()
+    _stopped(elsewhere)
+    listens = one.say_stop()
+    with pytest.raises(ControlError, match=f"^process {one.pid} does not answer within 0.01 s$"):
+        one.say_stop()(0.01)
+    elsewhere.send_signal(signal.SIGCONT)
+    with pytest.raises(RefusedError, match="'stop' cannot be asked here, expected status, end"):
+        listens(DEADLINE_S)
+    with pytest.raises(ControlError, match=f"^process {one.pid} ended before it answered 'stop'"):
+        listens(DEADLINE_S)  # it answers once
+    _stopped(elsewhere)
+    with pytest.raises(ControlError, match=f"^process {one.pid} does not answer within 0 s$"):
+        [one.say_stop() for _ in range(40)]  # more than the system keeps
+    elsewhere.kill()
+    elsewhere.wait(DEADLINE_S)
+    with pytest.raises(ControlError, match=f"^process {one.pid} has ended$"):
+        one.say_stop()
+
+
+def test_a_stop_that_was_said_is_done_and_answered() -> None:
+    done: list[Mapping[str, Any]] = []
+
+    def stop(request: Mapping[str, Any]) -> dict[str, Any]:
+        done.append(request)
+        return {"stopped": True}
+
+    with _owner(stop=stop):
+        one = _only()
+        listens = one.say_stop()
+        until(lambda: done == [{"do": "stop"}])
+        assert listens(DEADLINE_S) == {"ok": True, "stopped": True}
+        one.say_stop()  # nobody listens
+        until(lambda: len(done) == 2)
+
+
 def test_a_request_is_an_object() -> None:
     with _owner(status=lambda _: {}):
         one = _only()
@@ -543,9 +635,9 @@ def test_a_system_that_has_no_more_files_is_asked_again(monkeypatch: pytest.Monk
             return accept()
 
         monkeypatch.setattr(own._listener, "accept", scarce)
-        for _ in range(2):  # the thread waits in the old accept for the first
+        for _ in range(control_socket._SPARE + 1):  # each thread waits in the old accept for its first
             assert _only().ask("status", within_s=DEADLINE_S) == {"ok": True}
-    assert refused == []
+        until(lambda: refused == [])
 
 
 # --- an owner elsewhere ---
@@ -571,7 +663,7 @@ def test_an_owner_that_ends_in_mid_question(elsewhere: subprocess.Popen[str]) ->
 
 def test_an_owner_that_hangs_is_told_of_however_often_it_is_asked(elsewhere: subprocess.Popen[str]) -> None:
     """More often than the system keeps for it: neither connecting nor the handshake is waited for."""
-    elsewhere.send_signal(signal.SIGSTOP)
+    _stopped(elsewhere)
     one = _only()
     for _ in range(40):
         with pytest.raises(ControlError, match=f"^process {one.pid} does not answer within 0.01 s$"):

@@ -45,10 +45,7 @@ def told(finger: Fingertip) -> str:
 def about_itself(finger: Fingertip) -> dict[str, Any]:
     blocked = signal.pthread_sigmask(signal.SIG_BLOCK, ())
     handlers = {number.name: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGHUP, signal.SIGUSR1)}
-    return {
-        "pid": os.getpid(), "session": os.getsid(0), "blocked": len(blocked), "handlers": handlers,
-        "nice": os.nice(0),
-    }  # fmt: skip
+    return {"pid": os.getpid(), "session": os.getsid(0), "blocked": len(blocked), "handlers": handlers}
 
 
 def ends(finger: Fingertip, code: int) -> None:
@@ -105,11 +102,6 @@ def test_no_signal_of_a_terminal_reaches_it(process: FingerProcess) -> None:
     assert about["session"] == about["pid"] == process.pid != os.getsid(0)
     assert about["blocked"] == 0, "it can be terminated"
     assert set(about["handlers"].values()) == {signal.SIG_IGN}
-
-
-def test_it_gives_way_to_whoever_began_it(process: FingerProcess) -> None:
-    """A stop must not wait for a model that solves."""
-    assert process.ask(about_itself)["nice"] == min(os.nice(0) + 5, 19)
 
 
 def test_one_that_is_lost_is_told_of_and_begun_anew(finger: Fingertip) -> None:
@@ -200,7 +192,7 @@ def _gone(pid: int) -> bool:
 def test_where_there_are_no_sessions_ctrl_c_is_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
     """Windows."""
     ignored: list[Any] = []
-    monkeypatch.delattr(os, "setsid")
+    monkeypatch.delattr(signal, "pthread_sigmask")
     monkeypatch.setattr(signal, "signal", lambda number, act: ignored.append((number, act)))
-    finger_process._leave_the_terminal()
+    finger_process._forget_the_terminal()
     assert ignored == [(signal.SIGINT, signal.SIG_IGN)]

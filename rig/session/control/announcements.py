@@ -4,6 +4,8 @@ import errno
 import os
 import stat
 import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from multiprocessing import AuthenticationError
 from pathlib import Path
 from typing import Any, Literal
@@ -49,9 +51,31 @@ class Announced(Announcement, frozen=True):
 
     def ask(self, do: str, *, within_s: float = ASK_S, **more: Any) -> dict[str, Any]:
         """Its answer to one request. Raises RefusedError with what it says, ControlError where nobody answers."""
+        with self._failing(do, within_s):
+            return self._answered(do, self._answer({"do": do, **more}, within_s))
+
+    def say_stop(self) -> Callable[[float], dict[str, Any]]:
+        """A stop that is said when this returns, which waits for nothing. Raises ControlError where it is not.
+
+        What is returned listens to the answer for so many seconds, as ask does.
+        """
+        key = bytes.fromhex(self.key)
+        with self._failing("stop", 0.0):
+            connection = connected(self.address, 0.0)
+            nonce = Wire(connection, 0.0).say_stop(key)
+
+        def answer(within_s: float) -> dict[str, Any]:
+            with self._failing("stop", within_s), connection:
+                return self._answered("stop", Wire(connection, within_s).stopped(key, nonce))
+
+        return answer
+
+    @contextmanager
+    def _failing(self, do: str, within_s: float) -> Iterator[None]:
+        """What fails inside is told as a ControlError."""
         who = f"process {self.pid}"
         try:
-            answer = self._answer({"do": do, **more}, within_s)
+            yield
         except (TimeoutError, BlockingIOError):
             raise ControlError(f"{who} does not answer within {within_s:g} s") from None
         except AuthenticationError:
@@ -60,8 +84,10 @@ class Announced(Announcement, frozen=True):
             raise ControlError(f"{who} has ended") from None
         except BROKEN as error:
             raise ControlError(f"{who} ended before it answered {do!r}: {error or type(error).__name__}") from None
+
+    def _answered(self, do: str, answer: dict[str, Any]) -> dict[str, Any]:
         if answer.get("ok") is not True:
-            raise RefusedError(str(answer.get("problem", f"{who} refused {do!r}")))
+            raise RefusedError(str(answer.get("problem", f"process {self.pid} refused {do!r}")))
         return answer
 
     def _answer(self, request: dict[str, Any], within_s: float) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """The owner's side: one note, one socket, and a thread for each who asks."""
 
+import gc
 import os
 import secrets
 import sys
@@ -24,6 +25,11 @@ PATIENCE_S = 2.0
 SWITCH_S = 5e-4
 """How long a busy main thread may keep whoever answers waiting, some ten times for one answer."""
 
+SHORT_LOOKS = (5_000, 3, 30)
+"""New objects that are looked through for garbage, and how often older ones are with them. No thread has its turn
+meanwhile: up to 5 ms while a script is planned, where it is 56 by the 50 000 objects of rig/cli/program.py."""
+
+_SPARE = 3  # threads that wait for whoever asks next
 _BACKLOG = 16
 _AGAIN_S = 0.05
 _LONGEST_ADDRESS = 100  # bytes; a socket's path may have 103 on some systems
@@ -32,14 +38,15 @@ _LONGEST_ADDRESS = 100  # bytes; a socket's path may have 103 on some systems
 class ControlSocket:
     """A process that owns ports announces itself and answers, whatever its main thread does.
 
-    Each who asks is served by a thread of its own: a stop waits for nobody. What an answer raises is its problem, in
-    one line.
+    Each who asks is served by a thread of its own, which has waited for whoever comes next: a stop waits for nobody,
+    and no thread has to be begun for it. What an answer raises is its problem, in one line.
     """
 
     def __init__(self, announcement: Announcement, answers: Answers) -> None:
         self._announcement, self._answers = announcement, answers
         self._key = secrets.token_bytes(32)
         self._ending = threading.Event()
+        self._counting, self._waiting = threading.Lock(), set[threading.Thread]()
 
     def __enter__(self) -> "ControlSocket":
         """Raises OSError; filelock.Timeout where this process has announced itself already."""
@@ -49,9 +56,9 @@ class ControlSocket:
             self._listener = undo.enter_context(_listening(self._note))
             self._tell()
             undo.callback(self._note.unlink, missing_ok=True)
-            thread = threading.Thread(target=self._accept, name="control", daemon=True)
-            thread.start()
-            undo.callback(self._no_more, thread)
+            undo.callback(self._no_more)
+            for _ in range(_SPARE):
+                self._wait_for_one_more()
             self._undo = undo.pop_all()
         return self
 
@@ -73,24 +80,49 @@ class ControlSocket:
             file.write(said.model_dump_json())
         new.replace(self._note)
 
-    def _accept(self) -> None:
+    def _wait_for_one_more(self) -> None:
+        threading.Thread(target=self._serve_some, name="control", daemon=True).start()
+
+    def _serve_some(self) -> None:
+        """One after the other; the last of those that wait begins another before it serves."""
+        this = threading.current_thread()
         while True:
-            try:
-                connection = self._listener.accept()
-            except OSError:  # too many are open: those that say nothing are let go soon
-                self._ending.wait(_AGAIN_S)
-                continue
+            with self._counting:
+                if self._ending.is_set() or len(self._waiting) >= _SPARE:
+                    return
+                self._waiting.add(this)
+            connection = self._accepted()
+            with self._counting:
+                self._waiting.discard(this)
+                alone = not self._waiting
+            if connection is None:
+                return
             if self._ending.is_set():
                 connection.close()
                 return
-            threading.Thread(target=self._serve, args=(connection,), name="control", daemon=True).start()
+            if alone:
+                self._wait_for_one_more()
+            self._serve(connection)
 
-    def _no_more(self, thread: threading.Thread) -> None:
-        """A connection of our own wakes the thread that waits for one."""
-        self._ending.set()
-        with suppress(OSError):  # the socket's file was removed by somebody: the thread ends with the process
-            connected(self._listener.address, PATIENCE_S).close()
-            thread.join(PATIENCE_S)
+    def _accepted(self) -> "Connection[Any, Any] | None":
+        """The next who asks; None where nobody is served any more."""
+        while not self._ending.is_set():
+            try:
+                return self._listener.accept()
+            except OSError:  # too many are open: those that say nothing are let go soon
+                self._ending.wait(_AGAIN_S)
+        return None
+
+    def _no_more(self) -> None:
+        """Connections of our own wake the threads that wait for one."""
+        with self._counting:
+            self._ending.set()
+            waiting = list(self._waiting)
+        with suppress(OSError):  # the socket's file was removed by somebody: the threads end with the process
+            for _ in waiting:
+                connected(self._listener.address, PATIENCE_S).close()
+            for thread in waiting:
+                thread.join(PATIENCE_S)
 
     def _serve(self, connection: "Connection[Any, Any]") -> None:
         """One request and its answer; whoever is none of ours, or gone, is let go."""
@@ -121,12 +153,15 @@ def _refused(problem: str) -> bytes:
 
 @contextmanager
 def quick_switches() -> Iterator[None]:
-    """A thread that waits for another gets its turn within SWITCH_S, where Python has ten times that."""
-    before_s = sys.getswitchinterval()
+    """A thread that waits for another gets its turn within SWITCH_S, or after a short look for garbage."""
+    before_s, looked_through = sys.getswitchinterval(), gc.get_threshold()
     sys.setswitchinterval(min(SWITCH_S, before_s))
+    if looked_through[0] > SHORT_LOOKS[0]:
+        gc.set_threshold(*SHORT_LOOKS)
     try:
         yield
     finally:
+        gc.set_threshold(*looked_through)
         sys.setswitchinterval(before_s)
 
 

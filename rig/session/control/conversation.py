@@ -7,6 +7,7 @@ import secrets
 import socket
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from multiprocessing import AuthenticationError
 from multiprocessing.connection import Client, Connection, answer_challenge, deliver_challenge
 from typing import Any
@@ -58,13 +59,21 @@ class Wire:
         deliver_challenge(self, key)  # type: ignore[arg-type]
 
     def stop(self, key: bytes) -> dict[str, Any]:
-        """The other side: a stop that waits for nothing, and what is answered to it. Raises BROKEN.
+        """The other side: a stop, and what is answered to it. Raises BROKEN."""
+        return self.stopped(key, self.say_stop(key))
+
+    def say_stop(self, key: bytes) -> bytes:
+        """The other side: a stop that waits for nothing; its nonce. Raises OSError.
 
         It is its own proof, in one message: whoever passes one on may wait for a processor at each turn of a longer
         conversation. One that is said again by somebody else stops what was stopped.
         """
         nonce = secrets.token_bytes(_NONCE)
         self.send_bytes(_proven(key, _STOP, nonce))
+        return nonce
+
+    def stopped(self, key: bytes, nonce: bytes) -> dict[str, Any]:
+        """The other side: what is answered to a stop that was said. Raises BROKEN."""
         self.recv_bytes()  # the challenge, which was not waited for
         answer = _shown(key, _ANSWER + nonce, self.recv_bytes())
         if answer is None:
@@ -85,7 +94,10 @@ class _Challenging:
 
     def __init__(self, wire: Wire, key: bytes) -> None:
         self._wire, self._key = wire, key
-        self.send_bytes = wire.send_bytes
+
+    def send_bytes(self, data: bytes) -> None:
+        with suppress(OSError):  # whoever has gone may have said a stop before
+            self._wire.send_bytes(data)
 
     def recv_bytes(self, most: int) -> bytes:
         message = self._wire.recv_bytes(most)

@@ -25,7 +25,7 @@ Finger = Union["Fingertip", "FingerProcess"]
 _MODELS = logging.getLogger("sim")
 _END_S = 5.0
 _GIVES_WAY = 5
-"""To the process that began it, and to whoever asks that one for a stop."""
+"""To the process that began it, and to whoever asks that one for a stop: browser and panel, in other sessions."""
 
 
 class FingerLostError(RuntimeError):
@@ -124,7 +124,7 @@ class _Tells(logging.Handler):
 
 def _serve(far: "Connection[Any, Any]", config: FingertipConfig) -> None:
     give_way(_GIVES_WAY)
-    _leave_the_terminal()
+    _forget_the_terminal()
     threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
     keep_freed_memory()
     _MODELS.addHandler(_Tells(far))
@@ -136,11 +136,10 @@ def _serve(far: "Connection[Any, Any]", config: FingertipConfig) -> None:
             _send(far, *_answer(load, function, arguments, options))
 
 
-def _leave_the_terminal() -> None:
-    """Its signals go to its session; what came while this process was begun is forgotten."""
+def _forget_the_terminal() -> None:
+    """What came from it while this process was begun is forgotten."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if hasattr(os, "setsid"):
-        os.setsid()
+    if hasattr(signal, "pthread_sigmask"):  # all but Windows
         for number in (signal.SIGHUP, signal.SIGUSR1):
             signal.signal(number, signal.SIG_IGN)
         signal.pthread_sigmask(signal.SIG_SETMASK, ())

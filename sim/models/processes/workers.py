@@ -5,13 +5,28 @@ import multiprocessing
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from typing import TypeVar
+from pathlib import Path
+from typing import Protocol, TypeVar
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
+
+
+class Work(Protocol):
+    """How many pieces of work are done: here, in processes, with or without a word on how far it is."""
+
+    def __call__(self, what: str, function: Callable[[Item], Answer], items: Sequence[Item], /) -> Iterable[Answer]:
+        """The answers in the order of the items; what: these, in words. The function is importable."""
+        ...
+
+
+def one_by_one(what: str, function: Callable[[Item], Answer], items: Sequence[Item], /) -> Iterable[Answer]:
+    """In this process, in silence."""
+    return map(function, items)
 
 
 def in_processes(
@@ -63,10 +78,29 @@ def _kept_from_others(*names: str) -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+_SESSION = Path("/proc/self/autogroup")
+_AGAIN_S, _TRIES = 0.05, 10
+
+
 def give_way(to: int) -> None:
-    """Have this process run after others that have something to do: to 0 never, to 19 nearly always."""
+    """Leave the terminal's session, and run after others that have something to do: to 0 never, to 19 nearly always.
+
+    Where Linux shares processors between sessions, niceness counts within a session alone, and a session has its own.
+    Source: sched(7), The autogroup feature.
+    """
+    if hasattr(os, "setsid"):
+        os.setsid()
     if hasattr(os, "nice"):
-        os.nice(to)
+        to = os.nice(to)
+    for _ in range(_TRIES):
+        try:
+            _SESSION.write_text(str(to), encoding="ascii")
+        except BlockingIOError:  # one of a machine's sessions in a tenth of a second
+            time.sleep(_AGAIN_S)
+        except OSError:
+            return
+        else:
+            return
 
 
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # M_… of malloc.h

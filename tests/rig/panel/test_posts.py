@@ -256,13 +256,28 @@ def test_a_stop_asks_who_is_there_now(make: Make) -> None:
     assert len(new.asked) == 2
 
 
+def test_a_stop_is_said_by_the_thread_that_read_it(make: Make) -> None:
+    """Another one may have to wait for a processor first."""
+    real, other, rehearsal = ToldOwner(), ToldOwner(pid=2), ToldOwner(pid=3, virtual=True)
+    assert make(real, other, rehearsal).post("/stop")[0] == 200
+    here = threading.current_thread().name
+    assert (real.said, other.said, rehearsal.said) == ([here], [here], [])
+    assert (real.listened, other.listened) == (1, 1), "and nobody is asked besides"
+
+
+def test_whoever_cannot_be_told_so_is_asked(make: Make) -> None:
+    full, well = ToldOwner(says=ControlError("process 1 does not answer within 0 s")), ToldOwner(pid=2)
+    assert make(full, well).post("/stop")[1]["stopped"] == [1, 2]
+    assert (full.asked, full.within_s, len(well.said)) == ([("stop", {})], [STOP_S], 1)
+
+
 def test_a_stop_that_did_not_arrive_is_told(make: Make) -> None:
     nothing = (409, {"ok": False, "problem": "nothing owns the ports: there is nothing to stop"})
     assert make().post("/stop") == nothing
     ended, well = ToldOwner(answers={"stop": ControlError("process 1 has ended")}), ToldOwner(pid=2)
     assert make(ended, well).post("/stop") == (503, {"ok": False, "problem": "process 1 has ended"})
     assert well.asked == [("stop", {})]
-    refusing = [ToldOwner(answers={"stop": RefusedError(words)}) for words in ("over", "done")]
+    refusing = [ToldOwner(pid, answers={"stop": RefusedError(words)}) for pid, words in ((3, "over"), (4, "done"))]
     assert make(*refusing).post("/stop") == (409, {"ok": False, "problem": "over; done"})
     assert make(*refusing, well).post("/stop")[1]["stopped"] == [2]
 
@@ -315,6 +330,7 @@ def test_no_stop_waits_behind_others_that_are_not_answered(make: Make, monkeypat
     for _ in range(5):
         code, answer = panel.post("/stop")
         assert (code, answer["problem"]) == (503, "told to stop, and not answered yet: use the emergency stop")
+    assert len(panel.owners[0].said) == 2
     until(lambda: len(panel.owners[0].asked) == 2)
     free.set()
     until(lambda: panel.post("/stop")[0] == 200)
@@ -446,3 +462,17 @@ def test_without_a_configuration_there_is_no_bench(make: Make) -> None:
     words = "rig panel was begun without --config: it knows no bench"
     assert panel.post("/by_hand") == (409, {"ok": False, "problem": words})
     assert panel.watcher.bench.ports == ()
+
+
+def test_a_stop_that_fails_where_it_is_said_keeps_no_other_from_being_said(make: Make) -> None:
+    panel = make(ToldOwner())
+    say_stop, panel.owners[0].say_stop = panel.owners[0].say_stop, _fails  # type: ignore[method-assign]
+    for _ in range(posts._MOST_STOPS):
+        with pytest.raises(ZeroDivisionError):
+            panel.post("/stop")
+    panel.owners[0].say_stop = say_stop  # type: ignore[method-assign]
+    assert panel.post("/stop")[0] == 200
+
+
+def _fails() -> Any:
+    raise ZeroDivisionError

@@ -1,11 +1,14 @@
 """The panel without a port: its application, told what owners there are and what each of them answers."""
 
 import json
+import threading
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from rig.panel.by_hand_process import ByHandProcess
 from rig.panel.watcher import Watcher
+from rig.session.control.announcements import ControlError
 from sim.devices.clock import VirtualClock
 from tests.rig.panel.asgi_client import Answer, asked
 
@@ -32,6 +35,9 @@ class ToldOwner:
     answers: dict[str, Any] = field(default_factory=dict)
     asked: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
     within_s: list[float] = field(default_factory=list)
+    said: list[str] = field(default_factory=list)  # stops that wait for nothing, by the thread that says them
+    says: ControlError | None = None
+    listened: int = 0
 
     def ask(self, do: str, *, within_s: float = 1.0, **more: Any) -> dict[str, Any]:
         self.asked.append((do, more))
@@ -40,6 +46,17 @@ class ToldOwner:
         if isinstance(answer, Exception):
             raise answer
         return dict(answer() if callable(answer) else answer)
+
+    def say_stop(self) -> Callable[[float], dict[str, Any]]:
+        if isinstance(self.says, ControlError):
+            raise self.says
+        self.said.append(threading.current_thread().name)
+
+        def listen(within_s: float) -> dict[str, Any]:
+            self.listened += 1
+            return self.ask("stop", within_s=within_s)
+
+        return listen
 
 
 class ToldBench(ByHandProcess):

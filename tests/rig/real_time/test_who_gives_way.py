@@ -1,0 +1,131 @@
+"""Processes that solve or draw while a run has its stage in hand give way to whoever passes a stop on."""
+
+import os
+import re
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+import pytest
+
+import rig.panel.drawn.drawing_process as drawing_process
+import sim.models.processes.finger_process as finger_process
+import sim.models.processes.workers as workers
+from rig.panel.drawn.drawing_process import DrawingProcess
+from rig.panel.drawn.job import Job
+from sim.config.fingertip_config import FingertipConfig
+from sim.models.fingertip import Fingertip
+from sim.models.processes.finger_process import FingerProcess
+
+REPOSITORY = Path(__file__).parents[3]
+
+
+@pytest.fixture(autouse=True)
+def _finger_in_this_process() -> None:
+    """A real run's finger has its process here."""
+
+
+@contextmanager
+def _finger(folder: Path) -> Iterator[int]:
+    with FingerProcess(FingertipConfig()) as process:
+        process.ask(_loaded)
+        assert process.pid is not None
+        yield process.pid
+
+
+def _loaded(finger: Fingertip) -> None:
+    """It has begun."""
+
+
+@contextmanager
+def _drawings(folder: Path) -> Iterator[int]:
+    with closing(DrawingProcess()) as process:
+        process.ask(Job(folder / "none.toml"))
+        assert process._process is not None
+        assert process._process.pid is not None
+        yield process._process.pid
+
+
+BEGUN = {
+    "sim/models/processes/finger_process.py": (_finger, finger_process._GIVES_WAY, 5),
+    "rig/panel/drawn/drawing_process.py": (_drawings, drawing_process._GIVES_WAY, 10),
+}
+NEITHER_SOLVES_NOR_DRAWS = {
+    "rig/panel/by_hand_process.py": "owns the ports itself",
+    "rig/session/provenance.py": "asks git",
+}
+NOT_BESIDE_A_STAGE = {
+    "sim/models/processes/workers.py": "many presses at once, for studies, comparisons and benches",
+    "sim/serve/press_process.py": "a virtual finger in real time: what a real one is to a real stage",
+    "sim/speed_and_error/calculix.py": "rig bench",
+}
+
+
+def test_every_process_that_is_begun_is_one_of_these() -> None:
+    """A new one that solves or draws beside a stage belongs to those that give way."""
+    begins = re.compile(r"\b(Popen|ProcessPoolExecutor|\w*context\.Process|subprocess\.run|os\.fork)\(")
+    found = {
+        str(path.relative_to(REPOSITORY))
+        for room in ("rig", "sim")
+        for path in (REPOSITORY / room).rglob("*.py")
+        if begins.search(path.read_text(encoding="utf-8"))
+    }
+    assert found == {*BEGUN, *NEITHER_SOLVES_NOR_DRAWS, *NOT_BESIDE_A_STAGE}
+
+
+@pytest.mark.skipif(not hasattr(os, "getpriority"), reason="needs niceness (POSIX)")
+@pytest.mark.parametrize("file", BEGUN)
+def test_each_gives_way_within_its_session_and_with_it(file: str, tmp_path: Path) -> None:
+    """Where Linux shares processors between sessions, niceness alone counts for nothing towards another one."""
+    begun, by, expected = BEGUN[file]
+    assert by == expected
+    own = os.getpriority(os.PRIO_PROCESS, 0)
+    with begun(tmp_path) as pid:
+        nice = os.getpriority(os.PRIO_PROCESS, pid)
+        assert nice == min(own + by, 19)
+        assert os.getsid(pid) == pid != os.getsid(0)
+        session = Path(f"/proc/{pid}/autogroup")
+        if sys.platform == "linux" and session.exists() and os.access(session, os.W_OK):
+            assert session.read_text(encoding="ascii").split()[1:] == ["nice", str(nice)]
+
+
+class Session:
+    """A file of the system that is refused a few times."""
+
+    def __init__(self, *answers: OSError | None) -> None:
+        self.answers, self.written = list(answers), list[str]()
+
+    def write_text(self, text: str, encoding: str) -> None:
+        self.written.append(text)
+        answer = self.answers.pop(0) if self.answers else None
+        if answer is not None:
+            raise answer
+
+
+BUSY, NONE = BlockingIOError(11, "Resource temporarily unavailable"), FileNotFoundError(2, "No such file")
+
+
+@pytest.mark.parametrize(
+    ("session", "tries"),
+    [
+        (lambda: Session(), 1),
+        (lambda: Session(BUSY, BUSY), 3),
+        (lambda: Session(NONE), 1),
+        (lambda: Session(PermissionError(13, "Permission denied")), 1),
+        (lambda: Session(*[BUSY] * 99), 10),
+    ],
+    ids=["taken", "others first", "no such thing", "not allowed", "never taken"],
+)
+def test_a_session_s_niceness_is_said_until_it_is_taken_or_cannot_be(
+    session: Callable[[], Session], tries: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The system takes one change in a tenth of a second, whoever's it is."""
+    there, left = session(), list[str]()
+    monkeypatch.setattr(workers, "_SESSION", there)
+    monkeypatch.setattr(workers, "_AGAIN_S", 0.0)
+    monkeypatch.setattr(os, "setsid", lambda: left.append("session"))
+    monkeypatch.setattr(os, "nice", lambda to: to + 1)
+    workers.give_way(5)
+    assert left == ["session"]
+    assert there.written == ["6"] * tries
