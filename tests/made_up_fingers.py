@@ -11,12 +11,13 @@ from sim.models.meeting.prior import Prior
 from sim.models.meeting.shape_table import Scope, ShapeTable
 
 SHAPES: Mapping[str, tuple[float, float, float]] = {  # gwt at 1 mm, exponent of depth, exponent of the fat's modulus
-    "sphere:6": (11.0, 1.5, 0.3),
+    "sphere:4": (11.0, 1.5, 0.3),
     "flat:3": (16.0, 1.7, 0.45),
     "bar:3.0": (15.0, 1.6, 0.35),
     "cylinder:9": (13.0, 1.55, 0.4),
 }
 _ROUND_MM = 4.0  # of the pad, under all of them
+STRAIN = 0.4  # that the law stiffens with, at 1 mm
 _BESIDE = 0.08  # of force, lost for each mm² beside the middle
 
 
@@ -31,7 +32,10 @@ def made_up(prior: Prior | None = None, deepest_mm: float = 1.1) -> Foreseen:
     for name, (scale, exponent, by_fat) in SHAPES.items():
         tissue = (0.8 - by_fat) * dermis[:, None] + by_fat * fat + 2.0
         ln_force = np.log(scale) + tissue[:, :, None, None] + exponent * ln_d - _BESIDE * x[:, None] ** 2
-        tables[name] = ShapeTable(name, scope, {"ln_force": ln_force, "touch_mm": touch_mm, "error": np.array(0.0)})
+        ln_strain = np.broadcast_to(np.log(STRAIN * np.exp(ln_d) ** 2), ln_force.shape)
+        about = {"error": np.array(0.0), "deepest_mm": np.array(deepest_mm)}
+        arrays = {"ln_force": ln_force, "ln_strain": ln_strain, "touch_mm": touch_mm, **about}
+        tables[name] = ShapeTable(name, scope, arrays)
     return Foreseen(FingertipConfig(), prior, scope, tables)
 
 

@@ -65,19 +65,20 @@ def load_cell(
     sample_period_s: float,
     noise_n: float = 0.0,
     latency_s: float = 0.0,
+    drift_n_per_s: float = 0.0,
     seed: int = 0,
 ) -> Callable[[float], float]:
-    """The force as the cell gives it, N at a time in s: late by latency_s, with Gaussian noise of each sample.
+    """The force as the cell gives it, N at a time in s: late by latency_s, drifting, with Gaussian noise.
 
     Noise depends on the seed and the sample instant alone, so that it is the same however often, and in whatever
     order, samples are asked for. noise_n is its standard deviation.
     """
 
     def read_n(t_s: float) -> float:
-        force = force_n(max(t_s - latency_s, 0.0))
+        force = force_n(max(t_s - latency_s, 0.0)) + drift_n_per_s * t_s
         return force + noise_n * _standard_normal(seed, sample_at(t_s, sample_period_s))
 
-    return read_n if noise_n or latency_s else force_n
+    return read_n if noise_n or latency_s or drift_n_per_s else force_n
 
 
 def _standard_normal(seed: int, index: int) -> float:

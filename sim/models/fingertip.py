@@ -31,7 +31,6 @@ from sim.models.moduli.interpolated import Interpolated
 from sim.models.patches import HalfWidths, half_widths, larger
 from sim.models.pressing import PlacedIndentor, Pressing, RimError, refuse_beside_the_finger, refuse_meaningless
 from sim.models.processes.recipe import ByRecipe, Recipe
-from sim.models.relaxing.held import held_by
 from sim.models.results.indentation import IndentationResult
 from sim.models.results.outline import ModelOutline
 from sim.models.results.pictures import finger_as_html
@@ -70,6 +69,7 @@ class Fingertip(ByRecipe, SeenInside):
         self._models: dict[MeshKey, CondensedModel] = {}
         self._outlines: dict[MeshKey, ModelOutline] = {}
         self._ways: dict[Hashable, dict[float, ContactState]] | None = None
+        self._held_mm: Array | None = None
         self._threads = ThreadpoolController()
         self._first_touch = lru_cache(maxsize=_TOUCHES_KEPT)(partial(first_touch, skin=surface))
         self._under = lru_cache(maxsize=_TOUCHES_KEPT)(partial(Under, config, surface))
@@ -200,7 +200,9 @@ class Fingertip(ByRecipe, SeenInside):
             except RimError as met:
                 now = patch or half_widths(self.config, shape.axes)
                 patch = larger(self.config, self.surface, shape.axes, now, met)
-        strained = pressing.strained(doi)
+        strained, outline = pressing.strained(doi), self._outlines[shape.axes, patch]
+        if self._held_mm is not None:
+            outline = replace(outline, patch=pressing.lying(doi).placed.model.patch.nodes)
         return IndentationResult(
             indentor=shape,
             x_mm=x_mm,
@@ -209,7 +211,7 @@ class Fingertip(ByRecipe, SeenInside):
             touch_height_mm=height,
             force_n=state.normal_force * strained.force * self.e_epidermis_mpa,
             state=state,
-            model=self._outlines[shape.axes, patch],
+            model=outline,
             e_epidermis_mpa=self.e_epidermis_mpa,
             contact_s=time.thread_time() - began,
             _strain=partial(model.strain, state.force),
@@ -243,20 +245,22 @@ class Fingertip(ByRecipe, SeenInside):
         return copied
 
     def held_by(self, slopes: tuple[int, ...], force: Array) -> "Fingertip":
-        """A copy whose skin (m, n) forces on its own patch hold: it answers for what comes on top of them."""
-        copied, model = copy(self), self.model_for(slopes)
-        moved = replace(model, patch=held_by(model.patch, force))
+        """A copy whose skin (m, n) forces on its own patch hold: it answers for what comes on top of them.
+
+        Tissue that has stiffened bears what its linear twin would times a factor: these forces are the tissue's.
+        """
+        copied = copy(self)
         no_larger = {"contact": self.config.contact.model_copy(update={"patch_gb": 0.0})}
         copied.config, copied._ways = self.config.model_copy(update=no_larger), None
-        copied._models = {(slopes, None): moved}
-        copied._outlines = {(slopes, None): _outline(moved, self.config.tissue.poisson, None)}
+        copied._held_mm = self.model_for(slopes).patch.displaced(force)
         return copied
 
     def _pressing(self, placed: PlacedIndentor, target: float) -> Pressing:
         between_nodes = self.config.contact.between_nodes and placed.indentor.between_nodes
         way = (placed.indentor, placed.place, placed.zero_mm, id(placed.model), target)
         ways = {} if self._ways is None else self._ways.setdefault(way, {})
-        return Pressing(placed, between_nodes, target, ways, self._under(placed.indentor, placed.place, placed.touch))
+        under = self._under(placed.indentor, placed.place, placed.touch)
+        return Pressing(placed, between_nodes, target, ways, under, self._held_mm)
 
     def _place(self, shape: Indentor, x_mm: float, z_mm: float | None) -> tuple[float, ...]:
         """Where the reference point is, along the indentor's axes; refuses a place that means nothing to it."""

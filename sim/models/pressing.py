@@ -20,6 +20,7 @@ from sim.contact.solver import ContactState, solve_contact
 from sim.contact.touch import Touch
 from sim.models.condensed import CondensedModel
 from sim.models.errors import ForceOutOfReachError, ModelRangeError
+from sim.models.relaxing.held import held_at
 from sim.models.stiffening.stiffened import LINEAR_TISSUE, Stiffened, Under
 
 Array = NDArray[np.float64]
@@ -175,6 +176,8 @@ class Pressing:
     target: float
     _pressed: dict[float, ContactState] = field(default_factory=dict)  # by depth past first touch, loosely solved
     under: Under | None = None
+    held_mm: Array | None = None  # (m, n) how far the tissue's past displaces the skin where it is linear
+    _lying: dict[float, "Pressing"] = field(default_factory=dict)  # by what linear tissue is held more
 
     @cached_property
     def _gathered(self) -> Gathered:
@@ -189,10 +192,21 @@ class Pressing:
 
         What bears at an edge finer than the points are apart counts as snapped: it may lie on either side.
         """
-        state = self._solved(doi_mm, start)
+        lying = self.lying(doi_mm)
+        state = lying._solved(doi_mm, start)
         if state.snapped or not self.placed.indentor.sharp:
             return state
-        return replace(state, snapped=self.placed.bears_on_edge(state))
+        return replace(state, snapped=lying.placed.bears_on_edge(state))
+
+    def lying(self, doi_mm: float) -> "Pressing":
+        """With the skin where it is held under a depth: forces displace tissue less that has stiffened."""
+        if self.held_mm is None:
+            return self
+        stiffer, model = self.strained(doi_mm).force, self.placed.model
+        if stiffer not in self._lying:
+            placed = replace(self.placed, model=replace(model, patch=held_at(model.patch, self.held_mm / stiffer)))
+            self._lying[stiffer] = replace(self, placed=placed, held_mm=None, _pressed={}, _lying={})
+        return self._lying[stiffer]
 
     def _solved(self, doi_mm: float, start: ContactState | None) -> ContactState:
         in_steps = start is None and self.placed.indentor.sharp
@@ -222,7 +236,8 @@ class Pressing:
 
     def by_other_paths(self, doi_mm: float) -> list[ContactState]:
         """The answers at a depth at the end of paths in finer steps from first touch."""
-        return [self._in_equal_steps(doi_mm, step_mm, None) for step_mm in OTHER_STEPS_MM]
+        lying = self.lying(doi_mm)
+        return [lying._in_equal_steps(doi_mm, step_mm, None) for step_mm in OTHER_STEPS_MM]
 
     def _pressed_in(self, doi_mm: float) -> ContactState:
         """From first touch in long steps, and from where a corner bears in short ones: its side is chosen there."""

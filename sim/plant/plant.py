@@ -120,12 +120,16 @@ class Carriage:
 
 @dataclass(frozen=True)
 class _Pressed:
-    """The finger at a pose: depth past first contact, mm, force, N, and what the contact was solved to."""
+    """The finger at a pose: depth past first contact, mm, force, N, and what the contact was solved to.
+
+    How much more the tissue bears there than its linear twin, whose contact it is.
+    """
 
     pose: Pose
     doi_mm: float
     force_n: float
     state: ContactState
+    stiffer: float
 
 
 class Press:
@@ -218,7 +222,7 @@ class Press:
                 f"the virtual finger has no answer for {self._indentor.name} at x = {pose.x_mm:g} mm, DOI "
                 f"{doi_mm:g} mm: residual {result.state.residual:.0e}"
             )
-        return _Pressed(pose, doi_mm, self._stiffness * result.force_n, result.state)
+        return _Pressed(pose, doi_mm, self._stiffness * result.force_n, result.state, result.strained.force)
 
     def _onward(self, last: _Pressed, doi_mm: float) -> ContactState:
         """A start: the last state, under smooth shapes moved on by what changed before it.

@@ -30,7 +30,8 @@ class RelaxingPress(Press):
         if self._known is None or force_n == 0:
             self._memory = self._memory.released(step_s)
         else:
-            self._memory = self._memory.after(ahead, ahead.carried + self._known.state.force)
+            borne = ahead.carried + self._known.stiffer * self._known.state.force
+            self._memory = self._memory.after(ahead, borne)
         return force_n
 
     def _lie(self, ahead: Ahead) -> None:
@@ -38,7 +39,7 @@ class RelaxingPress(Press):
         self._carried, self._held = ahead.carried, None
         self._stiffness = self._truth.stiffness * ahead.stiffness
         if self._known is not None:
-            stayed = self._patch.displaced(self._memory.borne - ahead.carried)
+            stayed = self._patch.displaced((self._memory.borne - ahead.carried) / self._known.stiffer)
             self._last = replace(self._known, state=replace(self._known.state, displacement=stayed))
         self._known = self._before = None
 

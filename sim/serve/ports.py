@@ -7,6 +7,7 @@ devices go on.
 import contextlib
 import os
 import socket
+from collections.abc import Iterator
 
 from sim.devices.line import SerialLine
 from sim.serve.wall_clock import WallScheduler
@@ -58,21 +59,41 @@ class TcpPort:
     """A line behind a TCP port of this machine, one client at a time; a second one is turned away."""
 
     def __init__(self, scheduler: WallScheduler, line: SerialLine, port: int) -> None:
-        """Port 0 takes any that is free. Raises PortBusyError."""
+        """Port 0 takes any that is free. It is taken from now on, and refuses clients until it is told to listen.
+
+        Raises PortBusyError.
+        """
         self._scheduler, self._line = scheduler, line
         self._client: socket.socket | None = None
-        try:
-            self._server = socket.create_server((HOST, port))
-        except OSError as problem:
-            raise PortBusyError(f"TCP port {port}: {os.strerror(problem.errno or 0).lower()}") from None
+        self._listens = False
+        self._server = socket.socket()
         self._server.setblocking(False)
+        if os.name == "posix":  # what lingers of a port that was closed is no reason to refuse it
+            self._server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        with self._or_busy(port):
+            self._server.bind((HOST, port))
         self.name = f"tcp://{HOST}:{self._server.getsockname()[1]}"
         line.forward(self._to_client)
-        scheduler.watch(self._server, self._accept)
+
+    def listen(self) -> None:
+        """Clients are let in. Raises PortBusyError."""
+        with self._or_busy(self._server.getsockname()[1]):
+            self._server.listen()
+        self._scheduler.watch(self._server, self._accept)
+        self._listens = True
+
+    @contextlib.contextmanager
+    def _or_busy(self, port: int) -> Iterator[None]:
+        try:
+            yield
+        except OSError as problem:
+            self._server.close()
+            raise PortBusyError(f"TCP port {port}: {os.strerror(problem.errno or 0).lower()}") from None
 
     def close(self) -> None:
         self._drop()
-        self._scheduler.unwatch(self._server)
+        if self._listens:
+            self._scheduler.unwatch(self._server)
         self._server.close()
 
     def _accept(self) -> None:

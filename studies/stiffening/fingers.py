@@ -35,18 +35,31 @@ def _human() -> dict[str, Any]:
 _DEFAULT = Pressed(
     {}, {"spacing_mm": 0.35, "axial_spacing_mm": 0.6, **_FEW, "dermis_spacing_mm": 0.4}, (3.75, 4.8), 2.0
 )
+_HUMAN = Pressed(
+    _human(),
+    {"spacing_mm": 0.7, "axial_spacing_mm": 1.0, **_FEW, "near_spacing_mm": 1.4}
+    | {"far_spacing_mm": 2.5, "dermis_spacing_mm": 0.6},
+    (6.0, 9.0),
+    3.0,
+)
+
+
+def _layered(pressed: Pressed, e_dermis: float, e_fat: float) -> Pressed:
+    tissue = {**pressed.told.get("tissue", {}), "e_dermis": e_dermis, "e_fat": e_fat}
+    return pressed._replace(told={**pressed.told, "tissue": tissue})
+
 
 FINGERS: dict[str, Pressed] = {
     "default": _DEFAULT,
-    "human": Pressed(
-        _human(),
-        {"spacing_mm": 0.7, "axial_spacing_mm": 1.0, **_FEW, "near_spacing_mm": 1.4}
-        | {"far_spacing_mm": 2.5, "dermis_spacing_mm": 0.6},
-        (6.0, 9.0),
-        3.0,
-    ),
-    "other moduli": _DEFAULT._replace(told={"tissue": {"e_dermis": 0.2, "e_fat": 0.05}}),
+    "human": _HUMAN,
+    "other moduli": _layered(_DEFAULT, 0.2, 0.05),
+    "soft skin": _layered(_DEFAULT, 0.08, 0.15),
+    "stiff skin": _layered(_DEFAULT, 0.3, 0.04),
+    "firm throughout": _layered(_DEFAULT, 0.3, 0.2),
+    "soft throughout": _layered(_DEFAULT, 0.07, 0.04),
+    "human, soft fat": _layered(_HUMAN, 0.2, 0.05),
 }
+"""Moduli as the meeting's prior holds them: the skin's and the fat's together and against one another."""
 
 
 def finger(name: str, **tissue: float) -> FingertipConfig:

@@ -1,36 +1,56 @@
-"""References beside the quick answer's inputs: linear twins on the same meshes, pressed by the simulator itself."""
+"""References beside the quick answer's inputs: linear twins on the same meshes, pressed by the simulator itself.
 
+    .venv/bin/python -m studies.stiffening.twins studies/stiffening/kept
+
+Presses what is missing there, seconds a finger. Kept, so that a fit and its tables take no finite elements.
+"""
+
+import json
+import sys
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.contact.patch import X, Z
+from sim.contact.shapes import parse_shape
+from sim.contact.touch import first_touch
+from sim.finger.surface import FingertipSurface
 from sim.models.catalogue import load
 from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.models.results.indentation import IndentationResult
 from sim.models.stiffening.at_finite_strain import Press
+from sim.models.stiffening.stiffened import Under
 from studies.stiffening.fingers import finger
+from studies.stiffening.references import read
 
 Array = NDArray[np.float64]
+Row = Mapping[str, Any]
 
+REFERENCES, TWINS = "references.jsonl", "twins.jsonl"
+KEPT = Path(__file__).parent / "kept"
 _ANY = 1.0  # stiffening of the finger that is asked how it is pressed; its linear twin is the same for all
 
 
 class Pair(NamedTuple):
     """A press at finite strain, its linear twin, and the numbers by which the twin is corrected."""
 
-    reference: Mapping[str, Any]
-    linear: IndentationResult
+    reference: Row
+    twin: Row
     press: Press
-    local: Array
+
+    @property
+    def share(self) -> Array:
+        """(n,) of the press's depth that receptors have."""
+        return np.array(self.twin["share"])
 
     @property
     def log_force(self) -> float:
         """Of finite strain over the twin's."""
-        return float(np.log(self.reference["force"] / self.linear.state.normal_force))
+        return float(np.log(self.reference["force"] / self.twin["force"]))
 
     @property
     def log_sed(self) -> Array:
@@ -40,15 +60,57 @@ class Pair(NamedTuple):
     @property
     def linear_sed(self) -> Array:
         """(n,) of the twin, pseudo-units."""
-        return self.linear.model.measures(self.linear.receptor_strain)["sed"]
+        return np.array(self.twin["sed"])
 
 
-def pairs(references: Iterable[Mapping[str, Any]]) -> Iterator[Pair]:
-    """Of all references whose twin stays on its patch."""
+def pairs(references: Iterable[Row], twins: Iterable[Row]) -> Iterator[Pair]:
+    """Of all references that have a twin."""
+    there = {_press_of(row): row for row in twins}
     for row in references:
-        twin = _twin(row["finger"], row["shape"], row["doi_mm"])
-        if twin is not None:
-            yield Pair(row, twin, twin.strained.press, twin.strained.local)
+        if _press_of(row) in there:
+            yield Pair(row, there[_press_of(row)], pressed(*_press_of(row)))
+
+
+def kept_pairs() -> list[Pair]:
+    """Those in the repository."""
+    return list(pairs(read(KEPT / REFERENCES), read(KEPT / TWINS)))
+
+
+def pressed(name: str, shape: str, doi_mm: float) -> Press:
+    """A press of one of the study's fingers, as the simulator sees it."""
+    return _under(name, shape).at(doi_mm, np.zeros((0, 3))).press
+
+
+def twin(name: str, shape: str, doi_mm: float) -> dict[str, Any] | None:
+    """A row; None where the press leaves its patch. Force for E = 1 MPa, SED in pseudo-units."""
+    try:
+        found = _finger(name).indent(shape, doi_mm=doi_mm)
+    except ModelRangeError:
+        return None
+    sed = found.model.measures(found.receptor_strain)["sed"]
+    return {
+        **{"finger": name, "shape": shape, "doi_mm": doi_mm, "force": float(f"{found.state.normal_force:.7g}")},
+        **{"sed": _short(sed), "share": _short(found.strained.share)},
+    }
+
+
+def main(folder: str) -> None:
+    """Append what is missing."""
+    place = Path(folder)
+    done = {_press_of(row) for row in read(place / TWINS)}
+    for press in dict.fromkeys(_press_of(row) for row in read(place / REFERENCES)):
+        row = None if press in done else twin(*press)
+        if row is not None:
+            with (place / TWINS).open("a", encoding="utf-8") as out:
+                out.write(json.dumps(row) + "\n")
+
+
+def _press_of(row: Row) -> tuple[str, str, float]:
+    return row["finger"], row["shape"], row["doi_mm"]
+
+
+def _short(values: Array) -> list[float]:
+    return [float(f"{value:.6g}") for value in values]
 
 
 @cache
@@ -56,9 +118,16 @@ def _finger(name: str) -> Fingertip:
     return load("finger", finger(name, stiffening=_ANY), cached=False)
 
 
+_surface = cache(FingertipSurface.fit)
+
+
 @cache
-def _twin(name: str, shape: str, doi_mm: float) -> IndentationResult | None:
-    try:
-        return _finger(name).indent(shape, doi_mm=doi_mm)
-    except ModelRangeError:
-        return None
+def _under(name: str, shape: str) -> Under:
+    config, indentor = finger(name, stiffening=_ANY), parse_shape(shape)
+    surface = _surface(config.geometry)
+    place = tuple({X: 0.0, Z: config.receptor_plane_mm}[axis] for axis in indentor.axes)
+    return Under(config, surface, indentor, place, first_touch(indentor, place, surface))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -2,17 +2,24 @@
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import NamedTuple
 
 import pytest
 
+from rig.cli.study import _small_strain
+from rig.compare.comparison import compare
+from rig.compare.parameter_study.cases import read_study
+from rig.compare.stimuli import stimuli
+from rig.data import read_run
 from rig.plan.config import load_config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
 from rig.session.page import Page
 from rig.session.session import NewRun, Session
+from sim.config.fingertip_config import Tissue
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.results import small_strain as module
@@ -175,3 +182,29 @@ def test_between_the_depths_that_were_compared_it_is_linear_and_beyond_them_not_
 )
 def test_a_range_in_words(low: float, high: float, words: str) -> None:
     assert str(Range(low, high)) == words
+
+
+STIFFENS = "finite strain, stiffening 0.4: force within "
+
+
+def test_a_comparison_on_a_finger_that_stiffens_says_what_its_correction_is_off(at: At) -> None:
+    config = load_config(at.folder / "coarse.toml").finger
+    stiff = Fingertip.load(config.model_copy(update={"tissue": Tissue(stiffening=0.4)}))
+    stiffened = stimuli(read_run(at.run()), stiff)
+    assert compare(stiffened, {}).small_strain.note.startswith(STIFFENS)
+    linear = replace(stiffened[0], stiffening=0.0)
+    assert compare([linear], {}).small_strain.note.startswith("small strain")
+    assert compare([], {}).small_strain == small_strain("finger", 0.0)
+
+
+def test_a_study_says_it_of_the_finger_that_was_pressed_deepest(tmp_path: Path) -> None:
+    study = tmp_path / "study.toml"
+    study.write_text("[finger.tissue]\nstiffening = [0.0, 0.4]\n" + STUDY, encoding="utf-8")
+    cases = read_study(study)
+
+    def note(*depths_mm: float) -> str | None:
+        return _small_strain(cases, [[{"model": "finger", "doi_mm": mm}] for mm in depths_mm])
+
+    assert (note(0.2, 0.3) or "").startswith(STIFFENS)
+    assert (note(0.3, 0.2) or "").startswith("small strain: 0.30 mm")
+    assert _small_strain(cases, [[{"problem": "too deep"}], [{"problem": "too deep"}]]) is None

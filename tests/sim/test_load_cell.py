@@ -22,6 +22,11 @@ def test_latency_is_the_force_of_a_while_ago() -> None:
     assert late(0.1) == 0.0
 
 
+def test_a_zero_that_drifts_is_added_to_the_force() -> None:
+    drifting = load_cell(ramp, sample_period_s=0.05, drift_n_per_s=-0.02)
+    assert drifting(3.0) == pytest.approx(0.3 - 0.06, abs=1e-15)
+
+
 def test_noise_is_gaussian_of_its_size_and_the_same_whenever_it_is_asked_for() -> None:
     cell = load_cell(lambda t_s: 0.02, sample_period_s=0.05, noise_n=1e-3, seed=7)
     values = np.array([cell(0.05 * k) for k in range(4000)])

@@ -46,6 +46,7 @@ def loop() -> Iterator[Loop]:
 @pytest.fixture
 def tcp(loop: Loop) -> Iterator[TcpPort]:
     port = TcpPort(loop.scheduler, loop.line, 0)
+    port.listen()
     loop.start()
     yield port
     loop.stop()
@@ -131,3 +132,16 @@ def test_a_busy_tcp_port_is_named(loop: Loop) -> None:
         number = other.getsockname()[1]
         with pytest.raises(PortBusyError, match=rf"^TCP port {number}: address already in use"):
             TcpPort(loop.scheduler, loop.line, number)
+
+
+def test_a_port_is_taken_at_once_and_lets_clients_in_when_it_is_told_to(loop: Loop) -> None:
+    """Whoever comes while a finger is loaded is refused, instead of waiting for an answer that does not come."""
+    port = TcpPort(loop.scheduler, loop.line, 0)
+    with pytest.raises(ConnectionRefusedError):
+        connect(port)
+    port.listen()
+    loop.start()
+    connect(port).close()
+    loop.stop()
+    port.close()
+    TcpPort(loop.scheduler, loop.line, 0).close()  # one that never listened

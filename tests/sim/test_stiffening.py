@@ -17,25 +17,31 @@ from sim.measures.measures import STRAINS, STRESSES
 from sim.models.catalogue import load
 from sim.models.errors import ForceOutOfReachError, ModelRangeError
 from sim.models.fingertip import Fingertip
+from sim.models.relaxing.in_time import InTime
+from sim.models.relaxing.prony import Prony, PronyTerm
 from sim.models.results.small_strain import small_strain
 from sim.models.stiffening.at_finite_strain import (
     FORCE,
     FORCE_ERROR,
     SECANT,
     SED_ERROR,
-    Numbers,
+    Force,
     Press,
+    Secant,
     force_factor,
-    log_factor,
+    log_force,
+    log_secant,
     secant,
 )
 from sim.models.stiffening.overlap import Overlap, Squeezed, overlap, squeezed
-from sim.models.stiffening.stiffened import LINEAR_TISSUE, Stiffened, Under, thickness_mm
+from sim.models.stiffening.stiffened import LINEAR_TISSUE, ROOFS, Stiffened, Under, roof, thickness_mm
+from sim.plant.plant import Pose
+from sim.plant.relaxing_plant import RelaxingPress
 from tests.sim.coarse import coarse_mesh
 
 MESH = coarse_mesh(0.4, 0.4, patch_x_mm=2.5, patch_z_mm=2.5, round_patch_mm=2.5)
 HUMAN = Path(__file__).parents[2] / "examples" / "human_finger" / "finger.toml"
-PRESS = Press(0.25, 1.21, 0.2)
+PRESS = Press(0.25, 1.21, 4.0, 0.5, 0.2, 2.25)
 
 
 def config(stiffening: float = 0.0) -> FingertipConfig:
@@ -57,35 +63,69 @@ def stiff(linear: Fingertip) -> Fingertip:
 # --- the functions ---
 
 
-@pytest.mark.parametrize("at", [0.25, 0.1])
-def test_each_number_counts_where_it_should(at: float) -> None:
-    numbers = Numbers(0.3, 0.5, 0.5, 2.0, 2.0, -0.5, 1.5, 4.0, 3.0, 1.5, 0.7)
-    arch = 0.3 * np.tanh(0.4) * 1.1
-    squeeze = 2.0 * at**2 / 1.1
-    law = 1.5 * np.log(1 + 0.6 * 4.0 * at**3 * 1.331)
-    found = log_factor(numbers, 0.6, PRESS, np.array([at, 0.0]))
-    assert found[0] == pytest.approx(squeeze - arch + law + 0.7 * 0.25)
-    assert found[1] == pytest.approx(0.7 * 0.25 - arch)
+def test_each_number_of_the_force_counts_where_it_should() -> None:
+    numbers = Force(0.3, 1.5, 0.5, -0.5, 2.0, 2.0, -0.5, 0.7, 4.0, 3.0, 1.5)
+    lost = 0.3 * 1.5 / 2
+    squeeze = 2.0 * 0.25**2 / 1.1
+    strain = 4.0 * 0.25**3 * np.exp(0.75)
+    assert numbers.geometric(PRESS) == pytest.approx(squeeze - lost * np.tanh(0.3 / lost))
+    assert numbers.strained(PRESS) == pytest.approx(strain)
+    expected = squeeze - lost * np.tanh(0.3 / lost) + 0.7 * np.log(1 + 0.6 * strain)
+    assert log_force(numbers, 0.6, PRESS) == pytest.approx(expected)
 
 
-def test_force_is_squeezed_by_its_depth_and_a_receptor_by_what_it_has() -> None:
-    local = np.array([0.25, 0.1])
-    assert force_factor(0.6, PRESS) == pytest.approx(np.exp(log_factor(FORCE, 0.6, PRESS, np.array(0.25))))
-    assert_allclose(secant(0.6, PRESS, local), np.exp(log_factor(SECANT, 0.6, PRESS, local)))
+def test_each_number_of_the_secant_counts_where_it_should() -> None:
+    numbers = Secant(2.0, 1.5, 2.0, 0.5, 1.2, 0.5, 0.8, 4.0, 2.0, 3.0, -0.5, 1.5)
+    share = np.array([1.0, 0.5, 0.0])
+    moved = 2.0 * 0.125 * share**2 * 1.1 - 0.3
+    strain = 4.0 * 0.0625 * share**3 / 1.5 * np.exp(0.75)
+    assert_allclose(numbers.geometric(PRESS, share), 1.5 * moved + 0.16)
+    assert_allclose(numbers.strained(PRESS, share), strain)
+    assert_allclose(log_secant(numbers, 0.6, PRESS, share), 1.5 * moved + 0.16 + np.log(1 + 0.6 * strain))
+
+
+def test_factors_are_made_with_the_numbers_that_were_fitted() -> None:
+    share = np.array([1.0, 0.4])
+    assert force_factor(0.6, PRESS) == pytest.approx(np.exp(log_force(FORCE, 0.6, PRESS)))
+    assert_allclose(secant(0.6, PRESS, share), np.exp(log_secant(SECANT, 0.6, PRESS, share)))
 
 
 def test_force_grows_with_stiffening_and_a_shallow_press_is_linear() -> None:
     factors = [force_factor(a, PRESS) for a in (1e-9, 0.3, 1.0, 3.0)]
     assert (np.diff(factors) > 0).all()
-    assert force_factor(0.3, Press(1e-6, 1e-5, 1e-6)) == pytest.approx(1.0, abs=2e-3)
+    assert force_factor(0.3, Press(1e-6, 1e-5, 1.2, 0.0, 1e-6, 1.2)) == pytest.approx(1.0, abs=2e-3)
 
 
 # --- where an indentor overlaps the skin ---
 
 
 def test_volume_grows_past_each_gap() -> None:
-    assert Overlap(np.array([0.0, 0.5]), np.array([2.0, 3.0])).volume_mm3(0.75) == pytest.approx(1.5 + 0.75)
-    assert Overlap(np.array([0.0, 0.5]), np.array([2.0, 3.0])).volume_mm3(0.5) == 1.0
+    two = Overlap(np.array([0.0, 0.5]), np.zeros((2, 2)), np.array([2.0, 3.0]))
+    assert two.volume_mm3(0.75) == pytest.approx(1.5 + 0.75)
+    assert two.volume_mm3(0.5) == 1.0
+
+
+def _parabola(half_mm: float) -> Overlap:
+    """A bowl of radii 2 and 8 mm, which an edge ends across."""
+    x, z = np.meshgrid(np.linspace(-3, 3, 301), np.linspace(-6, 6, 301))
+    gap = np.where(np.abs(x) < half_mm, x**2 / 4 + z**2 / 16, np.inf)
+    return Overlap(gap.ravel(), np.stack([x.ravel(), z.ravel()]), np.full(x.size, 0.02 * 0.04))
+
+
+def test_a_bowl_is_as_long_as_its_longer_radius_and_its_volume_grows_by_the_square() -> None:
+    bowl = _parabola(9.0)
+    assert bowl.long_radius_mm(1.0) == pytest.approx(8.0, rel=1e-3)
+    assert bowl.power(1.0) == pytest.approx(2.0, abs=1e-3)
+    assert bowl.long_radius_mm(0.01) == bowl.long_radius_mm(0.1)
+    assert bowl.power(0.01) == bowl.power(0.1)
+
+
+def test_an_edge_confines_a_press_and_none_that_is_finer_than_the_places_breaks_it() -> None:
+    """Far past an edge the overlap grows as a slice does, by 3/2."""
+    assert _parabola(0.3).power(2.0) == pytest.approx(1.5, abs=0.02)
+    nothing = Overlap(np.full(4, np.inf), np.zeros((2, 4)), np.full(4, 0.12))
+    assert nothing.power(0.5) == 2.0
+    assert nothing.long_radius_mm(0.5) == pytest.approx(0.06)
 
 
 @pytest.mark.parametrize(("shape", "rel"), [("flat", 0.05), ("sphere:3", 0.05)])
@@ -132,10 +172,32 @@ def test_a_press_counts_from_first_touch_in_the_tissues_thickness(skin: Fingerti
     assert found.press.bend == pytest.approx(0.25 * (1 / skin.apex.lateral_radius_mm + 1 / skin.apex.axial_radius_mm))
     volume = overlap(indentor, (0.0,), touch, skin, 12.75).volume_mm3(0.5)
     assert found.press.width == pytest.approx(volume / (0.5 * thick**2))
-    assert found.local[0] == pytest.approx(found.press.depth, rel=0.02)
+    reached = overlap(indentor, (0.0,), touch, skin, 12.75)
+    assert found.press.length == pytest.approx(reached.long_radius_mm(0.5) / thick)
+    assert found.press.confined == pytest.approx(2 - reached.power(0.5))
+    assert found.share[0] == pytest.approx(1.0, rel=0.02)
     assert under.at(0.0, receptor) is LINEAR_TISSUE
-    assert under.at(0.5, np.zeros((0, 3))).local.shape == (0,)
+    assert under.at(0.5, np.zeros((0, 3))).share.shape == (0,)
     assert Under(config(), skin, indentor, (0.0,), touch).at(0.5, receptor) is LINEAR_TISSUE
+
+
+def test_the_roof_is_the_skins_stiffness_over_that_of_layers_in_series(skin: FingertipSurface) -> None:
+    """0.4 mm of 1 over (3 mm: 0.8 of 0.2 and 1.8 of 0.05): series modulus 2.6 / 40."""
+    assert roof(Tissue(e_dermis=0.2, e_fat=0.05), 3.0) == pytest.approx(0.4 / (3.0 * 2.6 / 40))
+    soft = FingertipConfig(mesh=MESH, tissue=Tissue(e_dermis=0.01, e_fat=0.001, stiffening=0.4))
+    touch = first_touch(parse_shape("flat"), (0.0,), skin)
+    assert Under(soft, skin, parse_shape("flat"), (0.0,), touch).at(0.5, np.zeros((0, 3))).press.roof == ROOFS[1]
+
+
+@pytest.mark.parametrize("shape", ["bar:3.0", "sphere:3", "flat:3"])
+def test_the_shallowest_presses_are_those_of_the_linear_twin(skin: FingertipSurface, shape: str) -> None:
+    """Where the overlap is finer than it is sampled, and all the way down to nothing."""
+    indentor = parse_shape(shape)
+    place = (0.0,) if len(indentor.axes) == 1 else (0.0, 6.9)
+    under = Under(config(0.4), skin, indentor, place, first_touch(indentor, place, skin))
+    found = [under.at(doi_mm, np.zeros((0, 3))).force for doi_mm in (1e-9, 1e-6, 1e-3, 0.02, 0.03)]
+    assert found[0] == pytest.approx(1.0, abs=1e-3)
+    assert np.abs(np.diff(found)).max() < 0.05
 
 
 # --- the finger ---
@@ -156,7 +218,7 @@ def test_force_pressure_and_stresses_follow_and_strains_stay(linear: Fingertip, 
     assert factor == force_factor(0.4, now.strained.press) != 1.0
     assert now.force_n == pytest.approx(was.force_n * factor)
     assert now.peak_pressure_pseudo == pytest.approx(was.peak_pressure_pseudo * factor)
-    stiffer = secant(0.4, now.strained.press, now.strained.local)
+    stiffer = secant(0.4, now.strained.press, now.strained.share)
     assert len(stiffer) == len(now.model.receptors.position_mm)
     for name in STRESSES:
         power = 3 if name == "third" else 1
@@ -227,7 +289,40 @@ class _Bare:
 
 def test_stiffened_measures_need_no_field_of_the_linear_twin() -> None:
     twin = {name: np.array([1.0, 2.0]) for name in (*STRAINS, *STRESSES)}
-    strained = Stiffened(0.4, PRESS, np.array([0.2, 0.1]))
+    strained = Stiffened(0.4, PRESS, np.array([0.8, 0.4]), 1.2)
     found = strained.measures(twin)
     assert set(found) == set(twin)
     assert (found["sed"] != twin["sed"]).all()
+
+
+# --- and relaxes ---
+
+TERMS = (PronyTerm(0.2, 0.07), PronyTerm(0.2, 1.4))
+SERIES = Prony(TERMS)
+
+
+def test_what_was_borne_when_the_tissue_was_softer_relaxes_as_that(stiff: Fingertip) -> None:
+    """Growing contact: f = α (k p − c), c being what has relaxed of the shallower press."""
+    press, shallow, deep = InTime(stiff, "flat", SERIES), *(stiff.indent("flat", doi_mm=mm) for mm in (0.3, 0.8))
+    assert press.to_depth(0.0, 0.3).force_n == pytest.approx(shallow.force_n, rel=1e-6)
+    assert press.to_depth(60.0, 0.3).force_n == pytest.approx(0.6 * shallow.force_n, rel=1e-6)
+    now = press.to_depth(0.0, 0.8)
+    assert now.force_n == pytest.approx(deep.force_n - 0.4 * shallow.force_n, rel=1e-6)
+    assert press.strain() == pytest.approx(deep.receptor_strain, abs=1e-7)
+    assert deep.strained.force > 1.05 * shallow.strained.force, "it stiffens between the two"
+    assert press.to_depth(60.0, 0.8).force_n == pytest.approx(0.6 * deep.force_n, rel=1e-6)
+
+
+def test_a_force_is_held_where_a_depth_would_give_it(stiff: Fingertip) -> None:
+    """By depth and by force the same way: to the tolerance of the search for a force."""
+    by_depth, by_force = (InTime(stiff, "flat", SERIES) for _ in range(2))
+    for step_s, doi_mm in ((0.05, 0.4), (0.3, 0.5), (0.3, 0.45)):
+        force_gwt = by_depth.to_depth(step_s, doi_mm).force_gwt
+        assert by_force.to_force(step_s, force_gwt).doi_mm == pytest.approx(doi_mm, abs=1e-5)
+
+
+def test_under_a_stage_it_is_the_librarys(stiff: Fingertip) -> None:
+    press, library = RelaxingPress(stiff, "flat", TERMS), InTime(stiff, "flat", SERIES)
+    for step_s, doi_mm in ((0.05, 0.4), (0.3, 0.8), (0.3, 0.7), (0.5, 0.7)):
+        pose = Pose(0.0, stiff.touch_height_mm("flat", 0.0) - stiff.apex_height_mm - doi_mm)
+        assert press.moved_to(pose, step_s) == pytest.approx(library.to_depth(step_s, doi_mm).force_n, rel=1e-5)

@@ -21,8 +21,9 @@ from studies.finite_strain.reading import extent
 from studies.finite_strain.solver.body import Body
 from studies.finite_strain.solver.bricks import Dilatation, Moduli, bricks
 from studies.finite_strain.solver.clearance import along, clearance
-from studies.finite_strain.solver.inside import finite_measures
+from studies.finite_strain.solver.inside import cauchy, finite_measures
 from studies.finite_strain.solver.laws import Law, NeoHookean, Yeoh
+from studies.finite_strain.solver.ogden import Ogden
 from studies.finite_strain.solver.press import presses
 from studies.finite_strain.solver.rigid import clearance as skin_clearance
 from studies.finite_strain.solver.rubbing import Rubbing
@@ -45,7 +46,7 @@ def patch() -> tuple[np.ndarray, np.ndarray]:
     return grid, np.stack([number[a : a + 2, b : b + 2, c : c + 2].ravel() for a, b, c in corners], axis=1)
 
 
-@pytest.mark.parametrize("law", [NeoHookean(), Yeoh(3.0, 2.0)])
+@pytest.mark.parametrize("law", [NeoHookean(), Yeoh(3.0, 2.0), Ogden(((0.7, -3.0), (0.3, 11.0)))])
 @pytest.mark.parametrize("dilatation", ["bbar", "full"])
 def test_forces_and_stiffness_are_derivatives_of_the_energy(law: Law, dilatation: Dilatation) -> None:
     rng = np.random.default_rng(1)
@@ -90,6 +91,50 @@ def test_stiffening_tissue_carries_more_and_turned_elements_nothing_finite() -> 
     yeoh = bricks(nodes, elements, MODULI, Yeoh(2.0, 1.0))
     assert yeoh.energy(u) == pytest.approx(0.5 * MODULI.mu[0] * (i + 2 * i**2 + i**3), rel=1e-12)
     assert yeoh.energy(-2 * nodes) == np.inf
+
+
+@pytest.mark.parametrize("dilatation", ["bbar", "full"])
+def test_ogden_of_exponent_two_is_neo_hookean(dilatation: Dilatation) -> None:
+    nodes, elements = patch()
+    u = np.random.default_rng(3).normal(size=(27, 3)) * 0.05
+    neo, ogden = (bricks(nodes, elements, MODULI, law, dilatation) for law in (NeoHookean(), Ogden.of(2.0)))
+    assert ogden.energy(u) == pytest.approx(neo.energy(u), rel=1e-12)
+    for of_ogden, of_neo in zip(ogden.tangent(u), neo.tangent(u), strict=True):
+        np.testing.assert_allclose(of_ogden, of_neo, atol=1e-14 * np.abs(of_neo).max() * len(nodes))
+    f = np.eye(3) + 0.2 * np.random.default_rng(4).normal(size=(5, 3, 3))
+    moduli = Moduli(np.full(5, 2.0), np.full(5, 50.0))
+    expected = finite_measures(f, moduli, NeoHookean())
+    for name, values in finite_measures(f, moduli, Ogden.of(2.0)).items():
+        np.testing.assert_allclose(values, expected[name], rtol=1e-9, atol=1e-10, err_msg=name)
+
+
+@pytest.mark.parametrize("alpha", [9.78, -4.0])
+@pytest.mark.parametrize("stretch", [0.7, 1.0, 1.3])
+def test_ogden_tissue_in_plain_and_in_equal_tension_bears_the_closed_form(alpha: float, stretch: float) -> None:
+    """σ = 2μ/α (λ^α − λ^{−α/2}) and 2μ/α (λ^α − λ^{−2α}) (Ogden 1972), two stretches being equal, or three."""
+    mu, one = 1.7, np.ones(1)
+    for across, other in ((stretch**-0.5, stretch**-0.5), (stretch, stretch**-2)):
+        f = np.diag([stretch, across, other])[None]
+        stress = cauchy(f, Moduli(mu * one, 50 * one), Ogden.of(alpha))[0]
+        for k, here in enumerate((stretch, across)):
+            expected = 2 * mu / alpha * (here**alpha - other**alpha)
+            assert stress[k, k] - stress[2, 2] == pytest.approx(expected, rel=1e-12, abs=1e-13)
+
+
+def test_stiffness_of_ogden_tissue_is_the_derivative_of_its_forces_where_two_stretches_are_equal() -> None:
+    nodes, elements = patch()
+    one = bricks(nodes, elements, MODULI, Ogden.of(9.78))
+    u, way = nodes * np.array([0.2, 0.2, -0.3]), np.random.default_rng(5).normal(size=(27, 3))
+    matrix = one.tangent(u)[1]
+    column = (one.tangent(u + 1e-6 * way)[0] - one.tangent(u - 1e-6 * way)[0]) / 2e-6
+    expected = np.einsum("nij,nj->ni", matrix, way[elements].reshape(len(elements), -1))
+    np.testing.assert_allclose(column, expected, atol=1e-7 * np.abs(expected).max())
+
+
+def test_terms_of_ogden_share_the_shear_modulus() -> None:
+    for terms in (((0.5, 3.0), (0.4, -2.0)), ((1.0, 0.0),)):
+        with pytest.raises(ValueError, match="shares of the shear modulus"):
+            Ogden(terms)
 
 
 def test_measures_in_simple_shear_and_after_a_turn() -> None:

@@ -2,7 +2,8 @@
 
 With one series for all layers the contact of every instant is an elastic one on displaced skin: nodal forces f follow
 the forces p that would displace the skin so at once by f = α (p − c), where α and c hang on the past and on the step
-of time alone (`prony`). The skin is held by c, contact adds f / α, and the indentor feels f.
+of time alone (`prony`). The skin is held by c, contact adds f / α, and the indentor feels f. Tissue that stiffens
+bears k times what its linear twin does at a depth: p is k times the twin's forces, and the skin is held by c / k.
 """
 
 from dataclasses import dataclass, replace
@@ -69,7 +70,12 @@ class InTime:
 
     def strain(self) -> Array:
         """(n_receptors, 6) engineering strains of now; stress is not that of this strain alone."""
-        return self._model.strain(self.now.memory.borne)
+        return self._model.strain(self.now.memory.borne / self._stiffer)
+
+    @property
+    def _stiffer(self) -> float:
+        """What the tissue bears now over its linear twin."""
+        return 1.0 if self.now.contact is None else self.now.contact.strained.force
 
     def _pressed(
         self, ahead: Ahead, *, doi_mm: float | None = None, force_gwt: float | None = None
@@ -83,12 +89,12 @@ class InTime:
         """The last contact, with the skin where it was."""
         if self.now.contact is None:
             return None
-        stayed = self._model.patch.displaced(self.now.memory.borne - ahead.carried)
+        stayed = self._model.patch.displaced((self.now.memory.borne - ahead.carried) / self._stiffer)
         return replace(self.now.contact.state, displacement=stayed)
 
     def _touching(self, step_s: float, ahead: Ahead, contact: IndentationResult) -> Instant:
         t_s, force_n = self.now.t_s + step_s, ahead.stiffness * contact.force_n
-        memory = self.now.memory.after(ahead, ahead.carried + contact.state.force)
+        memory = self.now.memory.after(ahead, ahead.carried + contact.strained.force * contact.state.force)
         return self._arrived(Instant(t_s, contact.doi_mm, force_n, contact, memory))
 
     def _arrived(self, instant: Instant) -> Instant:

@@ -1,6 +1,7 @@
 """Where an indentor would lie below a skin that did not give: how wide a press is, whatever the tissue."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,19 +15,53 @@ Array = NDArray[np.float64]
 
 _AROUND, _ALONG = 81, 121
 _BESIDE_MM = 1e-6
+_SEEN_MM = 0.1  # a shallower overlap covers too few places to have a form; it is that of a paraboloid anyway
+_NONE_MM3 = 1e-9  # so that what is finer than places are apart is a paraboloid
 _SIDE_RAD = 0.05  # of a section's widest places; the pulp is what lies above them
 
 
 @dataclass(frozen=True)
 class Overlap:
-    """Places of the skin: gaps (n,) at first touch in mm, vertical, and areas (n,) in mm², seen from above."""
+    """Places of the skin: gaps (n,) at first touch in mm, vertical; across and along (2, n) mm; areas (n,) in mm²."""
 
     gap_mm: Array
+    at_mm: Array
     area_mm2: Array
 
     def volume_mm3(self, past_touch_mm: float) -> float:
         """Between indentor and undeformed skin, so far past first touch."""
-        return float((self.area_mm2 * np.maximum(past_touch_mm - self.gap_mm, 0.0)).sum())
+        return float(self._moments(past_touch_mm)[0])
+
+    def long_radius_mm(self, past_touch_mm: float) -> float:
+        """Of the paraboloid that reaches as far along the longer way: ⟨r²⟩ = R d / 3 over its volume."""
+        deep_mm = max(past_touch_mm, _SEEN_MM)
+        volume, *others = self._moments(deep_mm)
+        x, z, xx, xz, zz = (other / (volume + _NONE_MM3) for other in others)
+        across, both, along = xx - x * x, xz - x * z, zz - z * z
+        longest_mm2 = 0.5 * (across + along) + np.hypot(0.5 * (across - along), both)
+        return float(3 * (longest_mm2 + self.area_mm2.mean() / 12) / deep_mm)  # a place has an extent of its own
+
+    def power(self, past_touch_mm: float) -> float:
+        """By which the volume grows with depth: a paraboloid's 2, less where an edge ends the overlap."""
+        deep_mm = max(past_touch_mm, _SEEN_MM)
+        whole, half = self.volume_mm3(deep_mm), self.volume_mm3(0.5 * deep_mm)
+        return float(np.log2((whole + _NONE_MM3) / (half + _NONE_MM3 / 4)))
+
+    def _moments(self, past_touch_mm: float) -> Array:
+        """(6,) of the volume: itself, and weighted with x, z, x², xz, z²."""
+        gap, flat, above = self._by_gap
+        k = int(np.searchsorted(gap, past_touch_mm))
+        return np.asarray(past_touch_mm * flat[k] - above[k])
+
+    @cached_property
+    def _by_gap(self) -> tuple[Array, Array, Array]:
+        """(m,) gaps in order, and sums of areas' and areas times gaps' (m + 1, 6) moments over all that are less."""
+        order = np.argsort(self.gap_mm)[: np.isfinite(self.gap_mm).sum()]
+        gap, (x, z) = self.gap_mm[order], self.at_mm[:, order]
+        moments = np.stack([np.ones_like(x), x, z, x * x, x * z, z * z], axis=1) * self.area_mm2[order, None]
+        none = np.zeros((1, 6))
+        flat, above = (np.concatenate([none, np.cumsum(m, axis=0)]) for m in (moments, moments * gap[:, None]))
+        return gap, flat, above
 
 
 def overlap(
@@ -38,7 +73,8 @@ def overlap(
     x, y = surface.section(phi, z[:, None])
     at = {X: x, Z: np.broadcast_to(z[:, None], x.shape)}
     area = np.abs(np.gradient(x, axis=1)) * (z[1] - z[0])
-    return Overlap(_gap_mm(indentor, place, touch, at, y), area.ravel())
+    at_mm = np.stack([at[X].ravel(), at[Z].ravel()])
+    return Overlap(_gap_mm(indentor, place, touch, at, y), at_mm, area.ravel())
 
 
 @dataclass(frozen=True)

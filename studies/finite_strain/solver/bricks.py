@@ -1,7 +1,7 @@
 """Energy, forces and tangent stiffness of hyperelastic bricks of eight nodes at finite strain.
 
-Per reference volume W = μ w(Ī₁ − 3) + ½ κ (J − 1)², CalculiX's neo-Hookean if w is. "bbar": J is the element's mean
-(Simo, Taylor & Pister 1985), at small strain that of `sim/fem/elements.py`; "full": J is the point's.
+Per reference volume W = μ w + ½ κ (J − 1)² with a law's w, CalculiX's neo-Hookean if w is. "bbar": J is the element's
+mean (Simo, Taylor & Pister 1985), at small strain that of `sim/fem/elements.py`; "full": J is the point's.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.fem.shape_functions import gauss_points, gradients
-from studies.finite_strain.solver.laws import Law
+from studies.finite_strain.solver.laws import Energy, Law
+from studies.finite_strain.solver.ogden import Ogden, Stretched
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -82,7 +83,7 @@ class _State:
         self.j_bar = (self.weight * self.j).sum(axis=1, keepdims=True) / self.volume if self.mean else self.j
         self.i1 = (self.f**2).sum(axis=(-2, -1))
         self.shrunk = j ** (-2 / 3)
-        self.w = bricks.law.energy(self.shrunk * self.i1 - 3)
+        self.w = _tissue(bricks.law, self.f, self.shrunk * self.i1 - 3)
 
     @property
     def energy(self) -> float:
@@ -92,44 +93,60 @@ class _State:
         return float((self.weight * per_volume).sum())
 
     def tangent(self) -> tuple[Array, Array]:
-        """Rows (a, i): with g = F⁻ᵀ ∂N/∂X and q = F ∂N/∂X, δĪ₁ = J^{−2/3} (2 q − ⅔ I₁ g) · δu and δJ = J g · δu."""
+        """With g = F⁻ᵀ ∂N/∂X, rows (a, i), δJ = J g · δu."""
         n, points = self.weight.shape
-        inverse = np.linalg.inv(self.f)
-        g = (self.gradient @ inverse).reshape(n, points, 24)
+        g = (self.gradient @ np.linalg.inv(self.f)).reshape(n, points, 24)
+        pressure, volume_j = self.kappa * (self.j_bar - 1), self.weight * self.j
+        pushed = volume_j * pressure
+        own = pushed if self.mean else pushed + self.kappa * volume_j * self.j
+        if isinstance(self.w, Stretched):
+            force, matrix = self.w.tangent(self.gradient, self.weight * self.mu)
+            crossed = -pushed
+        else:
+            force, matrix, ci = self._by_invariant(self.w, g)
+            own, crossed = own + (4 / 9) * ci, (2 / 3) * ci - pushed
+        force += summed(pushed, g)
+        matrix += outer(own, g, g)
+        matrix += swapped(outer(crossed, g, g))
+        if self.mean:
+            whole = summed(volume_j, g)
+            matrix += (self.kappa / self.volume)[..., None] * whole[:, :, None] * whole[:, None]
+        return force, matrix
+
+    def _by_invariant(self, w: Energy, g: Array) -> tuple[Array, Array, Array]:
+        """Of w(Ī₁ − 3), and what it adds to terms in g: with q = F ∂N/∂X, δĪ₁ = J^{−2/3} (2 q − ⅔ I₁ g) · δu."""
+        n, points = self.weight.shape
         q = (self.gradient @ self.f.swapaxes(-1, -2)).reshape(n, points, 24)
         d = self.shrunk[..., None] * (2 * q - (2 / 3) * self.i1[..., None] * g)
-        pressure = self.kappa * (self.j_bar - 1)
-        first, second = self.weight * self.mu * self.w.first, self.weight * self.mu * self.w.second
-        volume_j = self.weight * self.j
-        force = _sum(first, d) + _sum(volume_j * pressure, g)
+        first, second = self.weight * self.mu * w.first, self.weight * self.mu * w.second
         c = first * self.shrunk
-        own = (4 / 9) * c * self.i1 + volume_j * pressure
-        if not self.mean:
-            own = own + self.kappa * volume_j * self.j
-        crossed = (2 / 3) * c * self.i1 - volume_j * pressure
-        gq = _outer(c, g, q)
-        matrix = _outer(own, g, g) - (4 / 3) * (gq + gq.swapaxes(1, 2)) + _swapped(_outer(crossed, g, g))
-        if self.w.second.any():
-            matrix += _outer(second, d, d)
-        if self.mean:
-            whole = _sum(volume_j, g)
-            matrix += (self.kappa / self.volume)[..., None] * whole[:, :, None] * whole[:, None]
+        gq = outer(c, g, q)
+        matrix = (-4 / 3) * (gq + gq.swapaxes(1, 2))
+        if w.second.any():
+            matrix += outer(second, d, d)
         laplace = 2 * np.einsum("ng,ngai,ngbi->nab", c, self.gradient, self.gradient, optimize=True)
         blocks = matrix.reshape(n, 8, 3, 8, 3)
         for i in range(3):
             blocks[:, :, i, :, i] += laplace
-        return force, matrix
+        return summed(first, d), matrix, c * self.i1
 
 
-def _sum(weight: Array, rows: Array) -> Array:
+def _tissue(law: Law, f: Array, i: Array) -> Energy | Stretched:
+    """What a law says at deformation gradients with so much Ī₁ − 3."""
+    return Stretched(law, f) if isinstance(law, Ogden) else law.energy(i)
+
+
+def summed(weight: Array, rows: Array) -> Array:
+    """(n, k) of (n, g) weights and (n, g, k) rows."""
     return np.einsum("ng,ngk->nk", weight, rows)
 
 
-def _outer(weight: Array, left: Array, right: Array) -> Array:
+def outer(weight: Array, left: Array, right: Array) -> Array:
+    """(n, k, k) sums of products of (n, g, k) rows with (n, g) weights."""
     return np.asarray((left * weight[..., None]).swapaxes(1, 2) @ right)
 
 
-def _swapped(matrix: Array) -> Array:
+def swapped(matrix: Array) -> Array:
     """(b, i), (a, k) in place of (a, i), (b, k)."""
     n = len(matrix)
     return matrix.reshape(n, 8, 3, 8, 3).swapaxes(2, 4).reshape(n, 24, 24)

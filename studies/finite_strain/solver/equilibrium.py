@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from studies.finite_strain.solver.body import Body
 from studies.finite_strain.solver.factor import IndefiniteError
-from studies.finite_strain.solver.rigid import PENALTY_MPA_PER_MM, Rigid, Skin, Touching, energy, touching
+from studies.finite_strain.solver.rigid import PENALTY_MPA_PER_MM, Rigid, Skin, Touching, clearance, energy, touching
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -43,6 +43,15 @@ def rest(body: Body, skin: Skin, rigid: Rigid, start: Array) -> tuple[Array, Tou
         exact_from = k + _ASIDE if curves and not curved else exact_from
         a, now = _along(body, skin, rigid, (a, now), step, float(step @ unbalanced))
     raise NotFoundError(f"no equilibrium within {_MOST_STEPS} steps")
+
+
+def followed(body: Body, skin: Skin, rigid: Rigid, start: Array, nodes: Ints) -> Array:
+    """Unknowns from which to look for rest: nodes that bore go with an indentor that moved, even where they pull."""
+    found = clearance(skin, rigid, start)
+    load = -PENALTY_MPA_PER_MM * skin.area_mm2[nodes] * found.mm[nodes]
+    bound = Touching(nodes, load, found.gradient[nodes], found.hessian[nodes])
+    force, stiffness = body.tangent(start)
+    return start + _descent(body, stiffness, skin, bound, force + _push(skin, bound, body.size), curves=False)[0]
 
 
 def _along(

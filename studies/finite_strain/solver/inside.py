@@ -20,6 +20,7 @@ from sim.measures.receptors import blended, located
 from sim.models.discretised import young_ratios
 from studies.finite_strain.solver.bricks import Moduli, deformation
 from studies.finite_strain.solver.laws import Law
+from studies.finite_strain.solver.ogden import Ogden, Stretched
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -77,8 +78,7 @@ def finite_measures(f: Array, moduli: Moduli, law: Law) -> dict[str, Array]:
     j = np.linalg.det(f)
     stress = _turned_back(cauchy(f, moduli, law), left @ right)
     ep, sp = np.linalg.eigvalsh(strain), np.linalg.eigvalsh(stress)
-    w = law.energy(j ** (-2 / 3) * (f**2).sum(axis=(-2, -1)) - 3)
-    sed = moduli.mu * w.value + 0.5 * moduli.kappa * (j - 1) ** 2
+    sed = moduli.mu * isochoric(f, law)[0] + 0.5 * moduli.kappa * (j - 1) ** 2
     normal = np.moveaxis(_engineering(stress)[..., :3], -1, 0)
     columns = [
         *np.moveaxis(_engineering(strain), -1, 0),
@@ -94,12 +94,19 @@ def finite_measures(f: Array, moduli: Moduli, law: Law) -> dict[str, Array]:
 
 def cauchy(f: Array, moduli: Moduli, law: Law) -> Array:
     """(n, 3, 3) true stress, in the unit of the moduli (n,)."""
-    j = np.linalg.det(f)
-    b = (j ** (-2 / 3))[:, None, None] * f @ f.swapaxes(-1, -2)
+    j, (_, deviator) = np.linalg.det(f), isochoric(f, law)
+    return np.asarray((moduli.mu / j)[:, None, None] * deviator + (moduli.kappa * (j - 1))[:, None, None] * np.eye(3))
+
+
+def isochoric(f: Array, law: Law) -> tuple[Array, Array]:
+    """(n,) energy and (n, 3, 3) Kirchhoff stress without trace, over the shear modulus."""
+    if isinstance(law, Ogden):
+        stretched = Stretched(law, f)
+        return stretched.value, stretched.deviator
+    b = (np.linalg.det(f) ** (-2 / 3))[:, None, None] * f @ f.swapaxes(-1, -2)
     i = np.trace(b, axis1=-2, axis2=-1)
-    deviator = b - i[:, None, None] / 3 * np.eye(3)
-    first = moduli.mu * law.energy(i - 3).first
-    return np.asarray((2 * first / j)[:, None, None] * deviator + (moduli.kappa * (j - 1))[:, None, None] * np.eye(3))
+    w = law.energy(i - 3)
+    return w.value, (2 * w.first)[:, None, None] * (b - i[:, None, None] / 3 * np.eye(3))
 
 
 def _turned_back(tensor: Array, rotation: Array) -> Array:

@@ -1,10 +1,12 @@
-"""Isochoric energies of tissue, over its shear modulus, as functions of Ī₁ − 3; all are linear at small strain."""
+"""Isochoric energies of tissue, over its shear modulus, as functions of Ī₁ − 3 or Ogden's; linear at small strain."""
 
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from studies.finite_strain.solver.ogden import Ogden
 
 Array = NDArray[np.float64]
 
@@ -17,11 +19,14 @@ class Energy(NamedTuple):
     second: Array
 
 
-class Law(Protocol):
+class OfInvariant(Protocol):
     """An isochoric energy with w(0) = 0 and w′(0) = ½."""
 
     def energy(self, i: Array) -> Energy:
         """At (…) values of Ī₁ − 3."""
+
+
+Law = OfInvariant | Ogden
 
 
 @dataclass(frozen=True)

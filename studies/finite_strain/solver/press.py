@@ -35,7 +35,7 @@ def presses(
     body: Body, skin: Skin, touch: Rigid, depths_mm: Sequence[float], step_mm: float = 0.05
 ) -> Iterator[Pressed]:
     """One at each of ascending depths below first touch. Ends early where nothing more converges."""
-    last, before = Pressed(0.0, np.zeros(body.size), _NOTHING), None
+    last, before = Pressed(0.0, np.zeros(body.size), NOTHING), None
     for depth in depths_mm:
         step = step_mm
         while last.doi_mm < depth - 1e-12:
@@ -54,7 +54,7 @@ def presses(
         yield last
 
 
-_NOTHING = Touching(np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3, 3)))
+NOTHING = Touching(np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3, 3)))
 
 
 def _ahead(last: Pressed, before: Pressed | None, doi_mm: float) -> Array:
