@@ -22,6 +22,7 @@ from sim.models.fingertip import Fingertip
 REAL_TIME = (
     "panel/",
     "rig/real_time/",
+    "rig/test_meeting_mistakes.py",
     "rig/compare/test_parameter_study.py::test_processes_give_what_one_gives",
     "rig/compare/test_parameter_study.py::test_a_killed_process_is_told_of",
     "rig/compare/test_parameter_study.py::test_a_process_has_one_thread",
@@ -79,6 +80,7 @@ LONG = (
     "studies/test_finite_strain.py",
     "studies/test_allowed_page.py",
     "rig/real_time/test_calibrate.py",
+    "studies/test_strangers_are_met.py",
     "sim/test_hard_cases.py",
     "rig/real_time/test_run_on_wires.py",
     "rig/real_time/test_asked_from_elsewhere.py",

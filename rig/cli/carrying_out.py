@@ -91,7 +91,7 @@ def carry_out(
     may move. pace: how many seconds one of the bench will take; None where it goes as fast as it can. finger: of a
     run whose own process must not solve.
     """
-    session = _planned(script, config, into, _loaded(config, finger, as_json=as_json))
+    session = _planned(script, config, into, loaded(config, finger, as_json=as_json))
     page = (confirm or nothing_to_confirm(as_json=as_json))(session)
     began = time.perf_counter()
     owner.at("running")
@@ -105,7 +105,8 @@ def carry_out(
     return done
 
 
-def _loaded(config: Config, finger: FingerProcess | None, *, as_json: bool) -> Finger:
+def loaded(config: Config, finger: FingerProcess | None, *, as_json: bool) -> Finger:
+    """The configured finger: in a process of its own, once it is there, or here."""
     with busy(THE_FINGER, as_json=as_json):
         if finger is None:
             return Fingertip.load(config.finger)
@@ -138,7 +139,7 @@ def _made_whole(done: FinishedRun, config: Config, *, as_json: bool) -> Finished
         try:
             export_run(run, again=False)
             if lacks_report(run):
-                asked(_loaded(config, None, as_json=as_json), make_missing, run)
+                asked(loaded(config, None, as_json=as_json), make_missing, run)
             folder.add_checksums(folder.files - there)
         except OSError as error:
             return replace(done, problem=error)

@@ -1,42 +1,58 @@
 """`rig meet`: learn in a few gentle presses which finger lies there."""
 
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import typer
 
-from rig.cli.carrying_out import AtTheTerminal, leave, new_run
+from rig.cli.carrying_out import AtTheTerminal, leave, loaded, new_run
 from rig.cli.confirming import confirmed_with, ready_for_a_real_run
-from rig.cli.interrupts import at_a_safe_point
-from rig.cli.meeting_said import goals_of, page_lines, press_rows, said_after, said_at_the_end, scope_of
+from rig.cli.interrupts import at_a_safe_point, at_once
+from rig.cli.meeting_said import (
+    force_rows,
+    goals_of,
+    number_rows,
+    page_lines,
+    press_rows,
+    said_after,
+    said_at_the_end,
+    said_before,
+    scope_of,
+    usual_goals,
+)
 from rig.cli.options import JsonOption, OutOption, SubjectOption, YesOption, checked_file
-from rig.cli.output import Beginning, busy, err, out, print_json, told_in_one_line
+from rig.cli.output import Beginning, err, out, print_json, told_in_one_line
+from rig.cli.progress import counted, progress
 from rig.cli.run import ask_at_the_bench
 from rig.cli.run_owner import Owner, owning
+from rig.compare.parameter_study.workers import spread
 from rig.data import RunFolder
 from rig.data.folder import replace_text
 from rig.plan.config import Config, load_config
 from rig.plan.plan import Plan
+from rig.protocol.api import Rig
 from rig.protocol.errors import BadInputError
+from rig.protocol.script import load_script
 from rig.report.meeting_page import Met, write_meeting_page
 from rig.session.control.stage_in_hand import StageInHand
+from rig.session.meeting import MEETING_PAGE
 from rig.session.meeting.meeting import SHAPES, Meeting, Wanted, felt_surely
-from rig.session.meeting.meeting_script import MeetingScript
+from rig.session.meeting.meeting_script import MeetingScript, as_script
 from rig.session.meeting.written_finger import finger_file
 from rig.session.session import FinishedRun, NewRun, Session, dry_run, real_run
 from rig.session.virtual.twins import refuse_twinless
 from rig.transport.clock import WallClock
 from sim.contact.shapes import parse_shape
-from sim.models.fingertip import Fingertip
 from sim.models.meeting.foreseen import Foreseen
 from sim.models.meeting.prior import Prior
-from sim.models.processes.finger_process import Finger, FingerProcess
+from sim.models.processes.finger_process import FingerProcess
 
-PAGE = "meeting.html"
-"""In the folder of the run."""
+T = TypeVar("T")
+A = TypeVar("A")
 
 
 class MeetingAttendant(AtTheTerminal):
@@ -46,7 +62,7 @@ class MeetingAttendant(AtTheTerminal):
 
     def begins(self, folder: RunFolder) -> None:
         """From now on presses can be read back."""
-        self.script.folder = folder.path
+        self.script.begins(folder)
         super().begins(folder)
 
 
@@ -69,30 +85,35 @@ def command(
 ) -> None:
     """Press gently, say after each press what was learned, write the finger's file."""
     beginning = Beginning(aloud=not dry)
-    with told_in_one_line(as_json=as_json, beginning=beginning):
+    with told_in_one_line(as_json=as_json, beginning=beginning), ExitStack() as opened:
         settings = felt_surely(load_config(config))
         _refuse(width, most_gwt, settings)
         checked_file("--to", to)
+        names = tuple(one.strip() for one in shapes.split(","))
+        for name in names:
+            parse_shape(name)
+        asked = None if protocol is None else load_script(protocol, more or [])
+        into = new_run(out_dir, subject)
         if dry:
             refuse_twinless(settings.stage, settings.force)
         else:
             ready_for_a_real_run("meet", settings, out_dir, yes=yes)
-        names = tuple(one.strip() for one in shapes.split(","))
-        for name in names:
-            parse_shape(name)
-        goals = goals_of(protocol, more or [], settings)
+        # Ports are open before anything is computed: a server that is not there is said at once, and a stop is heard.
+        stage = None if dry else opened.enter_context(closing(_stage(settings, into)))
+        owner = opened.enter_context(owning(as_script(_nothing_yet), settings, into, stage, config))
+        process = None if dry else opened.enter_context(FingerProcess(settings.finger))
+        finger = loaded(settings, process, as_json=False)
+        goals = usual_goals(names) if asked is None else goals_of(asked, settings, finger)
         wanted = Wanted(goals, width / 100, presses, most_gwt, names)
-        meeting = _begun(settings, wanted, as_json=as_json)
-        script = MeetingScript(meeting, lambda told: said_after(meeting, told, as_json=as_json))
-        into = new_run(out_dir, subject)
-        with ExitStack() as opened:
-            finger: Finger = _on_the_bench(settings) if dry else opened.enter_context(FingerProcess(settings.finger))
-            stage = None if dry else opened.enter_context(closing(_stage(settings, into)))
-            owner = opened.enter_context(owning(script.as_script(), settings, into, stage, config))
-            session = Session(script.as_script(), settings, finger, Plan(), into, handler=script.handler)
-            if stage is not None:
-                confirmed_with(page_lines(settings, wanted), yes=yes, asking=owner.asking)
-            done = _carried_out(session, script, owner, beginning, stage)
+        foreseen = Foreseen.over(settings.finger, Prior(), *scope_of(wanted))
+        with at_once():  # what ends this ends the processes that help it
+            foreseen.have(wanted.indentors, _counted)
+        meeting = Meeting(settings, foreseen, wanted)
+        script = MeetingScript(meeting, partial(said_after, meeting), partial(said_before, meeting))
+        session = Session(script.as_script(), settings, finger, Plan(), into, handler=script.handler)
+        if stage is not None:
+            confirmed_with(page_lines(settings, wanted), yes=yes, asking=owner.asking)
+        done = _carried_out(session, script, owner, beginning, stage)
         _written(done, meeting, settings, to, as_json=as_json)
     leave(done)
 
@@ -104,14 +125,13 @@ def _refuse(width: float, most_gwt: float, settings: Config) -> None:
         raise BadInputError(f"--most-gwt {most_gwt:g}: expected 1 … {settings.limits.max_force_gwt:g} gwt")
 
 
-def _begun(settings: Config, wanted: Wanted, *, as_json: bool) -> Meeting:
-    with busy("fingers of the prior: from the cache, or built in some minutes …", as_json=as_json):
-        foreseen = Foreseen.over(settings.finger, Prior(), *scope_of(wanted))
-        return Meeting(settings, foreseen, wanted)
+def _nothing_yet(rig: Rig) -> None:
+    """What the meeting runs while it is prepared."""
 
 
-def _on_the_bench(settings: Config) -> Fingertip:
-    return Fingertip.load(settings.finger)
+def _counted(what: str, function: Callable[[T], A], items: Sequence[T], /) -> Iterator[A]:
+    """Shared by as many processes as there are cores, and shown."""
+    return counted(spread(function, items) if items else (), len(items), f"{what}, made once", quiet=False)
 
 
 def _stage(settings: Config, into: NewRun) -> StageInHand:
@@ -122,8 +142,9 @@ def _carried_out(
     session: Session, script: MeetingScript, owner: Owner, beginning: Beginning, stage: StageInHand | None
 ) -> FinishedRun:
     owner.at("running")
-    with at_a_safe_point(owner.pause) as pause:
-        attendant = MeetingAttendant(pause, lambda stream, data: None, beginning.begins, None, owner)
+    shown = progress(script.meeting.wanted.presses, None, as_json=True)  # in a pipe each press has its own lines
+    with at_a_safe_point(owner.pause) as pause, shown as watch:
+        attendant = MeetingAttendant(pause, watch, beginning.begins, None, owner)
         attendant.script = script
         session = replace(session, attendant=attendant)
         ask = partial(ask_at_the_bench, asking=owner.asking)
@@ -138,7 +159,9 @@ def _written(done: FinishedRun, meeting: Meeting, settings: Config, to: Path, *,
         file = finger_file(meeting, settings, [done.folder.events])
         replace_text(to, file.as_toml())
         course = (meeting.foreseen, meeting.given, meeting.before, meeting.learned)
-        write_meeting_page(done.folder.path / PAGE, Met(*course, press_rows(meeting), meeting.not_learned))
+        rows = (press_rows(meeting), force_rows(meeting), number_rows(meeting))
+        met = Met(*course, *rows, meeting.not_learned, meeting.stranger)
+        write_meeting_page(done.folder.path / MEETING_PAGE, met)
     done.folder.write_checksums()
     if as_json:
         print_json(said_at_the_end(done, meeting, to))

@@ -1,11 +1,12 @@
-"""How far a run is: force, steps and a bar where somebody looks, elsewhere one line for each indentation."""
+"""How far a run, or work of many pieces, is: a bar where somebody looks, elsewhere a line now and then."""
 
-from collections.abc import Callable, Iterator, Mapping
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 from rich.console import Group
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, track
 from rich.text import Text
 
 from rig.cli.output import a_screen, complain, err
@@ -13,6 +14,10 @@ from rig.cli.screen import Force, Screen, named
 from rig.plan.agenda import Agenda, Course
 from rig.plan.timeline import TimeLeft, as_clock
 from rig.session.session import Watch
+
+T = TypeVar("T")
+
+_APART_S = 3.0  # lines of what is counted
 
 
 class _Told(ProgressColumn):
@@ -79,6 +84,27 @@ class Indentations:
         marks += [f"condition {self._about['condition']}"] if "condition" in self._about else []
         parts = [f"{self.done} of {self.total}", *marks, self.where, f"peak {self._peak_gwt:.2f} gwt", self.left]
         return ", ".join(parts)
+
+
+def counted(
+    answers: Iterable[T], total: int, what: str, *, quiet: bool, now: Callable[[], float] = time.perf_counter
+) -> Iterator[T]:
+    """The answers of so many pieces of work: a bar where somebody looks, elsewhere lines, unless it is quiet there.
+
+    The first line is there before the first answer, and the last with the last; those between are 3 s apart.
+    """
+    if err.is_terminal or quiet or not total:
+        yield from track(answers, what, total, console=err, disable=not (err.is_terminal and total))
+        return
+    err.print(f"{total} {what}")
+    began_s = said_s = now()
+    for done, answer in enumerate(answers, 1):
+        yield answer
+        now_s = now()
+        if done == total or now_s - said_s >= _APART_S:
+            left = "" if done == total else f", {as_clock((now_s - began_s) * (total - done) / done)} left"
+            err.print(f"{done} of {total} {what}{left}")
+            said_s = now_s
 
 
 @contextmanager

@@ -10,9 +10,8 @@ from rig.cli.options import JsonOption
 from rig.cli.output import out, print_json, told_in_one_line
 from rig.plan.met.finger_file import Met, read_finger_file
 from rig.session.meeting.stranger import truth_of
-
-_SDS = 1.645
-"""Either side of the mean: nine times of ten."""
+from sim.models.meeting.in_numbers import named, plain
+from sim.models.meeting.width import standard_deviations
 
 
 def command(
@@ -24,27 +23,23 @@ def command(
     with told_in_one_line(as_json=as_json):
         truth = truth_of(seed)
         met = None if beside is None else read_finger_file(beside).met
-        found = {name: _beside(name, value, met) for name, value in truth.items()}
+        found = {named(name): _beside(name, value, met) for name, value in truth.items()}
         if as_json:
             print_json(found)
             return
         for name, one in found.items():
-            band = (
-                "" if "low" not in one else f"  met {one['low']:.3g} … {one['high']:.3g}{'' if one['in'] else '  !'}"
-            )
-            out.print(f"{name.removeprefix('ln_'):<14}{one['truth']:<8.3g}{band}")
+            out.print(f"{name:<14}{one['truth']:<8.3g}{_band(one)}")
 
 
 def _beside(name: str, value: float, met: Met | None) -> dict[str, Any]:
     """Logarithms as what they are of."""
-    plain = math.exp if name.startswith("ln_") else float
-    told: dict[str, Any] = {"truth": plain(value)}
+    told: dict[str, Any] = {"truth": plain(name, value)}
     if met is None or name not in met.posterior.names:
         return told
     k = met.posterior.names.index(name)
     mean, sd = met.posterior.mean[k], math.sqrt(met.posterior.covariance[k][k])
-    low, high = mean - _SDS * sd, mean + _SDS * sd
-    return {**told, "low": plain(low), "high": plain(high), "in": low <= value <= high}
+    low, high = (mean + sign * standard_deviations() * sd for sign in (-1, 1))
+    return {**told, "low": plain(name, low), "high": plain(name, high), "in": low <= value <= high}
 
 
 def _band(one: dict[str, Any]) -> str:

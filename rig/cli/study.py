@@ -3,24 +3,22 @@
 import csv
 import io
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated
 
 import typer
-from rich.progress import track
 
 from rig.cli.options import ExactOption, JsonOption, checked_file
-from rig.cli.output import err, out, print_json, told_in_one_line
-from rig.compare.parameter_study.cases import Row, columns, read_study, solve
+from rig.cli.output import out, print_json, told_in_one_line
+from rig.cli.progress import counted
+from rig.compare.parameter_study.cases import Case, Row, columns, read_study, solve
 from rig.compare.parameter_study.interpolation import interpolated, nodes_to_build
 from rig.compare.parameter_study.workers import spread
 from rig.data.folder import replace_text
 from sim.models.moduli.interpolated import HOW_MADE, make_node
 from sim.models.moduli.node_builds import INTERPOLATED
 from sim.models.results.small_strain import small_strain
-
-T = TypeVar("T")
 
 
 def command(
@@ -44,14 +42,14 @@ def command(
         if not exact:
             cases = interpolated(cases)
         nodes = nodes_to_build(cases)
-        for _ in _counted(spread(make_node, nodes, processes, scheduler), len(nodes), "full builds", as_json=as_json):
+        for _ in counted(spread(make_node, nodes, processes, scheduler), len(nodes), "full builds", quiet=as_json):
             pass
-        answers = _counted(spread(solve, cases, processes, scheduler), len(cases), "cases", as_json=as_json)
+        answers = list(counted(spread(solve, cases, processes, scheduler), len(cases), "cases", quiet=as_json))
         rows = [row for answer in answers for row in answer]
         replace_text(table, _as_csv(columns(cases), rows))
         problems = sum(bool(row["problem"]) for row in rows)
         between = sum(row.get("model") == INTERPOLATED for row in rows)
-        small = _small_strain(rows)
+        small = _small_strain(cases, answers)
         seconds = time.perf_counter() - began
         if as_json:
             print_json({"table": str(table), "cases": len(cases), "rows": len(rows), "problems": problems,
@@ -66,22 +64,13 @@ def command(
                 out.print(f"{between} rows on fingers {HOW_MADE}; --exact builds each in full")
 
 
-def _small_strain(rows: Sequence[Mapping[str, Any]]) -> str | None:
+def _small_strain(cases: Sequence[Case], answers: Sequence[Sequence[Row]]) -> str | None:
     """Of the deepest answer; None where there is none."""
-    deepest = max((row for row in rows if row.get("doi_mm") is not None), key=lambda row: row["doi_mm"], default=None)
-    return None if deepest is None else small_strain(deepest["model"], deepest["doi_mm"]).note
-
-
-def _counted(answers: Iterable[T], total: int, what: str, *, as_json: bool) -> Iterator[T]:
-    """The answers: a bar where somebody looks, elsewhere a line for each tenth of them, and none beside JSON."""
-    if err.is_terminal or as_json or not total:
-        yield from track(answers, what, total, console=err, disable=not (err.is_terminal and total))
-        return
-    err.print(f"{total} {what}")
-    for done, answer in enumerate(answers, 1):
-        yield answer
-        if 10 * done // total > 10 * (done - 1) // total:
-            err.print(f"{done} of {total} {what}")
+    rows = [(row, case) for case, found in zip(cases, answers, strict=True) for row in found if "doi_mm" in row]
+    if not rows:
+        return None
+    row, case = max(rows, key=lambda one: one[0]["doi_mm"])
+    return small_strain(row["model"], row["doi_mm"], case.stiffening).note
 
 
 def _as_csv(names: list[str], rows: list[Row]) -> str:

@@ -142,7 +142,8 @@ class Comparison:
     @property
     def small_strain(self) -> SmallStrain:
         """How far finite strain is from the deepest of what was pressed."""
-        return small_strain("finger", max((float(np.max(s.doi_mm)) for s in self.stimuli), default=0.0))
+        pressed = [(float(np.max(s.doi_mm)), s.stiffening) for s in self.stimuli]
+        return small_strain("finger", *max(pressed, default=(0.0, 0.0)))
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:

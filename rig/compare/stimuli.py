@@ -56,6 +56,7 @@ class Stimulus:
     interpolated: bool = False
     pressed_with: str | None = None  # the indentor's name, naming the run's own copy of its file
     controls: Array | None = None
+    stiffening: float = 0.0  # of the finger that was pressed
 
     @property
     def read_as(self) -> str:
@@ -141,7 +142,10 @@ def stimuli(run: Run, finger: Fingertip) -> list[Stimulus]:
     found = [
         _stimulus(run.folder.path.name, one, table, [one == other for other in what]) for one in sorted(set(what))
     ]
-    return [replace(one, pressed_with=from_copy(run.folder.path, one.indentor)) for one in found]
+    stiffening = finger.config.tissue.stiffening
+    return [
+        replace(one, pressed_with=from_copy(run.folder.path, one.indentor), stiffening=stiffening) for one in found
+    ]
 
 
 def _stimulus(run: str, what: tuple[str, str, float], table: Arrays, mine: list[bool]) -> Stimulus:

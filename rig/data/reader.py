@@ -145,8 +145,14 @@ def _by_stream(documents: Iterable[Document]) -> tuple[Events, Events]:
             if data["index"] in begun:
                 _set_aside(events, superseded, data["index"])
             begun.add(data["index"])
-        events.setdefault(stream, []).append({"t_s": document["t_s"], **data})
+        add_event(events, document)
     return events, superseded
+
+
+def add_event(events: Events, document: Document) -> None:
+    """One more, if the document is one, with its time."""
+    if document["doc"] == "event":
+        events.setdefault(document["stream"], []).append({"t_s": document["t_s"], **document["data"]})
 
 
 def _set_aside(events: Events, superseded: Events, index: int) -> None:

@@ -41,6 +41,7 @@ class VirtualSettings(Settings):
         (), description="Prony series of the tissue: [share, time constant in s], shares sum to less than 1"
     )
     cell_noise_gwt: float = Field(0.0, ge=0, le=10, description="standard deviation of each sample")
+    cell_drift_gwt_per_min: float = Field(0.0, ge=-5, le=5, description="how fast the zero of the cell goes away")
     cell_latency_s: float = Field(0.0, ge=0, le=1, description="how late a sample truly is")
     cell_resolution_gwt: float = Field(0.01, ge=0.001, le=10, description="one step of what the virtual sensor shows")
     noise_seed: int = Field(0, ge=0, description="the same seed gives the same noise")

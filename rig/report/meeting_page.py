@@ -1,4 +1,4 @@
-"""The page of a meeting: measured on foreseen, what is known before and after, what goes with what."""
+"""The page of a meeting: the forces that are known now, measured on foreseen, what is known before and after."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,13 +6,16 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure as Canvas
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from rig.data.folder import replace_text
 from rig.report.html import Figure, Section, alone, render
 from rig.report.style import BLUE, GREY, ORANGE, Plot
 from sim.models.meeting.foreseen import Foreseen
 from sim.models.meeting.given import Given
+from sim.models.meeting.in_numbers import named, plain
 from sim.models.meeting.learned import Learned
+from sim.models.meeting.width import COVERAGE
 
 _SHOWN = 60  # draws of a panel
 _ACROSS = 4
@@ -20,32 +23,62 @@ _ACROSS = 4
 
 @dataclass(frozen=True)
 class Met:
-    """All that the page is made of; rows: what each press was, and what was expected of it."""
+    """All that the page is made of; presses, forces and numbers are rows."""
 
     foreseen: Foreseen
     given: Sequence[Given]
     before: Learned
     learned: Learned
-    rows: Sequence[tuple[str, ...]]
+    presses: Sequence[tuple[str, ...]]
+    forces: Sequence[tuple[str, ...]]
+    numbers: Sequence[tuple[str, ...]]
     not_learned: Sequence[str]
+    stranger: str | None = None  # why it is no finger of the prior
 
 
 def write_meeting_page(path: Path, met: Met) -> None:
     """One self-contained page. Raises OSError."""
-    header = ("press", "shape", "x (mm)", "depth (mm)", "foreseen (gwt)", "measured (gwt)", "forces known to")
     sections = [
-        Section("Presses", "", header, tuple(met.rows)),
-        alone(
-            Figure("Measured on foreseen", _presses(met), "Black: readings, zero taken off. Blue: likely fingers.")
-        ),
-        alone(Figure("Before and after", _marginals(met), "Grey: the prior. Blue: after the last press.")),
-        alone(Figure("What goes with what", _correlations(met), "Correlation over the likely fingers.")),
         Section(
-            "Not learned", "" if met.not_learned else "Nothing of what was asked.", points=tuple(met.not_learned)
+            "Forces as they are known now", _IN_BRACKETS, (*_PRESS, "force (gwt)", "known to"), tuple(met.forces)
         ),
+        Section(
+            "Not learned", "" if met.not_learned else "All that was asked is known.", points=tuple(met.not_learned)
+        ),
+        Section(
+            "Presses",
+            f"Foreseen before each, and measured: the highest force of the press. {_IN_BRACKETS} After it all forces "
+            "that were asked for are known to what the last column says.",
+            ("press", *_PRESS, "foreseen (gwt)", "measured (gwt)", "all known to"),
+            tuple(met.presses),
+        ),
+        alone(Figure("Each press over time", _presses(met), _OVER_TIME)),
+        Section("Numbers of the finger", _AFTER_AND_BEFORE, ("", "likeliest", "after", "before"), tuple(met.numbers)),
+        alone(Figure("Before and after", _marginals(met), _BEFORE_AND_AFTER)),
+        alone(Figure("What goes with what", _correlations(met), _CORRELATED)),
     ]
-    about = f"{len(met.given)} presses; each of the likely fingers answers them within the errors of cell and model"
-    replace_text(path, render("meeting.html.j2", title="A finger was met", about=about, sections=sections))
+    presses = f"{len(met.given)} press{'es' if len(met.given) > 1 else ''}"
+    title = "A finger was met" if met.stranger is None else "What was met is no finger that is known"
+    about = f"{presses}: {met.stranger or 'the likely fingers answer them within the errors of cell and model'}"
+    replace_text(path, render("meeting.html.j2", title=title, about=about, sections=sections))
+
+
+_PRESS = ("shape", "x (mm)", "depth (mm)")
+_IN_BRACKETS = f"In brackets the band that holds it {100 * COVERAGE:.0f} times of 100."
+_AFTER_AND_BEFORE = (
+    f"After the last press and before the first: the band that holds it {100 * COVERAGE:.0f} times of 100."
+)
+_OVER_TIME = (
+    "Black: readings, less what was read in the air. Blue: 60 of the likely fingers, as they are known after the "
+    "last press. Where a line turns the hold begins: the tissue relaxes."
+)
+_BEFORE_AND_AFTER = (
+    "How likely each number is. Grey: before the first press. Blue: after the last. Orange: the likeliest."
+)
+_CORRELATED = (
+    "Correlation over the likely fingers: what is near 1 or −1 cannot be told apart by these presses, and forces may "
+    "be well known though neither number is."
+)
 
 
 def _presses(met: Met) -> Plot:
@@ -53,15 +86,16 @@ def _presses(met: Met) -> Plot:
 
     def draw(figure: Canvas) -> None:
         grid = figure.subplots(down, _ACROSS, squeeze=False)
-        for axes, given in zip(grid.flat, met.given, strict=False):
+        for number, (axes, given) in enumerate(zip(grid.flat, met.given, strict=False), 1):
             t_s = given.way.asked_s - given.way.t_s[0]
             axes.plot(t_s, met.foreseen.forces_gwt(met.learned.draws[:_SHOWN], given.way).T, color=BLUE, lw=0.3)
             axes.plot(t_s, given.force_gwt, ".", color="black", ms=4)
-            axes.set_title(f"{given.way.indentor} at {given.way.x_mm:+.1f} mm", fontsize=9)
+            axes.set_title(f"{number}: {given.way.indentor} at {given.way.x_mm:+.1f} mm", fontsize=9)
             axes.set_xlabel("time (s)")
         for axes in list(grid.flat)[len(met.given) :]:
             axes.set_axis_off()
-        grid[0, 0].set_ylabel("force (gwt)")
+        for axes in grid[:, 0]:
+            axes.set_ylabel("force (gwt)")
 
     return Plot((10.2, 2.6 * down), draw)
 
@@ -79,14 +113,16 @@ def _marginals(met: Met) -> Plot:
             axes.hist(met.before.draws[:, k], edges, density=True, color=GREY, alpha=0.5)
             axes.hist(met.learned.draws[:, k], edges, density=True, color=BLUE, alpha=0.7)
             axes.axvline(met.learned.likeliest[k], color=ORANGE, lw=1)
-            axes.set_xlabel(name)
+            axes.set_xlabel(named(name))
+            axes.xaxis.set_major_locator(MaxNLocator(4))
+            axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _, name=name: f"{plain(name, value):.2g}"))
             axes.set_yticks([])
 
     return Plot((10.2, 2.2 * down), draw)
 
 
 def _correlations(met: Met) -> Plot:
-    names = met.learned.prior.names
+    names = [named(name) for name in met.learned.prior.names]
 
     def draw(figure: Canvas) -> None:
         axes = figure.subplots()

@@ -13,6 +13,7 @@ from rig.plan.config import Config, load_config
 from rig.protocol.errors import BadInputError
 from rig.protocol.script import Script, script_with
 from rig.session.ending import Ending, Whereabouts
+from rig.session.meeting import MEETING_PAGE, SCRIPT
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,14 @@ def _never_planned(run: Run) -> bool:
     return not run.start["planned_indentations"] and stopped_while == "planning"
 
 
+def _learned(folder: RunFolder) -> str:
+    """What is left of a meeting."""
+    page = folder.path / MEETING_PAGE
+    return (
+        f"what it learned is in its finger file and in {page}" if page.exists() else "its presses stay in its journal"
+    )
+
+
 def _read(folder: RunFolder) -> StoppedRun:
     changed = folder.changed()
     if changed:
@@ -67,6 +76,10 @@ def _read(folder: RunFolder) -> StoppedRun:
             f"run {folder.path}: {', '.join(changed)}: changed since the run began, cannot go on with it"
         )
     about: dict[str, Any] = json.loads(folder.provenance.read_text(encoding="utf-8"))
+    if about["protocol"] == SCRIPT:
+        raise BadInputError(
+            f"run {folder.path}: a meeting is not taken up, expected `rig meet` anew; {_learned(folder)}"
+        )
     copy = folder.path / "protocol.py"
     run = read_run(folder.path) if mend_journal(folder.events) else None
     if run is not None and _never_planned(run):

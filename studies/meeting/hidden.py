@@ -13,8 +13,7 @@ from rig.session.virtual.virtual_bench import VirtualBench, bench_around
 from rig.session.virtual.virtual_devices import relaxation, truth
 from rig.transport.byte_log import Sink
 from sim.devices.clock import VirtualClock
-from sim.models.fingertip import Fingertip
-from sim.models.meeting.given import Pace
+from sim.models.meeting.given import RampAndHold
 from sim.models.meeting.next_press import PressAt
 from sim.plant.plant import Carriage, Pose
 from sim.plant.relaxing_plant import RelaxingPlant
@@ -72,7 +71,7 @@ class Keeper:
 
     def __init__(self, stranger: Stranger) -> None:
         self._stranger = stranger
-        self._finger = Fingertip.load(stranger.config.finger, exact=stranger.exact)
+        self._finger = stranger.made.load(stranger.config.finger, exact=stranger.exact)
         self._over = False
 
     def open_bench(self, pause: Pause) -> Callable[[RunFolder, Sink, float], WatchedBench]:
@@ -101,7 +100,7 @@ class Keeper:
         """The meeting has ended: from now on the truth may be told."""
         self._over = True
 
-    def held_gwt(self, goal: PressAt, pace: Pace) -> float:
+    def held_gwt(self, goal: PressAt, pace: RampAndHold) -> float:
         """The force that the goal's press would be answered with, in its hold."""
         if not self._over:
             raise TruthReadError("the truth was asked for before the meeting had ended")

@@ -8,6 +8,10 @@ import numpy as np
 from rig.plan.config import Config
 from rig.session.meeting.stranger import as_told, truth_of
 from sim.config.fingertip_config import MeshSpec
+from sim.models.fingertip import Fingertip
+from studies.meeting.ogden import OgdenFinger
+from studies.meeting.ogden_references import FINGER
+from studies.stiffening.fingers import finger
 
 COARSER = MeshSpec(level="coarse", spacing_mm=0.34, axial_spacing_mm=0.6)
 """Of the bench's fingers: another mesh than whoever meets them has."""
@@ -21,6 +25,7 @@ class Stranger(NamedTuple):
     config: Config
     slips_mm: float = 0.0  # the mount, when the third press begins
     exact: bool = False
+    made: type[Fingertip] = Fingertip  # what its finger is
 
 
 def inside(known: Config, seed: int) -> Stranger:
@@ -95,6 +100,13 @@ def _giving(stranger: Stranger, chance: np.random.Generator) -> Stranger:
     return _benched(stranger, compliance_mm_per_n=float(chance.uniform(0.8, 1.0)))
 
 
+def _ogden(stranger: Stranger, chance: np.random.Generator) -> Stranger:
+    """Tissue of Ogden's law, with the moduli at small strain of the finger that its references are of."""
+    tissue = finger(FINGER).tissue
+    stranger = _of(stranger, "tissue", e_dermis=tissue.e_dermis, e_fat=tissue.e_fat, stiffening=0.0)
+    return stranger._replace(made=OgdenFinger)
+
+
 _KINDS: dict[str, Callable[[Stranger, np.random.Generator], Stranger]] = {
     "one material": _rubber,
     "bone under the skin": _bony,
@@ -104,4 +116,5 @@ _KINDS: dict[str, Callable[[Stranger, np.random.Generator], Stranger]] = {
     "creeps": _creeping,
     "mount slips": _slipping,
     "rig gives": _giving,
+    "Ogden's tissue": _ogden,
 }

@@ -40,9 +40,11 @@ def _bench(rows: Sequence[Row]) -> list[tuple[str, str, str]]:
     presses, bench_s = [row["presses"] for row in rows], [row["bench_s"] for row in rows]
     highest = max(max(row["of_trip"], default=0.0) for row in rows)
     ended = sum(row["ended"] is not None for row in rows)
+    update_s = np.concatenate([row["update_s"] for row in rows])
     return [
         ("presses, median and most", "≤ 8", f"{np.median(presses):g}, {max(presses)}"),
         ("seconds of bench time, median and most", "≤ 180", f"{np.median(bench_s):.0f}, {max(bench_s):.0f}"),
+        ("seconds of an update, median and most", "≤ 1", f"{np.median(update_s):.2f}, {update_s.max():.2f}"),
         ("highest force while learning over its trip", "≤ 1", f"{highest:.2f}"),
         ("highest force while learning", "–", f"{max(row['highest_gwt'] for row in rows):.1f} gwt"),
         ("meetings that ended before their end", "–", f"{ended}"),

@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,15 +11,26 @@ import numpy as np
 import pytest
 
 import rig.session.meeting.meeting as course
-from rig.cli.meeting_said import page_lines, press_rows, said_after, said_at_the_end, scope_of
+from rig.cli.meeting_said import (
+    force_rows,
+    number_rows,
+    page_lines,
+    press_rows,
+    said_after,
+    said_at_the_end,
+    said_before,
+    scope_of,
+)
 from rig.data import RunFolder, read_run
 from rig.devices.units import GWT_N
-from rig.engine.errors import TripError
+from rig.engine.errors import LimitError, TripError
 from rig.plan.config import Config, VirtualSettings
 from rig.plan.met.finger_file import read_finger_file
 from rig.plan.plan import Plan
+from rig.protocol.api import Rig
 from rig.report.meeting_page import Met, write_meeting_page
 from rig.session.attendant import Nobody
+from rig.session.meeting import MEETING_PAGE
 from rig.session.meeting.journalled_press import given_press
 from rig.session.meeting.meeting import Meeting, Wanted, felt_surely
 from rig.session.meeting.meeting_script import MeetingScript
@@ -28,7 +40,7 @@ from rig.session.session import FinishedRun, NewRun, Session, run_on
 from rig.session.virtual.virtual_bench import bench_around
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
-from sim.models.meeting.given import Way
+from sim.models.meeting.given import Given, Way
 from sim.models.meeting.next_press import PressAt
 from sim.models.meeting.prior import TAU_FAST_S, Prior
 from sim.models.relaxing.prony import Memory, Prony, PronyTerm
@@ -80,7 +92,7 @@ class Reader(Nobody):
         self._script = script
 
     def begins(self, folder: RunFolder) -> None:
-        self._script.folder = folder.path
+        self._script.begins(folder)
 
 
 def _truth(seed: int) -> np.ndarray:
@@ -143,11 +155,11 @@ def test_the_journal_has_what_was_foreseen_and_measured(met: tuple[Meeting, Fini
 def test_a_press_is_read_back_as_it_was_journalled(met: tuple[Meeting, FinishedRun]) -> None:
     meeting, done = met
     run = read_run(done.folder.path)
-    given = given_press(run, 0, SETTINGS)
+    given = given_press(run.events, 0, SETTINGS)
     assert given is not None
     samples = [s for s in run.stream("sample") if s["index"] == 0]
     assert given.way.height_mm[-1] == pytest.approx(min(s["height_mm"] for s in samples))
-    assert given.way.height_mm[0] > given.contact_mm
+    assert given.way.height_mm[0] >= given.contact_mm
     assert given.by_depth.height_mm[-1] == pytest.approx(-meeting.told[0].press.doi_mm, abs=0.003)
     assert given.way.asked_s[-1] == [s["t_s"] for s in samples if s["phase"] == "hold"][-1]
     assert (np.diff(given.way.asked_s) > 0).all()
@@ -156,11 +168,29 @@ def test_a_press_is_read_back_as_it_was_journalled(met: tuple[Meeting, FinishedR
     assert given.force_gwt[-1] == pytest.approx(samples[-1]["force_gwt"] - given.zero_gwt)
 
 
+def test_a_soft_finger_that_is_touched_as_deep_as_it_is_pressed_has_told_something(
+    met: tuple[Meeting, FinishedRun],
+) -> None:
+    run = read_run(met[1].folder.path)
+    whole = given_press(run.events, 0, SETTINGS)
+    assert whole is not None
+
+    def without(*phases: str) -> Given | None:
+        samples = [s for s in run.stream("sample") if s["phase"] not in phases]
+        return given_press({**run.events, "sample": samples}, 0, SETTINGS)
+
+    held = without("press")
+    assert held is not None
+    assert 4 < len(held.force_gwt) < len(whole.force_gwt)
+    assert held.force_gwt[-1] == whole.force_gwt[-1]
+    assert without("press", "hold") is None
+
+
 def test_what_a_rig_gives_is_taken_off_the_heights(met: tuple[Meeting, FinishedRun]) -> None:
     _, done = met
     run = read_run(done.folder.path)
     given = SimpleNamespace(calibration=SimpleNamespace(value=lambda key, otherwise: 0.5))
-    stiff, soft = given_press(run, 0, SETTINGS), given_press(run, 0, given)  # type: ignore[arg-type]
+    stiff, soft = given_press(run.events, 0, SETTINGS), given_press(run.events, 0, given)  # type: ignore[arg-type]
     assert stiff is not None
     assert soft is not None
     higher = soft.way.height_mm - stiff.way.height_mm
@@ -190,6 +220,37 @@ def test_the_file_reads_back_and_says_where_it_comes_from(met: tuple[Meeting, Fi
     assert file.met.band.model_error == course.MODEL_ERROR
 
 
+@pytest.mark.parametrize("page", [True, False])
+def test_a_meeting_is_not_taken_up_and_says_what_to_do_instead(
+    met: tuple[Meeting, FinishedRun], program: Program, tmp_path: Path, page: bool
+) -> None:
+    run = shutil.copytree(met[1].folder.path, tmp_path / "run")
+    if page:
+        (run / MEETING_PAGE).touch()
+    with (run / "events.jsonl").open("a") as journal:
+        journal.write('{"doc": "ev')  # killed while it wrote
+    there = {path.name: path.read_bytes() for path in run.iterdir() if path.name != ".lock"}
+    ended = program("resume", run)
+    assert ended.code == 2
+    said = ended.err.splitlines()[-1]
+    assert "a meeting is not taken up, expected `rig meet` anew" in said
+    assert (str(run / MEETING_PAGE) in said) == page
+    assert {path.name: path.read_bytes() for path in run.iterdir() if path.name != ".lock"} == there
+
+
+def test_a_press_that_is_refused_before_it_begins_is_not_taken_for_the_one_before(
+    finger: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(self: Rig, **_: float) -> None:
+        raise LimitError("nothing is pressed")
+
+    monkeypatch.setattr(Rig, "indent", refused)
+    meeting, done = _meet(tmp_path, finger, _truth(3))
+    assert isinstance(done.problem, LimitError)
+    assert "nothing is pressed" in str(done.problem)
+    assert not meeting.given
+
+
 def test_a_finger_harder_than_all_of_the_prior_trips_and_what_was_learned_is_kept(
     finger: Fingertip, tmp_path: Path
 ) -> None:
@@ -199,12 +260,21 @@ def test_a_finger_harder_than_all_of_the_prior_trips_and_what_was_learned_is_kep
     assert all(told.surprise.measured_gwt <= 1.05 * told.trip_gwt for told in meeting.told)
 
 
+def test_what_is_no_finger_is_said_by_itself(
+    met: tuple[Meeting, FinishedRun], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(course, "no_finger", lambda *_: "it is a ball")
+    end = said_at_the_end(met[1], met[0], "finger.toml")
+    assert end["no finger"] == "it is a ball; was another indentor on than was asked for?"
+    assert end["not learned"][0] == "it is a ball"
+
+
 def test_it_says_what_it_could_not_learn(finger: Fingertip, tmp_path: Path) -> None:
-    meeting, done = _meet(tmp_path, finger, _truth(5), Wanted(GOALS, width=0.01, presses=2, shapes=("sphere:6",)))
+    meeting, done = _meet(tmp_path, finger, _truth(3), Wanted(GOALS, width=0.01, presses=2, shapes=("sphere:4",)))
     assert done.problem is None
     assert len(meeting.told) == 2
     assert any("is known to ±" in words and "asked for ± 1 %" in words for words in meeting.not_learned)
-    assert "ln_tau_slow_s is hardly better known than before" in meeting.not_learned
+    assert "tau_slow_s is hardly better known than before" in meeting.not_learned
 
 
 # --- what is said ---
@@ -214,24 +284,36 @@ def test_each_press_and_the_end_are_said(
     met: tuple[Meeting, FinishedRun], capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     meeting, done = met
-    said_after(meeting, meeting.told[0], as_json=False)
-    said_after(meeting, meeting.told[1], as_json=True)
-    line = capsys.readouterr().err.splitlines()
-    assert len(line) == 1
-    assert f"press 1: {meeting.told[0].press.indentor} at" in line[0]
-    assert "foreseen" in line[0]
+    said_before(meeting, None)
+    said_before(meeting, meeting.told[0].press)
+    said_after(meeting, meeting.told[0])
+    homing, before, after = capsys.readouterr().err.splitlines()
+    assert homing.startswith("homing")
+    assert f"of at most 5: {meeting.told[0].press.indentor} at" in before
+    assert after.startswith(f"press 1: {meeting.told[0].surprise.measured_gwt:.2f} gwt, foreseen")
     end = said_at_the_end(done, meeting, "finger.toml")
     assert end["presses"] == len(meeting.told)
     assert len(end["forces"]) == len(GOALS)
     assert len(end["learned"]) == len(FORESEEN.prior.names)
     assert "ended" not in end
+    assert "no finger" not in end
     assert len(press_rows(meeting)) == len(meeting.told)
     page = tmp_path / "meeting.html"
-    write_meeting_page(
-        page, Met(FORESEEN, meeting.given, meeting.before, meeting.learned, press_rows(meeting), ["x_mm is …"])
-    )
-    assert "A finger was met" in page.read_text()
-    assert "x_mm is …" in page.read_text()
+    course = (FORESEEN, meeting.given, meeting.before, meeting.learned, press_rows(meeting), force_rows(meeting),
+              number_rows(meeting))  # fmt: skip
+    write_meeting_page(page, Met(*course, ["x_mm is …"]))
+    written = page.read_text()
+    assert "A finger was met" in written
+    assert "x_mm is …" in written
+    for goal, width in zip(GOALS, meeting.widths, strict=True):
+        row = (goal.indentor, f"{goal.doi_mm:.2f}", f"{width.middle:.2f} ({width.low:.2f} … {width.high:.2f})")
+        assert all(word in written for word in row)
+    likeliest = math.exp(meeting.learned.likeliest[FORESEEN.prior.index("ln_stiffness")])
+    assert f"{likeliest:.3g}" in written
+    assert "ln_" not in written
+    write_meeting_page(page, Met(*course, [], "it is a ball"))
+    assert "What was met is no finger that is known" in page.read_text()
+    assert "presses: it is a ball" in page.read_text()
 
 
 def test_the_page_before_it_begins_tells_force_and_time() -> None:
@@ -268,9 +350,11 @@ def test_a_stranger_is_its_seed_and_leaves_the_bench_alone() -> None:
 
 
 def test_a_meeting_feels_surely_and_no_less_than_it_is_told() -> None:
-    assert felt_surely(Config()).habits.touch_force_gwt == 0.15
-    hard = Config().model_copy(update={"habits": Config().habits.model_copy(update={"touch_force_gwt": 0.4})})
-    assert felt_surely(hard).habits.touch_force_gwt == 0.4
+    for told_gwt, felt_gwt in ((0.03, 0.1), (0.1, 0.1), (0.4, 0.4)):
+        told = Config().model_copy(
+            update={"habits": Config().habits.model_copy(update={"touch_force_gwt": told_gwt})}
+        )
+        assert felt_surely(told).habits.touch_force_gwt == felt_gwt
 
 
 # --- bad input ---

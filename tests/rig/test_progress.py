@@ -16,7 +16,7 @@ import rig.cli.study as study_command
 import rig.session.session as sessions
 from rig.cli import main
 from rig.cli.carrying_out import time_left
-from rig.cli.progress import Indentations, progress
+from rig.cli.progress import Indentations, counted, progress
 from rig.engine import TripError
 from rig.plan.config import Config
 from rig.plan.timeline import TimeLeft
@@ -180,9 +180,51 @@ def test_who_asked_for_json_is_told_nothing_else(rig: Callable[..., Said], name:
     assert told == []
 
 
-def test_a_study_says_each_tenth(rig: Callable[..., Said]) -> None:
+def test_a_study_says_how_many_cases_and_when_all_are_done(rig: Callable[..., Said]) -> None:
     lines = rig("study", "study.toml").err.splitlines()
-    assert lines == ["12 cases", *(f"{done} of 12 cases" for done in (2, 3, 4, 5, 6, 8, 9, 10, 11, 12))]
+    assert (lines[0], lines[-1]) == ("12 cases", "12 of 12 cases")
+    assert all(re.fullmatch(r"\d+ of 12 cases, \d:\d\d:\d\d left", line) for line in lines[1:-1])
+
+
+# --- what is counted ---
+
+
+def _lines_of(monkeypatch: pytest.MonkeyPatch, each_s: float, total: int, *, quiet: bool = False) -> list[str]:
+    """What is said in a pipe of pieces that take so long."""
+    written, now_s = StringIO(), [0.0]
+    monkeypatch.setattr(shown, "err", Console(file=written, width=200))
+
+    def answers() -> Iterator[int]:
+        for n in range(total):
+            assert quiet or written.getvalue()  # before the first answer
+            now_s[0] += each_s
+            yield n
+
+    assert list(counted(answers(), total, "fingers", quiet=quiet, now=lambda: now_s[0])) == list(range(total))
+    return written.getvalue().splitlines()
+
+
+def test_long_pieces_have_a_line_each_and_the_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert _lines_of(monkeypatch, 4.0, 3) == [
+        "3 fingers", "1 of 3 fingers, 0:00:08 left", "2 of 3 fingers, 0:00:04 left", "3 of 3 fingers",
+    ]  # fmt: skip
+
+
+def test_short_pieces_have_a_line_each_three_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert _lines_of(monkeypatch, 1.0, 5) == ["5 fingers", "3 of 5 fingers, 0:00:02 left", "5 of 5 fingers"]
+
+
+def test_nothing_is_said_of_nothing_or_where_it_is_to_be_quiet(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert _lines_of(monkeypatch, 1.0, 0) == []
+    assert _lines_of(monkeypatch, 4.0, 3, quiet=True) == []
+
+
+def test_what_is_counted_has_a_bar_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    screen = StringIO()
+    monkeypatch.setattr(shown, "err", Console(file=screen, force_terminal=True, width=100))
+    assert list(counted(iter("ab"), 2, "fingers", quiet=True)) == ["a", "b"]
+    assert "fingers" in screen.getvalue()
+    assert "100%" in screen.getvalue()
 
 
 # --- what is known of it ---

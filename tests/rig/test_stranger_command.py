@@ -8,6 +8,7 @@ import pytest
 from rig.plan.met.finger_file import Band, Draw, FingerFile, Met, Place, Posterior
 from rig.session.meeting.stranger import truth_of
 from sim.config.fingertip_config import FingertipConfig
+from sim.models.meeting.in_numbers import named
 from sim.models.meeting.prior import Prior
 from tests.program import Program
 
@@ -34,18 +35,20 @@ def _file(folder: Path, off_sds: float) -> Path:
 @pytest.mark.parametrize(("off_sds", "inside"), [(0.0, True), (1.6, True), (-1.6, True), (1.7, False), (-1.7, False)])
 def test_the_truth_is_told_beside_its_band(program: Program, tmp_path: Path, off_sds: float, inside: bool) -> None:
     found = program("stranger", 3, "--beside", _file(tmp_path, off_sds), "--json").json
-    assert list(found) == list(NAMES)
+    assert list(found) == [named(name) for name in NAMES]
+    assert all(list(one) == ["truth", "low", "high", "in"] for one in found.values())
     assert {one["in"] for one in found.values()} == {inside}
     truth = truth_of(3)
-    assert found["ln_stiffness"]["truth"] == pytest.approx(math.exp(truth["ln_stiffness"]))
+    assert found["stiffness"]["truth"] == pytest.approx(math.exp(truth["ln_stiffness"]))
     assert found["x_mm"]["truth"] == pytest.approx(truth["x_mm"])
-    assert found["x_mm"]["high"] - found["x_mm"]["low"] == pytest.approx(2 * 1.645 * SD)
+    assert found["x_mm"]["high"] - found["x_mm"]["low"] == pytest.approx(2 * 1.645 * SD, rel=1e-3)
 
 
 def test_what_lies_outside_is_marked_and_no_file_needs_to_be_there(program: Program, tmp_path: Path) -> None:
     lines = program("stranger", 3, "--beside", _file(tmp_path, 2.0)).out.splitlines()
     assert len(lines) == len(NAMES)
     assert all(line.endswith("!") for line in lines)
+    assert all(list(one) == ["truth"] for one in program("stranger", 3, "--json").json.values())
     alone = program("stranger", 3).out.splitlines()
     assert alone[0].split() == ["stiffness", f"{math.exp(truth_of(3)['ln_stiffness']):.3g}"]
 

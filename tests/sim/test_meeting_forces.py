@@ -5,11 +5,12 @@ import pytest
 
 from sim.config.fingertip_config import FingertipConfig
 from sim.models.meeting.foreseen import finger_of, tissue_axes
-from sim.models.meeting.given import Pace, Way, nominal_way
-from sim.models.meeting.prior import PARAMETERS, TAU_FAST_S, Parameter, Prior
+from sim.models.meeting.given import RampAndHold, Way, nominal_way
+from sim.models.meeting.prior import PARAMETERS, TAU_FAST_S, Prior
 from sim.models.meeting.shape_table import Axis, Scope, ShapeTable
 from sim.models.relaxing.prony import Memory, Prony, PronyTerm
-from tests.made_up_fingers import SHAPES, lying, made_up
+from sim.models.stiffening.at_finite_strain import FORCE
+from tests.made_up_fingers import SHAPES, STRAIN, lying, made_up
 from tests.sim.coarse import coarse_mesh
 
 PRIOR = Prior()
@@ -24,20 +25,20 @@ def _finger(**changed: float) -> np.ndarray:
 
 
 def _still(**changed: float) -> np.ndarray:
-    """One that does not relax."""
-    return _finger(share_fast=0.0, share_slow=0.0, **changed)
+    """One that neither relaxes nor, unless told, stiffens."""
+    return _finger(**{"share_fast": 0.0, "share_slow": 0.0, "stiffening": 0.0, **changed})
 
 
 def _way(x_mm: float, *height_mm: float) -> Way:
     t_s = 0.2 * np.arange(len(height_mm))
-    return Way("sphere:6", x_mm, t_s, np.array(height_mm), t_s, by_depth=True)
+    return Way("sphere:4", x_mm, t_s, np.array(height_mm), t_s, by_depth=True)
 
 
 def test_a_prior_keeps_to_its_ranges_and_to_its_order() -> None:
     draws = PRIOR.draws(4000, np.random.default_rng(0))
     assert draws.shape == (4000, len(PARAMETERS))
     assert PRIOR.within(draws).all()
-    assert abs(draws[:, PRIOR.index("ln_stiffness")].mean()) < 0.03
+    assert draws[:, PRIOR.index("ln_stiffness")].mean() == pytest.approx(np.log(0.7), abs=0.03)
     assert draws[:, PRIOR.index("x_mm")].std() == pytest.approx(0.265, abs=0.02)  # 0.3, cut off at two of them
     outside = draws[:1].copy()
     outside[0, PRIOR.index("x_mm")] = 0.61
@@ -45,12 +46,12 @@ def test_a_prior_keeps_to_its_ranges_and_to_its_order() -> None:
     assert PRIOR.off(PRIOR.middle + 2 * PRIOR.sd) == pytest.approx(np.full(len(PARAMETERS), 2.0))
 
 
-def test_a_finger_that_does_not_stiffen_is_one_parameter_less() -> None:
-    stiffening = Parameter("stiffening", 1.0, 0.5, 0.0, 3.0, "for the test")
+def test_tables_are_over_moduli_and_stiffening_is_a_factor() -> None:
     assert [axis.name for axis in tissue_axes(PRIOR)] == ["ln_e_dermis", "ln_e_fat"]
-    axes = tissue_axes(Prior([*PARAMETERS, stiffening]))
-    assert [axis.name for axis in axes] == ["ln_e_dermis", "ln_e_fat", "stiffening"]
-    assert (axes[2].low, axes[2].high) == (0.0, 3.0)
+    way = _way(0.4, 0.0, -0.2, -0.7)
+    linear, stiffer = (made_up().elastic_gwt(_still(stiffening=a), way)[0] for a in (0.0, 0.6))
+    assert stiffer[1:] / linear[1:] == pytest.approx((1 + 0.6 * STRAIN * np.array([0.2, 0.7]) ** 2) ** FORCE.law)
+    assert stiffer[0] == linear[0] == 0.0
 
 
 def test_an_axis_is_exact_for_a_cubic_and_holds_still_beyond_its_ends() -> None:
@@ -83,14 +84,14 @@ def test_a_height_and_a_place_that_are_not_known_shift_the_way() -> None:
     foreseen = made_up()
     by_depth = _way(1.0, 0.0, -0.3)
     finger = _still(height_mm=0.2, x_mm=-0.4)
-    assert foreseen.touches_mm(finger, "sphere:6", 1.0)[0] == pytest.approx(0.2 - 1.4**2 / 8)
+    assert foreseen.touches_mm(finger, "sphere:4", 1.0)[0] == pytest.approx(0.2 - 1.4**2 / 8)
     by_height = lying(foreseen, finger[0], by_depth)
     assert not by_height.by_depth
     assert foreseen.elastic_gwt(finger, by_height) == pytest.approx(foreseen.elastic_gwt(finger, by_depth))
 
 
 def test_relaxation_is_that_of_the_series_step_by_step() -> None:
-    foreseen, way = made_up(), nominal_way("sphere:6", 0.0, 0.42, Pace(), (0.5, 1.0))
+    foreseen, way = made_up(), nominal_way("sphere:4", 0.0, 0.42, RampAndHold(), (0.5, 1.0))
     finger = _finger(share_fast=0.25, share_slow=0.15, ln_tau_slow_s=np.log(1.1))
     elastic = foreseen.elastic_gwt(finger, way)[0]
     memory, now_s, at, felt = Memory.none(Prony([PronyTerm(0.25, TAU_FAST_S), PronyTerm(0.15, 1.1)])), 0.0, 0, []
@@ -106,18 +107,21 @@ def test_relaxation_is_that_of_the_series_step_by_step() -> None:
 
 
 def test_a_nominal_way_goes_down_by_increments_and_is_asked_in_its_hold() -> None:
-    way = nominal_way("bar:3.0", 0.5, 0.21, Pace(0.05, 0.15, 1.0, 4), (0.5, 1.0))
+    way = nominal_way("bar:3.0", 0.5, 0.21, RampAndHold(0.05, 0.15, 1.0, 4), (0.5, 1.0))
     assert -way.height_mm == pytest.approx(np.linspace(0, 0.21, 6))
     assert way.t_s == pytest.approx(0.15 * np.arange(6))
     assert way.asked_s == pytest.approx([0.3, 0.75, 0.875, 1.125, 1.375, 1.625])
     assert way.lowest.tolist() == [2, 5, 5, 5, 5, 5]
 
 
-def test_a_table_of_a_real_finger_is_near_direct_presses() -> None:
+@pytest.mark.parametrize("stiffening", [0.05, 0.6])
+def test_a_table_of_a_real_finger_is_near_direct_presses(stiffening: float) -> None:
     """Of one tissue, that costs little; its own error is that of the polynomials in place and depth."""
     scope = Scope((Axis("ln_e_fat", np.log(0.079), np.log(0.081), 1),), 0.6, (0.05, 0.6), places=3, depths=5)
     table = ShapeTable.read_or_made("bar:3.0", scope, lambda values: finger_of(COARSE, values), "a test")
     assert 0 < table.error < 0.03
-    direct = finger_of(COARSE, {"ln_e_fat": float(np.log(0.08))}).indent("bar:3.0", 0.3, doi_mm=0.4).force_gwt
+    finger = finger_of(COARSE, {"ln_e_fat": float(np.log(0.08)), "stiffening": stiffening})
+    direct = finger.indent("bar:3.0", 0.3, doi_mm=0.4).force_gwt
     basis = table.tissue_basis([np.log([0.08])])
-    assert table.forces_gwt(basis, np.array([0.3]), np.array([[0.4]]))[0, 0] == pytest.approx(direct, rel=0.03)
+    found = table.forces_gwt(basis, np.array([stiffening]), np.array([0.3]), np.array([[0.4]]))
+    assert found[0, 0] == pytest.approx(direct, rel=0.03)

@@ -5,22 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.models.meeting.given import Given, Pace, nominal_way
+from sim.models.meeting.given import Given, RampAndHold, nominal_way
 from sim.models.meeting.learned import Learned, learn, nothing_learned
 from sim.models.meeting.misfit import Surprise, no_finger
-from sim.models.meeting.next_press import Chooser, PressAt, Width, band, held_gwt, highest_gwt
+from sim.models.meeting.next_press import Chooser, PressAt, Search, held_gwt, highest_gwt
 from sim.models.meeting.prior import Prior
+from sim.models.meeting.width import Width, band
 from tests.made_up_fingers import made_up, pressed
 
-FORESEEN, PACE, NOISE_GWT = made_up(), Pace(), 0.02
+FORESEEN, PACE, NOISE_GWT = made_up(), RampAndHold(), 0.02
 PRIOR = FORESEEN.prior
 SHARES = (0.2, 0.4, 0.6, 0.8, 1.0)
 PRESSES = (
-    ("sphere:6", 0.0, 0.4),
+    ("sphere:4", 0.0, 0.4),
     ("bar:3.0", 0.0, 0.6),
     ("flat:3", 0.0, 0.6),
-    ("sphere:6", 1.2, 0.6),
-    ("sphere:6", -1.2, 0.6),
+    ("sphere:4", 1.2, 0.6),
+    ("sphere:4", -1.2, 0.6),
 )
 GOAL = PressAt("cylinder:9", 0.5, 0.67)
 
@@ -104,9 +105,31 @@ def test_no_press_is_chosen_that_may_be_too_hard() -> None:
     assert CHOOSER.choose(known, 1e-3, menu).doi_mm == 0.1
 
 
+def test_no_press_is_chosen_where_the_skin_may_not_be_found() -> None:
+    """Beside the middle the skin falls away: a finger that lies lower and farther aside is out of reach there."""
+    known = nothing_learned(PRIOR, np.random.default_rng(1), 800)
+    menu = [PressAt("cylinder:9", x, 0.67) for x in (-1.2, 0.0, 1.2)]
+    chosen = Chooser(FORESEEN, (PressAt("cylinder:9", 1.2, 0.67),), PACE, Search(0.4, 0.1)).choose(known, 1e3, menu)
+    assert chosen.x_mm == 0.0
+    assert Chooser(FORESEEN, (PressAt("cylinder:9", 1.2, 0.67),), PACE).choose(known, 1e3, menu).x_mm == 1.2
+    aside = Chooser(FORESEEN, (GOAL,), PACE, Search(0.05, 0.1)).choose(known, 1e3, menu[2:])
+    assert aside.x_mm == 1.2
+
+
+def test_a_shape_that_is_felt_sooner_comes_before_one_that_a_soft_finger_may_hide() -> None:
+    """A plate bears more than a ball at the same depth: more of these soft fingers are felt within the search."""
+    known = nothing_learned(PRIOR, np.random.default_rng(1), 800)
+    soft = replace(known, draws=known.draws.copy())
+    soft.draws[:, PRIOR.index("ln_stiffness")] -= 2.0
+    menu = [PressAt(shape, 0.0, 0.3) for shape in ("sphere:4", "flat:3")]
+    goal = PressAt("sphere:4", 0.0, 0.3)
+    assert Chooser(FORESEEN, (goal,), PACE).choose(soft, 1e3, menu) == goal
+    assert Chooser(FORESEEN, (goal,), PACE, Search(0.5, 0.1)).choose(soft, 1e3, menu).indentor == "flat:3"
+
+
 def test_the_press_that_is_wanted_tells_most_of_itself() -> None:
     known = _met(6, PRESSES[:1])[2]
-    menu = [PressAt("sphere:6", -1.2, 0.2), GOAL, PressAt("flat:3", 0.0, 0.2)]
+    menu = [PressAt("sphere:4", -1.2, 0.2), GOAL, PressAt("flat:3", 0.0, 0.2)]
     assert CHOOSER.choose(known, 1e3, menu) == GOAL
 
 

@@ -17,19 +17,22 @@ from sim.config.fingertip_config import FingertipConfig
 from sim.models.fingertip import Fingertip
 from sim.models.meeting.next_press import PressAt
 from studies.meeting.hidden import Keeper, OnlyMounts, TruthReadError
-from studies.meeting.strangers import COARSER, Stranger, inside, outside
+from studies.meeting.ogden import OgdenFinger
+from studies.meeting.strangers import COARSER, inside, outside
 from studies.meeting.tables import as_markdown
 from tests.made_up_fingers import made_up
 from tests.sim.coarse import coarse_mesh
 
 GOALS = (PressAt("bar:3.0", 0.0, 0.4),)
+PAGE = Path(__file__).parents[2] / "docs" / "meet.md"
+KEPT = Path(__file__).parents[2] / "studies" / "meeting" / "kept" / "proof.jsonl"
 
 
 def _row(of: str, **changed: Any) -> dict[str, Any]:
     usual = {
         "of": of, "kind": "prior", "seed": 0, "presses": 4, "bench_s": 90.0, "ended": None, "stranger": None,
         "error": [0.01, -0.03], "half": [0.05, 0.06], "covered": [True, True], "unmet_error": [0.4, -0.5],
-        "of_trip": [0.5, 0.7], "highest_gwt": 9.0,
+        "of_trip": [0.5, 0.7], "update_s": [0.1, 0.3], "highest_gwt": 9.0,
     }  # fmt: skip
     return {**usual, **changed}
 
@@ -46,7 +49,7 @@ def test_a_finger_is_met_without_a_look_at_its_truth(finger: Fingertip, tmp_path
 
     class Reader(Nobody):
         def begins(self, folder: RunFolder) -> None:
-            script.folder = folder.path
+            script.begins(folder)
 
     session = Session(script.as_script(), known, finger, Plan(), NewRun(tmp_path), Reader(), script.handler)
     done = run_on(session, keeper.open_bench(session.pause), virtual=True)
@@ -79,10 +82,11 @@ def test_strangers_are_on_another_mesh_and_each_is_its_seed() -> None:
         assert make(known, 3) == make(known, 3)
         assert make(known, 3) != make(known, 4)
         assert make(known, 3).config.finger.mesh == COARSER != known.finger.mesh
-    kinds = [outside(known, seed).kind for seed in range(40)]
+    strangers = [outside(known, seed) for seed in range(45)]
+    kinds = [stranger.kind for stranger in strangers]
     assert {kinds.count(kind) for kind in kinds} == {5}
     assert outside(known, 6).slips_mm > 0
-    assert {type(outside(known, seed)) for seed in range(8)} == {Stranger}
+    assert {stranger.kind for stranger in strangers if stranger.made is OgdenFinger} == {"Ogden's tissue"}
 
 
 def test_the_table_counts_what_is_demanded() -> None:
@@ -102,6 +106,7 @@ def test_the_table_counts_what_is_demanded() -> None:
         "| flagged as no finger of the prior | ≤ 5 % | 50.0 % |",
         "| presses, median and most | ≤ 8 | 5.5, 7 |",
         "| seconds of bench time, median and most | ≤ 180 | 120, 150 |",
+        "| seconds of an update, median and most | ≤ 1 | 0.20, 0.30 |",
         "| highest force while learning over its trip | ≤ 1 | 0.70 |",
         "| fingers from outside: covered or flagged | ≥ 36 of 40 | 3 of 4 |",
         "| one material | 2 | 1 | 0.0 % | 2.0 % |",
@@ -110,3 +115,14 @@ def test_the_table_counts_what_is_demanded() -> None:
         assert line in table
     assert "fingers of the prior" not in as_markdown(rows[2:])
     assert "from outside" not in as_markdown(rows[:2])
+
+
+def test_the_page_has_the_tables_of_the_kept_rows() -> None:
+    rows = [json.loads(line) for line in KEPT.read_text("utf-8").splitlines()]
+    assert sorted((row["of"], row["seed"]) for row in rows) == sorted(
+        [("inside", seed) for seed in range(200)] + [("outside", seed) for seed in range(40)]
+    )
+    assert len({row["commit"] for row in rows}) == 1
+    page = PAGE.read_text("utf-8")
+    assert as_markdown(rows) in page
+    assert rows[0]["commit"][:7] in page

@@ -101,6 +101,11 @@ class Case:
         return Asked.of(self.config_json, self.receptor_x_mm, self.receptor_depth_mm)
 
     @property
+    def stiffening(self) -> float:
+        """Of its tissue."""
+        return FingertipConfig.model_validate_json(self.config_json).tissue.stiffening
+
+    @property
     def shapes(self) -> tuple[str, ...]:
         """By their names."""
         return (self.shape,)

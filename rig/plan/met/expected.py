@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from rig.engine.pressing.touch_fit import CONTACT_EXPONENT
 from rig.engine.records import Target
@@ -16,6 +15,7 @@ from rig.protocol.planned import Band, Pace
 from sim.config.fingertip_config import FingertipConfig
 from sim.contact.indentor import Indentor
 from sim.models.fingertip import Fingertip
+from sim.models.meeting.width import band
 
 Array = NDArray[np.float64]
 
@@ -42,18 +42,12 @@ def answers(finger: Fingertip, shape: Indentor, x_mm: float, target: Target, pac
 
 def band_of(found: Answers, met: Met) -> tuple[float, float, Band]:
     """Force and depth in the middle, and their band: log-normal, widened by what the simulator leaves."""
-    z, error = float(ndtri(0.5 + met.band.coverage / 2)), met.band.model_error
-    held, doi, highest = (np.log(values) for values in found)
-    controlled = float(np.ptp(held)) < 1e-9  # a force that was asked for
-    force = _range(held, 0.0 if controlled else error, z)
-    depth = _range(doi, error / CONTACT_EXPONENT if controlled else 0.0, z)
-    most = float(np.exp(held[0])) if controlled else _range(highest, error, z)[1]
-    return math.exp(held.mean()), math.exp(doi.mean()), Band(force, depth, most)
-
-
-def _range(logs: Array, error: float, z: float) -> tuple[float, float]:
-    half = z * math.hypot(float(logs.std(ddof=1)), error)
-    return math.exp(logs.mean() - half), math.exp(logs.mean() + half)
+    error, coverage = met.band.model_error, met.band.coverage
+    controlled = float(np.ptp(np.log(found.held_gwt))) < 1e-9  # a force that was asked for
+    force = band(found.held_gwt, 0.0 if controlled else error, coverage)
+    depth = band(found.doi_mm, error / CONTACT_EXPONENT if controlled else 0.0, coverage)
+    most = float(found.held_gwt[0]) if controlled else band(found.highest_gwt, error, coverage).high
+    return force.middle, depth.middle, Band((force.low, force.high), (depth.low, depth.high), most)
 
 
 @lru_cache(maxsize=1)

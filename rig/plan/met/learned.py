@@ -21,6 +21,7 @@ from rig.plan.met.finger_file import Draw, FingerFile, Met, Posterior
 from rig.protocol.planned import Pace
 from sim.contact.shapes import parse_shape
 from sim.models.fingertip import Fingertip
+from sim.models.meeting.prior import LEAST_STIFFENING
 from sim.models.moduli.weights import DERMIS, FAT
 
 Array = NDArray[np.float64]
@@ -120,7 +121,7 @@ def _draw(draw: Draw, row: Array) -> Draw:
             "stiffness": float(stiffness),
             "e_dermis": float(np.clip(e_dermis, DERMIS.low, DERMIS.high)),
             "e_fat": float(np.clip(e_fat, FAT.low, FAT.high)),
-            "stiffening": max(float(row[3]), 0.0),
+            "stiffening": max(float(row[3]), LEAST_STIFFENING) if draw.stiffening else 0.0,
         }
     )
 

@@ -3,7 +3,6 @@
 The depth grows evenly up to each hold, and f(t) = ∫ G(t − s) dF(s), with F ∝ d^1.5 as the engine takes it to be.
 """
 
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 
 from rig.engine.pressing.touch_fit import CONTACT_EXPONENT
 from rig.protocol.planned import Pace
-from sim.models.relaxing.prony import Prony, PronyTerm
+from sim.models.relaxing.moves import Moves
 
 Array = NDArray[np.float64]
 
@@ -29,26 +28,17 @@ def left_of(series: tuple[tuple[float, float], ...], pace: Pace, doi_mm: float) 
     """Of tissue with a Prony series of (share, time constant in s); all of it where there is none."""
     if not series:
         return Left(1.0, 1.0)
-    prony = Prony([PronyTerm(*term) for term in series])
-    each_s = pace.ramp_s(doi_mm) / pace.ramps
-    ends = np.linspace(0.0, 1.0, pace.ramps + 1)
-    t_s, share, now_s = [0.0], [0.0], 0.0
-    for before, after in pairwise(ends):
-        t_s += list(np.linspace(now_s, now_s + each_s, _STEPS + 1)[1:])
-        share += list(np.linspace(before, after, _STEPS + 1)[1:])
-        now_s += each_s + pace.hold_s
-        t_s.append(now_s)
-        share.append(after)
-    asked_s = np.linspace(now_s - pace.hold_s, now_s, _STEPS)
-    held = _felt(prony, np.array(t_s), np.array(share), asked_s).mean()
-    quick_s = doi_mm / pace.speed_mm_s
-    ramp = np.linspace(0.0, 1.0, _STEPS + 1)
-    return Left(float(held), float(_felt(prony, quick_s * ramp, ramp, np.array([quick_s]))[0]))
+    each_s, quick_s = pace.ramp_s(doi_mm) / pace.ramps, doi_mm / pace.speed_mm_s
+    since_s = pace.hold_s * (np.arange(_STEPS) + 0.5) / _STEPS
+    return Left(_felt(series, pace.ramps, each_s, pace.hold_s, since_s), _felt(series, 1, quick_s, 0.0, np.zeros(1)))
 
 
-def _felt(prony: Prony, t_s: Array, share: Array, asked_s: Array) -> Array:
-    """Force at instants over the elastic one at the target, of a depth that goes in straight lines."""
-    steps = np.diff(share**CONTACT_EXPONENT)
-    middle_s = 0.5 * (t_s[1:] + t_s[:-1])
-    since_s = np.maximum(asked_s[:, None] - middle_s, 0.0)
-    return np.asarray(prony.relaxed(since_s) @ steps)
+def _felt(series: tuple[tuple[float, float], ...], ramps: int, ramp_s: float, hold_s: float, since_s: Array) -> float:
+    """Mean force so long after the last of some ramps, holds between them, over the elastic one at the target."""
+    ramp, part_of_one = np.arange(ramps)[:, None], np.arange(1, _STEPS + 1) / _STEPS
+    ended_s = (ramp * (ramp_s + hold_s) + ramp_s * part_of_one).ravel()
+    elastic = ((ramp + part_of_one).ravel() / ramps) ** CONTACT_EXPONENT
+    moves, asked_s = Moves(ended_s, np.full(len(ended_s), ramp_s / _STEPS)), ended_s[-1] + since_s
+    last = np.full(len(asked_s), len(ended_s) - 1)
+    relaxing = sum(part * moves.fading(tau_s, asked_s, last) @ elastic for part, tau_s in series)
+    return float(np.mean((1 - sum(part for part, _ in series)) * elastic[-1] + relaxing))

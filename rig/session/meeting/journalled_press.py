@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from rig.data import Run
+from rig.data.reader import Events
 from rig.devices.units import GWT_N
 from rig.engine.rig_settings import RigSettings
 from sim.models.meeting.given import Given, Way
@@ -19,20 +19,18 @@ _ENOUGH = 8  # readings to tell their noise by
 _DOWN = ("clearance", "approach", "touch")
 
 
-def given_press(run: Run, index: int, settings: RigSettings) -> Given | None:
+def given_press(events: Events, index: int, settings: RigSettings) -> Given | None:
     """The press of a number; None where it has too little. Forces are counted from what was read in the air."""
-    samples = [s for s in run.stream("sample") if s["index"] == index]
-    start = next(s for s in run.stream("indentation_start") if s["index"] == index)
-    touches = [t for t in run.stream("touch") if t["index"] == index]
-    pressed = [s for s in samples if s["phase"] == "press"]
-    if not touches or len(pressed) < 2:
+    (start,) = _of_press(events, "indentation_start", index)
+    samples, touches = (_of_press(events, stream, index) for stream in ("sample", "touch"))
+    pressed, held = ([s for s in samples if s["phase"] == phase] for phase in ("press", "hold"))
+    if not touches or len(pressed) + len(held) < 2:  # a soft finger may be touched as deep as it is to be pressed
         return None
     air = _in_the_air(samples, float(touches[-1]["contact_height_mm"]))
-    noise = _noise_gwt(run, air)
+    noise = _noise_gwt(events, air)
     zero, zero_sd = _zero(air, noise)
     contact_mm = float(touches[-1]["contact_height_mm"])
     down = [s for s in samples if s["phase"] == "touch"] + pressed
-    held = [s for s in samples if s["phase"] == "hold"]
     asked = [*down[-len(pressed) - _TOUCHES :], *_thinned(held)]
     given_mm = settings.calibration.value("compliance_mm_per_n", 0.0)
     way = Way(
@@ -45,17 +43,21 @@ def given_press(run: Run, index: int, settings: RigSettings) -> Given | None:
     return Given(way, np.array([s["force_gwt"] for s in asked]) - zero, noise, zero_sd, zero, contact_mm)
 
 
+def _of_press(events: Events, stream: str, index: int) -> list[dict[str, Any]]:
+    return [event for event in events.get(stream, []) if event["index"] == index]
+
+
 def _in_the_air(samples: list[dict[str, Any]], contact_mm: float) -> list[float]:
     """Forces read on the way down, with nothing touched."""
     above = [s for s in samples if s["phase"] in _DOWN and s["height_mm"] > contact_mm + _ABOVE_MM]
     return [s["force_gwt"] for s in above]
 
 
-def _noise_gwt(run: Run, air: list[float]) -> float:
+def _noise_gwt(events: Events, air: list[float]) -> float:
     """Of one reading: by those in the air, or the few at a zero."""
     if len(air) >= _ENOUGH:
         return statistics.stdev(air)
-    return max((float(zero["noise_gwt"] or 0.0) for zero in run.stream("zero")), default=0.0)
+    return max((float(zero["noise_gwt"] or 0.0) for zero in events.get("zero", [])), default=0.0)
 
 
 def _zero(air: list[float], noise_gwt: float) -> tuple[float, float]:

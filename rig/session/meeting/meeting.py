@@ -4,22 +4,26 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.stats import norm
 
 from rig.devices.units import GWT_N
 from rig.engine.rig_settings import RigSettings
 from rig.plan.config import Config
 from rig.plan.plan import SMALLEST_SOFT_TRIP_N, SOFT_TRIP_OVER_BAND
 from rig.protocol.planned import BETWEEN_INCREMENTS_S
+from sim.models.errors import ModelRangeError
 from sim.models.meeting.foreseen import Foreseen
-from sim.models.meeting.given import Given, Pace
+from sim.models.meeting.given import Given, RampAndHold
+from sim.models.meeting.in_numbers import named
 from sim.models.meeting.learned import PRESS_ERROR, SHAPE_ERROR, learn, nothing_learned
 from sim.models.meeting.misfit import Surprise, no_finger
-from sim.models.meeting.next_press import Chooser, PressAt, Width, band, highest_gwt
+from sim.models.meeting.next_press import Chooser, PressAt, Search, highest_gwt
+from sim.models.meeting.width import Width, band, standard_deviations
 
-SHAPES = ("sphere:6", "flat:3", "bar:3.0")
+SHAPES = ("sphere:4", "flat:3", "bar:3.0")
 PLACES_MM = (-1.2, 0.0, 1.2)
 DEPTHS_MM = (0.2, 0.3, 0.45, 0.6, 0.8, 1.0)
+BEYOND_DEPTH = 1.1
+"""How much deeper than a press its force is foreseen: it may find the skin higher than it lies."""
 
 _GENTLE = (0.25, 0.5)  # of the highest force, in the first presses
 _TRIP_SHARE = 0.995  # of the likely fingers press below what trips, by a margin more
@@ -32,10 +36,10 @@ _MODEL = float(np.hypot(PRESS_ERROR, SHAPE_ERROR))
 TOUCH_SD_MM = 0.015
 """How well a touch finds the skin, by a cell with 0.02 gwt of noise."""
 
-FELT_GWT = 0.15
-"""What counts as a touch: well out of the noise of a cell, since where the skin lies is fitted afterwards."""
+FELT_GWT = 0.1
+"""What counts as a touch: five times the noise of a cell, since where the skin lies is fitted afterwards."""
 
-MODEL_ERROR = 0.015
+MODEL_ERROR = 0.025
 """Relative sd of a force on a shape that was not pressed, beside the spread of the likely fingers (docs/meet.md)."""
 
 
@@ -49,6 +53,11 @@ class Wanted:
     most_gwt: float = 20.0
     shapes: tuple[str, ...] = SHAPES
     hold_s: float = 1.5
+
+    @property
+    def indentors(self) -> tuple[str, ...]:
+        """All shapes that are pressed or asked for, each once."""
+        return tuple(dict.fromkeys([*self.shapes, *(goal.indentor for goal in self.goals)]))
 
 
 def felt_surely(config: Config) -> Config:
@@ -81,18 +90,26 @@ class Meeting:
 
     def __post_init__(self) -> None:
         habits = self.settings.habits
-        pace = Pace(habits.increment_mm, habits.increment_mm / habits.press_speed_mm_s + BETWEEN_INCREMENTS_S)
-        self._menu = [PressAt(s, x, d) for s in self.wanted.shapes for x in PLACES_MM for d in self._depths_mm]
-        self.chooser = Chooser(self.foreseen, self.wanted.goals, pace)
-        for shape in dict.fromkeys([*self.wanted.shapes, *(goal.indentor for goal in self.wanted.goals)]):
-            self.foreseen.table(shape)
+        pace = RampAndHold(habits.increment_mm, habits.increment_mm / habits.press_speed_mm_s + BETWEEN_INCREMENTS_S)
+        self._menu = [PressAt(s, x, d) for s in self.wanted.shapes for x in PLACES_MM for d in self._depths_mm(s)]
+        search = Search(self.settings.limits.search_mm - habits.increment_mm, habits.touch_force_gwt)
+        self.chooser = Chooser(self.foreseen, self.wanted.goals, pace, search)
+        for goal in self.wanted.goals:
+            if goal.doi_mm > self._deepest_mm(goal.indentor):
+                raise ModelRangeError(
+                    f"{goal.indentor} to {goal.doi_mm:.2f} mm: its force can be foreseen down to "
+                    f"{self._deepest_mm(goal.indentor):.2f} mm, expected a smaller depth or a wider patch of the mesh"
+                )
         self._chance = np.random.default_rng(self.seed)
         self.learned = self.before = nothing_learned(self.foreseen.prior, self._chance)
         self.widths_before = self.widths
 
-    @property
-    def _depths_mm(self) -> Sequence[float]:
-        return [d for d in DEPTHS_MM if d <= self.settings.limits.max_doi_mm]
+    def _depths_mm(self, shape: str) -> Sequence[float]:
+        deepest_mm = min(self.settings.limits.max_doi_mm, self._deepest_mm(shape) / BEYOND_DEPTH)
+        return [d for d in DEPTHS_MM if d <= deepest_mm + 1e-9]
+
+    def _deepest_mm(self, shape: str) -> float:
+        return self.foreseen.table(shape).scope.depth_mm[1]
 
     @property
     def widths(self) -> list[Width]:
@@ -145,7 +162,7 @@ class Meeting:
         depth_mm = max(-float(way.height_mm.min()), TOUCH_SD_MM)
         own = (_MODEL, given.noise_gwt / measured, _EXPONENT * TOUCH_SD_MM / depth_mm)
         foreseen = band(np.maximum(forces, _LEAST_GWT), float(np.linalg.norm(own)))
-        return Surprise(foreseen, float(np.log(foreseen.high / foreseen.low) / (2 * norm.ppf(0.95))), measured)
+        return Surprise(foreseen, float(np.log(foreseen.high / foreseen.low) / (2 * standard_deviations())), measured)
 
     @property
     def not_learned(self) -> list[str]:
@@ -161,4 +178,4 @@ class Meeting:
         prior = self.foreseen.prior
         left = self.learned.draws.std(axis=0) / self.before.draws.std(axis=0)
         wide = [name for name, share in zip(prior.names, left, strict=True) if share > _NOT_LEARNED_SHARE]
-        return [*said, *(f"{name} is hardly better known than before" for name in wide)]
+        return [*said, *(f"{named(name)} is hardly better known than before" for name in wide)]

@@ -5,7 +5,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-from rig.data import read_run
+from rig.data import RunFolder
+from rig.data.following import Following
+from rig.data.reader import Events, add_event
 from rig.engine import Engine, LimitError
 from rig.engine.limits import Trips
 from rig.protocol.api import ProtocolParameters, Rig
@@ -13,6 +15,7 @@ from rig.protocol.script import Script
 from rig.protocol.steps import Indent, Step
 from rig.protocol.walk import Spot, Walk
 from rig.session.live import Live
+from rig.session.meeting import SCRIPT
 from rig.session.meeting.journalled_press import given_press
 from rig.session.meeting.meeting import Meeting, Told
 from sim.models.meeting.next_press import PressAt
@@ -21,18 +24,34 @@ E = TypeVar("E")
 A = TypeVar("A")
 
 
-class MeetingScript:
-    """Carries a meeting out; `folder` is where its journal is, once that has begun."""
+def as_script(run: Callable[[Rig], None]) -> Script:
+    """A meeting as a script, whatever runs it."""
+    path, title = Path(__file__).with_name(SCRIPT), "Meeting a finger"
+    return Script(path, "meet", title, "docs/meet.md", ProtocolParameters(), run)
 
-    def __init__(self, meeting: Meeting, say: Callable[[Told], None] = lambda told: None) -> None:
-        self.meeting, self._say = meeting, say
-        self.folder: Path | None = None
+
+class MeetingScript:
+    """Carries a meeting out. What its presses gave it reads in its journal, once it is told that this has begun."""
+
+    def __init__(
+        self,
+        meeting: Meeting,
+        say: Callable[[Told], None] = lambda told: None,
+        say_before: Callable[[PressAt | None], None] = lambda press: None,
+    ) -> None:
+        """say: of each press, when it was learned from; say_before: which comes now, None while the stage homes."""
+        self.meeting, self._say, self._say_before = meeting, say, say_before
         self._pressing: PressAt | None = None
+        self._journal: Following | None = None
+        self._events: Events = {}
+
+    def begins(self, folder: RunFolder) -> None:
+        """From now on presses can be read back."""
+        self._journal = Following(folder)
 
     def as_script(self) -> Script:
         """For a session."""
-        title = "Meeting a finger"
-        return Script(Path(__file__), "meet", title, "docs/meet.md", ProtocolParameters(), self.run)
+        return as_script(self.run)
 
     def handler(self, engine: Engine, walk: Walk) -> "Tripping":
         """What carries its steps out."""
@@ -51,26 +70,36 @@ class MeetingScript:
             if press.indentor != mounted:
                 rig.mount(press.indentor)
             if mounted is None:
+                self._say_before(None)
                 rig.home()
-                rig.zero()
             mounted = press.indentor
+            self._say_before(press)
             rig.move_to(x_mm=press.x_mm)
+            rig.zero()
             self._press(rig, press)
 
     def _press(self, rig: Rig, press: PressAt) -> None:
         """One that would go beyond the trip has told as much as it did."""
+        begun = self._begun()
         try:
             rig.indent(doi_mm=press.doi_mm, hold_s=self.meeting.wanted.hold_s)
         except LimitError as error:
+            if self._begun() == begun:
+                raise
             rig.note(f"press cut short: {error}")
-        assert self.folder is not None
-        run = read_run(self.folder)
-        given = given_press(run, run.stream("indentation_start")[-1]["index"], self.meeting.settings)
+        given = given_press(self._events, self._begun()[-1], self.meeting.settings)
         if given is None:
             raise LimitError("the press was cut short before it told anything")
         told = self.meeting.take(press, given)
         rig.note(json.dumps(_noted(told)))
         self._say(told)
+
+    def _begun(self) -> list[int]:
+        """The numbers of the presses that the journal has by now."""
+        assert self._journal is not None
+        for document in self._journal.new():
+            add_event(self._events, document)
+        return [start["index"] for start in self._events.get("indentation_start", [])]
 
 
 def _noted(told: Told) -> dict[str, float | list[float]]:

@@ -3,9 +3,11 @@
 import numpy as np
 
 from rig.plan.config import Config
-from sim.models.meeting.prior import TAU_FAST_S, Prior
+from sim.models.meeting.in_numbers import series_of, tissue_of
+from sim.models.meeting.prior import Prior
 
 CELL_NOISE_GWT = 0.02
+MOST_DRIFT_GWT_PER_MIN = 0.1  # of the cell's zero, either way
 
 
 def truth_of(seed: int, prior: Prior | None = None) -> dict[str, float]:
@@ -22,16 +24,15 @@ def with_stranger(config: Config, seed: int) -> Config:
 
 def as_told(config: Config, truth: dict[str, float], seed: int = 0) -> Config:
     """The configuration of a bench under which a finger of these numbers lies."""
-    values = {name: float(np.exp(v)) if name.startswith("ln_") else v for name, v in truth.items()}
-    moduli = {name: values[f"ln_{name}"] for name in ("stiffness", "e_dermis", "e_fat")}
-    stiffening = {"stiffening": values["stiffening"]} if "stiffening" in values else {}
-    tissue = config.finger.tissue.model_copy(update=moduli | stiffening)
+    tissue = config.finger.tissue.model_copy(update=tissue_of(truth))
+    drift = float(np.random.default_rng([seed, 0xD81F7]).uniform(-MOST_DRIFT_GWT_PER_MIN, MOST_DRIFT_GWT_PER_MIN))
     virtual = config.virtual.model_copy(
         update={
-            "relaxation": ((truth["share_fast"], TAU_FAST_S), (truth["share_slow"], values["ln_tau_slow_s"])),
+            "relaxation": series_of(truth),
             "finger_x_offset_mm": truth["x_mm"],
             "finger_z_offset_mm": truth["height_mm"],
             "cell_noise_gwt": CELL_NOISE_GWT,
+            "cell_drift_gwt_per_min": drift,
             "noise_seed": seed,
         }
     )

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from rig.plan.config import Config
 from rig.plan.met.finger_file import Band, Draw, FingerFile, Met, Place, Posterior
 from rig.session.meeting.meeting import MODEL_ERROR, Meeting
-from sim.models.meeting.next_press import COVERAGE
-from sim.models.meeting.prior import TAU_FAST_S, Prior
+from sim.models.meeting.in_numbers import series_of, tissue_of
+from sim.models.meeting.prior import Prior
+from sim.models.meeting.width import COVERAGE
 
 Array = NDArray[np.float64]
 
@@ -67,16 +68,9 @@ def _spread(draws: Array) -> list[Array]:
 
 def _draw(prior: Prior, values: Array) -> Draw:
     by_name = dict(zip(prior.names, values.tolist(), strict=True))
-    return Draw(
-        stiffness=_fine(np.exp(by_name["ln_stiffness"])),
-        e_dermis=_fine(np.exp(by_name["ln_e_dermis"])),
-        e_fat=_fine(np.exp(by_name["ln_e_fat"])),
-        stiffening=_fine(by_name.get("stiffening", 0.0)),
-        relaxation=(
-            (_fine(by_name["share_fast"]), TAU_FAST_S),
-            (_fine(by_name["share_slow"]), _fine(np.exp(by_name["ln_tau_slow_s"]))),
-        ),
-    )
+    tissue = {name: _fine(value) for name, value in tissue_of(by_name).items()}
+    relaxation = tuple((_fine(share), _fine(tau_s)) for share, tau_s in series_of(by_name))
+    return Draw.model_validate({**tissue, "relaxation": relaxation})
 
 
 def _fine(value: float) -> float:

@@ -55,11 +55,15 @@ class ServedBench:
         self.ports: dict[str, str] = {}
         self.press: Ahead | None = None
         self._tcp = tcp
+        self._refusing: list[TcpPort] = []
         self._closing = ExitStack()
         self._closing.callback(self.scheduler.close)
         try:
             self._build(config, stage, force, complain)
-        except (PortBusyError, FingerNotLoadedError) as error:
+        except PortBusyError as error:
+            self.close()
+            raise BadInputError(f"{error}, expected another number for --tcp") from None
+        except FingerNotLoadedError as error:
             self.close()
             raise BadInputError(str(error)) from None
         except BaseException:
@@ -98,6 +102,8 @@ class ServedBench:
         if force_line:
             felt = self._finger(config, board, complain) if board else Load(lambda t_s: 0.0)
             virtual_force(self.scheduler, force_line, config, load_on_sensor(felt, config))
+        for port in self._refusing:  # until now: a client would wait for what nobody answers yet
+            port.listen()
 
     def _open(self, name: str, baud: int) -> SerialLine:
         line = SerialLine(self.scheduler, baud)
@@ -105,6 +111,7 @@ class ServedBench:
             port: PtyPort | TcpPort = PtyPort(self.scheduler, line)
         else:
             port = TcpPort(self.scheduler, line, self._tcp + len(self.ports) if self._tcp else 0)
+            self._refusing.append(port)
         self._closing.callback(port.close)
         self.ports[name] = port.name
         return line

@@ -76,10 +76,15 @@ def relaxation(config: Config) -> list[PronyTerm]:
 
 
 def load_on_sensor(felt: Load, config: Config) -> Load:
-    """The force on the finger as the sensor gets it: late and noisy where that is configured."""
-    virtual, period_s = config.virtual, config.force.sample_period_s
-    noise_n, latency_s = virtual.cell_noise_gwt * GWT_N, virtual.cell_latency_s
+    """The force on the finger as the sensor gets it: late, noisy and drifting where that is configured."""
+    virtual = config.virtual
+    latency_s = virtual.cell_latency_s
     force_n = load_cell(
-        felt.force_n, sample_period_s=period_s, noise_n=noise_n, latency_s=latency_s, seed=virtual.noise_seed
+        felt.force_n,
+        sample_period_s=config.force.sample_period_s,
+        noise_n=virtual.cell_noise_gwt * GWT_N,
+        latency_s=latency_s,
+        drift_n_per_s=virtual.cell_drift_gwt_per_min * GWT_N / 60,
+        seed=virtual.noise_seed,
     )
     return Load(force_n, lambda t_s: felt.fresh(t_s - latency_s))

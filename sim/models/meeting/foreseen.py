@@ -1,35 +1,40 @@
 """The force of any finger of a prior under any of a few shapes, of thousands of fingers at once."""
 
-from collections.abc import Mapping
-from functools import lru_cache
+from collections.abc import Mapping, Sequence
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim.config.fingertip_config import FingertipConfig
+from sim.contact.indentor import ALONG
+from sim.contact.shapes import parse_shape
+from sim.measures.reach import ReceptorPlaces
 from sim.models.fingertip import Fingertip
 from sim.models.meeting.given import Way
-from sim.models.meeting.prior import TAU_FAST_S, Prior
+from sim.models.meeting.in_numbers import tissue_of
+from sim.models.meeting.prior import LEAST_STIFFENING, TAU_FAST_S, TISSUE, Prior
 from sim.models.meeting.shape_table import SHALLOWEST_MM, Axis, Scope, ShapeTable
+from sim.models.meeting.shipped import shipped
+from sim.models.moduli.interpolated import make_node, nodes_for
+from sim.models.processes.workers import Work, one_by_one
 
 Array = NDArray[np.float64]
 
-_NODES = {"ln_e_dermis": 4, "ln_e_fat": 4, "stiffening": 4}
-"""Parameters that a table is made over, where the prior has them, and how many of each."""
+_NODES = 4
+"""Of each parameter that a table is made over."""
 
 _TAU_NODES = 4
 
 
 def tissue_axes(prior: Prior) -> tuple[Axis, ...]:
-    """Those of the prior that change more than the scale of force."""
-    named = [prior.parameter(name) for name in _NODES if name in prior.names]
-    return tuple(Axis(p.name, p.low, p.high, _NODES[p.name]) for p in named)
+    """Those of the prior that a model of the finger is made anew for."""
+    return tuple(Axis(p.name, p.low, p.high, _NODES) for p in map(prior.parameter, TISSUE))
 
 
 def finger_of(config: FingertipConfig, values: Mapping[str, float]) -> Fingertip:
-    """The finger of some tissue parameters, interpolated, at the stiffness that was calibrated."""
-    changed = {name.removeprefix("ln_"): np.exp(v) if name.startswith("ln_") else v for name, v in values.items()}
-    tissue = config.tissue.model_copy(update={name: float(v) for name, v in changed.items()})
+    """The finger of some tissue parameters, interpolated, at the stiffness that was calibrated; it stiffens."""
+    tissue = config.tissue.model_copy(update={"stiffening": LEAST_STIFFENING, **tissue_of(values)})
     no_larger = config.contact.model_copy(update={"patch_gb": 0.0})  # a patch for each finger would take hours
     return Fingertip.load(config.model_copy(update={"tissue": tissue, "contact": no_larger}), exact=False)
 
@@ -49,16 +54,35 @@ class Foreseen:
         """For presses so far from the pad's centre and so deep."""
         return cls(config, prior, Scope(tissue_axes(prior), farthest_mm, (SHALLOWEST_MM, deepest_mm)))
 
-    def table(self, indentor: str) -> ShapeTable:
+    def have(self, indentors: Sequence[str], work: Work) -> None:
+        """Have tables of all these shapes, what is not kept being made; work: how. Raises ModelRangeError."""
+        slopes = {parse_shape(name).axes for name in indentors if not self._kept(name)}
+        slopes |= {ALONG} if slopes else set()  # every finger is loaded with it
+        nodes = [node for axes in sorted(slopes) for node in nodes_for(self.config, ReceptorPlaces(), axes)]
+        for _ in work("full builds", make_node, [node for node in nodes if not node.kept]):
+            pass
+        for name in indentors:
+            self.table(name, work)
+
+    def table(self, indentor: str, work: Work = one_by_one) -> ShapeTable:
         """Of a shape. Raises ModelRangeError."""
         if indentor not in self._tables:
-            about = self.config.model_dump(
-                mode="json", exclude={"tissue": {"e_dermis", "e_fat", "stiffness"}, "contact": True}
-            )
-            self._tables[indentor] = ShapeTable.read_or_made(
-                indentor, self.scope, lambda values: finger_of(self.config, values), about
+            made = partial(finger_of, self.config)
+            self._tables[indentor] = self._shipped(indentor) or ShapeTable.read_or_made(
+                indentor, self.scope, made, self._made_of, work
             )
         return self._tables[indentor]
+
+    def _kept(self, indentor: str) -> bool:
+        there = indentor in self._tables or self._shipped(indentor) is not None
+        return there or ShapeTable.kept(indentor, self.scope, self._made_of)
+
+    def _shipped(self, indentor: str) -> ShapeTable | None:
+        return shipped(indentor, self.scope) if self._made_of == made_of(FingertipConfig()) else None
+
+    @property
+    def _made_of(self) -> object:
+        return made_of(self.config)
 
     def forces_gwt(self, draws: Array, way: Way) -> Array:
         """(n, r) on the way, of (n, p) fingers."""
@@ -68,8 +92,12 @@ class Foreseen:
         tau = self._tau
         weights = tau.basis(self._column(draws, "ln_tau_slow_s"))
         slowly = sum(weights[:, [k]] * (elastic @ way.fading(float(np.exp(ln))).T) for k, ln in enumerate(tau.nodes))
-        lasting = (1 - fast - slow)[:, None] * elastic[:, way.lowest]
+        lasting = self.lasting(draws)[:, None] * elastic[:, way.lowest]
         return np.asarray(lasting + fast[:, None] * faded + slow[:, None] * slowly)
+
+    def lasting(self, draws: Array) -> Array:
+        """(n,) share of a force that never relaxes."""
+        return np.asarray(1 - self._column(draws, "share_fast") - self._column(draws, "share_slow"))
 
     def elastic_gwt(self, draws: Array, way: Way) -> Array:
         """(n, p) at the heights, were there no relaxation."""
@@ -77,7 +105,8 @@ class Foreseen:
         x_mm = way.x_mm - self._column(draws, "x_mm")
         contact_mm = np.zeros(len(draws)) if way.by_depth else self.touches_mm(draws, way.indentor, way.x_mm)
         tissue = table.tissue_basis([self._column(draws, axis.name) for axis in self.scope.tissue])
-        forces = table.forces_gwt(tissue, x_mm, contact_mm[:, None] - way.height_mm)
+        stiffening = self._column(draws, "stiffening")
+        forces = table.forces_gwt(tissue, stiffening, x_mm, contact_mm[:, None] - way.height_mm)
         return np.asarray(np.exp(self._column(draws, "ln_stiffness"))[:, None] * forces)
 
     def touches_mm(self, draws: Array, indentor: str, x_mm: float) -> Array:
@@ -92,6 +121,13 @@ class Foreseen:
 
     def _column(self, draws: Array, name: str) -> Array:
         return draws[:, self.prior.index(name)]
+
+
+def made_of(config: FingertipConfig) -> object:
+    """What says which fingers are interpolated."""
+    return config.model_dump(
+        mode="json", exclude={"tissue": {"e_dermis", "e_fat", "stiffness", "stiffening"}, "contact": True}
+    )
 
 
 @lru_cache

@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.models.relaxing.moves import Moves
+
 Array = NDArray[np.float64]
 
 
@@ -29,14 +31,9 @@ class Way:
         return np.searchsorted(self.t_s, self.asked_s + 1e-9, side="right") - 1
 
     def fading(self, tau_s: float) -> Array:
-        """(r, p) what a term of relaxation has left of elastic forces at the heights: rows of ∫ exp(−(t−s)/τ) dF."""
-        before = np.concatenate([self.t_s[:1], self.t_s[:-1]])
-        moved_s = 0.5 * (self.t_s - before)
-        still = np.where(moved_s > 0, -np.expm1(-moved_s / tau_s) * tau_s / np.where(moved_s > 0, moved_s, 1.0), 1.0)
-        since_s = self.asked_s[:, None] - (before + moved_s)
-        there = np.arange(len(self.t_s)) <= self.lowest[:, None]
-        left = np.where(there, np.exp(-np.where(there, since_s, 0.0) / tau_s) * still, 0.0)
-        return np.asarray(left - np.concatenate([left[:, 1:], np.zeros((len(left), 1))], axis=1))
+        """(r, p) what a term of relaxation has left of elastic forces at the heights."""
+        moved_s = 0.5 * np.diff(self.t_s, prepend=self.t_s[:1])
+        return Moves(self.t_s - moved_s, moved_s).fading(tau_s, self.asked_s, self.lowest)
 
 
 @dataclass(frozen=True)
@@ -56,7 +53,7 @@ class Given:
         return replace(self.way, height_mm=self.way.height_mm - self.contact_mm, by_depth=True)
 
 
-def nominal_way(indentor: str, x_mm: float, doi_mm: float, pace: "Pace", shares: Sequence[float]) -> Way:
+def nominal_way(indentor: str, x_mm: float, doi_mm: float, pace: "RampAndHold", shares: Sequence[float]) -> Way:
     """A press to a depth past first touch, asked for at shares of its ramp, and over its hold at the end."""
     steps = max(int(np.ceil(doi_mm / pace.increment_mm - 1e-9)), 1)
     heights = np.array([-doi_mm * k / steps for k in range(steps + 1)])
@@ -67,7 +64,7 @@ def nominal_way(indentor: str, x_mm: float, doi_mm: float, pace: "Pace", shares:
 
 
 @dataclass(frozen=True)
-class Pace:
+class RampAndHold:
     """How the bench presses: so far in so long, then held."""
 
     increment_mm: float = 0.05

@@ -10,8 +10,8 @@ from scipy.stats import chi2
 from sim.models.meeting.foreseen import Foreseen
 from sim.models.meeting.given import Given
 from sim.models.meeting.learned import Learned
-from sim.models.meeting.next_press import Width
 from sim.models.meeting.prior import TISSUE
+from sim.models.meeting.width import Width
 
 Array = NDArray[np.float64]
 

@@ -1,26 +1,30 @@
 """Elastic force of one shape over place, depth and tissue: direct presses at Chebyshev's nodes, polynomials between.
 
-The logarithm of force is smooth in the logarithms of depth and moduli, and in the place.
+The logarithm of force is smooth in the logarithms of depth and moduli, and in the place. Stiffening is no axis: it
+enters by the factor of `sim/models/stiffening`, whose parts have polynomials of their own.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property, reduce
+from dataclasses import dataclass, replace
+from functools import cached_property, partial, reduce
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.models.cache import Arrays, cached_arrays, content_key, simulator_code
+from sim.models.cache import Arrays, cached_arrays, content_key, path_of, simulator_code
 from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
+from sim.models.processes.workers import Work, one_by_one
+from sim.models.stiffening.at_finite_strain import FORCE
 
 Array = NDArray[np.float64]
 
 Made = Callable[[Mapping[str, float]], Fingertip]
-"""The finger of some tissue parameters, at stiffness 1."""
+"""The finger of some tissue parameters, at stiffness 1; it stiffens, by however much."""
 
 SHALLOWEST_MM = 0.03
 _TOUCH_NODES = 9
+_LESS_DEEP, _LEAST_DEEP_MM = 0.9, 0.3  # a table that cannot go as deep as is asked
 _SHALLOW_EXPONENT = 1.5  # below the shallowest node: Hertz
 
 
@@ -81,22 +85,40 @@ class Scope:
         low, high = np.log(self.depth_mm)
         return Axis("ln_doi_mm", float(low), float(high), self.depths)
 
+    def down_to(self, deepest_mm: float) -> "Scope":
+        """The same, less deep."""
+        return replace(self, depth_mm=(self.depth_mm[0], deepest_mm))
+
+    @property
+    def about(self) -> list[list[str | float]]:
+        """Name, ends and number of nodes of all axes."""
+        return [[axis.name, axis.low, axis.high, axis.n] for axis in (*self.tissue, self.x, self.depth)]
+
 
 class ShapeTable:
     """One indentor's forces on the fingers of a scope."""
 
     def __init__(self, indentor: str, scope: Scope, arrays: Arrays) -> None:
-        self.indentor, self.scope = indentor, scope
-        self.ln_force = np.asarray(arrays["ln_force"], dtype=float)  # (*tissue, places, depths), ln gwt
+        self.indentor, self.arrays = indentor, arrays
+        self.scope = scope.down_to(float(arrays["deepest_mm"]))
+        # of each (*tissue, places, depths)
+        self.ln_force = np.asarray(arrays["ln_force"], dtype=float)  # ln gwt at finite strain, without stiffening
+        self.ln_strain = np.asarray(arrays["ln_strain"], dtype=float)  # that the law stiffens with
         self.touch_mm = np.asarray(arrays["touch_mm"], dtype=float)  # (9,) from the apex
         self.error = float(arrays["error"])  # rms of ln force, of direct presses between the nodes
 
     @classmethod
-    def read_or_made(cls, indentor: str, scope: Scope, made: Made, made_of: object) -> "ShapeTable":
+    def read_or_made(
+        cls, indentor: str, scope: Scope, made: Made, made_of: object, work: Work = one_by_one
+    ) -> "ShapeTable":
         """From the cache, or pressed; made_of: what says which fingers these are. Raises ModelRangeError."""
-        about = [(axis.name, axis.low, axis.high, axis.n) for axis in (*scope.tissue, scope.x, scope.depth)]
-        key = content_key(["meeting", indentor, about, made_of, simulator_code()])
-        return cls(indentor, scope, cached_arrays(key, lambda: _pressed(indentor, scope, made), "answers")[0])
+        key = _key(indentor, scope, made_of)
+        return cls(indentor, scope, cached_arrays(key, lambda: _pressed(indentor, scope, made, work), "answers")[0])
+
+    @staticmethod
+    def kept(indentor: str, scope: Scope, made_of: object) -> bool:
+        """Whether nothing has to be pressed for it."""
+        return path_of(_key(indentor, scope, made_of), "answers").exists()
 
     def tissue_basis(self, values: Sequence[Array]) -> Array:
         """(n, tissue nodes) of (n,) parameters, in the order of the scope's axes."""
@@ -107,46 +129,76 @@ class ShapeTable:
         """(n,) height of the indentor at first touch, from the apex."""
         return np.asarray(self.scope.touch_x.basis(x_mm) @ self.touch_mm)
 
-    def forces_gwt(self, tissue: Array, x_mm: Array, depth_mm: Array) -> Array:
-        """(n, m) at stiffness 1, of (n, tissue nodes), (n,) places and (n, m) depths; none above the skin."""
+    def forces_gwt(self, tissue: Array, stiffening: Array, x_mm: Array, depth_mm: Array) -> Array:
+        """(n, m) at stiffness 1, of (n, tissue nodes), (n,) stiffening, (n,) places, (n, m) depths; 0 in air."""
         x, depth = self.scope.x.basis(x_mm), self.scope.depth
-        flat = self.ln_force.reshape(tissue.shape[1], -1)
-        by_depth = np.einsum("nxd,nx->nd", (tissue @ flat).reshape(len(tissue), self.scope.places, -1), x)
         shallow_mm = self.scope.depth_mm[0]
         ln_d = np.log(np.maximum(depth_mm, 1e-6))
-        ln_f = np.einsum("nmd,nd->nm", depth.basis(ln_d), by_depth)
+        by_depth = depth.basis(ln_d)
+        ln_force, ln_strain = (self._between(one, tissue, x, by_depth) for one in (self.ln_force, self.ln_strain))
+        ln_f = FORCE.log(ln_force, np.exp(ln_strain), stiffening[:, None])
         ln_f = ln_f + _SHALLOW_EXPONENT * np.minimum(ln_d - np.log(shallow_mm), 0.0)
         return np.where(depth_mm > 0, np.exp(ln_f), 0.0)
 
+    def _between(self, at_nodes: Array, tissue: Array, x: Array, depth: Array) -> Array:
+        """(n, m) of what is known at nodes, by the weights of tissue (n, t), places (n, x) and depths (n, m, d)."""
+        flat = at_nodes.reshape(tissue.shape[1], -1)
+        by_depth = np.einsum("nxd,nx->nd", (tissue @ flat).reshape(len(tissue), self.scope.places, -1), x)
+        return np.asarray(np.einsum("nmd,nd->nm", depth, by_depth))
 
-def _pressed(indentor: str, scope: Scope, made: Made) -> Arrays:
-    nodes = np.stack(np.meshgrid(*(axis.nodes for axis in scope.tissue), indexing="ij"), axis=-1)
-    names = [axis.name for axis in scope.tissue]
-    doi_mm = np.exp(scope.depth.nodes)
-    ln_force = np.empty((*nodes.shape[:-1], scope.places, scope.depths))
-    finger = None
-    for at in np.ndindex(nodes.shape[:-1]):
-        finger = made(dict(zip(names, nodes[at].tolist(), strict=True)))
-        ln_force[at] = [_way(finger, indentor, x, doi_mm) for x in scope.x.nodes.tolist()]
-    assert finger is not None
+
+def _key(indentor: str, scope: Scope, made_of: object) -> str:
+    return content_key(["meeting", indentor, scope.about, made_of, simulator_code()])
+
+
+def _pressed(indentor: str, scope: Scope, made: Made, work: Work) -> Arrays:
+    """As deep as the scope has it, or as the mesh's patch lets the shape go. Raises ModelRangeError."""
+    while True:
+        try:
+            return _pressed_so_deep(indentor, scope, made, work)
+        except ModelRangeError:
+            scope = scope.down_to(_LESS_DEEP * scope.depth_mm[1])
+            if scope.depth_mm[1] < _LEAST_DEEP_MM:
+                raise
+
+
+def _pressed_so_deep(indentor: str, scope: Scope, made: Made, work: Work) -> Arrays:
+    axes = np.meshgrid(*(axis.nodes for axis in scope.tissue), indexing="ij")
+    names, nodes = [axis.name for axis in scope.tissue], np.stack(axes, axis=-1).reshape(-1, len(axes))
+    tissues = [dict(zip(names, node, strict=True)) for node in nodes.tolist()]
+    pressed = work(f"fingers under {indentor}", partial(_ways, indentor, scope, made), tissues)
+    found = np.array(list(pressed)).reshape(*axes[0].shape, scope.places, 2, scope.depths)
+    ln_force, ln_strain = np.moveaxis(found, -2, 0)
+    finger = made(tissues[0])
     touch_mm = [finger.touch_height_mm(indentor, x) - finger.apex_height_mm for x in scope.touch_x.nodes.tolist()]
-    arrays: Arrays = {"ln_force": ln_force, "touch_mm": np.array(touch_mm), "error": np.array(0.0)}
+    arrays: Arrays = {"ln_force": ln_force, "ln_strain": ln_strain, "touch_mm": np.array(touch_mm)}
+    arrays |= {"error": np.array(0.0), "deepest_mm": np.array(scope.depth_mm[1])}
     arrays["error"] = np.array(_own_error(ShapeTable(indentor, scope, arrays), made))
     return arrays
 
 
+def _ways(indentor: str, scope: Scope, made: Made, tissue: Mapping[str, float]) -> Array:
+    """(places, 2, depths) of `_way`, on one finger. Raises ModelRangeError, which another process can be told."""
+    finger, doi_mm = made(tissue), np.exp(scope.depth.nodes)
+    try:
+        return np.array([_way(finger, indentor, x, doi_mm) for x in scope.x.nodes.tolist()])
+    except ModelRangeError as error:
+        raise ModelRangeError(str(error)) from None
+
+
 def _way(finger: Fingertip, indentor: str, x_mm: float, doi_mm: Array) -> Array:
-    """(m,) ln force on the way down."""
-    forces, state = np.empty(len(doi_mm)), None
+    """(2, m) on the way down: ln force without stiffening, and ln strain that stiffening goes with."""
+    answers, state = np.empty((2, len(doi_mm))), None
     for k in np.argsort(doi_mm):
         found = finger.indent(indentor, x_mm, doi_mm=float(doi_mm[k]), start=state)
         if not found.state.converged:
             raise ModelRangeError(f"{indentor} at x = {x_mm:.2f} mm, DOI {doi_mm[k]:.2f} mm: no answer to learn from")
-        forces[k], state = found.force_gwt, found.state
-    return np.log(forces)
+        press, linear_gwt, state = found.strained.press, found.force_gwt / found.strained.force, found.state
+        answers[:, k] = np.log(linear_gwt) + FORCE.geometric(press), np.log(FORCE.strained(press))
+    return answers
 
 
-_TRIED = 6
+_TRIED, _MOST_STIFFENING = 6, 1.0
 
 
 def _own_error(table: ShapeTable, made: Made) -> float:
@@ -157,6 +209,9 @@ def _own_error(table: ShapeTable, made: Made) -> float:
         x_mm = float(chance.uniform(-1, 1) * scope.farthest_mm)
         doi_mm = np.array([np.exp(chance.uniform(*np.log((0.1, scope.depth_mm[1]))))])
         basis = table.tissue_basis([np.array([tissue[axis.name]]) for axis in scope.tissue])
-        foreseen = table.forces_gwt(basis, np.array([x_mm]), doi_mm[None])
-        off.append(float(np.log(foreseen[0, 0]) - _way(made(tissue), table.indentor, x_mm, doi_mm)[0]))
+        stiffening = float(chance.uniform(0.0, _MOST_STIFFENING))
+        foreseen = table.forces_gwt(basis, np.array([stiffening]), np.array([x_mm]), doi_mm[None])
+        ln_force, ln_strain = _way(made(tissue), table.indentor, x_mm, doi_mm)
+        direct = FORCE.log(ln_force, np.exp(ln_strain), stiffening)
+        off.append(float(np.log(foreseen[0, 0]) - direct[0]))
     return float(np.sqrt(np.mean(np.square(off))))

@@ -78,4 +78,8 @@ def test_a_busy_port_is_one_line(rig: Rig) -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         number = other.getsockname()[1]
         ended = rig("serve", "--force", "mtsics", "--tcp", number)
-    assert (ended.code, ended.out, ended.err) == (2, "", f"rig: TCP port {number}: address already in use\n")
+    assert (ended.code, ended.out, ended.err) == (
+        2,
+        "",
+        f"rig: TCP port {number}: address already in use, expected another number for --tcp\n",
+    )

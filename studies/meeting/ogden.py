@@ -1,0 +1,67 @@
+"""A finger of Ogden's tissue under a bench: its linear twin's forces, times what references found beside theirs.
+
+The factor is that of a shape over depth at the pad's centre; beside the centre it is the same.
+"""
+
+from functools import cache, lru_cache, partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+from sim.config.fingertip_config import FingertipConfig
+from sim.contact.indentor import Indentor
+from sim.contact.shapes import parse_shape
+from sim.finger.surface import FingertipSurface
+from sim.models.errors import ModelRangeError
+from sim.models.fingertip import Fingertip
+from sim.models.processes.recipe import Recipe
+from sim.models.sources import Source
+from sim.models.stiffening.stiffened import LINEAR_TISSUE, Stiffened, Under
+from studies.stiffening.references import read
+
+Array = NDArray[np.float64]
+
+_PLACES_KEPT = 64
+KEPT = Path(__file__).parent / "kept" / "ogden.jsonl"
+
+
+class OgdenFinger(Fingertip):
+    """The finger of a configuration, were its tissue Ogden's with the same moduli at small strain.
+
+    Only its forces are; a press of a shape without references raises ModelRangeError.
+    """
+
+    def __init__(self, config: FingertipConfig, surface: FingertipSurface, source: Source, recipe: Recipe) -> None:
+        super().__init__(config, surface, source, recipe)
+        self._under = lru_cache(maxsize=_PLACES_KEPT)(partial(UnderOgden, config, surface))
+
+
+class UnderOgden(Under):
+    """An indentor at a place over tissue of Ogden's law."""
+
+    def at(self, past_touch_mm: float, receptor_mm: Array) -> Stiffened:
+        """So far past first touch. Raises ModelRangeError for a shape without references."""
+        return LINEAR_TISSUE._replace(force=factor(self.indentor, max(past_touch_mm, 0.0)))
+
+
+def factor(indentor: Indentor, depth_mm: float) -> float:
+    """Force over the linear twin's. Raises ModelRangeError for a shape without references."""
+    log_factor = _log_factors().get(indentor)
+    if log_factor is None:
+        raise ModelRangeError(f"{indentor.name}: no references of Ogden's law are kept")
+    within_mm = min(depth_mm, float(log_factor.x[-1]))
+    beyond_mm = depth_mm - within_mm  # straight
+    return float(np.exp(log_factor(within_mm) + beyond_mm * log_factor(within_mm, 1)))
+
+
+@cache
+def _log_factors() -> dict[Indentor, PchipInterpolator]:
+    """Of each shape, over mm: monotone between references and from 0 at first touch."""
+    kept = read(KEPT)
+    found = {}
+    for shape in dict.fromkeys(row["shape"] for row in kept):
+        own = [(row["doi_mm"], np.log(row["force"] / row["linear"])) for row in kept if row["shape"] == shape]
+        found[parse_shape(shape)] = PchipInterpolator(*np.array([(0.0, 0.0), *own]).T)
+    return found

@@ -1,0 +1,157 @@
+"""Meets fingers whose truth only the bench knows, and tells how well: the table of docs/meet.md.
+
+.venv/bin/python -m studies.meeting [ROWS] [--inside N] [--outside N]    # 200 and 40; resumes what ROWS has
+
+Each finger is met over the bytes of a virtual bench on a virtual clock. Whoever meets it has the coarse mesh, the
+bench another; the cell has 0.02 gwt of noise. Each finger that is done is a line of ROWS (default: meeting.jsonl).
+"""
+
+import argparse
+import json
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rig.data import RunFolder
+from rig.devices.units import GWT_N
+from rig.plan.config import Config
+from rig.plan.plan import Plan
+from rig.session.attendant import Nobody
+from rig.session.meeting.meeting import SHAPES, Meeting, Told, Wanted, felt_surely
+from rig.session.meeting.meeting_script import MeetingScript
+from rig.session.provenance import commit
+from rig.session.session import NewRun, Session, run_on
+from sim.config.fingertip_config import FingertipConfig, MeshSpec
+from sim.models.fingertip import Fingertip
+from sim.models.meeting.foreseen import Foreseen
+from sim.models.meeting.given import Given
+from sim.models.meeting.next_press import PressAt
+from sim.models.meeting.prior import Prior
+from sim.models.processes.workers import in_processes, one_by_one
+from studies.meeting.hidden import Keeper
+from studies.meeting.strangers import Stranger, inside, outside
+from studies.meeting.tables import as_markdown
+
+KNOWN = felt_surely(Config(finger=FingertipConfig(mesh=MeshSpec(level="coarse"))))
+"""What whoever meets the finger is told: nothing of it but the mesh to think on."""
+
+GOALS = (
+    PressAt("cylinder:9", 0.0, 0.67),
+    PressAt("cylinder:9", 0.8, 0.5),
+    PressAt("sphere:3", -0.5, 0.5),
+    PressAt("bar:1.5", 0.3, 0.5),
+    PressAt("flat:1.5", 0.0, 0.5),
+)
+"""Of shapes that no meeting presses."""
+
+
+class _Reading(Nobody):
+    """Knows where the journal is."""
+
+    def __init__(self, script: MeetingScript) -> None:
+        self._script = script
+
+    def begins(self, folder: RunFolder) -> None:
+        self._script.begins(folder)
+
+
+class Timed(Meeting):
+    """Knows how long each update took, s of processor time."""
+
+    took_s: tuple[float, ...] = ()
+
+    def take(self, press: PressAt, given: Given) -> Told:
+        """Learn from a press."""
+        began = time.process_time()
+        told = super().take(press, given)
+        self.took_s += (time.process_time() - began,)
+        return told
+
+
+def met(
+    stranger: Stranger,
+    foreseen: Foreseen,
+    unmet: Fingertip,
+    known: Config = KNOWN,
+    goals: Sequence[PressAt] = GOALS,
+) -> dict[str, Any]:
+    """One line: the meeting, then the truth beside it; known: what whoever meets the finger is told."""
+    keeper, began = Keeper(stranger), time.process_time()
+    meeting = Timed(known, foreseen, Wanted(tuple(goals)), seed=stranger.seed)
+    script, out = MeetingScript(meeting), Path(tempfile.mkdtemp())
+    try:
+        into, attendant = NewRun(out), _Reading(script)
+        session = Session(script.as_script(), known, unmet, Plan(), into, attendant, script.handler)
+        done = run_on(session, keeper.open_bench(session.pause), virtual=True)
+    finally:
+        shutil.rmtree(out, ignore_errors=True)
+    keeper.over()
+    pace, widths = meeting.chooser.pace, meeting.widths
+    true = [keeper.held_gwt(goal, pace) for goal in goals]
+    before = [unmet.indent(g.indentor, g.x_mm, doi_mm=g.doi_mm).force_gwt for g in goals]
+    return {
+        "kind": stranger.kind,
+        "seed": stranger.seed,
+        "presses": len(meeting.told),
+        "bench_s": done.duration_s,
+        "process_s": time.process_time() - began,
+        "ended": None if done.problem is None else str(done.problem),
+        "stranger": meeting.stranger,
+        "error": [w.middle / t - 1 for w, t in zip(widths, true, strict=True)],
+        "half": [w.half for w in widths],
+        "covered": [bool(w.low <= t <= w.high) for w, t in zip(widths, true, strict=True)],
+        "unmet_error": [b / t - 1 for b, t in zip(before, true, strict=True)],
+        "of_trip": [told.surprise.measured_gwt / told.trip_gwt for told in meeting.told],
+        "highest_gwt": max((told.surprise.measured_gwt for told in meeting.told), default=0.0),
+        "update_s": list(meeting.took_s),
+        "surprises": [told.surprise.sds for told in meeting.told],
+        "misfit": (meeting.learned.misfit / np.maximum(meeting.learned.readings, 1)).tolist(),
+        "off": foreseen.prior.off(meeting.learned.likeliest[None])[0].tolist(),
+        "readings": int(meeting.learned.readings.sum()),
+        "total": meeting.learned.total / max(int(meeting.learned.readings.sum()), 1),
+        "limit_gwt": known.limits.soft_trip_n / GWT_N,
+    }
+
+
+@cache
+def thinking() -> tuple[Foreseen, Fingertip]:
+    """What whoever meets a finger thinks with, and the finger of somebody who met none."""
+    return Foreseen.over(KNOWN.finger, Prior(), 1.8, 1.1), Fingertip.load(KNOWN.finger)
+
+
+def one(job: tuple[str, int]) -> dict[str, Any]:
+    """The line of a finger from inside or outside the prior, by its seed."""
+    of, seed = job
+    stranger = (inside if of == "inside" else outside)(KNOWN, seed)
+    goals = [list(vars(goal).values()) for goal in GOALS]
+    return {"of": of, **met(stranger, *thinking()), "commit": commit(Path(__file__)), "goals": goals}
+
+
+def main() -> None:
+    """What is missing of the rows, then the table."""
+    asked = argparse.ArgumentParser(description=__doc__)
+    asked.add_argument("rows", nargs="?", type=Path, default=Path("meeting.jsonl"))
+    asked.add_argument("--inside", type=int, default=200)
+    asked.add_argument("--outside", type=int, default=40)
+    given = asked.parse_args()
+    kept = [json.loads(line) for line in given.rows.read_text().splitlines()] if given.rows.exists() else []
+    given.rows.parent.mkdir(parents=True, exist_ok=True)
+    there = {(row["of"], row["seed"]) for row in kept}
+    jobs = [("inside", seed) for seed in range(given.inside)] + [("outside", seed) for seed in range(given.outside)]
+    missing = [job for job in jobs if job not in there]
+    if missing:
+        print("tables of the shapes …", file=sys.stderr, flush=True)
+        thinking()[0].have([*SHAPES, *(goal.indentor for goal in GOALS)], one_by_one)
+    for n, row in enumerate(in_processes(one, missing), 1):
+        kept.append(row)
+        with given.rows.open("a") as file:
+            file.write(json.dumps(row) + "\n")
+        print(f"{n} of {len(missing)}: {row['kind']} {row['seed']}", file=sys.stderr, flush=True)
+    print(as_markdown(kept))

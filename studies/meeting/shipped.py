@@ -1,0 +1,32 @@
+"""Makes the tables of the default finger that come with the program (32 full builds, some minutes).
+
+.venv/bin/python -m studies.meeting.shipped
+"""
+
+from functools import partial
+from importlib.resources import files
+from pathlib import Path
+
+from rig.cli.meeting_said import USUAL_GOALS, scope_of
+from rig.session.meeting.meeting import SHAPES, Wanted
+from sim.config.fingertip_config import FingertipConfig
+from sim.models.meeting.foreseen import Foreseen, finger_of, made_of
+from sim.models.meeting.prior import Prior
+from sim.models.meeting.shape_table import ShapeTable
+from sim.models.meeting.shipped import FILE, as_json
+
+
+def main() -> None:
+    """From the cache, or pressed; the file is written anew."""
+    config, wanted = FingertipConfig(), Wanted(USUAL_GOALS, shapes=SHAPES)
+    scope = Foreseen.over(config, Prior(), *scope_of(wanted)).scope
+    tables = []
+    for name in wanted.indentors:
+        tables.append(ShapeTable.read_or_made(name, scope, partial(finger_of, config), made_of(config)))
+        print(f"{name}: off direct presses by {100 * tables[-1].error:.1f} % (rms)", flush=True)
+    path = Path(str(files("sim"))) / "data" / FILE
+    path.write_text(as_json(tables), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,130 @@
+"""Every mistake that the three commands of a meeting can be told with is one line, and nothing is begun."""
+
+import os
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import rig.cli.meet as meet
+from tests.program import Program
+
+NOT_MET = "[finger.tissue]\nstiffness = 1.0\n"
+MEETS = [
+    (["--width", "0.5"], "--width 0.5: expected 1 … 50 percent"),
+    (["--width", "nan"], "--width nan: expected 1 … 50 percent"),
+    (["--width", "inf"], "--width inf: expected 1 … 50 percent"),
+    (["--width", "wide"], "'--width': Input should be a valid number"),
+    (["--most-gwt", "500"], "--most-gwt 500: expected 1 … 100 gwt"),
+    (["--most-gwt", "nan"], "--most-gwt nan: expected 1 … 100 gwt"),
+    (["--presses", "0"], "'--presses': Input should be greater than or equal to 1"),
+    (["--presses", "9"], "'--presses': Input should be less than or equal to 8"),
+    (["--presses", "nan"], "'--presses': Input should be a valid integer"),
+    (["--to", "nowhere/finger.toml"], "expected a file in a folder that exists"),
+    (["--to", "."], "expected a file in a folder that exists"),
+    (["--shapes", "blob:3"], "blob:3"),
+    (["--shapes", "bar:3.0,blob:3"], "blob:3"),
+    (["--shapes", ""], "shape ''"),
+    (["--shapes", "bar:nan"], "bar:nan"),
+    (["--shapes", "bar:-3"], "bar:-3"),
+    (["--config", "nowhere.toml"], "nowhere.toml"),
+    (["--config", "not.toml"], "not.toml"),
+    (["no_such_protocol"], "no_such_protocol"),
+    (["steps", "force_gwt=nan"], "force_gwt"),
+    (["--subject", "a b/c"], "subject"),
+]
+SERVES = [
+    (["--stranger", "seven"], "'--stranger': Input should be a valid integer"),
+    (["--stranger", "-1"], "'--stranger': Input should be greater than or equal to 0"),
+    (["--stranger", "nan"], "'--stranger': Input should be a valid integer"),
+    (["--tcp", "70000"], "--tcp 70000: expected 0 … 65534"),
+    (["--tcp", "0", "--pty"], "--pty --tcp: expected one of them"),
+    (["--tcp", "0", "--indentor", "blob:3"], "blob:3"),
+    (["--tcp", "0", "--indentor", "bar:nan"], "bar:nan"),
+    (["--config", "nowhere.toml"], "nowhere.toml"),
+    (["--stage", "wheel"], "--stage wheel: no such device"),
+]
+BESIDE = [
+    (["seven"], "'seed': Input should be a valid integer"),
+    (["-1"], "-1"),
+    (["7.5"], "'seed': Input should be a valid integer"),
+    (["7", "--beside", "nowhere.toml"], "nowhere.toml: No such file or directory"),
+    (["7", "--beside", "."], "Is a directory"),
+    (["7", "--beside", "not.toml"], "not.toml: not valid TOML"),
+    (["7", "--beside", "not_met.toml"], "not_met.toml: no [met] table, expected a file that `rig meet` wrote"),
+    (["7", "--beside", "nan.toml"], "nan.toml"),
+]
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With files of something else, and nobody who computes or opens anything."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "not.toml").write_text("[finger\n")
+    (tmp_path / "not_met.toml").write_text(NOT_MET)
+    (tmp_path / "nan.toml").write_text("[met]\nband = {model_error = nan}\n")
+
+    def begun(*_: object) -> None:
+        raise AssertionError("it has begun")
+
+    monkeypatch.setattr(meet, "FingerProcess", begun)
+    monkeypatch.setattr(meet, "Foreseen", begun)
+    monkeypatch.setattr(meet, "loaded", begun)
+
+
+def _one_line(program: Program, *words: str) -> str:
+    ended = program(*words)
+    assert ended.code == 2, ended.err
+    assert not ended.out
+    (line,) = [line for line in ended.err.splitlines() if line.startswith("rig: ")]
+    assert len(ended.err.splitlines()) <= 2  # that nothing moved, and why
+    assert not Path("runs").exists()
+    return line
+
+
+@pytest.mark.parametrize(("words", "said"), MEETS, ids=str)
+@pytest.mark.parametrize("dry", [True, False])
+def test_of_a_meeting(program: Program, words: list[str], said: str, dry: bool) -> None:
+    assert said in _one_line(program, "meet", *words, *(["--dry-run"] if dry else []))
+
+
+@pytest.mark.parametrize(("words", "said"), SERVES, ids=str)
+def test_of_a_server(program: Program, words: list[str], said: str) -> None:
+    assert said in _one_line(program, "serve", *words)
+
+
+@pytest.mark.parametrize(("words", "said"), BESIDE, ids=str)
+def test_of_the_truth(program: Program, words: list[str], said: str) -> None:
+    assert said in _one_line(program, "stranger", *words)
+
+
+@pytest.fixture
+def listener() -> Iterator[int]:
+    """A port that somebody has."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        yield server.getsockname()[1]
+
+
+def test_of_a_port_that_is_taken(program: Program, listener: int) -> None:
+    said = _one_line(program, "serve", "--stranger", "7", "--tcp", str(listener))
+    assert f"TCP port {listener}: address already in use, expected another number for --tcp" in said
+
+
+def test_of_a_server_that_is_not_there(program: Program, listener: int, tmp_path: Path) -> None:
+    """Before anything is computed."""
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        nobody = other.getsockname()[1]
+    (tmp_path / "rig.toml").write_text(
+        f'[stage]\nport = "tcp://127.0.0.1:{nobody}"\n[force]\nport = "tcp://127.0.0.1:{listener}"\n'
+    )
+    ended = program("meet", "--config", "rig.toml", "--shapes", "bar:3.0", "--yes")
+    assert ended.code == 1
+    assert "not moved" in ended.err
+    assert f"cannot open tcp://127.0.0.1:{nobody}: connection refused, nothing listens there" in ended.err
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere")
+def test_of_a_folder_that_may_not_be_written_to(program: Program, tmp_path: Path) -> None:
+    (tmp_path / "shut").mkdir(mode=0o500)
+    assert "may be written to" in _one_line(program, "meet", "--to", "shut/finger.toml")

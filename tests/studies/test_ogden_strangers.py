@@ -1,0 +1,64 @@
+"""A finger of Ogden's tissue under a bench: its linear twin's forces times what the kept references found."""
+
+import numpy as np
+import pytest
+
+from rig.session.meeting.meeting import SHAPES as PRESSED
+from sim.contact.shapes import parse_shape
+from sim.models.errors import ModelRangeError
+from sim.models.fingertip import Fingertip
+from sim.models.relaxing.prony import PronyTerm
+from sim.plant.plant import Pose
+from sim.plant.relaxing_plant import RelaxingPress
+from studies.meeting.ogden import KEPT, OgdenFinger, factor
+from studies.meeting.ogden_references import ALPHA, SHAPES
+from studies.meeting.proof import GOALS
+from studies.stiffening.references import read
+
+BAR = parse_shape("bar:3.0")
+ROWS = read(KEPT)
+RATIOS = {(row["shape"], row["doi_mm"]): row["force"] / row["linear"] for row in ROWS}
+
+
+def test_references_reach_what_is_pressed_and_what_is_asked_for() -> None:
+    assert {row["shape"]: row["doi_mm"] for row in ROWS} == SHAPES
+    assert {(row["alpha"], row["x_mm"]) for row in ROWS} == {(ALPHA, 0.0)}
+    assert all(SHAPES[goal.indentor] >= goal.doi_mm for goal in GOALS)
+    assert all(SHAPES[shape] > 1 for shape in PRESSED)
+
+
+def test_the_factor_is_that_of_the_references_and_begins_at_one() -> None:
+    for (shape, depth_mm), ratio in RATIOS.items():
+        assert factor(parse_shape(shape), depth_mm) == pytest.approx(ratio, rel=1e-12)
+    assert factor(BAR, 0.0) == 1.0
+    for depth_mm in (0.05, 0.45, 0.85):
+        low, high = sorted(factor(BAR, depth_mm + way) for way in (-0.05, 0.05))
+        assert low < factor(BAR, depth_mm) < high
+
+
+def test_below_the_deepest_reference_the_factor_goes_on_straight() -> None:
+    once, twice, thrice = (np.log(factor(BAR, depth_mm)) for depth_mm in (1.1, 1.2, 1.3))
+    assert thrice - twice == pytest.approx(twice - once, rel=1e-9)
+    assert twice - once > 0.05
+
+
+def test_a_bench_feels_the_linear_twin_times_the_factor_whether_it_relaxes_or_not(finger: Fingertip) -> None:
+    ogden = OgdenFinger.load(finger.config)
+    expected = factor(BAR, 0.4)
+    assert abs(expected - 1) > 0.1
+    pressed = [one.indent("bar:3.0", 0.3, doi_mm=0.4).force_n for one in (ogden, finger)]
+    assert pressed[0] == pytest.approx(expected * pressed[1], rel=1e-9)
+    at = Pose(0.3, finger.touch_height_mm("bar:3.0", 0.3) - finger.apex_height_mm - 0.4)
+    held = []
+    for one in (ogden, finger):
+        press = RelaxingPress(one, "bar:3.0", (PronyTerm(0.3, 0.5),))
+        held.append([press.moved_to(at, step_s) for step_s in (0.1, 0.4)])
+    # Its skin is held by what tissue of its own has borne: alike while the depth, and with it the factor, stays.
+    assert held[0] == pytest.approx([expected * force_n for force_n in held[1]], rel=1e-6)
+    assert held[0][1] < held[0][0]
+
+
+def test_what_no_reference_tells_is_refused(finger: Fingertip) -> None:
+    ogden = OgdenFinger.load(finger.config)
+    with pytest.raises(ModelRangeError, match="flat:2: no references"):
+        ogden.indent("flat:2", doi_mm=0.2)
