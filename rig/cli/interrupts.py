@@ -17,7 +17,7 @@ from rig.transport.clock import WallClock
 STOP_SIGNAL: signal.Signals | None = getattr(signal, "SIGUSR1", None)
 _HANG_UP: signal.Signals | None = getattr(signal, "SIGHUP", None)
 
-Handlers = dict[signal.Signals | None, Callable[[int, FrameType | None], object]]
+Handlers = dict[signal.Signals | None, Callable[[int, FrameType | None], object] | signal.Handlers]
 
 
 _LOOK_S = 0.05
@@ -125,6 +125,13 @@ def at_a_safe_point(pause: Pause | None = None) -> Iterator[Pause]:
 def stoppable() -> Iterator[None]:
     """`rig stop`, and a stop from another thread, are a KeyboardInterrupt from here on."""
     with _handling({STOP_SIGNAL: signal.default_int_handler}):
+        yield
+
+
+@contextmanager
+def unstoppable() -> Iterator[None]:
+    """A `rig stop` that comes now interrupts nothing: what has ended is being written down."""
+    with _handling({STOP_SIGNAL: signal.SIG_IGN}):
         yield
 
 

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import filelock
 
-from rig.cli.interrupts import Pause, interrupt_main, stoppable
+from rig.cli.interrupts import Pause, interrupt_main, stoppable, unstoppable
 from rig.cli.output import complain
 from rig.data import FolderBusyError, RunFolder
 from rig.plan.config import Config
@@ -75,17 +75,18 @@ class Owner:
         return self.switch.noticed()
 
     def record(self, script: Script, config: Config, into: NewRun | StoppedRun) -> None:
-        """See to it that a stop is in the byte log and the journal; nothing where there was none."""
-        if not self.stopped():
-            return
-        self.switch.settled()
-        try:
-            if self.folder is None:
-                self.folder = record_before(script, config, into, virtual=self.virtual)
-                complain(f"the stop is recorded in {self.folder.path}")
-            record_after(self.folder, self._stopped_while, self.switch.kept)
-        except (OSError, FolderBusyError) as error:
-            complain(f"the stop could not be recorded: {error}")
+        """See to it that a stop is in the byte log and the journal, if there was one; from here on none is taken."""
+        with unstoppable():
+            self.switch.over()
+            if not self.switch.stopped:
+                return
+            try:
+                if self.folder is None:
+                    self.folder = record_before(script, config, into, virtual=self.virtual)
+                    complain(f"the stop is recorded in {self.folder.path}")
+                record_after(self.folder, self._stopped_while, self.switch.kept)
+            except (OSError, FolderBusyError) as error:
+                complain(f"the stop could not be recorded: {error}")
 
     def _status(self, _: Mapping[str, Any]) -> dict[str, Any]:
         run = None if self.folder is None else str(self.folder.path)
@@ -120,7 +121,8 @@ def owning(
     """Announce a run, and record the stop that came from elsewhere, if one came.
 
     stage: None for a virtual bench. It is closed by the caller, when nobody can ask any more. Where the run cannot be
-    announced it goes on all the same, and says that no panel can reach it.
+    announced it goes on all the same, and says that no panel can reach it. A stop is recorded, or refused, whenever
+    it comes between the announcement and its end.
     """
     out, virtual = into.out if isinstance(into, NewRun) else into.folder.path.parent, stage is None
     owner = Owner(StopSwitch(stage, interrupt_main), virtual=virtual)
@@ -135,13 +137,14 @@ def owning(
         began_unix_s=WallClock().unix_s(),
     )
     with stoppable(), ExitStack() as announced:
-        announced.callback(owner.switch.settled)
         try:
             socket = announced.enter_context(ControlSocket(about, owner.answers))
             owner.told = lambda run: socket.tell(run=str(run.resolve()))
         except (OSError, filelock.Timeout) as error:
             complain(f"warning: no panel can reach this run: {error}")
+        announced.callback(owner.record, script, config, into)
         try:
+            owner.switch.begins()
             yield owner
         finally:
-            owner.record(script, config, into)
+            owner.switch.over()  # what was on its way ends here; recorded is then what nothing can interrupt

@@ -20,8 +20,9 @@ from rig.cli.run_owner import Owner, owning
 from rig.data import RunFolder
 from rig.plan.config import Config
 from rig.session.control.announcements import RefusedError, announced
+from rig.session.control.control_socket import ControlSocket
 from rig.session.control.stage_in_hand import StageInHand
-from rig.session.control.stop_switch import StopSwitch
+from rig.session.control.stop_switch import EndedError, StopSwitch
 from rig.session.session import NewRun
 from rig.transport import TransportError
 from rig.transport.clock import WallClock
@@ -115,14 +116,13 @@ def test_a_stop_under_way_is_waited_for_before_it_is_recorded(
     owner: Owner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     done: list[str] = []
-    monkeypatch.setattr(owner.switch, "settled", lambda: done.append("settled"))
+    over = owner.switch.over
+    monkeypatch.setattr(owner.switch, "over", lambda: done.append("over") or over())
     monkeypatch.setattr(owning_module, "record_after", lambda *_: done.append("recorded"))
     owner.begins(RunFolder(tmp_path))
-    owner.record(SCRIPT, Config(), NewRun(tmp_path))
-    assert done == []
     _asked(owner, "stop")
     owner.record(SCRIPT, Config(), NewRun(tmp_path))
-    assert done == ["settled", "recorded"]
+    assert done == ["over", "recorded"]
 
 
 @pytest.mark.parametrize("do", ["pause", "go_on"])
@@ -365,6 +365,105 @@ def test_where_a_run_cannot_be_announced_it_goes_on(
     with _owning(NewRun(tmp_path)) as owner:
         owner.begins(RunFolder(tmp_path))
     assert capsys.readouterr().err.startswith("rig: warning: no panel can reach this run: ")
+
+
+# --- a stop at whatever moment of its life ---
+
+
+MOMENTS = {
+    # moment: (whether the stop is taken, whether the run is ended by it)
+    "as it is announced": (True, True),
+    "before it plans": (True, True),
+    "as it plans": (True, True),
+    "as it ends": (True, True),
+    "as it is written down": (False, False),
+    "when nobody can ask any more": (False, False),
+}
+
+
+@pytest.mark.parametrize("moment", MOMENTS)
+def test_a_stop_is_recorded_or_refused_whenever_it_comes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: str
+) -> None:
+    taken, ends = MOMENTS[moment]
+    answers: list[Any] = []
+    recorded: list[str] = []
+    known: list[Owner] = []
+    threads: list[threading.Thread] = []
+
+    def ask() -> None:
+        try:
+            answers.append(_asked(known[0], "stop"))
+        except EndedError as error:
+            answers.append(str(error))
+
+    def at(this: str) -> None:
+        if this == moment and known and not threads:
+            threads.append(threading.Thread(target=ask))
+            threads[0].start()
+            threads[0].join(DEADLINE_S)
+
+    class Known(Owner):
+        def __init__(self, *about: Any, **more: Any) -> None:
+            super().__init__(*about, **more)
+            known.append(self)
+
+    class Announced(ControlSocket):
+        def __enter__(self) -> ControlSocket:
+            socket = super().__enter__()
+            at("as it is announced")
+            return socket
+
+        def __exit__(self, *error: Any) -> None:
+            super().__exit__(*error)
+            at("when nobody can ask any more")
+
+    begins, over = StopSwitch.begins, StopSwitch.over
+
+    def beginning(switch: StopSwitch) -> None:
+        at("before it plans")
+        begins(switch)
+
+    def ending(switch: StopSwitch) -> None:
+        at("as it ends")
+        over(switch)
+        at("as it is written down")
+
+    monkeypatch.setattr(owning_module, "Owner", Known)
+    monkeypatch.setattr(owning_module, "ControlSocket", Announced)
+    monkeypatch.setattr(StopSwitch, "begins", beginning)
+    monkeypatch.setattr(StopSwitch, "over", ending)
+    monkeypatch.setattr(
+        owning_module, "record_before", lambda *_, **__: recorded.append("its folder") or RunFolder(tmp_path / "own")
+    )
+    monkeypatch.setattr(owning_module, "record_after", lambda *_: recorded.append("the stop"))
+    ended = False
+    try:
+        with _owning(NewRun(tmp_path), virtual=True):
+            at("as it plans")
+    except KeyboardInterrupt:
+        ended = True
+    threads[0].join(DEADLINE_S)
+    assert answers == [{"stopped": True} if taken else "it has just ended: nothing of it moves any more"]
+    assert recorded == (["its folder", "the stop"] if taken else [])
+    assert ended is ends
+
+
+def test_a_signal_does_not_cut_short_what_writes_a_stop_down(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`rig stop` sends it to whoever has the port and refuses to be asked."""
+    written: list[str] = []
+
+    def record(*_: object) -> None:
+        interrupt_main()
+        until(lambda: not signal.sigpending())
+        written.append("whole")
+
+    monkeypatch.setattr(owning_module, "record_after", record)
+    with _owning(NewRun(tmp_path), virtual=True) as owner:
+        owner.begins(RunFolder(tmp_path))
+        owner.switch._interrupt_main = lambda: None
+        owner.switch.stop()
+    assert written == ["whole"]
 
 
 @pytest.mark.parametrize("began", [False, True])

@@ -112,6 +112,7 @@ def test_in_every_phase_a_stop_is_the_next_byte_on_the_wire(
     hand = None if kind == "dry-run" else ports.held().open()
     interrupts: list[int] = []
     owner, log = Owner(StopSwitch(hand, lambda: interrupts.append(1)), virtual=hand is None), io.StringIO()
+    owner.switch.begins()
     stage: Stage | None = None
     if phase in ("running", "reporting"):
         owner.at("running")

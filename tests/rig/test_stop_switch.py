@@ -8,7 +8,7 @@ import pytest
 
 from rig.devices.stage.base import StageError
 from rig.engine import LimitError
-from rig.session.control.stop_switch import StopSwitch, answer_to_a_stop
+from rig.session.control.stop_switch import EndedError, StopSwitch, answer_to_a_stop
 from rig.session.running import stopped_at_once
 from rig.transport import TransportError
 from tests.waiting import DEADLINE_S
@@ -40,7 +40,9 @@ def stage() -> Any:
 
 @pytest.fixture
 def switch(stage: Any, interrupts: list[str]) -> StopSwitch:
-    return StopSwitch(stage, lambda: interrupts.append("main"))
+    switch = StopSwitch(stage, lambda: interrupts.append("main"))
+    switch.begins()
+    return switch
 
 
 def test_the_stage_is_told_before_the_main_thread_is(switch: StopSwitch, stage: Any, interrupts: list[str]) -> None:
@@ -78,6 +80,7 @@ def test_whoever_asked_is_told_what_was_not_confirmed(problem: Exception) -> Non
 
 def test_on_a_virtual_bench_the_main_thread_stops(interrupts: list[str]) -> None:
     switch = StopSwitch(None, lambda: interrupts.append("main"))
+    switch.begins()
     switch.stop()
     assert (interrupts, switch.kept, switch.stopped) == (["main"], "", True)
 
@@ -110,27 +113,86 @@ def test_where_nothing_was_stopped_noticing_changes_nothing(switch: StopSwitch, 
     assert interrupts == ["main"]
 
 
-def test_a_stop_under_way_is_waited_for(switch: StopSwitch, stage: Any) -> None:
-    begun, over, settled = threading.Event(), threading.Event(), threading.Event()
+def test_a_stop_before_the_main_thread_begins_is_known_to_it_when_it_does(stage: Any, interrupts: list[str]) -> None:
+    switch = StopSwitch(stage, lambda: interrupts.append("main"))
+    switch.stop()
+    assert (stage.told, interrupts) == (1, []), "where it is would record nothing"
+    with pytest.raises(KeyboardInterrupt):
+        switch.begins()
+    switch.stop()
+    assert (stage.told, interrupts) == (2, []), "it is ending already"
+
+
+def test_a_stop_under_way_when_the_main_thread_begins_ends_it_once(stage: Any, interrupts: list[str]) -> None:
+    switch = StopSwitch(stage, lambda: interrupts.append("main"))
+    begun: list[str] = []
+
+    def begins() -> None:
+        with pytest.raises(KeyboardInterrupt):
+            switch.begins()
+        begun.append("main")
+
+    stage.act = begins
+    switch.stop()
+    assert (begun, interrupts) == (["main"], [])
+
+
+def test_from_its_end_on_nothing_is_interrupted_and_no_stop_is_taken(
+    switch: StopSwitch, stage: Any, interrupts: list[str]
+) -> None:
+    switch.over()
+    with pytest.raises(EndedError, match=r"^it has just ended: nothing of it moves any more$"):
+        switch.stop()
+    assert (stage.told, interrupts, switch.stopped) == (0, [], False)
+
+
+def test_the_end_waits_for_a_stop_under_way(switch: StopSwitch, stage: Any) -> None:
+    begun, go_on, ended = threading.Event(), threading.Event(), threading.Event()
 
     def slow() -> None:
         begun.set()
-        assert over.wait(DEADLINE_S)
+        assert go_on.wait(DEADLINE_S)
 
-    def wait() -> None:
-        switch.settled()
-        settled.set()
+    def end() -> None:
+        switch.over()
+        ended.set()
 
     stage.act = slow
-    threads = [threading.Thread(target=switch.stop), threading.Thread(target=wait)]
+    threads = [threading.Thread(target=switch.stop), threading.Thread(target=end)]
     threads[0].start()
     assert begun.wait(DEADLINE_S)
     threads[1].start()
-    assert not settled.is_set()
-    over.set()
+    assert not ended.is_set()
+    go_on.set()
     for thread in threads:
         thread.join(DEADLINE_S)
-    assert settled.is_set()
+    assert ended.is_set()
+    assert switch.stopped
+
+
+def test_no_interrupt_is_on_its_way_when_the_end_has_come(stage: Any) -> None:
+    """It would cut short what writes the stop down."""
+    sending, sent, ended = threading.Event(), threading.Event(), threading.Event()
+
+    def interrupt() -> None:
+        sending.set()
+        assert not ended.wait(0.05)
+        sent.set()
+
+    def end() -> None:
+        assert sending.wait(DEADLINE_S)
+        switch.over()
+        assert sent.is_set()
+        ended.set()
+
+    switch = StopSwitch(stage, interrupt)
+    switch.begins()
+    threads = [threading.Thread(target=end), threading.Thread(target=switch.stop)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(DEADLINE_S)
+    assert ended.is_set()
 
 
 # --- what the main thread makes of it ---
