@@ -142,6 +142,35 @@ def test_a_stop_is_on_the_wire_and_on_record_whatever_the_run_is_at(
         run.ask("status")
 
 
+def _stopped_as_soon_as_announced(run: Elsewhere) -> None:
+    """Everything that has a run announces it before it can be interrupted."""
+    assert run.ask("stop") == {"ok": True, "stopped": True}
+    code, _, err = run.end()
+    assert code == 130, err
+    assert f"the stop is recorded in {run.folder}\n" in err
+    *_, last = run.documents
+    assert (last["status"], last["stopped_while"], last["indentor"]["left"]) == ("aborted", "planning", "not moved")
+    assert state_of(read_run(run.folder)) == "aborted"
+
+
+@pytest.mark.parametrize("command", ["run", "meet"])
+def test_a_stop_as_soon_as_a_run_is_announced_is_on_record(
+    elsewhere: Callable[..., Elsewhere], whole: tuple[ServedBench, Path], tmp_path: Path, command: str
+) -> None:
+    to = ["--to", tmp_path / "finger.toml"] if command == "meet" else []
+    run = elsewhere(decides(), command, "--yes", "--config", whole[1], *to)
+    _stopped_as_soon_as_announced(run)
+    assert run.sent == [STOP]
+
+
+@pytest.mark.parametrize("command", ["dry-run", "meet"])
+def test_a_stop_as_soon_as_a_rehearsal_is_announced_is_on_record(
+    elsewhere: Callable[..., Elsewhere], tmp_path: Path, command: str
+) -> None:
+    dry = ["--dry-run", "--to", tmp_path / "finger.toml"] if command == "meet" else []
+    _stopped_as_soon_as_announced(elsewhere(decides(), command, *dry))
+
+
 def test_a_stop_while_the_report_is_made_leaves_the_data_what_they_are(
     elsewhere: Callable[..., Elsewhere], whole: tuple[ServedBench, Path], finger: Fingertip, rig: Program
 ) -> None:
