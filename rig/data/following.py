@@ -20,10 +20,11 @@ class Following:
         most: bytes, more than the longest line; what is beyond them is left, too. Without it all that there is.
         """
         try:
-            with self._path.open("rb") as file:
+            # without a buffer (128 KiB from Python 3.14 on), and never room for more than there is: buffers made and
+            # cut to size twenty times a second leave holes in the heap
+            with self._path.open("rb", buffering=0) as file:
                 file.seek(self._at)
                 there = max(os.fstat(file.fileno()).st_size - self._at, 0)
-                # never room for more than there is: buffers cut to size twenty times a second leave holes in the heap
                 whole, end, _ = file.read(there if most < 0 else min(there, most)).rpartition(b"\n")
         except FileNotFoundError:
             return []
