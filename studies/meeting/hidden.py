@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NoReturn
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.data import RunFolder
 from rig.devices.units import GWT_N
@@ -13,14 +14,15 @@ from rig.session.virtual.virtual_bench import VirtualBench, bench_around
 from rig.session.virtual.virtual_devices import relaxation, truth
 from rig.transport.byte_log import Sink
 from sim.devices.clock import VirtualClock
-from sim.models.meeting.given import RampAndHold
+from sim.models.meeting.given import RampAndHold, Way
 from sim.models.meeting.next_press import PressAt
 from sim.plant.plant import Carriage, Pose
-from sim.plant.relaxing_plant import RelaxingPlant
+from sim.plant.relaxing_plant import RelaxingPlant, RelaxingPress
 from studies.meeting.strangers import Stranger
 
+Array = NDArray[np.float64]
+
 _SLIPS_AT = 3  # indentors
-_DEPTHS = 25
 
 
 class TruthReadError(AssertionError):
@@ -101,20 +103,22 @@ class Keeper:
         self._over = True
 
     def held_gwt(self, goal: PressAt, pace: RampAndHold) -> float:
-        """The force that the goal's press would be answered with, in its hold."""
+        """The force that the bench answers the goal's press with, in its hold."""
         if not self._over:
             raise TruthReadError("the truth was asked for before the meeting had ended")
-        config, way = self._stranger.config, goal.way(pace)
+        config, way, period_s = self._stranger.config, goal.way(pace), self._stranger.config.force.sample_period_s
+        press = RelaxingPress(self._finger, goal.indentor, relaxation(config), truth(config))
         x_mm = goal.x_mm - config.virtual.finger_x_offset_mm
-        finger, virtual = self._finger.keeping_ways(), config.virtual
-        depth_mm = np.linspace(0.0, goal.doi_mm, _DEPTHS)
-        forces_gwt = np.array([
-            finger.indent(goal.indentor, x_mm, doi_mm=d).force_gwt if d > 0 else 0.0 for d in depth_mm.tolist()
-        ])  # fmt: skip
-        forces_gwt *= virtual.stiffness
-        gone_mm = depth_mm + virtual.compliance_mm_per_n * GWT_N * forces_gwt  # by the stage: the rig gives, too
-        elastic = np.interp(-way.height_mm, gone_mm, forces_gwt)
-        terms = virtual.relaxation
-        lasting = 1 - sum(share for share, _ in terms)
-        left = lasting * elastic[way.lowest] + sum(share * way.fading(tau_s) @ elastic for share, tau_s in terms)
-        return float(left[-pace.readings :].mean())
+        touch_mm = self._finger.touch_height_mm(goal.indentor, x_mm) - self._finger.apex_height_mm
+        t_s: Array = np.arange(1, int(np.ceil(way.asked_s[-1] / period_s)) + 1) * period_s
+        forces_gwt = [
+            press.moved_to(Pose(x_mm, touch_mm + height_mm), period_s) / GWT_N
+            for height_mm in _height_mm(way, t_s).tolist()
+        ]
+        return float(np.interp(way.asked_s[-pace.readings :], t_s, forces_gwt).mean())
+
+
+def _height_mm(way: Way, t_s: Array) -> Array:
+    """Of the indentor over first touch at any times: it moves in the first half of the time between two heights."""
+    corners_s = np.stack([way.ended_s, way.t_s], axis=1).ravel()
+    return np.asarray(np.interp(t_s, corners_s, np.repeat(way.height_mm, 2)))

@@ -1,6 +1,8 @@
 """Meets fingers whose truth only the bench knows, and tells how well: the table of docs/meet.md.
 
-.venv/bin/python -m studies.meeting [ROWS] [--inside N] [--outside N]    # 200 and 40; resumes what ROWS has
+.venv/bin/python -m studies.meeting [ROWS] [--inside N] [--outside N] [--first SEED]    # 200, 40 and 0
+
+What ROWS has is not met again.
 
 Each finger is met over the bytes of a virtual bench on a virtual clock. Whoever meets it has the coarse mesh, the
 bench another; the cell has 0.02 gwt of noise. Each finger that is done is a line of ROWS (default: meeting.jsonl).
@@ -140,11 +142,13 @@ def main() -> None:
     asked.add_argument("rows", nargs="?", type=Path, default=Path("meeting.jsonl"))
     asked.add_argument("--inside", type=int, default=200)
     asked.add_argument("--outside", type=int, default=40)
+    asked.add_argument("--first", type=int, default=0)
     given = asked.parse_args()
     kept = [json.loads(line) for line in given.rows.read_text().splitlines()] if given.rows.exists() else []
     given.rows.parent.mkdir(parents=True, exist_ok=True)
     there = {(row["of"], row["seed"]) for row in kept}
-    jobs = [("inside", seed) for seed in range(given.inside)] + [("outside", seed) for seed in range(given.outside)]
+    many = {"inside": given.inside, "outside": given.outside}
+    jobs = [(of, given.first + k) for of, n in many.items() for k in range(n)]
     missing = [job for job in jobs if job not in there]
     if missing:
         print("tables of the shapes …", file=sys.stderr, flush=True)

@@ -3,6 +3,7 @@
 import json
 import math
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -43,6 +44,7 @@ from sim.models.fingertip import Fingertip
 from sim.models.meeting.given import Given, Way
 from sim.models.meeting.next_press import PressAt
 from sim.models.meeting.prior import TAU_FAST_S, Prior
+from sim.models.meeting.width import standard_deviations
 from sim.models.relaxing.prony import Memory, Prony, PronyTerm
 from sim.plant.plant import Carriage, TruePose
 from tests.made_up_fingers import made_up
@@ -161,7 +163,8 @@ def test_a_press_is_read_back_as_it_was_journalled(met: tuple[Meeting, FinishedR
     assert given.way.height_mm[-1] == pytest.approx(min(s["height_mm"] for s in samples))
     assert given.way.height_mm[0] >= given.contact_mm
     assert given.by_depth.height_mm[-1] == pytest.approx(-meeting.told[0].press.doi_mm, abs=0.003)
-    assert given.way.asked_s[-1] == [s["t_s"] for s in samples if s["phase"] == "hold"][-1]
+    age_s = SETTINGS.force.sample_period_s
+    assert given.way.asked_s[-1] == pytest.approx([s["t_s"] for s in samples if s["phase"] == "hold"][-1] - age_s)
     assert (np.diff(given.way.asked_s) > 0).all()
     assert given.noise_gwt == pytest.approx(0.01, rel=0.5)
     assert abs(given.zero_gwt) < 0.02
@@ -186,10 +189,28 @@ def test_a_soft_finger_that_is_touched_as_deep_as_it_is_pressed_has_told_somethi
     assert without("press", "hold") is None
 
 
+def test_a_reading_is_of_the_height_that_it_was_taken_at_however_late_the_cell(
+    met: tuple[Meeting, FinishedRun],
+) -> None:
+    run = read_run(met[1].folder.path)
+    late = SETTINGS.model_copy(update={"force": SETTINGS.force.model_copy(update={"latency_s": 1.0})})
+    ready, old = given_press(run.events, 0, SETTINGS), given_press(run.events, 0, late)
+    assert ready is not None
+    assert old is not None
+    by_time = {s["t_s"]: s["height_mm"] for s in run.stream("sample") if s["index"] == 0}
+    for given in (ready, old):
+        assert (given.way.asked_s >= given.way.ended_s[given.way.lowest]).all()
+        assert (given.way.lowest == ready.way.lowest).all()
+        at = given.way.t_s[given.way.lowest]
+        assert given.way.height_mm[given.way.lowest] == pytest.approx([by_time[t] for t in at])
+    assert (old.way.asked_s < ready.way.asked_s).any()
+
+
 def test_what_a_rig_gives_is_taken_off_the_heights(met: tuple[Meeting, FinishedRun]) -> None:
     _, done = met
     run = read_run(done.folder.path)
-    given = SimpleNamespace(calibration=SimpleNamespace(value=lambda key, otherwise: 0.5))
+    calibration = SimpleNamespace(value=lambda key, otherwise: 0.5)
+    given = SimpleNamespace(calibration=calibration, force=SETTINGS.force)
     stiff, soft = given_press(run.events, 0, SETTINGS), given_press(run.events, 0, given)  # type: ignore[arg-type]
     assert stiff is not None
     assert soft is not None
@@ -217,7 +238,24 @@ def test_the_file_reads_back_and_says_where_it_comes_from(met: tuple[Meeting, Fi
     assert np.mean(stiffness) == pytest.approx(column.mean(), abs=column.std())
     assert file.finger.tissue.stiffness == pytest.approx(math.exp(meeting.learned.likeliest[0]), rel=1e-4)
     assert file.relaxation[0][1] == TAU_FAST_S
-    assert file.met.band.model_error == course.MODEL_ERROR
+    assert file.met.band.model_error == pytest.approx(meeting.own_error, abs=1e-6)
+
+
+@pytest.mark.parametrize(("off", "wider"), [(0.3, 1.0), (1.0, 1.0), (4.0, 2.0)])
+def test_a_band_is_wider_where_readings_are_farther_off_than_usual(
+    met: tuple[Meeting, FinishedRun], off: float, wider: float
+) -> None:
+    meeting = Meeting(SETTINGS, FORESEEN, Wanted(GOALS))
+    assert meeting.own_error == course.MODEL_ERROR
+    learned = met[0].learned
+    usual = course.USUAL_MISFIT * int(learned.readings.sum())
+    meeting.learned = replace(learned, total=off * usual)
+    assert meeting.own_error == pytest.approx(wider * course.MODEL_ERROR)
+    spread = [np.log(w.high / w.low) / (2 * standard_deviations()) for w in meeting.widths]
+    alone = meeting.chooser.goal_widths(learned, 0.0)
+    for one, own in zip(spread, alone, strict=True):
+        drawn = np.log(own.high / own.low) / (2 * standard_deviations())
+        assert one == pytest.approx(np.hypot(drawn, wider * course.MODEL_ERROR))
 
 
 @pytest.mark.parametrize("page", [True, False])

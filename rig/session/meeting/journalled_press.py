@@ -2,6 +2,7 @@
 
 import math
 import statistics
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -40,7 +41,14 @@ def given_press(events: Events, index: int, settings: RigSettings) -> Given | No
         np.array([s["height_mm"] + _given_mm(s["force_gwt"], given_mm) for s in down]),
         np.array([s["t_s"] for s in asked]),
     )
+    # The last sample is half a period old, and is on the wire for about as long.
+    way = _as_felt(way, settings.force.latency_s + settings.force.sample_period_s)
     return Given(way, np.array([s["force_gwt"] for s in asked]) - zero, noise, zero_sd, zero, contact_mm)
+
+
+def _as_felt(way: Way, age_s: float) -> Way:
+    """The same, asked for when the readings were felt, none before the move that it came after had ended."""
+    return replace(way, asked_s=np.maximum(way.asked_s - age_s, way.ended_s[way.lowest]))
 
 
 def _of_press(events: Events, stream: str, index: int) -> list[dict[str, Any]]:

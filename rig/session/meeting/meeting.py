@@ -1,5 +1,6 @@
 """The course of a meeting: which press comes next, what it said, and when it is enough. Moves nothing."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -39,8 +40,9 @@ TOUCH_SD_MM = 0.015
 FELT_GWT = 0.1
 """What counts as a touch: five times the noise of a cell, since where the skin lies is fitted afterwards."""
 
-MODEL_ERROR = 0.025
-"""Relative sd of a force on a shape that was not pressed, beside the spread of the likely fingers (docs/meet.md)."""
+MODEL_ERROR, USUAL_MISFIT = 0.018, 0.8
+"""Relative sd of a force on a shape that was not pressed, beside the spread of the likely fingers, and how far
+off the likeliest usually is: squared standardised distance over the number of readings (docs/meet.md)."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +116,13 @@ class Meeting:
     @property
     def widths(self) -> list[Width]:
         """How well the force of each goal is known."""
-        return self.chooser.goal_widths(self.learned, MODEL_ERROR)
+        return self.chooser.goal_widths(self.learned, self.own_error)
+
+    @property
+    def own_error(self) -> float:
+        """Relative sd of a force beside the spread: by so much more as readings are farther off (Birge's ratio)."""
+        readings = max(int(self.learned.readings.sum()), 1)
+        return MODEL_ERROR * math.sqrt(max(self.learned.total / (USUAL_MISFIT * readings), 1.0))
 
     @property
     def widest(self) -> float:

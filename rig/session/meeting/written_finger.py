@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rig.plan.config import Config
 from rig.plan.met.finger_file import Band, Draw, FingerFile, Met, Place, Posterior
-from rig.session.meeting.meeting import MODEL_ERROR, Meeting
+from rig.session.meeting.meeting import Meeting
 from sim.models.meeting.in_numbers import series_of, tissue_of
 from sim.models.meeting.prior import Prior
 from sim.models.meeting.width import COVERAGE
@@ -52,7 +52,7 @@ def finger_file(meeting: Meeting, config: Config, journals: Sequence[Path]) -> F
             covariance=tuple(tuple(float(f"{v:.6g}") for v in row) for row in learned.covariance),
         ),
         draw=tuple(_draw(prior, one) for one in _spread(learned.draws)),
-        band=Band(model_error=MODEL_ERROR, coverage=COVERAGE),
+        band=Band(model_error=_fine(meeting.own_error), coverage=COVERAGE),
     )
     return FingerFile(
         finger=config.finger.model_copy(update={"tissue": tissue}), relaxation=likeliest.relaxation, met=met

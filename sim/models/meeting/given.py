@@ -20,20 +20,24 @@ class Way:
 
     indentor: str
     x_mm: float  # as the stage has it
-    t_s: Array  # (p,) of the heights
+    t_s: Array  # (p,) until when it stays there
     height_mm: Array  # (p,) above where the apex is believed to be; of a way by depth, less the depth
     asked_s: Array  # (r,) when a force is asked for
     by_depth: bool = False  # heights are counted from first touch
 
     @property
     def lowest(self) -> NDArray[np.intp]:
-        """(r,) which height it has then."""
-        return np.searchsorted(self.t_s, self.asked_s + 1e-9, side="right") - 1
+        """(r,) which height it has then, or goes from."""
+        return np.searchsorted(self.ended_s, self.asked_s + 1e-9, side="right") - 1
+
+    @property
+    def ended_s(self) -> Array:
+        """(p,) when it came to the heights."""
+        return np.asarray(self.t_s - 0.5 * np.diff(self.t_s, prepend=self.t_s[:1]))
 
     def fading(self, tau_s: float) -> Array:
         """(r, p) what a term of relaxation has left of elastic forces at the heights."""
-        moved_s = 0.5 * np.diff(self.t_s, prepend=self.t_s[:1])
-        return Moves(self.t_s - moved_s, moved_s).fading(tau_s, self.asked_s, self.lowest)
+        return Moves(self.ended_s, self.t_s - self.ended_s).fading(tau_s, self.asked_s, self.lowest)
 
 
 @dataclass(frozen=True)
