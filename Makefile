@@ -34,6 +34,7 @@ studies: study-bench
 	$(BIN)/python -m studies.coding.pages study --draws 200
 	OMP_NUM_THREADS=1 $(BIN)/python -m studies.finite_strain.tables study/finite_strain
 	OMP_NUM_THREADS=1 $(BIN)/python -m studies.stiffening.fitted
+	OMP_NUM_THREADS=1 $(BIN)/python -m studies.stiffening.confirmed study/stiffening_calculix.jsonl
 	OMP_NUM_THREADS=1 $(BIN)/python -m studies.stiffening.in_time
 	OMP_NUM_THREADS=1 $(BIN)/python -m studies.meeting study/meeting.jsonl
 

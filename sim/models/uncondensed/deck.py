@@ -25,6 +25,7 @@ _PER_LINE = 12
 _INDENTOR_HALF_MM = 3.4
 _INDENTOR_TOP_MM = 1.0
 _STEEP = 20.0
+_NO_HIGHER_POWER = 1e20  # 1/MPa: CalculiX takes powers of J − 1 over such numbers, and 0 for a default of its own
 CONTACT_STIFFNESS_MPA_PER_MM = 2000.0
 
 
@@ -32,9 +33,8 @@ CONTACT_STIFFNESS_MPA_PER_MM = 2000.0
 class MeshedFinger:
     """A finger mesh and the stiffness of its layers, E(epidermis) in MPa. Raises MeshError for quadratic elements.
 
-    Raises ModelRangeError for tissue that stiffens.
-
-    At finite strain layers are neo-Hookean with the same small-strain moduli; in plane strain nothing moves along z.
+    At finite strain layers are Yeoh's, neo-Hookean where tissue does not stiffen, with the same small-strain moduli. At
+    small strain it may not: ModelRangeError. In plane strain nothing moves along z.
     """
 
     config: FingertipConfig
@@ -44,7 +44,8 @@ class MeshedFinger:
     plane_strain: bool = False
 
     def __post_init__(self) -> None:
-        refuse_stiffening(self.config.tissue, "a deck")
+        if not self.finite_strain:
+            refuse_stiffening(self.config.tissue, "a deck")
         if self.mesh.order > 1:
             raise MeshError('mesh.element = "quadratic": a deck has elements of eight nodes, expected "full"')
 
@@ -57,6 +58,17 @@ def write_load_deck(path: Path, finger: MeshedFinger, nodes: Ints, force_n: Arra
         for node, force in zip(nodes + 1, force_n, strict=True):
             file.writelines(f"{node},{axis},{value:.12g}\n" for axis, value in enumerate(force, 1) if value)
         file.write("*NODE PRINT,NSET=NALL\nU\n*NODE PRINT,NSET=NFIX,TOTALS=ONLY\nRF\n*END STEP\n")
+
+
+def write_held_deck(path: Path, finger: MeshedFinger, nodes: Ints, displacement_mm: Array) -> None:
+    """The finger with n of its nodes held where (n, 3) mm move them; prints displacements, then their reactions."""
+    with path.open("w", encoding="ascii") as file:
+        _write_finger(file, finger)
+        _write_set(file, "*NSET,NSET=NHELD", nodes)
+        file.write(_step(finger, "*STEP,INC=200") + "*STATIC,SOLVER=SPOOLES\n0.25,1.\n*BOUNDARY\n")
+        for node, moved in zip(nodes + 1, displacement_mm, strict=True):
+            file.writelines(f"{node},{axis},{axis},{value:.12g}\n" for axis, value in enumerate(moved, 1))
+        file.write("*NODE PRINT,NSET=NALL\nU\n*NODE PRINT,NSET=NHELD\nRF\n*END STEP\n")
 
 
 def write_contact_deck(
@@ -106,12 +118,15 @@ def _write_finger(file: TextIO, finger: MeshedFinger) -> None:
 
 
 def _law(finger: MeshedFinger, young_mpa: float) -> str:
-    """Hooke's, or CalculiX's U = C10 (Ī₁ − 3) + (J − 1)² / D1."""
-    poisson = finger.config.tissue.poisson
+    """Hooke's, or CalculiX's U = C10 (Ī₁ − 3) + C20 (Ī₁ − 3)² + (J − 1)² / D1."""
+    poisson, stiffening = finger.config.tissue.poisson, finger.config.tissue.stiffening
     if not finger.finite_strain:
         return f"*ELASTIC\n{young_mpa:.12g},{poisson:.12g}\n"
     mu, kappa = young_mpa / (2 * (1 + poisson)), young_mpa / (3 * (1 - 2 * poisson))
-    return f"*HYPERELASTIC,NEO HOOKE\n{0.5 * mu:.12g},{2 / kappa:.12g}\n"
+    if stiffening == 0:
+        return f"*HYPERELASTIC,NEO HOOKE\n{0.5 * mu:.12g},{2 / kappa:.12g}\n"
+    higher = f"{_NO_HIGHER_POWER:.0e},{_NO_HIGHER_POWER:.0e}"
+    return f"*HYPERELASTIC,YEOH\n{0.5 * mu:.12g},{0.5 * mu * stiffening:.12g},0.,{2 / kappa:.12g},{higher}\n"
 
 
 def _step(finger: MeshedFinger, card: str) -> str:
