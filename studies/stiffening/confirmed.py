@@ -2,8 +2,8 @@
 
     OMP_NUM_THREADS=1 .venv/bin/python -m studies.stiffening.confirmed FILE     # needs ccx; minutes
 
-On the meshes of the references, with bricks that are fully integrated on both sides. What our contact touches is moved
-to where we have it: CalculiX's displacements everywhere else are to be ours, and its reactions the loads of our
+On the meshes of the references, with bricks that are fully integrated on both sides. What our contact touches is held
+where we have it: CalculiX's displacements everywhere else are to be ours, and its reactions the loads of our
 contact, square to the indentor. (Under the same loads as dead ones a deep press has other states of rest, too.)
 """
 

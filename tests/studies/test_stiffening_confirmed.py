@@ -50,7 +50,7 @@ def test_without_stiffening_it_is_neo_hookean_and_at_small_strain_it_is_refused(
 
 
 def test_the_page_says_what_was_confirmed() -> None:
-    """Both are relative to the largest. CalculiX prints seven digits, and ends an increment at 0.5 % of a residual."""
+    """Both are relative to the largest. CalculiX prints seven digits; its increments end at 0.5 % of a residual."""
     rows = read(KEPT)
     kept = {(Scene(row["finger"], row["shape"], row["stiffening"]), row["doi_mm"]) for row in rows}
     assert kept == {*confirmed.CASES}

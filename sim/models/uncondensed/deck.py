@@ -33,8 +33,8 @@ CONTACT_STIFFNESS_MPA_PER_MM = 2000.0
 class MeshedFinger:
     """A finger mesh and the stiffness of its layers, E(epidermis) in MPa. Raises MeshError for quadratic elements.
 
-    At finite strain layers are Yeoh's, neo-Hookean where tissue does not stiffen, with the same small-strain moduli. At
-    small strain it may not: ModelRangeError. In plane strain nothing moves along z.
+    At finite strain layers are Yeoh's, neo-Hookean where tissue does not stiffen, with the same small-strain moduli.
+    At small strain it may not: ModelRangeError. In plane strain nothing moves along z.
     """
 
     config: FingertipConfig
