@@ -110,7 +110,7 @@ class Keeper:
         press = RelaxingPress(self._finger, goal.indentor, relaxation(config), truth(config))
         x_mm = goal.x_mm - config.virtual.finger_x_offset_mm
         touch_mm = self._finger.touch_height_mm(goal.indentor, x_mm) - self._finger.apex_height_mm
-        t_s: Array = np.arange(1, int(np.ceil(way.asked_s[-1] / period_s)) + 1) * period_s
+        t_s = np.arange(1.0, np.ceil(way.asked_s[-1] / period_s) + 1) * period_s
         forces_gwt = [
             press.moved_to(Pose(x_mm, touch_mm + height_mm), period_s) / GWT_N
             for height_mm in _height_mm(way, t_s).tolist()

@@ -1,5 +1,7 @@
 """Quick forces over the parameters of a prior: tables, places, heights, relaxation."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -92,6 +94,8 @@ def test_a_height_and_a_place_that_are_not_known_shift_the_way() -> None:
 
 def test_relaxation_is_that_of_the_series_step_by_step() -> None:
     foreseen, way = made_up(), nominal_way("sphere:4", 0.0, 0.42, RampAndHold(), (0.5, 1.0))
+    soon_s = 0.25 * way.t_s[3] + 0.75 * way.t_s[4]  # after a move, before the next
+    way = replace(way, asked_s=np.sort([*way.asked_s, soon_s]))
     finger = _finger(share_fast=0.25, share_slow=0.15, ln_tau_slow_s=np.log(1.1))
     elastic = foreseen.elastic_gwt(finger, way)[0]
     memory, now_s, at, felt = Memory.none(Prony([PronyTerm(0.25, TAU_FAST_S), PronyTerm(0.15, 1.1)])), 0.0, 0, []
@@ -112,6 +116,8 @@ def test_a_nominal_way_goes_down_by_increments_and_is_asked_in_its_hold() -> Non
     assert way.t_s == pytest.approx(0.15 * np.arange(6))
     assert way.asked_s == pytest.approx([0.3, 0.75, 0.875, 1.125, 1.375, 1.625])
     assert way.lowest.tolist() == [2, 5, 5, 5, 5, 5]
+    assert way.ended_s == pytest.approx([0.0, 0.075, 0.225, 0.375, 0.525, 0.675])
+    assert replace(way, asked_s=np.array([0.22, 0.23, 0.3])).lowest.tolist() == [1, 2, 2]
 
 
 @pytest.mark.parametrize("stiffening", [0.05, 0.6])
