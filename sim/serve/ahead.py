@@ -1,7 +1,8 @@
 """Forces in real time, from a finger in another process: what is known by when it is asked for, and what is not.
 
 For a force that is not known yet the last one before it stands in. It is not called fresh, and it is counted; after
-STALE_S it is no answer at all.
+STALE_S it is no answer at all, and one line says so. Nothing queues: the process has one question at a time, and what
+it is asked next is chosen when it has answered, of where the indentor is by then and will be.
 """
 
 import math
@@ -15,6 +16,8 @@ from sim.serve.wall_clock import WallScheduler
 
 STALE_S = 0.5
 _SHORTEST_S = 0.01  # between two solves
+_ON_GRID = 1e-6  # of a period: round-off
+_FARTHEST_S = STALE_S / 2  # ahead: beyond that plans change before they come
 
 
 @dataclass
@@ -50,8 +53,10 @@ class Ahead(ABC):
         """period_s: of the samples; complain gets one line each time the finger begins to have no answer."""
         self._scheduler, self._process, self._complain = scheduler, process, complain
         self._period_s = max(period_s, _SHORTEST_S)
-        self._troubled = False
+        self._troubled = self._too_late = False
         self._last_n, self._last_s = math.nan, -math.inf
+        self._noted = self._index() - 1
+        self._asked_s, self._took = math.inf, 1
         self.statistics = PressStatistics()
         self.ended = False  # there is no finger any more; the scheduler has been stopped
 
@@ -79,6 +84,9 @@ class Ahead(ABC):
         if stale_s <= STALE_S:
             return self._last_n
         self.statistics.unknown += 1
+        if not self._too_late:
+            self._complain(f"the virtual finger has no force for {stale_s:.1f} s: this machine is too busy for it")
+        self._too_late = True
         return math.nan
 
     def fresh(self, t_s: float) -> bool:
@@ -96,20 +104,33 @@ class Ahead(ABC):
         self._tick()
 
     def _tick(self) -> None:
-        self._note(self._index() * self._period_s)
+        """A loop that was kept from running may have missed some instants."""
+        now = self._index()
+        for index in range(max(self._noted + 1, now - math.ceil(STALE_S / self._period_s)), now + 1):
+            self._note(index * self._period_s)
+        self._noted = now
         self._ask_next()
         self._scheduler.call_at((self._index() + 1) * self._period_s, self._tick)
 
     def _note(self, t_s: float) -> None:
         """Keep the force of a sample instant that is past, if it is known and newer than the one kept."""
+        if not self._last_s < t_s <= self._scheduler.monotonic_s():
+            return
         known = self._known_at(t_s)
-        if known is not None and self._last_s < t_s <= self._scheduler.monotonic_s():
-            self._last_n, self._last_s = known, t_s
+        if known is not None:
+            self._last_n, self._last_s, self._too_late = known, t_s, False
+
+    def _samples_ahead(self) -> int:
+        """How many samples from now the answer to what is asked now will be there, as the last one was."""
+        self._asked_s = self._scheduler.monotonic_s()
+        return self._took
 
     def _index(self) -> int:
         return sample_at(self._scheduler.monotonic_s(), self._period_s)
 
     def _on_answer(self) -> None:
+        took_s = min(self._scheduler.monotonic_s() - self._asked_s, _FARTHEST_S)
+        self._took = max(math.ceil(took_s / self._period_s - _ON_GRID), 1)
         try:
             self._take_answer()
         except (EOFError, OSError):

@@ -61,9 +61,10 @@ class PressAhead(Ahead):
         """
         if self._asked is not None or self.ended:
             return
-        index = self._index()
-        ahead = range(_AHEAD + 1)
-        for k in ahead if self._known_at(index * self._period_s) is not None else reversed(ahead):
+        index, took = self._index(), self._samples_ahead()
+        ahead = range(max(_AHEAD, took) + 1)
+        in_time = took == 1 and self._known_at(index * self._period_s) is not None
+        for k in ahead if in_time else reversed(ahead):
             t_s = (index + k) * self._period_s
             pose = self._carriage.pose_at(t_s)
             if pose not in self._forces:

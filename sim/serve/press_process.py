@@ -11,15 +11,17 @@ from functools import partial
 from multiprocessing.connection import Connection
 from typing import Generic, TypeVar
 
+from threadpoolctl import threadpool_limits
+
 from sim.config.fingertip_config import FingertipConfig
 from sim.contact.shapes import ShapeError
 from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.models.processes.workers import keep_freed_memory, leaving_ctrl_c_to_us
+from sim.models.processes.workers import give_way, keep_freed_memory, leaving_ctrl_c_to_us
 from sim.plant.plant import AS_MODELLED, Pose, Press, Truth
 
 _READY_S = 300.0  # building a model takes some 15 s, minutes on a small machine
-
+_WARM_MM = 0.1
 
 Asked = TypeVar("Asked")
 Answer = TypeVar("Answer")
@@ -41,7 +43,11 @@ class FingerNotLoadedError(Exception):
 
 
 class FingerProcess(Generic[Asked, Answer]):
-    """Answers what it is asked, one at a time, in the order it is sent."""
+    """Answers what it is asked, one at a time, in the order it is sent.
+
+    It stands for something that needs no processor: it gives way to nobody, and where Linux shares processors between
+    sessions it has a session of its own, so that what else was begun in a terminal does not keep it waiting.
+    """
 
     def __init__(self, begin: Callable[[], Answering[Asked, Answer]]) -> None:
         """`begin`, importable, loads the finger there, and then this returns. Raises FingerNotLoadedError."""
@@ -90,6 +96,7 @@ def told(error: Exception) -> str:
 
 
 def _serve(far: "Connection[str | Answer, Asked]", begin: Callable[[], Answering[Asked, Answer]]) -> None:
+    give_way(0)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # where it was not held back: this process ends with its pipe
     keep_freed_memory()
     try:
@@ -97,14 +104,25 @@ def _serve(far: "Connection[str | Answer, Asked]", begin: Callable[[], Answering
     except Exception as error:
         far.send(told(error))
         return
+    threadpool_limits(
+        1
+    )  # what is asked is small: beside others two threads wait for each other's turn at a processor
     far.send("")
     with contextlib.suppress(EOFError, OSError):  # the pipe is closed, perhaps while an answer is being made
         while True:
             far.send(answer(far.recv()))
 
 
+def warmed(press: Press) -> None:
+    """Have what the first contact loads in memory, by one that nobody sees; where there is none, nothing."""
+    with contextlib.suppress(ModelRangeError):
+        press.force_n(Pose(0.0, press.doi_mm(Pose(0.0, 0.0)) - _WARM_MM))
+
+
 def _pressing(config: FingertipConfig, indentor: str, truth: Truth) -> Answering[Pose, PressAnswer]:
-    return partial(_answer, Press(Fingertip.load(config), indentor, truth))
+    finger = Fingertip.load(config)
+    warmed(Press(finger, indentor, truth))
+    return partial(_answer, Press(finger, indentor, truth))
 
 
 def _answer(press: Press, pose: Pose) -> PressAnswer:

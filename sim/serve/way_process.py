@@ -13,7 +13,7 @@ from sim.models.fingertip import Fingertip
 from sim.models.relaxing.prony import PronyTerm
 from sim.plant.plant import AS_MODELLED, Pose, Truth
 from sim.plant.relaxing_plant import RelaxingPress
-from sim.serve.press_process import FingerProcess, told
+from sim.serve.press_process import FingerProcess, told, warmed
 
 
 class Leg(NamedTuple):
@@ -91,4 +91,6 @@ class Going:
 
 
 def _going(config: FingertipConfig, indentor: str, terms: tuple[PronyTerm, ...], truth: Truth) -> Going:
-    return Going(RelaxingPress(Fingertip.load(config), indentor, terms, truth))
+    finger = Fingertip.load(config)
+    warmed(RelaxingPress(finger, indentor, terms, truth))
+    return Going(RelaxingPress(finger, indentor, terms, truth))

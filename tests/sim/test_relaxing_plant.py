@@ -234,14 +234,30 @@ def test_each_instant_is_gone_once_and_two_are_planned(rig: Rig) -> None:
     assert not rig.ahead.fresh(5.1 * PERIOD_S)
 
 
-def test_who_is_behind_goes_to_now_in_a_few_longer_steps(rig: Rig) -> None:
+def test_who_is_behind_goes_to_now_by_the_last_turn(rig: Rig) -> None:
+    """At rest or evenly on the way one step does, and each step costs a contact."""
+    rig.plan = lambda t_s: 1.0 - min(max(t_s - 5 * PERIOD_S, 0.0), 5 * PERIOD_S)
     rig.clock.go(22 * PERIOD_S)
     [*_, way] = rig.process.asked
-    assert len(way.gone) == 4
-    assert sum(leg.step_s for leg in way.gone) == pytest.approx(22 * PERIOD_S)
+    assert [leg.step_s for leg in way.gone] == pytest.approx([10 * PERIOD_S, 12 * PERIOD_S])
     rig.clock.answers()
     assert rig.ahead.fresh(22 * PERIOD_S)
     assert not rig.ahead.fresh(17 * PERIOD_S), "skipped"
+    rig.clock.go(40 * PERIOD_S)
+    [*_, way] = rig.process.asked
+    assert [leg.step_s for leg in way.gone] == pytest.approx([PERIOD_S, PERIOD_S, 16 * PERIOD_S]), "two were planned"
+
+
+def test_who_takes_long_plans_for_when_the_answer_comes(rig: Rig) -> None:
+    rig.plan = lambda t_s: 1.0 - t_s
+    rig.clock.go(PERIOD_S)
+    for now, planned in ((4, 7), (7, 10)):
+        rig.clock.go(now * PERIOD_S)
+        rig.clock.answers()
+        [*_, way] = rig.process.asked
+        assert [1.0 - leg.pose.above_apex_mm for leg in way.planned] == pytest.approx([planned * PERIOD_S], abs=1e-5)
+    assert rig.ahead.fresh(7 * PERIOD_S), "it has just come"
+    assert [leg.step_s for leg in way.gone] == pytest.approx([3 * PERIOD_S]), "as it was planned"
 
 
 def test_a_plan_that_changed_makes_an_instant_unknown_until_it_is_solved_anew(rig: Rig) -> None:

@@ -8,6 +8,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
+from threadpoolctl import threadpool_info
 
 import rig.panel.drawn.drawing_process as drawing_process
 import sim.models.processes.finger_process as finger_process
@@ -17,6 +18,7 @@ from rig.panel.drawn.job import Job
 from sim.config.fingertip_config import FingertipConfig
 from sim.models.fingertip import Fingertip
 from sim.models.processes.finger_process import FingerProcess
+from sim.serve.press_process import FingerProcess as ServedFinger
 
 REPOSITORY = Path(__file__).parents[3]
 
@@ -72,6 +74,24 @@ def test_every_process_that_is_begun_is_one_of_these() -> None:
         if begins.search(path.read_text(encoding="utf-8"))
     }
     assert found == {*BEGUN, *NEITHER_SOLVES_NOR_DRAWS, *NOT_BESIDE_A_STAGE}
+
+
+def _standing() -> Callable[[None], tuple[int, int, list[int]]]:
+    return lambda _: (os.getpid(), os.getsid(0), [one["num_threads"] for one in threadpool_info()])
+
+
+@pytest.mark.skipif(not hasattr(os, "getpriority"), reason="needs niceness (POSIX)")
+def test_a_served_finger_gives_way_to_nobody_in_a_session_of_its_own_on_one_thread() -> None:
+    """A device has no processor to share; two threads of small sums wait for each other's turn at one."""
+    process: ServedFinger[None, tuple[int, int, list[int]]] = ServedFinger(_standing)
+    try:
+        process.ask(None)
+        pid, session, threads = process.answer()
+        assert os.getpriority(os.PRIO_PROCESS, pid) == os.getpriority(os.PRIO_PROCESS, 0)
+        assert session == pid
+        assert set(threads) == {1}
+    finally:
+        process.close()
 
 
 @pytest.mark.skipif(not hasattr(os, "getpriority"), reason="needs niceness (POSIX)")

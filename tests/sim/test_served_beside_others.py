@@ -1,0 +1,178 @@
+"""What holds for every served finger, so that a machine that is busy with other things has its forces in time."""
+
+import math
+import os
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from sim.config.fingertip_config import FingertipConfig
+from sim.models.fingertip import Fingertip
+from sim.models.relaxing.prony import PronyTerm
+from sim.plant.plant import AS_MODELLED, Carriage, Placement, Pose, Press, Screws
+from sim.plant.relaxing_plant import RelaxingPress
+from sim.serve.ahead import STALE_S, Ahead
+from sim.serve.press_ahead import PressAhead
+from sim.serve.press_process import FingerProcess, PressAnswer, PressProcess, _pressing
+from sim.serve.way_ahead import WayAhead
+from sim.serve.way_process import Leg, Way, WayAnswer, WayProcess, _going
+from tests.sim.test_press_ahead import PERIOD_S, SteppedScheduler
+
+TERMS = (PronyTerm(0.3, 0.07),)
+LONG_S = 0.22
+"""An answer: with it the time to the next one's is less than STALE_S, whatever is asked in between."""
+
+
+def as_press(asked: Pose, solve_s: float) -> PressAnswer:
+    return PressAnswer(asked, -asked.above_apex_mm, solve_s)
+
+
+def as_way(asked: Way, solve_s: float) -> WayAnswer:
+    return WayAnswer(tuple(-leg.pose.above_apex_mm for leg in (*asked.gone, *asked.planned)), solve_s)
+
+
+KINDS: dict[type[Any], tuple[type[Ahead], Callable[..., Any]]] = {
+    PressProcess: (PressAhead, as_press),
+    WayProcess: (WayAhead, as_way),
+}
+
+
+class Slow:
+    """Stands in for the process: takes its time for all but the first answer; the force is the depth."""
+
+    def __init__(self, scheduler: SteppedScheduler, answer: Callable[..., Any]) -> None:
+        self._scheduler, self._answer = scheduler, answer
+        self._done, self._tell = os.pipe()
+        self.solve_s, self.pending = 0.0, 0
+        self.asked: list[tuple[float, Any]] = []
+
+    def fileno(self) -> int:
+        return self._done
+
+    def ask(self, asked: Any) -> None:
+        self.pending += 1
+        assert self.pending == 1, "a question waits behind another one"
+        now_s = self._scheduler.monotonic_s()
+        self.asked.append((now_s, asked))
+        if self.solve_s:
+            self._scheduler.call_at(now_s + self.solve_s, lambda: os.write(self._tell, b"."))
+        else:
+            os.write(self._tell, b".")
+
+    def answer(self) -> Any:
+        os.read(self._done, 1)
+        self.pending -= 1
+        return self._answer(self.asked[-1][1], self.solve_s)
+
+    def close(self) -> None:
+        os.close(self._done)
+        os.close(self._tell)
+
+
+class Served:
+    """A finger behind one of the two, under a stage that goes down at 1 mm/s."""
+
+    def __init__(self, kind: type[Any]) -> None:
+        self.scheduler, self.told = SteppedScheduler(), list[str]()
+        ahead, answer = KINDS[kind]
+        self.finger = Slow(self.scheduler, answer)
+        carriage = Carriage(lambda t_s: (0, 0, -round(400 * t_s)), Screws(), Placement(0.0, 0.0))
+        make: Callable[..., Ahead] = ahead
+        self.ahead = make(self.scheduler, carriage, self.finger, PERIOD_S, self.told.append)
+
+    def each_sample(self, until_s: float) -> Iterator[float]:
+        """The instants, once everything has happened by then."""
+        while (now_s := self.scheduler.monotonic_s()) < until_s:
+            self.scheduler.run_once(now_s + PERIOD_S)
+            yield self.scheduler.monotonic_s()
+
+
+@pytest.fixture(params=KINDS, ids=lambda kind: kind.__name__)
+def served(request: pytest.FixtureRequest) -> Iterator[Served]:
+    found = Served(request.param)
+    yield found
+    found.ahead.close()
+    found.scheduler.close()
+
+
+def test_these_are_all_the_fingers_that_are_served() -> None:
+    assert set(FingerProcess.__subclasses__()) == set(KINDS)
+
+
+def test_nothing_queues_and_what_is_asked_is_of_now_and_later(served: Served) -> None:
+    """No pose is solved that is past while a newer one is not: behind, the newest is among what is asked first."""
+    served.finger.solve_s = LONG_S
+    for _ in served.each_sample(3.0):
+        pass
+    asked = served.finger.asked[3:]
+    assert len(asked) > 8
+    for t_s, what in asked:
+        newest = what if isinstance(what, Pose) else what.planned[-1].pose
+        ahead_s = -newest.above_apex_mm - t_s
+        assert LONG_S - 2 * PERIOD_S < ahead_s < STALE_S, "where the indentor will be when the answer comes"
+        if isinstance(what, Way):
+            assert len(what.gone) <= 3
+            assert len(what.planned) == 1
+
+
+def test_a_force_is_known_from_when_its_answer_came_however_long_that_took(served: Served) -> None:
+    served.finger.solve_s = LONG_S
+    for now_s in served.each_sample(4.0):
+        assert now_s - served.ahead.force_n(now_s) <= STALE_S + PERIOD_S
+    assert served.ahead.statistics.late > 10
+    assert served.ahead.statistics.unknown == 0
+    assert served.told == []
+
+
+def test_too_late_is_said_once_each_time(served: Served) -> None:
+    for _ in served.each_sample(0.5):
+        pass
+    for times in (1, 2):
+        served.finger.solve_s = 4 * STALE_S
+        begin_s = served.scheduler.monotonic_s()
+        found = [served.ahead.force_n(now_s) for now_s in served.each_sample(begin_s + 3 * STALE_S)]
+        assert sum(math.isnan(force) for force in found) > 5
+        assert len(served.told) == times
+        assert "this machine is too busy for it" in served.told[-1]
+        served.finger.solve_s = 0.001
+        for _ in served.each_sample(begin_s + 8 * STALE_S):
+            pass
+        now_s = served.scheduler.monotonic_s()
+        assert served.ahead.force_n(now_s) == pytest.approx(now_s, abs=0.01)
+
+
+def test_a_loop_that_was_kept_from_running_knows_what_was_solved_before(served: Served) -> None:
+    """What it was kept from looking at is not lost: the newest instant that is known counts."""
+    for _ in served.each_sample(0.5):
+        pass
+    ahead_s = max(t_s for t_s in (0.5 + k * PERIOD_S for k in range(9)) if served.ahead.fresh(t_s))
+    served.finger.solve_s = 4 * STALE_S
+    served.scheduler.now_s = ahead_s + 0.4
+    served.scheduler.run_once(served.scheduler.now_s)
+    assert served.ahead.force_n(served.scheduler.now_s) == pytest.approx(ahead_s, abs=0.01)
+
+
+@pytest.mark.parametrize("indentor", ["bar:3.0", "sphere:4"])
+def test_contact_was_solved_once_before_anybody_is_answered(
+    indentor: str, coarse_finger: Fingertip, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What a first contact loads, or builds for its shape, is there; and it leaves nothing behind."""
+    solved: list[float] = []
+    indent = Fingertip.indent
+
+    def counted(self: Fingertip, *arguments: Any, **options: Any) -> Any:
+        solved.append(options["doi_mm"])
+        return indent(self, *arguments, **options)
+
+    monkeypatch.setattr(Fingertip, "load", lambda config: coarse_finger)
+    monkeypatch.setattr(Fingertip, "indent", counted)
+    pose = Pose(0.0, coarse_finger.touch_height_mm(indentor, 0.0) - coarse_finger.apex_height_mm - 0.3)
+    press = _pressing(FingertipConfig(), indentor, AS_MODELLED)
+    assert solved == pytest.approx([0.1])
+    assert press(pose).force_n == Press(coarse_finger, indentor).force_n(pose)
+    solved.clear()
+    going = _going(FingertipConfig(), indentor, TERMS, AS_MODELLED)
+    assert solved == pytest.approx([0.1])
+    expected = RelaxingPress(coarse_finger, indentor, TERMS).moved_to(pose, PERIOD_S)
+    assert going(Way((Leg(PERIOD_S, pose),))).forces_n == (expected,)
