@@ -20,7 +20,7 @@ from pathlib import Path
 RIG = (sys.executable, "-c", "from rig.cli import main; main()")
 NEVER_RESTS = (sys.executable, "-c", "while True: pass")
 INDENTOR = "bar:3.0"
-_LATE = re.compile(r"(\d+) forces asked for, (\d+) not ready.* at most ([\d.]+) s old; (\d+) refused")
+_LATE = re.compile(r"(\d+) forces asked for, (\d+) not ready.* at most (\S+) s old; (\d+) refused")
 
 
 def serving(stranger: int) -> "subprocess.Popen[str]":
