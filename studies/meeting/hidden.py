@@ -1,6 +1,7 @@
 """A bench whose finger only the bench knows: whoever meets it has the wires, and nothing else."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, NoReturn
 
@@ -14,6 +15,7 @@ from rig.session.virtual.virtual_bench import VirtualBench, bench_around
 from rig.session.virtual.virtual_devices import relaxation, truth
 from rig.transport.byte_log import Sink
 from sim.devices.clock import VirtualClock
+from sim.models.errors import ModelRangeError
 from sim.models.meeting.given import RampAndHold, Way
 from sim.models.meeting.next_press import PressAt
 from sim.plant.plant import Carriage, Pose
@@ -23,6 +25,7 @@ from studies.meeting.strangers import Stranger
 Array = NDArray[np.float64]
 
 _SLIPS_AT = 3  # indentors
+_FINER = (1, 2, 4)  # than the cell samples, where the press has no answer
 
 
 class TruthReadError(AssertionError):
@@ -106,7 +109,15 @@ class Keeper:
         """The force that the bench answers the goal's press with, in its hold."""
         if not self._over:
             raise TruthReadError("the truth was asked for before the meeting had ended")
-        config, way, period_s = self._stranger.config, goal.way(pace), self._stranger.config.force.sample_period_s
+        period_s = self._stranger.config.force.sample_period_s
+        for finer in _FINER:
+            with suppress(ModelRangeError):
+                return self._held_gwt(goal, pace, period_s / finer)
+        return self._held_gwt(goal, pace, period_s)
+
+    def _held_gwt(self, goal: PressAt, pace: RampAndHold, period_s: float) -> float:
+        """From instant to instant. Raises ModelRangeError, as a sharp shape may on its way."""
+        config, way = self._stranger.config, goal.way(pace)
         press = RelaxingPress(self._finger, goal.indentor, relaxation(config), truth(config))
         x_mm = goal.x_mm - config.virtual.finger_x_offset_mm
         touch_mm = self._finger.touch_height_mm(goal.indentor, x_mm) - self._finger.apex_height_mm

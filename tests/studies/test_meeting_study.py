@@ -15,8 +15,11 @@ from rig.session.meeting.meeting import Meeting, Wanted, felt_surely
 from rig.session.meeting.meeting_script import MeetingScript
 from rig.session.session import NewRun, Session, run_on
 from sim.config.fingertip_config import FingertipConfig
+from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
 from sim.models.meeting.next_press import PressAt
+from sim.plant.plant import Pose
+from sim.plant.relaxing_plant import RelaxingPress
 from studies.meeting.hidden import Keeper, OnlyMounts, TruthReadError
 from studies.meeting.ogden import OgdenFinger
 from studies.meeting.strangers import COARSER, inside, outside
@@ -92,6 +95,30 @@ def test_the_truth_is_what_the_bench_answers_and_what_gives_goes_by_relaxed_forc
 
     assert relaxed_gwt(goal.doi_mm - give_mm_n * GWT_N * held_gwt) == pytest.approx(held_gwt, rel=1e-3)
     assert relaxed_gwt(goal.doi_mm - 2 * give_mm_n * GWT_N * held_gwt) < 0.9 * held_gwt
+
+
+def test_a_press_without_an_answer_is_sampled_more_finely(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried: list[float] = []
+
+    def stalls(self: RelaxingPress, pose: Pose, step_s: float) -> float:
+        if step_s not in tried:
+            tried.append(step_s)
+        if step_s > 0.02:
+            raise ModelRangeError("no answer")
+        return 2.0 * GWT_N
+
+    known = felt_surely(Config())
+    stranger = inside(known, 2)
+    tiny = stranger.config.finger.model_copy(update={"mesh": coarse_mesh(0.5, 0.7)})
+    keeper = Keeper(stranger._replace(config=stranger.config.model_copy(update={"finger": tiny}), exact=True))
+    keeper.over()
+    pace = Meeting(known, made_up(), Wanted(GOALS)).chooser.pace
+    monkeypatch.setattr(RelaxingPress, "moved_to", stalls)
+    assert keeper.held_gwt(GOALS[0], pace) == pytest.approx(2.0)
+    assert tried == [0.05, 0.025, 0.0125]
+    monkeypatch.setattr(RelaxingPress, "moved_to", lambda self, pose, step_s: stalls(self, pose, 1.0))
+    with pytest.raises(ModelRangeError, match="no answer"):
+        keeper.held_gwt(GOALS[0], pace)
 
 
 def test_only_mounting_is_left_of_the_plant() -> None:
