@@ -3,26 +3,39 @@
     .venv/bin/python -m studies.stiffening.fitted          # seconds; the table of docs/meet.md
 
 Force is fitted to this study's references and to the neo-Hookean ones of `studies/finite_strain`, energy to this
-study's, both to 2 mm. Paths that are held back are not fitted: they are judged by numbers that never saw them.
+study's, both to 2 mm. Paths that are held back, and those pressed afterwards, are not fitted: they are judged by
+numbers that never saw them.
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from operator import attrgetter
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from sim.models.stiffening.at_finite_strain import FORCE, SECANT, Force, Press, Secant, log_force, log_secant
+from sim.models.stiffening.at_finite_strain import (
+    ENERGY,
+    FORCE,
+    Energy,
+    Felt,
+    Force,
+    Press,
+    log_energy,
+    log_force,
+)
 from studies.finite_strain.tables import kept_ratios
 from studies.stiffening.fingers import finger
 from studies.stiffening.twins import Pair, kept_pairs, pressed
 
 Array = NDArray[np.float64]
-Numbers = TypeVar("Numbers", Force, Secant)
+Path = tuple[str, str, float]
+Numbers = TypeVar("Numbers", Force, Energy)
 
 DEEPEST_MM = 2.0
 HELD_BACK_SHAPE, HELD_BACK_FINGER = "cylinder:4", "firm throughout"
+PARTS = FITTED, HELD_BACK, AFTERWARDS = "fitted", "held back", "afterwards"
 _HEARD = 0.3  # of the highest SED: receptors below are not fitted
 _HIGHEST_COUNTS = 10.0  # what is asked for is the highest
 _BEYOND, _BEYOND_COUNTS = 0.8, 0.5  # stiffening that the prior does not hold
@@ -37,25 +50,33 @@ class Seen(NamedTuple):
     doi_mm: float
     press: Press
     log: float
-    share: float = 1.0
+    felt: tuple[float, ...] = (0.0, 1.0, 1.0)  # a `Felt` of one receptor; of no meaning where it is force
     counts: float = 1.0
     highest: bool = True
+    afterwards: bool = False
 
     @property
-    def path(self) -> tuple[str, str, float]:
+    def path(self) -> Path:
         """Of one press down."""
         return self.finger, self.shape, self.stiffening
 
     @property
+    def part(self) -> str:
+        """What it is there for: all but the first judge only."""
+        if self.afterwards:
+            return AFTERWARDS
+        return HELD_BACK if self.shape == HELD_BACK_SHAPE or self.finger == HELD_BACK_FINGER else FITTED
+
+    @property
     def held_back(self) -> bool:
         """Whether it judges only."""
-        return self.shape == HELD_BACK_SHAPE or self.finger == HELD_BACK_FINGER
+        return self.part != FITTED
 
 
 def forces(found: Sequence[Pair]) -> Iterator[Seen]:
     """Of this study and of the one at finite strain without stiffening."""
     for pair in found:
-        yield Seen(*_where(pair), pair.press, pair.log_force, counts=_counts(pair))
+        yield Seen(*_where(pair), pair.press, pair.log_force, counts=_counts(pair), afterwards=pair.afterwards)
     for ratio in kept_ratios():
         if ratio.mesh == "finger 0.35" and ratio.poisson == finger("default").tissue.poisson:
             press = pressed("default", ratio.shape, ratio.doi_mm)
@@ -63,13 +84,35 @@ def forces(found: Sequence[Pair]) -> Iterator[Seen]:
 
 
 def energies(found: Sequence[Pair]) -> Iterator[Seen]:
-    """SED at the receptors that are not far below the highest."""
+    """SED at the receptors that are not far below the highest, by the linear twin or at finite strain."""
     for pair in found:
-        sed = pair.reference["sed"]
-        for k in np.flatnonzero(pair.linear_sed > _HEARD * pair.linear_sed.max()).tolist():
+        sed = np.array(pair.reference["sed"])
+        for k in _heard(pair):
+            felt = tuple(float(values[k]) for values in pair.felt)
             highest = k == int(np.argmax(sed))
             counts = _counts(pair) * (_HIGHEST_COUNTS if highest else 1.0)
-            yield Seen(*_where(pair), pair.press, float(pair.log_sed[k]), float(pair.share[k]), counts, highest)
+            where = (*_where(pair), pair.press, float(pair.log_sed[k]), felt)
+            yield Seen(*where, counts, highest, pair.afterwards)
+
+
+def strains(found: Sequence[Pair]) -> Iterator[Seen]:
+    """The most compressive strain at the same receptors, to which nothing is fitted."""
+    for pair in found:
+        log = np.log(np.array(pair.reference["ep1"]) / np.array(pair.twin["ep1"]))
+        for k in _heard(pair):
+            felt = tuple(float(values[k]) for values in pair.felt)
+            yield Seen(*_where(pair), pair.press, float(log[k]), felt, afterwards=pair.afterwards)
+
+
+def _heard(pair: Pair) -> list[int]:
+    sed, linear = np.array(pair.reference["sed"]), pair.linear_sed
+    return [int(k) for k in np.flatnonzero((linear > _HEARD * linear.max()) | (sed > _HEARD * sed.max()))]
+
+
+def strain_errors(seen: Sequence[Seen]) -> Array:
+    """(n,) quick over finite strain, logarithms: strains have the root of energy without its law."""
+    log = np.array([one.log for one in seen])
+    return 0.5 * errors([one._replace(stiffening=0.0, log=0.0) for one in seen], ENERGY) - log
 
 
 def _where(pair: Pair) -> tuple[str, str, float, float]:
@@ -81,7 +124,7 @@ def _counts(pair: Pair) -> float:
     return 1.0 if pair.reference["stiffening"] <= _BEYOND else _BEYOND_COUNTS
 
 
-def errors(seen: Sequence[Seen], numbers: Force | Secant) -> Array:
+def errors(seen: Sequence[Seen], numbers: Force | Energy) -> Array:
     """(n,) quick over finite strain, logarithms."""
     return _errors(seen, type(numbers))(np.array(numbers))
 
@@ -94,12 +137,23 @@ def fitted(seen: Sequence[Seen], start: Numbers) -> Numbers:
     return type(start)(*found.x.tolist())
 
 
-def _errors(seen: Sequence[Seen], kind: type[Force] | type[Secant]) -> Callable[[Array], Array]:
+def _errors(seen: Sequence[Seen], kind: type[Force] | type[Energy]) -> Callable[[Array], Array]:
     press = Press(*np.array([one.press for one in seen]).T)
-    stiffening, share, log = np.array([(one.stiffening, one.share, one.log) for one in seen]).T
+    felt = Felt(*np.array([one.felt for one in seen]).T)
+    stiffening, log = np.array([(one.stiffening, one.log) for one in seen]).T
     if kind is Force:
         return lambda values: log_force(Force(*values), stiffening, press) - log
-    return lambda values: log_secant(Secant(*values), stiffening, press, share) - log
+    return lambda values: log_energy(Energy(*values), stiffening, press, felt) - log
+
+
+def left_out(seen: Sequence[Seen], start: Numbers, what: Callable[[Seen], str]) -> Array:
+    """(n,) errors by numbers that were fitted without all that is alike: a finger or a shape."""
+    error = np.full(len(seen), np.nan)
+    for name in sorted({what(one) for one in seen}):
+        there = np.array([what(one) == name for one in seen])
+        rest = [one for one, left in zip(seen, there, strict=True) if not left]
+        error[there] = errors(seen, fitted(rest, start))[there]
+    return error
 
 
 def table(force: Sequence[Seen], energy: Sequence[Seen]) -> Iterator[str]:
@@ -107,20 +161,18 @@ def table(force: Sequence[Seen], energy: Sequence[Seen]) -> Iterator[str]:
     yield "| finger | shape | a | to | force to 1 mm | to 2 mm | deeper | SED to 1 mm | to 2 mm | deeper |"
     yield "|---|---|---|---|---|---|---|---|---|---|"
     highest = [one for one in energy if one.highest]
-    judged = [(force, errors(force, FORCE)), (highest, errors(highest, SECANT))]
-    for path in sorted(dict.fromkeys(one.path for one in force), key=_held_last):
-        here = [one for one in force if one.path == path]
-        name = f"*held back:* {path[0]}" if here[0].held_back else path[0]
-        cells = [cell for seen, error in judged for cell in _cells(seen, error, path)]
-        yield f"| {name} | {path[1]} | {path[2]:g} | {max(o.doi_mm for o in here):.3g} | {' | '.join(cells)} |"
+    judged = [(force, errors(force, FORCE)), (highest, errors(highest, ENERGY))]
+    here: dict[tuple[str, Path], list[float]] = {}
+    for one in force:
+        here.setdefault((one.part, one.path), []).append(one.doi_mm)
+    for (part, path), depths_mm in sorted(here.items(), key=lambda item: PARTS.index(item[0][0])):
+        name = path[0] if part == FITTED else f"*{part}:* {path[0]}"
+        cells = [cell for seen, error in judged for cell in _cells(seen, error, (part, path))]
+        yield f"| {name} | {path[1]} | {path[2]:g} | {max(depths_mm):.3g} | {' | '.join(cells)} |"
 
 
-def _held_last(path: tuple[str, str, float]) -> bool:
-    return path[1] == HELD_BACK_SHAPE or path[0] == HELD_BACK_FINGER
-
-
-def _cells(seen: Sequence[Seen], error: Array, path: tuple[str, str, float]) -> Iterator[str]:
-    there = np.array([one.path == path for one in seen])
+def _cells(seen: Sequence[Seen], error: Array, which: tuple[str, Path]) -> Iterator[str]:
+    there = np.array([(one.part, one.path) == which for one in seen])
     doi = np.array([one.doi_mm for one in seen])
     for low, high in ((0, 1), (0, DEEPEST_MM), (DEEPEST_MM, 9)):
         within = there & (doi > low) & (doi <= high)
@@ -128,13 +180,13 @@ def _cells(seen: Sequence[Seen], error: Array, path: tuple[str, str, float]) -> 
 
 
 def spread(seen: Sequence[Seen], error: Array) -> str:
-    """Rms and largest error to 2 mm, of tissue that the prior holds: of what was fitted and of what was held back."""
+    """Rms and largest error to 2 mm, of tissue that the prior holds, of each part."""
     within = np.array([one.doi_mm <= DEEPEST_MM and one.stiffening <= _BEYOND for one in seen])
-    held = np.array([one.held_back for one in seen])
-    parts = {"fitted": error[within & ~held], "held back": error[within & held]}
+    parts = {part: error[within & [one.part == part for one in seen]] for part in PARTS}
     return "; ".join(
-        f"{name}: {100 * np.sqrt(np.mean(e**2)):.1f} % rms, {100 * np.expm1(np.abs(e).max()):.1f} % at most"
-        for name, e in parts.items()
+        f"{part}: {100 * np.sqrt(np.mean(e**2)):.1f} % rms, {100 * np.expm1(np.abs(e).max()):.1f} % at most"
+        for part, e in parts.items()
+        if len(e)
     )
 
 
@@ -142,13 +194,19 @@ def main() -> None:
     """Print numbers and tables."""
     found = kept_pairs()
     force, energy = list(forces(found)), list(energies(found))
-    for numbers in (fitted(force, FORCE), fitted(energy, SECANT)):
+    for numbers in (fitted(force, FORCE), fitted(energy, ENERGY)):
         print(type(numbers).__name__, tuple(float(f"{value:.4g}") for value in numbers))
     print("\n".join(table(force, energy)))
     highest = [one for one in energy if one.highest]
     print("force,", spread(force, errors(force, FORCE)))
-    print("highest SED,", spread(highest, errors(highest, SECANT)))
-    print("receptors above 0.3 of the highest,", spread(energy, errors(energy, SECANT)))
+    print("highest SED,", spread(highest, errors(highest, ENERGY)))
+    for what in ("finger", "shape"):
+        error = left_out(energy, ENERGY, attrgetter(what))
+        print(f"highest SED, its {what} left out,", spread(highest, error[[one.highest for one in energy]]))
+    print("receptors above 0.3 of the highest,", spread(energy, errors(energy, ENERGY)))
+    strain = list(strains(found))
+    print("most compressive strain there,", spread(strain, strain_errors(strain)))
+    print("of the linear twin,", spread(strain, np.array([-one.log for one in strain])))
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ Presses what is missing there, seconds a finger. Kept, so that a fit and its tab
 
 import json
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,7 +22,7 @@ from sim.finger.surface import FingertipSurface
 from sim.models.catalogue import load
 from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.models.stiffening.at_finite_strain import Press
+from sim.models.stiffening.at_finite_strain import Felt, Press
 from sim.models.stiffening.stiffened import Under
 from studies.stiffening.fingers import finger
 from studies.stiffening.references import read
@@ -30,22 +30,26 @@ from studies.stiffening.references import read
 Array = NDArray[np.float64]
 Row = Mapping[str, Any]
 
-REFERENCES, TWINS = "references.jsonl", "twins.jsonl"
+REFERENCES, AFTERWARDS, TWINS = "references.jsonl", "afterwards.jsonl", "twins.jsonl"
 KEPT = Path(__file__).parent / "kept"
 _ANY = 1.0  # stiffening of the finger that is asked how it is pressed; its linear twin is the same for all
 
 
 class Pair(NamedTuple):
-    """A press at finite strain, its linear twin, and the numbers by which the twin is corrected."""
+    """A press at finite strain, its linear twin, and the numbers by which the twin is corrected.
+
+    afterwards: whether it was pressed when all numbers had been fitted.
+    """
 
     reference: Row
     twin: Row
     press: Press
+    afterwards: bool = False
 
     @property
-    def share(self) -> Array:
-        """(n,) of the press's depth that receptors have."""
-        return np.array(self.twin["share"])
+    def felt(self) -> Felt:
+        """By the receptors, (n,)."""
+        return Felt(*(np.array(self.twin[name]) for name in Felt._fields))
 
     @property
     def log_force(self) -> float:
@@ -63,17 +67,15 @@ class Pair(NamedTuple):
         return np.array(self.twin["sed"])
 
 
-def pairs(references: Iterable[Row], twins: Iterable[Row]) -> Iterator[Pair]:
-    """Of all references that have a twin."""
-    there = {_press_of(row): row for row in twins}
-    for row in references:
-        if _press_of(row) in there:
-            yield Pair(row, there[_press_of(row)], pressed(*_press_of(row)))
-
-
-def kept_pairs() -> list[Pair]:
-    """Those in the repository."""
-    return list(pairs(read(KEPT / REFERENCES), read(KEPT / TWINS)))
+def kept_pairs(folder: Path = KEPT) -> list[Pair]:
+    """All references of a folder, those in the repository, that have a twin."""
+    there = {_press_of(row): row for row in read(folder / TWINS)}
+    return [
+        Pair(row, there[_press_of(row)], pressed(*_press_of(row)), afterwards=name == AFTERWARDS)
+        for name in (REFERENCES, AFTERWARDS)
+        for row in read(folder / name)
+        if _press_of(row) in there
+    ]
 
 
 def pressed(name: str, shape: str, doi_mm: float) -> Press:
@@ -87,10 +89,13 @@ def twin(name: str, shape: str, doi_mm: float) -> dict[str, Any] | None:
         found = _finger(name).indent(shape, doi_mm=doi_mm)
     except ModelRangeError:
         return None
-    sed = found.model.measures(found.receptor_strain)["sed"]
+    model = found.model
+    linear = model.measures(found.receptor_strain)
+    felt = found.strained.felt(linear["sed"], model.receptor_e, model.poisson)
     return {
         **{"finger": name, "shape": shape, "doi_mm": doi_mm, "force": float(f"{found.state.normal_force:.7g}")},
-        **{"sed": _short(sed), "share": _short(found.strained.share)},
+        **{measure: _short(linear[measure]) for measure in ("sed", "ep1")},
+        **{field: _short(values) for field, values in felt._asdict().items()},
     }
 
 
@@ -98,7 +103,8 @@ def main(folder: str) -> None:
     """Append what is missing."""
     place = Path(folder)
     done = {_press_of(row) for row in read(place / TWINS)}
-    for press in dict.fromkeys(_press_of(row) for row in read(place / REFERENCES)):
+    rows = [row for name in (REFERENCES, AFTERWARDS) for row in read(place / name)]
+    for press in dict.fromkeys(map(_press_of, rows)):
         row = None if press in done else twin(*press)
         if row is not None:
             with (place / TWINS).open("a", encoding="utf-8") as out:

@@ -21,20 +21,29 @@ from sim.models.relaxing.in_time import InTime
 from sim.models.relaxing.prony import Prony, PronyTerm
 from sim.models.results.small_strain import small_strain
 from sim.models.stiffening.at_finite_strain import (
+    ENERGY,
     FORCE,
     FORCE_ERROR,
-    SECANT,
     SED_ERROR,
+    Energy,
+    Felt,
     Force,
     Press,
-    Secant,
     force_factor,
+    log_energy,
     log_force,
-    log_secant,
-    secant,
+    strain_and_stress,
 )
 from sim.models.stiffening.overlap import Overlap, Squeezed, overlap, squeezed
-from sim.models.stiffening.stiffened import LINEAR_TISSUE, ROOFS, Stiffened, Under, roof, thickness_mm
+from sim.models.stiffening.stiffened import (
+    LINEAR_TISSUE,
+    ROOFS,
+    Stiffened,
+    Under,
+    roof,
+    thickness_mm,
+    young_below,
+)
 from sim.plant.plant import Pose
 from sim.plant.relaxing_plant import RelaxingPress
 from tests.sim.coarse import coarse_mesh
@@ -42,6 +51,7 @@ from tests.sim.coarse import coarse_mesh
 MESH = coarse_mesh(0.4, 0.4, patch_x_mm=2.5, patch_z_mm=2.5, round_patch_mm=2.5)
 HUMAN = Path(__file__).parents[2] / "examples" / "human_finger" / "finger.toml"
 PRESS = Press(0.25, 1.21, 4.0, 0.5, 0.2, 2.25)
+FELT = Felt(np.array([0.25, 0.1]), np.array([1.0, 0.3]), np.array([0.1, 0.02]))
 
 
 def config(stiffening: float = 0.0) -> FingertipConfig:
@@ -74,20 +84,42 @@ def test_each_number_of_the_force_counts_where_it_should() -> None:
     assert log_force(numbers, 0.6, PRESS) == pytest.approx(expected)
 
 
-def test_each_number_of_the_secant_counts_where_it_should() -> None:
-    numbers = Secant(2.0, 1.5, 2.0, 0.5, 1.2, 0.5, 0.8, 4.0, 2.0, 3.0, -0.5, 1.5)
-    share = np.array([1.0, 0.5, 0.0])
-    moved = 2.0 * 0.125 * share**2 * 1.1 - 0.3
-    strain = 4.0 * 0.0625 * share**3 / 1.5 * np.exp(0.75)
-    assert_allclose(numbers.geometric(PRESS, share), 1.5 * moved + 0.16)
-    assert_allclose(numbers.strained(PRESS, share), strain)
-    assert_allclose(log_secant(numbers, 0.6, PRESS, share), 1.5 * moved + 0.16 + np.log(1 + 0.6 * strain))
+def test_each_number_of_the_energy_counts_where_it_should() -> None:
+    """At λ = 0.8 squeezed tissue has (0.8 − 1.25)² instead of 0.16; the law's strain grows as that of the force."""
+    numbers = Energy(2.0, 1.2, 0.4, 0.5, -0.5, 3.0)
+    felt = Felt(np.array([0.2, 0.0]), np.array([0.25, 4.0]), np.array([0.1, 0.02]))
+    moved = 0.1 * np.exp(0.25 * (2.0 * 0.8 - 1.2))
+    beyond = 0.4 * 0.5 / 1.5 * 0.8 * (0.2025 - 0.16)
+    expected = [moved + beyond, 0.02 * np.exp(-0.3)]
+    assert_allclose(numbers.geometric(PRESS, felt), expected)
+    strain = 3.0 * 0.2025 * np.exp(0.5 * FORCE.strain_confined)
+    assert_allclose(numbers.strained(PRESS, felt), [strain, 0.0], atol=1e-15)
+    stiffer = np.sqrt([1 + 0.6 * strain, 1.0])
+    assert_allclose(np.exp(log_energy(numbers, 0.6, PRESS, felt)), np.array(expected) / felt.linear * stiffer)
 
 
 def test_factors_are_made_with_the_numbers_that_were_fitted() -> None:
-    share = np.array([1.0, 0.4])
+    """Energy is stress times strain; without stiffening both have its root."""
     assert force_factor(0.6, PRESS) == pytest.approx(np.exp(log_force(FORCE, 0.6, PRESS)))
-    assert_allclose(secant(0.6, PRESS, share), np.exp(log_secant(SECANT, 0.6, PRESS, share)))
+    strain, stress = strain_and_stress(0.6, PRESS, FELT)
+    assert_allclose(strain * stress, np.exp(log_energy(ENERGY, 0.6, PRESS, FELT)))
+    assert_allclose(strain**2, np.exp(log_energy(ENERGY, 0.0, PRESS, FELT)))
+    assert (stress > strain).all()
+
+
+def test_a_shallow_press_leaves_a_receptor_what_it_has_and_where_nothing_is_nothing_breaks() -> None:
+    shallow = Press(1e-6, 1e-5, 1.2, 0.0, 1e-6, 1.2)
+    factors = strain_and_stress(0.3, shallow, Felt(np.array([1e-6]), np.ones(1), np.array([1e-9])))
+    assert_allclose(factors, 1.0, atol=1e-4)
+    nothing = Felt(np.array([0.2]), np.ones(1), np.zeros(1))
+    assert np.isfinite(strain_and_stress(0.3, PRESS, nothing)).all()
+
+
+def test_what_linear_tissue_misses_under_a_deep_press_does_not_hang_on_what_it_had() -> None:
+    """A stiff skin's linear dip in the middle fills up: what comes on top is the same."""
+    felt = Felt(np.full(2, 0.24), np.ones(2), np.array([0.05, 0.1]))
+    dip, beside = ENERGY.geometric(PRESS, felt)
+    assert 0 < beside - dip < 2 * 0.05
 
 
 def test_force_grows_with_stiffening_and_a_shallow_press_is_linear() -> None:
@@ -152,11 +184,34 @@ def test_tissue_at_a_receptor_is_squeezed_between_indentor_and_bone(skin: Finger
     at = np.array([[skin.apex.position_mm[0], 4.0, z], [2.5, 3.0, z]])
     found = squeezed(indentor, (0.0,), touch, at, skin, tissue.bone_fraction)
     y = skin.section(skin.angle_at(at[:, 0], at[:, 2]), at[:, 2])[1]
-    assert_allclose(found.gap_mm, touch.height_mm - y, atol=1e-9)
+    assert_allclose(found.gap_mm, np.tile((touch.height_mm - y)[:, None], len(found.weight)), atol=1e-9)
     assert found.thickness_mm[0] == pytest.approx(y[0] * (1 - tissue.bone_fraction), rel=0.01)
     assert found.thickness_mm[1] == pytest.approx(y[1])
-    share = Squeezed(np.array([0.1, 0.6]), np.array([2.0, 4.0])).share(0.5)
-    assert_allclose(share, [0.2, 0.0])
+    two = Squeezed(np.array([[0.1, 0.1], [0.4, 0.6]]), np.array([0.75, 0.25]), np.array([2.0, 4.0]))
+    assert_allclose(two.strain(0.5), [0.2, 0.75 * 0.1 / 4])
+    assert_allclose(two.strain(50.0), 0.9)
+
+
+@pytest.mark.parametrize(("x_mm", "under"), [(0.6, 1.0), (1.5, 0.5), (1.8, 0.18), (2.4, 0.0)])
+def test_what_lies_under_an_edge_feels_half_of_it(skin: FingertipSurface, x_mm: float, under: float) -> None:
+    """Of a bar that ends at 1.5 mm, 0.75 mm below the skin: 0.3 mm past its edge (1 − 0.3 / 0.75)² / 2 of it."""
+    bar, z = parse_shape("bar:3.0"), skin.apex.position_mm[2]
+    touch = first_touch(bar, (0.0,), skin)
+    y = float(skin.section(skin.angle_at(x_mm, z), z)[1])
+    found = squeezed(bar, (0.0,), touch, np.array([[x_mm, y - 0.75, z]]), skin, Tissue().bone_fraction)
+    whole = (1.0 - (touch.height_mm - y)) / found.thickness_mm[0]
+    assert found.strain(1.0)[0] == pytest.approx(under * whole, abs=0.05 * whole)
+
+
+def test_under_a_ball_it_is_felt_both_ways(skin: FingertipSurface) -> None:
+    """The mean of x² under a triangle of half-width h is h² / 6: a paraboloid lies h² / 6 R higher over a square."""
+    ball, z = parse_shape("sphere:6"), skin.apex.position_mm[2]
+    touch = first_touch(ball, (0.0, z), skin)
+    y = float(skin.section(skin.angle_at(0.0, z), z)[1])
+    found = squeezed(ball, (0.0, z), touch, np.array([[0.0, y - 0.6, z]]), skin, Tissue().bone_fraction)
+    radius_mm = 0.1**2 / 2 / float(ball.evaluate(np.array([[0.1], [0.0]])).height_mm[0])
+    raised = float(found.gap_mm[0] @ found.weight) - (touch.height_mm - y)
+    assert raised == pytest.approx(0.6**2 / 6 / radius_mm, rel=0.05)
 
 
 def test_a_press_counts_from_first_touch_in_the_tissues_thickness(skin: FingertipSurface) -> None:
@@ -175,9 +230,10 @@ def test_a_press_counts_from_first_touch_in_the_tissues_thickness(skin: Fingerti
     reached = overlap(indentor, (0.0,), touch, skin, 12.75)
     assert found.press.length == pytest.approx(reached.long_radius_mm(0.5) / thick)
     assert found.press.confined == pytest.approx(2 - reached.power(0.5))
-    assert found.share[0] == pytest.approx(1.0, rel=0.02)
+    assert found.squeeze[0] == pytest.approx(0.5 / thick, rel=0.02)
+    assert found.below == young_below(told.tissue, thick)
     assert under.at(0.0, receptor) is LINEAR_TISSUE
-    assert under.at(0.5, np.zeros((0, 3))).share.shape == (0,)
+    assert under.at(0.5, np.zeros((0, 3))).squeeze.shape == (0,)
     assert Under(config(), skin, indentor, (0.0,), touch).at(0.5, receptor) is LINEAR_TISSUE
 
 
@@ -209,22 +265,23 @@ def test_tissue_that_does_not_stiffen_is_the_linear_finger_to_the_last_bit(linea
     assert found.strained.force == 1.0
     assert found.force_n == found.state.normal_force * linear.e_epidermis_mpa
     measures = found.model.measures(found.receptor_strain)
-    assert found.strained.measures(measures) is measures
+    assert found.strained.measures(measures, found.model.receptor_e, found.model.poisson) is measures
 
 
-def test_force_pressure_and_stresses_follow_and_strains_stay(linear: Fingertip, stiff: Fingertip) -> None:
+def test_force_pressure_and_what_receptors_have_follow(linear: Fingertip, stiff: Fingertip) -> None:
     was, now = (finger.indent("cylinder:9", 0.2, doi_mm=0.8) for finger in (linear, stiff))
     factor = now.strained.force
     assert factor == force_factor(0.4, now.strained.press) != 1.0
     assert now.force_n == pytest.approx(was.force_n * factor)
     assert now.peak_pressure_pseudo == pytest.approx(was.peak_pressure_pseudo * factor)
-    stiffer = secant(0.4, now.strained.press, now.strained.share)
-    assert len(stiffer) == len(now.model.receptors.position_mm)
-    for name in STRESSES:
-        power = 3 if name == "third" else 1
-        assert_allclose(now.receptor_measures[name], was.receptor_measures[name] * stiffer**power)
-    for name in STRAINS:
-        assert_allclose(now.receptor_measures[name], was.receptor_measures[name])
+    felt = now.strained.felt(was.receptor_measures["sed"], now.model.receptor_e, now.model.poisson)
+    strain, stress = strain_and_stress(0.4, now.strained.press, felt)
+    assert len(stress) == len(now.model.receptors.position_mm)
+    own = {"sed": strain * stress, "third": stress**3}
+    for names, factor_of in ((STRAINS, strain), (STRESSES, stress)):
+        for name in names:
+            wanted = was.receptor_measures[name] * own.get(name, factor_of)
+            assert_allclose(now.receptor_measures[name], wanted)
 
 
 def test_a_force_is_reached_at_the_depth_that_carries_it(stiff: Fingertip) -> None:
@@ -289,10 +346,19 @@ class _Bare:
 
 def test_stiffened_measures_need_no_field_of_the_linear_twin() -> None:
     twin = {name: np.array([1.0, 2.0]) for name in (*STRAINS, *STRESSES)}
-    strained = Stiffened(0.4, PRESS, np.array([0.8, 0.4]), 1.2)
-    found = strained.measures(twin)
+    strained = Stiffened(0.4, PRESS, np.array([0.2, 0.1]), 0.1, 1.2)
+    found = strained.measures(twin, np.array([0.1, 1.0]), 0.48)
     assert set(found) == set(twin)
     assert (found["sed"] != twin["sed"]).all()
+
+
+def test_a_receptor_is_as_soft_as_its_layer_beside_all_below_the_epidermis() -> None:
+    """And what it has of energy counts in its own shear modulus: 2 SED / μ, small strain's Ī₁ − 3."""
+    strained = Stiffened(0.4, PRESS, np.array([0.2, 0.1]), 0.06, 1.2)
+    felt = strained.felt(np.array([30.0, 30.0]), np.array([0.2, 1.0]), 0.48)
+    assert_allclose(felt.soft, [0.3, 0.06])
+    assert_allclose(felt.linear, 2 * 30.0 / (1e4 * np.array([0.2, 1.0]) / (2 * 1.48)))
+    assert felt.squeeze is strained.squeeze
 
 
 # --- and relaxes ---

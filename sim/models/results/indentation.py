@@ -179,7 +179,8 @@ class IndentationResult:
     @cached_property
     def receptor_measures(self) -> dict[str, Array]:
         """The 18 measures at the receptors; tension positive, stresses in pseudo-units."""
-        return self.strained.measures(self.model.measures(self.receptor_strain))
+        model = self.model
+        return self.strained.measures(model.measures(self.receptor_strain), model.receptor_e, model.poisson)
 
     def as_json(self) -> dict[str, Any]:
         """What `rig indent --json` prints, without the model's build time."""

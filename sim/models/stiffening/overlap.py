@@ -17,6 +17,8 @@ _AROUND, _ALONG = 81, 121
 _BESIDE_MM = 1e-6
 _SEEN_MM = 0.1  # a shallower overlap covers too few places to have a form; it is that of a paraboloid anyway
 _NONE_MM3 = 1e-9  # so that what is finer than places are apart is a paraboloid
+_ABOUT = np.linspace(-1, 1, 43)[1::2]  # middles of parts, over a place's depth below the skin
+_MOST_STRAIN = 0.9  # deeper than any finger is pressed
 _SIDE_RAD = 0.05  # of a section's widest places; the pulp is what lies above them
 
 
@@ -74,19 +76,24 @@ def overlap(
     at = {X: x, Z: np.broadcast_to(z[:, None], x.shape)}
     area = np.abs(np.gradient(x, axis=1)) * (z[1] - z[0])
     at_mm = np.stack([at[X].ravel(), at[Z].ravel()])
-    return Overlap(_gap_mm(indentor, place, touch, at, y), at_mm, area.ravel())
+    return Overlap(_gap_mm(indentor, place, touch, at, y).ravel(), at_mm, area.ravel())
 
 
 @dataclass(frozen=True)
 class Squeezed:
-    """Places in the tissue: (n,) gaps from the skin above to the indentor, and from skin to bone, mm."""
+    """Places in the tissue, mm: (n, m) gaps from the skin above to the indentor about it, (n,) from skin to bone.
+
+    weight: (m,) of what is about a place, with sum 1.
+    """
 
     gap_mm: Array
+    weight: Array
     thickness_mm: Array
 
-    def share(self, past_touch_mm: float) -> Array:
-        """(n,) how far the indentor would come into the tissue there, over its thickness."""
-        return np.asarray(np.maximum(past_touch_mm - self.gap_mm, 0.0) / self.thickness_mm)
+    def strain(self, past_touch_mm: float) -> Array:
+        """(n,) how far the indentor comes into the tissue there, over its thickness."""
+        strain = np.maximum(past_touch_mm - self.gap_mm, 0.0) @ self.weight / self.thickness_mm
+        return np.asarray(np.minimum(strain, _MOST_STRAIN))
 
 
 def squeezed(
@@ -97,20 +104,29 @@ def squeezed(
     surface: FingertipSurface,
     bone_fraction: float,
 ) -> Squeezed:
-    """At (n, 3) places of the tissue, straight up and down; beside the bone it ends level with its axis."""
+    """At (n, 3) places of the tissue, straight up and down; beside the bone it ends level with its axis.
+
+    A place feels what comes down beside it as far away as it lies below the skin, the less the farther.
+    """
+    about = np.stack(np.meshgrid(*[_ABOUT] * len(indentor.axes))).reshape(len(indentor.axes), -1)
+    weight = np.prod(1 - np.abs(about), axis=0)
+    weight /= weight.sum()
     if not len(at_mm):
-        return Squeezed(np.zeros(0), np.ones(0))
-    x, _, z = at_mm.T
+        return Squeezed(np.zeros((0, len(weight))), weight, np.ones(0))
+    x, deep, z = at_mm.T
     _, y = surface.section(surface.angle_at(x, z), z)
-    gap = _gap_mm(indentor, place, touch, {X: x, Z: z}, y)
+    beside_mm = dict(zip(indentor.axes, (y - deep)[:, None] * about[:, None], strict=True))
+    felt = {axis: mm[:, None] + beside_mm.get(axis, 0.0) for axis, mm in ((X, x), (Z, z))}
+    gap = _gap_mm(indentor, place, touch, felt, y[:, None])
     bone_x, bone_y = surface.section(surface.angle_at(x / bone_fraction, z), z)
     beside = np.abs(bone_x - x / bone_fraction) > _BESIDE_MM
-    return Squeezed(gap, y - np.where(beside, 0.0, bone_fraction * bone_y))
+    return Squeezed(gap, weight, y - np.where(beside, 0.0, bone_fraction * bone_y))
 
 
 def _gap_mm(
     indentor: Indentor, place: tuple[float, ...], touch: Touch, at_mm: dict[int, Array], y_mm: Array
 ) -> Array:
-    """(n,) from the skin up to the indentor at first touch."""
-    offset = np.stack([at_mm[axis].ravel() - mm for axis, mm in zip(indentor.axes, place, strict=True)])
-    return np.asarray(touch.height_mm + indentor.evaluate(offset).height_mm - y_mm.ravel())
+    """From the skin at some places, of any form, up to the indentor at first touch."""
+    offset = np.stack([at_mm[axis] - mm for axis, mm in zip(indentor.axes, place, strict=True)])
+    height_mm = indentor.evaluate(offset.reshape(len(offset), -1)).height_mm.reshape(offset.shape[1:])
+    return np.asarray(touch.height_mm + height_mm - y_mm)

@@ -1,4 +1,4 @@
-"""A press of tissue that stiffens, as its linear twin is corrected: force by a factor, receptors by secant moduli.
+"""A press of tissue that stiffens, as its linear twin is corrected: force by a factor, receptors by local ones.
 
 The factors hang on shape, place, depth and layers alone, so that force at a depth costs what a linear one does.
 """
@@ -11,38 +11,52 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.config.fingertip_config import FingertipConfig, Tissue
+from sim.config.units import PSEUDO_E_EPIDERMIS
 from sim.contact.indentor import Indentor
 from sim.contact.touch import Touch
 from sim.finger.surface import FingertipSurface
-from sim.measures.measures import STRESSES
-from sim.models.stiffening.at_finite_strain import Press, force_factor, secant
+from sim.measures.measures import STRAINS, STRESSES
+from sim.models.stiffening.at_finite_strain import Felt, Press, force_factor, strain_and_stress
 from sim.models.stiffening.overlap import Overlap, Squeezed, overlap, squeezed
 
 Array = NDArray[np.float64]
 
-_CUBED = "third"
+_ENERGY, _CUBED = "sed", "third"
 
 
 class Stiffened(NamedTuple):
-    """Of a press: the tissue's law, the press as numbers without unit, and receptors' (n,) shares of its depth.
+    """Of a press: the tissue's law, the press as numbers without unit, and how receptors (n,) are squeezed.
 
-    force: over the linear twin's at the same depth; exactly 1 where tissue is linear.
+    below: Young's modulus of all below the epidermis, over the epidermis'. force: over the linear twin's at the same
+    depth; exactly 1 where tissue is linear.
     """
 
     stiffening: float
     press: Press
-    share: Array
+    squeeze: Array
+    below: float
     force: float
 
-    def measures(self, linear: dict[str, Array]) -> dict[str, Array]:
-        """The 18 measures (n,) from a linear twin's: strains stay, stresses and energy follow local secant moduli."""
+    def measures(self, linear: dict[str, Array], young_ratio: Array, poisson: float) -> dict[str, Array]:
+        """The 18 measures (n,) from a linear twin's: strains, stresses and energy have a factor each at a receptor.
+
+        young_ratio: (n,) E / E(epidermis) at the receptors.
+        """
         if self.stiffening == 0:
             return linear
-        stiffer = secant(self.stiffening, self.press, self.share)
-        return linear | {name: linear[name] * stiffer ** (3 if name == _CUBED else 1) for name in STRESSES}
+        felt = self.felt(linear[_ENERGY], young_ratio, poisson)
+        strain, stress = strain_and_stress(self.stiffening, self.press, felt)
+        factor = dict.fromkeys(STRAINS, strain) | dict.fromkeys(STRESSES, stress)
+        factor |= {_ENERGY: strain * stress, _CUBED: stress**3}
+        return {name: linear[name] * factor[name] for name in linear}
+
+    def felt(self, sed: Array, young_ratio: Array, poisson: float) -> Felt:
+        """By receptors, of the linear twin's SED in pseudo-units."""
+        half_shear_modulus = PSEUDO_E_EPIDERMIS * young_ratio / (4 * (1 + poisson))
+        return Felt(self.squeeze, self.below / young_ratio, sed / half_shear_modulus)
 
 
-LINEAR_TISSUE = Stiffened(0.0, Press(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), np.zeros(0), 1.0)
+LINEAR_TISSUE = Stiffened(0.0, Press(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), np.zeros(0), 1.0, 1.0)
 
 ROOFS = (0.35, 4.5)
 """What a prior of layers holds; beyond it counts as its end, of the fingers compared it was 0.55 to 2.3."""
@@ -73,8 +87,9 @@ class Under:
             bend=past_touch_mm * self._curvature_per_mm,
             roof=float(np.clip(roof(self.config.tissue, thick), *ROOFS)),
         )
-        share = self._squeezed(receptor_mm).share(past_touch_mm) / press.depth
-        return Stiffened(stiffening, press, share, force_factor(stiffening, press))
+        squeeze = self._squeezed(receptor_mm).strain(past_touch_mm)
+        below = young_below(self.config.tissue, thick)
+        return Stiffened(stiffening, press, squeeze, below, force_factor(stiffening, press))
 
     @cached_property
     def _curvature_per_mm(self) -> float:
@@ -101,9 +116,13 @@ def thickness_mm(config: FingertipConfig, surface: FingertipSurface) -> float:
     return float(height_mm) * (1 - config.tissue.bone_fraction)
 
 
-def roof(tissue: Tissue, thick_mm: float) -> float:
-    """Modulus times thickness of the epidermis, over that of all below it, in series, times that of the tissue."""
+def young_below(tissue: Tissue, thick_mm: float) -> float:
+    """Young's modulus of all below the epidermis, in series, over the epidermis'."""
     below_mm = thick_mm - tissue.epidermis_mm
     dermis_mm = min(tissue.dermis_mm, below_mm)
-    e_below = below_mm / (dermis_mm / tissue.e_dermis + (below_mm - dermis_mm) / tissue.e_fat)
-    return tissue.epidermis_mm / (thick_mm * e_below)
+    return below_mm / (dermis_mm / tissue.e_dermis + (below_mm - dermis_mm) / tissue.e_fat)
+
+
+def roof(tissue: Tissue, thick_mm: float) -> float:
+    """Modulus times thickness of the epidermis, over that of all below it, times that of the tissue."""
+    return tissue.epidermis_mm / (thick_mm * young_below(tissue, thick_mm))
