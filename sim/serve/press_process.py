@@ -104,9 +104,7 @@ def _serve(far: "Connection[str | Answer, Asked]", begin: Callable[[], Answering
     except Exception as error:
         far.send(told(error))
         return
-    threadpool_limits(
-        1
-    )  # what is asked is small: beside others two threads wait for each other's turn at a processor
+    threadpool_limits(1)  # beside other work two threads of a small sum wait for each other's turn at a processor
     far.send("")
     with contextlib.suppress(EOFError, OSError):  # the pipe is closed, perhaps while an answer is being made
         while True:

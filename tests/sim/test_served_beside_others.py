@@ -125,6 +125,16 @@ def test_a_force_is_known_from_when_its_answer_came_however_long_that_took(serve
     assert served.told == []
 
 
+def test_an_answer_that_took_longer_than_foreseen_counts_for_what_it_was_asked(served: Served) -> None:
+    for _ in served.each_sample(0.5):
+        pass
+    served.finger.solve_s, asked = 0.4, len(served.finger.asked)
+    samples = served.each_sample(2.0)
+    while len(served.finger.asked) < asked + 2:
+        next(samples)
+    assert served.ahead.force_n(served.scheduler.monotonic_s()) > served.finger.asked[asked][0] + 1.5 * PERIOD_S
+
+
 def test_too_late_is_said_once_each_time(served: Served) -> None:
     for _ in served.each_sample(0.5):
         pass

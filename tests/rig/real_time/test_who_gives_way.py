@@ -81,8 +81,11 @@ def _standing() -> Callable[[None], tuple[int, int, list[int]]]:
 
 
 @pytest.mark.skipif(not hasattr(os, "getpriority"), reason="needs niceness (POSIX)")
-def test_a_served_finger_gives_way_to_nobody_in_a_session_of_its_own_on_one_thread() -> None:
+def test_a_served_finger_gives_way_to_nobody_in_a_session_of_its_own_on_one_thread(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """A device has no processor to share; two threads of small sums wait for each other's turn at one."""
+    monkeypatch.setenv("OMP_NUM_THREADS", "2")  # of the process: else it might have one anyway
     process: ServedFinger[None, tuple[int, int, list[int]]] = ServedFinger(_standing)
     try:
         process.ask(None)
