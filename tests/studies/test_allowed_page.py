@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import subprocess
 from dataclasses import replace
 from pathlib import Path
@@ -342,12 +343,19 @@ def test_there_are_as_many_fingers_as_were_asked_for(judged: Judged) -> None:
 
 
 def test_the_docs_say_what_the_kept_tables_say(judged: Judged) -> None:
-    """Every sentence, and the tables of parameters and of facts met."""
+    """Every sentence, and the tables of parameters and of facts met.
+
+    What the emulators foresaw, to a percent: where the search for their lengths ends hangs on SciPy (694 of 832
+    numbers with 1.17, 695 with 1.18: 83.4 and 83.5 %).
+    """
     docs = " ".join((ROOT / "docs" / "model.md").read_text(encoding="utf-8").split())
-    told = sentences.sentences(judged.study)
+    foreseen = " ".join(sentences.foreseen(judged.study).split())
+    told = [" ".join(text.split()) for text in sentences.sentences(judged.study)]
     tables = page.parameters(pins(judged.study.last)), page.halves(judged.study)
-    rows = [row for table in tables for row in table.splitlines() if row.startswith("|")]
-    assert not [text for text in (*told, *rows) if " ".join(text.split()) not in docs]
+    rows = [" ".join(row.split()) for table in tables for row in table.splitlines() if row.startswith("|")]
+    assert {text for text in (*told, *rows) if text not in docs} <= {foreseen}
+    before, share, after = re.split(r"(\d+)(?= %)", foreseen)
+    assert any(f"{before}{int(share) + off}{after}" in docs for off in (-1, 0, 1))
 
 
 def test_the_default_finger_is_pressed_at_the_low_force_of_each_of_the_best() -> None:
