@@ -11,7 +11,7 @@ from rig.engine import LimitError
 from rig.session.control.stop_switch import EndedError, StopSwitch, answer_to_a_stop
 from rig.session.running import stopped_at_once
 from rig.transport import TransportError
-from tests.waiting import DEADLINE_S
+from tests.waiting import DEADLINE_S, until
 
 
 class InHand:
@@ -146,7 +146,9 @@ def test_from_its_end_on_nothing_is_interrupted_and_no_stop_is_taken(
     assert (stage.told, interrupts, switch.stopped) == (0, [], False)
 
 
-def test_the_end_waits_for_a_stop_under_way(switch: StopSwitch, stage: Any) -> None:
+def test_the_end_waits_for_a_stop_under_way_and_is_not_interrupted_by_it(
+    switch: StopSwitch, stage: Any, interrupts: list[str]
+) -> None:
     begun, go_on, ended = threading.Event(), threading.Event(), threading.Event()
 
     def slow() -> None:
@@ -162,12 +164,13 @@ def test_the_end_waits_for_a_stop_under_way(switch: StopSwitch, stage: Any) -> N
     threads[0].start()
     assert begun.wait(DEADLINE_S)
     threads[1].start()
+    until(lambda: switch._taken)  # the end waits for the stop from here on
     assert not ended.is_set()
     go_on.set()
     for thread in threads:
         thread.join(DEADLINE_S)
     assert ended.is_set()
-    assert switch.stopped
+    assert (switch.stopped, interrupts) == (True, [])
 
 
 def test_no_interrupt_is_on_its_way_when_the_end_has_come(stage: Any) -> None:
