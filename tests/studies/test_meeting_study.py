@@ -171,7 +171,7 @@ def test_the_table_counts_what_is_demanded() -> None:
     assert "from outside" not in as_markdown(rows[:2])
 
 
-@pytest.mark.parametrize(("name", "first"), [("proof", 0), ("fresh", 3000)])
+@pytest.mark.parametrize(("name", "first"), [("proof", 0), ("fresh", 3000), ("third", 6000)])
 def test_the_page_has_the_tables_of_the_kept_rows(name: str, first: int) -> None:
     rows = [json.loads(line) for line in (KEPT / f"{name}.jsonl").read_text("utf-8").splitlines()]
     assert sorted((row["of"], row["seed"]) for row in rows) == sorted(
