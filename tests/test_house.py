@@ -1,9 +1,8 @@
-"""The plan of the house: how large its rooms are, that no two things have one name, and that its page is true."""
+"""Every package and module has a docstring, and every path that the documentation names exists."""
 
 import ast
 import re
 import tomllib
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,8 +12,6 @@ ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "code_overview.md"
 DOCS = [*sorted((ROOT / "docs").rglob("*.md")), ROOT / "README.md"]
 PACKAGES = ("rig", "sim")
-MOST_ENTRIES, MOST_MODULES, MOST_LINES, MOST_ARGUMENTS = 14, 15, 300, 6
-OFTEN = {"__init__", "base", "errors"}  # a room may have one of its own
 
 
 def _modules(package: str) -> list[Path]:
@@ -25,46 +22,10 @@ def _folders(package: str) -> Iterator[Path]:
     yield from {path.parent for path in _modules(package)}
 
 
-@pytest.mark.parametrize("package", PACKAGES)
-def test_a_package_has_few_rooms(package: str) -> None:
-    entries = [path.name for path in (ROOT / package).iterdir() if path.name != "__pycache__"]
-    assert len(entries) <= MOST_ENTRIES, entries
-
-
-@pytest.mark.parametrize("package", [*PACKAGES, "studies"])
-def test_a_room_has_few_modules(package: str) -> None:
-    for folder in _folders(package):
-        if folder != ROOT / "rig" / "cli":
-            assert len(list(folder.glob("*.py"))) <= MOST_MODULES, folder
-
-
-@pytest.mark.parametrize("package", [*PACKAGES, "studies"])
-def test_a_module_is_short(package: str) -> None:
-    for path in _modules(package):
-        assert len(path.read_text(encoding="utf-8").splitlines()) <= MOST_LINES, path
-
-
 @pytest.mark.parametrize("package", [*PACKAGES, "studies"])
 def test_every_room_and_module_says_what_it_is(package: str) -> None:
     for path in _modules(package):
         assert ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))), path
-
-
-@pytest.mark.parametrize("package", PACKAGES)
-def test_no_two_modules_have_one_name(package: str) -> None:
-    """Commands have the names that are typed; elsewhere a name is looked for once."""
-    names = Counter(path.stem for path in _modules(package) if path.parent.name != "cli" and path.stem not in OFTEN)
-    assert not [name for name, times in names.items() if times > 1]
-
-
-@pytest.mark.parametrize("package", PACKAGES)
-def test_a_constructor_takes_few_arguments(package: str) -> None:
-    """What is written by hand; a frozen record's fields are its data."""
-    for path in _modules(package):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.FunctionDef) and node.name == "__init__":
-                arguments = len(node.args.args) - 1 + len(node.args.kwonlyargs)
-                assert arguments <= MOST_ARGUMENTS, f"{path}, line {node.lineno}: {arguments}"
 
 
 # --- the page ---

@@ -184,6 +184,38 @@ class Stage(Protocol):
         """
         ...
 
+    def limit_depth(self, lowest_z_mm: float) -> None:
+        """Have the controller itself refuse any target below a height, where it can do so without wearing out.
+
+        The default does nothing: not every controller has a volatile limit.
+
+        Parameters
+        ----------
+        lowest_z_mm : float
+            Lowest allowed position of the vertical axis, in machine mm.
+
+        Raises
+        ------
+        StageError
+            If the controller does not confirm the limit.
+        """
+        return
+
+    def active_inputs(self) -> frozenset[str]:
+        """Return the names of the controller's stop inputs that are active now.
+
+        Returns
+        -------
+        frozenset of str
+            For example ``{"door"}``. Empty by default: not every controller has inputs that it can report.
+
+        Raises
+        ------
+        StageError
+            If the controller does not answer.
+        """
+        return frozenset()
+
     @abstractmethod
     def unlock(self) -> None:
         """Clear an alarm without homing; the position stays untrusted. Raises StageError."""
