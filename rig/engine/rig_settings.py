@@ -4,7 +4,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from rig.devices.bench_settings import SLOWEST_MM_S, BenchSettings
+from rig.devices.bench_settings import SLOWEST_MM_S, BenchSettings, StageBounds
 from rig.transport.port_settings import Settings
 
 FASTEST_PRESS_MM_S = 5.0
@@ -134,6 +134,15 @@ class RigSettings(BenchSettings):
 
     limits: LimitSettings = LimitSettings()
     habits: HabitSettings = HabitSettings()
+
+    @property
+    def bounds(self) -> StageBounds:
+        """What the stage's controller may enforce: the deepest press of the lowest contact, the highest speed."""
+        lowest_mm = self.frame.apex_z_mm - self.limits.search_mm - self.limits.max_doi_mm
+        return StageBounds(
+            lowest_z_mm=max(lowest_mm, -self.stage.travel_mm[2]),
+            fastest_mm_s=max(self.habits.travel_speed_mm_s, self.limits.max_press_speed_mm_s),
+        )
 
     @model_validator(mode="after")
     def _slow_enough(self) -> Self:

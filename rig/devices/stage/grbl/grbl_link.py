@@ -49,6 +49,7 @@ class GrblLink:
     def __init__(self, transport: Transport, clock: Clock) -> None:
         self._transport = transport
         self._clock = clock
+        self.name = transport.name
         self._reader = LineReader(transport, clock)
         self.in_step = False
         self.trusted = False
@@ -113,8 +114,8 @@ class GrblLink:
             except StopIteration as over:
                 return list(over.value)
 
-    def talking(self, line: str, timeout_s: float, look_s: float = math.inf) -> Generator[None, None, list[str]]:
-        """Send one line; gives way each look_s until its ok, and returns what came before it. Raises StageError."""
+    def talking(self, line: str, timeout_s: float, look_s: float = math.inf) -> Generator[list[str], None, list[str]]:
+        """Send one line; yields what came so far each look_s until its ok, and returns it then. Raises StageError."""
         if not self.in_step:
             raise StageError(f"{self._transport.name}: the board must be reset before {line!r}")
         self.hear_pending()
@@ -130,7 +131,7 @@ class GrblLink:
                 self._refuse_hold(heard)
                 printed.append(heard)
             elif self._clock.monotonic_s() < deadline_s:
-                yield
+                yield printed
             else:
                 self.in_step = self.trusted = False
                 raise StageTimeout(f"{self._transport.name}: no answer to {line!r} in {timeout_s:g} s")
