@@ -1,7 +1,9 @@
 """A stage on a GRBL 1.1 or grblHAL board. Source: GRBL 1.1 interface wiki."""
 
+import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Literal
 
@@ -69,6 +71,15 @@ ATTEMPTS = 3
 NEWS = 4
 
 
+@dataclass(frozen=True)
+class Jogged:
+    """A jog under way: along which axis, from where (machine mm), and how far it was told to go since."""
+
+    axis: Axis
+    from_mm: float
+    by_mm: float
+
+
 class GrblStage(Stage):
     """Stage over a GRBL board, one move at a time; output: what set_output() switches.
 
@@ -94,7 +105,7 @@ class GrblStage(Stage):
         self._backlash_mm = backlash_mm
         self._settings: dict[int, float] = {}
         self._last: Xyz | None = None
-        self._jogged: tuple[Axis, float] | None = None  # while jogging: along which axis, and how far it was told to
+        self._jogged: Jogged | None = None  # while jogging
 
     @property
     def homed(self) -> bool:
@@ -242,6 +253,7 @@ class GrblStage(Stage):
 
         Nothing moves without. Raises StageError.
         """
+        self._link.require_in_step(trigger)
         doubt, refused = "", None
         for attempt in range(ATTEMPTS):
             if attempt or self._last is None:
@@ -328,28 +340,37 @@ class GrblStage(Stage):
         """
         refuse_move({axis: by_mm}, speed_mm_s)
         self._link.refuse_interference("")
-        letter, down = axis.upper(), axis == "z" and by_mm < 0
-        if self._jogged is not None and self._jogged[0] == axis and not down:
-            told_mm = self._jogged[1] + by_mm
-            self._link.command(f"$J={letter}{number(told_mm)}{feed_word(speed_mm_s)}", look_s=LOOK_S)
-            self._jogged = (axis, told_mm)
+        before, letter, down = self._jogged, axis.upper(), axis == "z" and by_mm < 0
+        if before is not None and before.axis == axis and not down:
+            self._jogged = replace(before, by_mm=before.by_mm + by_mm)
+            self._link.command(self._jog_line(letter, self._jogged.by_mm, speed_mm_s), look_s=LOOK_S)
             return
-        if self._jogged is not None:
-            self._await_rest()
-        self._jogged = (axis, by_mm)
+        if before is not None:
+            self._end_of(before)
         i = "xyz".index(axis)
-        self._begin(
-            f"$J={letter}{0 if down else number(by_mm)}{feed_word(speed_mm_s)}",
+        self._jogged = Jogged(axis, math.nan, by_mm)
+        start = self._begin(
+            self._jog_line(letter, 0.0 if down else by_mm, speed_mm_s),
             lambda present: self._to({letter: present[i] + (by_mm if down else 0.0)}, present, FAR_MM),
             speed_mm_s,
         )
+        self._jogged = Jogged(axis, start[i], by_mm)
 
-    def _await_rest(self) -> None:
+    @staticmethod
+    def _jog_line(letter: str, to_mm: float, speed_mm_s: float) -> str:
+        return f"$J={letter}{number(to_mm)}{feed_word(speed_mm_s)}"
+
+    def _end_of(self, jog: Jogged) -> None:
+        """Wait until a jog is over; one that ended short was stopped by somebody else. Raises StageError."""
         deadline_s = self._clock.monotonic_s() + LATE_S
-        while self.status().state == "Jog":
+        while (now := self.status()).state == "Jog":
             if self._clock.monotonic_s() >= deadline_s:
                 raise StageTimeout(f"{self._transport.name}: still jogging after {LATE_S:g} s")
             self._listen(POLL_S)
+        told = {jog.axis.upper(): jog.from_mm + jog.by_mm}
+        missed = misplaced(self._settings, told, (now.x_mm, now.y_mm, now.z_mm))
+        if missed:
+            raise StageError(f"{self._transport.name}: the jog was stopped at the controller, {missed}")
 
     def end_jog(self, timeout_s: float = 5.0) -> None:
         """0x85 until the board is at rest: one that comes before the jog has begun is lost.
