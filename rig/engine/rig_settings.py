@@ -137,11 +137,21 @@ class RigSettings(BenchSettings):
 
     @property
     def bounds(self) -> StageBounds:
-        """What the stage's controller may enforce: the deepest press of the lowest contact, the highest speed."""
-        lowest_mm = self.frame.apex_z_mm - self.limits.search_mm - self.limits.max_doi_mm
+        """What the stage's controller may enforce: a floor below the deepest press at the apex, the highest speed."""
+        limits = self.limits
+        given_mm = self.calibration.value("compliance_mm_per_n", 0.0) * limits.soft_trip_n
+        floor_mm = self.frame.apex_z_mm - limits.search_mm - limits.max_doi_mm - given_mm
         return StageBounds(
-            lowest_z_mm=max(lowest_mm, -self.stage.travel_mm[2]),
-            fastest_mm_s=max(self.habits.travel_speed_mm_s, self.limits.max_press_speed_mm_s),
+            lowest_z_mm=max(floor_mm, -self.stage.travel_mm[2]),
+            fastest_mm_s=max(self.habits.travel_speed_mm_s, limits.max_press_speed_mm_s),
+        )
+
+    @property
+    def floor(self) -> str:
+        """The lowest height of the stage, in words."""
+        return (
+            f"the floor at {self.bounds.lowest_z_mm:g} mm: "
+            "limits.search_mm and limits.max_doi_mm below frame.apex_z_mm"
         )
 
     @model_validator(mode="after")
