@@ -1,4 +1,4 @@
-"""The moves of a GRBL stage as its wire tells them: a target is confirmed by the board before a trigger goes to it."""
+"""The moves of a GRBL stage as its wire tells them: a target is confirmed before a trigger goes to it."""
 
 import re
 from collections.abc import Iterable
