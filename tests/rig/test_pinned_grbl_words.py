@@ -164,7 +164,7 @@ def test_a_speed_is_told_per_minute(board: Board, clock: VirtualClock, speed_mm_
     stage = GrblStage(board, clock)
     stage.connect()
     stage.jog("y", 0.25, speed_mm_s)
-    assert board.said[-1] == f"$J=Y0.25{told}\n".encode()
+    assert board.said[-1] == f"$J=G91Z0Y0.25{told}\n".encode()
     heard = len(board.said)
     with pytest.raises(ValueError, match=r"at least 0\.0167"):
         stage.jog("y", 0.25, 0.99 / 60)

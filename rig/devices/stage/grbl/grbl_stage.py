@@ -1,9 +1,8 @@
 """A stage on a GRBL 1.1 or grblHAL board. Source: GRBL 1.1 interface wiki."""
 
-import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
@@ -51,7 +50,7 @@ from rig.devices.stage.grbl.grbl_words import (
     refuse_move,
     states,
 )
-from rig.devices.stage.grbl.work_zero import FAR_MM, doubt_about_zero
+from rig.devices.stage.grbl.work_zero import doubt_about_zero
 from rig.transport import Transport
 from rig.transport.clock import Clock
 
@@ -73,11 +72,10 @@ NEWS = 4
 
 @dataclass(frozen=True)
 class Jogged:
-    """A jog under way: along which axis, from where (machine mm), and how far it was told to go since."""
+    """A jog under way: along which axis; down to which height, machine mm, where it goes down."""
 
     axis: Axis
-    from_mm: float
-    by_mm: float
+    down_to_mm: float | None = None
 
 
 class GrblStage(Stage):
@@ -234,21 +232,23 @@ class GrblStage(Stage):
         self._jogged = None
         was = self._begin(
             "G1" + "".join(f"{axis}0" for axis in target),
-            lambda present: self._to(target, present, 0.0),
+            lambda present: self._to(target, present),
             speed_mm_s,
         )
         expected_s = expected_s_of(self._settings, was, target, speed_mm_s)
         yield from self._arriving(target, expected_s, look_s)
 
-    def _to(self, target: Mapping[str, float], present: Xyz, others_mm: float) -> Xyz:
+    def _to(self, target: Mapping[str, float], present: Xyz) -> Xyz:
         """The work coordinates of the present place where those of a target are zero."""
         x, y, z = (
-            present[i] - on_a_step(self._settings, i, target[axis]) if axis in target else others_mm
+            present[i] - on_a_step(self._settings, i, target[axis]) if axis in target else 0.0
             for i, axis in enumerate("XYZ")
         )
         return (x, y, z)
 
-    def _begin(self, trigger: str, coordinates: Callable[[Xyz], Xyz], speed_mm_s: float) -> Xyz:
+    def _begin(
+        self, trigger: str, coordinates: Callable[[Xyz], Xyz], speed_mm_s: float, *, confirm_modes: bool = False
+    ) -> Xyz:
         """Place work zero, and send the trigger once the board has confirmed it; returns where it begins.
 
         Nothing moves without. Raises StageError.
@@ -260,7 +260,9 @@ class GrblStage(Stage):
                 self._status()
             present = self._present()
             try:
-                doubt = doubt_about_zero(self._link, self._settings, present, coordinates(present), speed_mm_s)
+                doubt = doubt_about_zero(
+                    self._link, self._settings, present, coordinates(present), speed_mm_s, confirm_modes=confirm_modes
+                )
                 if not doubt:
                     self._link.command(trigger, look_s=LOOK_S)
                     return present
@@ -334,40 +336,42 @@ class GrblStage(Stage):
     def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
         """`$J=`: needs a board that is idle or jogging; down it waits until the board is at rest.
 
-        Down each jog ends at work zero. Sideways and up they count from where the first of them began, and the work
-        zeros of the other axes lie beyond the soft limits: whatever becomes of a line, it does not go below that.
-        Raises StageError; ValueError before any byte.
+        Down, each jog goes to a work zero of its own. Sideways and up, the first of several puts work zero where it
+        begins, and no one bit makes a line go down: Z stands in each of them. Raises StageError; ValueError before
+        any byte.
         """
         refuse_move({axis: by_mm}, speed_mm_s)
         self._link.refuse_interference("")
-        before, letter, down = self._jogged, axis.upper(), axis == "z" and by_mm < 0
-        if before is not None and before.axis == axis and not down:
-            self._jogged = replace(before, by_mm=before.by_mm + by_mm)
-            self._link.command(self._jog_line(letter, self._jogged.by_mm, speed_mm_s), look_s=LOOK_S)
+        before, feed = self._jogged, feed_word(speed_mm_s)
+        if axis == "z" and by_mm < 0:
+            self._jog_down(by_mm, speed_mm_s)
+            return
+        line = f"$J=G91{'' if axis == 'z' else 'Z0'}{axis.upper()}{number(by_mm)}{feed}"
+        if before == Jogged(axis):
+            self._link.command(line, look_s=LOOK_S)
             return
         if before is not None:
             self._end_of(before)
-        i = "xyz".index(axis)
-        self._jogged = Jogged(axis, math.nan, by_mm)
-        start = self._begin(
-            self._jog_line(letter, 0.0 if down else by_mm, speed_mm_s),
-            lambda present: self._to({letter: present[i] + (by_mm if down else 0.0)}, present, FAR_MM),
-            speed_mm_s,
-        )
-        self._jogged = Jogged(axis, start[i], by_mm)
+        self._jogged = Jogged(axis)
+        self._begin(line, lambda _: (0.0, 0.0, 0.0), speed_mm_s, confirm_modes=True)
 
-    @staticmethod
-    def _jog_line(letter: str, to_mm: float, speed_mm_s: float) -> str:
-        return f"$J={letter}{number(to_mm)}{feed_word(speed_mm_s)}"
+    def _jog_down(self, by_mm: float, speed_mm_s: float) -> None:
+        if self._jogged is not None:
+            self._end_of(self._jogged)
+        self._jogged = Jogged("z")
+        start = self._begin(
+            f"$J=Z0{feed_word(speed_mm_s)}", lambda at: self._to({"Z": at[2] + by_mm}, at), speed_mm_s
+        )
+        self._jogged = Jogged("z", start[2] + by_mm)
 
     def _end_of(self, jog: Jogged) -> None:
-        """Wait until a jog is over; one that ended short was stopped by somebody else. Raises StageError."""
+        """Wait until a jog is over; one down that ended short was stopped by somebody else. Raises StageError."""
         deadline_s = self._clock.monotonic_s() + LATE_S
         while (now := self.status()).state == "Jog":
             if self._clock.monotonic_s() >= deadline_s:
                 raise StageTimeout(f"{self._transport.name}: still jogging after {LATE_S:g} s")
             self._listen(POLL_S)
-        told = {jog.axis.upper(): jog.from_mm + jog.by_mm}
+        told = {} if jog.down_to_mm is None else {"Z": jog.down_to_mm}
         missed = misplaced(self._settings, told, (now.x_mm, now.y_mm, now.z_mm))
         if missed:
             raise StageError(f"{self._transport.name}: the jog was stopped at the controller, {missed}")

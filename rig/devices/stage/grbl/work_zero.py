@@ -11,9 +11,6 @@ from rig.devices.stage.grbl.grbl_link import GrblLink
 from rig.devices.stage.grbl.grbl_settings import near
 from rig.devices.stage.grbl.grbl_words import Xyz, feed_word, number, parse_modes
 
-FAR_MM = 1000.0
-"""The work coordinate of an axis that must not move: what is sent for it by mistake lies beyond the soft limits."""
-
 SHORT_MM = 0.1
 """An increment, which is over before it is fast: at 50 mm/s² the feed hardly matters."""
 
@@ -38,6 +35,8 @@ def doubt_about_zero(
     present: Xyz,
     coordinates: Xyz,
     speed_mm_s: float,
+    *,
+    confirm_modes: bool = False,
 ) -> str:
     """Place work zero and read it back; nothing moves. Before a long motion modes and feed are read back, too.
 
@@ -53,6 +52,8 @@ def doubt_about_zero(
         The work coordinates that this place gets, mm.
     speed_mm_s : float
         The speed of the motion to come, mm/s.
+    confirm_modes : bool
+        Whether modes and feed are read back before a short motion, too.
 
     Returns
     -------
