@@ -15,6 +15,7 @@ SHORT_MM = 0.1
 """An increment, which is over before it is fast: at 50 mm/s² the feed hardly matters."""
 
 MODES = "G90G21G94"
+_ROUND_OFF_MM = 1e-9
 # `$G` prints the feed without decimals.
 _FEED_SHOWN_MM_MIN = 0.51
 
@@ -67,10 +68,10 @@ def doubt_about_zero(
     """
     link.offset = None  # what was known of it is over: positions in work coordinates wait for the new one
     link.command(offset_line(coordinates, speed_mm_s), look_s=LOOK_S)
-    if max(map(abs, coordinates)) > SHORT_MM and (
-        doubt := _doubt_about_modes(link.command("$G", look_s=LOOK_S), 60 * speed_mm_s)
-    ):
-        return doubt
+    if confirm_modes or max(map(abs, coordinates)) > SHORT_MM + _ROUND_OFF_MM:
+        printed = link.command("$G", look_s=LOOK_S)
+        if doubt := _doubt_about_modes(printed, 60 * speed_mm_s):
+            return doubt
     fields = link.ask_status()
     link.refuse_interference(fields.state)
     if fields.state != "Idle":
