@@ -91,7 +91,7 @@ def _jog(stage: GrblStage, axis: Axis, by_mm: float) -> None:
     stage.jog(axis, by_mm, 5.0)
     stage.jog(axis, by_mm, 5.0)
     while stage.status().state == "Jog":
-        pass
+        stage._clock.wait_s(0.02)
     stage.end_jog()
 
 

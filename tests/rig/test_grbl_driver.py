@@ -382,9 +382,11 @@ def test_a_jog_is_queued_and_not_waited_for(stage: Make, clock: VirtualClock) ->
 
 
 def test_a_jog_beyond_the_travel_is_refused_by_the_board(stage: Make) -> None:
+    """After three times: an axis that was garbled is refused by its travel, too."""
+    again = [*confirmed("X0Y0Z0", 60, AT, AT), (b"$J=G91Z0X99F60\n", b"error:15\r\n")]
+    board = stage([(b"?", IDLE), *again, (b"?", IDLE), *again, (b"?", IDLE), *again])
     with pytest.raises(StageRejected, match="error 15: the jog target lies outside the travel"):
-        again = [*confirmed("X0Y0Z0", 60, AT, AT), (b"$J=G91Z0X99F60\n", b"error:15\r\n")]
-        stage([(b"?", IDLE), *again, (b"?", IDLE), *again, (b"?", IDLE), *again]).jog("x", 99.0, 1.0)
+        board.jog("x", 99.0, 1.0)
 
 
 def test_a_jog_cancel_is_waited_for_and_not_sent_again_at_once(stage: Make) -> None:
