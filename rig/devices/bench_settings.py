@@ -2,6 +2,7 @@
 
 import datetime
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, PositiveFloat, SerializeAsAny, model_validator
@@ -199,6 +200,22 @@ class FrameSettings(Settings):
     tilt_deg: float = Field(0.0, ge=-20, le=20, description="about x, as found; turn the holder by it")
 
 
+@dataclass(frozen=True)
+class StageBounds:
+    """What no motion of the rig needs to go beyond, for a controller that can enforce it.
+
+    Attributes
+    ----------
+    lowest_z_mm : float
+        The lowest position of the vertical axis, machine mm.
+    fastest_mm_s : float
+        The highest speed of any axis, mm/s.
+    """
+
+    lowest_z_mm: float
+    fastest_mm_s: float
+
+
 class BenchSettings(Settings):
     """All that the devices need."""
 
@@ -207,6 +224,11 @@ class BenchSettings(Settings):
     sync: SyncSettings = SyncSettings()
     frame: FrameSettings = FrameSettings()
     calibration: CalibrationSettings = CalibrationSettings()
+
+    @property
+    def bounds(self) -> StageBounds | None:
+        """What the stage's controller may enforce; None where no limits are known."""
+        return None
 
     @model_validator(mode="after")
     def _output_there(self) -> Self:

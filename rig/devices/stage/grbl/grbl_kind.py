@@ -14,6 +14,7 @@ def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
         opener(settings.stage.port),
         clock,
         expected=expected_settings(settings),
+        bounds=settings.bounds,
         output="off" if settings.sync.output == "drive" else settings.sync.output,
         backlash_mm=(x, y, z),
     )
