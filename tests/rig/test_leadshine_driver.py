@@ -67,7 +67,7 @@ def started(device: int, target: str, rpm: str) -> list[Pair]:
 
 
 def disarmed(device: int, paths: dict[int, str] | None = None) -> list[Pair]:
-    """Sixteen paths whose type is asked for, then the speeds of homing and of jogs; what is harmless stays as it is."""
+    """The types of sixteen paths are asked for, then the speeds of homing and jogs; what is harmless stays."""
     d, script = f"{device:02X}", list[Pair]()
     for number in range(16):
         register = f"62 {8 * number:02X}"
@@ -299,7 +299,7 @@ def test_a_trigger_that_is_not_confirmed_is_not_repeated(homed: Make) -> None:
 @pytest.mark.parametrize("word", range(7))
 def test_a_path_that_the_drive_has_otherwise_is_not_started(homed: Make, word: int) -> None:
     """One bit of one register."""
-    words = "00 01 FF FF FE 70 01 2C 01 4D 01 4D 00 00".split()
+    words = ["00", "01", "FF", "FF", "FE", "70", "01", "2C", "01", "4D", "01", "4D", "00", "00"]
     words[2 * word + 1] = f"{int(words[2 * word + 1], 16) ^ 0x20:02X}"
     there = homed([*MOVE_1_MM[:3], (MOVE_1_MM[3][0], "01 03 0E " + " ".join(words))])
     with pytest.raises(StageError, match=r"x axis, drive 1: path 0 \(0x6200\) is"):

@@ -125,7 +125,7 @@ class LeadshineDrive:
 
     # --- motion ---
 
-    def homing(self, keep_on: Callable[[], bool] = _always) -> Iterator[None]:
+    def homing(self, keep_on: Callable[[], bool] = _always) -> Iterator[Status]:
         """Find the home switch, which is 0 from then on; gives way at each look.
 
         keep_on says whether to begin after all that is to be set before. Raises StageError.
@@ -149,8 +149,8 @@ class LeadshineDrive:
 
         yield from self._until(at_home, HOME_S, START_S, "homing")
 
-    def moving(self, to_mm: float, speed_mm_s: float, keep_on: Callable[[], bool], look_s: float) -> Iterator[None]:
-        """To a position at up to speed_mm_s; gives way each look_s, and is over on arrival.
+    def moving(self, to_mm: float, speed_mm_s: float, keep_on: Callable[[], bool], look_s: float) -> Iterator[Status]:
+        """To a position at up to speed_mm_s; gives way each look_s with its status, and is over on arrival.
 
         keep_on says whether to go on waiting. Raises StageError; ValueError before any byte where the drive cannot
         be so slow.
@@ -286,8 +286,8 @@ class LeadshineDrive:
 
     def _until(
         self, done: Callable[[Status], bool], most_s: float, first_s: float, what: str, look_s: float = LOOK_S
-    ) -> Iterator[None]:
-        """Until it stands and done() says so; gives way each look_s.
+    ) -> Iterator[Status]:
+        """Until it stands and done() says so; gives way each look_s with its status.
 
         The drive is asked now and then in the first first_s, for an alarm, and steadily afterwards.
         """
@@ -303,7 +303,7 @@ class LeadshineDrive:
             if self._clock.monotonic_s() >= begun_s + most_s:
                 raise StageTimeout(f"{self._name}: {what} is not over after {most_s:.1f} s, status {status!r}")
             if self._clock.monotonic_s() >= due_s:
-                yield
+                yield status
                 due_s = next_look_s(self._clock.monotonic_s(), over_s, look_s)
 
     def _refuse_unhomed(self, status: Status) -> None:

@@ -1,7 +1,7 @@
 """A stage of two Leadshine drives, x lateral and z vertical, on one Modbus port or on two."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from rig.devices.bench_settings import SLOWEST_MM_S, SyncSettings
 from rig.devices.stage.base import LOOK_S, Axis, Looks, Stage, StageError, StageNotHomed, StageStatus
@@ -73,11 +73,7 @@ class LeadshineStage(Stage):
 
     def status(self) -> StageStatus:
         """State and position of both drives. Raises StageError."""
-        words = [drive.status() for drive in self._drives.values()]
-        if any(Status.HOMED not in word for word in words):
-            self._trusted = False
-        x_mm, z_mm = (drive.position_mm() for drive in self._drives.values())
-        return StageStatus(_state(words), x_mm, self._y_mm, z_mm)
+        return self._status({})
 
     def moving(
         self,
@@ -103,8 +99,8 @@ class LeadshineStage(Stage):
         try:
             self._disarm()
             for stop_mm in self._stops(axis, target_mm):
-                for _ in drive.moving(stop_mm, speed_mm_s, lambda: self._trusted, look_s):
-                    yield self.status()
+                for word in drive.moving(stop_mm, speed_mm_s, lambda: self._trusted, look_s):
+                    yield self._status({axis: word})
         except StageError:
             self._trusted = False
             raise
@@ -196,6 +192,14 @@ class LeadshineStage(Stage):
     def close(self) -> None:
         for bus in self._buses():
             bus.close()
+
+    def _status(self, known: Mapping[str, Status]) -> StageStatus:
+        """known: the words of drives that need not be asked for it again."""
+        words = [known[axis] if axis in known else drive.status() for axis, drive in self._drives.items()]
+        if any(Status.HOMED not in word for word in words):
+            self._trusted = False
+        x_mm, z_mm = (drive.position_mm() for drive in self._drives.values())
+        return StageStatus(_state(words), x_mm, self._y_mm, z_mm)
 
     def _disarm(self, *, again: bool = False) -> None:
         """Both, before either moves: a wrong bit in a drive's address tells the other one."""
