@@ -8,6 +8,7 @@ import math
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 from pymodbus.exceptions import ModbusException
 from pymodbus.framer import FramerRTU, FramerSocket
@@ -27,7 +28,7 @@ REPLY_S = 0.2
 READ_TRIES = 3
 BROADCAST = 0
 # On a serial line answers have no number: for so long after a question without an answer, that answer may still come
-# and be taken for another one. The line is then listened to for as long as a second answer takes at most.
+# and be taken for one to a question of the same kind. Those are then listened to for as long as a second one takes.
 LATE_S, LISTEN_S, LISTEN_BYTES = 3.0, 0.02, 40
 # Where a byte gets lost on TCP, a device takes the next frame's first byte for the last one of a register. No
 # trigger, control word or path has a low byte of 80 hex or more there, so all numbers begin with one.
@@ -64,6 +65,19 @@ class ModbusRefused(ModbusError):  # noqa: N818
         self.code = code
 
 
+@dataclass(frozen=True)
+class _Unanswered:
+    """A question without an answer so far: its kind, and since when; by default there is none."""
+
+    kind: tuple[int, ...] = ()
+    since_s: float = -math.inf
+
+
+def _kind(request: ModbusPDU) -> tuple[int, ...]:
+    """What an answer shows of its question."""
+    return (request.dev_id, request.function_code, request.count)
+
+
 class ModbusMaster:
     """The master of one bus (RTU) or of one connection (TCP); devices are told apart by their id, 1 … 247.
 
@@ -94,7 +108,7 @@ class ModbusMaster:
         self._free_s = 0.0
         self._reply_s, self._read_tries = reply_s, read_tries
         self._transaction = 0
-        self._unanswered_s = -math.inf
+        self._unanswered = _Unanswered()
         self._one = threading.Lock()
         self.echoes: bool | None = (
             None if self._rtu else False
@@ -163,7 +177,7 @@ class ModbusMaster:
     def _exchanged(self, request: ModbusPDU, fits: Callable[[ModbusPDU], bool]) -> ModbusPDU:
         self._clock.wait_s(self._free_s - self._clock.monotonic_s())
         while self._transport.read(0.0):
-            pass
+            self._unanswered = _Unanswered()  # it came when nobody waited for it
         frame = self._frame(request)
         self._send(frame)
         answer = self._answer(request, frame)
@@ -203,7 +217,7 @@ class ModbusMaster:
             if answer.dev_id != request.dev_id:
                 raise ModbusGarbled(f"{self._about(request)}: device {answer.dev_id} answered")
             return answer
-        self._unanswered_s = self._clock.monotonic_s()
+        self._unanswered = _Unanswered(_kind(request), self._clock.monotonic_s())
         came = (
             "only its own echo" if self.echoes and not heard else f"only {heard.hex(' ')}" if heard else "no answer"
         )
@@ -218,7 +232,7 @@ class ModbusMaster:
         return heard[len(sent) :] if found else heard
 
     def _first_fitting(self, request: ModbusPDU, heard: bytes) -> tuple[bytes, ModbusPDU | None]:
-        """What is left of `heard`, and the first whole answer in it, on TCP the first that has the request's number."""
+        """What is left of `heard`, and the first whole answer in it; on TCP, the first with the request's number."""
         while heard:
             left, answer = self._decoded(request, heard)
             if answer is not None and (self._rtu or answer.transaction_id == request.transaction_id):
@@ -230,13 +244,14 @@ class ModbusMaster:
 
     def _refuse_two_answers(self, request: ModbusPDU, heard: bytes) -> None:
         """After a question without an answer: of two answers nobody can say which is the right one."""
-        if not self._rtu or self._clock.monotonic_s() >= self._unanswered_s + LATE_S:
+        late, now_s = self._unanswered, self._clock.monotonic_s()
+        if not self._rtu or late.kind != _kind(request) or now_s >= late.since_s + LATE_S:
             return
-        until_s = self._clock.monotonic_s() + LISTEN_S + LISTEN_BYTES * self._byte_s
+        until_s = now_s + LISTEN_S + LISTEN_BYTES * self._byte_s
         while (left_s := until_s - self._clock.monotonic_s()) > 0:
             heard += self._transport.read(left_s)
         if heard:
-            self._unanswered_s = -math.inf
+            self._unanswered = _Unanswered()
             raise ModbusGarbled(f"{self._about(request)}: a late answer to an earlier question came, too")
 
     def _decoded(self, request: ModbusPDU, heard: bytes) -> tuple[bytes, ModbusPDU | None]:

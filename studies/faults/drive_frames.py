@@ -1,8 +1,8 @@
 """One fault in one frame between the Leadshine driver and its drives, for every frame, byte and bit.
 
-Each case takes one motion of two virtual drives and damages one of its frames, on the way out or back: one bit turned,
-one byte lost, doubled or swapped with the next, or the rest cut off. The drives are as bad as they can be without a
-second fault: their EEPROMs hold paths that press and drag, and their ids are one bit apart.
+Each case takes one motion of two virtual drives and damages one of its frames, on the way out or back: a bit is
+turned, a byte lost, doubled or swapped with the next, or the rest cut off. The drives are as bad as they can be
+without a second fault: their EEPROMs hold paths that press and drag, and their ids are one bit apart.
 
     python -m studies.faults.drive_frames --framing tcp      # every case; --framing rtu, --motion press
 """

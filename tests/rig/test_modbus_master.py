@@ -15,6 +15,8 @@ READ_2 = bytes.fromhex("01 03 00 07 00 02 75 CA")
 Rtu = Callable[[str], bytes]
 Script = Callable[[list[Any]], Any]
 
+NUMBERS = (0x8001, 0x8002, 0x8003)  # of the first questions over TCP
+
 
 @pytest.fixture
 def master(clock: VirtualClock, scripted: Script) -> Callable[..., ModbusMaster]:
@@ -285,17 +287,14 @@ def test_tcp_passes_over_an_answer_to_an_older_question(master: Any, together: b
 def test_tcp_another_unit_is_not_believed(master: Any) -> None:
     question = "0000 0006 01 03 0006 0001"
     script = [
-        (bytes.fromhex(f"{n:04x}" + question), bytes.fromhex(f"{n:04x} 0000 0005 09 03 02 2222"))
-        for n in (0x8001, 0x8002, 0x8003)
+        (bytes.fromhex(f"{n:04x}" + question), bytes.fromhex(f"{n:04x} 0000 0005 09 03 02 2222")) for n in NUMBERS
     ]
     with pytest.raises(ModbusGarbled, match="device 9 answered"):
         master(script, framing="tcp").read(1, 6, 1)
 
 
 def test_tcp_bytes_of_another_protocol(master: Any) -> None:
-    script = [
-        (bytes.fromhex(f"{n:04x} 0000 0006 01 03 0006 0001"), b"HTTP/1.1 400\r\n") for n in (0x8001, 0x8002, 0x8003)
-    ]
+    script = [(bytes.fromhex(f"{n:04x} 0000 0006 01 03 0006 0001"), b"HTTP/1.1 400\r\n") for n in NUMBERS]
     with pytest.raises(ModbusTimeout, match="only 48 54 54 50"):
         master(script, framing="tcp").read(1, 6, 1)
 
