@@ -99,13 +99,19 @@ def test_lines_are_refused_before_the_stop_is_on_the_wire(board: Watched) -> Non
 class Drive:
     """Answers whatever is asked of it as if it had arrived; at one question somebody stops the stage."""
 
-    device_id = 1
+    device_id, harmless = 1, False
 
     def __init__(self, events: list[str]) -> None:
         self.events, self.bus = events, self
         self.while_homing: Callable[[], None] = lambda: None
 
-    def homing(self) -> Any:
+    def refuse_fault(self) -> None:
+        """There is none."""
+
+    def disarm(self) -> None:
+        """Nothing is armed."""
+
+    def homing(self, keep_on: Callable[[], bool]) -> Any:
         self.while_homing()
         yield None
 
