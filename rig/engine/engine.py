@@ -59,7 +59,7 @@ class Engine:
         self.placed = False  # over a position that was asked for
         self.trips = Trips(settings.limits, soft_trip_n)
         self.sensing = Sensing(settings, bench.clock, bench.force)
-        self.motion = Motion(settings, bench.stage, self._glance)
+        self.motion = Motion(settings, bench.stage, bench.clock, self._glance)
         self.touched = Touched(settings)
         self.contact = ContactTime(bench.clock, settings.limits, contact_s)
         self.heartbeat = Heartbeat(bench.clock)
@@ -106,7 +106,8 @@ class Engine:
             self.state, self.may_touch = State.IN_CONTACT, True
         self.beat(_LATE_FACTOR * abs(height_mm - from_mm) / speed_mm_s)
         long = longer_than_an_increment(self.settings, from_mm, height_mm, clearance_mm)
-        self.move(lambda: self.motion.to_height(height_mm, speed_mm_s), touch_ends_it=long)
+        away = height_mm > from_mm
+        self.move(lambda: self.motion.to_height(height_mm, speed_mm_s), away=away, touch_ends_it=long)
 
     def move(self, motion: Callable[[], None], *, away: bool = False, touch_ends_it: bool = False) -> None:
         """Carry a motion out, feeling on the way: a force or a reading that must not be trips, at rest again.
@@ -137,8 +138,10 @@ class Engine:
         try:
             force_gwt = self.sensing.glance_gwt()
         except NoReadingError as error:
+            if self.sensing.away:
+                return  # nothing keeps the indentor on the finger; the reading at rest says that there is none
             raise FeltError(str(error)) from error
-        if force_gwt is None:
+        if force_gwt is None or self.sensing.unloads(force_gwt):
             return
         if passed := self.trips.passed_any(force_gwt):
             raise FeltError(f"{passed} while moving", force_gwt)
