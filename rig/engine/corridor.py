@@ -1,4 +1,4 @@
-"""Where a stage may be while a motion lasts: on the straight way from its start, and no farther than its speed allows.
+"""Where a stage may be while a motion lasts: on the way from its start, no farther than its speed allows.
 
 The second layer against a command that was corrupted on its wire and against a stage that runs on: the force is
 watched besides, and a driver confirms what it can before anything moves.

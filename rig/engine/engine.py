@@ -10,6 +10,7 @@ from rig.devices.force.base import ForceReading
 from rig.devices.stage.base import StageError
 from rig.devices.units import GWT_N
 from rig.engine.bench import Bench
+from rig.engine.contact import Contact, ContactKind, judged
 from rig.engine.errors import NotReadyError, RecordError, TripError
 from rig.engine.heartbeat import Heartbeat
 from rig.engine.journal import Recorder
@@ -23,6 +24,7 @@ from rig.transport.base import TransportError
 
 _T = TypeVar("_T")
 
+_CONFIRM_S = 2.0  # so long a force that is still there after a lift is waited for: a late sensor, a slow cell
 _LATE_FACTOR = 2.0  # a move may take so many times its length over its speed before the heartbeat is missed
 
 
@@ -66,6 +68,10 @@ class Engine:
         self.heartbeat.stop = self._stop_stage
         self._journal = journal
         self.may_touch = self._touch_ends_it = False  # below clearance since the last lift or homing; this motion
+        self.keep_contact: Callable[[Contact], None] = lambda known: None  # for whoever uses the bench next
+        self._known = Contact()  # measured last
+        self._last_gwt: float | None = None  # the last reading that was counted from a zero
+        self._floor_mm = math.nan
         self._next_index = 0
 
     # where it is
@@ -103,7 +109,7 @@ class Engine:
         free_mm = self.touched.free_mm(self.x_mm, self.along_mm, speed_mm_s)
         refuse_height(self.settings, from_mm, height_mm, speed_mm_s, free_mm)
         if height_mm < clearance_mm - AT_MM:
-            self.state, self.may_touch = State.IN_CONTACT, True
+            self._below_clearance()
         self.beat(_LATE_FACTOR * abs(height_mm - from_mm) / speed_mm_s)
         long = longer_than_an_increment(self.settings, from_mm, height_mm, clearance_mm)
         away = height_mm > from_mm
@@ -141,6 +147,7 @@ class Engine:
             if self.sensing.away:
                 return  # nothing keeps the indentor on the finger; the reading at rest says that there is none
             raise FeltError(str(error)) from error
+        self._last_gwt = force_gwt if self.sensing.zeroed else None
         if force_gwt is None or self.sensing.unloads(force_gwt):
             return
         if passed := self.trips.passed_any(force_gwt):
@@ -148,18 +155,97 @@ class Engine:
         if self._touch_ends_it and abs(force_gwt) >= self.sensing.touch_gwt:
             raise TouchError("a touch", force_gwt)
 
+    def limit_depth(self, height_mm: float) -> None:
+        """Have the stage itself refuse to go below a height, where it can; at rest only. Raises StageError."""
+        floor_mm = round(max(self.settings.frame.apex_z_mm + height_mm, -self.settings.stage.travel_mm[2]), 6)
+        if floor_mm != self._floor_mm:
+            self._floor_mm = math.nan
+            self.guarded(lambda: self.bench.stage.limit_depth(floor_mm))
+            self._floor_mm = floor_mm
+
+    def forget_depth(self) -> None:
+        """Whatever the stage was told to refuse, it may have forgotten."""
+        self._floor_mm = math.nan
+
     def lift(self, to_mm: float | None = None) -> None:
         """Straight up to a height, clearance by default, where the indentor is lower."""
         height_mm = self.settings.habits.clearance_mm if to_mm is None else to_mm
         if self.height_mm < height_mm - AT_MM:
             self.go_to_height(height_mm, self.settings.habits.travel_speed_mm_s)
 
-    def lifted(self) -> None:
+    # contact
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the stage's position is to be trusted."""
+        return self.bench.stage.homed and self.state is not State.UNHOMED
+
+    @property
+    def known_contact(self) -> Contact:
+        """What is known about contact now, without asking anything."""
+        if not self.may_touch:
+            return self._known
+        touches = self._last_gwt is not None and abs(self._last_gwt) >= self.sensing.touch_gwt
+        return self._contact("touching" if touches else "unknown", self._last_gwt)
+
+    def measure_contact(self) -> Contact:
+        """Return what position and force say, at rest, and remember it; trips nothing and moves nothing.
+
+        A force that is still there is waited for: a late sensor and a slow cell take their time.
+        """
+        force_gwt = self.force_at_rest_gwt()
+        found = self._contact(
+            judged(clear=self._is_clear, force_gwt=force_gwt, touch_gwt=self.sensing.touch_gwt), force_gwt
+        )
+        self._known, self.may_touch = found, self.may_touch and found.may_touch
+        self.keep_contact(found)
+        return found
+
+    def confirm_lifted(self) -> None:
+        """Make sure that nothing is touched: from here on it may go sideways. Trips where that cannot be said."""
+        self.trips.press_on(math.inf)
+        found = self.measure_contact()
+        if found.kind == "disagreement" or (found.kind == "raised" and self.sensing.zeroed):
+            self.trip(f"not lifted: {found.words}", found.force_gwt)
+        self.be_clear()
+
+    def be_clear(self) -> None:
         """Nothing is touched any more."""
         self.state, self.may_touch = State.READY, False
         self.trips.press_on(math.inf)
         self.heartbeat.rest()
         self.contact.end()
+
+    @property
+    def _is_clear(self) -> bool:
+        """Whether a trusted position is at clearance or higher."""
+        return self.bench.stage.homed and self.height_mm >= self.settings.habits.clearance_mm - AT_MM
+
+    def _contact(self, kind: ContactKind, force_gwt: float | None) -> Contact:
+        x_mm, height_mm = (round(mm, 6) if math.isfinite(mm) else None for mm in (self.x_mm, self.height_mm))
+        return Contact(kind, force_gwt, x_mm, height_mm, self.clock.unix_s())
+
+    def _below_clearance(self) -> None:
+        """Before the first motion below clearance it is on record that the finger may be touched."""
+        self.state = State.IN_CONTACT
+        if not self.may_touch:
+            self.may_touch = True
+            self.keep_contact(self._contact("unknown", self._last_gwt))
+
+    def force_at_rest_gwt(self) -> float | None:
+        """The force from zero when all motion is over; None where there is none."""
+        if not self.sensing.zeroed:
+            return None
+        until_s = self.clock.monotonic_s() + _CONFIRM_S
+        try:
+            while True:
+                self.beat(self.sensing.wait_s)
+                force_gwt = round(self.sensing.settled().force_n / GWT_N, 6)
+                if abs(force_gwt) < self.sensing.touch_gwt or self.clock.monotonic_s() >= until_s:
+                    self._last_gwt = force_gwt
+                    return force_gwt
+        except NoReadingError:
+            return None
 
     # feeling
 
@@ -176,6 +262,7 @@ class Engine:
         reading = self.reading()
         # Far finer than any sensor: a reading of just the threshold must not hang on how it was multiplied.
         force = round(reading.force_n / GWT_N, 6)
+        self._last_gwt = force if self.sensing.zeroed else None
         doi = None if contact_height_mm is None else self.doi_mm(contact_height_mm, force)
         if self.state is State.IN_CONTACT and force >= self.sensing.touch_gwt:
             self.contact.begin()
@@ -246,6 +333,8 @@ class Engine:
                 insist(lambda: self.lift(to_mm))
         except (FeltError, StageError, TransportError) as error:
             reason = f"{reason}; and the lift failed: {error}"
+        with contextlib.suppress(RecordError):  # the trip says more
+            self.measure_contact()
         self.heartbeat.rest()
         self.state, self.problem = State.TRIPPED, TripError(reason)
         with contextlib.suppress(RecordError):  # the trip says more
@@ -257,13 +346,16 @@ class Engine:
         if self.state is State.IN_CONTACT:
             try:
                 self.lift()
-                self.lifted()
             except (StageError, TransportError, TripError):
                 self.stop()
+            with contextlib.suppress(TripError):
+                if self.state is State.IN_CONTACT and not self.measure_contact().may_touch:
+                    self.be_clear()
         self.heartbeat.rest()
 
     def stop(self) -> None:
         """Quick stop past every queue; the position is not trusted afterwards, a trip stays latched."""
+        self.forget_depth()
         if self.state is not State.TRIPPED:
             self.state = State.UNHOMED
         self.heartbeat.rest()

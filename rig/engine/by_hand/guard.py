@@ -42,6 +42,16 @@ class Guard:
         return None if self.force_gwt is None else self._trips.passed_any(self.force_gwt)
 
     @property
+    def from_air_gwt(self) -> float | None:
+        """The last force, where it counts from a zero that was taken in the air; None where that is not known."""
+        return self.force_gwt if self._sensing.absolute else None
+
+    @property
+    def touch_gwt(self) -> float:
+        """The force that means contact."""
+        return self._sensing.touch_gwt
+
+    @property
     def room_mm(self) -> float:
         """How far down the force stays below nine tenths of the soft trip, at the stiffness of the last step."""
         if self._stiffness_gwt_mm <= 0:
