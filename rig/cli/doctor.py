@@ -88,7 +88,7 @@ def _bench(settings: Config) -> dict[str, Any]:
             for name, one in settings.calibration.measured()
         },
         "contact": contact(settings),
-        "last run": left or "the finger is not touched, as far as is on record",
+        "last run": left or "clear of the finger, as far as is on record",
     }
 
 

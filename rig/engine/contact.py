@@ -55,19 +55,28 @@ class Contact:
 
     @property
     def words(self) -> str:
-        """One sentence."""
+        """One sentence, with the place."""
         if self.kind == "lifted":
-            return f"lifted: {self._force} at {self.place}; it does not touch the finger"
+            return f"lifted, at {self.place}; {self.clause}"
         if self.kind == "raised":
-            return f"raised by position to {self.place}; not confirmed by force, so contact is not excluded"
+            return f"raised to {self.place}; {self.clause}"
+        if self.kind == "disagreement":
+            return f"the stage reports {self.place}, {self.clause}"
+        return f"last known at {self.place}; {self.clause}"
+
+    @property
+    def clause(self) -> str:
+        """The same without the place."""
+        if self.kind == "lifted":
+            return f"{self._force}: it does not touch the finger"
+        if self.kind == "raised":
+            return "by position alone, not confirmed by force: it may still touch the finger"
         if self.kind == "disagreement":
             return (
-                f"the stage reports {self.place}, but the sensor reads {self._force}: "
-                "the motor may have stalled or the zero drifted; it may still touch the finger"
+                f"but the sensor reads {self._force}: the motor may have stalled, or the zero drifted; "
+                "it may still touch the finger"
             )
-        if self.kind == "touching":
-            return f"pressed: {self._force} at {self.place}; it may still touch the finger"
-        return f"contact is not known: last known at {self.place}, {self._force}; it may still touch the finger"
+        return f"{self._force}: it may still touch the finger"
 
     @property
     def to_do(self) -> str | None:

@@ -69,7 +69,8 @@ class Engine:
         self._journal = journal
         self.may_touch = self._touch_ends_it = False  # below clearance since the last lift or homing; this motion
         self.keep_contact: Callable[[Contact], None] = lambda known: None  # for whoever uses the bench next
-        self._known = Contact()  # measured last
+        self._known, self._measured = Contact(), False  # what was measured last, and whether nothing has moved since
+        self._unread = ""  # why there was no force then
         self._last_gwt: float | None = None  # the last reading that was counted from a zero
         self._floor_mm = math.nan
         self._next_index = 0
@@ -120,7 +121,7 @@ class Engine:
 
         away: it leaves the finger before anything else.
         """
-        self._touch_ends_it = touch_ends_it
+        self._touch_ends_it, self._measured = touch_ends_it, False
         try:
             if self.state is not State.TRIPPED:
                 self.sensing.begin_motion(away=away)
@@ -183,7 +184,7 @@ class Engine:
     @property
     def known_contact(self) -> Contact:
         """What is known about contact now, without asking anything."""
-        if not self.may_touch:
+        if self._measured or not self.may_touch:
             return self._known
         touches = self._last_gwt is not None and abs(self._last_gwt) >= self.sensing.touch_gwt
         return self._contact("touching" if touches else "unknown", self._last_gwt)
@@ -193,11 +194,13 @@ class Engine:
 
         A force that is still there is waited for: a late sensor and a slow cell take their time.
         """
-        force_gwt = self.force_at_rest_gwt()
-        found = self._contact(
-            judged(clear=self._is_clear, force_gwt=force_gwt, touch_gwt=self.sensing.touch_gwt), force_gwt
-        )
-        self._known, self.may_touch = found, self.may_touch and found.may_touch
+        return self.know_contact(self.force_at_rest_gwt())
+
+    def know_contact(self, force_gwt: float | None) -> Contact:
+        """Return what position and this force at rest say (None: there is none), and remember it."""
+        kind = judged(clear=self._is_clear, force_gwt=force_gwt, touch_gwt=self.sensing.touch_gwt)
+        found = self._contact(kind, force_gwt)
+        self._known, self._measured, self.may_touch = found, True, self.may_touch and found.may_touch
         self.keep_contact(found)
         return found
 
@@ -206,8 +209,14 @@ class Engine:
         self.trips.press_on(math.inf)
         found = self.measure_contact()
         if found.kind == "disagreement" or (found.kind == "raised" and self.sensing.zeroed):
-            self.trip(f"not lifted: {found.words}", found.force_gwt)
+            self.trip(self.not_lifted, found.force_gwt)
         self.be_clear()
+
+    @property
+    def not_lifted(self) -> str:
+        """The last measurement of contact as the reason of a trip."""
+        unread = f": {self._unread}" if self._known.kind == "raised" and self._unread else ""
+        return f"not lifted: {self._known.words}{unread}"
 
     def be_clear(self) -> None:
         """Nothing is touched any more."""
@@ -234,6 +243,7 @@ class Engine:
 
     def force_at_rest_gwt(self) -> float | None:
         """The force from zero when all motion is over; None where there is none."""
+        self._unread = ""
         if not self.sensing.zeroed:
             return None
         until_s = self.clock.monotonic_s() + _CONFIRM_S
@@ -244,7 +254,8 @@ class Engine:
                 if abs(force_gwt) < self.sensing.touch_gwt or self.clock.monotonic_s() >= until_s:
                     self._last_gwt = force_gwt
                     return force_gwt
-        except NoReadingError:
+        except NoReadingError as error:
+            self._unread = str(error)
             return None
 
     # feeling

@@ -3,6 +3,7 @@
 import statistics
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any, TypeVar
 
 from rig.devices.units import GWT_N
@@ -42,8 +43,10 @@ def home(engine: Engine) -> None:
     engine.placed = False
     engine.limit_depth(-engine.settings.limits.search_mm - engine.settings.limits.max_doi_mm)
     touched, found = engine.may_touch, engine.measure_contact()
-    if touched and found.kind == "disagreement":
-        engine.trip(f"homed, and not lifted: {found.words}", found.force_gwt)
+    if engine.sensing.absolute and (passed := engine.trips.passed_any(found.force_gwt or 0.0)):
+        engine.trip(f"{passed}; {engine.not_lifted}", found.force_gwt)
+    if (touched and found.kind == "disagreement") or (engine.sensing.absolute and found.kind == "raised"):
+        engine.trip(f"homed, and {engine.not_lifted}", found.force_gwt)
     engine.be_clear()
     engine.record("home", {"controller": controller, **_contact(engine)})
 
@@ -64,7 +67,8 @@ def leave_finger(engine: Engine, before: LastKnown, *, resumed: bool) -> None:
     try:
         if before.zero is not None:
             sensing.connect()
-            sensing.zero = before.zero
+            # An older zero tells a touch from none only where one is on record: the indentor may have been changed.
+            sensing.zero = replace(before.zero, provisional=not engine.may_touch)
             force_gwt = engine.force_at_rest_gwt()
             if force_gwt is not None and abs(force_gwt) >= sensing.touch_gwt:
                 found = f"{force_gwt:.2f} gwt against the last zero on record"
@@ -92,7 +96,7 @@ def zero(engine: Engine) -> None:
     sensing.sensor.zero()
     found = sensing.take_zero(several_gwt(engine.raw_reading))
     known = {"noise_gwt": found.noise_gwt, "offset_gwt": found.offset_n / GWT_N}
-    engine.measure_contact()
+    engine.know_contact(0.0)  # from here on
     engine.record("zero", {"sensor": name, **known, "drift_gwt": drift_gwt})
     band_gwt = engine.settings.limits.zero_drift_gwt
     if drift_gwt is not None and abs(drift_gwt) > band_gwt:

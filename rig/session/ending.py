@@ -89,8 +89,11 @@ class Whereabouts:
         """One line on where it is and whether it touches."""
         if self.left == "not moved":
             return "not moved: nothing was told to move, it is where it was before"
-        doubt = "" if self.trusted else " (position last known and not trusted)"
-        return f"{self._found.words}{doubt}"
+        doubt = "trusted" if self.trusted else "last known and not trusted"
+        found = self._found
+        if self.contact is None and self.may_touch is None:
+            return f"{self.left}, at {found.place} ({doubt}); whether it touches the finger is not known"
+        return f"{self.left}, at {found.place} ({doubt}); {found.clause}"
 
     @property
     def to_do(self) -> str | None:
@@ -100,7 +103,7 @@ class Whereabouts:
     @property
     def _found(self) -> Contact:
         kind = self.contact
-        if kind is None:
+        if kind is None:  # of before contact was measured
             kind = "raised" if self.left == "lifted" else "unknown"
         return Contact(kind, self.force_gwt, self.x_mm, self.height_mm)
 

@@ -111,7 +111,7 @@ def careful_of(left: Ending | None, config: Config) -> str | None:
         return ended
     if not known.may_touch:
         return None
-    return "; ".join(part for part in (known.words, known.to_do, ended) if part)
+    return f"{known.words}; {known.to_do}" if ended is None else f"{ended}; on record: {known.words}"
 
 
 def last_left(runs: Path, config: Config) -> Ending | None:
