@@ -10,12 +10,13 @@ from rig.devices.force.base import ForceReading
 from rig.devices.stage.base import StageError
 from rig.devices.units import GWT_N
 from rig.engine.bench import Bench
+from rig.engine.by_hand.dead_man import UP, dead_man_jog
 from rig.engine.contact import Contact, ContactKind, judged
 from rig.engine.errors import NotReadyError, RecordError, TripError
 from rig.engine.heartbeat import Heartbeat
 from rig.engine.journal import Recorder
 from rig.engine.limits import AT_MM, ContactTime, Trips, longer_than_an_increment, refuse_height, trip_height_mm
-from rig.engine.motion import FeltError, Motion, TouchError, insist
+from rig.engine.motion import FeltError, Motion, StrayedError, TouchError, insist
 from rig.engine.records import NO_PRESS, Phase, PressId, as_fine
 from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import NoReadingError, Sensing
@@ -72,6 +73,7 @@ class Engine:
         self._known, self._measured = Contact(), False  # what was measured last, and whether nothing has moved since
         self._unread = ""  # why there was no force then
         self._last_gwt: float | None = None  # the last reading that was counted from a zero
+        self._strayed = False  # so the stage was stopped
         self._floor_mm = math.nan
         self._next_index = 0
 
@@ -131,6 +133,7 @@ class Engine:
         except TouchError:
             pass  # the reading at rest says more
         except FeltError as felt:
+            self._strayed = self._strayed or isinstance(felt, StrayedError)
             if self.state is State.TRIPPED:
                 raise  # on the way up from the trip, which goes on
             if felt.force_gwt is not None:
@@ -341,7 +344,7 @@ class Engine:
                 self.stop()
             elif not self.heartbeat.lost:
                 to_mm = trip_height_mm(self.settings, self.height_mm)
-                insist(lambda: self.lift(to_mm))
+                insist(lambda: self._leave(to_mm))
         except (FeltError, StageError, TransportError) as error:
             reason = f"{reason}; and the lift failed: {error}"
         with contextlib.suppress(RecordError):  # the trip says more
@@ -351,6 +354,19 @@ class Engine:
         with contextlib.suppress(RecordError):  # the trip says more
             self.record("trip", {"reason": reason, "force_gwt": force_gwt, "contact_s": self.contact.rounded_s})
         raise self.problem
+
+    def _leave(self, to_mm: float) -> None:
+        """Up from a trip: to a height; where a stage that strayed was stopped, by as much, in jogs."""
+        if self.bench.stage.homed or not self._strayed:
+            self.lift(to_mm)
+            return
+        top_mm = -self.settings.frame.apex_z_mm
+        by_mm = min(max(to_mm - self.height_mm, self.settings.habits.clearance_mm), top_mm - self.height_mm)
+        stage, speed_mm_s = self.bench.stage, self.settings.habits.travel_speed_mm_s
+        stage.unlock()
+        if by_mm > AT_MM:
+            dead_man_jog(stage, self.clock, lambda: UP, speed_mm_s, by_mm, lambda at: None)
+        self.motion.stands_at(stage.status())
 
     def make_safe(self) -> None:
         """After a failure elsewhere: lift where the stage is at rest and trusted, stop it where that fails."""

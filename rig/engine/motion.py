@@ -25,7 +25,11 @@ class TouchError(FeltError):
 
 
 class StrayedError(FeltError):
-    """The stage was not where its command had it go, by two reports in a row; it is at rest again."""
+    """The stage was not where its command had it go, by two reports in a row; it was stopped, and is not trusted."""
+
+    def __init__(self, reason: str, at: StageStatus) -> None:
+        super().__init__(reason)
+        self.at = at
 
 
 def refuse_strayed(corridor: Corridor, at: StageStatus, stage: Stage, clock: Clock) -> None:
@@ -36,9 +40,10 @@ def refuse_strayed(corridor: Corridor, at: StageStatus, stage: Stage, clock: Clo
     """
     if corridor.strayed(at, clock.monotonic_s()) is None:
         return
-    strayed = corridor.strayed(stage.status(), clock.monotonic_s())
+    again = stage.status()
+    strayed = corridor.strayed(again, clock.monotonic_s())
     if strayed is not None:
-        raise StrayedError(strayed) if stage.homed else StageError(f"{strayed}; its position is not trusted")
+        raise StrayedError(strayed, again) if stage.homed else StageError(f"{strayed}; its position is not trusted")
 
 
 def insist(lift: Callable[[], None]) -> None:
@@ -61,9 +66,7 @@ class Motion:
     def home(self) -> None:
         """Find the switches. Raises StageError, and what a glance raises."""
         self._watched(self._stage.homing(), lambda at: None, self._stage.stop, None)
-        at = self._stage.status()
-        self._be_over(at)
-        self._be_at_height(at)
+        self.stands_at(self._stage.status())
 
     def aside(self, x_mm: float, along_mm: float, speed_mm_s: float) -> None:
         """To another place at this height. Raises StageError, and what a glance raises."""
@@ -131,6 +134,10 @@ class Motion:
             if corridor is not None and at is not None:
                 refuse_strayed(corridor, at, self._stage, self._clock)
             self._glance()
+        except StrayedError as strayed:
+            self._stage.stop()  # at once: a halt slows down first, farther the wrong way
+            self.stands_at(strayed.at)
+            raise
         except FeltError:
             self._come_to_rest(seen, halt)
             raise
@@ -139,6 +146,11 @@ class Motion:
         halt()
         if self._stage.homed:
             seen(self._stage.status())
+
+    def stands_at(self, at: StageStatus) -> None:
+        """It is there, for all that is known."""
+        self._be_over(at)
+        self._be_at_height(at)
 
     def _be_over(self, at: StageStatus) -> None:
         frame = self._settings.frame

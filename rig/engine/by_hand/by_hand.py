@@ -6,12 +6,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from rig.devices.stage.base import Axis, Stage, StageError, StageOverridden, StageStatus
-from rig.engine.by_hand.dead_man import Direction, dead_man_jog
+from rig.engine.by_hand.dead_man import DOWN, UP, Direction, dead_man_jog
 from rig.engine.by_hand.guard import Guard
 from rig.engine.contact import Contact, ContactKind, judged
 from rig.engine.errors import LimitError
 from rig.engine.limits import AT_MM
-from rig.engine.motion import FeltError, insist
+from rig.engine.motion import FeltError, StrayedError, insist
 from rig.engine.rig_settings import RigSettings
 from rig.transport.base import TransportError
 from rig.transport.clock import Clock
@@ -20,7 +20,6 @@ Held = Callable[[], Direction | None]
 Show = Callable[[StageStatus, float | None], None]
 """What is told where the stage is and what is felt there (gwt; None: nothing is)."""
 
-DOWN, UP = Direction("z", -1), Direction("z", +1)
 _TINY_MM = 1e-6
 
 
@@ -80,6 +79,9 @@ class ByHand:
             self._below_clearance(at, by_mm)
         try:
             end = self._down(held, speed_mm_s, by_mm) if direction == DOWN else self._aside(held, speed_mm_s, by_mm)
+        except StrayedError as strayed:
+            self.stands(placed=False)  # the stage was stopped
+            return Moved(strayed.at, self._force_gwt, str(strayed))
         except FeltError as felt:
             return self._ended(direction, at, str(felt))
         except StageOverridden as error:
