@@ -36,14 +36,13 @@ def refuse_strayed(corridor: Corridor, at: StageStatus, stage: Stage, clock: Clo
     """Raise StrayedError where a report lies outside, and another one that is asked for at once does, too.
 
     A single garbled digit is cleared that way, and a true stop is late by one question and its answer at most.
-    Raises StageError where the stage itself does not trust its position any more.
     """
     if corridor.strayed(at, clock.monotonic_s()) is None:
         return
     again = stage.status()
     strayed = corridor.strayed(again, clock.monotonic_s())
     if strayed is not None:
-        raise StrayedError(strayed, again) if stage.homed else StageError(f"{strayed}; its position is not trusted")
+        raise StrayedError(strayed, again)
 
 
 def insist(lift: Callable[[], None]) -> None:
@@ -135,8 +134,11 @@ class Motion:
                 refuse_strayed(corridor, at, self._stage, self._clock)
             self._glance()
         except StrayedError as strayed:
+            trusted = self._stage.homed
             self._stage.stop()  # at once: a halt slows down first, farther the wrong way
             self.stands_at(strayed.at)
+            if not trusted:  # the stage itself says so: it may stand anywhere
+                raise StageError(str(strayed)) from strayed
             raise
         except FeltError:
             self._come_to_rest(seen, halt)

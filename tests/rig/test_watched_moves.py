@@ -209,9 +209,7 @@ def test_a_lift_after_a_trip_waits_for_no_sensor(watched: Callable[..., Watched]
     asked = len(bench.hand.felt_s)
     with pytest.raises(TripError):
         engine.trip("for the test")
-    asked_at_mm = [bench.hand.carriage.pose_at(t_s).above_apex_mm for t_s in bench.hand.felt_s[asked:]]
-    assert asked_at_mm, "once it is at rest"
-    assert min(asked_at_mm) > 1.99
+    assert len(bench.hand.felt_s) - asked <= 3, "one reading, at rest"
     assert bench.pose.above_apex_mm > 1.99
 
 
