@@ -9,12 +9,13 @@ from typing import Annotated, Any
 import typer
 
 from rig.cli.interrupts import STOP_SIGNAL, at_once
-from rig.cli.looking import look, position
+from rig.cli.looking import contact, look, position
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import ExitCode, complain, out, print_json, told_in_one_line
 from rig.devices.drivers import open_force, open_stage
 from rig.devices.stage.base import Stage, StageStatus
 from rig.engine.by_hand.bench_memory import BenchMemory
+from rig.engine.contact import Contact
 from rig.engine.sensing import Sensing
 from rig.plan.config import Config, load_config
 from rig.session.by_hand import at_hand
@@ -43,16 +44,16 @@ def home(config: ConfigOption, without_force: WithoutForceOption = False, as_jso
     """Home all axes and say where they then are; the force is read all the way."""
     with told_in_one_line(as_json=as_json):
         settings = load_config(config)
-        at = _home_unfelt(settings) if without_force else _home(settings)
-        tell(position(at), as_json=as_json)
+        at, known = _home_unfelt(settings) if without_force else _home(settings)
+        tell({**position(at), **known.as_json()}, as_json=as_json)
 
 
-def _home(settings: Config) -> StageStatus:
+def _home(settings: Config) -> tuple[StageStatus, Contact]:
     with at_once(), closing(_bench_at_hand(settings)) as bench:
         sensing = Sensing(settings, bench.clock, bench.force)
         sensing.zero = bench.memory.read().zero
-        at_hand.home(settings, bench, sensing)
-        return bench.stage.status()
+        known = at_hand.home(settings, bench, sensing)
+        return bench.stage.status(), known
 
 
 def _bench_at_hand(settings: Config) -> RealBench:
@@ -63,14 +64,17 @@ def _bench_at_hand(settings: Config) -> RealBench:
         raise at_hand.unfelt(error) if error.device == "force" else error from None
 
 
-def _home_unfelt(settings: Config) -> StageStatus:
+def _home_unfelt(settings: Config) -> tuple[StageStatus, Contact]:
     memory = BenchMemory(settings)
-    with stage_at_hand(settings) as (stage, _):
+    with stage_at_hand(settings) as (stage, clock):
         memory.moves()
         stage.home()
         at = stage.status()
         memory.left(at)
-        return at
+        x_mm, height_mm = at.x_mm - settings.frame.pad_centre_x_mm, at.z_mm - settings.frame.apex_z_mm
+        known = Contact("raised", None, round(x_mm, 6), round(height_mm, 6), clock.unix_s())
+        memory.touched(known)
+        return at, known
 
 
 def zero(
@@ -90,8 +94,9 @@ def zero(
 def status(config: ConfigOption, as_json: JsonOption = False) -> None:
     """Look at both devices; a port that somebody owns is left alone."""
     with told_in_one_line(as_json=as_json):
-        found = look(load_config(config))
-        tell(found, as_json=as_json)
+        settings = load_config(config)
+        found = look(settings)
+        tell({**found, "contact": contact(settings)}, as_json=as_json)
         problems = [device["problem"] for device in found.values() if "problem" in device]
         for problem in problems:
             complain(problem)

@@ -96,8 +96,10 @@ def compliance(
 def _on_a_block(settings: Config, to_gwt: float) -> Compliance:
     bench = open_bench(settings, WallClock(), io.StringIO(), ask_at_the_bench)
     engine = Engine(settings, bench, NoJournal())
+    engine.keep_contact = bench.touched
     with closing(bench), bench.look_after(engine.heartbeat), stopped_at_once(engine):
         bench.confirm(f"put a rigid block under a flat indentor; it will be pressed to {to_gwt:g} gwt")
+        verbs.leave_finger(engine, bench.before, resumed=False)
         verbs.mount(engine, "flat")
         verbs.home(engine)
         verbs.zero(engine)

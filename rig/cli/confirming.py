@@ -46,9 +46,9 @@ def ready_for_a_real_run(command: str, config: Config, out: Path, *, yes: bool) 
 
 
 def at_the_page(
-    before: Ending | None, *, yes: bool, asking: Callable[[], AbstractContextManager[None]] = nullcontext
+    before: str | None, *, yes: bool, asking: Callable[[], AbstractContextManager[None]] = nullcontext
 ) -> Confirm:
-    """Print the page, and wait for the one answer to it; before: how the last run left the indentor.
+    """Print the page, and wait for the one answer to it; before: what to be careful of.
 
     asking: is entered while the answer is waited for.
 
@@ -57,7 +57,7 @@ def at_the_page(
 
     def confirm(session: Session) -> Page:
         page = nothing_to_confirm(as_json=False)(session)
-        lines = page.lines if before is None else {"careful": careful(before), **page.lines}
+        lines = page.lines if before is None else {"careful": before, **page.lines}
         confirmed_with(lines, yes=yes, asking=asking)
         return page
 

@@ -6,6 +6,7 @@ from typing import Any
 from rig.devices.drivers import open_force, open_stage
 from rig.devices.force.base import ForceError
 from rig.devices.stage.base import StageError, StageStatus
+from rig.engine.by_hand.bench_memory import BenchMemory
 from rig.plan.config import Config
 from rig.session.control.at_work import at_work
 from rig.transport import TransportError, first_owner, port_owner
@@ -24,6 +25,12 @@ def look(settings: Config, *, closely: bool = False) -> dict[str, dict[str, Any]
         "stage": {"kind": stage.kind, "port": " and ".join(stage.ports), **_look_at_stage(settings, closely=closely)},
         "force": {"kind": force.kind, "port": force.port, **_look_at_force(settings)},
     }
+
+
+def contact(settings: Config) -> dict[str, Any]:
+    """What is on record about contact; nothing where no command has found anything out."""
+    known = BenchMemory(settings).read().contact
+    return {"words": "nothing on record"} if known is None else known.as_json()
 
 
 def position(at: StageStatus) -> dict[str, Any]:

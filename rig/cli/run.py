@@ -47,7 +47,7 @@ def command(
             from rig.cli.confirming import at_the_page, ready_for_a_real_run
             from rig.cli.run_owner import owning
             from rig.session.control.stage_in_hand import StageInHand
-            from rig.session.resume import last_left
+            from rig.session.resume import left_on_record
             from rig.session.session import real_run
             from rig.transport.clock import WallClock
 
@@ -67,7 +67,7 @@ def command(
                     owner,
                     as_json=as_json,
                     finger=finger,
-                    confirm=at_the_page(last_left(out_dir, settings), yes=yes, asking=owner.asking),
+                    confirm=at_the_page(left_on_record(out_dir, settings), yes=yes, asking=owner.asking),
                     begins=beginning.begins,
                 )
     leave(done)

@@ -3,7 +3,7 @@
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -195,6 +195,7 @@ def _on_a_bench(
         with closing(bench):
             journal = Journal(folder.events, bench.clock, STREAMS, watch, bench.witness, virtual=bench.virtual)
             engine = Engine(session.config, bench, journal, session.plan.soft_trip_n, contact_s)
+            engine.keep_contact = bench.touched
             journal.at_end = lambda: {"indentor": asdict(Whereabouts.of(engine))}
             _begin(session, journal, virtual=bench.virtual)
             session.attendant.begins(folder)
@@ -206,8 +207,7 @@ def _carry_out(session: Session, journal: Journal, engine: Engine, rig: Rig, ben
     try:
         with journal, stopped_at_once(engine, session.attendant.stopped):
             with bench.look_after(engine.heartbeat):
-                if session.before is not None:
-                    verbs.home(engine)
+                verbs.leave_finger(engine, bench.before, resumed=session.before is not None)
                 run_script(session.script, engine, rig)
             journal.stop("done")
     except ENDINGS as error:
@@ -216,6 +216,9 @@ def _carry_out(session: Session, journal: Journal, engine: Engine, rig: Rig, ben
         return RunAborted("at once, by the operator")
     finally:
         bench.left_with(engine.sensing.zero)
+        if engine.may_touch:
+            with suppress(RecordError):  # it says already that the finger may be touched
+                bench.touched(engine.known_contact)
     return None
 
 

@@ -10,6 +10,8 @@ from rig.devices.drivers import force_driver, stage_driver
 from rig.devices.force.base import ForceSensor
 from rig.devices.stage.base import Stage
 from rig.engine.bench import NO_PAUSE, Pause
+from rig.engine.by_hand.bench_memory import LastKnown
+from rig.engine.contact import Contact
 from rig.engine.heartbeat import LOOK_S, Heartbeat
 from rig.engine.sensing import Zero
 from rig.plan.config import Config
@@ -84,6 +86,14 @@ class VirtualBench:
             yield
         finally:
             looking = False
+
+    @property
+    def before(self) -> LastKnown:
+        """Nothing: it is a new one."""
+        return LastKnown()
+
+    def touched(self, known: Contact) -> None:
+        """No finger is on it when the program is gone."""
 
     def left_with(self, zero: Zero | None) -> None:
         """The next virtual bench is a new one."""
