@@ -1,0 +1,296 @@
+"""Cases carried out: each in a process forked at the very instant at which its fault strikes.
+
+A worker plays a scenario on the virtual clock, in one thread. At each message that faults strike it forks a child for
+each of them; the child goes on with the fault to the end of the program, has another program take up what is missing,
+and appends one line to the results. The worker's own play goes on undisturbed.
+"""
+
+import gc
+import json
+import os
+import resource
+import shutil
+import signal
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rig.data import read_run
+from rig.devices.force.base import ForceError
+from rig.devices.stage.base import StageError
+from rig.engine import EngineError
+from rig.protocol.errors import BadInputError
+from rig.transport import TransportError
+from studies.faults.attempts import attempts
+from studies.faults.campaign.cases import Case
+from studies.faults.campaign.faults import FaultyCarriage, cell
+from studies.faults.campaign.judge import claim_of, exemption_of, true_claim, violations
+from studies.faults.campaign.scenarios import SCENARIOS, Finished, Scenario
+from studies.faults.campaign.world import Message, World, Worst
+
+LONGEST_CPU_S = 20
+_ENDS = (EngineError, StageError, ForceError, TransportError, BadInputError)
+
+Record = dict[str, Any]
+
+
+class Played:
+    """One scenario on one bench, played by a worker that forks a child for each of its cases."""
+
+    def __init__(
+        self, bench: str, scenario: Scenario, of: Sequence[Case], out: int, told: Callable[[], None], folder: Path
+    ) -> None:
+        """out: the file descriptor that records are appended to; told hears of each case that is over."""
+        self._bench, self._scenario, self._out, self._told, self._folder = bench, scenario, out, told, folder
+        self._at: dict[int, list[Case]] = {}
+        for case in of:
+            self._at.setdefault(case.message, []).append(case)
+        self._case: Case | None = None  # in a child
+        self._begun_s = 0.0
+
+    def play(self) -> None:
+        """All cases; a child never returns."""
+        self._state(self._folder)
+        self.world = world = World(self._bench)
+        world.tap = self._tap
+        self._run = self._folder / "run"
+        try:
+            finished = _ended(lambda: self._scenario.play(world, self._run))
+        finally:
+            if self._case is not None:
+                self._leave(finished)
+
+    def _tap(self, message: Message) -> list[tuple[float, bytes]]:
+        whole = [(0.0, message.data)]
+        for case in self._at.get(message.number, ()) if self._case is None else ():
+            if case.data != message.data:
+                raise RuntimeError(f"{case.name}: met {message.data!r}, expected {case.data!r}")
+            child = os.fork()
+            if child == 0:
+                return self._strike(case, message)
+            _, status = os.waitpid(child, 0)
+            if status:
+                self._append({**_about(case), "exit": "crashed", "reason": f"the process ended with {status}"})
+            self._told()
+        return whole
+
+    def _strike(self, case: Case, message: Message) -> list[tuple[float, bytes]]:
+        """In the child: what arrives of the message; from here on the world is this case's own."""
+        gc.disable()
+        resource.setrlimit(resource.RLIMIT_CPU, (LONGEST_CPU_S, LONGEST_CPU_S))
+        self._begun_s = time.perf_counter()
+        self._case, world = case, self.world
+        self._before_gwt = world.worst.force_gwt
+        world.worst = Worst()
+        folder = self._folder / "cases" / str(os.getpid())
+        self._state(folder)
+        with suppress(OSError):
+            shutil.copytree(self._folder / "state", folder / "state", dirs_exist_ok=True)
+        if world.journal is not None and world.journal.path.exists():
+            (folder / "run").mkdir()
+            shutil.copy(world.journal.path, folder / "run")
+            world.journal.path = folder / "run" / "events.jsonl"
+            world.journal._file = world.journal.path.open("ab", buffering=0)
+            world.folder = folder / "run"
+        self._run = folder / "run"
+        if case.fault is not None:
+            return case.fault.pieces(message.data)
+        if case.mechanics != "none":
+            world.mechanics = FaultyCarriage(world, case.mechanics)
+        world.felt_n = cell(world, case.cell)
+        return [(0.0, message.data)]
+
+    def _state(self, folder: Path) -> None:
+        (folder / "state").mkdir(parents=True, exist_ok=True)
+        os.environ["RIG_STATE_DIR"] = str(folder / "state")
+
+    def _leave(self, finished: Finished) -> None:
+        """In the child: judge, resume, append, and end the process."""
+        code = 1
+        try:
+            assert self._case is not None
+            self._append(self._judged(self._case, finished))
+            shutil.rmtree(self._folder / "cases" / str(os.getpid()), ignore_errors=True)
+            code = 0
+        except BaseException:  # whatever it is: the worker says that the child has crashed
+            import traceback
+
+            traceback.print_exc()
+        finally:
+            os._exit(code)
+
+    def _judged(self, case: Case, finished: Finished) -> Record:
+        world = self.world
+        at_rest(world)
+        worst, left_gwt, claim = world.worst, world.true_gwt, claim_of(finished.at)
+        record: Record = {
+            **_about(case),
+            "exit": finished.exit,
+            "reason": finished.reason[:300],
+            "report": None if finished.at is None else asdict(finished.at),
+            "claim": claim,
+            "report_true": true_claim(claim, left_gwt),
+            "worst_gwt": round(worst.force_gwt, 3),
+            "worst_in": worst.phase,
+            "drag_mm": round(worst.drag_mm, 4),
+            "left_gwt": round(left_gwt, 3),
+            **_NOT_RESUMED,
+        }
+        record |= self._resumed(finished)
+        record["s"] = round(time.perf_counter() - self._begun_s, 3)
+        return record
+
+    def _resumed(self, finished: Finished) -> Record:
+        """Mended, and taken up by another program with drivers of its own."""
+        world = self.world
+        if isinstance(world.mechanics, FaultyCarriage):
+            world.mechanics.mend()
+        world.felt_n = world.true_n
+        world.worst = Worst()
+        before = _attempts_done(self._run)
+        if finished.exit == "done":
+            return {"resumed": None, **_kept(self._run, before)}
+        ended = _ended(lambda: self._scenario.take_up(world, self._run))
+        worst = {"resume_worst_gwt": round(world.worst.force_gwt, 3), "resume_reason": ended.reason[:200]}
+        return {"resumed": ended.exit == "done", **worst, **_kept(self._run, before)}
+
+    def _append(self, record: Record) -> None:
+        record = {**_DEFAULTS, **record}
+        exemption = exemption_of(record)
+        record["violations"] = violations(record)
+        record["exempt"] = None if exemption is None else exemption.name
+        os.write(self._out, (json.dumps(record) + "\n").encode("ascii"))
+
+
+_NOT_RESUMED = {"resumed": None, "lost": 0, "repeated": 0, "mixed": 0}
+_DEFAULTS = {"worst_gwt": 0.0, "drag_mm": 0.0, "left_gwt": 0.0, "report_true": True, "claim": "none", **_NOT_RESUMED}
+
+
+def _about(case: Case) -> Record:
+    about = {"case": case.name, "bench": case.bench, "scenario": case.scenario, "phase": case.phase}
+    return {**about, "kind": case.kind, "mechanics": case.mechanics, "cell": case.cell, "data": case.data.hex()}
+
+
+def _ended(play: Callable[[], Finished]) -> Finished:
+    """How it ended, also where a command by hand ends with an error."""
+    try:
+        return play()
+    except _ENDS as error:
+        return Finished("failed", " ".join(str(error).split()), None)
+    except Exception as error:
+        return Finished("crashed", f"{type(error).__name__}: {error}", None)
+
+
+def at_rest(world: World) -> None:
+    """Let what was told to move come to its end."""
+    for _ in range(200):
+        before = world.pose_mm(world.clock.monotonic_s())
+        world.clock.wait_s(0.1)
+        if world.pose_mm(world.clock.monotonic_s()) == before:
+            return
+
+
+def _attempts_done(run: Path) -> dict[int, Any]:
+    """The finished presses of a run, as its journal has them; nothing where there is no run."""
+    if not (run / "events.jsonl").exists():
+        return {}
+    with suppress(Exception):
+        return dict(read_run(run).done)
+    return {}
+
+
+def _kept(run: Path, before: dict[int, Any]) -> Record:
+    """Whether what was done before is there as it was, once each and of one attempt."""
+    if not (run / "events.jsonl").exists():
+        return {}
+    after = read_run(run)
+    told = attempts(run / "events.jsonl")
+    return {
+        "lost": sum(after.done.get(index) != holds for index, holds in before.items()),
+        "repeated": after.repeated,
+        "mixed": sum(len({part for part, _, _ in told[index]}) > 1 for index in after.done),
+    }
+
+
+def work(cases: Iterable[Case], out: Path, told: Callable[[], None] = lambda: None) -> None:
+    """Carry cases out in this process and its children; records are appended to `out`."""
+    gc.collect()
+    gc.freeze()
+    by_scenario: dict[tuple[str, str], list[Case]] = {}
+    for case in cases:
+        by_scenario.setdefault((case.bench, case.scenario), []).append(case)
+    scenarios = {scenario.name: scenario for scenario in SCENARIOS}
+    file = os.open(out, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+    memory = Path("/dev/shm")
+    with tempfile.TemporaryDirectory(dir=memory if memory.is_dir() else None) as folder:
+        for number, ((bench, name), some) in enumerate(by_scenario.items()):
+            Played(bench, scenarios[name], some, file, told, Path(folder) / str(number)).play()
+    os.close(file)
+
+
+def carry_out(cases: Sequence[Case], out: Path, processes: int, say: Callable[[str], None] = print) -> None:
+    """Carry cases out in so many processes at a time, saying how far they have come."""
+    done = Done(len(cases), say)
+    workers = []
+    for n in range(processes):
+        reading, writing = os.pipe()
+        worker = os.fork()
+        if worker == 0:
+            code = 1
+            try:
+                os.close(reading)
+                work(cases[n::processes], out, lambda writing=writing: os.write(writing, b"."))  # type: ignore[misc]
+                code = 0
+            except BaseException:
+                import traceback
+
+                traceback.print_exc()
+            finally:
+                os._exit(code)
+        os.close(writing)
+        workers.append((worker, reading))
+    try:
+        done.follow([reading for _, reading in workers])
+    except BaseException:
+        for worker, _ in workers:
+            os.kill(worker, signal.SIGTERM)
+        raise
+    failed = [status for worker, _ in workers if (status := os.waitpid(worker, 0)[1])]
+    if failed:
+        raise RuntimeError(f"{len(failed)} of {processes} workers failed")
+
+
+class Done:
+    """How many cases are over, and how long the others will take."""
+
+    def __init__(self, number: int, say: Callable[[str], None], every_s: float = 10.0) -> None:
+        self._number, self._say, self._every_s = number, say, every_s
+        self._done, self._begun_s, self._said_s = 0, time.monotonic(), 0.0
+
+    def follow(self, pipes: list[int]) -> None:
+        """Until all workers have closed their ends."""
+        import select
+
+        while pipes:
+            for pipe in select.select(pipes, [], [], 1.0)[0]:
+                heard = os.read(pipe, 4096)
+                self._done += len(heard)
+                if not heard:
+                    pipes.remove(pipe)
+                    os.close(pipe)
+            self._tell()
+        self._said_s = 0.0
+        self._tell()
+
+    def _tell(self) -> None:
+        now_s = time.monotonic()
+        if now_s - self._said_s < self._every_s or not self._done:
+            return
+        self._said_s, took_s = now_s, now_s - self._begun_s
+        left_s = took_s / self._done * (self._number - self._done)
+        each_ms = 1000 * took_s / self._done
+        self._say(f"{self._done} of {self._number}, {took_s:.0f} s, {each_ms:.0f} ms each, {left_s / 60:.0f} min left")
