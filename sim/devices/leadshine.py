@@ -1,8 +1,10 @@
 """A virtual Leadshine CS2RS / iEM-RS drive in PR mode: its registers, motion, homing, alarms and jog.
 
 Source: CS2RS and iEM-RS user manuals. Second-hand and so left to parameters: the unit of the ramp words, which
-register holds pulses per turn and which the jog speed. Simplified: the home switch is at the positive end whatever
-the homing mode says; a path begun while another runs brakes to rest first.
+register holds pulses per turn and which the jog speed. Second-hand, too: the types of a path (0 none, 3 homing), that
+a path is taken over when it is triggered, and that trigger words 10 to 1F run PR0 to PR15. Simplified: the home
+switch is at the positive end whatever the homing mode says; a path begun while another runs brakes to rest first; a
+path cannot jump to another.
 """
 
 from collections import deque
@@ -20,8 +22,9 @@ STATUS, FEEDBACK, FEEDBACK_RPM, COMMANDED, ALARM = 0x1003, 0x1014, 0x1046, 0x602
 CONTROL, TRIGGER, PR0, PR0_TRIGGER = 0x1801, 0x6002, 0x6200, 0x6207
 SOFT_LIMITS, POSITIVE_LIMIT, NEGATIVE_LIMIT = 0x6000, 0x6006, 0x6008
 HOMING_HIGH, HOMING_LOW, HOMING_RAMP_UP, HOMING_RAMP_DOWN = 0x600F, 0x6010, 0x6011, 0x6012
-ABSOLUTE, VELOCITY, RELATIVE = 0x0001, 0x0002, 0x0041
-RUN_PR0, HOME, SET_ZERO, QUICK_STOP = 0x0010, 0x0020, 0x0021, 0x0040
+PATHS, PATH_REGISTERS = 16, 8
+NO_PATH, ABSOLUTE, VELOCITY, HOMING, RELATIVE = 0x0000, 0x0001, 0x0002, 0x0003, 0x0041
+RUN_PR0, RUN_PR15, HOME, SET_ZERO, QUICK_STOP = 0x0010, 0x001F, 0x0020, 0x0021, 0x0040
 CLEAR_ALARM, SAVE, SAVE_MAPPING, JOG_POSITIVE, JOG_NEGATIVE = 0x1111, 0x2211, 0x2244, 0x4001, 0x4002
 FAULT, ENABLED, RUNNING, COMMAND_DONE, PATH_DONE, HOMED = (1 << bit for bit in (0, 1, 2, 4, 5, 6))
 JOG_S = 0.05
@@ -51,6 +54,7 @@ class VirtualDrive:
     """Registers of one drive; its carriage is `carriage_at(t)` pulses from the home switch, + towards it.
 
     start: where the carriage stands when switched on. play: the screw's lost motion, pulses. The drive knows neither.
+    stored: what the EEPROM holds where it is not the maker's, by register, such as paths of the owner's.
     """
 
     functions = frozenset({0x03, 0x06, 0x10})
@@ -62,16 +66,19 @@ class VirtualDrive:
         *,
         start: int = -4000,
         play: float = 0.0,
+        stored: Mapping[int, int] | None = None,
     ) -> None:
         self._scheduler, self._parameters = scheduler, parameters or DriveParameters()
         self._sign = -1 if self._parameters.inverted else 1
         self._axis = DriveAxis(start, play)
-        self._held = dict.fromkeys((*range(0x6000, 0x6015), *range(PR0, PR0_TRIGGER + 1), CONTROL), 0)
-        self._held[self._parameters.pulses_per_rev_register] = self._parameters.pulses_per_rev
-        self._held[self._parameters.jog_rpm_register] = 60
-        self._held |= {HOMING_HIGH: 200, HOMING_LOW: 50, HOMING_RAMP_UP: 100, HOMING_RAMP_DOWN: 100}
+        paths = range(PR0, PR0 + PATHS * PATH_REGISTERS)
+        self._stored = dict.fromkeys((*range(0x6000, 0x6015), *paths, CONTROL), 0)
+        self._stored[self._parameters.pulses_per_rev_register] = self._parameters.pulses_per_rev
+        self._stored[self._parameters.jog_rpm_register] = 60
+        self._stored |= {HOMING_HIGH: 200, HOMING_LOW: 50, HOMING_RAMP_UP: 100, HOMING_RAMP_DOWN: 100}
         if self._parameters.output_register is not None:
-            self._held[self._parameters.output_register] = 0
+            self._stored[self._parameters.output_register] = 0
+        self._stored |= stored or {}
         self.outputs: deque[tuple[float, int]] = deque(maxlen=_OUTPUTS_KEPT)  # every switching: s, word
         self._stopped_s = -1.0  # end of the last quick stop: one that is under way is not begun again
         self.eeprom_saves = 0
@@ -86,8 +93,9 @@ class VirtualDrive:
         return self._axis.nut_at(t_s)
 
     def power_cycle(self) -> None:
-        """Switch off and on: the carriage stops dead where it is, which is zero from then on."""
+        """Switch off and on: the carriage stops dead where it is, which is zero; what was not saved is gone."""
         now_s = self._scheduler.monotonic_s()
+        self._held = dict(self._stored)
         self._axis.brake(float("inf"), now_s)
         self._zero = self.carriage_at(now_s)
         self._alarm = 0
@@ -148,6 +156,7 @@ class VirtualDrive:
             self._alarm = 0
         elif word in (SAVE, SAVE_MAPPING):
             self.eeprom_saves += 1
+            self._stored = dict(self._held)
         elif word in (JOG_POSITIVE, JOG_NEGATIVE):
             sign = 1 if word == JOG_POSITIVE else -1
             self._run(sign * self._held[self._parameters.jog_rpm_register], JOG_S, self._ramps(HOMING_RAMP_UP))
@@ -157,21 +166,23 @@ class VirtualDrive:
     def _trigger(self, word: int) -> None:
         if word == QUICK_STOP:
             self._stop()
-        elif word not in (RUN_PR0, HOME, SET_ZERO):
-            raise RegisterFault(ILLEGAL_VALUE)
         elif word == SET_ZERO:
             self._zero, self._homed = self.carriage_at(self._scheduler.monotonic_s()), True
-        elif not self._alarm:
-            self._home() if word == HOME else self._path()
-
-    def _path(self) -> None:
-        mode, high, low, rpm = (self._held[PR0 + n] for n in range(4))
-        if mode not in (ABSOLUTE, RELATIVE, VELOCITY):
+        elif not (RUN_PR0 <= word <= RUN_PR15 or word == HOME):
             raise RegisterFault(ILLEGAL_VALUE)
-        ramps = self._ramps(PR0 + 4)
-        if mode == VELOCITY:
+        elif not self._alarm:
+            self._home() if word == HOME else self._path(PR0 + PATH_REGISTERS * (word - RUN_PR0))
+
+    def _path(self, first: int) -> None:
+        mode, high, low, rpm = (self._held[first + n] for n in range(4))
+        if mode not in (NO_PATH, ABSOLUTE, RELATIVE, VELOCITY, HOMING):
+            raise RegisterFault(ILLEGAL_VALUE)
+        ramps = self._ramps(first + 4)
+        if mode == HOMING:
+            self._home()
+        elif mode == VELOCITY:
             self._run(rpm - (rpm << 1 & 0x10000), _FOREVER_S, ramps)
-        elif rpm:
+        elif mode != NO_PATH and rpm:
             now_s = self._scheduler.monotonic_s()
             target = signed(high, low) + (self._count(self._axis.end_s) if mode == RELATIVE else 0)
             allowed = min(max(target, self._limits()[0]), self._limits()[1])

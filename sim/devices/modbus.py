@@ -1,7 +1,7 @@
 """Modbus slaves behind a virtual line: RTU and TCP frames, register files and exceptions.
 
 Sources: Modbus application protocol V1.1b3; Modbus over serial line V1.02. Frames are cut and sealed by pymodbus.
-Behind a TCP gateway the line's baud is that of the gateway's serial side.
+Behind a TCP gateway the line's baud is that of the gateway's serial side, and unit 0 is a broadcast there.
 """
 
 from collections.abc import Mapping, Sequence
@@ -134,7 +134,7 @@ class ModbusBus:
         self._heard = b""
 
     def _serve(self, request: ModbusPDU) -> None:
-        if self._rtu and request.dev_id == BROADCAST:
+        if request.dev_id == BROADCAST and (self._rtu or len(self._devices) > 1):
             for device_id in sorted(self._devices.keys() - self.mute):
                 _obey(self._devices[device_id], request)
             return

@@ -53,7 +53,7 @@ class Case:
 
 
 def census(bench: str, scenario: Scenario, folder: Path) -> list[Message]:
-    """Every message of a scenario that nothing disturbs, in a phase that is struck."""
+    """Every message of a scenario that nothing disturbs."""
     world, found = World(bench), list[Message]()
 
     def noted(message: Message) -> list[tuple[float, bytes]]:
@@ -64,13 +64,13 @@ def census(bench: str, scenario: Scenario, folder: Path) -> list[Message]:
     finished = scenario.play(world, folder)
     if finished.exit != "done":
         raise RuntimeError(f"{bench}, {scenario.name}: undisturbed it ended {finished.exit}: {finished.reason}")
-    return [message for message in found if message.phase]
+    return found
 
 
 def cases(bench: str, folder: Path, scenarios: Sequence[Scenario] = SCENARIOS) -> Iterator[Case]:
     """Every case of a bench, in the order of its messages."""
     for scenario in scenarios:
-        messages = census(bench, scenario, folder / f"{bench}-{scenario.name}")
+        messages = [m for m in census(bench, scenario, folder / f"{bench}-{scenario.name}") if m.phase]
         struck = _struck(messages)
         begun: set[str] = set()
         for message in messages:
@@ -105,6 +105,16 @@ def _struck(messages: Sequence[Message]) -> dict[int, list[WireFault]]:
             if faults:
                 found[message.number] = faults
     return found
+
+
+def is_command(message: Message) -> bool:
+    """Whether it tells the stage something, and does not only ask."""
+    if message.wire != "stage" or message.way != "to":
+        return False
+    data = message.data
+    if _is_text(data):
+        return data.endswith(b"\n")
+    return data[7 if _is_tcp(data) else 1] != 3
 
 
 def _is_text(data: bytes) -> bool:

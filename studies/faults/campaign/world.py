@@ -25,9 +25,14 @@ from sim.devices.line import SerialLine
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N
 
 TRUTH_S = 0.002
-"""How often the true force is computed."""
+"""How often the true force is computed, where the indentor could come to the finger within that."""
+_FASTEST_MM_S, _LONGEST_LOOK_S = 50.0, 0.1
 
-_LIMITS = {"limits": {"soft_trip_n": SOFT_TRIP_N}}
+_ALWAYS: Mapping[str, Any] = {
+    "limits": {"soft_trip_n": SOFT_TRIP_N},
+    "frame": {"apex_z_mm": -12.0},  # a shorter way down than the default, and as many digits
+    "habits": {"clearance_mm": 1.0},
+}
 _MODBUS = {"stage": {"kind": "leadshine"}, "force": {"kind": "laumas", "baud": 115200}}
 _TCP = {"stage": {"kind": "leadshine", "framing": "tcp"}, "force": {**_MODBUS["force"], "framing": "tcp"}}
 BENCHES: dict[str, Mapping[str, Any]] = {"grbl": {}, "rtu": _MODBUS, "tcp": _TCP}
@@ -83,7 +88,7 @@ class World:
 
     def __init__(self, bench: str) -> None:
         self.bench_name = bench
-        self.config = config = Config.model_validate({**_LIMITS, **BENCHES[bench]})
+        self.config = config = Config.model_validate({**_ALWAYS, **BENCHES[bench]})
         self.clock = clock = VirtualClock(1.7e9)
         self.phase, self.verb = "", ""
         self.journal: Journal | None = None  # of the run that is under way
@@ -141,7 +146,8 @@ class World:
                 self._before = None
         else:
             self._before = None
-        self.clock.call_at(now_s + TRUTH_S, self._look)
+        far_s = (height_mm - PREDICTED.contact_mm) / _FASTEST_MM_S
+        self.clock.call_at(now_s + min(max(far_s, TRUTH_S), _LONGEST_LOOK_S), self._look)
 
     # the wires
 
@@ -181,6 +187,9 @@ class World:
 
     def connected(self) -> "CampaignBench":
         """Fresh drivers on these devices: the bench of another program."""
+        if self.config.stage.framing == "tcp":
+            for line in self._lines.values():
+                line.renewed()  # another connection
         stage_wire, force_wire = self.wire("stage"), self.wire("force")
         return CampaignBench(
             self,
