@@ -28,7 +28,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="of the sample")
     parser.add_argument("--case", action="append", help="the case of this name")
     parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--out", type=Path, default=Path("campaign.jsonl"), help="results; what is there is not redone")
+    parser.add_argument(
+        "--out", type=Path, default=Path("campaign.jsonl"), help="results; what is there is not redone"
+    )
     parser.add_argument("--count", action="store_true", help="count the cases and end")
     parser.add_argument("--table", action="store_true", help="the tables of docs/faults.md, of the results in --out")
     options = parser.parse_args()

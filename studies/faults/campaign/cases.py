@@ -1,14 +1,14 @@
 """Which faults strike which messages: the census of a bench, and the list of its cases.
 
-A census plays each scenario undisturbed and notes every message. Its *shape* is what it is besides its numbers: digits
-of text masked, a frame's transaction, register values and checksum left out. Of each shape in a phase
+A census plays each scenario undisturbed and notes every message. Its *shape* is what it is besides its numbers:
+digits of text masked, a frame's transaction, register values and checksum left out. Of each shape in a phase
 
 - the first message gets every fault,
 - so does the one at the highest force,
-- and every other message gets the faults at those of its bytes that no struck message of this shape had at that place.
-  Each byte value is met at the highest force at which it occurs.
+- and every other message gets those that hit a byte which no message struck before had at that place. The messages at
+  the highest forces come first.
 
-`exact` phases strike every distinct message of the program whole. So every byte of every distinct message is flipped,
+`EXACT` phases strike every distinct message of the program whole. So every byte of every distinct message is flipped,
 dropped, doubled, swapped and cut at least once.
 """
 
@@ -19,7 +19,7 @@ from pathlib import Path
 
 from studies.faults.campaign.faults import CELLS, MECHANICAL, WireFault, wire_faults
 from studies.faults.campaign.scenarios import SCENARIOS, Scenario
-from studies.faults.campaign.world import Message, World
+from studies.faults.campaign.world import Message, VirtualWorld
 
 EXACT = ("press", "hold", "lift", "sideways", "home", "zero", "resume", "home by hand", "jog up", "jog sideways")
 """Phases in which every distinct message of the program is struck whole."""
@@ -54,7 +54,7 @@ class Case:
 
 def census(bench: str, scenario: Scenario, folder: Path) -> list[Message]:
     """Every message of a scenario that nothing disturbs."""
-    world, found = World(bench), list[Message]()
+    world, found = VirtualWorld(bench), list[Message]()
 
     def noted(message: Message) -> list[tuple[float, bytes]]:
         found.append(message)
@@ -99,6 +99,8 @@ def _struck(messages: Sequence[Message]) -> dict[int, list[WireFault]]:
         for message in sorted(group, key=lambda m: (m.number not in whole, -m.force_gwt, m.number)):
             new = {at for at, byte in enumerate(content(message.data)) if (at, byte) not in met}
             met |= set(enumerate(content(message.data)))
+            if not new and message.number not in whole:
+                continue
             faults = list(wire_faults(message.data, from_device=way == "from"))
             if message.number not in whole:
                 faults = [f for f in faults if f.kind in ("flip", "drop", "double", "swap") and f.at in new]
@@ -131,7 +133,7 @@ def shape(data: bytes) -> str:
         return re.sub(r"[0-9]", "#", data.decode("latin-1"))
     body = data[6:] if _is_tcp(data) else data[:-2]
     answers = body[1] == 3 and len(body) > 2 and body[2] == len(body) - 3
-    return f"{body[:3 if answers else 6].hex()} {len(body)}"
+    return f"{body[: 3 if answers else 6].hex()} {len(body)}"
 
 
 def content(data: bytes) -> bytes:

@@ -1,4 +1,4 @@
-"""The faults of the campaign: what a wire makes of one message, what a carriage makes of its commands, what a cell shows.
+"""The faults of the campaign: of a wire with one message, of a carriage with its commands, of a cell.
 
 A fault is data, so that the virtual clock and a proxy in real time inject the same one.
 """
@@ -68,7 +68,7 @@ def wire_faults(data: bytes, *, from_device: bool) -> Iterator[WireFault]:
     found += [WireFault("swap", at) for at in range(len(data) - 1)]
     found += [WireFault("cut", at) for at in range(len(data))]
     found.append(WireFault("twice"))
-    seen = {((0.0, data),)}
+    seen: set[tuple[tuple[float, bytes], ...]] = {((0.0, data),)}
     for fault in found:
         arrives = tuple(fault.pieces(data))
         if arrives not in seen:
@@ -120,7 +120,7 @@ class FaultyCarriage:
     """
 
     def __init__(self, world: "World", kind: str) -> None:
-        self._world, self.kind, self._from_s = world, kind, world.clock.monotonic_s()
+        self._world, self.kind, self._from_s = world, kind, world.scheduler.monotonic_s()
         self._followed = dict(MECHANICAL[kind])
         pose = world.carriage.pose_at(self._from_s)
         self._told = (pose.x_mm, pose.above_apex_mm)
@@ -133,7 +133,7 @@ class FaultyCarriage:
 
     def mend(self) -> None:
         """It follows again."""
-        self.pose_mm(self._world.clock.monotonic_s())
+        self.pose_mm(self._world.scheduler.monotonic_s())
         self.kind, self._followed = "mended", {}
 
     def pose_mm(self, t_s: float) -> tuple[float, float]:
@@ -182,7 +182,7 @@ DRIFT_GWT_S, SATURATED_GWT, CELL_LATE_S = 0.2, 1.0, 0.5
 
 def cell(world: "World", kind: str) -> Callable[[float], float]:
     """What a cell that fails now shows from now on, N at an instant."""
-    from_s, true_n = world.clock.monotonic_s(), world.true_n
+    from_s, true_n = world.scheduler.monotonic_s(), world.true_n
     frozen_n = true_n(from_s)
     found: dict[str, Callable[[float], float]] = {
         "none": true_n,
@@ -199,7 +199,18 @@ def cell(world: "World", kind: str) -> Callable[[float], float]:
     return found[kind]
 
 
-CELLS = ("none", "frozen", "reads 0.1", "reads 0.5", "reads 2", "saturated", "negated", "drifts up", "drifts down", "late")
+CELLS = (
+    "none",
+    "frozen",
+    "reads 0.1",
+    "reads 0.5",
+    "reads 2",
+    "saturated",
+    "negated",
+    "drifts up",
+    "drifts down",
+    "late",
+)
 """How a cell fails."""
 
 READS_LOW = ("reads 0.1",)

@@ -12,14 +12,17 @@ import logging
 import os
 import re
 import resource
+import select
 import shutil
 import signal
 import tempfile
 import time
+import traceback
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -34,16 +37,16 @@ from studies.faults.campaign.cases import Case, content, is_command
 from studies.faults.campaign.faults import FaultyCarriage, cell
 from studies.faults.campaign.judge import BOUND_GWT, claim_of, exemption_of, true_claim, violations
 from studies.faults.campaign.scenarios import SCENARIOS, Finished, Scenario
-from studies.faults.campaign.world import Message, World, Worst, untouched
+from studies.faults.campaign.world import Message, VirtualWorld, Worst, untouched
 
 LONGEST_CPU_S = 20
 FOLLOWED = 8
 """A message's fault is absorbed when so many commands after it are those of the undisturbed run, at the same places.
 
-Such a case is not followed farther; a fault while the sensor is zeroed, or while it homes, always is."""
-_TO_THE_END = ("home", "zero", "resume", "home by hand")
+Such a case is not followed farther; a fault while the sensor is zeroed always is."""
+_TO_THE_END = ("zero",)
 RESUMED = 2
-"""Of the cases of a worker that end alike in a phase, so many are resumed; of those that press harder than bound, all."""
+"""Of a worker's cases that end alike in a phase so many are resumed, and all that press harder than the bound."""
 _ENDS = (EngineError, StageError, ForceError, TransportError, BadInputError)
 
 Record = dict[str, Any]
@@ -72,7 +75,7 @@ class Played:
         """All cases; a child never returns."""
         self._state(self._folder)
         self._note_commands()
-        self.world = world = World(self._bench)
+        self.world = world = VirtualWorld(self._bench)
         world.tap = self._tap
         self._run = self._folder / "run"
         try:
@@ -83,7 +86,7 @@ class Played:
 
     def _note_commands(self) -> None:
         """Play it once to know where each command of the undisturbed run is given."""
-        world = World(self._bench)
+        world = VirtualWorld(self._bench)
 
         def noted(message: Message) -> list[tuple[float, bytes]]:
             if is_command(message):
@@ -167,8 +170,6 @@ class Played:
             shutil.rmtree(self._folder / "cases" / str(os.getpid()), ignore_errors=True)
             code = 0
         except BaseException:  # whatever it is: the worker says that the child has crashed
-            import traceback
-
             traceback.print_exc()
         finally:
             os._exit(code)
@@ -200,7 +201,8 @@ class Played:
     def _digest(self, case: Case, finished: Finished, record: Record) -> bytes:
         """Of what cases that end alike have in common."""
         reason = re.sub(r"[0-9a-f]{2}( [0-9a-f]{2})+|[-0-9.]+|'[^']*'", "#", finished.reason)
-        alike = (case.phase, finished.exit, reason, record["claim"], round(record["left_gwt"], 1), case.way, case.wire)
+        left_gwt = round(record["left_gwt"], 1)
+        alike = (case.phase, finished.exit, reason, record["claim"], left_gwt, case.way, case.wire)
         also = "" if case.fault is not None else case.name
         return hashlib.sha256(f"{alike} {also} {sorted(_attempts_done(self._run))}".encode()).digest()
 
@@ -246,7 +248,7 @@ def _ended(play: Callable[[], Finished]) -> Finished:
         return Finished("crashed", f"{type(error).__name__}: {error}", None)
 
 
-def at_rest(world: World) -> None:
+def at_rest(world: VirtualWorld) -> None:
     """Let what was told to move come to its end."""
     for _ in range(200):
         before = world.pose_mm(world.clock.monotonic_s())
@@ -305,11 +307,9 @@ def carry_out(cases: Sequence[Case], out: Path, processes: int, say: Callable[[s
             code = 1
             try:
                 os.close(reading)
-                work(cases[n::processes], out, lambda writing=writing: os.write(writing, b"."))  # type: ignore[misc]
+                work(cases[n::processes], out, partial(_tick, writing))
                 code = 0
             except BaseException:
-                import traceback
-
                 traceback.print_exc()
             finally:
                 os._exit(code)
@@ -326,6 +326,10 @@ def carry_out(cases: Sequence[Case], out: Path, processes: int, say: Callable[[s
         raise RuntimeError(f"{len(failed)} of {processes} workers failed")
 
 
+def _tick(writing: int) -> None:
+    os.write(writing, b".")
+
+
 class Done:
     """How many cases are over, and how long the others will take."""
 
@@ -335,8 +339,6 @@ class Done:
 
     def follow(self, pipes: list[int]) -> None:
         """Until all workers have closed their ends."""
-        import select
-
         while pipes:
             for pipe in select.select(pipes, [], [], 1.0)[0]:
                 heard = os.read(pipe, 4096)
@@ -355,4 +357,6 @@ class Done:
         self._said_s, took_s = now_s, now_s - self._begun_s
         left_s = took_s / self._done * (self._number - self._done)
         each_ms = 1000 * took_s / self._done
-        self._say(f"{self._done} of {self._number}, {took_s:.0f} s, {each_ms:.0f} ms each, {left_s / 60:.0f} min left")
+        self._say(
+            f"{self._done} of {self._number}, {took_s:.0f} s, {each_ms:.0f} ms each, {left_s / 60:.0f} min left"
+        )

@@ -14,8 +14,8 @@ import rig.session.session as sessions
 from rig.data import Run, RunFolder, read_run
 from rig.devices.stage.base import StageError
 from rig.engine import Engine, Journal, Target
-from rig.engine.by_hand import Direction, Guard
-from rig.engine.by_hand.by_hand import ByHand, Moved
+from rig.engine.by_hand import Direction
+from rig.engine.by_hand.by_hand import Moved
 from rig.engine.sensing import Sensing
 from rig.plan.plan import Plan
 from rig.protocol.api import ProtocolParameters, Rig
@@ -29,7 +29,7 @@ from rig.session.ending import Whereabouts
 from rig.session.live import Live
 from rig.session.resume import StoppedRun
 from rig.session.session import NewRun, Session
-from studies.faults.campaign.world import CampaignBench, World
+from studies.faults.campaign.world import Place, RememberingBench
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET
 
 E = TypeVar("E")
@@ -41,7 +41,7 @@ _AREA_MM2 = 20.0
 
 @dataclass(frozen=True)
 class Finished:
-    """How a program ended: `exit` is done, tripped, limited, aborted or failed; at: what it reports of the indentor."""
+    """How a program ended: done, tripped, limited, aborted or failed; and what it reports of the indentor."""
 
     exit: str
     reason: str
@@ -70,7 +70,7 @@ class SpringModel:
 class Phased:
     """Carries steps out, and says what the rig is doing."""
 
-    def __init__(self, world: World, phases: Mapping[str, str], engine: Engine, walk: Walk) -> None:
+    def __init__(self, world: Place, phases: Mapping[str, str], engine: Engine, walk: Walk) -> None:
         self._world, self._phases, self._count = world, phases, dict[str, int]()
         walk.model = SpringModel()
         assert isinstance(engine._journal, Journal)
@@ -88,7 +88,7 @@ class Phased:
 class PhasedByEvents(Nobody):
     """Names the phases within a press by what is journalled."""
 
-    def __init__(self, world: World, phases: Mapping[tuple[str, str], str], act: Callable[[str], None]) -> None:
+    def __init__(self, world: Place, phases: Mapping[tuple[str, str], str], act: Callable[[str], None]) -> None:
         self._world, self._phases, self._act = world, phases, act
 
     def watch(self, stream: str, data: Mapping[str, Any]) -> None:
@@ -112,7 +112,7 @@ class RunScenario:
     events: Mapping[tuple[str, str], str]  # phases by verb and event
     stopped_first: bool = False  # whether the run that is struck is one that is resumed under force
 
-    def play(self, world: World, folder: Path) -> Finished:
+    def play(self, world: Place, folder: Path) -> Finished:
         """To its end, whatever happens to it on the way."""
         folder.mkdir(parents=True, exist_ok=True)
         if not self.stopped_first:
@@ -120,13 +120,13 @@ class RunScenario:
         self._session(world, folder, None, {}, _stop_in_hold(world))
         return self._session(world, folder, read_run(folder), self.verbs, phase="resume")
 
-    def take_up(self, world: World, folder: Path) -> Finished:
+    def take_up(self, world: Place, folder: Path) -> Finished:
         """What is missing, by another program."""
         return self._session(world, folder, read_run(folder), {})
 
     def _session(
         self,
-        world: World,
+        world: Place,
         folder: Path,
         before: Run | None,
         verbs: Mapping[str, str],
@@ -159,13 +159,13 @@ class RunScenario:
         return Plan({"data": planned, "precondition": [], "reference": []}, first_soft_trip_n=SOFT_TRIP_N)
 
 
-def _into(folder: Path, script: Script, world: World, before: Run | None) -> NewRun | StoppedRun:
+def _into(folder: Path, script: Script, world: Place, before: Run | None) -> NewRun | StoppedRun:
     if before is None:
         return NewRun(folder)
     return StoppedRun(RunFolder(folder), script, world.config, True, before)
 
 
-def _stop_in_hold(world: World) -> Callable[[str], None]:
+def _stop_in_hold(world: Place) -> Callable[[str], None]:
     """The operator's stop in the first hold: the finger stays pressed."""
 
     def act(stream: str) -> None:
@@ -231,10 +231,10 @@ class Scenario(Protocol):
     def name(self) -> str:
         """A word."""
 
-    def play(self, world: World, folder: Path) -> Finished:
+    def play(self, world: Place, folder: Path) -> Finished:
         """To its end, whatever happens to it on the way."""
 
-    def take_up(self, world: World, folder: Path) -> Finished:
+    def take_up(self, world: Place, folder: Path) -> Finished:
         """What a person does next, with a program of its own."""
 
 
@@ -243,11 +243,11 @@ class HandScenario:
 
     name = "hand"
 
-    def play(self, world: World, folder: Path) -> Finished:
+    def play(self, world: Place, folder: Path) -> Finished:
         """Home, zero, go over the finger, jog down to it and away, and home from contact."""
         self._home(world, "")
         self._zero(world)
-        x_mm, height_mm = world.pose_mm(world.clock.monotonic_s())
+        x_mm, height_mm = _far_mm(world)
         self._jog(world, "", Direction("x", -1), x_mm)
         self._jog(world, "", Direction("z", -1), height_mm - 0.5)
         self._jog(world, "jog down", Direction("z", -1), 1.5)
@@ -259,12 +259,12 @@ class HandScenario:
         self._home(world, "home by hand")
         return Finished("done", "", None)
 
-    def take_up(self, world: World, folder: Path) -> Finished:
+    def take_up(self, world: Place, folder: Path) -> Finished:
         """Home again."""
         self._home(world, "")
         return Finished("done", "", None)
 
-    def _home(self, world: World, phase: str) -> None:
+    def _home(self, world: Place, phase: str) -> None:
         world.phase = phase
         with closing(world.connected()) as bench:
             sensing = Sensing(world.config, world.clock, bench.force)
@@ -273,11 +273,11 @@ class HandScenario:
             bench.memory.left(bench.stage.status())
         world.phase = ""
 
-    def _zero(self, world: World) -> None:
+    def _zero(self, world: Place) -> None:
         with closing(world.connected()) as bench:
             at_hand.zero(world.config, Sensing(world.config, world.clock, bench.force), anyway=False)
 
-    def _jog(self, world: World, phase: str, way: Direction, by_mm: float) -> Moved:
+    def _jog(self, world: Place, phase: str, way: Direction, by_mm: float) -> Moved:
         world.phase = phase
         with closing(world.connected()) as bench, _hand(world, bench) as hand:
             moved: Moved = hand.go(lambda: way, 2.0, by_mm)
@@ -285,7 +285,15 @@ class HandScenario:
         return moved
 
 
-def _hand(world: World, bench: CampaignBench) -> Any:
+def _far_mm(world: Place) -> tuple[float, float]:
+    """How far the indentor is from the pad's center and above its apex."""
+    with closing(world.connected()) as bench:
+        at = bench.stage.look()
+    frame = world.config.frame
+    return at.x_mm - frame.pad_centre_x_mm, at.z_mm - frame.apex_z_mm
+
+
+def _hand(world: Place, bench: RememberingBench) -> Any:
     bench.stage.connect()
     sensing = at_hand.feel(Sensing(world.config, world.clock, bench.force))
     known = bench.memory.read()

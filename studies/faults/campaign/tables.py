@@ -48,7 +48,9 @@ def summary(records: Sequence[Record]) -> str:
         some = [r for r in records if (r["bench"], r["phase"]) == place and r["exempt"] is None]
         worst = max((r["worst_gwt"] for r in some), default=0.0)
         numbers = " | ".join(str(counted[(*place, kind)] or "") for kind in CLASSES)
-        lines.append(f"| {place[0]} | {place[1]} | {cases[place]} | {numbers} | {exempt[place] or ''} | {worst:.2f} |")
+        lines.append(
+            f"| {place[0]} | {place[1]} | {cases[place]} | {numbers} | {exempt[place] or ''} | {worst:.2f} |"
+        )
     totals = " | ".join(str(sum(n for (_, _, k), n in counted.items() if k == kind)) for kind in CLASSES)
     lines.append(f"| all | | {len(records)} | {totals} | {exempt.total()} | |")
     return "\n".join(lines)
@@ -57,10 +59,9 @@ def summary(records: Sequence[Record]) -> str:
 def told(record: Record) -> str:
     """One case in one line."""
     reported = f"{record['claim']}; {record['exit']}: {record['reason'][:120]}"
-    return (
-        f"{record['case']}: {', '.join(record['violations']) or 'fine'}; worst {record['worst_gwt']:.2f} gwt in "
-        f"{record.get('worst_in', '')}, left {record['left_gwt']:.2f}, sideways {record['drag_mm']:.2f} mm; {reported}"
-    )
+    worst = f"worst {record['worst_gwt']:.2f} gwt in {record.get('worst_in', '')}, left {record['left_gwt']:.2f}"
+    what = ", ".join(record["violations"]) or "fine"
+    return f"{record['case']}: {what}; {worst}, sideways {record['drag_mm']:.2f} mm; {reported}"
 
 
 def table(records: Sequence[Record]) -> str:

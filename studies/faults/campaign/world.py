@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol, Self
 
@@ -11,16 +11,17 @@ from rig.devices.force.base import ForceSensor
 from rig.devices.stage.base import Stage
 from rig.devices.units import GWT_N
 from rig.engine import Journal
-from rig.engine.bench import NO_PAUSE, Pause
+from rig.engine.bench import NO_PAUSE, Pause, WatchedBench
 from rig.engine.by_hand.bench_memory import BenchMemory
 from rig.engine.heartbeat import LOOK_S, Heartbeat
 from rig.engine.sensing import Zero
 from rig.plan.config import Config
 from rig.session.virtual.twins import virtual_force, virtual_stage
 from rig.session.virtual.virtual_devices import true_carriage
+from rig.transport.clock import Clock
 from rig.transport.loopback import LoopbackTransport
 from sim.devices.cell import Load
-from sim.devices.clock import VirtualClock
+from sim.devices.clock import Scheduler, VirtualClock
 from sim.devices.line import SerialLine
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N
 
@@ -33,8 +34,10 @@ _ALWAYS: Mapping[str, Any] = {
     "frame": {"apex_z_mm": -12.0},  # a shorter way down than the default, and as many digits
     "habits": {"clearance_mm": 1.0},
 }
-_MODBUS = {"stage": {"kind": "leadshine"}, "force": {"kind": "laumas", "baud": 115200}}
-_TCP = {"stage": {"kind": "leadshine", "framing": "tcp"}, "force": {**_MODBUS["force"], "framing": "tcp"}}
+_LEADSHINE = {"kind": "leadshine"}
+_LAUMAS = {"kind": "laumas", "baud": 115200}
+_MODBUS: dict[str, dict[str, Any]] = {"stage": _LEADSHINE, "force": _LAUMAS}
+_TCP = {name: {**device, "framing": "tcp"} for name, device in _MODBUS.items()}
 BENCHES: dict[str, Mapping[str, Any]] = {"grbl": {}, "rtu": _MODBUS, "tcp": _TCP}
 """GRBL with MT-SICS; Leadshine with Laumas as Modbus RTU, and in the frames of Modbus TCP."""
 
@@ -83,30 +86,64 @@ class Worst:
     drag_mm: float = 0.0
 
 
-class World:
-    """Virtual devices with a finger of springs between them; drivers come and go, the world stays."""
+def config_of(bench: str, ports: Mapping[str, str] | None = None) -> Config:
+    """The configuration of a bench, its devices on these ports."""
+    tables: dict[str, Any] = {**_ALWAYS, **BENCHES[bench]}
+    for device, port in (ports or {}).items():
+        tables[device] = {**tables.get(device, {}), "port": port}
+    return Config.model_validate(tables)
 
-    def __init__(self, bench: str) -> None:
-        self.bench_name = bench
-        self.config = config = Config.model_validate({**_ALWAYS, **BENCHES[bench]})
-        self.clock = clock = VirtualClock(1.7e9)
-        self.phase, self.verb = "", ""
-        self.journal: Journal | None = None  # of the run that is under way
-        self.folder: Path | None = None  # where a forked case keeps its run
+
+class RememberingBench(WatchedBench, Protocol):
+    """A bench that remembers for the next command."""
+
+    @property
+    def memory(self) -> BenchMemory:
+        """What the next command finds."""
+
+
+class Place(Protocol):
+    """Where a scenario is played: a configured bench, and what a scenario tells of itself.
+
+    phase and verb: what the rig is doing. journal: that of the run that is under way. folder: where the run is kept
+    instead of where it began.
+    """
+
+    config: Config
+    phase: str
+    verb: str
+    journal: Journal | None
+    folder: Path | None
+
+    @property
+    def clock(self) -> Clock:
+        """Of the programs that are played."""
+
+    def connected(self) -> RememberingBench:
+        """The bench of another program, with drivers of its own."""
+
+
+class World:
+    """Virtual devices with a finger of springs between them, on any clock; whoever connects comes and goes."""
+
+    def __init__(self, bench: str, scheduler: Scheduler) -> None:
+        self.scheduler, clock = scheduler, scheduler
+        self.config = config = config_of(bench)
+        self.phase = ""
         self.tap: Tap = untouched
         self.messages = 0
         self.mechanics: Mechanics | None = None
         self.felt_n: Callable[[float], float] = self.true_n
         self.worst = Worst()
-        self._lines = {
+        self.lines = {
             "stage": SerialLine(clock, config.stage.baud),
             "force": SerialLine(clock, config.force.baud),
         }
-        self.board: Any = virtual_stage(clock, self._lines["stage"], config)
+        self.board: Any = virtual_stage(clock, self.lines["stage"], config)
         self.carriage = true_carriage(self.board, config)
         load = Load(lambda t_s: self.felt_n(t_s))
-        self.sensor: Any = virtual_force(clock, self._lines["force"], config, load)
-        for name, line in self._lines.items():
+        self.sensor: Any = virtual_force(clock, self.lines["force"], config, load)
+        for name, line in self.lines.items():
             self._tap_device(name, line)
         self._before: tuple[float, float] | None = None
         self._touch_n = config.habits.touch_force_gwt * GWT_N
@@ -128,10 +165,10 @@ class World:
     @property
     def true_gwt(self) -> float:
         """What the finger feels now."""
-        return self.true_n(self.clock.monotonic_s()) / GWT_N
+        return self.true_n(self.scheduler.monotonic_s()) / GWT_N
 
     def _look(self) -> None:
-        now_s = self.clock.monotonic_s()
+        now_s = self.scheduler.monotonic_s()
         x_mm, height_mm = self.pose_mm(now_s)
         force_n = PREDICTED.force_at(height_mm)
         worst = self.worst
@@ -147,18 +184,14 @@ class World:
         else:
             self._before = None
         far_s = (height_mm - PREDICTED.contact_mm) / _FASTEST_MM_S
-        self.clock.call_at(now_s + min(max(far_s, TRUTH_S), _LONGEST_LOOK_S), self._look)
+        self.scheduler.call_at(now_s + min(max(far_s, TRUTH_S), _LONGEST_LOOK_S), self._look)
 
     # the wires
-
-    def wire(self, name: str) -> "TappedWire":
-        """The host's end of a wire."""
-        return TappedWire(self, self._lines[name], self.clock, name)
 
     def passed(self, wire: str, way: Way, data: bytes) -> list[tuple[float, bytes]]:
         """What comes of a message at the other end."""
         message = Message(
-            self.messages, self.phase, wire, way, data, self.clock.monotonic_s(), round(self.true_gwt, 3)
+            self.messages, self.phase, wire, way, data, self.scheduler.monotonic_s(), round(self.true_gwt, 3)
         )
         self.messages += 1
         return self.tap(message)
@@ -166,13 +199,12 @@ class World:
     def later(self, late_s: float, action: Callable[[], None]) -> None:
         """At once, or on the clock."""
         if late_s:
-            self.clock.call_at(self.clock.monotonic_s() + late_s, action)
+            self.scheduler.call_at(self.scheduler.monotonic_s() + late_s, action)
         else:
             action()
 
     def _tap_device(self, name: str, line: SerialLine) -> None:
-        send = line.device_write
-        text = name == "stage" and self.config.stage.kind == "grbl" or name == "force" and not self._is_modbus_force
+        send, text = line.device_write, self.speaks_lines(name)
 
         def tapped(data: bytes) -> None:
             for part in data.splitlines(keepends=True) if text else [data]:
@@ -181,14 +213,29 @@ class World:
 
         line.device_write = tapped  # type: ignore[method-assign]
 
-    @property
-    def _is_modbus_force(self) -> bool:
-        return self.config.force.kind == "laumas"
+    def speaks_lines(self, wire: str) -> bool:
+        """Whether a message on this wire is a line; else it is a frame."""
+        return {"stage": self.config.stage.kind, "force": self.config.force.kind}[wire] in ("grbl", "mtsics")
+
+
+class VirtualWorld(World):
+    """A world on the virtual clock, and the drivers of the programs that come to it."""
+
+    def __init__(self, bench: str) -> None:
+        self.clock = VirtualClock(1.7e9)
+        self.verb = ""
+        self.journal: Journal | None = None
+        self.folder: Path | None = None
+        super().__init__(bench, self.clock)
+
+    def wire(self, name: str) -> "TappedWire":
+        """The host's end of a wire."""
+        return TappedWire(self, self.lines[name], self.clock, name)
 
     def connected(self) -> "CampaignBench":
         """Fresh drivers on these devices: the bench of another program."""
         if self.config.stage.framing == "tcp":
-            for line in self._lines.values():
+            for line in self.lines.values():
                 line.renewed()  # another connection
         stage_wire, force_wire = self.wire("stage"), self.wire("force")
         return CampaignBench(
@@ -202,7 +249,7 @@ class World:
 class TappedWire(LoopbackTransport):
     """A wire whose writes go through the world's tap."""
 
-    def __init__(self, world: World, line: SerialLine, clock: VirtualClock, name: str) -> None:
+    def __init__(self, world: VirtualWorld, line: SerialLine, clock: VirtualClock, name: str) -> None:
         super().__init__(line, clock, name)
         self._world, self._device = world, line
 
@@ -216,13 +263,12 @@ class TappedWire(LoopbackTransport):
 class CampaignBench:
     """What the engine needs; its operator mounts what is asked for."""
 
-    world: World
+    world: VirtualWorld
     clock: VirtualClock
     stage: Stage
     force: ForceSensor
     pause: Pause = NO_PAUSE
     virtual: Literal[True] = True
-    watched: list[Heartbeat] = field(default_factory=list)
 
     @property
     def operator(self) -> Self:
@@ -237,9 +283,6 @@ class CampaignBench:
     def mount(self, indentor: str) -> str:
         """The indentor that was asked for."""
         return indentor
-
-    def confirm(self, request: str) -> None:
-        """At once."""
 
     def witness(self, stream: str, data: Mapping[str, Any]) -> dict[str, float]:
         """The journal gets no truth here."""
