@@ -24,6 +24,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--bench", choices=[*BENCHES], action="append", help="these benches only")
     parser.add_argument("--phase", action="append", help="these phases only")
+    parser.add_argument("--kind", help="faults whose class holds these words, such as 'flip to stage' or pair")
     parser.add_argument("--sample", type=int, help="so many cases, as many of each bench, phase and class of fault")
     parser.add_argument("--seed", type=int, default=0, help="of the sample")
     parser.add_argument("--case", action="append", help="the case of this name")
@@ -63,6 +64,8 @@ def _chosen(options: argparse.Namespace) -> list[Case]:
             found += cases(bench, Path(folder))
     if options.phase:
         found = [case for case in found if case.phase in options.phase]
+    if options.kind:
+        found = [case for case in found if options.kind in case.kind]
     if options.case:
         found = [case for case in found if case.name in options.case]
     return found if options.sample is None else sample(found, options.sample, options.seed)
