@@ -10,10 +10,10 @@ import pytest
 from rig.session.ending import Whereabouts
 from studies.faults.campaign import runner
 from studies.faults.campaign.__main__ import sample
-from studies.faults.campaign.cases import Case, cases, content, shape
+from studies.faults.campaign.cases import cases, content, shape
 from studies.faults.campaign.faults import LATE_S, FaultyCarriage, WireFault, parsed, wire_faults
 from studies.faults.campaign.judge import BOUND_GWT, claim_of, exemption_of, true_claim, violations
-from studies.faults.campaign.scenarios import SCENARIOS, Finished, Scenario
+from studies.faults.campaign.scenarios import Finished
 from studies.faults.campaign.tables import Record, records_of, told
 from studies.faults.campaign.world import BENCHES, Place, VirtualWorld
 
@@ -111,6 +111,7 @@ FINE: Record = {
     "worst_gwt": 8.0,
     "drag_mm": 0.0,
     "report_true": True,
+    "record_true": True,
     "lost": 0,
     "repeated": 0,
     "mixed": 0,
@@ -128,6 +129,7 @@ FINE: Record = {
         ({"worst_gwt": BOUND_GWT + 0.01}, ["force"]),
         ({"drag_mm": 0.01}, ["sideways"]),
         ({"report_true": False}, ["report"]),
+        ({"record_true": False}, ["report"]),
         ({"lost": 1}, ["lost or repeated"]),
         ({"repeated": 1}, ["lost or repeated"]),
         ({"mixed": 1}, ["lost or repeated"]),

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from rig.devices.units import GWT_N
+from rig.engine.by_hand.bench_memory import LastKnown
 from rig.session.ending import Whereabouts
 from studies.faults.campaign.faults import MOVES_WITHOUT_COMMAND, READS_LOW
 from studies.faults.faulty_bench import PREDICTED
@@ -31,6 +32,14 @@ def claim_of(at: Whereabouts | None) -> Claim:
     if at is None or at.left == "not moved":
         return "none"
     return "clear" if at.may_touch is False else "not confirmed"
+
+
+def claim_on_record(known: LastKnown) -> Claim:
+    """The same of what the next command will read about the bench."""
+    contact: Any = getattr(known, "contact", None)
+    if contact is None:
+        return "none"
+    return "not confirmed" if contact.may_touch else "clear"
 
 
 def true_claim(claim: Claim, force_gwt: float) -> bool:
@@ -69,7 +78,7 @@ def violations(record: Mapping[str, Any]) -> list[str]:
         found.append("force")
     if record["drag_mm"] > DRAG_MM:
         found.append("sideways")
-    if not record["report_true"]:
+    if not (record["report_true"] and record["record_true"]):
         found.append("report")
     if record["lost"] or record["repeated"] or record["mixed"]:
         found.append("lost or repeated")

@@ -30,12 +30,13 @@ from rig.data import read_run
 from rig.devices.force.base import ForceError
 from rig.devices.stage.base import StageError
 from rig.engine import EngineError
+from rig.engine.by_hand.bench_memory import BenchMemory
 from rig.protocol.errors import BadInputError
 from rig.transport import TransportError
 from studies.faults.attempts import attempts
 from studies.faults.campaign.cases import Case, content, is_command
 from studies.faults.campaign.faults import FaultyCarriage, cell
-from studies.faults.campaign.judge import BOUND_GWT, claim_of, exemption_of, true_claim, violations
+from studies.faults.campaign.judge import BOUND_GWT, claim_of, claim_on_record, exemption_of, true_claim, violations
 from studies.faults.campaign.scenarios import SCENARIOS, Finished, Scenario
 from studies.faults.campaign.world import Message, VirtualWorld, Worst, untouched
 
@@ -178,6 +179,8 @@ class Played:
         world = self.world
         at_rest(world)
         worst, left_gwt, claim = world.worst, world.true_gwt, claim_of(finished.at)
+        absorbed = finished.exit == "absorbed"  # in the middle of something
+        on_record = "none" if absorbed else claim_on_record(BenchMemory(world.config).read())
         record: Record = {
             **_about(case),
             "exit": finished.exit,
@@ -185,6 +188,8 @@ class Played:
             "report": None if finished.at is None else asdict(finished.at),
             "claim": claim,
             "report_true": true_claim(claim, left_gwt),
+            "on_record": on_record,
+            "record_true": true_claim(on_record, left_gwt),
             "worst_gwt": round(worst.force_gwt, 3),
             "worst_in": worst.phase,
             "drag_mm": round(worst.drag_mm, 4),
@@ -230,7 +235,15 @@ class Played:
 
 _DIGEST = hashlib.sha256().digest_size
 _NOT_RESUMED = {"resumed": None, "lost": 0, "repeated": 0, "mixed": 0}
-_DEFAULTS = {"worst_gwt": 0.0, "drag_mm": 0.0, "left_gwt": 0.0, "report_true": True, "claim": "none", **_NOT_RESUMED}
+_DEFAULTS = {
+    "worst_gwt": 0.0,
+    "drag_mm": 0.0,
+    "left_gwt": 0.0,
+    "report_true": True,
+    "record_true": True,
+    "claim": "none",
+    **_NOT_RESUMED,
+}
 
 
 def _about(case: Case) -> Record:

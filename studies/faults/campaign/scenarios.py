@@ -270,7 +270,6 @@ class HandScenario:
             sensing = Sensing(world.config, world.clock, bench.force)
             sensing.zero = bench.memory.read().zero
             at_hand.home(world.config, bench, sensing)
-            bench.memory.left(bench.stage.status())
         world.phase = ""
 
     def _zero(self, world: Place) -> None:

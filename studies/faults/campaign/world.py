@@ -1,23 +1,24 @@
 """The virtual bench of the campaign: real drivers and bytes, a finger of springs, and the truth beside them."""
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol, Self
 
 from rig.devices.drivers import force_driver, stage_driver
 from rig.devices.force.base import ForceSensor
-from rig.devices.stage.base import Stage
+from rig.devices.stage.base import Stage, StageError
 from rig.devices.units import GWT_N
 from rig.engine import Journal
 from rig.engine.bench import NO_PAUSE, Pause, WatchedBench
-from rig.engine.by_hand.bench_memory import BenchMemory
+from rig.engine.by_hand.bench_memory import BenchMemory, LastKnown
 from rig.engine.heartbeat import LOOK_S, Heartbeat
 from rig.engine.sensing import Zero
 from rig.plan.config import Config
 from rig.session.virtual.twins import virtual_force, virtual_stage
 from rig.session.virtual.virtual_devices import true_carriage
+from rig.transport import TransportError
 from rig.transport.clock import Clock
 from rig.transport.loopback import LoopbackTransport
 from sim.devices.cell import Load
@@ -238,11 +239,15 @@ class VirtualWorld(World):
             for line in self.lines.values():
                 line.renewed()  # another connection
         stage_wire, force_wire = self.wire("stage"), self.wire("force")
+        memory = BenchMemory(self.config)
+        before = memory.read()
+        memory.moves()
         return CampaignBench(
             self,
             self.clock,
             stage_driver(lambda _: stage_wire, self.clock, self.config),
             force_driver(lambda _: force_wire, self.clock, self.config),
+            before,
         )
 
 
@@ -267,6 +272,7 @@ class CampaignBench:
     clock: VirtualClock
     stage: Stage
     force: ForceSensor
+    before: LastKnown
     pause: Pause = NO_PAUSE
     virtual: Literal[True] = True
 
@@ -309,5 +315,13 @@ class CampaignBench:
         if zero is not None:
             self.memory.zeroed(zero)
 
+    def touched(self, known: Any) -> None:
+        """What is known about contact, as a real bench records it."""
+        memory: Any = self.memory
+        memory.touched(known)
+
     def close(self) -> None:
-        """The wires are let go."""
+        """Where a homed stage is left is remembered, as by a real bench."""
+        if self.stage.homed:
+            with suppress(StageError, TransportError):
+                self.memory.left(self.stage.status())
