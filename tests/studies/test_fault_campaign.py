@@ -1,7 +1,6 @@
 """The campaign of studies/faults/campaign: it finds what is bad, and a sample of it on the program finds nothing."""
 
 import itertools
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -198,7 +197,7 @@ class Careless:
 
 
 @pytest.fixture
-def careless(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[dict[str, Record]]:
+def careless(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, Record]:
     """What the campaign finds of it, by the name of the case."""
     monkeypatch.setattr(runner, "SCENARIOS", (Careless(),))
     monkeypatch.setenv("RIG_STATE_DIR", str(tmp_path / "state"))
@@ -207,7 +206,7 @@ def careless(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[dict[s
     runner.carry_out(chosen, tmp_path / "found.jsonl", 1, lambda line: None)
     found = {record["case"]: record for record in records_of(tmp_path / "found.jsonl")}
     assert set(found) == {case.name for case in chosen}
-    yield found
+    return found
 
 
 def test_a_careless_program_is_found_out(careless: dict[str, Record]) -> None:
