@@ -13,8 +13,9 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
+from studies.faults.campaign import real_time
 from studies.faults.campaign.cases import Case, cases
-from studies.faults.campaign.runner import carry_out
+from studies.faults.campaign.runner import carry_out, commit
 from studies.faults.campaign.tables import records_of, summary, table
 from studies.faults.campaign.world import BENCHES
 
@@ -28,6 +29,8 @@ def main() -> None:
     parser.add_argument("--sample", type=int, help="so many cases, as many of each bench, phase and class of fault")
     parser.add_argument("--seed", type=int, default=0, help="of the sample")
     parser.add_argument("--case", action="append", help="the case of this name")
+    parser.add_argument("--real-time", type=int, metavar="N", help="N cases of a sample, in real time over TCP")
+    parser.add_argument("--load", type=int, default=0, help="with --real-time: processes that never rest beside it")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument(
         "--out", type=Path, default=Path("campaign.jsonl"), help="results; what is there is not redone"
@@ -42,13 +45,16 @@ def main() -> None:
     _print_counts(chosen)
     if options.count:
         return
-    done = {record["case"] for record in records_of(options.out)}
+    done = {record["case"] for record in records_of(options.out) if record["commit"] == commit()}
     left = [case for case in chosen if case.name not in done]
     if done:
         print(f"{len(chosen) - len(left)} are in {options.out} already")
-    if left:
+    if left and options.real_time is not None:
+        real_time.carry_out(left, options.out, options.load, lambda line: print(line, flush=True))
+    elif left:
         carry_out(left, options.out, options.processes, lambda line: print(line, flush=True))
-    found = [record for record in records_of(options.out) if record["case"] in {case.name for case in chosen}]
+    names = {case.name for case in chosen}
+    found = [r for r in records_of(options.out) if r["case"] in names and r["commit"] == commit()]
     print(summary(found))
     if options.case:
         for record in found:
@@ -60,7 +66,7 @@ def _chosen(options: argparse.Namespace) -> list[Case]:
     found: list[Case] = []
     with tempfile.TemporaryDirectory() as folder:
         os.environ["RIG_STATE_DIR"] = folder
-        for bench in options.bench or BENCHES:
+        for bench in options.bench or (BENCHES if options.real_time is None else real_time.BENCHES):
             found += cases(bench, Path(folder))
     if options.phase:
         found = [case for case in found if case.phase in options.phase]
@@ -68,7 +74,8 @@ def _chosen(options: argparse.Namespace) -> list[Case]:
         found = [case for case in found if options.kind in case.kind]
     if options.case:
         found = [case for case in found if case.name in options.case]
-    return found if options.sample is None else sample(found, options.sample, options.seed)
+    number = options.sample if options.real_time is None else options.real_time
+    return found if number is None else sample(found, number, options.seed)
 
 
 def sample(of: Sequence[Case], number: int, seed: int) -> list[Case]:

@@ -15,6 +15,7 @@ import resource
 import select
 import shutil
 import signal
+import subprocess
 import tempfile
 import time
 import traceback
@@ -22,7 +23,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -80,7 +81,7 @@ class Played:
         world.tap = self._tap
         self._run = self._folder / "run"
         try:
-            finished = _ended(lambda: self._scenario.play(world, self._run))
+            finished = ended(lambda: self._scenario.play(world, self._run))
         finally:
             if self._case is not None:
                 self._leave(finished)
@@ -125,7 +126,7 @@ class Played:
             if status == 0:
                 self._endings[os.read(self._hears, _DIGEST)] += 1
             else:
-                self._append({**_about(case), "exit": "crashed", "reason": f"the process ended with {status}"})
+                self._append({**about(case), "exit": "crashed", "reason": f"the process ended with {status}"})
             self._told()
         return whole
 
@@ -182,7 +183,7 @@ class Played:
         absorbed = finished.exit == "absorbed"  # in the middle of something
         on_record = "none" if absorbed else claim_on_record(BenchMemory(world.config).read())
         record: Record = {
-            **_about(case),
+            **about(case),
             "exit": finished.exit,
             "reason": finished.reason[:300],
             "report": None if finished.at is None else asdict(finished.at),
@@ -209,7 +210,7 @@ class Played:
         left_gwt = round(record["left_gwt"], 1)
         alike = (case.phase, finished.exit, reason, record["claim"], left_gwt, case.way, case.wire)
         also = "" if case.fault is not None else case.name
-        return hashlib.sha256(f"{alike} {also} {sorted(_attempts_done(self._run))}".encode()).digest()
+        return hashlib.sha256(f"{alike} {also} {sorted(finished_presses(self._run))}".encode()).digest()
 
     def _resumed(self, finished: Finished) -> Record:
         """Mended, and taken up by another program with drivers of its own."""
@@ -218,15 +219,15 @@ class Played:
             world.mechanics.mend()
         world.felt_n = world.true_n
         world.worst = Worst()
-        before = _attempts_done(self._run)
+        before = finished_presses(self._run)
         if finished.exit in ("done", "absorbed"):
-            return {"resumed": None, **_kept(self._run, before)}
-        ended = _ended(lambda: self._scenario.take_up(world, self._run))
-        worst = {"resume_worst_gwt": round(world.worst.force_gwt, 3), "resume_reason": ended.reason[:200]}
-        return {"resumed": ended.exit == "done", **worst, **_kept(self._run, before)}
+            return {"resumed": None, **kept(self._run, before)}
+        again = ended(lambda: self._scenario.take_up(world, self._run))
+        worst = {"resume_worst_gwt": round(world.worst.force_gwt, 3), "resume_reason": again.reason[:200]}
+        return {"resumed": again.exit == "done", **worst, **kept(self._run, before)}
 
     def _append(self, record: Record) -> None:
-        record = {**_DEFAULTS, **record}
+        record = {**DEFAULTS, **record}
         exemption = exemption_of(record)
         record["violations"] = violations(record)
         record["exempt"] = None if exemption is None else exemption.name
@@ -235,7 +236,7 @@ class Played:
 
 _DIGEST = hashlib.sha256().digest_size
 _NOT_RESUMED = {"resumed": None, "lost": 0, "repeated": 0, "mixed": 0}
-_DEFAULTS = {
+DEFAULTS = {
     "worst_gwt": 0.0,
     "drag_mm": 0.0,
     "left_gwt": 0.0,
@@ -246,12 +247,22 @@ _DEFAULTS = {
 }
 
 
-def _about(case: Case) -> Record:
-    about = {"case": case.name, "bench": case.bench, "scenario": case.scenario, "phase": case.phase}
-    return {**about, "kind": case.kind, "mechanics": case.mechanics, "cell": case.cell, "data": case.data.hex()}
+@cache
+def commit() -> str:
+    """What the program is at, where git knows; names of cases hold at one commit."""
+    command = ["git", "describe", "--always", "--dirty", "--abbrev=7"]
+    found = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parent, check=False)
+    return found.stdout.strip() or "unknown"
 
 
-def _ended(play: Callable[[], Finished]) -> Finished:
+def about(case: Case) -> Record:
+    """What a record says of its case."""
+    place = {"bench": case.bench, "scenario": case.scenario, "phase": case.phase}
+    struck = {"kind": case.kind, "mechanics": case.mechanics, "cell": case.cell, "data": case.data.hex()}
+    return {"commit": commit(), "case": case.name, **place, **struck}
+
+
+def ended(play: Callable[[], Finished]) -> Finished:
     """How it ended, also where a command by hand ends with an error."""
     try:
         return play()
@@ -270,7 +281,7 @@ def at_rest(world: VirtualWorld) -> None:
             return
 
 
-def _attempts_done(run: Path) -> dict[int, Any]:
+def finished_presses(run: Path) -> dict[int, Any]:
     """The finished presses of a run, as its journal has them; nothing where there is no run."""
     if not (run / "events.jsonl").exists():
         return {}
@@ -279,7 +290,7 @@ def _attempts_done(run: Path) -> dict[int, Any]:
     return {}
 
 
-def _kept(run: Path, before: dict[int, Any]) -> Record:
+def kept(run: Path, before: dict[int, Any]) -> Record:
     """Whether what was done before is there as it was, once each and of one attempt."""
     if not (run / "events.jsonl").exists():
         return {}
@@ -311,6 +322,7 @@ def work(cases: Iterable[Case], out: Path, told: Callable[[], None] = lambda: No
 
 def carry_out(cases: Sequence[Case], out: Path, processes: int, say: Callable[[str], None] = print) -> None:
     """Carry cases out in so many processes at a time, saying how far they have come."""
+    commit()  # once, and not in every child
     done = Done(len(cases), say)
     workers = []
     for n in range(processes):
