@@ -1,4 +1,4 @@
-"""`make shake`: the suite twice, its real-time tests many times, beside as many busy processes as cores; then all faults.
+"""`make shake`: the suite twice and its real-time tests many times, beside as many busy processes as cores; all faults.
 
 The whole fault campaign (studies/faults/campaign) comes last, beside nothing else: it is on the virtual clock.
 """

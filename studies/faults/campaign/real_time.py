@@ -1,8 +1,8 @@
 """The same faults in real time over TCP: devices in a process of their own, the program in another, wires between.
 
 The ports hand every message through the tap of a served world, as on the virtual clock. A command is struck where the
-first one of its phase says what it said in the census, any other message at the first one of its shape. The true force
-is computed in the devices' process, from the carriage, every 2 ms.
+first one of its phase says what it said in the census, any other message at the first one of its shape. The true
+force is computed in the devices' process, from the carriage, every 2 ms.
 """
 
 import io
