@@ -1,6 +1,6 @@
-"""`make shake`: the suite twice and its real-time tests many times, beside as many busy processes as cores; all faults.
+"""`make shake`: the suite twice and its real-time tests many times, beside as many busy processes as cores.
 
-The whole fault campaign (studies/faults/campaign) comes last, beside nothing else: it is on the virtual clock.
+Last, beside nothing else, the whole fault campaign (studies/faults/campaign), which is on the virtual clock.
 """
 
 import argparse

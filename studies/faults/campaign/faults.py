@@ -81,7 +81,7 @@ def wire_faults(data: bytes, *, from_device: bool) -> Iterator[WireFault]:
 # --- carriage ---
 
 _STEP_S = 0.002
-_AT_SWITCH_MM = 0.05
+_AT_SWITCH_MM, _NEAR_SWITCH_MM = 0.05, 1.5
 _RUN_ON_S, _RUN_ON_MM_S = 0.25, 1.0
 _BACKLASH_MM = 0.3
 
@@ -116,7 +116,8 @@ class FaultyCarriage:
     """A carriage that follows its commands wrongly from an instant on; the controller notices nothing of it.
 
     Where it is told to be at a home switch, and is not stalled, it is there. Once mended it keeps its offset until it
-    is homed.
+    is homed. A stalled Z never comes to its switch, and a controller that homes Z first does not go on to X: while it is
+    told to be near that switch nothing moves. (The virtual controllers believe in the switch all the same.)
     """
 
     def __init__(self, world: "World", kind: str) -> None:
@@ -149,8 +150,9 @@ class FaultyCarriage:
     def _advance(self, t_s: float) -> None:
         pose = self._world.carriage.pose_at(t_s)
         now, x_z = (pose.x_mm, pose.above_apex_mm), list(self._true[-1])
+        homing = self.kind == "z stalls" and now[1] > self._switch_mm[1] - _NEAR_SWITCH_MM
         for n, axis in enumerate("xz"):
-            moved = now[n] - self._told[n]
+            moved = 0.0 if homing else now[n] - self._told[n]
             x_z[n] += self._step(n, axis, moved)
             stalls = self.kind == f"{axis} stalls"
             if not stalls and now[n] >= self._switch_mm[n] - _AT_SWITCH_MM:
