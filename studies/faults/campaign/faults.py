@@ -116,8 +116,8 @@ class FaultyCarriage:
     """A carriage that follows its commands wrongly from an instant on; the controller notices nothing of it.
 
     Where it is told to be at a home switch, and is not stalled, it is there. Once mended it keeps its offset until it
-    is homed. A stalled Z never comes to its switch, and a controller that homes Z first does not go on to X: while it is
-    told to be near that switch nothing moves. (The virtual controllers believe in the switch all the same.)
+    is homed. A stalled Z never comes to its switch, and a controller that homes Z first does not go on to X: while it
+    is told to be near that switch nothing moves. (The virtual controllers believe in the switch all the same.)
     """
 
     def __init__(self, world: "World", kind: str) -> None:
