@@ -16,7 +16,7 @@ from pathlib import Path
 from studies.faults.campaign import real_time
 from studies.faults.campaign.cases import Case, cases
 from studies.faults.campaign.runner import carry_out, commit
-from studies.faults.campaign.tables import records_of, summary, table
+from studies.faults.campaign.tables import records_of, summary, table, worst_as_csv
 from studies.faults.campaign.world import BENCHES
 
 
@@ -37,9 +37,14 @@ def main() -> None:
     )
     parser.add_argument("--count", action="store_true", help="count the cases and end")
     parser.add_argument("--table", action="store_true", help="the tables of docs/faults.md, of the results in --out")
+    parser.add_argument("--worst", type=Path, help="with --table: a CSV of the worst five of each bench and phase")
     options = parser.parse_args()
     if options.table:
-        print(table(records_of(options.out)))
+        records = records_of(options.out)
+        print(table(records))
+        if options.worst is not None:
+            command = "python -m studies.faults.campaign --table --worst"
+            options.worst.write_text(worst_as_csv(records, command), encoding="ascii")
         return
     chosen = _chosen(options)
     _print_counts(chosen)

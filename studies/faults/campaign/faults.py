@@ -4,6 +4,7 @@ A fault is data, so that the virtual clock and a proxy in real time inject the s
 """
 
 import math
+from bisect import bisect_right
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -109,6 +110,7 @@ MECHANICAL: dict[str, dict[str, Followed]] = {
 }
 """By name, how far each axis follows; what needs more than that is in `FaultyCarriage`."""
 
+MENDED = "mended"
 MOVES_WITHOUT_COMMAND = ("z runs on", "x runs on")
 
 
@@ -125,7 +127,7 @@ class FaultyCarriage:
         self._followed = dict(MECHANICAL[kind])
         pose = world.carriage.pose_at(self._from_s)
         self._told = (pose.x_mm, pose.above_apex_mm)
-        self._true = [world.pose_mm(self._from_s)]
+        self._times_s, self._true = [self._from_s], [world.pose_mm(self._from_s)]
         self._runs_on_s = [0.0, 0.0]
         self._way = [0.0, 0.0]
         frame = world.config.frame
@@ -135,32 +137,44 @@ class FaultyCarriage:
     def mend(self) -> None:
         """It follows again."""
         self.pose_mm(self._world.scheduler.monotonic_s())
-        self.kind, self._followed = "mended", {}
+        self.kind, self._followed = MENDED, {}
 
     def pose_mm(self, t_s: float) -> tuple[float, float]:
         """True x and height; the past is as it was."""
-        at = (t_s - self._from_s) / _STEP_S
-        if at < 0:
+        if t_s < self._from_s:
             pose = self._world.carriage.pose_at(t_s)
             return pose.x_mm, pose.above_apex_mm
-        while len(self._true) - 1 < at:
-            self._advance(self._from_s + len(self._true) * _STEP_S)
-        return self._true[min(round(at), len(self._true) - 1)]
+        last_s = self._times_s[-1]
+        if t_s < last_s:
+            return self._true[bisect_right(self._times_s, t_s) - 1]
+        if not self._goes_straight(t_s):
+            for n in range(1, int((t_s - last_s) / _STEP_S) + 1):
+                self._advance(last_s + n * _STEP_S)
+        if t_s > self._times_s[-1]:
+            self._advance(t_s)
+        return self._true[-1]
+
+    def _goes_straight(self, t_s: float) -> bool:
+        """Whether nothing happens on the way to an instant that its end would not show."""
+        pose = self._world.carriage.pose_at(t_s)
+        rests = (pose.x_mm, pose.above_apex_mm) == self._told and max(self._runs_on_s) <= 0
+        return rests or self.kind == MENDED
 
     def _advance(self, t_s: float) -> None:
         pose = self._world.carriage.pose_at(t_s)
-        now, x_z = (pose.x_mm, pose.above_apex_mm), list(self._true[-1])
+        now, x_z, for_s = (pose.x_mm, pose.above_apex_mm), list(self._true[-1]), t_s - self._times_s[-1]
         homing = self.kind == "z stalls" and now[1] > self._switch_mm[1] - _NEAR_SWITCH_MM
+        near_mm = _NEAR_SWITCH_MM if self.kind == MENDED else _AT_SWITCH_MM
         for n, axis in enumerate("xz"):
             moved = 0.0 if homing else now[n] - self._told[n]
-            x_z[n] += self._step(n, axis, moved)
-            stalls = self.kind == f"{axis} stalls"
-            if not stalls and now[n] >= self._switch_mm[n] - _AT_SWITCH_MM:
+            x_z[n] += self._step(n, axis, moved, for_s)
+            if self.kind != f"{axis} stalls" and now[n] >= self._switch_mm[n] - near_mm:
                 x_z[n] = now[n]
         self._told = now
+        self._times_s.append(t_s)
         self._true.append((x_z[0], x_z[1]))
 
-    def _step(self, n: int, axis: str, moved: float) -> float:
+    def _step(self, n: int, axis: str, moved: float, for_s: float) -> float:
         if axis in self._followed:
             return self._followed[axis](moved)
         if self.kind == "z backlash" and axis == "z":
@@ -172,8 +186,8 @@ class FaultyCarriage:
             if moved:
                 self._way[n], self._runs_on_s[n] = math.copysign(1.0, moved), _RUN_ON_S
             elif self._runs_on_s[n] > 0:
-                self._runs_on_s[n] -= _STEP_S
-                return self._way[n] * _RUN_ON_MM_S * _STEP_S
+                self._runs_on_s[n] -= for_s
+                return self._way[n] * _RUN_ON_MM_S * for_s
         return moved
 
 

@@ -51,15 +51,17 @@ def true_claim(claim: Claim, force_gwt: float) -> bool:
 
 @dataclass(frozen=True)
 class Exemption:
-    """What no program can prevent, with the bound that was measured for it and the mechanical remedy."""
+    """What no program can prevent, and the mechanical remedy; its bound is measured, in docs/faults.md."""
 
     name: str
-    bound_gwt: float
     remedy: str
 
 
-LOW = Exemption("reads low by more than half", 0.0, "a second cell, or a mechanical stop at the deepest DOI")
-UNCOMMANDED = Exemption("moves without a command", 0.0, "a brake or an emergency stop in the motor's supply")
+LOW = Exemption("a cell that reads low by more than half", "a second cell, or a mechanical stop at the deepest DOI")
+UNCOMMANDED = Exemption(
+    "a stage that moves without a command", "a mechanical stop; an emergency stop in the motors' supply"
+)
+EXEMPTIONS = (LOW, UNCOMMANDED)
 
 
 def exemption_of(record: Mapping[str, Any]) -> Exemption | None:

@@ -6,10 +6,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from studies.faults.campaign.judge import BOUND_GWT
+from studies.faults.campaign.judge import BOUND_GWT, EXEMPTIONS
 
 Record = dict[str, Any]
 CLASSES = ("force", "sideways", "report", "lost or repeated", "not resumed", "crash")
+
+KEPT = ("case", "data", "worst_gwt", "left_gwt", "drag_mm", "exit", "claim", "on_record", "violations", "exempt")
 
 
 def records_of(path: Path) -> list[Record]:
@@ -32,7 +34,8 @@ def worst_of(records: Sequence[Record], number: int) -> list[Record]:
 
 def summary(records: Sequence[Record]) -> str:
     """Violations by bench, phase and class, and the worst of each."""
-    lines = [f"{len(records)} cases, bound {BOUND_GWT:.2f} gwt"]
+    took_s = sum(record.get("s", 0.0) for record in records)
+    lines = [f"{len(records)} cases, {took_s / 60:.0f} min of processor time, bound {BOUND_GWT:.2f} gwt"]
     counted = Counter[tuple[str, str, str]]()
     cases, exempt = Counter[tuple[str, str]](), Counter[tuple[str, str]]()
     for record in records:
@@ -56,6 +59,27 @@ def summary(records: Sequence[Record]) -> str:
     return "\n".join(lines)
 
 
+def exempted(records: Sequence[Record]) -> str:
+    """The worst of what no program can prevent, by class."""
+    lines = ["| exempt | cases | beyond the bound | worst gwt | remedy |", "|---|---|---|---|---|"]
+    for exemption in EXEMPTIONS:
+        some = [record for record in records if record["exempt"] == exemption.name]
+        beyond = sum("force" in record["violations"] for record in some)
+        worst = max((record["worst_gwt"] for record in some), default=0.0)
+        lines.append(f"| {exemption.name} | {len(some)} | {beyond} | {worst:.2f} | {exemption.remedy} |")
+    return "\n".join(lines)
+
+
+def worst_as_csv(records: Sequence[Record], command: str) -> str:
+    """The worst five of each phase and bench, exempt or not, with what made them."""
+    lines = [f"# {command}, at {', '.join(sorted({record['commit'] for record in records}))}", ",".join(KEPT)]
+    for place in dict.fromkeys((record["bench"], record["phase"]) for record in records):
+        for record in worst_of([r for r in records if (r["bench"], r["phase"]) == place], 5):
+            row = {**record, "violations": " and ".join(record["violations"]), "exempt": record["exempt"] or ""}
+            lines.append(",".join(str(row.get(key, "")).replace(",", ";") for key in KEPT))
+    return "\n".join(lines) + "\n"
+
+
 def told(record: Record) -> str:
     """One case in one line."""
     reported = f"{record['claim']}; {record['exit']}: {record['reason'][:120]}"
@@ -66,7 +90,14 @@ def told(record: Record) -> str:
 
 def table(records: Sequence[Record]) -> str:
     """For docs/faults.md."""
-    parts = [summary(records), "", "| phase | case | worst gwt | ended | report |", "|---|---|---|---|---|"]
+    parts = [
+        summary(records),
+        "",
+        exempted(records),
+        "",
+        "| phase | case | worst gwt | ended | report |",
+        "|---|---|---|---|---|",
+    ]
     judged = [record for record in records if record["exempt"] is None]
     for phase in dict.fromkeys(record["phase"] for record in judged):
         for record in worst_of([r for r in judged if r["phase"] == phase], 5):
