@@ -9,7 +9,7 @@ import pytest
 from rig.session.ending import Whereabouts
 from studies.faults.campaign import runner
 from studies.faults.campaign.__main__ import sample
-from studies.faults.campaign.cases import cases, content, shape
+from studies.faults.campaign.cases import Case, cases, content, shape
 from studies.faults.campaign.faults import LATE_S, FaultyCarriage, WireFault, parsed, wire_faults
 from studies.faults.campaign.judge import BOUND_GWT, claim_of, exemption_of, true_claim, violations
 from studies.faults.campaign.scenarios import Finished

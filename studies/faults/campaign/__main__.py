@@ -70,7 +70,6 @@ def main() -> None:
 def _chosen(options: argparse.Namespace) -> list[Case]:
     found: list[Case] = []
     with tempfile.TemporaryDirectory() as folder:
-        os.environ["RIG_STATE_DIR"] = folder
         for bench in options.bench or (BENCHES if options.real_time is None else real_time.BENCHES):
             found += cases(bench, Path(folder))
     if options.phase:

@@ -12,6 +12,7 @@ digits of text masked, a frame's transaction, register values and checksum left 
 dropped, doubled, swapped and cut at least once.
 """
 
+import os
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -53,7 +54,8 @@ class Case:
 
 
 def census(bench: str, scenario: Scenario, folder: Path) -> list[Message]:
-    """Every message of a scenario that nothing disturbs."""
+    """Every message of a scenario that nothing disturbs, on a bench that no command has used before."""
+    os.environ["RIG_STATE_DIR"] = str(folder / "state")
     world, found = VirtualWorld(bench), list[Message]()
 
     def noted(message: Message) -> list[tuple[float, bytes]]:
@@ -61,7 +63,7 @@ def census(bench: str, scenario: Scenario, folder: Path) -> list[Message]:
         return [(0.0, message.data)]
 
     world.tap = noted
-    finished = scenario.play(world, folder)
+    finished = scenario.play(world, folder / "run")
     if finished.exit != "done":
         raise RuntimeError(f"{bench}, {scenario.name}: undisturbed it ended {finished.exit}: {finished.reason}")
     return found

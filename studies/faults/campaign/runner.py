@@ -75,8 +75,8 @@ class Played:
 
     def play(self) -> None:
         """All cases; a child never returns."""
-        self._state(self._folder)
         self._note_commands()
+        self._state(self._folder)
         self.world = world = VirtualWorld(self._bench)
         world.tap = self._tap
         self._run = self._folder / "run"
@@ -85,6 +85,8 @@ class Played:
         finally:
             if self._case is not None:
                 self._leave(finished)
+        if finished.exit != "done" or self._at:
+            raise RuntimeError(f"{self._bench}, {self._scenario.name}: {len(self._at)} messages not met, {finished}")
 
     def _note_commands(self) -> None:
         """Play it once to know where each command of the undisturbed run is given."""
@@ -96,7 +98,8 @@ class Played:
             return untouched(message)
 
         world.tap = noted
-        self._scenario.play(world, self._folder / "undisturbed")
+        self._state(self._folder / "undisturbed")
+        self._scenario.play(world, self._folder / "undisturbed" / "run")
 
     def _follow(self, message: Message) -> None:
         """In a child: end it where the fault has been absorbed."""
@@ -116,7 +119,7 @@ class Played:
             self._follow(message)
             return untouched(message)
         whole = [(0.0, message.data)]
-        for case in self._at.get(message.number, ()):
+        for case in self._at.pop(message.number, ()):
             if case.data != message.data:
                 raise RuntimeError(f"{case.name}: met {message.data!r}, expected {case.data!r}")
             child = os.fork()
