@@ -1,4 +1,7 @@
-"""`make shake`: the suite twice and its real-time tests many times, beside as many busy processes as cores."""
+"""`make shake`: the suite twice and its real-time tests many times, beside as many busy processes as cores.
+
+Last, beside nothing else, the whole fault campaign (studies/faults/campaign), which is on the virtual clock.
+"""
 
 import argparse
 import multiprocessing
@@ -8,6 +11,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 
 def main() -> None:
@@ -15,6 +19,7 @@ def main() -> None:
     parser.add_argument("--whole", type=int, default=2, help="times the whole suite")
     parser.add_argument("--real-time", type=int, default=20, help="times what is marked real_time")
     parser.add_argument("--busy", type=int, default=os.cpu_count() or 1, help="others that never rest, beside it")
+    parser.add_argument("--no-campaign", action="store_true", help="not the fault campaign")
     parser.add_argument("tests", nargs="*", help="files, folders or single tests instead of all of them")
     asked = parser.parse_args()
     failed: Counter[str] = Counter()
@@ -23,6 +28,8 @@ def main() -> None:
             for n in range(times):
                 print(f"{' '.join(options) or 'the whole suite'}, {n + 1} of {times}", flush=True)
                 failed.update(failures([*options, *asked.tests]))
+    if not (asked.no_campaign or asked.tests):
+        failed.update(campaign())
     for name, times in failed.most_common():
         print(f"{times} × {name}")
     print(f"{failed.total()} failures")
@@ -44,6 +51,15 @@ def failures(words: list[str]) -> Iterator[str]:
                 yield name.partition(" - ")[0]
     if run.returncode and not named:
         yield f"pytest ended with {run.returncode}"
+
+
+def campaign() -> Iterator[str]:
+    """The whole fault campaign, which says itself what it has found; added to where it was interrupted."""
+    out = Path("build") / "campaign.jsonl"
+    out.parent.mkdir(exist_ok=True)
+    command = [sys.executable, "-m", "studies.faults.campaign", "--processes", str(os.cpu_count() or 1)]
+    if subprocess.run([*command, "--out", str(out)], check=False).returncode:
+        yield f"the fault campaign, {out}"
 
 
 @contextmanager

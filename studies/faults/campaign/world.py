@@ -1,0 +1,327 @@
+"""The virtual bench of the campaign: real drivers and bytes, a finger of springs, and the truth beside them."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, Protocol, Self
+
+from rig.devices.drivers import force_driver, stage_driver
+from rig.devices.force.base import ForceSensor
+from rig.devices.stage.base import Stage, StageError
+from rig.devices.units import GWT_N
+from rig.engine import Journal
+from rig.engine.bench import NO_PAUSE, Pause, WatchedBench
+from rig.engine.by_hand.bench_memory import BenchMemory, LastKnown
+from rig.engine.heartbeat import LOOK_S, Heartbeat
+from rig.engine.sensing import Zero
+from rig.plan.config import Config
+from rig.session.virtual.twins import virtual_force, virtual_stage
+from rig.session.virtual.virtual_devices import true_carriage
+from rig.transport import TransportError
+from rig.transport.clock import Clock
+from rig.transport.loopback import LoopbackTransport
+from sim.devices.cell import Load
+from sim.devices.clock import Scheduler, VirtualClock
+from sim.devices.line import SerialLine
+from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N
+
+TRUTH_S = 0.002
+"""How often the true force is computed, where the indentor could come to the finger within that."""
+_FASTEST_MM_S, _LONGEST_LOOK_S = 50.0, 0.1
+
+_ALWAYS: Mapping[str, Any] = {
+    "limits": {"soft_trip_n": SOFT_TRIP_N},
+    "frame": {"apex_z_mm": -12.0},  # a shorter way down than the default, and as many digits
+    "habits": {"clearance_mm": 1.0},
+}
+_LEADSHINE = {"kind": "leadshine"}
+_LAUMAS = {"kind": "laumas", "baud": 115200}
+_MODBUS: dict[str, dict[str, Any]] = {"stage": _LEADSHINE, "force": _LAUMAS}
+_TCP = {name: {**device, "framing": "tcp"} for name, device in _MODBUS.items()}
+BENCHES: dict[str, Mapping[str, Any]] = {"grbl": {}, "rtu": _MODBUS, "tcp": _TCP}
+"""GRBL with MT-SICS; Leadshine with Laumas as Modbus RTU, and in the frames of Modbus TCP."""
+
+Way = Literal["to", "from"]
+"""To the device, or from it."""
+
+
+@dataclass(frozen=True)
+class Message:
+    """One write of the program, or one line or frame of a device.
+
+    t_s and force_gwt (the true one) are those of its instant, phase is what the rig was doing.
+    """
+
+    number: int
+    phase: str
+    wire: str
+    way: Way
+    data: bytes
+    t_s: float
+    force_gwt: float
+
+
+Tap = Callable[[Message], list[tuple[float, bytes]]]
+"""What becomes of a message: pieces, each late by so many seconds."""
+
+
+def untouched(message: Message) -> list[tuple[float, bytes]]:
+    """The message as it is."""
+    return [(0.0, message.data)]
+
+
+class Mechanics(Protocol):
+    """What a fault of the carriage makes of a commanded pose (x and height above the apex, mm)."""
+
+    def pose_mm(self, t_s: float) -> tuple[float, float]:
+        """Where the indentor truly is at an instant."""
+
+
+@dataclass
+class Worst:
+    """The highest true force (gwt) since it was last cleared, and mm moved sideways while touching."""
+
+    force_gwt: float = 0.0
+    phase: str = ""
+    drag_mm: float = 0.0
+
+
+def config_of(bench: str, ports: Mapping[str, str] | None = None) -> Config:
+    """The configuration of a bench, its devices on these ports."""
+    tables: dict[str, Any] = {**_ALWAYS, **BENCHES[bench]}
+    for device, port in (ports or {}).items():
+        tables[device] = {**tables.get(device, {}), "port": port}
+    return Config.model_validate(tables)
+
+
+class RememberingBench(WatchedBench, Protocol):
+    """A bench that remembers for the next command."""
+
+    @property
+    def memory(self) -> BenchMemory:
+        """What the next command finds."""
+
+
+class Place(Protocol):
+    """Where a scenario is played: a configured bench, and what a scenario tells of itself.
+
+    phase and verb: what the rig is doing. journal: that of the run that is under way. folder: where the run is kept
+    instead of where it began.
+    """
+
+    config: Config
+    phase: str
+    verb: str
+    journal: Journal | None
+    folder: Path | None
+
+    @property
+    def clock(self) -> Clock:
+        """Of the programs that are played."""
+
+    def connected(self) -> RememberingBench:
+        """The bench of another program, with drivers of its own."""
+
+
+class World:
+    """Virtual devices with a finger of springs between them, on any clock; whoever connects comes and goes."""
+
+    def __init__(self, bench: str, scheduler: Scheduler) -> None:
+        self.scheduler, clock = scheduler, scheduler
+        self.config = config = config_of(bench)
+        self.phase = ""
+        self.tap: Tap = untouched
+        self.messages = 0
+        self.mechanics: Mechanics | None = None
+        self.felt_n: Callable[[float], float] = self.true_n
+        self.worst = Worst()
+        self.lines = {
+            "stage": SerialLine(clock, config.stage.baud),
+            "force": SerialLine(clock, config.force.baud),
+        }
+        self.board: Any = virtual_stage(clock, self.lines["stage"], config)
+        self.carriage = true_carriage(self.board, config)
+        load = Load(lambda t_s: self.felt_n(t_s))
+        self.sensor: Any = virtual_force(clock, self.lines["force"], config, load)
+        for name, line in self.lines.items():
+            self._tap_device(name, line)
+        self._before: tuple[float, float] | None = None
+        self._touch_n = config.habits.touch_force_gwt * GWT_N
+        self._look()
+
+    # the truth
+
+    def pose_mm(self, t_s: float) -> tuple[float, float]:
+        """True x from the pad's center and true height above the apex."""
+        if self.mechanics is not None:
+            return self.mechanics.pose_mm(t_s)
+        pose = self.carriage.pose_at(t_s)
+        return pose.x_mm, pose.above_apex_mm
+
+    def true_n(self, t_s: float) -> float:
+        """What the finger feels."""
+        return PREDICTED.force_at(self.pose_mm(t_s)[1])
+
+    @property
+    def true_gwt(self) -> float:
+        """What the finger feels now."""
+        return self.true_n(self.scheduler.monotonic_s()) / GWT_N
+
+    def _look(self) -> None:
+        now_s = self.scheduler.monotonic_s()
+        x_mm, height_mm = self.pose_mm(now_s)
+        force_n = PREDICTED.force_at(height_mm)
+        worst = self.worst
+        if force_n > 0:
+            if force_n > worst.force_gwt * GWT_N:
+                worst.force_gwt, worst.phase = force_n / GWT_N, self.phase
+            if force_n >= self._touch_n:
+                if self._before is not None:
+                    worst.drag_mm += abs(x_mm - self._before[0])
+                self._before = (x_mm, height_mm)
+            else:
+                self._before = None
+        else:
+            self._before = None
+        far_s = (height_mm - PREDICTED.contact_mm) / _FASTEST_MM_S
+        self.scheduler.call_at(now_s + min(max(far_s, TRUTH_S), _LONGEST_LOOK_S), self._look)
+
+    # the wires
+
+    def passed(self, wire: str, way: Way, data: bytes) -> list[tuple[float, bytes]]:
+        """What comes of a message at the other end."""
+        message = Message(
+            self.messages, self.phase, wire, way, data, self.scheduler.monotonic_s(), round(self.true_gwt, 3)
+        )
+        self.messages += 1
+        return self.tap(message)
+
+    def later(self, late_s: float, action: Callable[[], None]) -> None:
+        """At once, or on the clock."""
+        if late_s:
+            self.scheduler.call_at(self.scheduler.monotonic_s() + late_s, action)
+        else:
+            action()
+
+    def _tap_device(self, name: str, line: SerialLine) -> None:
+        send, text = line.device_write, self.speaks_lines(name)
+
+        def tapped(data: bytes) -> None:
+            for part in data.splitlines(keepends=True) if text else [data]:
+                for late_s, piece in self.passed(name, "from", part):
+                    self.later(late_s, lambda piece=piece: send(piece))  # type: ignore[misc]
+
+        line.device_write = tapped  # type: ignore[method-assign]
+
+    def speaks_lines(self, wire: str) -> bool:
+        """Whether a message on this wire is a line; else it is a frame."""
+        return {"stage": self.config.stage.kind, "force": self.config.force.kind}[wire] in ("grbl", "mtsics")
+
+
+class VirtualWorld(World):
+    """A world on the virtual clock, and the drivers of the programs that come to it."""
+
+    def __init__(self, bench: str) -> None:
+        self.clock = VirtualClock(1.7e9)
+        self.verb = ""
+        self.journal: Journal | None = None
+        self.folder: Path | None = None
+        super().__init__(bench, self.clock)
+
+    def wire(self, name: str) -> "TappedWire":
+        """The host's end of a wire."""
+        return TappedWire(self, self.lines[name], self.clock, name)
+
+    def connected(self) -> "CampaignBench":
+        """Fresh drivers on these devices: the bench of another program."""
+        if self.config.stage.framing == "tcp":
+            for line in self.lines.values():
+                line.renewed()  # another connection
+        stage_wire, force_wire = self.wire("stage"), self.wire("force")
+        memory = BenchMemory(self.config)
+        before = memory.read()
+        memory.moves()
+        return CampaignBench(
+            self,
+            self.clock,
+            stage_driver(lambda _: stage_wire, self.clock, self.config),
+            force_driver(lambda _: force_wire, self.clock, self.config),
+            before,
+        )
+
+
+class TappedWire(LoopbackTransport):
+    """A wire whose writes go through the world's tap."""
+
+    def __init__(self, world: VirtualWorld, line: SerialLine, clock: VirtualClock, name: str) -> None:
+        super().__init__(line, clock, name)
+        self._world, self._device = world, line
+
+    def write(self, data: bytes) -> None:
+        self._open_line()
+        for late_s, piece in self._world.passed(self.name, "to", data):
+            self._world.later(late_s, lambda piece=piece: self._device.host_write(piece))  # type: ignore[misc]
+
+
+@dataclass(frozen=True)
+class CampaignBench:
+    """What the engine needs; its operator mounts what is asked for."""
+
+    world: VirtualWorld
+    clock: VirtualClock
+    stage: Stage
+    force: ForceSensor
+    before: LastKnown
+    pause: Pause = NO_PAUSE
+    virtual: Literal[True] = True
+
+    @property
+    def operator(self) -> Self:
+        """Nobody else is there."""
+        return self
+
+    @property
+    def memory(self) -> BenchMemory:
+        """What the next command finds."""
+        return BenchMemory(self.world.config)
+
+    def mount(self, indentor: str) -> str:
+        """The indentor that was asked for."""
+        return indentor
+
+    def witness(self, stream: str, data: Mapping[str, Any]) -> dict[str, float]:
+        """The journal gets no truth here."""
+        return {}
+
+    @contextmanager
+    def look_after(self, heartbeat: Heartbeat) -> Iterator[None]:
+        """A timer of the virtual clock looks at it."""
+        looking = True
+
+        def look() -> None:
+            heartbeat.look()
+            if looking:
+                self.clock.call_at(self.clock.monotonic_s() + LOOK_S, look)
+
+        look()
+        try:
+            yield
+        finally:
+            looking = False
+
+    def left_with(self, zero: Zero | None) -> None:
+        """As a real bench remembers it."""
+        if zero is not None:
+            self.memory.zeroed(zero)
+
+    def touched(self, known: Any) -> None:
+        """What is known about contact, as a real bench records it."""
+        memory: Any = self.memory
+        memory.touched(known)
+
+    def close(self) -> None:
+        """Where a homed stage is left is remembered, as by a real bench."""
+        if self.stage.homed:
+            with suppress(StageError, TransportError):
+                self.memory.left(self.stage.status())

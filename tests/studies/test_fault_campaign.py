@@ -1,0 +1,270 @@
+"""The campaign of studies/faults/campaign: it finds what is bad, and a sample of it on the program finds nothing."""
+
+import itertools
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from rig.session.ending import Whereabouts
+from studies.faults.campaign import runner
+from studies.faults.campaign.__main__ import sample
+from studies.faults.campaign.cases import Case, cases, content, shape
+from studies.faults.campaign.faults import LATE_S, FaultyCarriage, WireFault, parsed, wire_faults
+from studies.faults.campaign.judge import BOUND_GWT, claim_of, exemption_of, true_claim, violations
+from studies.faults.campaign.scenarios import Finished
+from studies.faults.campaign.tables import Record, records_of, told
+from studies.faults.campaign.world import BENCHES, Place, VirtualWorld
+
+# --- faults ---
+
+
+def test_every_byte_of_a_message_is_struck_in_every_way() -> None:
+    data = b"G0Z-3\n"
+    found = list(wire_faults(data, from_device=True))
+    arrives = [tuple(piece for _, piece in fault.pieces(data)) for fault in found if fault.kind != "late"]
+    assert len(set(arrives)) == len(arrives), "none twice"
+    for at, bit in itertools.product(range(len(data)), range(8)):
+        assert (data[:at] + bytes([data[at] ^ 1 << bit]) + data[at + 1 :],) in arrives
+    for at in range(len(data)):
+        assert (data[:at] + data[at + 1 :],) in arrives
+        assert (data[: at + 1] + data[at:],) in arrives
+        assert ((data[:at],) if at else ()) in arrives, "cut at every length, nothing at all included"
+    for at in range(len(data) - 1):
+        assert (data[:at] + bytes([data[at + 1], data[at]]) + data[at + 2 :],) in arrives
+    assert (data, data) in arrives
+    assert [fault.late_s for fault in found if fault.kind == "late"] == list(LATE_S)
+    assert not [fault for fault in wire_faults(data, from_device=False) if fault.kind == "late"]
+
+
+def test_a_fault_is_known_by_its_name() -> None:
+    for fault in wire_faults(b"SI\r\n", from_device=True):
+        assert parsed(str(fault)) == fault
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "alike"),
+    [
+        (b"G53Z-1.5\n", b"G53Z-2.7\n", True),
+        (b"G53Z-1.5\n", b"G53Z-12.7\n", False),
+        (bytes.fromhex("020310140002 80fc"), bytes.fromhex("020310140002 81fc"), True),
+        (bytes.fromhex("020304000000 00c933"), bytes.fromhex("020304ffffdc 10901b"), True),
+        (bytes.fromhex("000100000006 020310140002"), bytes.fromhex("00ff00000006 020310140002"), True),
+        (bytes.fromhex("000100000006 020310140002"), bytes.fromhex("000100000006 020310150002"), False),
+    ],
+)
+def test_messages_of_one_shape(one: bytes, other: bytes, alike: bool) -> None:
+    assert (shape(one) == shape(other)) is alike
+
+
+def test_a_transaction_and_a_checksum_are_no_content() -> None:
+    assert content(bytes.fromhex("000100000006 020310140002")) == content(bytes.fromhex("004500000006 020310140002"))
+    assert content(bytes.fromhex("02031014000280fc")) == content(bytes.fromhex("0203101400020000"))
+    assert content(b"SI\r\n") != content(b"S\r\n")
+
+
+@pytest.mark.parametrize(
+    ("kind", "goes_mm"),
+    [("z stalls", 0.0), ("z travels 0.5", -0.5), ("z travels 2", -2.0), ("z slips going down", -0.5), ("none", -1.0)],
+)
+def test_a_faulty_carriage_goes_another_way(kind: str, goes_mm: float) -> None:
+    world = VirtualWorld("grbl")
+    stage = _homed(world)
+    stage.move_to(z_mm=-5.0, speed_mm_s=5.0)
+    before_mm = _height_mm(world)
+    world.mechanics = FaultyCarriage(world, kind)
+    stage.move_to(z_mm=-6.0, speed_mm_s=5.0)
+    assert _height_mm(world) - before_mm == pytest.approx(goes_mm, abs=0.01)
+    world.mechanics.mend()
+    stage.move_to(z_mm=-7.0, speed_mm_s=5.0)
+    assert _height_mm(world) - before_mm == pytest.approx(goes_mm - 1.0, abs=0.01)
+    stage.home()
+    stage.move_to(z_mm=-5.0, speed_mm_s=5.0)
+    assert _height_mm(world) == pytest.approx(before_mm, abs=0.01), "the switch is where it was"
+
+
+def test_a_stage_that_runs_on_moves_without_a_command() -> None:
+    world = VirtualWorld("grbl")
+    stage = _homed(world)
+    world.mechanics = FaultyCarriage(world, "z runs on")
+    stage.move_to(z_mm=-5.0, speed_mm_s=5.0)
+    runner.at_rest(world)
+    assert _height_mm(world) < world.config.stage.travel_mm[2] - 5.0 - world.config.frame.apex_z_mm
+    assert _height_mm(world) == pytest.approx(7.0 - 0.25, abs=0.02)
+
+
+def _homed(world: VirtualWorld):  # type: ignore[no-untyped-def]
+    stage = world.connected().stage
+    stage.connect()
+    stage.home()
+    return stage
+
+
+def _height_mm(world: VirtualWorld) -> float:
+    return world.pose_mm(world.clock.monotonic_s())[1]
+
+
+# --- the judge ---
+
+FINE: Record = {
+    "worst_gwt": 8.0,
+    "drag_mm": 0.0,
+    "report_true": True,
+    "record_true": True,
+    "lost": 0,
+    "repeated": 0,
+    "mixed": 0,
+    "resumed": None,
+    "exit": "tripped",
+    "mechanics": "none",
+    "cell": "none",
+}
+
+
+@pytest.mark.parametrize(
+    ("changed", "found"),
+    [
+        ({}, []),
+        ({"worst_gwt": BOUND_GWT + 0.01}, ["force"]),
+        ({"drag_mm": 0.01}, ["sideways"]),
+        ({"report_true": False}, ["report"]),
+        ({"record_true": False}, ["report"]),
+        ({"lost": 1}, ["lost or repeated"]),
+        ({"repeated": 1}, ["lost or repeated"]),
+        ({"mixed": 1}, ["lost or repeated"]),
+        ({"resumed": True}, []),
+        ({"resumed": False}, ["not resumed"]),
+        ({"exit": "crashed"}, ["crash"]),
+    ],
+)
+def test_what_a_case_breaks(changed: Record, found: list[str]) -> None:
+    assert violations({**FINE, **changed}) == found
+
+
+@pytest.mark.parametrize(
+    ("mechanics", "cell", "spared"),
+    [
+        ("none", "reads 0.1", True),
+        ("z runs on", "none", True),
+        ("none", "reads 0.5", False),
+        ("none", "frozen", False),
+        ("z stalls", "saturated", False),
+    ],
+)
+def test_what_is_spared(mechanics: str, cell: str, spared: bool) -> None:
+    assert (exemption_of({**FINE, "mechanics": mechanics, "cell": cell}) is not None) is spared
+
+
+@pytest.mark.parametrize(
+    ("at", "force_gwt", "true"),
+    [
+        (Whereabouts("lifted", 0.0, 2.0, True, False), 0.0, True),
+        (Whereabouts("lifted", 0.0, 2.0, True, False), 0.06, False),
+        (Whereabouts("held", 0.0, 2.0, False, True), 3.0, True),
+        (Whereabouts("held", 0.0, 2.0, False, True), 0.0, True),
+        (Whereabouts("held", None, None, False, None), 5.0, True),
+        (Whereabouts("not moved"), 5.0, True),
+        (None, 5.0, True),
+    ],
+)
+def test_a_report_is_true(at: Whereabouts | None, force_gwt: float, true: bool) -> None:
+    assert true_claim(claim_of(at), force_gwt) is true
+
+
+# --- a program that is bad is found out ---
+
+
+@dataclass(frozen=True)
+class Careless:
+    """A program that sends its lines as they are, looks at nothing, and says that all is well."""
+
+    name: str = "careless"
+
+    def play(self, world: Place, folder: Path) -> Finished:
+        """Down to a press, up again, aside."""
+        assert isinstance(world, VirtualWorld)
+        stage, wire = _homed(world), world.wire("stage")
+        stage.move_to(x_mm=-30.0, z_mm=-12.9, speed_mm_s=5.0)
+        for phase, line in (("lift", b"G53G1G90G21Z-11.000F300\n"), ("sideways", b"G53G1G90G21X-29.000F300\n")):
+            world.phase = phase
+            wire.write(line)
+            world.clock.wait_s(5.0)
+        return Finished("done", "", Whereabouts("lifted", 1.0, 1.0, True, False))
+
+    def take_up(self, world: Place, folder: Path) -> Finished:
+        """There is nothing to take up."""
+        return Finished("done", "", None)
+
+
+@pytest.fixture
+def careless(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, Record]:
+    """What the campaign finds of it, by the name of the case."""
+    monkeypatch.setattr(runner, "SCENARIOS", (Careless(),))
+    monkeypatch.setenv("RIG_STATE_DIR", str(tmp_path / "state"))
+    wanted = ("stage to flip 14.3", *(f"{mechanics} + none" for mechanics in ("none", "z stalls", "z runs on")))
+    chosen = [case for case in cases("grbl", tmp_path, (Careless(),)) if case.name.split("/")[3] in wanted]
+    runner.carry_out(chosen, tmp_path / "found.jsonl", 1, lambda line: None)
+    found = {record["case"]: record for record in records_of(tmp_path / "found.jsonl")}
+    assert set(found) == {case.name for case in chosen}
+    return found
+
+
+def test_a_careless_program_is_found_out(careless: dict[str, Record]) -> None:
+    """A flipped bit makes Z-11 a Z-19: pressed far beyond the bound. A motor that stalls makes its report untrue."""
+    lift = {name.split("/", 3)[3]: record for name, record in careless.items() if record["phase"] == "lift"}
+    flipped = lift["stage to flip 14.3"]  # 1 becomes 9
+    assert bytes.fromhex(flipped["data"])[14:15] == b"1"
+    assert "force" in flipped["violations"]
+    assert flipped["worst_gwt"] > 100
+    stalled = lift["z stalls + none"]
+    assert {"report", "sideways"} <= set(stalled["violations"])
+    assert stalled["left_gwt"] > 4.0
+    assert stalled["drag_mm"] == pytest.approx(1.0, abs=0.05)
+    assert lift["none + none"]["violations"] == []
+    assert lift["z runs on + none"]["exempt"] is not None
+
+
+def test_a_worker_that_crashes_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A child that ends in any other way than it should is a record, and a violation."""
+    monkeypatch.setattr(runner, "SCENARIOS", (Careless(),))
+    monkeypatch.setattr(runner, "at_rest", lambda world: 1 / 0)
+    chosen = [case for case in cases("grbl", tmp_path, (Careless(),)) if case.fault == WireFault("drop", 3)][:1]
+    runner.carry_out(chosen, tmp_path / "found.jsonl", 1, lambda line: None)
+    (record,) = records_of(tmp_path / "found.jsonl")
+    assert record["violations"] == ["crash"]
+
+
+def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
+    (tmp_path / "found.jsonl").write_text('{"case": "one"}\n{"case": "tw', encoding="ascii")
+    assert [record["case"] for record in records_of(tmp_path / "found.jsonl")] == ["one"]
+
+
+# --- the program ---
+
+SAMPLED = 10
+"""Of each bench and kind: some seconds of the suite. `make shake` does them all."""
+
+
+def _alone(case: Case) -> bool:
+    """A carriage or a cell that fails by itself."""
+    return case.fault is None and "none" in (case.mechanics, case.cell)
+
+
+def _told_to_leave(case: Case) -> bool:
+    """A command to the stage on its way up, aside, or back to the finger."""
+    return (case.wire, case.way) == ("stage", "to") and case.phase in ("lift", "sideways", "return")
+
+
+@pytest.mark.parametrize("bench", BENCHES)
+def test_a_sample_of_the_campaign(bench: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No case presses beyond the bound, reports what is not so, or loses or repeats a press; see judge.py."""
+    monkeypatch.setenv("RIG_STATE_DIR", str(tmp_path / "state"))
+    whole = list(cases(bench, tmp_path))
+    groups = (whole, list(filter(_alone, whole)), list(filter(_told_to_leave, whole)))
+    picked = {case.name: case for group in groups for case in sample(group, SAMPLED, seed=0)}
+    chosen = sorted(picked.values(), key=lambda case: (case.scenario, case.message))
+    runner.carry_out(chosen, tmp_path / "found.jsonl", 1, lambda line: None)
+    found = records_of(tmp_path / "found.jsonl")
+    assert len(found) == len(chosen)
+    bad = [told(record) for record in found if record["violations"] and not record["exempt"]]
+    assert not bad, "\n".join(bad)
