@@ -114,7 +114,8 @@ class StageInHand:
             except TransportError as busy:
                 if isinstance(busy, NotOwnedError):
                     with suppress(TransportError):  # a gateway that takes one client: it may be free soon
-                        return self._stop_beside()
+                        self._stop_beside()
+                        return
                 if self.clock.monotonic_s() >= deadline_s:
                     raise
                 self.clock.wait_s(_AGAIN_S)
