@@ -1,8 +1,9 @@
 """What a page asks for: stop, pause, go on, the bench by hand; each answer is {"ok": …, "problem": …} and a code."""
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -10,13 +11,15 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
+from rig.devices.bench_settings import BenchSettings
 from rig.panel.asked import HeldButton, body_of, flag, whole
 from rig.panel.by_hand_process import ByHandProcess, NotTakenError
 from rig.panel.few import Few
 from rig.panel.gate import TAB_HEADER
-from rig.panel.owners import NobodyError, Said, asked, say_stop, stop_all
+from rig.panel.owners import NobodyError, Owner, Said, asked, say_stop, stop_all
 from rig.panel.watcher import Watcher
 from rig.session.control.announcements import ControlError, RefusedError
+from rig.session.control.sent_stop import BESIDE_S, SentStop, send_stop
 
 Body = Mapping[str, Any]
 Answer = Mapping[str, Any]
@@ -108,10 +111,19 @@ class Posts:
             owners = self._watcher.find()
         except OSError:
             owners = self._watcher.owners
+        settings = self._watcher.bench.settings
+        sent = None if settings is None else self._each.submit(_sent_where_nobody_lives, settings, owners)
         try:
             return stop_all(owners, said, self._each)
-        except (NobodyError, ControlError) as error:
+        except RefusedError as error:
             return error
+        except (NobodyError, ControlError) as error:
+            if settings is None or sent is None:
+                return error
+            stop = sent.result() or send_stop(settings)
+            if stop.done:
+                return {"stopped": list(stop.told), "words": stop.words}
+            return ControlError(stop.words)
 
     def _of_the_run(self, do: str) -> Callable[[str, Body], Awaitable[Answer]]:
         async def done(tab: str, body: Body) -> Answer:
@@ -168,6 +180,16 @@ class Posts:
     def _asked(self, few: Few, kind: str, do: str, within_s: float, **more: Any) -> Awaitable[Answer]:
         """The answer of whoever is shown. Raises ControlError where too much is asked already."""
         return few.begin(partial(asked, self._watcher.owner, kind, do, within_s, **more))
+
+
+def _sent_where_nobody_lives(settings: BenchSettings, owners: Sequence[Owner]) -> SentStop | None:
+    """The stop from here, where no owner of the stage is heard at once; the owners have been told before."""
+    for one in owners:
+        if set(one.ports) & set(settings.stage.ports):
+            with suppress(ControlError):
+                one.ask("status", within_s=BESIDE_S)
+                return None
+    return send_stop(settings)
 
 
 def _problem(code: int, problem: object) -> Response:
