@@ -8,8 +8,11 @@ from typing import Any
 from pydantic import ValidationError
 
 from rig.devices.bench_settings import BenchSettings, StageSettings
+from rig.devices.catalogue import DEFAULTS, KindError, find
+from rig.devices.kinds import StageKind
 
 _HEADER = re.compile(r"\s*\[+\s*[\"']?([A-Za-z_]\w*)")
+_WHICH = ("kind", "port", "device_id")
 _TRIES = 100  # values that are passed over
 
 
@@ -20,7 +23,8 @@ class NoStageError(Exception):
 def stage_alone(path: Path) -> tuple[BenchSettings, tuple[str, ...]]:
     """Read [stage] of a configuration file, however wrong the rest of it is.
 
-    A value of [stage] that is wrong is left at its default, unless it says what the stage is or where.
+    A value of [stage] that is wrong is left at its default, unless it says what the stage is or where; the table of
+    another kind is not read.
 
     Parameters
     ----------
@@ -35,10 +39,10 @@ def stage_alone(path: Path) -> tuple[BenchSettings, tuple[str, ...]]:
     Raises
     ------
     NoStageError
-        If the file cannot be read, or kind or port of the stage are wrong.
+        If the file cannot be read, or kind, port or device id are wrong.
     """
     tables, passed = _tables(path)
-    stage = tables.get("stage", {})
+    stage = _of_its_kind(tables.get("stage", {}))
     for _ in range(_TRIES):
         try:
             return BenchSettings(stage=StageSettings.model_validate(stage)), tuple(passed)
@@ -46,7 +50,7 @@ def stage_alone(path: Path) -> tuple[BenchSettings, tuple[str, ...]]:
             first = error.errors(include_url=False)[0]
             where = [str(key) for key in first["loc"]]
             line = f"config {path}: {'.'.join(['stage', *where])}: {first['msg']}"
-            if not where or where[-1] in ("kind", "port") or not _dropped(stage, where):
+            if not where or where[-1] in _WHICH or not _dropped(stage, where):
                 raise NoStageError(line) from None
             passed.append(line)
     raise NoStageError(f"config {path}: [stage] cannot be read")
@@ -67,6 +71,14 @@ def _tables(path: Path) -> tuple[dict[str, Any], list[str]]:
         raise NoStageError(whole) from None
 
 
+def _of_its_kind(stage: Any) -> Any:
+    try:
+        place = find(StageKind, stage.get("kind", DEFAULTS["stage"])).place
+    except (AttributeError, KindError):
+        return stage
+    return {key: value for key, value in stage.items() if key == place or not isinstance(value, dict)}
+
+
 def _of_the_stage(text: str) -> str:
     """The lines of [stage] and of the tables in it."""
     kept, inside = [], False
@@ -81,9 +93,9 @@ def _of_the_stage(text: str) -> str:
     return "\n".join(kept)
 
 
-def _dropped(table: dict[str, Any], where: list[str]) -> bool:
+def _dropped(table: Any, where: list[str]) -> bool:
     """Whether a value was there to be taken out: the innermost that is named, since a place may be inside a list."""
-    inner: Any = table
+    inner = table
     for n, key in enumerate(where):
         if not isinstance(inner, dict) or key not in inner:
             return False

@@ -14,7 +14,7 @@ from rig.transport import NotOwnedError, Owner, Transport, TransportError, first
 from rig.transport.clock import Clock, WallClock
 from rig.transport.identity import identities
 
-BESIDE_S = 0.05
+BESIDE_S = 0.025
 """An owner that has not answered by then may hang: the bytes go out beside it."""
 
 CONFIRMS_S = 1.5
