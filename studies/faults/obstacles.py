@@ -30,6 +30,7 @@ from rig.transport.identity import identities
 from rig.transport.machine_lock import MachineLock
 
 STOP = b"!\x18"
+SOMEBODY = 60001
 _ANSWERS = {b"\x18": b"\r\nGrbl 1.1h ['$' for help]\r\n", b"?": b"<Alarm|MPos:0.000,0.000,0.000|FS:0,0>\r\n"}
 _DEADLINE_S = 60.0
 _BEGIN = """\
@@ -51,6 +52,12 @@ if announced == "announced":
     ControlSocket(about, {"stop": lambda request: {}}).__enter__()
 print("ready", flush=True)
 os.kill(os.getpid(), signal.SIGSTOP)
+"""
+_HOLDS = """\
+import fcntl, os, sys, time
+fcntl.{kind}(os.open(sys.argv[1], os.O_RDWR | os.O_CREAT, 0o666), fcntl.LOCK_EX)
+print("ready", flush=True)
+time.sleep(1000)
 """
 BUSY = "while True: pass"
 
@@ -154,12 +161,12 @@ class Scene:
 
     def bystander(self) -> int:
         """A process of this account that has nothing to do with it; a signal would end it."""
-        self.bystanders.append(self._begun("import time; print('ready', flush=True); time.sleep(1000)"))
+        self.bystanders.append(self.begun("import time; print('ready', flush=True); time.sleep(1000)"))
         return self.bystanders[-1].pid
 
     def hung_owner(self, announced: str = "no") -> None:
         """A process that owns the port and is stopped by the system."""
-        self.owner = self._begun(_OWNER, self.port, announced).pid
+        self.owner = self.begun(_OWNER, self.port, announced).pid
         os.waitid(os.P_PID, self.owner, os.WSTOPPED | os.WNOWAIT)
 
     def lock_file(self) -> Path:
@@ -170,7 +177,8 @@ class Scene:
         self.stack.callback(path.unlink, missing_ok=True)
         return path
 
-    def _begun(self, code: str, *words: str) -> "subprocess.Popen[str]":
+    def begun(self, code: str, *words: str) -> "subprocess.Popen[str]":
+        """A process, once it says that it is ready."""
         process = subprocess.Popen(
             [sys.executable, "-c", code, *words],
             env={**os.environ, **self.environment}, stdout=subprocess.PIPE, text=True,
@@ -244,9 +252,9 @@ def _forged_notes(scene: Scene) -> None:
     victim, runtime = scene.bystander(), scene.folder / "runtime"
     runtime.mkdir(mode=0o700)
     scene.environment = {"TMPDIR": str(scene.folder), "RIG_RUNTIME_DIR": str(runtime)}
-    for suffix in ("owner", "lock"):
-        name = scene.port.replace("://", "-").replace(":", "-")
-        (scene.folder / f"rig-port-{name}.{suffix}").write_text(str(victim))
+    old = scene.folder / f"rig-port-{scene.port.replace('://', '-').replace(':', '-')}"
+    old.with_name(f"{old.name}.owner").write_text(str(victim))
+    scene.begun(_HOLDS.format(kind="flock"), f"{old}.lock")
     note = {"pid": victim, "kind": "run", "virtual": False, "ports": [scene.port], "began_unix_s": 1.0,
             "address": str(runtime / "none.sock"), "key": "00" * 32}  # fmt: skip
     (runtime / f"{victim}.json").write_text(json.dumps(note))
@@ -257,12 +265,7 @@ def _forged_lock(scene: Scene) -> None:
     _tcp(scene)
     place, own = scene.lock_file(), scene.folder / "own"
     own.touch()
-    victim = scene._begun(
-        "import fcntl, sys, time; f = open(sys.argv[1], 'r+'); fcntl.lockf(f, fcntl.LOCK_EX)\n"
-        "print('ready', flush=True); time.sleep(1000)",
-        str(own),
-    )
-    scene.bystanders.append(victim)
+    scene.bystanders.append(scene.begun(_HOLDS.format(kind="lockf"), str(own)))
     try:
         os.link(own, place)
     except OSError:  # another disk: the lock itself, held by nobody who owns a port
@@ -298,6 +301,19 @@ def _linked_lock(scene: Scene) -> None:
     scene.lock_file().symlink_to(scene.folder / "target")
 
 
+def _other_account(scene: Scene) -> None:
+    """Another account, where that can be had, holds the lock, and cannot be asked or signalled."""
+    _tcp(scene)
+    place = scene.lock_file()
+    place.touch(0o666)
+    place.chmod(0o666)
+    root = os.geteuid() == 0
+    become = f"import os\nos.setgroups([]), os.setgid({SOMEBODY}), os.setuid({SOMEBODY})\n" if root else ""
+    scene.bystanders.append(scene.begun(become + _HOLDS.format(kind="lockf"), str(place)))
+    if not root:  # of this account it would be an owner, and be signalled
+        os.link(place, scene.folder / "second")
+
+
 def _hung(scene: Scene) -> None:
     _tcp(scene)
     scene.hung_owner()
@@ -331,6 +347,7 @@ OBSTACLES: dict[str, Obstacle] = {
     "wrong values in [stage]": _stage_values,
     "lock left by a killed owner": _stale_lock,
     "lock cannot be taken": _linked_lock,
+    "another account holds the lock": _other_account,
     "owner hangs": _hung,
     "announced owner hangs": _hung_announced,
     "announced owner hangs, disk full": _hung_full_disk,

@@ -18,7 +18,9 @@ obstacles = pytest.importorskip("studies.faults.obstacles", reason="needs limits
 
 
 @pytest.mark.parametrize("name", obstacles.OBSTACLES)
-def test_the_bytes_go_out_through_it(name: str, tmp_path: Path, record_property: Callable[[str, object], None]) -> None:
+def test_the_bytes_go_out_through_it(
+    name: str, tmp_path: Path, record_property: Callable[[str, object], None]
+) -> None:
     ended = obstacles.stopped(obstacles.OBSTACLES[name], tmp_path)
     record_property("first_byte_s", ended.to_byte_s)
     assert ended.code == 0, ended.err
