@@ -55,7 +55,8 @@ os.kill(os.getpid(), signal.SIGSTOP)
 """
 _HOLDS = """\
 import fcntl, os, sys, time
-fcntl.{kind}(os.open(sys.argv[1], os.O_RDWR | os.O_CREAT, 0o666), fcntl.LOCK_EX)
+{become}
+fcntl.{kind}(os.open(sys.argv[1], os.O_RDWR), fcntl.LOCK_EX)
 print("ready", flush=True)
 time.sleep(1000)
 """
@@ -254,7 +255,8 @@ def _forged_notes(scene: Scene) -> None:
     scene.environment = {"TMPDIR": str(scene.folder), "RIG_RUNTIME_DIR": str(runtime)}
     old = scene.folder / f"rig-port-{scene.port.replace('://', '-').replace(':', '-')}"
     old.with_name(f"{old.name}.owner").write_text(str(victim))
-    scene.begun(_HOLDS.format(kind="flock"), f"{old}.lock")
+    Path(f"{old}.lock").touch()
+    scene.begun(_HOLDS.format(kind="flock", become=""), f"{old}.lock")
     note = {"pid": victim, "kind": "run", "virtual": False, "ports": [scene.port], "began_unix_s": 1.0,
             "address": str(runtime / "none.sock"), "key": "00" * 32}  # fmt: skip
     (runtime / f"{victim}.json").write_text(json.dumps(note))
@@ -265,7 +267,7 @@ def _forged_lock(scene: Scene) -> None:
     _tcp(scene)
     place, own = scene.lock_file(), scene.folder / "own"
     own.touch()
-    scene.bystanders.append(scene.begun(_HOLDS.format(kind="lockf"), str(own)))
+    scene.bystanders.append(scene.begun(_HOLDS.format(kind="lockf", become=""), str(own)))
     try:
         os.link(own, place)
     except OSError:  # another disk: the lock itself, held by nobody who owns a port
@@ -308,8 +310,8 @@ def _other_account(scene: Scene) -> None:
     place.touch(0o666)
     place.chmod(0o666)
     root = os.geteuid() == 0
-    become = f"import os\nos.setgroups([]), os.setgid({SOMEBODY}), os.setuid({SOMEBODY})\n" if root else ""
-    scene.bystanders.append(scene.begun(become + _HOLDS.format(kind="lockf"), str(place)))
+    become = f"os.setgroups([]), os.setgid({SOMEBODY}), os.setuid({SOMEBODY})" if root else ""
+    scene.bystanders.append(scene.begun(_HOLDS.format(kind="lockf", become=become), str(place)))
     if not root:  # of this account it would be an owner, and be signalled
         os.link(place, scene.folder / "second")
 
