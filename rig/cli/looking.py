@@ -8,7 +8,7 @@ from rig.devices.force.base import ForceError
 from rig.devices.stage.base import StageError, StageStatus
 from rig.plan.config import Config
 from rig.session.control.at_work import at_work
-from rig.transport import Owner, TransportError, first_owner, port_owner
+from rig.transport import PortOwner, TransportError, first_owner, port_owner
 from rig.transport.clock import WallClock
 
 _AT_REST = ("Idle", "Alarm")
@@ -59,6 +59,6 @@ def _look_at_force(settings: Config) -> dict[str, Any]:
         return {"problem": str(error)}
 
 
-def _owned(owner: Owner) -> dict[str, Any]:
+def _owned(owner: PortOwner) -> dict[str, Any]:
     """Who has a port, by number where the system tells it, and what they do."""
     return {"owner": str(owner)} if owner.pid is None else {"owner": owner.pid, **at_work(owner.pid)}

@@ -1,6 +1,7 @@
 """What a page asks for: stop, pause, go on, the bench by hand; each answer is {"ok": …, "problem": …} and a code."""
 
 import asyncio
+import threading
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -111,19 +112,22 @@ class Posts:
             owners = self._watcher.find()
         except OSError:
             owners = self._watcher.owners
-        settings = self._watcher.bench.settings
-        sent = None if settings is None else self._each.submit(_sent_where_nobody_lives, settings, owners)
+        settings, answered = self._watcher.bench.settings, threading.Event()
+        sent = None if settings is None else self._each.submit(_sent_where_nobody_lives, settings, owners, answered)
         try:
             return stop_all(owners, said, self._each)
         except RefusedError as error:
             return error
         except (NobodyError, ControlError) as error:
+            answered.set()
             if settings is None or sent is None:
                 return error
             stop = sent.result() or send_stop(settings)
             if stop.done:
                 return {"stopped": list(stop.told), "words": stop.words}
-            return ControlError(stop.words)
+            return ControlError(stop.words if isinstance(error, NobodyError) else f"{error}. {stop.words}")
+        finally:
+            answered.set()
 
     def _of_the_run(self, do: str) -> Callable[[str, Body], Awaitable[Answer]]:
         async def done(tab: str, body: Body) -> Answer:
@@ -182,13 +186,17 @@ class Posts:
         return few.begin(partial(asked, self._watcher.owner, kind, do, within_s, **more))
 
 
-def _sent_where_nobody_lives(settings: BenchSettings, owners: Sequence[Owner]) -> SentStop | None:
-    """The stop from here, where no owner of the stage is heard at once; the owners have been told before."""
-    for one in owners:
-        if set(one.ports) & set(settings.stage.ports):
-            with suppress(ControlError):
-                one.ask("status", within_s=BESIDE_S)
-                return None
+def _sent_where_nobody_lives(
+    settings: BenchSettings, owners: Sequence[Owner], answered: threading.Event
+) -> SentStop | None:
+    """The stop from here, where none of those that were told is heard at once; None where one is."""
+    if owners and answered.wait(BESIDE_S):
+        return None
+    of_the_bench = [one for one in owners if set(one.ports) & set(settings.stage.ports)]
+    for one in of_the_bench or owners:
+        with suppress(ControlError):
+            one.ask("status", within_s=BESIDE_S)
+            return None
     return send_stop(settings)
 
 

@@ -7,7 +7,7 @@ from rig.transport.base import Transport, TransportError
 from rig.transport.byte_log import LoggedTransport
 from rig.transport.lines import LineReader
 from rig.transport.loopback import LoopbackTransport
-from rig.transport.machine_lock import Owner
+from rig.transport.machine_lock import PortOwner
 from rig.transport.opening import open_port, refuse_missing
 from rig.transport.ownership import NotOwnedError, first_owner, port_owner
 from rig.transport.serial_port import SerialTransport
@@ -18,7 +18,7 @@ __all__ = [
     "LoggedTransport",
     "LoopbackTransport",
     "NotOwnedError",
-    "Owner",
+    "PortOwner",
     "SerialTransport",
     "TcpTransport",
     "Transport",

@@ -24,7 +24,7 @@ _TRIES = 20
 
 
 @dataclass(frozen=True)
-class Owner:
+class PortOwner:
     """Process that holds a lock, as the system says; pid is None where it does not."""
 
     pid: int | None
@@ -54,7 +54,7 @@ class Owner:
 class LockHeldError(Exception):
     """Somebody else has the lock."""
 
-    def __init__(self, owner: Owner) -> None:
+    def __init__(self, owner: PortOwner) -> None:
         super().__init__(f"in use by {owner}")
         self.owner = owner
 
@@ -70,13 +70,13 @@ if sys.platform == "win32":
             try:
                 self._lock.acquire()
             except filelock.Timeout:
-                raise LockHeldError(Owner(None)) from None
+                raise LockHeldError(PortOwner(None)) from None
 
         def release(self) -> None:
             """Let others have it."""
             self._lock.release()
 
-    def lock_owner(name: str) -> Owner | None:
+    def lock_owner(name: str) -> PortOwner | None:
         """Return who holds a name; its number is not known."""
         try:
             MachineLock(name).release()
@@ -140,7 +140,7 @@ else:
             for _ in range(_TRIES):
                 with suppress(FileNotFoundError):
                     if _inode(os.lstat(self._path)) in _held:
-                        raise LockHeldError(Owner(os.getpid()))
+                        raise LockHeldError(PortOwner(os.getpid()))
                 fd = _opened(self._path)
                 try:
                     fcntl.lockf(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -156,13 +156,13 @@ else:
                 _close(fd)  # whoever held it removed the file meanwhile
             raise OSError(errno.EAGAIN, "it changes all the time", str(self._path))
 
-    def lock_owner(name: str) -> Owner | None:
+    def lock_owner(name: str) -> PortOwner | None:
         """Return who holds a name now, None if nobody does. Nothing is locked, written or waited for."""
         with _guard:
             try:
                 path = _folder() / _file_name(name)
                 if _inode(os.lstat(path)) in _held:
-                    return Owner(os.getpid())
+                    return PortOwner(os.getpid())
                 fd = os.open(path, os.O_RDONLY | _OPEN)
             except OSError:
                 return None
@@ -206,13 +206,13 @@ else:
             os.unlink(new)
             os.close(fd)
 
-    def _blocker(fd: int) -> Owner | None:
+    def _blocker(fd: int) -> PortOwner | None:
         """Who has locked a file. A file with another name may be anybody's, and says nothing of who uses a port."""
         found = struct.unpack(_FLOCK, fcntl.fcntl(fd, fcntl.F_GETLK, struct.pack(_FLOCK, *_ASKED)))
         if found[_TYPE] == fcntl.F_UNLCK:
             return None
         believed = found[_PID] > 0 and os.fstat(fd).st_nlink == 1
-        return Owner(found[_PID] if believed else None)
+        return PortOwner(found[_PID] if believed else None)
 
     def _close(fd: int) -> None:
         if _inode(os.fstat(fd)) not in _held:

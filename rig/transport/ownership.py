@@ -4,13 +4,13 @@ from collections.abc import Iterable
 
 from rig.transport.base import TransportError
 from rig.transport.identity import identities
-from rig.transport.machine_lock import LockHeldError, MachineLock, Owner, lock_owner
+from rig.transport.machine_lock import LockHeldError, MachineLock, PortOwner, lock_owner
 
 
 class NotOwnedError(TransportError):
     """The port cannot be had for oneself; owner: who has it, None where it cannot be locked at all."""
 
-    def __init__(self, message: str, owner: Owner | None) -> None:
+    def __init__(self, message: str, owner: PortOwner | None) -> None:
         super().__init__(message)
         self.owner = owner
 
@@ -47,7 +47,7 @@ class PortOwnership:
             self._locks.pop().release()
 
 
-def port_owner(port: str) -> Owner | None:
+def port_owner(port: str) -> PortOwner | None:
     """Return who owns a port, None if nobody does, or it is not there."""
     try:
         names = identities(port)
@@ -56,6 +56,6 @@ def port_owner(port: str) -> Owner | None:
     return next((owner for name in names if (owner := lock_owner(name)) is not None), None)
 
 
-def first_owner(ports: Iterable[str]) -> Owner | None:
+def first_owner(ports: Iterable[str]) -> PortOwner | None:
     """Return who owns one of these ports, None if nobody does."""
     return next((owner for port in ports if (owner := port_owner(port)) is not None), None)

@@ -16,7 +16,7 @@ import pytest
 
 from rig.transport import TransportError, open_port, port_owner
 from rig.transport.identity import identities
-from rig.transport.machine_lock import FOLDERS, MachineLock, Owner, lock_owner
+from rig.transport.machine_lock import FOLDERS, MachineLock, PortOwner, lock_owner
 from rig.transport.ownership import NotOwnedError, PortOwnership
 
 pty = pytest.importorskip("pty", reason="needs pseudo-terminals")
@@ -170,7 +170,7 @@ def test_a_second_controller_is_refused_under_every_name_and_in_every_environmen
 
 def test_every_name_is_let_go_of(gateway: int, place: Path) -> None:
     wire = open_port(f"tcp://localhost:{gateway}", 9600)
-    assert port_owner(f"tcp://127.1:{gateway}") == Owner(os.getpid())
+    assert port_owner(f"tcp://127.1:{gateway}") == PortOwner(os.getpid())
     wire.close()
     assert port_owner(f"tcp://127.1:{gateway}") is None
     assert not place.exists()
@@ -221,7 +221,7 @@ def test_the_lock_ends_with_its_process_however_that_ends(gateway: int) -> None:
     port = f"tcp://127.0.0.1:{gateway}"
     with elsewhere(owning(port)) as (pid, said):
         assert said == "owned"
-        assert port_owner(port) == Owner(pid)
+        assert port_owner(port) == PortOwner(pid)
         os.kill(pid, signal.SIGKILL)
     PortOwnership(port).release()
 
@@ -231,7 +231,7 @@ def test_who_asks_lets_go_of_nothing(gateway: int) -> None:
     port = f"tcp://127.0.0.1:{gateway}"
     own = PortOwnership(port)
     for _ in range(3):
-        assert port_owner(port) == Owner(os.getpid())
+        assert port_owner(port) == PortOwner(os.getpid())
         with pytest.raises(NotOwnedError):
             PortOwnership(port)
     with elsewhere(lambda: port_owner(port)) as (_, said):
@@ -248,7 +248,7 @@ def test_a_second_name_of_a_held_lock_lets_go_of_nothing(gateway: int, place: Pa
     own, link = MachineLock(f"tcp-this-machine-{gateway}"), place.with_name(f"rig-port-{other}.lock")
     os.link(place, link)
     try:
-        assert lock_owner(other) == Owner(os.getpid())
+        assert lock_owner(other) == PortOwner(os.getpid())
         with elsewhere(owning(f"tcp://127.0.0.1:{gateway}")) as (_, said):
             assert "already in use by" in said
     finally:
@@ -272,7 +272,7 @@ def test_somebody_elses_file_in_the_place_of_a_lock_tells_of_no_owner(
 
     with elsewhere(locks):
         owner = port_owner(f"tcp://127.0.0.1:{gateway}")
-        assert owner == Owner(None)
+        assert owner == PortOwner(None)
         assert not owner.ours
     assert own.read_text() == "precious"
 
@@ -319,7 +319,7 @@ def test_a_disk_on_which_nothing_fits_is_locked_all_the_same(gateway: int) -> No
 
     with elsewhere(owns) as (pid, said):
         assert said == "owned"
-        assert port_owner(f"tcp://127.0.0.1:{gateway}") == Owner(pid)
+        assert port_owner(f"tcp://127.0.0.1:{gateway}") == PortOwner(pid)
 
 
 # --- accounts ---
@@ -345,7 +345,7 @@ def test_an_owner_of_another_account_is_named_as_one(gateway: int) -> None:
     with elsewhere(owning(port), SOMEBODY) as (pid, said):
         assert said == "owned"
         owner = port_owner(port)
-        assert owner == Owner(pid)
+        assert owner == PortOwner(pid)
         assert not owner.ours
         with elsewhere(owning(port), ANOTHER) as (_, told):
             assert told == f"{port} is already in use by process {pid} of another account"

@@ -11,7 +11,7 @@ import pytest
 from rig.session.control.announcements import ControlError
 from rig.session.control.lenient_stage import NoStageError, stage_alone
 from rig.session.control.sent_stop import SentStop, send_stop
-from rig.transport import Owner
+from rig.transport import PortOwner
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 obstacles = pytest.importorskip("studies.faults.obstacles", reason="needs limits of resources")
@@ -62,11 +62,11 @@ def test_an_owner_that_hangs_is_named_and_told(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("owner", "signalled"),
-    [(Owner(os.getpid()), True), (Owner(1), os.geteuid() == 0), (Owner(None), False), (None, False)],
+    [(PortOwner(os.getpid()), True), (PortOwner(1), os.geteuid() == 0), (PortOwner(None), False), (None, False)],
     ids=["ours", "root's", "unknown", "nobody"],
 )
 def test_only_an_owner_of_this_account_is_signalled(
-    owner: Owner | None, signalled: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    owner: PortOwner | None, signalled: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     from rig.session.control import sent_stop
 

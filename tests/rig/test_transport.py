@@ -16,7 +16,7 @@ from rig.transport import (
     LineReader,
     LoggedTransport,
     LoopbackTransport,
-    Owner,
+    PortOwner,
     SerialTransport,
     TcpTransport,
     Transport,
@@ -180,7 +180,7 @@ def test_one_owner_a_port(port: tuple[int, str]) -> None:
     _, name = port
     assert port_owner(name) is None
     wire = SerialTransport(name)
-    assert port_owner(name) == Owner(os.getpid())
+    assert port_owner(name) == PortOwner(os.getpid())
     with pytest.raises(TransportError, match=rf"^{name} is already in use by process {os.getpid()}$"):
         SerialTransport(name)
     wire.close()
@@ -227,7 +227,7 @@ def test_tcp_both_ways_and_one_owner(listener: tuple[socket.socket, str]) -> Non
         assert wire.read(0.001) == b""
         far.sendall(b"S S 1.00 g\r\n")
         assert LineReader(wire, WallClock()).read_line(WallClock().monotonic_s() + 5.0) == "S S 1.00 g"
-        assert port_owner(name) == Owner(os.getpid())
+        assert port_owner(name) == PortOwner(os.getpid())
         with pytest.raises(TransportError, match=rf"^{name} is already in use by process {os.getpid()}$"):
             TcpTransport(name)
     with pytest.raises(TransportError, match=rf"^cannot read from {name}: the other side closed"):

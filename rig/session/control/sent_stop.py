@@ -10,7 +10,7 @@ from rig.devices.bench_settings import BenchSettings, StageSettings
 from rig.devices.drivers import stage_driver
 from rig.devices.stage.base import StageError
 from rig.session.control.announcements import Announced, ControlError, announced
-from rig.transport import NotOwnedError, Owner, Transport, TransportError, first_owner, open_port
+from rig.transport import NotOwnedError, PortOwner, Transport, TransportError, first_owner, open_port
 from rig.transport.clock import Clock, WallClock
 from rig.transport.identity import identities
 
@@ -39,7 +39,7 @@ class SentStop:
         Whether bytes went out from this process.
     state : str or None
         What the stage reported behind the bytes; None where it has not answered.
-    owner : Owner or None
+    owner : PortOwner or None
         Who had the port when the stop came.
     told : tuple of int
         Processes that were told to stop, over their sockets or by a signal.
@@ -52,7 +52,7 @@ class SentStop:
     ports: tuple[str, ...]
     sent: bool = False
     state: str | None = None
-    owner: Owner | None = None
+    owner: PortOwner | None = None
     told: tuple[int, ...] = ()
     confirmed_by: int | None = None
     problems: list[str] = field(default_factory=list)
