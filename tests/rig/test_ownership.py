@@ -310,6 +310,26 @@ def test_what_lies_in_the_place_of_a_lock_is_never_written_to_nor_waited_for(
         assert target.read_text() == "precious"
 
 
+def test_a_lock_whose_file_goes_away_meanwhile_is_taken_anew(
+    gateway: int, place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever let go of it has removed it, and the next one has made another."""
+    real, gone = fcntl.lockf, []
+
+    def late(fd: int, how: int) -> None:
+        if not gone:
+            place.unlink()
+            gone.append(fd)
+        real(fd, how)
+
+    monkeypatch.setattr(fcntl, "lockf", late)
+    own = MachineLock(f"tcp-this-machine-{gateway}")
+    monkeypatch.undo()
+    with elsewhere(owning(f"tcp://127.0.0.1:{gateway}")) as (_, said):
+        assert "already in use by" in said
+    own.release()
+
+
 def test_a_disk_on_which_nothing_fits_is_locked_all_the_same(gateway: int) -> None:
     import resource
 

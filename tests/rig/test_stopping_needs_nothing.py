@@ -2,16 +2,18 @@
 
 import json
 import os
+import threading
 import tomllib
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
 from rig.session.control.announcements import ControlError
 from rig.session.control.lenient_stage import NoStageError, stage_alone
-from rig.session.control.sent_stop import SentStop, send_stop
-from rig.transport import PortOwner
+from rig.session.control.sent_stop import BESIDE_S, SentStop, send_stop
+from rig.transport import PortOwner, open_port
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 obstacles = pytest.importorskip("studies.faults.obstacles", reason="needs limits of resources")
@@ -108,6 +110,32 @@ def test_an_owner_is_told_under_whatever_name_it_has_the_port(tmp_path: Path) ->
         found = send_stop(settings, find=lambda: map(Known, names))  # type: ignore[arg-type, return-value]
     assert said == [((name,), b"") for name in names[:3]], "before a byte went out"
     assert (found.sent, found.state) == (True, "Alarm")
+
+
+def test_nobody_reads_beside_an_owner_that_is_heard_until_it_has_answered(tmp_path: Path) -> None:
+    """What drives answer is for one reader; an owner that keeps the port is not waited for after that."""
+    board = obstacles.Board()
+    before: list[bytes] = []
+
+    class ByHand:
+        pid, kind, virtual = 7, "by hand", False
+
+        def say_stop(self, lives: Callable[[], object]) -> object:
+            def answer(within_s: float) -> dict[str, object]:
+                lives()
+                threading.Event().wait(10 * BESIDE_S)
+                before.append(board.all)
+                return {"ok": True, "stopped": True}
+
+            return answer
+
+    with board.behind_tcp() as port, closing(open_port(port, 9600)):
+        ByHand.ports = (port,)  # type: ignore[attr-defined]
+        settings, _ = stage_alone(_file(tmp_path, f"[stage]\nport = '{port}'\n"))
+        found = send_stop(settings, find=lambda: [ByHand()])  # type: ignore[list-item]
+    assert before == [b""]
+    assert (found.confirmed_by, found.told, found.sent, found.state) == (7, (7,), True, "Alarm")
+    assert board.all.startswith(obstacles.STOP)
 
 
 def test_of_two_wires_one_that_cannot_be_opened_keeps_nothing_from_the_other(tmp_path: Path) -> None:
