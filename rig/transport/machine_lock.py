@@ -141,7 +141,11 @@ else:
                 with suppress(FileNotFoundError):
                     if _inode(os.lstat(self._path)) in _held:
                         raise LockHeldError(PortOwner(os.getpid()))
-                fd = _opened(self._path)
+                try:
+                    fd = _opened(self._path)
+                except FileNotFoundError:
+                    _make(self._path)
+                    continue
                 try:
                     fcntl.lockf(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 except (BlockingIOError, PermissionError):
@@ -181,18 +185,13 @@ else:
         return Path(FOLDERS[-1])
 
     def _opened(path: Path) -> int:
-        """A descriptor of the lock's file, which is made where there is none; nothing is ever written to it."""
-        while True:
-            try:
-                # Without O_CREAT: Linux refuses that for a file of another account (fs.protected_regular).
-                fd = os.open(path, os.O_RDWR | _OPEN)
-            except FileNotFoundError:
-                _make(path)
-                continue
-            if not stat.S_ISREG(os.fstat(fd).st_mode):
-                os.close(fd)
-                raise OSError(errno.EEXIST, "expected an empty file", str(path))
-            return fd
+        """A descriptor of the lock's file, to which nothing is ever written."""
+        # Without O_CREAT: Linux refuses that for a file of another account (fs.protected_regular).
+        fd = os.open(path, os.O_RDWR | _OPEN)
+        if not stat.S_ISREG(os.fstat(fd).st_mode):
+            os.close(fd)
+            raise OSError(errno.EEXIST, "expected an empty file", str(path))
+        return fd
 
     def _make(path: Path) -> None:
         """An empty file that every account may lock whatever the umask is, there as a whole or not at all."""

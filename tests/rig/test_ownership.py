@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from rig.transport import TransportError, open_port, port_owner
+from rig.transport import TransportError, identity, open_port, port_owner
 from rig.transport.identity import identities
 from rig.transport.machine_lock import FOLDERS, MachineLock, PortOwner, lock_owner
 from rig.transport.ownership import NotOwnedError, PortOwnership
@@ -183,6 +183,13 @@ def test_other_machines_and_other_numbers_are_other_ports() -> None:
     assert identities("tcp://[::ffff:192.0.2.1]:502") == identities("tcp://192.0.2.1:502")
 
 
+def test_all_addresses_of_this_machine_are_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert identity._is_here(socket.AF_INET, ("127.0.0.1", 9))
+    assert not identity._is_here(socket.AF_INET, ("192.0.2.7", 9))
+    monkeypatch.setattr(identity, "_is_here", lambda family, address: address[0] == "192.0.2.7")
+    assert identities("tcp://192.0.2.7:5") == identities("tcp://127.0.0.1:5") != identities("tcp://192.0.2.8:5")
+
+
 @pytest.mark.parametrize("port", ["tcp://no-such-host.invalid:5", "tcp://a..b:5", f"tcp://{'x' * 70}:5"])
 def test_a_host_without_an_address_is_told_in_one_line(port: str) -> None:
     with pytest.raises(TransportError, match=f"^cannot open {port}: [^\n]+$"):
@@ -242,13 +249,19 @@ def test_who_asks_lets_go_of_nothing(gateway: int) -> None:
     own.release()
 
 
-def test_a_second_name_of_a_held_lock_lets_go_of_nothing(gateway: int, place: Path) -> None:
+@pytest.mark.parametrize("late", [False, True], ids=["there before", "made meanwhile"])
+def test_a_second_name_of_a_held_lock_lets_go_of_nothing(
+    gateway: int, place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, late: bool
+) -> None:
     """A hard link that somebody made from the place of one lock to another one's."""
     other = f"tcp-this-machine-{gateway}0"
     own, link = MachineLock(f"tcp-this-machine-{gateway}"), place.with_name(f"rig-port-{other}.lock")
     os.link(place, link)
     try:
-        assert lock_owner(other) == PortOwner(os.getpid())
+        with monkeypatch.context() as patch:
+            if late:
+                patch.setattr(os, "lstat", lambda path: tmp_path.stat())
+            assert lock_owner(other) == (None if late else PortOwner(os.getpid()))
         with elsewhere(owning(f"tcp://127.0.0.1:{gateway}")) as (_, said):
             assert "already in use by" in said
     finally:

@@ -63,12 +63,17 @@ def test_an_owner_that_hangs_is_named_and_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("owner", "signalled"),
-    [(PortOwner(os.getpid()), True), (PortOwner(1), os.geteuid() == 0), (PortOwner(None), False), (None, False)],
-    ids=["ours", "root's", "unknown", "nobody"],
+    ("owner", "account", "signalled"),
+    [
+        (PortOwner(os.getpid()), 0, True),
+        (PortOwner(os.getpid()), 1, False),
+        (PortOwner(None), 0, False),
+        (None, 0, False),
+    ],
+    ids=["ours", "another account's", "unknown", "nobody"],
 )
 def test_only_an_owner_of_this_account_is_signalled(
-    owner: PortOwner | None, signalled: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    owner: PortOwner | None, account: int, signalled: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     from rig.session.control import sent_stop
 
@@ -76,6 +81,8 @@ def test_only_an_owner_of_this_account_is_signalled(
     signals: list[int] = []
     monkeypatch.setattr(sent_stop, "first_owner", lambda ports: owner)
     monkeypatch.setattr(sent_stop, "LET_GO_S", 0.0)
+    here = os.geteuid() + account
+    monkeypatch.setattr(os, "geteuid", lambda: here)
     with board.behind_tcp() as port:
         settings, _ = stage_alone(_file(tmp_path, f"[stage]\nport = '{port}'\n"))
         lock = sent_stop.identities(port)
