@@ -85,8 +85,7 @@ def test_only_an_owner_of_this_account_is_signalled(
     monkeypatch.setattr(os, "geteuid", lambda: here)
     with board.behind_tcp() as port:
         settings, _ = stage_alone(_file(tmp_path, f"[stage]\nport = '{port}'\n"))
-        lock = sent_stop.identities(port)
-        held = [obstacles.MachineLock(name) for name in lock]
+        held = [obstacles.MachineLock(name) for name in obstacles.identities(port)]
         try:
             found = send_stop(settings, signal=signals.append, find=list)
         finally:
@@ -98,24 +97,27 @@ def test_only_an_owner_of_this_account_is_signalled(
 
 
 def test_an_owner_is_told_under_whatever_name_it_has_the_port(tmp_path: Path) -> None:
-    board, said = obstacles.Board(), []
+    """By who holds the lock: no name of somebody else's port is looked up for it."""
+    board = obstacles.Board()
+    said: list[tuple[int, bytes]] = []
 
     class Known:
-        pid, kind, virtual = 7, "run", False
+        kind, virtual = "by hand", False
 
-        def __init__(self, port: str) -> None:
-            self.ports = (port,)
+        def __init__(self, pid: int, port: str) -> None:
+            self.pid, self.ports = pid, (port,)
 
         def say_stop(self, lives: object) -> object:
-            said.append((self.ports, board.all))
-            raise ControlError("process 7 has ended")
+            said.append((self.pid, board.all))
+            raise ControlError(f"process {self.pid} has ended")
 
     with board.behind_tcp() as port:
-        number = port.rpartition(":")[2]
         settings, _ = stage_alone(_file(tmp_path, f"[stage]\nport = '{port}'\n"))
-        names = [port, f"tcp://localhost:{number}", f"tcp://[::1]:{number}", f"tcp://192.0.2.1:{number}", "/dev/x"]
-        found = send_stop(settings, find=lambda: map(Known, names))  # type: ignore[arg-type, return-value]
-    assert said == [((name,), b"") for name in names[:3]], "before a byte went out"
+        other = f"tcp://localhost:{port.rpartition(':')[2]}"
+        known = [Known(os.getpid(), other), Known(7, port), Known(8, "tcp://no-such-host.invalid:5")]
+        with closing(open_port(other, 9600)):
+            found = send_stop(settings, find=lambda: known)  # type: ignore[arg-type, return-value]
+    assert said == [(os.getpid(), b""), (7, b"")], "before a byte went out"
     assert (found.sent, found.state) == (True, "Alarm")
 
 

@@ -1,7 +1,7 @@
 """A stop from a process that does not own the stage: it goes out whatever the state of owners, locks and disks is."""
 
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,9 +10,8 @@ from rig.devices.bench_settings import BenchSettings, StageSettings
 from rig.devices.drivers import stage_driver
 from rig.devices.stage.base import StageError
 from rig.session.control.announcements import Announced, ControlError, announced
-from rig.transport import NotOwnedError, PortOwner, Transport, TransportError, first_owner, open_port
+from rig.transport import NotOwnedError, PortOwner, Transport, TransportError, first_owner, open_port, port_owner
 from rig.transport.clock import Clock, WallClock
-from rig.transport.identity import identities
 
 BESIDE_S = 0.025
 """An owner that has not answered by then may hang: the bytes go out beside it."""
@@ -145,16 +144,12 @@ class _Stopping:
     # --- whoever has the port ---
 
     def _tell(self) -> None:
+        """Whoever has the port under any name, and whoever has let go of it and may take it again."""
         ports = self.result.ports
+        holders = [owner.pid for port in ports if (owner := port_owner(port)) is not None]
         with suppress(OSError):  # nobody can be announced there
-            everybody = [one for one in self._find() if not one.virtual]
-            by_name = [one for one in everybody if set(one.ports) & set(ports)]
-            for one in by_name:
-                self._tell_one(one)
-            # Only now: a name may have to be looked up, and that may take long.
-            mine = _parts(ports)
-            for one in everybody:
-                if one not in by_name and _parts(one.ports) & mine:
+            for one in self._find():
+                if not one.virtual and (one.pid in holders or set(one.ports) & set(ports)):
                     self._tell_one(one)
 
     def _tell_one(self, one: Announced) -> None:
@@ -322,12 +317,3 @@ class _Wires:
         """Raises TransportError."""
         told = self._settings
         return open_port(port, told.baud, character=told.character, dtr=told.dtr, owned=self._owned)
-
-
-def _parts(ports: Sequence[str]) -> set[str]:
-    """Of what the ports are; a host that has no address is left out."""
-    found: set[str] = set()
-    for port in ports:
-        with suppress(TransportError):
-            found |= set(identities(port))
-    return found
