@@ -1,14 +1,13 @@
-"""The bench-side verbs: `rig home`, `zero`, `status` and `stop`, each for whoever stands beside the rig."""
+"""The bench-side verbs: `rig home`, `zero` and `status`, each for whoever stands beside the rig."""
 
 import io
-import os
 from collections.abc import Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager
 from typing import Annotated, Any
 
 import typer
 
-from rig.cli.interrupts import STOP_SIGNAL, at_once
+from rig.cli.interrupts import at_once
 from rig.cli.looking import contact, look, position
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import ExitCode, complain, out, print_json, told_in_one_line
@@ -19,12 +18,8 @@ from rig.engine.contact import Contact
 from rig.engine.sensing import Sensing
 from rig.plan.config import Config, load_config
 from rig.session.by_hand import at_hand
-from rig.session.control.announcements import ControlError, announced
 from rig.session.real_bench import PortError, RealBench, open_bench
-from rig.transport import TransportError, first_owner
 from rig.transport.clock import WallClock
-
-_LET_GO_S = 5.0
 
 
 @contextmanager
@@ -103,20 +98,6 @@ def status(config: ConfigOption, as_json: JsonOption = False) -> None:
     raise typer.Exit(ExitCode.STOPPED if problems else ExitCode.DONE)
 
 
-def stop(config: ConfigOption, as_json: JsonOption = False) -> None:
-    """Tell the owner of the stage's port to stop; then, or if there is none, send the stop down the wire."""
-    with told_in_one_line(as_json=as_json):
-        settings = load_config(config)
-        ports = settings.stage.ports
-        told = _announced_owner_told(ports)
-        owner = first_owner(ports)
-        if owner is not None:
-            _have_it_let_go(ports, owner, told=owner == told)
-        with closing(open_stage(settings, WallClock())) as stage:
-            stage.stop()
-        tell({"stopped": " and ".join(ports), "owner": owner or told}, as_json=as_json)
-
-
 def tell(found: dict[str, Any], *, as_json: bool) -> None:
     """As one JSON object, or a line for each entry."""
     if as_json:
@@ -126,30 +107,3 @@ def tell(found: dict[str, Any], *, as_json: bool) -> None:
         if isinstance(value, dict):
             value = ", ".join(f"{k} {v}" for k, v in value.items())
         out.print(f"{name:<12}{value}")
-
-
-def _announced_owner_told(ports: tuple[str, ...]) -> int | None:
-    """Who was told over its own socket, which waits for nothing that it does; also one that has no port open yet."""
-    with suppress(OSError):  # nobody can be announced there
-        for one in announced():
-            if set(one.ports) & set(ports):
-                with suppress(ControlError):  # the signal is left
-                    one.ask("stop", within_s=_LET_GO_S)
-                    return one.pid
-    return None
-
-
-def _have_it_let_go(ports: tuple[str, ...], owner: int, *, told: bool) -> None:
-    port = " and ".join(ports)
-    if not told:
-        if STOP_SIGNAL is None:
-            raise TransportError(f"{port} is in use by process {owner}, which cannot be signalled on this system")
-        try:
-            os.kill(owner, STOP_SIGNAL)
-        except ProcessLookupError:
-            return
-        except OSError as error:
-            raise TransportError(f"{port} is in use by process {owner}: {error.strerror}") from None
-    clock = WallClock()
-    if not clock.wait_until(lambda: first_owner(ports) is None, clock.monotonic_s() + _LET_GO_S):
-        raise TransportError(f"process {owner} was told to stop and has not let go of {port}: use the emergency stop")

@@ -9,7 +9,7 @@ from rig.devices.stage.base import StageError, StageStatus
 from rig.engine.by_hand.bench_memory import BenchMemory
 from rig.plan.config import Config
 from rig.session.control.at_work import at_work
-from rig.transport import TransportError, first_owner, port_owner
+from rig.transport import PortOwner, TransportError, first_owner, port_owner
 from rig.transport.clock import WallClock
 
 _AT_REST = ("Idle", "Alarm")
@@ -41,7 +41,7 @@ def position(at: StageStatus) -> dict[str, Any]:
 def _look_at_stage(settings: Config, *, closely: bool) -> dict[str, Any]:
     owner = first_owner(settings.stage.ports)
     if owner is not None:
-        return {"owner": owner, **at_work(owner)}
+        return _owned(owner)
     found: dict[str, Any] = {}
     try:
         with closing(open_stage(settings, WallClock())) as stage:
@@ -56,7 +56,7 @@ def _look_at_stage(settings: Config, *, closely: bool) -> dict[str, Any]:
 def _look_at_force(settings: Config) -> dict[str, Any]:
     owner = port_owner(settings.force.port)
     if owner is not None:
-        return {"owner": owner, **at_work(owner)}
+        return _owned(owner)
     try:
         with closing(open_force(settings, WallClock())) as force:
             name = force.identify()
@@ -64,3 +64,8 @@ def _look_at_force(settings: Config) -> dict[str, Any]:
             return {"identity": name, "force_n": reading.force_n, "stable": reading.stable}
     except (ForceError, TransportError) as error:
         return {"problem": str(error)}
+
+
+def _owned(owner: PortOwner) -> dict[str, Any]:
+    """Who has a port, by number where the system tells it, and what they do."""
+    return {"owner": str(owner)} if owner.pid is None else {"owner": owner.pid, **at_work(owner.pid)}
