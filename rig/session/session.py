@@ -3,7 +3,7 @@
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -13,8 +13,10 @@ from typing import Any
 from rig.data import Run, RunFolder, export_run, new_run_folder, read_run
 from rig.data.folder import UnwritableError
 from rig.engine import Engine, Journal, Pause, RecordError, RunAborted, WatchedBench, verbs
+from rig.engine.errors import LostRecordError
 from rig.engine.pressing.reference import Reference
 from rig.engine.streams import STREAMS
+from rig.line_file import LostFileError
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
 from rig.plan.met.promises import promised
@@ -30,6 +32,7 @@ from rig.session.calibration import refuse_expired
 from rig.session.control.stage_in_hand import StageInHand
 from rig.session.ending import Ending, Whereabouts
 from rig.session.live import Live
+from rig.session.lost_run import LostRun
 from rig.session.provenance import provenance
 from rig.session.real_bench import open_bench
 from rig.session.resume import StoppedRun, first_reference_gwt
@@ -162,12 +165,20 @@ def run_on(
     began = time.perf_counter()
     now = datetime.now(UTC)
     folder = _folder(session, now, virtual=virtual)
-    problem, at = None, Whereabouts("not moved")
+    problem, at, lost = None, Whereabouts("not moved"), None
     there = session.before is not None and session.before.complete
-    with _nothing_left(session, folder), folder.owned():
+    with _nothing_left(session, folder), ExitStack() as owned:
+        owned.enter_context(folder.owned())
         if not there:
-            problem, at = _on_a_bench(session, folder, lambda log: open_bench(folder, log, now.timestamp()), speed)
-        run = read_run(folder.path)
+            problem, at, lost = _on_a_bench(
+                session, folder, lambda log: open_bench(folder, log, now.timestamp()), speed
+            )
+        if lost is not None:
+            problem = problem or lost.problem
+            run = lost.rescued(folder, at)
+            owned.enter_context(run.folder.owned())
+        else:
+            run = read_run(folder.path)
         try:
             export_run(run, again=not there)
         except OSError as error:
@@ -186,9 +197,10 @@ def _folder(session: Session, now: datetime, *, virtual: bool) -> RunFolder:
 
 def _on_a_bench(
     session: Session, folder: RunFolder, open_bench: Callable[[Sink], WatchedBench], speed: float | None
-) -> tuple[Exception | None, Whereabouts]:
-    """Carry the script out; returns what ended it before its end, and where that left the indentor."""
+) -> tuple[Exception | None, Whereabouts, LostRun | None]:
+    """Carry the script out; returns what ended it before its end, where that left the indentor, and what is lost."""
     contact_s = 0.0 if session.before is None else session.before.contact_s
+    copies = folder.copies()
     with ByteLog(folder.bytes_log) as byte_log:
         bench = open_bench(byte_log)
         watch = _recorded(folder, byte_log, _paced(session, bench.clock, speed))
@@ -199,7 +211,7 @@ def _on_a_bench(
             _begin(session, journal, virtual=bench.virtual)
             session.attendant.begins(folder)
             problem = _carry_out(session, journal, engine, _rig(session, folder, engine), bench)
-            return problem, Whereabouts.of(engine)
+        return problem, Whereabouts.of(engine), LostRun.of(folder, copies, journal, byte_log)
 
 
 def _carry_out(session: Session, journal: Journal, engine: Engine, rig: Rig, bench: WatchedBench) -> Exception | None:
@@ -240,6 +252,8 @@ def _nothing_left(session: Session, folder: RunFolder) -> Iterator[None]:
     """A new run that has journalled nothing leaves no folder behind."""
     try:
         yield
+    except LostRecordError:  # there was a run, and what is left of it stays
+        raise
     except BaseException:
         begun = folder.events.exists() and folder.events.stat().st_size > 0
         if isinstance(session.into, NewRun) and not begun:
@@ -277,6 +291,9 @@ def _recorded(folder: RunFolder, byte_log: ByteLog, watch: Watch) -> Watch:
     """The same, ending the run where the bytes are not recorded any more."""
 
     def recorded(stream: str, data: Mapping[str, Any]) -> None:
+        byte_log.check()
+        if isinstance(byte_log.problem, LostFileError):
+            raise LostRecordError(f"{folder.bytes_log}: {byte_log.problem}")
         if byte_log.problem is not None:
             raise RecordError(f"{folder.bytes_log}: cannot be written: {byte_log.problem.strerror}")
         watch(stream, data)
