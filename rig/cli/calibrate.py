@@ -2,14 +2,13 @@
 
 import io
 import statistics
-import sys
 from contextlib import closing
 from typing import Annotated
 
 import typer
 
 from rig.cli.by_hand import by_hand, live_line
-from rig.cli.interrupts import at_once
+from rig.cli.interrupts import at_once, typed_line
 from rig.cli.jog import way
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import err, out, print_json, told_in_one_line
@@ -123,7 +122,7 @@ def _ratio(expected: float, found: float) -> float:
 
 def _wait_for_enter(question: str) -> str:
     err.print(question)
-    answer = sys.stdin.readline()
+    answer = typed_line()
     if not answer:
         raise BadInputError("nobody answered; nothing changed")
     return answer.strip()

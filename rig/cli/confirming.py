@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
+from rig.cli.interrupts import typed_line
 from rig.cli.output import NotConfirmedError, busy, err
 from rig.plan.config import Config
 from rig.protocol.errors import BadInputError
@@ -84,7 +85,7 @@ def careful(before: Ending) -> str:
 
 def _confirmed() -> bool:
     err.print("press Enter to begin, Ctrl-C to leave")
-    answer = sys.stdin.readline()
+    answer = typed_line()
     return bool(answer) and answer.strip().lower() in _YES
 
 
