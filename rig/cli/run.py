@@ -67,7 +67,9 @@ def command(
                     owner,
                     as_json=as_json,
                     finger=finger,
-                    confirm=at_the_page(last_left(out_dir, settings), yes=yes, asking=owner.asking),
+                    confirm=at_the_page(
+                        last_left(out_dir, settings), yes=yes, asking=owner.asking, button=owner.button
+                    ),
                     begins=beginning.begins,
                 )
     leave(done)

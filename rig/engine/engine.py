@@ -4,7 +4,7 @@ import contextlib
 import math
 from collections.abc import Callable, Mapping
 from enum import Enum
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn, Protocol, TypeVar
 
 from rig.devices.force.base import ForceReading
 from rig.devices.stage.base import StageError
@@ -24,6 +24,16 @@ from rig.transport.base import TransportError
 _T = TypeVar("_T")
 
 _LATE_FACTOR = 2.0  # a move may take so many times its length over its speed before the heartbeat is missed
+
+
+class StopProblem(Protocol):
+    """Looks at stop inputs with each reading; returns what trips. It may stop the stage itself, and raise."""
+
+    def __call__(self, *, at_rest: bool) -> str | None: ...
+
+
+def _no_stop_inputs(*, at_rest: bool) -> str | None:
+    return None
 
 
 class State(Enum):
@@ -67,6 +77,7 @@ class Engine:
         self._journal = journal
         self.may_touch = self._touch_ends_it = False  # below clearance since the last lift or homing; this motion
         self._next_index = 0
+        self.stop_problem: StopProblem = _no_stop_inputs
 
     # where it is
 
@@ -134,6 +145,8 @@ class Engine:
         if self.state is State.TRIPPED:
             return
         self.beat()
+        if problem := self.stop_problem(at_rest=False):
+            raise FeltError(problem)
         try:
             force_gwt = self.sensing.glance_gwt()
         except NoReadingError as error:
@@ -207,6 +220,8 @@ class Engine:
 
     def _told(self, read: Callable[[], ForceReading]) -> ForceReading:
         self.beat(self.sensing.wait_s)
+        if problem := self.stop_problem(at_rest=True):
+            self.trip(problem)
         try:
             reading = read()
         except NoReadingError as error:

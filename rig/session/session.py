@@ -36,7 +36,8 @@ from rig.session.lost_run import LostRun
 from rig.session.provenance import provenance
 from rig.session.real_bench import open_bench
 from rig.session.resume import StoppedRun, first_reference_gwt
-from rig.session.running import ENDINGS, run_script, stopped_at_once
+from rig.session.running import AT_ONCE, ENDINGS, run_script, stopped_at_once
+from rig.session.stop_button import BY_THE_BUTTON, StopButton, refuse_stop_inputs, stop_inputs_heeded
 from rig.session.virtual.virtual_bench import virtual_bench
 from rig.transport.byte_log import ByteLog, Sink
 from rig.transport.clock import Clock, WallClock
@@ -107,6 +108,7 @@ class Session:
     into: NewRun | StoppedRun
     attendant: Attendant = field(default_factory=Nobody)
     handler: Callable[[Engine, Walk], Handler] = Live  # what carries its steps out
+    button: StopButton | None = None  # of a real run
 
     @property
     def before(self) -> Run | None:
@@ -117,6 +119,11 @@ class Session:
     def pause(self) -> Pause:
         """Ctrl-C and what follows it."""
         return Pause(self.attendant.interrupted, self.attendant.go_on)
+
+    @property
+    def stopped_by(self) -> str:
+        """Who stopped it at once, where somebody did."""
+        return BY_THE_BUTTON if self.button is not None and self.button.stopped else AT_ONCE
 
     @property
     def begins_at_s(self) -> float:
@@ -205,6 +212,7 @@ def _on_a_bench(
         bench = open_bench(byte_log)
         watch = _recorded(folder, byte_log, _paced(session, bench.clock, speed))
         with closing(bench):
+            refuse_stop_inputs(session.config, bench)
             journal = Journal(folder.events, bench.clock, STREAMS, watch, bench.witness, virtual=bench.virtual)
             engine = Engine(session.config, bench, journal, session.plan.soft_trip_n, contact_s)
             journal.at_end = lambda: {"indentor": asdict(Whereabouts.of(engine))}
@@ -216,7 +224,11 @@ def _on_a_bench(
 
 def _carry_out(session: Session, journal: Journal, engine: Engine, rig: Rig, bench: WatchedBench) -> Exception | None:
     try:
-        with journal, stopped_at_once(engine, session.attendant.stopped):
+        with (
+            journal,
+            stopped_at_once(engine, session.attendant.stopped, lambda: session.stopped_by),
+            stop_inputs_heeded(session.config, engine, session.button),
+        ):
             with bench.look_after(engine.heartbeat):
                 if session.before is not None:
                     verbs.home(engine)
@@ -225,7 +237,7 @@ def _carry_out(session: Session, journal: Journal, engine: Engine, rig: Rig, ben
     except ENDINGS as error:
         return error
     except KeyboardInterrupt:  # the stage has been stopped; what is on disk is still worth a report
-        return RunAborted("at once, by the operator")
+        return RunAborted(session.stopped_by)
     finally:
         bench.left_with(engine.sensing.zero)
     return None
@@ -238,7 +250,7 @@ def _begin(session: Session, journal: Journal, *, virtual: bool) -> None:
         if before is None:
             journal.start(_about(session, virtual=virtual))
         else:
-            journal.resume({"missing": before.missing, "after": before.last_checkpoint})
+            journal.resume({"missing": before.missing, "after": before.last_checkpoint, **_button(session)})
     except RecordError as error:
         journal.close()
         cause = error.__cause__
@@ -283,8 +295,13 @@ def _about(session: Session, *, virtual: bool) -> dict[str, Any]:
         "soft_trip_n": session.plan.soft_trip_n,
         "subject": session.into.subject,
         "virtual": virtual,
+        **_button(session),
         **({} if session.config.met is None else {"promised": promised(session.plan)}),
     }
+
+
+def _button(session: Session) -> dict[str, Any]:
+    return {} if session.button is None or not session.button.there else {"stop_button": session.button.as_json()}
 
 
 def _recorded(folder: RunFolder, byte_log: ByteLog, watch: Watch) -> Watch:
