@@ -4,12 +4,14 @@ import json
 import os
 import struct
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+import rig.cli.confirming as confirming
+import rig.session.session as sessions
 import rig.session.virtual.virtual_bench as benches
 from rig.data import read_run
 from rig.devices.stop_key import StopKey, StopKeyError
@@ -17,7 +19,9 @@ from rig.devices.stop_settings import StopSettings
 from rig.engine import Journal, TripError
 from rig.plan.config import load_config
 from rig.protocol.errors import BadInputError
+from rig.session.control.stage_in_hand import StageInHand
 from rig.session.stop_button import BY_THE_BUTTON, stop_inputs_heeded
+from sim.devices.clock import VirtualClock
 from sim.devices.told import StopPins
 from sim.models.fingertip import Fingertip
 from tests.program import Ended, Program
@@ -308,3 +312,92 @@ def test_a_button_that_is_gone_trips_and_lifts(down_mm: float, spring: Callable[
 def _read_with(settings: Any, engine: Any, button: Any) -> None:
     with stop_inputs_heeded(settings, engine, button):
         engine.reading()
+
+
+# --- before a real run ---
+
+
+@pytest.fixture
+def real(
+    finger: Fingertip, program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pipe: tuple[Path, Any]
+) -> Callable[..., Ended]:
+    """A real run on a virtual bench, with a key on a pipe."""
+
+    def open_bench(config: Any, clock: Any, log: Any, ask: Any, pause: Any, stage: Any) -> Any:
+        found = benches.virtual_bench(config, finger, log, VirtualClock(0.0, clock.monotonic_s()), pause)
+        return replace(found, virtual=False)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(sessions, "open_bench", open_bench)
+    monkeypatch.setattr(StageInHand, "open", lambda stage: stage)
+    monkeypatch.setattr(confirming, "_somebody_there", lambda: True)
+    monkeypatch.setattr(confirming, "_BUTTON_S", 0.2)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(SCRIPT, encoding="utf-8")
+    for port in ("stage", "force"):
+        (tmp_path / port).touch()
+    ports = f"[stage]\nport = '{tmp_path / 'stage'}'\n[force]\nport = '{tmp_path / 'force'}'\n"
+    (tmp_path / "rig.toml").write_text(
+        f"{ports}[stop]\nkind = 'key'\ndevice = '{pipe[0]}'\nkey_code = {A}\n", encoding="utf-8"
+    )
+    return lambda *more: program("run", "mine.py", "--config", "rig.toml", *more, "--json", typed="\n")
+
+
+def _first(folder: Path) -> dict[str, Any]:
+    (run,) = (folder / "runs").iterdir()
+    found: dict[str, Any] = read_run(run).start
+    return found
+
+
+def test_before_a_real_run_it_is_pressed_and_released_once(
+    real: Callable[..., Ended], pipe: tuple[Path, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = confirming._seen
+
+    def somebody_does_it(button: Any, request: str, *, pressed: bool) -> None:
+        pipe[1](event(A, int(pressed)))
+        seen(button, request, pressed=pressed)
+
+    monkeypatch.setattr(confirming, "_seen", somebody_does_it)
+    ended = real()
+    assert ended.code == 0, ended.err
+    assert f"stop      the key {pipe[0]}, not pressed, not tested" in ended.err
+    assert "stop      not pressed, tested" in ended.err
+    assert _first(tmp_path)["stop_button"] == {"kind": "key", "tested": True}
+
+
+@pytest.mark.parametrize("pressed_before", [False, True])
+def test_a_button_that_nobody_presses_or_that_stays_pressed_lets_nothing_begin(
+    pressed_before: bool, real: Callable[..., Ended], pipe: tuple[Path, Any], tmp_path: Path
+) -> None:
+    if pressed_before:
+        pipe[1](event(A, 1))
+    ended = real()
+    assert ended.code == 130
+    assert ("release it" if pressed_before else "press the participant's stop button") in ended.err.splitlines()[-1]
+    assert not list((tmp_path / "runs").glob("2*"))
+
+
+def test_without_anybody_to_ask_it_is_read_and_said_not_to_be_tested(
+    real: Callable[..., Ended], tmp_path: Path
+) -> None:
+    ended = real("--yes")
+    assert ended.code == 0, ended.err
+    assert "stop      not pressed, not tested" in ended.err
+    assert _first(tmp_path)["stop_button"] == {"kind": "key", "tested": False}
+
+
+def test_without_anybody_to_ask_one_that_is_pressed_refuses_the_run(
+    real: Callable[..., Ended], pipe: tuple[Path, Any], tmp_path: Path
+) -> None:
+    pipe[1](event(A, 1))  # it waits there for whoever opens the pipe
+    ended = real("--yes")
+    assert ended.code == 2, ended.err
+    assert "rig: stop: the participant's stop button is pressed" in ended.err
+    assert not list((tmp_path / "runs").glob("2*"))
+
+
+def test_a_key_that_is_not_there_refuses_the_run(real: Callable[..., Ended], pipe: tuple[Path, Any]) -> None:
+    pipe[0].rename(pipe[0].with_name("elsewhere"))
+    ended = real("--yes")
+    assert ended.code == 2, ended.err
+    assert f"rig: stop.device: {pipe[0]}: No such file or directory" in ended.err
