@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from rig.cli.interrupts import STOP_SIGNAL, at_once
+from rig.cli.interrupts import STOP_SIGNAL, at_once, interrupt_main
 from rig.cli.looking import look, position
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import ExitCode, complain, out, print_json, told_in_one_line
@@ -20,6 +20,7 @@ from rig.plan.config import Config, load_config
 from rig.session.by_hand import at_hand
 from rig.session.control.announcements import ControlError, announced
 from rig.session.real_bench import PortError, RealBench, open_bench
+from rig.session.stop_button import key_interrupting
 from rig.transport import TransportError, first_owner
 from rig.transport.clock import WallClock
 
@@ -30,7 +31,7 @@ _LET_GO_S = 5.0
 def stage_at_hand(settings: Config) -> Iterator[tuple[Stage, WallClock]]:
     """The stage, connected; whatever interrupts its use stops it past every queue."""
     clock = WallClock()
-    with at_once(), closing(open_stage(settings, clock)) as stage:
+    with at_once(), key_interrupting(settings, interrupt_main), closing(open_stage(settings, clock)) as stage:
         try:
             stage.connect()
             yield stage, clock
@@ -48,7 +49,7 @@ def home(config: ConfigOption, without_force: WithoutForceOption = False, as_jso
 
 
 def _home(settings: Config) -> StageStatus:
-    with at_once(), closing(_bench_at_hand(settings)) as bench:
+    with at_once(), key_interrupting(settings, interrupt_main), closing(_bench_at_hand(settings)) as bench:
         sensing = Sensing(settings, bench.clock, bench.force)
         sensing.zero = bench.memory.read().zero
         at_hand.home(settings, bench, sensing)

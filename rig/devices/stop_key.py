@@ -51,7 +51,7 @@ class StopKey:
         """
         self.path, self.problem = path, ""
         self._code, self._held = code, set[int]()
-        self._on_press: Callable[[], None] | None = None
+        self._on_press: Callable[[], object] | None = None
         self._file = _opened(path)
         self._held.update(key for key in _held_keys(self._file) if self._counts(key))
         self._woken, self._wake = os.pipe()
@@ -65,7 +65,7 @@ class StopKey:
             raise StopKeyError(self.problem)
         return bool(self._held)
 
-    def arm(self, on_press: Callable[[], None]) -> None:
+    def arm(self, on_press: Callable[[], object]) -> None:
         """Have each press, from now on, call something, from another thread; what it raises is its own affair."""
         self._on_press = on_press
 

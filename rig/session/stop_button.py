@@ -40,15 +40,9 @@ class StopButton:
             If the key is not there.
         """
         self._settings, self._stage, self._stop = settings, stage, stop
-        self.key: StopKey | None = None
         self.tested = self.stopped = False
         self._last = "not read yet"
-        if settings.kind == "key":
-            assert settings.device is not None
-            try:
-                self.key = StopKey(Path(settings.device), settings.key_code)
-            except StopKeyError as error:
-                raise BadInputError(f"stop.device: {error}") from None
+        self.key = _key(settings)
 
     @property
     def there(self) -> bool:
@@ -71,18 +65,22 @@ class StopButton:
         with suppress(Exception):  # a run that has just ended; or a stage that is gone, of which the run hears itself
             self._stop()
 
+    def seen(self, *, pressed: bool) -> None:
+        """What the controller said of its input just now."""
+        self._last = "PRESSED" if pressed else "not pressed"
+
     @property
     def state(self) -> str:
         """Its state in words, as it is now."""
         try:
-            self._last = "PRESSED" if self.pressed() else "not pressed"
+            self.seen(pressed=self.pressed())
         except (StageError, TransportError) as error:
             self._last = f"cannot be read: {error}"
         return self.last_state
 
     @property
     def last_state(self) -> str:
-        """The same without asking the controller, for another thread: of a key as it is now."""
+        """The same for another thread, without asking the controller: an input is as it was last seen."""
         if self.stopped:
             return "PRESSED: it has stopped the stage"
         if self.key is not None:
@@ -120,6 +118,30 @@ class StopButton:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _key(settings: StopSettings) -> StopKey | None:
+    """Opened, where the button is one. Raises BadInputError."""
+    if settings.kind != "key" or settings.device is None:
+        return None
+    try:
+        return StopKey(Path(settings.device), settings.key_code)
+    except StopKeyError as error:
+        raise BadInputError(f"stop.device: {error}") from None
+
+
+@contextmanager
+def key_interrupting(settings: BenchSettings, interrupt: Callable[[], object]) -> Iterator[None]:
+    """While a command at the bench moves the stage, a press of the key interrupts it. Raises BadInputError."""
+    key = _key(settings.stop)
+    if key is None:
+        yield
+        return
+    key.arm(interrupt)
+    try:
+        yield
+    finally:
+        key.close()
 
 
 def refuse_stop_inputs(settings: BenchSettings, bench: WatchedBench) -> None:
@@ -164,7 +186,7 @@ def stop_inputs_heeded(settings: BenchSettings, engine: Engine, button: StopButt
     if stop.kind == "off" and not stop.inputs:
         yield
         return
-    engine.stop_problem = _Look(stop, engine, None if button is None else button.key)
+    engine.stop_problem = _Look(stop, engine, button)
     try:
         yield
     except (StageHeld, StageAlarm) as error:  # the controller stopped first, and said so: an alarm, in homing
@@ -179,8 +201,9 @@ def stop_inputs_heeded(settings: BenchSettings, engine: Engine, button: StopButt
 class _Look:
     """Called with each reading: at rest the controller is asked, in motion what it said last counts."""
 
-    def __init__(self, stop: StopSettings, engine: Engine, key: StopKey | None) -> None:
-        self._stop, self._engine, self._key = stop, engine, key
+    def __init__(self, stop: StopSettings, engine: Engine, button: StopButton | None) -> None:
+        self._stop, self._engine, self._button = stop, engine, button
+        self._key = None if button is None else button.key
 
     def __call__(self, *, at_rest: bool) -> str | None:
         """Return what trips, if anything does. Raises RunAborted where the button was pressed; the stage stands."""
@@ -191,9 +214,13 @@ class _Look:
         active, held = self._engine.guarded(lambda: _asked(self._engine.bench.stage, at_rest=at_rest))
         if self._stop.trip_input in active:
             return _by_the_relay(self._stop)
-        if self._stop.kind == "board" and (held or self._stop.input in active):
-            self._engine.stop()
-            raise RunAborted(BY_THE_BUTTON)
+        if self._stop.kind == "board":
+            pressed = held or self._stop.input in active
+            if self._button is not None:
+                self._button.seen(pressed=pressed)
+            if pressed:
+                self._engine.stop()
+                raise RunAborted(BY_THE_BUTTON)
         return None
 
 

@@ -1,7 +1,9 @@
 """Every command that moves something, at every signal that could end or suspend it while a finger is pressed."""
 
 import json
+import os
 import signal
+import struct
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +23,7 @@ from rig.session.virtual.virtual_bench import virtual_bench
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 from tests.program import Program
+from tests.waiting import until
 
 if not hasattr(signal, "SIGTSTP"):
     pytest.skip("only where there are signals", allow_module_level=True)
@@ -163,6 +166,36 @@ def test_no_signal_suspends_or_ends_a_command_at_the_bench_that_moves(
     _inherit_the_worst()
     program(*AT_THE_BENCH[command], "--config", tmp_path / "rig.toml", typed="\n\n\n")
     _none_is_left_alone(dispositions)
+
+
+@pytest.mark.parametrize("command", [name for name in AT_THE_BENCH if name != "by-hand"])
+def test_the_participants_key_stops_a_command_at_the_bench(
+    command: str,
+    served: Callable[..., ServedBench],
+    program: Program,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pipe, stops = tmp_path / "pedal", list[int]()
+    os.mkfifo(pipe)
+    file = os.open(pipe, os.O_RDWR)
+    ports = {name: served(**{name: kind}).ports[name] for name, kind in (("stage", "grbl"), ("force", "mtsics"))}
+    tables = {name: {"port": port} for name, port in ports.items()}
+    config = Config.model_validate({**tables, "stop": {"kind": "key", "device": str(pipe)}})
+    (tmp_path / "rig.toml").write_text(config.as_toml(), encoding="utf-8")
+
+    def moves(*_: object, **__: object) -> NoReturn:
+        os.write(file, struct.pack("llHHi", 0, 0, 1, 30, 1))
+        until(lambda: False)
+        raise AssertionError
+
+    for motion in ("homing", "moving", "jog"):
+        monkeypatch.setattr(GrblStage, motion, moves)
+    monkeypatch.setattr(GrblStage, "stop", lambda stage: stops.append(1))
+    ended = program(*AT_THE_BENCH[command], "--config", tmp_path / "rig.toml", typed="\n\n\n")
+    os.close(file)
+    assert ended.code == 130, ended.err
+    assert stops
 
 
 @pytest.mark.parametrize("command", ["dry-run", "run"])
