@@ -229,6 +229,8 @@ class Engine:
         force_gwt = reading.force_n / GWT_N
         if passed := self.trips.passed_hard(force_gwt):
             self.trip(passed, force_gwt)
+        if problem := self.stop_problem(at_rest=True):
+            self.trip(problem)
         return reading
 
     def doi_mm(self, contact_height_mm: float, force_gwt: float) -> float:

@@ -204,6 +204,13 @@ class _Look:
     def __init__(self, stop: StopSettings, engine: Engine, button: StopButton | None) -> None:
         self._stop, self._engine, self._button = stop, engine, button
         self._key = None if button is None else button.key
+        self._with_its_state = bool({"door", "hold"} & set(stop.inputs.values()))  # a board reports both in one line
+
+    def _asked(self, *, anew: bool) -> tuple[frozenset[str], bool]:
+        """The inputs that are active, and whether somebody holds the controller."""
+        stage = self._engine.bench.stage
+        held = is_held(stage.status().state) if anew and self._with_its_state else False
+        return stage.active_inputs(), held
 
     def __call__(self, *, at_rest: bool) -> str | None:
         """Return what trips, if anything does. Raises RunAborted where the button was pressed; the stage stands."""
@@ -211,7 +218,7 @@ class _Look:
             return f"the stop button is gone: {self._key.problem}"
         if not self._stop.inputs:
             return None
-        active, held = self._engine.guarded(lambda: _asked(self._engine.bench.stage, at_rest=at_rest))
+        active, held = self._engine.guarded(lambda: self._asked(anew=at_rest))
         if self._stop.trip_input in active:
             return _by_the_relay(self._stop)
         if self._stop.kind == "board":
@@ -222,11 +229,6 @@ class _Look:
                 self._engine.stop()
                 raise RunAborted(BY_THE_BUTTON)
         return None
-
-
-def _asked(stage: Stage, *, at_rest: bool) -> tuple[frozenset[str], bool]:
-    held = is_held(stage.status().state) if at_rest else False
-    return stage.active_inputs(), held
 
 
 def _active_now(stage: Stage) -> frozenset[str]:
