@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from rig.cli.interrupts import at_once
+from rig.cli.interrupts import at_once, interrupt_main
 from rig.cli.looking import contact, look, position
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import ExitCode, complain, out, print_json, told_in_one_line
@@ -19,6 +19,7 @@ from rig.engine.sensing import Sensing
 from rig.plan.config import Config, load_config
 from rig.session.by_hand import at_hand
 from rig.session.real_bench import PortError, RealBench, open_bench
+from rig.session.stop_button import key_interrupting
 from rig.transport.clock import WallClock
 
 
@@ -26,7 +27,7 @@ from rig.transport.clock import WallClock
 def stage_at_hand(settings: Config) -> Iterator[tuple[Stage, WallClock]]:
     """The stage, connected; whatever interrupts its use stops it past every queue."""
     clock = WallClock()
-    with at_once(), closing(open_stage(settings, clock)) as stage:
+    with at_once(), key_interrupting(settings, interrupt_main), closing(open_stage(settings, clock)) as stage:
         try:
             stage.connect()
             yield stage, clock
@@ -44,7 +45,7 @@ def home(config: ConfigOption, without_force: WithoutForceOption = False, as_jso
 
 
 def _home(settings: Config) -> tuple[StageStatus, Contact]:
-    with at_once(), closing(_bench_at_hand(settings)) as bench:
+    with at_once(), key_interrupting(settings, interrupt_main), closing(_bench_at_hand(settings)) as bench:
         sensing = Sensing(settings, bench.clock, bench.force)
         sensing.zero = bench.memory.read().zero
         known = at_hand.home(settings, bench, sensing)

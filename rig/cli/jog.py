@@ -133,7 +133,10 @@ def _single_keys() -> Iterator[Callable[[], bytes | None]]:
 
     def read() -> bytes | None:
         ready, _, _ = select.select([file], [], [], 0.0)
-        return (os.read(file, 256) or None) if ready else b""
+        try:
+            return (os.read(file, 256) or None) if ready else b""
+        except OSError:  # the terminal belongs to another program now
+            return None
 
     if not os.isatty(file):
         yield read

@@ -112,7 +112,8 @@ def command(
         script = MeetingScript(meeting, partial(said_after, meeting), partial(said_before, meeting))
         session = Session(script.as_script(), settings, finger, Plan(), into, handler=script.handler)
         if stage is not None:
-            confirmed_with(page_lines(settings, wanted), yes=yes, asking=owner.asking)
+            lines = page_lines(settings, wanted)
+            confirmed_with(lines, yes=yes, asking=owner.asking, button=owner.button)
         done = _carried_out(session, script, owner, beginning, stage)
         _written(done, meeting, settings, to, as_json=as_json)
     _leave(done, meeting, to)
@@ -146,7 +147,7 @@ def _carried_out(
     with at_a_safe_point(owner.pause) as pause, shown as watch:
         attendant = MeetingAttendant(pause, watch, beginning.begins, None, owner)
         attendant.script = script
-        session = replace(session, attendant=attendant)
+        session = replace(session, attendant=attendant, button=owner.button)
         ask = partial(ask_at_the_bench, asking=owner.asking)
         done = dry_run(session) if stage is None else real_run(session, ask, stage)
     owner.at("reporting")

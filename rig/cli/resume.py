@@ -74,7 +74,8 @@ def _checked(stopped: StoppedRun, owner: Owner, *, yes: bool) -> Confirm | None:
     if stopped.run is not None and stopped.run.last_checkpoint is not None:
         err.print(f"goes on after the checkpoint {stopped.run.last_checkpoint!r}")
     if not stopped.virtual:
-        return at_the_page(careful_of(left, stopped.config), yes=yes, asking=owner.asking)
+        before = careful_of(left, stopped.config)
+        return at_the_page(before, yes=yes, asking=owner.asking, button=owner.button)
     if left is not None:
         complain(careful(left))
     return None

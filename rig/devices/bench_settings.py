@@ -12,6 +12,7 @@ from rig.devices.force.laumas.laumas_settings import LaumasSettings
 from rig.devices.kinds import ForceKind, Kind, StageKind
 from rig.devices.own_table import DeviceSettings, known
 from rig.devices.stage.leadshine.leadshine_settings import DrivesSettings
+from rig.devices.stop_settings import StopSettings
 from rig.transport.port_settings import EIGHT_N_ONE, Character, Framing, Port, Settings
 
 SLOWEST_MM_S = 1 / 60  # GRBL moves no slower, whatever F says
@@ -222,6 +223,7 @@ class BenchSettings(Settings):
     stage: SerializeAsAny[StageSettings] = StageSettings()
     force: SerializeAsAny[ForceSettings] = ForceSettings()
     sync: SyncSettings = SyncSettings()
+    stop: StopSettings = StopSettings()
     frame: FrameSettings = FrameSettings()
     calibration: CalibrationSettings = CalibrationSettings()
 
@@ -237,4 +239,13 @@ class BenchSettings(Settings):
             raise ValueError(f"sync.output: expected {' or '.join(allowed)} with a {self.stage.kind} stage")
         if self.sync.output == "drive" and self.sync.words is None:
             raise ValueError("sync: expected register_address, on_word and off_word, from the manual of the drive")
+        return self
+
+    @model_validator(mode="after")
+    def _inputs_there(self) -> Self:
+        allowed = self.stage.entry.inputs
+        for key, name in self.stop.inputs.items():
+            if name not in allowed:
+                either = " or ".join(allowed) or "no input, none is reported"
+                raise ValueError(f"stop.{key} = {name!r}: expected {either} with a {self.stage.kind} stage")
         return self

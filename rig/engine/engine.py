@@ -4,7 +4,7 @@ import contextlib
 import math
 from collections.abc import Callable, Mapping
 from enum import Enum
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn, Protocol, TypeVar
 
 from rig.devices.force.base import ForceReading
 from rig.devices.stage.base import StageError
@@ -27,6 +27,16 @@ _T = TypeVar("_T")
 
 _CONFIRM_S = 2.0  # so long a force that is still there after a lift is waited for: a late sensor, a slow cell
 _LATE_FACTOR = 2.0  # a move may take so many times its length over its speed before the heartbeat is missed
+
+
+class StopProblem(Protocol):
+    """Looks at stop inputs with each reading; returns what trips. It may stop the stage itself, and raise."""
+
+    def __call__(self, *, at_rest: bool) -> str | None: ...
+
+
+def _no_stop_inputs(*, at_rest: bool) -> str | None:
+    return None
 
 
 class State(Enum):
@@ -76,6 +86,7 @@ class Engine:
         self._strayed = False  # so the stage was stopped
         self._floor_mm = math.nan
         self._next_index = 0
+        self.stop_problem: StopProblem = _no_stop_inputs
 
     # where it is
 
@@ -145,6 +156,8 @@ class Engine:
         if self.state is State.TRIPPED:
             return
         self.beat()
+        if problem := self.stop_problem(at_rest=False):
+            raise FeltError(problem)
         try:
             force_gwt = self.sensing.glance_gwt()
         except NoReadingError as error:
@@ -311,6 +324,8 @@ class Engine:
 
     def _told(self, read: Callable[[], ForceReading]) -> ForceReading:
         self.beat(self.sensing.wait_s)
+        if problem := self.stop_problem(at_rest=True):
+            self.trip(problem)
         try:
             reading = read()
         except NoReadingError as error:
@@ -318,6 +333,8 @@ class Engine:
         force_gwt = reading.force_n / GWT_N
         if passed := self.trips.passed_hard(force_gwt):
             self.trip(passed, force_gwt)
+        if problem := self.stop_problem(at_rest=True):
+            self.trip(problem)
         return reading
 
     def doi_mm(self, contact_height_mm: float, force_gwt: float) -> float:

@@ -13,6 +13,7 @@ from rig.data import Run
 from rig.data.folder import free_space
 from rig.engine import Engine, LimitError, RecordError, RunAborted, ScriptError, TripError
 from rig.engine.contact import Contact, ContactKind
+from rig.engine.errors import LostRecordError
 from rig.engine.limits import AT_MM
 from sim.models.processes.finger_process import FingerLostError
 
@@ -27,6 +28,7 @@ _SEE_TO: tuple[tuple[type[Exception], str], ...] = (
     (LimitError, "change the script or the limit and begin a new run: resumed, this one meets the same limit"),
     (ScriptError, "correct the script and begin a new run: resumed, this one runs its own copy of the script"),
     (OSError, "free space, then resume"),
+    (LostRecordError, "see who moved or deleted the run's files, then resume"),
     (RecordError, "free space, then resume"),
     (FingerLostError, "see whether memory ran out, then resume"),
 )
@@ -156,6 +158,8 @@ def resume_line(folder: Path) -> str:
 def _reason(problem: Exception, folder: Path) -> str:
     """In one line; of a full disk with the room that there is, and the remedy."""
     reason = " ".join(str(problem).split())
+    if isinstance(problem, LostRecordError):
+        return f"{reason}; what was recorded is in {folder.resolve()}: {resume_line(folder)}"
     if isinstance(problem, RecordError):
         reason = f"{reason}, {free_space(folder)}"
     if isinstance(problem, RecordError | OSError):

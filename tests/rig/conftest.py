@@ -228,7 +228,7 @@ def spring(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable
 
     yield make
     for bench in made:
-        bench.journal._file.close()
+        bench.journal.close()
 
 
 @pytest.fixture

@@ -202,7 +202,7 @@ def test_no_answer_is_a_bounded_wait_and_then_only_a_reset_helps(stage: Make, cl
     ("line", "fields"),
     [
         ("<Idle|MPos:0.000,1.000,-2.500|Bf:15,128|FS:0,0|Pn:XZ|WCO:1,2,3|Ov:100,100,100>",
-         StatusFields("Idle", (0.0, 1.0, -2.5), None, (1.0, 2.0, 3.0), (100, 100, 100))),
+         StatusFields("Idle", (0.0, 1.0, -2.5), None, (1.0, 2.0, 3.0), (100, 100, 100), "XZ")),
         ("<Hold:1|WPos:0,0,0|FS:0,0>", StatusFields("Hold:1", None, (0.0, 0.0, 0.0), None)),
         ("<Run|MPos:0,0,0,7.5|FS:0,0>", StatusFields("Run", (0.0, 0.0, 0.0), None, None)),
         ("<Alarm>", StatusFields("Alarm", None, None, None)),

@@ -66,6 +66,15 @@ class StageInHand:
             if self._stage is not None and not self._stage.homed:
                 self.close()
 
+    def active_inputs(self) -> frozenset[str]:
+        """Ask a stage that has not been spoken to for its stop inputs; changes nothing. From the run's thread.
+
+        Raises TransportError, StageError.
+        """
+        stage = self._stage or self._opened()
+        stage.look()
+        return stage.active_inputs()
+
     def stop(self) -> None:
         """From any thread but the run's; behind it nothing else goes out. Raises TransportError, StageError."""
         with self.gate.stopping(), self._changing:

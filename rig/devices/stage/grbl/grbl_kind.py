@@ -25,6 +25,7 @@ DEVICE = StageKind(
     device="GRBL 1.1 board, or one with grblHAL",
     driver=_driver,
     outputs=("off", "coolant", "spindle"),
+    inputs=("door", "hold"),
     twin="sim.devices.grbl.board:grbl_twin",
     tests=("tests/rig/test_grbl_driver.py", "tests/rig/test_grbl_conformance.py"),
 )

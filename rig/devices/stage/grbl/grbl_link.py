@@ -56,6 +56,7 @@ class GrblLink:
         self.times_stopped = 0  # from whatever thread
         self.offset: Xyz | None = None
         self.overrides = FULL
+        self.pins = ""  # of the last status
 
     def hello(self) -> list[str]:
         """Ask a board of unknown state who it is. Raises StageError."""
@@ -149,6 +150,7 @@ class GrblLink:
         """The line waits in the board's buffer for whoever holds it: only a reset takes it back."""
         fields = parse_status(heard)
         if fields is not None and is_held(fields.state):
+            self.pins = fields.pins
             self.in_step = self.trusted = False
             self.refuse_interference(fields.state)
 
@@ -163,6 +165,7 @@ class GrblLink:
                 if fields is not None:
                     self.offset = fields.offset or self.offset
                     self.overrides = fields.overrides or self.overrides
+                    self.pins = fields.pins
                     return fields
                 if heard.startswith("<"):
                     break

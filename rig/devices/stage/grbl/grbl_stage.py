@@ -42,6 +42,7 @@ from rig.devices.stage.grbl.grbl_words import (
     FULL,
     JOG_CANCEL,
     OUTPUT_WORDS,
+    STOP_PINS,
     Xyz,
     feed_word,
     machine_from,
@@ -406,6 +407,10 @@ class GrblStage(Stage):
         if self._output == "off":
             raise StageError(f"{self._transport.name}: no output of the board is configured, see sync.output")
         self._link.command(OUTPUT_WORDS[self._output][on], look_s=LOOK_S)
+
+    def active_inputs(self) -> frozenset[str]:
+        """Return the stop inputs that the last status named; status() asks anew."""
+        return frozenset(STOP_PINS[letter] for letter in self._link.pins if letter in STOP_PINS)
 
     def close(self) -> None:
         self._transport.close()

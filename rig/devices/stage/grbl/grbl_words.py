@@ -41,6 +41,7 @@ Overrides = tuple[int, int, int]
 FULL: Overrides = (100, 100, 100)
 HOLD_AND_RESET, JOG_CANCEL = b"!\x18", b"\x85"
 OUTPUT_WORDS = {"coolant": ("M9", "M8"), "spindle": ("M5", "M3S1000")}
+STOP_PINS = {"D": "door", "H": "hold"}
 OVERRIDDEN = ("feed", "rapid", "spindle")
 
 
@@ -56,6 +57,7 @@ class StatusFields:
     work: Xyz | None
     offset: Xyz | None
     overrides: Overrides | None = None
+    pins: str = ""  # letters of the inputs that are active
 
 
 def is_banner(line: str) -> bool:
@@ -71,7 +73,7 @@ def parse_status(line: str) -> StatusFields | None:
     fields = dict(part.partition(":")[::2] for part in parts)
     try:
         machine, work, offset = (_xyz(fields.get(name)) for name in ("MPos", "WPos", "WCO"))
-        return StatusFields(state, machine, work, offset, _overrides(fields.get("Ov")))
+        return StatusFields(state, machine, work, offset, _overrides(fields.get("Ov")), fields.get("Pn", ""))
     except ValueError:
         return None
 

@@ -237,6 +237,10 @@ class LeadshineDrive:
         """The status word. Raises StageError."""
         return Status(self._read(reg.STATUS)[0])
 
+    def inputs(self, register: int) -> int:
+        """The word of its digital inputs, DI1 in the lowest bit. Raises StageError."""
+        return self._read(register)[0]
+
     def position_mm(self) -> float:
         """Where the feedback says it is. Raises StageError."""
         return reg.number(self._read(reg.FEEDBACK, 2)) / self.pulses_per_mm

@@ -30,11 +30,12 @@ class LeadshineStage(Stage):
         x_backlash_mm: float = 0.0,
         z_backlash_mm: float = 0.0,
         output: SyncSettings | None = None,
+        inputs_register: int = reg.INPUTS,
     ) -> None:
         self._drives = {"x": x, "z": z}
         self._overrun_mm = {"x": 2 * x_backlash_mm, "z": 2 * z_backlash_mm}
         self._y_mm = y_mm
-        self._output = output
+        self._output, self._inputs_register = output, inputs_register
         self._trusted = False
         self._times_stopped = 0  # from whatever thread
 
@@ -188,6 +189,11 @@ class LeadshineStage(Stage):
         problems = [problem for drive in self._up_first() if (problem := _unconfirmed(drive))]
         if problems:
             raise problems[0]
+
+    def active_inputs(self) -> frozenset[str]:
+        """Ask the vertical drive for its digital inputs: di1 … di7. Raises StageError."""
+        word = self._drives["z"].inputs(self._inputs_register)
+        return frozenset(name for bit, name in enumerate(reg.INPUT_NAMES) if word >> bit & 1)
 
     def close(self) -> None:
         for bus in self._buses():

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from enum import IntFlag
 
 STATUS, ALARM, CONTROL, TRIGGER = 0x1003, 0x2203, 0x1801, 0x6002
+INPUTS = 0x0179  # second-hand: [stop] inputs_register can say another
+INPUT_NAMES = tuple(f"di{n}" for n in range(1, 8))
 COMMANDED, FEEDBACK = 0x602C, 0x1014  # 32 bits each
 PR0 = 0x6200  # mode, position (32 bits), rpm, ramp up, ramp down, pause; then its trigger, which is never written
 PATHS = range(PR0, PR0 + 16 * 8, 8)  # the mode of each path, PR0 to PR15
