@@ -173,7 +173,7 @@ MOTIONS = {
     "lift": Motion(lambda b: b.stage.move_to(z_mm=-3.0, speed_mm_s=5.0), z_mm=(0.0, 5.0), ends_mm=(0.0, 2.0)),
     "sideways": Motion(lambda b: b.stage.move_to(x_mm=-2.0, speed_mm_s=5.0), x_mm=(0.0, 4.0), ends_mm=(2.0, 0.0)),
     "home": Motion(
-        lambda b: b.stage.home(), x_mm=(-1.0, 4.0), z_mm=(0.0, 5.0), ends_mm=(4.0, 5.0), lifts_first=True
+        lambda b: b.stage.home(), x_mm=(-1.0, 4.02), z_mm=(0.0, 5.02), ends_mm=(4.0, 5.0), lifts_first=True
     ),
     "jog down": Motion(lambda b: _jogged(b, "z", -0.1), z_mm=(-0.1, 0.0), ends_mm=(0.0, -0.1)),
     "jog up": Motion(lambda b: _jogged(b, "z", 0.1), z_mm=(0.0, 0.1), ends_mm=(0.0, 0.1)),

@@ -258,6 +258,21 @@ def test_rtu_listens_longer_only_after_a_silence(clock: VirtualClock, rtu: Rtu) 
     assert lasts_s == pytest.approx([0.005, 0.2 + 0.005 + 0.0235, 0.005 + 0.0235, 0.005], abs=0.005)
 
 
+@pytest.mark.parametrize(("late_s", "count"), [(9.0, 1), (0.25, 2)], ids=["another kind", "it came meanwhile"])
+def test_rtu_does_not_listen_longer_where_no_late_answer_can_be_mixed_up(
+    clock: VirtualClock, rtu: Rtu, late_s: float, count: int
+) -> None:
+    answers = {1: rtu("01 03 02 00 02"), 2: rtu("01 03 04 00 00 00 02")}
+    wire = LateTransport(clock, [[(late_s, answers[2])], *[[(0.005, answers[count])]] * 2])
+    bus = ModbusMaster(wire, clock, read_tries=1)
+    with pytest.raises(ModbusTimeout):
+        bus.read(1, 7, 2)
+    clock.wait_s(0.1)
+    begun_s = clock.monotonic_s()
+    assert bus.read(1, 7, count)[-1] == 2
+    assert clock.monotonic_s() - begun_s < 0.01
+
+
 @pytest.mark.parametrize("answer", [b"", bytes.fromhex("07 10 62 00 00 08 00 00")])
 def test_a_write_is_never_tried_again(master: Any, answer: bytes) -> None:
     """It may have been obeyed: a move must not be triggered twice. The script holds it once."""

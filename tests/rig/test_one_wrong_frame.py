@@ -5,12 +5,15 @@ A seeded sample; `python -m studies.faults.drive_frames` runs every case.
 
 import logging
 import random
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 
+from rig.devices.stage.base import StageError
 from rig.devices.stage.leadshine.leadshine_drive import LeadshineDrive
+from rig.devices.stage.leadshine.leadshine_stage import LeadshineStage
 from rig.transport.port_settings import Framing
+from sim.devices import VirtualDrive
 from studies.faults.drive_frames import MOTIONS, Bench, Fault, faults, wrong
 
 SAMPLE: dict[Framing, int] = {"tcp": 24, "rtu": 6}
@@ -45,6 +48,53 @@ def test_no_wrong_bit_of_a_trigger_moves_anything_elsewhere() -> None:
     number = _out_frame("press", "06 60 02 00 10")
     cases = [Fault(True, number, "bit", byte, bit) for byte in range(12) for bit in range(8)]
     assert {fault: said for fault in cases if (said := wrong("press", "tcp", fault))} == {}
+
+
+# What must not lie in a drive while nothing moves: a path to somewhere else.
+
+
+def _modes(drive: VirtualDrive) -> list[int]:
+    return [drive.read(0x6200 + 8 * number, 1)[0] for number in range(16)]
+
+
+def test_a_path_that_was_given_up_is_dropped() -> None:
+    bench = Bench("tcp")
+    next(bench.stage.moving(z_mm=-6.0, speed_mm_s=1.0))
+    assert _modes(bench.z)[0] == 1
+    bench.stage.halt()
+    assert (bench.stage.homed, _modes(bench.z)) == (True, [0] * 16)
+
+
+def test_homing_disarms_a_drive_that_was_switched_off() -> None:
+    bench = Bench("tcp")
+    for drive in (bench.x, bench.z):
+        drive.power_cycle()
+        assert all(_modes(drive))
+    bench.stage.home()
+    assert _modes(bench.x) == _modes(bench.z) == [0] * 16
+
+
+@pytest.mark.parametrize(
+    "move",
+    [
+        lambda stage: stage.jog("z", 0.1, 1.0),
+        lambda stage: stage.jog_while("z", 1, iter([True, False]).__next__, 1.0),
+        lambda stage: stage.home(),
+    ],
+    ids=["jog", "jog_while", "home"],
+)
+def test_a_path_that_went_to_the_other_drive_is_gone_before_anything_moves(
+    move: Callable[[LeadshineStage], None],
+) -> None:
+    bench = Bench("tcp")
+    bench.wire.frames = {True: [], False: []}
+    bench.wire.fault = Fault(True, _out_frame("press", "10 62 00 00 07"), "bit", 6, 0)
+    with pytest.raises(StageError):
+        MOTIONS["press"].do(bench)
+    assert bench.x.read(0x6200, 3) == [1, 0xFFFF, -2012 & 0xFFFF]
+    bench.wire.fault = None
+    move(bench.stage)
+    assert _modes(bench.x) == [0] * 16
 
 
 # What the drives do where one of the precautions is left out.
