@@ -7,6 +7,7 @@ lower of start and target, not sideways where it should go up or down, and the d
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 from typing import Literal
 
 import pytest
@@ -25,6 +26,8 @@ STEP_MM = 1 / 400
 PLACE_MM = (-1.0, -1.0, -4.0)
 """Where each motion begins."""
 SETTLED_S = 20.0
+# What the board says is longer: each eleventh of its faults, so that this is over in a minute.
+EACH: dict[Direction, int] = {"tx": 1, "rx": 11}
 FAST = {24: 300.0, 110: 300.0, 111: 300.0, 112: 300.0, 120: 1000.0, 121: 1000.0, 122: 1000.0, 26: 0.0}
 
 
@@ -167,7 +170,7 @@ def test_whatever_becomes_of_one_message_nothing_goes_down_or_aside(name: str, d
     faultless, end = _made(motion)
     assert (end, _wrong(motion, faultless, end)) == ("arrived", "")
     found: dict[str, list[Fault]] = {}
-    for fault in _faults(faultless.messages, direction):
+    for fault in islice(_faults(faultless.messages, direction), 0, None, EACH[direction]):
         wire, end = _made(motion, fault)
         found.setdefault(_wrong(motion, wire, end), []).append(fault)
     found.pop("", None)
