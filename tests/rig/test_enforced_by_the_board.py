@@ -1,0 +1,140 @@
+"""What a GRBL board enforces itself: a floor and a highest speed; and that an `ok` alone is no homing."""
+
+import pytest
+
+from rig.devices.bench_settings import StageBounds
+from rig.devices.stage import StageError, StageRejected
+from rig.devices.stage.grbl.grbl_settings import enforced_settings, expected_settings
+from rig.devices.stage.grbl.grbl_stage import GrblStage
+from rig.engine.rig_settings import RigSettings
+from rig.transport import LoopbackTransport
+from sim.devices import SerialLine, VirtualGrbl
+from sim.devices.clock import VirtualClock
+from tests.rig.test_corrupted_grbl_lines import _instead
+
+BOUNDS = RigSettings().bounds
+HOME_STEPS = (-400, -400, -400)
+
+
+class Bench:
+    """A board as it is bought, and a driver with the default bounds; one line can be changed on its way."""
+
+    def __init__(self, **settings: float) -> None:
+        self.clock = VirtualClock()
+        self.line = SerialLine(self.clock, 115200)
+        told = {int(number.removeprefix("_")): value for number, value in settings.items()}
+        self.board = VirtualGrbl(self.clock, self.line, settings=told)
+        self.name, self.written, self.instead = "stage", list[bytes](), dict[bytes, bytes]()
+        self._wire = LoopbackTransport(self.line, self.clock, "stage")
+        self.stage = GrblStage(self, self.clock, expected=expected_settings(RigSettings()), bounds=BOUNDS)
+
+    def write(self, data: bytes) -> None:
+        self.written.append(data)
+        self._wire.write(self.instead.pop(data, data))
+
+    def read(self, timeout_s: float) -> bytes:
+        return self._wire.read(timeout_s)
+
+    def close(self) -> None:
+        self._wire.close()
+
+    def stored(self) -> list[bytes]:
+        """The settings that were written."""
+        return [line for line in self.written if line.startswith(b"$") and b"=" in line]
+
+    def settings(self) -> list[str]:
+        return self.board._settings.listing()
+
+
+def test_the_floor_lies_a_search_and_the_deepest_press_below_the_apex() -> None:
+    assert StageBounds(lowest_z_mm=-27.0, fastest_mm_s=5.0) == BOUNDS
+    day = {"date": "2026-01-01", "expires": "2027-01-01"}
+    given = {"calibration": {"compliance_mm_per_n": {"value": 0.1, **day}}}
+    assert RigSettings.model_validate(given).bounds.lowest_z_mm == pytest.approx(-27.2)
+    low = RigSettings.model_validate({"frame": {"apex_z_mm": -39.0}})
+    assert low.bounds.lowest_z_mm == -40.0, "never beyond the travel"
+    fast = RigSettings.model_validate({"habits": {"travel_speed_mm_s": 8.0}})
+    assert fast.bounds.fastest_mm_s == 8.0
+
+
+def test_it_is_written_once_and_only_where_it_differs() -> None:
+    bench = Bench()
+    bench.stage.connect()
+    assert bench.stored() == [b"$110=300\n", b"$111=300\n", b"$132=27\n"]
+    bench.written.clear()
+    bench.stage.connect()
+    assert bench.stored() == []
+
+
+@pytest.mark.parametrize("has_mm", [20.0, 27.001, 40.0, 60.0])
+def test_the_floor_is_set_whatever_the_board_had(has_mm: float) -> None:
+    bench = Bench(_132=has_mm)
+    bench.stage.connect()
+    assert "$132=27.000" in bench.settings()
+
+
+def test_a_board_that_is_slower_is_never_made_faster() -> None:
+    """Its motors may not be able to: they would lose steps, and say nothing."""
+    board = {110: 120.0, 111: 300.0, 112: 301.0}
+    assert enforced_settings(board, BOUNDS) == {112: 300.0, 132: 27.0}
+
+
+def test_below_the_floor_the_board_refuses_and_at_the_floor_it_goes() -> None:
+    bench = Bench()
+    bench.stage.connect()
+    bench.stage.home()
+    bench.stage.move_to(z_mm=-26.95, speed_mm_s=5.0)
+    with pytest.raises(StageRejected, match="outside the travel"):
+        bench.stage.jog("z", -0.1, 1.0)
+    bench.stage.end_jog()
+    bench.stage.move_to(z_mm=-27.0, speed_mm_s=0.5)
+    assert bench.board.carriage_steps_at(bench.clock.monotonic_s())[2] == -27 * 400
+
+
+def test_a_board_whose_z_homes_downwards_is_refused() -> None:
+    with pytest.raises(StageError, match=r"expected \$23=1 \(it has 5, with which Z homes downwards\)"):
+        Bench(_23=5).stage.connect()
+
+
+def test_whatever_becomes_of_a_setting_on_its_way_the_board_is_as_it_was_but_for_what_is_enforced() -> None:
+    """Every bit and byte of each; a line that changes another setting is found out, and that one put back."""
+    faultless = Bench()
+    faultless.stage.connect()
+    wanted = faultless.settings()
+    for line in faultless.stored():
+        for instead in _instead(line):
+            bench = Bench()
+            bench.instead[line] = instead
+            try:
+                bench.stage.connect()
+            except StageError:
+                continue
+            assert bench.settings() == wanted, instead
+
+
+def test_whatever_becomes_of_the_homing_line_only_a_stage_that_went_home_is_homed() -> None:
+    """`$X`, which unlocks, is one bit from `$H`, and `$I` another: each is answered with `ok`."""
+    homed, not_homed = 0, 0
+    for instead in _instead(b"$H\n"):
+        bench = Bench()
+        bench.stage.connect()
+        bench.instead[b"$H\n"] = instead
+        try:
+            bench.stage.home()
+            homed += 1
+        except StageError:
+            not_homed += 1
+        at_home = bench.board.carriage_steps_at(bench.clock.monotonic_s()) == HOME_STEPS
+        assert bench.stage.homed <= at_home, instead
+        assert bench.clock.monotonic_s() < 60.0, "it does not wait for a homing that never began"
+    assert (homed, not_homed) == (2, 33)
+
+
+def test_an_unlocking_instead_of_homing_is_found_out_though_the_board_believes_to_be_home() -> None:
+    bench = Bench()
+    bench.stage.connect()
+    bench.stage.home()
+    bench.instead[b"$H\n"] = b"$X\n"
+    with pytest.raises(StageError, match="did not home"):
+        bench.stage.home()
+    assert not bench.stage.homed
