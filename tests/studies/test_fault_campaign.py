@@ -118,6 +118,7 @@ FINE: Record = {
     "exit": "tripped",
     "mechanics": "none",
     "cell": "none",
+    "struck_gwt": 0.0,
 }
 
 
@@ -142,17 +143,22 @@ def test_what_a_case_breaks(changed: Record, found: list[str]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("mechanics", "cell", "spared"),
+    ("mechanics", "cell", "struck_gwt", "spared"),
     [
-        ("none", "reads 0.1", True),
-        ("z runs on", "none", True),
-        ("none", "reads 0.5", False),
-        ("none", "frozen", False),
-        ("z stalls", "saturated", False),
+        ("none", "reads 0.1", 0.0, True),
+        ("z runs on", "none", 0.0, True),
+        ("z travels 2", "frozen", 0.0, True),
+        ("z travels 2", "frozen", 8.0, False),
+        ("z travels 2", "late", 0.0, False),
+        ("z travels 0.8", "frozen", 0.0, False),
+        ("none", "reads 0.5", 0.0, False),
+        ("none", "frozen", 0.0, False),
+        ("z stalls", "saturated", 0.0, False),
     ],
 )
-def test_what_is_spared(mechanics: str, cell: str, spared: bool) -> None:
-    assert (exemption_of({**FINE, "mechanics": mechanics, "cell": cell}) is not None) is spared
+def test_what_is_spared(mechanics: str, cell: str, struck_gwt: float, spared: bool) -> None:
+    record = {**FINE, "mechanics": mechanics, "cell": cell, "struck_gwt": struck_gwt}
+    assert (exemption_of(record) is not None) is spared
 
 
 @pytest.mark.parametrize(
@@ -169,6 +175,11 @@ def test_what_is_spared(mechanics: str, cell: str, spared: bool) -> None:
 )
 def test_a_report_is_true(at: Whereabouts | None, force_gwt: float, true: bool) -> None:
     assert true_claim(claim_of(at), force_gwt) is true
+
+
+def test_a_cell_that_reads_half_hides_twice_the_threshold() -> None:
+    assert true_claim("clear", 0.09, "reads 0.5")
+    assert not true_claim("clear", 0.11, "reads 0.5")
 
 
 # --- a program that is bad is found out ---

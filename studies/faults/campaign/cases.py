@@ -40,6 +40,7 @@ class Case:
     mechanics: str = "none"
     cell: str = "none"
     data: bytes = b""
+    force_gwt: float = 0.0  # the true one as it strikes
 
     @property
     def kind(self) -> str:
@@ -81,9 +82,11 @@ def cases(bench: str, folder: Path, scenarios: Sequence[Scenario] = SCENARIOS) -
                 begun.add(message.phase)
                 for mechanics in MECHANICAL:
                     for cell in CELLS:
-                        yield Case(*about, mechanics=mechanics, cell=cell, data=message.data)
+                        yield Case(
+                            *about, mechanics=mechanics, cell=cell, data=message.data, force_gwt=message.force_gwt
+                        )
             for fault in struck.get(message.number, ()):
-                yield Case(*about, message.wire, message.way, fault, data=message.data)
+                yield Case(*about, message.wire, message.way, fault, data=message.data, force_gwt=message.force_gwt)
 
 
 def _struck(messages: Sequence[Message]) -> dict[int, list[WireFault]]:
