@@ -17,6 +17,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from studies.faults.campaign.faults import CELLS, MECHANICAL, WireFault, wire_faults
 from studies.faults.campaign.scenarios import SCENARIOS, Scenario
@@ -78,6 +79,7 @@ def cases(bench: str, folder: Path, scenarios: Sequence[Scenario] = SCENARIOS) -
         begun: set[str] = set()
         for message in messages:
             about = bench, scenario.name, message.phase, message.number
+            of_message: dict[str, Any] = {"data": message.data, "force_gwt": message.force_gwt}
             if message.phase not in begun:
                 begun.add(message.phase)
                 for mechanics in MECHANICAL:
