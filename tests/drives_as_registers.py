@@ -12,11 +12,15 @@ from sim.devices.clock import VirtualClock
 
 X, Z = 1, 2
 STATUS, COMMANDED, FEEDBACK, CONTROL, TRIGGER, PR0 = 0x1003, 0x602C, 0x1014, 0x1801, 0x6002, 0x6200
+RUN_PR0, HOME = 0x10, 0x20
 HOMED, RUNNING, ALARM, DISABLED = 0x72, 0x46, 0x01, 0x30
 
 
 class Bus:
-    """Drives that answer at once, or after takes_s; what is written stays, and a path is at its end at once."""
+    """Drives that answer at once, or after takes_s; what is written stays, and PR0 is at its end at once.
+
+    One that is told to home shows once that it runs.
+    """
 
     name = "bus"
 
@@ -27,6 +31,7 @@ class Bus:
         self.asked: list[tuple[float, int, int]] = []
         self.told: list[tuple[float, int, int, list[int]]] = []
         self.trouble: Exception | None = None
+        self._homes: set[int] = set()
 
     def stands(self, device: int, pulses: int) -> None:
         for register in (COMMANDED, FEEDBACK):
@@ -36,6 +41,9 @@ class Bus:
         self.clock.wait_s(self.takes_s)
         now_s = self.clock.monotonic_s()
         self.asked.append((now_s, device, register))
+        if register == STATUS and device in self._homes:
+            self._homes.remove(device)
+            return [RUNNING]
         if register == STATUS:
             return [self.status(device, now_s)]
         return [self.registers[device, register + k] for k in range(count)]
@@ -46,8 +54,10 @@ class Bus:
         if self.trouble is not None:
             raise self.trouble
         self.registers |= {(device, register + k): value for k, value in enumerate(values)}
-        if register == PR0:
-            self.stands(device, number(values[1:3]))
+        if (register, list(values)) == (TRIGGER, [RUN_PR0]):
+            self.stands(device, number([self.registers[device, PR0 + k] for k in (1, 2)]))
+        if (register, list(values)) == (TRIGGER, [HOME]):
+            self._homes.add(device)
 
     def write_one(self, device: int, register: int, value: int) -> None:
         self.write(device, register, [value])
@@ -59,8 +69,9 @@ class Bus:
         self.closed += 1
 
     def paths(self) -> list[tuple[int, int]]:
-        """Device and target (pulses) of every path."""
-        return [(device, number(said[1:3])) for _, device, register, said in self.told if register == PR0]
+        """Device and target (pulses) of every path; those that are made null are none."""
+        paths = [(device, said) for _, device, register, said in self.told if register == PR0]
+        return [(device, number(said[1:3])) for device, said in paths if len(said) > 1]
 
 
 def homed_stage(

@@ -34,6 +34,7 @@ class ToldStage:
         self.silent = False  # whether it says nothing while it moves
         self.at_look: Callable[[], object] = lambda: None
         self.at_stop: Callable[[], object] = lambda: None
+        self.floors_mm: list[float] = []
 
     def connect(self) -> str:
         return "told stage"
@@ -52,6 +53,9 @@ class ToldStage:
         self.told.append((*to_mm, speed_mm_s))
         lasts_s = max(abs(to - was) for to, was in zip(to_mm, self.at_mm, strict=True)) / speed_mm_s
         yield from self._going(to_mm, lasts_s)
+
+    def limit_depth(self, lowest_z_mm: float) -> None:
+        self.floors_mm.append(lowest_z_mm)
 
     def halt(self) -> None:
         self.told.append("halt")

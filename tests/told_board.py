@@ -1,6 +1,7 @@
 """A GRBL board at the far end of a wire, for tests of its driver: it says what a test wants it to say."""
 
 import math
+import re
 from typing import Any
 
 from rig.devices.stage.grbl.grbl_stage import GrblStage
@@ -15,14 +16,20 @@ At = tuple[float, bytes]
 class Board:
     """Answers `ok` to a line, a banner to a reset and `status` to `?`; `answers` and `next` say otherwise.
 
-    answers holds for good, next is used up; each answer is one chunk, or chunks that come so many seconds later.
+    answers holds for good, next is used up; each answer is one chunk, or chunks that come so many seconds later. A
+    target is confirmed as a board at rest does that stands where the last status said: `?` after G92, and `$G`.
     """
 
     name = "board"
 
     def __init__(self, clock: VirtualClock, status: bytes = b"<Idle|MPos:-1.000,-2.000,-3.000|FS:0,0>\r\n") -> None:
         self.clock, self.status = clock, status
-        self.answers: dict[bytes, bytes | list[At]] = {b"$$\n": SETTINGS, b"\x18": BANNER}
+        self.answers: dict[bytes, bytes | list[At]] = {
+            b"$$\n": SETTINGS,
+            b"\x18": BANNER,
+            b"$H\n": [(0.11, at("Home")), (0.12, b"ok\r\n")],
+        }
+        self._place, self._feed, self._confirm = (-1.0, -2.0, -3.0), "0", b""
         self.next: dict[bytes, list[bytes | list[At]]] = {}
         self.heard: list[At] = []
         self._due: list[At] = []
@@ -59,11 +66,36 @@ class Board:
         return [data for _, data in self.heard]
 
     def _answer(self, data: bytes) -> bytes | list[At]:
+        if data.startswith(b"G92"):
+            numbers = re.fullmatch(rb"G92X(.+)Y(.+)Z(.+)G90G21G94F(.+)\n", data)
+            assert numbers, data
+            *coordinates, feed = (float(number) for number in numbers.groups())
+            zero = ",".join(f"{mm - to:.3f}" for mm, to in zip(self._place, coordinates, strict=True))
+            self._confirm = at("Idle", *self._place).replace(b">", f"|WCO:{zero}>".encode())
+            self._feed = f"{feed:.0f}"
+        if data == b"$G\n" and data not in self.answers:
+            return f"[GC:G1 G54 G17 G21 G90 G94 M5 M9 T0 F{self._feed} S0]\r\nok\r\n".encode()
+        if data == b"?" and self._confirm:
+            confirm, self._confirm = self._confirm, b""
+            return confirm
         if self.next.get(data):
-            return self.next[data].pop(0)
+            return self._placed(self.next[data].pop(0))
         if data == b"?":
-            return self.status
+            return self._placed(self.status)
         return self.answers.get(data, b"ok\r\n" if data.endswith(b"\n") else b"")
+
+    def _placed(self, answer: bytes | list[At]) -> bytes | list[At]:
+        said = answer if isinstance(answer, bytes) else b"".join(chunk for _, chunk in answer)
+        found = re.search(rb"<[^<>]*MPos:([-\d.]+),([-\d.]+),([-\d.]+)[^<>]*>", said)
+        if found:
+            x, y, z = map(float, found.groups())
+            self._place = (x, y, z)
+        return answer
+
+    def after(self, line: bytes) -> list[At]:
+        """What it heard after the last time that it was told a line."""
+        last = max(i for i, (_, data) in enumerate(self.heard) if data == line)
+        return self.heard[last + 1 :]
 
 
 def at(state: str, x_mm: float = -1.0, y_mm: float = -2.0, z_mm: float = -3.0) -> bytes:

@@ -1,36 +1,33 @@
-"""The bench-side verbs: `rig home`, `zero`, `status` and `stop`, each for whoever stands beside the rig."""
+"""The bench-side verbs: `rig home`, `zero` and `status`, each for whoever stands beside the rig."""
 
 import io
-import os
 from collections.abc import Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager
 from typing import Annotated, Any
 
 import typer
 
-from rig.cli.interrupts import STOP_SIGNAL, at_once
-from rig.cli.looking import look, position
+from rig.cli.interrupts import at_once, interrupt_main
+from rig.cli.looking import contact, look, position
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import ExitCode, complain, out, print_json, told_in_one_line
 from rig.devices.drivers import open_force, open_stage
 from rig.devices.stage.base import Stage, StageStatus
 from rig.engine.by_hand.bench_memory import BenchMemory
+from rig.engine.contact import Contact
 from rig.engine.sensing import Sensing
 from rig.plan.config import Config, load_config
 from rig.session.by_hand import at_hand
-from rig.session.control.announcements import ControlError, announced
 from rig.session.real_bench import PortError, RealBench, open_bench
-from rig.transport import TransportError, first_owner
+from rig.session.stop_button import key_interrupting
 from rig.transport.clock import WallClock
-
-_LET_GO_S = 5.0
 
 
 @contextmanager
 def stage_at_hand(settings: Config) -> Iterator[tuple[Stage, WallClock]]:
     """The stage, connected; whatever interrupts its use stops it past every queue."""
     clock = WallClock()
-    with at_once(), closing(open_stage(settings, clock)) as stage:
+    with at_once(), key_interrupting(settings, interrupt_main), closing(open_stage(settings, clock)) as stage:
         try:
             stage.connect()
             yield stage, clock
@@ -43,16 +40,16 @@ def home(config: ConfigOption, without_force: WithoutForceOption = False, as_jso
     """Home all axes and say where they then are; the force is read all the way."""
     with told_in_one_line(as_json=as_json):
         settings = load_config(config)
-        at = _home_unfelt(settings) if without_force else _home(settings)
-        tell(position(at), as_json=as_json)
+        at, known = _home_unfelt(settings) if without_force else _home(settings)
+        tell({**position(at), **known.as_json()}, as_json=as_json)
 
 
-def _home(settings: Config) -> StageStatus:
-    with at_once(), closing(_bench_at_hand(settings)) as bench:
+def _home(settings: Config) -> tuple[StageStatus, Contact]:
+    with at_once(), key_interrupting(settings, interrupt_main), closing(_bench_at_hand(settings)) as bench:
         sensing = Sensing(settings, bench.clock, bench.force)
         sensing.zero = bench.memory.read().zero
-        at_hand.home(settings, bench, sensing)
-        return bench.stage.status()
+        known = at_hand.home(settings, bench, sensing)
+        return bench.stage.status(), known
 
 
 def _bench_at_hand(settings: Config) -> RealBench:
@@ -63,14 +60,17 @@ def _bench_at_hand(settings: Config) -> RealBench:
         raise at_hand.unfelt(error) if error.device == "force" else error from None
 
 
-def _home_unfelt(settings: Config) -> StageStatus:
+def _home_unfelt(settings: Config) -> tuple[StageStatus, Contact]:
     memory = BenchMemory(settings)
-    with stage_at_hand(settings) as (stage, _):
+    with stage_at_hand(settings) as (stage, clock):
         memory.moves()
         stage.home()
         at = stage.status()
         memory.left(at)
-        return at
+        x_mm, height_mm = at.x_mm - settings.frame.pad_centre_x_mm, at.z_mm - settings.frame.apex_z_mm
+        known = Contact("raised", None, round(x_mm, 6), round(height_mm, 6), clock.unix_s())
+        memory.touched(known)
+        return at, known
 
 
 def zero(
@@ -90,26 +90,13 @@ def zero(
 def status(config: ConfigOption, as_json: JsonOption = False) -> None:
     """Look at both devices; a port that somebody owns is left alone."""
     with told_in_one_line(as_json=as_json):
-        found = look(load_config(config))
-        tell(found, as_json=as_json)
+        settings = load_config(config)
+        found = look(settings)
+        tell({**found, "contact": contact(settings)}, as_json=as_json)
         problems = [device["problem"] for device in found.values() if "problem" in device]
         for problem in problems:
             complain(problem)
     raise typer.Exit(ExitCode.STOPPED if problems else ExitCode.DONE)
-
-
-def stop(config: ConfigOption, as_json: JsonOption = False) -> None:
-    """Tell the owner of the stage's port to stop; then, or if there is none, send the stop down the wire."""
-    with told_in_one_line(as_json=as_json):
-        settings = load_config(config)
-        ports = settings.stage.ports
-        told = _announced_owner_told(ports)
-        owner = first_owner(ports)
-        if owner is not None:
-            _have_it_let_go(ports, owner, told=owner == told)
-        with closing(open_stage(settings, WallClock())) as stage:
-            stage.stop()
-        tell({"stopped": " and ".join(ports), "owner": owner or told}, as_json=as_json)
 
 
 def tell(found: dict[str, Any], *, as_json: bool) -> None:
@@ -121,30 +108,3 @@ def tell(found: dict[str, Any], *, as_json: bool) -> None:
         if isinstance(value, dict):
             value = ", ".join(f"{k} {v}" for k, v in value.items())
         out.print(f"{name:<12}{value}")
-
-
-def _announced_owner_told(ports: tuple[str, ...]) -> int | None:
-    """Who was told over its own socket, which waits for nothing that it does; also one that has no port open yet."""
-    with suppress(OSError):  # nobody can be announced there
-        for one in announced():
-            if set(one.ports) & set(ports):
-                with suppress(ControlError):  # the signal is left
-                    one.ask("stop", within_s=_LET_GO_S)
-                    return one.pid
-    return None
-
-
-def _have_it_let_go(ports: tuple[str, ...], owner: int, *, told: bool) -> None:
-    port = " and ".join(ports)
-    if not told:
-        if STOP_SIGNAL is None:
-            raise TransportError(f"{port} is in use by process {owner}, which cannot be signalled on this system")
-        try:
-            os.kill(owner, STOP_SIGNAL)
-        except ProcessLookupError:
-            return
-        except OSError as error:
-            raise TransportError(f"{port} is in use by process {owner}: {error.strerror}") from None
-    clock = WallClock()
-    if not clock.wait_until(lambda: first_owner(ports) is None, clock.monotonic_s() + _LET_GO_S):
-        raise TransportError(f"process {owner} was told to stop and has not let go of {port}: use the emergency stop")

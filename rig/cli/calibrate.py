@@ -2,14 +2,13 @@
 
 import io
 import statistics
-import sys
 from contextlib import closing
 from typing import Annotated
 
 import typer
 
 from rig.cli.by_hand import by_hand, live_line
-from rig.cli.interrupts import at_once
+from rig.cli.interrupts import at_once, interrupt_main, typed_line
 from rig.cli.jog import way
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import err, out, print_json, told_in_one_line
@@ -26,6 +25,7 @@ from rig.protocol.refusals import refuse_approach, refuse_place
 from rig.session.calibration import as_table
 from rig.session.real_bench import open_bench
 from rig.session.running import stopped_at_once
+from rig.session.stop_button import key_interrupting
 from rig.transport.clock import WallClock
 
 _READINGS = 20
@@ -94,15 +94,20 @@ def compliance(
 
 
 def _on_a_block(settings: Config, to_gwt: float) -> Compliance:
-    bench = open_bench(settings, WallClock(), io.StringIO(), ask_at_the_bench)
-    engine = Engine(settings, bench, NoJournal())
-    with closing(bench), bench.look_after(engine.heartbeat), stopped_at_once(engine):
-        bench.confirm(f"put a rigid block under a flat indentor; it will be pressed to {to_gwt:g} gwt")
-        verbs.mount(engine, "flat")
-        verbs.home(engine)
-        verbs.zero(engine)
-        verbs.move_to(engine, 0.0)
-        return measure_compliance(engine, to_gwt)
+    with (
+        key_interrupting(settings, interrupt_main),
+        closing(open_bench(settings, WallClock(), io.StringIO(), ask_at_the_bench)) as bench,
+    ):
+        engine = Engine(settings, bench, NoJournal())
+        engine.keep_contact = bench.touched
+        with bench.look_after(engine.heartbeat), stopped_at_once(engine):
+            bench.confirm(f"put a rigid block under a flat indentor; it will be pressed to {to_gwt:g} gwt")
+            verbs.leave_finger(engine, bench.before, resumed=False)
+            verbs.mount(engine, "flat")
+            verbs.home(engine)
+            verbs.zero(engine)
+            verbs.move_to(engine, 0.0)
+            return measure_compliance(engine, to_gwt)
 
 
 def _mean_n(sensor: ForceSensor, clock: WallClock) -> float:
@@ -123,7 +128,7 @@ def _ratio(expected: float, found: float) -> float:
 
 def _wait_for_enter(question: str) -> str:
     err.print(question)
-    answer = sys.stdin.readline()
+    answer = typed_line()
     if not answer:
         raise BadInputError("nobody answered; nothing changed")
     return answer.strip()

@@ -98,7 +98,9 @@ def carry_out(
     course = None if isinstance(page.rehearsal, EngineError) else page.rehearsal.course
     shown = progress(len(session.plan.indentations), time_left(page, pace), course, as_json=as_json)
     with at_a_safe_point(owner.pause) as pause, shown as watch:
-        done = how(replace(session, attendant=AtTheTerminal(pause, watch, begins, course, owner)))
+        done = how(
+            replace(session, attendant=AtTheTerminal(pause, watch, begins, course, owner), button=owner.button)
+        )
     owner.at("reporting")
     done = _reported(done, session.finger, owner)
     _print(done, time.perf_counter() - began, as_json=as_json, resumed=isinstance(into, StoppedRun))

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
+from rig.cli.interrupts import typed_line
 from rig.cli.output import NotConfirmedError, busy, err
 from rig.plan.config import Config
 from rig.protocol.errors import BadInputError
@@ -13,11 +14,14 @@ from rig.session.calibration import refuse_expired
 from rig.session.ending import Ending
 from rig.session.page import Page
 from rig.session.session import Session
+from rig.session.stop_button import StopButton
 from rig.transport import refuse_missing
+from rig.transport.clock import WallClock
 
 Confirm = Callable[[Session], Page]
 """Has a checked session confirmed, nothing having moved; returns its page."""
 
+_BUTTON_S = 60.0
 _YES = ("", "y", "yes")
 
 
@@ -46,28 +50,41 @@ def ready_for_a_real_run(command: str, config: Config, out: Path, *, yes: bool) 
 
 
 def at_the_page(
-    before: Ending | None, *, yes: bool, asking: Callable[[], AbstractContextManager[None]] = nullcontext
+    before: str | None,
+    *,
+    yes: bool,
+    asking: Callable[[], AbstractContextManager[None]] = nullcontext,
+    button: StopButton | None = None,
 ) -> Confirm:
-    """Print the page, and wait for the one answer to it; before: how the last run left the indentor.
+    """Print the page, and wait for the one answer to it; before: what to be careful of.
 
-    asking: is entered while the answer is waited for.
+    asking: is entered while the answer is waited for. button: the participant's, shown and tested.
 
     What it returns raises NotConfirmedError.
     """
 
     def confirm(session: Session) -> Page:
         page = nothing_to_confirm(as_json=False)(session)
-        lines = page.lines if before is None else {"careful": careful(before), **page.lines}
-        confirmed_with(lines, yes=yes, asking=asking)
+        lines = page.lines if before is None else {"careful": before, **page.lines}
+        confirmed_with(lines, yes=yes, asking=asking, button=button)
         return page
 
     return confirm
 
 
 def confirmed_with(
-    lines: Mapping[str, str], *, yes: bool, asking: Callable[[], AbstractContextManager[None]] = nullcontext
+    lines: Mapping[str, str],
+    *,
+    yes: bool,
+    asking: Callable[[], AbstractContextManager[None]] = nullcontext,
+    button: StopButton | None = None,
 ) -> None:
-    """Print lines by what they are about, and wait for the one answer. Raises NotConfirmedError."""
+    """Print lines by what they are about, and wait for the one answer; then have the stop button tested.
+
+    Raises NotConfirmedError, BadInputError, StageError, TransportError.
+    """
+    if button is not None:
+        lines = {**lines, "stop": button.words}
     for about, words in lines.items():
         err.print(f"{about:<10}{words}")
     if not yes:
@@ -75,6 +92,29 @@ def confirmed_with(
             confirmed = _confirmed()
         if not confirmed:
             raise NotConfirmedError("not confirmed: nothing has moved")
+    if button is not None:
+        _button_checked(button, yes=yes, asking=asking)
+
+
+def _button_checked(button: StopButton, *, yes: bool, asking: Callable[[], AbstractContextManager[None]]) -> None:
+    """Have it pressed and released once; without anybody to ask it must only not be pressed. Then it counts."""
+    if button.there:
+        if not yes:
+            with asking():
+                _seen(button, "press the participant's stop button, and keep it pressed", pressed=True)
+                _seen(button, "release it", pressed=False)
+            button.tested = True
+        elif button.pressed():
+            raise BadInputError("stop: the participant's stop button is pressed, nothing has moved: release it")
+        err.print(f"{'stop':<10}{button.state}")
+    button.arm()
+
+
+def _seen(button: StopButton, request: str, *, pressed: bool) -> None:
+    err.print(request)
+    clock = WallClock()
+    if not clock.wait_until(lambda: button.pressed() is pressed, clock.monotonic_s() + _BUTTON_S):
+        raise NotConfirmedError(f"not seen within {_BUTTON_S:g} s: {request}; nothing has moved")
 
 
 def careful(before: Ending) -> str:
@@ -84,7 +124,7 @@ def careful(before: Ending) -> str:
 
 def _confirmed() -> bool:
     err.print("press Enter to begin, Ctrl-C to leave")
-    answer = sys.stdin.readline()
+    answer = typed_line()
     return bool(answer) and answer.strip().lower() in _YES
 
 

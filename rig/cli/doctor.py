@@ -9,8 +9,7 @@ from typing import Annotated, Any
 import typer
 from serial.tools import list_ports
 
-from rig.cli.confirming import careful
-from rig.cli.looking import look
+from rig.cli.looking import contact, look
 from rig.cli.options import JsonOption
 from rig.cli.output import out, print_json, told_in_one_line
 from rig.data.bug_report import LEFT_OUT, bug_report, bundle_name
@@ -19,7 +18,7 @@ from rig.plan.config import Config, load_config
 from rig.protocol.script import shipped_protocols
 from rig.session.bench_problems import bench_problems
 from rig.session.calibration import today
-from rig.session.resume import last_left
+from rig.session.resume import left_on_record
 from sim.fem import pardiso
 from sim.models.cache import KINDS, cache_dir
 
@@ -82,13 +81,14 @@ def _kinds() -> dict[str, str]:
 def _bench(settings: Config) -> dict[str, Any]:
     """On the ports: what answers; how long calibrations hold; how the last run left the indentor."""
     expired = settings.calibration.expired(today())
-    left = last_left(Path("runs"), settings)
+    left = left_on_record(Path("runs"), settings)
     return look(settings, closely=True) | {
         "calibrated": {
             name: f"{one.value:g}, {'expired' if name in expired else 'until'} {one.expires}"
             for name, one in settings.calibration.measured()
         },
-        "last run": "clear of the finger, as far as runs/ tells" if left is None else careful(left),
+        "contact": contact(settings),
+        "last run": left or "clear of the finger, as far as is on record",
     }
 
 

@@ -1,4 +1,9 @@
-"""Signals: Ctrl-C, a terminal that goes away, and `rig stop` from another process."""
+"""Signals: Ctrl-C, Ctrl-Z, Ctrl-\\, a terminal that goes away, and `rig stop` from another process.
+
+A process that is suspended cannot lift: Ctrl-Z does what Ctrl-C does, and a background process is not suspended for
+using its terminal. Handlers are installed whatever the program inherited: a shell starts background programs with
+SIGINT ignored, and others may have blocked a signal.
+"""
 
 import _thread
 import os
@@ -16,10 +21,13 @@ from rig.transport.clock import WallClock
 # Not on Windows, where `rig stop` can only open a port that nobody owns.
 STOP_SIGNAL: signal.Signals | None = getattr(signal, "SIGUSR1", None)
 _HANG_UP: signal.Signals | None = getattr(signal, "SIGHUP", None)
+KEYS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTSTP", "SIGQUIT") if hasattr(signal, name))
+"""Ctrl-C, Ctrl-Z and Ctrl-\\: each of them asks for a pause, and the second one, whichever it is, stops at once."""
+_BACKGROUND = tuple(getattr(signal, name) for name in ("SIGTTIN", "SIGTTOU") if hasattr(signal, name))
 
 Handlers = dict[signal.Signals | None, Callable[[int, FrameType | None], object] | signal.Handlers]
 
-
+_NOT_SUSPENDED: Handlers = dict.fromkeys(_BACKGROUND, signal.SIG_IGN)
 _LOOK_S = 0.05
 
 
@@ -35,8 +43,8 @@ class Pause:
         return self._asked
 
     def ask(self, number: int | None = None, *_: object) -> None:
-        """The signal: from now on Ctrl-C stops at once."""
-        if self._asked and number == signal.SIGINT:
+        """The signal: from now on Ctrl-C, Ctrl-Z or Ctrl-\\ stops at once."""
+        if self._asked and number in KEYS:
             raise KeyboardInterrupt
         self._asked, self._from_elsewhere = True, False
         err.print("pausing: stopping at the next safe point; Ctrl-C again stops now")
@@ -82,8 +90,16 @@ class Pause:
             if not at_terminal:
                 clock.wait_s(_LOOK_S)
             elif _typed(_LOOK_S):
-                return bool(sys.stdin.readline())
+                return bool(typed_line())
         return True
+
+
+def typed_line() -> str:
+    """A line from the keyboard; nothing at its end, and where the terminal belongs to another program."""
+    try:
+        return sys.stdin.readline()
+    except OSError:  # of a process in the background
+        return ""
 
 
 def _typed(within_s: float) -> bool:
@@ -105,16 +121,13 @@ def interrupt_main() -> None:
 
 @contextmanager
 def at_a_safe_point(pause: Pause | None = None) -> Iterator[Pause]:
-    """Ctrl-C (or SIGTERM) once asks for a pause at the next safe point; twice, or `rig stop`, stops at once.
+    """Ctrl-C, Ctrl-Z, Ctrl-\\ or SIGTERM asks for a pause at the next safe point; a second key, or `rig stop`, stops.
 
     A terminal that goes away ends the run there, lifted, unless the program was told not to mind (`nohup`).
     """
     pause = Pause() if pause is None else pause
-    handlers: Handlers = {
-        signal.SIGINT: pause.ask,
-        signal.SIGTERM: pause.ask,
-        STOP_SIGNAL: signal.default_int_handler,
-    }
+    handlers: Handlers = dict.fromkeys((*KEYS, signal.SIGTERM), pause.ask)
+    handlers |= {STOP_SIGNAL: signal.default_int_handler, **_NOT_SUSPENDED}
     if _HANG_UP is not None and signal.getsignal(_HANG_UP) is not signal.SIG_IGN:
         handlers[_HANG_UP] = pause.hang_up
     with _handling(handlers):
@@ -123,8 +136,8 @@ def at_a_safe_point(pause: Pause | None = None) -> Iterator[Pause]:
 
 @contextmanager
 def stoppable() -> Iterator[None]:
-    """`rig stop`, and a stop from another thread, are a KeyboardInterrupt from here on."""
-    with _handling({STOP_SIGNAL: signal.default_int_handler}):
+    """`rig stop`, a stop from another thread and the keys are a KeyboardInterrupt from here on."""
+    with _handling(dict.fromkeys((*KEYS, STOP_SIGNAL), signal.default_int_handler) | _NOT_SUSPENDED):
         yield
 
 
@@ -138,15 +151,15 @@ def unstoppable() -> Iterator[None]:
 @contextmanager
 def at_once() -> Iterator[None]:
     """Every such signal is a KeyboardInterrupt: at the bench the stage stops when whoever moves it goes away."""
-    numbers = (signal.SIGINT, signal.SIGTERM, _HANG_UP, STOP_SIGNAL)
-    with _handling(dict.fromkeys(numbers, signal.default_int_handler)):
+    numbers = (*KEYS, signal.SIGTERM, _HANG_UP, STOP_SIGNAL)
+    with _handling(dict.fromkeys(numbers, signal.default_int_handler) | _NOT_SUSPENDED):
         yield
 
 
 @contextmanager
 def asked_to_leave(leave: Callable[[], object]) -> Iterator[None]:
-    """Ctrl-C, SIGTERM or a terminal that goes away asks for the end; another one is a KeyboardInterrupt."""
-    numbers = (signal.SIGINT, signal.SIGTERM, _HANG_UP)
+    """A key, SIGTERM or a terminal that goes away asks for the end; another one is a KeyboardInterrupt."""
+    numbers = (*KEYS, signal.SIGTERM, _HANG_UP)
 
     def ask(*_: object) -> None:
         for number in numbers:
@@ -161,6 +174,8 @@ def asked_to_leave(leave: Callable[[], object]) -> Iterator[None]:
 @contextmanager
 def _handling(handlers: Handlers) -> Iterator[None]:
     before = [(number, signal.signal(number, act)) for number, act in handlers.items() if number is not None]
+    if hasattr(signal, "pthread_sigmask"):  # all but Windows
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, [number for number, _ in before])
     try:
         yield
     finally:

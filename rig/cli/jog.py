@@ -11,7 +11,7 @@ import typer
 
 from rig.cli.at_the_bench import tell
 from rig.cli.by_hand import by_hand, live_line
-from rig.cli.looking import position
+from rig.cli.looking import contact, position
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import ExitCode, complain, err, told_in_one_line
 from rig.devices.bench_settings import SLOWEST_MM_S
@@ -55,7 +55,15 @@ def command(
             else:
                 direction, far_mm = target
                 moved = hand.go(lambda: direction, speed_mm_s, far_mm)
-        tell({**position(moved.at), "force_gwt": moved.force_gwt, "ended_by": moved.ended_by}, as_json=as_json)
+        tell(
+            {
+                **position(moved.at),
+                **contact(settings),
+                "force_gwt": moved.force_gwt,
+                "ended_by": moved.ended_by,
+            },
+            as_json=as_json,
+        )
     if moved.ended_by is not None:
         complain(f"stopped: {moved.ended_by}")
         raise typer.Exit(ExitCode.STOPPED)
@@ -125,7 +133,10 @@ def _single_keys() -> Iterator[Callable[[], bytes | None]]:
 
     def read() -> bytes | None:
         ready, _, _ = select.select([file], [], [], 0.0)
-        return (os.read(file, 256) or None) if ready else b""
+        try:
+            return (os.read(file, 256) or None) if ready else b""
+        except OSError:  # the terminal belongs to another program now
+            return None
 
     if not os.isatty(file):
         yield read

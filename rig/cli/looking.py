@@ -6,9 +6,10 @@ from typing import Any
 from rig.devices.drivers import open_force, open_stage
 from rig.devices.force.base import ForceError
 from rig.devices.stage.base import StageError, StageStatus
+from rig.engine.by_hand.bench_memory import BenchMemory
 from rig.plan.config import Config
 from rig.session.control.at_work import at_work
-from rig.transport import TransportError, first_owner, port_owner
+from rig.transport import PortOwner, TransportError, first_owner, port_owner
 from rig.transport.clock import WallClock
 
 _AT_REST = ("Idle", "Alarm")
@@ -26,6 +27,12 @@ def look(settings: Config, *, closely: bool = False) -> dict[str, dict[str, Any]
     }
 
 
+def contact(settings: Config) -> dict[str, Any]:
+    """What is on record about contact; nothing where no command has found anything out."""
+    known = BenchMemory(settings).read().contact
+    return {"words": "nothing on record"} if known is None else known.as_json()
+
+
 def position(at: StageStatus) -> dict[str, Any]:
     """A status as JSON: machine coordinates in mm."""
     return {"state": at.state, "x_mm": at.x_mm, "y_mm": at.y_mm, "z_mm": at.z_mm}
@@ -34,7 +41,7 @@ def position(at: StageStatus) -> dict[str, Any]:
 def _look_at_stage(settings: Config, *, closely: bool) -> dict[str, Any]:
     owner = first_owner(settings.stage.ports)
     if owner is not None:
-        return {"owner": owner, **at_work(owner)}
+        return _owned(owner)
     found: dict[str, Any] = {}
     try:
         with closing(open_stage(settings, WallClock())) as stage:
@@ -49,7 +56,7 @@ def _look_at_stage(settings: Config, *, closely: bool) -> dict[str, Any]:
 def _look_at_force(settings: Config) -> dict[str, Any]:
     owner = port_owner(settings.force.port)
     if owner is not None:
-        return {"owner": owner, **at_work(owner)}
+        return _owned(owner)
     try:
         with closing(open_force(settings, WallClock())) as force:
             name = force.identify()
@@ -57,3 +64,8 @@ def _look_at_force(settings: Config) -> dict[str, Any]:
             return {"identity": name, "force_n": reading.force_n, "stable": reading.stable}
     except (ForceError, TransportError) as error:
         return {"problem": str(error)}
+
+
+def _owned(owner: PortOwner) -> dict[str, Any]:
+    """Who has a port, by number where the system tells it, and what they do."""
+    return {"owner": str(owner)} if owner.pid is None else {"owner": owner.pid, **at_work(owner.pid)}

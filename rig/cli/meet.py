@@ -5,7 +5,7 @@ from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, NoReturn, TypeVar
 
 import typer
 
@@ -25,7 +25,7 @@ from rig.cli.meeting_said import (
     usual_goals,
 )
 from rig.cli.options import JsonOption, OutOption, SubjectOption, YesOption, checked_file
-from rig.cli.output import Beginning, err, out, print_json, told_in_one_line
+from rig.cli.output import Beginning, ExitCode, complain, err, out, print_json, told_in_one_line
 from rig.cli.progress import counted, progress
 from rig.cli.run import ask_at_the_bench
 from rig.cli.run_owner import Owner, owning
@@ -112,10 +112,11 @@ def command(
         script = MeetingScript(meeting, partial(said_after, meeting), partial(said_before, meeting))
         session = Session(script.as_script(), settings, finger, Plan(), into, handler=script.handler)
         if stage is not None:
-            confirmed_with(page_lines(settings, wanted), yes=yes, asking=owner.asking)
+            lines = page_lines(settings, wanted)
+            confirmed_with(lines, yes=yes, asking=owner.asking, button=owner.button)
         done = _carried_out(session, script, owner, beginning, stage)
         _written(done, meeting, settings, to, as_json=as_json)
-    leave(done)
+    _leave(done, meeting, to)
 
 
 def _refuse(width: float, most_gwt: float, settings: Config) -> None:
@@ -146,11 +147,18 @@ def _carried_out(
     with at_a_safe_point(owner.pause) as pause, shown as watch:
         attendant = MeetingAttendant(pause, watch, beginning.begins, None, owner)
         attendant.script = script
-        session = replace(session, attendant=attendant)
+        session = replace(session, attendant=attendant, button=owner.button)
         ask = partial(ask_at_the_bench, asking=owner.asking)
         done = dry_run(session) if stage is None else real_run(session, ask, stage)
     owner.at("reporting")
     return done
+
+
+def _leave(done: FinishedRun, meeting: Meeting, to: Path) -> NoReturn:
+    if done.problem is None and meeting.learned.collapsed:
+        complain(f"the identification has collapsed: no command accepts {to}")
+        raise typer.Exit(ExitCode.STOPPED)
+    leave(done)
 
 
 def _written(done: FinishedRun, meeting: Meeting, settings: Config, to: Path, *, as_json: bool) -> None:

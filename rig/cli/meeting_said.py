@@ -132,6 +132,11 @@ def said_at_the_end(done: FinishedRun, meeting: Meeting, to: object) -> dict[str
     if done.problem is not None and done.ending is not None:
         told = {about: words for about, words in done.ending.told.items() if about != "resume"}
         said |= {"ended": done.ending.reason} | told
+    if meeting.learned.collapsed:
+        said["collapsed"] = (
+            f"too few draws explain these presses ({meeting.learned.effective:.1f} effective): "
+            f"the bands mean nothing, and no command accepts {to}; repeat the identification"
+        )
     if meeting.stranger is not None:
         said["no finger"] = f"{meeting.stranger}; was another indentor on than was asked for?"
     if meeting.given:

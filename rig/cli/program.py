@@ -58,7 +58,7 @@ COMMANDS = {
     "home": Command("at_the_bench.home", "Find the home switches."),
     "zero": Command("at_the_bench.zero", "Zero the force sensor, with nothing on it."),
     "status": Command("at_the_bench.status", "Where the stage is and what the sensor feels; moves nothing."),
-    "stop": Command("at_the_bench.stop", "Stop the stage now, whoever moves it."),
+    "stop": Command("stop.command", "Stop the stage now, whoever moves it."),
     "jog": Command("jog.command", "Move an axis by hand: hold a key, or give --axis and --by-mm."),
     "by-hand": Command("owning.command", "Own the ports while somebody works at the bench through rig panel."),
     "calibrate": Command("calibrate.calibrate", "Measure the rig: steps/mm, force scale, compliance."),

@@ -15,7 +15,7 @@ from rig.cli.output import Beginning, complain, err, told_in_one_line
 from rig.cli.run import ask_at_the_bench
 from rig.cli.run_owner import Owner, owning
 from rig.session.control.stage_in_hand import StageInHand
-from rig.session.resume import StoppedRun, ending_on_record, read_stopped
+from rig.session.resume import StoppedRun, careful_of, ending_on_record, read_stopped
 from rig.session.session import dry_run, real_run
 from rig.transport.clock import WallClock
 from sim.models.processes.finger_process import FingerProcess
@@ -74,7 +74,8 @@ def _checked(stopped: StoppedRun, owner: Owner, *, yes: bool) -> Confirm | None:
     if stopped.run is not None and stopped.run.last_checkpoint is not None:
         err.print(f"goes on after the checkpoint {stopped.run.last_checkpoint!r}")
     if not stopped.virtual:
-        return at_the_page(left, yes=yes, asking=owner.asking)
+        before = careful_of(left, stopped.config)
+        return at_the_page(before, yes=yes, asking=owner.asking, button=owner.button)
     if left is not None:
         complain(careful(left))
     return None

@@ -1,6 +1,5 @@
 """`rig run`: a protocol on real ports."""
 
-import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager, closing, nullcontext
 from functools import partial
@@ -9,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from rig.cli.interrupts import typed_line
 from rig.cli.options import (
     JsonOption,
     MetFingerOption,
@@ -47,7 +47,7 @@ def command(
             from rig.cli.confirming import at_the_page, ready_for_a_real_run
             from rig.cli.run_owner import owning
             from rig.session.control.stage_in_hand import StageInHand
-            from rig.session.resume import last_left
+            from rig.session.resume import left_on_record
             from rig.session.session import real_run
             from rig.transport.clock import WallClock
 
@@ -67,7 +67,9 @@ def command(
                     owner,
                     as_json=as_json,
                     finger=finger,
-                    confirm=at_the_page(last_left(out_dir, settings), yes=yes, asking=owner.asking),
+                    confirm=at_the_page(
+                        left_on_record(out_dir, settings), yes=yes, asking=owner.asking, button=owner.button
+                    ),
                     begins=beginning.begins,
                 )
     leave(done)
@@ -77,7 +79,7 @@ def ask_at_the_bench(request: str, asking: Callable[[], AbstractContextManager[N
     """Ask the person at the bench and return the line that answers; no answer at all ends the run."""
     with screen_aside(), asking():
         err.print(f"{request}, then press Enter")
-        answer = sys.stdin.readline()
+        answer = typed_line()
     if not answer:
         raise RunAborted(f"nobody answered: {request}")
     return answer

@@ -20,6 +20,7 @@ from rig.session.control.stage_in_hand import StageInHand
 from rig.session.control.stop_switch import StopSwitch, answer_to_a_stop
 from rig.session.resume import StoppedRun
 from rig.session.session import NewRun
+from rig.session.stop_button import StopButton
 from rig.transport.clock import WallClock
 
 Phase = Literal["planning", "running", "reporting"]
@@ -31,6 +32,7 @@ class Owner:
     def __init__(self, switch: StopSwitch, *, virtual: bool) -> None:
         self.switch, self.pause, self.virtual = switch, Pause(), virtual
         self.folder: RunFolder | None = None
+        self.button: StopButton | None = None
         self.told: Callable[[Path], None] = lambda run: None
         self._phase: Phase = "planning"
         self._asks = False
@@ -90,7 +92,8 @@ class Owner:
 
     def _status(self, _: Mapping[str, Any]) -> dict[str, Any]:
         run = None if self.folder is None else str(self.folder.path)
-        return {"state": self.state, "run": run, "stopped": self.switch.stopped}
+        found = {"state": self.state, "run": run, "stopped": self.switch.stopped}
+        return found if self.button is None else found | {"stop_button": self.button.last_state}
 
     def _stop(self, _: Mapping[str, Any]) -> dict[str, Any]:
         self._stopped_while = self.state
@@ -137,6 +140,8 @@ def owning(
         began_unix_s=WallClock().unix_s(),
     )
     with stoppable(), ExitStack() as announced:
+        if stage is not None and (config.stop.kind != "off" or config.stop.inputs):
+            owner.button = announced.enter_context(StopButton(config.stop, stage, owner.switch.stop))
         try:
             socket = announced.enter_context(ControlSocket(about, owner.answers))
             owner.told = lambda run: socket.tell(run=str(run.resolve()))

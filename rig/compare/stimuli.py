@@ -168,6 +168,7 @@ def _table(found: list[Response]) -> Arrays:
     if not found:
         return {"x_mm": np.empty(0)}
     results = [response.result for response in found]
+    skin_mm, pressure = on_widest_skin([result.pressure_profile for result in results])
     return {
         "indentor": np.array([response.indentor for response in found]),
         "kind": np.array([response.kind for response in found]),
@@ -176,12 +177,33 @@ def _table(found: list[Response]) -> Arrays:
         "doi_mm": np.array([result.doi_mm for result in results]),
         "force_gwt": np.array([result.force_gwt for result in results]),
         "measures": np.array([[shown(name, r.receptor_measures[name]) for name in MEASURES] for r in results]),
-        "pressure": np.array([result.pressure_profile[1] for result in results]),
+        "pressure": pressure,
         "controls": np.array([controls(result) for result in results]),
         "regions_mm": contact_regions(results),
-        "skin_mm": results[0].pressure_profile[0],
+        "skin_mm": skin_mm,
         "receptor_mm": results[0].model.receptors.position_mm[:, 0].round(_EXACT_DECIMALS) + 0.0,
     }
+
+
+def on_widest_skin(profiles: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """Return pressure profiles at the skin places of the widest one.
+
+    Indentations far from the center of the pad are solved on a wider patch of skin, whose nodes lie elsewhere.
+
+    Parameters
+    ----------
+    profiles : sequence of (x_mm, pressure)
+        Undeformed x, ascending, and the pressure there, which is zero beyond both ends.
+
+    Returns
+    -------
+    skin_mm : ndarray, shape (m,)
+        Places of the widest profile.
+    pressure : ndarray, shape (n, m)
+        Linear interpolation of each profile; exact where its places are those of the widest.
+    """
+    skin_mm, _ = max(profiles, key=lambda profile: float(np.ptp(profile[0])))
+    return skin_mm, np.array([np.interp(skin_mm, *profile, left=0.0, right=0.0) for profile in profiles])
 
 
 def contact_regions(results: Sequence[IndentationResult]) -> Array:

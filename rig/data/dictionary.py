@@ -69,6 +69,7 @@ MEANINGS = {
     "hold_s": "how long it lasted",
     "interval_sd_s": "standard deviation of the time between its readings",
     "stable": "whether the sensor called the reading stable",
+    "contact": "what is known about contact then: lifted (measured), raised (by position alone), or a disagreement",
     "contact_s": "how long the finger has been touched so far in this run",
     "threshold_gwt": "force that counted as contact",
     "height_at_threshold_mm": "height at which that was first read",
@@ -127,7 +128,7 @@ MODEL_TABLES = {
 """What the finger model says of each hold, in CSV files beside the report: their own columns after `OF_A_HOLD`."""
 
 TEXT = frozenset({
-    *("indentor", "target", "condition", "phase", "at", "controller", "sensor"),
+    *("indentor", "target", "condition", "phase", "at", "controller", "sensor", "contact"),
     *("name", "text", "reason", "by"),
 })  # fmt: skip
 FLAGS = frozenset({"stable"})

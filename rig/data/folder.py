@@ -104,6 +104,11 @@ class RunFolder:
         copies = [*_COPIES, *(name for name in known if name.startswith(SHAPE_COPY))]
         return [name for name in copies if known.get(name) != _digest(self.path / name)]
 
+    def copies(self) -> dict[str, bytes]:
+        """Return what the run was made from, by file name. Raises OSError."""
+        names = [*_COPIES, *(name for name in self.files if name.startswith(SHAPE_COPY))]
+        return {name: (self.path / name).read_bytes() for name in names}
+
     @property
     def busy(self) -> bool:
         """Whether another process writes to this run; a lock is looked at where there is one, and made nowhere."""
@@ -168,6 +173,44 @@ def new_run_folder(
         shutil.rmtree(partial, ignore_errors=True)
         raise
     return RunFolder(parent / name)
+
+
+def rescued_folder(lost: RunFolder, contents: Mapping[str, bytes], otherwise: Path) -> RunFolder:
+    """Write what is left of a run whose folder or files are lost into a new folder beside the old one.
+
+    Parameters
+    ----------
+    lost : RunFolder
+        Where the run was.
+    contents : mapping of str to bytes
+        Files, by name.
+    otherwise : Path
+        Where the new folder goes if the old one's parent cannot be written to.
+
+    Returns
+    -------
+    RunFolder
+        A folder that can be resumed.
+
+    Raises
+    ------
+    OSError
+        If it can be written in neither place.
+    """
+    name = f"{lost.path.name}-rescued-{secrets.token_hex(3)}"
+    try:
+        return _written(lost.path.absolute().parent / name, contents)
+    except OSError:
+        return _written(otherwise / name, contents)
+
+
+def _written(path: Path, contents: Mapping[str, bytes]) -> RunFolder:
+    path.mkdir(parents=True)
+    for name, content in contents.items():
+        replace_bytes(path / name, content)
+    folder = RunFolder(path)
+    folder.write_checksums()
+    return folder
 
 
 def free_space(path: Path) -> str:

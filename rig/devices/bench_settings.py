@@ -2,6 +2,7 @@
 
 import datetime
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, PositiveFloat, SerializeAsAny, model_validator
@@ -11,6 +12,7 @@ from rig.devices.force.laumas.laumas_settings import LaumasSettings
 from rig.devices.kinds import ForceKind, Kind, StageKind
 from rig.devices.own_table import DeviceSettings, known
 from rig.devices.stage.leadshine.leadshine_settings import DrivesSettings
+from rig.devices.stop_settings import StopSettings
 from rig.transport.port_settings import EIGHT_N_ONE, Character, Framing, Port, Settings
 
 SLOWEST_MM_S = 1 / 60  # GRBL moves no slower, whatever F says
@@ -199,14 +201,36 @@ class FrameSettings(Settings):
     tilt_deg: float = Field(0.0, ge=-20, le=20, description="about x, as found; turn the holder by it")
 
 
+@dataclass(frozen=True)
+class StageBounds:
+    """What no motion of the rig needs to go beyond, for a controller that can enforce it.
+
+    Attributes
+    ----------
+    lowest_z_mm : float
+        The lowest position of the vertical axis, machine mm.
+    fastest_mm_s : float
+        The highest speed of any axis, mm/s.
+    """
+
+    lowest_z_mm: float
+    fastest_mm_s: float
+
+
 class BenchSettings(Settings):
     """All that the devices need."""
 
     stage: SerializeAsAny[StageSettings] = StageSettings()
     force: SerializeAsAny[ForceSettings] = ForceSettings()
     sync: SyncSettings = SyncSettings()
+    stop: StopSettings = StopSettings()
     frame: FrameSettings = FrameSettings()
     calibration: CalibrationSettings = CalibrationSettings()
+
+    @property
+    def bounds(self) -> StageBounds | None:
+        """What the stage's controller may enforce; None where no limits are known."""
+        return None
 
     @model_validator(mode="after")
     def _output_there(self) -> Self:
@@ -215,4 +239,13 @@ class BenchSettings(Settings):
             raise ValueError(f"sync.output: expected {' or '.join(allowed)} with a {self.stage.kind} stage")
         if self.sync.output == "drive" and self.sync.words is None:
             raise ValueError("sync: expected register_address, on_word and off_word, from the manual of the drive")
+        return self
+
+    @model_validator(mode="after")
+    def _inputs_there(self) -> Self:
+        allowed = self.stage.entry.inputs
+        for key, name in self.stop.inputs.items():
+            if name not in allowed:
+                either = " or ".join(allowed) or "no input, none is reported"
+                raise ValueError(f"stop.{key} = {name!r}: expected {either} with a {self.stage.kind} stage")
         return self

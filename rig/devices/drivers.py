@@ -28,11 +28,16 @@ def open_stage(
     clock: Clock,
     byte_log: Sink | None = None,
     guarded: Callable[[Transport], Transport] = lambda wire: wire,
+    *,
+    owned: bool = True,
 ) -> Stage:
-    """The stage on its port, not yet spoken to; its driver has each wire as it is guarded. Raises TransportError."""
+    """The stage on its port, not yet spoken to; its driver has each wire as it is guarded.
+
+    Raises TransportError; NotOwnedError where somebody has the port, unless owned is False, as for a stop alone.
+    """
 
     def opener(port: str) -> Transport:
-        return guarded(_open(port, settings=settings.stage, clock=clock, byte_log=byte_log))
+        return guarded(_open(port, settings=settings.stage, clock=clock, byte_log=byte_log, owned=owned))
 
     return stage_driver(opener, clock, settings)
 
@@ -43,6 +48,8 @@ def open_force(settings: BenchSettings, clock: Clock, byte_log: Sink | None = No
     return force_driver(opener, clock, settings)
 
 
-def _open(port: str, *, settings: StageSettings | ForceSettings, clock: Clock, byte_log: Sink | None) -> Transport:
-    transport = open_port(port, settings.baud, character=settings.character, dtr=settings.dtr)
+def _open(
+    port: str, *, settings: StageSettings | ForceSettings, clock: Clock, byte_log: Sink | None, owned: bool = True
+) -> Transport:
+    transport = open_port(port, settings.baud, character=settings.character, dtr=settings.dtr, owned=owned)
     return transport if byte_log is None else LoggedTransport(transport, clock, byte_log)

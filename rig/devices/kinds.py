@@ -51,7 +51,8 @@ class StageKind(Kind):
     """A kind of stage.
 
     driver raises what the opener raises. ports: every one that it is on, by its settings. axes: those with a motor,
-    x lateral, y along the finger, z vertical. outputs: of sync.output, those that it can switch.
+    x lateral, y along the finger, z vertical. outputs: of sync.output, those that it can switch. inputs: names of the
+    stop inputs that its driver can report, for [stop].
     """
 
     room: ClassVar[Room] = "stage"
@@ -59,6 +60,7 @@ class StageKind(Kind):
     ports: Callable[["StageSettings"], tuple[str, ...]] = own_port
     axes: Literal["xz", "xyz"] = "xyz"
     outputs: tuple[str, ...] = ("off",)
+    inputs: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,6 +7,8 @@ from typing import Any, Protocol
 
 from rig.devices.force.base import ForceSensor
 from rig.devices.stage.base import Stage
+from rig.engine.by_hand.bench_memory import LastKnown
+from rig.engine.contact import Contact
 from rig.engine.heartbeat import Heartbeat
 from rig.engine.sensing import Zero
 from rig.transport.clock import Clock
@@ -64,6 +66,15 @@ class WatchedBench(Bench, Protocol):
 
     def look_after(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
         """Have the heartbeat looked at, whatever the engine waits for."""
+        ...
+
+    @property
+    def before(self) -> LastKnown:
+        """What the command before this one left; nothing of a virtual bench, which is always a new one."""
+        ...
+
+    def touched(self, known: Contact) -> None:
+        """Record what is known about contact, for whoever uses the bench next. Raises RecordError."""
         ...
 
     def left_with(self, zero: Zero | None) -> None:

@@ -4,17 +4,19 @@ import contextlib
 import math
 from collections.abc import Callable, Mapping
 from enum import Enum
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn, Protocol, TypeVar
 
 from rig.devices.force.base import ForceReading
 from rig.devices.stage.base import StageError
 from rig.devices.units import GWT_N
 from rig.engine.bench import Bench
+from rig.engine.by_hand.dead_man import UP, dead_man_jog
+from rig.engine.contact import Contact, ContactKind, judged
 from rig.engine.errors import NotReadyError, RecordError, TripError
 from rig.engine.heartbeat import Heartbeat
 from rig.engine.journal import Recorder
 from rig.engine.limits import AT_MM, ContactTime, Trips, longer_than_an_increment, refuse_height, trip_height_mm
-from rig.engine.motion import FeltError, Motion, TouchError, insist
+from rig.engine.motion import FeltError, Motion, StrayedError, TouchError, insist
 from rig.engine.records import NO_PRESS, Phase, PressId, as_fine
 from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import NoReadingError, Sensing
@@ -23,7 +25,18 @@ from rig.transport.base import TransportError
 
 _T = TypeVar("_T")
 
+_CONFIRM_S = 2.0  # so long a force that is still there after a lift is waited for: a late sensor, a slow cell
 _LATE_FACTOR = 2.0  # a move may take so many times its length over its speed before the heartbeat is missed
+
+
+class StopProblem(Protocol):
+    """Looks at stop inputs with each reading; returns what trips. It may stop the stage itself, and raise."""
+
+    def __call__(self, *, at_rest: bool) -> str | None: ...
+
+
+def _no_stop_inputs(*, at_rest: bool) -> str | None:
+    return None
 
 
 class State(Enum):
@@ -59,14 +72,21 @@ class Engine:
         self.placed = False  # over a position that was asked for
         self.trips = Trips(settings.limits, soft_trip_n)
         self.sensing = Sensing(settings, bench.clock, bench.force)
-        self.motion = Motion(settings, bench.stage, self._glance)
+        self.motion = Motion(settings, bench.stage, bench.clock, self._glance)
         self.touched = Touched(settings)
         self.contact = ContactTime(bench.clock, settings.limits, contact_s)
         self.heartbeat = Heartbeat(bench.clock)
         self.heartbeat.stop = self._stop_stage
         self._journal = journal
         self.may_touch = self._touch_ends_it = False  # below clearance since the last lift or homing; this motion
+        self.keep_contact: Callable[[Contact], None] = lambda known: None  # for whoever uses the bench next
+        self._known, self._measured = Contact(), False  # what was measured last, and whether nothing has moved since
+        self._unread = ""  # why there was no force then
+        self._last_gwt: float | None = None  # the last reading that was counted from a zero
+        self._strayed = False  # so the stage was stopped
+        self._floor_mm = math.nan
         self._next_index = 0
+        self.stop_problem: StopProblem = _no_stop_inputs
 
     # where it is
 
@@ -103,17 +123,18 @@ class Engine:
         free_mm = self.touched.free_mm(self.x_mm, self.along_mm, speed_mm_s)
         refuse_height(self.settings, from_mm, height_mm, speed_mm_s, free_mm)
         if height_mm < clearance_mm - AT_MM:
-            self.state, self.may_touch = State.IN_CONTACT, True
+            self._below_clearance()
         self.beat(_LATE_FACTOR * abs(height_mm - from_mm) / speed_mm_s)
         long = longer_than_an_increment(self.settings, from_mm, height_mm, clearance_mm)
-        self.move(lambda: self.motion.to_height(height_mm, speed_mm_s), touch_ends_it=long)
+        away = height_mm > from_mm
+        self.move(lambda: self.motion.to_height(height_mm, speed_mm_s), away=away, touch_ends_it=long)
 
     def move(self, motion: Callable[[], None], *, away: bool = False, touch_ends_it: bool = False) -> None:
         """Carry a motion out, feeling on the way: a force or a reading that must not be trips, at rest again.
 
         away: it leaves the finger before anything else.
         """
-        self._touch_ends_it = touch_ends_it
+        self._touch_ends_it, self._measured = touch_ends_it, False
         try:
             if self.state is not State.TRIPPED:
                 self.sensing.begin_motion(away=away)
@@ -123,6 +144,7 @@ class Engine:
         except TouchError:
             pass  # the reading at rest says more
         except FeltError as felt:
+            self._strayed = self._strayed or isinstance(felt, StrayedError)
             if self.state is State.TRIPPED:
                 raise  # on the way up from the trip, which goes on
             if felt.force_gwt is not None:
@@ -134,16 +156,33 @@ class Engine:
         if self.state is State.TRIPPED:
             return
         self.beat()
+        if problem := self.stop_problem(at_rest=False):
+            raise FeltError(problem)
         try:
             force_gwt = self.sensing.glance_gwt()
         except NoReadingError as error:
+            if self.sensing.away:
+                return  # nothing keeps the indentor on the finger; the reading at rest says that there is none
             raise FeltError(str(error)) from error
-        if force_gwt is None:
+        self._last_gwt = force_gwt if self.sensing.zeroed else None
+        if force_gwt is None or self.sensing.unloads(force_gwt):
             return
         if passed := self.trips.passed_any(force_gwt):
             raise FeltError(f"{passed} while moving", force_gwt)
         if self._touch_ends_it and abs(force_gwt) >= self.sensing.touch_gwt:
             raise TouchError("a touch", force_gwt)
+
+    def limit_depth(self, height_mm: float) -> None:
+        """Have the stage itself refuse to go below a height, where it can; at rest only. Raises StageError."""
+        floor_mm = round(max(self.settings.frame.apex_z_mm + height_mm, -self.settings.stage.travel_mm[2]), 6)
+        if floor_mm != self._floor_mm:
+            self._floor_mm = math.nan
+            self.guarded(lambda: self.bench.stage.limit_depth(floor_mm))
+            self._floor_mm = floor_mm
+
+    def forget_depth(self) -> None:
+        """Whatever the stage was told to refuse, it may have forgotten."""
+        self._floor_mm = math.nan
 
     def lift(self, to_mm: float | None = None) -> None:
         """Straight up to a height, clearance by default, where the indentor is lower."""
@@ -151,12 +190,89 @@ class Engine:
         if self.height_mm < height_mm - AT_MM:
             self.go_to_height(height_mm, self.settings.habits.travel_speed_mm_s)
 
-    def lifted(self) -> None:
+    # contact
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the stage's position is to be trusted."""
+        return self.bench.stage.homed and self.state is not State.UNHOMED
+
+    @property
+    def known_contact(self) -> Contact:
+        """What is known about contact now, without asking anything."""
+        if self._measured or not self.may_touch:
+            return self._known
+        touches = self._last_gwt is not None and abs(self._last_gwt) >= self.sensing.touch_gwt
+        return self._contact("touching" if touches else "unknown", self._last_gwt)
+
+    def measure_contact(self) -> Contact:
+        """Return what position and force say, at rest, and remember it; trips nothing and moves nothing.
+
+        A force that is still there is waited for: a late sensor and a slow cell take their time.
+        """
+        return self.know_contact(self.force_at_rest_gwt())
+
+    def know_contact(self, force_gwt: float | None) -> Contact:
+        """Return what position and this force at rest say (None: there is none), and remember it."""
+        kind = judged(clear=self._is_clear, force_gwt=force_gwt, touch_gwt=self.sensing.touch_gwt)
+        found = self._contact(kind, force_gwt)
+        self._known, self._measured, self.may_touch = found, True, self.may_touch and found.may_touch
+        self.keep_contact(found)
+        return found
+
+    def confirm_lifted(self) -> None:
+        """Make sure that nothing is touched: from here on it may go sideways. Trips where that cannot be said."""
+        self.trips.press_on(math.inf)
+        found = self.measure_contact()
+        if found.kind == "disagreement" or (found.kind == "raised" and self.sensing.zeroed):
+            self.trip(self.not_lifted, found.force_gwt)
+        self.be_clear()
+
+    @property
+    def not_lifted(self) -> str:
+        """The last measurement of contact as the reason of a trip."""
+        unread = f": {self._unread}" if self._known.kind == "raised" and self._unread else ""
+        return f"not lifted: {self._known.words}{unread}"
+
+    def be_clear(self) -> None:
         """Nothing is touched any more."""
         self.state, self.may_touch = State.READY, False
         self.trips.press_on(math.inf)
         self.heartbeat.rest()
         self.contact.end()
+
+    @property
+    def _is_clear(self) -> bool:
+        """Whether a trusted position is at clearance or higher."""
+        return self.bench.stage.homed and self.height_mm >= self.settings.habits.clearance_mm - AT_MM
+
+    def _contact(self, kind: ContactKind, force_gwt: float | None) -> Contact:
+        x_mm, height_mm = (round(mm, 6) if math.isfinite(mm) else None for mm in (self.x_mm, self.height_mm))
+        return Contact(kind, force_gwt, x_mm, height_mm, self.clock.unix_s())
+
+    def _below_clearance(self) -> None:
+        """Before the first motion below clearance it is on record that the finger may be touched."""
+        self.state = State.IN_CONTACT
+        if not self.may_touch:
+            self.may_touch = True
+            self.keep_contact(self._contact("unknown", self._last_gwt))
+
+    def force_at_rest_gwt(self) -> float | None:
+        """The force from zero when all motion is over; None where there is none."""
+        self._unread = ""
+        if not self.sensing.zeroed:
+            return None
+        until_s = self.clock.monotonic_s() + _CONFIRM_S
+        try:
+            while True:
+                self.beat(self.sensing.wait_s)
+                force_gwt = round(self.sensing.settled().force_n / GWT_N, 6)
+                if abs(force_gwt) < self.sensing.touch_gwt or self.clock.monotonic_s() >= until_s:
+                    self._last_gwt = force_gwt
+                    return force_gwt
+        except NoReadingError as error:
+            self._unread = str(error)
+            return None
 
     # feeling
 
@@ -173,6 +289,7 @@ class Engine:
         reading = self.reading()
         # Far finer than any sensor: a reading of just the threshold must not hang on how it was multiplied.
         force = round(reading.force_n / GWT_N, 6)
+        self._last_gwt = force if self.sensing.zeroed else None
         doi = None if contact_height_mm is None else self.doi_mm(contact_height_mm, force)
         if self.state is State.IN_CONTACT and force >= self.sensing.touch_gwt:
             self.contact.begin()
@@ -207,6 +324,8 @@ class Engine:
 
     def _told(self, read: Callable[[], ForceReading]) -> ForceReading:
         self.beat(self.sensing.wait_s)
+        if problem := self.stop_problem(at_rest=True):
+            self.trip(problem)
         try:
             reading = read()
         except NoReadingError as error:
@@ -214,6 +333,8 @@ class Engine:
         force_gwt = reading.force_n / GWT_N
         if passed := self.trips.passed_hard(force_gwt):
             self.trip(passed, force_gwt)
+        if problem := self.stop_problem(at_rest=True):
+            self.trip(problem)
         return reading
 
     def doi_mm(self, contact_height_mm: float, force_gwt: float) -> float:
@@ -240,27 +361,45 @@ class Engine:
                 self.stop()
             elif not self.heartbeat.lost:
                 to_mm = trip_height_mm(self.settings, self.height_mm)
-                insist(lambda: self.lift(to_mm))
+                insist(lambda: self._leave(to_mm))
         except (FeltError, StageError, TransportError) as error:
             reason = f"{reason}; and the lift failed: {error}"
+        with contextlib.suppress(RecordError):  # the trip says more
+            self.measure_contact()
         self.heartbeat.rest()
         self.state, self.problem = State.TRIPPED, TripError(reason)
         with contextlib.suppress(RecordError):  # the trip says more
             self.record("trip", {"reason": reason, "force_gwt": force_gwt, "contact_s": self.contact.rounded_s})
         raise self.problem
 
+    def _leave(self, to_mm: float) -> None:
+        """Up from a trip: to a height; where a stage that strayed was stopped, by as much, in jogs."""
+        if self.bench.stage.homed or not self._strayed:
+            self.lift(to_mm)
+            return
+        top_mm = -self.settings.frame.apex_z_mm
+        by_mm = min(max(to_mm - self.height_mm, self.settings.habits.clearance_mm), top_mm - self.height_mm)
+        stage, speed_mm_s = self.bench.stage, self.settings.habits.travel_speed_mm_s
+        stage.unlock()
+        if by_mm > AT_MM:
+            dead_man_jog(stage, self.clock, lambda: UP, speed_mm_s, by_mm, lambda at: None)
+        self.motion.stands_at(stage.status())
+
     def make_safe(self) -> None:
         """After a failure elsewhere: lift where the stage is at rest and trusted, stop it where that fails."""
         if self.state is State.IN_CONTACT:
             try:
                 self.lift()
-                self.lifted()
             except (StageError, TransportError, TripError):
                 self.stop()
+            with contextlib.suppress(TripError):
+                if self.state is State.IN_CONTACT and not self.measure_contact().may_touch:
+                    self.be_clear()
         self.heartbeat.rest()
 
     def stop(self) -> None:
         """Quick stop past every queue; the position is not trusted afterwards, a trip stays latched."""
+        self.forget_depth()
         if self.state is not State.TRIPPED:
             self.state = State.UNHOMED
         self.heartbeat.rest()

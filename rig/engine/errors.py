@@ -21,6 +21,10 @@ class RecordError(EngineError):
     """The journal cannot be written: what is not recorded must not go on."""
 
 
+class LostRecordError(RecordError):
+    """The journal or the byte log is no longer at its path: what is written to it would not be found."""
+
+
 class PressPaused(EngineError):  # noqa: N818
     """The operator paused during an indentation and goes on: it begins again, from clearance."""
 

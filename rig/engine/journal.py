@@ -13,7 +13,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol
 
-from rig.engine.errors import LimitError, RecordError, RunAborted, TripError
+from rig.engine.errors import LimitError, LostRecordError, RecordError, RunAborted, TripError
+from rig.line_file import LineFile, LostFileError
 
 if TYPE_CHECKING:
     from rig.transport.clock import Clock  # with which ports would come: a journal is read without any
@@ -70,7 +71,7 @@ class Journal:
         self.path = path
         self._virtual = virtual
         self._seq = mend_journal(path)
-        self._file = path.open("ab", buffering=0)
+        self.file = LineFile(path)
         self._stopped = False
         self.at_end: Callable[[], Mapping[str, Any]] = dict  # what a stop before the end says besides
 
@@ -101,7 +102,7 @@ class Journal:
 
     def close(self) -> None:
         """Give the file back."""
-        self._file.close()
+        self.file.close()
 
     def _write(self, kind: str, body: Mapping[str, Any]) -> None:
         document = {
@@ -116,18 +117,13 @@ class Journal:
         self._seq += 1
 
     def _append(self, line: bytes) -> None:
-        """The whole line on the disk, or none of it. Raises RecordError."""
-        end = self._file.tell()
+        """The whole line on the disk, where it will be found, or none of it. Raises RecordError."""
         try:
-            left = memoryview(line)
-            while left:
-                left = left[os.write(self._file.fileno(), left) :]
-            if not self._virtual:
-                os.fsync(self._file.fileno())
+            self.file.append(line, sync=not self._virtual)
+            self.file.check()
+        except LostFileError as error:
+            raise LostRecordError(f"{self.path}: {error}") from error
         except OSError as error:
-            with contextlib.suppress(OSError):  # a torn line is mended before the journal is used again
-                self._file.truncate(end)
-                self._file.seek(end)
             raise RecordError(f"{self.path}: cannot be written: {error.strerror or error}") from error
 
     def __enter__(self) -> "Journal":

@@ -120,3 +120,5 @@ def refuse_height(
     machine_mm, travel_mm = settings.frame.apex_z_mm + to_mm, settings.stage.travel_mm[2]
     if not -travel_mm - 1e-9 <= machine_mm <= 1e-9:
         raise LimitError(f"machine z = {machine_mm:.3f} mm is outside the stage's travel, {-travel_mm:g} … 0 mm")
+    if machine_mm < settings.bounds.lowest_z_mm - 1e-9:
+        raise LimitError(f"machine z = {machine_mm:.3f} mm is below {settings.floor}")

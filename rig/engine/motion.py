@@ -4,8 +4,10 @@ import math
 from collections.abc import Callable
 from contextlib import suppress
 
-from rig.devices.stage.base import Looks, Stage, StageHeld, StageOverridden, StageStatus, is_held
+from rig.devices.stage.base import Looks, Stage, StageError, StageHeld, StageOverridden, StageStatus, is_held
+from rig.engine.corridor import PRINTED_MM, Corridor
 from rig.engine.rig_settings import RigSettings
+from rig.transport.clock import Clock
 
 _ATTEMPTS = 5
 
@@ -22,6 +24,27 @@ class TouchError(FeltError):
     """A touch where it only ends the motion."""
 
 
+class StrayedError(FeltError):
+    """The stage was not where its command had it go, by two reports in a row; it was stopped, and is not trusted."""
+
+    def __init__(self, reason: str, at: StageStatus) -> None:
+        super().__init__(reason)
+        self.at = at
+
+
+def refuse_strayed(corridor: Corridor, at: StageStatus, stage: Stage, clock: Clock) -> None:
+    """Raise StrayedError where a report lies outside, and another one that is asked for at once does, too.
+
+    A single garbled digit is cleared that way, and a true stop is late by one question and its answer at most.
+    """
+    if corridor.strayed(at, clock.monotonic_s()) is None:
+        return
+    again = stage.status()
+    strayed = corridor.strayed(again, clock.monotonic_s())
+    if strayed is not None:
+        raise StrayedError(strayed, again)
+
+
 def insist(lift: Callable[[], None]) -> None:
     """Go up from a trip. Somebody who changes the speed meanwhile does not keep it down: it goes on at full speed."""
     for _ in range(_ATTEMPTS - 1):
@@ -33,33 +56,60 @@ def insist(lift: Callable[[], None]) -> None:
 class Motion:
     """A stage over one finger: x, along and height above the pad's nominal apex, mm; nan where it is not known."""
 
-    def __init__(self, settings: RigSettings, stage: Stage, glance: Callable[[], None]) -> None:
+    def __init__(self, settings: RigSettings, stage: Stage, clock: Clock, glance: Callable[[], None]) -> None:
         """glance: what is done at each look at the stage; a FeltError from it brings the stage to rest."""
-        self._settings, self._stage, self._glance = settings, stage, glance
+        self._settings, self._stage, self._clock, self._glance = settings, stage, clock, glance
         self.x_mm, self.along_mm, self.height_mm = math.nan, 0.0, math.nan
         self.begun = False  # whether anything was ever told to move
 
     def home(self) -> None:
         """Find the switches. Raises StageError, and what a glance raises."""
-        self._watched(self._stage.homing(), lambda at: None, self._stage.stop)
-        at = self._stage.status()
-        self._be_over(at)
-        self._be_at_height(at)
+        self._watched(self._stage.homing(), lambda at: None, self._stage.stop, None)
+        self.stands_at(self._stage.status())
 
     def aside(self, x_mm: float, along_mm: float, speed_mm_s: float) -> None:
         """To another place at this height. Raises StageError, and what a glance raises."""
         frame = self._settings.frame
         x, y = frame.pad_centre_x_mm + x_mm, frame.pad_y_mm + along_mm
-        self._watched(self._stage.moving(x_mm=x, y_mm=y, speed_mm_s=speed_mm_s), self._be_over, self._stage.halt)
+        looks = self._stage.moving(x_mm=x, y_mm=y, speed_mm_s=speed_mm_s)
+        self._watched(looks, self._be_over, self._stage.halt, self._corridor(x, y, self._machine_mm[2], speed_mm_s))
         self.x_mm, self.along_mm = x_mm, along_mm
 
     def to_height(self, height_mm: float, speed_mm_s: float) -> None:
         """Straight up or down. Raises StageError, and what a glance raises."""
         z = self._settings.frame.apex_z_mm + height_mm
-        self._watched(self._stage.moving(z_mm=z, speed_mm_s=speed_mm_s), self._be_at_height, self._stage.halt)
+        looks, (x, y, _) = self._stage.moving(z_mm=z, speed_mm_s=speed_mm_s), self._machine_mm
+        self._watched(looks, self._be_at_height, self._stage.halt, self._corridor(x, y, z, speed_mm_s))
         self.height_mm = height_mm
 
-    def _watched(self, looks: Looks, seen: Callable[[StageStatus], None], halt: Callable[[], None]) -> None:
+    @property
+    def _machine_mm(self) -> tuple[float, float, float]:
+        frame = self._settings.frame
+        return (
+            frame.pad_centre_x_mm + self.x_mm,
+            frame.pad_y_mm + self.along_mm,
+            frame.apex_z_mm + self.height_mm,
+        )
+
+    def _corridor(self, x_mm: float, y_mm: float, z_mm: float, speed_mm_s: float) -> Corridor | None:
+        """The corridor from here to there; none where it is not known where here is."""
+        start_mm = self._machine_mm
+        if not all(map(math.isfinite, start_mm)):
+            return None
+        settings = self._settings
+        return Corridor(
+            start_mm, (x_mm, y_mm, z_mm), speed_mm_s, self._clock.monotonic_s(),
+            settings.stage.resolution_mm + PRINTED_MM,
+            tuple(2 * settings.calibration.value(f"{axis}_backlash_mm", 0.0) for axis in "xyz"),
+        )  # fmt: skip
+
+    def _watched(
+        self,
+        looks: Looks,
+        seen: Callable[[StageStatus], None],
+        halt: Callable[[], None],
+        corridor: Corridor | None,
+    ) -> None:
         self.begun = True
         try:
             for at in looks:
@@ -67,14 +117,29 @@ class Motion:
                     seen(at)
                     if is_held(at.state):
                         raise StageHeld(at.state)
-                self._felt(seen, halt)
+                self._looked(at, seen, halt, corridor)
         except StageOverridden as error:
             self._come_to_rest(seen, self._stage.halt)
             raise FeltError(str(error)) from error
 
-    def _felt(self, seen: Callable[[StageStatus], None], halt: Callable[[], None]) -> None:
+    def _looked(
+        self,
+        at: StageStatus | None,
+        seen: Callable[[StageStatus], None],
+        halt: Callable[[], None],
+        corridor: Corridor | None,
+    ) -> None:
         try:
+            if corridor is not None and at is not None:
+                refuse_strayed(corridor, at, self._stage, self._clock)
             self._glance()
+        except StrayedError as strayed:
+            trusted = self._stage.homed
+            self._stage.stop()  # at once: a halt slows down first, farther the wrong way
+            self.stands_at(strayed.at)
+            if not trusted:  # the stage itself says so: it may stand anywhere
+                raise StageError(str(strayed)) from strayed
+            raise
         except FeltError:
             self._come_to_rest(seen, halt)
             raise
@@ -83,6 +148,11 @@ class Motion:
         halt()
         if self._stage.homed:
             seen(self._stage.status())
+
+    def stands_at(self, at: StageStatus) -> None:
+        """It is there, for all that is known."""
+        self._be_over(at)
+        self._be_at_height(at)
 
     def _be_over(self, at: StageStatus) -> None:
         frame = self._settings.frame

@@ -4,7 +4,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from rig.devices.bench_settings import SLOWEST_MM_S, BenchSettings
+from rig.devices.bench_settings import SLOWEST_MM_S, BenchSettings, StageBounds
 from rig.transport.port_settings import Settings
 
 FASTEST_PRESS_MM_S = 5.0
@@ -134,6 +134,25 @@ class RigSettings(BenchSettings):
 
     limits: LimitSettings = LimitSettings()
     habits: HabitSettings = HabitSettings()
+
+    @property
+    def bounds(self) -> StageBounds:
+        """What the stage's controller may enforce: a floor below the deepest press at the apex, the highest speed."""
+        limits = self.limits
+        given_mm = self.calibration.value("compliance_mm_per_n", 0.0) * limits.soft_trip_n
+        floor_mm = self.frame.apex_z_mm - limits.search_mm - limits.max_doi_mm - given_mm
+        return StageBounds(
+            lowest_z_mm=max(floor_mm, -self.stage.travel_mm[2]),
+            fastest_mm_s=max(self.habits.travel_speed_mm_s, limits.max_press_speed_mm_s),
+        )
+
+    @property
+    def floor(self) -> str:
+        """The lowest height of the stage, in words."""
+        return (
+            f"the floor at {self.bounds.lowest_z_mm:g} mm: "
+            "limits.search_mm and limits.max_doi_mm below frame.apex_z_mm"
+        )
 
     @model_validator(mode="after")
     def _slow_enough(self) -> Self:

@@ -54,11 +54,12 @@ class Zero:
 
     offset_n: float
     noise_gwt: float
+    provisional: bool = False  # taken wherever the indentor was: what it shows then is a change, not a force
 
     @classmethod
-    def of(cls, readings_gwt: Sequence[float]) -> "Zero":
+    def of(cls, readings_gwt: Sequence[float], *, provisional: bool = False) -> "Zero":
         """Measured."""
-        return cls(statistics.fmean(readings_gwt) * GWT_N, statistics.pstdev(readings_gwt))
+        return cls(statistics.fmean(readings_gwt) * GWT_N, statistics.pstdev(readings_gwt), provisional)
 
     def taken_off(self, reading: ForceReading) -> ForceReading:
         """The reading without the offset."""
@@ -72,7 +73,10 @@ class Sensing:
         self.sensor, self.moved = sensor, True  # moved: since the last settled reading
         self.zero: Zero | None = None  # what forces are counted from
         self._settings, self._clock = settings, clock
-        self._felt_from_n: float | None = 0.0  # in the motion that is under way
+        # of the motion that is under way
+        self._felt_from_n: float | None = 0.0
+        self.away, self._before_gwt = False, 0.0
+        self._at_rest_n = 0.0  # the last settled reading, as the sensor has it
 
     def connect(self) -> str:
         """Make contact with the sensor; returns its identity. Raises ForceError."""
@@ -82,6 +86,11 @@ class Sensing:
     def zeroed(self) -> bool:
         """Whether forces are counted from a zero."""
         return self.zero is not None
+
+    @property
+    def absolute(self) -> bool:
+        """Whether forces are counted from a zero that was taken in the air."""
+        return self.zero is not None and not self.zero.provisional
 
     @property
     def resolution_gwt(self) -> float:
@@ -131,23 +140,43 @@ class Sensing:
                 if not isinstance(error.__cause__, ForceBusy) or self._clock.monotonic_s() >= until_s:
                     raise
             else:
-                self.moved = False
+                self.moved, self._at_rest_n = False, reading.force_n
                 return reading
 
     def begin_motion(self, *, away: bool) -> None:
         """Something will move; without a zero its forces count from the reading before it. Raises NoReadingError.
 
-        away: it leaves the finger first. A sensor that is out of its range before that says so, and is not felt with.
+        away: it leaves the finger first. A sensor that is out of its range before that says so, and is not felt with;
+        against a zero it need not answer at all, since nothing may keep the indentor on the finger.
         """
-        self.moved, self._felt_from_n = True, 0.0
-        if self.zeroed:
+        rested, self.moved, self.away = not self.moved, True, away
+        self._felt_from_n, self._before_gwt = 0.0, 0.0
+        if self.zeroed and not away:
             return
         try:
-            self._felt_from_n = read(self.sensor, self._clock, 0.0).force_n
+            before = self._at_rest_n if rested and self.zeroed else read(self.sensor, self._clock, 0.0).force_n
         except NoReadingError as error:
-            if not (away and error.out_of_range):
+            if not (away and (self.zeroed or error.out_of_range)):
                 raise
-            self._felt_from_n = None
+            self._before_gwt = math.inf
+            self._felt_from_n = 0.0 if self.zeroed else None
+            return
+        if self.zero is None:
+            self._felt_from_n = before
+        else:
+            self._before_gwt = (before - self.zero.offset_n) / GWT_N
+
+    def unloads(self, force_gwt: float) -> bool:
+        """Whether the motion under way leaves the finger, and this force is no reason to end it.
+
+        A force that falls never is. One that grows is, towards the finger; a pull as well where a zero was taken in
+        the air, since without one a pull and an unloading look the same.
+        """
+        if not self.away:
+            return False
+        pushes = force_gwt > max(self._before_gwt, 0.0) + self.touch_gwt
+        pulls = self.absolute and -force_gwt > max(-self._before_gwt, 0.0) + self.touch_gwt
+        return not (pushes or pulls)
 
     def glance_gwt(self) -> float | None:
         """The force while something moves, from zero or from what it was before. Raises NoReadingError.
@@ -159,9 +188,9 @@ class Sensing:
         reading = self._from_zero(read(self.sensor, self._clock, 0.0))
         return (reading.force_n - self._felt_from_n) / GWT_N
 
-    def take_zero(self, readings_gwt: Sequence[float]) -> Zero:
-        """From here on forces are counted from the mean of these readings in the air."""
-        self.zero = Zero.of(readings_gwt)
+    def take_zero(self, readings_gwt: Sequence[float], *, provisional: bool = False) -> Zero:
+        """From here on forces are counted from the mean of these readings; provisional: not surely in the air."""
+        self.zero = Zero.of(readings_gwt, provisional=provisional)
         return self.zero
 
     def _from_zero(self, reading: ForceReading) -> ForceReading:

@@ -27,7 +27,7 @@ PRESS_STREAMS = {
 
 STREAMS = {
     "mount": {"indentor": ""},
-    "home": {"controller": ""},
+    "home": {"controller": "", "contact": "", "force_gwt": "gwt"},
     "zero": {"sensor": "", "noise_gwt": "gwt", "offset_gwt": "gwt", "drift_gwt": "gwt"},
     "move": {"x_mm": "mm", "along_mm": "mm", "height_mm": "mm"},
     **PRESS_STREAMS,
@@ -35,7 +35,7 @@ STREAMS = {
     **{f"reference_{name}": keys for name, keys in PRESS_STREAMS.items()},
     **{f"find_{name}": PRESS_STREAMS[name] for name in ("sample", "touch")},
     "find": {"index": "", "indentor": "", "x_mm": "mm", "along_mm": "mm", "contact_height_mm": "mm"},
-    "retract": {"height_mm": "mm", "contact_s": "s"},
+    "retract": {"height_mm": "mm", "contact_s": "s", "contact": "", "force_gwt": "gwt"},
     "reference": {"index": "", "deviation": ""},
     "rest": {"rest_s": "s"},
     "checkpoint": {"name": ""},

@@ -3,9 +3,11 @@
 import statistics
 from collections.abc import Callable
 from contextlib import suppress
-from typing import TypeVar
+from dataclasses import replace
+from typing import Any, TypeVar
 
 from rig.devices.units import GWT_N
+from rig.engine.by_hand.bench_memory import LastKnown
 from rig.engine.engine import Engine, State
 from rig.engine.errors import LimitError, NotReadyError, PressPaused, RunAborted
 from rig.engine.records import NO_PRESS
@@ -35,10 +37,53 @@ def home(engine: Engine) -> None:
     engine.heartbeat.rest()  # homing lifts first, and takes its time
     controller = engine.guarded(engine.bench.stage.connect)
     engine.sensing.connect()
+    engine.sensing.moved = True  # what was read before may be long ago
+    engine.forget_depth()
     engine.move(engine.motion.home, away=True)
     engine.placed = False
-    engine.lifted()
-    engine.record("home", {"controller": controller})
+    engine.limit_depth(-engine.settings.limits.search_mm - engine.settings.limits.max_doi_mm)
+    touched, found = engine.may_touch, engine.measure_contact()
+    if engine.sensing.absolute and (passed := engine.trips.passed_any(found.force_gwt or 0.0)):
+        engine.trip(f"{passed}; {engine.not_lifted}", found.force_gwt)
+    if (touched and found.kind == "disagreement") or (engine.sensing.absolute and found.kind == "raised"):
+        engine.trip(f"homed, and {engine.not_lifted}", found.force_gwt)
+    engine.be_clear()
+    engine.record("home", {"controller": controller, **_contact(engine)})
+
+
+def leave_finger(engine: Engine, before: LastKnown, *, resumed: bool) -> None:
+    """Lift by homing before anything else, where the finger may be touched; what was found is journalled as an alarm.
+
+    Parameters
+    ----------
+    before : LastKnown
+        What the command before this one left: its record of contact, and the zero that tells a force from none.
+    resumed : bool
+        Whether to home in any case.
+    """
+    sensing, known = engine.sensing, before.contact
+    engine.may_touch = known is not None and known.may_touch
+    found = known.words if known is not None and known.may_touch else None
+    try:
+        if before.zero is not None:
+            sensing.connect()
+            # An older zero tells a touch from none only where one is on record: the indentor may have been changed.
+            sensing.zero = replace(before.zero, provisional=not engine.may_touch)
+            force_gwt = engine.force_at_rest_gwt()
+            if force_gwt is not None and abs(force_gwt) >= sensing.touch_gwt:
+                found = f"{force_gwt:.2f} gwt against the last zero on record"
+        if resumed or found is not None:
+            home(engine)
+    finally:
+        sensing.zero = None
+    if found is not None:
+        engine.record("alarm", {"reason": f"before anything moved: {found}; now {engine.known_contact.words}"})
+
+
+def _contact(engine: Engine) -> dict[str, Any]:
+    """What is known about contact, as it is journalled."""
+    known = engine.known_contact
+    return {"contact": known.kind, "force_gwt": known.force_gwt}
 
 
 def zero(engine: Engine) -> None:
@@ -51,6 +96,7 @@ def zero(engine: Engine) -> None:
     sensing.sensor.zero()
     found = sensing.take_zero(several_gwt(engine.raw_reading))
     known = {"noise_gwt": found.noise_gwt, "offset_gwt": found.offset_n / GWT_N}
+    engine.know_contact(0.0)  # from here on
     engine.record("zero", {"sensor": name, **known, "drift_gwt": drift_gwt})
     band_gwt = engine.settings.limits.zero_drift_gwt
     if drift_gwt is not None and abs(drift_gwt) > band_gwt:
@@ -83,8 +129,9 @@ def retract(engine: Engine) -> None:
     if engine.state not in (State.READY, State.IN_CONTACT):
         raise NotReadyError(f"retract: not allowed while {engine.state.value}")
     engine.lift()
-    engine.lifted()
-    engine.record("retract", {"height_mm": engine.height_mm, "contact_s": engine.contact.rounded_s})
+    engine.confirm_lifted()
+    about = {"height_mm": engine.height_mm, "contact_s": engine.contact.rounded_s}
+    engine.record("retract", {**about, **_contact(engine)})
 
 
 def rest(engine: Engine, seconds: float) -> None:

@@ -56,6 +56,7 @@ def owner_told(owner: Owner, status: dict[str, Any] | None) -> dict[str, Any]:
         "state": None if status is None else status.get("state"),
         "stopped": None if status is None else status.get("stopped"),
         "reachable": status is not None,
+        **({"stop_button": status["stop_button"]} if status is not None and "stop_button" in status else {}),
     }
 
 

@@ -1,8 +1,10 @@
 """What a page asks for: stop, pause, go on, the bench by hand; each answer is {"ok": …, "problem": …} and a code."""
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping
+import threading
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -10,13 +12,15 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
+from rig.devices.bench_settings import BenchSettings
 from rig.panel.asked import HeldButton, body_of, flag, whole
 from rig.panel.by_hand_process import ByHandProcess, NotTakenError
 from rig.panel.few import Few
 from rig.panel.gate import TAB_HEADER
-from rig.panel.owners import NobodyError, Said, asked, say_stop, stop_all
+from rig.panel.owners import NobodyError, Owner, Said, asked, say_stop, stop_all
 from rig.panel.watcher import Watcher
 from rig.session.control.announcements import ControlError, RefusedError
+from rig.session.control.sent_stop import BESIDE_S, SentStop, send_stop
 
 Body = Mapping[str, Any]
 Answer = Mapping[str, Any]
@@ -108,10 +112,22 @@ class Posts:
             owners = self._watcher.find()
         except OSError:
             owners = self._watcher.owners
+        settings, answered = self._watcher.bench.settings, threading.Event()
+        sent = None if settings is None else self._each.submit(_sent_where_nobody_lives, settings, owners, answered)
         try:
             return stop_all(owners, said, self._each)
-        except (NobodyError, ControlError) as error:
+        except RefusedError as error:
             return error
+        except (NobodyError, ControlError) as error:
+            answered.set()
+            if settings is None or sent is None:
+                return error
+            stop = sent.result() or send_stop(settings)
+            if stop.done:
+                return {"stopped": list(stop.told), "words": stop.words}
+            return ControlError(stop.words if isinstance(error, NobodyError) else f"{error}. {stop.words}")
+        finally:
+            answered.set()
 
     def _of_the_run(self, do: str) -> Callable[[str, Body], Awaitable[Answer]]:
         async def done(tab: str, body: Body) -> Answer:
@@ -168,6 +184,20 @@ class Posts:
     def _asked(self, few: Few, kind: str, do: str, within_s: float, **more: Any) -> Awaitable[Answer]:
         """The answer of whoever is shown. Raises ControlError where too much is asked already."""
         return few.begin(partial(asked, self._watcher.owner, kind, do, within_s, **more))
+
+
+def _sent_where_nobody_lives(
+    settings: BenchSettings, owners: Sequence[Owner], answered: threading.Event
+) -> SentStop | None:
+    """The stop from here, where none of those that were told is heard at once; None where one is."""
+    if owners and answered.wait(BESIDE_S):
+        return None
+    of_the_bench = [one for one in owners if set(one.ports) & set(settings.stage.ports)]
+    for one in of_the_bench or owners:
+        with suppress(ControlError):
+            one.ask("status", within_s=BESIDE_S)
+            return None
+    return send_stop(settings)
 
 
 def _problem(code: int, problem: object) -> Response:

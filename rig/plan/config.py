@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from rig.devices.own_table import as_asked
 from rig.engine.rig_settings import RigSettings
-from rig.plan.met.finger_file import Met, checked_relaxation, read_finger_file
+from rig.plan.met.finger_file import Met, checked_relaxation, read_finger_file, refuse_collapsed
 from rig.protocol.errors import WRITTEN_BY_COMMANDS, BadInputError, first_problem
 from rig.transport.port_settings import Settings
 from sim.config.fingertip_config import FingertipConfig
@@ -84,9 +84,12 @@ def load_config(path: Path | None) -> Config:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise BadInputError(f"config {path}: not valid TOML: {error}") from None
     try:
-        return Config.model_validate(tables, context={"folder": path.parent})
+        found = Config.model_validate(tables, context={"folder": path.parent})
     except ValidationError as error:
         raise first_problem(f"config {path}", error, as_asked(Config, tables)) from None
+    if found.met is not None:
+        refuse_collapsed(f"config {path}", found.met)
+    return found
 
 
 def with_finger(config: Config, path: Path | None) -> Config:

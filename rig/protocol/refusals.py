@@ -141,3 +141,5 @@ def refuse_travel(axis: Literal["x", "y", "z"], machine_mm: float, settings: Rig
         raise BadInputError(
             f"machine {axis} = {machine_mm:.3f} mm is outside the stage's travel, {-travel_mm:g} … 0 mm"
         )
+    if axis == "z" and machine_mm < settings.bounds.lowest_z_mm - 1e-9:
+        raise BadInputError(f"machine z = {machine_mm:.3f} mm is below {settings.floor}")

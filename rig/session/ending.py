@@ -5,29 +5,30 @@ Terminal, report and JSON all say it in these words.
 
 import math
 import shlex
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 from rig.data import Run
 from rig.data.folder import free_space
 from rig.engine import Engine, LimitError, RecordError, RunAborted, ScriptError, TripError
-from rig.engine.engine import State
+from rig.engine.contact import Contact, ContactKind
+from rig.engine.errors import LostRecordError
 from rig.engine.limits import AT_MM
 from sim.models.processes.finger_process import FingerLostError
 
-Left = Literal["lifted", "held", "not moved"]
+Left = Literal["lifted", "raised", "held", "not moved"]
 
 _CLEAR = ("home", "retract", "move", "rest", "zero", "mount", "paused")
 _DOING = ("indentation_start", "sample", "touch", "hold_start", "hold_end", "sync")
 
-_FREE_THE_FINGER = "free the finger before anything else, by hand or by the controller's own jog, straight up; then "
 _SEE_TO: tuple[tuple[type[Exception], str], ...] = (
     (RunAborted, "see that the finger is well"),
     (TripError, "see that the finger is well, and to what tripped it"),
     (LimitError, "change the script or the limit and begin a new run: resumed, this one meets the same limit"),
     (ScriptError, "correct the script and begin a new run: resumed, this one runs its own copy of the script"),
     (OSError, "free space, then resume"),
+    (LostRecordError, "see who moved or deleted the run's files, then resume"),
     (RecordError, "free space, then resume"),
     (FingerLostError, "see whether memory ran out, then resume"),
 )
@@ -39,8 +40,9 @@ _SEE_TO_THE_DEVICE = "see to the device that is named"
 class Whereabouts:
     """Of the indentor when a run ends: mm from the pad's centre and above its nominal apex, None where not known.
 
-    left: lifted to clearance or higher, held where it was, or not moved by this program. may_touch is None where
-    nobody knows.
+    left: lifted (at clearance or higher, confirmed by force), raised (there by position alone), held where it was, or
+    not moved by this program. contact says what is known of that, None where nothing was found out; a journal of
+    before contact was measured has none either.
     """
 
     left: Left
@@ -48,23 +50,22 @@ class Whereabouts:
     height_mm: float | None = None
     trusted: bool = False
     may_touch: bool | None = None
+    contact: ContactKind | None = None
+    force_gwt: float | None = None
 
     @classmethod
     def of(cls, engine: Engine) -> "Whereabouts":
         """Where an engine leaves it that goes no farther."""
         if not engine.motion.begun:
             return cls("not moved")
-        clearance_mm = engine.settings.habits.clearance_mm - AT_MM
-        above = engine.height_mm >= clearance_mm
-        lifted = above and engine.bench.stage.homed and engine.state is not State.UNHOMED
-        safely_above = above and not engine.may_touch and engine.state is not State.TRIPPED
+        known = engine.known_contact
+        above = engine.height_mm >= engine.settings.habits.clearance_mm - AT_MM
+        trusted = engine.trusted
+        left: Left = "held" if not (above and trusted) else "raised" if known.may_touch else "lifted"
         return cls(
-            "lifted" if lifted else "held",
-            _known(engine.x_mm),
-            _known(engine.height_mm),
-            lifted,  # what is held was stopped, or does not answer
-            not (lifted or safely_above),
-        )
+            left, _known(engine.x_mm), _known(engine.height_mm), left != "held",  # what is held was stopped
+            known.may_touch, known.kind, known.force_gwt,
+        )  # fmt: skip
 
     @classmethod
     def last_known(cls, run: Run) -> "Whereabouts":
@@ -72,16 +73,18 @@ class Whereabouts:
         said = [(event["t_s"], stream, event) for stream, found in run.events.items() for event in found]
         said += [(event["t_s"], stream, event) for stream, found in run.superseded.items() for event in found]
         said.sort(key=lambda one: one[0])
-        where: dict[str, float | None] = {"x_mm": None, "height_mm": None}
-        may_touch: bool | None = None
+        where: dict[str, float | None] = {"x_mm": None, "height_mm": None, "force_gwt": None}
+        contact: ContactKind | None = None
+        clear: ContactKind = "raised"
         for _, stream, event in said:
             for key in where:
                 where[key] = event.get(key, where[key])
             if stream in _CLEAR:
-                may_touch = False
+                contact = clear = "lifted" if stream == "zero" else event.get("contact", clear)
             elif stream.removeprefix("precondition_").removeprefix("reference_").removeprefix("find_") in _DOING:
-                may_touch = True
-        return cls("held", where["x_mm"], where["height_mm"], False, may_touch)
+                contact = "unknown"
+        at = cls("held", where["x_mm"], where["height_mm"], False, None, contact, where["force_gwt"])
+        return replace(at, may_touch=None if contact is None else contact != "lifted")
 
     @property
     def words(self) -> str:
@@ -89,21 +92,22 @@ class Whereabouts:
         if self.left == "not moved":
             return "not moved: nothing was told to move, it is where it was before"
         doubt = "trusted" if self.trusted else "last known and not trusted"
-        return f"{self.left}, at {self._place} ({doubt}); {self._touches}"
+        found = self._found
+        if self.contact is None and self.may_touch is None:
+            return f"{self.left}, at {found.place} ({doubt}); whether it touches the finger is not known"
+        return f"{self.left}, at {found.place} ({doubt}); {found.clause}"
 
     @property
-    def _place(self) -> str:
-        x = "x not known" if self.x_mm is None else f"x = {self.x_mm:.2f} mm"
-        height = self.height_mm
-        if height is None:
-            return f"{x}, height not known"
-        return f"{x}, {abs(height):.2f} mm {'above' if height >= 0 else 'below'} the nominal apex"
+    def to_do(self) -> str | None:
+        """What whoever stands there should do about the indentor first."""
+        return None if self.left == "not moved" or self.may_touch is False else self._found.to_do
 
     @property
-    def _touches(self) -> str:
-        if self.may_touch is None:
-            return "whether it touches the finger is not known"
-        return "it may still touch the finger" if self.may_touch else "it does not touch the finger"
+    def _found(self) -> Contact:
+        kind = self.contact
+        if kind is None:  # of before contact was measured
+            kind = "raised" if self.left == "lifted" else "unknown"
+        return Contact(kind, self.force_gwt, self.x_mm, self.height_mm)
 
 
 @dataclass(frozen=True)
@@ -154,6 +158,8 @@ def resume_line(folder: Path) -> str:
 def _reason(problem: Exception, folder: Path) -> str:
     """In one line; of a full disk with the room that there is, and the remedy."""
     reason = " ".join(str(problem).split())
+    if isinstance(problem, LostRecordError):
+        return f"{reason}; what was recorded is in {folder.resolve()}: {resume_line(folder)}"
     if isinstance(problem, RecordError):
         reason = f"{reason}, {free_space(folder)}"
     if isinstance(problem, RecordError | OSError):
@@ -165,7 +171,7 @@ def _next(problem: Exception, at: Whereabouts) -> str:
     """What whoever stands there is to do; resuming homes, which lifts first."""
     known = (words for kind, words in _SEE_TO if isinstance(problem, kind))
     see_to = next(known, _SEE_TO_THE_DEVICE)
-    return see_to if at.may_touch is False or at.left == "not moved" else _FREE_THE_FINGER + see_to
+    return see_to if at.to_do is None else f"{at.to_do}; then {see_to}"
 
 
 def _known(mm: float) -> float | None:

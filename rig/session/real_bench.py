@@ -10,7 +10,8 @@ from rig.devices.drivers import open_force, open_stage
 from rig.devices.force.base import ForceSensor
 from rig.devices.stage.base import Stage, StageError
 from rig.engine.bench import NO_PAUSE, Pause
-from rig.engine.by_hand.bench_memory import BenchMemory
+from rig.engine.by_hand.bench_memory import BenchMemory, LastKnown
+from rig.engine.contact import Contact
 from rig.engine.heartbeat import Heartbeat, looked_after
 from rig.engine.sensing import Zero
 from rig.session.control.stage_in_hand import StageInHand
@@ -37,6 +38,7 @@ class RealBench:
     ask: Callable[[str], str]
     pause: Pause
     memory: BenchMemory
+    before: LastKnown
     let_go_of_stage: Callable[[], None]
     virtual: Literal[False] = False
 
@@ -60,6 +62,10 @@ class RealBench:
     def look_after(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
         """A thread looks at it."""
         return looked_after(heartbeat)
+
+    def touched(self, known: Contact) -> None:
+        """Record what is known about contact for the next command. Raises RecordError."""
+        self.memory.touched(known)
 
     def left_with(self, zero: Zero | None) -> None:
         """Remember for the next command what forces were counted from."""
@@ -96,8 +102,9 @@ def open_bench(
     try:
         with _named("force"):
             force = open_force(settings, clock, byte_log)
+        before = memory.read()
         memory.moves()
-        return RealBench(clock, stage, force, ask, pause, memory, let_go)
+        return RealBench(clock, stage, force, ask, pause, memory, before, let_go)
     except BaseException:
         let_go()
         raise

@@ -8,6 +8,7 @@ from typing import Any
 from rig.data import FolderBusyError, Run, RunError, RunFolder, read_run
 from rig.data.folder import UnwritableError
 from rig.engine import RunAborted
+from rig.engine.by_hand.bench_memory import BenchMemory
 from rig.engine.journal import JournalError, mend_journal
 from rig.plan.config import Config, load_config
 from rig.protocol.errors import BadInputError
@@ -92,6 +93,25 @@ def _read(folder: RunFolder) -> StoppedRun:
         run=run,
         subject=about.get("subject"),
     )
+
+
+def left_on_record(runs: Path, config: Config) -> str | None:
+    """What to be careful of: the bench's own record of contact, and how the last run ended; None: of nothing.
+
+    Where no command has written a record yet, what the journals in runs/ say.
+    """
+    return careful_of(last_left(runs, config), config)
+
+
+def careful_of(left: Ending | None, config: Config) -> str | None:
+    """The same, of a run that ended like this."""
+    known = BenchMemory(config).read().contact
+    ended = None if left is None else f"{left.reason}; the indentor was {left.at.words}; {left.next} ({left.resume})"
+    if known is None:
+        return ended
+    if not known.may_touch:
+        return None
+    return f"{known.words}; {known.to_do}" if ended is None else f"{ended}; on record: {known.words}"
 
 
 def last_left(runs: Path, config: Config) -> Ending | None:

@@ -13,15 +13,18 @@ from rig.protocol.script import Script, in_words, where_in_script
 from rig.transport.base import TransportError
 from sim.models.processes.finger_process import FingerLostError
 
+AT_ONCE = "at once, by the operator"
 ENDINGS = (EngineError, StageError, ForceError, TransportError, FingerLostError)
 """What ends a run before its end: the engine has lifted or stopped before it raises these."""
 
 
 @contextmanager
-def stopped_at_once(engine: Engine, stopped: Callable[[], bool] = lambda: False) -> Iterator[None]:
+def stopped_at_once(
+    engine: Engine, stopped: Callable[[], bool] = lambda: False, why: Callable[[], str] = lambda: ""
+) -> Iterator[None]:
     """A second Ctrl-C, or `rig stop`, stops the stage past every queue, whatever is being done.
 
-    stopped: whether another thread has done so already; then whatever fails here has failed for that.
+    stopped: whether another thread has done so already; then whatever fails here has failed for that. why: in words.
     """
     try:
         yield
@@ -30,7 +33,8 @@ def stopped_at_once(engine: Engine, stopped: Callable[[], bool] = lambda: False)
             raise
         engine.stop()
         if isinstance(error, Exception):
-            raise KeyboardInterrupt from error
+            raise KeyboardInterrupt(why()) from error
+        error.args = error.args or (why(),)
         raise
 
 

@@ -3,7 +3,7 @@
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -13,8 +13,10 @@ from typing import Any
 from rig.data import Run, RunFolder, export_run, new_run_folder, read_run
 from rig.data.folder import UnwritableError
 from rig.engine import Engine, Journal, Pause, RecordError, RunAborted, WatchedBench, verbs
+from rig.engine.errors import LostRecordError
 from rig.engine.pressing.reference import Reference
 from rig.engine.streams import STREAMS
+from rig.line_file import LostFileError
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
 from rig.plan.met.promises import promised
@@ -30,10 +32,12 @@ from rig.session.calibration import refuse_expired
 from rig.session.control.stage_in_hand import StageInHand
 from rig.session.ending import Ending, Whereabouts
 from rig.session.live import Live
+from rig.session.lost_run import LostRun
 from rig.session.provenance import provenance
 from rig.session.real_bench import open_bench
 from rig.session.resume import StoppedRun, first_reference_gwt
-from rig.session.running import ENDINGS, run_script, stopped_at_once
+from rig.session.running import AT_ONCE, ENDINGS, run_script, stopped_at_once
+from rig.session.stop_button import BY_THE_BUTTON, StopButton, refuse_stop_inputs, stop_inputs_heeded
 from rig.session.virtual.virtual_bench import virtual_bench
 from rig.transport.byte_log import ByteLog, Sink
 from rig.transport.clock import Clock, WallClock
@@ -104,6 +108,7 @@ class Session:
     into: NewRun | StoppedRun
     attendant: Attendant = field(default_factory=Nobody)
     handler: Callable[[Engine, Walk], Handler] = Live  # what carries its steps out
+    button: StopButton | None = None  # of a real run
 
     @property
     def before(self) -> Run | None:
@@ -114,6 +119,11 @@ class Session:
     def pause(self) -> Pause:
         """Ctrl-C and what follows it."""
         return Pause(self.attendant.interrupted, self.attendant.go_on)
+
+    @property
+    def stopped_by(self) -> str:
+        """Who stopped it at once, where somebody did."""
+        return BY_THE_BUTTON if self.button is not None and self.button.stopped else AT_ONCE
 
     @property
     def begins_at_s(self) -> float:
@@ -162,12 +172,20 @@ def run_on(
     began = time.perf_counter()
     now = datetime.now(UTC)
     folder = _folder(session, now, virtual=virtual)
-    problem, at = None, Whereabouts("not moved")
+    problem, at, lost = None, Whereabouts("not moved"), None
     there = session.before is not None and session.before.complete
-    with _nothing_left(session, folder), folder.owned():
+    with _nothing_left(session, folder), ExitStack() as owned:
+        owned.enter_context(folder.owned())
         if not there:
-            problem, at = _on_a_bench(session, folder, lambda log: open_bench(folder, log, now.timestamp()), speed)
-        run = read_run(folder.path)
+            problem, at, lost = _on_a_bench(
+                session, folder, lambda log: open_bench(folder, log, now.timestamp()), speed
+            )
+        if lost is not None:
+            problem = problem or lost.problem
+            run = lost.rescued(folder, at)
+            owned.enter_context(run.folder.owned())
+        else:
+            run = read_run(folder.path)
         try:
             export_run(run, again=not there)
         except OSError as error:
@@ -186,36 +204,45 @@ def _folder(session: Session, now: datetime, *, virtual: bool) -> RunFolder:
 
 def _on_a_bench(
     session: Session, folder: RunFolder, open_bench: Callable[[Sink], WatchedBench], speed: float | None
-) -> tuple[Exception | None, Whereabouts]:
-    """Carry the script out; returns what ended it before its end, and where that left the indentor."""
+) -> tuple[Exception | None, Whereabouts, LostRun | None]:
+    """Carry the script out; returns what ended it before its end, where that left the indentor, and what is lost."""
     contact_s = 0.0 if session.before is None else session.before.contact_s
+    copies = folder.copies()
     with ByteLog(folder.bytes_log) as byte_log:
         bench = open_bench(byte_log)
         watch = _recorded(folder, byte_log, _paced(session, bench.clock, speed))
         with closing(bench):
+            refuse_stop_inputs(session.config, bench)
             journal = Journal(folder.events, bench.clock, STREAMS, watch, bench.witness, virtual=bench.virtual)
             engine = Engine(session.config, bench, journal, session.plan.soft_trip_n, contact_s)
+            engine.keep_contact = bench.touched
             journal.at_end = lambda: {"indentor": asdict(Whereabouts.of(engine))}
             _begin(session, journal, virtual=bench.virtual)
             session.attendant.begins(folder)
             problem = _carry_out(session, journal, engine, _rig(session, folder, engine), bench)
-            return problem, Whereabouts.of(engine)
+        return problem, Whereabouts.of(engine), LostRun.of(folder, copies, journal, byte_log)
 
 
 def _carry_out(session: Session, journal: Journal, engine: Engine, rig: Rig, bench: WatchedBench) -> Exception | None:
     try:
-        with journal, stopped_at_once(engine, session.attendant.stopped):
+        with (
+            journal,
+            stopped_at_once(engine, session.attendant.stopped, lambda: session.stopped_by),
+            stop_inputs_heeded(session.config, engine, session.button),
+        ):
             with bench.look_after(engine.heartbeat):
-                if session.before is not None:
-                    verbs.home(engine)
+                verbs.leave_finger(engine, bench.before, resumed=session.before is not None)
                 run_script(session.script, engine, rig)
             journal.stop("done")
     except ENDINGS as error:
         return error
     except KeyboardInterrupt:  # the stage has been stopped; what is on disk is still worth a report
-        return RunAborted("at once, by the operator")
+        return RunAborted(session.stopped_by)
     finally:
         bench.left_with(engine.sensing.zero)
+        if engine.may_touch:
+            with suppress(RecordError):  # it says already that the finger may be touched
+                bench.touched(engine.known_contact)
     return None
 
 
@@ -226,7 +253,7 @@ def _begin(session: Session, journal: Journal, *, virtual: bool) -> None:
         if before is None:
             journal.start(_about(session, virtual=virtual))
         else:
-            journal.resume({"missing": before.missing, "after": before.last_checkpoint})
+            journal.resume({"missing": before.missing, "after": before.last_checkpoint, **_button(session)})
     except RecordError as error:
         journal.close()
         cause = error.__cause__
@@ -240,6 +267,8 @@ def _nothing_left(session: Session, folder: RunFolder) -> Iterator[None]:
     """A new run that has journalled nothing leaves no folder behind."""
     try:
         yield
+    except LostRecordError:  # there was a run, and what is left of it stays
+        raise
     except BaseException:
         begun = folder.events.exists() and folder.events.stat().st_size > 0
         if isinstance(session.into, NewRun) and not begun:
@@ -269,14 +298,22 @@ def _about(session: Session, *, virtual: bool) -> dict[str, Any]:
         "soft_trip_n": session.plan.soft_trip_n,
         "subject": session.into.subject,
         "virtual": virtual,
+        **_button(session),
         **({} if session.config.met is None else {"promised": promised(session.plan)}),
     }
+
+
+def _button(session: Session) -> dict[str, Any]:
+    return {} if session.button is None or not session.button.there else {"stop_button": session.button.as_json()}
 
 
 def _recorded(folder: RunFolder, byte_log: ByteLog, watch: Watch) -> Watch:
     """The same, ending the run where the bytes are not recorded any more."""
 
     def recorded(stream: str, data: Mapping[str, Any]) -> None:
+        byte_log.check()
+        if isinstance(byte_log.problem, LostFileError):
+            raise LostRecordError(f"{folder.bytes_log}: {byte_log.problem}")
         if byte_log.problem is not None:
             raise RecordError(f"{folder.bytes_log}: cannot be written: {byte_log.problem.strerror}")
         watch(stream, data)

@@ -7,8 +7,9 @@ from rig.transport.base import Transport, TransportError
 from rig.transport.byte_log import LoggedTransport
 from rig.transport.lines import LineReader
 from rig.transport.loopback import LoopbackTransport
+from rig.transport.machine_lock import PortOwner
 from rig.transport.opening import open_port, refuse_missing
-from rig.transport.ownership import first_owner, port_owner
+from rig.transport.ownership import NotOwnedError, first_owner, port_owner
 from rig.transport.serial_port import SerialTransport
 from rig.transport.tcp import TcpTransport
 
@@ -16,6 +17,8 @@ __all__ = [
     "LineReader",
     "LoggedTransport",
     "LoopbackTransport",
+    "NotOwnedError",
+    "PortOwner",
     "SerialTransport",
     "TcpTransport",
     "Transport",

@@ -1,11 +1,11 @@
 """Every byte on the wire, with its time, into bytes.jsonl."""
 
-import contextlib
 import json
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol
 
+from rig.line_file import LineFile
 from rig.transport.base import Transport
 from rig.transport.clock import Clock
 
@@ -22,21 +22,24 @@ class ByteLog:
 
     def __init__(self, path: Path) -> None:
         """One that is there already is added to. Raises OSError."""
-        self._file = path.open("ab", buffering=0)
+        self.file = LineFile(path)
         self.problem: OSError | None = None
 
     def write(self, text: str, /) -> None:
-        if self.problem is not None:
+        if self.problem is not None and self.file.lost is None:  # a lost file can still be read back
             return
-        end = self._file.tell()
         try:
-            left = memoryview(text.encode("ascii"))
-            while left:
-                left = left[self._file.write(left) :]
+            self.file.append(text.encode("ascii"))
         except OSError as error:
             self.problem = error
-            with contextlib.suppress(OSError):
-                self._file.truncate(end)
+
+    def check(self) -> None:
+        """Notice where the file is no longer the one at its path: that is its `problem`, too."""
+        if self.problem is None:
+            try:
+                self.file.check()
+            except OSError as error:
+                self.problem = error
 
     def __enter__(self) -> "ByteLog":
         return self
@@ -44,7 +47,7 @@ class ByteLog:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._file.close()
+        self.file.close()
 
 
 class LoggedTransport:

@@ -4,9 +4,11 @@ One code serves the virtual and the wall clock; pymodbus' own clients sleep on t
 Sources: Modbus application protocol V1.1b3; Modbus over serial line V1.02, §2.5.1.1 (silence of 3.5 characters).
 """
 
+import math
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 from pymodbus.exceptions import ModbusException
 from pymodbus.framer import FramerRTU, FramerSocket
@@ -25,6 +27,12 @@ from rig.transport.tcp import SCHEME
 REPLY_S = 0.2
 READ_TRIES = 3
 BROADCAST = 0
+# On a serial line answers have no number: for so long after a question without an answer, that answer may still come
+# and be taken for one to a question of the same kind. Those are then listened to for as long as a second one takes.
+LATE_S, LISTEN_S, LISTEN_BYTES = 3.0, 0.02, 40
+# Where a byte gets lost on TCP, a device takes the next frame's first byte for the last one of a register. No
+# trigger, control word or path has a low byte of 80 hex or more there, so all numbers begin with one.
+FIRST_TRANSACTION, TRANSACTIONS = 0x8000, 0x8000
 # A character has 11 bits on a serial line; above 19200 baud the silence is fixed.
 SILENT_BITS, FIXED_SILENCE_S, FAST_BAUD = 38.5, 1.75e-3, 19200
 
@@ -57,6 +65,19 @@ class ModbusRefused(ModbusError):  # noqa: N818
         self.code = code
 
 
+@dataclass(frozen=True)
+class _Unanswered:
+    """A question without an answer so far: its kind, and since when; by default there is none."""
+
+    kind: tuple[int, ...] = ()
+    since_s: float = -math.inf
+
+
+def _kind(request: ModbusPDU) -> tuple[int, ...]:
+    """What an answer shows of its question."""
+    return (request.dev_id, request.function_code, request.count)
+
+
 class ModbusMaster:
     """The master of one bus (RTU) or of one connection (TCP); devices are told apart by their id, 1 … 247.
 
@@ -87,6 +108,7 @@ class ModbusMaster:
         self._free_s = 0.0
         self._reply_s, self._read_tries = reply_s, read_tries
         self._transaction = 0
+        self._unanswered = _Unanswered()
         self._one = threading.Lock()
         self.echoes: bool | None = (
             None if self._rtu else False
@@ -155,7 +177,7 @@ class ModbusMaster:
     def _exchanged(self, request: ModbusPDU, fits: Callable[[ModbusPDU], bool]) -> ModbusPDU:
         self._clock.wait_s(self._free_s - self._clock.monotonic_s())
         while self._transport.read(0.0):
-            pass
+            self._unanswered = _Unanswered()  # it came when nobody waited for it
         frame = self._frame(request)
         self._send(frame)
         answer = self._answer(request, frame)
@@ -166,8 +188,8 @@ class ModbusMaster:
         return answer
 
     def _frame(self, request: ModbusPDU) -> bytes:
-        self._transaction = self._transaction % 0xFFFF + 1
-        request.transaction_id = self._transaction
+        self._transaction = (self._transaction + 1) % TRANSACTIONS
+        request.transaction_id = FIRST_TRANSACTION + self._transaction
         return self._framer.buildFrame(request)
 
     def _send(self, frame: bytes) -> None:
@@ -188,12 +210,14 @@ class ModbusMaster:
                 if len(heard) < len(sent) and sent.startswith(heard):
                     continue
                 heard, echo_due = self._without_echo(request, heard, sent), False
-            heard, answer = self._decoded(request, heard)
-            if answer is None or not (self._rtu or answer.transaction_id == request.transaction_id):
+            heard, answer = self._first_fitting(request, heard)
+            if answer is None:
                 continue
+            self._refuse_two_answers(request, heard)
             if answer.dev_id != request.dev_id:
                 raise ModbusGarbled(f"{self._about(request)}: device {answer.dev_id} answered")
             return answer
+        self._unanswered = _Unanswered(_kind(request), self._clock.monotonic_s())
         came = (
             "only its own echo" if self.echoes and not heard else f"only {heard.hex(' ')}" if heard else "no answer"
         )
@@ -206,6 +230,29 @@ class ModbusMaster:
             raise ModbusGarbled(f"{self._about(request)}: the adapter's echo is missing in {heard.hex(' ')}")
         self.echoes = found
         return heard[len(sent) :] if found else heard
+
+    def _first_fitting(self, request: ModbusPDU, heard: bytes) -> tuple[bytes, ModbusPDU | None]:
+        """What is left of `heard`, and the first whole answer in it; on TCP, the first with the request's number."""
+        while heard:
+            left, answer = self._decoded(request, heard)
+            if answer is not None and (self._rtu or answer.transaction_id == request.transaction_id):
+                return left, answer
+            if left == heard:
+                break
+            heard = left
+        return heard, None
+
+    def _refuse_two_answers(self, request: ModbusPDU, heard: bytes) -> None:
+        """After a question without an answer: of two answers nobody can say which is the right one."""
+        late, now_s = self._unanswered, self._clock.monotonic_s()
+        if not self._rtu or late.kind != _kind(request) or now_s >= late.since_s + LATE_S:
+            return
+        until_s = now_s + LISTEN_S + LISTEN_BYTES * self._byte_s
+        while (left_s := until_s - self._clock.monotonic_s()) > 0:
+            heard += self._transport.read(left_s)
+        if heard:
+            self._unanswered = _Unanswered()
+            raise ModbusGarbled(f"{self._about(request)}: a late answer to an earlier question came, too")
 
     def _decoded(self, request: ModbusPDU, heard: bytes) -> tuple[bytes, ModbusPDU | None]:
         """What is left of `heard`, and the answer in it if it is whole."""

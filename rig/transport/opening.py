@@ -9,12 +9,21 @@ from rig.transport.serial_port import SerialTransport
 
 
 def open_port(
-    port: str, baud: int, *, name: str | None = None, character: str = EIGHT_N_ONE, dtr: bool = True
+    port: str,
+    baud: int,
+    *,
+    name: str | None = None,
+    character: str = EIGHT_N_ONE,
+    dtr: bool = True,
+    owned: bool = True,
 ) -> Transport:
-    """Open `tcp://HOST:PORT`, a serial device or a pyserial URL. Raises TransportError."""
+    """Open `tcp://HOST:PORT`, a serial device or a pyserial URL.
+
+    Raises TransportError; NotOwnedError where somebody has the port, unless owned is False, as for a stop alone.
+    """
     if port.startswith(tcp.SCHEME):
-        return tcp.TcpTransport(port, name=name)
-    return SerialTransport(port, baud, name=name, character=character, dtr=dtr)
+        return tcp.TcpTransport(port, name=name, owned=owned)
+    return SerialTransport(port, baud, name=name, character=character, dtr=dtr, owned=owned)
 
 
 def refuse_missing(port: str) -> None:

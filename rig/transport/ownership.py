@@ -1,68 +1,61 @@
-"""One port, one owner: a lock file that the system releases when its process dies, and a note of who that is."""
+"""One port, one owner, by what the port is and not by what it is called."""
 
-import os
-import re
-import tempfile
 from collections.abc import Iterable
-from pathlib import Path
-
-import filelock
 
 from rig.transport.base import TransportError
+from rig.transport.identity import identities
+from rig.transport.machine_lock import LockHeldError, MachineLock, PortOwner, lock_owner
 
-# Somebody who only asks for the owner holds the lock for a moment.
-_OWNER_S = 0.2
+
+class NotOwnedError(TransportError):
+    """The port cannot be had for oneself; owner: who has it, None where it cannot be locked at all."""
+
+    def __init__(self, message: str, owner: PortOwner | None) -> None:
+        super().__init__(message)
+        self.owner = owner
 
 
 class PortOwnership:
-    """This process's hold on a port. Raises TransportError, which names the owner, where there is another."""
+    """This process's hold on a port, under all of its names and for every account.
+
+    Raises
+    ------
+    NotOwnedError
+        If another process owns it, or it cannot be locked.
+    TransportError
+        If the host of a TCP port has no address.
+    """
 
     def __init__(self, port: str) -> None:
-        self._note = _owner_file(port)  # found now: a port that is unplugged loses its other names
-        # Not thread-local: a stop from another thread may close the port.
-        self._lock = filelock.FileLock(_lock_file(port), timeout=_OWNER_S, thread_local=False)
+        self._locks: list[MachineLock] = []
+        self.names = identities(port)
         try:
-            self._lock.acquire()
-        except filelock.Timeout:
-            owner = _noted_owner(port)
-            by = f"process {owner}" if owner is not None else "another program"
-            raise TransportError(f"{port} is already in use by {by}") from None
+            for name in self.names:
+                self._locks.append(MachineLock(name))
+        except LockHeldError as held:
+            self.release()
+            raise NotOwnedError(f"{port} is already in use by {held.owner}", held.owner) from None
         except OSError as problem:
-            raise TransportError(f"cannot lock {port}: {problem}") from problem
-        self._note.write_text(str(os.getpid()), encoding="ascii")
+            self.release()
+            raise NotOwnedError(
+                f"cannot lock {port}: {problem.filename}: {problem.strerror}; expected its owner to remove that", None
+            ) from problem
 
     def release(self) -> None:
         """Let others have the port."""
-        self._note.unlink(missing_ok=True)
-        self._lock.release()
+        while self._locks:
+            self._locks.pop().release()
 
 
-def port_owner(port: str) -> int | None:
-    """Return the process id that holds this port, None if nobody does."""
+def port_owner(port: str) -> PortOwner | None:
+    """Return who owns a port, None if nobody does, or it is not there."""
     try:
-        with filelock.FileLock(_lock_file(port), timeout=0):
-            return None
-    except (filelock.Timeout, OSError):
-        return _noted_owner(port)
-
-
-def first_owner(ports: Iterable[str]) -> int | None:
-    """Return the process id that holds one of these ports, None if nobody does."""
-    return next((owner for port in ports if (owner := port_owner(port)) is not None), None)
-
-
-def _lock_file(port: str) -> Path:
-    # One port must have one lock, whichever of its names (a by-id link, say) it is opened by.
-    real = os.path.realpath(port) if os.path.exists(port) else port
-    return Path(tempfile.gettempdir()) / f"rig-port-{re.sub(r'[^A-Za-z0-9.]+', '-', real)}.lock"
-
-
-def _owner_file(port: str) -> Path:
-    return _lock_file(port).with_suffix(".owner")
-
-
-def _noted_owner(port: str) -> int | None:
-    try:
-        return int(_owner_file(port).read_text(encoding="ascii"))
-    except (OSError, ValueError):
+        names = identities(port)
+    except TransportError:
         return None
+    return next((owner for name in names if (owner := lock_owner(name)) is not None), None)
+
+
+def first_owner(ports: Iterable[str]) -> PortOwner | None:
+    """Return who owns one of these ports, None if nobody does."""
+    return next((owner for port in ports if (owner := port_owner(port)) is not None), None)

@@ -6,6 +6,7 @@ from typing import Any
 import serial
 
 from rig.transport.base import TransportError
+from rig.transport.identity import identities
 from rig.transport.ownership import PortOwnership
 from rig.transport.port_settings import EIGHT_N_ONE
 
@@ -16,8 +17,9 @@ class SerialTransport:
     """Transport over pyserial.
 
     port is a device or a pyserial URL such as rfc2217://host:port. Raises TransportError, in one line that
-    names the port, if it is missing, not permitted, or owned by somebody else. character: data bits, parity, stop
-    bits. Opening raises DTR, which resets many GRBL boards, or leaves it low.
+    names the port, if it is missing or not permitted; NotOwnedError if somebody else owns it. character: data bits,
+    parity, stop bits. Opening raises DTR, which resets many GRBL boards, or leaves it low. owned: False for a stop
+    alone, which goes out beside whoever owns the port.
     """
 
     def __init__(
@@ -28,14 +30,20 @@ class SerialTransport:
         name: str | None = None,
         character: str = EIGHT_N_ONE,
         dtr: bool = True,
+        owned: bool = True,
     ) -> None:
         self.name = name or port
         self._port = port
-        self._ownership = PortOwnership(port)
+        self._serial = _made(port, baud, character, dtr=dtr, exclusive=owned)
+        device = str(self._serial.port)  # of a URL that leads to one, such as spy:// or hwgrep://
+        self._ownership = PortOwnership(device) if owned else None
         try:
-            self._serial = _open(port, baud, character, dtr=dtr)
+            _open(port, self._serial)
+            if self._ownership is not None and identities(device) != self._ownership.names:
+                self._serial.close()
+                raise TransportError(f"{port} became another device while it was opened")
         except BaseException:
-            self._ownership.release()
+            self._let_go()
             raise
 
     def write(self, data: bytes) -> None:
@@ -55,10 +63,15 @@ class SerialTransport:
 
     def close(self) -> None:
         self._serial.close()
-        self._ownership.release()
+        self._let_go()
+
+    def _let_go(self) -> None:
+        if self._ownership is not None:
+            self._ownership.release()
 
 
-def _open(port: str, baud: int, character: str, *, dtr: bool) -> Any:
+def _made(port: str, baud: int, character: str, *, dtr: bool, exclusive: bool) -> Any:
+    """What is not open yet: opening may reset the board, and is for the owner alone."""
     try:
         wire = serial.serial_for_url(
             port,
@@ -69,11 +82,17 @@ def _open(port: str, baud: int, character: str, *, dtr: bool) -> Any:
             stopbits=int(character[2]),
             timeout=0,
             write_timeout=WRITE_TIMEOUT_S,
-            exclusive=True,
+            exclusive=exclusive or None,
         )
         wire.dtr = dtr
-        wire.open()
         return wire
+    except (serial.SerialException, OSError, ValueError) as problem:
+        raise TransportError(_why_not(port, problem)) from problem
+
+
+def _open(port: str, wire: Any) -> None:
+    try:
+        wire.open()
     except (serial.SerialException, OSError, ValueError) as problem:
         raise TransportError(_why_not(port, problem)) from problem
 

@@ -3,11 +3,14 @@
 import os
 import select
 import socket
+from contextlib import suppress
 
 from rig.transport.base import TransportError
+from rig.transport.identity import SCHEME, Address, tcp_addresses
 from rig.transport.ownership import PortOwnership
 
-SCHEME = "tcp://"
+__all__ = ["SCHEME", "TcpTransport"]
+
 CONNECT_S = 3.0
 WRITE_S = 1.0
 _CHUNK = 4096
@@ -16,18 +19,21 @@ _CHUNK = 4096
 class TcpTransport:
     """Transport over one TCP connection to `tcp://HOST:PORT`, owned by one process of this machine at a time.
 
-    Raises TransportError, in one line that names the port, if nobody answers or somebody else owns it.
+    owned: False for a stop alone, which goes out beside whoever owns the port.
+
+    Raises TransportError, in one line that names the port, if nobody answers; NotOwnedError if somebody else owns it.
     """
 
-    def __init__(self, port: str, *, name: str | None = None) -> None:
+    def __init__(self, port: str, *, name: str | None = None, owned: bool = True) -> None:
         self.name = name or port
         self._port = port
-        address = _address(port)
-        self._ownership = PortOwnership(port)
+        addresses = tcp_addresses(port)
+        self._ownership = PortOwnership(port) if owned else None
         try:
-            self._socket = _connect(port, address)
+            self._socket = _connect(port, addresses)
         except BaseException:
-            self._ownership.release()
+            if self._ownership is not None:
+                self._ownership.release()
             raise
 
     def write(self, data: bytes) -> None:
@@ -48,19 +54,13 @@ class TcpTransport:
 
     def close(self) -> None:
         self._socket.close()
-        self._ownership.release()
+        if self._ownership is not None:
+            self._ownership.release()
 
 
-def _address(port: str) -> tuple[str, int]:
-    host, colon, number = port.removeprefix(SCHEME).rpartition(":")
-    if not (port.startswith(SCHEME) and host and colon and number.isdigit() and 0 < int(number) < 65536):
-        raise TransportError(f"{port!r} is no TCP port, expected tcp://HOST:PORT")
-    return host.strip("[]"), int(number)
-
-
-def _connect(port: str, address: tuple[str, int]) -> socket.socket:
+def _connect(port: str, addresses: tuple[Address, ...]) -> socket.socket:
     try:
-        connection = socket.create_connection(address, CONNECT_S)
+        connection = _connected(addresses)
     except ConnectionRefusedError as problem:
         there = "nothing listens there, expected a device that is on, or `rig serve` that has said its ports"
         raise TransportError(f"cannot open {port}: {_said(problem)}, {there}") from problem
@@ -68,6 +68,22 @@ def _connect(port: str, address: tuple[str, int]) -> socket.socket:
         raise TransportError(f"cannot open {port}: {_said(problem)}") from problem
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # a stop must not wait for more bytes
     connection.settimeout(WRITE_S)
+    return connection
+
+
+def _connected(addresses: tuple[Address, ...]) -> socket.socket:
+    """To the first address that answers. Raises OSError, that of the last one."""
+    *others, last = addresses
+    for family, address in others:
+        with suppress(OSError):
+            return _connected(((family, address),))
+    connection = socket.socket(last[0], socket.SOCK_STREAM)
+    try:
+        connection.settimeout(CONNECT_S)
+        connection.connect(last[1])
+    except BaseException:
+        connection.close()
+        raise
     return connection
 
 

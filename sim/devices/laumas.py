@@ -5,7 +5,7 @@ numbers. The command numbers and the coding of register 13 are second-hand and s
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -29,7 +29,7 @@ class TransmitterMenu:
     """What is set on a transmitter itself.
 
     A weight is the mean of the last filter_samples samples, rounded to division_g and told in counts of count_g,
-    which units_word stands for. max_g is the maximum weight, full_scale_g the cell's.
+    which units_word stands for. max_g is the maximum weight, full_scale_g the cell's, set_point_g the relay's.
     """
 
     sample_period_s: float = 0.0125
@@ -39,6 +39,7 @@ class TransmitterMenu:
     max_g: float = 200.0
     full_scale_g: float = 300.0
     units_word: int = 0x010C
+    set_point_g: float | None = None
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,7 @@ class VirtualLaumas:
         firmware: TransmitterFirmware | None = None,
     ) -> None:
         self._menu, self._firmware = menu or TransmitterMenu(), firmware or TransmitterFirmware()
+        self._scheduler = scheduler
         self._samples = Samples(scheduler, load, self._menu.sample_period_s)
         self._commands = {
             self._firmware.tare_command: self._tare,
@@ -80,6 +82,21 @@ class VirtualLaumas:
         self._zero_g = self._tare_g = self._peak_g = 0.0
         self._net_shown = False
         self.broken = 0
+
+    def wire(self, switch: Callable[[bool], None]) -> None:
+        """Have the relay switch something, from now on, at each sample; no host is asked."""
+        closed = False
+
+        def look() -> None:
+            nonlocal closed
+            grams, _ = self._filtered()
+            over = self._menu.set_point_g is not None and grams - self._zero_g >= self._menu.set_point_g
+            if over != closed:
+                closed = over
+                switch(closed)
+            self._scheduler.call_at(self._scheduler.monotonic_s() + self._menu.sample_period_s, look)
+
+        look()
 
     def read(self, address: int, count: int) -> list[int]:
         """Registers of the last sample instant, at most 32. Raises RegisterFault."""
@@ -115,7 +132,13 @@ class VirtualLaumas:
             status,
             *(word for pair in pairs for word in pair),
             self._menu.units_word,
+            *self._set_point(),
         ]
+
+    def _set_point(self) -> list[int]:
+        """The sensitivity, which nobody reads, and the set-point of the relay, in counts."""
+        set_point_g = self._menu.set_point_g
+        return [] if set_point_g is None else [0, 0, *words(round(set_point_g / self._menu.count_g))]
 
     def _status(self, gross: float, net: float) -> int:
         widest_g = _WIDEST * self._menu.count_g
@@ -158,7 +181,7 @@ class VirtualLaumas:
         self._tare_g, self._net_shown = 0.0, False
 
 
-def laumas_twin(scheduler: Scheduler, line: SerialLine, told: ForceTold, load: Load) -> None:
+def laumas_twin(scheduler: Scheduler, line: SerialLine, told: ForceTold, load: Load) -> VirtualLaumas:
     """A transmitter alone on its line."""
     own = told.own
     menu = TransmitterMenu(
@@ -167,6 +190,7 @@ def laumas_twin(scheduler: Scheduler, line: SerialLine, told: ForceTold, load: L
         count_g=own["count_g"],
         division_g=told.resolution_g,
         units_word=own["units_word"],
+        set_point_g=told.set_point_g,
     )
     firmware = TransmitterFirmware(
         signs=own["signs"],
@@ -176,3 +200,4 @@ def laumas_twin(scheduler: Scheduler, line: SerialLine, told: ForceTold, load: L
     )
     transmitter = VirtualLaumas(scheduler, load, menu, firmware)
     ModbusBus(scheduler, line, dict.fromkeys((*USUAL_IDS, own["device_id"]), transmitter), framing=told.framing)
+    return transmitter

@@ -39,7 +39,7 @@ class DriveParameters:
     """What is set in a drive itself, and what differs between drives.
 
     inverted: the motor runs against the axis. ramp_rpm: the ramp words are ms for that many rpm. output_register
-    switches a digital output, and is nothing more.
+    switches a digital output, and is nothing more. inputs_register shows the digital inputs.
     """
 
     pulses_per_rev: int = 400
@@ -48,6 +48,7 @@ class DriveParameters:
     pulses_per_rev_register: int = 0x0001
     jog_rpm_register: int = 0x01E1
     output_register: int | None = None
+    inputs_register: int = 0x0179
 
 
 class VirtualDrive:
@@ -80,6 +81,7 @@ class VirtualDrive:
             self._stored[self._parameters.output_register] = 0
         self._stored |= stored or {}
         self.outputs: deque[tuple[float, int]] = deque(maxlen=_OUTPUTS_KEPT)  # every switching: s, word
+        self._inputs = 0  # bits of what is pressed, DI1 lowest; each is set up as a quick stop
         self._stopped_s = -1.0  # end of the last quick stop: one that is under way is not begun again
         self.eeprom_saves = 0
         self.power_cycle()
@@ -101,6 +103,16 @@ class VirtualDrive:
         self._alarm = 0
         self._homed = self._homing = False
         self._done = True
+
+    def press(self, number: int) -> None:
+        """Somebody presses what is wired to DI1 … DI7: a quick stop, and nothing moves as long as it is pressed."""
+        self._settle()
+        self._inputs |= 1 << number - 1
+        self._stop()
+
+    def release(self, number: int) -> None:
+        """They let it go."""
+        self._inputs &= ~(1 << number - 1)
 
     def fault(self, code: int) -> None:
         """Raise an alarm: the motor stops, and nothing moves it until the alarm is cleared."""
@@ -137,6 +149,7 @@ class VirtualDrive:
         position = words(self._count(now_s))
         rpm = words(round(self._sign * self._axis.velocity_at(now_s) / self._per_rpm))
         shown = {STATUS: self._status(now_s), ALARM: self._alarm}
+        shown[self._parameters.inputs_register] = self._inputs
         for first, pair in ((COMMANDED, position), (FEEDBACK, position), (FEEDBACK_RPM, rpm)):
             shown |= {first: pair[0], first + 1: pair[1]}
         return shown
@@ -170,7 +183,7 @@ class VirtualDrive:
             self._zero, self._homed = self.carriage_at(self._scheduler.monotonic_s()), True
         elif not (RUN_PR0 <= word <= RUN_PR15 or word == HOME):
             raise RegisterFault(ILLEGAL_VALUE)
-        elif not self._alarm:
+        elif not (self._alarm or self._inputs):
             self._home() if word == HOME else self._path(PR0 + PATH_REGISTERS * (word - RUN_PR0))
 
     def _path(self, first: int) -> None:
@@ -190,7 +203,7 @@ class VirtualDrive:
             self._axis.go([(self._zero + self._sign * allowed, rpm * self._per_rpm)], *ramps, now_s)
 
     def _run(self, rpm: int, for_s: float, ramps: tuple[float, float]) -> None:
-        if self._alarm or not rpm:
+        if self._alarm or self._inputs or not rpm:
             return
         now_s = self._scheduler.monotonic_s()
         low, high = self._limits()
@@ -248,6 +261,14 @@ class DrivePair:
     def __init__(self, x: VirtualDrive, z: VirtualDrive) -> None:
         self.x, self.z = x, z
 
+    def press(self, name: str) -> None:
+        """An input of the vertical drive, di1 … di7."""
+        self.z.press(int(name.removeprefix("di")))
+
+    def release(self, name: str) -> None:
+        """The same, let go."""
+        self.z.release(int(name.removeprefix("di")))
+
     def carriage_steps_at(self, t_s: float) -> tuple[int, int, int]:
         """Where the motors really are, pulses from the home switches (x, y, z)."""
         return self.x.carriage_at(t_s), 0, self.z.carriage_at(t_s)
@@ -275,6 +296,7 @@ def _drive(scheduler: Scheduler, told: StageTold, axis: str, drive: Mapping[str,
         ramp_rpm=drive["ramp_rpm"],
         pulses_per_rev_register=drive["pulses_per_rev_register"],
         jog_rpm_register=drive["jog_rpm_register"],
+        inputs_register=told.inputs_register,
         output_register=told.sync["register_address"] if axis == told.sync["drive"] else None,
     )
     return VirtualDrive(scheduler, parameters, play=told.play_steps[number])

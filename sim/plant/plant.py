@@ -232,6 +232,8 @@ class Press:
         before = self._before
         if self._indentor.sharp or before is None or last is not self._last or not before.pose.over(last.pose):
             return last.state
+        if before.state.displacement.shape != last.state.displacement.shape:  # solved on a narrower patch
+            return last.state
         gone_mm, going_mm = last.doi_mm - before.doi_mm, doi_mm - last.doi_mm
         if gone_mm == 0 or abs(going_mm) > _FARTHEST_ONWARD * abs(gone_mm):
             return last.state

@@ -57,7 +57,7 @@ def suffer(fault: Fault, folder: Path) -> Found:
     reason = ""
     with ExitStack() as stack:
         stack.enter_context(_file_sizes_restored())
-        stack.callback(lambda: bench.journal._file.close())
+        stack.callback(lambda: bench.journal.close())
         try:
             _two_presses(bench, fault)
         except (EngineError, StageError, ForceError, TransportError) as error:

@@ -114,7 +114,7 @@ def _suffer(
     except (EngineError, StageError, ForceError, TransportError) as error:
         reason = str(error)
     finally:
-        bench.journal._file.close()
+        bench.journal.close()
     return Cell(bench.worst_n / GWT_N, reason)
 
 

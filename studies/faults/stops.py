@@ -15,11 +15,12 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
+from types import MappingProxyType
 from typing import Any
 
 from rig.devices.stage.leadshine import leadshine_words as reg
@@ -77,8 +78,15 @@ def by_socket(owner: Announced) -> float:
 class Benches:
     """`rig serve`, and a run on its ports for each stop."""
 
-    def __init__(self, folder: Path, stage: str, ask: Callable[[Announced], float] = by_socket) -> None:
-        """ask: asks for a stop and says when, on the machine's clock that only goes on."""
+    def __init__(
+        self,
+        folder: Path,
+        stage: str,
+        ask: Callable[[Announced], float] = by_socket,
+        more: Mapping[str, Any] = MappingProxyType({}),
+    ) -> None:
+        """ask: asks for a stop and says when, on the clock that only goes on. more: tables of the configuration."""
+        self._more = more
         self._folder, self._stage, self._ask = folder, stage, ask
         self._chance = random.Random(0)
         self.config = folder / "rig.toml"
@@ -86,7 +94,7 @@ class Benches:
     @contextmanager
     def served(self) -> Iterator[None]:
         """The devices, until the end."""
-        tables = NEAR | {"stage": {"kind": self._stage}, "virtual": {"indentor": "bar:3.0"}}
+        tables = NEAR | {"stage": {"kind": self._stage}, "virtual": {"indentor": "bar:3.0"}} | dict(self._more)
         self.config.write_text(Config.model_validate(tables).as_toml(), encoding="utf-8")
         words = [sys.executable, "-m", "rig", "serve", "--tcp", "0", "--config", str(self.config)]
         with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as serve:

@@ -72,7 +72,7 @@ class Kill:
                 append(journal, line)
                 self._strike()
                 return
-            journal._file.write(line[:written])
+            journal.file.append(line[:written])
             self._strike()
             append(journal, line[written:])
 

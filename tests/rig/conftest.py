@@ -26,6 +26,7 @@ from sim.devices import Load, SerialLine, VirtualBalance, VirtualGrbl
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 from sim.models.processes.finger_process import FingerProcess
+from tests.confirmed_moves import Confirmed, confirmed_moves
 from tests.program import Program, program_of
 from tests.waiting import DEADLINE_S
 
@@ -191,9 +192,13 @@ class SpringBench:
         return [(c["t_s"], bytes.fromhex(c["hex"])) for c in chunks if c["port"] == port and c["dir"] == "tx"]
 
     def moves(self) -> list[dict[str, float]]:
-        """Every move that the board was told, as axis words in machine mm."""
-        lines = [data.decode() for _, data in self.sent("stage") if data.startswith(b"G53")]
-        return [{axis: float(mm) for axis, mm in re.findall(r"([XYZF])(-?[\d.]+)", line)} for line in lines]
+        """Every move that the board was told, in machine mm by axis, and its feed as F."""
+        return [{**move.target_mm, "F": move.feed} for move in self.confirmed()]
+
+    def confirmed(self) -> list[Confirmed]:
+        """Every move that the board was told."""
+        chunks = map(json.loads, self.wire.getvalue().splitlines())
+        return confirmed_moves((c["t_s"], c["dir"], bytes.fromhex(c["hex"])) for c in chunks if c["port"] == "stage")
 
     @property
     def height_mm(self) -> float:
@@ -223,7 +228,7 @@ def spring(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable
 
     yield make
     for bench in made:
-        bench.journal._file.close()
+        bench.journal.close()
 
 
 @pytest.fixture

@@ -182,7 +182,7 @@ class HandBench:
 def is_move(kind: str, data: bytes) -> bool:
     """A jog, a homing or a move; of a drive: a path with its trigger, homing, or its own jog."""
     if kind == "grbl":
-        return data.startswith((b"$J", b"$H", b"G53"))
+        return data.startswith((b"$J", b"$H", b"G1"))
     return data[1:4] == bytes.fromhex("10 62 00") or data[1:6] in (
         bytes.fromhex("06 60 02 00 20"), bytes.fromhex("06 18 01 40 01"), bytes.fromhex("06 18 01 40 02"),
     )  # fmt: skip

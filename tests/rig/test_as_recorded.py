@@ -89,8 +89,8 @@ def _bench(spring: Make, scene: Mapping[str, Any]) -> Any:
 
 def _said(bench: Any, problem: str) -> dict[str, Any]:
     """Moves with their times, all events but the readings, how many of these in each phase, and what went wrong."""
-    sent = [(t_s, data.decode().strip()) for t_s, data in bench.sent("stage") if data.startswith(b"G53")]
-    moves = [[round(t_s - sent[0][0], 6), line] for t_s, line in sent]
+    sent = bench.confirmed()
+    moves = [[round(move.t_s - sent[0].t_s, 6), move.target_mm, move.feed] for move in sent]
     phases: dict[str, int] = {}
     for sample in bench.of("sample"):
         phases[sample["phase"]] = phases.get(sample["phase"], 0) + 1

@@ -99,7 +99,7 @@ def test_without_backlash_a_move_is_one_line(clock: VirtualClock) -> None:
     stage.move_to(x_mm=-1.0, y_mm=-1.0, z_mm=-1.0, speed_mm_s=1.0)
     board.status = b"<Idle|MPos:-0.500,-0.500,-0.500>\r\n"
     stage.move_to(x_mm=-0.5, y_mm=-0.5, z_mm=-0.5, speed_mm_s=1.0)
-    assert len([line for line in board.said if line.startswith(b"G53")]) == 2
+    assert len([line for line in board.said if line.startswith(b"G1")]) == 2
 
 
 def test_a_held_board_that_does_not_go_on(clock: VirtualClock) -> None:
@@ -149,25 +149,27 @@ def test_a_status_without_a_position_is_asked_again_though_the_offset_is_known(c
 
 
 @pytest.mark.parametrize(
-    ("to_mm", "lines"),
-    [(-0.015, ["Z0.0000", "Z-0.0150"]), (-0.5, ["Z-0.4800", "Z-0.5000"]), (-1.0, ["Z-1.0000"]), (-2.0, ["Z-2.0000"])],
+    ("to_mm", "gone_mm"),
+    [(-0.015, [0.9998, -0.0148]), (-0.5, [0.52, -0.02]), (-1.0, [0.0]), (-2.0, [-1.0])],
 )
 def test_backlash_is_taken_up_on_the_way_up_and_not_beyond_the_top(
-    clock: VirtualClock, to_mm: float, lines: list[str]
+    clock: VirtualClock, to_mm: float, gone_mm: list[float]
 ) -> None:
     """10 µm of it, from −1 mm; where nothing moves there is nothing to take up."""
     board, stage = _grbl(clock, b"<Idle|MPos:0.000,0.000,-1.000>\r\n", backlash_mm=(0.0, 0.0, 0.01))
     stage.status()
-    write = board.write
+    write, by_mm = board.write, list[float]()
 
     def arrived(data: bytes) -> None:
-        if data.startswith(b"G53"):
-            board.status = b"<Idle|MPos:0.000,0.000," + data[12:].split(b"F")[0] + b">\r\n"
+        if data.startswith(b"G92"):
+            by_mm.append(-float(data[5:].split(b"Z")[1].split(b"G")[0]))
+        if data == b"G1Z0\n":
+            board.status = f"<Idle|MPos:0.000,0.000,{-1.0 + sum(by_mm):.3f}>\r\n".encode()
         write(data)
 
     board.write = arrived  # type: ignore[method-assign]
     stage.move_to(z_mm=to_mm, speed_mm_s=1.0)
-    assert [line[11:].split(b"F")[0].decode() for line in board.said if line.startswith(b"G53")] == lines
+    assert by_mm == pytest.approx(gone_mm)
 
 
 def test_a_board_that_jogs_on(clock: VirtualClock) -> None:

@@ -407,10 +407,11 @@ def test_a_sensor_that_is_busy_at_rest_is_waited_for(
 
 
 def jogged(bench: AtHand) -> list[tuple[float, float]]:
-    """What a GRBL board was told to jog along z: mm and mm/s."""
-    texts = [bytes.fromhex(json.loads(line)["hex"]) for line in bench.wire.getvalue().splitlines()]
-    told = re.findall(rb"\$J=G91G21Z(-?[\d.]+)F([\d.]+)", b"".join(texts))
-    return [(float(mm), round(float(feed) / 60, 6)) for mm, feed in told]
+    """The steps down that a GRBL board was told along z, each to a work zero of its own: mm and mm/s."""
+    chunks = [json.loads(line) for line in bench.wire.getvalue().splitlines()]
+    texts = [bytes.fromhex(c["hex"]) for c in chunks if c["dir"] == "tx" and c["port"] == "stage"]
+    told = re.findall(rb"G92X0Y0Z([\d.]+)G90G21G94F[\d.]+\n(?:\$G\n)?\?\$J=Z0F([\d.]+)\n", b"".join(texts))
+    return [(-float(mm), round(float(feed) / 60, 6)) for mm, feed in told]
 
 
 def test_down_to_clearance_by_descent_steps_and_then_by_increments() -> None:

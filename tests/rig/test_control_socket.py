@@ -608,6 +608,17 @@ def test_a_note_that_cannot_be_read_is_passed_over(folder: Path, words: str) -> 
         assert _only().pid == os.getpid()
 
 
+def test_one_whose_lock_cannot_be_asked_for_is_listed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a disk that takes nothing: whoever asks will see whether it lives."""
+
+    def full(note: Path) -> Any:
+        raise OSError(errno.EROFS, "Read-only file system", str(note))
+
+    with _owner(status=lambda _: {}), monkeypatch.context() as patch:
+        patch.setattr(announcements, "lock_of", full)
+        assert _only().ask("status", within_s=DEADLINE_S) == {"ok": True}
+
+
 def test_other_files_are_left_alone(folder: Path) -> None:
     with _owner():
         (folder / "notes.txt").write_text("mine")

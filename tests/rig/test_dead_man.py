@@ -55,6 +55,12 @@ class WithASwitch(There):
         self.left_to_it += held()
 
 
+@pytest.fixture(autouse=True)
+def _faster_than_it_was_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The stage of these tests is at once where it was told to be; the corridor has its own tests."""
+    monkeypatch.setattr(module, "refuse_strayed", lambda *about: None)
+
+
 def jog(stage: There, by_mm: float | None, *, speed: float = 2.0, way: Direction = X_UP, looks: int = 40) -> float:
     left = iter([way] * (looks + 1))
     return dead_man_jog(stage, stage.clock, lambda: next(left, None), speed, by_mm, lambda at: None).x_mm  # type: ignore[arg-type]

@@ -109,15 +109,18 @@ def test_the_bytes_of_the_indentation(step: FinishedRun) -> None:
         for port in ("stage", "force")
         for direction in ("tx", "rx")
     }
-    moves = re.findall(rb"G53G1G90G21Z(-\d+\.\d{4})F\d+\.\d{3}\n", told["stage", "tx"])
+    # The place is confirmed, then the trigger goes; before a long way, feed and modes are confirmed as well.
+    move = rb"G92X0Y0Z-?[\d.]+G90G21G94F[\d.]+\n(\$G\n)?\?G1Z0\n"
+    moves = re.findall(move, told["stage", "tx"])
     samples = [s for s in run.stream("sample") if s["index"] == 0]
     assert len(moves) >= len({s["height_mm"] for s in samples})
     assert told["stage", "tx"].count(b"?") >= len(moves)
-    assert told["stage", "rx"].count(b"ok\r\n") == len(moves)
+    assert told["stage", "rx"].count(b"ok\r\n") == 2 * len(moves) + sum(map(bool, moves))
     assert told["stage", "rx"].count(b"<Idle|MPos:") >= len(moves)
     weights = [float(w) for w in re.findall(rb"S [SD] +(-?\d+\.\d\d) g\r\n", told["force", "rx"])]
     assert told["force", "tx"] == b"SI\r\n" * len(weights)
-    in_the_lift = weights[len(samples) :]
+    *in_the_lift, at_rest = weights[len(samples) :]
+    assert at_rest == 0.0, "it is lifted"
     assert weights[: len(samples)] == pytest.approx([s["force_gwt"] for s in samples], abs=1e-6)
     assert 2 <= len(in_the_lift) <= told["stage", "rx"].count(b"<Run|MPos:")
     assert in_the_lift == sorted(in_the_lift, reverse=True)

@@ -70,6 +70,7 @@ def test_what_was_lifted_is_clear_and_no_press() -> None:
     bench.force.shows_gwt = 1.0
     engine.read_force_gwt(PressId(0), "press")
     bench.clock.wait_s(1.0)
+    bench.force.shows_gwt = 0.0
     verbs.retract(engine)
     assert (engine.state, engine.may_touch) == (State.READY, False)
     assert engine.trip_gwt == pytest.approx(203.943, abs=1e-3)
@@ -219,11 +220,19 @@ def test_on_the_way_up_from_a_trip_nothing_is_asked_of_the_sensor() -> None:
     bench = Told()
     engine = bench.in_contact()
     asked = len(bench.force.read_s)
-    bench.force.at_read = raising(ForceTimeout("no answer"))
+    heights_mm: list[float] = []
+
+    def silent() -> None:
+        heights_mm.append(bench.height_mm)
+        raise ForceTimeout("no answer")
+
+    bench.force.at_read = silent
     with pytest.raises(TripError, match=r"^for the test$"):
         engine.trip("for the test")
-    assert len(bench.force.read_s) == asked
+    assert heights_mm == pytest.approx([2.0]), "asked once, at rest"
+    assert len(bench.force.read_s) == asked + 1
     assert bench.height_mm == pytest.approx(2.0)
+    assert (engine.known_contact.kind, engine.known_contact.may_touch) == ("raised", True)
 
 
 # --- the heartbeat ---

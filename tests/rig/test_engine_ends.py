@@ -161,9 +161,8 @@ def test_after_a_failure_elsewhere_the_finger_is_left() -> None:
     [
         lambda bench: setattr(bench.stage, "at_look", raising(StageError("it does not move"))),
         lambda bench: setattr(bench.stage, "homed", False),
-        lambda bench: setattr(bench.force, "at_read", raising(ForceTimeout("no answer"))),
     ],
-    ids=["failed", "untrusted", "unfelt"],
+    ids=["failed", "untrusted"],
 )
 def test_where_the_finger_cannot_be_left_the_stage_is_stopped(spoil: Callable[[Told], None]) -> None:
     bench = Told()
@@ -172,6 +171,17 @@ def test_where_the_finger_cannot_be_left_the_stage_is_stopped(spoil: Callable[[T
     engine.make_safe()
     assert bench.stage.told[-1] == "stop"
     assert engine.state is not State.READY
+
+
+def test_a_silent_sensor_keeps_nothing_on_the_finger() -> None:
+    """It is raised all the same; nothing says that it is lifted."""
+    bench = Told()
+    engine = bench.in_contact()
+    bench.force.at_read = raising(ForceTimeout("no answer"))
+    engine.make_safe()
+    assert bench.height_mm == pytest.approx(2.0)
+    assert (engine.state, engine.known_contact.kind) == (State.IN_CONTACT, "unknown")
+    assert engine.measure_contact().kind == "raised"
 
 
 def test_at_clearance_there_is_nothing_to_make_safe() -> None:

@@ -81,16 +81,17 @@ class End:
 
 
 FREE, WELL = "free the finger before anything else", "see that the finger is well"
+LOOK = "look at the finger: if it is touched, free it by hand"  # the sensor goes on reading 10 N
 ENDS = {
-    "a trip that lifts": End(1, "above the hard trip", "lifted", False, f"{WELL}, and to what tripped it", _trip),
-    "a trip that parks": End(1, "above the hard trip", "lifted", False, WELL, _trip, {"on_trip": "park"}),
+    "a trip that lifts": End(1, "above the hard trip", "raised", True, LOOK, _trip),
+    "a trip that parks": End(1, "above the hard trip", "raised", True, LOOK, _trip, {"on_trip": "park"}),
     "a trip that stops": End(1, "above the hard trip", "held", True, FREE, _trip, {"on_trip": "stop"}, again=False),
     "the stage fails": End(
         1, "stage is closed", "held", True, f"{FREE}, by hand or by the controller's own jog",
         lambda bench, patch: bench.stage._transport.close(),
     ),
     "the sensor fails": End(
-        1, "no force reading: force is closed", "lifted", False, WELL,
+        1, "no force reading: force is closed", "raised", True, "look before you touch anything",
         lambda bench, patch: bench.force._transport.close(),
     ),
     "the journal cannot be written": End(
@@ -183,10 +184,10 @@ def test_every_end_says_where_the_indentor_is_and_how_to_go_on(
         said = json.loads(ended.out)["ending"]
         assert said["reason"] in line
         assert (said["indentor"]["left"], said["indentor"]["may_touch"]) == (end.left, end.may_touch)
-        assert said["indentor"]["trusted"] is (end.left == "lifted")
+        assert said["indentor"]["trusted"] is (end.left != "held")
         assert said["indentor"]["x_mm"] == pytest.approx(-0.5, abs=0.01)
         lifted = said["indentor"]["height_mm"] > 1.9
-        assert lifted is (end.left == "lifted")
+        assert lifted is (end.left != "held")
         assert said["next"].startswith(end.next)
         assert said["resume"] == resume
         words = said["words"]
@@ -221,7 +222,7 @@ def test_a_run_that_comes_to_its_end_says_nothing_of_it(rig: Callable[..., Ended
     assert list(read_journal(folder / "events.jsonl"))[-1]["reason"] == ""
 
 
-@pytest.mark.parametrize(("needle", "speed"), [('"press"', 40), ('"home"', 10)])
+@pytest.mark.parametrize(("needle", "speed"), [('"press"', 40), ('"zero"', 10)])
 def test_the_next_command_says_that_a_program_was_killed(
     rig: Callable[..., Ended], finger: Fingertip, tmp_path: Path, needle: str, speed: int
 ) -> None:

@@ -50,12 +50,18 @@ def test_what_needs_no_library_imports_none(words: list[str]) -> None:
     assert not imported & LIBRARIES
 
 
-@pytest.mark.parametrize("verb", ["home", "zero", "status", "stop", "jog"])
+@pytest.mark.parametrize("verb", ["home", "zero", "status", "jog"])
 def test_what_is_said_at_the_bench_waits_for_no_library_that_solves_or_draws(verb: str) -> None:
     """Not for pymodbus either, which boards that speak G-code have no use for."""
     imported = imported_by([verb, "--help"])
     assert "rig.engine.engine" in imported
     assert not imported & {"scipy", "h5py", "matplotlib", "pymodbus", "sim.contact"}
+
+
+def test_a_stop_imports_only_what_its_bytes_need() -> None:
+    imported = imported_by(["stop", "--help"])
+    assert "rig.session.control.sent_stop" in imported
+    assert not imported & (LIBRARIES - {"serial"} | {"rig.data", "rig.protocol", "jinja2"})
 
 
 @pytest.mark.parametrize("verb", ["runs", "show"])

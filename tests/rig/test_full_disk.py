@@ -167,7 +167,8 @@ def test_a_run_is_whole_again_when_there_is_room(
     assert ended.code == (1 if name in WHILE_IT_RUNS else 2)
     said = json.loads(ended.out)
     assert (said["run"], said["complete"]) == (str(folder.relative_to(tmp_path)), name not in WHILE_IT_RUNS)
-    assert said["ending"]["indentor"]["left"] == "lifted"
+    # the bytes end while it homes, before there is a zero that could confirm it
+    assert said["ending"]["indentor"]["left"] == ("raised" if name == "bytes.jsonl" else "lifted")
     resume = line.partition("free space, then ")[2]
     assert said["ending"]["resume"] == resume == f"rig resume {folder}"
     again = rig(*shlex.split(resume)[1:])

@@ -13,13 +13,48 @@ from rig.devices.stage.grbl.grbl_stage import GrblStage
 from rig.devices.stage.grbl.grbl_words import StatusFields, is_banner, parse_status
 from rig.engine.rig_settings import RigSettings
 from sim.devices.clock import VirtualClock
+from tests.told_board import Board, at, connected
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
 HELLO = (b"$I\n", b"[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n")
 ASKED = b"\x90\x95\x99$$\n"
-SETTINGS = (ASKED, b"$13=0\r\n$100=400.000\r\n$110=600.000\r\n$120=50.000\r\nok\r\n")
+SET = b"$13=0\r\n$27=1.000\r\n$100=400.000\r\n$110=600.000\r\n$120=50.000\r\nok\r\n"
+SETTINGS = ((ASKED, SET), (b"$$\n", SET))
 IDLE = b"<Idle|MPos:-1.000,-2.000,-3.000|FS:0,0>\r\n"
 Make = Callable[..., GrblStage]
+Script = list[tuple[bytes, bytes]]
+
+
+def asked(settings: bytes) -> Script:
+    """The settings are read until two answers in a row are the same."""
+    return [(ASKED, settings), (b"$$\n", settings)]
+
+
+def confirmed(
+    coordinates: str,
+    feed: int,
+    at: tuple[float, float, float],
+    zero: tuple[float, float, float],
+    *,
+    modes: bool = True,
+) -> Script:
+    """What comes before a trigger: the offset, modes and feed where the motion is long, and work zero in a status."""
+    place, work_zero = (",".join(f"{mm:.3f}" for mm in xyz) for xyz in (at, zero))
+    shown = f"[GC:G1 G54 G17 G21 G90 G94 M5 M9 T0 F{feed} S0]\r\nok\r\n".encode()
+    return [
+        (f"G92{coordinates}G90G21G94F{feed}\n".encode(), b"ok\r\n"),
+        *([(b"$G\n", shown)] if modes else []),
+        (b"?", f"<Idle|MPos:{place}|FS:0,0|WCO:{work_zero}>\r\n".encode()),
+    ]
+
+
+AT = (-1.0, -2.0, -3.0)
+HOMING: list[Any] = [
+    (b"?", IDLE),
+    (b"$H\n", b""),
+    (b"?", b"<Home|MPos:-1.000,-1.000,-1.000|FS:0,0>\r\nok\r\n"),
+    (b"?", b"<Idle|MPos:-1.000,-1.000,-1.000|FS:0,0>\r\n"),
+]
 
 
 @pytest.fixture
@@ -27,7 +62,7 @@ def stage(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> Make:
     """A driver that has said hello to the far end of this script."""
 
     def make(script: list[Any], *, homed: bool = False, **options: Any) -> GrblStage:
-        stage = GrblStage(scripted([HELLO, SETTINGS, *script]), clock, **options)
+        stage = GrblStage(scripted([HELLO, *SETTINGS, *script]), clock, **options)
         assert stage.connect() == "[VER:1.1h.20190825:] [OPT:V,15,128]"
         stage._link.trusted = homed
         return stage
@@ -39,32 +74,32 @@ def stage(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> Make:
 
 
 def test_connect_after_the_banner(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
-    stage: Stage = GrblStage(scripted([(b"", BANNER), HELLO, SETTINGS]), clock)
+    stage: Stage = GrblStage(scripted([(b"", BANNER), HELLO, *SETTINGS]), clock)
     assert stage.connect() == "[VER:1.1h.20190825:] [OPT:V,15,128]"
 
 
 def test_connect_resets_a_board_that_does_not_answer(
     clock: VirtualClock, scripted: Callable[[list[Any]], Any]
 ) -> None:
-    stage = GrblStage(scripted([(b"$I\n", b""), (b"\x18", BANNER), HELLO, SETTINGS]), clock)
+    stage = GrblStage(scripted([(b"$I\n", b""), (b"\x18", BANNER), HELLO, *SETTINGS]), clock)
     assert stage.connect().startswith("[VER:1.1h")
 
 
 def test_connect_when_banner_and_question_cross(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
     """The answer to the first question must not be taken for the answer to the next."""
-    script = [(b"$I\n", BANNER + HELLO[1]), (b"\x18", BANNER), HELLO, SETTINGS]
+    script = [(b"$I\n", BANNER + HELLO[1]), (b"\x18", BANNER), HELLO, *SETTINGS]
     assert GrblStage(scripted(script), clock).connect().startswith("[VER:1.1h")
 
 
 def test_connect_to_a_grblhal_board(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
     banner = b"\r\nGrblHAL 1.1f ['$' or '$HELP' for help]\r\n"
     hello = (b"$I\n", b"[VER:1.1f.20240101:]\r\n[OPT:VNM,35,1024]\r\n[FIRMWARE:grblHAL]\r\nok\r\n")
-    stage = GrblStage(scripted([(b"$I\n", b""), (b"\x18", banner), hello, SETTINGS]), clock)
+    stage = GrblStage(scripted([(b"$I\n", b""), (b"\x18", banner), hello, *SETTINGS]), clock)
     assert stage.connect().endswith("[FIRMWARE:grblHAL]")
 
 
 def test_a_second_reset_where_the_first_is_lost(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
-    script = [(b"$I\n", b""), (b"\x18", b"[MSG:Reset to continue]\r\n"), (b"\x18", BANNER), HELLO, SETTINGS]
+    script = [(b"$I\n", b""), (b"\x18", b"[MSG:Reset to continue]\r\n"), (b"\x18", BANNER), HELLO, *SETTINGS]
     assert GrblStage(scripted(script), clock).connect()
 
 
@@ -76,7 +111,7 @@ def test_nobody_there(clock: VirtualClock, scripted: Callable[[list[Any]], Any])
 
 
 def test_a_board_that_reports_inches_is_refused(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
-    stage = GrblStage(scripted([HELLO, (ASKED, b"$13=1\r\nok\r\n")]), clock)
+    stage = GrblStage(scripted([HELLO, *asked(b"$13=1\r\nok\r\n")]), clock)
     with pytest.raises(StageError, match=r"\$13=0"):
         stage.connect()
 
@@ -84,14 +119,14 @@ def test_a_board_that_reports_inches_is_refused(clock: VirtualClock, scripted: C
 @pytest.mark.parametrize(
     ("board", "complaint"),
     [
-        (b"$20=1\r\n$22=1\r\n$130=60.000\r\n", r"expected \$131=30 \(it has 0\), \$132=40 \(it has 0\)$"),
+        (b"$20=1\r\n$22=1\r\n$130=60.000\r\n", r"expected \$131=30 \(it has 0\)$"),
         (b"$20=0\r\n$22=1\r\n$130=60.000\r\n$131=30.000\r\n$132=40.000\r\n", r"expected \$20=1 \(it has 0\)$"),
     ],
 )
 def test_a_board_that_is_not_set_as_configured_is_refused(
     clock: VirtualClock, scripted: Callable[[list[Any]], Any], board: bytes, complaint: str
 ) -> None:
-    stage = GrblStage(scripted([HELLO, (ASKED, board + b"ok\r\n")]), clock, expected=expected_settings(RigSettings()))
+    stage = GrblStage(scripted([HELLO, *asked(board + b"ok\r\n")]), clock, expected=expected_settings(RigSettings()))
     with pytest.raises(StageError, match=complaint):
         stage.connect()
 
@@ -101,7 +136,6 @@ def test_a_board_that_is_not_set_as_configured_is_refused(
     [
         (b"$130=50", "(stage.travel_mm), expected $130=60 (it has 50)"),
         (b"$131=50", "(stage.travel_mm), expected $131=30 (it has 50)"),
-        (b"$132=50", "(stage.travel_mm), expected $132=40 (it has 50)"),
         (b"$13=1", "configured, expected $13=0 (it has 1)"),
     ],
 )
@@ -109,14 +143,14 @@ def test_a_travel_that_differs_is_told_by_the_key_of_the_configuration(
     clock: VirtualClock, scripted: Callable[[list[Any]], Any], setting: bytes, says: str
 ) -> None:
     board = b"$20=1\r\n$22=1\r\n$130=60.000\r\n$131=30.000\r\n$132=40.000\r\n" + setting + b"\r\nok\r\n"
-    stage = GrblStage(scripted([HELLO, (ASKED, board)]), clock, expected=expected_settings(RigSettings()))
+    stage = GrblStage(scripted([HELLO, *asked(board)]), clock, expected=expected_settings(RigSettings()))
     with pytest.raises(StageError, match="not set as configured") as caught:
         stage.connect()
     assert says in str(caught.value)
 
 
 def test_where_no_travel_is_expected_none_is_named(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
-    stage = GrblStage(scripted([HELLO, (ASKED, b"$13=1\r\n$132=1\r\nok\r\n")]), clock)
+    stage = GrblStage(scripted([HELLO, *asked(b"$13=1\r\n$132=1\r\nok\r\n")]), clock)
     with pytest.raises(StageError, match=r"configured, expected \$13=0"):
         stage.connect()
 
@@ -168,7 +202,7 @@ def test_no_answer_is_a_bounded_wait_and_then_only_a_reset_helps(stage: Make, cl
     ("line", "fields"),
     [
         ("<Idle|MPos:0.000,1.000,-2.500|Bf:15,128|FS:0,0|Pn:XZ|WCO:1,2,3|Ov:100,100,100>",
-         StatusFields("Idle", (0.0, 1.0, -2.5), None, (1.0, 2.0, 3.0), (100, 100, 100))),
+         StatusFields("Idle", (0.0, 1.0, -2.5), None, (1.0, 2.0, 3.0), (100, 100, 100), "XZ")),
         ("<Hold:1|WPos:0,0,0|FS:0,0>", StatusFields("Hold:1", None, (0.0, 0.0, 0.0), None)),
         ("<Run|MPos:0,0,0,7.5|FS:0,0>", StatusFields("Run", (0.0, 0.0, 0.0), None, None)),
         ("<Alarm>", StatusFields("Alarm", None, None, None)),
@@ -223,12 +257,11 @@ def test_a_status_without_position_is_an_error(stage: Make) -> None:
 def test_home_then_move(stage: Make, clock: VirtualClock) -> None:
     board = stage(
         [
-            (b"?", IDLE),
-            (b"$H\n", b"ok\r\n"),
-            (b"?", IDLE),
-            (b"G53G1G90G21X-11.0000F60.000\n", b"ok\r\n"),
-            (b"?", b"<Run|MPos:-10.990,-2.000,-3.000|FS:60,0>\r\n"),
-            (b"?", b"<Idle|MPos:-11.000,-2.000,-3.000|FS:0,0>\r\n"),
+            *HOMING,
+            *confirmed("X10Y0Z0", 60, (-1, -1, -1), (-11, -1, -1)),
+            (b"G1X0\n", b"ok\r\n"),
+            (b"?", b"<Run|MPos:-10.990,-1.000,-1.000|FS:60,0>\r\n"),
+            (b"?", b"<Idle|MPos:-11.000,-1.000,-1.000|FS:0,0>\r\n"),
         ]
     )
     assert not board.homed
@@ -241,34 +274,19 @@ def test_home_then_move(stage: Make, clock: VirtualClock) -> None:
 
 
 def test_an_arrival_elsewhere_is_an_error(stage: Make) -> None:
-    board = stage([(b"G53G1G90G21Z-2.9000F60.000\n", b"ok\r\n"), (b"?", IDLE)], homed=True)
+    going = confirmed("X0Y0Z-0.1", 60, AT, (-1, -2, -2.9), modes=False)
+    board = stage([(b"?", IDLE), *going, (b"G1Z0\n", b"ok\r\n"), *[(b"?", IDLE)] * 2], homed=True)
     with pytest.raises(StageError, match=r"Z is at -3\.0 mm, not at -2\.9 mm"):
         board.move_to(z_mm=-2.9, speed_mm_s=1.0)
 
 
 def test_a_move_that_does_not_end_has_a_bounded_wait(clock: VirtualClock) -> None:
-    class Stuck:
-        name = "stuck"
-        answers, state = b"", b"Run"
-
-        def write(self, data: bytes) -> None:
-            self.answers += b"<" + self.state + b"|MPos:0,0,0>\r\n" if data == b"?" else b"ok\r\n"
-
-        def read(self, timeout_s: float) -> bytes:
-            data, self.answers = self.answers, b""
-            if not data:
-                clock.wait_s(timeout_s)
-            return data
-
-        def close(self) -> None: ...
-
-    stuck = Stuck()
-    board = GrblStage(stuck, clock)
-    board.connect()
-    board._link.trusted = True
+    stuck = Board(clock)
+    board = connected(stuck)
+    stuck.status = at("Run")
     with pytest.raises(StageTimeout, match="not over in time, state Run"):
         board.move_to(x_mm=1.0, speed_mm_s=1.0)
-    stuck.state = b"Hold:0"
+    stuck.status = at("Hold:0")
     with pytest.raises(StageTimeout, match="still held after 1 s"):
         board.resume(1.0)
 
@@ -288,7 +306,8 @@ def test_bad_arguments_are_refused_before_any_byte(stage: Make, arguments: dict[
 
 
 def test_an_alarm_in_the_middle_of_a_move_is_heard_at_once(stage: Make, clock: VirtualClock) -> None:
-    board = stage([(b"?", IDLE), (b"G53G1G90G21X-20.0000F60.000\n", [b"ok\r\nALARM:1\r\n"])], homed=True)
+    going = confirmed("X19Y0Z0", 60, AT, (-20, -2, -3))
+    board = stage([(b"?", IDLE), *going, (b"G1X0\n", [b"ok\r\nALARM:1\r\n"])], homed=True)
     board.status()
     with pytest.raises(StageAlarm, match="alarm 1: hard limit") as caught:
         board.move_to(x_mm=-20.0, speed_mm_s=1.0)
@@ -297,7 +316,9 @@ def test_an_alarm_in_the_middle_of_a_move_is_heard_at_once(stage: Make, clock: V
 
 
 def test_an_alarm_state_ends_a_move(stage: Make) -> None:
-    board = stage([(b"G53G1G90G21X-20.0000F60.000\n", b"ok\r\n"), (b"?", b"<Alarm|MPos:0,0,0>\r\n")], homed=True)
+    going = confirmed("X19Y0Z0", 60, AT, (-20, -2, -3))
+    alarm = (b"?", b"<Alarm|MPos:0,0,0>\r\n")
+    board = stage([(b"?", IDLE), *going, (b"G1X0\n", b"ok\r\n"), alarm], homed=True)
     with pytest.raises(StageError, match="Alarm during a move"):
         board.move_to(x_mm=-20.0, speed_mm_s=1.0)
 
@@ -308,8 +329,7 @@ def test_unknown_alarms_are_alarms_too(stage: Make) -> None:
 
 
 def test_a_banner_at_any_time_is_a_reset(stage: Make) -> None:
-    home = [(b"?", IDLE), (b"$H\n", b"ok\r\n"), (b"?", IDLE)]
-    board = stage([*home, (b"?", b"<Idle|MPos:-1.0" + BANNER)])
+    board = stage([*HOMING, (b"?", b"<Idle|MPos:-1.0" + BANNER)])
     board.home()
     with pytest.raises(StageReset, match=r"was reset \(Grbl 1\.1h"):
         board.status()
@@ -333,11 +353,14 @@ def test_with_backlash_every_arrival_is_in_the_negative_direction(stage: Make) -
     board = stage(
         [
             (b"?", IDLE),
-            (b"G53G1G90G21X-1.5000Z-2.8800F60.000\n", b"ok\r\n"),
+            *confirmed("X0.5Y0Z-0.12", 60, AT, (-1.5, -2, -2.88)),
+            (b"G1X0Z0\n", b"ok\r\n"),
             (b"?", b"<Idle|MPos:-1.500,-2.000,-2.880|FS:0,0>\r\n"),
-            (b"G53G1G90G21X-1.5000Z-2.9000F60.000\n", b"ok\r\n"),
+            *confirmed("X0Y0Z0.02", 60, (-1.5, -2, -2.88), (-1.5, -2, -2.9), modes=False),
+            (b"G1X0Z0\n", b"ok\r\n"),
             (b"?", b"<Idle|MPos:-1.500,-2.000,-2.900|FS:0,0>\r\n"),
-            (b"G53G1G90G21Z-3.0000F60.000\n", b"ok\r\n"),
+            *confirmed("X0Y0Z0.1", 60, (-1.5, -2, -2.9), (-1.5, -2, -3), modes=False),
+            (b"G1Z0\n", b"ok\r\n"),
             (b"?", b"<Idle|MPos:-1.500,-2.000,-3.000|FS:0,0>\r\n"),
         ],
         backlash_mm=(0.0, 0.0, 0.01),
@@ -353,13 +376,17 @@ def test_with_backlash_every_arrival_is_in_the_negative_direction(stage: Make) -
 
 def test_a_jog_is_queued_and_not_waited_for(stage: Make, clock: VirtualClock) -> None:
     start_s = clock.monotonic_s()
-    stage([(b"$J=G91G21Z-0.1000F60.000\n", b"ok\r\n")]).jog("z", -0.1, 1.0)
+    going = confirmed("X0Y0Z0.1", 60, AT, (-1, -2, -3.1), modes=False)
+    stage([(b"?", IDLE), *going, (b"$J=Z0F60\n", b"ok\r\n")]).jog("z", -0.1, 1.0)
     assert clock.monotonic_s() == start_s
 
 
 def test_a_jog_beyond_the_travel_is_refused_by_the_board(stage: Make) -> None:
+    """After three times: an axis that was garbled is refused by its travel, too."""
+    again = [*confirmed("X0Y0Z0", 60, AT, AT), (b"$J=G91Z0X99F60\n", b"error:15\r\n")]
+    board = stage([(b"?", IDLE), *again, (b"?", IDLE), *again, (b"?", IDLE), *again])
     with pytest.raises(StageRejected, match="error 15: the jog target lies outside the travel"):
-        stage([(b"$J=G91G21X99.0000F60.000\n", b"error:15\r\n")]).jog("x", 99.0, 1.0)
+        board.jog("x", 99.0, 1.0)
 
 
 def test_a_jog_cancel_is_waited_for_and_not_sent_again_at_once(stage: Make) -> None:
@@ -404,9 +431,7 @@ def test_home_after_a_stop_begins_with_a_reset(stage: Make) -> None:
         [
             (b"!\x18", b"ALARM:3\r\nok\r\n" + BANNER),
             (b"\x18", BANNER + b"[MSG:'$H'|'$X' to unlock]\r\n"),
-            (b"?", IDLE),
-            (b"$H\n", b"ok\r\n"),
-            (b"?", IDLE),
+            *HOMING,
         ]
     )
     board.stop()

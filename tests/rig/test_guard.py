@@ -11,7 +11,7 @@ from rig.engine.by_hand import Guard
 from rig.engine.errors import LimitError
 from rig.engine.motion import FeltError
 from rig.engine.rig_settings import RigSettings
-from rig.engine.sensing import NoReadingError
+from rig.engine.sensing import NoReadingError, Sensing
 
 TOUCH_GWT, STEP_MM = 0.05, 0.05
 SOFT_GWT = 2.0 / GWT_N
@@ -23,7 +23,8 @@ class Told:
     touch_gwt, resolution_gwt, zeroed = TOUCH_GWT, 0.01, True
 
     def __init__(self) -> None:
-        self.gwt, self.away, self.zero_of = 0.0, list[bool](), list[float]()
+        self.gwt, self.ways, self.zero_of = 0.0, list[bool](), list[float]()
+        self.absolute, self.away, self._before_gwt = True, False, 0.0
         self.error: NoReadingError | None = None
 
     def settled(self) -> ForceReading:
@@ -37,10 +38,13 @@ class Told:
         return self.settled().force_n / GWT_N
 
     def begin_motion(self, *, away: bool) -> None:
-        self.away.append(away)
+        self.ways.append(away)
+        self.away, self._before_gwt = away, math.inf if self.error else self.gwt
 
-    def take_zero(self, readings_gwt: list[float]) -> None:
-        self.zero_of, self.zeroed = readings_gwt, True
+    unloads = Sensing.unloads
+
+    def take_zero(self, readings_gwt: list[float], *, provisional: bool) -> None:
+        self.zero_of, self.zeroed, self.absolute = readings_gwt, True, not provisional
 
 
 class Feeling:
@@ -238,7 +242,7 @@ def test_without_a_zero_twelve_readings_are_taken_for_it_and_the_way_up_is_told(
     feeling.told.zeroed = False  # type: ignore[misc]
     feeling.begin(80.0, "up").begin(80.0, "down")
     assert feeling.told.zero_of == pytest.approx([80.0] * 12)
-    assert feeling.told.away == [True, False]
+    assert feeling.told.ways == [True, False]
     feeling.told.zero_of = []
     feeling.begin(0.0, "down")
     assert feeling.told.zero_of == []

@@ -38,8 +38,8 @@ class Bench:
         self.stage.connect()
         self.stage.home()
 
-    def z_mm(self) -> float:
-        return self.board.carriage_steps_at(self.clock.monotonic_s())[2] / 400
+    def x_mm(self) -> float:
+        return self.board.carriage_steps_at(self.clock.monotonic_s())[0] / 400
 
     def later(self, seconds: float, data: bytes) -> float:
         at_s = self.clock.monotonic_s() + seconds
@@ -53,11 +53,11 @@ def bench() -> Bench:
 
 
 def _move(bench: Bench) -> None:
-    arrive(bench.stage.moving(z_mm=-21.0, speed_mm_s=1.0))
+    arrive(bench.stage.moving(x_mm=-21.0, speed_mm_s=1.0))
 
 
 def _jog(bench: Bench, by_mm: float | None = None) -> None:
-    dead_man_jog(bench.stage, bench.clock, lambda: Direction("z", -1), 1.0, by_mm)
+    dead_man_jog(bench.stage, bench.clock, lambda: Direction("x", -1), 1.0, by_mm)
 
 
 MOTIONS: dict[str, Callable[[Bench], None]] = {"move": _move, "jog": _jog, "jog by": lambda b: _jog(b, 20.0)}
@@ -103,15 +103,15 @@ def test_at_another_speed_it_goes_no_farther_than_two_looks(bench: Bench, data: 
     """Twice the speed for two looks at most. Then the stage is stopped, as the engine does."""
     bench.later(1.05, data)
     depth: list[float] = []
-    bench.clock.call_at(bench.clock.monotonic_s() + 1.05, lambda: depth.append(bench.z_mm()))
+    bench.clock.call_at(bench.clock.monotonic_s() + 1.05, lambda: depth.append(bench.x_mm()))
     with pytest.raises(StageError):
         _move(bench)
     bench.stage.stop()
     bench.clock.wait_s(1.0)
-    gone_mm = depth[0] - bench.z_mm()
+    gone_mm = depth[0] - bench.x_mm()
     assert 0 < gone_mm <= 1.0 * PREPARED_S + factor * NAMED_S
     bench.clock.wait_s(5.0)
-    assert depth[0] - bench.z_mm() == gone_mm, "it stands"
+    assert depth[0] - bench.x_mm() == gone_mm, "it stands"
 
 
 def test_a_jog_that_was_ended_for_an_override_stands_and_is_trusted(bench: Bench) -> None:
@@ -120,16 +120,16 @@ def test_a_jog_that_was_ended_for_an_override_stands_and_is_trusted(bench: Bench
         _jog(bench)
     assert bench.stage.homed
     assert bench.stage.status().state == "Idle"
-    at_mm = bench.z_mm()
+    at_mm = bench.x_mm()
     bench.clock.wait_s(2.0)
-    assert bench.z_mm() == at_mm
+    assert bench.x_mm() == at_mm
 
 
 def test_connecting_ends_what_overrides_there_are(bench: Bench) -> None:
     bench.line.host_write(b"\x91\x96\x9a")
     bench.stage.connect()
     bench.stage.home()
-    bench.stage.move_to(z_mm=-3.0, speed_mm_s=1.0)
+    bench.stage.move_to(x_mm=-3.0, speed_mm_s=1.0)
     assert bench.board._overrides.share.feed == 1.0
     assert str(bench.board._overrides) == "100,100,100"
 
@@ -139,26 +139,26 @@ def test_after_an_override_nothing_moves_until_the_board_was_reset_or_connected(
     with pytest.raises(StageError, match="110 %"):
         _move(bench)
     bench.stage.halt()
-    bench.stage.move_to(z_mm=-5.0, speed_mm_s=1.0)
+    bench.stage.move_to(x_mm=-5.0, speed_mm_s=1.0)
     bench.line.host_write(b"\x91")
     bench.clock.wait_s(0.01)
     for _ in range(2):
         bench.stage.look()
-    at_mm = bench.z_mm()
+    at_mm = bench.x_mm()
     for move in (_move, _jog):
         with pytest.raises(StageError, match="110 %"):
             move(bench)
-    assert bench.z_mm() == at_mm
+    assert bench.x_mm() == at_mm
     bench.stage.connect()
-    bench.stage.jog("z", -0.1, 1.0)
+    bench.stage.jog("x", -0.1, 1.0)
 
 
-@pytest.mark.parametrize("mask", [1, 511 - 64])
-def test_a_grblhal_that_hides_its_overrides_is_refused(scripted: Any, mask: int) -> None:
+@pytest.mark.parametrize("mask", [1, 511 - 64, 511 - 32])
+def test_a_grblhal_that_hides_its_overrides_or_its_work_zero_is_refused(scripted: Any, mask: int) -> None:
     hello = (b"$I\n", b"[VER:1.1f.20260817:]\r\n[FIRMWARE:grblHAL]\r\nok\r\n")
-    settings = (b"\x90\x95\x99$$\n", b"$10=%d\r\n$13=0\r\nok\r\n" % mask)
-    stage = GrblStage(scripted([hello, settings]), VirtualClock())
-    with pytest.raises(StageError, match=rf"expected \$10={mask | 64} \(it has {mask}, which hides its overrides\)$"):
+    answer = b"$10=%d\r\n$13=0\r\nok\r\n" % mask
+    stage = GrblStage(scripted([hello, (b"\x90\x95\x99$$\n", answer), (b"$$\n", answer)]), VirtualClock())
+    with pytest.raises(StageError, match=rf"expected \$10={mask | 96} \(it has {mask}, which hides its work zero or"):
         stage.connect()
 
 
@@ -168,9 +168,22 @@ def test_a_jog_that_was_cut_short_at_the_controller_does_not_end_well(bench: Ben
     bench.later(at_s, b"!")
     with pytest.raises(StageError, match=r"stopped at the controller, 0\.\d+ mm short of what it was told"):
         _jog(bench, 2.0)
-    at_mm = bench.z_mm()
+    at_mm = bench.x_mm()
     bench.clock.wait_s(3.0)
-    assert bench.z_mm() == at_mm > -3.0
+    assert bench.x_mm() == at_mm > -3.0
+
+
+def test_a_step_down_that_was_cut_short_at_the_controller_is_the_last(bench: Bench) -> None:
+    """Down it goes from rest to rest, each step to a place that the board has confirmed."""
+    bench.stage.jog("z", -0.1, 1.0)
+    bench.clock.wait_s(0.03)
+    bench.line.host_write(b"!")
+    with pytest.raises(StageError, match=r"the jog was stopped at the controller, Z is at -1\.0"):
+        bench.stage.jog("z", -0.1, 1.0)
+    bench.stage.end_jog()
+    at_steps = bench.board.carriage_steps_at(bench.clock.monotonic_s())
+    bench.clock.wait_s(1.0)
+    assert bench.board.carriage_steps_at(bench.clock.monotonic_s()) == at_steps
 
 
 # --- a key that is held on ---
@@ -180,7 +193,7 @@ CYCLE_S = [0.6 + 0.0083 * i for i in range(13)]  # from one slice to the next
 
 def _key(bench: Bench, speed_mm_s: float, release_s: float = 3.0) -> None:
     until_s = bench.clock.monotonic_s() + release_s
-    held = lambda: Direction("z", -1) if bench.clock.monotonic_s() < until_s else None  # noqa: E731
+    held = lambda: Direction("x", -1) if bench.clock.monotonic_s() < until_s else None  # noqa: E731
     dead_man_jog(bench.stage, bench.clock, held, speed_mm_s)
 
 
@@ -190,13 +203,13 @@ def test_a_held_key_does_not_go_on_after_a_feed_hold(bench: Bench, speed_mm_s: f
     """The board cancels the jog and says nothing. Told more while it slows down, it used to go on."""
     bench.later(after_s, b"!")
     at_mm: list[float] = []
-    bench.clock.call_at(bench.clock.monotonic_s() + after_s, lambda: at_mm.append(bench.z_mm()))
+    bench.clock.call_at(bench.clock.monotonic_s() + after_s, lambda: at_mm.append(bench.x_mm()))
     with pytest.raises(StageError, match=r"stopped (it )?at the controller"):
         _key(bench, speed_mm_s)
-    assert at_mm[0] - bench.z_mm() < 2 * speed_mm_s * SLICE_S + 0.05
-    rest_mm = bench.z_mm()
+    assert at_mm[0] - bench.x_mm() < 2 * speed_mm_s * SLICE_S + 0.05
+    rest_mm = bench.x_mm()
     bench.clock.wait_s(2.0)
-    assert bench.z_mm() == rest_mm
+    assert bench.x_mm() == rest_mm
 
 
 @pytest.mark.parametrize("after_s", CYCLE_S)
@@ -209,10 +222,10 @@ def test_an_open_door_is_named_also_where_the_next_line_waits_for_it(
     with pytest.raises(StageHeld, match=r"^stage: the stage is held, Door:\d: somebody stopped it"):
         _jog(bench, by_mm)
     assert bench.clock.monotonic_s() - at_s <= NAMED_S + PREPARED_S + 0.02
-    rest_mm = bench.z_mm()
+    rest_mm = bench.x_mm()
     bench.line.host_write(b"~")
     bench.clock.wait_s(2.0)
-    assert bench.z_mm() == rest_mm, "nothing waits in the board"
+    assert bench.x_mm() == rest_mm, "nothing waits in the board"
 
 
 @pytest.mark.parametrize("motion", [*MOTIONS, "key", "output"])
@@ -223,7 +236,7 @@ def test_what_begins_at_a_held_board_is_refused_at_the_first_look(what: str, mot
     data, says = HOLDS[what]
     bench.line.host_write(data)
     bench.clock.wait_s(0.01)
-    begun_s, at_mm = bench.clock.monotonic_s(), bench.z_mm()
+    begun_s, at_mm = bench.clock.monotonic_s(), bench.x_mm()
     begin = MOTIONS | {"key": lambda b: _key(b, 1.0), "output": lambda b: b.stage.set_output(True)}
     with pytest.raises(StageHeld, match=says):
         begin[motion](bench)
@@ -231,7 +244,7 @@ def test_what_begins_at_a_held_board_is_refused_at_the_first_look(what: str, mot
     bench.stage.stop()
     bench.line.host_write(b"~")
     bench.clock.wait_s(2.0)
-    assert bench.z_mm() == at_mm
+    assert bench.x_mm() == at_mm
 
 
 @pytest.mark.parametrize(
@@ -247,10 +260,10 @@ def test_homing_at_another_speed_is_refused_before_the_position_is_given_up(benc
     bench.clock.wait_s(0.01)
     for _ in range(2):
         bench.stage.look()
-    at_mm = bench.z_mm()
+    at_mm = bench.x_mm()
     with pytest.raises(StageOverridden, match="110 %"):
         bench.stage.home()
-    assert (bench.stage.homed, bench.z_mm()) == (True, at_mm)
+    assert (bench.stage.homed, bench.x_mm()) == (True, at_mm)
 
 
 @pytest.mark.parametrize("data", [b"\x91", b"\x92\x92", b"\x97"])

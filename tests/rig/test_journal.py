@@ -127,7 +127,7 @@ def test_nothing_is_lost_with_the_program(path: Path, clock: VirtualClock) -> No
     # No stop, no close: what a kill leaves behind.
     documents = list(read_journal(path))
     assert [d["doc"] for d in documents] == ["start", "descriptor", "event"]
-    journal._file.close()
+    journal.close()
 
 
 @pytest.mark.parametrize(

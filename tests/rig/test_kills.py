@@ -53,7 +53,7 @@ def test_runs_whose_cables_were_pulled_are_taken_up(finger: Fingertip) -> None:
     found = _found("--kills", "0", "--cables", "4")
     assert (found["cables"], found["complete"]) == (4, 4)
     assert [result["how"] for result in found["results"]] == list(CABLES)
-    assert all(result["left"] in ("held", "lifted") for result in found["results"])
+    assert all(result["left"] in ("held", "raised") for result in found["results"])
     assert [result["left"] for result in found["results"] if result["how"].startswith("stage")] == ["held"] * 2
 
 

@@ -1,5 +1,6 @@
 """The Leadshine stage as pairs of bytes: x is device 1, z is device 2, 400 pulses a turn and a mm."""
 
+import math
 from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
@@ -49,6 +50,38 @@ def hello(device: int) -> Pair:
     return f"{device:02X} 03 00 01 00 01", f"{device:02X} 03 02 01 90"
 
 
+def set_and_read_back(device: int, register: str, words: str) -> list[Pair]:
+    """Function 16, and the same registers again by function 03; `register` and `words` in hex."""
+    count = len(words.split()) // 2
+    head = f"{register} {count >> 8:02X} {count & 255:02X}"
+    return [
+        written(f"{device:02X} 10 {head} {2 * count:02X} {words}"),
+        (f"{device:02X} 03 {head}", f"{device:02X} 03 {2 * count:02X} {words}"),
+    ]
+
+
+def started(device: int, target: str, rpm: str) -> list[Pair]:
+    """A path without its trigger, read back, and only then the trigger."""
+    path = set_and_read_back(device, "62 00", f"00 01 {target} {rpm} 01 4D 01 4D 00 00")
+    return [*path, echoed(f"{device:02X} 06 60 02 00 10")]
+
+
+def disarmed(device: int, paths: dict[int, str] | None = None) -> list[Pair]:
+    """The types of sixteen paths are asked for, then the speeds of homing and jogs; what is harmless stays."""
+    d, script = f"{device:02X}", list[Pair]()
+    for number in range(16):
+        register = f"62 {8 * number:02X}"
+        word = (paths or {}).get(number, "00 00")
+        script.append((f"{d} 03 {register} 00 01", f"{d} 03 02 {word}"))
+        if word != "00 00":
+            script += set_and_read_back(device, register, "00 00")
+    return [
+        *script,
+        (f"{d} 03 60 0F 00 04", f"{d} 03 08 00 01 00 01 01 4D 01 4D"),
+        (f"{d} 03 01 E1 00 01", f"{d} 03 02 00 01"),
+    ]
+
+
 def homing(device: int, lowest: str) -> list[Pair]:
     """What homing says to one drive that starts at rest, with the soft limits after it."""
     d = f"{device:02X}"
@@ -72,7 +105,8 @@ def homing(device: int, lowest: str) -> list[Pair]:
 
 
 # −40 mm and −60 mm are −16000 and −24000 pulses.
-HOMING = [*homing(2, "FF FF C1 80"), *homing(1, "FF FF A2 40")]
+BEFORE = [status(2, AT_REST), status(1, AT_REST), *disarmed(2), *disarmed(1)]
+HOMING = [*BEFORE, *homing(2, "FF FF C1 80"), *homing(1, "FF FF A2 40")]
 
 
 @pytest.fixture
@@ -107,8 +141,26 @@ def homed(stage: Make) -> Make:
 
 
 def test_connect_names_both_drives(stage: Make) -> None:
-    there: Stage = stage([hello(1), hello(2)])
+    there: Stage = stage([hello(1), *disarmed(1), hello(2), *disarmed(2)])
     assert there.connect() == "x: Leadshine drive 1, 400 pulses a turn; z: Leadshine drive 2, 400 pulses a turn"
+
+
+def test_paths_of_the_owner_are_made_null_and_so_is_what_homes_or_jogs_fast(stage: Make) -> None:
+    """PR1 to PR8, as the EEPROM holds them; nothing is saved."""
+    paths = {1: "00 01", 2: "00 41", 4: "00 02", 8: "00 03"}
+    speeds = [
+        ("02 03 60 0F 00 04", "02 03 08 00 C8 00 32 00 64 00 64"),
+        *set_and_read_back(2, "60 0F", "00 01 00 01 01 4D 01 4D"),
+        ("02 03 01 E1 00 01", "02 03 02 00 3C"),
+        *set_and_read_back(2, "01 E1", "00 01"),
+    ]
+    stage([hello(1), *disarmed(1), hello(2), *disarmed(2, paths)[:-2], *speeds]).connect()
+
+
+def test_a_path_that_stays_is_refused(stage: Make) -> None:
+    script = [hello(1), *disarmed(1, {15: "00 41"})[:17], ("01 03 62 78 00 01", "01 03 02 00 41")]
+    with pytest.raises(StageError, match=r"x axis, drive 1: path 15 \(0x6278\) is \[65\], expected \[0\]"):
+        stage(script).connect()
 
 
 def test_a_drive_that_is_set_otherwise_is_refused(stage: Make) -> None:
@@ -143,12 +195,29 @@ def test_homing_goes_up_first_and_sets_limits_in_the_drives(homed: Make) -> None
 
 
 def test_a_limit_that_the_drive_did_not_take(stage: Make) -> None:
-    script = homing(2, "FF FF C1 80")
+    script = [*BEFORE, *homing(2, "FF FF C1 80")]
     script[-1] = ("02 03 60 00 00 01", "02 03 02 00 00")
     there = stage(script)
     with pytest.raises(StageError, match=r"z axis, drive 2: soft limits \(0x6000\) is \[0\], expected \[2\]"):
         there.home()
     assert not there.homed
+
+
+def test_a_drive_that_does_not_begin_to_home_is_not_taken_for_a_homed_one(stage: Make) -> None:
+    """It stood at its switch, homed, and the word for homing is lost on it: for a second it shows nothing else."""
+    looks = [status(2, HOMED)] * (1 + math.ceil((1.0 - 0.05) / 0.02))
+    script = [*BEFORE, *homing(2, "FF FF C1 80")[:6], *looks, echoed("01 06 60 02 00 40"), status(1, AT_REST)]
+    there = stage(script)
+    with pytest.raises(StageError, match="z axis, drive 2 did not begin to home"):
+        there.home()
+    assert not there.homed
+
+
+def test_when_one_drive_fails_to_home_the_other_one_is_stopped(stage: Make) -> None:
+    """A wrong bit in the address may have sent it home instead."""
+    script = [*BEFORE, *homing(2, "FF FF C1 80")[:5], ("02 06 60 02 00 20", "")]
+    with pytest.raises(StageTimeout, match="device 2, write"):
+        stage([*script, echoed("01 06 60 02 00 40"), status(1, AT_REST)]).home()
 
 
 def test_a_motor_that_runs_against_its_axis(stage: Make) -> None:
@@ -162,24 +231,24 @@ def test_a_motor_that_runs_against_its_axis(stage: Make) -> None:
         written("02 10 60 00 00 01 02 00 02"),
         ("02 03 60 00 00 01", "02 03 02 00 02"),
     ]
+    silent = [("01 03 10 03 00 01", "")] * 3
+    others = [echoed("02 06 60 02 00 40"), status(2, HOMED)]
     with pytest.raises(StageTimeout, match="x axis"):
-        stage(
-            [*d, *limits, ("01 03 10 03 00 01", ""), ("01 03 10 03 00 01", ""), ("01 03 10 03 00 01", "")],
-            per_mm=-400.0,
-        ).home()
+        stage([*BEFORE, *d, *limits, *silent, *others], per_mm=-400.0).home()
 
 
 # --- moves ---
 
 
-def test_a_move_is_one_frame_and_arrival_is_seen(homed: Make, clock: VirtualClock) -> None:
+def test_a_move_is_confirmed_and_arrival_is_seen(homed: Make, clock: VirtualClock) -> None:
     """−2.5 mm at 0.5 mm/s: −1000 pulses, 30 rpm, ramps of 333 ms for 1000 rpm."""
     there = homed(
         [
-            feedback(2, "00 00 00 00"),
             status(2, HOMED),
             commanded(2, "00 00 00 00"),
-            written("02 10 62 00 00 08 10 00 01 FF FF FC 18 00 1E 01 4D 01 4D 00 00 00 10"),
+            ("02 10 62 00 00 07 0E 00 01 FF FF FC 18 00 1E 01 4D 01 4D 00 00", "02 10 62 00 00 07"),
+            ("02 03 62 00 00 07", "02 03 0E 00 01 FF FF FC 18 00 1E 01 4D 01 4D 00 00"),
+            ("02 06 60 02 00 10", "02 06 60 02 00 10"),
             *[status(2, "00 46")] * 21,  # running, homed
             status(2, HOMED),
             commanded(2, "FF FF FC 18"),
@@ -195,10 +264,9 @@ def test_a_move_is_one_frame_and_arrival_is_seen(homed: Make, clock: VirtualCloc
 def test_path_done_of_the_move_before_is_not_taken_for_this_one(homed: Make) -> None:
     there = homed(
         [
-            feedback(1, "00 00 00 00"),
             status(1, HOMED),
             commanded(1, "00 00 00 00"),
-            written("01 10 62 00 00 08 10 00 01 FF FF FE 70 01 2C 01 4D 01 4D 00 00 00 10"),
+            *started(1, "FF FF FE 70", "01 2C"),
             status(1, HOMED),  # not begun yet: done, but with the old target
             commanded(1, "00 00 00 00"),
             status(1, HOMED),
@@ -209,12 +277,7 @@ def test_path_done_of_the_move_before_is_not_taken_for_this_one(homed: Make) -> 
     there.move_to(x_mm=-1.0, y_mm=-15.0, speed_mm_s=5.0)
 
 
-MOVE_1_MM = [
-    feedback(1, "00 00 00 00"),
-    status(1, HOMED),
-    commanded(1, "00 00 00 00"),
-    written("01 10 62 00 00 08 10 00 01 FF FF FE 70 01 2C 01 4D 01 4D 00 00 00 10"),
-]
+MOVE_1_MM = [status(1, HOMED), commanded(1, "00 00 00 00"), *started(1, "FF FF FE 70", "01 2C")]
 
 
 def test_an_arrival_somewhere_else(homed: Make) -> None:
@@ -226,11 +289,22 @@ def test_an_arrival_somewhere_else(homed: Make) -> None:
 
 
 def test_a_trigger_that_is_not_confirmed_is_not_repeated(homed: Make) -> None:
-    there = homed([*MOVE_1_MM[:3], (MOVE_1_MM[3][0], "")])
-    with pytest.raises(StageTimeout, match=r"write .*of 8 registers at 0x6200: no answer"):
+    there = homed([*MOVE_1_MM[:4], (MOVE_1_MM[4][0], "")])
+    with pytest.raises(StageTimeout, match=r"write .*of 1 registers at 0x6002: no answer"):
         there.move_to(x_mm=-1.0, speed_mm_s=5.0)
     with pytest.raises(StageError, match="must be homed"):
         there.move_to(x_mm=-1.0, speed_mm_s=5.0)
+
+
+@pytest.mark.parametrize("word", range(7))
+def test_a_path_that_the_drive_has_otherwise_is_not_started(homed: Make, word: int) -> None:
+    """One bit of one register."""
+    words = ["00", "01", "FF", "FF", "FE", "70", "01", "2C", "01", "4D", "01", "4D", "00", "00"]
+    words[2 * word + 1] = f"{int(words[2 * word + 1], 16) ^ 0x20:02X}"
+    there = homed([*MOVE_1_MM[:3], (MOVE_1_MM[3][0], "01 03 0E " + " ".join(words))])
+    with pytest.raises(StageError, match=r"x axis, drive 1: path 0 \(0x6200\) is"):
+        there.move_to(x_mm=-1.0, speed_mm_s=5.0)
+    assert not there.homed
 
 
 @pytest.mark.parametrize(
@@ -251,7 +325,7 @@ def test_an_alarm_in_a_move_has_its_name_and_is_not_cleared(homed: Make, code: s
 @pytest.mark.parametrize("under_way", [False, True], ids=["before the move", "in the move"])
 def test_a_drive_that_was_switched_off_is_not_moved_on(homed: Make, under_way: bool) -> None:
     """It is back, ready, without the homed bit, and counts from where it stood: 0x0032 at rest, 0x0006 running."""
-    lost = [*MOVE_1_MM, status(1, "00 06")] if under_way else [MOVE_1_MM[0], status(1, "00 32"), MOVE_1_MM[2]]
+    lost = [*MOVE_1_MM, status(1, "00 06")] if under_way else [status(1, "00 32"), MOVE_1_MM[1]]
     there = homed(lost)
     with pytest.raises(StageError, match=r"x axis, drive 1 is no longer homed: was it switched off\?"):
         there.move_to(x_mm=-1.0, speed_mm_s=5.0)
@@ -304,6 +378,57 @@ def test_no_move_unhomed(stage: Make) -> None:
         stage([]).move_to(z_mm=-1.0, speed_mm_s=1.0)
 
 
+# --- a lower limit ---
+
+
+@pytest.mark.parametrize(
+    ("lowest_mm", "per_mm", "register", "words"),
+    [
+        (-26.5, 400.0, "60 08", "FF FF D6 98"),
+        (-26.5, -400.0, "60 06", "00 00 29 68"),
+        (-99.0, 400.0, "60 08", "FF FF C1 80"),  # the end of the travel
+        (1.0, 400.0, "60 08", "00 00 00 00"),
+    ],
+)
+def test_a_lower_limit_is_set_at_rest_and_read_back(
+    stage: Make, lowest_mm: float, per_mm: float, register: str, words: str
+) -> None:
+    there = stage(
+        [status(2, HOMED), *set_and_read_back(2, register, words), ("02 03 60 00 00 01", "02 03 02 00 02")],
+        per_mm=per_mm,
+    )
+    there._trusted = True
+    there.limit_depth(lowest_mm)
+    assert there.homed
+
+
+LIMIT = [status(2, HOMED), *set_and_read_back(2, "60 08", "FF FF D6 98")]
+
+
+@pytest.mark.parametrize(
+    ("script", "complaint"),
+    [
+        ([status(2, "00 46")], "z axis, drive 2 runs"),
+        ([status(2, AT_REST)], "no longer homed"),
+        ([*LIMIT[:2], (LIMIT[2][0], "02 03 04 FF FF C1 80")], r"negative soft limit \(0x6008\)"),
+        ([*LIMIT, ("02 03 60 00 00 01", "02 03 02 00 00")], r"soft limits \(0x6000\)"),
+    ],
+    ids=["runs", "not homed", "not taken", "off"],
+)
+def test_a_lower_limit_that_does_not_hold_is_an_error(homed: Make, script: list[Pair], complaint: str) -> None:
+    there = homed(script)
+    with pytest.raises(StageError, match=complaint):
+        there.limit_depth(-26.5)
+    assert not there.homed
+
+
+def test_no_lower_limit_unhomed_nor_by_no_number(stage: Make, homed: Make) -> None:
+    with pytest.raises(StageError, match="must be homed"):
+        stage([]).limit_depth(-26.5)
+    with pytest.raises(ValueError, match="lowest_mm must be a finite number"):
+        homed([]).limit_depth(float("nan"))
+
+
 # --- backlash ---
 
 
@@ -311,7 +436,7 @@ def move(device: int, start: str, target: str, rpm: str) -> list[Pair]:
     return [
         status(device, HOMED),
         commanded(device, start),
-        written(f"{device:02X} 10 62 00 00 08 10 00 01 {target} {rpm} 01 4D 01 4D 00 00 00 10"),
+        *started(device, target, rpm),
         status(device, HOMED),
         commanded(device, target),
         feedback(device, target),
@@ -390,12 +515,15 @@ def test_jog_is_rewritten_in_time_and_ends_with_the_key(stage: Make, clock: Virt
     word = echoed("02 06 18 01 40 01")
     there = stage(
         [
+            *disarmed(2),
+            *disarmed(1),
             status(2, AT_REST),
-            written("02 10 01 E1 00 01 02 00 3C"),
-            ("02 03 01 E1 00 01", "02 03 02 00 3C"),
+            *set_and_read_back(2, "62 00", "00 00"),
+            *set_and_read_back(2, "01 E1", "00 3C"),
             *[word] * 5,
             status(2, RUNNING),
             status(2, AT_REST),
+            *set_and_read_back(2, "01 E1", "00 01"),
         ]
     )
     pressed_s: list[float] = []
@@ -412,11 +540,14 @@ def test_jog_the_other_way(stage: Make) -> None:
     once = iter([True, False])
     stage(
         [
+            *disarmed(2),
+            *disarmed(1),
             status(1, AT_REST),
-            written("01 10 01 E1 00 01 02 00 3C"),
-            ("01 03 01 E1 00 01", "01 03 02 00 3C"),
+            *set_and_read_back(1, "62 00", "00 00"),
+            *set_and_read_back(1, "01 E1", "00 3C"),
             echoed("01 06 18 01 40 02"),
             status(1, AT_REST),
+            *set_and_read_back(1, "01 E1", "00 01"),
         ]
     ).jog_while("x", -1, lambda: next(once), 1.0)
 
@@ -425,9 +556,11 @@ def test_a_jog_ends_with_the_link(stage: Make) -> None:
     with pytest.raises(StageTimeout, match=r"write .*0x1801: no answer"):
         stage(
             [
+                *disarmed(2),
+                *disarmed(1),
                 status(1, AT_REST),
-                written("01 10 01 E1 00 01 02 00 3C"),
-                ("01 03 01 E1 00 01", "01 03 02 00 3C"),
+                *set_and_read_back(1, "62 00", "00 00"),
+                *set_and_read_back(1, "01 E1", "00 3C"),
                 ("01 06 18 01 40 01", ""),
             ]
         ).jog_while("x", 1, lambda: True, 1.0)

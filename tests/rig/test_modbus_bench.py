@@ -112,7 +112,7 @@ def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Make]:
 
     yield bench
     for one in made:
-        one.journal._file.close()
+        one.journal.close()
 
 
 def _calibrated(x: float, z: float) -> dict[str, Any]:

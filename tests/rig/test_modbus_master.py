@@ -15,6 +15,8 @@ READ_2 = bytes.fromhex("01 03 00 07 00 02 75 CA")
 Rtu = Callable[[str], bytes]
 Script = Callable[[list[Any]], Any]
 
+NUMBERS = (0x8001, 0x8002, 0x8003)  # of the first questions over TCP
+
 
 @pytest.fixture
 def master(clock: VirtualClock, scripted: Script) -> Callable[..., ModbusMaster]:
@@ -49,11 +51,11 @@ def test_an_answer_may_come_byte_by_byte(master: Any, rtu: Rtu) -> None:
 def test_tcp_counts_its_transactions(master: Any) -> None:
     bus = master(
         [
-            (bytes.fromhex("0001 0000 0006 01 03 0007 0002"), bytes.fromhex("0001 0000 0007 01 03 04 0001 86A0")),
-            (bytes.fromhex("0002 0000 0006 01 06 1801 1111"), bytes.fromhex("0002 0000 0006 01 06 1801 1111")),
+            (bytes.fromhex("8001 0000 0006 01 03 0007 0002"), bytes.fromhex("8001 0000 0007 01 03 04 0001 86A0")),
+            (bytes.fromhex("8002 0000 0006 01 06 1801 1111"), bytes.fromhex("8002 0000 0006 01 06 1801 1111")),
             (
-                bytes.fromhex("0003 0000 0009 01 10 0005 0001 02 0008"),
-                bytes.fromhex("0003 0000 0006 01 10 0005 0001"),
+                bytes.fromhex("8003 0000 0009 01 10 0005 0001 02 0008"),
+                bytes.fromhex("8003 0000 0006 01 10 0005 0001"),
             ),
         ],
         framing="tcp",
@@ -185,6 +187,7 @@ class LateTransport:
         now_s = self.clock.monotonic_s()
         self.sent_s.append(now_s)
         self.due += [(now_s + after_s, chunk) for after_s, chunk in self.answers.pop(0)]
+        self.due.sort(key=lambda due: due[0])
 
     def read(self, timeout_s: float) -> bytes:
         wait_s = self.due[0][0] - self.clock.monotonic_s() if self.due else float("inf")
@@ -214,15 +217,45 @@ def test_noise_without_end_is_let_pass_no_longer_than_an_answer(clock: VirtualCl
     assert wire.sent_s[1] == pytest.approx(2 * 0.2, abs=2e-3)
 
 
-def test_transactions_are_counted_from_one_again(clock: VirtualClock) -> None:
+def test_transactions_are_counted_in_the_upper_half_for_ever(clock: VirtualClock) -> None:
+    """A first byte that a device would take for a missing last one must not be a command of a drive."""
     written: list[bytes] = []
     wire = LateTransport(clock, [[]] * 3)
     wire.write = written.append
     bus = ModbusMaster(wire, clock, framing="tcp")
-    bus._transaction = 0xFFFE
-    for _ in range(2):
+    bus._transaction = 0x7FFE
+    for _ in range(3):
         bus.send_now([1], 7, 1)
-    assert [frame[:2] for frame in written] == [b"\xff\xff", b"\x00\x01"]
+    assert [frame[:2] for frame in written] == [b"\xff\xff", b"\x80\x00", b"\x80\x01"]
+
+
+@pytest.mark.parametrize("after_s", [0.002, 0.012], ids=["before it", "after it"])
+@pytest.mark.parametrize("baud", [9600, 115200])
+def test_rtu_of_two_answers_after_a_silence_none_is_believed(
+    clock: VirtualClock, rtu: Rtu, baud: int, after_s: float
+) -> None:
+    """The answer to the first question comes late, beside the one to the third, and looks the same."""
+    old, new = rtu("01 03 04 00 00 00 01"), rtu("01 03 04 00 00 00 02")
+    asked_s = 0.2 + 0.005 + 0.02 + 40 * 10 / baud + 0.1  # of the third question, about
+    wire = LateTransport(clock, [[(asked_s + after_s, old)], *[[(0.005, new)]] * 3])
+    bus = ModbusMaster(wire, clock, baud=baud)
+    assert bus.read(1, 7, 2) == [0, 2]
+    clock.wait_s(asked_s - clock.monotonic_s())
+    assert bus.read(1, 7, 2) == [0, 2]
+    assert len(wire.sent_s) == 4
+
+
+def test_rtu_listens_longer_only_after_a_silence(clock: VirtualClock, rtu: Rtu) -> None:
+    answer = rtu("01 03 04 00 00 00 02")
+    wire = LateTransport(clock, [[(0.005, answer)], [], *[[(0.005, answer)]] * 3])
+    bus = ModbusMaster(wire, clock)
+    lasts_s = []
+    for pause_s in (0.0, 0.0, 0.0, 3.1):
+        clock.wait_s(pause_s)
+        begun_s = clock.monotonic_s()
+        bus.read(1, 7, 2)
+        lasts_s.append(clock.monotonic_s() - begun_s)
+    assert lasts_s == pytest.approx([0.005, 0.2 + 0.005 + 0.0235, 0.005 + 0.0235, 0.005], abs=0.005)
 
 
 @pytest.mark.parametrize("answer", [b"", bytes.fromhex("07 10 62 00 00 08 00 00")])
@@ -237,13 +270,14 @@ def test_a_refused_read_is_not_tried_again(master: Any, rtu: Rtu) -> None:
         master([(READ_2, rtu("01 83 02"))]).read(1, 7, 2)
 
 
-def test_tcp_passes_over_an_answer_to_an_older_question(master: Any) -> None:
-    late = bytes.fromhex("0001 0000 0005 01 03 02 1111")
-    right = bytes.fromhex("0002 0000 0005 01 03 02 2222")
+@pytest.mark.parametrize("together", [False, True])
+def test_tcp_passes_over_an_answer_to_an_older_question(master: Any, together: bool) -> None:
+    late = bytes.fromhex("8001 0000 0005 01 03 02 1111")
+    right = bytes.fromhex("8002 0000 0005 01 03 02 2222")
     bus = master(
         [
-            (bytes.fromhex("0001 0000 0006 01 03 0006 0001"), b""),
-            (bytes.fromhex("0002 0000 0006 01 03 0006 0001"), [late, right]),
+            (bytes.fromhex("8001 0000 0006 01 03 0006 0001"), b""),
+            (bytes.fromhex("8002 0000 0006 01 03 0006 0001"), [late + right] if together else [late, right]),
         ],
         framing="tcp",
     )
@@ -253,21 +287,21 @@ def test_tcp_passes_over_an_answer_to_an_older_question(master: Any) -> None:
 def test_tcp_another_unit_is_not_believed(master: Any) -> None:
     question = "0000 0006 01 03 0006 0001"
     script = [
-        (bytes.fromhex(f"{n:04x}" + question), bytes.fromhex(f"{n:04x} 0000 0005 09 03 02 2222")) for n in (1, 2, 3)
+        (bytes.fromhex(f"{n:04x}" + question), bytes.fromhex(f"{n:04x} 0000 0005 09 03 02 2222")) for n in NUMBERS
     ]
     with pytest.raises(ModbusGarbled, match="device 9 answered"):
         master(script, framing="tcp").read(1, 6, 1)
 
 
 def test_tcp_bytes_of_another_protocol(master: Any) -> None:
-    script = [(bytes.fromhex(f"{n:04x} 0000 0006 01 03 0006 0001"), b"HTTP/1.1 400\r\n") for n in (1, 2, 3)]
+    script = [(bytes.fromhex(f"{n:04x} 0000 0006 01 03 0006 0001"), b"HTTP/1.1 400\r\n") for n in NUMBERS]
     with pytest.raises(ModbusTimeout, match="only 48 54 54 50"):
         master(script, framing="tcp").read(1, 6, 1)
 
 
 def test_a_stop_goes_past_a_read_that_waits(clock: VirtualClock, scripted: Script, rtu: Rtu) -> None:
     """On a bus the answer may be lost; on TCP both frames go in one write."""
-    wire = scripted([(bytes.fromhex("0001 0000 0006 02 06 6002 0040 0002 0000 0006 01 06 6002 0040"), b"")])
+    wire = scripted([(bytes.fromhex("8001 0000 0006 02 06 6002 0040 8002 0000 0006 01 06 6002 0040"), b"")])
     ModbusMaster(wire, clock, framing="tcp").send_now([2, 1], 0x6002, 0x40)
     alone = scripted([(rtu("02 06 60 02 00 40"), b"")])
     ModbusMaster(alone, clock).send_now([2], 0x6002, 0x40)

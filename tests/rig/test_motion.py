@@ -22,7 +22,7 @@ class Watched:
 
     def __init__(self) -> None:
         self.stage = ToldStage(VirtualClock(1.7e9, 100.0))
-        self.motion = Motion(RigSettings(), self.stage, self._glance)
+        self.motion = Motion(RigSettings(), self.stage, self.stage.clock, self._glance)
         self.seen: list[tuple[float, float, float]] = []
         self.feel: Callable[[], None] = lambda: None
 

@@ -267,7 +267,8 @@ def test_what_ends_before_it_begins_says_that_nothing_was_moved(
     assert (said["error"], said["exit_code"]) == (line.removeprefix("rig: "), code)
     assert said["ending"] == {
         "reason": said["error"],
-        "indentor": {"left": "not moved", "x_mm": None, "height_mm": None, "trusted": False, "may_touch": None},
+        "indentor": {"left": "not moved", "x_mm": None, "height_mm": None, "trusted": False, "may_touch": None,
+                     "contact": None, "force_gwt": None},
         "words": words, "next": next_, "resume": None,
     }  # fmt: skip
 

@@ -63,10 +63,10 @@ def going_round(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[st
     return make
 
 
-def _lifted(done: FinishedRun, says: str) -> None:
+def _lifted(done: FinishedRun, says: str, left: str = "lifted") -> None:
     assert isinstance(done.problem, ScriptError)
     assert re.search(rf"\.py, line [78]: ((note|rig\.note): )?{says}$", str(done.problem))
-    assert (done.complete, done.indentations, done.at.left) == (False, 1, "lifted")
+    assert (done.complete, done.indentations, done.at.left) == (False, 1, left)
     assert not 0 < signal.getitimer(signal.ITIMER_REAL)[0] <= 0.5, "nothing is waited for any more"
 
 
@@ -90,7 +90,8 @@ def test_it_is_ended_and_the_finger_left(
 
     stopped = read_stopped(done.folder.path)
     plan = make_plan(stopped.script, stopped.config, finger, stopped.run, stopped.folder.path)
-    _lifted(dry_run(Session(stopped.script, stopped.config, finger, plan, stopped)), says)
+    again = dry_run(Session(stopped.script, stopped.config, finger, plan, stopped))
+    _lifted(again, says, "raised")  # homed, and not zeroed yet
 
 
 def test_a_rest_or_a_person_is_no_silence_and_no_press_is_solved_twice(

@@ -113,7 +113,7 @@ def test_a_drive_runs_no_slower_than_a_turn_a_minute(bench: Make, per_mm: float)
     bus, stage = bench(per_mm=per_mm)
     for speed_mm_s, rpm in ((1 / 30, 1), (0.0999, 2), (0.1, 3), (5.0, 150)):
         stage.move_to(x_mm=-1.0, speed_mm_s=speed_mm_s)
-        assert bus.told[-1][3][3] == rpm
+        assert bus.told[-2][3][3] == rpm
     with pytest.raises(ValueError, match=r"speed_mm_s must be at least 0\.0333, got 0\.033"):
         stage.move_to(x_mm=-1.0, speed_mm_s=0.033)
 

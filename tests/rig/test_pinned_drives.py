@@ -14,9 +14,9 @@ from rig.devices.stage.leadshine.leadshine_settings import DriveSettings
 from rig.devices.stage.leadshine.leadshine_stage import LeadshineStage
 from rig.transport.modbus import ModbusRefused
 from sim.devices.clock import VirtualClock
-from tests.drives_as_registers import CONTROL, HOMED, PR0, RUNNING, STATUS, TRIGGER, Bus, X, Z, homed_stage
+from tests.drives_as_registers import CONTROL, HOME, HOMED, RUN_PR0, RUNNING, STATUS, TRIGGER, Bus, X, Z, homed_stage
 
-QUICK_STOP, HOME = 0x40, 0x20
+QUICK_STOP = 0x40
 
 Make = Callable[..., tuple[Bus, LeadshineStage]]
 
@@ -136,7 +136,7 @@ def test_a_timeout_tells_what_the_drive_says_of_itself(bench: Make, clock: Virtu
 
 def test_a_move_that_is_stopped_by_another_is_over_with_an_error(bench: Make) -> None:
     bus, stage = bench()
-    bus.status = lambda device, t_s: RUNNING if bus.paths() and bus.told[-1][2] == PR0 else HOMED
+    bus.status = lambda device, t_s: RUNNING if bus.told and bus.told[-1][3] == [RUN_PR0] else HOMED
     looks = stage.moving(x_mm=-10.0, speed_mm_s=1.0)
     next(looks)
     stage.stop()
@@ -156,7 +156,8 @@ def test_a_held_jog_goes_the_way_that_was_asked_for_whatever_way_the_motor_runs(
     bus, stage = bench(per_mm=per_mm)
     held = iter([True, False])
     stage.jog_while("x", sign, lambda: next(held), 20.0)
-    assert bus.told[-1][1:] == (X, CONTROL, [0x4001 if sign * per_mm > 0 else 0x4002])
+    word = 0x4001 if sign * per_mm > 0 else 0x4002
+    assert [what[1:] for what in bus.told if what[2] == CONTROL] == [(X, CONTROL, [word])]
 
 
 def test_a_held_jog_is_told_again_each_20_ms_however_long_an_answer_takes(bench: Make, clock: VirtualClock) -> None:

@@ -255,6 +255,8 @@ def test_over_a_place_by_chance_it_goes_there(spring: Make) -> None:
     bench = spring()
     engine = bench.ready()
     verbs.home(engine)
+    frame = engine.settings.frame
+    bench.stage.move_to(x_mm=frame.pad_centre_x_mm + 0.5, y_mm=frame.pad_y_mm, speed_mm_s=5.0)
     engine.motion.x_mm, engine.motion.along_mm = 0.5, 0.0
     verbs.be_over(engine, 0.5)
     assert bench.of("move")[-1] == {"x_mm": 0.5, "along_mm": 0.0, "height_mm": 2.0}

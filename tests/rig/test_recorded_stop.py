@@ -99,7 +99,8 @@ def test_a_run_that_was_to_be_taken_up_says_so_and_where_it_was_left(whole: RunF
     _cut(whole, lambda one: one["doc"] == "event" and one["data"].get("phase") == "hold")
     left: Any = None
     if said:
-        left = {"left": "held", "x_mm": 0.25, "height_mm": -0.1, "trusted": False, "may_touch": True}
+        left = {"left": "held", "x_mm": 0.25, "height_mm": -0.1, "trusted": False, "may_touch": True,
+                "contact": "touching", "force_gwt": 2.0}  # fmt: skip
         with whole.events.open("a", encoding="ascii") as file:
             document = {"doc": "stop", "seq": 1, "t_s": 99.0, "unix_s": 1.0, "status": "failed", "reason": "x"}
             file.write(json.dumps({**document, "indentor": left}) + "\n")

@@ -601,7 +601,8 @@ def test_a_script_that_did_less_than_was_planned(program: Program, runs: Path) -
         )
     assert program("show", runs / "stopped", "--json").json["ending"] == {
         "reason": "x",
-        "words": "lifted, at x = 0.50 mm, 2.00 mm above the nominal apex (trusted); it does not touch the finger",
+        "words": "lifted, at x = 0.50 mm, 2.00 mm above the nominal apex (trusted); "
+        "by position alone, not confirmed by force: it may still touch the finger",  # of before it was measured
     }
 
 

@@ -17,7 +17,7 @@ from rig.plan.config import Config
 from rig.session.control.stage_in_hand import StageInHand
 from rig.session.control.stop_switch import StopSwitch
 from rig.session.virtual.twins import virtual_stage
-from rig.transport import LoopbackTransport, TransportError
+from rig.transport import LoopbackTransport, NotOwnedError, PortOwner, TransportError
 from sim.devices import SerialLine
 from sim.devices.clock import VirtualClock
 from tests.rig.hand_bench import STOPS
@@ -62,9 +62,12 @@ class Ports:
         self.reads: list[float] = []
         self.opened: list[Port] = []
         self.refused = 0  # so many openings are
+        self.owner: PortOwner | None = None
 
-    def open(self, port: str, baud: int, **settings: Any) -> Port:
+    def open(self, port: str, baud: int, *, owned: bool = True, **settings: Any) -> Port:
         assert (port, baud) == (self.config.stage.port, self.config.stage.baud)
+        if self.owner is not None and owned:
+            raise NotOwnedError("in use", self.owner)
         if self.refused:
             self.refused -= 1
             raise TransportError("in use")
@@ -303,3 +306,23 @@ def test_a_stop_that_comes_while_a_port_is_opened_lets_nothing_else_out(ports: P
     thread.join(DEADLINE_S)
     assert ports.done == ["opened", "2118"]
     assert hand.gate.closed
+
+
+def test_a_stop_goes_out_beside_somebody_who_has_taken_the_port_since(ports: Ports) -> None:
+    """And nothing else does: the port is given back at once."""
+    hand = ports.held().open()
+    hand.close()
+    ports.owner = PortOwner(4711)
+    began_s = ports.clock.monotonic_s()
+    for _ in range(2):
+        hand.stop()
+    assert ports.done == ["opened", "closed", *["opened", "2118", "closed"] * 2]
+    assert ports.clock.monotonic_s() == began_s
+    with pytest.raises(NotOwnedError):
+        hand.lend(io.StringIO())
+
+
+def test_a_gateway_for_one_is_asked_again_until_whoever_has_it_lets_go(ports: Ports) -> None:
+    hand, ports.owner, ports.refused = ports.held(), PortOwner(4711), 3
+    hand.stop()
+    assert ports.done == ["opened", "2118", "closed"]

@@ -47,8 +47,12 @@ def board(clock: VirtualClock) -> Watched:
 @pytest.mark.parametrize(
     ("when", "do"),
     [
-        (b"G53", lambda stage: stage.move_to(z_mm=-2.0, speed_mm_s=1.0)),
+        (b"G92", lambda stage: stage.move_to(z_mm=-2.0, speed_mm_s=1.0)),
+        (b"$G", lambda stage: stage.move_to(z_mm=-2.0, speed_mm_s=1.0)),
+        (b"WCO", lambda stage: stage.move_to(z_mm=-2.0, speed_mm_s=1.0)),
+        (b"G1Z0", lambda stage: stage.move_to(z_mm=-2.0, speed_mm_s=1.0)),
         (b"?", lambda stage: stage.move_to(z_mm=-2.0, speed_mm_s=1.0)),
+        (b"G92", lambda stage: stage.jog("z", 0.1, 1.0)),
         (b"$J", lambda stage: stage.jog("z", 0.1, 1.0)),
         (b"!", lambda stage: stage.halt()),
         (b"\x18", lambda stage: stage.halt()),
@@ -71,7 +75,7 @@ def test_a_stop_in_the_middle_of_anything_goes_out_and_nothing_is_trusted_or_mov
     said = len(board.said)
     with pytest.raises(StageError):
         stage.move_to(z_mm=-1.0, speed_mm_s=1.0)
-    assert not [data for data in board.said[said:] if data.startswith(b"G53")]
+    assert not [data for data in board.said[said:] if data.startswith((b"G92", b"G1"))]
 
 
 def test_lines_are_refused_before_the_stop_is_on_the_wire(board: Watched) -> None:
@@ -95,13 +99,19 @@ def test_lines_are_refused_before_the_stop_is_on_the_wire(board: Watched) -> Non
 class Drive:
     """Answers whatever is asked of it as if it had arrived; at one question somebody stops the stage."""
 
-    device_id = 1
+    device_id, harmless = 1, False
 
     def __init__(self, events: list[str]) -> None:
         self.events, self.bus = events, self
         self.while_homing: Callable[[], None] = lambda: None
 
-    def homing(self) -> Any:
+    def refuse_fault(self) -> None:
+        """There is none."""
+
+    def disarm(self) -> None:
+        """Nothing is armed."""
+
+    def homing(self, keep_on: Callable[[], bool]) -> Any:
         self.while_homing()
         yield None
 

@@ -16,6 +16,7 @@ from rig.transport import (
     LineReader,
     LoggedTransport,
     LoopbackTransport,
+    PortOwner,
     SerialTransport,
     TcpTransport,
     Transport,
@@ -158,7 +159,8 @@ def test_the_settings_of_a_port_reach_it(table: str, monkeypatch: pytest.MonkeyP
     """Both devices: stage and force each have baud, character and dtr of their own."""
     opened: list[tuple[Any, ...]] = []
 
-    def note(port: str, baud: int, *, character: str, dtr: bool) -> LoopbackTransport:
+    def note(port: str, baud: int, *, character: str, dtr: bool, owned: bool) -> LoopbackTransport:
+        assert owned
         opened.append((port, baud, character, dtr))
         return LoopbackTransport(SerialLine(VirtualClock(), 9600), VirtualClock())
 
@@ -178,7 +180,7 @@ def test_one_owner_a_port(port: tuple[int, str]) -> None:
     _, name = port
     assert port_owner(name) is None
     wire = SerialTransport(name)
-    assert port_owner(name) == os.getpid()
+    assert port_owner(name) == PortOwner(os.getpid())
     with pytest.raises(TransportError, match=rf"^{name} is already in use by process {os.getpid()}$"):
         SerialTransport(name)
     wire.close()
@@ -225,7 +227,7 @@ def test_tcp_both_ways_and_one_owner(listener: tuple[socket.socket, str]) -> Non
         assert wire.read(0.001) == b""
         far.sendall(b"S S 1.00 g\r\n")
         assert LineReader(wire, WallClock()).read_line(WallClock().monotonic_s() + 5.0) == "S S 1.00 g"
-        assert port_owner(name) == os.getpid()
+        assert port_owner(name) == PortOwner(os.getpid())
         with pytest.raises(TransportError, match=rf"^{name} is already in use by process {os.getpid()}$"):
             TcpTransport(name)
     with pytest.raises(TransportError, match=rf"^cannot read from {name}: the other side closed"):

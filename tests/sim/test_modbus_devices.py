@@ -277,6 +277,54 @@ def test_an_alarm_stops_and_stays_until_cleared(host: Host, rtu: Rtu) -> None:
     assert host.say(rtu(STATUS)) == rtu("01 03 02 00 02")
 
 
+@pytest.mark.parametrize("number", range(16))
+def test_each_path_has_a_trigger_of_its_own(host: Host, rtu: Rtu, number: int) -> None:
+    """1F runs PR15, whose registers begin at 6278."""
+    path = "00 01 00 00 00 64 02 58 01 4D 01 4D 00 00"
+    host.say(rtu(f"01 10 62 {8 * number:02X} 00 07 0E {path}"), 1.0)
+    for other in range(16):
+        if other != number:
+            host.say(rtu(f"01 06 60 02 00 {0x10 + other:02X}"), 0.5)
+    assert host.say(rtu(POSITION)) == rtu("01 03 04 00 00 00 00")
+    host.say(rtu(f"01 06 60 02 00 {0x10 + number:02X}"), 1.0)
+    assert host.say(rtu(POSITION)) == rtu("01 03 04 00 00 00 64")
+
+
+def test_a_null_path_is_accepted_and_moves_nothing_and_a_homing_path_homes(host: Host, rtu: Rtu) -> None:
+    trigger = rtu("01 06 60 02 00 12")
+    host.say(rtu("01 10 62 10 00 04 08 00 00 00 00 00 64 02 58"))
+    assert host.say(trigger, 1.0) == trigger
+    assert host.drive.carriage_at(host.clock.monotonic_s()) == -4000
+    host.say(rtu("01 06 62 10 00 03"))
+    host.say(trigger, 30.0)
+    assert host.drive.carriage_at(host.clock.monotonic_s()) == 0
+
+
+def test_what_a_path_would_do_is_taken_over_when_it_is_triggered(host: Host, rtu: Rtu) -> None:
+    host.say(rtu(go("00 01", "00 00 03 E8")), 0.5)
+    host.say(rtu("01 10 62 00 00 01 02 00 00"))
+    host.clock.wait_s(5.0)
+    assert host.say(rtu(POSITION)) == rtu("01 03 04 00 00 03 E8")
+
+
+def test_what_was_not_saved_is_gone_when_it_is_switched_on_again() -> None:
+    drive = VirtualDrive(VirtualClock(), stored={0x6208: 0x41})
+    drive.write(0x6208, [0])
+    drive.write(0x6008, [0xFFFF, 0xFF00])
+    drive.power_cycle()
+    assert (drive.read(0x6208, 1), drive.read(0x6008, 2)) == ([0x41], [0, 0])
+    drive.write(0x6208, [0])
+    drive.write(0x1801, [0x2211])
+    drive.power_cycle()
+    assert drive.read(0x6208, 1) == [0]
+
+
+def test_a_gateway_passes_unit_0_on_to_every_drive() -> None:
+    host = Host("tcp")
+    assert host.say(bytes.fromhex("0001 0000 0006 00 06 6000 0002")) == b""
+    assert host.drive.read(0x6000, 1) == host.seven.read(0x6000, 1) == [2]
+
+
 def test_power_cycle_forgets_where_home_is(host: Host, rtu: Rtu) -> None:
     home(host, rtu)
     host.say(rtu(go("00 01", "FF FF FC 18")), 10.0)

@@ -1,7 +1,7 @@
 """What the engine needs of a force sensor, and how it fails."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 
 class ForceError(Exception):
@@ -68,4 +68,13 @@ class ForceSensor(Protocol):
 
     def close(self) -> None:
         """Give the port back."""
+        ...
+
+
+@runtime_checkable
+class HasSetPoint(Protocol):
+    """A sensor whose instrument switches a relay at a force, and says at which."""
+
+    def set_point_gwt(self, register: int) -> float:
+        """Return the force at which the relay switches (gwt). Raises ForceError."""
         ...

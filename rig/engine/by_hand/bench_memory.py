@@ -1,4 +1,7 @@
-"""What the last command on a bench left behind: the zero of its force sensor, and where its homed stage stood.
+"""What the last command on a bench left behind: the zero of its sensor, the place of its stage, contact.
+
+The contact is the one record of it that every command reads. It is written before the first motion below clearance
+and cleared by a confirmed lift alone, so that it outlives whatever ends a program, and runs that never moved.
 
 A command is a process of its own, and a driver that has just connected trusts no position. It may where the stage
 still says the very place that the last command left it at, homed.
@@ -14,6 +17,8 @@ from pydantic import BaseModel, ValidationError
 
 from rig.devices.bench_settings import BenchSettings
 from rig.devices.stage.base import StageStatus
+from rig.engine.contact import Contact
+from rig.engine.errors import RecordError
 from rig.engine.sensing import Zero
 from rig.transport.clock import WallClock
 
@@ -27,6 +32,7 @@ class LastKnown(BaseModel):
     zero_noise_gwt: float = 0.0
     zero_unix_s: float = 0.0
     left_at_mm: tuple[float, float, float] | None = None
+    contact: Contact | None = None
 
     @property
     def zero(self) -> Zero | None:
@@ -71,6 +77,22 @@ class BenchMemory:
     def left(self, at: StageStatus) -> None:
         """A homed stage is left at rest."""
         self._write(left_at_mm=(at.x_mm, at.y_mm, at.z_mm))
+
+    def touched(self, known: Contact) -> None:
+        """Record what is known about contact.
+
+        Only a confirmed lift makes a finger clear that may have been touched, and only a motion below clearance, or a
+        force, makes one doubtful that was clear. Raises RecordError where the record would go on saying that it is.
+        """
+        clear = (before := self.read().contact) is not None and not before.may_touch
+        if clear and known.kind in ("raised", "disagreement"):
+            return
+        self._write(contact=known)
+        if clear and known.may_touch and self.read().contact == before:
+            with suppress(OSError):
+                self._path.unlink()  # a full disk lets it go
+            if self.read().contact == before:
+                raise RecordError(f"{self._path}: cannot be written, and says that the finger is not touched")
 
     def _write(self, **changes: object) -> None:
         known = self.read().model_copy(update=changes)

@@ -2,21 +2,24 @@
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
-from rig.devices.stage.base import Axis, Stage, StageOverridden, StageStatus
-from rig.engine.by_hand.dead_man import Direction, dead_man_jog
+from rig.devices.stage.base import Axis, Stage, StageError, StageOverridden, StageStatus
+from rig.engine.by_hand.dead_man import DOWN, UP, Direction, dead_man_jog
 from rig.engine.by_hand.guard import Guard
+from rig.engine.contact import Contact, ContactKind, judged
 from rig.engine.errors import LimitError
-from rig.engine.motion import FeltError, insist
+from rig.engine.limits import AT_MM
+from rig.engine.motion import FeltError, StrayedError, insist
 from rig.engine.rig_settings import RigSettings
+from rig.transport.base import TransportError
 from rig.transport.clock import Clock
 
 Held = Callable[[], Direction | None]
 Show = Callable[[StageStatus, float | None], None]
 """What is told where the stage is and what is felt there (gwt; None: nothing is)."""
 
-DOWN, UP = Direction("z", -1), Direction("z", +1)
 _TINY_MM = 1e-6
 
 
@@ -43,6 +46,8 @@ class ByHand:
         """guard: None moves without force. placed: where the stage is homed, so that heights are known."""
         self._settings, self._stage, self._clock = settings, stage, clock
         self._guard, self._show, self.placed = guard, show, placed
+        self.keep_contact: Callable[[Contact], None] = lambda known: None  # for whoever uses the bench next
+        self.may_touch = False  # so it is on record
 
     def stands(self, *, placed: bool) -> None:
         """The stage was homed, or its place was lost; whatever was touched before lies elsewhere now."""
@@ -62,10 +67,21 @@ class ByHand:
             return Moved(at, None)
         if direction == DOWN and by_mm is not None:
             self._refuse_depth(at, by_mm)
+        try:
+            return self._go(held, direction, at, speed_mm_s, by_mm)
+        finally:
+            self._remember_contact()
+
+    def _go(self, held: Held, direction: Direction, at: StageStatus, speed_mm_s: float, by_mm: float | None) -> Moved:
         if self._guard is not None:
             self._guard.begin(up=direction == UP, down=direction == DOWN)
+        if direction == DOWN:
+            self._below_clearance(at, by_mm)
         try:
             end = self._down(held, speed_mm_s, by_mm) if direction == DOWN else self._aside(held, speed_mm_s, by_mm)
+        except StrayedError as strayed:
+            self.stands(placed=False)  # the stage was stopped
+            return Moved(strayed.at, self._force_gwt, str(strayed))
         except FeltError as felt:
             return self._ended(direction, at, str(felt))
         except StageOverridden as error:
@@ -74,6 +90,34 @@ class ByHand:
         except ValueError as error:
             raise LimitError(f"{error}; nothing was moved") from error
         return Moved(end, self._force_gwt)
+
+    def _below_clearance(self, at: StageStatus, by_mm: float | None) -> None:
+        """Before a motion that may end below clearance it is on record that the finger may be touched."""
+        height_mm, far_mm = self._height_mm(at), math.inf if by_mm is None else by_mm
+        stays_clear = height_mm is not None and height_mm - far_mm >= self._settings.habits.clearance_mm - AT_MM
+        if not (stays_clear or self.may_touch):
+            self.may_touch = True
+            self.keep_contact(self._contact("unknown", at, self._force_gwt))
+
+    def _remember_contact(self) -> None:
+        """At rest, where the finger may have been touched: what position and force say now."""
+        if not self.may_touch:
+            return
+        with suppress(StageError, TransportError):  # what ended the motion says more
+            at = self._stage.status()
+            if self._guard is not None:
+                self._guard.look()
+            height_mm = self._height_mm(at)
+            clear = height_mm is not None and height_mm >= self._settings.habits.clearance_mm - AT_MM
+            force_gwt = None if self._guard is None else self._guard.from_air_gwt
+            touch_gwt = math.inf if self._guard is None else self._guard.touch_gwt
+            known = self._contact(judged(clear=clear, force_gwt=force_gwt, touch_gwt=touch_gwt), at, force_gwt)
+            self.may_touch = known.may_touch
+            self.keep_contact(known)
+
+    def _contact(self, kind: ContactKind, at: StageStatus, force_gwt: float | None) -> Contact:
+        x_mm = round(at.x_mm - self._settings.frame.pad_centre_x_mm, 6) if self.placed else None
+        return Contact(kind, force_gwt, x_mm, self._height_mm(at), self._clock.unix_s())
 
     def steps_per_mm(self, axis: Axis) -> float:
         """What the controller takes for a millimetre. Raises StageError."""

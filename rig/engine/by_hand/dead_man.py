@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 from rig.devices.stage.base import Axis, DeadManStage, Stage, StageError, StageHeld, StageStatus, is_held
 from rig.engine.by_hand.pace import Pace
+from rig.engine.corridor import PRINTED_MM, Corridor
+from rig.engine.motion import StrayedError, refuse_strayed
 from rig.transport.base import TransportError
 from rig.transport.clock import Clock
 
@@ -21,6 +23,9 @@ class Direction:
 
     axis: Axis
     sign: int
+
+
+DOWN, UP = Direction("z", -1), Direction("z", +1)
 
 
 def dead_man_jog(
@@ -49,6 +54,9 @@ def dead_man_jog(
             if look is not None:
                 look(now)
         return stage.status()
+    except StrayedError:
+        stage.stop()
+        raise
     except BaseException:
         _end(stage)
         raise
@@ -66,12 +74,13 @@ def _jogging(
     start: StageStatus | None = None
     step_mm = 1 / abs(stage.steps_per_mm(direction.axis))
     slice_mm, told_mm, stood = max(round(speed_mm_s * SLICE_S / step_mm), 1) * step_mm, 0.0, 0
-    pace = Pace(step_mm)
+    pace, begun_s = Pace(step_mm), clock.monotonic_s()
     while held() == direction:
         asked_s, now, heard_s = clock.monotonic_s(), stage.status(), clock.monotonic_s()
         if is_held(now.state):
             raise StageHeld(now.state)
         start = start or now
+        refuse_strayed(_corridor(start, direction, told_mm, speed_mm_s, begun_s, step_mm), now, stage, clock)
         gone_mm = _gone_mm(now, start, direction.axis)
         ahead_mm = told_mm - gone_mm
         pace.seen(asked_s, heard_s, gone_mm, at_rest=now.state == "Idle")
@@ -85,13 +94,25 @@ def _jogging(
         if left_mm <= 0 and now.state == "Idle" and not stood:
             return
         if left_mm > 0 and ahead_mm < slice_mm and not (stood or pace.doubtful):
-            begun_s = clock.monotonic_s()
+            told_s = clock.monotonic_s()
             stage.jog(direction.axis, direction.sign * left_mm, speed_mm_s)
-            pace.told(clock.monotonic_s() - begun_s)
+            pace.told(clock.monotonic_s() - told_s)
             told_mm += left_mm
         yield now
         clock.wait_s(_LOOK_S)
     stage.end_jog()
+
+
+def _corridor(
+    start: StageStatus, direction: Direction, told_mm: float, speed_mm_s: float, begun_s: float, step_mm: float
+) -> Corridor:
+    """The corridor of what was told until now."""
+    start_mm = (start.x_mm, start.y_mm, start.z_mm)
+    target_mm = tuple(
+        mm + direction.sign * told_mm if axis == direction.axis else mm
+        for axis, mm in zip("xyz", start_mm, strict=True)
+    )
+    return Corridor(start_mm, target_mm, speed_mm_s, begun_s, step_mm + PRINTED_MM)
 
 
 def _gone_mm(now: StageStatus, start: StageStatus, axis: Axis) -> float:

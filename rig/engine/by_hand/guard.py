@@ -28,7 +28,6 @@ class Guard:
         # of each motion, from `begin` on
         self._up: bool
         self._unanswered: Unanswered
-        self._began_gwt: float  # before this motion
         self._air_gwt: float  # before the motion that touched
         self._rest_gwt: float  # at the last rest
         self._stiffness_gwt_mm: float  # as the step before it was answered
@@ -41,6 +40,16 @@ class Guard:
     def above_trip(self) -> str | None:
         """Which trip the last reading was above, if any."""
         return None if self.force_gwt is None else self._trips.passed_any(self.force_gwt)
+
+    @property
+    def from_air_gwt(self) -> float | None:
+        """The last force, where it counts from a zero that was taken in the air; None where that is not known."""
+        return self.force_gwt if self._sensing.absolute else None
+
+    @property
+    def touch_gwt(self) -> float:
+        """The force that means contact."""
+        return self._sensing.touch_gwt
 
     @property
     def room_mm(self) -> float:
@@ -57,15 +66,16 @@ class Guard:
         self._up, self._unanswered = up, Unanswered(self._sensing.resolution_gwt)
         try:
             if not self._sensing.zeroed:
-                self._sensing.take_zero(several_gwt(self._sensing.raw))
-            self._sensing.begin_motion(away=up)
+                self._sensing.take_zero(several_gwt(self._sensing.raw), provisional=True)
             self._rest_gwt = self._sensing.settled().force_n / GWT_N
+            self._sensing.begin_motion(away=up)
         except NoReadingError as error:
             if not (up and error.out_of_range):
                 raise LimitError(f"{error}; nothing was moved, --without-force moves all the same") from error
-            self.force_gwt, self._began_gwt, self._touched_z_mm = None, math.inf, None
+            self.force_gwt, self._touched_z_mm = None, None
+            self._sensing.begin_motion(away=up)
             return
-        self.force_gwt = self._began_gwt = self._rest_gwt
+        self.force_gwt = self._rest_gwt
         if self.above_trip and not up:
             raise LimitError(f"{self.above_trip}; nothing was moved: up first, or rig zero")
         if not (down and self._touched_z_mm is not None):
@@ -86,9 +96,7 @@ class Guard:
             self.force_gwt = None
             if not self._up:
                 raise FeltError(str(error)) from error
-        if self.force_gwt is None or (
-            self._up and abs(self.force_gwt) <= abs(self._began_gwt) + self._sensing.touch_gwt
-        ):
+        if self.force_gwt is None or self._sensing.unloads(self.force_gwt):
             return
         self._refuse_trip(self.force_gwt)
         if not self._up:

@@ -25,7 +25,8 @@ class Approach:
 
         Trips where contact is not found, found too high, or pulls.
         """
-        habits = self.engine.settings.habits
+        habits, deepest_mm = self.engine.settings.habits, self.engine.settings.limits.max_doi_mm
+        self.engine.limit_depth(self.lowest_mm - deepest_mm)
         if not self._come_back():
             self._descend(habits.increment_mm, "approach", self.lowest_mm)
         felt_mm = self.engine.height_mm
@@ -35,6 +36,8 @@ class Approach:
         )
         touch = fit_contact(readings, self.engine.sensing.touch_gwt, self.engine.sensing.least_gwt)
         self._record(touch)
+        at_most_mm = touch.contact_height_mm - deepest_mm - habits.increment_mm
+        self.engine.limit_depth(max(at_most_mm, self.lowest_mm - deepest_mm))
         return touch
 
     def _come_back(self) -> bool:

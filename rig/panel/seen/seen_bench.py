@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from rig.devices.bench_settings import BenchSettings
 from rig.devices.units import GWT_N
 from rig.panel.drawn.job import Job
 from rig.panel.outlet import Row, Source
@@ -36,6 +37,11 @@ class SeenBench:
     def configured(self) -> bool:
         """Whether there is a bench that could be taken."""
         return self._config is not None
+
+    @property
+    def settings(self) -> BenchSettings | None:
+        """Of its devices; None where there is no bench that could be taken."""
+        return self._config
 
     @property
     def ports(self) -> tuple[str, ...]:

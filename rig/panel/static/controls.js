@@ -99,7 +99,7 @@ export class Controls {
     if (kind === null) return configured ? "nothing has the ports" : "nothing has the ports; for the stage by hand begin with rig panel --config TOML";
     if (hand === null || hand === undefined) return "the stage is taken by hand …";
     const busy = hand.busy ? `busy: ${hand.busy}` : null;
-    const parts = [busy, hand.ended_by, hand.stopped ? "stopped" : null, hand.next, hand.homed ? null : "not homed", hand.zeroed ? null : "not zeroed"];
+    const parts = [busy, hand.ended_by, hand.contact?.may_touch ? hand.contact.words : null, hand.stopped ? "stopped" : null, hand.next, hand.homed ? null : "not homed", hand.zeroed ? null : "not zeroed"];
     return parts.filter(Boolean).join("; ") || "by hand";
   }
 }

@@ -8,6 +8,7 @@ export class Devices {
   constructor() {
     this.seen = {};
     this.ports = "–";
+    this.button = null;
   }
 
   state({ unix_s, devices, owner }) {
@@ -16,6 +17,7 @@ export class Devices {
       this.seen[name] = told ? { told, read: known(told.age_s) ? new Instant(unix_s - told.age_s) : null } : null;
     }
     const ports = owner?.ports ?? [];
+    this.button = owner?.stop_button ?? null;
     this.ports = owner === null ? "free" : `${Array.isArray(ports) ? ports.join(", ") : ports}${owner.virtual ? " (virtual bench)" : ""}`;
   }
 
@@ -29,6 +31,8 @@ export class Devices {
     this.say("stage", "stage_words");
     this.say("force", "sensor_words");
     write("port_words", this.ports || "–");
+    at("stop_button").hidden = this.button === null;
+    write("stop_button_words", this.button ?? "–");
     mark(at("devices"), "old", this.age_s > OLD_S);
   }
 

@@ -101,6 +101,9 @@ class Met(Settings):
     runs: tuple[str, ...] = Field(min_length=1)
     journals_sha256: tuple[str, ...] = Field(min_length=1)
     presses: int = Field(ge=1)
+    collapsed: bool = Field(
+        False, description="the identification ended on too few fingers for its bands to mean anything"
+    )
     not_learned: tuple[str, ...] = ()
     place: Place
     posterior: Posterior
@@ -128,6 +131,15 @@ class FingerFile(Settings):
         tables = self.model_dump(mode="json", exclude_none=True)
         return tomlkit.dumps(
             {"finger": tables["finger"], "virtual": {"relaxation": tables["relaxation"]}} | {"met": tables["met"]}
+        )
+
+
+def refuse_collapsed(what: str, met: Met) -> None:
+    """Raise BadInputError for an identification that collapsed; files of version 0.1 show it by equal draws only."""
+    if met.collapsed or all(draw == met.draw[0] for draw in met.draw):
+        raise BadInputError(
+            f"{what}: the identification has collapsed onto too few fingers, so its bands mean nothing; "
+            "expected the file of one that ended with exit code 0: repeat `rig meet`"
         )
 
 
@@ -164,4 +176,5 @@ def finger_file_of(what: str, tables: dict[str, Any], folder: Path) -> FingerFil
         fingers_of(found.finger, found.met)
     except ValidationError as error:
         raise first_problem(what, error) from None
+    refuse_collapsed(what, found.met)
     return found

@@ -11,6 +11,7 @@ from rig.engine import Engine, LimitError, verbs
 from rig.engine.bench import Bench
 from rig.engine.by_hand import ByHand, Guard, Show
 from rig.engine.by_hand.bench_memory import BenchMemory, LastKnown
+from rig.engine.contact import Contact
 from rig.engine.journal import NoJournal
 from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import NoReadingError, Sensing, several_gwt
@@ -49,20 +50,28 @@ def at_hand(
     placed = stage.homed or known.stands_there(stage.status())
     memory.moves()
     hand = ByHand(settings, stage, clock, guard, show, placed=placed)
+    hand.keep_contact, hand.may_touch = memory.touched, known.contact is None or known.contact.may_touch
     yield hand
     if hand.placed:
         memory.left(stage.status())
 
 
-def home(settings: RigSettings, bench: Bench, sensing: Sensing) -> None:
-    """Find the switches, the force read all the way. Raises ENDINGS but ForceError, BadInputError."""
+def home(settings: RigSettings, bench: Bench, sensing: Sensing) -> Contact:
+    """Find the switches, the force read all the way; returns what is then known about contact.
+
+    Raises ENDINGS but ForceError, BadInputError.
+    """
+    memory = BenchMemory(settings)
+    known = memory.read().contact
     engine = Engine(settings, bench, NoJournal())
-    engine.sensing = sensing
+    engine.sensing, engine.keep_contact = sensing, memory.touched
+    engine.may_touch = known is not None and known.may_touch
     try:
         with stopped_at_once(engine):
             verbs.home(engine)
     except ForceError as error:
         raise unfelt(error) from None
+    return engine.known_contact
 
 
 def zero(settings: RigSettings, sensing: Sensing, *, anyway: bool) -> str:

@@ -62,6 +62,7 @@ class HandOwner:
         settings, known = self._settings, self._known
         with at_hand.at_hand(settings, self._stage, self._clock, self._sensing, self._show, known) as self._hand:
             self._status.placed, self._status.zeroed = self._hand.placed, self._sensing.zero is not None
+            self._status.contact = known.contact
             self._show(self._stage.status(), None)
             yield
             if self._gate.closed:
@@ -100,6 +101,7 @@ class HandOwner:
         if self._gate.closed:
             ended_by = STOPPED
         self._status.ended_by = ended_by or (LAPSED if self._orders.lapsed(to_do) else None)
+        self._status.contact = BenchMemory(self._settings).read().contact
         self._orders.over(to_do)
         self._note(to_do, begun_s)
 

@@ -9,6 +9,7 @@ from rig.devices.force.base import ForceReading
 from rig.devices.stage.base import StageStatus
 from rig.devices.units import GWT_N
 from rig.engine.by_hand.held import FASTEST_MM_S
+from rig.engine.contact import Contact
 from rig.engine.limits import Trips
 from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import Sensing
@@ -34,6 +35,7 @@ class HandStatus:
         self._problems: dict[str, str | None] = {"stage": None, "force": None}
         self.placed = self.zeroed = False
         self.ended_by: str | None = None
+        self.contact: Contact | None = None  # as it is on record
 
     # what is told
 
@@ -80,8 +82,9 @@ class HandStatus:
             }  # fmt: skip
             if since is not None:
                 found["readings"] = self._backlog.since(since)
+        contact = None if self.contact is None else self.contact.as_json()
         return {**found, **self._limits(), "homed": homed, "zeroed": self.zeroed, "ended_by": self.ended_by,
-                "next": self._next(stopped=stopped)}  # fmt: skip
+                "contact": contact, "next": self._next(stopped=stopped)}  # fmt: skip
 
     @property
     def _place(self) -> tuple[float | None, float | None, float | None]:

@@ -54,10 +54,11 @@ class Announced(Announcement, frozen=True):
         with self._failing(do, within_s):
             return self._answered(do, self._answer({"do": do, **more}, within_s))
 
-    def say_stop(self) -> Callable[[float], dict[str, Any]]:
+    def say_stop(self, lives: Callable[[], object] = lambda: None) -> Callable[[float], dict[str, Any]]:
         """A stop that is said when this returns, which waits for nothing. Raises ControlError where it is not.
 
-        What is returned listens to the answer for so many seconds, as ask does.
+        What is returned listens to the answer for so many seconds, as ask does, and calls `lives` when the owner is
+        heard at all: an owner that is not may hang.
         """
         key = bytes.fromhex(self.key)
         with self._failing("stop", 0.0):
@@ -66,7 +67,7 @@ class Announced(Announcement, frozen=True):
 
         def answer(within_s: float) -> dict[str, Any]:
             with self._failing("stop", within_s), connection:
-                return self._answered("stop", Wire(connection, within_s).stopped(key, nonce))
+                return self._answered("stop", Wire(connection, within_s).stopped(key, nonce, lives))
 
         return answer
 
@@ -141,7 +142,7 @@ def _removed_where_left(note: Path) -> bool:
         with lock_of(note).acquire(timeout=0):
             remove(note)
             return True
-    except filelock.Timeout:
+    except (filelock.Timeout, OSError):  # a disk that takes nothing says nothing of who lives: who asks will see
         return False
 
 

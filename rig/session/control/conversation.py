@@ -6,7 +6,7 @@ import os
 import secrets
 import socket
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from multiprocessing import AuthenticationError
 from multiprocessing.connection import Client, Connection, answer_challenge, deliver_challenge
@@ -72,9 +72,13 @@ class Wire:
         self.send_bytes(_proven(key, _STOP, nonce))
         return nonce
 
-    def stopped(self, key: bytes, nonce: bytes) -> dict[str, Any]:
-        """The other side: what is answered to a stop that was said. Raises BROKEN."""
+    def stopped(self, key: bytes, nonce: bytes, lives: Callable[[], object] = lambda: None) -> dict[str, Any]:
+        """The other side: what is answered to a stop that was said. Raises BROKEN.
+
+        lives: called as soon as the owner has been heard at all.
+        """
         self.recv_bytes()  # the challenge, which was not waited for
+        lives()
         answer = _shown(key, _ANSWER + nonce, self.recv_bytes())
         if answer is None:
             raise AuthenticationError("the owner does not know the key")

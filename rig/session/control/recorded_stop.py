@@ -12,11 +12,10 @@ from rig.protocol.script import Script
 from rig.session.ending import Whereabouts
 from rig.session.provenance import provenance
 from rig.session.resume import StoppedRun
+from rig.session.running import AT_ONCE
 from rig.session.session import NewRun
 from rig.transport.byte_log import ByteLog
 from rig.transport.clock import WallClock
-
-AT_ONCE = "at once, by the operator"
 
 
 def record_before(script: Script, config: Config, into: NewRun | StoppedRun, *, virtual: bool) -> RunFolder:

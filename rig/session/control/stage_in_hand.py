@@ -2,13 +2,13 @@
 
 import io
 import threading
-from contextlib import suppress
+from contextlib import closing, suppress
 from typing import Self
 
 from rig.devices.bench_settings import BenchSettings
 from rig.devices.drivers import open_stage
 from rig.devices.stage.base import Stage
-from rig.transport import Transport, TransportError
+from rig.transport import NotOwnedError, Transport, TransportError
 from rig.transport.byte_log import Sink
 from rig.transport.clock import WallClock
 from rig.transport.stop_gate import StopGate
@@ -66,6 +66,15 @@ class StageInHand:
             if self._stage is not None and not self._stage.homed:
                 self.close()
 
+    def active_inputs(self) -> frozenset[str]:
+        """Ask a stage that has not been spoken to for its stop inputs; changes nothing. From the run's thread.
+
+        Raises TransportError, StageError.
+        """
+        stage = self._stage or self._opened()
+        stage.look()
+        return stage.active_inputs()
+
     def stop(self) -> None:
         """From any thread but the run's; behind it nothing else goes out. Raises TransportError, StageError."""
         with self.gate.stopping(), self._changing:
@@ -74,7 +83,7 @@ class StageInHand:
                     self._stage.stop()
                     if self._lent or not self._dropped():
                         return
-            self._soon_open().stop()
+            self._stop_anew()
 
     def close(self) -> None:
         """Give the ports back."""
@@ -104,12 +113,24 @@ class StageInHand:
             return True
         return False
 
-    def _soon_open(self) -> Stage:
+    def _stop_anew(self) -> None:
+        """Through ports that are opened for it, beside whoever has them meanwhile: a stop waits for no lock."""
         deadline_s = self.clock.monotonic_s() + _OPEN_S
         while True:
             try:
-                return self._opened()
-            except TransportError:
+                stage = self._opened()
+                break
+            except TransportError as busy:
+                if isinstance(busy, NotOwnedError):
+                    with suppress(TransportError):  # a gateway that takes one client: it may be free soon
+                        self._stop_beside()
+                        return
                 if self.clock.monotonic_s() >= deadline_s:
                     raise
                 self.clock.wait_s(_AGAIN_S)
+        stage.stop()
+
+    def _stop_beside(self) -> None:
+        """Without owning the ports, which are given back at once: nothing but a stop may go out like this."""
+        with closing(open_stage(self._settings, self.clock, self, self.gate.guarded, owned=False)) as stage:
+            stage.stop()

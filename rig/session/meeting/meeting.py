@@ -176,6 +176,11 @@ class Meeting:
     def not_learned(self) -> list[str]:
         """What eight presses, or so, did not tell, in sentences."""
         said = [f"{self.stranger}"] if self.stranger else []
+        if self.learned.collapsed:
+            said.append(
+                f"the estimate has collapsed onto {self.learned.effective:.1f} effective draws of "
+                f"{len(self.learned.draws)}: no band below means anything"
+            )
         for goal, before, now in zip(self.wanted.goals, self.widths_before, self.widths, strict=True):
             if now.half > self.wanted.width:
                 known = f"force of {goal.indentor} at {goal.x_mm:+.2f} mm to {goal.doi_mm:.2f} mm is known to "

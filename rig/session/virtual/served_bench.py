@@ -6,7 +6,7 @@ from typing import TypeVar
 
 from rig.plan.config import Config
 from rig.protocol.errors import BadInputError
-from rig.session.virtual.twins import refuse_twinless, virtual_force, virtual_stage
+from rig.session.virtual.twins import refuse_twinless, virtual_force, virtual_stage, wire_hardware_trip
 from rig.session.virtual.virtual_devices import (
     load_on_sensor,
     relaxation,
@@ -101,7 +101,8 @@ class ServedBench:
         board = virtual_stage(self.scheduler, stage_line, config) if stage_line else None
         if force_line:
             felt = self._finger(config, board, complain) if board else Load(lambda t_s: 0.0)
-            virtual_force(self.scheduler, force_line, config, load_on_sensor(felt, config))
+            sensor = virtual_force(self.scheduler, force_line, config, load_on_sensor(felt, config))
+            wire_hardware_trip(config, board, sensor)
         for port in self._refusing:  # until now: a client would wait for what nobody answers yet
             port.listen()
 

@@ -14,7 +14,7 @@ from rig.session.virtual.virtual_devices import believed_steps_per_mm, lost_step
 from sim.devices.cell import Load
 from sim.devices.clock import Scheduler
 from sim.devices.line import SerialLine
-from sim.devices.told import ForceTold, StageTold, TwinError, VirtualStage
+from sim.devices.told import ForceTold, Relay, StageTold, StopPins, TwinError, VirtualStage
 
 
 def virtual_stage(scheduler: Scheduler, line: SerialLine, config: Config) -> VirtualStage:
@@ -27,6 +27,7 @@ def virtual_stage(scheduler: Scheduler, line: SerialLine, config: Config) -> Vir
         config.stage.framing or "rtu",
         _own(config.stage),
         config.sync.model_dump(),
+        config.stop.inputs_register,
     )
     return _made(config.stage, lambda twin: twin(scheduler, line, told))
 
@@ -34,8 +35,22 @@ def virtual_stage(scheduler: Scheduler, line: SerialLine, config: Config) -> Vir
 def virtual_force(scheduler: Scheduler, line: SerialLine, config: Config, load: Load) -> object:
     """The twin of the configured force sensor, on a line, under a load. Raises BadInputError."""
     force = config.force
-    told = ForceTold(force.sample_period_s, config.virtual.cell_resolution_gwt, force.framing or "rtu", _own(force))
+    told = ForceTold(
+        force.sample_period_s,
+        config.virtual.cell_resolution_gwt,
+        force.framing or "rtu",
+        _own(force),
+        config.stop.trip_gwt,
+    )
     return _made(force, lambda twin: twin(scheduler, line, told, load))
+
+
+def wire_hardware_trip(config: Config, stage: object, sensor: object) -> None:
+    """Lead the relay of the virtual transmitter to the stop input of the virtual stage, as [stop] says."""
+    name = config.stop.trip_input
+    if name is None or not (isinstance(stage, StopPins) and isinstance(sensor, Relay)):
+        return
+    sensor.wire(lambda closed: stage.press(name) if closed else stage.release(name))
 
 
 def refuse_twinless(*devices: DeviceSettings) -> None:

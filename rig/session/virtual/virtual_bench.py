@@ -10,11 +10,13 @@ from rig.devices.drivers import force_driver, stage_driver
 from rig.devices.force.base import ForceSensor
 from rig.devices.stage.base import Stage
 from rig.engine.bench import NO_PAUSE, Pause
+from rig.engine.by_hand.bench_memory import LastKnown
+from rig.engine.contact import Contact
 from rig.engine.heartbeat import LOOK_S, Heartbeat
 from rig.engine.sensing import Zero
 from rig.plan.config import Config
 from rig.plan.shape_files import kept_in
-from rig.session.virtual.twins import virtual_force, virtual_stage
+from rig.session.virtual.twins import virtual_force, virtual_stage, wire_hardware_trip
 from rig.session.virtual.virtual_devices import load_on_sensor, relaxation, true_carriage, truth, with_framing
 from rig.transport.byte_log import LoggedTransport, Sink
 from rig.transport.loopback import LoopbackTransport
@@ -22,6 +24,7 @@ from rig.transport.stop_gate import StopGate
 from sim.devices.cell import Load
 from sim.devices.clock import VirtualClock
 from sim.devices.line import SerialLine
+from sim.devices.told import VirtualStage
 from sim.models.fingertip import Fingertip
 from sim.plant.plant import Carriage, Plant, TruePose
 from sim.plant.relaxing_plant import RelaxingPlant
@@ -47,6 +50,7 @@ class VirtualBench:
     plant: AnyPlant
     pause: Pause
     virtual: Literal[True] = True
+    board: VirtualStage | None = None
     shape_files: Path | None = None  # the folder of the run, which has its own copies of them
 
     @property
@@ -84,6 +88,14 @@ class VirtualBench:
             yield
         finally:
             looking = False
+
+    @property
+    def before(self) -> LastKnown:
+        """Nothing: it is a new one."""
+        return LastKnown()
+
+    def touched(self, known: Contact) -> None:
+        """No finger is on it when the program is gone."""
 
     def left_with(self, zero: Zero | None) -> None:
         """The next virtual bench is a new one."""
@@ -125,7 +137,7 @@ def bench_around(
     board = virtual_stage(clock, stage_line, config)
     plant = make_plant(true_carriage(board, config))
     load = load_on_sensor(Load(plant.force_n), config)
-    virtual_force(clock, force_line, config, load)
+    wire_hardware_trip(config, board, virtual_force(clock, force_line, config, load))
     stage_wire = LoggedTransport(LoopbackTransport(stage_line, clock, name="stage"), clock, byte_log)
     stage_port = stage_wire if gate is None else gate.guarded(stage_wire)
     force_port = LoggedTransport(LoopbackTransport(force_line, clock, name="force"), clock, byte_log)
@@ -135,4 +147,5 @@ def bench_around(
         force_driver(lambda _port: force_port, clock, config),
         plant,
         pause,
+        board=board,
     )

@@ -60,10 +60,18 @@ class VirtualGrbl(GrblSystem):
         self._reply(self._proceed(command, now_s))
 
     def _proceed(self, command: Command, now_s: float) -> int | None:
-        before, self._modal = self._offsets.of(self._modal.system), command.modal
-        self._offsets = command.offsets
-        if self._offsets.of(self._modal.system) != before:
-            self._reports.show_offset()
+        self._modal, self._offsets = command.modal, command.offsets
+        if command.zeroed:
+            # The firmware waits here until all motion is over (FORCE_BUFFER_SYNC_DURING_WCO_CHANGE).
+            self._wait_for(Wait(lambda: self._planner.end_s, lambda then_s: self._zeroed(command, then_s)))
+            return None
+        return self._goes_on(command, now_s)
+
+    def _zeroed(self, command: Command, now_s: float) -> None:
+        self._reports.show_offset()
+        self._reply(self._goes_on(command, now_s))
+
+    def _goes_on(self, command: Command, now_s: float) -> int | None:
         if command.dwell_s is not None:
             self._dwell(command.dwell_s)
             return None

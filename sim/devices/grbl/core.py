@@ -70,6 +70,7 @@ class GrblCore:
         self._alarm_clock: Handle | None = None
         self._lines = LineAssembler()
         self._modal, self._overrides = Modal(), Overrides()
+        self._pressed: set[str] = set()  # letters of the stop inputs
         self._realtime: dict[int, Callable[[float], None]] = {}
         self.outputs: deque[tuple[float, str]] = deque(maxlen=_OUTPUTS_KEPT)  # every switching: s, M word
         line.connect(self._on_bytes)

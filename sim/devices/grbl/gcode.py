@@ -67,7 +67,7 @@ class Modal:
 class Command:
     """What a line asks for: machine positions in mm, one after another, at a feed in mm/min (inf: rapid), or a dwell.
 
-    flow is the M word of a pause or an end, None if there is none.
+    flow is the M word of a pause or an end, None if there is none. zeroed: work zero was set, be it where it was.
     """
 
     modal: Modal
@@ -76,6 +76,7 @@ class Command:
     feed: float = inf
     dwell_s: float | None = None
     flow: int | None = None
+    zeroed: bool = False
 
 
 def parse(text: str, modal: Modal, offsets: Offsets, position_mm: Vec, *, jog: bool = False) -> Command:
@@ -98,7 +99,8 @@ def parse(text: str, modal: Modal, offsets: Offsets, position_mm: Vec, *, jog: b
         return Command(modal, offsets, targets or (ZERO,), after.feed)
     dwell_s = line.values["P"] if once == 4.0 else None
     flow = int(line.codes[FLOW]) if FLOW in line.codes else None
-    return Command(after, moved, targets, _feed(line, after, once, position_mm, targets), dwell_s, flow)
+    zeroed = once in (92.0, 92.1) or (moved.of(after.system) != offsets.of(modal.system))
+    return Command(after, moved, targets, _feed(line, after, once, position_mm, targets), dwell_s, flow, zeroed)
 
 
 def _need(fulfilled: bool, code: int) -> None:

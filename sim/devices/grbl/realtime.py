@@ -21,6 +21,8 @@ ALARM_PAUSE_S = 0.5
 # A report waits for a place in the transmit buffer; what asks for another meanwhile is forgotten.
 TX_BYTES = 104
 
+STOP_PINS = {"door": "D", "hold": "H"}
+
 RESET_IN_MOTION, RESET_IN_HOMING, DOOR_IN_HOMING = 3, 6, 7
 
 
@@ -49,6 +51,20 @@ class GrblRealtime(GrblCore):
         }
         self._realtime.update({byte: partial(self._override, byte) for byte in OVERRIDE_BYTES})
 
+    def press(self, name: str) -> None:
+        """Somebody presses what is wired to an input: door or hold."""
+        now_s = self._scheduler.monotonic_s()
+        self._settle(now_s)
+        self._pressed.add(STOP_PINS[name])
+        if name == "door":
+            self._open_door(now_s)
+        else:
+            self._hold(now_s)
+
+    def release(self, name: str) -> None:
+        """They let it go; the board stays as it is until it is told."""
+        self._pressed.discard(STOP_PINS[name])
+
     def _report_status(self, now_s: float) -> None:
         if self._state == "Home":
             self._asked_in_homing = True
@@ -64,7 +80,8 @@ class GrblRealtime(GrblCore):
             feed=60 * self._planner.track.speed_at(now_s),
             blocks_free=BLOCKS - self._planner.unfinished(now_s),
             bytes_free=report.RX_BYTES - len(self._rx),
-            pins="".join(axis for axis, steps in zip("XYZ", carriage, strict=True) if steps >= 0),
+            pins="".join(axis for axis, steps in zip("XYZ", carriage, strict=True) if steps >= 0)
+            + "".join(sorted(self._pressed)),
             modal=self._modal,
             offset_mm=self._offsets.of(self._modal.system),
             overrides=self._overrides,
@@ -115,7 +132,8 @@ class GrblRealtime(GrblCore):
 
     def _resume(self, now_s: float) -> None:
         """A `~` that comes before the stop is complete is lost, as on the real board."""
-        stopped = self._state in ("Hold", "Door") and now_s >= self._planner.end_s
+        ajar = STOP_PINS["door"] in self._pressed
+        stopped = not ajar and self._state in ("Hold", "Door") and now_s >= self._planner.end_s
         if stopped and not (self._wait and self._wait.through_hold):
             self._state = "Run" if self._planner.resume(now_s) else "Idle"
             self._arm()
@@ -157,3 +175,5 @@ class GrblRealtime(GrblCore):
         if self._owes_ok:
             self._reply(0)
         self._boot(now_s, locked=self._state in ("Alarm", "Sleep"))
+        if STOP_PINS["door"] in self._pressed:  # looked at when the program starts
+            self._open_door(now_s)

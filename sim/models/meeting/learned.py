@@ -41,6 +41,11 @@ class Learned:
     effective: float  # draws that the weights are worth
 
     @property
+    def collapsed(self) -> bool:
+        """Whether so few draws carry the weight that their spread means nothing."""
+        return self.effective < least_effective(len(self.prior.names))
+
+    @property
     def mean(self) -> Array:
         """(p,)"""
         return np.asarray(self.draws.mean(axis=0))
@@ -49,6 +54,11 @@ class Learned:
     def covariance(self) -> Array:
         """(p, p)"""
         return np.asarray(np.cov(self.draws.T))
+
+
+def least_effective(parameters: int) -> int:
+    """Return how many effective draws a covariance of so many parameters needs at least."""
+    return 4 * parameters
 
 
 def nothing_learned(prior: Prior, chance: np.random.Generator, n: int = DRAWS) -> Learned:
@@ -205,7 +215,7 @@ def _weights(prior: Prior, readings: Readings, draws: Array, ln_density: Array) 
 
 def _moments(draws: Array, weights: Array, likeliest: Array, spread: Array) -> tuple[Array, Array]:
     """Of weighted draws, for the next round; those of the linear problem where too few of them count."""
-    if 1 / np.square(weights).sum() < 4 * draws.shape[1]:
+    if 1 / np.square(weights).sum() < least_effective(draws.shape[1]):
         return likeliest, 2 * _WIDER * spread
     middle = weights @ draws
     covariance = (weights[:, None] * (draws - middle)).T @ (draws - middle)

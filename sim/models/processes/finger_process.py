@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar, Union
 
 from sim.config.fingertip_config import FingertipConfig
-from sim.models.processes.workers import give_way, keep_freed_memory, leaving_signals_to_us
+from sim.models.processes.workers import TO_THE_GROUP, give_way, keep_freed_memory, leaving_signals_to_us
 
 if TYPE_CHECKING:
     from sim.models.fingertip import Fingertip  # whoever begins the process has no use for what solves
@@ -140,8 +140,8 @@ def _forget_the_terminal() -> None:
     """What came from it while this process was begun is forgotten."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):  # all but Windows
-        for number in (signal.SIGHUP, signal.SIGUSR1):
-            signal.signal(number, signal.SIG_IGN)
+        for name in TO_THE_GROUP:
+            signal.signal(signal.Signals[name], signal.SIG_IGN)
         signal.pthread_sigmask(signal.SIG_SETMASK, ())
 
 

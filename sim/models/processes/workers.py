@@ -8,9 +8,12 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Protocol, TypeVar
+
+TO_THE_GROUP = ("SIGINT", "SIGTSTP", "SIGQUIT", "SIGTTIN", "SIGTTOU", "SIGHUP", "SIGUSR1")
+"""What a terminal, or whoever ends a run, sends to all processes of a command."""
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
@@ -48,6 +51,9 @@ def in_processes(
         except BaseException:
             for process in set(multiprocessing.active_children()) - before:
                 process.terminate()
+                if process.pid is not None and hasattr(signal, "SIGCONT"):
+                    with suppress(ProcessLookupError):
+                        os.kill(process.pid, signal.SIGCONT)  # Ctrl-Z has suspended it: it would never end
             raise
 
 
@@ -61,7 +67,7 @@ def leaving_ctrl_c_to_us() -> Iterator[None]:
 @contextmanager
 def leaving_signals_to_us() -> Iterator[None]:
     """The same of everything that a terminal, or whoever ends a run, sends to all processes of a command."""
-    with _kept_from_others("SIGINT", "SIGHUP", "SIGTERM", "SIGUSR1"):
+    with _kept_from_others("SIGTERM", *TO_THE_GROUP):
         yield
 
 

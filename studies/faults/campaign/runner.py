@@ -32,6 +32,7 @@ from rig.devices.force.base import ForceError
 from rig.devices.stage.base import StageError
 from rig.engine import EngineError
 from rig.engine.by_hand.bench_memory import BenchMemory
+from rig.line_file import LineFile
 from rig.protocol.errors import BadInputError
 from rig.transport import TransportError
 from studies.faults.attempts import attempts
@@ -149,7 +150,7 @@ class Played:
             (folder / "run").mkdir()
             shutil.copy(world.journal.path, folder / "run")
             world.journal.path = folder / "run" / "events.jsonl"
-            world.journal._file = world.journal.path.open("ab", buffering=0)
+            world.journal.file = LineFile(world.journal.path)
             world.folder = folder / "run"
         self._run = folder / "run"
         if case.fault is not None:

@@ -144,7 +144,7 @@ class RunScenario:
             lambda engine, walk: Phased(world, verbs, engine, walk),
         )
         world.phase = phase
-        problem, at = sessions._on_a_bench(session, RunFolder(folder), lambda log: world.connected(), None)
+        problem, at, _ = sessions._on_a_bench(session, RunFolder(folder), lambda log: world.connected(), None)
         world.phase = ""
         stop = read_run(world.folder or folder).stop
         status = "killed" if stop is None else str(stop["status"])

@@ -1,14 +1,19 @@
 """SSRPs and population responses of a run, and the frame in which recordings are laid over them."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from rig.compare.stimuli import Stimulus, stimuli
-from rig.data import Run
+from rig.compare.stimuli import Stimulus, on_widest_skin, stimuli
+from rig.data import Run, read_run
+from rig.plan.config import load_config
+from rig.plan.responses import responses
 from sim.measures.measures import MEASURES, shown
 from sim.models.fingertip import Fingertip
+from tests.program import Program
+from tests.sim.coarse import as_toml, coarse_mesh
 
 Make = Callable[..., Stimulus]
 
@@ -71,3 +76,62 @@ def test_the_second_reading_comes_from_the_cache(
     (after,) = stimuli(bar_run, finger)
     np.testing.assert_array_equal(before.measures, after.measures)
     np.testing.assert_array_equal(before.pressure, after.pressure)
+
+
+# --- profiles of unequal length: presses far from the center are solved on a wider patch ---
+
+
+def test_profiles_of_unequal_length_are_put_on_the_widest_skin() -> None:
+    """A piecewise linear profile, so that the interpolation is exact; outside of its own patch nothing is touched."""
+    narrow = np.array([-1.0, 0.0, 1.0]), np.array([0.0, 4.0, 0.0])
+    wide = np.array([-2.0, -0.5, 0.5, 2.0]), np.array([0.0, 3.0, 5.0, 0.0])
+    skin_mm, pressure = on_widest_skin([narrow, wide])
+    np.testing.assert_array_equal(skin_mm, wide[0])
+    np.testing.assert_array_equal(pressure, [[0.0, 2.0, 2.0, 0.0], wide[1]])
+
+
+def test_profiles_of_one_patch_stay_as_they_are() -> None:
+    rng = np.random.default_rng(3)
+    x = np.sort(rng.uniform(-2, 2, 40))
+    profiles = [(x, rng.uniform(0, 9, 40)) for _ in range(3)]
+    skin_mm, pressure = on_widest_skin(profiles)
+    np.testing.assert_array_equal(skin_mm, x)
+    np.testing.assert_array_equal(pressure, [p for _, p in profiles])
+
+
+WIDE = """\
+from rig.protocol import Rig
+
+def run(rig: Rig) -> None:
+    rig.mount("{shape}")
+    rig.home()
+    rig.zero()
+    for x_mm in {x_mm}:
+        rig.move_to(x_mm=x_mm)
+        rig.indent(doi_mm=0.3, hold_s=0.1)
+"""
+RECORDED_MM = {"within the run": (-1.5, -0.75, 0.0, 0.75, 1.5), "beyond it": (-4.5, -1.5, 0.0, 0.4, 1.5, 4.5)}
+
+
+@pytest.mark.usefixtures("empty_figures")
+@pytest.mark.parametrize("shape", ["bar:3.0", "step:3", "cylinder:4", "sphere:4"])
+def test_a_run_over_more_than_one_patch_is_compared_to_the_end(
+    shape: str, program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From the smallest patch to the widest, whatever of the recording the run covers."""
+    monkeypatch.chdir(tmp_path)
+    mesh = coarse_mesh(0.4, 0.6, patch_x_mm=1.2, patch_z_mm=2.0, round_patch_mm=1.2)
+    (tmp_path / "coarse.toml").write_text(as_toml(mesh), encoding="utf-8")
+    (tmp_path / "wide.py").write_text(WIDE.format(shape=shape, x_mm=[0.0, 1.5, -1.5, 3.0, -3.0]), encoding="utf-8")
+    ended = program("dry-run", "wide.py", "--config", "coarse.toml", "--json")
+    assert ended.code == 0, ended.err
+    folder = Path(ended.json["run"])
+    finger = Fingertip.load(load_config(folder / "config.toml").finger)
+    solved = [response.result.pressure_profile[0] for response in responses(read_run(folder), finger)]
+    assert len({len(x_mm) for x_mm in solved}) > 1, "one patch is enough for this run: the test says nothing"
+    for covered, position_mm in RECORDED_MM.items():
+        rows = [f"{x:g},{10 + x:g}" for x in position_mm]
+        (tmp_path / "recorded.csv").write_text("\n".join(["position_mm,rate", *rows, ""]), encoding="utf-8")
+        ended = program("compare", folder, "--recorded", f"{shape}=recorded.csv", "--out", "page.html", "--json")
+        assert ended.code == 0, (covered, ended.err)
+        assert len(ended.json["rows"]) == 180

@@ -5,12 +5,30 @@ from pathlib import Path
 
 import pytest
 
+from rig.devices.bench_settings import BenchSettings
+from rig.panel import posts
 from rig.panel.app import application
 from rig.panel.seen.seen_bench import SeenBench
 from rig.panel.watcher import Watcher
 from rig.plan.config import Config
+from rig.session.control.sent_stop import SentStop
 from sim.devices.clock import VirtualClock
 from tests.rig.panel.told_panel import PORT, TOKEN, Told, ToldBench, ToldOwner
+from tests.waiting import DEADLINE_S
+
+
+@pytest.fixture(autouse=True)
+def sent(monkeypatch: pytest.MonkeyPatch) -> list[BenchSettings]:
+    """Stops that the panel sends itself, to a stage that cannot be reached; never to a port of this machine."""
+    stops: list[BenchSettings] = []
+
+    def send(settings: BenchSettings) -> SentStop:
+        stops.append(settings)
+        return SentStop(settings.stage.ports, problems=["there is no such port"])
+
+    monkeypatch.setattr(posts, "send_stop", send)
+    monkeypatch.setattr(posts, "BESIDE_S", DEADLINE_S)
+    return stops
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ from rig.panel.by_hand_process import READY_S, NotTakenError
 from rig.panel.owners import STOP_S
 from rig.panel.tabs import GONE_S
 from rig.session.control.announcements import ControlError, RefusedError
+from rig.session.control.sent_stop import SentStop
 from tests.rig.panel.asgi_client import asked
 from tests.rig.panel.told_panel import OWN, Told, ToldOwner
 from tests.waiting import DEADLINE_S, until
@@ -282,9 +283,10 @@ def test_whoever_cannot_be_told_so_is_asked(make: Make) -> None:
 
 def test_a_stop_that_did_not_arrive_is_told(make: Make) -> None:
     nothing = (409, {"ok": False, "problem": "nothing owns the ports: there is nothing to stop"})
-    assert make().post("/stop") == nothing
+    assert make(configured=False).post("/stop") == nothing
     ended, well = ToldOwner(answers={"stop": ControlError("process 1 has ended")}), ToldOwner(pid=2)
-    assert make(ended, well).post("/stop") == (503, {"ok": False, "problem": "process 1 has ended"})
+    told = (503, {"ok": False, "problem": "process 1 has ended"})
+    assert make(ended, well, configured=False).post("/stop") == told
     assert well.asked == [("stop", {})]
     refusing = [ToldOwner(pid, answers={"stop": RefusedError(words)}) for pid, words in ((3, "over"), (4, "done"))]
     assert make(*refusing).post("/stop") == (409, {"ok": False, "problem": "over; done"})
@@ -295,10 +297,60 @@ def test_a_stop_that_a_stage_has_not_confirmed_is_told_as_one(make: Make) -> Non
     """Its owner did all it could; whoever stands there must not take it for well."""
     unconfirmed = {"ok": True, "stopped": True, "unconfirmed": "x axis still runs"}
     owner, well = ToldOwner(pid=7, answers={"stop": lambda: unconfirmed}), ToldOwner(pid=8)
-    assert make(owner, well).post("/stop") == (
+    assert make(owner, well, configured=False).post("/stop") == (
         503, {"ok": False, "problem": "process 7 was told to stop: x axis still runs"}
     )  # fmt: skip
     assert well.asked == [("stop", {})]
+
+
+NOT_SENT = "Stop NOT sent to /dev/ttyUSB0: there is no such port: use the emergency stop."
+
+
+@pytest.mark.parametrize(
+    ("owners", "problem"),
+    [
+        ([], NOT_SENT),
+        ([ToldOwner(answers={"stop": ControlError("process 1 has ended")})], f"process 1 has ended. {NOT_SENT}"),
+    ],
+    ids=["nobody", "gone"],
+)
+def test_where_no_owner_takes_it_the_panel_sends_the_stop_itself(
+    make: Make, sent: list[Any], monkeypatch: pytest.MonkeyPatch, owners: list[ToldOwner], problem: str
+) -> None:
+    assert make(*owners).post("/stop") == (503, {"ok": False, "problem": problem})
+    assert len(sent) == 1
+    monkeypatch.setattr(posts, "send_stop", lambda settings: SentStop(("a",), sent=True, state="Alarm", told=(3,)))
+    code, answer = make(*owners).post("/stop")
+    assert (code, answer["stopped"], answer["words"]) == (200, [3], "Stop sent to a: the stage reports Alarm.")
+
+
+def test_an_owner_that_takes_it_or_refuses_is_left_alone(make: Make, sent: list[Any]) -> None:
+    assert make(ToldOwner()).post("/stop")[0] == 200
+    assert make(ToldOwner(answers={"stop": RefusedError("it has just ended")})).post("/stop")[0] == 409
+    assert sent == []
+
+
+@pytest.mark.parametrize("lives", [False, True], ids=["hangs", "takes its time"])
+def test_the_bytes_go_out_at_once_beside_an_owner_that_hangs(
+    make: Make, sent: list[Any], monkeypatch: pytest.MonkeyPatch, lives: bool
+) -> None:
+    monkeypatch.setattr(posts, "BESIDE_S", 0.01)
+    free = threading.Event()
+
+    def hangs() -> dict[str, Any]:
+        assert free.wait(DEADLINE_S)
+        return {"ok": True}
+
+    status = {"ok": True} if lives else ControlError("process 1 does not answer within 0.01 s")
+    owner = ToldOwner(ports=("/dev/ttyUSB0",), answers={"stop": hangs, "status": status})
+    panel = make(owner)
+    try:
+        panel.post("/stop")
+        until(lambda: ("status", {}) in owner.asked)
+        until(lambda: lives or sent)
+        assert len(sent) == (not lives)
+    finally:
+        free.set()
 
 
 def test_a_stop_is_not_behind_anything(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -53,6 +53,14 @@ def told(watcher: Watcher, client: Onlooking) -> dict[str, Any]:
     return dict(events(client.taken(0.0)))
 
 
+def test_how_the_participants_button_is_is_told_where_there_is_one(make: Make, tmp_path: Path) -> None:
+    run = journal(tmp_path / "run", START)
+    status = {"ok": True, "state": "running", "stopped": False, "stop_button": "not pressed, tested"}
+    watcher = make(ToldOwner(run=str(run), answers={"status": status})).watcher
+    with watcher.outlet.joined() as client:
+        assert told(watcher, client)["state"]["owner"]["stop_button"] == "not pressed, tested"
+
+
 def test_an_owner_s_run_is_followed_wherever_it_lies(make: Make, tmp_path: Path) -> None:
     run = journal(tmp_path / "elsewhere" / "run", START, sample(1.5))
     owner = ToldOwner(run=str(run), answers={"status": {"ok": True, "state": "running", "stopped": False}})

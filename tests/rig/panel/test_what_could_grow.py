@@ -25,6 +25,8 @@ HAS_AN_END = {
     "rig/panel/seen/seen_run.py newest": "the last one",
     "rig/panel/tabs.py _looking": "the tabs that look on now",
     "rig/session/control/control_socket.py _waiting": "_SPARE",
+    "rig/session/control/sent_stop.py _told": "one for each owner, until the stop is over",
+    "rig/session/control/sent_stop.py problems": "of one stop, until it is over",
     "rig/session/control/stage_in_hand.py _wires": "the stage's own, until it is let go",
     "rig/session/by_hand/hand_readings.py _rows": "KEPT",
     "rig/session/by_hand/holds.py _over": "a number for each tab that moved the stage",

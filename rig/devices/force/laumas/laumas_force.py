@@ -83,6 +83,11 @@ class LaumasForce:
         """Forget the tare. Raises ForceError."""
         self._command(self._settings.gross_command)
 
+    def set_point_gwt(self, register: int) -> float:
+        """Return the force at which the instrument's relay switches, from two registers. Raises ForceError."""
+        high, low = self._read(register, 2)
+        return (high << 16 | low) * self._count_n / GWT_N
+
     def close(self) -> None:
         self._bus.close()
 

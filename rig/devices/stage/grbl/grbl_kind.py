@@ -14,6 +14,7 @@ def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
         opener(settings.stage.port),
         clock,
         expected=expected_settings(settings),
+        bounds=settings.bounds,
         output="off" if settings.sync.output == "drive" else settings.sync.output,
         backlash_mm=(x, y, z),
     )
@@ -24,6 +25,7 @@ DEVICE = StageKind(
     device="GRBL 1.1 board, or one with grblHAL",
     driver=_driver,
     outputs=("off", "coolant", "spindle"),
+    inputs=("door", "hold"),
     twin="sim.devices.grbl.board:grbl_twin",
     tests=("tests/rig/test_grbl_driver.py", "tests/rig/test_grbl_conformance.py"),
 )

@@ -49,12 +49,14 @@ class GrblLink:
     def __init__(self, transport: Transport, clock: Clock) -> None:
         self._transport = transport
         self._clock = clock
+        self.name = transport.name
         self._reader = LineReader(transport, clock)
         self.in_step = False
         self.trusted = False
         self.times_stopped = 0  # from whatever thread
         self.offset: Xyz | None = None
         self.overrides = FULL
+        self.pins = ""  # of the last status
 
     def hello(self) -> list[str]:
         """Ask a board of unknown state who it is. Raises StageError."""
@@ -113,10 +115,9 @@ class GrblLink:
             except StopIteration as over:
                 return list(over.value)
 
-    def talking(self, line: str, timeout_s: float, look_s: float = math.inf) -> Generator[None, None, list[str]]:
-        """Send one line; gives way each look_s until its ok, and returns what came before it. Raises StageError."""
-        if not self.in_step:
-            raise StageError(f"{self._transport.name}: the board must be reset before {line!r}")
+    def talking(self, line: str, timeout_s: float, look_s: float = math.inf) -> Generator[list[str], None, list[str]]:
+        """Send one line; yields what came so far each look_s until its ok, and returns it then. Raises StageError."""
+        self.require_in_step(line)
         self.hear_pending()
         self._transport.write(line.encode("ascii") + b"\n")
         deadline_s = self._clock.monotonic_s() + timeout_s
@@ -130,10 +131,15 @@ class GrblLink:
                 self._refuse_hold(heard)
                 printed.append(heard)
             elif self._clock.monotonic_s() < deadline_s:
-                yield
+                yield printed
             else:
                 self.in_step = self.trusted = False
                 raise StageTimeout(f"{self._transport.name}: no answer to {line!r} in {timeout_s:g} s")
+
+    def require_in_step(self, line: str) -> None:
+        """Raises StageError where the board may still owe an answer to another line."""
+        if not self.in_step:
+            raise StageError(f"{self.name}: the board must be reset before {line!r}")
 
     def _refuse_error(self, heard: str, line: str) -> None:
         code = number_after(heard, "error:")
@@ -144,6 +150,7 @@ class GrblLink:
         """The line waits in the board's buffer for whoever holds it: only a reset takes it back."""
         fields = parse_status(heard)
         if fields is not None and is_held(fields.state):
+            self.pins = fields.pins
             self.in_step = self.trusted = False
             self.refuse_interference(fields.state)
 
@@ -158,6 +165,7 @@ class GrblLink:
                 if fields is not None:
                     self.offset = fields.offset or self.offset
                     self.overrides = fields.overrides or self.overrides
+                    self.pins = fields.pins
                     return fields
                 if heard.startswith("<"):
                     break

@@ -1,10 +1,12 @@
 """A stage on a GRBL 1.1 or grblHAL board. Source: GRBL 1.1 interface wiki."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
+from rig.devices.bench_settings import StageBounds
 from rig.devices.stage.base import (
     LOOK_S,
     Axis,
@@ -20,27 +22,36 @@ from rig.devices.stage.base import (
     is_held,
     next_look_s,
 )
-from rig.devices.stage.grbl.grbl_link import ASK_TIMES, GrblLink
+from rig.devices.stage.grbl.grbl_link import ASK_TIMES, REPLY_S, GrblLink
 from rig.devices.stage.grbl.grbl_settings import (
     INCHES,
     STEP_DIRECTION,
     STEPS_PER_MM,
+    at_home,
     differences,
+    differs,
+    enforced_settings,
     expected_s_of,
     keys_of,
     misplaced,
+    on_a_step,
     overrun,
-    unreported,
+    unsuited,
 )
 from rig.devices.stage.grbl.grbl_words import (
     FULL,
     JOG_CANCEL,
     OUTPUT_WORDS,
+    STOP_PINS,
     Xyz,
+    feed_word,
     machine_from,
-    move_words,
+    number,
     parse_setting,
+    refuse_move,
+    states,
 )
+from rig.devices.stage.grbl.work_zero import doubt_about_zero
 from rig.transport import Transport
 from rig.transport.clock import Clock
 
@@ -54,14 +65,25 @@ CANCEL_AGAIN_S = 0.5
 # A move may take this much longer than its length, speed and acceleration say.
 LATE_FACTOR, LATE_S = 1.5, 5.0
 ASK_FOR_OFFSET = 35
+# What the board does not confirm is sent anew so often: noise is not there each time.
+ATTEMPTS = 3
 # An alarm, the banner after it, and one more of each.
 NEWS = 4
+
+
+@dataclass(frozen=True)
+class Jogged:
+    """A jog under way: along which axis; down to which height, machine mm, where it goes down."""
+
+    axis: Axis
+    down_to_mm: float | None = None
 
 
 class GrblStage(Stage):
     """Stage over a GRBL board, one move at a time; output: what set_output() switches.
 
-    expected: settings, by number, without which connect() refuses the board.
+    expected: settings, by number, without which connect() refuses the board. bounds: what the board is made to
+    enforce by settings of its own, which connect() writes where they differ.
     """
 
     def __init__(
@@ -70,18 +92,19 @@ class GrblStage(Stage):
         clock: Clock,
         *,
         expected: Mapping[int, float] = MappingProxyType({INCHES: 0}),
+        bounds: StageBounds | None = None,
         output: Literal["off", "coolant", "spindle"] = "off",
         backlash_mm: Xyz = (0.0, 0.0, 0.0),
     ) -> None:
         self._transport = transport
         self._clock = clock
         self._link = GrblLink(transport, clock)
-        self._expected = expected
+        self._expected, self._bounds = expected, bounds
         self._output = output
         self._backlash_mm = backlash_mm
         self._settings: dict[int, float] = {}
         self._last: Xyz | None = None
-        self._jogging = False
+        self._jogged: Jogged | None = None  # while jogging
 
     @property
     def homed(self) -> bool:
@@ -99,11 +122,13 @@ class GrblStage(Stage):
             self._link.reset()
             printed = self._link.command("$I")
         self._link.full_speed()
-        board = self.settings()
-        wrong = differences(board, self._expected) + unreported(printed, board)
+        board = self._agreed_settings()
+        wrong = differences(board, self._expected) + unsuited(printed, board)
         if wrong:
             place = f"{self._transport.name}: the board is not set as configured{keys_of(board, self._expected)}"
             raise StageError(f"{place}, expected {', '.join(wrong)}")
+        if self._bounds is not None:
+            self._enforce({**board, **enforced_settings(board, self._bounds)})
         return " ".join(line for line in printed if line.startswith("[") and not line.startswith("[MSG"))
 
     def settings(self) -> dict[int, float]:
@@ -112,15 +137,49 @@ class GrblStage(Stage):
         self._settings = dict(pair for pair in map(parse_setting, lines) if pair)
         return dict(self._settings)
 
+    def _agreed_settings(self) -> dict[int, float]:
+        """Two answers that are the same: a number read wrong would be believed for as long as this runs."""
+        board = self.settings()
+        for _ in range(ATTEMPTS):
+            before, board = board, self.settings()
+            if board == before:
+                return board
+        raise StageError(f"{self._transport.name}: no two answers to $$ are the same")
+
+    def _enforce(self, wanted: Mapping[int, float]) -> None:
+        """Write what differs and read everything back; nothing is written where nothing differs."""
+        for _ in range(ATTEMPTS):
+            wrong = {n: value for n, value in wanted.items() if differs(self._settings, n, value)}
+            if not wrong:
+                return
+            for n, value in wrong.items():
+                self._link.command(f"${n}={number(value, 3)}")
+            self._agreed_settings()
+        found = ", ".join(differences(self._settings, wanted))
+        raise StageError(f"{self._transport.name}: the board does not keep what is written, expected {found}")
+
     def homing(self) -> Looks:
-        """`$H`; while it lasts the board answers nothing, `?` included. The position is given up as it begins."""
+        """`$H`; most boards answer nothing while it lasts. The position is given up as it begins.
+
+        It is trusted only if the board was seen homing, and stands where homing ends: an `ok` alone may be that of
+        `$X`, which is one bit from `$H`.
+        """
         if not self._link.in_step:
             self._link.reset()
         self._link.refuse_interference(self.status().state)
         self._link.trusted, times = False, self._link.times_stopped
-        for _ in self._link.talking("$H", HOME_S, LOOK_S):
+        begun_s, printed, heard = self._clock.monotonic_s(), list[str](), 0
+        for printed in self._link.talking("$H", HOME_S, LOOK_S):
+            new, heard = states(printed[heard:]), len(printed)
+            if self._clock.monotonic_s() - begun_s > REPLY_S and set(new) - {"Home"}:
+                self._link.in_step = False
+                raise StageTimeout(f"{self._transport.name}: no answer to '$H', and it does not home: {new[-1]}")
             yield None
-        self.status()
+            self._link.send_now(b"?")
+        now = self.status()
+        missed = misplaced(self._settings, at_home(self._settings), (now.x_mm, now.y_mm, now.z_mm))
+        if "Home" not in states(printed) or missed:
+            raise StageError(f"{self._transport.name}: the board says ok but did not home{missed and f': {missed}'}")
         self._link.trusted = self._link.times_stopped == times
 
     def unlock(self) -> None:
@@ -130,7 +189,7 @@ class GrblStage(Stage):
     def status(self) -> StageStatus:
         """Where the stage is now. Raises StageError, also where somebody interferes with a jog."""
         now = self._status()
-        if self._jogging:
+        if self._jogged is not None:
             self._link.refuse_interference(now.state)
         return now
 
@@ -161,7 +220,7 @@ class GrblStage(Stage):
         arrives in its negative direction: down, for Z. Raises StageError; ValueError, StageNotHomed before any byte.
         """
         target = {axis: mm for axis, mm in (("X", x_mm), ("Y", y_mm), ("Z", z_mm)) if mm is not None}
-        move_words(target, speed_mm_s)
+        refuse_move(target, speed_mm_s)
         if self._link.in_step and not self.homed:
             raise StageNotHomed(f"{self._transport.name}: the stage")
         beyond = overrun(target, self._last, self._backlash_mm)
@@ -171,10 +230,54 @@ class GrblStage(Stage):
 
     def _going(self, target: dict[str, float], speed_mm_s: float, look_s: float) -> Looks:
         self._link.refuse_interference("")
-        self._jogging = False
-        expected_s = expected_s_of(self._settings, self._last, target, speed_mm_s)
-        self._link.command("G53G1G90G21" + move_words(target, speed_mm_s), look_s=LOOK_S)
+        self._jogged = None
+        was = self._begin(
+            "G1" + "".join(f"{axis}0" for axis in target),
+            lambda present: self._to(target, present),
+            speed_mm_s,
+        )
+        expected_s = expected_s_of(self._settings, was, target, speed_mm_s)
         yield from self._arriving(target, expected_s, look_s)
+
+    def _to(self, target: Mapping[str, float], present: Xyz) -> Xyz:
+        """The work coordinates of the present place where those of a target are zero."""
+        x, y, z = (
+            present[i] - on_a_step(self._settings, i, target[axis]) if axis in target else 0.0
+            for i, axis in enumerate("XYZ")
+        )
+        return (x, y, z)
+
+    def _begin(
+        self, trigger: str, coordinates: Callable[[Xyz], Xyz], speed_mm_s: float, *, confirm_modes: bool = False
+    ) -> Xyz:
+        """Place work zero, and send the trigger once the board has confirmed it; returns where it begins.
+
+        Nothing moves without. Raises StageError.
+        """
+        self._link.require_in_step(trigger)
+        doubt, refused = "", None
+        for attempt in range(ATTEMPTS):
+            if attempt or self._last is None:
+                self._status()
+            present = self._present()
+            try:
+                doubt = doubt_about_zero(
+                    self._link, self._settings, present, coordinates(present), speed_mm_s, confirm_modes=confirm_modes
+                )
+                if not doubt:
+                    self._link.command(trigger, look_s=LOOK_S)
+                    return present
+            except StageRejected as error:
+                refused = error
+        if refused is not None and not doubt:
+            raise refused
+        raise StageError(f"{self._transport.name}: the target was not confirmed, {doubt}; nothing was moved")
+
+    def _present(self) -> Xyz:
+        """Where the stage stands: on a step, since what the board prints has three decimals only."""
+        assert self._last is not None
+        x, y, z = (on_a_step(self._settings, i, mm) for i, mm in enumerate(self._last))
+        return (x, y, z)
 
     def halt(self) -> None:
         """Feed hold, and a reset once the board stands: from rest it loses no step, and what was queued is gone.
@@ -189,6 +292,8 @@ class GrblStage(Stage):
         while (state := self._status().state) not in ("Hold:0", "Idle"):
             if self._clock.monotonic_s() >= deadline_s:
                 raise StageTimeout(f"{self._transport.name}: not at rest {HALT_S:g} s after a hold, state {state}")
+            if not is_held(state):
+                self.hold()  # the byte before was lost
             self._listen(POLL_S)
         self._link.reset()
         state = self._status().state
@@ -230,10 +335,47 @@ class GrblStage(Stage):
         return sign * self._settings[STEPS_PER_MM + "xyz".index(axis)]
 
     def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
-        """`$J=`: needs a board that is idle or jogging. Raises StageError; ValueError before any byte."""
+        """`$J=`: needs a board that is idle or jogging; down it waits until the board is at rest.
+
+        Down, each jog goes to a work zero of its own. Sideways and up, the first of several puts work zero where it
+        begins, and no one bit makes a line go down: Z stands in each of them. Raises StageError; ValueError before
+        any byte.
+        """
+        refuse_move({axis: by_mm}, speed_mm_s)
         self._link.refuse_interference("")
-        self._jogging = True
-        self._link.command("$J=G91G21" + move_words({axis.upper(): by_mm}, speed_mm_s), look_s=LOOK_S)
+        before, feed = self._jogged, feed_word(speed_mm_s)
+        if axis == "z" and by_mm < 0:
+            self._jog_down(by_mm, speed_mm_s)
+            return
+        line = f"$J=G91{'' if axis == 'z' else 'Z0'}{axis.upper()}{number(by_mm)}{feed}"
+        if before == Jogged(axis):
+            self._link.command(line, look_s=LOOK_S)
+            return
+        if before is not None:
+            self._end_of(before)
+        self._jogged = Jogged(axis)
+        self._begin(line, lambda _: (0.0, 0.0, 0.0), speed_mm_s, confirm_modes=True)
+
+    def _jog_down(self, by_mm: float, speed_mm_s: float) -> None:
+        if self._jogged is not None:
+            self._end_of(self._jogged)
+        self._jogged = Jogged("z")
+        start = self._begin(
+            f"$J=Z0{feed_word(speed_mm_s)}", lambda at: self._to({"Z": at[2] + by_mm}, at), speed_mm_s
+        )
+        self._jogged = Jogged("z", start[2] + by_mm)
+
+    def _end_of(self, jog: Jogged) -> None:
+        """Wait until a jog is over; one down that ended short was stopped by somebody else. Raises StageError."""
+        deadline_s = self._clock.monotonic_s() + LATE_S
+        while (now := self.status()).state == "Jog":
+            if self._clock.monotonic_s() >= deadline_s:
+                raise StageTimeout(f"{self._transport.name}: still jogging after {LATE_S:g} s")
+            self._listen(POLL_S)
+        told = {} if jog.down_to_mm is None else {"Z": jog.down_to_mm}
+        missed = misplaced(self._settings, told, (now.x_mm, now.y_mm, now.z_mm))
+        if missed:
+            raise StageError(f"{self._transport.name}: the jog was stopped at the controller, {missed}")
 
     def end_jog(self, timeout_s: float = 5.0) -> None:
         """0x85 until the board is at rest: one that comes before the jog has begun is lost.
@@ -244,7 +386,7 @@ class GrblStage(Stage):
         if not self._link.in_step:
             raise StageError(f"{self._transport.name}: a line may still wait in the board")
         deadline_s = self._clock.monotonic_s() + timeout_s
-        self._jogging = False
+        self._jogged = None
         self._link.send_now(JOG_CANCEL)
         stood_at, stood_s, sent_s = None, 0.0, self._clock.monotonic_s()
         while (now := self.status()).state == "Jog":
@@ -265,6 +407,10 @@ class GrblStage(Stage):
         if self._output == "off":
             raise StageError(f"{self._transport.name}: no output of the board is configured, see sync.output")
         self._link.command(OUTPUT_WORDS[self._output][on], look_s=LOOK_S)
+
+    def active_inputs(self) -> frozenset[str]:
+        """Return the stop inputs that the last status named; status() asks anew."""
+        return frozenset(STOP_PINS[letter] for letter in self._link.pins if letter in STOP_PINS)
 
     def close(self) -> None:
         self._transport.close()
@@ -289,5 +435,8 @@ class GrblStage(Stage):
             self._link.listen_until(min(max(over_s, self._clock.monotonic_s() + POLL_S), due_s))
         self._link.refuse_interference(now.state)
         missed = misplaced(self._settings, target, (now.x_mm, now.y_mm, now.z_mm))
+        if missed:
+            now = self.status()  # one report may be garbled, two do not agree
+            missed = misplaced(self._settings, target, (now.x_mm, now.y_mm, now.z_mm))
         if missed:
             raise StageError(f"{self._transport.name}: {missed}")

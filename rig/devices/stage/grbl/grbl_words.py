@@ -2,6 +2,8 @@
 
 import math
 import re
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 
 from rig.devices.bench_settings import SLOWEST_MM_S
@@ -39,6 +41,7 @@ Overrides = tuple[int, int, int]
 FULL: Overrides = (100, 100, 100)
 HOLD_AND_RESET, JOG_CANCEL = b"!\x18", b"\x85"
 OUTPUT_WORDS = {"coolant": ("M9", "M8"), "spindle": ("M5", "M3S1000")}
+STOP_PINS = {"D": "door", "H": "hold"}
 OVERRIDDEN = ("feed", "rapid", "spindle")
 
 
@@ -54,6 +57,7 @@ class StatusFields:
     work: Xyz | None
     offset: Xyz | None
     overrides: Overrides | None = None
+    pins: str = ""  # letters of the inputs that are active
 
 
 def is_banner(line: str) -> bool:
@@ -69,9 +73,14 @@ def parse_status(line: str) -> StatusFields | None:
     fields = dict(part.partition(":")[::2] for part in parts)
     try:
         machine, work, offset = (_xyz(fields.get(name)) for name in ("MPos", "WPos", "WCO"))
-        return StatusFields(state, machine, work, offset, _overrides(fields.get("Ov")))
+        return StatusFields(state, machine, work, offset, _overrides(fields.get("Ov")), fields.get("Pn", ""))
     except ValueError:
         return None
+
+
+def states(printed: Iterable[str]) -> list[str]:
+    """The states of the statuses among some lines."""
+    return [fields.state for line in printed if (fields := parse_status(line))]
 
 
 def machine_from(work: Xyz | None, offset: Xyz | None) -> Xyz:
@@ -95,8 +104,8 @@ def number_after(line: str, prefix: str) -> int | None:
     return int(digits) if digits.isdigit() else 0
 
 
-def move_words(target: dict[str, float], speed_mm_s: float) -> str:
-    """Axis words in mm and F in mm/min; raises ValueError."""
+def refuse_move(target: Mapping[str, float], speed_mm_s: float) -> None:
+    """Raises ValueError for a move that no line can express."""
     if not target:
         raise ValueError("a move needs at least one of x_mm, y_mm, z_mm")
     for name, value in (*target.items(), ("speed_mm_s", speed_mm_s)):
@@ -104,7 +113,28 @@ def move_words(target: dict[str, float], speed_mm_s: float) -> str:
             raise ValueError(f"{name} must be a finite number, got {value}")
     if speed_mm_s < SLOWEST_MM_S:
         raise ValueError(f"speed_mm_s must be at least {SLOWEST_MM_S:.4f}, got {speed_mm_s}")
-    return "".join(f"{axis}{mm:.4f}" for axis, mm in target.items()) + f"F{60 * speed_mm_s:.3f}"
+
+
+def number(value: float, decimals: int = 4) -> str:
+    """Return a number as a line holds it, without needless zeros."""
+    text = f"{value:.{decimals}f}".rstrip("0").rstrip(".")
+    return "0" if text == "-0" else text
+
+
+def feed_word(speed_mm_s: float) -> str:
+    """Return the F word, mm/min."""
+    return f"F{number(60 * speed_mm_s, 3)}"
+
+
+def parse_modes(printed: Iterable[str]) -> tuple[frozenset[str], float | None]:
+    """Return the modal words of the answer to `$G` and its feed (mm/min); nothing and None where there is none."""
+    for line in printed:
+        if line.startswith("[GC:") and line.endswith("]"):
+            words = line[4:-1].split()
+            feeds = [text[1:] for text in words if text.startswith("F")]
+            with suppress(ValueError):
+                return frozenset(words), float(feeds[0]) if feeds else None
+    return frozenset(), None
 
 
 def travel_s(mm: float, speed: float, accel: float) -> float:

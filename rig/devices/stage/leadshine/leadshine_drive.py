@@ -1,6 +1,13 @@
 """One axis on a Leadshine CS2RS / iEM-RS drive in PR mode. Source: CS2RS and iEM-RS user manuals.
 
 Nothing is ever saved to the drive's EEPROM, which wears out: what this driver writes is gone when the drive is off.
+
+Modbus TCP has no checksum, so one wrong bit on the wire must not move anything where it should not go:
+
+- A path is written without its trigger and read back; the trigger that follows is the same word for every move.
+- Whatever else a wrong bit of any frame can start is harmless beforehand (disarm): every other path is null, homing
+  and jogging creep. A path that has arrived leads to where the axis stands; any other is made null.
+- Where a target counts from what the drive answers, it is asked twice.
 """
 
 import math
@@ -25,6 +32,14 @@ STOP_S = 1.0
 TOLERANCE_MM = 0.0025
 # The drive stops by itself 50 ms after the last jog word.
 JOG_PERIOD_S = 0.02
+# A drive that was told to home shows within this time that it runs, or that it is no longer homed.
+HOMING_BEGINS_S = 1.0
+# Speed at which a drive that nobody told to would home or jog.
+CREEP_RPM = 1
+
+
+def _always() -> bool:
+    return True
 
 
 class LeadshineDrive:
@@ -47,15 +62,37 @@ class LeadshineDrive:
         self._clock, self._settings = clock, settings
         self.travel_mm = travel_mm
         self.pulses_per_mm = pulses_per_mm
-        self._going_to: int | None = None
+        self._going_to: int | None = None  # by jogs, since anything else moved it
+        self._loose = False  # whether PR0 may lead to somewhere else than where the axis stands
+        self.harmless = False  # whether disarm() has been done, and every exchange since was in order
 
     # --- settings ---
 
     def connect(self) -> str:
-        """Check that the drive is what the configuration says; returns its identity. Raises StageError."""
+        """Check that the drive is what the configuration says, and disarm it; returns its identity.
+
+        Raises StageError.
+        """
         settings = self._settings
         self._expect("pulses per turn", settings.pulses_per_rev_register, [settings.pulses_per_rev])
+        self.disarm()
         return f"{self.axis}: Leadshine drive {self.device_id}, {settings.pulses_per_rev} pulses a turn"
+
+    def disarm(self) -> None:
+        """Leave nothing in the drive that a wrong bit could start: null paths, and a creep for homing and jogs.
+
+        Nothing is saved: the owner's paths are back when the drive is switched on again. Raises StageError.
+        """
+        ramp = self._settings.homing_ramp_ms
+        for name, register, harmless in (
+            *((f"path {number}", register, [reg.NO_PATH]) for number, register in enumerate(reg.PATHS)),
+            ("homing speeds", reg.HOMING_SPEEDS, [CREEP_RPM, CREEP_RPM, ramp, ramp]),
+            ("jog speed", self._settings.jog_rpm_register, [CREEP_RPM]),
+        ):
+            if self._read(register, len(harmless)) != harmless:
+                self._set(name, register, harmless)
+        self._loose = False
+        self.harmless = True
 
     def set_soft_limits(self) -> None:
         """Have the drive itself refuse to leave 0 … −travel, and make sure that it was heard. Raises StageError."""
@@ -67,33 +104,63 @@ class LeadshineDrive:
         ):
             self._set(name, register, value)
 
+    def limit_travel(self, lowest_mm: float) -> None:
+        """Move the lower soft limit, within the travel, while the drive stands; it holds until the next homing.
+
+        Raises StageError, also where the drive does not confirm it; ValueError.
+        """
+        if not math.isfinite(lowest_mm):
+            raise ValueError(f"lowest_mm must be a finite number, got {lowest_mm}")
+        status = self.status()
+        self._refuse(status)
+        self._refuse_unhomed(status)
+        if Status.RUNNING in status:
+            raise StageError(f"{self._name} runs; a soft limit is only set at rest")
+        lowest = self._pulses(min(max(lowest_mm, -self.travel_mm), 0.0))
+        if self.pulses_per_mm > 0:
+            self._set("negative soft limit", reg.NEGATIVE_LIMIT, reg.words(lowest))
+        else:
+            self._set("positive soft limit", reg.POSITIVE_LIMIT, reg.words(lowest))
+        self._expect("soft limits", reg.SOFT_LIMITS, [reg.SOFT_LIMITS_ON])
+
     # --- motion ---
 
-    def homing(self) -> Iterator[None]:
-        """Find the home switch, which is 0 from then on; gives way at each look. Raises StageError."""
+    def homing(self, keep_on: Callable[[], bool] = _always) -> Iterator[Status]:
+        """Find the home switch, which is 0 from then on; gives way at each look.
+
+        keep_on says whether to begin after all that is to be set before. Raises StageError.
+        """
         self.refuse_fault()
+        self._going_to = None
         settings = self._settings
         ramp = settings.homing_ramp_ms
         self._set("homing mode", reg.HOMING_MODE, [settings.homing_mode])
         speeds = [settings.homing_high_rpm, settings.homing_low_rpm, ramp, ramp]
         self._set("homing speeds", reg.HOMING_SPEEDS, speeds)
-        self._write(reg.TRIGGER, reg.HOME)
-        yield from self._until(
-            lambda status: Status.HOMED in status and self._commanded() == 0, HOME_S, START_S, "homing"
-        )
+        self._trigger(reg.HOME, keep_on)
+        begun, begins_by_s = False, self._clock.monotonic_s() + HOMING_BEGINS_S
 
-    def moving(self, to_mm: float, speed_mm_s: float, keep_on: Callable[[], bool], look_s: float) -> Iterator[None]:
-        """To a position at up to speed_mm_s; gives way each look_s, and is over on arrival.
+        def at_home(status: Status) -> bool:
+            nonlocal begun
+            begun = begun or Status.RUNNING in status or Status.HOMED not in status
+            if not begun and self._clock.monotonic_s() >= begins_by_s:
+                raise StageError(f"{self._name} did not begin to home")
+            return begun and Status.HOMED in status and self._commanded() == 0
+
+        yield from self._until(at_home, HOME_S, START_S, "homing")
+
+    def moving(self, to_mm: float, speed_mm_s: float, keep_on: Callable[[], bool], look_s: float) -> Iterator[Status]:
+        """To a position at up to speed_mm_s; gives way each look_s with its status, and is over on arrival.
 
         keep_on says whether to go on waiting. Raises StageError; ValueError before any byte where the drive cannot
         be so slow.
         """
         target, rpm = self._pulses(to_mm), self.rpm(speed_mm_s)
+        self._going_to = None
         status, start = self.status(), self._commanded()
         self._refuse(status)
         self._refuse_unhomed(status)
-        with self._errors():
-            self.bus.write(self.device_id, reg.PR0, reg.path(target, rpm, self._settings.ramp_ms))
+        self._start(target, rpm, keep_on)
         expected_s = self._travel_s(abs(target - start), rpm)
         late_s = LATE_FACTOR * expected_s + LATE_S
 
@@ -107,18 +174,21 @@ class LeadshineDrive:
         at_mm = self.position_mm()
         if abs(at_mm - target / self.pulses_per_mm) > TOLERANCE_MM:
             raise StageError(f"{self._name} is at {at_mm:.4f} mm, not at {to_mm:g} mm")
+        self._loose = False
 
-    def go_on(self, by_mm: float, speed_mm_s: float) -> None:
-        """Go by so much from where the drive is going to, and return at once. Raises StageError; ValueError."""
-        if not math.isfinite(by_mm):
-            raise ValueError(f"by_mm must be a finite number, got {by_mm}")
+    def go_on(self, by_mm: float, speed_mm_s: float, keep_on: Callable[[], bool] = _always) -> None:
+        """Go by so much from where the drive is going to, and return at once.
+
+        keep_on says whether to begin after all that is to be set before. Raises StageError.
+        """
         rpm, status = self.rpm(speed_mm_s), self.status()
         self._refuse(status)
-        if Status.RUNNING not in status or self._going_to is None:
-            self._going_to = self._commanded()
-        self._going_to += self._pulses(by_mm)
-        with self._errors():
-            self.bus.write(self.device_id, reg.PR0, reg.path(self._going_to, rpm, self._settings.ramp_ms))
+        going_to, self._going_to = self._going_to, None
+        if Status.RUNNING not in status or going_to is None:
+            going_to = self._standing()
+        target = going_to + self._pulses(by_mm)
+        self._start(target, rpm, keep_on)
+        self._going_to = target
 
     def jog(self, sign: int, held: Callable[[], bool], speed_mm_s: float) -> None:
         """Run one way, sign +1 or −1, as long as held() says so, and return at rest.
@@ -128,6 +198,8 @@ class LeadshineDrive:
         """
         rpm = self.rpm(speed_mm_s)
         self.refuse_fault()
+        self._going_to = None
+        self._drop_path()
         self._set("jog speed", self._settings.jog_rpm_register, [rpm])
         word = reg.JOG_POSITIVE if sign * self.pulses_per_mm > 0 else reg.JOG_NEGATIVE
         while held():
@@ -136,15 +208,19 @@ class LeadshineDrive:
             self._clock.wait_s(written_s + JOG_PERIOD_S - self._clock.monotonic_s())
         for _ in self._until(lambda status: True, STOP_S, 0.0, "the end of a jog"):
             pass
+        self._set("jog speed", self._settings.jog_rpm_register, [CREEP_RPM])
 
     def confirm_stopped(self) -> None:
-        """Tell it to stop until it says that it stands. Raises StageError."""
+        """Tell it to stop until it says that it stands, and drop the path that it was on. Raises StageError."""
+        self._going_to = None
         deadline_s = self._clock.monotonic_s() + STOP_S
         problem: StageError | None = None
         while self._clock.monotonic_s() < deadline_s:
             try:
                 self._write(reg.TRIGGER, reg.QUICK_STOP)
                 if Status.RUNNING not in self.status():
+                    if self._loose:
+                        self._drop_path()
                     return
             except StageError as error:
                 problem = error
@@ -160,6 +236,10 @@ class LeadshineDrive:
     def status(self) -> Status:
         """The status word. Raises StageError."""
         return Status(self._read(reg.STATUS)[0])
+
+    def inputs(self, register: int) -> int:
+        """The word of its digital inputs, DI1 in the lowest bit. Raises StageError."""
+        return self._read(register)[0]
 
     def position_mm(self) -> float:
         """Where the feedback says it is. Raises StageError."""
@@ -185,10 +265,33 @@ class LeadshineDrive:
 
     # --- words ---
 
+    def _start(self, target: int, rpm: int, keep_on: Callable[[], bool]) -> None:
+        """Begin an absolute move that the drive has confirmed before."""
+        self._loose = True
+        self._set("path 0", reg.PR0, reg.path(target, rpm, self._settings.ramp_ms))
+        self._trigger(reg.RUN_PR0, keep_on)
+
+    def _trigger(self, word: int, keep_on: Callable[[], bool]) -> None:
+        """Begin what was set, unless somebody has stopped the drive meanwhile."""
+        if not keep_on():
+            raise StageError(f"{self._name}: stopped")
+        self._write(reg.TRIGGER, word)
+
+    def _drop_path(self) -> None:
+        self._set("path 0", reg.PR0, [reg.NO_PATH])
+        self._loose = False
+
+    def _standing(self) -> int:
+        """Where a drive at rest is told to be; asked twice, since a wrong answer would become a wrong target."""
+        once, again = self._commanded(), self._commanded()
+        if once != again:
+            raise StageError(f"{self._name} is at {once} and at {again} pulses: does it move?")
+        return again
+
     def _until(
         self, done: Callable[[Status], bool], most_s: float, first_s: float, what: str, look_s: float = LOOK_S
-    ) -> Iterator[None]:
-        """Until it stands and done() says so; gives way each look_s.
+    ) -> Iterator[Status]:
+        """Until it stands and done() says so; gives way each look_s with its status.
 
         The drive is asked now and then in the first first_s, for an alarm, and steadily afterwards.
         """
@@ -204,12 +307,13 @@ class LeadshineDrive:
             if self._clock.monotonic_s() >= begun_s + most_s:
                 raise StageTimeout(f"{self._name}: {what} is not over after {most_s:.1f} s, status {status!r}")
             if self._clock.monotonic_s() >= due_s:
-                yield
+                yield status
                 due_s = next_look_s(self._clock.monotonic_s(), over_s, look_s)
 
     def _refuse_unhomed(self, status: Status) -> None:
-        """A drive that was switched off counts from where it stood when it came back."""
+        """A drive that was switched off counts from where it stood when it came back, and has its own paths again."""
         if Status.HOMED not in status:
+            self.harmless = False
             raise StageError(f"{self._name} is no longer homed: was it switched off?")
 
     def _refuse(self, status: Status) -> None:
@@ -240,6 +344,7 @@ class LeadshineDrive:
     def _expect(self, name: str, register: int, values: list[int]) -> None:
         found = self._read(register, len(values))
         if found != values:
+            self.harmless = False
             raise StageError(f"{self._name}: {name} (0x{register:04X}) is {found}, expected {values}")
 
     def _read(self, register: int, count: int = 1) -> list[int]:
@@ -255,8 +360,10 @@ class LeadshineDrive:
         try:
             yield
         except ModbusTimeout as error:
+            self.harmless = False
             raise StageTimeout(f"{self.axis} axis: {error}") from error
         except ModbusError as error:
+            self.harmless = False
             raise StageError(f"{self.axis} axis: {error}") from error
 
     @property

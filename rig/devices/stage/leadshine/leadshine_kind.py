@@ -3,6 +3,7 @@
 from rig.devices.bench_settings import NOMINAL_STEPS_PER_MM, BenchSettings, StageSettings
 from rig.devices.kinds import Opener, StageKind
 from rig.devices.stage.base import Stage
+from rig.devices.stage.leadshine import leadshine_words as reg
 from rig.devices.stage.leadshine.leadshine_drive import LeadshineDrive
 from rig.devices.stage.leadshine.leadshine_settings import DriveSettings, DrivesSettings
 from rig.devices.stage.leadshine.leadshine_stage import LeadshineStage
@@ -22,6 +23,7 @@ def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
         x_backlash_mm=x_backlash,
         z_backlash_mm=z_backlash,
         output=settings.sync if settings.sync.output == "drive" else None,
+        inputs_register=settings.stop.inputs_register,
     )
 
 
@@ -65,6 +67,7 @@ DEVICE = StageKind(
     ports=_ports,
     axes="xz",
     outputs=("off", "drive"),
+    inputs=reg.INPUT_NAMES,
     twin="sim.devices.leadshine:leadshine_twin",
     tests=("tests/rig/test_leadshine_driver.py", "tests/rig/test_modbus_counterparties.py"),
 )

@@ -1,7 +1,7 @@
 """A stage of two Leadshine drives, x lateral and z vertical, on one Modbus port or on two."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from rig.devices.bench_settings import SLOWEST_MM_S, SyncSettings
 from rig.devices.stage.base import LOOK_S, Axis, Looks, Stage, StageError, StageNotHomed, StageStatus
@@ -30,11 +30,12 @@ class LeadshineStage(Stage):
         x_backlash_mm: float = 0.0,
         z_backlash_mm: float = 0.0,
         output: SyncSettings | None = None,
+        inputs_register: int = reg.INPUTS,
     ) -> None:
         self._drives = {"x": x, "z": z}
         self._overrun_mm = {"x": 2 * x_backlash_mm, "z": 2 * z_backlash_mm}
         self._y_mm = y_mm
-        self._output = output
+        self._output, self._inputs_register = output, inputs_register
         self._trusted = False
         self._times_stopped = 0  # from whatever thread
 
@@ -44,18 +45,26 @@ class LeadshineStage(Stage):
         return self._trusted
 
     def connect(self) -> str:
-        """Ask both drives who they are and whether they are set as configured. Raises StageError."""
+        """Ask both drives who they are and whether they are set as configured, and disarm them. Raises StageError."""
         self._trusted = False
         return "; ".join(drive.connect() for drive in self._drives.values())
 
     def homing(self) -> Looks:
         """Home z, then x, then set the soft limits in the drives. An alarm is not cleared. Raises StageError."""
-        self._trusted, times = False, self._times_stopped
+        self._trusted = False
+        keep_on = self._until_stopped()
         for drive in self._up_first():
-            for _ in drive.homing():
-                yield None
+            drive.refuse_fault()
+        self._disarm(again=True)  # in case a drive was switched off since
+        for drive in self._up_first():
+            try:
+                for _ in drive.homing(keep_on):
+                    yield None
+            except StageError:
+                self._stop_all_but(drive)
+                raise
             drive.set_soft_limits()
-        self._trusted = self._times_stopped == times
+        self._trusted = keep_on()
 
     def unlock(self) -> None:
         """Clear alarms; the position stays untrusted. Raises StageError."""
@@ -65,11 +74,7 @@ class LeadshineStage(Stage):
 
     def status(self) -> StageStatus:
         """State and position of both drives. Raises StageError."""
-        words = [drive.status() for drive in self._drives.values()]
-        if any(Status.HOMED not in word for word in words):
-            self._trusted = False
-        x_mm, z_mm = (drive.position_mm() for drive in self._drives.values())
-        return StageStatus(_state(words), x_mm, self._y_mm, z_mm)
+        return self._status({})
 
     def moving(
         self,
@@ -93,9 +98,10 @@ class LeadshineStage(Stage):
         if not self._trusted:
             raise StageNotHomed("the drives")
         try:
-            for stop_mm in self._stops(axis, drive.position_mm(), target_mm):
-                for _ in drive.moving(stop_mm, speed_mm_s, lambda: self._trusted, look_s):
-                    yield self.status()
+            self._disarm()
+            for stop_mm in self._stops(axis, target_mm):
+                for word in drive.moving(stop_mm, speed_mm_s, lambda: self._trusted, look_s):
+                    yield self._status({axis: word})
         except StageError:
             self._trusted = False
             raise
@@ -116,14 +122,47 @@ class LeadshineStage(Stage):
 
         Raises StageError; ValueError before any byte.
         """
-        self._drive(axis).go_on(by_mm, speed_mm_s)
+        drive, keep_on = self._drive(axis), self._until_stopped()
+        drive.rpm(speed_mm_s)
+        if not math.isfinite(by_mm):
+            raise ValueError(f"by_mm must be a finite number, got {by_mm}")
+        self._disarm()
+        drive.go_on(by_mm, speed_mm_s, keep_on)
 
     def jog_while(self, axis: Axis, sign: int, held: Callable[[], bool], speed_mm_s: float) -> None:
         """Run an axis as long as held() says so; 50 ms after this program or its wire dies the drive stops.
 
         Returns at rest. Raises StageError; ValueError before any byte.
         """
-        self._drive(axis).jog(sign, held, speed_mm_s)
+        drive = self._drive(axis)
+        drive.rpm(speed_mm_s)
+        self._disarm()
+        drive.jog(sign, held, speed_mm_s)
+
+    def limit_depth(self, lowest_z_mm: float) -> None:
+        """Have the z drive refuse to go below a height: a soft limit, volatile, that holds until the next homing.
+
+        Parameters
+        ----------
+        lowest_z_mm : float
+            Lowest allowed position of the vertical axis, in machine mm. Outside the travel: its end.
+
+        Raises
+        ------
+        StageError
+            If the drive does not stand or does not confirm the limit; the position is then not trusted.
+        StageNotHomed
+            Before any byte.
+        ValueError
+            If the height is not a finite number.
+        """
+        if not self._trusted:
+            raise StageNotHomed("the drives")
+        try:
+            self._drives["z"].limit_travel(lowest_z_mm)
+        except StageError:
+            self._trusted = False
+            raise
 
     def end_jog(self) -> None:
         for drive in self._up_first():
@@ -151,9 +190,38 @@ class LeadshineStage(Stage):
         if problems:
             raise problems[0]
 
+    def active_inputs(self) -> frozenset[str]:
+        """Ask the vertical drive for its digital inputs: di1 … di7. Raises StageError."""
+        word = self._drives["z"].inputs(self._inputs_register)
+        return frozenset(name for bit, name in enumerate(reg.INPUT_NAMES) if word >> bit & 1)
+
     def close(self) -> None:
         for bus in self._buses():
             bus.close()
+
+    def _status(self, known: Mapping[str, Status]) -> StageStatus:
+        """known: the words of drives that need not be asked for it again."""
+        words = [known[axis] if axis in known else drive.status() for axis, drive in self._drives.items()]
+        if any(Status.HOMED not in word for word in words):
+            self._trusted = False
+        x_mm, z_mm = (drive.position_mm() for drive in self._drives.values())
+        return StageStatus(_state(words), x_mm, self._y_mm, z_mm)
+
+    def _disarm(self, *, again: bool = False) -> None:
+        """Both, before either moves: a wrong bit in a drive's address tells the other one."""
+        if again or not all(drive.harmless for drive in self._up_first()):
+            for drive in self._up_first():
+                drive.disarm()
+
+    def _stop_all_but(self, told: LeadshineDrive) -> None:
+        """Another drive may have heard what this one was told; it creeps."""
+        for drive in self._up_first():
+            if drive is not told:
+                _unconfirmed(drive)
+
+    def _until_stopped(self) -> Callable[[], bool]:
+        times = self._times_stopped
+        return lambda: self._times_stopped == times
 
     def _buses(self) -> list[ModbusMaster]:
         z, x = self._up_first()
@@ -182,10 +250,12 @@ class LeadshineStage(Stage):
             raise ValueError("a move needs one of x_mm and z_mm: two drives cannot keep a straight line")
         return next(iter(moves.items()), (None, self._y_mm))
 
-    def _stops(self, axis: str, from_mm: float, to_mm: float) -> list[float]:
+    def _stops(self, axis: str, to_mm: float) -> list[float]:
         """The places to go to in turn: one, or two where backlash is to be taken up."""
         overrun = self._overrun_mm[axis]
-        return [min(to_mm + overrun, 0.0), to_mm] if overrun and to_mm > from_mm else [to_mm]
+        if not (overrun and to_mm > self._drives[axis].position_mm()):
+            return [to_mm]
+        return [min(to_mm + overrun, 0.0), to_mm]
 
 
 def _state(words: list[Status]) -> str:

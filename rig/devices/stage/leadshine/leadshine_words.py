@@ -4,11 +4,14 @@ from collections.abc import Sequence
 from enum import IntFlag
 
 STATUS, ALARM, CONTROL, TRIGGER = 0x1003, 0x2203, 0x1801, 0x6002
+INPUTS = 0x0179  # second-hand: [stop] inputs_register can say another
+INPUT_NAMES = tuple(f"di{n}" for n in range(1, 8))
 COMMANDED, FEEDBACK = 0x602C, 0x1014  # 32 bits each
-PR0 = 0x6200  # mode, position (32 bits), rpm, ramp up, ramp down, pause, trigger
+PR0 = 0x6200  # mode, position (32 bits), rpm, ramp up, ramp down, pause; then its trigger, which is never written
+PATHS = range(PR0, PR0 + 16 * 8, 8)  # the mode of each path, PR0 to PR15
 SOFT_LIMITS, POSITIVE_LIMIT, NEGATIVE_LIMIT = 0x6000, 0x6006, 0x6008
 HOMING_MODE, HOMING_SPEEDS = 0x600A, 0x600F  # high and low rpm, ramp up, ramp down
-ABSOLUTE = 0x0001
+NO_PATH, ABSOLUTE = 0x0000, 0x0001
 RUN_PR0, HOME, QUICK_STOP = 0x0010, 0x0020, 0x0040
 SOFT_LIMITS_ON = 0x0002
 CLEAR_ALARM, JOG_POSITIVE, JOG_NEGATIVE = 0x1111, 0x4001, 0x4002
@@ -45,5 +48,5 @@ def number(pair: Sequence[int]) -> int:
 
 
 def path(position: int, rpm: int, ramp_ms: int) -> list[int]:
-    """The eight registers of PR0 for an absolute move, its trigger among them."""
-    return [ABSOLUTE, *words(position), rpm, ramp_ms, ramp_ms, 0, RUN_PR0]
+    """The first seven registers of PR0 for an absolute move: all but its trigger."""
+    return [ABSOLUTE, *words(position), rpm, ramp_ms, ramp_ms, 0]

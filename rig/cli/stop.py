@@ -1,0 +1,52 @@
+"""`rig stop`: stop the stage now, whoever moves it. It imports no more than its bytes need."""
+
+import os
+import sys
+from typing import Any
+
+import typer
+
+from rig.cli.interrupts import STOP_SIGNAL
+from rig.cli.options import ConfigOption, JsonOption
+from rig.cli.output import ExitCode, complain, out, print_json
+from rig.session.control.lenient_stage import NoStageError, stage_alone
+from rig.session.control.sent_stop import SentStop, send_stop
+
+
+def command(config: ConfigOption, as_json: JsonOption = False) -> None:
+    """Tell whoever owns the stage's port to stop, and send the stop down the wire."""
+    try:
+        settings, passed = stage_alone(config)
+    except NoStageError as error:
+        _fail(f"Stop NOT sent: {error}", {"sent": False}, ExitCode.BAD_INPUT, as_json=as_json)
+    found = send_stop(settings, signal=_signal if STOP_SIGNAL is not None else None)
+    told: dict[str, Any] = {
+        "owner": found.owner.pid if found.owner is not None else next(iter(found.told), None),
+        "sent": found.sent,
+        "state": found.state,
+    }
+    if not found.done:
+        _fail(found.words, told, ExitCode.STOPPED, as_json=as_json)
+    if as_json:
+        print_json({"stopped": " and ".join(found.ports), **told})
+    else:
+        out.print(found.words)
+    for line in dict.fromkeys([*_still_there(found), *passed]):
+        complain(line)
+
+
+def _fail(words: str, told: dict[str, Any], code: ExitCode, *, as_json: bool) -> None:
+    print(words, file=sys.stderr)
+    if as_json:
+        print_json({"error": words, "exit_code": int(code), **told})
+    raise typer.Exit(code)
+
+
+def _still_there(found: SentStop) -> list[str]:
+    """What of the owner must be known although the stage was stopped."""
+    return [] if found.confirmed_by is not None else found.problems
+
+
+def _signal(pid: int) -> None:
+    if STOP_SIGNAL is not None:
+        os.kill(pid, STOP_SIGNAL)

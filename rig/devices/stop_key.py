@@ -1,0 +1,133 @@
+"""A key or foot switch on USB as a stop button: a Linux input device that nothing else on the machine hears.
+
+Source: Linux kernel documentation, input event interface (`struct input_event`, EVIOCGRAB, EVIOCGKEY). A named pipe
+that carries the same events stands in for a device.
+"""
+
+import os
+import select
+import stat
+import struct
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from rig.transport.base import TransportError
+
+_EVENT = struct.Struct("llHHi")  # seconds, microseconds, type, code, value
+_KEY = 1
+_RELEASED, _PRESSED = 0, 1
+_GRAB = 0x40044590
+_KEY_BYTES = 96
+_HELD_KEYS = 0x80000000 | _KEY_BYTES << 16 | ord("E") << 8 | 0x18
+_READ = 64 * _EVENT.size
+
+
+class StopKeyError(TransportError):
+    """The stop button cannot be read; one line."""
+
+
+class StopKey:
+    """The device, grabbed, and a thread that reads it; close() gives it back.
+
+    A press calls what arm() was given, from the thread. A device that goes away is `problem`.
+    """
+
+    def __init__(self, path: Path, code: int | None = None) -> None:
+        """Open and grab it.
+
+        Parameters
+        ----------
+        path : Path
+            Of the device, e.g. below /dev/input/by-id.
+        code : int, optional
+            Linux code of the only key that counts. Default: any key.
+
+        Raises
+        ------
+        StopKeyError
+            If it is not there, no input device, or used by another program.
+        """
+        self.path, self.problem = path, ""
+        self._code, self._held = code, set[int]()
+        self._on_press: Callable[[], object] | None = None
+        self._file = _opened(path)
+        self._held.update(key for key in _held_keys(self._file) if self._counts(key))
+        self._woken, self._wake = os.pipe()
+        self._thread = threading.Thread(target=self._read, name="stop button", daemon=True)
+        self._thread.start()
+
+    @property
+    def pressed(self) -> bool:
+        """Whether it is held down now. Raises StopKeyError where that is not known."""
+        if self.problem:
+            raise StopKeyError(self.problem)
+        return bool(self._held)
+
+    def arm(self, on_press: Callable[[], object]) -> None:
+        """Have each press, from now on, call something, from another thread; what it raises is its own affair."""
+        self._on_press = on_press
+
+    def close(self) -> None:
+        """Let others have the device."""
+        os.write(self._wake, b".")
+        self._thread.join()
+        for file in (self._file, self._woken, self._wake):
+            os.close(file)
+
+    def _counts(self, code: int) -> bool:
+        return self._code is None or self._code == code
+
+    def _read(self) -> None:
+        while True:
+            ready, _, _ = select.select([self._file, self._woken], [], [])
+            if self._woken in ready:
+                return
+            try:
+                data = os.read(self._file, _READ)
+            except OSError as error:
+                self.problem = f"{self.path}: {error.strerror}"
+                return
+            if len(data) % _EVENT.size or not data:
+                self.problem = f"{self.path}: it ended, or sends no key events"
+                return
+            for _, _, kind, code, value in _EVENT.iter_unpack(data):
+                if kind == _KEY and self._counts(code):
+                    self._changed(code, value)
+
+    def _changed(self, code: int, value: int) -> None:
+        if value == _RELEASED:
+            self._held.discard(code)
+        elif value == _PRESSED:  # others are repetitions
+            self._held.add(code)
+            if self._on_press is not None:
+                self._on_press()
+
+
+def _opened(path: Path) -> int:
+    try:
+        pipe = stat.S_ISFIFO(path.stat().st_mode)
+        file = os.open(path, (os.O_RDWR if pipe else os.O_RDONLY) | os.O_NONBLOCK)
+    except (OSError, AttributeError) as error:
+        raise StopKeyError(f"{path}: {getattr(error, 'strerror', error)}, expected an input device") from None
+    if pipe:
+        return file
+    try:
+        from fcntl import ioctl  # Linux only
+
+        ioctl(file, _GRAB, 1)
+    except (OSError, ImportError) as error:
+        os.close(file)
+        raise StopKeyError(f"{path}: cannot be had for itself: {getattr(error, 'strerror', error)}") from None
+    return file
+
+
+def _held_keys(file: int) -> list[int]:
+    """Codes of the keys that are down as it is opened; none of a pipe."""
+    bits = bytearray(_KEY_BYTES)
+    with suppress(OSError, ImportError):
+        from fcntl import ioctl
+
+        ioctl(file, _HELD_KEYS, bits)
+    return [8 * byte + bit for byte, word in enumerate(bits) for bit in range(8) if word >> bit & 1]

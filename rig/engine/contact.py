@@ -1,0 +1,120 @@
+"""What is known about contact between indentor and finger: defined once, for engine, commands and records.
+
+*Lifted* is measured: the force at rest is below the touch threshold, and the position is at clearance or higher. What
+is known without both is named for what it is, and says what to do.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+ContactKind = Literal["lifted", "raised", "disagreement", "touching", "unknown"]
+KINDS: tuple[ContactKind, ...] = get_args(ContactKind)
+
+FREE_THE_FINGER = "free the finger before anything else, by hand or by the controller's own jog, straight up"
+_TO_DO: Mapping[ContactKind, str | None] = {
+    "lifted": None,
+    "raised": "look before you touch anything; `rig zero` and `rig home` confirm it by force",
+    "disagreement": (
+        "look at the finger: if it is touched, free it by hand; if nothing touches it, "
+        "`rig zero --anyway` and then `rig home`"
+    ),
+    "touching": FREE_THE_FINGER,
+    "unknown": FREE_THE_FINGER,
+}
+
+
+@dataclass(frozen=True)
+class Contact:
+    """What is known about contact.
+
+    Parameters
+    ----------
+    kind : ContactKind
+        `lifted`: confirmed by position and force. `raised`: at clearance by position, and no force says so.
+        `disagreement`: at clearance by position, and the force shows a touch. `touching`: the force shows a touch
+        anywhere else. `unknown`: none of these.
+    force_gwt : float or None
+        The last force from zero, gwt.
+    x_mm, height_mm : float or None
+        The last known place, mm from the pad's center and above its nominal apex.
+    unix_s : float
+        When it was known, seconds since 1970; 0 where only the order of events matters.
+    """
+
+    kind: ContactKind = "unknown"
+    force_gwt: float | None = None
+    x_mm: float | None = None
+    height_mm: float | None = None
+    unix_s: float = 0.0
+
+    @property
+    def may_touch(self) -> bool:
+        """Whether the finger may be touched: all that was not confirmed."""
+        return self.kind != "lifted"
+
+    @property
+    def words(self) -> str:
+        """One sentence, with the place."""
+        if self.kind == "lifted":
+            return f"lifted, at {self.place}; {self.clause}"
+        if self.kind == "raised":
+            return f"raised to {self.place}; {self.clause}"
+        if self.kind == "disagreement":
+            return f"the stage reports {self.place}, {self.clause}"
+        return f"last known at {self.place}; {self.clause}"
+
+    @property
+    def clause(self) -> str:
+        """The same without the place."""
+        if self.kind == "lifted":
+            return f"{self._force}: it does not touch the finger"
+        if self.kind == "raised":
+            return "by position alone, not confirmed by force: it may still touch the finger"
+        if self.kind == "disagreement":
+            return (
+                f"but the sensor reads {self._force}: the motor may have stalled, or the zero drifted; "
+                "it may still touch the finger"
+            )
+        return f"{self._force}: it may still touch the finger"
+
+    @property
+    def to_do(self) -> str | None:
+        """What whoever stands at the bench should do first; None where nothing need be done."""
+        return _TO_DO[self.kind]
+
+    @property
+    def place(self) -> str:
+        """Where it is known of, in words."""
+        x = "x not known" if self.x_mm is None else f"x = {self.x_mm:.2f} mm"
+        if self.height_mm is None:
+            return f"{x}, height not known"
+        return f"{x}, {abs(self.height_mm):.2f} mm {'above' if self.height_mm >= 0 else 'below'} the nominal apex"
+
+    def as_json(self) -> dict[str, Any]:
+        """As a command prints it."""
+        return {"contact": self.kind, "may_touch": self.may_touch, "force_gwt": self.force_gwt, "words": self.words,
+                "to_do": self.to_do}  # fmt: skip
+
+    @property
+    def _force(self) -> str:
+        return "force not known" if self.force_gwt is None else f"{self.force_gwt:.2f} gwt"
+
+
+def judged(*, clear: bool, force_gwt: float | None, touch_gwt: float) -> ContactKind:
+    """Return what position and force at rest say together.
+
+    Parameters
+    ----------
+    clear : bool
+        Whether a trusted position is at clearance or higher.
+    force_gwt : float or None
+        The force at rest, from zero; None where the sensor does not answer or was never zeroed.
+    touch_gwt : float
+        The force that means contact, push and pull alike.
+    """
+    if force_gwt is None:
+        return "raised" if clear else "unknown"
+    if abs(force_gwt) >= touch_gwt:
+        return "disagreement" if clear else "touching"
+    return "lifted" if clear else "unknown"

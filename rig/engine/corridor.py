@@ -1,0 +1,77 @@
+"""Where a stage may be while a motion lasts: on the way from its start, no farther than its speed allows.
+
+The second layer against a command that was corrupted on its wire and against a stage that runs on: the force is
+watched besides, and a driver confirms what it can before anything moves.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rig.devices.stage.base import StageStatus
+
+PRINTED_MM = 0.003
+"""What a controller rounds, and how far the feedback of a drive may lie from its command, besides one step."""
+
+_AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class Corridor:
+    """The corridor of one motion, in machine mm.
+
+    Parameters
+    ----------
+    start_mm, target_mm : sequence of float
+        Machine x, y and z where the motion began and where it should end.
+    speed_mm_s : float
+        The speed asked for.
+    begun_s : float
+        When the command was sent, on the clock that `strayed` is asked with.
+    tolerance_mm : float
+        How far a report may lie outside.
+    overrun_mm : sequence of float
+        How far beyond the target each axis may go where it moves in its positive direction: twice its backlash.
+
+    Notes
+    -----
+    Each axis by itself: a box around the straight way. Two axes move together only sideways, at clearance.
+    """
+
+    start_mm: Sequence[float]
+    target_mm: Sequence[float]
+    speed_mm_s: float
+    begun_s: float
+    tolerance_mm: float
+    overrun_mm: Sequence[float] = (0.0, 0.0, 0.0)
+
+    def strayed(self, at: StageStatus, now_s: float) -> str | None:
+        """Return what is wrong with a report of the stage, with what was commanded; None where nothing is.
+
+        Parameters
+        ----------
+        at : StageStatus
+            The report.
+        now_s : float
+            When it was heard; the stage was there no later than that.
+        """
+        gone_mm = 0.0
+        ways = zip(_AXES, (at.x_mm, at.y_mm, at.z_mm), self.start_mm, self.target_mm, self.overrun_mm, strict=True)
+        for axis, is_mm, start_mm, target_mm, overrun_mm in ways:
+            lowest_mm = min(start_mm, target_mm) - self.tolerance_mm
+            highest_mm = max(start_mm, target_mm + (overrun_mm if target_mm > start_mm else 0.0)) + self.tolerance_mm
+            if not lowest_mm <= is_mm <= highest_mm:
+                return f"{self._commanded(axis, start_mm, target_mm)}, but the stage reports {axis} = {is_mm:.3f} mm"
+            gone_mm = max(gone_mm, abs(is_mm - start_mm))
+        lasted_s = now_s - self.begun_s
+        if gone_mm > self.speed_mm_s * lasted_s + self.tolerance_mm:
+            return (
+                f"commanded {self.speed_mm_s:g} mm/s, but the stage reports {gone_mm:.3f} mm after {lasted_s:.3f} s"
+            )
+        return None
+
+    @staticmethod
+    def _commanded(axis: str, start_mm: float, target_mm: float) -> str:
+        if math.isclose(start_mm, target_mm, abs_tol=1e-9):
+            return f"commanded no motion of {axis} from {start_mm:.3f} mm"
+        return f"commanded {axis} from {start_mm:.3f} to {target_mm:.3f} mm"

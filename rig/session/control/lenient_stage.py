@@ -1,0 +1,106 @@
+"""The stage of a configuration for whoever only stops it: what is wrong elsewhere in the file is passed over."""
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from rig.devices.bench_settings import BenchSettings, StageSettings
+from rig.devices.catalogue import DEFAULTS, KindError, find
+from rig.devices.kinds import StageKind
+
+_HEADER = re.compile(r"\s*\[+\s*[\"']?([A-Za-z_]\w*)")
+_WHICH = ("kind", "port", "device_id")
+_TRIES = 100  # values that are passed over
+
+
+class NoStageError(Exception):
+    """The file does not say which stage. One line."""
+
+
+def stage_alone(path: Path) -> tuple[BenchSettings, tuple[str, ...]]:
+    """Read [stage] of a configuration file, however wrong the rest of it is.
+
+    A value of [stage] that is wrong is left at its default, unless it says what the stage is or where; the table of
+    another kind is not read.
+
+    Parameters
+    ----------
+    path : Path
+        The configuration file.
+
+    Returns
+    -------
+    tuple of (BenchSettings, tuple of str)
+        Settings of which only the stage is read, and one line for each thing that was passed over.
+
+    Raises
+    ------
+    NoStageError
+        If the file cannot be read, or kind, port or device id are wrong.
+    """
+    tables, passed = _tables(path)
+    stage = _of_its_kind(tables.get("stage", {}))
+    for _ in range(_TRIES):
+        try:
+            return BenchSettings(stage=StageSettings.model_validate(stage)), tuple(passed)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            where = [str(key) for key in first["loc"]]
+            line = f"config {path}: {'.'.join(['stage', *where])}: {first['msg']}"
+            if not where or where[-1] in _WHICH or not _dropped(stage, where):
+                raise NoStageError(line) from None
+            passed.append(line)
+    raise NoStageError(f"config {path}: [stage] cannot be read")
+
+
+def _tables(path: Path) -> tuple[dict[str, Any], list[str]]:
+    try:
+        text = path.read_bytes().decode("utf-8-sig", "replace")
+    except OSError as error:
+        raise NoStageError(f"config {path}: {error.strerror or error}") from None
+    try:
+        return tomllib.loads(text), []
+    except tomllib.TOMLDecodeError as error:
+        whole = f"config {path}: not valid TOML: {error}"
+    try:
+        return tomllib.loads(_of_the_stage(text)), [whole]
+    except tomllib.TOMLDecodeError:
+        raise NoStageError(whole) from None
+
+
+def _of_its_kind(stage: Any) -> Any:
+    try:
+        place = find(StageKind, stage.get("kind", DEFAULTS["stage"])).place
+    except (AttributeError, KindError):
+        return stage
+    return {key: value for key, value in stage.items() if key == place or not isinstance(value, dict)}
+
+
+def _of_the_stage(text: str) -> str:
+    """The lines of [stage] and of the tables in it."""
+    kept, inside = [], False
+    for line in text.splitlines():
+        header = _HEADER.match(line)
+        if header is not None:
+            inside = header[1] == "stage"
+        if inside:
+            kept.append(line)
+    if not kept:
+        raise tomllib.TOMLDecodeError("no [stage]")
+    return "\n".join(kept)
+
+
+def _dropped(table: Any, where: list[str]) -> bool:
+    """Whether a value was there to be taken out: the innermost that is named, since a place may be inside a list."""
+    inner = table
+    for n, key in enumerate(where):
+        if not isinstance(inner, dict) or key not in inner:
+            return False
+        if n == len(where) - 1 or not isinstance(inner[key], dict):
+            del inner[key]
+            return True
+        inner = inner[key]
+    return False

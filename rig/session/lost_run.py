@@ -1,0 +1,70 @@
+"""A run whose journal or byte log was deleted, moved, replaced or shortened while it was carried out."""
+
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+from rig.data import Run, RunError, RunFolder, read_run
+from rig.data.folder import rescued_folder
+from rig.engine import Journal
+from rig.engine.by_hand.bench_memory import state_folder
+from rig.engine.errors import LostRecordError
+from rig.line_file import LineFile
+from rig.session.ending import Whereabouts
+from rig.transport.byte_log import ByteLog
+
+
+@dataclass(frozen=True)
+class LostRun:
+    """What is left of it: the problem, and the files of its folder, read back through their descriptors."""
+
+    problem: LostRecordError
+    contents: Mapping[str, bytes]
+
+    @classmethod
+    def of(cls, folder: RunFolder, copies: Mapping[str, bytes], journal: Journal, byte_log: ByteLog) -> Self | None:
+        """Return None if journal and byte log are where they should be.
+
+        Parameters
+        ----------
+        folder : RunFolder
+            Where the run was.
+        copies : mapping of str to bytes
+            What the run was made from, by file name.
+        journal : Journal
+            It may be closed.
+        byte_log : ByteLog
+            It is open.
+        """
+        byte_log.check()
+        files = {folder.events.name: journal.file, folder.bytes_log.name: byte_log.file}
+        lost = [file.lost for file in files.values() if file.lost is not None]
+        if not lost:
+            return None
+        contents = {name: left for name, file in files.items() if (left := _left(file)) is not None}
+        return cls(LostRecordError(f"{lost[0].filename}: {lost[0]}"), {**copies, **contents})
+
+    def rescued(self, folder: RunFolder, at: Whereabouts) -> Run:
+        """Write it into a new folder beside the old one, or into the user's state folder.
+
+        Raises
+        ------
+        LostRecordError
+            If nothing can be written, or what is left is not a whole journal.
+        """
+        where, words = Path(), f"{self.problem}; the indentor is {at.words}"
+        try:
+            where = rescued_folder(folder, self.contents, state_folder() / "rescued").path
+            return read_run(where)
+        except OSError as error:
+            raise LostRecordError(f"{words}; the data are lost: they cannot be written anew: {error}") from error
+        except RunError as error:
+            raise LostRecordError(f"{words}; what is left of the data is in {where}") from error
+
+
+def _left(file: LineFile) -> bytes | None:
+    with suppress(OSError):
+        return file.content()
+    return None

@@ -1,0 +1,246 @@
+"""The participant's stop button and the hardware trip of `[stop]`: read before a run, and looked at while it runs."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from rig.devices.bench_settings import BenchSettings
+from rig.devices.force.base import HasSetPoint
+from rig.devices.stage.base import Stage, StageAlarm, StageError, StageHeld, is_held
+from rig.devices.stop_key import StopKey, StopKeyError
+from rig.devices.stop_settings import StopSettings
+from rig.engine import Engine, RunAborted, TripError, WatchedBench
+from rig.protocol.errors import BadInputError
+from rig.session.control.stage_in_hand import StageInHand
+from rig.transport import TransportError
+
+BY_THE_BUTTON = "at once, by the participant's stop button"
+_SET_POINT_WITHIN = 0.02  # of what is configured: a transmitter rounds to its divisions
+
+
+class StopButton:
+    """The button of a real run, from before its page to its end; close() it, or use it in a `with`."""
+
+    def __init__(self, settings: StopSettings, stage: StageInHand, stop: Callable[[], object]) -> None:
+        """Open a key.
+
+        Parameters
+        ----------
+        settings : StopSettings
+            Of the configuration.
+        stage : StageInHand
+            The run's, whose inputs are read.
+        stop : callable
+            Stops the stage past every queue, from any thread but the main one.
+
+        Raises
+        ------
+        BadInputError
+            If the key is not there.
+        """
+        self._settings, self._stage, self._stop = settings, stage, stop
+        self.tested = self.stopped = False
+        self._last = "not read yet"
+        self.key = _key(settings)
+
+    @property
+    def there(self) -> bool:
+        """Whether a button is configured."""
+        return self._settings.kind != "off"
+
+    def pressed(self) -> bool:
+        """Return whether it is held down now. Raises StageError, TransportError."""
+        if self.key is not None:
+            return self.key.pressed
+        return self._settings.input in self._stage.active_inputs()
+
+    def arm(self) -> None:
+        """From now on a press of a key stops the stage and ends the run; an input of the board always does."""
+        if self.key is not None:
+            self.key.arm(self._pressed)
+
+    def _pressed(self) -> None:
+        self.stopped = True
+        with suppress(Exception):  # a run that has just ended; or a stage that is gone, of which the run hears itself
+            self._stop()
+
+    def seen(self, *, pressed: bool) -> None:
+        """What the controller said of its input just now."""
+        self._last = "PRESSED" if pressed else "not pressed"
+
+    @property
+    def state(self) -> str:
+        """Its state in words, as it is now."""
+        try:
+            self.seen(pressed=self.pressed())
+        except (StageError, TransportError) as error:
+            self._last = f"cannot be read: {error}"
+        return self.last_state
+
+    @property
+    def last_state(self) -> str:
+        """The same for another thread, without asking the controller: an input is as it was last seen."""
+        if self.stopped:
+            return "PRESSED: it has stopped the stage"
+        if self.key is not None:
+            held = self.key.problem or ("PRESSED" if self.key.pressed else "not pressed")
+        else:
+            held = self._last
+        return f"{held}, {'tested' if self.tested else 'not tested'}"
+
+    @property
+    def words(self) -> str:
+        """Where it is and its state, and of the hardware trip, for the page."""
+        settings = self._settings
+        found = {
+            "off": "no stop button is configured",
+            "board": f"the controller's input {settings.input}",
+            "key": f"the key {settings.device}",
+        }[settings.kind]
+        button = f"{found}, {self.state}" if self.there else found
+        if settings.trip_input is None:
+            return button
+        at = "" if settings.trip_gwt is None else f" at {settings.trip_gwt:g} gwt"
+        return f"{button}; hardware trip{at} on the controller's input {settings.trip_input}"
+
+    def as_json(self) -> dict[str, Any]:
+        """What the journal's first document says of it."""
+        return {"kind": self._settings.kind, "tested": self.tested}
+
+    def close(self) -> None:
+        """Give a key back."""
+        if self.key is not None:
+            self.key.close()
+
+    def __enter__(self) -> "StopButton":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _key(settings: StopSettings) -> StopKey | None:
+    """Opened, where the button is one. Raises BadInputError."""
+    if settings.kind != "key" or settings.device is None:
+        return None
+    try:
+        return StopKey(Path(settings.device), settings.key_code)
+    except StopKeyError as error:
+        raise BadInputError(f"stop.device: {error}") from None
+
+
+@contextmanager
+def key_interrupting(settings: BenchSettings, interrupt: Callable[[], object]) -> Iterator[None]:
+    """While a command at the bench moves the stage, a press of the key interrupts it. Raises BadInputError."""
+    key = _key(settings.stop)
+    if key is None:
+        yield
+        return
+    key.arm(interrupt)
+    try:
+        yield
+    finally:
+        key.close()
+
+
+def refuse_stop_inputs(settings: BenchSettings, bench: WatchedBench) -> None:
+    """Refuse a run whose stop input is active, or whose transmitter trips at another force than configured.
+
+    Raises
+    ------
+    BadInputError
+        One line on the key of `[stop]`, before anything moves.
+    StageError, ForceError, TransportError
+        If a device does not answer.
+    """
+    stop = settings.stop
+    if stop.inputs:
+        bench.stage.look()
+        active = bench.stage.active_inputs()
+        for key, name in stop.inputs.items():
+            if name in active:
+                remedy = "release the stop button" if key == "input" else "free the force sensor, see to its relay"
+                raise BadInputError(f"stop.{key} = {name!r}: this input is active, nothing is moved: {remedy}")
+    if stop.trip_gwt is not None and isinstance(bench.force, HasSetPoint):
+        found_gwt = bench.force.set_point_gwt(stop.trip_register)
+        if abs(found_gwt - stop.trip_gwt) > _SET_POINT_WITHIN * stop.trip_gwt:
+            raise BadInputError(
+                f"stop.trip_gwt = {stop.trip_gwt:g}: the transmitter's set-point (register {stop.trip_register}) is "
+                f"{found_gwt:g} gwt, expected the same"
+            )
+
+
+@contextmanager
+def stop_inputs_heeded(settings: BenchSettings, engine: Engine, button: StopButton | None) -> Iterator[None]:
+    """While a run is carried out its stop inputs are looked at with each reading of the force.
+
+    Raises
+    ------
+    RunAborted
+        If the participant's button on the controller was pressed: the stage was stopped at once.
+    TripError
+        If the hardware trip stopped the stage.
+    """
+    stop = settings.stop
+    if stop.kind == "off" and not stop.inputs:
+        yield
+        return
+    engine.stop_problem = _Look(stop, engine, button)
+    try:
+        yield
+    except (StageHeld, StageAlarm) as error:  # the controller stopped first, and said so: an alarm, in homing
+        held, active = isinstance(error, StageHeld), _active_now(engine.bench.stage)
+        if stop.trip_input in active:
+            raise TripError(_by_the_relay(stop)) from error
+        if stop.kind == "board" and (held or stop.input in active):
+            raise RunAborted(BY_THE_BUTTON) from error
+        raise
+
+
+class _Look:
+    """Called with each reading: at rest the controller is asked, in motion what it said last counts."""
+
+    def __init__(self, stop: StopSettings, engine: Engine, button: StopButton | None) -> None:
+        self._stop, self._engine, self._button = stop, engine, button
+        self._key = None if button is None else button.key
+        self._with_its_state = bool({"door", "hold"} & set(stop.inputs.values()))  # a board reports both in one line
+
+    def _asked(self, *, anew: bool) -> tuple[frozenset[str], bool]:
+        """The inputs that are active, and whether somebody holds the controller."""
+        stage = self._engine.bench.stage
+        held = is_held(stage.status().state) if anew and self._with_its_state else False
+        return stage.active_inputs(), held
+
+    def __call__(self, *, at_rest: bool) -> str | None:
+        """Return what trips, if anything does. Raises RunAborted where the button was pressed; the stage stands."""
+        if self._key is not None and self._key.problem:
+            return f"the stop button is gone: {self._key.problem}"
+        if not self._stop.inputs:
+            return None
+        active, held = self._engine.guarded(lambda: self._asked(anew=at_rest))
+        if self._stop.trip_input in active:
+            return _by_the_relay(self._stop)
+        if self._stop.kind == "board":
+            pressed = held or self._stop.input in active
+            if self._button is not None:
+                self._button.seen(pressed=pressed)
+            if pressed:
+                self._engine.stop()
+                raise RunAborted(BY_THE_BUTTON)
+        return None
+
+
+def _active_now(stage: Stage) -> frozenset[str]:
+    """As the controller last said, or says now that it has been stopped."""
+    active: frozenset[str] = frozenset()
+    with suppress(StageError, TransportError):
+        active = stage.active_inputs()
+        stage.look()
+        active |= stage.active_inputs()
+    return active
+
+
+def _by_the_relay(stop: StopSettings) -> str:
+    at = "" if stop.trip_gwt is None else f" at {stop.trip_gwt:g} gwt"
+    return f"the hardware trip{at} has stopped the stage (stop.trip_input = {stop.trip_input!r})"

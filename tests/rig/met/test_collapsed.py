@@ -1,0 +1,116 @@
+"""An identification that collapsed onto too few fingers ends with exit code 1, and no command accepts its file."""
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+import typer
+
+import rig.cli.meet as meet
+from rig.cli.meeting_said import said_at_the_end
+from rig.compare.plausible import read_plausible
+from rig.engine.errors import RunAborted
+from rig.plan.config import Config
+from rig.plan.met.finger_file import FingerFile
+from rig.protocol.errors import BadInputError
+from rig.session.meeting.meeting import Meeting, Wanted, felt_surely
+from rig.session.meeting.written_finger import finger_file
+from sim.models.meeting.learned import least_effective
+from sim.models.meeting.next_press import PressAt
+from tests.made_up_fingers import made_up
+from tests.program import Program
+from tests.rig.met.met_file import met_file
+
+FORESEEN = made_up()
+
+
+def _flagged() -> FingerFile:
+    file = met_file()
+    return file.model_copy(update={"met": file.met.model_copy(update={"collapsed": True})})
+
+
+def _of_one_draw() -> FingerFile:
+    """As version 0.1 wrote it."""
+    file = met_file()
+    return file.model_copy(update={"met": file.met.model_copy(update={"draw": 8 * file.met.draw[:1]})})
+
+
+COMMANDS = {
+    "check": ["check", "first_press", "--finger", "finger.toml"],
+    "dry-run": ["dry-run", "first_press", "--finger", "finger.toml"],
+    "run": ["run", "first_press", "--yes", "--config", "rig.toml", "--finger", "finger.toml"],
+    "as a configuration": ["dry-run", "first_press", "--config", "finger.toml"],
+    "identify again from it": ["meet", "--dry-run", "--config", "finger.toml"],
+    "one press": ["indent", "--shape", "bar:3.0", "--doi-mm", "1", "--x-mm", "0", "--config", "finger.toml"],
+    "reveal": ["stranger", "7", "--beside", "finger.toml"],
+}
+
+
+@pytest.mark.parametrize("file", [_flagged, _of_one_draw], ids=["flagged", "of one draw"])
+@pytest.mark.parametrize("words", COMMANDS.values(), ids=COMMANDS)
+def test_no_command_accepts_its_file(
+    program: Program, words: list[str], file: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "finger.toml").write_text(file().as_toml(), encoding="utf-8")
+    (tmp_path / "rig.toml").write_text("[stage]\nport = '/dev/none'\n", encoding="utf-8")
+    ended = program(*words)
+    assert (ended.code, ended.out) == (2, "")
+    assert "finger.toml" in ended.err
+    assert "collapsed" in ended.err
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize("file", [_flagged, _of_one_draw], ids=["flagged", "of one draw"])
+def test_a_comparison_does_not_take_it_for_plausible_fingers(file: Any, tmp_path: Path) -> None:
+    path = tmp_path / "finger.toml"
+    path.write_text(file().as_toml(), encoding="utf-8")
+    with pytest.raises(BadInputError, match="collapsed"):
+        read_plausible(path)
+
+
+# --- how the identification itself ends ---
+
+LEAST = least_effective(len(FORESEEN.prior.names))
+
+
+def _meeting(effective: float) -> Meeting:
+    wanted = Wanted((PressAt("cylinder:9", 0.5, 0.67),), shapes=("sphere:4",))
+    meeting = Meeting(felt_surely(Config()), FORESEEN, wanted, seed=1)
+    meeting.learned = replace(meeting.learned, effective=effective)
+    return meeting
+
+
+@pytest.mark.parametrize(
+    ("effective", "problem", "code"),
+    [
+        (1500.0, None, 0),
+        (LEAST, None, 0),  # the fewest that carry a covariance of the parameters
+        (LEAST - 0.1, None, 1),
+        (1.0, None, 1),  # as on the shipped finger: one draw has all the weight
+        (1.0, RunAborted("stopped"), 130),  # a stop is what ended it
+    ],
+)
+def test_the_exit_code(effective: float, problem: Exception | None, code: int, tmp_path: Path) -> None:
+    done = cast(Any, SimpleNamespace(problem=problem, ending=None, complete=problem is None))
+    with pytest.raises(typer.Exit) as ended:
+        meet._leave(done, _meeting(effective), tmp_path / "finger.toml")
+    assert ended.value.exit_code == code
+
+
+@pytest.mark.parametrize(("effective", "collapsed"), [(LEAST, False), (LEAST - 0.1, True)])
+def test_file_sentence_and_table_all_show_it(effective: float, collapsed: bool, tmp_path: Path) -> None:
+    meeting = _meeting(effective)
+    meeting.given = [cast(Any, SimpleNamespace(zero_gwt=0.0))]
+    meeting.learned = replace(meeting.learned, readings=np.array([1]), misfit=np.array([1.0]))
+    journal = tmp_path / "events.jsonl"
+    journal.write_text("", encoding="utf-8")
+    assert finger_file(meeting, Config(), [journal]).met.collapsed is collapsed
+    assert any("collapsed" in sentence for sentence in meeting.not_learned) is collapsed
+    meeting.given = []
+    folder = SimpleNamespace(path=tmp_path)
+    done = cast(Any, SimpleNamespace(folder=folder, problem=None, ending=None, duration_s=1.0))
+    assert ("collapsed" in said_at_the_end(done, meeting, "finger.toml")) is collapsed

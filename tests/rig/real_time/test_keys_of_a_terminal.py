@@ -1,0 +1,48 @@
+"""A real run in a process of its own, at each key of a terminal while it holds a press: it lifts, and then ends."""
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from rig.data import read_run
+from rig.session.virtual.served_bench import ServedBench
+from tests.program import EMPTY_FIGURES
+from tests.waiting import DEADLINE_S, journal_says, until
+
+pytest.importorskip("pty", reason="needs pseudo-terminals")
+
+
+def _in_the_background() -> None:
+    """As a shell without job control begins a program with `&`."""
+    for number in (signal.SIGINT, signal.SIGQUIT):
+        signal.signal(number, signal.SIG_IGN)
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTSTP", "SIGQUIT"])
+def test_it_lifts_first(name: str, whole: tuple[ServedBench, Path], tmp_path: Path) -> None:
+    _, config = whole
+    command = [sys.executable, "-c", f"{EMPTY_FIGURES}from rig.cli import main; main()", "run", "first_press"]
+    run = subprocess.Popen(
+        [*command, "hold_s=30", "--yes", "--config", str(config), "--out", str(tmp_path / "runs")],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        preexec_fn=_in_the_background,
+    )  # fmt: skip
+    try:
+        assert run.stdin is not None
+        run.stdin.write("\n")
+        run.stdin.flush()
+        until(journal_says(tmp_path / "runs", '"hold_start"'))
+        run.send_signal(signal.Signals[name])
+        _, err = run.communicate(timeout=DEADLINE_S)
+    finally:
+        run.kill()
+        run.communicate()
+    assert run.returncode == 130, err
+    (folder,) = (tmp_path / "runs").iterdir()
+    found = read_run(folder)
+    assert found.events["paused"]
+    assert found.stop is not None
+    assert (found.stop["status"], found.stop["indentor"]["left"]) == ("aborted", "lifted")

@@ -1,0 +1,340 @@
+"""What is known about contact: the predicates, the record of it, and every place that mentions it."""
+
+import math
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rig.cli.looking import contact as printed_contact
+from rig.data.reader import read_run
+from rig.devices.stage.base import StageError
+from rig.devices.units import GWT_N
+from rig.engine import Engine, RecordError, RunAborted, indent, verbs
+from rig.engine.by_hand import ByHand, Direction, Guard
+from rig.engine.by_hand.bench_memory import BenchMemory
+from rig.engine.contact import KINDS, Contact, ContactKind, judged
+from rig.engine.sensing import Sensing
+from rig.plan.config import Config
+from rig.session.by_hand.hand_status import HandStatus
+from rig.session.ending import Ending, Whereabouts
+from rig.session.resume import careful_of, left_on_record
+from sim.devices.clock import VirtualClock
+from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET, FaultyBench
+from tests.rig.test_last_left import run
+
+TOUCH_GWT = 0.05
+DENIES = "it does not touch the finger"
+ADMITS = "it may still touch the finger"
+FORCES: dict[ContactKind, float | None] = {
+    "lifted": 0.02, "raised": None, "disagreement": 3.6, "touching": 5.0, "unknown": 0.01
+}  # fmt: skip
+
+
+# --- the predicates ---
+
+
+@pytest.mark.parametrize(("clear", "force_gwt", "kind"), [
+    (True, 0.0, "lifted"), (True, 0.0499, "lifted"), (True, -0.0499, "lifted"),
+    (True, None, "raised"),
+    (True, 0.05, "disagreement"), (True, -0.05, "disagreement"), (True, 3.6, "disagreement"),
+    (False, 0.05, "touching"), (False, 3.6, "touching"), (False, -3.6, "touching"),
+    (False, 0.0, "unknown"), (False, None, "unknown"),
+])  # fmt: skip
+def test_what_position_and_force_say_together(clear: bool, force_gwt: float | None, kind: str) -> None:
+    assert judged(clear=clear, force_gwt=force_gwt, touch_gwt=TOUCH_GWT) == kind
+
+
+@given(st.booleans(), st.none() | st.floats(-500, 500), st.floats(0.01, 1.0))
+def test_lifted_is_both_and_nothing_else_is(clear: bool, force_gwt: float | None, touch_gwt: float) -> None:
+    found = Contact(judged(clear=clear, force_gwt=force_gwt, touch_gwt=touch_gwt), force_gwt)
+    confirmed = clear and force_gwt is not None and abs(force_gwt) < touch_gwt
+    assert found.may_touch is not confirmed
+    assert (found.to_do is None) is confirmed
+
+
+# --- every place that mentions it ---
+
+
+@pytest.fixture
+def settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Config:
+    """Of a bench that nobody has used."""
+    monkeypatch.setenv("RIG_STATE_DIR", str(tmp_path / "state"))
+    return Config.model_validate({"stage": {"port": "here"}})
+
+
+def _known(kind: ContactKind) -> Contact:
+    return Contact(kind, FORCES[kind], 0.5, 2.0 if kind in ("lifted", "raised", "disagreement") else -1.0, 1.7e9)
+
+
+class Stage:
+    """Homed."""
+
+    homed = True
+
+
+def _whereabouts(known: Contact) -> Whereabouts:
+    """As a run's end has it of an engine that knows this."""
+    engine = Engine.__new__(Engine)
+    bench = FaultyBench.__new__(FaultyBench)
+    bench.stage = Stage()  # type: ignore[assignment]
+    engine.settings, engine.bench = Config(), bench
+    engine.state, engine.may_touch = verbs.State.READY, known.may_touch
+    engine._known, engine._measured = known, True
+
+    class Motion:
+        begun, x_mm, along_mm, height_mm = True, known.x_mm, 0.0, known.height_mm
+
+    engine.motion = Motion()  # type: ignore[assignment]
+    return Whereabouts.of(engine)
+
+
+def _on_record(settings: Config, known: Contact) -> None:
+    memory = BenchMemory(settings)
+    memory.touched(Contact("unknown"))
+    memory.touched(known)
+
+
+def _ended(settings: Config, known: Contact, tmp_path: Path) -> str:
+    told = Ending.of(RunAborted("x"), _whereabouts(known), tmp_path).told
+    return f"{told['where']}; {told['next']}"
+
+
+def _shown(settings: Config, known: Contact, tmp_path: Path) -> str:
+    """Of a journal, as `rig show` and `rig resume` read it."""
+    folder = run(tmp_path / "runs", "1", asdict(_whereabouts(known)))
+    stop = read_run(folder).stop
+    assert stop is not None
+    return Whereabouts(**stop["indentor"]).words
+
+
+def _panel(settings: Config, known: Contact, tmp_path: Path) -> str:
+    clock = VirtualClock(1.7e9)
+    bench = FaultyBench(tmp_path, {})
+    status = HandStatus(settings, clock, Sensing(settings, clock, bench.force))
+    status.contact = BenchMemory(settings).read().contact
+    bench.journal._file.close()
+    return str(status.as_json(stopped=False, since=None)["contact"]["words"])
+
+
+PLACES: dict[str, Callable[[Config, Contact, Path], str]] = {
+    "the outcome of run, dry-run, resume and stop, and the report": _ended,
+    "rig show, of a journal": _shown,
+    "rig status, rig jog": lambda settings, known, tmp_path: printed_contact(settings)["words"],
+    "rig home": lambda settings, known, tmp_path: known.as_json()["words"],
+    "rig doctor, and the page of run": lambda settings, known, tmp_path: str(
+        left_on_record(tmp_path, settings) or DENIES
+    ),
+    "the page of resume": lambda settings, known, tmp_path: str(careful_of(None, settings) or DENIES),
+    "the panel": _panel,
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("place", PLACES)
+def test_every_place_says_what_is_known_and_no_more(
+    settings: Config, tmp_path: Path, place: str, kind: ContactKind
+) -> None:
+    known = _known(kind)
+    _on_record(settings, known)
+    said = PLACES[place](settings, known, tmp_path)
+    assert (DENIES in said) is (kind == "lifted")
+    assert (ADMITS in said) is (kind != "lifted")
+    if kind in ("disagreement", "touching"):
+        assert f"{FORCES[kind]:.2f} gwt" in said
+    if kind == "raised":
+        assert "not confirmed by force" in said
+
+
+# --- the record ---
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("before", [None, *KINDS])
+def test_only_a_confirmed_lift_makes_a_finger_clear(
+    settings: Config, before: ContactKind | None, kind: ContactKind
+) -> None:
+    memory = BenchMemory(settings)
+    if before is not None:
+        memory.touched(Contact("unknown"))
+        memory.touched(Contact(before))
+    memory.touched(Contact(kind))
+    contact = memory.read().contact
+    assert contact is not None
+    stays = before == "lifted" and kind in ("raised", "disagreement")  # it was never below clearance since
+    assert contact.kind == ("lifted" if stays else kind)
+
+
+def test_a_record_that_cannot_be_written_does_not_go_on_saying_that_the_finger_is_clear(
+    settings: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: Any, **__: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    memory = BenchMemory(settings)
+    memory.touched(Contact("lifted"))
+    monkeypatch.setattr(Path, "write_text", full)
+    memory.touched(Contact("unknown"))
+    assert memory.read().contact is None, "the disk lets the file go"
+    monkeypatch.undo()
+    monkeypatch.setenv("RIG_STATE_DIR", str(tmp_path / "state"))
+    memory.touched(Contact("lifted"))
+    monkeypatch.setattr(Path, "write_text", full)
+    monkeypatch.setattr(Path, "unlink", full)
+    with pytest.raises(RecordError, match="says that the finger is not touched"):
+        memory.touched(Contact("unknown"))
+
+
+@pytest.fixture
+def bench(tmp_path: Path, settings: Config) -> FaultyBench:
+    """Ready at x = 0."""
+    found = FaultyBench(tmp_path, {"stage": {"port": "here"}, "limits": {"soft_trip_n": SOFT_TRIP_N}})
+    found.engine.keep_contact = BenchMemory(settings).touched
+    verbs.mount(found.engine, "bar:3.0")
+    verbs.home(found.engine)
+    verbs.zero(found.engine)
+    verbs.move_to(found.engine, 0.0)
+    return found
+
+
+def test_a_press_writes_twice_before_it_goes_down_and_when_it_is_lifted(bench: FaultyBench) -> None:
+    kept: list[tuple[str, float]] = []
+    bench.engine.keep_contact = lambda known: kept.append((known.kind, round(bench.height_mm, 2)))
+    indent(bench.engine, TARGET, hold_s=0.5, expected_contact_mm=PREDICTED.contact_mm)
+    assert kept == [("unknown", 2.0), ("lifted", 2.0)]
+    bench.journal._file.close()
+
+
+def test_a_kill_is_remembered_through_a_run_that_never_moved_until_a_homing_that_is_confirmed(
+    bench: FaultyBench, settings: Config, tmp_path: Path
+) -> None:
+    class Killed(BaseException):
+        pass
+
+    def kill() -> None:
+        raise Killed
+
+    bench.after("press", kill)
+    with pytest.raises(Killed):
+        indent(bench.engine, TARGET, hold_s=0.5, expected_contact_mm=PREDICTED.contact_mm)
+    zero = bench.engine.sensing.zero
+    run(tmp_path / "runs", "2", {"left": "not moved", "may_touch": None})
+    assert ADMITS in str(left_on_record(tmp_path / "runs", settings))
+    again = bench.engine = Engine(bench.config, bench, bench.journal, SOFT_TRIP_N)
+    again.keep_contact, again.sensing.zero = BenchMemory(settings).touched, zero
+    verbs.home(again)
+    assert left_on_record(tmp_path / "runs", settings) is None
+    bench.journal._file.close()
+
+
+def test_homing_without_a_zero_confirms_nothing_and_the_zero_after_it_does(
+    bench: FaultyBench, settings: Config
+) -> None:
+    memory = BenchMemory(settings)
+    memory.touched(Contact("touching", 5.0))
+    again = Engine(bench.config, bench, bench.journal, SOFT_TRIP_N)
+    again.keep_contact = memory.touched
+    verbs.home(again)
+    for verb, kind in ((lambda: None, "raised"), (lambda: verbs.zero(again), "lifted")):
+        verb()
+        contact = memory.read().contact
+        assert contact is not None
+        assert contact.kind == kind
+    bench.journal._file.close()
+
+
+def test_a_jog_down_is_on_record_before_it_moves_and_one_up_that_is_confirmed_clears_it(
+    bench: FaultyBench, settings: Config
+) -> None:
+    memory, kept = BenchMemory(settings), list[tuple[str, bool]]()
+    sensing = Sensing(bench.config, bench.clock, bench.force)
+    sensing.zero = bench.engine.sensing.zero
+    guard = Guard(bench.config, sensing)
+    hand = ByHand(bench.config, bench.stage, bench.clock, guard, lambda at, force_gwt: None, placed=True)
+    at_mm = bench.height_mm
+
+    def keep(known: Contact) -> None:
+        kept.append((known.kind, math.isclose(bench.height_mm, at_mm, abs_tol=1e-3)))
+        memory.touched(known)
+
+    hand.keep_contact = keep
+    hand.go(lambda: Direction("x", 1), 5.0, 1.0)
+    assert kept == [], "sideways at clearance nothing is doubtful"
+    hand.go(lambda: Direction("z", -1), 1.0)
+    assert kept[0] == ("unknown", True)
+    assert ADMITS in str(left_on_record(Path("none"), settings))
+    hand.go(lambda: Direction("z", 1), 5.0, 4.0)
+    assert kept[-1][0] == "lifted"
+    assert left_on_record(Path("none"), settings) is None
+    bench.journal._file.close()
+
+
+# --- what the engine does of it ---
+
+
+def test_a_late_cell_and_a_slow_one_are_waited_for(bench: FaultyBench) -> None:
+    bench.felt_n = lambda t_s: bench.true_n(max(t_s - 0.5, 0.0))
+    bench.engine._below_clearance()
+    z_mm = bench.config.frame.apex_z_mm - 0.8
+    bench.stage.move_to(z_mm=z_mm, speed_mm_s=1.0)
+    bench.engine.motion.stands_at(bench.stage.status())
+    bench.engine.sensing.moved = True
+    bench.clock.wait_s(1.0)
+    verbs.retract(bench.engine)
+    assert bench.engine.known_contact.kind == "lifted"
+    bench.journal._file.close()
+
+
+@pytest.mark.parametrize("drift_gwt", [0.04, 0.06, -0.06])
+def test_a_zero_that_drifted_is_reported_as_what_it_is(bench: FaultyBench, drift_gwt: float) -> None:
+    """Below the touch threshold it is lifted; above it position and force disagree, and both are told."""
+    bench.engine._below_clearance()
+    bench.extra_n = lambda t_s: drift_gwt * GWT_N
+    if abs(drift_gwt) < TOUCH_GWT:
+        verbs.retract(bench.engine)
+    else:
+        with pytest.raises(Exception, match=r"not lifted: the stage reports .* but the sensor reads -?0\.06 gwt"):
+            verbs.retract(bench.engine)
+    assert bench.engine.known_contact.kind == ("lifted" if drift_gwt == 0.04 else "disagreement")
+    bench.journal._file.close()
+
+
+def test_the_stage_is_told_how_deep_it_may_go(bench: FaultyBench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From homing on; at each place; at most DOI and an increment below what was touched. Only when it changes."""
+    told, at_rest = list[float](), list[bool]()
+
+    def limit(lowest_z_mm: float) -> None:
+        told.append(lowest_z_mm - bench.config.frame.apex_z_mm)
+        at_rest.append(bench.stage.status().state == "Idle")
+
+    monkeypatch.setattr(bench.stage, "limit_depth", limit)
+    engine, limits = bench.engine, bench.config.limits
+    verbs.home(engine)
+    verbs.move_to(engine, 0.0)
+    for _ in range(2):
+        indent(engine, TARGET, hold_s=0.2, expected_contact_mm=PREDICTED.contact_mm)
+    nominal_mm = -limits.search_mm - limits.max_doi_mm
+    place_mm = PREDICTED.contact_mm + nominal_mm
+    assert told[:2] == pytest.approx([nominal_mm, place_mm])
+    assert told[3] == pytest.approx(place_mm)
+    for touched_mm in (told[2], told[4]):
+        assert touched_mm == pytest.approx(PREDICTED.contact_mm - limits.max_doi_mm - 0.05, abs=0.02)
+    assert (len(told), all(at_rest)) == (5, True)
+    bench.journal._file.close()
+
+
+def test_a_limit_that_the_stage_does_not_confirm_stops_like_any_failure(
+    bench: FaultyBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(lowest_z_mm: float) -> None:
+        raise StageError("not confirmed")
+
+    monkeypatch.setattr(bench.stage, "limit_depth", fails)
+    with pytest.raises(StageError, match="not confirmed"):
+        indent(bench.engine, TARGET, hold_s=0.2, expected_contact_mm=PREDICTED.contact_mm)
+    assert bench.engine.state is verbs.State.UNHOMED
+    bench.journal._file.close()

@@ -1,0 +1,105 @@
+"""Where a stage may be while a motion lasts; pure, by itself."""
+
+import math
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rig.devices.stage.base import StageStatus
+from rig.engine.corridor import Corridor
+from rig.engine.motion import StrayedError, refuse_strayed
+from sim.devices.clock import VirtualClock
+
+TOLERANCE_MM = 0.005
+places = st.tuples(*[st.floats(-60.0, 0.0)] * 3)
+shares = st.floats(0.0, 1.0)
+speeds = st.floats(1 / 60, 10.0)
+
+
+def _at(mm: tuple[float, ...]) -> StageStatus:
+    return StageStatus("Run", *mm)
+
+
+def _moved(mm: tuple[float, ...], axis: int, by_mm: float) -> tuple[float, ...]:
+    return (*mm[:axis], mm[axis] + by_mm, *mm[axis + 1 :])
+
+
+@given(places, places, shares, speeds, st.floats(0.0, 60.0), st.floats(-TOLERANCE_MM, TOLERANCE_MM))
+def test_on_the_way_and_in_time_nothing_has_strayed(
+    start: tuple[float, ...], target: tuple[float, ...], share: float, speed: float, late_s: float, off_mm: float
+) -> None:
+    corridor = Corridor(start, target, speed, 100.0, TOLERANCE_MM)
+    at = tuple(a + share * (b - a) for a, b in zip(start, target, strict=True))
+    needed_s = share * max(abs(b - a) for a, b in zip(start, target, strict=True)) / speed
+    report = _at(tuple(mm + 0.99 * off_mm for mm in at))
+    assert corridor.strayed(report, 100.0 + needed_s + late_s + 1e-6) is None
+
+
+@given(places, places, st.integers(0, 2), st.floats(2 * TOLERANCE_MM, 40.0), st.booleans(), speeds)
+def test_beyond_either_end_of_any_axis_it_has(
+    start: tuple[float, ...], target: tuple[float, ...], axis: int, by_mm: float, up: bool, speed: float
+) -> None:
+    """However long it takes; a motion of another axis is no excuse."""
+    corridor = Corridor(start, target, speed, 0.0, TOLERANCE_MM)
+    ends = (start[axis], target[axis])
+    beyond = max(ends) + by_mm if up else min(ends) - by_mm
+    report = _at((*start[:axis], beyond, *start[axis + 1 :]))
+    assert f"stage reports {'xyz'[axis]} = {beyond:.3f} mm" in str(corridor.strayed(report, 1e6))
+
+
+@given(places, st.integers(0, 2), st.floats(0.1, 40.0), speeds, st.floats(0.0, 0.9))
+def test_farther_than_its_speed_allows_it_has(
+    start: tuple[float, ...], axis: int, by_mm: float, speed: float, share: float
+) -> None:
+    corridor = Corridor(start, _moved(start, axis, -by_mm), speed, 5.0, TOLERANCE_MM)
+    gone_mm = by_mm
+    heard_s = 5.0 + share * (gone_mm - 2 * TOLERANCE_MM) / speed
+    assert f"commanded {speed:g} mm/s" in str(corridor.strayed(_at(_moved(start, axis, -gone_mm)), heard_s))
+
+
+@pytest.mark.parametrize(("to_mm", "at_mm", "strayed"), [
+    (-3.0, -2.796, False), (-3.0, -2.794, True),  # up, twice the backlash farther
+    (-5.0, -5.004, False), (-5.0, -5.006, True),  # down, where none is taken up
+])  # fmt: skip
+def test_backlash_is_taken_up_in_the_positive_direction_alone(to_mm: float, at_mm: float, strayed: bool) -> None:
+    corridor = Corridor((0.0, 0.0, -4.0), (0.0, 0.0, to_mm), 5.0, 0.0, TOLERANCE_MM, (0.0, 0.0, 0.2))
+    assert (corridor.strayed(_at((0.0, 0.0, at_mm)), 60.0) is not None) is strayed
+
+
+class Asked:
+    """A stage that is asked once more."""
+
+    def __init__(self, again: StageStatus) -> None:
+        self.again, self.times = again, 0
+
+    def status(self) -> StageStatus:
+        self.times += 1
+        return self.again
+
+
+INSIDE, OUTSIDE = _at((0.0, 0.0, -3.5)), _at((0.0, 0.0, -7.5))
+
+
+@pytest.mark.parametrize(("first", "again", "times", "strays"), [
+    (INSIDE, OUTSIDE, 0, False), (OUTSIDE, INSIDE, 1, False), (OUTSIDE, OUTSIDE, 1, True),
+])  # fmt: skip
+def test_one_garbled_report_is_cleared_by_asking_once_more_at_once(
+    first: StageStatus, again: StageStatus, times: int, strays: bool
+) -> None:
+    stage, clock = Asked(again), VirtualClock(0.0, 100.0)
+    corridor = Corridor((0.0, 0.0, -4.0), (0.0, 0.0, -3.0), 5.0, 90.0, TOLERANCE_MM)
+    act: Callable[[], None] = lambda: refuse_strayed(corridor, first, stage, clock)  # type: ignore[arg-type]  # noqa: E731
+    if strays:
+        with pytest.raises(StrayedError) as found:
+            act()
+        assert found.value.at == again
+    else:
+        act()
+    assert stage.times == times
+
+
+def test_a_report_that_is_no_number_has_strayed() -> None:
+    corridor = Corridor((0.0, 0.0, -4.0), (0.0, 0.0, -3.0), 5.0, 90.0, TOLERANCE_MM)
+    assert corridor.strayed(_at((0.0, 0.0, math.nan)), 100.0)

@@ -1,0 +1,223 @@
+"""Every command that moves something, at every signal that could end or suspend it while a finger is pressed."""
+
+import json
+import os
+import signal
+import struct
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NoReturn
+
+import pytest
+
+import rig.session.session as sessions
+from rig.devices.stage.base import StageError
+from rig.devices.stage.grbl.grbl_stage import GrblStage
+from rig.engine import EngineError, Journal
+from rig.plan.config import Config
+from rig.session.by_hand.hand_owner import HandOwner
+from rig.session.control.stage_in_hand import StageInHand
+from rig.session.virtual.served_bench import ServedBench
+from rig.session.virtual.virtual_bench import virtual_bench
+from sim.devices.clock import VirtualClock
+from sim.models.fingertip import Fingertip
+from tests.program import Program
+from tests.waiting import until
+
+if not hasattr(signal, "SIGTSTP"):
+    pytest.skip("only where there are signals", allow_module_level=True)
+pytestmark = pytest.mark.usefixtures("empty_figures")
+
+ENDS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGTSTP", "SIGQUIT", "SIGUSR1")
+"""What would end or suspend the process, were it not handled."""
+BACKGROUND = ("SIGTTIN", "SIGTTOU")
+"""What suspends a process in the background that uses its terminal."""
+INHERITED = ("SIGINT", "SIGTSTP", "SIGQUIT")
+"""Ignored and blocked when the program begins: a shell does the first to a background program."""
+
+SCRIPT = """\
+def run(rig):
+    rig.mount("bar:3.0")
+    rig.home()
+    rig.zero()
+    rig.move_to(x_mm=0.0)
+    rig.indent(force_gwt=1.0, hold_s=0.1)
+"""
+
+
+@pytest.fixture(autouse=True)
+def _as_before() -> Iterator[None]:
+    numbers = [signal.Signals[name] for name in (*ENDS, *BACKGROUND)]
+    before = {number: signal.getsignal(number) for number in numbers}
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    yield
+    signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.fixture
+def beside_a_script(finger: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    def open_bench(config: Any, clock: Any, log: Any, ask: Any, pause: Any, stage: Any) -> Any:
+        found = virtual_bench(config, finger, log, VirtualClock(0.0, clock.monotonic_s()), pause)
+        return replace(found, virtual=False)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(sessions, "open_bench", open_bench)
+    monkeypatch.setattr(StageInHand, "open", lambda stage: stage)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(SCRIPT, encoding="utf-8")
+    for port in ("stage", "force"):
+        (tmp_path / port).touch()
+    ports = f"[stage]\nport = '{tmp_path / 'stage'}'\n[force]\nport = '{tmp_path / 'force'}'\n"
+    (tmp_path / "rig.toml").write_text(ports, encoding="utf-8")
+    return tmp_path
+
+
+def _stopped_before(program: Program, folder: Path) -> str:
+    """A run that has been stopped, to be taken up."""
+    with pytest.MonkeyPatch.context() as patch:
+        event = Journal.event
+
+        def seen(journal: Journal, stream: str, data: Mapping[str, Any]) -> None:
+            event(journal, stream, data)
+            if stream == "move":
+                signal.raise_signal(signal.SIGINT)
+
+        patch.setattr(Journal, "event", seen)
+        program("run", "mine.py", "--config", "rig.toml", "--yes", "--json")
+    (run,) = (folder / "runs").iterdir()
+    return str(run)
+
+
+PROTOCOLS: dict[str, Callable[[Program, Path], list[object]]] = {
+    "dry-run": lambda program, folder: ["dry-run", "mine.py"],
+    "run": lambda program, folder: ["run", "mine.py", "--config", "rig.toml", "--yes"],
+    "resume": lambda program, folder: ["resume", _stopped_before(program, folder), "--yes"],
+    "meet": lambda program, folder: ["meet", "--config", "rig.toml", "--yes", "--shapes", "bar:3.0"],
+}
+AT_THE_BENCH: dict[str, list[object]] = {
+    "home": ["home"],
+    "home --without-force": ["home", "--without-force"],
+    "jog": ["jog", "--axis", "z", "--by-mm", "0.5"],
+    "jog --without-force": ["jog", "--axis", "z", "--by-mm", "0.5", "--without-force"],
+    "calibrate steps": ["calibrate", "steps", "--axis", "x", "--by-mm", "0.5"],
+    "calibrate compliance": ["calibrate", "compliance"],
+    "by-hand": ["by-hand"],
+}
+
+
+@pytest.fixture
+def dispositions(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """What each signal would do, at the first motion that is told; there is no other."""
+    found: dict[str, Any] = {}
+
+    def told(*_: object, **__: object) -> NoReturn:
+        found.update({name: signal.getsignal(signal.Signals[name]) for name in (*ENDS, *BACKGROUND)})
+        found["blocked"] = signal.pthread_sigmask(signal.SIG_BLOCK, ()) & {signal.Signals[name] for name in ENDS}
+        raise StageError("enough")
+
+    def unrehearsed(*_: object) -> NoReturn:
+        raise EngineError("it would be the first to move")
+
+    for motion in ("homing", "moving", "jog"):
+        monkeypatch.setattr(GrblStage, motion, told)
+    monkeypatch.setattr(HandOwner, "run", told)
+    monkeypatch.setattr("rig.session.page.rehearsed", unrehearsed)
+    return found
+
+
+def _inherit_the_worst() -> None:
+    for name in INHERITED:
+        signal.signal(signal.Signals[name], signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_BLOCK, [signal.Signals[name] for name in INHERITED])
+
+
+def _none_is_left_alone(found: Mapping[str, Any]) -> None:
+    assert set(found) == {*ENDS, *BACKGROUND, "blocked"}, "something moved"
+    assert {name: found[name] for name in ENDS if not callable(found[name])} == {}
+    assert {found[name] for name in BACKGROUND} == {signal.SIG_IGN}
+    assert found["blocked"] == set()
+
+
+@pytest.mark.parametrize("command", PROTOCOLS)
+def test_no_signal_suspends_or_ends_a_protocol_that_moves(
+    command: str, beside_a_script: Path, program: Program, request: pytest.FixtureRequest
+) -> None:
+    arguments = PROTOCOLS[command](program, beside_a_script)
+    found = request.getfixturevalue("dispositions")
+    _inherit_the_worst()
+    program(*arguments)
+    _none_is_left_alone(found)
+
+
+@pytest.mark.parametrize("command", AT_THE_BENCH)
+def test_no_signal_suspends_or_ends_a_command_at_the_bench_that_moves(
+    command: str,
+    served: Callable[..., ServedBench],
+    program: Program,
+    tmp_path: Path,
+    dispositions: dict[str, Any],
+) -> None:
+    ports = {name: served(**{name: kind}).ports[name] for name, kind in (("stage", "grbl"), ("force", "mtsics"))}
+    (tmp_path / "rig.toml").write_text(
+        Config.model_validate({name: {"port": port} for name, port in ports.items()}).as_toml(), encoding="utf-8"
+    )
+    _inherit_the_worst()
+    program(*AT_THE_BENCH[command], "--config", tmp_path / "rig.toml", typed="\n\n\n")
+    _none_is_left_alone(dispositions)
+
+
+@pytest.mark.parametrize("command", [name for name in AT_THE_BENCH if name != "by-hand"])
+def test_the_participants_key_stops_a_command_at_the_bench(
+    command: str,
+    served: Callable[..., ServedBench],
+    program: Program,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pipe, stops = tmp_path / "pedal", list[int]()
+    os.mkfifo(pipe)
+    file = os.open(pipe, os.O_RDWR)
+    ports = {name: served(**{name: kind}).ports[name] for name, kind in (("stage", "grbl"), ("force", "mtsics"))}
+    tables = {name: {"port": port} for name, port in ports.items()}
+    config = Config.model_validate({**tables, "stop": {"kind": "key", "device": str(pipe)}})
+    (tmp_path / "rig.toml").write_text(config.as_toml(), encoding="utf-8")
+
+    def moves(*_: object, **__: object) -> NoReturn:
+        os.write(file, struct.pack("llHHi", 0, 0, 1, 30, 1))
+        until(lambda: False)
+        raise AssertionError
+
+    for motion in ("homing", "moving", "jog"):
+        monkeypatch.setattr(GrblStage, motion, moves)
+    monkeypatch.setattr(GrblStage, "stop", lambda stage: stops.append(1))
+    ended = program(*AT_THE_BENCH[command], "--config", tmp_path / "rig.toml", typed="\n\n\n")
+    os.close(file)
+    assert ended.code == 130, ended.err
+    assert stops
+
+
+@pytest.mark.parametrize("command", ["dry-run", "run"])
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGTSTP", "SIGQUIT"])
+@pytest.mark.parametrize("times", [1, 2])
+def test_the_first_lifts_and_a_second_key_stops_at_once(
+    command: str, name: str, times: int, beside_a_script: Path, program: Program, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without a terminal nobody can go on: it ends."""
+    event = Journal.event
+
+    def seen(journal: Journal, stream: str, data: Mapping[str, Any]) -> None:
+        event(journal, stream, data)
+        if stream == "hold_start":
+            for _ in range(times):
+                signal.raise_signal(signal.Signals[name])
+
+    monkeypatch.setattr(Journal, "event", seen)
+    ended = program(*PROTOCOLS[command](program, beside_a_script), "--json")
+    assert ended.code == 130
+    at_once = times == 2 and name != "SIGTERM"
+    said = json.loads(ended.out)["ending"]
+    assert (said["indentor"]["left"], said["indentor"]["may_touch"]) == (
+        ("held", True) if at_once else ("lifted", False)
+    )

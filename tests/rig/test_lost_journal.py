@@ -1,0 +1,255 @@
+"""Every way to lose a run's journal or byte log in a press: it is lifted, and what was recorded is saved."""
+
+import errno
+import json
+import os
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import rig.session.session as sessions
+from rig.data import read_run
+from rig.engine import Journal
+from rig.session.control.stage_in_hand import StageInHand
+from rig.session.virtual.virtual_bench import virtual_bench
+from sim.devices.clock import VirtualClock
+from sim.models.fingertip import Fingertip
+from tests.program import Ended, Program
+
+pytestmark = pytest.mark.usefixtures("empty_figures")
+
+SCRIPT = """\
+def run(rig):
+    rig.mount("bar:3.0")
+    rig.home()
+    rig.zero()
+    rig.move_to(x_mm=0.0)
+    rig.indent(force_gwt=1.0, hold_s=0.1)
+    rig.indent(force_gwt=1.0, hold_s=0.1)
+"""
+
+
+def _replaced(path: Path) -> None:
+    content = path.read_bytes()
+    path.unlink()
+    path.write_bytes(content)
+
+
+def _moved_away(path: Path) -> None:
+    path.rename(path.with_suffix(".old"))
+
+
+def _shortened(path: Path) -> None:
+    os.truncate(path, path.stat().st_size // 2)
+
+
+def _folder_replaced(path: Path) -> None:
+    folder = path.parent
+    moved = folder.with_name("elsewhere")
+    folder.rename(moved)
+    shutil.copytree(moved, folder)
+
+
+@dataclass(frozen=True)
+class Way:
+    """What somebody does to a file of the run, what the one line says of it, and whether all can be saved."""
+
+    do: Callable[[Path], object]
+    says: str
+    whole: bool = True
+    lost: bool = True  # otherwise the folder is still the right one
+
+
+FILE = {
+    "deleted": Way(Path.unlink, "was deleted"),
+    "moved": Way(_moved_away, "was moved"),
+    "replaced": Way(_replaced, "was replaced"),
+    "replaced by a folder": Way(lambda path: (path.unlink(), path.mkdir()), "was replaced"),
+    "shortened": Way(_shortened, "was shortened", whole=False),
+    "emptied": Way(lambda path: os.truncate(path, 0), "was shortened", whole=False),
+}
+FOLDER = {
+    "folder deleted": Way(lambda path: shutil.rmtree(path.parent), "was deleted"),
+    "folder moved": Way(lambda path: path.parent.rename(path.parent.with_name("elsewhere")), "was moved"),
+    "folder replaced": Way(_folder_replaced, "was replaced"),
+    "folder moved into another": Way(lambda path: shutil.move(path.parent, path.parents[2] / "trash"), "was moved"),
+    "all runs deleted": Way(lambda path: shutil.rmtree(path.parents[1]), "was deleted"),
+    "all runs moved": Way(lambda path: path.parents[1].rename(path.parents[2] / "old"), "was moved"),
+}
+WRITES = {
+    "remounted read-only": Way(lambda path: errno.EROFS, "cannot be written", lost=False),
+    "the disk is full": Way(lambda path: errno.ENOSPC, "cannot be written", lost=False),
+    "the disk fails": Way(lambda path: errno.EIO, "cannot be written", lost=False),
+    "the server forgot the file": Way(lambda path: errno.ESTALE, "cannot be written", lost=False),
+}
+
+
+@dataclass
+class Bench:
+    """The program beside a script, and the moment at which something is done to the run's file."""
+
+    program: Program
+    command: str
+    runs: Path
+    path: Path = Path()
+    done_after: int = -1
+    recorded: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
+
+    def run(self) -> Ended:
+        options = ["--config", "rig.toml", "--yes"] if self.command == "run" else []
+        return self.program(self.command, "mine.py", *options, "--json")
+
+    def resume(self, line: str) -> Ended:
+        return self.program(*line.split()[1:], *(["--yes"] if self.command == "run" else []), "--json")
+
+
+@pytest.fixture(params=["dry-run", "run"])
+def bench(
+    request: pytest.FixtureRequest,
+    finger: Fingertip,
+    program: Program,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> Bench:
+    def open_bench(config: Any, clock: Any, log: Any, ask: Any, pause: Any, stage: Any) -> Any:
+        found = virtual_bench(config, finger, log, VirtualClock(0.0, clock.monotonic_s()), pause)
+        return replace(found, virtual=False)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(sessions, "open_bench", open_bench)
+    monkeypatch.setattr(StageInHand, "open", lambda stage: stage)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(SCRIPT, encoding="utf-8")
+    (tmp_path / "trash").mkdir()
+    for port in ("stage", "force"):
+        (tmp_path / port).touch()
+    ports = f"[stage]\nport = '{tmp_path / 'stage'}'\n[force]\nport = '{tmp_path / 'force'}'\n"
+    (tmp_path / "rig.toml").write_text(ports, encoding="utf-8")
+    return Bench(program, request.param, tmp_path / "runs")
+
+
+@pytest.fixture
+def in_contact(bench: Bench) -> Iterator[Callable[[Callable[[Path], object]], None]]:
+    """Do something, once, to the run's folder when the second press is held."""
+    patch, event = pytest.MonkeyPatch(), Journal.event
+
+    def at(deed: Callable[[Path], object]) -> None:
+        def seen(journal: Journal, stream: str, data: Mapping[str, Any]) -> None:
+            if bench.done_after < 0 and stream == "hold_start" and data["index"] == 1:
+                bench.path = journal.path.parent.absolute()
+                deed(bench.path)
+                bench.done_after = len(bench.recorded)
+            event(journal, stream, data)
+            bench.recorded.append((stream, dict(data)))
+
+        patch.setattr(Journal, "event", seen)
+
+    yield at
+    patch.undo()
+
+
+def _rescued(ended: Ended) -> Path:
+    return Path(json.loads(ended.out)["run"])
+
+
+def _lifted_at_once(bench: Bench, folder: Path) -> None:
+    """After the deed no event was recorded, and nothing was told to go down."""
+    assert len(bench.recorded) == bench.done_after, "the record that found it is not shown as recorded"
+    last = read_run(folder).events["sample"][-1]["t_s"]
+    wire = [json.loads(line) for line in (folder / "bytes.jsonl").read_text(encoding="ascii").splitlines()]
+    sent = [bytes.fromhex(chunk["hex"]) for chunk in wire if chunk["dir"] == "tx" and chunk["t_s"] > last - 1e-5]
+    assert len([line for line in sent if b"Z" in line]) == 1, sent
+
+
+NAMES = ("events.jsonl", "bytes.jsonl")
+CASES = [
+    *(pytest.param(name, way, id=f"{name}: {what}") for name in NAMES for what, way in FILE.items()),
+    *(pytest.param(NAMES[0], way, id=what) for what, way in FOLDER.items()),
+]
+
+
+@pytest.mark.parametrize(("name", "way"), CASES)
+def test_a_run_whose_files_are_lost_is_lifted_at_the_next_record_and_goes_on_from_what_was_saved(
+    name: str, way: Way, bench: Bench, in_contact: Callable[..., None]
+) -> None:
+    in_contact(lambda folder: way.do(folder / name))
+    ended = bench.run()
+    assert bench.done_after > 0
+    assert ended.code == 1, ended.err
+    (line,) = [line for line in ended.err.splitlines() if line.startswith("rig: ")]
+    assert way.says in line
+    assert name in line
+    if not way.whole and name == "events.jsonl":  # what somebody cut off is gone
+        assert "lifted" in line
+        (left,) = [path for path in bench.runs.iterdir() if "-rescued-" in path.name]
+        assert str(left) in line
+        assert (left / "bytes.jsonl").read_bytes() == (bench.path / "bytes.jsonl").read_bytes()
+        return
+    rescued = _rescued(ended)
+    assert "-rescued-" in rescued.name
+    assert str(rescued) in line
+    said = json.loads(ended.out)
+    assert said["ending"]["indentor"]["left"] == "lifted"
+    assert (said["complete"], said["indentations"]) == (False, 1)
+    if way.whole:
+        _lifted_at_once(bench, rescued)
+    again = bench.resume(said["ending"]["resume"])
+    assert again.code == 0, again.err
+    run = read_run(rescued)
+    assert (run.complete, run.missing, run.repeated) == (True, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "way"), [pytest.param(n, w, id=f"{n}: {t}") for n in NAMES for t, w in WRITES.items()]
+)
+def test_a_run_that_cannot_write_is_lifted_at_the_next_record_and_stays_in_its_folder(
+    name: str, way: Way, bench: Bench, in_contact: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write, failing = os.write, pytest.MonkeyPatch()
+
+    def fails(folder: Path) -> None:
+        number, there = int(str(way.do(folder))), os.stat(folder / name)
+
+        def refused(fd: int, data: Any, /) -> int:
+            if os.path.samestat(os.fstat(fd), there):
+                raise OSError(number, os.strerror(number))
+            return write(fd, data)
+
+        failing.setattr(os, "write", refused)
+
+    in_contact(fails)
+    ended = bench.run()
+    failing.undo()
+    assert ended.code == 1, ended.err
+    (line,) = [line for line in ended.err.splitlines() if line.startswith("rig: ")]
+    assert way.says in line
+    said = json.loads(ended.out)
+    assert said["ending"]["indentor"]["left"] == "lifted"
+    assert Path(said["run"]).resolve() == bench.path
+    again = bench.resume(said["ending"]["resume"])
+    assert again.code == 0, again.err
+
+
+def test_where_nothing_can_be_written_beside_the_run_it_is_saved_in_the_state_folder(
+    bench: Bench, in_contact: Callable[..., None], tmp_path: Path
+) -> None:
+    def gone_and_in_the_way(folder: Path) -> None:
+        shutil.rmtree(folder.parent)
+        folder.parent.write_text("a file where the folder of runs was", encoding="utf-8")
+
+    in_contact(gone_and_in_the_way)
+    ended = bench.run()
+    assert ended.code == 1, ended.err
+    assert _rescued(ended).parent == tmp_path / "state" / "rescued"
+    assert read_run(_rescued(ended)).done
+
+
+def test_a_script_that_changes_the_folder_loses_nothing(bench: Bench) -> None:
+    script = SCRIPT.replace(
+        "    rig.home()", "    import os\n    here = os.getcwd()\n    os.chdir('/')\n    rig.home()"
+    )
+    (bench.runs.parent / "mine.py").write_text(f"{script}    os.chdir(here)\n", encoding="utf-8")
+    assert bench.run().code == 0

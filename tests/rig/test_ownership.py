@@ -1,0 +1,401 @@
+"""One port, one owner: under every name, in every environment, for every account; a lock that nobody can forge."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.transport import TransportError, identity, open_port, port_owner
+from rig.transport.identity import identities
+from rig.transport.machine_lock import FOLDERS, MachineLock, PortOwner, lock_owner
+from rig.transport.ownership import NotOwnedError, PortOwnership
+
+pty = pytest.importorskip("pty", reason="needs pseudo-terminals")
+fcntl = pytest.importorskip("fcntl", reason="needs record locks")
+
+SOMEBODY, ANOTHER = 60001, 60002
+needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can act as other accounts")
+
+# What whoever asks for a port under each of these names is told, or that it was opened.
+ASKS = """\
+import json, sys
+from rig.transport import TransportError, open_port
+told = {}
+for name in sys.argv[1:]:
+    try:
+        open_port(name, 9600).close()
+        told[name] = "opened"
+    except TransportError as error:
+        told[name] = str(error)
+print(json.dumps(told))
+"""
+ENVIRONMENTS = ("as here", "TMPDIR", "HOME", "XDG_RUNTIME_DIR", "RIG_RUNTIME_DIR", "RIG_STATE_DIR")
+
+
+@contextmanager
+def elsewhere(do: Callable[[], object], uid: int | None = None, umask: int = 0o022) -> Iterator[tuple[int, str]]:
+    """What do() returns or raises in a process of its own, which lives on until the end, and its number."""
+    (told, tells), (ends, end) = os.pipe(), os.pipe()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of threads: none of them is needed there
+        pid = os.fork()
+    if pid == 0:
+        try:
+            os.close(end)
+            os.umask(umask)
+            if uid is not None:
+                os.setgroups([])
+                os.setgid(uid)
+                os.setuid(uid)
+            try:
+                kept = do()
+                said = "done" if kept is None else str(kept)
+            except Exception as error:
+                said = str(error)
+            os.write(tells, f"{said}\n".encode())
+            os.read(ends, 1)
+        finally:
+            os._exit(0)
+    os.close(tells)
+    os.close(ends)
+    try:
+        with open(told, encoding="utf-8") as answer:
+            yield pid, answer.readline().strip()
+    finally:
+        os.close(end)
+        os.waitpid(pid, 0)
+
+
+_owned: list[PortOwnership] = []
+
+
+def owning(port: str) -> Callable[[], str]:
+    """Own a port, until the process ends."""
+
+    def own() -> str:
+        _owned.append(PortOwnership(port))
+        return "owned"
+
+    return own
+
+
+@pytest.fixture
+def gateway() -> Iterator[int]:
+    """A gateway that takes several clients, on all addresses of this machine; its number."""
+    with socket.create_server(("", 0)) as server:
+        yield server.getsockname()[1]
+
+
+@pytest.fixture
+def line() -> Iterator[str]:
+    """A serial port."""
+    far, near = pty.openpty()
+    yield os.ttyname(near)
+    os.close(far)
+    os.close(near)
+
+
+@pytest.fixture
+def place(gateway: int) -> Iterator[Path]:
+    """Where the lock of the gateway's port lies, or would."""
+    folder = next(Path(one) for one in FOLDERS if os.stat(one).st_mode & 0o1777 == 0o1777)
+    path = folder / f"rig-port-tcp-this-machine-{gateway}.lock"
+    assert not path.exists()
+    yield path
+    with suppress(FileNotFoundError):
+        path.rmdir() if path.is_dir() and not path.is_symlink() else path.unlink()
+
+
+# --- under every name ---
+
+
+def _tcp_names(number: int) -> list[str]:
+    hosts = ["127.0.0.1", "localhost", "LOCALHOST", "localhost.", "127.1", "2130706433", "0x7f.1", "0", "0.0.0.0",
+             "127.0.0.2", "[::1]", "[::]", "[::ffff:127.0.0.1]", "[::ffff:7f00:1]", socket.gethostname()]  # fmt: skip
+    return [f"tcp://{host}:{number}" for host in hosts] + [
+        f"socket://localhost:{number}", f"rfc2217://127.1:{number}"
+    ]  # fmt: skip
+
+
+def _serial_names(line: str, folder: Path) -> list[str]:
+    folder.mkdir(exist_ok=True)
+    (folder / "by-id").symlink_to(line)
+    (folder / "again").symlink_to(folder / "by-id")
+    found = [line, str(folder / "by-id"), str(folder / "again"), f"/dev/../{line}", f"spy://{line}"]
+    if os.geteuid() == 0:  # another node of the same device, as a container has it
+        os.mknod(folder / "node", 0o600 | 0o020000, os.stat(line).st_rdev)
+        found.append(str(folder / "node"))
+    return found
+
+
+def _there(name: str) -> bool:
+    """Whether the system can make anything of it."""
+    if not name.startswith("tcp://"):
+        return True
+    with suppress(OSError):
+        return bool(socket.getaddrinfo(name.removeprefix("tcp://").rpartition(":")[0].strip("[]"), 1))
+    return False
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+@pytest.mark.parametrize("kind", ["tcp", "serial"])
+def test_a_second_controller_is_refused_under_every_name_and_in_every_environment(
+    kind: str, environment: str, gateway: int, line: str, tmp_path: Path
+) -> None:
+    names = _tcp_names(gateway) if kind == "tcp" else _serial_names(line, tmp_path / "dev")
+    (tmp_path / "other").mkdir()
+    other = {} if environment == "as here" else {environment: str(tmp_path / "other")}
+    wire = open_port(names[0], 9600)
+    try:
+        asked = subprocess.run(
+            [sys.executable, "-c", ASKS, *names],
+            env={**os.environ, **other}, capture_output=True, text=True, check=True,
+        )  # fmt: skip
+    finally:
+        wire.close()
+    told = json.loads(asked.stdout)
+    got_in = [name for name in names if "is already in use by" not in told[name] and _there(name)]
+    assert got_in == []
+    assert told[names[0]] == f"{names[0]} is already in use by process {os.getpid()}"
+
+
+def test_every_name_is_let_go_of(gateway: int, place: Path) -> None:
+    wire = open_port(f"tcp://localhost:{gateway}", 9600)
+    assert port_owner(f"tcp://127.1:{gateway}") == PortOwner(os.getpid())
+    wire.close()
+    assert port_owner(f"tcp://127.1:{gateway}") is None
+    assert not place.exists()
+    open_port(f"tcp://127.1:{gateway}", 9600).close()
+
+
+def test_other_machines_and_other_numbers_are_other_ports() -> None:
+    names = ["tcp://192.0.2.1:502", "tcp://192.0.2.2:502", "tcp://192.0.2.1:503", "tcp://[2001:db8::1]:502"]
+    assert len({identities(name) for name in names}) == len(names)
+    assert identities("tcp://[::ffff:192.0.2.1]:502") == identities("tcp://192.0.2.1:502")
+
+
+def test_all_addresses_of_this_machine_are_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert identity._is_here(socket.AF_INET, ("127.0.0.1", 9))
+    assert not identity._is_here(socket.AF_INET, ("192.0.2.7", 9))
+    monkeypatch.setattr(identity, "_is_here", lambda family, address: address[0] == "192.0.2.7")
+    assert identities("tcp://192.0.2.7:5") == identities("tcp://127.0.0.1:5") != identities("tcp://192.0.2.8:5")
+
+
+@pytest.mark.parametrize("port", ["tcp://no-such-host.invalid:5", "tcp://a..b:5", f"tcp://{'x' * 70}:5"])
+def test_a_host_without_an_address_is_told_in_one_line(port: str) -> None:
+    with pytest.raises(TransportError, match=f"^cannot open {port}: [^\n]+$"):
+        PortOwnership(port)
+    assert port_owner(port) is None
+
+
+def test_a_port_that_is_exchanged_while_it_is_opened_is_refused(
+    line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import serial
+
+    far, near = pty.openpty()
+    link, opens = tmp_path / "link", serial.Serial.open
+    link.symlink_to(line)
+
+    def exchanged(wire: Any) -> None:
+        opens(wire)
+        link.unlink()
+        link.symlink_to(os.ttyname(near))
+
+    monkeypatch.setattr(serial.Serial, "open", exchanged)
+    try:
+        with pytest.raises(TransportError, match="became another device"):
+            open_port(str(link), 9600)
+        assert port_owner(line) is None
+    finally:
+        os.close(far)
+        os.close(near)
+
+
+# --- the lock ---
+
+
+def test_the_lock_ends_with_its_process_however_that_ends(gateway: int) -> None:
+    port = f"tcp://127.0.0.1:{gateway}"
+    with elsewhere(owning(port)) as (pid, said):
+        assert said == "owned"
+        assert port_owner(port) == PortOwner(pid)
+        os.kill(pid, signal.SIGKILL)
+    PortOwnership(port).release()
+
+
+def test_who_asks_lets_go_of_nothing(gateway: int) -> None:
+    """To close any descriptor of a file would end this process's lock on it."""
+    port = f"tcp://127.0.0.1:{gateway}"
+    own = PortOwnership(port)
+    for _ in range(3):
+        assert port_owner(port) == PortOwner(os.getpid())
+        with pytest.raises(NotOwnedError):
+            PortOwnership(port)
+    with elsewhere(lambda: port_owner(port)) as (_, said):
+        assert said == f"process {os.getpid()}", "a fork owns nothing"
+    with elsewhere(owning(port)) as (_, said):
+        assert said == f"{port} is already in use by process {os.getpid()}"
+    own.release()
+    own.release()
+
+
+@pytest.mark.parametrize("late", [False, True], ids=["there before", "made meanwhile"])
+def test_a_second_name_of_a_held_lock_lets_go_of_nothing(
+    gateway: int, place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, late: bool
+) -> None:
+    """A hard link that somebody made from the place of one lock to another one's."""
+    other = f"tcp-this-machine-{gateway}0"
+    own, link = MachineLock(f"tcp-this-machine-{gateway}"), place.with_name(f"rig-port-{other}.lock")
+    os.link(place, link)
+    try:
+        with monkeypatch.context() as patch:
+            if late:
+                patch.setattr(os, "lstat", lambda path: tmp_path.stat())
+            assert lock_owner(other) == (None if late else PortOwner(os.getpid()))
+        with elsewhere(owning(f"tcp://127.0.0.1:{gateway}")) as (_, said):
+            assert "already in use by" in said
+    finally:
+        own.release()
+        link.unlink()
+
+
+@pytest.mark.parametrize("link", [os.link, os.symlink], ids=["second name", "link"])
+def test_somebody_elses_file_in_the_place_of_a_lock_tells_of_no_owner(
+    gateway: int, place: Path, tmp_path: Path, link: Callable[[Path, Path], None]
+) -> None:
+    """Whoever has locked a file of their own is no owner of a port, and is not to be signalled."""
+    own = tmp_path / "own"
+    own.write_text("precious")
+    try:
+        link(own, place)
+    except OSError:
+        pytest.skip("the folder of temporary files is on another disk")
+
+    def locks() -> None:
+        fcntl.lockf(os.open(own, os.O_RDWR), fcntl.LOCK_EX)
+
+    with elsewhere(locks):
+        owner = port_owner(f"tcp://127.0.0.1:{gateway}")
+        assert owner == (PortOwner(None) if link is os.link else None)
+        assert owner is None or not owner.ours
+    assert own.read_text() == "precious"
+
+
+@pytest.mark.parametrize("kind", ["link", "dangling", "pipe", "folder", "socket", "text"])
+def test_what_lies_in_the_place_of_a_lock_is_never_written_to_nor_waited_for(
+    kind: str, gateway: int, place: Path, tmp_path: Path
+) -> None:
+    target = tmp_path / "target"
+    with ExitStack() as stack:
+        match kind:
+            case "link":
+                target.write_text("precious")
+                place.symlink_to(target)
+            case "dangling":
+                place.symlink_to(target)
+            case "pipe":
+                os.mkfifo(place, 0o666)
+            case "folder":
+                place.mkdir()
+            case "socket":
+                stack.enter_context(socket.socket(socket.AF_UNIX)).bind(str(place))
+            case "text":
+                place.write_text("4711")
+        port = f"tcp://127.0.0.1:{gateway}"
+        assert port_owner(port) is None
+        if kind == "text":
+            PortOwnership(port).release()
+        else:
+            with pytest.raises(NotOwnedError, match=rf"^cannot lock {port}: {place}: [^\n]+$") as refused:
+                PortOwnership(port)
+            assert refused.value.owner is None
+    assert target.exists() == (kind == "link")
+    if kind == "link":
+        assert target.read_text() == "precious"
+
+
+def test_a_lock_whose_file_goes_away_meanwhile_is_taken_anew(
+    gateway: int, place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever let go of it has removed it, and the next one has made another."""
+    real, gone = fcntl.lockf, []
+
+    def late(fd: int, how: int) -> None:
+        if not gone:
+            place.unlink()
+            gone.append(fd)
+        real(fd, how)
+
+    monkeypatch.setattr(fcntl, "lockf", late)
+    own = MachineLock(f"tcp-this-machine-{gateway}")
+    monkeypatch.undo()
+    with elsewhere(owning(f"tcp://127.0.0.1:{gateway}")) as (_, said):
+        assert "already in use by" in said
+    own.release()
+
+
+def test_a_disk_on_which_nothing_fits_is_locked_all_the_same(gateway: int) -> None:
+    import resource
+
+    def owns() -> str:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+        return owning(f"tcp://127.0.0.1:{gateway}")()
+
+    with elsewhere(owns) as (pid, said):
+        assert said == "owned"
+        assert port_owner(f"tcp://127.0.0.1:{gateway}") == PortOwner(pid)
+
+
+# --- accounts ---
+
+
+@needs_root
+@pytest.mark.parametrize("umask", [0o022, 0o077])
+@pytest.mark.parametrize("killed", [False, True], ids=["ended", "killed"])
+def test_several_accounts_work_one_after_another(gateway: int, place: Path, umask: int, killed: bool) -> None:
+    port = f"tcp://127.0.0.1:{gateway}"
+    for uid in (SOMEBODY, ANOTHER, 0, SOMEBODY):
+        with elsewhere(owning(port), uid, umask) as (pid, said):
+            assert said == "owned"
+            assert place.stat().st_mode & 0o777 == 0o666
+            if killed:
+                os.kill(pid, signal.SIGKILL)
+    assert place.exists(), "of a process that did not release it"
+
+
+@needs_root
+def test_an_owner_of_another_account_is_named_as_one(gateway: int) -> None:
+    port = f"tcp://127.0.0.1:{gateway}"
+    with elsewhere(owning(port), SOMEBODY) as (pid, said):
+        assert said == "owned"
+        owner = port_owner(port)
+        assert owner == PortOwner(pid)
+        assert not owner.ours
+        with elsewhere(owning(port), ANOTHER) as (_, told):
+            assert told == f"{port} is already in use by process {pid} of another account"
+        with elsewhere(lambda: port_owner(port).ours, SOMEBODY) as (_, told):  # type: ignore[union-attr]
+            assert told == "True"
+
+
+@needs_root
+def test_a_lock_that_is_closed_to_others_is_told_of_in_one_line(gateway: int, place: Path) -> None:
+    def shut() -> None:
+        os.close(os.open(place, os.O_CREAT | os.O_WRONLY, 0o600))
+
+    port = f"tcp://127.0.0.1:{gateway}"
+    with elsewhere(shut, SOMEBODY) as (_, said):
+        assert said == "done"
+    with elsewhere(owning(port), ANOTHER) as (_, said):
+        assert said.startswith(f"cannot lock {port}: {place}: ")
+    with elsewhere(owning(port), SOMEBODY) as (_, said):
+        assert said == "owned"

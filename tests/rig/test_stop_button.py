@@ -1,0 +1,403 @@
+"""The participant's stop button in every phase, on each stage; what `[stop]` may say; a key as a device of Linux."""
+
+import json
+import os
+import struct
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import rig.cli.confirming as confirming
+import rig.session.session as sessions
+import rig.session.virtual.virtual_bench as benches
+from rig.data import read_run
+from rig.devices.stop_key import StopKey, StopKeyError
+from rig.devices.stop_settings import StopSettings
+from rig.engine import Journal, TripError
+from rig.plan.config import load_config
+from rig.protocol.errors import BadInputError
+from rig.session.control.stage_in_hand import StageInHand
+from rig.session.stop_button import BY_THE_BUTTON, stop_inputs_heeded
+from sim.devices.clock import VirtualClock
+from sim.devices.told import StopPins
+from sim.models.fingertip import Fingertip
+from tests.program import Ended, Program
+from tests.waiting import until
+
+pytestmark = pytest.mark.usefixtures("empty_figures")
+
+SCRIPT = """\
+def run(rig):
+    rig.mount("bar:3.0")
+    rig.home()
+    rig.zero()
+    rig.move_to(x_mm=1.0)
+    rig.indent(force_gwt=1.0, hold_s=1.0)
+    rig.move_to(x_mm=-1.0)
+    rig.indent(force_gwt=1.0, hold_s=1.0)
+"""
+BENCHES = {
+    "door": "[stage]\nkind = 'grbl'\n[stop]\nkind = 'board'\ninput = 'door'\n",
+    "hold": "[stage]\nkind = 'grbl'\n[stop]\nkind = 'board'\ninput = 'hold'\n",
+    "di1": "[stage]\nkind = 'leadshine'\n[force]\nkind = 'laumas'\n[stop]\nkind = 'board'\ninput = 'di1'\n",
+}
+STOP_BYTES = {"door": ("2118",), "hold": ("2118",), "di1": ("600200", "6002")}
+AFTER: dict[str, tuple[str, Callable[[Mapping[str, Any]], bool], float]] = {
+    "homing": ("mount", lambda data: True, 1.0),
+    "the way to a place": ("zero", lambda data: True, 0.5),
+    "clearance": ("sample", lambda data: data["phase"] == "clearance", 0.0),
+    "approach": ("sample", lambda data: data["phase"] == "approach", 0.0),
+    "approach, in motion": ("sample", lambda data: data["phase"] == "approach", 0.03),
+    "press": ("sample", lambda data: data["phase"] == "press", 0.0),
+    "press, in motion": ("sample", lambda data: data["phase"] == "press", 0.02),
+    "hold": ("hold_start", lambda data: True, 0.4),
+    "lift": ("hold_end", lambda data: True, 0.05),
+    "coming back": ("indentation_end", lambda data: True, 0.5),
+}
+
+
+@dataclass
+class Bench:
+    """The program beside a script, and the board of its virtual bench."""
+
+    program: Program
+    config: Path
+    board: Any = None
+    clock: Any = None
+    pressed_s: float = -1.0
+    events: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
+
+    def dry_run(self) -> Ended:
+        return self.program("dry-run", "mine.py", "--config", self.config, "--json")
+
+    def press(self, name: str) -> None:
+        self.pressed_s = self.clock.monotonic_s()
+        self.board.press(name)
+
+
+@pytest.fixture
+def bench(finger: Fingertip, program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Bench:
+    found = Bench(program, tmp_path / "rig.toml")
+    made = benches.virtual_stage
+
+    def virtual_stage(scheduler: Any, line: Any, config: Any) -> Any:
+        found.board, found.clock = made(scheduler, line, config), scheduler
+        return found.board
+
+    monkeypatch.setattr(benches, "virtual_stage", virtual_stage)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(SCRIPT, encoding="utf-8")
+    return found
+
+
+@pytest.fixture
+def after(bench: Bench) -> Iterator[Callable[..., None]]:
+    """Do something so many seconds of the bench after the first event of a stream that counts."""
+    patch, event = pytest.MonkeyPatch(), Journal.event
+
+    def at(stream: str, counts: Callable[[Mapping[str, Any]], bool], then_s: float, deed: Callable[[], None]) -> None:
+        due = True
+
+        def seen(journal: Journal, name: str, data: Mapping[str, Any]) -> None:
+            nonlocal due
+            event(journal, name, data)
+            if due and name == stream and counts(data):
+                due = False
+                bench.clock.call_at(bench.clock.monotonic_s() + then_s, deed)
+
+        patch.setattr(Journal, "event", seen)
+
+    yield at
+    patch.undo()
+
+
+@pytest.mark.parametrize("phase", AFTER)
+@pytest.mark.parametrize("name", BENCHES)
+def test_a_press_of_the_boards_input_stops_the_stage_whatever_it_does_and_ends_the_run(
+    name: str, phase: str, bench: Bench, after: Callable[..., None]
+) -> None:
+    bench.config.write_text(BENCHES[name], encoding="utf-8")
+    after(*AFTER[phase], lambda: bench.press(name))
+    ended = bench.dry_run()
+    assert bench.pressed_s > 0
+    assert ended.code == 130, ended.err
+    said = json.loads(ended.out)
+    assert BY_THE_BUTTON in said["ending"]["reason"]
+    run = read_run(Path(said["run"]))
+    assert run.stop is not None
+    assert (run.stop["status"], run.stop["reason"]) == ("aborted", BY_THE_BUTTON)
+    wire = [json.loads(line) for line in run.folder.bytes_log.read_text(encoding="ascii").splitlines()]
+    sent = [
+        chunk["t_s"]
+        for chunk in wire
+        if chunk["dir"] == "tx" and chunk["port"] == "stage" and any(h in chunk["hex"] for h in STOP_BYTES[name])
+    ]
+    after_it = [t_s for t_s in sent if t_s >= bench.pressed_s]
+    assert after_it, "the stop went out"
+    stopped, stands = (bench.board.carriage_steps_at(t) for t in (min(after_it), bench.clock.monotonic_s()))
+    assert stands[2] == stopped[2] if phase != "homing" else stands[2] - stopped[2] < 400
+    assert abs(stands[0] - stopped[0]) < 40, "a tenth of a mm: the lateral drive has no button of its own"
+
+
+def test_a_run_whose_button_is_not_pressed_is_the_run_without_one(bench: Bench) -> None:
+    for text in BENCHES.values():
+        bench.config.write_text(text, encoding="utf-8")
+        ended = bench.dry_run()
+        assert ended.code == 0, ended.err
+        assert json.loads(ended.out)["complete"]
+
+
+@pytest.mark.parametrize("key", ["input", "trip_input"])
+@pytest.mark.parametrize(("stage", "name"), [("grbl", "door"), ("grbl", "hold"), ("leadshine", "di4")])
+def test_a_run_begins_with_no_input_active(
+    stage: str, name: str, key: str, bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    button = f"kind = 'board'\ninput = {name!r}" if key == "input" else f"trip_input = {name!r}"
+    bench.config.write_text(f"[stage]\nkind = {stage!r}\n[stop]\n{button}\n", encoding="utf-8")
+    made = benches.virtual_stage
+
+    def pressed(*told: Any) -> Any:
+        board = made(*told)
+        assert isinstance(board, StopPins)
+        board.press(name)
+        return board
+
+    monkeypatch.setattr(benches, "virtual_stage", pressed)
+    monkeypatch.setattr("rig.session.rehearsal.with_stand_ins", lambda config: config, raising=False)
+    monkeypatch.setattr("rig.session.page.rehearsed", _unrehearsed)
+    ended = bench.dry_run()
+    assert ended.code == 2, ended.err
+    assert f"stop.{key} = {name!r}: " in ended.err
+    assert not list((bench.config.parent / "runs").glob("*"))
+
+
+def _unrehearsed(*_: object) -> Any:
+    raise TripError("its bench would be the first")
+
+
+# --- what may be said ---
+
+
+@pytest.mark.parametrize(
+    ("text", "where", "allowed"),
+    [
+        ("kind = 'pedal'", "stop.kind", "'off', 'board' or 'key'"),
+        ("kind = 'board'", "input", "expected with kind = 'board'"),
+        ("kind = 'key'", "device", "expected with kind = 'key'"),
+        ("input = 'door'", "input", "with kind = 'board' only"),
+        ("device = '/dev/input/event3'", "device", "with kind = 'key' only"),
+        ("key_code = 30", "key_code", "with kind = 'key' only"),
+        ("kind = 'board'\ninput = 'window'", "stop.input", "door or hold"),
+        ("kind = 'board'\ninput = 'di1'", "stop.input", "door or hold"),
+        ("trip_input = 'di9'", "stop.trip_input", "door or hold"),
+        ("kind = 'board'\ninput = 'door'\ntrip_input = 'door'", "trip_input", "another input"),
+        ("trip_gwt = 200", "trip_gwt", "with trip_input only"),
+        ("trip_input = 'hold'\ntrip_gwt = -1", "stop.trip_gwt", "greater than 0"),
+        ("kind = 'key'\ndevice = 'x'\nkey_code = 9000", "stop.key_code", "767"),
+        ("button = 'door'", "stop.button", ""),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(text: str, where: str, allowed: str, tmp_path: Path) -> None:
+    (tmp_path / "rig.toml").write_text(f"[stop]\n{text}\n", encoding="utf-8")
+    with pytest.raises(BadInputError) as caught:
+        load_config(tmp_path / "rig.toml")
+    assert "\n" not in str(caught.value)
+    assert where in str(caught.value)
+    assert "stop" in str(caught.value)
+    assert allowed in str(caught.value)
+
+
+# --- a key ---
+
+A, B = 30, 48
+
+
+def event(code: int, value: int, kind: int = 1) -> bytes:
+    """As the kernel tells it."""
+    return struct.pack("llHHi", 0, 0, kind, code, value)
+
+
+@pytest.fixture
+def pipe(tmp_path: Path) -> Iterator[tuple[Path, Callable[[bytes], object]]]:
+    path = tmp_path / "pedal"
+    os.mkfifo(path)
+    file = os.open(path, os.O_RDWR)
+    yield path, lambda data: os.write(file, data)
+    os.close(file)
+
+
+def test_a_key_is_pressed_until_it_is_released(pipe: tuple[Path, Callable[[bytes], object]]) -> None:
+    path, send = pipe
+    key = StopKey(path)
+    presses: list[int] = []
+    assert not key.pressed
+    send(event(A, 1) + event(0, 0, 0))
+    until(lambda: key.pressed)
+    key.arm(lambda: presses.append(1))
+    send(event(A, 2))  # held: the kernel repeats it
+    send(event(A, 0) + event(4, 589825, 4))
+    until(lambda: not key.pressed)
+    assert presses == []
+    send(event(B, 1))
+    until(lambda: presses == [1])
+    key.close()
+
+
+def test_of_a_keyboard_one_key_may_count(pipe: tuple[Path, Callable[[bytes], object]]) -> None:
+    path, send = pipe
+    key, presses = StopKey(path, A), list[int]()
+    key.arm(lambda: presses.append(1))
+    send(event(B, 1) + event(A, 1))
+    until(lambda: presses)
+    assert presses == [1]
+    key.close()
+
+
+def test_a_key_that_goes_away_is_known_to_be_gone(
+    pipe: tuple[Path, Callable[[bytes], object]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, send = pipe
+    key, read = StopKey(path), os.read
+
+    def unplugged(fd: int, count: int) -> bytes:
+        if count > 1000:
+            raise OSError(19, "No such device")
+        return read(fd, count)
+
+    monkeypatch.setattr(os, "read", unplugged)
+    send(event(A, 1))
+    until(lambda: key.problem)
+    with pytest.raises(StopKeyError, match="No such device"):
+        _ = key.pressed
+    key.close()
+
+
+@pytest.mark.parametrize("what", ["missing", "a file", "a folder"])
+def test_what_is_no_input_device_is_refused(what: str, tmp_path: Path) -> None:
+    path = tmp_path / "pedal"
+    if what == "a file":
+        path.write_text("x", encoding="utf-8")
+    if what == "a folder":
+        path.mkdir()
+    with pytest.raises(StopKeyError) as caught:
+        StopKey(path)
+    assert str(path) in str(caught.value)
+
+
+class GoneKey:
+    """A foot switch that was pulled out."""
+
+    problem = "/dev/input/by-id/pedal: No such device"
+
+
+@pytest.mark.parametrize("down_mm", [0.0, 0.05])
+def test_a_button_that_is_gone_trips_and_lifts(down_mm: float, spring: Callable[..., Any]) -> None:
+    bench = spring()
+    engine = bench.ready()
+
+    class Gone:
+        key = GoneKey()
+
+    settings = bench.settings.model_copy(update={"stop": StopSettings(kind="key", device="pedal")})
+    clearance_mm = settings.habits.clearance_mm
+    engine.go_to_height(clearance_mm - down_mm, 0.5)
+    with pytest.raises(TripError, match="the stop button is gone"):
+        _read_with(settings, engine, Gone())
+    assert bench.height_mm >= clearance_mm - 1e-3
+
+
+def _read_with(settings: Any, engine: Any, button: Any) -> None:
+    with stop_inputs_heeded(settings, engine, button):
+        engine.reading()
+
+
+# --- before a real run ---
+
+
+@pytest.fixture
+def real(
+    finger: Fingertip, program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pipe: tuple[Path, Any]
+) -> Callable[..., Ended]:
+    """A real run on a virtual bench, with a key on a pipe."""
+
+    def open_bench(config: Any, clock: Any, log: Any, ask: Any, pause: Any, stage: Any) -> Any:
+        found = benches.virtual_bench(config, finger, log, VirtualClock(0.0, clock.monotonic_s()), pause)
+        return replace(found, virtual=False)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(sessions, "open_bench", open_bench)
+    monkeypatch.setattr(StageInHand, "open", lambda stage: stage)
+    monkeypatch.setattr(confirming, "_somebody_there", lambda: True)
+    monkeypatch.setattr(confirming, "_BUTTON_S", 0.2)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(SCRIPT, encoding="utf-8")
+    for port in ("stage", "force"):
+        (tmp_path / port).touch()
+    ports = f"[stage]\nport = '{tmp_path / 'stage'}'\n[force]\nport = '{tmp_path / 'force'}'\n"
+    (tmp_path / "rig.toml").write_text(
+        f"{ports}[stop]\nkind = 'key'\ndevice = '{pipe[0]}'\nkey_code = {A}\n", encoding="utf-8"
+    )
+    return lambda *more: program("run", "mine.py", "--config", "rig.toml", *more, "--json", typed="\n")
+
+
+def _first(folder: Path) -> dict[str, Any]:
+    (run,) = (folder / "runs").iterdir()
+    found: dict[str, Any] = read_run(run).start
+    return found
+
+
+def test_before_a_real_run_it_is_pressed_and_released_once(
+    real: Callable[..., Ended], pipe: tuple[Path, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = confirming._seen
+
+    def somebody_does_it(button: Any, request: str, *, pressed: bool) -> None:
+        pipe[1](event(A, int(pressed)))
+        seen(button, request, pressed=pressed)
+
+    monkeypatch.setattr(confirming, "_seen", somebody_does_it)
+    ended = real()
+    assert ended.code == 0, ended.err
+    assert f"stop      the key {pipe[0]}, not pressed, not tested" in ended.err
+    assert "stop      not pressed, tested" in ended.err
+    assert _first(tmp_path)["stop_button"] == {"kind": "key", "tested": True}
+
+
+@pytest.mark.parametrize("pressed_before", [False, True])
+def test_a_button_that_nobody_presses_or_that_stays_pressed_lets_nothing_begin(
+    pressed_before: bool, real: Callable[..., Ended], pipe: tuple[Path, Any], tmp_path: Path
+) -> None:
+    if pressed_before:
+        pipe[1](event(A, 1))
+    ended = real()
+    assert ended.code == 130
+    assert ("release it" if pressed_before else "press the participant's stop button") in ended.err.splitlines()[-1]
+    assert not list((tmp_path / "runs").glob("2*"))
+
+
+def test_without_anybody_to_ask_it_is_read_and_said_not_to_be_tested(
+    real: Callable[..., Ended], tmp_path: Path
+) -> None:
+    ended = real("--yes")
+    assert ended.code == 0, ended.err
+    assert "stop      not pressed, not tested" in ended.err
+    assert _first(tmp_path)["stop_button"] == {"kind": "key", "tested": False}
+
+
+def test_without_anybody_to_ask_one_that_is_pressed_refuses_the_run(
+    real: Callable[..., Ended], pipe: tuple[Path, Any], tmp_path: Path
+) -> None:
+    pipe[1](event(A, 1))  # it waits there for whoever opens the pipe
+    ended = real("--yes")
+    assert ended.code == 2, ended.err
+    assert "rig: stop: the participant's stop button is pressed" in ended.err
+    assert not list((tmp_path / "runs").glob("2*"))
+
+
+def test_a_key_that_is_not_there_refuses_the_run(real: Callable[..., Ended], pipe: tuple[Path, Any]) -> None:
+    pipe[0].rename(pipe[0].with_name("elsewhere"))
+    ended = real("--yes")
+    assert ended.code == 2, ended.err
+    assert f"rig: stop.device: {pipe[0]}: No such file or directory" in ended.err

@@ -1,0 +1,229 @@
+"""`rig stop` through every obstacle: its bytes go out first, and its words begin with what is known of the stage."""
+
+import json
+import os
+import threading
+import tomllib
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from rig.session.control.announcements import ControlError
+from rig.session.control.lenient_stage import NoStageError, stage_alone
+from rig.session.control.sent_stop import BESIDE_S, SentStop, send_stop
+from rig.transport import PortOwner, open_port
+
+pytest.importorskip("pty", reason="needs pseudo-terminals")
+obstacles = pytest.importorskip("studies.faults.obstacles", reason="needs limits of resources")
+
+
+@pytest.mark.parametrize("name", obstacles.OBSTACLES)
+def test_the_bytes_go_out_through_it(
+    name: str, tmp_path: Path, record_property: Callable[[str, object], None]
+) -> None:
+    ended = obstacles.stopped(obstacles.OBSTACLES[name], tmp_path)
+    record_property("first_byte_s", ended.to_byte_s)
+    assert ended.code == 0, ended.err
+    assert ended.heard.startswith(obstacles.STOP), "nothing goes out before it"
+    assert set(ended.heard) <= set(obstacles.STOP + b"?"), "and nothing behind it but a question"
+    assert ended.out.startswith("Stop sent to ")
+    assert "the stage reports Alarm." in ended.out
+    assert "stopped:" not in ended.err
+    assert ended.bystanders_live
+
+
+@pytest.mark.parametrize("options", [(), ("--json",)], ids=["words", "json"])
+@pytest.mark.parametrize("name", obstacles.WALLS)
+def test_where_nothing_can_go_out_the_first_words_say_so(name: str, options: tuple[str, ...], tmp_path: Path) -> None:
+    ended = obstacles.stopped(obstacles.WALLS[name], tmp_path, *options)
+    assert ended.code in (1, 2)
+    assert ended.heard == b""
+    first = ended.err.splitlines()[0]
+    # A gateway that turns us away may have taken the bytes before it did.
+    assert first.startswith("Stop NOT sent" if name != "owner hangs at a gateway for one" else "Stop ")
+    assert "stopped:" not in ended.err
+    if options:
+        told = json.loads(ended.out)
+        assert (told["error"], told["exit_code"]) == (first, ended.code)
+        assert "stopped" not in told
+    else:
+        assert ended.out == ""
+
+
+def test_an_owner_that_hangs_is_named_and_told(tmp_path: Path) -> None:
+    ended = obstacles.stopped(obstacles.OBSTACLES["announced owner hangs"], tmp_path, "--json")
+    told = json.loads(ended.out)
+    assert (told["owner"], told["sent"], told["state"]) == (ended.owner, True, "Alarm")
+    assert f"process {ended.owner} was told to stop and does not answer" in ended.err
+
+
+# --- which processes are signalled ---
+
+
+@pytest.mark.parametrize(
+    ("owner", "account", "signalled"),
+    [
+        (PortOwner(os.getpid()), 0, True),
+        (PortOwner(os.getpid()), 1, False),
+        (PortOwner(None), 0, False),
+        (None, 0, False),
+    ],
+    ids=["ours", "another account's", "unknown", "nobody"],
+)
+def test_only_an_owner_of_this_account_is_signalled(
+    owner: PortOwner | None, account: int, signalled: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    from rig.session.control import sent_stop
+
+    board = obstacles.Board()
+    signals: list[int] = []
+    monkeypatch.setattr(sent_stop, "first_owner", lambda ports: owner)
+    monkeypatch.setattr(sent_stop, "LET_GO_S", 0.0)
+    here = os.geteuid() + account
+    monkeypatch.setattr(os, "geteuid", lambda: here)
+    with board.behind_tcp() as port:
+        settings, _ = stage_alone(_file(tmp_path, f"[stage]\nport = '{port}'\n"))
+        held = [obstacles.MachineLock(name) for name in obstacles.identities(port)]
+        try:
+            found = send_stop(settings, signal=signals.append, find=list)
+        finally:
+            for one in held:
+                one.release()
+    assert signals == ([owner.pid] if signalled and owner is not None else [])
+    assert found.sent
+    assert board.all.startswith(obstacles.STOP)
+
+
+def test_an_owner_is_told_under_whatever_name_it_has_the_port(tmp_path: Path) -> None:
+    """By who holds the lock: no name of somebody else's port is looked up for it."""
+    board = obstacles.Board()
+    said: list[tuple[int, bytes]] = []
+
+    class Known:
+        kind, virtual = "by hand", False
+
+        def __init__(self, pid: int, port: str) -> None:
+            self.pid, self.ports = pid, (port,)
+
+        def say_stop(self, lives: object) -> object:
+            said.append((self.pid, board.all))
+            raise ControlError(f"process {self.pid} has ended")
+
+    with board.behind_tcp() as port:
+        settings, _ = stage_alone(_file(tmp_path, f"[stage]\nport = '{port}'\n"))
+        other = f"tcp://localhost:{port.rpartition(':')[2]}"
+        known = [Known(os.getpid(), other), Known(7, port), Known(8, "tcp://no-such-host.invalid:5")]
+        with closing(open_port(other, 9600)):
+            found = send_stop(settings, find=lambda: known)  # type: ignore[arg-type, return-value]
+    assert said == [(os.getpid(), b""), (7, b"")], "before a byte went out"
+    assert (found.sent, found.state) == (True, "Alarm")
+
+
+def test_nobody_reads_beside_an_owner_that_is_heard_until_it_has_answered(tmp_path: Path) -> None:
+    """What drives answer is for one reader; an owner that keeps the port is not waited for after that."""
+    board = obstacles.Board()
+    before: list[bytes] = []
+
+    class ByHand:
+        pid, kind, virtual = 7, "by hand", False
+
+        def say_stop(self, lives: Callable[[], object]) -> object:
+            def answer(within_s: float) -> dict[str, object]:
+                lives()
+                threading.Event().wait(10 * BESIDE_S)
+                before.append(board.all)
+                return {"ok": True, "stopped": True}
+
+            return answer
+
+    with board.behind_tcp() as port, closing(open_port(port, 9600)):
+        ByHand.ports = (port,)  # type: ignore[attr-defined]
+        settings, _ = stage_alone(_file(tmp_path, f"[stage]\nport = '{port}'\n"))
+        found = send_stop(settings, find=lambda: [ByHand()])  # type: ignore[list-item]
+    assert before == [b""]
+    assert (found.confirmed_by, found.told, found.sent, found.state) == (7, (7,), True, "Alarm")
+    assert board.all.startswith(obstacles.STOP)
+
+
+def test_of_two_wires_one_that_cannot_be_opened_keeps_nothing_from_the_other(tmp_path: Path) -> None:
+    board = obstacles.Board()
+    with board.behind_tcp() as port:
+        ports = (("x", 1, "/dev/ttyNOWHERE7"), ("z", 2, port))
+        drives = "".join(f"[stage.drives.{axis}]\ndevice_id = {n}\nport = '{at}'\n" for axis, n, at in ports)
+        settings, _ = stage_alone(_file(tmp_path, f"[stage]\nkind = 'leadshine'\nframing = 'rtu'\n{drives}"))
+        found = send_stop(settings, find=list)
+    assert found.sent
+    assert not found.done, "half of a stage is no stage"
+    assert "there is no port /dev/ttyNOWHERE7" in found.words
+    assert board.all != b""
+
+
+# --- a configuration of which the stage alone is read ---
+
+
+@pytest.mark.parametrize(
+    ("text", "passed"),
+    [
+        ("[stage]\nport = '/dev/a'\n", 0),
+        ("[stage]\nport = '/dev/a'\n[habits]\nclearance_mm = 'far'\n", 0),
+        ("[stage]\nport = '/dev/a'\n[stage.drives.x]\ndevice_id = 'one'\n", 0),
+        ("[stage]\nport = '/dev/a'\nbaud = 0\ntravel_mm = [1, 'b', 3]\nwhat = 1\n", 3),
+        ("\ufeff[stage]\nport = '/dev/a'\n[limits\n", 1),
+        ("[limits]\nx = = 2\n[ stage ]\nport = '/dev/a'\n[frame]\n=\n", 1),
+        ("x = [\n[1, 2],\n\n[stage]\nport = '/dev/a'\nresolution_mm = 'x'\n", 2),
+    ],
+)
+def test_what_is_wrong_elsewhere_is_passed_over(text: str, passed: int, tmp_path: Path) -> None:
+    settings, lines = stage_alone(_file(tmp_path, text))
+    assert (settings.stage.port, settings.stage.baud) == ("/dev/a", 115200)
+    assert len(lines) == passed
+    assert all(line.startswith(f"config {tmp_path}") and "\n" not in line for line in lines)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[stage]\nport = ''\n",
+        "[stage]\nport = 3\n",
+        "[stage]\nkind = 'gbrl'\n",
+        "[stage]\nport = '/dev/a\n",
+        "stage = 3\n",
+        "[habits]\n= 3\n",
+        "[stage]\nkind = 'leadshine'\n[stage.drives.x]\ndevice_id = 'one'\n",
+    ],
+)
+def test_a_stage_that_is_not_said_is_not_guessed(text: str, tmp_path: Path) -> None:
+    with pytest.raises(NoStageError, match=f"^config {tmp_path}[^\n]+$"):
+        stage_alone(_file(tmp_path, text))
+
+
+def test_a_file_of_defaults_is_the_default_stage(tmp_path: Path) -> None:
+    assert tomllib.loads("") == {}
+    assert stage_alone(_file(tmp_path, ""))[0].stage.port == "/dev/ttyUSB0"
+
+
+# --- words ---
+
+
+@pytest.mark.parametrize(
+    ("found", "words", "done"),
+    [
+        (SentStop(("a",), sent=True, state="Alarm"), "Stop sent to a: the stage reports Alarm.", True),
+        (SentStop(("a", "b"), confirmed_by=7), "Stop sent to a and b by process 7, which has it.", True),
+        (
+            SentStop(("a",), sent=True, problems=["it is slow"]),
+            "Stop sent to a, not confirmed: it is slow: use the emergency stop.", False,
+        ),
+        (SentStop(("a",), problems=["gone", "gone"]), "Stop NOT sent to a: gone: use the emergency stop.", False),
+    ],
+)  # fmt: skip
+def test_the_words_begin_with_what_is_known(found: SentStop, words: str, done: bool) -> None:
+    assert (found.words, found.done) == (words, done)
+
+
+def _file(folder: Path, text: str) -> Path:
+    path = folder / "rig.toml"
+    path.write_text(text, encoding="utf-8")
+    return path

@@ -1,0 +1,184 @@
+"""A falling force never stops a motion away from the finger: every such motion, on both stages, from three forces."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.devices.units import GWT_N
+from rig.engine import Engine, RunAborted, TripError, verbs
+from rig.engine.bench import Pause
+from rig.engine.by_hand import ByHand, Direction, Guard
+from rig.engine.by_hand.bench_memory import LastKnown
+from rig.engine.contact import Contact
+from rig.engine.sensing import Sensing
+from studies.faults.catalogue import GRBL, MODBUS
+from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, FaultyBench
+
+FORCES_GWT = (0.5, 8.0, 28.9)  # the soft trip is at 16
+Act = Callable[[FaultyBench], None]
+
+
+def _trips(bench: FaultyBench) -> None:
+    with pytest.raises(TripError, match=r"^for the test$"):
+        bench.engine.trip("for the test")
+
+
+def _backs_off(bench: FaultyBench) -> None:
+    while bench.engine.height_mm < 0.0:
+        bench.engine.go_to_height(bench.engine.height_mm + bench.config.habits.increment_mm, 0.5)
+
+
+def _paused(bench: FaultyBench) -> None:
+    bench.pause = Pause(lambda: True, lambda: False)
+    with pytest.raises(RunAborted):
+        verbs.safe_point(bench.engine)
+
+
+def _by_hand(bench: FaultyBench) -> None:
+    sensing = Sensing(bench.config, bench.clock, bench.force)
+    sensing.zero = bench.engine.sensing.zero
+    guard = Guard(bench.config, sensing)
+    guard._trips.soft_gwt = SOFT_TRIP_N / GWT_N
+    hand = ByHand(bench.config, bench.stage, bench.clock, guard, lambda at, force_gwt: None, placed=True)
+    assert hand.go(lambda: Direction("z", 1), 5.0, 5.0).ended_by is None
+
+
+def _resumed(bench: FaultyBench) -> None:
+    """A new program, as the one before it left the bench."""
+    zero = bench.engine.sensing.zero
+    bench.engine = Engine(bench.config, bench, bench.journal, SOFT_TRIP_N)
+    known = {} if zero is None else {"zero_offset_n": zero.offset_n, "zero_noise_gwt": zero.noise_gwt}
+    before = LastKnown(contact=Contact("touching", 28.9), **known)  # type: ignore[arg-type]
+    verbs.leave_finger(bench.engine, before, resumed=True)
+    assert bench.engine.known_contact.kind == ("raised" if zero is None else "lifted")
+
+
+AWAY: dict[str, Act] = {
+    "home": lambda bench: verbs.home(bench.engine),
+    "lift": lambda bench: bench.engine.lift(),
+    "retract": lambda bench: verbs.retract(bench.engine),
+    "trip": _trips,
+    "park": _trips,
+    "back off": _backs_off,
+    "pause": _paused,
+    "make safe": lambda bench: bench.engine.make_safe(),
+    "by hand": _by_hand,
+    "resume": _resumed,
+}
+STAGES = {"grbl": GRBL, "modbus": MODBUS}
+
+
+@dataclass(frozen=True)
+class Pressed:
+    """A bench whose indentor stands in the finger."""
+
+    folder: Path
+    stage: str
+    on_trip: str = "retract"
+
+    def bench(self, force_gwt: float, *, zeroed: bool) -> FaultyBench:
+        tables: dict[str, Any] = {
+            **STAGES[self.stage], "limits": {"soft_trip_n": SOFT_TRIP_N, "on_trip": self.on_trip},
+        }  # fmt: skip
+        bench = FaultyBench(self.folder, tables)
+        verbs.mount(bench.engine, "bar:3.0")
+        verbs.home(bench.engine)
+        verbs.zero(bench.engine)
+        verbs.move_to(bench.engine, 0.0)
+        depth_mm = PREDICTED.doi_mm * (force_gwt * GWT_N / PREDICTED.force_n) ** (1 / PREDICTED.exponent)
+        z_mm = bench.config.frame.apex_z_mm + PREDICTED.contact_mm - depth_mm
+        bench.stage.move_to(z_mm=round(z_mm, 4), speed_mm_s=5.0)
+        bench.engine.motion.stands_at(bench.stage.status())
+        bench.engine._below_clearance()
+        bench.engine.sensing.moved = True
+        if not zeroed:
+            bench.engine.sensing.zero = None
+        assert bench.true_n(bench.clock.monotonic_s()) / GWT_N == pytest.approx(force_gwt, abs=0.1)
+        return bench
+
+
+@pytest.mark.parametrize("zeroed", [True, False], ids=["zeroed", "unzeroed"])
+@pytest.mark.parametrize("force_gwt", FORCES_GWT)
+@pytest.mark.parametrize("motion", AWAY)
+@pytest.mark.parametrize("stage", STAGES)
+def test_it_goes_to_the_end_of_its_way(
+    tmp_path: Path, stage: str, motion: str, force_gwt: float, zeroed: bool
+) -> None:
+    bench = Pressed(tmp_path, stage, "park" if motion == "park" else "retract").bench(force_gwt, zeroed=zeroed)
+    bench.worst_n = 0.0
+    AWAY[motion](bench)
+    assert bench.true_n(bench.clock.monotonic_s()) == 0.0
+    assert bench.worst_n / GWT_N == pytest.approx(force_gwt, abs=0.1)
+    bench.journal._file.close()
+
+
+@pytest.mark.parametrize("sign", [1, -1], ids=["push", "pull"])
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_force_that_grows_does(tmp_path: Path, stage: str, sign: int) -> None:
+    """Something comes along, or the skin sticks: the motion ends, and the way goes on unfelt, as from every trip."""
+    bench = Pressed(tmp_path, stage).bench(8.0, zeroed=True)
+    from_s = bench.clock.monotonic_s() + 0.3
+    bench.extra_n = lambda t_s: sign * 25 * GWT_N if from_s < t_s < from_s + 0.5 else 0.0
+    with pytest.raises(TripError, match=r"above the soft trip|underloaded"):
+        verbs.retract(bench.engine)
+    assert bench.true_n(bench.clock.monotonic_s()) == 0.0
+    bench.journal._file.close()
+
+
+def test_before_a_zero_a_pull_and_an_unloading_look_the_same(tmp_path: Path) -> None:
+    bench = Pressed(tmp_path, "grbl").bench(8.0, zeroed=False)
+    from_s = bench.clock.monotonic_s() + 0.3
+    bench.extra_n = lambda t_s: -25 * GWT_N if from_s < t_s < from_s + 0.5 else 0.0
+    bench.engine.lift()
+    assert bench.true_n(bench.clock.monotonic_s()) == 0.0
+    bench.journal._file.close()
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_run_that_finds_a_force_leaves_it_before_anything_else_and_says_so(tmp_path: Path, stage: str) -> None:
+    """Nothing is on record but a zero."""
+    bench = Pressed(tmp_path, stage).bench(28.9, zeroed=True)
+    zero = bench.engine.sensing.zero
+    assert zero is not None
+    engine = Engine(bench.config, bench, bench.journal, SOFT_TRIP_N)
+    verbs.leave_finger(engine, LastKnown(zero_offset_n=zero.offset_n), resumed=False)
+    assert bench.true_n(bench.clock.monotonic_s()) == 0.0
+    assert engine.known_contact.kind == "lifted"
+    assert engine.sensing.zero is None, "the script takes its own"
+    bench.journal._file.close()
+    text = bench.journal_path.read_text(encoding="utf-8")
+    assert '"alarm"' in text
+    assert "28.9" in text
+
+
+def test_a_finger_that_homing_did_not_free_is_not_taken_for_free(tmp_path: Path) -> None:
+    """On record as touched, and the force is still there at the switches: nothing goes sideways."""
+    bench = Pressed(tmp_path, "grbl").bench(8.0, zeroed=True)
+    bench.stalled_mm = None
+    zero, pressed_n = bench.engine.sensing.zero, bench.true_n(bench.clock.monotonic_s())
+    assert zero is not None
+    bench.felt_n = lambda t_s: pressed_n
+    engine = Engine(bench.config, bench, bench.journal, SOFT_TRIP_N)
+    known = LastKnown(zero_offset_n=zero.offset_n, contact=Contact("touching", 8.0))
+    with pytest.raises(TripError, match="homed, and not lifted"):
+        verbs.leave_finger(engine, known, resumed=False)
+    assert engine.known_contact.kind == "disagreement"
+    bench.journal._file.close()
+
+
+def test_another_indentor_than_at_the_last_zero_is_no_touch(tmp_path: Path) -> None:
+    """Nothing is on record as touched: what homing does not change is told, and the run goes on to its own zero."""
+    bench = Pressed(tmp_path, "grbl").bench(0.5, zeroed=True)
+    verbs.retract(bench.engine)
+    zero = bench.engine.sensing.zero
+    assert zero is not None
+    bench.extra_n = lambda t_s: 20 * GWT_N
+    engine = Engine(bench.config, bench, bench.journal, SOFT_TRIP_N)
+    verbs.leave_finger(engine, LastKnown(zero_offset_n=zero.offset_n, contact=Contact("lifted")), resumed=False)
+    verbs.zero(engine)
+    assert engine.known_contact.kind == "lifted"
+    bench.journal._file.close()
+    assert replace(zero, provisional=True).provisional
