@@ -12,9 +12,9 @@ from studies.faults.campaign.__main__ import sample
 from studies.faults.campaign.cases import Case, cases, content, shape
 from studies.faults.campaign.faults import LATE_S, FaultyCarriage, WireFault, parsed, wire_faults
 from studies.faults.campaign.judge import BOUND_GWT, claim_of, exemption_of, true_claim, violations
-from studies.faults.campaign.scenarios import Finished
+from studies.faults.campaign.scenarios import SCENARIOS, Finished
 from studies.faults.campaign.tables import Record, records_of, told
-from studies.faults.campaign.world import BENCHES, Place, VirtualWorld
+from studies.faults.campaign.world import Place, VirtualWorld
 
 # --- faults ---
 
@@ -118,6 +118,7 @@ FINE: Record = {
     "exit": "tripped",
     "mechanics": "none",
     "cell": "none",
+    "struck_gwt": 0.0,
 }
 
 
@@ -142,17 +143,22 @@ def test_what_a_case_breaks(changed: Record, found: list[str]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("mechanics", "cell", "spared"),
+    ("mechanics", "cell", "struck_gwt", "spared"),
     [
-        ("none", "reads 0.1", True),
-        ("z runs on", "none", True),
-        ("none", "reads 0.5", False),
-        ("none", "frozen", False),
-        ("z stalls", "saturated", False),
+        ("none", "reads 0.1", 0.0, True),
+        ("z runs on", "none", 0.0, True),
+        ("z travels 2", "frozen", 0.0, True),
+        ("z travels 2", "frozen", 8.0, False),
+        ("z travels 2", "late", 0.0, False),
+        ("z travels 0.8", "frozen", 0.0, False),
+        ("none", "reads 0.5", 0.0, False),
+        ("none", "frozen", 0.0, False),
+        ("z stalls", "saturated", 0.0, False),
     ],
 )
-def test_what_is_spared(mechanics: str, cell: str, spared: bool) -> None:
-    assert (exemption_of({**FINE, "mechanics": mechanics, "cell": cell}) is not None) is spared
+def test_what_is_spared(mechanics: str, cell: str, struck_gwt: float, spared: bool) -> None:
+    record = {**FINE, "mechanics": mechanics, "cell": cell, "struck_gwt": struck_gwt}
+    assert (exemption_of(record) is not None) is spared
 
 
 @pytest.mark.parametrize(
@@ -169,6 +175,11 @@ def test_what_is_spared(mechanics: str, cell: str, spared: bool) -> None:
 )
 def test_a_report_is_true(at: Whereabouts | None, force_gwt: float, true: bool) -> None:
     assert true_claim(claim_of(at), force_gwt) is true
+
+
+def test_a_cell_that_reads_half_hides_twice_the_threshold() -> None:
+    assert true_claim("clear", 0.09, "reads 0.5")
+    assert not true_claim("clear", 0.11, "reads 0.5")
 
 
 # --- a program that is bad is found out ---
@@ -241,8 +252,9 @@ def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
 
 # --- the program ---
 
-SAMPLED = 10
-"""Of each bench and kind: some seconds of the suite. `make shake` does them all."""
+SAMPLED = 8
+"""Of each bench and kind: some seconds of the suite. `make shake` does them all, of each scenario on each bench."""
+PLAYED = {"grbl": ("press", "hand"), "rtu": ("again",), "tcp": ("press", "resume")}
 
 
 def _alone(case: Case) -> bool:
@@ -255,11 +267,11 @@ def _told_to_leave(case: Case) -> bool:
     return (case.wire, case.way) == ("stage", "to") and case.phase in ("lift", "sideways", "return")
 
 
-@pytest.mark.parametrize("bench", BENCHES)
+@pytest.mark.parametrize("bench", PLAYED)
 def test_a_sample_of_the_campaign(bench: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """No case presses beyond the bound, reports what is not so, or loses or repeats a press; see judge.py."""
     monkeypatch.setenv("RIG_STATE_DIR", str(tmp_path / "state"))
-    whole = list(cases(bench, tmp_path))
+    whole = list(cases(bench, tmp_path, [one for one in SCENARIOS if one.name in PLAYED[bench]]))
     groups = (whole, list(filter(_alone, whole)), list(filter(_told_to_leave, whole)))
     picked = {case.name: case for group in groups for case in sample(group, SAMPLED, seed=0)}
     chosen = sorted(picked.values(), key=lambda case: (case.scenario, case.message))

@@ -17,6 +17,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from studies.faults.campaign.faults import CELLS, MECHANICAL, WireFault, wire_faults
 from studies.faults.campaign.scenarios import SCENARIOS, Scenario
@@ -40,6 +41,7 @@ class Case:
     mechanics: str = "none"
     cell: str = "none"
     data: bytes = b""
+    force_gwt: float = 0.0  # the true one as it strikes
 
     @property
     def kind(self) -> str:
@@ -77,13 +79,16 @@ def cases(bench: str, folder: Path, scenarios: Sequence[Scenario] = SCENARIOS) -
         begun: set[str] = set()
         for message in messages:
             about = bench, scenario.name, message.phase, message.number
+            of_message: dict[str, Any] = {"data": message.data, "force_gwt": message.force_gwt}
             if message.phase not in begun:
                 begun.add(message.phase)
                 for mechanics in MECHANICAL:
                     for cell in CELLS:
-                        yield Case(*about, mechanics=mechanics, cell=cell, data=message.data)
+                        yield Case(
+                            *about, mechanics=mechanics, cell=cell, data=message.data, force_gwt=message.force_gwt
+                        )
             for fault in struck.get(message.number, ()):
-                yield Case(*about, message.wire, message.way, fault, data=message.data)
+                yield Case(*about, message.wire, message.way, fault, data=message.data, force_gwt=message.force_gwt)
 
 
 def _struck(messages: Sequence[Message]) -> dict[int, list[WireFault]]:

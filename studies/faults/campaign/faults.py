@@ -110,6 +110,8 @@ MECHANICAL: dict[str, dict[str, Followed]] = {
 }
 """By name, how far each axis follows; what needs more than that is in `FaultyCarriage`."""
 
+GOES_FARTHER = ("z slips going up", "z backlash", "z travels 1.25", "z travels 2")
+"""Down, than it is told to."""
 MENDED = "mended"
 MOVES_WITHOUT_COMMAND = ("z runs on", "x runs on")
 
@@ -168,7 +170,7 @@ class FaultyCarriage:
         for n, axis in enumerate("xz"):
             moved = 0.0 if homing else now[n] - self._told[n]
             x_z[n] += self._step(n, axis, moved, for_s)
-            if self.kind != f"{axis} stalls" and now[n] >= self._switch_mm[n] - near_mm:
+            if not homing and self.kind != f"{axis} stalls" and now[n] >= self._switch_mm[n] - near_mm:
                 x_z[n] = now[n]
         self._told = now
         self._times_s.append(t_s)

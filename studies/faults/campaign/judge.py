@@ -11,7 +11,7 @@ from typing import Any, Literal
 from rig.devices.units import GWT_N
 from rig.engine.by_hand.bench_memory import LastKnown
 from rig.session.ending import Whereabouts
-from studies.faults.campaign.faults import MOVES_WITHOUT_COMMAND, READS_LOW
+from studies.faults.campaign.faults import GOES_FARTHER, MOVES_WITHOUT_COMMAND, READS_LOW
 from studies.faults.faulty_bench import PREDICTED
 from studies.faults.outcomes import bound_gwt
 
@@ -42,10 +42,10 @@ def claim_on_record(known: LastKnown) -> Claim:
     return "not confirmed" if contact.may_touch else "clear"
 
 
-def true_claim(claim: Claim, force_gwt: float) -> bool:
-    """Whether a claim is true of a finger that feels this force."""
+def true_claim(claim: Claim, force_gwt: float, cell: str = "none") -> bool:
+    """Whether a claim is true of a finger that feels this force; a cell that reads half hides twice the threshold."""
     if claim == "clear":
-        return force_gwt < TOUCH_GWT
+        return force_gwt < (2 * TOUCH_GWT if cell == "reads 0.5" else TOUCH_GWT)
     return force_gwt > 0.0 if claim == "touching" else True
 
 
@@ -61,15 +61,25 @@ LOW = Exemption("a cell that reads low by more than half", "a second cell, or a 
 UNCOMMANDED = Exemption(
     "a stage that moves without a command", "a mechanical stop; an emergency stop in the motors' supply"
 )
-EXEMPTIONS = (LOW, UNCOMMANDED)
+BYPASSED = Exemption(
+    "a cell that is bypassed, on a carriage that goes farther than told", "a mechanical stop at the deepest DOI"
+)
+EXEMPTIONS = (LOW, UNCOMMANDED, BYPASSED)
 
 
 def exemption_of(record: Mapping[str, Any]) -> Exemption | None:
-    """Which of the allowed exceptions a case is, if any."""
+    """Which of the allowed exceptions a case is, if any.
+
+    A cell that shows nothing of the finger from before the touch on is a bypassed one. It is spared only where the
+    carriage goes farther than told, too: alone it must stay within the bound.
+    """
     if record["cell"] in READS_LOW:
         return LOW
     if record["mechanics"] in MOVES_WITHOUT_COMMAND:
         return UNCOMMANDED
+    in_air = record["struck_gwt"] < TOUCH_GWT
+    if record["cell"] == "frozen" and in_air and record["mechanics"] in GOES_FARTHER:
+        return BYPASSED
     return None
 
 

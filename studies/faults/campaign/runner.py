@@ -192,9 +192,9 @@ class Played:
             "reason": finished.reason[:300],
             "report": None if finished.at is None else asdict(finished.at),
             "claim": claim,
-            "report_true": true_claim(claim, left_gwt),
+            "report_true": true_claim(claim, left_gwt, case.cell),
             "on_record": on_record,
-            "record_true": true_claim(on_record, left_gwt),
+            "record_true": true_claim(on_record, left_gwt, case.cell),
             "worst_gwt": round(worst.force_gwt, 3),
             "worst_in": worst.phase,
             "drag_mm": round(worst.drag_mm, 4),
@@ -263,7 +263,7 @@ def about(case: Case) -> Record:
     """What a record says of its case."""
     place = {"bench": case.bench, "scenario": case.scenario, "phase": case.phase}
     struck = {"kind": case.kind, "mechanics": case.mechanics, "cell": case.cell, "data": case.data.hex()}
-    return {"commit": commit(), "case": case.name, **place, **struck}
+    return {"commit": commit(), "case": case.name, **place, **struck, "struck_gwt": case.force_gwt}
 
 
 def ended(play: Callable[[], Finished]) -> Finished:
