@@ -25,6 +25,13 @@ class LimitSettings(Settings):
         le=1.5,
         description="how far contact may lie from where the finger model expects it; beyond, it trips",
     )
+    fall_mm: float = Field(
+        1.6,
+        ge=0,
+        le=10,
+        description="how far the skin lies below the apex at the farthest place that is pressed, mm; the floor that the "
+        "stage and its controller keep to is so much lower",
+    )
     soft_trip_n: float = Field(
         2.0,
         gt=0,
@@ -137,10 +144,10 @@ class RigSettings(BenchSettings):
 
     @property
     def bounds(self) -> StageBounds:
-        """What the stage's controller may enforce: a floor below the deepest press at the apex, the highest speed."""
+        """What the stage's controller may enforce: a floor below the deepest press there is, the highest speed."""
         limits = self.limits
         given_mm = self.calibration.value("compliance_mm_per_n", 0.0) * limits.soft_trip_n
-        floor_mm = self.frame.apex_z_mm - limits.search_mm - limits.max_doi_mm - given_mm
+        floor_mm = self.frame.apex_z_mm - limits.fall_mm - limits.search_mm - limits.max_doi_mm - given_mm
         return StageBounds(
             lowest_z_mm=max(floor_mm, -self.stage.travel_mm[2]),
             fastest_mm_s=max(self.habits.travel_speed_mm_s, limits.max_press_speed_mm_s),
@@ -151,7 +158,7 @@ class RigSettings(BenchSettings):
         """The lowest height of the stage, in words."""
         return (
             f"the floor at {self.bounds.lowest_z_mm:g} mm: "
-            "limits.search_mm and limits.max_doi_mm below frame.apex_z_mm"
+            "limits.fall_mm, limits.search_mm and limits.max_doi_mm below frame.apex_z_mm"
         )
 
     @model_validator(mode="after")

@@ -148,7 +148,7 @@ def test_where_a_trip_lifts_to(on_trip: str, from_mm: float, to_mm: float) -> No
         (-1.0, -1.0 - 0.05, 0.5),
         (1.0, 1.5, 10.0),  # up it may as fast as it travels
         (-1.0, 25.0, 10.0),  # to the top of the travel
-        (-14.95, -15.0, 0.5),  # to its bottom
+        (-3.55, -3.6, 0.5),  # to the floor: limits.fall_mm, search_mm and max_doi_mm below the apex
     ],
 )
 def test_moves_that_are_allowed(from_mm: float, to_mm: float, speed_mm_s: float) -> None:
@@ -164,7 +164,13 @@ def test_moves_that_are_allowed(from_mm: float, to_mm: float, speed_mm_s: float)
         (10.0, 1.96, 5.1, "a move down below clearance at 5.1 mm/s is faster than 5"),
         (1.0, 0.96, 5.1, "a move down below clearance at 5.1 mm/s is faster than 5"),
         (2.0, 25.001, 0.5, "machine z = 0.001 mm is outside the stage's travel, -40 … 0 mm"),
-        (-15.0, -15.001, 0.5, "machine z = -40.001 mm is outside the stage's travel, -40 … 0 mm"),
+        (
+            -3.6,
+            -3.601,
+            0.5,
+            "machine z = -28.601 mm is below the floor at -28.6 mm: limits.fall_mm, limits.search_mm and "
+            "limits.max_doi_mm below frame.apex_z_mm",
+        ),
     ],
 )
 def test_moves_that_are_refused(from_mm: float, to_mm: float, speed_mm_s: float, said: str) -> None:
@@ -174,9 +180,9 @@ def test_moves_that_are_refused(from_mm: float, to_mm: float, speed_mm_s: float,
 
 
 def test_the_travel_is_that_of_the_vertical_axis_in_the_frame() -> None:
-    settings = _settings(stage={"travel_mm": (1.0, 2.0, 30.0)}, frame={"apex_z_mm": -15.0})
-    refuse_height(settings, 2.0, 15.0, 0.5)
-    refuse_height(settings, -14.95, -15.0, 0.5)
-    for from_mm, to_mm in ((2.0, 15.01), (-15.0, -15.01)):
+    settings = _settings(stage={"travel_mm": (1.0, 2.0, 30.0)}, frame={"apex_z_mm": -28.0})
+    refuse_height(settings, 2.0, 28.0, 0.5)
+    refuse_height(settings, -1.95, -2.0, 0.5)
+    for from_mm, to_mm in ((2.0, 28.01), (-2.0, -2.01)):
         with pytest.raises(LimitError, match="-30 … 0 mm"):
             refuse_height(settings, from_mm, to_mm, 0.5)
