@@ -1,4 +1,4 @@
-"""Work zero: where the target of a motion is placed and read back before anything can move (decision 0031).
+"""Work zero: where the target of a motion is placed and read back before anything can move (decision 0036).
 
 GRBL has no checksums. A target is sent as an offset (G92), which moves nothing, and the board prints where that puts
 work zero (WCO in the next status). Only a place that was read back is gone to, by a trigger that is always the same.
