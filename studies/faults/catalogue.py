@@ -83,7 +83,7 @@ SCREW = {"virtual": {"z_screw_steps_per_mm": 460.0}}
 COARSE_SCREW = {"virtual": {"z_screw_steps_per_mm": 340.0}}
 
 CATALOGUE = (
-    Fault("a lost `ok`", "held", "no answer to 'G53", _stage(once(lost(b"ok\r\n"))), GRBL),
+    Fault("a lost `ok`", "held", "no answer to 'G", _stage(once(lost(b"ok\r\n"))), GRBL),
     Fault("one garbled status", "done", "", _stage(once(lambda d: [d.replace(b"|MPos:", b"|M\xff\x00s:")])), GRBL),
     Fault(
         "every status garbled",

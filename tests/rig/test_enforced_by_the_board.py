@@ -11,6 +11,7 @@ from rig.transport import LoopbackTransport
 from sim.devices import SerialLine, VirtualGrbl
 from sim.devices.clock import VirtualClock
 from tests.rig.test_corrupted_grbl_lines import _instead
+from tests.told_board import Board, at, connected
 
 BOUNDS = RigSettings().bounds
 HOME_STEPS = (-400, -400, -400)
@@ -138,3 +139,34 @@ def test_an_unlocking_instead_of_homing_is_found_out_though_the_board_believes_t
     with pytest.raises(StageError, match="did not home"):
         bench.stage.home()
     assert not bench.stage.homed
+
+
+@pytest.mark.parametrize(
+    ("settings", "z_mm", "homes"),
+    [("$27=1", -1.0, True), ("$27=1", -1.003, False), ("$27=1", 0.0, False), ("$27=2.5", -2.5, True)],
+)
+def test_homing_ends_at_the_pull_off_of_the_board(settings: str, z_mm: float, homes: bool) -> None:
+    """X homes to the negative end here: its place is the travel, less the pull-off."""
+    board = Board(VirtualClock())
+    off_mm = float(settings.removeprefix("$27="))
+    board.answers[b"$$\n"] = (
+        f"$13=0\r\n$23=1\r\n{settings}\r\n$100=400\r\n$101=400\r\n$102=400\r\n$130=60\r\nok\r\n".encode()
+    )
+    stage = connected(board, homed=False)
+    board.status = at("Idle", -60.0 + off_mm, -off_mm, z_mm)
+    if homes:
+        stage.home()
+    else:
+        with pytest.raises(StageError, match="did not home: Z is at"):
+            stage.home()
+    assert stage.homed is homes
+
+
+def test_a_garbled_answer_to_the_settings_is_asked_for_again() -> None:
+    board = Board(VirtualClock())
+    right, wrong = b"$13=0\r\n$102=400.000\r\nok\r\n", b"$13=0\r\n$102=000.000\r\nok\r\n"
+    board.next[b"$$\n"] = [wrong, right, right]
+    assert connected(board, homed=False).steps_per_mm("z") == 400.0
+    board.next[b"$$\n"] = [right, wrong, right, wrong]
+    with pytest.raises(StageError, match=r"no two answers to \$\$ are the same"):
+        connected(board, homed=False)

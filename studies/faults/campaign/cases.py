@@ -84,11 +84,9 @@ def cases(bench: str, folder: Path, scenarios: Sequence[Scenario] = SCENARIOS) -
                 begun.add(message.phase)
                 for mechanics in MECHANICAL:
                     for cell in CELLS:
-                        yield Case(
-                            *about, mechanics=mechanics, cell=cell, data=message.data, force_gwt=message.force_gwt
-                        )
+                        yield Case(*about, mechanics=mechanics, cell=cell, **of_message)
             for fault in struck.get(message.number, ()):
-                yield Case(*about, message.wire, message.way, fault, data=message.data, force_gwt=message.force_gwt)
+                yield Case(*about, message.wire, message.way, fault, **of_message)
 
 
 def _struck(messages: Sequence[Message]) -> dict[int, list[WireFault]]:

@@ -147,8 +147,7 @@ class Played:
         with suppress(OSError):
             shutil.copytree(self._folder / "state", folder / "state", dirs_exist_ok=True)
         if world.journal is not None and world.journal.path.exists():
-            (folder / "run").mkdir()
-            shutil.copy(world.journal.path, folder / "run")
+            shutil.copytree(world.journal.path.parent, folder / "run")
             world.journal.path = folder / "run" / "events.jsonl"
             world.journal.file = LineFile(world.journal.path)
             world.folder = folder / "run"

@@ -37,6 +37,7 @@ A = TypeVar("A")
 
 INDENTOR = "bar:3.0"
 _AREA_MM2 = 20.0
+_MADE_FROM = ("protocol.py", "config.toml", "provenance.json")
 
 
 @dataclass(frozen=True)
@@ -115,6 +116,8 @@ class RunScenario:
     def play(self, world: Place, folder: Path) -> Finished:
         """To its end, whatever happens to it on the way."""
         folder.mkdir(parents=True, exist_ok=True)
+        for name in _MADE_FROM:
+            (folder / name).touch()
         if not self.stopped_first:
             return self._session(world, folder, None, self.verbs)
         self._session(world, folder, None, {}, _stop_in_hold(world))
