@@ -117,7 +117,7 @@ def _panel(settings: Config, known: Contact, tmp_path: Path) -> str:
     bench = FaultyBench(tmp_path, {})
     status = HandStatus(settings, clock, Sensing(settings, clock, bench.force))
     status.contact = BenchMemory(settings).read().contact
-    bench.journal._file.close()
+    bench.journal.close()
     return str(status.as_json(stopped=False, since=None)["contact"]["words"])
 
 
@@ -206,7 +206,7 @@ def test_a_press_writes_twice_before_it_goes_down_and_when_it_is_lifted(bench: F
     bench.engine.keep_contact = lambda known: kept.append((known.kind, round(bench.height_mm, 2)))
     indent(bench.engine, TARGET, hold_s=0.5, expected_contact_mm=PREDICTED.contact_mm)
     assert kept == [("unknown", 2.0), ("lifted", 2.0)]
-    bench.journal._file.close()
+    bench.journal.close()
 
 
 def test_a_kill_is_remembered_through_a_run_that_never_moved_until_a_homing_that_is_confirmed(
@@ -228,7 +228,7 @@ def test_a_kill_is_remembered_through_a_run_that_never_moved_until_a_homing_that
     again.keep_contact, again.sensing.zero = BenchMemory(settings).touched, zero
     verbs.home(again)
     assert left_on_record(tmp_path / "runs", settings) is None
-    bench.journal._file.close()
+    bench.journal.close()
 
 
 def test_homing_without_a_zero_confirms_nothing_and_the_zero_after_it_does(
@@ -244,7 +244,7 @@ def test_homing_without_a_zero_confirms_nothing_and_the_zero_after_it_does(
         contact = memory.read().contact
         assert contact is not None
         assert contact.kind == kind
-    bench.journal._file.close()
+    bench.journal.close()
 
 
 def test_a_jog_down_is_on_record_before_it_moves_and_one_up_that_is_confirmed_clears_it(
@@ -270,7 +270,7 @@ def test_a_jog_down_is_on_record_before_it_moves_and_one_up_that_is_confirmed_cl
     hand.go(lambda: Direction("z", 1), 5.0, 4.0)
     assert kept[-1][0] == "lifted"
     assert left_on_record(Path("none"), settings) is None
-    bench.journal._file.close()
+    bench.journal.close()
 
 
 # --- what the engine does of it ---
@@ -286,7 +286,7 @@ def test_a_late_cell_and_a_slow_one_are_waited_for(bench: FaultyBench) -> None:
     bench.clock.wait_s(1.0)
     verbs.retract(bench.engine)
     assert bench.engine.known_contact.kind == "lifted"
-    bench.journal._file.close()
+    bench.journal.close()
 
 
 @pytest.mark.parametrize("drift_gwt", [0.04, 0.06, -0.06])
@@ -300,7 +300,7 @@ def test_a_zero_that_drifted_is_reported_as_what_it_is(bench: FaultyBench, drift
         with pytest.raises(Exception, match=r"not lifted: the stage reports .* but the sensor reads -?0\.06 gwt"):
             verbs.retract(bench.engine)
     assert bench.engine.known_contact.kind == ("lifted" if drift_gwt == 0.04 else "disagreement")
-    bench.journal._file.close()
+    bench.journal.close()
 
 
 def test_the_stage_is_told_how_deep_it_may_go(bench: FaultyBench, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -324,7 +324,7 @@ def test_the_stage_is_told_how_deep_it_may_go(bench: FaultyBench, monkeypatch: p
     for touched_mm in (told[2], told[4]):
         assert touched_mm == pytest.approx(PREDICTED.contact_mm - limits.max_doi_mm - 0.05, abs=0.02)
     assert (len(told), all(at_rest)) == (5, True)
-    bench.journal._file.close()
+    bench.journal.close()
 
 
 def test_a_limit_that_the_stage_does_not_confirm_stops_like_any_failure(
@@ -337,4 +337,4 @@ def test_a_limit_that_the_stage_does_not_confirm_stops_like_any_failure(
     with pytest.raises(StageError, match="not confirmed"):
         indent(bench.engine, TARGET, hold_s=0.2, expected_contact_mm=PREDICTED.contact_mm)
     assert bench.engine.state is verbs.State.UNHOMED
-    bench.journal._file.close()
+    bench.journal.close()

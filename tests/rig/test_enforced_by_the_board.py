@@ -47,11 +47,11 @@ class Bench:
         return self.board._settings.listing()
 
 
-def test_the_floor_lies_a_search_and_the_deepest_press_below_the_apex() -> None:
-    assert StageBounds(lowest_z_mm=-27.0, fastest_mm_s=5.0) == BOUNDS
+def test_the_floor_lies_the_fall_of_the_skin_a_search_and_the_deepest_press_below_the_apex() -> None:
+    assert StageBounds(lowest_z_mm=-28.6, fastest_mm_s=5.0) == BOUNDS
     day = {"date": "2026-01-01", "expires": "2027-01-01"}
     given = {"calibration": {"compliance_mm_per_n": {"value": 0.1, **day}}}
-    assert RigSettings.model_validate(given).bounds.lowest_z_mm == pytest.approx(-27.2)
+    assert RigSettings.model_validate(given).bounds.lowest_z_mm == pytest.approx(-28.8)
     low = RigSettings.model_validate({"frame": {"apex_z_mm": -39.0}})
     assert low.bounds.lowest_z_mm == -40.0, "never beyond the travel"
     fast = RigSettings.model_validate({"habits": {"travel_speed_mm_s": 8.0}})
@@ -61,35 +61,35 @@ def test_the_floor_lies_a_search_and_the_deepest_press_below_the_apex() -> None:
 def test_it_is_written_once_and_only_where_it_differs() -> None:
     bench = Bench()
     bench.stage.connect()
-    assert bench.stored() == [b"$110=300\n", b"$111=300\n", b"$132=27\n"]
+    assert bench.stored() == [b"$110=300\n", b"$111=300\n", b"$132=28.6\n"]
     bench.written.clear()
     bench.stage.connect()
     assert bench.stored() == []
 
 
-@pytest.mark.parametrize("has_mm", [20.0, 27.001, 40.0, 60.0])
+@pytest.mark.parametrize("has_mm", [20.0, 28.601, 40.0, 60.0])
 def test_the_floor_is_set_whatever_the_board_had(has_mm: float) -> None:
     bench = Bench(_132=has_mm)
     bench.stage.connect()
-    assert "$132=27.000" in bench.settings()
+    assert "$132=28.600" in bench.settings()
 
 
 def test_a_board_that_is_slower_is_never_made_faster() -> None:
     """Its motors may not be able to: they would lose steps, and say nothing."""
     board = {110: 120.0, 111: 300.0, 112: 301.0}
-    assert enforced_settings(board, BOUNDS) == {112: 300.0, 132: 27.0}
+    assert enforced_settings(board, BOUNDS) == {112: 300.0, 132: 28.6}
 
 
 def test_below_the_floor_the_board_refuses_and_at_the_floor_it_goes() -> None:
     bench = Bench()
     bench.stage.connect()
     bench.stage.home()
-    bench.stage.move_to(z_mm=-26.95, speed_mm_s=5.0)
+    bench.stage.move_to(z_mm=-28.55, speed_mm_s=5.0)
     with pytest.raises(StageRejected, match="outside the travel"):
         bench.stage.jog("z", -0.1, 1.0)
     bench.stage.end_jog()
-    bench.stage.move_to(z_mm=-27.0, speed_mm_s=0.5)
-    assert bench.board.carriage_steps_at(bench.clock.monotonic_s())[2] == -27 * 400
+    bench.stage.move_to(z_mm=-28.6, speed_mm_s=0.5)
+    assert bench.board.carriage_steps_at(bench.clock.monotonic_s())[2] == pytest.approx(-28.6 * 400)
 
 
 def test_a_board_whose_z_homes_downwards_is_refused() -> None:

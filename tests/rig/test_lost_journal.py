@@ -161,7 +161,7 @@ def _lifted_at_once(bench: Bench, folder: Path) -> None:
     last = read_run(folder).events["sample"][-1]["t_s"]
     wire = [json.loads(line) for line in (folder / "bytes.jsonl").read_text(encoding="ascii").splitlines()]
     sent = [bytes.fromhex(chunk["hex"]) for chunk in wire if chunk["dir"] == "tx" and chunk["t_s"] > last - 1e-5]
-    assert len([line for line in sent if b"Z" in line]) == 1, sent
+    assert [line for line in sent if line.startswith((b"G1", b"$J"))] == [b"G1Z0\n"], sent
 
 
 NAMES = ("events.jsonl", "bytes.jsonl")

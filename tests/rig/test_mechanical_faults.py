@@ -3,6 +3,7 @@
 The finger, the bytes and the devices are those of `studies.faults`; the force sensor is good.
 """
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -71,7 +72,7 @@ def _pressed_twice(folder: Path, tables: Mapping[str, Any], strike: Callable[[Sl
             indent(engine, TARGET, hold_s=0.5, expected_contact_mm=PREDICTED.contact_mm)
     except (EngineError, StageError) as error:
         reason = str(error)
-    bench.journal._file.close()
+    bench.journal.close()
     bench.clock.wait_s(1.0)
     return Ended(bench, reason)
 
@@ -123,19 +124,26 @@ def test_a_screw_that_is_another_than_configured(tmp_path: Path, stage: str, scr
 
 
 def _corrupt_grbl(bench: Slipping, by_mm: float) -> None:
-    """The next move of Z goes so much lower than commanded."""
-    write, struck = bench.stage_wire.write, list[bool]()
+    """The next move of Z goes so much lower than commanded, and the board's confirmation is changed to hide it."""
+    write, read, struck = bench.stage_wire.write, bench.stage_wire.read, list[bytes]()
 
     def corrupted(data: bytes) -> None:
-        text = data.decode("latin1")
-        if not struck and text.startswith("G53") and "Z" in text:
-            struck.append(True)
-            head, _, tail = text.partition("Z")
-            number, _, feed = tail.partition("F")
-            data = f"{head}Z{float(number) - by_mm:.4f}F{feed}".encode()
+        placed = re.fullmatch(rb"(G92X0Y0Z)([-\d.]+)(G90.*\n)", data)
+        if placed and not struck and float(placed[2]):
+            data = placed[1] + f"{float(placed[2]) + by_mm:.4f}".encode() + placed[3]
+            struck.append(data)
+        elif struck and data.startswith(b"G1"):
+            bench.stage_wire.read = read  # type: ignore[method-assign]
         write(data)
 
+    def hidden(timeout_s: float) -> bytes:
+        shown = re.search(rb"(WCO:[-\d.]+,[-\d.]+,)([-\d.]+)", data := read(timeout_s))
+        if struck and shown:
+            data = data.replace(shown[0], shown[1] + f"{float(shown[2]) + by_mm:.3f}".encode())
+        return data
+
     bench.stage_wire.write = corrupted  # type: ignore[method-assign]
+    bench.stage_wire.read = hidden  # type: ignore[method-assign]
 
 
 def _corrupt_modbus(bench: Slipping, by_mm: float) -> None:
@@ -195,4 +203,4 @@ def test_a_trip_says_what_was_commanded_and_what_was_reported(tmp_path: Path) ->
     _corrupt_grbl(bench, 4.0)
     with pytest.raises(TripError, match=r"commanded z from -\d+\.\d+ to -\d+\.\d+ mm, but the stage reports z = -\d"):
         bench.engine.go_to_height(bench.engine.height_mm - 1.0, 5.0)
-    bench.journal._file.close()
+    bench.journal.close()

@@ -277,7 +277,7 @@ def it_ends_within_two_slices_and_a_hold_of_the_last_one(make: Make) -> None:
 
 @promise
 def homing_reads_the_force_all_the_way_and_a_trip_ends_it(make: Make) -> None:
-    bench = make(zero=ZERO, above_mm=-10.0, soft_trip_n=0.5)
+    bench = make(zero=ZERO, above_mm=-3.0, soft_trip_n=0.5)
     bench.spring.k_gwt = 0.0
     from_mm = bench.height_mm
 

@@ -21,7 +21,7 @@ def _file(folder: Path, off_sds: float) -> Path:
     mean = [value + off_sds * SD for value in truth_of(3).values()]
     covariance = [[SD**2 if k == j else 0.0 for j in range(len(NAMES))] for k in range(len(NAMES))]
     place = Place(x_mm=0, x_sd_mm=0, height_mm=0, height_sd_mm=0, cell_zero_gwt=0, cell_zero_sd_gwt=0)
-    draws = tuple(Draw(stiffness=1.0, e_dermis=0.1, e_fat=0.1) for _ in range(4))
+    draws = tuple(Draw(stiffness=stiffness, e_dermis=0.1, e_fat=0.1) for stiffness in (0.9, 0.95, 1.05, 1.1))
     met = Met(
         date="2026-11-23", version="1", bench="b", runs=("r",), journals_sha256=("s",), presses=1, place=place,
         posterior=Posterior(names=NAMES, mean=tuple(mean), covariance=tuple(map(tuple, covariance))), draw=draws,

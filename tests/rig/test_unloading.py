@@ -81,7 +81,8 @@ class Pressed:
 
     def bench(self, force_gwt: float, *, zeroed: bool) -> FaultyBench:
         tables: dict[str, Any] = {
-            **STAGES[self.stage], "limits": {"soft_trip_n": SOFT_TRIP_N, "on_trip": self.on_trip},
+            **STAGES[self.stage],
+            "limits": {"soft_trip_n": SOFT_TRIP_N, "on_trip": self.on_trip, "max_doi_mm": 2.0},
         }  # fmt: skip
         bench = FaultyBench(self.folder, tables)
         verbs.mount(bench.engine, "bar:3.0")
@@ -112,7 +113,7 @@ def test_it_goes_to_the_end_of_its_way(
     AWAY[motion](bench)
     assert bench.true_n(bench.clock.monotonic_s()) == 0.0
     assert bench.worst_n / GWT_N == pytest.approx(force_gwt, abs=0.1)
-    bench.journal._file.close()
+    bench.journal.close()
 
 
 @pytest.mark.parametrize("sign", [1, -1], ids=["push", "pull"])
@@ -125,7 +126,7 @@ def test_a_force_that_grows_does(tmp_path: Path, stage: str, sign: int) -> None:
     with pytest.raises(TripError, match=r"above the soft trip|underloaded"):
         verbs.retract(bench.engine)
     assert bench.true_n(bench.clock.monotonic_s()) == 0.0
-    bench.journal._file.close()
+    bench.journal.close()
 
 
 def test_before_a_zero_a_pull_and_an_unloading_look_the_same(tmp_path: Path) -> None:
@@ -134,7 +135,7 @@ def test_before_a_zero_a_pull_and_an_unloading_look_the_same(tmp_path: Path) -> 
     bench.extra_n = lambda t_s: -25 * GWT_N if from_s < t_s < from_s + 0.5 else 0.0
     bench.engine.lift()
     assert bench.true_n(bench.clock.monotonic_s()) == 0.0
-    bench.journal._file.close()
+    bench.journal.close()
 
 
 @pytest.mark.parametrize("stage", STAGES)
@@ -148,7 +149,7 @@ def test_a_run_that_finds_a_force_leaves_it_before_anything_else_and_says_so(tmp
     assert bench.true_n(bench.clock.monotonic_s()) == 0.0
     assert engine.known_contact.kind == "lifted"
     assert engine.sensing.zero is None, "the script takes its own"
-    bench.journal._file.close()
+    bench.journal.close()
     text = bench.journal_path.read_text(encoding="utf-8")
     assert '"alarm"' in text
     assert "28.9" in text
@@ -166,7 +167,7 @@ def test_a_finger_that_homing_did_not_free_is_not_taken_for_free(tmp_path: Path)
     with pytest.raises(TripError, match="homed, and not lifted"):
         verbs.leave_finger(engine, known, resumed=False)
     assert engine.known_contact.kind == "disagreement"
-    bench.journal._file.close()
+    bench.journal.close()
 
 
 def test_another_indentor_than_at_the_last_zero_is_no_touch(tmp_path: Path) -> None:
@@ -180,5 +181,5 @@ def test_another_indentor_than_at_the_last_zero_is_no_touch(tmp_path: Path) -> N
     verbs.leave_finger(engine, LastKnown(zero_offset_n=zero.offset_n, contact=Contact("lifted")), resumed=False)
     verbs.zero(engine)
     assert engine.known_contact.kind == "lifted"
-    bench.journal._file.close()
+    bench.journal.close()
     assert replace(zero, provisional=True).provisional

@@ -164,6 +164,7 @@ class GrblStage(Stage):
         It is trusted only if the board was seen homing, and stands where homing ends: an `ok` alone may be that of
         `$X`, which is one bit from `$H`.
         """
+        self._jogged = None
         if not self._link.in_step:
             self._link.reset()
         self._link.refuse_interference(self.status().state)
@@ -183,6 +184,7 @@ class GrblStage(Stage):
         self._link.trusted = self._link.times_stopped == times
 
     def unlock(self) -> None:
+        self._jogged = None
         self._link.recover()
         self._link.command("$X")
 
