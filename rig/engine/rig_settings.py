@@ -29,8 +29,7 @@ class LimitSettings(Settings):
         1.6,
         ge=0,
         le=10,
-        description="how far the skin lies below the apex at the farthest place that is pressed, mm; "
-        "the floor that the stage and its controller keep to is so much lower",
+        description="how much lower than the apex the skin may lie where it is pressed; the floor is so much lower",
     )
     soft_trip_n: float = Field(
         2.0,

@@ -288,6 +288,27 @@ def test_sideways_into_something_it_stops(at_hand: Callable[..., AtHand]) -> Non
     assert 2.0 < bench.x_mm < 2.0 + 2.0 * 0.6
 
 
+@pytest.mark.parametrize(("may_touch", "zero", "refused"), [
+    (True, Zero(0.0, 0.0), True),
+    (False, Zero(0.0, 0.0), False),  # the zero has drifted, and nothing was touched
+    (True, None, False),  # the force counts from what was there before
+])  # fmt: skip
+def test_sideways_is_refused_in_contact(
+    at_hand: Callable[..., AtHand], may_touch: bool, zero: Zero | None, refused: bool
+) -> None:
+    """As after a jog up that the motor did not follow: 0.1 mm in a spring, 0.19 gwt."""
+    bench = at_hand(above_mm=-0.1, zero=zero)
+    bench.hand.may_touch = may_touch
+    from_mm = bench.x_mm
+    if refused:
+        with pytest.raises(LimitError, match="nothing was moved sideways"):
+            bench.jog("x", 1.0)
+    else:
+        bench.jog("x", 1.0)
+    assert bench.x_mm == pytest.approx(from_mm if refused else from_mm + 1.0, abs=0.003)
+    assert bench.jog("z", 2.0).ended_by is None
+
+
 def test_up_is_always_free(at_hand: Callable[..., AtHand]) -> None:
     """Above the trip only up; there no force that falls stops it."""
     bench = at_hand(above_mm=-0.8, soft_trip_n=0.02, zero=Zero(0.0, 0.0))

@@ -45,8 +45,9 @@ def test_no_step_is_longer_than_the_stages_smallest_near_the_block(spring: Make)
     bench = _block(spring, 0.05)
     measure_compliance(bench.ready(), 100.0)
     heights = [move["Z"] + 25.0 for move in bench.moves() if "Z" in move]
-    near = [(a, b) for a, b in itertools.pairwise(heights) if b < a < 0.5]
-    assert max(a - b for a, b in near) == pytest.approx(0.0025, abs=1e-4)
+    steps = [a - b for a, b in itertools.pairwise(heights) if b < a < 0.5]
+    assert max(steps) <= 0.0025 + 1e-3, "a board prints thousandths"
+    assert sum(steps) / len(steps) == pytest.approx(0.0025, abs=1e-4)
 
 
 def test_a_rig_too_stiff_to_tell(spring: Make) -> None:

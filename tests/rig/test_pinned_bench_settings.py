@@ -64,7 +64,9 @@ def test_every_bound_of_a_bench_is_looked_at() -> None:
 
 def test_a_bench_of_which_nothing_is_said_has_these_numbers() -> None:
     tables = {place: _as_tables(place) for place in ("stage", "force", "sync", "frame")}
-    assert BenchSettings().model_dump(mode="json") == {**tables, "calibration": dict.fromkeys(MEASURED)}
+    off = dict.fromkeys(("input", "device", "key_code", "trip_input", "trip_gwt"))
+    stop = {"kind": "off", **off, "trip_register": 16, "inputs_register": 0x0179}
+    assert BenchSettings().model_dump(mode="json") == {**tables, "stop": stop, "calibration": dict.fromkeys(MEASURED)}
     assert len(MEASURED) == 8
 
 

@@ -122,7 +122,7 @@ def test_a_force_that_grows_does(tmp_path: Path, stage: str, sign: int) -> None:
     """Something comes along, or the skin sticks: the motion ends, and the way goes on unfelt, as from every trip."""
     bench = Pressed(tmp_path, stage).bench(8.0, zeroed=True)
     from_s = bench.clock.monotonic_s() + 0.3
-    bench.extra_n = lambda t_s: sign * 25 * GWT_N if from_s < t_s < from_s + 0.5 else 0.0
+    bench.extra_n = lambda t_s: sign * 25 * GWT_N if from_s < t_s < from_s + 1.0 else 0.0
     with pytest.raises(TripError, match=r"above the soft trip|underloaded"):
         verbs.retract(bench.engine)
     assert bench.true_n(bench.clock.monotonic_s()) == 0.0

@@ -75,6 +75,8 @@ class ByHand:
     def _go(self, held: Held, direction: Direction, at: StageStatus, speed_mm_s: float, by_mm: float | None) -> Moved:
         if self._guard is not None:
             self._guard.begin(up=direction == UP, down=direction == DOWN)
+            if self.may_touch and direction.axis != "z":
+                self._guard.refuse_contact()
         if direction == DOWN:
             self._below_clearance(at, by_mm)
         try:

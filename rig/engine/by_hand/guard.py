@@ -46,6 +46,15 @@ class Guard:
         """The last force, where it counts from a zero that was taken in the air; None where that is not known."""
         return self.force_gwt if self._sensing.absolute else None
 
+    def refuse_contact(self) -> None:
+        """Raise LimitError where the last force, counted from a zero in the air, is a touch."""
+        force_gwt = self.from_air_gwt
+        if force_gwt is not None and abs(force_gwt) >= self.touch_gwt:
+            raise LimitError(
+                f"{force_gwt:.2f} gwt, and the finger was touched before: nothing was moved sideways; up first, or "
+                "rig zero --anyway where nothing touches"
+            )
+
     @property
     def touch_gwt(self) -> float:
         """The force that means contact."""
