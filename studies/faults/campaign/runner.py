@@ -38,7 +38,15 @@ from rig.transport import TransportError
 from studies.faults.attempts import attempts
 from studies.faults.campaign.cases import Case, content, is_command
 from studies.faults.campaign.faults import FaultyCarriage, cell
-from studies.faults.campaign.judge import BOUND_GWT, claim_of, claim_on_record, exemption_of, true_claim, violations
+from studies.faults.campaign.judge import (
+    BOUND_GWT,
+    claim_of,
+    claim_on_record,
+    exemption_of,
+    hidden,
+    true_claim,
+    violations,
+)
 from studies.faults.campaign.scenarios import SCENARIOS, Finished, Scenario
 from studies.faults.campaign.world import Message, VirtualWorld, Worst, untouched
 
@@ -160,6 +168,7 @@ class Played:
         if case.mechanics != "none":
             world.mechanics = FaultyCarriage(world, case.mechanics)
         world.felt_n = cell(world, case.cell)
+        world.touch_n *= hidden(case.cell)
         return [(0.0, message.data)]
 
     def _state(self, folder: Path) -> None:
