@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from rig.engine.by_hand.bench_memory import state_folder
 from rig.session.ending import Whereabouts
 from studies.faults.campaign import runner
 from studies.faults.campaign.__main__ import sample
@@ -200,7 +201,10 @@ class Careless:
             world.phase = phase
             wire.write(line)
             world.clock.wait_s(5.0)
-        return Finished("done", "", Whereabouts("lifted", 1.0, 1.0, True, False))
+            with (state_folder() / "remembered").open("a", encoding="ascii") as file:
+                file.write(f"{phase}, ")
+        remembered = (state_folder() / "remembered").read_text(encoding="ascii")
+        return Finished("done", remembered, Whereabouts("lifted", 1.0, 1.0, True, False))
 
     def take_up(self, world: Place, folder: Path) -> Finished:
         """There is nothing to take up."""
@@ -233,6 +237,7 @@ def test_a_careless_program_is_found_out(careless: dict[str, Record]) -> None:
     assert stalled["drag_mm"] == pytest.approx(1.0, abs=0.05)
     assert lift["none + none"]["violations"] == []
     assert lift["z runs on + none"]["exempt"] is not None
+    assert {record["reason"] for record in careless.values()} == {"lift, sideways, "}, "no case remembers another"
 
 
 def test_a_worker_that_crashes_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -136,10 +136,12 @@ class Played:
         for case in self._at.pop(message.number, ()):
             if case.data != message.data:
                 raise RuntimeError(f"{case.name}: met {message.data!r}, expected {case.data!r}")
+            remembered = _files(self._folder / "state")
             child = os.fork()
             if child == 0:
                 return self._strike(case, message)
             _, status = os.waitpid(child, 0)
+            _restore(self._folder / "state", remembered)
             if status == 0:
                 self._endings[os.read(self._hears, _DIGEST)] += 1
             else:
@@ -156,9 +158,7 @@ class Played:
         self._before_gwt = world.worst.force_gwt
         world.worst = Worst()
         folder = self._folder / "cases" / str(os.getpid())
-        self._state(folder)
-        with suppress(OSError):
-            shutil.copytree(self._folder / "state", folder / "state", dirs_exist_ok=True)
+        folder.mkdir(parents=True)
         if world.journal is not None and world.journal.path.exists():
             shutil.copytree(world.journal.path.parent, folder / "run")
             world.journal.path = folder / "run" / "events.jsonl"
@@ -248,6 +248,19 @@ class Played:
         record["violations"] = violations(record)
         record["exempt"] = None if exemption is None else exemption.name
         os.write(self._out, (json.dumps(record) + "\n").encode("ascii"))
+
+
+def _files(folder: Path) -> dict[Path, bytes]:
+    return {path: path.read_bytes() for path in folder.iterdir()}
+
+
+def _restore(folder: Path, files: dict[Path, bytes]) -> None:
+    """What a program remembers of the bench lies where it did as it began: a child writes there, too."""
+    for path in folder.iterdir():
+        if path not in files:
+            path.unlink()
+    for path, data in files.items():
+        path.write_bytes(data)
 
 
 _DIGEST = hashlib.sha256().digest_size
