@@ -22,7 +22,6 @@ import traceback
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import asdict
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -202,7 +201,6 @@ class Played:
             **about(case),
             "exit": finished.exit,
             "reason": finished.reason[:300],
-            "report": None if finished.at is None else asdict(finished.at),
             "claim": claim,
             "report_true": true_claim(claim, left_gwt, case.cell),
             "on_record": on_record,
@@ -349,10 +347,11 @@ def work(cases: Iterable[Case], out: Path, told: Callable[[], None] = lambda: No
     os.close(file)
 
 
-def carry_out(cases: Sequence[Case], out: Path, processes: int, say: Callable[[str], None] = print) -> None:
+def carry_out(cases: Sequence[Case], out: Path, processes: int, going: "Going | None" = None) -> None:
     """Carry cases out in so many processes at a time, saying how far they have come."""
+    if not cases:
+        return
     commit()  # once, and not in every child
-    done = Done(len(cases), say)
     workers = []
     for n in range(processes):
         reading, writing = os.pipe()
@@ -370,7 +369,7 @@ def carry_out(cases: Sequence[Case], out: Path, processes: int, say: Callable[[s
         os.close(writing)
         workers.append((worker, reading))
     try:
-        done.follow([reading for _, reading in workers])
+        (going or Going(len(cases), lambda line: None)).follow([reading for _, reading in workers])
     except BaseException:
         for worker, _ in workers:
             os.kill(worker, signal.SIGTERM)
@@ -384,12 +383,17 @@ def _tick(writing: int) -> None:
     os.write(writing, b".")
 
 
-class Done:
+class Going:
     """How many cases are over, and how long the others will take."""
 
-    def __init__(self, number: int, say: Callable[[str], None], every_s: float = 10.0) -> None:
+    def __init__(self, number: int, say: Callable[[str], None], every_s: float = 20.0) -> None:
         self._number, self._say, self._every_s = number, say, every_s
-        self._done, self._begun_s, self._said_s = 0, time.monotonic(), 0.0
+        self._done = self._skipped = 0
+        self._begun_s = self._said_s = time.monotonic()
+
+    def skip(self, number: int) -> None:
+        """So many are in the results already."""
+        self._skipped += number
 
     def follow(self, pipes: list[int]) -> None:
         """Until all workers have closed their ends."""
@@ -400,17 +404,12 @@ class Done:
                 if not heard:
                     pipes.remove(pipe)
                     os.close(pipe)
-            self._tell()
-        self._said_s = 0.0
-        self._tell()
+            if self._done and time.monotonic() - self._said_s > self._every_s:
+                self._tell()
 
     def _tell(self) -> None:
-        now_s = time.monotonic()
-        if now_s - self._said_s < self._every_s or not self._done:
-            return
-        self._said_s, took_s = now_s, now_s - self._begun_s
-        left_s = took_s / self._done * (self._number - self._done)
-        each_ms = 1000 * took_s / self._done
-        self._say(
-            f"{self._done} of {self._number}, {took_s:.0f} s, {each_ms:.0f} ms each, {left_s / 60:.0f} min left"
-        )
+        self._said_s = time.monotonic()
+        took_s, over = self._said_s - self._begun_s, self._skipped + self._done
+        left_min = took_s / self._done * (self._number - over) / 60
+        each = f"{took_s:.0f} s, {1000 * took_s / self._done:.0f} ms each"
+        self._say(f"{over} of {self._number}, {each}, {left_min:.0f} min left")

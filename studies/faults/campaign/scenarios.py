@@ -241,6 +241,10 @@ class Scenario(Protocol):
         """What a person does next, with a program of its own."""
 
 
+_CONNECTS = ("jog down",)
+"""Phases whose first words to the devices are struck, too: those of one jog are those of all."""
+
+
 class HandScenario:
     """`rig home`, `rig zero` and `rig jog`, each with drivers of its own, as the commands make them."""
 
@@ -280,8 +284,9 @@ class HandScenario:
             at_hand.zero(world.config, Sensing(world.config, world.clock, bench.force), anyway=False)
 
     def _jog(self, world: Place, phase: str, way: Direction, by_mm: float) -> Moved:
-        world.phase = phase
+        world.phase = phase if phase in _CONNECTS else ""
         with closing(world.connected(moves=False)) as bench, _hand(world, bench) as hand:
+            world.phase = phase
             moved: Moved = hand.go(lambda: way, 2.0, by_mm)
         world.phase = ""
         return moved
