@@ -6,14 +6,15 @@ from pathlib import Path
 
 import pytest
 
+from rig.engine.by_hand.bench_memory import state_folder
 from rig.session.ending import Whereabouts
 from studies.faults.campaign import runner
 from studies.faults.campaign.__main__ import sample
 from studies.faults.campaign.cases import Case, cases, content, shape
 from studies.faults.campaign.faults import LATE_S, FaultyCarriage, WireFault, parsed, wire_faults
-from studies.faults.campaign.judge import BOUND_GWT, claim_of, exemption_of, true_claim, violations
+from studies.faults.campaign.judge import BOUND_GWT, EXEMPTIONS, claim_of, exemption_of, true_claim, violations
 from studies.faults.campaign.scenarios import SCENARIOS, Finished
-from studies.faults.campaign.tables import Record, records_of, told
+from studies.faults.campaign.tables import Record, Summary, names_in, records_of, told
 from studies.faults.campaign.world import Place, VirtualWorld
 
 # --- faults ---
@@ -200,7 +201,10 @@ class Careless:
             world.phase = phase
             wire.write(line)
             world.clock.wait_s(5.0)
-        return Finished("done", "", Whereabouts("lifted", 1.0, 1.0, True, False))
+            with (state_folder() / "remembered").open("a", encoding="ascii") as file:
+                file.write(f"{phase}, ")
+        remembered = (state_folder() / "remembered").read_text(encoding="ascii")
+        return Finished("done", remembered, Whereabouts("lifted", 1.0, 1.0, True, False))
 
     def take_up(self, world: Place, folder: Path) -> Finished:
         """There is nothing to take up."""
@@ -214,7 +218,7 @@ def careless(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, Recor
     monkeypatch.setenv("RIG_STATE_DIR", str(tmp_path / "state"))
     wanted = ("stage to flip 14.1", *(f"{mechanics} + none" for mechanics in ("none", "z stalls", "z runs on")))
     chosen = [case for case in cases("grbl", tmp_path, (Careless(),)) if case.name.split("/")[3] in wanted]
-    runner.carry_out(chosen, tmp_path / "found.jsonl", 1, lambda line: None)
+    runner.carry_out(chosen, tmp_path / "found.jsonl", 1)
     found = {record["case"]: record for record in records_of(tmp_path / "found.jsonl")}
     assert set(found) == {case.name for case in chosen}
     return found
@@ -233,6 +237,7 @@ def test_a_careless_program_is_found_out(careless: dict[str, Record]) -> None:
     assert stalled["drag_mm"] == pytest.approx(1.0, abs=0.05)
     assert lift["none + none"]["violations"] == []
     assert lift["z runs on + none"]["exempt"] is not None
+    assert {record["reason"] for record in careless.values()} == {"lift, sideways, "}, "no case remembers another"
 
 
 def test_a_worker_that_crashes_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -240,14 +245,33 @@ def test_a_worker_that_crashes_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path
     monkeypatch.setattr(runner, "SCENARIOS", (Careless(),))
     monkeypatch.setattr(runner, "at_rest", lambda world: 1 / 0)
     chosen = [case for case in cases("grbl", tmp_path, (Careless(),)) if case.fault == WireFault("drop", 3)][:1]
-    runner.carry_out(chosen, tmp_path / "found.jsonl", 1, lambda line: None)
+    runner.carry_out(chosen, tmp_path / "found.jsonl", 1)
     (record,) = records_of(tmp_path / "found.jsonl")
     assert record["violations"] == ["crash"]
 
 
 def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
-    (tmp_path / "found.jsonl").write_text('{"case": "one"}\n{"case": "tw', encoding="ascii")
-    assert [record["case"] for record in records_of(tmp_path / "found.jsonl")] == ["one"]
+    """At this commit; a line that is torn counts as nothing."""
+    lines = [
+        '{"commit": "a1", "case": "grbl/lift/1/x"}',
+        '{"commit": "b2", "case": "rtu/lift/1/x"}',
+        '{"commit": "a1"',
+    ]
+    (tmp_path / "found.jsonl").write_text("\n".join(lines), encoding="ascii")
+    assert [record["case"] for record in records_of(tmp_path / "found.jsonl")] == ["grbl/lift/1/x", "rtu/lift/1/x"]
+    assert names_in(tmp_path / "found.jsonl", "a1") == {"grbl/lift/1/x"}
+    assert names_in(tmp_path / "found.jsonl", "a1", "rtu/") == set()
+
+
+def test_a_summary_counts_what_is_not_exempt() -> None:
+    about = {**FINE, "commit": "a1", "bench": "grbl", "phase": "lift", "claim": "clear", "exempt": None, "s": 0.5}
+    bad = {**about, "case": "bad", "worst_gwt": 20.0, "violations": ["force"]}
+    spared = {**bad, "case": "spared", "worst_gwt": 30.0, "exempt": EXEMPTIONS[0].name}
+    found = Summary([{**about, "case": f"fine {n}", "violations": []} for n in range(60)] + [bad, spared])
+    assert (found.bad, found.cases.total(), found.spared.total(), found.took_s) == (1, 62, 1, 31.0)
+    assert [record["case"] for record in found.worst_in("lift")][:1] == ["bad"]
+    assert f"| {EXEMPTIONS[0].name} | 1 | 1 | 30.00 |" in found.table()
+    assert "spared" in found.worst_as_csv("command")
 
 
 # --- the program ---
@@ -275,8 +299,8 @@ def test_a_sample_of_the_campaign(bench: str, tmp_path: Path, monkeypatch: pytes
     groups = (whole, list(filter(_alone, whole)), list(filter(_told_to_leave, whole)))
     picked = {case.name: case for group in groups for case in sample(group, SAMPLED, seed=0)}
     chosen = sorted(picked.values(), key=lambda case: (case.scenario, case.message))
-    runner.carry_out(chosen, tmp_path / "found.jsonl", 1, lambda line: None)
-    found = records_of(tmp_path / "found.jsonl")
+    runner.carry_out(chosen, tmp_path / "found.jsonl", 1)
+    found = list(records_of(tmp_path / "found.jsonl"))
     assert len(found) == len(chosen)
     bad = [told(record) for record in found if record["violations"] and not record["exempt"]]
     assert not bad, "\n".join(bad)

@@ -5,23 +5,58 @@ import os
 os.environ["OMP_NUM_THREADS"] = "1"  # a fork takes no threads along
 
 import argparse
+import itertools
 import json
 import random
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from studies.faults.campaign import real_time
 from studies.faults.campaign.cases import Case, cases
-from studies.faults.campaign.runner import carry_out, commit
-from studies.faults.campaign.tables import records_of, summary, table, worst_as_csv
+from studies.faults.campaign.runner import Going, carry_out, commit
+from studies.faults.campaign.scenarios import SCENARIOS, Scenario
+from studies.faults.campaign.tables import Record, Summary, names_in, records_of
 from studies.faults.campaign.world import BENCHES
 
 
 def main() -> None:
     """The whole, or a sample."""
+    options = _options()
+    if options.table:
+        found = Summary(records_of(options.out))
+        print(found.table())
+        if options.worst is not None:
+            options.worst.write_text(found.worst_as_csv("python -m studies.faults.campaign"), encoding="ascii")
+        return
+    number = options.sample if options.real_time is None else options.real_time
+    picked: set[str] | None = None
+    if number is not None:
+        picked = {case.name for case in sample(list(_cases(options)), number, options.seed)}
+    counts = _counted(case for case in _cases(options) if picked is None or case.name in picked)
+    if options.count:
+        return
+    going = Going(counts, lambda line: print(line, flush=True))
+    for bench, scenario in _units(options):  # one at a time: what lies in memory makes every fork slower
+        done = names_in(options.out, commit(), f"{bench}/")
+        some = [case for case in _cases(options, bench, scenario) if picked is None or case.name in picked]
+        left = [case for case in some if case.name not in done]
+        going.skip(len(some) - len(left))
+        del done, some
+        if options.real_time is not None:
+            real_time.carry_out(left, options.out, options.load, lambda line: print(line, flush=True))
+        else:
+            carry_out(left, options.out, options.processes, going)
+    found = Summary(r for r in _found(options) if picked is None or r["case"] in picked)
+    print(found)
+    for record in _found(options) if options.case else ():
+        print(json.dumps(record, indent=1))
+    sys.exit(bool(found.bad))
+
+
+def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--bench", choices=[*BENCHES], action="append", help="these benches only")
     parser.add_argument("--phase", action="append", help="these phases only")
@@ -32,54 +67,44 @@ def main() -> None:
     parser.add_argument("--real-time", type=int, metavar="N", help="N cases of a sample, in real time over TCP")
     parser.add_argument("--load", type=int, default=0, help="with --real-time: processes that never rest beside it")
     parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument(
-        "--out", type=Path, default=Path("campaign.jsonl"), help="results; what is there is not redone"
-    )
+    out = "results, added to; those of this commit are not redone"
+    parser.add_argument("--out", type=Path, default=Path("campaign.jsonl"), help=out)
     parser.add_argument("--count", action="store_true", help="count the cases and end")
     parser.add_argument("--table", action="store_true", help="the tables of docs/faults.md, of the results in --out")
     parser.add_argument("--worst", type=Path, help="with --table: a CSV of the worst five of each bench and phase")
-    options = parser.parse_args()
-    if options.table:
-        records = records_of(options.out)
-        print(table(records))
-        if options.worst is not None:
-            command = "python -m studies.faults.campaign --table --worst"
-            options.worst.write_text(worst_as_csv(records, command), encoding="ascii")
-        return
-    chosen = _chosen(options)
-    _print_counts(chosen)
-    if options.count:
-        return
-    done = {record["case"] for record in records_of(options.out) if record["commit"] == commit()}
-    left = [case for case in chosen if case.name not in done]
-    if done:
-        print(f"{len(chosen) - len(left)} are in {options.out} already")
-    if left and options.real_time is not None:
-        real_time.carry_out(left, options.out, options.load, lambda line: print(line, flush=True))
-    elif left:
-        carry_out(left, options.out, options.processes, lambda line: print(line, flush=True))
-    names = {case.name for case in chosen}
-    found = [r for r in records_of(options.out) if r["case"] in names and r["commit"] == commit()]
-    print(summary(found))
-    if options.case:
-        for record in found:
-            print(json.dumps(record, indent=1))
-    sys.exit(any(record["violations"] and not record["exempt"] for record in found))
+    return parser.parse_args()
 
 
-def _chosen(options: argparse.Namespace) -> list[Case]:
-    found: list[Case] = []
-    with tempfile.TemporaryDirectory() as folder:
-        for bench in options.bench or (BENCHES if options.real_time is None else real_time.BENCHES):
-            found += cases(bench, Path(folder))
-    if options.phase:
-        found = [case for case in found if case.phase in options.phase]
-    if options.kind:
-        found = [case for case in found if options.kind in case.kind]
-    if options.case:
-        found = [case for case in found if case.name in options.case]
-    number = options.sample if options.real_time is None else options.real_time
-    return found if number is None else sample(found, number, options.seed)
+def _units(options: argparse.Namespace) -> Iterator[tuple[str, Scenario]]:
+    benches = options.bench or (BENCHES if options.real_time is None else real_time.BENCHES)
+    return itertools.product(benches, SCENARIOS)
+
+
+def _cases(options: argparse.Namespace, bench: str = "", scenario: Scenario | None = None) -> Iterator[Case]:
+    """Those that are asked for, of one scenario on one bench or of all."""
+    units = [(bench, scenario)] if scenario is not None else _units(options)
+    for on, one in units:
+        with tempfile.TemporaryDirectory() as folder:
+            for case in cases(on, Path(folder), [one]):
+                if options.phase and case.phase not in options.phase:
+                    continue
+                if options.kind and options.kind not in case.kind:
+                    continue
+                if not options.case or case.name in options.case:
+                    yield case
+
+
+def _found(options: argparse.Namespace) -> Iterator[Record]:
+    """What is known of the cases that were asked for, at this commit."""
+    for record in records_of(options.out):
+        asked = (
+            (not options.bench or record["bench"] in options.bench)
+            and (not options.phase or record["phase"] in options.phase)
+            and (not options.kind or options.kind in record["kind"])
+            and (not options.case or record["case"] in options.case)
+        )
+        if asked and record["commit"] == commit():
+            yield record
 
 
 def sample(of: Sequence[Case], number: int, seed: int) -> list[Case]:
@@ -99,13 +124,15 @@ def sample(of: Sequence[Case], number: int, seed: int) -> list[Case]:
     return [of[n] for n in sorted(taken)]
 
 
-def _print_counts(chosen: Sequence[Case]) -> None:
+def _counted(chosen: Iterable[Case]) -> int:
+    """Print how many there are, and return it."""
     counts = Counter((case.bench, case.phase) for case in chosen)
     benches = list(dict.fromkeys(bench for bench, _ in counts))
     print(f"| cases | {' | '.join(benches)} |\n|---|{'---|' * len(benches)}")
     for phase in dict.fromkeys(phase for _, phase in counts):
         print(f"| {phase} | {' | '.join(str(counts[bench, phase]) for bench in benches)} |")
     print(f"{counts.total()} cases", flush=True)
+    return counts.total()
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ digits of text masked, a frame's transaction, register values and checksum left 
 - the first message gets every fault,
 - so does the one at the highest force,
 - and every other message gets those that hit a byte which no message struck before had at that place. The messages at
-  the highest forces come first.
+  the highest forces come first. (Not of what a device sends as RTU: its checksum is wrong whatever the values are.)
 
 `EXACT` phases strike every distinct message of the program whole. So every byte of every distinct message is flipped,
 dropped, doubled, swapped and cut at least once.
@@ -104,7 +104,8 @@ def _struck(messages: Sequence[Message]) -> dict[int, list[WireFault]]:
         for message in sorted(group, key=lambda m: (m.number not in whole, -m.force_gwt, m.number)):
             new = {at for at, byte in enumerate(content(message.data)) if (at, byte) not in met}
             met |= set(enumerate(content(message.data)))
-            if not new and message.number not in whole:
+            sealed = way == "from" and not (_is_text(message.data) or _is_tcp(message.data))
+            if message.number not in whole and (sealed or not new):
                 continue
             faults = list(wire_faults(message.data, from_device=way == "from"))
             if message.number not in whole:

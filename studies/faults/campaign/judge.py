@@ -42,10 +42,15 @@ def claim_on_record(known: LastKnown) -> Claim:
     return "not confirmed" if contact.may_touch else "clear"
 
 
+def hidden(cell: str) -> float:
+    """How many times the touch threshold a cell hides: twice, where it reads half."""
+    return 2.0 if cell == "reads 0.5" else 1.0
+
+
 def true_claim(claim: Claim, force_gwt: float, cell: str = "none") -> bool:
-    """Whether a claim is true of a finger that feels this force; a cell that reads half hides twice the threshold."""
+    """Whether a claim is true of a finger that feels this force under such a cell."""
     if claim == "clear":
-        return force_gwt < (2 * TOUCH_GWT if cell == "reads 0.5" else TOUCH_GWT)
+        return force_gwt < TOUCH_GWT * hidden(cell)
     return force_gwt > 0.0 if claim == "touching" else True
 
 

@@ -28,7 +28,7 @@ from sim.serve.ports import TcpPort
 from sim.serve.wall_clock import WallScheduler
 from studies.faults.campaign.cases import Case, content, is_command, shape
 from studies.faults.campaign.faults import FaultyCarriage, cell
-from studies.faults.campaign.judge import claim_of, claim_on_record, exemption_of, true_claim, violations
+from studies.faults.campaign.judge import claim_of, claim_on_record, exemption_of, hidden, true_claim, violations
 from studies.faults.campaign.runner import DEFAULTS, about, commit, ended, finished_presses, kept
 from studies.faults.campaign.scenarios import SCENARIOS
 from studies.faults.campaign.tables import Record
@@ -125,6 +125,7 @@ class ServedWorld(World):
         if case.mechanics != "none":
             self.mechanics = FaultyCarriage(self, case.mechanics)
         self.felt_n = cell(self, case.cell)
+        self.touch_n *= hidden(case.cell)
         return untouched(message)
 
     def _meant(self, message: Message) -> bool:
@@ -166,8 +167,8 @@ class RealPlace:
     def phase(self, phase: str) -> None:
         self._shared.phase = phase
 
-    def connected(self) -> RememberingBench:
-        """Another program's."""
+    def connected(self, *, moves: bool = True) -> RememberingBench:
+        """Another program's, which says that it moves."""
         return open_bench(self.config, self.clock, io.StringIO(), ask=lambda request: "")
 
 

@@ -20,9 +20,8 @@ import tempfile
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import asdict
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -38,7 +37,15 @@ from rig.transport import TransportError
 from studies.faults.attempts import attempts
 from studies.faults.campaign.cases import Case, content, is_command
 from studies.faults.campaign.faults import FaultyCarriage, cell
-from studies.faults.campaign.judge import BOUND_GWT, claim_of, claim_on_record, exemption_of, true_claim, violations
+from studies.faults.campaign.judge import (
+    BOUND_GWT,
+    claim_of,
+    claim_on_record,
+    exemption_of,
+    hidden,
+    true_claim,
+    violations,
+)
 from studies.faults.campaign.scenarios import SCENARIOS, Finished, Scenario
 from studies.faults.campaign.world import Message, VirtualWorld, Worst, untouched
 
@@ -48,6 +55,7 @@ FOLLOWED = 8
 
 Such a case is not followed farther; a fault while the sensor is zeroed always is."""
 _TO_THE_END = ("zero",)
+_AROUND, _SAME_MM = 6, 1e-6
 RESUMED = 2
 """Of a worker's cases that end alike in a phase so many are resumed, and all that press harder than the bound."""
 _ENDS = (EngineError, StageError, ForceError, TransportError, BadInputError)
@@ -69,8 +77,8 @@ class Played:
         self._case: Case | None = None  # in a child
         self._begun_s = 0.0
         self._commands: list[tuple[int, bytes, tuple[float, float]]] = []  # of the undisturbed run
-        self._to_come: Iterator[tuple[bytes, tuple[float, float]]] | None = None  # in a child
-        self._alike = 0
+        self._to_come: list[tuple[bytes, tuple[float, float]]] = []  # in a child
+        self._next = self._alike = 0
         self._endings: Counter[bytes] = Counter()
         self._hears, self._says = os.pipe()
 
@@ -103,15 +111,19 @@ class Played:
         self._scenario.play(world, self._folder / "undisturbed" / "run")
 
     def _follow(self, message: Message) -> None:
-        """In a child: end it where the fault has been absorbed."""
-        if self._to_come is None or not is_command(message):
+        """In a child: end it where the fault has been absorbed. What is asked or told again stands between."""
+        if not self._to_come or not is_command(message):
             return
-        told, at = next(self._to_come, (b"", (0.0, 0.0)))
-        here = self.world.pose_mm(message.t_s)
-        if content(message.data) != told or max(abs(a - b) for a, b in zip(here, at, strict=True)) > 1e-6:
-            self._to_come = None
-            return
-        self._alike += 1
+        told, (x_mm, z_mm) = content(message.data), self.world.pose_mm(message.t_s)
+        for n in (self._next, *range(max(self._next - _AROUND, 0), self._next + _AROUND)):
+            if n < len(self._to_come):
+                expected, (at_x_mm, at_z_mm) = self._to_come[n]
+                if told == expected and max(abs(x_mm - at_x_mm), abs(z_mm - at_z_mm)) < _SAME_MM:
+                    self._alike = self._alike + 1 if n == self._next else 1
+                    self._next = n + 1
+                    break
+        else:
+            self._alike = 0
         if self._alike == FOLLOWED:
             self._leave(Finished("absorbed", "", None))
 
@@ -123,10 +135,12 @@ class Played:
         for case in self._at.pop(message.number, ()):
             if case.data != message.data:
                 raise RuntimeError(f"{case.name}: met {message.data!r}, expected {case.data!r}")
+            remembered = _files(self._folder / "state")
             child = os.fork()
             if child == 0:
                 return self._strike(case, message)
             _, status = os.waitpid(child, 0)
+            _restore(self._folder / "state", remembered)
             if status == 0:
                 self._endings[os.read(self._hears, _DIGEST)] += 1
             else:
@@ -143,9 +157,7 @@ class Played:
         self._before_gwt = world.worst.force_gwt
         world.worst = Worst()
         folder = self._folder / "cases" / str(os.getpid())
-        self._state(folder)
-        with suppress(OSError):
-            shutil.copytree(self._folder / "state", folder / "state", dirs_exist_ok=True)
+        folder.mkdir(parents=True)
         if world.journal is not None and world.journal.path.exists():
             shutil.copytree(world.journal.path.parent, folder / "run")
             world.journal.path = folder / "run" / "events.jsonl"
@@ -154,12 +166,12 @@ class Played:
         self._run = folder / "run"
         if case.fault is not None:
             if case.phase not in _TO_THE_END:
-                after = [command for command in self._commands if command[0] > case.message]
-                self._to_come = iter([(told, at) for _, told, at in after])
+                self._to_come = [(told, at) for number, told, at in self._commands if number >= case.message]
             return case.fault.pieces(message.data)
         if case.mechanics != "none":
             world.mechanics = FaultyCarriage(world, case.mechanics)
         world.felt_n = cell(world, case.cell)
+        world.touch_n *= hidden(case.cell)
         return [(0.0, message.data)]
 
     def _state(self, folder: Path) -> None:
@@ -189,7 +201,6 @@ class Played:
             **about(case),
             "exit": finished.exit,
             "reason": finished.reason[:300],
-            "report": None if finished.at is None else asdict(finished.at),
             "claim": claim,
             "report_true": true_claim(claim, left_gwt, case.cell),
             "on_record": on_record,
@@ -235,6 +246,19 @@ class Played:
         record["violations"] = violations(record)
         record["exempt"] = None if exemption is None else exemption.name
         os.write(self._out, (json.dumps(record) + "\n").encode("ascii"))
+
+
+def _files(folder: Path) -> dict[Path, bytes]:
+    return {path: path.read_bytes() for path in folder.iterdir()}
+
+
+def _restore(folder: Path, files: dict[Path, bytes]) -> None:
+    """What a program remembers of the bench lies where it did as it began: a child writes there, too."""
+    for path in folder.iterdir():
+        if path not in files:
+            path.unlink()
+    for path, data in files.items():
+        path.write_bytes(data)
 
 
 _DIGEST = hashlib.sha256().digest_size
@@ -323,10 +347,11 @@ def work(cases: Iterable[Case], out: Path, told: Callable[[], None] = lambda: No
     os.close(file)
 
 
-def carry_out(cases: Sequence[Case], out: Path, processes: int, say: Callable[[str], None] = print) -> None:
+def carry_out(cases: Sequence[Case], out: Path, processes: int, going: "Going | None" = None) -> None:
     """Carry cases out in so many processes at a time, saying how far they have come."""
+    if not cases:
+        return
     commit()  # once, and not in every child
-    done = Done(len(cases), say)
     workers = []
     for n in range(processes):
         reading, writing = os.pipe()
@@ -344,7 +369,7 @@ def carry_out(cases: Sequence[Case], out: Path, processes: int, say: Callable[[s
         os.close(writing)
         workers.append((worker, reading))
     try:
-        done.follow([reading for _, reading in workers])
+        (going or Going(len(cases), lambda line: None)).follow([reading for _, reading in workers])
     except BaseException:
         for worker, _ in workers:
             os.kill(worker, signal.SIGTERM)
@@ -358,12 +383,17 @@ def _tick(writing: int) -> None:
     os.write(writing, b".")
 
 
-class Done:
+class Going:
     """How many cases are over, and how long the others will take."""
 
-    def __init__(self, number: int, say: Callable[[str], None], every_s: float = 10.0) -> None:
+    def __init__(self, number: int, say: Callable[[str], None], every_s: float = 20.0) -> None:
         self._number, self._say, self._every_s = number, say, every_s
-        self._done, self._begun_s, self._said_s = 0, time.monotonic(), 0.0
+        self._done = self._skipped = 0
+        self._begun_s = self._said_s = time.monotonic()
+
+    def skip(self, number: int) -> None:
+        """So many are in the results already."""
+        self._skipped += number
 
     def follow(self, pipes: list[int]) -> None:
         """Until all workers have closed their ends."""
@@ -374,17 +404,12 @@ class Done:
                 if not heard:
                     pipes.remove(pipe)
                     os.close(pipe)
-            self._tell()
-        self._said_s = 0.0
-        self._tell()
+            if self._done and time.monotonic() - self._said_s > self._every_s:
+                self._tell()
 
     def _tell(self) -> None:
-        now_s = time.monotonic()
-        if now_s - self._said_s < self._every_s or not self._done:
-            return
-        self._said_s, took_s = now_s, now_s - self._begun_s
-        left_s = took_s / self._done * (self._number - self._done)
-        each_ms = 1000 * took_s / self._done
-        self._say(
-            f"{self._done} of {self._number}, {took_s:.0f} s, {each_ms:.0f} ms each, {left_s / 60:.0f} min left"
-        )
+        self._said_s = time.monotonic()
+        took_s, over = self._said_s - self._begun_s, self._skipped + self._done
+        left_min = took_s / self._done * (self._number - over) / 60
+        each = f"{took_s:.0f} s, {1000 * took_s / self._done:.0f} ms each"
+        self._say(f"{over} of {self._number}, {each}, {left_min:.0f} min left")

@@ -241,6 +241,10 @@ class Scenario(Protocol):
         """What a person does next, with a program of its own."""
 
 
+_CONNECTS = ("jog down",)
+"""Phases whose first words to the devices are struck, too: those of one jog are those of all."""
+
+
 class HandScenario:
     """`rig home`, `rig zero` and `rig jog`, each with drivers of its own, as the commands make them."""
 
@@ -276,12 +280,13 @@ class HandScenario:
         world.phase = ""
 
     def _zero(self, world: Place) -> None:
-        with closing(world.connected()) as bench:
+        with closing(world.connected(moves=False)) as bench:
             at_hand.zero(world.config, Sensing(world.config, world.clock, bench.force), anyway=False)
 
     def _jog(self, world: Place, phase: str, way: Direction, by_mm: float) -> Moved:
-        world.phase = phase
-        with closing(world.connected()) as bench, _hand(world, bench) as hand:
+        world.phase = phase if phase in _CONNECTS else ""
+        with closing(world.connected(moves=False)) as bench, _hand(world, bench) as hand:
+            world.phase = phase
             moved: Moved = hand.go(lambda: way, 2.0, by_mm)
         world.phase = ""
         return moved
@@ -289,7 +294,7 @@ class HandScenario:
 
 def _far_mm(world: Place) -> tuple[float, float]:
     """How far the indentor is from the pad's center and above its apex."""
-    with closing(world.connected()) as bench:
+    with closing(world.connected(moves=False)) as bench:
         at = bench.stage.look()
     frame = world.config.frame
     return at.x_mm - frame.pad_centre_x_mm, at.z_mm - frame.apex_z_mm
@@ -298,8 +303,7 @@ def _far_mm(world: Place) -> tuple[float, float]:
 def _hand(world: Place, bench: RememberingBench) -> Any:
     bench.stage.connect()
     sensing = at_hand.feel(Sensing(world.config, world.clock, bench.force))
-    known = bench.memory.read()
-    return at_hand.at_hand(world.config, bench.stage, world.clock, sensing, lambda at, force_gwt: None, known)
+    return at_hand.at_hand(world.config, bench.stage, world.clock, sensing, lambda at, force_gwt: None, bench.before)
 
 
 SCENARIOS: tuple[Scenario, ...] = (PRESS, AGAIN, RESUME, HandScenario())

@@ -1,8 +1,9 @@
 """What came of a campaign: counts by class of violation, and the worst cases of each phase."""
 
 import json
+import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,74 +11,120 @@ from studies.faults.campaign.judge import BOUND_GWT, EXEMPTIONS
 
 Record = dict[str, Any]
 CLASSES = ("force", "sideways", "report", "lost or repeated", "not resumed", "crash")
-
 KEPT = ("case", "data", "worst_gwt", "left_gwt", "drag_mm", "exit", "claim", "on_record", "violations", "exempt")
+WORST = 5
+_NAME = re.compile(r'"commit": "([^"]*)", "case": "([^"]*)"')
 
 
-def records_of(path: Path) -> list[Record]:
-    """The records of a file of results; a torn line is left out."""
-    return list(_records(path)) if path.exists() else []
+def records_of(path: Path) -> Iterator[Record]:
+    """The records of a file of results, one by one, since there may be hundreds of thousands; no torn line."""
+    if not path.exists():
+        return
+    with path.open(encoding="ascii") as file:
+        for line in file:
+            try:
+                yield json.loads(line)
+            except ValueError:
+                continue
 
 
-def _records(path: Path) -> Iterator[Record]:
-    for line in path.read_text(encoding="ascii").splitlines():
-        try:
-            yield json.loads(line)
-        except ValueError:
-            continue
+def names_in(path: Path, commit: str, begins: str = "") -> set[str]:
+    """The names of the cases in a file of results that are of a commit, and begin so."""
+    if not path.exists():
+        return set()
+    with path.open(encoding="ascii") as file:
+        found = (_NAME.search(line) for line in file if line.endswith("}\n"))
+        return {match[2] for match in found if match and match[1] == commit and match[2].startswith(begins)}
 
 
-def worst_of(records: Sequence[Record], number: int) -> list[Record]:
-    """Those that pressed hardest, the run and its resumption alike."""
-    return sorted(records, key=lambda r: -max(r["worst_gwt"], r.get("resume_worst_gwt", 0.0)))[:number]
+def pressed_gwt(record: Record) -> float:
+    """The worst of a case and of what took it up."""
+    return float(max(record["worst_gwt"], record.get("resume_worst_gwt", 0.0)))
 
 
-def summary(records: Sequence[Record]) -> str:
-    """Violations by bench, phase and class, and the worst of each."""
-    took_s = sum(record.get("s", 0.0) for record in records)
-    lines = [f"{len(records)} cases, {took_s / 60:.0f} min of processor time, bound {BOUND_GWT:.2f} gwt"]
-    counted = Counter[tuple[str, str, str]]()
-    cases, exempt = Counter[tuple[str, str]](), Counter[tuple[str, str]]()
-    for record in records:
-        place = record["bench"], record["phase"]
-        cases[place] += 1
-        if record["exempt"] is not None:
-            exempt[place] += bool(record["violations"])
-            continue
-        for kind in record["violations"]:
-            counted[(*place, kind)] += 1
-    lines.append(f"| bench | phase | cases | {' | '.join(CLASSES)} | exempt | worst gwt |\n|---|---|---|{'---|' * 8}")
-    for place in cases:
-        some = [r for r in records if (r["bench"], r["phase"]) == place and r["exempt"] is None]
-        worst = max((r["worst_gwt"] for r in some), default=0.0)
-        numbers = " | ".join(str(counted[(*place, kind)] or "") for kind in CLASSES)
-        lines.append(
-            f"| {place[0]} | {place[1]} | {cases[place]} | {numbers} | {exempt[place] or ''} | {worst:.2f} |"
-        )
-    totals = " | ".join(str(sum(n for (_, _, k), n in counted.items() if k == kind)) for kind in CLASSES)
-    lines.append(f"| all | | {len(records)} | {totals} | {exempt.total()} | |")
-    return "\n".join(lines)
+class Summary:
+    """Counts by bench, phase and class, and the worst of each phase."""
+
+    def __init__(self, records: Iterable[Record]) -> None:
+        self.commits: set[str] = set()
+        self.took_s = 0.0
+        self.resumed = self.absorbed = 0
+        self.cases, self.spared = Counter[tuple[str, str]](), Counter[tuple[str, str]]()
+        self.found = Counter[tuple[str, str, str]]()
+        self.worst: dict[tuple[str, str, bool], list[Record]] = {}
+        self.exempt: dict[str, list[float]] = {}
+        self.bad = 0  # cases that break something and are not exempt
+        for record in records:
+            self._add(record)
+
+    def _add(self, record: Record) -> None:
+        place, exempt = (record["bench"], record["phase"]), record["exempt"]
+        self.commits.add(record["commit"])
+        self.took_s += record.get("s", 0.0)
+        self.resumed += record["resumed"] is not None
+        self.absorbed += record["exit"] == "absorbed"
+        self.cases[place] += 1
+        if exempt is None:
+            self.bad += bool(record["violations"])
+            self.found.update((*place, kind) for kind in record["violations"])
+        else:
+            self.spared[place] += bool(record["violations"])
+            self.exempt.setdefault(exempt, []).append(pressed_gwt(record))
+        worst = self.worst.setdefault((*place, exempt is None), [])
+        worst.append(record)
+        if len(worst) > 10 * WORST:
+            worst[:] = _hardest(worst)
+
+    def worst_in(self, phase: str) -> list[Record]:
+        """The cases of a phase that pressed hardest, on whatever bench, without those exempt."""
+        some = [r for (_, at, counts), records in self.worst.items() if at == phase and counts for r in records]
+        return _hardest(some)
+
+    def __str__(self) -> str:
+        took = f"{self.took_s / 60:.0f} min of processor time"
+        lines = [
+            f"{self.cases.total()} cases ({self.absorbed} absorbed, {self.resumed} resumed), {took}, "
+            f"bound {BOUND_GWT:.2f} gwt",
+            "",
+            f"| bench | phase | cases | {' | '.join(CLASSES)} | exempt | worst gwt |",
+            f"|---|---|---|{'---|' * (len(CLASSES) + 2)}",
+        ]
+        for place, cases in self.cases.items():
+            worst = max(map(pressed_gwt, self.worst.get((*place, True), [])), default=0.0)
+            numbers = " | ".join(str(self.found[(*place, kind)] or "") for kind in CLASSES)
+            spared = self.spared[place] or ""
+            lines.append(f"| {place[0]} | {place[1]} | {cases} | {numbers} | {spared} | {worst:.2f} |")
+        totals = " | ".join(str(sum(n for (_, _, k), n in self.found.items() if k == kind)) for kind in CLASSES)
+        lines.append(f"| all | | {self.cases.total()} | {totals} | {self.spared.total()} | |")
+        return "\n".join(lines)
+
+    def table(self) -> str:
+        """For docs/faults.md."""
+        parts = [str(self), "", "| exempt | cases | beyond the bound | worst gwt | remedy |", "|---|---|---|---|---|"]
+        for exemption in EXEMPTIONS:
+            forces = self.exempt.get(exemption.name, [])
+            beyond, worst = sum(gwt > BOUND_GWT for gwt in forces), max(forces, default=0.0)
+            parts.append(f"| {exemption.name} | {len(forces)} | {beyond} | {worst:.2f} | {exemption.remedy} |")
+        parts += ["", "| phase | case | worst gwt | ended | report |", "|---|---|---|---|---|"]
+        for phase in dict.fromkeys(phase for _, phase in self.cases):
+            for record in self.worst_in(phase):
+                how = f"{pressed_gwt(record):.2f} | {record['exit']} | {record['claim']}"
+                parts.append(f"| {phase} | `{record['case']}` | {how} |")
+        return "\n".join(parts)
+
+    def worst_as_csv(self, command: str) -> str:
+        """The worst of each bench and phase, exempt or not, with what made them."""
+        lines = [f"# {command}, at {', '.join(sorted(self.commits))}", ",".join(KEPT)]
+        for records in self.worst.values():
+            for record in _hardest(records):
+                row = {**record, "violations": " and ".join(record["violations"]), "exempt": record["exempt"] or ""}
+                lines.append(",".join(str(row.get(key, "")).replace(",", ";") for key in KEPT))
+        return "\n".join(lines) + "\n"
 
 
-def exempted(records: Sequence[Record]) -> str:
-    """The worst of what no program can prevent, by class."""
-    lines = ["| exempt | cases | beyond the bound | worst gwt | remedy |", "|---|---|---|---|---|"]
-    for exemption in EXEMPTIONS:
-        some = [record for record in records if record["exempt"] == exemption.name]
-        beyond = sum("force" in record["violations"] for record in some)
-        worst = max((record["worst_gwt"] for record in some), default=0.0)
-        lines.append(f"| {exemption.name} | {len(some)} | {beyond} | {worst:.2f} | {exemption.remedy} |")
-    return "\n".join(lines)
-
-
-def worst_as_csv(records: Sequence[Record], command: str) -> str:
-    """The worst five of each phase and bench, exempt or not, with what made them."""
-    lines = [f"# {command}, at {', '.join(sorted({record['commit'] for record in records}))}", ",".join(KEPT)]
-    for place in dict.fromkeys((record["bench"], record["phase"]) for record in records):
-        for record in worst_of([r for r in records if (r["bench"], r["phase"]) == place], 5):
-            row = {**record, "violations": " and ".join(record["violations"]), "exempt": record["exempt"] or ""}
-            lines.append(",".join(str(row.get(key, "")).replace(",", ";") for key in KEPT))
-    return "\n".join(lines) + "\n"
+def _hardest(records: list[Record]) -> list[Record]:
+    """Those that break something first, then by force."""
+    return sorted(records, key=lambda r: (not r["violations"], -pressed_gwt(r)))[:WORST]
 
 
 def told(record: Record) -> str:
@@ -86,21 +133,3 @@ def told(record: Record) -> str:
     worst = f"worst {record['worst_gwt']:.2f} gwt in {record.get('worst_in', '')}, left {record['left_gwt']:.2f}"
     what = ", ".join(record["violations"]) or "fine"
     return f"{record['case']}: {what}; {worst}, sideways {record['drag_mm']:.2f} mm; {reported}"
-
-
-def table(records: Sequence[Record]) -> str:
-    """For docs/faults.md."""
-    parts = [
-        summary(records),
-        "",
-        exempted(records),
-        "",
-        "| phase | case | worst gwt | ended | report |",
-        "|---|---|---|---|---|",
-    ]
-    judged = [record for record in records if record["exempt"] is None]
-    for phase in dict.fromkeys(record["phase"] for record in judged):
-        for record in worst_of([r for r in judged if r["phase"] == phase], 5):
-            worst = max(record["worst_gwt"], record.get("resume_worst_gwt", 0.0))
-            parts.append(f"| {phase} | `{record['case']}` | {worst:.2f} | {record['exit']} | {record['claim']} |")
-    return "\n".join(parts)

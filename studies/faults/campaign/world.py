@@ -120,8 +120,8 @@ class Place(Protocol):
     def clock(self) -> Clock:
         """Of the programs that are played."""
 
-    def connected(self) -> RememberingBench:
-        """The bench of another program, with drivers of its own."""
+    def connected(self, *, moves: bool = True) -> RememberingBench:
+        """The bench of another program, with drivers of its own; moves: it says so to whoever comes next."""
 
 
 class World:
@@ -147,7 +147,7 @@ class World:
         for name, line in self.lines.items():
             self._tap_device(name, line)
         self._before: tuple[float, float] | None = None
-        self._touch_n = config.habits.touch_force_gwt * GWT_N
+        self.touch_n = config.habits.touch_force_gwt * GWT_N
         self._look()
 
     # the truth
@@ -176,7 +176,7 @@ class World:
         if force_n > 0:
             if force_n > worst.force_gwt * GWT_N:
                 worst.force_gwt, worst.phase = force_n / GWT_N, self.phase
-            if force_n >= self._touch_n:
+            if force_n >= self.touch_n:
                 if self._before is not None:
                     worst.drag_mm += abs(x_mm - self._before[0])
                 self._before = (x_mm, height_mm)
@@ -233,7 +233,7 @@ class VirtualWorld(World):
         """The host's end of a wire."""
         return TappedWire(self, self.lines[name], self.clock, name)
 
-    def connected(self) -> "CampaignBench":
+    def connected(self, *, moves: bool = True) -> "CampaignBench":
         """Fresh drivers on these devices: the bench of another program."""
         if self.config.stage.framing == "tcp":
             for line in self.lines.values():
@@ -241,7 +241,8 @@ class VirtualWorld(World):
         stage_wire, force_wire = self.wire("stage"), self.wire("force")
         memory = BenchMemory(self.config)
         before = memory.read()
-        memory.moves()
+        if moves:
+            memory.moves()
         return CampaignBench(
             self,
             self.clock,
