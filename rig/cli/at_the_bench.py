@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from rig.cli.interrupts import at_once, interrupt_main
-from rig.cli.looking import contact, look, position
+from rig.cli.looking import contact, in_one_line, look, position
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import ExitCode, complain, out, print_json, told_in_one_line
 from rig.devices.drivers import open_force, open_stage
@@ -105,6 +105,8 @@ def tell(found: dict[str, Any], *, as_json: bool) -> None:
         print_json(found)
         return
     for name, value in found.items():
+        if value is None:
+            continue
         if isinstance(value, dict):
-            value = ", ".join(f"{k} {v}" for k, v in value.items())
+            value = in_one_line(value)
         out.print(f"{name:<12}{value}")

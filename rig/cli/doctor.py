@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 from serial.tools import list_ports
 
-from rig.cli.looking import contact, look
+from rig.cli.looking import contact, in_one_line, look
 from rig.cli.options import JsonOption
 from rig.cli.output import out, print_json, told_in_one_line
 from rig.data.bug_report import LEFT_OUT, bug_report, bundle_name
@@ -41,7 +41,7 @@ def command(
             return
         for name, value in found.items():
             if isinstance(value, dict):
-                value = ", ".join(f"{k} {v}" for k, v in value.items()) or "none"
+                value = in_one_line(value) or "none"
             elif isinstance(value, list):
                 value = ", ".join(str(v) for v in value) or "none"
             out.print(f"{name:<12}{value}")

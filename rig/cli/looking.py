@@ -33,6 +33,12 @@ def contact(settings: Config) -> dict[str, Any]:
     return {"words": "nothing on record"} if known is None else known.as_json()
 
 
+def in_one_line(found: dict[str, Any]) -> str:
+    """Return what was found for a terminal: its sentences where it has any, else its keys and values."""
+    sentences = [str(found[key]) for key in ("words", "to_do") if found.get(key)]
+    return "; ".join(sentences) or ", ".join(f"{key} {value}" for key, value in found.items())
+
+
 def position(at: StageStatus) -> dict[str, Any]:
     """A status as JSON: machine coordinates in mm."""
     return {"state": at.state, "x_mm": at.x_mm, "y_mm": at.y_mm, "z_mm": at.z_mm}

@@ -162,13 +162,16 @@ def _corrupt_modbus(bench: Slipping, by_mm: float) -> None:
 CORRUPT = {"grbl": _corrupt_grbl, "modbus": _corrupt_modbus}
 
 
-@pytest.mark.parametrize("phase", ["approach", "press", "hold_end"])
+@pytest.mark.parametrize(("phase", "by_mm"), [("approach", 4.0), ("press", 3.0), ("hold_end", 4.0)])
 @pytest.mark.parametrize("stage", STAGES)
 def test_a_command_that_was_corrupted_is_stopped_at_the_next_look_and_left(
-    tmp_path: Path, stage: str, phase: str
+    tmp_path: Path, stage: str, phase: str, by_mm: float
 ) -> None:
-    """By 4 mm, in one direction: down. The second layer alone; the driver's confirmation of commands comes before."""
-    ended = _pressed_twice(tmp_path, STAGES[stage], lambda b: b.after(phase, lambda: CORRUPT[stage](b, 4.0)))
+    """Down, to above the floor that the controllers enforce.
+
+    The second layer alone: the driver's confirmation of commands comes before it.
+    """
+    ended = _pressed_twice(tmp_path, STAGES[stage], lambda b: b.after(phase, lambda: CORRUPT[stage](b, by_mm)))
     bench = ended.bench
     assert bench.worst_n / GWT_N <= bound_gwt()
     assert ended.true_gwt == 0.0

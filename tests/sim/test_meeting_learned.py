@@ -1,10 +1,12 @@
 """What presses say of a finger, which press tells most, and what is no finger: on made-up fingers."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+import sim.models.meeting.learned as learned_module
 from sim.models.meeting.given import Given, RampAndHold, nominal_way
 from sim.models.meeting.learned import Learned, learn, nothing_learned
 from sim.models.meeting.misfit import Surprise, no_finger
@@ -55,6 +57,21 @@ def test_what_was_learned_holds_the_truth_and_is_narrower() -> None:
         assert sd[PRIOR.index("height_mm")] < 0.1 * PRIOR.sd[PRIOR.index("height_mm")]
         assert sd[PRIOR.index("x_mm")] < 0.5 * PRIOR.sd[PRIOR.index("x_mm")]
     assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.4
+
+
+def test_where_no_draw_lies_within_the_prior_it_has_collapsed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It ended a meeting with an error of shapes of arrays."""
+    drawn = learned_module._student
+
+    def outside(*arguments: Any) -> tuple[np.ndarray, np.ndarray]:
+        draws, ln_density = drawn(*arguments)
+        return draws + 100 * PRIOR.sd, ln_density
+
+    monkeypatch.setattr(learned_module, "_student", outside)
+    _, _, learned = _met(3)
+    assert (learned.effective, learned.collapsed) == (1.0, True)
+    assert learned.prior.within(learned.draws).all()
+    np.testing.assert_array_equal(learned.draws, np.tile(learned.likeliest, (600, 1)))
 
 
 def test_a_wanted_force_comes_within_its_band() -> None:

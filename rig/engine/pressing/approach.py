@@ -1,6 +1,7 @@
 """Down to the skin: contact found coarsely, left again, and found in fine increments."""
 
 import math
+import statistics
 from dataclasses import dataclass
 from typing import NoReturn
 
@@ -9,6 +10,8 @@ from rig.engine.pressing.pulse import pulse
 from rig.engine.pressing.touch_fit import fit_contact
 from rig.engine.records import Phase, PressId, Touch
 from rig.engine.verbs import safe_point
+
+_SHOWN_BY = 4  # readings
 
 
 @dataclass(frozen=True)
@@ -31,9 +34,8 @@ class Approach:
             self._descend(habits.increment_mm, "approach", self.lowest_mm)
         felt_mm = self.engine.height_mm
         self._back_off()
-        readings = self._descend(
-            habits.touch_increment_mm, "touch", max(felt_mm - habits.increment_mm, self.lowest_mm)
-        )
+        lowest_mm = max(felt_mm - habits.increment_mm, self.lowest_mm)
+        readings = self._descend(habits.touch_increment_mm, "touch", lowest_mm, habits.increment_mm)
         touch = fit_contact(readings, self.engine.sensing.touch_gwt, self.engine.sensing.least_gwt)
         self._record(touch)
         at_most_mm = touch.contact_height_mm - deepest_mm - habits.increment_mm
@@ -62,12 +64,19 @@ class Approach:
             force = engine.read_force_gwt(self.press, "back off")
         engine.go_to_height(engine.height_mm + habits.increment_mm, habits.approach_speed_mm_s)
 
-    def _descend(self, step_mm: float, phase: Phase, lowest_mm: float) -> list[tuple[float, float]]:
-        """(height, force) readings down to the touch threshold; trips where there is none."""
+    def _descend(
+        self, step_mm: float, phase: Phase, lowest_mm: float, farther_mm: float = 0.0
+    ) -> list[tuple[float, float]]:
+        """(height, force) readings down to the touch threshold; trips where there is none.
+
+        farther_mm: how much lower it may lie where the last readings show a force: noise has felt it too early.
+        """
         readings = list[tuple[float, float]]()
         while True:
             safe_point(self.engine)
             below = self.engine.height_mm - step_mm
+            if below < lowest_mm - 1e-9 and farther_mm and self._shows(readings):
+                lowest_mm, farther_mm = max(lowest_mm - farther_mm, self.lowest_mm), 0.0
             if below < lowest_mm - 1e-9:
                 self._miss(lowest_mm)
             if self._feels(below, phase, readings):
@@ -85,6 +94,11 @@ class Approach:
             return False
         self._refuse_contact_too_high()
         return True
+
+    def _shows(self, readings: list[tuple[float, float]]) -> bool:
+        """Whether the mean of the last readings is more than their noise: the sensor is alive, and touches."""
+        last = [force for _, force in readings[-_SHOWN_BY:]]
+        return bool(last) and statistics.fmean(last) > 0.5 * self.engine.sensing.least_gwt / math.sqrt(_SHOWN_BY)
 
     def _miss(self, lowest_mm: float) -> NoReturn:
         """What was felt coarsely must be felt again within one coarse increment: a dead sensor would go on."""

@@ -104,6 +104,8 @@ def learn(foreseen: Foreseen, presses: Sequence[Given], before: Learned, chance:
     middle, covariance, draws, weights = likeliest, _WIDER * spread, before.draws, np.ones(1)
     for _ in range(_ROUNDS):
         draws, ln_density = _student(middle, covariance, len(before.draws), chance)
+        if not prior.within(draws).any():
+            draws[0] = likeliest  # all the weight on one finger: collapsed
         weights = _weights(prior, readings, draws, ln_density)
         middle, covariance = _moments(draws, weights, likeliest, spread)
     kept = draws[_systematic(weights, len(before.draws), chance)]
@@ -209,7 +211,7 @@ def _weights(prior: Prior, readings: Readings, draws: Array, ln_density: Array) 
     within = prior.within(draws)
     ln = np.full(len(draws), -np.inf)
     ln[within] = -0.5 * (readings.off(draws[within]) ** 2).sum(axis=1) - ln_density[within]
-    weights = np.exp(ln - ln.max()) if within.any() else np.ones(len(draws))
+    weights = np.exp(ln - ln.max())
     return np.asarray(weights / weights.sum())
 
 

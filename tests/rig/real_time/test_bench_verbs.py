@@ -99,13 +99,13 @@ def test_doctor_looks_at_the_devices_of_a_configuration(
     stage, force = served(stage="grbl").ports["stage"], served(force="mtsics").ports["force"]
     config = tmp_path / "rig.toml"
     config.write_text(
-        f'[stage]\nport = "{stage}"\ntravel_mm = [60, 30, 50]\n[force]\nport = "{force}"\n'
+        f'[stage]\nport = "{stage}"\ntravel_mm = [70, 30, 40]\n[force]\nport = "{force}"\n'
         "[calibration.force_scale]\nvalue = 1.02\ndate = 2019-01-01\nexpires = 2020-01-01\n",
         encoding="utf-8",
     )
     found = rig("doctor", "--config", config, "--json").json
     assert found["stage"]["state"] == "Alarm"
-    assert "expected $132=50 (it has 40)" in found["stage"]["problem"]
+    assert "expected $130=70 (it has 60)" in found["stage"]["problem"]
     assert found["force"]["identity"] == "MT-SICS balance 0123456789"
     assert found["calibrated"] == {"force_scale": "1.02, expired 2020-01-01"}
     assert "calibrated" not in rig("doctor", "--json").json
