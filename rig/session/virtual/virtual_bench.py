@@ -1,7 +1,7 @@
 """The bench of a dry-run: real drivers, real bytes, and virtual devices on one virtual clock."""
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol, Self
@@ -40,6 +40,23 @@ class AnyPlant(Protocol):
     def force_n(self, t_s: float) -> float: ...
 
 
+@contextmanager
+def looked_after_by(clock: VirtualClock, heartbeat: Heartbeat) -> Iterator[None]:
+    """Have a timer of the virtual clock look at a heartbeat."""
+    looking = True
+
+    def look() -> None:
+        heartbeat.look()
+        if looking:
+            clock.call_at(clock.monotonic_s() + LOOK_S, look)
+
+    look()
+    try:
+        yield
+    finally:
+        looking = False
+
+
 @dataclass(frozen=True)
 class VirtualBench:
     """What the engine needs, and the plant behind the wire. It is its own operator."""
@@ -73,21 +90,9 @@ class VirtualBench:
             return {"true_doi_bias_mm": round(pose.doi_mm - data["doi_mm"], 6)}
         return {}
 
-    @contextmanager
-    def look_after(self, heartbeat: Heartbeat) -> Iterator[None]:
+    def look_after(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
         """A timer of the virtual clock looks at it."""
-        looking = True
-
-        def look() -> None:
-            heartbeat.look()
-            if looking:
-                self.clock.call_at(self.clock.monotonic_s() + LOOK_S, look)
-
-        look()
-        try:
-            yield
-        finally:
-            looking = False
+        return looked_after_by(self.clock, heartbeat)
 
     @property
     def before(self) -> LastKnown:

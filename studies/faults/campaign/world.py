@@ -1,7 +1,7 @@
 """The virtual bench of the campaign: real drivers and bytes, a finger of springs, and the truth beside them."""
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol, Self
@@ -13,10 +13,11 @@ from rig.devices.units import GWT_N
 from rig.engine import Journal
 from rig.engine.bench import NO_PAUSE, Pause, WatchedBench
 from rig.engine.by_hand.bench_memory import BenchMemory, LastKnown
-from rig.engine.heartbeat import LOOK_S, Heartbeat
+from rig.engine.heartbeat import Heartbeat
 from rig.engine.sensing import Zero
 from rig.plan.config import Config
 from rig.session.virtual.twins import virtual_force, virtual_stage
+from rig.session.virtual.virtual_bench import looked_after_by
 from rig.session.virtual.virtual_devices import true_carriage
 from rig.transport import TransportError
 from rig.transport.clock import Clock
@@ -295,21 +296,9 @@ class CampaignBench:
         """The journal gets no truth here."""
         return {}
 
-    @contextmanager
-    def look_after(self, heartbeat: Heartbeat) -> Iterator[None]:
+    def look_after(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
         """A timer of the virtual clock looks at it."""
-        looking = True
-
-        def look() -> None:
-            heartbeat.look()
-            if looking:
-                self.clock.call_at(self.clock.monotonic_s() + LOOK_S, look)
-
-        look()
-        try:
-            yield
-        finally:
-            looking = False
+        return looked_after_by(self.clock, heartbeat)
 
     def left_with(self, zero: Zero | None) -> None:
         """As a real bench remembers it."""
