@@ -117,7 +117,7 @@ class Engine:
 
     # moving
 
-    def go_to_height(self, height_mm: float, speed_mm_s: float) -> None:
+    def go_to_height(self, height_mm: float, speed_mm_s: float, *, touch_ends_it: bool = False) -> None:
         """One vertical move; below clearance one increment down, or as far as touched knows: a touch ends that."""
         clearance_mm, from_mm = self.settings.habits.clearance_mm, self.height_mm
         free_mm = self.touched.free_mm(self.x_mm, self.along_mm, speed_mm_s)
@@ -127,7 +127,9 @@ class Engine:
         self.beat(_LATE_FACTOR * abs(height_mm - from_mm) / speed_mm_s)
         long = longer_than_an_increment(self.settings, from_mm, height_mm, clearance_mm)
         away = height_mm > from_mm
-        self.move(lambda: self.motion.to_height(height_mm, speed_mm_s), away=away, touch_ends_it=long)
+        self.move(
+            lambda: self.motion.to_height(height_mm, speed_mm_s), away=away, touch_ends_it=long or touch_ends_it
+        )
 
     def move(self, motion: Callable[[], None], *, away: bool = False, touch_ends_it: bool = False) -> None:
         """Carry a motion out, feeling on the way: a force or a reading that must not be trips, at rest again.

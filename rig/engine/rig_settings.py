@@ -110,7 +110,12 @@ class HabitSettings(Settings):
         description="height above the apex between indentations; below it the stage goes by increments",
     )
     park_height_mm: float = Field(10.0, gt=0.2, le=40, description="above the apex, where on_trip = park lifts to")
-    descent_step_mm: float = Field(0.5, gt=0, le=5, description="between readings on the way down after homing")
+    descent_speed_mm_s: float = Field(
+        0.8, ge=SLOWEST_MM_S, le=2, description="of the way down to clearance after homing, which a touch ends"
+    )
+    descent_step_mm: float = Field(
+        0.5, gt=0, le=5, description="between readings on the way down by hand, and after a touch that was none"
+    )
     increment_mm: float = Field(
         0.05, gt=0, le=0.05, description="the longest move below clearance; force is read after each"
     )

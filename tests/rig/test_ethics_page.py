@@ -55,7 +55,7 @@ def test_limits_are_those_of_the_program(row: str, name: str, unit: str, per: fl
 
 
 def test_faults_are_as_many_and_as_bad_as_the_table_says() -> None:
-    rows = table("faults.md", "# What happens when something fails")
+    rows = table("faults.md", "## One fault in a press")
     assert f"{len(rows)} faults of wires" in PAGE
     worst = max(float(cells[-1]) for cells in rows)
     said = re.search(r"worst\s+([\d.]+) gram-weight", PAGE)

@@ -38,6 +38,16 @@ def _feels(bench: Any, gwt: float, below_mm: float = math.inf) -> None:
     bench.force_n = lambda t_s: gwt * GWT_N if bench.height_mm < below_mm else 0.0
 
 
+def _shakes(bench: Any, gwt: float) -> None:
+    """From now on the sensor shows so much whenever the stage moves."""
+
+    def force_n(t_s: float) -> float:
+        moved = bench.board.carriage_steps_at(t_s) != bench.board.carriage_steps_at(t_s - 0.005)
+        return gwt * GWT_N if moved else 0.0
+
+    bench.force_n = force_n
+
+
 # --- zero ---
 
 
@@ -182,20 +192,28 @@ def test_beyond_a_limit_along_the_finger_nothing_moves(spring: Make, along_mm: f
     assert len(bench.moves()) == before
 
 
-def test_after_homing_the_way_down_is_read_step_by_step(spring: Make) -> None:
-    """In steps of habits.descent_step_mm, the last one shorter and down to habits.clearance_mm; a reading at each."""
+def test_after_homing_the_way_down_is_one_slow_move_that_a_touch_ends(spring: Make) -> None:
+    bench = _homed(spring, settings=RigSettings.model_validate({"habits": {"descent_speed_mm_s": 0.7}}))
+    verbs.zero(bench.engine)
+    way_mm, before_s = bench.engine.height_mm - 2.0, bench.clock.monotonic_s()
+    verbs.move_to(bench.engine, 0.0)
+    took_s = bench.clock.monotonic_s() - before_s
+    assert way_mm / 0.7 <= took_s < way_mm / 0.7 + 1.0
+    assert _heights(bench) == [2.0]
+    assert len(bench.of("sample")) == 1  # at clearance; those on the way are looked at only
+
+
+def test_a_shake_that_is_none_at_rest_is_passed_by_a_step(spring: Make) -> None:
+    """A cell that shows a touch whenever the stage moves, and none at rest: one habits.descent_step_mm at a time."""
     habits = {"descent_step_mm": 0.7, "clearance_mm": 2.0}
     bench = _homed(spring, settings=RigSettings.model_validate({"habits": habits}))
     verbs.zero(bench.engine)
-    top_mm = bench.engine.height_mm
+    _shakes(bench, 0.06)
     verbs.move_to(bench.engine, 0.0)
-    heights = [top_mm, *_heights(bench)]
-    steps = [upper - lower for upper, lower in pairwise(heights)]
-    assert len(steps) > 20
-    assert steps[:-1] == pytest.approx([0.7] * (len(steps) - 1))
-    assert 0 < steps[-1] <= 0.7
-    assert heights[-1] == 2.0
-    assert len(bench.of("sample")) == 1  # at clearance; those on the way are looked at only
+    assert bench.engine.height_mm == 2.0
+    stops = [height for height in _heights(bench) if height > 2.0]
+    assert all(upper - lower >= 0.7 - 1e-9 for upper, lower in pairwise(stops))
+    assert len(stops) > 10
 
 
 def test_the_second_place_is_gone_to_in_one_move_each(spring: Make) -> None:

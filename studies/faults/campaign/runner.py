@@ -58,6 +58,8 @@ _TO_THE_END = ("zero",)
 _AROUND, _SAME_MM = 6, 1e-6
 RESUMED = 2
 """Of a worker's cases that end alike in a phase so many are resumed, and all that press harder than the bound."""
+STARTS_ANEW_S = 2.5
+"""Another program begins this long after a fault: the last late answer has come by then (RTU numbers no answers)."""
 _ENDS = (EngineError, StageError, ForceError, TransportError, BadInputError)
 
 Record = dict[str, Any]
@@ -236,6 +238,7 @@ class Played:
         before = finished_presses(self._run)
         if finished.exit in ("done", "absorbed"):
             return {"resumed": None, **kept(self._run, before)}
+        world.clock.wait_s(STARTS_ANEW_S)
         again = ended(lambda: self._scenario.take_up(world, self._run))
         worst = {"resume_worst_gwt": round(world.worst.force_gwt, 3), "resume_reason": again.reason[:200]}
         return {"resumed": again.exit == "done", **worst, **kept(self._run, before)}
