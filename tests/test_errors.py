@@ -1,0 +1,24 @@
+"""Errors keep their code and fields on their way through processes, and plain text stays as it is."""
+
+import pickle
+
+import pytest
+
+from rig.errors import RigError
+from sim.errors import SimError
+
+
+@pytest.mark.parametrize("kind", [RigError, SimError])
+def test_sentence_code_and_fields_survive_a_pickle(kind: type[RigError] | type[SimError]) -> None:
+    error = kind("{port}: no reply within {timeout_s:g} s", code="no_reply", port="/dev/a{b}", timeout_s=0.5)
+    again = pickle.loads(pickle.dumps(error))
+    assert type(again) is kind
+    assert str(again) == "/dev/a{b}: no reply within 0.5 s"
+    assert (again.code, again.fields) == ("no_reply", {"port": "/dev/a{b}", "timeout_s": 0.5})
+
+
+@pytest.mark.parametrize("kind", [RigError, SimError])
+def test_plain_text_is_no_format(kind: type[RigError] | type[SimError]) -> None:
+    """A driver that somebody else wrote raises what it likes."""
+    error = kind("odd { text } {0}")
+    assert (str(error), error.code, error.fields) == ("odd { text } {0}", "error", {})
