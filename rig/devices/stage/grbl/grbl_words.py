@@ -91,8 +91,8 @@ def machine_from(work: Xyz | None, offset: Xyz | None) -> Xyz:
 
 
 def parse_setting(line: str) -> tuple[int, float] | None:
-    """Read `$n=v`; None for anything else, startup lines and text included."""
-    match = re.match(r"\$(\d+)=(-?[\d.]+)", line)
+    """Read `$n=v`; None for anything else, startup lines, text and garbled numbers included."""
+    match = re.match(r"\$(\d+)=(-?\d+(?:\.\d*)?)(?![\d.])", line, re.ASCII)
     return (int(match[1]), float(match[2])) if match else None
 
 
