@@ -9,7 +9,8 @@ digits of text masked, a frame's transaction, register values and checksum left 
   the highest forces come first. (Not of what a device sends as RTU: its checksum is wrong whatever the values are.)
 
 `EXACT` phases strike every distinct message of the program whole. So every byte of every distinct message is flipped,
-dropped, doubled, swapped and cut at least once.
+dropped, doubled, swapped and cut at least once. Words that the same kind of program exchanges again under force
+(`AGAIN`) are struck there, not in the air.
 """
 
 import os
@@ -20,11 +21,13 @@ from pathlib import Path
 from typing import Any
 
 from studies.faults.campaign.faults import CELLS, MECHANICAL, WireFault, wire_faults
-from studies.faults.campaign.scenarios import SCENARIOS, Scenario
+from studies.faults.campaign.scenarios import HAND, RESUME, SCENARIOS, Scenario
 from studies.faults.campaign.world import Message, VirtualWorld
 
 EXACT = ("press", "hold", "lift", "sideways", "home", "zero", "resume", "home by hand", "jog up", "jog sideways")
 """Phases in which every distinct message of the program is struck whole."""
+AGAIN: dict[str, tuple[str, Scenario]] = {"home": ("resume", RESUME), "jog down": ("home by hand", HAND)}
+"""Phases in the air, and the phase and scenario in which the finger is pressed and the same words are exchanged."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +78,8 @@ def cases(bench: str, folder: Path, scenarios: Sequence[Scenario] = SCENARIOS) -
     """Every case of a bench, in the order of its messages."""
     for scenario in scenarios:
         messages = [m for m in census(bench, scenario, folder / f"{bench}-{scenario.name}") if m.phase]
-        struck = _struck(messages)
+        again = _again(bench, {message.phase for message in messages}, folder)
+        struck = _struck([m for m in messages if _words(m) not in again])
         begun: set[str] = set()
         for message in messages:
             about = bench, scenario.name, message.phase, message.number
@@ -87,6 +91,22 @@ def cases(bench: str, folder: Path, scenarios: Sequence[Scenario] = SCENARIOS) -
                         yield Case(*about, mechanics=mechanics, cell=cell, **of_message)
             for fault in struck.get(message.number, ()):
                 yield Case(*about, message.wire, message.way, fault, **of_message)
+
+
+def _words(message: Message) -> tuple[str, str, str, bytes]:
+    """What is exchanged in a phase, whenever it is."""
+    return message.phase, message.wire, message.way, content(message.data)
+
+
+def _again(bench: str, phases: set[str], folder: Path) -> set[tuple[str, str, str, bytes]]:
+    """The words of some phases that are exchanged again under force."""
+    found = set()
+    for phase in phases & set(AGAIN):
+        under_force, scenario = AGAIN[phase]
+        for message in census(bench, scenario, folder / f"again-{bench}-{scenario.name}"):
+            if message.phase == under_force and message.force_gwt > 0:
+                found.add((phase, *_words(message)[1:]))
+    return found
 
 
 def _struck(messages: Sequence[Message]) -> dict[int, list[WireFault]]:

@@ -306,4 +306,5 @@ def _hand(world: Place, bench: RememberingBench) -> Any:
     return at_hand.at_hand(world.config, bench.stage, world.clock, sensing, lambda at, force_gwt: None, bench.before)
 
 
-SCENARIOS: tuple[Scenario, ...] = (PRESS, AGAIN, RESUME, HandScenario())
+HAND = HandScenario()
+SCENARIOS: tuple[Scenario, ...] = (PRESS, AGAIN, RESUME, HAND)
