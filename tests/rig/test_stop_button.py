@@ -25,6 +25,7 @@ from sim.devices.clock import VirtualClock
 from sim.devices.told import StopPins
 from sim.models.fingertip import Fingertip
 from tests.program import Ended, Program
+from tests.raising import raises
 from tests.waiting import until
 
 pytestmark = pytest.mark.usefixtures("empty_figures")
@@ -270,21 +271,32 @@ def test_a_key_that_goes_away_is_known_to_be_gone(
     monkeypatch.setattr(os, "read", unplugged)
     send(event(A, 1))
     until(lambda: key.problem)
-    with pytest.raises(StopKeyError, match="No such device"):
+    with raises(StopKeyError, "gone", path=str(path)):
         _ = key.pressed
     key.close()
 
 
-@pytest.mark.parametrize("what", ["missing", "a file", "a folder"])
-def test_what_is_no_input_device_is_refused(what: str, tmp_path: Path) -> None:
+def test_what_sends_no_key_events_is_no_button(pipe: tuple[Path, Callable[[bytes], object]]) -> None:
+    path, send = pipe
+    key = StopKey(path)
+    send(event(A, 1) + b"x")
+    until(lambda: key.problem)
+    with raises(StopKeyError, "no_key_events", path=str(path)):
+        _ = key.pressed
+    key.close()
+
+
+@pytest.mark.parametrize(
+    ("what", "code"), [("missing", "not_opened"), ("a file", "not_grabbed"), ("a folder", "not_grabbed")]
+)
+def test_what_is_no_input_device_is_refused(what: str, code: str, tmp_path: Path) -> None:
     path = tmp_path / "pedal"
     if what == "a file":
         path.write_text("x", encoding="utf-8")
     if what == "a folder":
         path.mkdir()
-    with pytest.raises(StopKeyError) as caught:
+    with raises(StopKeyError, code, path=str(path)):
         StopKey(path)
-    assert str(path) in str(caught.value)
 
 
 class GoneKey:
