@@ -167,6 +167,10 @@ class Connected:
     def hears_as_usual(self) -> None:
         self.hears(self.device.usual[self.device.reading])
 
+    def answers(self, replies: Mapping[bytes, Sequence[bytes]]) -> None:
+        """From now on these questions have these replies, one after the other; the last one stays."""
+        self.wire.replies.update({question: list(those) for question, those in replies.items()})
+
     def lasts_s(self, ask: Callable[[], object], kind: type[ForceError], code: str) -> float:
         """How long it takes until this error comes, which survives a pickle."""
         begun_s = self.clock.monotonic_s()
@@ -291,7 +295,7 @@ class ForceContract:
 
     def test_zero(self, device: ForceBytes, zeroing: Zeroing) -> None:
         there = Connected(device)
-        there.wire.replies.update({question: list(replies) for question, replies in zeroing.replies.items()})
+        there.answers(zeroing.replies)
         if zeroing.kind is None:
             there.driver.zero()
         else:
