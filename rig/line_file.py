@@ -3,14 +3,23 @@
 import contextlib
 import os
 from pathlib import Path
+from typing import Any
+
+from rig.errors import RigError
 
 
-class LostFileError(OSError):
+class LostFileError(RigError, OSError):
     """The file is open, but nobody will find at its path what was written to it."""
 
-    def __init__(self, path: Path, what: str) -> None:
-        super().__init__(what)
-        self.strerror, self.filename = what, str(path)
+    default_code = "lost"
+
+    def __init__(self, path: Path, what: str, *, code: str | None = None, **fields: Any) -> None:
+        super().__init__(what, code=code, **fields)
+        self.strerror, self.filename = str(self.args[0]), str(path)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # What an OSError keeps of its own is not in the dictionary.
+        return type(self), (Path(self.filename), self.strerror), self.__dict__
 
     def __str__(self) -> str:
         return str(self.strerror)
@@ -76,25 +85,27 @@ class LineFile:
         LostFileError
             If the file was deleted, moved, replaced or shortened by somebody else.
         """
-        if self.lost is None and (what := self._what_happened()) is not None:
-            self.lost = LostFileError(self.path, what)
+        if self.lost is None:
+            self.lost = self._what_happened()
         if self.lost is not None:
             raise self.lost
 
-    def _what_happened(self) -> str | None:
+    def _what_happened(self) -> LostFileError | None:
         mine = os.fstat(self._file.fileno())
         try:
             there = os.stat(self._at)
         except FileNotFoundError:
             if mine.st_nlink == 0:
-                return "was deleted during the run"
-            return "was moved during the run, or its folder was"
+                return LostFileError(self.path, "was deleted during the run", code="deleted")
+            return LostFileError(self.path, "was moved during the run, or its folder was", code="moved")
         except OSError as error:
-            return f"can no longer be found: {error.strerror}"
+            what = "can no longer be found: {problem}"
+            return LostFileError(self.path, what, code="not_found", problem=error.strerror)
         if not os.path.samestat(mine, there):
-            return "was replaced during the run"
+            return LostFileError(self.path, "was replaced during the run", code="replaced")
         if mine.st_size < self._size:
-            return "was shortened during the run by another program"
+            what = "was shortened during the run by another program"
+            return LostFileError(self.path, what, code="shortened")
         return None
 
     def content(self) -> bytes:

@@ -13,7 +13,7 @@ from rig.devices.kinds import ForceKind, Kind, StageKind
 from rig.devices.own_table import DeviceSettings, known
 from rig.devices.stage.leadshine.leadshine_settings import DrivesSettings
 from rig.devices.stop_settings import StopSettings
-from rig.transport.port_settings import EIGHT_N_ONE, Character, Framing, Port, Settings
+from rig.transport.port_settings import EIGHT_N_ONE, Character, Framing, Port, SettingError, Settings
 
 SLOWEST_MM_S = 1 / 60  # GRBL moves no slower, whatever F says
 NOMINAL_STEPS_PER_MM = 400.0
@@ -32,14 +32,19 @@ class Calibration(Settings):
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if self.expires < self.date:
-            raise ValueError("expires: expected a day not before date")
+            raise SettingError("expires: expected a day not before date", code="expires_before_date")
         return self
 
 
 def _measured(allowed: Callable[[float], bool], expected: str) -> AfterValidator:
     def check(calibration: Calibration) -> Calibration:
         if not allowed(calibration.value):
-            raise ValueError(f"value = {calibration.value:g}: expected {expected}")
+            raise SettingError(
+                "value = {given:g}: expected {expected}",
+                code="impossible_value",
+                given=calibration.value,
+                expected=expected,
+            )
         return calibration
 
     return AfterValidator(check)
@@ -132,7 +137,9 @@ class StageSettings(DeviceSettings):
     def _told_apart(self) -> Self:
         x, z = self.drives.x, self.drives.z
         if x.device_id == z.device_id and (x.port or self.port) == (z.port or self.port):
-            raise ValueError("drives.x and drives.z: expected different device ids on one port")
+            raise SettingError(
+                "drives.x and drives.z: expected different device ids on one port", code="one_id_for_two"
+            )
         return self
 
 
@@ -236,9 +243,17 @@ class BenchSettings(Settings):
     def _output_there(self) -> Self:
         allowed = self.stage.entry.outputs
         if self.sync.output not in allowed:
-            raise ValueError(f"sync.output: expected {' or '.join(allowed)} with a {self.stage.kind} stage")
+            raise SettingError(
+                "sync.output: expected {allowed} with a {stage} stage",
+                code="no_such_output",
+                allowed=" or ".join(allowed),
+                stage=self.stage.kind,
+            )
         if self.sync.output == "drive" and self.sync.words is None:
-            raise ValueError("sync: expected register_address, on_word and off_word, from the manual of the drive")
+            raise SettingError(
+                "sync: expected register_address, on_word and off_word, from the manual of the drive",
+                code="incomplete_sync",
+            )
         return self
 
     @model_validator(mode="after")
@@ -247,5 +262,12 @@ class BenchSettings(Settings):
         for key, name in self.stop.inputs.items():
             if name not in allowed:
                 either = " or ".join(allowed) or "no input, none is reported"
-                raise ValueError(f"stop.{key} = {name!r}: expected {either} with a {self.stage.kind} stage")
+                raise SettingError(
+                    "stop.{setting} = {input!r}: expected {allowed} with a {stage} stage",
+                    code="no_such_input",
+                    setting=key,
+                    input=name,
+                    allowed=either,
+                    stage=self.stage.kind,
+                )
         return self

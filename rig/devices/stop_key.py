@@ -27,6 +27,8 @@ _READ = 64 * _EVENT.size
 class StopKeyError(TransportError):
     """The stop button cannot be read; one line."""
 
+    default_code = "no_button"
+
 
 class StopKey:
     """The device, grabbed, and a thread that reads it; close() gives it back.
@@ -49,7 +51,7 @@ class StopKey:
         StopKeyError
             If it is not there, no input device, or used by another program.
         """
-        self.path, self.problem = path, ""
+        self.path, self.problem, self._why = path, "", ""
         self._code, self._held = code, set[int]()
         self._on_press: Callable[[], object] | None = None
         self._file = _opened(path)
@@ -62,7 +64,7 @@ class StopKey:
     def pressed(self) -> bool:
         """Whether it is held down now. Raises StopKeyError where that is not known."""
         if self.problem:
-            raise StopKeyError(self.problem)
+            raise StopKeyError("{problem}", code=self._why, path=str(self.path), problem=self.problem)
         return bool(self._held)
 
     def arm(self, on_press: Callable[[], object]) -> None:
@@ -87,10 +89,10 @@ class StopKey:
             try:
                 data = os.read(self._file, _READ)
             except OSError as error:
-                self.problem = f"{self.path}: {error.strerror}"
+                self._why, self.problem = "gone", f"{self.path}: {error.strerror}"
                 return
             if len(data) % _EVENT.size or not data:
-                self.problem = f"{self.path}: it ended, or sends no key events"
+                self._why, self.problem = "no_key_events", f"{self.path}: it ended, or sends no key events"
                 return
             for _, _, kind, code, value in _EVENT.iter_unpack(data):
                 if kind == _KEY and self._counts(code):
@@ -110,7 +112,9 @@ def _opened(path: Path) -> int:
         pipe = stat.S_ISFIFO(path.stat().st_mode)
         file = os.open(path, (os.O_RDWR if pipe else os.O_RDONLY) | os.O_NONBLOCK)
     except (OSError, AttributeError) as error:
-        raise StopKeyError(f"{path}: {getattr(error, 'strerror', error)}, expected an input device") from None
+        raise StopKeyError(
+            "{path}: {problem}, expected an input device", code="not_opened", path=str(path), problem=_what(error)
+        ) from None
     if pipe:
         return file
     try:
@@ -119,8 +123,14 @@ def _opened(path: Path) -> int:
         ioctl(file, _GRAB, 1)
     except (OSError, ImportError) as error:
         os.close(file)
-        raise StopKeyError(f"{path}: cannot be had for itself: {getattr(error, 'strerror', error)}") from None
+        raise StopKeyError(
+            "{path}: cannot be had for itself: {problem}", code="not_grabbed", path=str(path), problem=_what(error)
+        ) from None
     return file
+
+
+def _what(error: Exception) -> str:
+    return str(getattr(error, "strerror", error))
 
 
 def _held_keys(file: int) -> list[int]:

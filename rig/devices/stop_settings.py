@@ -4,12 +4,12 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from rig.transport.port_settings import Settings
+from rig.transport.port_settings import SettingError, Settings
 
 
 def _said(text: str) -> str:
     if not text.strip():
-        raise ValueError("expected a name")
+        raise SettingError("expected a name", code="no_name")
     return text
 
 
@@ -61,13 +61,27 @@ class StopSettings(Settings):
     def _complete(self) -> Self:
         for kind, key in (("board", "input"), ("key", "device")):
             if self.kind == kind and getattr(self, key) is None:
-                raise ValueError(f"{key}: expected with kind = {kind!r}")
+                raise SettingError(
+                    "{setting}: expected with kind = {kind!r}", code="expected_with_kind", setting=key, kind=kind
+                )
             if self.kind != kind and getattr(self, key) is not None:
-                raise ValueError(f"{key}: expected with kind = {kind!r} only")
+                raise SettingError(
+                    "{setting}: expected with kind = {kind!r} only",
+                    code="expected_with_kind_only",
+                    setting=key,
+                    kind=kind,
+                )
         if self.key_code is not None and self.kind != "key":
-            raise ValueError("key_code: expected with kind = 'key' only")
+            raise SettingError(
+                "{setting}: expected with kind = {kind!r} only",
+                code="expected_with_kind_only",
+                setting="key_code",
+                kind="key",
+            )
         if self.trip_gwt is not None and self.trip_input is None:
-            raise ValueError("trip_gwt: expected with trip_input only")
+            raise SettingError("trip_gwt: expected with trip_input only", code="no_trip_input")
         if self.trip_input is not None and self.trip_input == self.input:
-            raise ValueError("trip_input: expected another input than the participant's button")
+            raise SettingError(
+                "trip_input: expected another input than the participant's button", code="input_used_twice"
+            )
         return self

@@ -2,9 +2,13 @@
 
 from typing import Protocol
 
+from rig.errors import RigError
 
-class TransportError(Exception):
+
+class TransportError(RigError):
     """The wire itself failed: no such port, port busy, unplugged, closed."""
+
+    default_code = "wire_failed"
 
 
 class Transport(Protocol):

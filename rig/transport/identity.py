@@ -39,11 +39,13 @@ def tcp_addresses(port: str) -> tuple[Address, ...]:
     """
     host, colon, number = port.removeprefix(SCHEME).rpartition(":")
     if not (port.startswith(SCHEME) and host and colon and number.isdigit() and 0 < int(number) < 65536):
-        raise TransportError(f"{port!r} is no TCP port, expected tcp://HOST:PORT")
+        raise TransportError("{port!r} is no TCP port, expected tcp://HOST:PORT", code="no_address", port=port)
     try:
         found = socket.getaddrinfo(host.strip("[]"), int(number), type=socket.SOCK_STREAM)
     except (OSError, UnicodeError) as problem:
-        raise TransportError(f"cannot open {port}: {problem}") from problem
+        raise TransportError(
+            "cannot open {port}: {problem}", code="unknown_host", port=port, problem=str(problem)
+        ) from problem
     return tuple(dict.fromkeys((int(family), address) for family, _, _, _, address in found))
 
 

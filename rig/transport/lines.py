@@ -51,4 +51,9 @@ class LineReader:
                 self._lines.append(line)
         if len(self._rest) > LONGEST_LINE:
             self._rest = b""
-            raise TransportError(f"{self._transport.name}: {LONGEST_LINE} bytes without an end of line")
+            raise TransportError(
+                "{port}: {longest} bytes without an end of line",
+                code="line_too_long",
+                port=self._transport.name,
+                longest=LONGEST_LINE,
+            )

@@ -38,5 +38,5 @@ class LoopbackTransport:
 
     def _open_line(self) -> HostLine:
         if self._line is None:
-            raise TransportError(f"{self.name} is closed")
+            raise TransportError("{port} is closed", code="closed", port=self.name)
         return self._line

@@ -17,6 +17,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from rig.errors import RigError
+
 FOLDERS = ("/run/lock", "/tmp")
 """The first that is everybody's; neither an account nor its environment has a say in it."""
 
@@ -51,11 +53,13 @@ class PortOwner:
         return f"process {self.pid}" + ("" if self.ours else " of another account")
 
 
-class LockHeldError(Exception):
+class LockHeldError(RigError):
     """Somebody else has the lock."""
 
+    default_code = "lock_held"
+
     def __init__(self, owner: PortOwner) -> None:
-        super().__init__(f"in use by {owner}")
+        super().__init__("in use by {owner}", owner=str(owner), pid=owner.pid)
         self.owner = owner
 
 

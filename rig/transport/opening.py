@@ -29,4 +29,4 @@ def open_port(
 def refuse_missing(port: str) -> None:
     """Raises TransportError for a device that is not there; opens nothing, and asks nothing of a URL."""
     if os.name == "posix" and "://" not in port and not os.path.exists(port):
-        raise TransportError(f"there is no port {port}")
+        raise TransportError("there is no port {port}", code="no_port", port=port)

@@ -1,6 +1,7 @@
 """One port, one owner, by what the port is and not by what it is called."""
 
 from collections.abc import Iterable
+from typing import Any
 
 from rig.transport.base import TransportError
 from rig.transport.identity import identities
@@ -10,8 +11,10 @@ from rig.transport.machine_lock import LockHeldError, MachineLock, PortOwner, lo
 class NotOwnedError(TransportError):
     """The port cannot be had for oneself; owner: who has it, None where it cannot be locked at all."""
 
-    def __init__(self, message: str, owner: PortOwner | None) -> None:
-        super().__init__(message)
+    default_code = "in_use"
+
+    def __init__(self, sentence: str, owner: PortOwner | None, /, *, code: str | None = None, **fields: Any) -> None:
+        super().__init__(sentence, code=code, **fields)
         self.owner = owner
 
 
@@ -34,11 +37,23 @@ class PortOwnership:
                 self._locks.append(MachineLock(name))
         except LockHeldError as held:
             self.release()
-            raise NotOwnedError(f"{port} is already in use by {held.owner}", held.owner) from None
+            raise NotOwnedError(
+                "{port} is already in use by {owner}",
+                held.owner,
+                code="in_use",
+                port=port,
+                owner=str(held.owner),
+                pid=held.owner.pid,
+            ) from None
         except OSError as problem:
             self.release()
             raise NotOwnedError(
-                f"cannot lock {port}: {problem.filename}: {problem.strerror}; expected its owner to remove that", None
+                "cannot lock {port}: {path}: {problem}; expected its owner to remove that",
+                None,
+                code="not_lockable",
+                port=port,
+                path=str(problem.filename),
+                problem=problem.strerror,
             ) from problem
 
     def release(self) -> None:

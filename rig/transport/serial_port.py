@@ -41,7 +41,7 @@ class SerialTransport:
             _open(port, self._serial)
             if self._ownership is not None and identities(device) != self._ownership.names:
                 self._serial.close()
-                raise TransportError(f"{port} became another device while it was opened")
+                raise TransportError("{port} became another device while it was opened", code="exchanged", port=port)
         except BaseException:
             self._let_go()
             raise
@@ -50,7 +50,9 @@ class SerialTransport:
         try:
             self._serial.write(data)
         except (serial.SerialException, OSError) as problem:
-            raise TransportError(f"cannot write to {self._port}: {problem}") from problem
+            raise TransportError(
+                "cannot write to {port}: {problem}", code="not_written", port=self._port, problem=str(problem)
+            ) from problem
 
     def read(self, timeout_s: float) -> bytes:
         try:
@@ -59,7 +61,9 @@ class SerialTransport:
             return bytes(first + self._serial.read(self._serial.in_waiting)) if first else b""
         except (serial.SerialException, OSError, TypeError) as problem:
             # pyserial fails with a TypeError when another thread closes the port under a read.
-            raise TransportError(f"cannot read from {self._port}: {problem}") from problem
+            raise TransportError(
+                "cannot read from {port}: {problem}", code="not_read", port=self._port, problem=str(problem)
+            ) from problem
 
     def close(self) -> None:
         self._serial.close()
@@ -87,22 +91,23 @@ def _made(port: str, baud: int, character: str, *, dtr: bool, exclusive: bool) -
         wire.dtr = dtr
         return wire
     except (serial.SerialException, OSError, ValueError) as problem:
-        raise TransportError(_why_not(port, problem)) from problem
+        raise _not_opened(port, problem) from problem
 
 
 def _open(port: str, wire: Any) -> None:
     try:
         wire.open()
     except (serial.SerialException, OSError, ValueError) as problem:
-        raise TransportError(_why_not(port, problem)) from problem
+        raise _not_opened(port, problem) from problem
 
 
-def _why_not(port: str, problem: Exception) -> str:
+def _not_opened(port: str, problem: Exception) -> TransportError:
     number = getattr(problem, "errno", None)
     if number == errno.ENOENT:
-        return f"there is no port {port}"
+        return TransportError("there is no port {port}", code="no_port", port=port)
     if number in (errno.EBUSY, errno.EAGAIN):
-        return f"{port} is already in use by another program"
+        return TransportError("{port} is already in use by another program", code="in_use", port=port)
     if number == errno.EACCES:
-        return f"no permission to open {port}"
-    return f"cannot open {port}: {problem}".splitlines()[0]
+        return TransportError("no permission to open {port}", code="no_permission", port=port)
+    first = "".join(str(problem).splitlines()[:1])
+    return TransportError("cannot open {port}: {problem}", code="not_opened", port=port, problem=first)

@@ -40,16 +40,22 @@ class TcpTransport:
         try:
             self._socket.sendall(data)
         except OSError as problem:
-            raise TransportError(f"cannot write to {self._port}: {_said(problem)}") from problem
+            raise TransportError(
+                "cannot write to {port}: {problem}", code="not_written", port=self._port, problem=_said(problem)
+            ) from problem
 
     def read(self, timeout_s: float) -> bytes:
         try:
             readable, _, _ = select.select([self._socket], [], [], max(timeout_s, 0.0))
             data = self._socket.recv(_CHUNK) if readable else None
         except (OSError, ValueError) as problem:
-            raise TransportError(f"cannot read from {self._port}: {_said(problem)}") from problem
+            raise TransportError(
+                "cannot read from {port}: {problem}", code="not_read", port=self._port, problem=_said(problem)
+            ) from problem
         if data == b"":
-            raise TransportError(f"cannot read from {self._port}: the other side closed the connection")
+            raise TransportError(
+                "cannot read from {port}: the other side closed the connection", code="hung_up", port=self._port
+            )
         return data or b""
 
     def close(self) -> None:
@@ -62,10 +68,17 @@ def _connect(port: str, addresses: tuple[Address, ...]) -> socket.socket:
     try:
         connection = _connected(addresses)
     except ConnectionRefusedError as problem:
-        there = "nothing listens there, expected a device that is on, or `rig serve` that has said its ports"
-        raise TransportError(f"cannot open {port}: {_said(problem)}, {there}") from problem
+        raise TransportError(
+            "cannot open {port}: {problem}, nothing listens there, expected a device that is on, "
+            "or `rig serve` that has said its ports",
+            code="no_listener",
+            port=port,
+            problem=_said(problem),
+        ) from problem
     except OSError as problem:
-        raise TransportError(f"cannot open {port}: {_said(problem)}") from problem
+        raise TransportError(
+            "cannot open {port}: {problem}", code="not_opened", port=port, problem=_said(problem)
+        ) from problem
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # a stop must not wait for more bytes
     connection.settimeout(WRITE_S)
     return connection

@@ -1,176 +1,216 @@
-"""The Laumas driver as pairs of bytes: transmitter 1, counts of 0.01 g."""
+"""What a Laumas transmitter's settings do, on registers without frames, at a late hour of the clock.
 
-from collections.abc import Callable
+The rest is in tests/contracts.
+"""
+
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import pytest
 
-from rig.devices.force import (
-    ForceBroken,
-    ForceBusy,
-    ForceError,
-    ForceOverload,
-    ForceReading,
-    ForceSensor,
-    ForceTimeout,
-    ForceUnderload,
-)
-from rig.devices.force.laumas.laumas_force import LaumasForce
+from rig.devices.force import ForceBroken, ForceBusy, ForceError, ForceOverload, ForceReading, ForceUnderload
+from rig.devices.force.laumas.laumas_force import COMMAND, IDENTITY, STATUS, LaumasForce
 from rig.devices.force.laumas.laumas_settings import LaumasSettings
 from rig.transport.modbus import ModbusMaster
 from sim.devices.clock import VirtualClock
+from tests.raising import raises
 
-Pair = tuple[str, str]
-Make = Callable[..., LaumasForce]
-ASK = "01 03 00 06 00 08"
-STABLE, STABLE_AT_ZERO = "08 00", "18 00"
-
-
-def snapshot(status: str, gross: str, net: str = "00 00 00 00", units: str = "01 0C") -> Pair:
-    """Status, gross, net, peak, divisions and units: registers 6 … 13."""
-    return ASK, f"01 03 10 {status} {gross} {net} 00 00 00 00 {units}"
+GWT_N = 9.80665e-3
+STABLE = 1 << 11
 
 
-def command(number: str) -> Pair:
-    return f"01 10 00 05 00 01 02 {number}", "01 10 00 05 00 01"
+class Bus:
+    """A transmitter: registers, and when which command came. Its load is `status` and `counts` at each asking."""
+
+    name = "bus"
+
+    def __init__(self, clock: VirtualClock) -> None:
+        self.clock = clock
+        self.status: Callable[[], int] = lambda: STABLE
+        self.gross = self.net = 0
+        self.units = 0x010C
+        self.asked_s: list[float] = []
+        self.told: list[tuple[float, int, int, list[int]]] = []
+
+    def read(self, device: int, register: int, count: int) -> list[int]:
+        assert device == 1
+        if register == IDENTITY:
+            return [261, 30, 2024, 1234][:count] + [0] * (count - 4)
+        assert (register, count) == (STATUS, 8)
+        self.asked_s.append(self.clock.monotonic_s())
+        weights = [part for counts in (self.gross, self.net) for part in (counts >> 16 & 0xFFFF, counts & 0xFFFF)]
+        return [self.status(), *weights, 0, 0, self.units]
+
+    def write(self, device: int, register: int, values: Sequence[int]) -> None:
+        self.told.append((self.clock.monotonic_s(), device, register, list(values)))
+        self.gross = self.net = 0
+
+
+Make = Callable[..., tuple[Bus, LaumasForce]]
 
 
 @pytest.fixture
-def transmitter(clock: VirtualClock, scripted: Callable[[list[Any]], Any], rtu: Callable[[str], bytes]) -> Make:
-    def make(pairs: list[Pair], *, scale: float = 1.0, **changes: Any) -> LaumasForce:
-        wire = scripted([(rtu(sent), rtu(reply) if reply else b"") for sent, reply in pairs])
-        return LaumasForce(ModbusMaster(wire, clock), clock, LaumasSettings(**changes), scale=scale)
+def transmitter(clock: VirtualClock) -> Make:
+    def make(driver: dict[str, float] | None = None, **changes: Any) -> tuple[Bus, Any]:
+        clock.wait_s(1000.0)
+        bus: Any = Bus(clock)
+        return bus, LaumasForce(bus, clock, LaumasSettings(**changes), **(driver or {}))
 
     return make
 
 
-def test_connect_checks_the_unit(transmitter: Make) -> None:
-    identity = ("01 03 00 00 00 04", "01 03 08 01 05 00 1E 07 E8 04 D2")
-    there: ForceSensor = transmitter([identity, snapshot(STABLE, "00 00 00 00")])
-    assert there.connect() == "Laumas transmitter type 30, serial 1234 of 2024, firmware 261"
-    assert (there.sample_period_s, there.resolution_gwt) == (0.05, 0.01)
+# By the manual of the LCB, status register 1.
+KINDS: dict[int, tuple[type[ForceError], str]] = {
+    0: (ForceBroken, "cell_error"),
+    1: (ForceBroken, "converter_error"),
+    2: (ForceOverload, "over_max"),
+    3: (ForceOverload, "over_full_scale"),
+    4: (ForceOverload, "gross_out_of_range"),
+    5: (ForceOverload, "net_out_of_range"),
+}
 
 
-def test_another_unit_is_refused(transmitter: Make) -> None:
-    """Kilograms instead of grams: forces would be a thousand times too small."""
-    with pytest.raises(ForceError, match=r"division and unit \(register 13\) are 0x000C, expected 0x010C"):
-        transmitter([snapshot(STABLE, "00 00 00 E9", units="00 0C")]).read()
+@pytest.mark.parametrize("weight", ["gross", "net"])
+@pytest.mark.parametrize("bit", range(16))
+def test_each_bit_of_the_status_means_what_the_manual_says(transmitter: Make, weight: str, bit: int) -> None:
+    """Of 233 counts; a sign counts for its own weight only."""
+    bus, force = transmitter(weight=weight)
+    bus.status, bus.gross, bus.net = lambda: 1 << bit, 233, 233
+    if bit in KINDS:
+        with raises(*KINDS[bit], port="bus", device_id=1) as caught:
+            force.read()
+        assert type(caught.value) is KINDS[bit][0]
+    else:
+        minus = -1 if bit == {"gross": 7, "net": 8}[weight] else 1
+        assert force.read() == ForceReading(pytest.approx(minus * 2.33 * GWT_N), bit == 11, 1000.0)
 
 
-def test_a_weight_is_a_magnitude_with_its_sign_in_the_status(transmitter: Make, clock: VirtualClock) -> None:
-    """233 counts are 2.33 g; 100000 need both words; bit 7 is the minus of gross."""
-    there = transmitter(
-        [snapshot(STABLE, "00 00 00 E9"), snapshot("00 00", "00 01 86 A0"), snapshot("00 80", "00 00 00 E9")]
-    )
-    clock.wait_s(3.0)
-    first = there.read()
-    assert first == ForceReading(pytest.approx(2.33 * 9.80665e-3), True, pytest.approx(3.0, abs=1e-6))
-    assert there.read() == ForceReading(pytest.approx(9.80665), False, pytest.approx(3.0, abs=0.01))
-    assert there.read().force_n == pytest.approx(-2.33 * 9.80665e-3)
-
-
-def test_net_has_its_own_registers_and_sign(transmitter: Make) -> None:
-    there = transmitter([snapshot("01 80", "00 00 00 01", "00 00 00 E9")], weight="net")
-    assert there.read().force_n == pytest.approx(-2.33 * 9.80665e-3)
-
-
-def test_weights_in_twos_complement(transmitter: Make) -> None:
-    there = transmitter([snapshot("00 80", "FF FF FF 17")], signs="registers")
-    assert there.read().force_n == pytest.approx(-2.33 * 9.80665e-3)
-
-
-def test_scale_and_filter(transmitter: Make) -> None:
-    """What was measured against a weight; a value of four samples is new after four."""
-    there = transmitter([snapshot(STABLE, "00 00 00 64")], scale=1.02, filter_samples=4)
-    assert there.read().force_n == pytest.approx(1.02 * 9.80665e-3)
-    assert there.sample_period_s == pytest.approx(0.2)
-    assert there.resolution_gwt == pytest.approx(0.0102)
-
-
-@pytest.mark.parametrize(
-    ("status", "kind", "meaning"),
-    [
-        ("00 01", ForceBroken, "load cell error"),
-        ("00 02", ForceBroken, "analogue-to-digital converter"),
-        ("00 04", ForceOverload, "maximum weight exceeded"),
-        ("00 08", ForceOverload, "110 % of full scale"),
-        ("00 10", ForceOverload, "gross weight out of range"),
-        ("00 20", ForceOverload, "net weight out of range"),
-        ("00 90", ForceUnderload, "gross weight out of range"),
-        ("08 01", ForceBroken, "load cell error"),
-    ],
-)
-def test_what_the_status_says_is_an_error(
-    transmitter: Make, status: str, kind: type[Exception], meaning: str
-) -> None:
-    with pytest.raises(kind, match=f"scripted: transmitter 1: .*{meaning}") as caught:
-        transmitter([snapshot(status, "00 00 00 E9")]).read()
-    assert type(caught.value) is kind
-    assert isinstance(caught.value, ForceError)
+@pytest.mark.parametrize("weight", ["gross", "net"])
+@pytest.mark.parametrize("bit", [2, 3, 4, 5])
+def test_beyond_the_range_with_a_minus_is_underload(transmitter: Make, weight: str, bit: int) -> None:
+    bus, force = transmitter(weight=weight)
+    bus.status = lambda: 1 << bit | 1 << {"gross": 7, "net": 8}[weight]
+    with raises(ForceUnderload, KINDS[bit][1]):
+        force.read()
 
 
 def test_a_bit_may_be_elsewhere(transmitter: Make) -> None:
     """Second-hand facts are configuration."""
-    there = transmitter([snapshot("40 00", "00 00 00 E9")], bits={"cell_error": 14})
-    with pytest.raises(ForceBroken):
-        there.read()
+    bus, force = transmitter(bits={"cell_error": 14})
+    bus.status = lambda: 1 << 14
+    with raises(ForceBroken, "cell_error"):
+        force.read()
 
 
-def test_silence_and_refusal(transmitter: Make) -> None:
-    with pytest.raises(ForceTimeout, match=r"read .function 3. of 8 registers at 0x0006: no answer"):
-        transmitter([(ASK, "")] * 3).read()
-    with pytest.raises(ForceError, match="refused with exception 2, illegal data address"):
-        transmitter([(ASK, "01 83 02")]).read()
-
-
-def test_zero_waits_for_rest_and_makes_sure(transmitter: Make) -> None:
-    transmitter(
-        [
-            snapshot("00 00", "00 00 00 C8"),
-            snapshot(STABLE, "00 00 00 C8"),
-            command("00 08"),
-            snapshot(STABLE_AT_ZERO, "00 00 00 00"),
-        ]
-    ).zero()
-
-
-def test_zero_that_does_nothing_is_told(transmitter: Make) -> None:
-    there = transmitter([snapshot(STABLE, "00 00 00 C8"), command("00 08"), snapshot(STABLE, "00 00 00 C8")])
-    with pytest.raises(ForceBusy, match="still 2 gwt after zeroing"):
-        there.zero()
-
-
-def test_zero_of_net_is_a_tare(transmitter: Make) -> None:
-    net = snapshot("0C 00", "00 00 00 C8", "00 00 00 00")
-    transmitter([snapshot(STABLE, "00 00 00 C8", "00 00 00 C8"), command("00 07"), net], weight="net").zero()
-
-
-def test_tare_and_gross(transmitter: Make) -> None:
-    there = transmitter([command("00 07"), command("00 09")])
-    there.tare()
-    there.show_gross()
-
-
-@pytest.mark.parametrize(("status", "gross"), [(STABLE, "00 00 00 02"), ("08 80", "00 00 00 02")])
-def test_what_is_left_after_zeroing_is_refused_on_either_side(transmitter: Make, status: str, gross: str) -> None:
-    """Two counts are 0.02 gwt, the resolution is 0.01; a sign in bit 7 of the status is pull."""
-    script = [snapshot(STABLE, "00 00 00 05"), command("00 08"), snapshot(status, gross)]
-    with pytest.raises(ForceBusy, match=r"still -?0\.02 gwt after zeroing"):
-        transmitter(script).zero()
-
-
-def test_a_load_that_never_rests_is_waited_for_ten_seconds(
-    transmitter: Make, clock: VirtualClock, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("weight", ["gross", "net"])
+@pytest.mark.parametrize("counts", [0, 1, 65535, 65536, 2**31 - 1, -1, -65536, -100000, -(2**31)])
+def test_a_weight_in_twos_complement_has_its_sign_in_its_first_bit(
+    transmitter: Make, weight: str, counts: int
 ) -> None:
-    clock.wait_s(100.0)
-    force = transmitter([])
-    monkeypatch.setattr(force, "read", lambda: ForceReading(0.1, False, clock.monotonic_s()))
-    with pytest.raises(ForceBusy, match="no stable load in 10 s"):
+    """And nowhere else: bits 7 and 8 of the status are no signs here."""
+    bus, force = transmitter(signs="registers", weight=weight)
+    setattr(bus, weight, counts)
+    for status in (0, 0x180):
+        bus.status = lambda status=status: status  # type: ignore[misc]
+        assert force.read().force_n == pytest.approx(counts * 0.01 * GWT_N)
+    bus.status = lambda: 1 << 2
+    with raises(ForceUnderload if counts < 0 else ForceOverload, "over_max"):
+        force.read()
+
+
+@pytest.mark.parametrize(("count_g", "scale"), [(0.01, 1.0), (0.5, 1.0), (0.01, 1.25), (2.0, 0.8)])
+def test_a_count_is_so_many_grams_and_the_scale_is_measured(transmitter: Make, count_g: float, scale: float) -> None:
+    bus, force = transmitter({"scale": scale, "resolution_gwt": 0.02}, count_g=count_g)
+    bus.gross = 300
+    assert force.read().force_n == pytest.approx(300 * count_g * scale * GWT_N)
+    assert force.resolution_gwt == pytest.approx(0.02 * scale)
+
+
+def test_a_transmitter_that_nothing_is_said_of_shows_grams_in_hundredths_each_twentieth_of_a_second(
+    transmitter: Make,
+) -> None:
+    """A value of four samples is new after four."""
+    bus, force = transmitter()
+    bus.gross = 100
+    assert (force.sample_period_s, force.resolution_gwt) == (0.05, 0.01)
+    assert force.read().force_n == pytest.approx(GWT_N)
+    assert transmitter(filter_samples=4)[1].sample_period_s == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize("ask", ["connect", "identify"])
+def test_an_identity_is_given_where_the_unit_is_right_and_nothing_is_written(transmitter: Make, ask: str) -> None:
+    bus, force = transmitter()
+    assert getattr(force, ask)() == "Laumas transmitter type 30, serial 1234 of 2024, firmware 261"
+    bus.units = 0x000C
+    with raises(ForceError, "wrong_unit", register=13, word=0x000C, expected_word=0x010C):
+        getattr(force, ask)()
+    assert bus.told == []
+
+
+@pytest.mark.parametrize(("weight", "command"), [("gross", 8), ("net", 7)])
+def test_zero_is_taken_of_the_first_load_at_rest_and_looked_at_once_its_filter_is_new(
+    transmitter: Make, clock: VirtualClock, weight: str, command: int
+) -> None:
+    """Four samples of 0.05 s: asked each 0.2 s, and 0.2 s after the command; at rest after a second."""
+    bus, force = transmitter(weight=weight, filter_samples=4)
+    bus.gross = bus.net = 200
+    bus.status = lambda: STABLE if clock.monotonic_s() > 1000.9 else 0
+    force.zero()
+    assert bus.asked_s == pytest.approx([1000.0, 1000.2, 1000.4, 1000.6, 1000.8, 1001.0, 1001.2])
+    assert bus.told == [(pytest.approx(1001.0), 1, COMMAND, [command])]
+
+
+@pytest.mark.parametrize(("rests_s", "fine"), [(9.9, True), (10.2, False)])
+def test_a_load_may_take_ten_seconds_to_rest(
+    transmitter: Make, clock: VirtualClock, rests_s: float, fine: bool
+) -> None:
+    bus, force = transmitter()
+    bus.status = lambda: STABLE if clock.monotonic_s() > 1000.0 + rests_s else 0
+    if fine:
         force.zero()
-    assert clock.monotonic_s() == pytest.approx(110.0, abs=0.06)
+    else:
+        with raises(ForceBusy, "no_stable_load", port="bus", device_id=1, timeout_s=10.0):
+            force.zero()
+        assert clock.monotonic_s() == pytest.approx(1010.0, abs=0.06)
+    assert len(bus.told) == fine
 
 
-def test_closing_it_closes_the_wire(scripted: Callable[[list[Any]], Any], clock: VirtualClock) -> None:
-    wire = scripted([])
-    LaumasForce(ModbusMaster(wire, clock), clock, LaumasSettings()).close()
-    assert wire.closed
+@pytest.mark.parametrize(("left", "fine"), [(0, True), (1, True), (-1, True), (3, False), (-3, False)])
+def test_what_is_left_after_zeroing_is_a_step_of_the_display_at_most(
+    transmitter: Make, left: int, fine: bool
+) -> None:
+    """Counts of 0.01 gwt, and a display of 0.02."""
+    bus, force = transmitter({"resolution_gwt": 0.02}, signs="registers")
+    write = bus.write
+
+    def zeroed(device: int, register: int, values: Sequence[int]) -> None:
+        write(device, register, values)
+        bus.gross = left
+
+    bus.write = zeroed  # type: ignore[method-assign]
+    if fine:
+        force.zero()
+    else:
+        with raises(ForceBusy, "not_zeroed", port="bus", device_id=1, left_gwt=left / 100):
+            force.zero()
+
+
+# --- on a wire ---
+
+PAIRS = {
+    "net": ("01 03 00 06 00 08", "01 03 10 01 80 00 00 00 01 00 00 00 E9 00 00 00 00 01 0C"),
+    "tare": ("01 10 00 05 00 01 02 00 07", "01 10 00 05 00 01"),
+    "gross": ("01 10 00 05 00 01 02 00 09", "01 10 00 05 00 01"),
+    "set-point": ("01 03 00 10 00 02", "01 03 04 00 01 86 A0"),
+}
+
+
+def test_net_tare_gross_and_the_set_point_have_frames_of_their_own(
+    clock: VirtualClock, scripted: Callable[[list[Any]], Any], rtu: Callable[[str], bytes]
+) -> None:
+    wire = scripted([(rtu(sent), rtu(reply)) for sent, reply in PAIRS.values()])
+    force = LaumasForce(ModbusMaster(wire, clock), clock, LaumasSettings(weight="net"), scale=1.5)
+    assert force.read().force_n == pytest.approx(-1.5 * 2.33 * GWT_N)
+    force.tare()
+    force.show_gross()
+    assert force.set_point_gwt(16) == pytest.approx(1500.0)

@@ -1,140 +1,168 @@
-"""The MT-SICS driver as pairs of bytes."""
+"""What only a balance does, as pairs of bytes, at a late hour of the clock; the rest is in tests/contracts."""
 
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
-from rig.devices.force import (
-    ForceBusy,
-    ForceError,
-    ForceOverload,
-    ForceReading,
-    ForceSensor,
-    ForceTimeout,
-    ForceUnderload,
-)
+from rig.devices.force import ForceBusy, ForceError, ForceOverload, ForceTimeout, ForceUnderload
 from rig.devices.force.mtsics.mtsics_force import MtSicsForce
 from sim.devices.clock import VirtualClock
+from tests.raising import raises
 
+GWT_N = 9.80665e-3
 HELLO = (b"@\r\n", b'I4 A "0123456789"\r\n')
-Make = Callable[[list[Any]], MtSicsForce]
+WEIGHT = (b"SI\r\n", b"S S 1.00 g\r\n")
+BEGUN_S = 1000.0
+Balance = Callable[..., MtSicsForce]
+Ask = Callable[[MtSicsForce], object]
+ASK: dict[str, Ask] = {
+    "SI": MtSicsForce.read,
+    "Z": MtSicsForce.zero,
+    "T": MtSicsForce.tare,
+    "S": lambda force: force.read_stable(3.0),
+}
 
 
 @pytest.fixture
-def balance(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> Make:
-    """A driver that has said hello to the far end of this script."""
+def balance(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> Balance:
+    """A balance a thousand seconds after the clock began; nothing was said to it yet."""
 
-    def make(script: list[Any]) -> MtSicsForce:
-        force = MtSicsForce(scripted([HELLO, *script]), clock)
-        assert force.connect() == "MT-SICS balance 0123456789"
-        return force
+    def make(*script: Any, **options: Any) -> MtSicsForce:
+        clock.wait_s(BEGUN_S)
+        return MtSicsForce(scripted(list(script)), clock, **options)
 
     return make
 
 
-def test_read_gives_newtons(balance: Make, clock: VirtualClock) -> None:
-    force: ForceSensor = balance([(b"SI\r\n", b"S S     100.00 g\r\n"), (b"SI\r\n", b"S D  -0.01 g\r\n")])
-    clock.wait_s(3.0)
-    assert force.read() == ForceReading(pytest.approx(0.980665), True, 3.0)
-    assert force.read() == ForceReading(pytest.approx(-9.80665e-5), False, 3.0)
-    assert force.sample_period_s == 0.05
+def _pair(command: str, reply: str) -> tuple[bytes, bytes]:
+    return f"{command}\r\n".encode(), f"{reply}\r\n".encode()
 
 
-def test_columns_do_not_matter(balance: Make) -> None:
-    assert balance([(b"SI\r\n", b"S\tS 2.33     g  \r\n")]).read().force_n == pytest.approx(0.02284949)
+# --- greeting ---
 
 
-def test_an_answer_may_come_in_pieces(balance: Make) -> None:
-    assert balance([(b"SI\r\n", [b"S S   ", b"  1.00 ", b"g\r", b"\n"])]).read().stable
+def test_a_balance_is_greeted_before_its_first_answer_is_believed(balance: Balance) -> None:
+    """Once: a second reading asks for no more than that."""
+    force = balance(HELLO, WEIGHT, WEIGHT)
+    assert [force.read().force_n, force.read().force_n] == pytest.approx([GWT_N, GWT_N])
+
+
+def test_a_balance_that_answers_no_at_is_asked_for_its_number(balance: Balance) -> None:
+    assert balance((b"@\r\n", b""), (b"I4\r\n", b'I4 A "7"\r\n')).connect() == "MT-SICS balance 7"
 
 
 @pytest.mark.parametrize(
-    ("answer", "kind"),
+    ("greet", "hello"), [(MtSicsForce.connect, b"@\r\n"), (MtSicsForce.identify, b"I4\r\n")], ids=["connect", "look"]
+)
+def test_a_balance_that_repeats_itself_is_understood(
+    balance: Balance, greet: Callable[[MtSicsForce], str], hello: bytes
+) -> None:
+    """It may do so for somebody else: whoever looks on says not a single `@`."""
+    force = balance((b"", b"S D 1.0"), (hello, b"0 g\r\nS D 1.00 g\r\n" + HELLO[1]), WEIGHT)
+    assert greet(force) == "MT-SICS balance 0123456789"
+    assert force.read().force_n == pytest.approx(GWT_N)
+
+
+def test_a_balance_that_is_not_there_is_asked_twice_for_half_a_second(balance: Balance, clock: VirtualClock) -> None:
+    """And nothing is believed afterwards."""
+    hello = [(b"@\r\n", b""), (b"I4\r\n", b"")]
+    force = balance(*hello, *hello, HELLO, WEIGHT)
+    for ask in (force.connect, force.read):
+        with raises(ForceTimeout, "no_device", port="scripted"):
+            ask()
+    assert clock.monotonic_s() == pytest.approx(BEGUN_S + 2.0)
+    assert force.read().stable
+
+
+def test_a_greeting_that_fails_ends_what_was_believed_before(balance: Balance) -> None:
+    force = balance(HELLO, (b"@\r\n", b""), (b"I4\r\n", b"I4 I\r\n"), HELLO, WEIGHT)
+    force.connect()
+    with raises(ForceTimeout, "no_device"):
+        force.connect()
+    assert force.read().stable
+
+
+@pytest.mark.parametrize("late", [b"S S 9.99 g\r\n", b"S S 9."], ids=["a line", "half a line"])
+def test_what_came_unasked_is_no_answer(balance: Balance, late: bytes) -> None:
+    """Before the greeting and between two questions alike."""
+    force = balance((b"", late), HELLO, WEIGHT, (b"", late), WEIGHT)
+    assert [force.read().force_n, force.read().force_n] == pytest.approx([GWT_N, GWT_N])
+
+
+# --- answers ---
+
+
+@pytest.mark.parametrize(("options", "steps"), [({}, (0.05, 0.01)), ({"scale": 1.25}, (0.05, 0.0125))], ids=str)
+def test_a_balance_has_steps_of_time_and_of_force(
+    balance: Balance, options: dict[str, float], steps: tuple[float, float]
+) -> None:
+    force = balance(HELLO, WEIGHT, **options)
+    assert (force.sample_period_s, force.resolution_gwt) == pytest.approx(steps)
+    assert force.read().force_n == pytest.approx(GWT_N * options.get("scale", 1.0))
+
+
+def test_an_answer_may_come_in_pieces(balance: Balance) -> None:
+    assert balance(HELLO, (b"SI\r\n", [b"S S   ", b"  1.00 ", b"g\r", b"\n"])).read().stable
+
+
+def test_stable_value_zero_and_tare(balance: Balance) -> None:
+    force = balance(HELLO, _pair("S", "S S 3.00 g"), _pair("Z", "Z A"), _pair("T", "T S 100.00 g"))
+    found = force.read_stable(5.0)
+    assert (found.force_n, found.stable) == (pytest.approx(3 * GWT_N), True)
+    force.zero()
+    assert force.tare() == pytest.approx(100 * GWT_N)
+
+
+REFUSALS: list[tuple[str, type[ForceError], str, dict[str, str]]] = [
+    ("{} +", ForceOverload, "overload", {}),
+    ("{} -", ForceUnderload, "underload", {}),
+    ("{} I", ForceBusy, "busy", {"command": "{}"}),
+    ("ES", ForceError, "unknown_command", {"command": "{}", "reply": "ES"}),
+    ("ET", ForceError, "garbled_command", {"command": "{}", "reply": "ET"}),
+    ("EL", ForceError, "not_possible", {"command": "{}", "reply": "EL"}),
+    ("{} S 1.00 oz", ForceError, "wrong_unit", {"unit": "oz"}),
+]
+REFUSED = [(command, *row) for command in ASK for row in REFUSALS if (command, row[2]) != ("Z", "wrong_unit")]
+
+
+@pytest.mark.parametrize(("command", "reply", "kind", "code", "fields"), REFUSED)
+def test_a_refusal_is_told_and_the_balance_stays_in_step(
+    balance: Balance, command: str, reply: str, kind: type[ForceError], code: str, fields: dict[str, str]
+) -> None:
+    """It has answered what it was asked: no need to greet it anew, which would forget its tare."""
+    force = balance(HELLO, _pair(command, reply.format(command[0])), WEIGHT)
+    told = {name: text.format(command) for name, text in fields.items()}
+    with raises(kind, code, port="scripted", **told) as caught:
+        ASK[command](force)
+    assert type(caught.value) is kind
+    assert force.read().stable
+
+
+@pytest.mark.parametrize(
+    ("command", "reply", "told"),
     [
-        (b"S +\r\n", ForceOverload), (b"S -\r\n", ForceUnderload), (b"S I\r\n", ForceBusy),
-        (b"ES\r\n", ForceError), (b"ET\r\n", ForceError), (b"EL\r\n", ForceError),
-        (b"S S 1.00 kg\r\n", ForceError), (b"S S nan g\r\n", ForceError), (b"S S 1e400 g\r\n", ForceError),
-        (b"S S 1.00\r\n", ForceError), (b"S X 1.00 g\r\n", ForceError), (b"Z A\r\n", ForceError),
-        (b"\xff\xff\r\n", ForceError), (b"", ForceTimeout),
+        ("SI", "S X 1.00 g", "S X 1.00 g"), ("SI", "S", "S"), ("S", "S S nan g", "S S nan g"),
+        ("Z", "Z", "Z"), ("Z", "Z S", "Z"), ("Z", "T A", "T A"), ("Z", "Z X 1.00 g", "Z"),
+        ("T", "T", "T"), ("T", "T A", "T A"), ("T", "S S 1.00 g", "S S 1.00 g"), ("T", "T S 1.00", "T S 1.00"),
     ],
 )  # fmt: skip
-def test_no_force_is_an_exception(balance: Make, answer: bytes, kind: type[Exception]) -> None:
-    with pytest.raises(kind) as caught:
-        balance([(b"SI\r\n", answer)]).read()
-    assert type(caught.value) is kind
+def test_after_a_garbled_answer_the_balance_is_greeted_anew(
+    balance: Balance, command: str, reply: str, told: str
+) -> None:
+    force = balance(HELLO, _pair(command, reply), HELLO, WEIGHT)
+    with raises(ForceError, "garbled", port="scripted", reply=told) as caught:
+        ASK[command](force)
+    assert type(caught.value) is ForceError
+    assert force.read().stable
 
 
-def test_the_unit_must_be_grams(balance: Make) -> None:
-    with pytest.raises(ForceError, match="reports oz, it must be set to g"):
-        balance([(b"SI\r\n", b"S S 1.00 oz\r\n")]).read()
-
-
-def test_a_late_answer_is_never_taken_for_the_next(balance: Make) -> None:
-    force = balance([(b"SI\r\n", b""), (b"@\r\n", b"S S 9.99 g\r\n" + HELLO[1]), (b"SI\r\n", b"S S 1.00 g\r\n")])
-    with pytest.raises(ForceTimeout, match=r"no answer to SI in 0\.5 s"):
-        force.read()
-    assert force.read().force_n == pytest.approx(9.80665e-3)
-
-
-def test_stable_value_zero_and_tare(balance: Make) -> None:
-    force = balance(
-        [
-            (b"S\r\n", b"S S 3.00 g\r\n"),
-            (b"Z\r\n", b"Z A\r\n"),
-            (b"T\r\n", b"T S 100.00 g\r\n"),
-            (b"Z\r\n", b"Z I\r\n"),
-            (b"Z\r\n", b"Z +\r\n"),
-            (b"T\r\n", b"T I\r\n"),
-            (b"S\r\n", b"S I\r\n"),
-        ]
-    )
-    assert force.read_stable(5.0).stable
-    force.zero()
-    assert force.tare() == pytest.approx(0.980665)
-    with pytest.raises(ForceBusy):
-        force.zero()
-    with pytest.raises(ForceOverload):
-        force.zero()
-    with pytest.raises(ForceBusy):
-        force.tare()
-    with pytest.raises(ForceBusy):
-        force.read_stable(5.0)
-
-
-def test_a_stable_value_has_a_bounded_wait(balance: Make, clock: VirtualClock) -> None:
-    with pytest.raises(ForceTimeout, match="no answer to S in 2 s"):
-        balance([(b"S\r\n", b"")]).read_stable(2.0)
-    assert clock.monotonic_s() == pytest.approx(2.0)
-
-
-def test_hello_ends_a_repeating_balance(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
-    wire = scripted([(b"", b"S D 1.0"), (b"@\r\n", b"0 g\r\nS D 1.00 g\r\n" + HELLO[1])])
-    assert MtSicsForce(wire, clock).connect() == "MT-SICS balance 0123456789"
-
-
-def test_a_balance_that_answers_no_at(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
-    wire = scripted([(b"@\r\n", b""), (b"I4\r\n", b'I4 A "7"\r\n')])
-    force = MtSicsForce(wire, clock)
-    assert force.connect() == "MT-SICS balance 7"
-    force.close()
-    assert wire.closed
-
-
-def test_looking_on_leaves_the_tare_alone(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
-    """Not a single `@`, even where the balance repeats itself to somebody else."""
-    wire = scripted(
-        [
-            (b"", b"S D 1.0"),
-            (b"I4\r\n", b"0 g\r\nS D 1.00 g\r\n" + HELLO[1]),
-            (b"SI\r\n", b"S S 1.50 g\r\n"),
-        ]
-    )
-    force = MtSicsForce(wire, clock)
-    assert force.identify() == "MT-SICS balance 0123456789"
-    assert force.read().force_n == pytest.approx(1.5 * 9.80665e-3)
-
-
-def test_nobody_there(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
-    with pytest.raises(ForceTimeout, match="no balance answers"):
-        MtSicsForce(scripted([(b"@\r\n", b""), (b"I4\r\n", b"")]), clock).connect()
+@pytest.mark.parametrize(("command", "lasts_s"), [("SI", 0.5), ("Z", 10.0), ("T", 10.0), ("S", 3.0)])
+def test_a_silent_balance_is_waited_for_so_long_and_greeted_anew(
+    balance: Balance, clock: VirtualClock, command: str, lasts_s: float
+) -> None:
+    force = balance(HELLO, (f"{command}\r\n".encode(), b""), HELLO, WEIGHT)
+    with raises(ForceTimeout, "no_reply", port="scripted", command=command, timeout_s=lasts_s):
+        ASK[command](force)
+    assert clock.monotonic_s() == pytest.approx(BEGUN_S + lasts_s)
+    assert force.read().stable

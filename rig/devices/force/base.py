@@ -3,29 +3,43 @@
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+from rig.errors import RigError
 
-class ForceError(Exception):
+
+class ForceError(RigError):
     """There is no force to be had: whoever presses must stop."""
+
+    default_code = "no_force"
 
 
 class ForceOverload(ForceError):  # noqa: N818
     """More than the instrument can measure."""
 
+    default_code = "overload"
+
 
 class ForceUnderload(ForceError):  # noqa: N818
     """Less than the instrument can measure: lifted off its support, or broken."""
+
+    default_code = "underload"
 
 
 class ForceBusy(ForceError):  # noqa: N818
     """The instrument does something else, or found no stable value in its own time."""
 
+    default_code = "busy"
+
 
 class ForceBroken(ForceError):  # noqa: N818
     """The cell or its converter is broken, or its cable."""
 
+    default_code = "broken"
+
 
 class ForceTimeout(ForceError):  # noqa: N818
     """No answer within the time allowed."""
+
+    default_code = "no_reply"
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ LaumasSettings.
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from rig.devices.force.base import (
     ForceBroken,
@@ -19,7 +20,7 @@ from rig.devices.force.base import (
 from rig.devices.force.laumas.laumas_settings import LaumasSettings
 from rig.devices.units import GWT_N
 from rig.transport.clock import Clock
-from rig.transport.modbus import ModbusError, ModbusMaster, ModbusTimeout
+from rig.transport.modbus import ModbusError, ModbusMaster, ModbusRefused, ModbusTimeout
 
 # Registers by their 0-based address; weights are two registers, high word first.
 IDENTITY, COMMAND, STATUS, GROSS, NET, UNITS = 0, 5, 6, 7, 9, 13
@@ -50,7 +51,7 @@ class LaumasForce:
 
     def connect(self) -> str:
         """Check the instrument's division and unit; returns its type and serial number. Raises ForceError."""
-        firmware, kind, year, serial = self._read(IDENTITY, 4)
+        firmware, kind, year, serial = self._read(IDENTITY, 4, silent="no_device")
         self._snapshot()
         return f"Laumas transmitter type {kind}, serial {serial} of {year}, firmware {firmware}"
 
@@ -67,13 +68,23 @@ class LaumasForce:
         deadline_s = self._clock.monotonic_s() + SETTLE_S
         while not self.read().stable:
             if self._clock.monotonic_s() >= deadline_s:
-                raise ForceBusy(f"{self._name}: no stable load in {SETTLE_S:g} s")
+                raise ForceBusy(
+                    "{port}: transmitter {device_id}: no stable load in {timeout_s:g} s",
+                    code="no_stable_load",
+                    timeout_s=SETTLE_S,
+                    **self._who,
+                )
             self._clock.wait_s(self.sample_period_s)
         self._command(settings.zero_command if settings.weight == "gross" else settings.tare_command)
         self._clock.wait_s(self.sample_period_s)
-        left = self.read().force_n / GWT_N
-        if abs(left) > self.resolution_gwt:
-            raise ForceBusy(f"{self._name}: still {left:.3g} gwt after zeroing")
+        left_gwt = self.read().force_n / GWT_N
+        if abs(left_gwt) > self.resolution_gwt:
+            raise ForceBusy(
+                "{port}: transmitter {device_id}: still {left_gwt:.3g} gwt after zeroing",
+                code="not_zeroed",
+                left_gwt=left_gwt,
+                **self._who,
+            )
 
     def tare(self) -> None:
         """Take the present load for the container: net is zero. Raises ForceError."""
@@ -97,8 +108,13 @@ class LaumasForce:
         units = registers[UNITS - STATUS]
         if units != self._settings.units_word:
             raise ForceError(
-                f"{self._name}: division and unit (register {UNITS}) are 0x{units:04X}, "
-                f"expected 0x{self._settings.units_word:04X}"
+                "{port}: transmitter {device_id}: division and unit (register {register}) are 0x{word:04X}, "
+                "expected 0x{expected_word:04X}",
+                code="wrong_unit",
+                register=UNITS,
+                word=units,
+                expected_word=self._settings.units_word,
+                **self._who,
             )
         return registers
 
@@ -119,39 +135,50 @@ class LaumasForce:
     def _refuse(self, status: int, *, negative: bool) -> None:
         bits = self._settings.bits
         if _bit(status, bits.cell_error):
-            raise ForceBroken(f"{self._name}: load cell error, is its cable whole?")
+            raise ForceBroken(
+                "{port}: transmitter {device_id}: load cell error, is its cable whole?",
+                code="cell_error",
+                **self._who,
+            )
         if _bit(status, bits.converter_error):
-            raise ForceBroken(f"{self._name}: the analogue-to-digital converter fails")
-        for bit, what in (
-            (bits.over_max, "maximum weight exceeded"),
-            (bits.over_full_scale, "more than 110 % of full scale"),
-            (bits.gross_out_of_range, "gross weight out of range"),
-            (bits.net_out_of_range, "net weight out of range"),
+            raise ForceBroken(
+                "{port}: transmitter {device_id}: the analogue-to-digital converter fails",
+                code="converter_error",
+                **self._who,
+            )
+        for bit, code, problem in (
+            (bits.over_max, "over_max", "maximum weight exceeded"),
+            (bits.over_full_scale, "over_full_scale", "more than 110 % of full scale"),
+            (bits.gross_out_of_range, "gross_out_of_range", "gross weight out of range"),
+            (bits.net_out_of_range, "net_out_of_range", "net weight out of range"),
         ):
             if _bit(status, bit):
                 kind = ForceUnderload if negative else ForceOverload
-                raise kind(f"{self._name}: {what}")
+                raise kind("{port}: transmitter {device_id}: {problem}", code=code, problem=problem, **self._who)
 
     def _command(self, number: int) -> None:
         with self._errors():
             self._bus.write(self._settings.device_id, COMMAND, [number])
 
-    def _read(self, address: int, count: int) -> list[int]:
-        with self._errors():
+    def _read(self, address: int, count: int, *, silent: str = "no_reply") -> list[int]:
+        with self._errors(silent):
             return self._bus.read(self._settings.device_id, address, count)
 
     @contextmanager
-    def _errors(self) -> Iterator[None]:
+    def _errors(self, silent: str = "no_reply") -> Iterator[None]:
+        """silent: the code where nothing answers."""
         try:
             yield
         except ModbusTimeout as error:
-            raise ForceTimeout(str(error)) from error
+            raise ForceTimeout("{problem}", code=silent, problem=str(error), **self._who) from error
         except ModbusError as error:
-            raise ForceError(str(error)) from error
+            code = "refused" if isinstance(error, ModbusRefused) else "garbled"
+            raise ForceError("{problem}", code=code, problem=str(error), **self._who) from error
 
     @property
-    def _name(self) -> str:
-        return f"{self._bus.name}: transmitter {self._settings.device_id}"
+    def _who(self) -> dict[str, Any]:
+        """What every error says of the instrument."""
+        return {"port": self._bus.name, "device_id": self._settings.device_id}
 
 
 def _bit(word: int, bit: int) -> bool:

@@ -16,7 +16,11 @@ REPLY_S = 0.5
 SETTLE_S = 10.0
 
 _VALUE = re.compile(r"[+-]?\d+(\.\d*)?")
-_SYNTAX = {"ES": "does not know the command", "ET": "received garbled bytes", "EL": "cannot do that"}
+_SYNTAX = {
+    "ES": ("unknown_command", "does not know the command"),
+    "ET": ("garbled_command", "received garbled bytes"),
+    "EL": ("not_possible", "cannot do that"),
+}
 
 
 class MtSicsForce:
@@ -77,7 +81,12 @@ class MtSicsForce:
         if len(words) != 4 or words[1] not in ("S", "D") or not _VALUE.fullmatch(words[2]):
             raise self._garbled(" ".join(words))
         if words[3] != "g":
-            raise ForceError(f"{self._transport.name}: the balance reports {words[3]}, it must be set to g")
+            raise ForceError(
+                "{port}: the balance reports {unit}, it must be set to g",
+                code="wrong_unit",
+                port=self._transport.name,
+                unit=words[3],
+            )
         return float(words[2]) * GWT_N * self._scale
 
     def _ask(self, command: str, timeout_s: float) -> list[str]:
@@ -89,23 +98,42 @@ class MtSicsForce:
         if line is None:
             # The answer may still come: it must not be taken for that to the next question.
             self._in_step = False
-            raise ForceTimeout(f"{self._transport.name}: no answer to {command} in {timeout_s:g} s")
+            raise ForceTimeout(
+                "{port}: no answer to {command} in {timeout_s:g} s",
+                code="no_reply",
+                port=self._transport.name,
+                command=command,
+                timeout_s=timeout_s,
+            )
         words = line.split()
         self._check(words, command)
         return words
 
     def _check(self, words: list[str], command: str) -> None:
-        name = self._transport.name
+        port = self._transport.name
         if words[0] in _SYNTAX:
-            raise ForceError(f"{name}: the balance {_SYNTAX[words[0]]} ({words[0]} to {command})")
+            code, problem = _SYNTAX[words[0]]
+            raise ForceError(
+                "{port}: the balance {problem} ({reply} to {command})",
+                code=code,
+                port=port,
+                problem=problem,
+                reply=words[0],
+                command=command,
+            )
         if len(words) < 2 or words[0] != command[:1]:
             raise self._garbled(" ".join(words))
         if words[1] == "+":
-            raise ForceOverload(f"{name}: the balance is overloaded")
+            raise ForceOverload("{port}: the balance is overloaded", code="overload", port=port)
         if words[1] == "-":
-            raise ForceUnderload(f"{name}: the balance is underloaded")
+            raise ForceUnderload("{port}: the balance is underloaded", code="underload", port=port)
         if words[1] == "I":
-            raise ForceBusy(f"{name}: the balance cannot answer {command} now, or found no stable value")
+            raise ForceBusy(
+                "{port}: the balance cannot answer {command} now, or found no stable value",
+                code="busy",
+                port=port,
+                command=command,
+            )
 
     def _hello(self, *commands: str) -> str:
         self._in_step = False
@@ -117,11 +145,11 @@ class MtSicsForce:
                 if line.startswith("I4 A"):
                     self._in_step = True
                     return line[4:].strip(' "')
-        raise ForceTimeout(f"{self._transport.name}: no balance answers")
+        raise ForceTimeout("{port}: no balance answers", code="no_device", port=self._transport.name)
 
     def _send(self, command: str) -> None:
         self._transport.write(command.encode("ascii") + b"\r\n")
 
     def _garbled(self, answer: str) -> ForceError:
         self._in_step = False
-        return ForceError(f"{self._transport.name}: garbled answer {answer!r}")
+        return ForceError("{port}: garbled answer {reply!r}", code="garbled", port=self._transport.name, reply=answer)

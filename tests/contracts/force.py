@@ -1,0 +1,327 @@
+"""The contract of a force sensor: what every driver does with what its device says, whatever the device is.
+
+A device is one table of bytes in `tests/contracts/bytes/`, quoted from its documentation, and nothing else.
+"""
+
+import heapq
+import itertools
+import math
+import pickle
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, ClassVar
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rig.devices.bench_settings import BenchSettings
+from rig.devices.catalogue import find
+from rig.devices.force import ForceError, ForceReading, ForceSensor, ForceTimeout
+from rig.devices.kinds import ForceKind
+from rig.devices.units import GWT_N
+from rig.transport import TransportError
+from sim.devices.clock import VirtualClock
+from tests.raising import has_code, raises
+
+PORT, BEGUN_S = "wire", 1000.0
+SILENCE = b""
+GIVES_UP_S = 2.0
+"""After so long without a reply every driver says so."""
+
+Frame = Callable[[bytes], bytes]
+
+
+def as_it_is(data: bytes) -> bytes:
+    """The bytes themselves."""
+    return data
+
+
+@dataclass(frozen=True)
+class Weight:
+    """A reply that is a weight."""
+
+    reply: bytes
+    grams: float
+    stable: bool
+
+
+@dataclass(frozen=True)
+class NoWeight:
+    """A reply that is none, and the error that it is; mangled: what becomes of its frame on the wire."""
+
+    reply: bytes
+    kind: type[ForceError] = ForceError
+    code: str = "garbled"
+    mangled: Frame = as_it_is
+
+
+@dataclass(frozen=True)
+class Zeroing:
+    """Replies while the sensor is zeroed, each question's one after the other; without a kind it is zeroed.
+
+    told: how often it is commanded to.
+    """
+
+    replies: Mapping[bytes, Sequence[bytes]]
+    kind: type[ForceError] | None = None
+    code: str = ""
+    told: int = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForceBytes:
+    """What a device is asked, and what its replies mean.
+
+    name: of the table. kind: as in the catalogue; table: of [force]. usual: the good reply to every question.
+    on_connect, on_identify: the questions of these. reading: the question for a weight. zero: the command.
+    lacks: what this device cannot say, and why. heard: the question in a frame; said: the frame of a reply to one.
+    """
+
+    name: str
+    kind: str
+    source: str
+    table: Mapping[str, Any] = field(default_factory=dict)
+    identity: str
+    usual: Mapping[bytes, bytes]
+    on_connect: Sequence[bytes]
+    on_identify: Sequence[bytes]
+    reading: bytes
+    zero: bytes
+    weights: Mapping[str, Weight]
+    refusals: Mapping[str, NoWeight]
+    garbled: Mapping[str, NoWeight]
+    zeroing: Mapping[str, Zeroing]
+    lacks: Mapping[str, str] = field(default_factory=dict)
+    heard: Frame = as_it_is
+    said: Callable[[bytes, bytes], bytes] = lambda question, reply: reply
+
+
+class FarEnd:
+    """The wire, and a device that replies by its table; a question that is not in the table fails the test."""
+
+    name = PORT
+
+    def __init__(self, device: ForceBytes, clock: VirtualClock) -> None:
+        self.device, self.clock, self.closed = device, clock, False
+        self.replies = {question: [reply] for question, reply in device.usual.items()}
+        self.mangled, self.after_s, self.silent, self.cut = as_it_is, 0.0, False, False
+        self.asked: list[bytes] = []
+        self.frames: list[bytes] = []
+        self._coming: list[tuple[float, int, bytes]] = []
+        self._number = itertools.count()
+
+    def write(self, data: bytes) -> None:
+        self._refuse_cut()
+        question = self.device.heard(data)
+        assert question in self.replies, f"{question!r} is no question to {self.device.name}"
+        self.asked.append(question)
+        self.frames.append(data)
+        replies = self.replies[question]
+        reply = replies.pop(0) if len(replies) > 1 else replies[0]
+        if reply and not self.silent:
+            self.send(self.mangled(self.device.said(data, reply)), self.after_s)
+
+    def read(self, timeout_s: float) -> bytes:
+        self._refuse_cut()
+        now_s = self.clock.monotonic_s()
+        if self._coming and self._coming[0][0] <= now_s + timeout_s:
+            due_s, _, data = heapq.heappop(self._coming)
+            self.clock.wait_s(due_s - now_s)
+            return data
+        self.clock.wait_s(timeout_s)
+        return b""
+
+    def close(self) -> None:
+        self.closed = True
+
+    def send(self, data: bytes, after_s: float) -> None:
+        """Have bytes come in."""
+        heapq.heappush(self._coming, (self.clock.monotonic_s() + after_s, next(self._number), data))
+
+    def _refuse_cut(self) -> None:
+        if self.cut:
+            raise TransportError("{port} is cut", code="cut", port=PORT)
+
+
+class Connected:
+    """A driver of the catalogue that has just connected to its device, at a late hour of the clock."""
+
+    def __init__(self, device: ForceBytes, *, scale: float = 1.0) -> None:
+        self.device = device
+        self.clock = VirtualClock(1.7e9, BEGUN_S)
+        self.wire = FarEnd(device, self.clock)
+        measured = {"value": scale, "sd": 0.01, "date": "2026-01-01", "expires": "2027-01-01"}
+        bench = BenchSettings.model_validate(
+            {"force": {"kind": device.kind, **device.table}, "calibration": {"force_scale": measured}}
+        )
+        self.driver: ForceSensor = find(ForceKind, device.kind).driver(lambda port: self.wire, self.clock, bench)
+        self.driver.connect()
+        self.wire.asked.clear()
+
+    def hears(self, reply: bytes, mangled: Frame = as_it_is) -> None:
+        """From now on the question for a weight has this reply."""
+        self.wire.replies[self.device.reading], self.wire.mangled = [reply], mangled
+
+    def hears_as_usual(self) -> None:
+        self.hears(self.device.usual[self.device.reading])
+
+    def answers(self, replies: Mapping[bytes, Sequence[bytes]]) -> None:
+        """From now on these questions have these replies, one after the other; the last one stays."""
+        self.wire.replies.update({question: list(those) for question, those in replies.items()})
+
+    def lasts_s(self, ask: Callable[[], object], kind: type[ForceError], code: str) -> float:
+        """How long it takes until this error comes, which survives a pickle."""
+        begun_s = self.clock.monotonic_s()
+        with raises(kind, code, port=PORT) as caught:
+            ask()
+        assert type(caught.value) is kind, repr(caught.value)
+        again = pickle.loads(pickle.dumps(caught.value))
+        assert (type(again), str(again), vars(again)) == (kind, str(caught.value), vars(caught.value))
+        return self.clock.monotonic_s() - begun_s
+
+
+class ForceContract:
+    """What is asked of every sensor; a subclass says of which devices."""
+
+    devices: ClassVar[Sequence[ForceBytes]] = ()
+    TABLES: ClassVar[Mapping[str, str]] = {
+        "weight": "weights", "refusal": "refusals", "garbled": "garbled", "zeroing": "zeroing",
+    }  # fmt: skip
+
+    def pytest_generate_tests(self, metafunc: pytest.Metafunc) -> None:
+        """Every test for every device, and for every row of the table that it is about."""
+        rows = [name for name in self.TABLES if name in metafunc.fixturenames]
+        if rows:
+            cases = [
+                pytest.param(device, case, id=f"{device.name}-{name}")
+                for device in self.devices
+                for name, case in getattr(device, self.TABLES[rows[0]]).items()
+            ]
+            metafunc.parametrize(("device", rows[0]), cases)
+        elif "device" in metafunc.fixturenames:
+            metafunc.parametrize("device", self.devices, ids=lambda device: device.name)
+
+    # --- who it is ---
+
+    def test_a_silent_port_is_no_device(self, device: ForceBytes) -> None:
+        """One that is switched on later is found."""
+        there = Connected(device)
+        there.wire.silent = True
+        for ask in (there.driver.connect, there.driver.identify):
+            assert 0.1 < there.lasts_s(ask, ForceTimeout, "no_device") < GIVES_UP_S
+        there.wire.silent = False
+        assert there.driver.connect() == device.identity
+
+    def test_it_says_who_it_is(self, device: ForceBytes) -> None:
+        there = Connected(device)
+        assert there.driver.connect() == device.identity
+        assert there.wire.asked == list(device.on_connect)
+
+    def test_who_looks_on_changes_nothing(self, device: ForceBytes) -> None:
+        there = Connected(device)
+        assert there.driver.identify() == device.identity
+        assert there.wire.asked == list(device.on_identify)
+        assert there.driver.read().force_n == pytest.approx(_usual_n(device))
+
+    # --- readings ---
+
+    @pytest.mark.parametrize("scale", [1.0, 1.25])
+    def test_a_reading_in_newton_with_its_time(self, device: ForceBytes, weight: Weight, scale: float) -> None:
+        there = Connected(device, scale=scale)
+        there.hears(weight.reply)
+        there.clock.wait_s(3.0)
+        there.wire.after_s = 0.02
+        found = there.driver.read()
+        force_n = pytest.approx(scale * weight.grams * GWT_N, rel=1e-12, abs=1e-15)
+        assert found == ForceReading(force_n, weight.stable, pytest.approx(there.clock.monotonic_s()))
+        assert BEGUN_S + 3.02 <= found.t_s < BEGUN_S + 3.1
+        assert there.wire.asked == [device.reading]
+
+    def test_what_it_cannot_weigh_is_an_error_and_it_stays_in_step(
+        self, device: ForceBytes, refusal: NoWeight
+    ) -> None:
+        there = Connected(device)
+        there.hears(refusal.reply)
+        assert there.lasts_s(there.driver.read, refusal.kind, refusal.code) < GIVES_UP_S
+        there.hears_as_usual()
+        assert there.driver.read().force_n == pytest.approx(_usual_n(device))
+        assert there.wire.asked == [device.reading, device.reading]
+
+    def test_a_garbled_reply_is_an_error_and_the_next_one_is_believed(
+        self, device: ForceBytes, garbled: NoWeight
+    ) -> None:
+        there = Connected(device)
+        there.hears(garbled.reply, garbled.mangled)
+        assert there.lasts_s(there.driver.read, garbled.kind, garbled.code) < GIVES_UP_S
+        there.hears_as_usual()
+        assert there.driver.read().force_n == pytest.approx(_usual_n(device))
+
+    @pytest.mark.parametrize("after_s", [0.0, 0.002])
+    @pytest.mark.parametrize("part", [slice(None), slice(5)], ids=["whole", "its beginning"])
+    def test_a_late_reply_is_never_the_next_reading(self, device: ForceBytes, part: slice, after_s: float) -> None:
+        """It comes before the next question, or after that and before its reply."""
+        there = Connected(device)
+        late = next(w for w in device.weights.values() if w.grams * GWT_N != pytest.approx(_usual_n(device)))
+        there.wire.silent = True
+        assert there.lasts_s(there.driver.read, ForceTimeout, "no_reply") < GIVES_UP_S
+        there.wire.silent, there.wire.after_s = False, 0.01
+        there.wire.send(device.said(there.wire.frames[-1], late.reply)[part], after_s)
+        assert there.driver.read().force_n == pytest.approx(_usual_n(device))
+        assert there.driver.read().force_n == pytest.approx(_usual_n(device))
+
+    def test_any_bytes_are_a_finite_force_or_an_error_with_a_code(self, device: ForceBytes) -> None:
+        good = device.usual[device.reading]
+
+        @given(noise=st.binary(max_size=40), form=st.integers(0, 3), wrong_bit=st.booleans())
+        @settings(max_examples=80, deadline=None)
+        def replied(noise: bytes, form: int, wrong_bit: bool) -> None:
+            there = Connected(device)
+            reply = (noise, good + noise, good[: len(good) // 2] + noise, noise + good)[form]
+            there.hears(reply, partial(_with_a_wrong_bit, noise=noise) if wrong_bit else as_it_is)
+            caught, force_n = None, 0.0
+            try:
+                force_n = there.driver.read().force_n
+            except ForceError as error:
+                caught = error
+            assert math.isfinite(force_n)
+            assert caught is None or caught.fields["port"] == PORT
+            assert there.clock.monotonic_s() - BEGUN_S < 2 * GIVES_UP_S
+
+        replied()
+
+    # --- zero, and the wire ---
+
+    def test_zero(self, device: ForceBytes, zeroing: Zeroing) -> None:
+        there = Connected(device)
+        there.answers(zeroing.replies)
+        if zeroing.kind is None:
+            there.driver.zero()
+        else:
+            assert there.lasts_s(there.driver.zero, zeroing.kind, zeroing.code) < 10.0 + GIVES_UP_S
+        assert there.wire.asked.count(device.zero) == zeroing.told
+
+    def test_a_cut_wire_is_an_error_of_its_own(self, device: ForceBytes) -> None:
+        there = Connected(device)
+        there.wire.cut = True
+        for ask in (there.driver.read, there.driver.zero, there.driver.connect):
+            with pytest.raises(TransportError) as caught:
+                ask()
+            has_code(caught.value, "cut", port=PORT)
+
+    def test_closing_it_closes_the_wire(self, device: ForceBytes) -> None:
+        there = Connected(device)
+        there.driver.close()
+        assert there.wire.closed
+
+
+def _usual_n(device: ForceBytes) -> float:
+    """The force of the usual reply."""
+    usual = device.usual[device.reading]
+    return next(weight.grams for weight in device.weights.values() if weight.reply == usual) * GWT_N
+
+
+def _with_a_wrong_bit(frame: bytes, noise: bytes) -> bytes:
+    place, bit = (noise[0] if noise else 0) % len(frame or b"x"), len(noise) % 8
+    return frame[:place] + bytes([frame[place] ^ 1 << bit]) + frame[place + 1 :] if frame else frame

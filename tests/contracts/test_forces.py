@@ -1,0 +1,120 @@
+"""Every registered force sensor keeps the contract, and has said everything that it asks of its device.
+
+Its sentences stand in `forces.txt`; `GOLDEN=write pytest tests/contracts/test_forces.py` writes them anew.
+"""
+
+import importlib
+import os
+import pkgutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from rig.devices.catalogue import built_in
+from rig.devices.force import ForceError, ForceTimeout
+from rig.engine.sensing import NoReadingError, read
+from sim.devices.clock import VirtualClock
+from tests.contracts.force import Connected, ForceBytes, ForceContract
+from tests.parts.plain_driver import PlainForce
+from tests.raising import raises
+from tests.told import ToldSensor, raising
+
+TABLES = Path(__file__).parent / "bytes"
+DEVICES: list[ForceBytes] = [
+    found
+    for info in pkgutil.iter_modules([str(TABLES)])
+    for found in vars(importlib.import_module(f"tests.contracts.bytes.{info.name}")).values()
+    if isinstance(found, ForceBytes)
+]
+SENTENCES = Path(__file__).with_name("forces.txt")
+TO_BE_SAID = {"overload", "underload", "busy", "cell error", "nan"}
+
+
+class TestForces(ForceContract):
+    """All of them."""
+
+    devices = DEVICES
+
+
+def test_every_registered_sensor_has_its_bytes() -> None:
+    assert {device.kind for device in DEVICES} == set(built_in("force"))
+    assert {device.name for device in DEVICES} >= {"mtsics", "laumas_rtu", "laumas_tcp"}
+
+
+@pytest.mark.parametrize("device", DEVICES, ids=lambda device: device.name)
+def test_a_table_leaves_nothing_open(device: ForceBytes) -> None:
+    """What a device cannot say is said, too, and why."""
+    assert device.source
+    said = set(device.refusals) | set(device.garbled)
+    assert said | set(device.lacks) >= TO_BE_SAID
+    assert not said & set(device.lacks)
+    assert set(device.zeroing) >= {"at rest", "never at rest", "overloaded", "silent", "not confirmed"}
+    assert {weight.stable for weight in device.weights.values()} == {True, False}
+    assert min(weight.grams for weight in device.weights.values()) < 0
+
+
+def _sentences(device: ForceBytes) -> Iterator[str]:
+    silent = Connected(device)
+    silent.wire.silent = True
+    yield f"{device.name}, silent: {_sentence(silent.driver.connect)}"
+    for name, refusal in (*device.refusals.items(), *list(device.garbled.items())[:1]):
+        there = Connected(device)
+        there.hears(refusal.reply)
+        yield f"{device.name}, {name}: {_sentence(there.driver.read)}"
+    for name, zeroing in device.zeroing.items():
+        if zeroing.kind is not None and zeroing.code != "garbled":  # some show the words of a library
+            there = Connected(device)
+            there.answers(zeroing.replies)
+            yield f"{device.name}, zero, {name}: {_sentence(there.driver.zero)}"
+
+
+def _sentence(ask: Callable[[], object]) -> str:
+    with pytest.raises(ForceError) as caught:
+        ask()
+    return str(caught.value)
+
+
+def test_sentences_are_as_they_stand() -> None:
+    found = "".join(f"{line}\n" for device in DEVICES for line in _sentences(device))
+    if os.environ.get("GOLDEN") == "write":
+        SENTENCES.write_text(found, encoding="utf-8")
+    else:
+        assert found == SENTENCES.read_text(encoding="utf-8")
+
+
+# --- a driver that raises plain text ---
+
+
+@pytest.mark.parametrize(("kind", "code"), [(ForceError, "no_force"), (ForceTimeout, "no_reply")])
+def test_plain_text_is_told_as_it_is(kind: type[ForceError], code: str) -> None:
+    sensor = ToldSensor(VirtualClock())
+    sensor.at_read = raising(kind("odd {text} of {0}, 100 %"))
+    with pytest.raises(NoReadingError) as caught:
+        read(sensor, sensor.clock, 0.0)
+    assert "odd {text} of {0}, 100 %" in str(caught.value)
+    assert isinstance(caught.value.__cause__, kind)
+    assert (caught.value.__cause__.code, caught.value.__cause__.fields) == (code, {})
+
+
+@pytest.mark.parametrize(
+    ("reply", "kind", "code"), [(b"x\n", ForceError, "no_force"), (b"", ForceTimeout, "no_reply")]
+)
+def test_the_driver_of_a_package_that_knows_no_codes(reply: bytes, kind: type[ForceError], code: str) -> None:
+    clock, replies = VirtualClock(), [reply]
+
+    class Wire:
+        name = "wire"
+
+        def write(self, data: bytes) -> None:
+            assert data == b"W\n"
+
+        def read(self, timeout_s: float) -> bytes:
+            clock.wait_s(timeout_s)
+            return replies.pop() if replies and timeout_s else b""
+
+        def close(self) -> None:
+            """There is nothing to close."""
+
+    with raises(kind, code):
+        PlainForce(Wire(), clock, sample_period_s=0.05, resolution_gwt=0.01, scale=1.0).read()

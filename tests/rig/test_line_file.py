@@ -1,0 +1,67 @@
+"""A file of whole lines that notices how it was lost; and errors of files and ports survive a pickle."""
+
+import pickle
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from rig.errors import RigError
+from rig.line_file import LineFile, LostFileError
+from rig.transport import NotOwnedError, PortOwner
+from rig.transport.machine_lock import LockHeldError
+from tests.raising import raises
+
+
+def _replaced(path: Path) -> None:
+    path.unlink()
+    path.write_bytes(b"one\n")
+
+
+LOST: dict[str, tuple[str, Callable[[Path], object]]] = {
+    "deleted": ("deleted", Path.unlink),
+    "moved": ("moved", lambda path: path.rename(path.with_suffix(".old"))),
+    "folder moved": ("moved", lambda path: path.parent.rename(path.parent.with_name("elsewhere"))),
+    "folder deleted": ("deleted", lambda path: shutil.rmtree(path.parent)),
+    "folder no more one": ("not_found", lambda path: (shutil.rmtree(path.parent), path.parent.touch())),
+    "replaced": ("replaced", _replaced),
+    "shortened": ("shortened", lambda path: path.write_bytes(b"on")),
+}
+
+
+@pytest.mark.parametrize("how", LOST)
+def test_a_lost_file_says_how_and_goes_on_saying_so(how: str, tmp_path: Path) -> None:
+    code, lose = LOST[how]
+    path = tmp_path / "runs" / "events.jsonl"
+    path.parent.mkdir()
+    file = LineFile(path)
+    file.append(b"one\n")
+    file.check()
+    lose(path)
+    for _ in range(2):
+        with raises(LostFileError, code) as caught:
+            file.check()
+        assert (caught.value.filename, caught.value.strerror) == (str(path), str(caught.value))
+    assert file.content() == (b"on" if how == "shortened" else b"one\n")
+    file.close()
+
+
+HELD = {"code": "in_use", "port": "/dev/a", "owner": "process 3", "pid": 3}
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        LostFileError(Path("/runs/a"), "can no longer be found: {problem}", code="not_found", problem="no {x}"),
+        NotOwnedError("{port} is in use by {owner}", PortOwner(3), **HELD),
+        NotOwnedError("plain {text}", None),
+        LockHeldError(PortOwner(3)),
+    ],
+    ids=lambda error: type(error).__name__,
+)
+def test_errors_with_more_than_fields_survive_a_pickle(error: RigError) -> None:
+    again = pickle.loads(pickle.dumps(error))
+    assert (type(again), str(again), vars(again)) == (type(error), str(error), vars(error))
+    for name in ("filename", "strerror"):
+        assert getattr(again, name, None) == getattr(error, name, None)
