@@ -2,8 +2,10 @@
 
 from typing import Protocol
 
+from rig.errors import RigError
 
-class TransportError(Exception):
+
+class TransportError(RigError):
     """The wire itself failed: no such port, port busy, unplugged, closed."""
 
 
