@@ -221,6 +221,7 @@ REFUSED: dict[str, tuple[dict[str, Any], StandIn, Callable[[Rig], object], tuple
     "touch": ({"frame": {"apex_z_mm": -39.21}}, StandIn(), _touch, _travel("z", -40.01, -40.0)),
     "clearance": ({"frame": {"apex_z_mm": -1.9}}, StandIn(), _over(0.0), _travel("z", 0.1, -40.0)),
     "low x": ({}, StandIn(), _over(-6.01), _limits("x_mm", -6.01, 6.0)),
+    "no x": ({}, StandIn(), _over(float("nan")), ("outside_limits", {"key": "x_mm", "value": _as(float("nan"))})),
     "high x": ({}, StandIn(), _over(6.01), _limits("x_mm", 6.01, 6.0)),
     "end of x": ({"frame": {"pad_centre_x_mm": -57.0}}, StandIn(), _over(-3.01), _travel("x", -60.01, -60.0)),
     "switch of x": ({"frame": {"pad_centre_x_mm": -3.0}}, StandIn(), _over(3.01), _travel("x", 0.01, -60.0)),
