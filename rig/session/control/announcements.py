@@ -105,7 +105,8 @@ class Announced(Announcement, frozen=True):
     def _answered(self, do: str, answer: dict[str, Any]) -> dict[str, Any]:
         if answer.get("ok") is not True:
             problem = str(answer.get("problem", f"process {self.pid} refused {do!r}"))
-            raise RefusedError("{problem}", pid=self.pid, do=do, problem=problem)
+            code = str(answer.get("code", RefusedError.default_code))
+            raise RefusedError("{problem}", code=code, pid=self.pid, do=do, problem=problem)
         return answer
 
     def _answer(self, request: dict[str, Any], within_s: float) -> dict[str, Any]:
