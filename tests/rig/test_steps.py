@@ -26,7 +26,7 @@ from rig.session.preflight import preflight
 from rig.session.resume import read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
-from tests.raising import raises
+from tests.raising import has_code, raises
 
 BODY = """\
 from rig.protocol import ScheduledParameters
@@ -129,7 +129,7 @@ def test_a_step_that_differs_from_the_plan_is_solved_and_checked(
     done = dry_run(Session(script, Config(), finger, plan, NewRun(tmp_path / "runs")))
     assert [target.value for _, _, target in solves] == [0.2, 0.3, 30.0]
     assert done.indentations == 2
-    assert "force_gwt = 30 at x = 0 mm means" in str(done.problem)
+    has_code(done.problem, "means_beyond_limit", key="force_gwt", value=30.0, x_mm=0.0)
 
 
 # --- a run that is taken up ---
