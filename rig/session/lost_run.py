@@ -46,7 +46,7 @@ class LostRun:
             return None
         contents = {name: left for name, file in files.items() if (left := _left(file)) is not None}
         return cls(
-            LostRecordError("{file}: {problem}", code="lost", file=str(lost[0].filename), problem=str(lost[0])),
+            LostRecordError("{path}: {error}", path=str(lost[0].filename), error=str(lost[0])),
             {**copies, **contents},
         )
 
@@ -63,11 +63,9 @@ class LostRun:
             where = rescued_folder(folder, self.contents, state_folder() / "rescued").path
             return read_run(where)
         except OSError as error:
-            sentence = (
-                "{problem}; the indentor is {indentor}; the data are lost: they cannot be written anew: {error}"
-            )
+            sentence = "{problem}; the indentor is {indentor}; the data are lost: they cannot be written anew: {why}"
             raise around(
-                LostRecordError, sentence, self.problem, code="data_lost", indentor=at.words, error=str(error)
+                LostRecordError, sentence, self.problem, code="data_lost", indentor=at.words, why=str(error)
             ) from error
         except RunError as error:
             sentence = "{problem}; the indentor is {indentor}; what is left of the data is in {rescued}"

@@ -313,11 +313,10 @@ def _recorded(folder: RunFolder, byte_log: ByteLog, watch: Watch) -> Watch:
     def recorded(stream: str, data: Mapping[str, Any]) -> None:
         byte_log.check()
         if isinstance(byte_log.problem, LostFileError):
-            raise LostRecordError("{file}: {problem}", code="lost", file=str(folder.bytes_log),
-                                  problem=str(byte_log.problem))  # fmt: skip
+            raise LostRecordError("{path}: {error}", path=str(folder.bytes_log), error=str(byte_log.problem))
         if byte_log.problem is not None:
-            raise RecordError("{file}: cannot be written: {problem}", code="unwritable", file=str(folder.bytes_log),
-                              problem=str(byte_log.problem.strerror))  # fmt: skip
+            raise RecordError("{path}: cannot be written: {error}", code="cannot_be_written",
+                              path=str(folder.bytes_log), error=str(byte_log.problem.strerror))  # fmt: skip
         watch(stream, data)
 
     return recorded
