@@ -9,14 +9,14 @@ from pydantic import BaseModel, JsonValue, ValidationError
 
 from rig.errors import RigError
 
-Refusal = TypeVar("Refusal", bound=RigError)
-
 WRITTEN_BY_COMMANDS: dict[str, JsonValue] = {"written_by_commands": True}
 """Marks the field of a table that no person writes."""
 
 _SHORT = Repr()
 _SHORT.maxlist = _SHORT.maxdict = 3
 _SHORT.maxstring = _SHORT.maxother = 200
+
+Refusal = TypeVar("Refusal", bound=RigError)
 
 
 class BadInputError(RigError):
