@@ -1,7 +1,9 @@
 """What can be wrong with what a comparison is given; apart, so that commands may know of it cheaply."""
 
+from rig.errors import RigError
 
-class ComparisonError(ValueError):
+
+class ComparisonError(RigError, ValueError):
     """The runs and recordings do not go together."""
 
 

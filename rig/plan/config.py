@@ -1,6 +1,5 @@
 """The whole configuration: the rig's own settings, the finger model and the virtual bench."""
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Self
 
@@ -9,8 +8,8 @@ from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from rig.devices.own_table import as_asked
 from rig.engine.rig_settings import RigSettings
-from rig.plan.met.finger_file import Met, checked_relaxation, read_finger_file, refuse_collapsed
-from rig.protocol.errors import WRITTEN_BY_COMMANDS, BadInputError, first_problem
+from rig.plan.met.finger_file import Met, checked_relaxation, read_finger_file, refuse_collapsed, tables_in
+from rig.protocol.errors import WRITTEN_BY_COMMANDS, RuleError, around, first_problem
 from rig.transport.port_settings import Settings
 from sim.config.fingertip_config import FingertipConfig
 
@@ -52,7 +51,7 @@ class VirtualSettings(Settings):
         try:
             checked_relaxation(self.relaxation)
         except ValueError as error:
-            raise ValueError(f"relaxation: {error}") from None
+            raise around(RuleError, "relaxation: {problem}", error) from None
         return self
 
 
@@ -77,12 +76,7 @@ def load_config(path: Path | None) -> Config:
     """
     if path is None:
         return Config()
-    try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise BadInputError(f"config {path}: {error.strerror or error}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise BadInputError(f"config {path}: not valid TOML: {error}") from None
+    tables = tables_in(f"config {path}", path)
     try:
         found = Config.model_validate(tables, context={"folder": path.parent})
     except ValidationError as error:

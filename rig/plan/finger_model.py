@@ -9,6 +9,7 @@ import numpy as np
 from rig.engine.records import Target
 from rig.plan.met.expected import answers, band_of
 from rig.plan.met.finger_file import Met
+from rig.protocol.errors import around
 from rig.protocol.planned import Pace, Prediction
 from rig.protocol.walk import ForceTooDeepError, NoPredictionError
 from sim.contact.indentor import Indentor
@@ -95,9 +96,12 @@ def _with_band(finger: Fingertip, found: Prediction, shape: Indentor, pace: Pace
     try:
         likely = answers(finger, shape, found.x_mm, found.target, pace, met)
     except ForceOutOfReachError as error:
-        raise ForceTooDeepError(f"on one of the {len(met.draw)} likely fingers: {error}") from None
+        sentence = "on one of the {fingers} likely fingers: {problem}"
+        raise around(ForceTooDeepError, sentence, error, fingers=len(met.draw)) from None
     if not np.isfinite(likely).all():
-        raise NoPredictionError("the model does not converge here on one of the likely fingers")
+        raise NoPredictionError(
+            "the model does not converge here on one of the likely fingers", code="likely_finger_not_converged"
+        )
     force_gwt, doi_mm, band = band_of(likely, met)
     return replace(found, predicted_force_gwt=force_gwt, predicted_doi_mm=doi_mm, band=band)
 
@@ -107,9 +111,10 @@ def _predicted(finger: Fingertip, shape: Indentor, press: Asked) -> Prediction:
     try:
         found = finger.indent(shape, press.x_mm, **{target.kind: target.value})  # type: ignore[arg-type]
     except ForceOutOfReachError as error:
-        raise ForceTooDeepError(str(error)) from None
+        raise around(ForceTooDeepError, "{problem}", error) from None
     if not found.state.converged:
-        raise NoPredictionError(f"the model does not converge here (residual {found.state.residual:.0e})")
+        raise NoPredictionError("the model does not converge here (residual {residual:.0e})", code="not_converged",
+                                residual=found.state.residual)  # fmt: skip
     return Prediction(
         *press,
         found.touch_height_mm - finger.apex_height_mm,

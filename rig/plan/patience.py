@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from rig.protocol.api import Handler
 from rig.protocol.errors import BadInputError
@@ -22,6 +22,15 @@ LONGEST_SILENCE_S = 30.0
 
 class SilentScriptError(BaseException):
     """The script has made no step for too long; no `except Exception` of a script stands in its way."""
+
+    code = "silent"
+
+    def __init__(self, longest_s: float) -> None:
+        super().__init__(f"the script makes no step for {longest_s:g} s, expected one")
+        self.fields = {"longest_s": longest_s}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.fields["longest_s"],)
 
 
 class Patience:
@@ -41,7 +50,8 @@ class Patience:
         self._steps += 1
         self._told(self._steps)
         if self._steps > MOST_STEPS:
-            raise BadInputError(f"{step.verb}: the script makes more than {MOST_STEPS} steps, expected no more")
+            raise BadInputError("{verb}: the script makes more than {high} steps, expected no more",
+                                code="too_many_steps", verb=step.verb, high=MOST_STEPS)  # fmt: skip
         _alarm_in(0.0)
         try:
             return self._then.handle(step, spot)
@@ -57,7 +67,7 @@ def impatient() -> Iterator[None]:
         return
 
     def too_long(number: int, frame: FrameType | None) -> None:
-        raise SilentScriptError(f"the script makes no step for {LONGEST_SILENCE_S:g} s, expected one")
+        raise SilentScriptError(LONGEST_SILENCE_S)
 
     before, began_s = signal.signal(signal.SIGALRM, too_long), time.monotonic()
     left_s, _ = signal.getitimer(signal.ITIMER_REAL)  # of somebody else's alarm

@@ -17,7 +17,7 @@ from rig.plan.shape_files import copy_name, kept_in, named_file
 from rig.protocol.api import Handler, Rig
 from rig.protocol.errors import BadInputError
 from rig.protocol.planned import PlannedIndentation
-from rig.protocol.script import Script, in_words, where_in_script
+from rig.protocol.script import Script, said_of_script
 from rig.protocol.steps import ExpectedPresses, ExpectedTouch, Step
 from rig.protocol.taken_up import TakenUp
 from rig.protocol.walk import Spot, Walk
@@ -33,6 +33,7 @@ SOFT_TRIP_OVER_BAND = 1.25
 """Of a finger that was met, or is being met: besides its band only noise and the bench are to be allowed for."""
 
 SMALLEST_SOFT_TRIP_N = 0.02
+_REFUSALS = (BadInputError, ShapeError, ModelRangeError, SilentScriptError)
 
 
 def _nothing_yet() -> dict[Purpose, list[PlannedIndentation]]:
@@ -93,7 +94,8 @@ def make_plan(
     `told` hears how many steps there are so far.
     """
     if inspect.iscoroutinefunction(script.run):
-        raise BadInputError(f"protocol {script.path}: run(rig) is asynchronous, expected an ordinary function")
+        raise BadInputError("protocol {path}: run(rig) is asynchronous, expected an ordinary function",
+                            code="asynchronous", path=str(script.path))  # fmt: skip
     first_soft_trip_n = None if before is None else before.start.get("soft_trip_n")
     plan = Plan(first_soft_trip_n=first_soft_trip_n)
     where = partial(_kept, plan) if folder is None else partial(kept_in, folder)
@@ -106,13 +108,12 @@ def make_plan(
             script.run(Rig(script.parameters, walk, Patience(planner, told)))
     except FingerLostError:
         raise
-    except (BadInputError, ShapeError, ModelRangeError, SilentScriptError) as error:
-        raise BadInputError(f"{where_in_script(script.path, error)}: {error}") from None
-    except (Exception, SystemExit) as error:
-        place = where_in_script(script.path, error)
-        raise BadInputError(f"{place}: {in_words(error)}") from None
+    except (Exception, SystemExit, SilentScriptError) as error:
+        raise said_of_script(BadInputError, script.path, error, _REFUSALS) from None
     if not walk.pressed["data"]:
-        raise BadInputError(f"protocol {script.path}: run(rig) indents nowhere")
+        raise BadInputError(
+            "protocol {path}: run(rig) indents nowhere", code="indents_nowhere", path=str(script.path)
+        )
     return plan
 
 

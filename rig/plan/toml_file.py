@@ -1,22 +1,31 @@
 """What can be wrong with a TOML file that a user wrote, in one line."""
 
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from pydantic import ValidationError
 
+from rig.errors import RigError
+
 
 @contextmanager
-def told_of(where: str, error: type[ValueError]) -> Iterator[None]:
+def told_of(where: str, error: Callable[..., RigError]) -> Iterator[None]:
     """Raise as `error`, beginning with where, what reading and validating a TOML file may raise."""
     try:
         yield
     except OSError as problem:
-        raise error(f"{where}: {problem.strerror or problem}") from None
+        what = str(problem.strerror or problem)
+        raise error("{where}: {problem}", code="unreadable", where=where, problem=what) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
-        raise error(f"{where}: {problem}") from None
+        raise error("{where}: {problem}", code="no_toml", where=where, problem=str(problem)) from None
     except ValidationError as problem:
         first = problem.errors()[0]
-        place = ".".join(map(str, first["loc"]))
-        raise error(f"{where}: {place}: {first['msg'].removeprefix('Value error, ')}") from None
+        raise error(
+            "{where}: {key}: {problem}",
+            code="invalid_value",
+            where=where,
+            key=".".join(map(str, first["loc"])),
+            rule=first["type"],
+            problem=first["msg"].removeprefix("Value error, "),
+        ) from None

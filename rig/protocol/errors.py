@@ -3,9 +3,11 @@
 from collections.abc import Iterator
 from difflib import get_close_matches
 from reprlib import Repr
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, JsonValue, ValidationError
+
+from rig.errors import RigError
 
 WRITTEN_BY_COMMANDS: dict[str, JsonValue] = {"written_by_commands": True}
 """Marks the field of a table that no person writes."""
@@ -14,26 +16,62 @@ _SHORT = Repr()
 _SHORT.maxlist = _SHORT.maxdict = 3
 _SHORT.maxstring = _SHORT.maxother = 200
 
+Refusal = TypeVar("Refusal", bound=RigError)
 
-class BadInputError(Exception):
+
+class BadInputError(RigError):
     """Something the user gave is not usable; nothing has moved."""
+
+    default_code = "bad_input"
+
+
+class RuleError(RigError, ValueError):
+    """Values that do not go together, found by a validator; `first_problem` keeps code and fields."""
+
+    default_code = "invalid_value"
 
 
 def first_problem(where: str, error: ValidationError, model: type[BaseModel] | None = None) -> BadInputError:
     """The first complaint of a validation, with the place and the value it is about.
 
     model: what was validated; an unknown key is then told with its nearest neighbours.
+
+    Codes: unknown_key, missing_key, invalid_value, invalid_table, or that of the error which a validator raised.
+    Fields: where, key, value, rule (the validation's own name for it), and the rule's bounds.
     """
     problem = error.errors()[0]
     place = ".".join(str(part) for part in problem["loc"])
-    if problem["type"] == "extra_forbidden":
+    rule = problem["type"]
+    if rule == "extra_forbidden":
         near = [] if model is None else _neighbours(problem["loc"], model)
         meant = f", did you mean {' or '.join(near)}?" if near else ""
-        return BadInputError(f"{where}: {place}: there is no such key{meant}")
-    what = str(problem["ctx"]["error"]) if problem["type"] == "value_error" else problem["msg"].lower()
+        return BadInputError("{where}: {key}: there is no such key{meant}", code="unknown_key", where=where,
+                             key=place, near=near, meant=meant)  # fmt: skip
+    context = problem.get("ctx", {})
+    raised = context.get("error")
+    fields = {name: bound for name, bound in context.items() if name != "error"}
+    code = {"missing": "missing_key"}.get(rule)
+    if raised is not None and _carries_fields(raised):
+        fields, code = dict(raised.fields), raised.code
+    what = str(raised) if rule == "value_error" else problem["msg"].lower()
+    fields |= {"where": where, "key": place, "rule": rule, "problem": what}
     if isinstance(problem["input"], dict):  # about a whole table: the message says which keys
-        return BadInputError(": ".join(part for part in (where, place, what) if part))
-    return BadInputError(f"{where}: {place} = {_SHORT.repr(problem['input'])}: {what}")
+        parts = ("{where}" if where else "", "{key}" if place else "", "{problem}" if what else "")
+        return BadInputError(": ".join(part for part in parts if part), code=code or "invalid_table", **fields)
+    fields |= {"value": problem["input"], "shown": _SHORT.repr(problem["input"])}
+    return BadInputError("{where}: {key} = {shown}: {problem}", code=code or "invalid_value", **fields)
+
+
+def around(kind: type[Refusal], sentence: str, error: Any, /, *, code: str | None = None, **fields: Any) -> Refusal:
+    """An error whose sentence has that of another one in it, as {problem}; code and fields are the other one's."""
+    known = error.fields if _carries_fields(error) else {}
+    kept = error.code if code is None and _carries_fields(error) else code
+    return kind(sentence, code=kept, **{**known, **fields, "problem": str(error)})
+
+
+def _carries_fields(error: Any) -> bool:
+    """Whether it is an error with code and fields, of the rig or of the simulation, which is not imported here."""
+    return isinstance(getattr(error, "fields", None), dict) and isinstance(getattr(error, "code", None), str)
 
 
 def _neighbours(place: tuple[str | int, ...], model: type[BaseModel]) -> list[str]:

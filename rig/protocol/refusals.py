@@ -2,7 +2,7 @@
 
 import math
 from numbers import Integral, Real
-from typing import Literal
+from typing import Any, Literal
 
 from rig.devices.bench_settings import SLOWEST_MM_S
 from rig.devices.units import GWT_N
@@ -13,44 +13,49 @@ from rig.protocol.planned import PlannedIndentation
 
 _MAX_COUNT = 100
 _LONGEST_S = 3600.0
+_MEANS = "{verb}: {key} = {value:g} at x = {x_mm:g} mm means "
 
 
 def checked_target(verb: str, doi_mm: float | None, force_gwt: float | None) -> Target:
     """The one target that was given."""
     if (doi_mm is None) == (force_gwt is None):
-        raise BadInputError(f"{verb}: expected either doi_mm or force_gwt")
+        raise BadInputError("{verb}: expected either doi_mm or force_gwt", code="not_one_target", verb=verb)
     kind: Literal["doi_mm", "force_gwt"] = "force_gwt" if doi_mm is None else "doi_mm"
     value = force_gwt if doi_mm is None else doi_mm
     refuse_no_number(verb, kind, value)
     target = Target(kind, float(value))  # type: ignore[arg-type]
     if not (math.isfinite(target.value) and target.value > 0):
-        raise BadInputError(f"{verb}: {target.kind} = {target.value}: expected a positive number")
+        raise BadInputError("{verb}: {key} = {value}: expected a positive number", code="not_positive", verb=verb,
+                            key=target.kind, value=target.value)  # fmt: skip
     return target
 
 
 def refuse_no_number(verb: str, name: str, value: object) -> None:
     """What is neither an integer nor a float."""
     if isinstance(value, bool) or not isinstance(value, Real):
-        raise BadInputError(f"{verb}: {name} = {value!r}: expected a number")
+        raise BadInputError("{verb}: {key} = {value!r}: expected a number", code="no_number", verb=verb, key=name,
+                            value=value)  # fmt: skip
 
 
 def refuse_no_text(verb: str, value: object) -> None:
     """What is no text, or an empty one."""
     if not isinstance(value, str):
-        raise BadInputError(f"{verb}: expected text, got {value!r}")
+        raise BadInputError("{verb}: expected text, got {value!r}", code="no_text", verb=verb, value=value)
 
 
 def refuse_count(verb: str, name: str, value: object) -> None:
     """What is not a small whole number."""
     if isinstance(value, bool) or not isinstance(value, Integral) or not 1 <= int(value) <= _MAX_COUNT:
-        raise BadInputError(f"{verb}: {name} = {value!r}: expected a whole number, 1 … {_MAX_COUNT}")
+        raise BadInputError("{verb}: {key} = {value!r}: expected a whole number, 1 … {high}", code="no_count",
+                            verb=verb, key=name, value=value, high=_MAX_COUNT)  # fmt: skip
 
 
 def refuse_seconds(verb: str, name: str, value: float) -> None:
     """What is no time that anybody waits."""
     refuse_no_number(verb, name, value)
     if not 0 <= value <= _LONGEST_S:
-        raise BadInputError(f"{verb}: {name} = {value!r}: expected 0 … {_LONGEST_S:g} s")
+        raise BadInputError("{verb}: {key} = {value!r}: expected 0 … {high:g} s", code="outside_range", verb=verb,
+                            key=name, value=value, low=0.0, high=_LONGEST_S)  # fmt: skip
 
 
 def refuse_speeds(verb: str, speed_mm_s: float | None, settings: RigSettings) -> None:
@@ -67,8 +72,15 @@ def refuse_speeds(verb: str, speed_mm_s: float | None, settings: RigSettings) ->
 def _refuse_speed(verb: str, name: str, speed_mm_s: float, limits: LimitSettings) -> None:
     fastest = limits.max_press_speed_mm_s
     if not SLOWEST_MM_S <= speed_mm_s <= fastest:
-        expected = f"{SLOWEST_MM_S:.2g} … {fastest:g} mm/s"
-        raise BadInputError(f"{verb}: {name} = {speed_mm_s!r}: expected {expected}")
+        raise BadInputError(
+            "{verb}: {key} = {value!r}: expected {low:.2g} … {high:g} mm/s",
+            code="outside_range",
+            verb=verb,
+            key=name,
+            value=speed_mm_s,
+            low=SLOWEST_MM_S,
+            high=fastest,
+        )
 
 
 def refuse_target(verb: str, target: Target, limits: LimitSettings) -> None:
@@ -76,22 +88,25 @@ def refuse_target(verb: str, target: Target, limits: LimitSettings) -> None:
     limit = {"doi_mm": "max_doi_mm", "force_gwt": "max_force_gwt"}[target.kind]
     if target.value > getattr(limits, limit):
         raise BadInputError(
-            f"{verb}: {target.kind} = {target.value:g} is beyond limits.{limit} = {getattr(limits, limit):g}"
+            "{verb}: {key} = {value:g} is beyond limits.{limit} = {high:g}",
+            code="beyond_limit",
+            verb=verb,
+            key=target.kind,
+            value=target.value,
+            limit=limit,
+            high=getattr(limits, limit),
         )
 
 
 def refuse_reach(verb: str, planned: PlannedIndentation, settings: RigSettings) -> None:
     """What the model says is too deep, too hard, or below the stage's travel."""
     limits, doi_mm, force_gwt = settings.limits, planned.deepest_mm, planned.highest_gwt
-    means = f"{verb}: {planned.target.kind} = {planned.target.value:g} at x = {planned.x_mm:g} mm means"
     if doi_mm > limits.max_doi_mm:
-        raise BadInputError(f"{means} a DOI of {doi_mm:.3g} mm, beyond limits.max_doi_mm = {limits.max_doi_mm:g}")
+        raise _means(verb, planned, "a DOI of {doi_mm:.3g} mm", limits, "max_doi_mm", doi_mm=doi_mm)
     if force_gwt > limits.max_force_gwt:
-        raise BadInputError(
-            f"{means} a force of {force_gwt:.3g} gwt, beyond limits.max_force_gwt = {limits.max_force_gwt:g}"
-        )
+        raise _means(verb, planned, "a force of {force_gwt:.3g} gwt", limits, "max_force_gwt", force_gwt=force_gwt)
     if force_gwt * GWT_N > limits.soft_trip_n:
-        raise BadInputError(f"{means} {force_gwt * GWT_N:.3g} N, beyond limits.soft_trip_n = {limits.soft_trip_n:g}")
+        raise _means(verb, planned, "{force_n:.3g} N", limits, "soft_trip_n", force_n=force_gwt * GWT_N)
     given_mm = settings.calibration.value("compliance_mm_per_n", 0.0) * force_gwt * GWT_N
     lowest_mm = planned.expected_contact_mm - max(doi_mm + given_mm, limits.search_mm)
     refuse_travel("z", settings.frame.apex_z_mm + lowest_mm, settings)
@@ -112,25 +127,62 @@ def refuse_place(x_mm: float, along_mm: float, settings: RigSettings) -> None:
 
 def refuse_pressure(verb: str, planned: PlannedIndentation, limits: LimitSettings) -> None:
     """Too much force for the area that the model expects to carry it."""
-    means = f"{verb}: {planned.target.kind} = {planned.target.value:g} at x = {planned.x_mm:g} mm means"
     if planned.contact_area_mm2 <= 0:
-        raise BadInputError(f"{means} no contact that the model could tell from none: expected a larger target")
-    if planned.mean_pressure_n_cm2 > limits.max_pressure_n_cm2:
         raise BadInputError(
-            f"{means} {planned.mean_pressure_n_cm2:.3g} N/cm² over a contact of {planned.contact_area_mm2:.2g} mm², "
-            f"beyond limits.max_pressure_n_cm2 = {limits.max_pressure_n_cm2:g}"
+            _MEANS + "no contact that the model could tell from none: expected a larger target",
+            code="no_contact",
+            **_asked(verb, planned),
         )
+    if planned.mean_pressure_n_cm2 > limits.max_pressure_n_cm2:
+        raise _means(
+            verb,
+            planned,
+            "{pressure_n_cm2:.3g} N/cm² over a contact of {area_mm2:.2g} mm²",
+            limits,
+            "max_pressure_n_cm2",
+            pressure_n_cm2=planned.mean_pressure_n_cm2,
+            area_mm2=planned.contact_area_mm2,
+        )
+
+
+def _means(
+    verb: str, planned: PlannedIndentation, what: str, limits: LimitSettings, limit: str, **found: float
+) -> BadInputError:
+    """The model says of a target that it goes beyond a limit."""
+    return BadInputError(
+        _MEANS + what + ", beyond limits.{limit} = {high:g}",
+        code="means_beyond_limit",
+        **_asked(verb, planned),
+        limit=limit,
+        high=getattr(limits, limit),
+        **found,
+    )
+
+
+def _asked(verb: str, planned: PlannedIndentation) -> dict[str, Any]:
+    return {"verb": verb, "key": planned.target.kind, "value": planned.target.value, "x_mm": planned.x_mm}
+
+
+def refuse_outside(verb: str, key: str, value: float, limits: tuple[float, float]) -> None:
+    """What lies outside the two limits of that name."""
+    low, high = limits
+    if not low <= value <= high:
+        raise BadInputError("{verb}: {key} = {value:g} is outside limits.{key} = {low:g} … {high:g}",
+                            code="outside_limits", verb=verb, key=key, value=value, low=low, high=high)  # fmt: skip
 
 
 def refuse_along(along_mm: float, settings: RigSettings) -> None:
     """A place along the finger that the stage cannot reach or the limits forbid."""
     refuse_no_number("move_to", "along_mm", along_mm)
-    low, high = settings.limits.along_mm
-    if not low <= along_mm <= high:
-        raise BadInputError(f"move_to: along_mm = {along_mm:g} is outside limits.along_mm = {low:g} … {high:g}")
+    refuse_outside("move_to", "along_mm", along_mm, settings.limits.along_mm)
     if along_mm and not settings.stage.moves_along:
         raise BadInputError(
-            f"move_to: along_mm = {along_mm:g}: a {settings.stage.kind} stage has no axis along the finger"
+            "{verb}: {key} = {value:g}: a {kind} stage has no axis along the finger",
+            code="no_such_axis",
+            verb="move_to",
+            key="along_mm",
+            value=along_mm,
+            kind=settings.stage.kind,
         )
 
 
@@ -139,7 +191,13 @@ def refuse_travel(axis: Literal["x", "y", "z"], machine_mm: float, settings: Rig
     travel_mm = settings.stage.travel_mm["xyz".index(axis)]
     if not -travel_mm <= machine_mm <= 0:
         raise BadInputError(
-            f"machine {axis} = {machine_mm:.3f} mm is outside the stage's travel, {-travel_mm:g} … 0 mm"
+            "machine {axis} = {machine_mm:.3f} mm is outside the stage's travel, {low:g} … 0 mm",
+            code="outside_travel",
+            axis=axis,
+            machine_mm=machine_mm,
+            low=-travel_mm,
+            high=0.0,
         )
     if axis == "z" and machine_mm < settings.bounds.lowest_z_mm - 1e-9:
-        raise BadInputError(f"machine z = {machine_mm:.3f} mm is below {settings.floor}")
+        raise BadInputError("machine z = {machine_mm:.3f} mm is below {floor}", code="below_floor", axis=axis,
+                            machine_mm=machine_mm, low=settings.bounds.lowest_z_mm, floor=settings.floor)  # fmt: skip

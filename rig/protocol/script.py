@@ -16,7 +16,7 @@ from pydantic import ValidationError
 
 import rig
 from rig.protocol.api import ProtocolParameters, Rig
-from rig.protocol.errors import BadInputError, first_problem
+from rig.protocol.errors import BadInputError, Refusal, around, first_problem
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,8 @@ def find_script(name: str) -> Path:
     if path.parent == Path() and shipped.is_file():
         return shipped
     known = ", ".join(sorted(p.stem for p in shipped_protocols().glob("*.py")))
-    raise BadInputError(f"protocol {name!r}: no such file, and not a shipped one ({known})")
+    raise BadInputError("protocol {name!r}: no such file, and not a shipped one ({known})", code="no_such_protocol",
+                        name=name, known=known)  # fmt: skip
 
 
 def load_script(name: str, assignments: Sequence[str] = ()) -> Script:
@@ -61,15 +62,21 @@ def script_with(path: Path, name: str, parameters: Mapping[str, Any]) -> Script:
     module = _import(path)
     run = getattr(module, "run", None)
     if not callable(run):
-        raise BadInputError(f"protocol {path}: has no run(rig)")
+        raise BadInputError("protocol {path}: has no run(rig)", code="no_run", path=str(path))
     kind = getattr(module, "Parameters", ProtocolParameters)
     if not (isinstance(kind, type) and issubclass(kind, ProtocolParameters)):
-        raise BadInputError(f"protocol {path}: Parameters must be a subclass of rig.protocol.ProtocolParameters")
+        raise BadInputError(
+            "protocol {path}: Parameters must be a subclass of rig.protocol.ProtocolParameters",
+            code="wrong_parameters",
+            path=str(path),
+        )
     try:
         checked = kind.model_validate(parameters)
     except ValidationError as error:
         known = ", ".join(kind.model_fields) or "none"
-        raise BadInputError(f"{first_problem('--set', error)} (parameters of {path.name}: {known})") from None
+        found = first_problem("--set", error)
+        sentence = "{problem} (parameters of {file}: {known})"
+        raise around(BadInputError, sentence, found, file=path.name, known=known) from None
     metadata = getattr(module, "METADATA", {})
     title = str(metadata.get("title", name)) if isinstance(metadata, Mapping) else name
     source = str(metadata.get("source", "")) if isinstance(metadata, Mapping) else ""
@@ -82,34 +89,51 @@ def where_in_script(path: Path, error: BaseException) -> str:
     return f"{path}, line {frames[-1].lineno}" if frames else str(path)
 
 
-def in_words(error: BaseException) -> str:
+def failed_in_script(error: BaseException) -> BadInputError:
     """What a script did wrong; of a verb that is none, or is not called as it should be, what there is instead."""
-    words = f"{type(error).__name__}: {error}"
+    fields = {"exception": type(error).__name__, "problem": str(error)}
     if isinstance(error, AttributeError) and isinstance(error.obj, Rig):
         verbs = [name for name in vars(Rig) if not name.startswith("_")]
         near = get_close_matches(str(error.name), verbs)
         meant = f"did you mean rig.{near[0]}?" if near else f"expected one of {', '.join(verbs)}"
-        return f"{words}: there is no rig.{error.name}, {meant}"
+        return BadInputError("{exception}: {problem}: there is no rig.{verb}, {meant}", code="unknown_verb",
+                             verb=error.name, meant=meant, **fields)  # fmt: skip
     called = re.match(r"Rig\.(\w+)\(\) ", str(error)) if isinstance(error, TypeError) else None
     if called and hasattr(Rig, called[1]):
         signature = inspect.signature(getattr(Rig, called[1]))
         names = [f"{p.name}=" if p.kind is p.KEYWORD_ONLY else p.name for p in signature.parameters.values()][1:]
-        return f"{words}: expected rig.{called[1]}({', '.join(names)})"
-    return words
+        return BadInputError("{exception}: {problem}: expected rig.{verb}({arguments})", code="wrong_arguments",
+                             verb=called[1], arguments=", ".join(names), **fields)  # fmt: skip
+    return BadInputError("{exception}: {problem}", code="exception_in_script", **fields)
+
+
+def said_of_script(
+    kind: type[Refusal], path: Path, error: BaseException, told_as_they_are: tuple[type[BaseException], ...]
+) -> Refusal:
+    """An error of a script with the line that it comes from; other classes than these are told with their names."""
+    told = error if isinstance(error, told_as_they_are) else failed_in_script(error)
+    return around(kind, "{place}: {problem}", told, place=where_in_script(path, error))
 
 
 def _import(path: Path) -> ModuleType:
     spec = importlib.util.spec_from_file_location(f"protocol_{path.stem}", path)
     if spec is None or spec.loader is None:
-        raise BadInputError(f"protocol {path}: not a Python file")
+        raise BadInputError("protocol {path}: not a Python file", code="no_python_file", path=str(path))
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # pydantic looks postponed annotations up there
     try:
         spec.loader.exec_module(module)
     except SyntaxError as error:
-        raise BadInputError(f"protocol {path}, line {error.lineno or 1}: {error.msg}") from None
+        raise BadInputError("protocol {path}, line {line}: {problem}", code="no_python", path=str(path),
+                            line=error.lineno or 1, problem=error.msg) from None  # fmt: skip
     except (Exception, SystemExit) as error:
-        raise BadInputError(f"protocol {where_in_script(path, error)}: {type(error).__name__}: {error}") from None
+        raise BadInputError(
+            "protocol {place}: {exception}: {problem}",
+            code="exception_in_script",
+            place=where_in_script(path, error),
+            exception=type(error).__name__,
+            problem=str(error),
+        ) from None
     return module
 
 
@@ -118,8 +142,8 @@ def _assigned(assignments: Sequence[str]) -> dict[str, Any]:
     for text in assignments:
         key, _, value = text.partition("=")
         if not (key and value):
-            raise BadInputError(f"--set {text!r}: expected KEY=VALUE")
+            raise BadInputError("--set {text!r}: expected KEY=VALUE", code="no_assignment", text=text)
         if key in values:
-            raise BadInputError(f"--set {text!r}: {key} is given twice")
+            raise BadInputError("--set {text!r}: {key} is given twice", code="given_twice", text=text, key=key)
         values[key] = value
     return values

@@ -9,16 +9,21 @@ from typing import Any, Protocol
 from rig.engine.pressing.reference import Reference
 from rig.engine.records import PressId, Purpose, Target
 from rig.engine.rig_settings import RigSettings
+from rig.errors import RigError
 from rig.protocol.errors import BadInputError
 from rig.protocol.planned import Pace, Prediction
 
 
-class NoPredictionError(Exception):
+class NoPredictionError(RigError):
     """The model has no answer that could be relied upon."""
+
+    default_code = "no_prediction"
 
 
 class ForceTooDeepError(NoPredictionError):
     """The force is not reached at any depth that is allowed."""
+
+    default_code = "force_out_of_reach"
 
 
 class Model(Protocol):
@@ -61,7 +66,7 @@ class Walk:
     def need(self, condition: bool, verb: str, before: str) -> None:
         """Refuse a verb before which another must come."""
         if not condition:
-            raise BadInputError(f"{verb}: {before} must come first")
+            raise BadInputError("{verb}: {before} must come first", code="comes_too_early", verb=verb, before=before)
 
     def need_ready(self, verb: str) -> None:
         """Refuse to touch anything unless mounted, zeroed and placed."""
@@ -75,8 +80,11 @@ class Walk:
         longest_s = self.settings.limits.max_contact_s
         if self.held_s > longest_s:
             raise BadInputError(
-                f"{verb}: the finger would be held for {self.held_s:g} s in all, "
-                f"beyond limits.max_contact_s = {longest_s:g}"
+                "{verb}: the finger would be held for {held_s:g} s in all, beyond limits.max_contact_s = {high:g}",
+                code="held_too_long",
+                verb=verb,
+                held_s=self.held_s,
+                high=longest_s,
             )
 
     def spot(self, purpose: Purpose = "data", presses: int = 0, marks: Mapping[str, Any] | None = None) -> Spot:

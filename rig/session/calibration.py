@@ -1,6 +1,7 @@
 """Calibrations: which may still be used today, and what a measurement makes of them."""
 
 import datetime
+from collections.abc import Iterator
 
 import tomlkit
 
@@ -16,16 +17,20 @@ def today() -> datetime.date:
 
 def expired_calibrations(config: Config) -> list[str]:
     """One line for each calibration that may no longer be used: refused on hardware, a warning in a dry-run."""
-    return [
-        f"calibration.{name}: expired on {getattr(config.calibration, name).expires}, expected a newer measurement"
-        for name in config.calibration.expired(today())
-    ]
+    return [str(problem) for problem in _expired(config)]
 
 
 def refuse_expired(config: Config) -> None:
     """Raises BadInputError for a calibration that may no longer be used."""
-    for problem in expired_calibrations(config):
-        raise BadInputError(problem)
+    for problem in _expired(config):
+        raise problem
+
+
+def _expired(config: Config) -> Iterator[BadInputError]:
+    for name in config.calibration.expired(today()):
+        expires = getattr(config.calibration, name).expires
+        yield BadInputError("{key}: expired on {expires}, expected a newer measurement", code="expired",
+                            key=f"calibration.{name}", expires=expires)  # fmt: skip
 
 
 def as_table(name: str, value: float, valid_days: int, sd: float | None = None) -> str:

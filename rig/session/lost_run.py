@@ -12,6 +12,7 @@ from rig.engine import Journal
 from rig.engine.by_hand.bench_memory import state_folder
 from rig.engine.errors import LostRecordError
 from rig.line_file import LineFile
+from rig.protocol.errors import around
 from rig.session.ending import Whereabouts
 from rig.transport.byte_log import ByteLog
 
@@ -44,7 +45,10 @@ class LostRun:
         if not lost:
             return None
         contents = {name: left for name, file in files.items() if (left := _left(file)) is not None}
-        return cls(LostRecordError(f"{lost[0].filename}: {lost[0]}"), {**copies, **contents})
+        return cls(
+            LostRecordError("{path}: {error}", path=str(lost[0].filename), error=str(lost[0])),
+            {**copies, **contents},
+        )
 
     def rescued(self, folder: RunFolder, at: Whereabouts) -> Run:
         """Write it into a new folder beside the old one, or into the user's state folder.
@@ -54,14 +58,20 @@ class LostRun:
         LostRecordError
             If nothing can be written, or what is left is not a whole journal.
         """
-        where, words = Path(), f"{self.problem}; the indentor is {at.words}"
+        where = Path()
         try:
             where = rescued_folder(folder, self.contents, state_folder() / "rescued").path
             return read_run(where)
         except OSError as error:
-            raise LostRecordError(f"{words}; the data are lost: they cannot be written anew: {error}") from error
+            sentence = "{problem}; the indentor is {indentor}; the data are lost: they cannot be written anew: {why}"
+            raise around(
+                LostRecordError, sentence, self.problem, code="data_lost", indentor=at.words, why=str(error)
+            ) from error
         except RunError as error:
-            raise LostRecordError(f"{words}; what is left of the data is in {where}") from error
+            sentence = "{problem}; the indentor is {indentor}; what is left of the data is in {rescued}"
+            raise around(
+                LostRecordError, sentence, self.problem, code="rescued", indentor=at.words, rescued=str(where)
+            ) from error
 
 
 def _left(file: LineFile) -> bytes | None:

@@ -24,7 +24,8 @@ class PortError(TransportError):
     """A port of the bench could not be opened; device says which."""
 
     def __init__(self, device: Literal["stage", "force"], error: TransportError) -> None:
-        super().__init__(str(error))
+        fields = {**error.fields, "device": device, "problem": str(error)}
+        super().__init__("{problem}", code=error.code, **fields)
         self.device = device
 
 

@@ -11,7 +11,7 @@ from rig.engine import RunAborted
 from rig.engine.by_hand.bench_memory import BenchMemory
 from rig.engine.journal import JournalError, mend_journal
 from rig.plan.config import Config, load_config
-from rig.protocol.errors import BadInputError
+from rig.protocol.errors import BadInputError, around
 from rig.protocol.script import Script, script_with
 from rig.session.ending import Ending, Whereabouts
 from rig.session.meeting import MEETING_PAGE, SCRIPT
@@ -51,9 +51,15 @@ def read_stopped(path: Path) -> StoppedRun:
     except UnwritableError:
         raise
     except OSError as error:
-        raise BadInputError(f"run {path}: {error.filename}: {error.strerror}, expected a run folder") from None
+        raise BadInputError(
+            "run {path}: {file}: {problem}, expected a run folder",
+            code="no_run_folder",
+            path=str(path),
+            file=str(error.filename),
+            problem=str(error.strerror),
+        ) from None
     except (RunError, JournalError) as error:
-        raise BadInputError(str(error)) from None
+        raise around(BadInputError, "{problem}", error) from None
 
 
 def _never_planned(run: Run) -> bool:
@@ -74,17 +80,24 @@ def _read(folder: RunFolder) -> StoppedRun:
     changed = folder.changed()
     if changed:
         raise BadInputError(
-            f"run {folder.path}: {', '.join(changed)}: changed since the run began, cannot go on with it"
+            "run {path}: {files}: changed since the run began, cannot go on with it",
+            code="changed_since",
+            path=str(folder.path),
+            files=", ".join(changed),
         )
     about: dict[str, Any] = json.loads(folder.provenance.read_text(encoding="utf-8"))
     if about["protocol"] == SCRIPT:
         raise BadInputError(
-            f"run {folder.path}: a meeting is not taken up, expected `rig meet` anew; {_learned(folder)}"
+            "run {path}: a meeting is not taken up, expected `rig meet` anew; {left}",
+            code="meeting",
+            path=str(folder.path),
+            left=_learned(folder),
         )
     copy = folder.path / "protocol.py"
     run = read_run(folder.path) if mend_journal(folder.events) else None
     if run is not None and _never_planned(run):
-        raise BadInputError(f"run {folder.path}: it was stopped while it was planned, expected a new run")
+        raise BadInputError("run {path}: it was stopped while it was planned, expected a new run",
+                            code="never_planned", path=str(folder.path))  # fmt: skip
     return StoppedRun(
         folder=folder,
         script=script_with(copy, Path(about["protocol"]).stem, about["parameters"]),

@@ -9,7 +9,7 @@ from rig.engine import Engine, EngineError, ScriptError
 from rig.plan.patience import SilentScriptError, impatient
 from rig.protocol.api import Rig
 from rig.protocol.errors import BadInputError
-from rig.protocol.script import Script, in_words, where_in_script
+from rig.protocol.script import Script, said_of_script
 from rig.transport.base import TransportError
 from sim.models.processes.finger_process import FingerLostError
 
@@ -53,7 +53,6 @@ def run_script(script: Script, engine: Engine, rig: Rig) -> None:
         raise
     except (Exception, SystemExit, SilentScriptError) as error:
         engine.make_safe()
-        words = str(error) if isinstance(error, BadInputError | SilentScriptError) else in_words(error)
-        raise ScriptError(f"{where_in_script(script.path, error)}: {words}") from error
+        raise said_of_script(ScriptError, script.path, error, (BadInputError, SilentScriptError)) from error
     if engine.problem is not None:
         raise engine.problem

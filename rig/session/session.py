@@ -237,7 +237,7 @@ def _carry_out(session: Session, journal: Journal, engine: Engine, rig: Rig, ben
     except ENDINGS as error:
         return error
     except KeyboardInterrupt:  # the stage has been stopped; what is on disk is still worth a report
-        return RunAborted(session.stopped_by)
+        return RunAborted("{stopped_by}", code="stopped_at_once", stopped_by=session.stopped_by)
     finally:
         bench.left_with(engine.sensing.zero)
         if engine.may_touch:
@@ -313,9 +313,10 @@ def _recorded(folder: RunFolder, byte_log: ByteLog, watch: Watch) -> Watch:
     def recorded(stream: str, data: Mapping[str, Any]) -> None:
         byte_log.check()
         if isinstance(byte_log.problem, LostFileError):
-            raise LostRecordError(f"{folder.bytes_log}: {byte_log.problem}")
+            raise LostRecordError("{path}: {error}", path=str(folder.bytes_log), error=str(byte_log.problem))
         if byte_log.problem is not None:
-            raise RecordError(f"{folder.bytes_log}: cannot be written: {byte_log.problem.strerror}")
+            raise RecordError("{path}: cannot be written: {error}", code="cannot_be_written",
+                              path=str(folder.bytes_log), error=str(byte_log.problem.strerror))  # fmt: skip
         watch(stream, data)
 
     return recorded

@@ -11,7 +11,7 @@ from rig.devices.stage.base import Stage, StageAlarm, StageError, StageHeld, is_
 from rig.devices.stop_key import StopKey, StopKeyError
 from rig.devices.stop_settings import StopSettings
 from rig.engine import Engine, RunAborted, TripError, WatchedBench
-from rig.protocol.errors import BadInputError
+from rig.protocol.errors import BadInputError, around
 from rig.session.control.stage_in_hand import StageInHand
 from rig.transport import TransportError
 
@@ -127,7 +127,7 @@ def _key(settings: StopSettings) -> StopKey | None:
     try:
         return StopKey(Path(settings.device), settings.key_code)
     except StopKeyError as error:
-        raise BadInputError(f"stop.device: {error}") from None
+        raise around(BadInputError, "{key}: {problem}", error, key="stop.device") from None
 
 
 @contextmanager
@@ -161,13 +161,19 @@ def refuse_stop_inputs(settings: BenchSettings, bench: WatchedBench) -> None:
         for key, name in stop.inputs.items():
             if name in active:
                 remedy = "release the stop button" if key == "input" else "free the force sensor, see to its relay"
-                raise BadInputError(f"stop.{key} = {name!r}: this input is active, nothing is moved: {remedy}")
+                raise BadInputError("{key} = {value!r}: this input is active, nothing is moved: {remedy}",
+                                    code="input_active", key=f"stop.{key}", value=name, remedy=remedy)  # fmt: skip
     if stop.trip_gwt is not None and isinstance(bench.force, HasSetPoint):
         found_gwt = bench.force.set_point_gwt(stop.trip_register)
         if abs(found_gwt - stop.trip_gwt) > _SET_POINT_WITHIN * stop.trip_gwt:
             raise BadInputError(
-                f"stop.trip_gwt = {stop.trip_gwt:g}: the transmitter's set-point (register {stop.trip_register}) is "
-                f"{found_gwt:g} gwt, expected the same"
+                "{key} = {value:g}: the transmitter's set-point (register {register}) is {found_gwt:g} gwt, expected "
+                "the same",
+                code="another_set_point",
+                key="stop.trip_gwt",
+                value=stop.trip_gwt,
+                register=stop.trip_register,
+                found_gwt=found_gwt,
             )
 
 
@@ -192,9 +198,10 @@ def stop_inputs_heeded(settings: BenchSettings, engine: Engine, button: StopButt
     except (StageHeld, StageAlarm) as error:  # the controller stopped first, and said so: an alarm, in homing
         held, active = isinstance(error, StageHeld), _active_now(engine.bench.stage)
         if stop.trip_input in active:
-            raise TripError(_by_the_relay(stop)) from error
+            raise TripError("{reason}", code="hardware_trip", reason=_by_the_relay(stop),
+                            trip_gwt=stop.trip_gwt) from error  # fmt: skip
         if stop.kind == "board" and (held or stop.input in active):
-            raise RunAborted(BY_THE_BUTTON) from error
+            raise RunAborted(BY_THE_BUTTON, code="stop_button") from error
         raise
 
 
@@ -227,7 +234,7 @@ class _Look:
                 self._button.seen(pressed=pressed)
             if pressed:
                 self._engine.stop()
-                raise RunAborted(BY_THE_BUTTON)
+                raise RunAborted(BY_THE_BUTTON, code="stop_button")
         return None
 
 

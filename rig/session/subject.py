@@ -12,5 +12,6 @@ def checked_subject(code: str | None) -> str | None:
     if code is None or _CODE.fullmatch(code):
         return code
     raise BadInputError(
-        "--subject: expected a code such as S07, one to three capital letters and two to six digits, never a name"
+        "--subject: expected a code such as S07, one to three capital letters and two to six digits, never a name",
+        code="no_subject_code",
     )

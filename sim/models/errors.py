@@ -2,8 +2,10 @@
 
 import math
 
+from sim.errors import SimError
 
-class ModelRangeError(ValueError):
+
+class ModelRangeError(SimError, ValueError):
     """What is asked for lies outside what the model can answer."""
 
 

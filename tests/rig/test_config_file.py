@@ -1,14 +1,22 @@
 """Configuration files: every key known, every value checked, and written back as they were read."""
 
+import errno
+import os
+import tomllib
 from datetime import date
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from pydantic import BaseModel, Field, ValidationError
 
+from rig.compare.parameter_study.errors import StudyError
 from rig.plan.config import Config, load_config
-from rig.protocol.errors import BadInputError
+from rig.plan.toml_file import told_of
+from rig.protocol.errors import BadInputError, first_problem
+from tests.raising import has_code, raises
 
 
 @pytest.fixture
@@ -16,71 +24,165 @@ def toml(tmp_path: Path) -> Path:
     return tmp_path / "rig.toml"
 
 
-def _complaint(path: Path) -> str:
+def _refused(path: Path) -> BadInputError:
+    """What is wrong with a configuration, in one line about that file."""
     with pytest.raises(BadInputError) as caught:
         load_config(path)
-    text = str(caught.value)
-    assert "\n" not in text
-    assert text.startswith(f"config {path}: ")
-    return text.removeprefix(f"config {path}: ")
+    assert "\n" not in str(caught.value)
+    assert str(caught.value).startswith(f"config {path}: ")
+    assert caught.value.fields["where"] == f"config {path}"
+    return caught.value
 
 
 def test_no_file_means_the_defaults() -> None:
     assert load_config(None) == Config()
 
 
-@pytest.mark.parametrize(
-    ("text", "complaint"),
-    [
-        ("[limits]\nmax_dio_mm = 1.0\n", "limits.max_dio_mm: there is no such key"),
-        ("[limit]\nmax_doi_mm = 1.0\n", "limit: there is no such key"),
-        ("[finger.mesh]\nspacing = 0.2\n", "finger.mesh.spacing: there is no such key"),
-        ('[habits]\nclearance_mm = "high"\n', "habits.clearance_mm = 'high': input should be a valid number"),
-        ("[limits]\nmax_force_gwt = nan\n", "limits.max_force_gwt = nan: input should be a finite number"),
-        ("[limits]\nsoft_trip_n = inf\n", "limits.soft_trip_n = inf: input should be"),
-        ("[limits]\nmax_doi_mm = 3.0\n", "limits.max_doi_mm = 3.0: input should be less than or equal to 2"),
-        ("[habits]\nincrement_mm = 0.1\n", "habits.increment_mm = 0.1: input should be less than or equal to 0.05"),
-        ('[stage]\nkind = "rack"\n', "stage.kind = 'rack': input should be 'grbl' or 'leadshine'"),
-        ('[force]\nkind = "scale"\n', "force.kind = 'scale': input should be 'mtsics' or 'laumas'"),
-        ('[stage]\nframing = "ascii"\n', "stage.framing = 'ascii': input should be 'rtu' or 'tcp'"),
-        ("[stage.drives.x]\npulses_per_rev = 400\n", "stage.drives.x.device_id: field required"),
-        ("[stage.drives.x]\ndevice_id = 2\n", "stage: drives.x and drives.z: expected different device ids"),
-        (
-            "[stage.drives.x]\ndevice_id = 32\n",
-            "stage.drives.x.device_id = 32: input should be less than or equal to 31",
-        ),
-        ("[force.laumas]\ncount_g = 0\n", "force.laumas.count_g = 0: input should be greater than 0"),
-        (
-            '[stage]\nkind = "leadshine"\n[sync]\noutput = "coolant"\n',
-            "sync.output: expected off or drive with a leads",
-        ),
-        ('[sync]\noutput = "drive"\n', "sync.output: expected off or coolant or spindle with a grbl stage"),
-        (
-            '[stage]\nkind = "leadshine"\n[sync]\noutput = "drive"\nregister_address = 343\non_word = 1\n',
-            "sync: expected register_address, on_word and off_word, from the manual of the drive",
-        ),
-        (
-            '[sync]\noutput = "drive"\nregister_address = 0x6002\n',
-            "sync.register_address = 24578: input should be less than or equal to 4095",
-        ),
-        ('[stage]\nport = "tcp://10.0.0.7"\n', "stage.port = 'tcp://10.0.0.7': expected tcp://HOST:PORT or the name"),
-        ('[force]\nport = ""\n', "force.port = '': expected tcp://HOST:PORT or the name of a serial port"),
-        ("[limits]\nx_mm = [-6.0]\n", "limits.x_mm.1"),
-        (
-            "[limits]\nmax_press_speed_mm_s = 0.8\n",
-            "limits.max_press_speed_mm_s = 0.8: expected no less than habits.press_speed_mm_s = 1",
-        ),
-        (
-            "[limits]\nmax_press_speed_mm_s = 0.3\n[habits]\npress_speed_mm_s = 0.2\n",
-            "limits.max_press_speed_mm_s = 0.3: expected no less than habits.approach_speed_mm_s = 0.5",
-        ),
-        ("[virtual]\nz_screw_steps_per_mm = 0\n", "virtual.z_screw_steps_per_mm = 0: input should be greater than 1"),
-    ],
-)
-def test_what_where_and_what_was_expected(toml: Path, text: str, complaint: str) -> None:
-    toml.write_text(text, encoding="utf-8")
-    assert complaint in _complaint(toml)
+VALUE, TABLE, RULE = "invalid_value", "invalid_table", "value_error"
 
+
+@pytest.mark.parametrize(
+    ("text", "code", "fields"),
+    [
+        ("[limits]\nmax_dio_mm = 1.0\n", "unknown_key", {"key": "limits.max_dio_mm", "near": ["max_doi_mm"]}),
+        ("[limit]\nmax_doi_mm = 1.0\n", "unknown_key", {"key": "limit", "near": ["limits"]}),
+        ("[finger.mesh]\nspacing = 0.2\n", "unknown_key", {"key": "finger.mesh.spacing"}),
+        ('[habits]\nclearance_mm = "high"\n', VALUE,
+         {"key": "habits.clearance_mm", "value": "high", "rule": "float_parsing"}),
+        ("[limits]\nmax_force_gwt = nan\n", VALUE, {"key": "limits.max_force_gwt", "rule": "finite_number"}),
+        ("[limits]\nsoft_trip_n = inf\n", VALUE, {"key": "limits.soft_trip_n", "value": float("inf")}),
+        ("[limits]\nmax_doi_mm = 2.5\n", VALUE,
+         {"key": "limits.max_doi_mm", "value": 2.5, "rule": "less_than_equal", "le": 2.0}),
+        ("[habits]\nincrement_mm = 0.1\n", VALUE, {"key": "habits.increment_mm", "value": 0.1, "le": 0.05}),
+        ('[stage]\nkind = "rack"\n', "unknown_kind",
+         {"key": "stage.kind", "value": "rack", "either": "'grbl' or 'leadshine'"}),
+        ('[force]\nkind = "scale"\n', "unknown_kind",
+         {"key": "force.kind", "value": "scale", "either": "'mtsics' or 'laumas'"}),
+        ('[stage]\nframing = "ascii"\n', VALUE,
+         {"key": "stage.framing", "value": "ascii", "rule": "literal_error", "expected": "'rtu' or 'tcp'"}),
+        ("[stage.drives.x]\npulses_per_rev = 400\n", "missing_key", {"key": "stage.drives.x.device_id"}),
+        ("[stage.drives.x]\ndevice_id = 2\n", "one_id_for_two", {"key": "stage", "rule": RULE}),
+        ("[stage.drives.x]\ndevice_id = 32\n", VALUE, {"key": "stage.drives.x.device_id", "value": 32, "le": 31}),
+        ("[force.laumas]\ncount_g = 0\n", VALUE, {"key": "force.laumas.count_g", "value": 0, "gt": 0.0}),
+        ('[sync]\noutput = "drive"\nregister_address = 0x6002\n', VALUE,
+         {"key": "sync.register_address", "value": 24578, "le": 4095}),
+        ('[stage]\nport = "tcp://10.0.0.7"\n', "no_port_name", {"key": "stage.port", "value": "tcp://10.0.0.7"}),
+        ('[force]\nport = ""\n', "no_port_name", {"key": "force.port", "value": ""}),
+        ("[limits]\nx_mm = [-6.0]\n", "missing_key", {"key": "limits.x_mm.1"}),
+        ("[virtual]\nz_screw_steps_per_mm = 0\n", VALUE,
+         {"key": "virtual.z_screw_steps_per_mm", "value": 0, "rule": "greater_than", "gt": 1.0}),
+        ("a = = 1", "no_toml", {}),
+        ("[limits\nmax_doi_mm 1.0\n", "no_toml", {}),
+        ("[limits]\nmax_doi_mm = 1.0\nmax_doi_mm = 1.2\n", "no_toml", {}),
+        (b"\xff\xfe\x00", "no_toml", {}),
+    ],
+)  # fmt: skip
+def test_what_where_and_what_was_expected(toml: Path, text: str | bytes, code: str, fields: dict[str, Any]) -> None:
+    toml.write_bytes(text if isinstance(text, bytes) else text.encode())
+    has_code(_refused(toml), code, **fields)
+
+
+def test_no_such_file_and_a_folder(toml: Path) -> None:
+    has_code(_refused(toml), "unreadable", problem=os.strerror(errno.ENOENT))
+    toml.mkdir()
+    has_code(_refused(toml), "unreadable", problem=os.strerror(errno.EISDIR))
+
+
+# --- what two keys must be to each other; the complaint begins with the key ---
+
+LESS = "limits.max_press_speed_mm_s"
+CODES = {"sync.output: ": "no_such_output", "sync: ": "incomplete_sync"}
+
+
+@pytest.mark.parametrize(
+    ("tables", "begins"),
+    [
+        ({"limits": {"x_mm": [-6.0, 6.0]}}, ""),
+        ({"limits": {"x_mm": [1.0, 3.0]}}, ""),
+        ({"limits": {"x_mm": [-3.0, -1.0]}}, ""),
+        ({"limits": {"x_mm": [2.0, 2.0]}}, "x_mm: "),
+        ({"limits": {"x_mm": [6.0, -6.0]}}, "x_mm: "),
+        ({"limits": {"along_mm": [0.0, 0.0]}}, ""),
+        ({"limits": {"along_mm": [0.0, 0.5]}}, ""),
+        ({"limits": {"along_mm": [-0.5, 0.0]}}, ""),
+        ({"limits": {"along_mm": [0.1, 4.0]}}, "along_mm: "),
+        ({"limits": {"along_mm": [-4.0, -0.1]}}, "along_mm: "),
+        ({"limits": {"along_mm": [0.5, -0.5]}}, "along_mm: "),
+        ({"limits": {"soft_trip_n": 2.0, "hard_trip_n": 2.0}}, ""),
+        ({"limits": {"soft_trip_n": 2.1, "hard_trip_n": 2.0}}, "soft_trip_n: "),
+        ({"limits": {"hard_trip_n": 1.9}}, "soft_trip_n: "),
+        ({"habits": {"touch_increment_mm": 0.05, "increment_mm": 0.05}}, ""),
+        ({"habits": {"touch_increment_mm": 0.03, "increment_mm": 0.02}}, "touch_increment_mm: "),
+        ({"limits": {"max_press_speed_mm_s": 1.0}}, ""),  # that of habits.press_speed_mm_s
+        ({"limits": {"max_press_speed_mm_s": 0.99}}, f"{LESS} = 0.99: "),
+        ({"limits": {"max_press_speed_mm_s": 1.5}, "habits": {"approach_speed_mm_s": 1.6}}, f"{LESS} = 1.5: "),
+        ({"limits": {"max_press_speed_mm_s": 0.3}, "habits": {"press_speed_mm_s": 0.2}}, f"{LESS} = 0.3: "),
+        ({"limits": {"max_press_speed_mm_s": 1.5}, "habits": {"travel_speed_mm_s": 9.0}}, ""),
+        ({"sync": {"output": "drive"}}, "sync.output: "),
+        ({"stage": {"kind": "leadshine"}, "sync": {"output": "coolant"}}, "sync.output: "),
+        (
+            {"stage": {"kind": "leadshine"}, "sync": {"output": "drive", "register_address": 343, "on_word": 1}},
+            "sync: ",
+        ),
+    ],
+    ids=str,
+)
+def test_keys_that_go_with_each_other(tables: dict[str, dict[str, object]], begins: str) -> None:
+    """Equal is allowed where it says "no more"."""
+    if begins:
+        with pytest.raises(ValidationError) as caught:
+            Config.model_validate(tables)
+        has_code(first_problem("", caught.value), CODES.get(begins, TABLE))
+        assert first_problem("", caught.value).fields["problem"].startswith(begins)
+    else:
+        _takes(tables)
+
+
+@pytest.mark.parametrize(
+    ("series", "lasts"),
+    [
+        ([], True),
+        ([[0.3, 1.0], [0.2, 0.01]], True),
+        ([[0.99, 0.5]], True),
+        ([[1.0, 1.0]], False),
+        ([[0.5, 1.0], [0.5, 2.0]], False),
+        ([[0.0, 1.0]], False),
+        ([[-0.1, 1.0]], False),
+        ([[0.3, 0.0]], False),
+        ([[0.3, -1.0]], False),
+        ([[0.3, 1.0], [0.3, -1.0]], False),
+    ],
+    ids=str,
+)
+def test_the_virtual_finger_relaxes_in_part_and_in_time(series: list[list[float]], lasts: bool) -> None:
+    """Shares above 0 that sum to less than 1, and time constants above 0."""
+    if lasts:
+        _takes({"virtual": {"relaxation": series}})
+    else:
+        with pytest.raises(ValidationError) as caught:
+            Config.model_validate({"virtual": {"relaxation": series}})
+        has_code(first_problem("", caught.value), "no_prony_series", key="virtual")
+
+
+def _takes(tables: dict[str, dict[str, object]]) -> None:
+    config = Config.model_validate(tables)
+    for table, keys in config.model_dump(
+        mode="json", include={name: set(keys) for name, keys in tables.items()}
+    ).items():
+        assert keys == tables[table]
+
+
+def test_a_configuration_without_calibrations_is_written_without_them() -> None:
+    """TOML has no word for nothing: a key that is not there is left out; days are texts."""
+    assert "none" not in Config().as_toml().lower()
+    assert "framing" not in Config().as_toml()
+    measured = {"value": 400.0, "date": "2026-03-01", "expires": "2027-03-01"}
+    text = Config.model_validate({"calibration": {"x_steps_per_mm": measured}}).as_toml()
+    assert 'date = "2026-03-01"' in text
+    assert "y_steps_per_mm" not in text
+
+
+# --- calibrations ---
 
 CALIBRATED = """
 [calibration.z_steps_per_mm]
@@ -107,46 +209,31 @@ def test_calibrations_have_a_date_and_an_end(toml: Path) -> None:
     assert load_config(toml).calibration == calibration
 
 
+Z, FORCE = "calibration.z_steps_per_mm", "calibration.force_scale"
+
+
 @pytest.mark.parametrize(
-    ("change", "complaint"),
+    ("change", "code", "key"),
     [
-        (("-401.3", "0"), "value = 0: expected a number other than zero"),
-        (("1.004", "-1.0"), "value = -1: expected a positive number"),
-        (("2027-03-01", "2025-03-01"), "expires: expected a day not before date"),
-        (("expires = 2027-03-01\n", ""), "calibration.z_steps_per_mm.expires"),
+        (("-401.3", "0"), "impossible_value", Z),
+        (("1.004", "-1.0"), "impossible_value", FORCE),
+        (("2027-03-01", "2025-03-01"), "expires_before_date", Z),
+        (("expires = 2027-03-01\n", ""), "missing_key", f"{Z}.expires"),
     ],
 )
-def test_a_calibration_that_cannot_be(toml: Path, change: tuple[str, str], complaint: str) -> None:
+def test_a_calibration_that_cannot_be(toml: Path, change: tuple[str, str], code: str, key: str) -> None:
+    """tests/rig/test_bench_settings.py has the numbers that can be."""
     toml.write_text(CALIBRATED.replace(*change), encoding="utf-8")
-    assert complaint in _complaint(toml)
+    has_code(_refused(toml), code, key=key)
 
 
-def test_not_toml(toml: Path) -> None:
-    toml.write_text("[limits\nmax_doi_mm 1.0\n", encoding="utf-8")
-    assert _complaint(toml).startswith("not valid TOML: ")
-    assert "line 1" in _complaint(toml)
+# --- files ---
 
 
 def test_a_byte_order_mark_is_no_mistake(toml: Path) -> None:
     """As editors on Windows write it."""
     toml.write_text("[limits]\nmax_doi_mm = 1.0\n", encoding="utf-8-sig")
     assert load_config(toml).limits.max_doi_mm == 1.0
-
-
-def test_not_text(toml: Path) -> None:
-    toml.write_bytes(b"\xff\xfe\x00")
-    assert _complaint(toml).startswith("not valid TOML: ")
-
-
-def test_a_key_given_twice(toml: Path) -> None:
-    toml.write_text("[limits]\nmax_doi_mm = 1.0\nmax_doi_mm = 1.2\n", encoding="utf-8")
-    assert _complaint(toml).startswith("not valid TOML: ")
-
-
-def test_no_such_file_and_a_folder(toml: Path) -> None:
-    assert _complaint(toml) == "No such file or directory"
-    toml.mkdir()
-    assert _complaint(toml) == "Is a directory"
 
 
 def test_a_file_changes_only_what_it_names(toml: Path) -> None:
@@ -197,3 +284,29 @@ def test_what_is_written_reads_back_the_same(toml: Path, changes: dict[tuple[str
     config = Config.model_validate(tables)
     toml.write_text(config.as_toml(), encoding="utf-8")
     assert load_config(toml) == config
+
+
+# --- the TOML files of comparisons and studies ---
+
+
+class _Two(BaseModel):
+    a: int = Field(gt=0)
+    b: int = Field(gt=0)
+
+
+@pytest.mark.parametrize(
+    ("content", "code", "fields"),
+    [
+        (None, "unreadable", {"problem": os.strerror(errno.ENOENT)}),
+        (b"a = = 1", "no_toml", {"problem": "Invalid value (at line 1, column 5)"}),
+        (b"\xff", "no_toml", {"problem": "'utf-8' codec can't decode byte 0xff in position 0: invalid start byte"}),
+        (b"a = 0\nb = -1", "invalid_value", {"key": "a", "rule": "greater_than"}),
+    ],
+)
+def test_the_first_thing_that_is_wrong_with_a_toml_file(
+    toml: Path, content: bytes | None, code: str, fields: dict[str, Any]
+) -> None:
+    if content is not None:
+        toml.write_bytes(content)
+    with raises(StudyError, code, where="study s", **fields), told_of("study s", StudyError):
+        _Two.model_validate(tomllib.loads(toml.read_bytes().decode()))

@@ -281,12 +281,12 @@ def test_a_press_that_is_refused_before_it_begins_is_not_taken_for_the_one_befor
     finger: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refused(self: Rig, **_: float) -> None:
-        raise LimitError("nothing is pressed")
+        raise LimitError("nothing is pressed", code="nothing_pressed")
 
     monkeypatch.setattr(Rig, "indent", refused)
     meeting, done = _meet(tmp_path, finger, _truth(3))
     assert isinstance(done.problem, LimitError)
-    assert "nothing is pressed" in str(done.problem)
+    assert done.problem.code == "nothing_pressed"
     assert not meeting.given
 
 

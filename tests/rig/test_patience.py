@@ -23,14 +23,13 @@ from rig.session.rehearsal import rehearsed
 from rig.session.resume import read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
+from tests.raising import has_code, raises
 from tests.waiting import until
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="needs alarms (POSIX)")
 
-SILENT, MANY = (
-    "the script makes no step for 0.5 s, expected one",
-    "the script makes more than 50 steps, expected no more",
-)
+SILENT: tuple[str, dict[str, object]] = ("silent", {"longest_s": 0.5})
+MANY: tuple[str, dict[str, object]] = ("too_many_steps", {"verb": "note", "high": 50})
 ROUNDS = {
     "silent": ("while True: pass", SILENT),
     "silent, and swallows": ("while True:\n            try: rig.note(3)\n            except Exception: pass", SILENT),
@@ -63,9 +62,10 @@ def going_round(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[st
     return make
 
 
-def _lifted(done: FinishedRun, says: str, left: str = "lifted") -> None:
+def _lifted(done: FinishedRun, code: str, fields: dict[str, object], left: str = "lifted") -> None:
     assert isinstance(done.problem, ScriptError)
-    assert re.search(rf"\.py, line [78]: ((note|rig\.note): )?{says}$", str(done.problem))
+    has_code(done.problem, code, **fields)
+    assert re.search(r"\.py, line [78]$", done.problem.fields["place"])
     assert (done.complete, done.indentations, done.at.left) == (False, 1, left)
     assert not 0 < signal.getitimer(signal.ITIMER_REAL)[0] <= 0.5, "nothing is waited for any more"
 
@@ -74,24 +74,24 @@ def _lifted(done: FinishedRun, says: str, left: str = "lifted") -> None:
 def test_it_is_ended_and_the_finger_left(
     going_round: Callable[[str, int], Script], finger: Fingertip, tmp_path: Path, round_: str
 ) -> None:
-    what, says = ROUNDS[round_]
-    with pytest.raises(BadInputError, match=says):
+    what, (code, fields) = ROUNDS[round_]
+    with raises(BadInputError, code, **fields):
         make_plan(going_round(what, 1), Config(), finger)
 
     script = going_round(what, 2)
     plan = make_plan(script, Config(), finger)
-    with pytest.raises(ScriptError, match=says):
+    with raises(ScriptError, code, **fields):
         rehearsed(script, Config(), finger, plan)
 
     script = going_round(what, 2)
     plan = make_plan(script, Config(), finger)
     done = dry_run(Session(script, Config(), finger, plan, NewRun(tmp_path / "runs")))
-    _lifted(done, says)
+    _lifted(done, code, fields)
 
     stopped = read_stopped(done.folder.path)
     plan = make_plan(stopped.script, stopped.config, finger, stopped.run, stopped.folder.path)
     again = dry_run(Session(stopped.script, stopped.config, finger, plan, stopped))
-    _lifted(again, says, "raised")  # homed, and not zeroed yet
+    _lifted(again, code, fields, "raised")  # homed, and not zeroed yet
 
 
 def test_a_rest_or_a_person_is_no_silence_and_no_press_is_solved_twice(
@@ -128,7 +128,7 @@ def test_the_caps_are_those_that_the_docs_state() -> None:
 def test_as_many_steps_as_the_cap_are_no_more(going_round: Callable[[str, int], Script], finger: Fingertip) -> None:
     """Six are the script's own."""
     assert make_plan(going_round("[rig.note('again') for _ in range(44)]", 1), Config(), finger)
-    with pytest.raises(BadInputError, match=MANY):
+    with raises(BadInputError, "too_many_steps", verb="indent", high=50):  # the last step is one too many
         make_plan(going_round("[rig.note('again') for _ in range(45)]", 1), Config(), finger)
 
 
@@ -138,7 +138,7 @@ def test_silence_counts_before_the_first_step_too(
     monkeypatch.setattr(patience, "LONGEST_SILENCE_S", 0.3)
     path = tmp_path / "mute.py"
     path.write_text("import time\ndef run(rig):\n    time.sleep(3600)\n", encoding="utf-8")
-    with pytest.raises(BadInputError, match=r"the script makes no step for 0\.3 s, expected one"):
+    with raises(BadInputError, "silent", longest_s=0.3):
         make_plan(load_script(str(path)), Config(), finger)
 
 

@@ -1,16 +1,20 @@
-"""Protocol scripts: found, loaded, given parameters, and checked before anything moves."""
+"""Scripts as files: found, loaded, given parameters, and what the check before anything moves says of their steps."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
+from pydantic import ValidationError
 
 from rig.plan.config import Config
 from rig.plan.plan import Plan, make_plan
 from rig.protocol.errors import BadInputError
-from rig.protocol.script import Script, load_script
+from rig.protocol.script import Script, load_script, script_with
 from sim.config.fingertip_config import FingertipConfig, MeshSpec
 from sim.models.fingertip import Fingertip
+from tests.raising import has_code, raises
 
+Fields = dict[str, Any]
 SCRIPT = """\
 from rig.protocol import Field, ProtocolParameters
 
@@ -27,83 +31,114 @@ def run(rig):
     for _ in range(rig.parameters.times):
         rig.indent(doi_mm=rig.parameters.depth_mm)
 """
+RUN = "def run(rig):\n    pass\n"
+HEAD = "from rig.protocol import Field, ProtocolParameters\n\n\nclass Parameters(ProtocolParameters):\n"
 
 
-def _write(folder: Path, text: str) -> Path:
-    path = folder / "mine.py"
+def _write(folder: Path, text: str, name: str = "mine.py") -> Path:
+    path = folder / name
     path.write_text(text, encoding="utf-8")
     return path
 
 
-def _load_complaint(name: object, *assignments: str) -> str:
+def _with(folder: Path, fields: str, **given: Any) -> Script:
+    return script_with(_write(folder, f"{HEAD}    {fields}\n\n\n{RUN}"), "mine", given)
+
+
+def _not_loaded(name: object, *assignments: str) -> BadInputError:
     with pytest.raises(BadInputError) as caught:
         load_script(str(name), assignments)
     assert "\n" not in str(caught.value)
-    return str(caught.value)
+    return caught.value
 
 
-# --- loading ---
+# --- found and loaded ---
 
 
 def test_a_script_is_named_by_path_or_as_shipped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = _write(tmp_path, SCRIPT)
     assert load_script(str(path)).name == "mine"
     monkeypatch.chdir(tmp_path)
+    assert load_script("mine.py").path == path.resolve()
     for name in ("steps", "steps.py"):
         shipped = load_script(name)
         assert shipped.name == "steps"
         assert shipped.title == "Step moved laterally across the pad"
         assert shipped.source.startswith("Raju 1998")
+    _write(tmp_path, RUN, "steps.py")  # a file comes before a shipped script of its name
+    assert load_script("steps.py").source == ""
+    assert load_script("steps").source != ""
 
 
-def test_a_missing_script(tmp_path: Path) -> None:
-    assert _load_complaint("stairs") == (
-        "protocol 'stairs': no such file, and not a shipped one "
-        "(bars, cylinders, find_finger, first_press, gratings, line, paired_forces, steps)"
+@pytest.mark.parametrize("name", ["stairs", "elsewhere/steps", "elsewhere/steps.py", "{}/steps.py"])
+def test_a_missing_script_is_told_with_those_that_are_shipped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """A shipped one is named without a folder."""
+    monkeypatch.chdir(tmp_path)
+    known = "bars, cylinders, find_finger, first_press, gratings, line, paired_forces, steps"
+    name = name.format(tmp_path)
+    has_code(_not_loaded(name), "no_such_protocol", name=name, known=known)
+
+
+WRONG_KIND: tuple[str, Fields] = ("wrong_parameters", {})
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "code", "fields"),
+    [
+        ("mine.py", "x = 1\n", "no_run", {}),
+        ("mine.py", "run = 1\n", "no_run", {}),
+        ("mine.txt", "hello", "no_python_file", {}),
+        ("mine.py", "def run(rig):\n    rig.home()\n    rig.move_to(x_mm=\n", "no_python", {"line": 3}),
+        ("mine.py", f"class Parameters: pass\n{RUN}", *WRONG_KIND),
+        ("mine.py", f"Parameters = {{'a': 1}}\n{RUN}", *WRONG_KIND),
+        ("mine.py", f"Parameters = 3\n{RUN}", *WRONG_KIND),
+    ],
+)
+def test_a_file_that_is_no_script(tmp_path: Path, name: str, text: str, code: str, fields: Fields) -> None:
+    path = _write(tmp_path, text, name)
+    has_code(_not_loaded(path), code, path=str(path), **fields)
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "exception"),
+    [
+        ("import math\n\nroot = math.sqrt(-1)\n", 3, "ValueError"),
+        ("import no_such_module_here\n", 1, "ModuleNotFoundError"),
+        ("import sys\nsys.exit(3)\n", 2, "SystemExit"),
+    ],
+)
+def test_an_exception_at_import_has_its_line(tmp_path: Path, text: str, line: int, exception: str) -> None:
+    path = _write(tmp_path, text)
+    has_code(_not_loaded(path), "exception_in_script", place=f"{path}, line {line}", exception=exception)
+
+
+@pytest.mark.parametrize(
+    ("metadata", "title", "source"),
+    [
+        ("{'title': 'Two presses', 'source': 'p. 12'}", "Two presses", "p. 12"),
+        ("{'title': 3}", "3", ""),
+        ("{}", "mine", ""),
+        ("'Two presses'", "mine", ""),
+        ("None", "mine", ""),
+    ],
+)
+def test_metadata_is_a_table_or_ignored(tmp_path: Path, metadata: str, title: str, source: str) -> None:
+    for text in (f"METADATA = {metadata}\n{RUN}", RUN):
+        script = load_script(str(_write(tmp_path, text)))
+        assert (script.title, script.source) == ((title, source) if "METADATA" in text else ("mine", ""))
+        assert script.parameters.model_dump() == {}
+
+
+def test_annotations_may_be_postponed(tmp_path: Path) -> None:
+    text = (
+        f"from __future__ import annotations\nfrom typing import Literal\n{HEAD}    step: Literal['1', '3'] = '1'\n"
     )
-    assert "no such file" in _load_complaint(tmp_path / "steps.py")
+    assert load_script(str(_write(tmp_path, text + RUN)), ["step=3"]).parameters.model_dump() == {"step": "3"}
 
 
-def test_a_script_without_run(tmp_path: Path) -> None:
-    path = _write(tmp_path, "x = 1\n")
-    assert _load_complaint(path) == f"protocol {path}: has no run(rig)"
-    path = _write(tmp_path, "run = 1\n")
-    assert _load_complaint(path) == f"protocol {path}: has no run(rig)"
-
-
-def test_a_syntax_error_has_its_line(tmp_path: Path) -> None:
-    path = _write(tmp_path, "def run(rig):\n    rig.home()\n    rig.move_to(x_mm=\n")
-    assert _load_complaint(path) == f"protocol {path}, line 3: '(' was never closed"
-
-
-def test_an_exception_at_import_has_its_line(tmp_path: Path) -> None:
-    path = _write(tmp_path, "import math\n\nroot = math.sqrt(-1)\n")
-    assert _load_complaint(path).startswith(f"protocol {path}, line 3: ValueError: ")
-    path = _write(tmp_path, "import no_such_module_here\n")
-    assert f"{path}, line 1: ModuleNotFoundError" in _load_complaint(path)
-
-
-def test_not_a_python_file(tmp_path: Path) -> None:
-    path = tmp_path / "steps.txt"
-    path.write_text("hello", encoding="utf-8")
-    assert _load_complaint(path) == f"protocol {path}: not a Python file"
-
-
-@pytest.mark.parametrize("kind", ["class Parameters: pass", "Parameters = {'a': 1}", "Parameters = 3"])
-def test_parameters_of_the_wrong_kind(tmp_path: Path, kind: str) -> None:
-    path = _write(tmp_path, f"{kind}\ndef run(rig): pass\n")
-    assert _load_complaint(path) == (
-        f"protocol {path}: Parameters must be a subclass of rig.protocol.ProtocolParameters"
-    )
-
-
-def test_a_script_needs_no_parameters_and_no_metadata(tmp_path: Path) -> None:
-    script = load_script(str(_write(tmp_path, "def run(rig): pass\n")))
-    assert (script.title, script.source) == ("mine", "")
-    assert script.parameters.model_dump() == {}
-
-
-# --- --set ---
+# --- parameters ---
 
 
 def test_set_changes_what_it_names(tmp_path: Path) -> None:
@@ -114,32 +149,106 @@ def test_set_changes_what_it_names(tmp_path: Path) -> None:
     assert load_script("steps", ["step=3"]).parameters.step == "3"
 
 
+KNOWN = {"known": "depth_mm, times, name", "file": "mine.py", "where": "--set"}
+
+
 @pytest.mark.parametrize(
-    ("assignments", "complaint"),
+    ("assignments", "code", "fields"),
     [
-        (["dept_mm=1"], "--set: dept_mm: there is no such key (parameters of mine.py: depth_mm, times, name)"),
-        (["depth_mm=deep"], "--set: depth_mm = 'deep': input should be a valid number"),
-        (["times=1.5"], "--set: times = '1.5': input should be a valid integer"),
-        (["depth_mm=1.6"], "--set: depth_mm = '1.6': input should be less than or equal to 1.5"),
-        (["depth_mm=0"], "--set: depth_mm = '0': input should be greater than 0"),
-        (["depth_mm=nan"], "--set: depth_mm = 'nan': input should be a finite number"),
-        (["depth_mm=-inf"], "--set: depth_mm = '-inf': input should be"),
-        (["times=2", "times=3"], "--set 'times=3': times is given twice"),
-        (["times"], "--set 'times': expected KEY=VALUE"),
-        (["times="], "--set 'times=': expected KEY=VALUE"),
-        (["=3"], "--set '=3': expected KEY=VALUE"),
+        (["dept_mm=1"], "unknown_key", {"key": "dept_mm", **KNOWN}),
+        (["depth_mm=deep"], "invalid_value", {"key": "depth_mm", "value": "deep", "rule": "float_parsing", **KNOWN}),
+        (["times=1.5"], "invalid_value", {"key": "times", "value": "1.5", "rule": "int_parsing"}),
+        (
+            ["depth_mm=1.6"],
+            "invalid_value",
+            {"key": "depth_mm", "value": "1.6", "rule": "less_than_equal", "le": 1.5},
+        ),
+        (["depth_mm=0"], "invalid_value", {"key": "depth_mm", "value": "0", "rule": "greater_than", "gt": 0.0}),
+        (["depth_mm=nan"], "invalid_value", {"key": "depth_mm", "value": "nan", "rule": "finite_number"}),
+        (["depth_mm=-inf"], "invalid_value", {"key": "depth_mm", "value": "-inf", "rule": "finite_number"}),
+        (["times=2", "times=3"], "given_twice", {"text": "times=3", "key": "times"}),
+        (["times"], "no_assignment", {"text": "times"}),
+        (["times="], "no_assignment", {"text": "times="}),
+        (["=3"], "no_assignment", {"text": "=3"}),
     ],
 )
-def test_set_errors(tmp_path: Path, assignments: list[str], complaint: str) -> None:
-    assert _load_complaint(_write(tmp_path, SCRIPT), *assignments).startswith(complaint)
+def test_set_errors(tmp_path: Path, assignments: list[str], code: str, fields: Fields) -> None:
+    has_code(_not_loaded(_write(tmp_path, SCRIPT), *assignments), code, **fields)
 
 
 def test_a_choice_lists_what_there_is() -> None:
-    text = _load_complaint("steps", "step=2")
-    assert "step = '2': input should be '1', '3' or '5'" in text
+    error = _not_loaded("steps", "step=2")
+    has_code(error, "invalid_value", key="step", value="2", rule="literal_error", expected="'1', '3' or '5'")
 
 
-# --- the check before anything moves ---
+def test_a_script_without_parameters_says_so(tmp_path: Path) -> None:
+    error = _not_loaded(_write(tmp_path, RUN), "force_gwt=1")
+    has_code(error, "unknown_key", key="force_gwt", known="none", file="mine.py")
+
+
+HIGH = {"key": "force_gwt", "value": 4.0, "rule": "less_than_equal", "le": 3}
+ITS_OWN_RULE = "\n    ".join(
+    (
+        "low: int = 1",
+        "",
+        "def model_post_init(self, context):",
+        "    if self.low > 1:",
+        "        raise ValueError('low: expected at most 1')",
+    )
+)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "given", "code", "fields"),
+    [
+        ("force_gwt: float = Field(4.0, le=3)", {}, "invalid_value", HIGH),
+        ("force_gwt: float = 2.0", {"force_gwt": float("inf")}, "invalid_value", {"rule": "finite_number"}),
+        ("force_gwt: float = 2.0", {"force_gwt": float("nan")}, "invalid_value", {"rule": "finite_number"}),
+        (
+            "force_gwt: float\n    hold_s: float = 1.0", {},
+            "missing_key", {"key": "force_gwt", "known": "force_gwt, hold_s"},
+        ),
+        (  # the first of several problems
+            "first: int = 1\n    second: int = 2", {"first": "a", "second": "b"},
+            "invalid_value", {"key": "first", "value": "a", "rule": "int_parsing"},
+        ),
+        (  # in its own words
+            ITS_OWN_RULE, {"low": 2},
+            "invalid_table", {"key": "", "problem": "--set: low: expected at most 1", "known": "low"},
+        ),
+    ],
+    ids=["default beyond its bound", "infinite", "nan", "not given", "first of several", "its own rule"],
+)  # fmt: skip
+def test_parameters_that_cannot_be(tmp_path: Path, parameters: str, given: Fields, code: str, fields: Fields) -> None:
+    with raises(BadInputError, code, where="--set", file="mine.py", **fields):
+        _with(tmp_path, parameters, **given)
+
+
+def test_parameters_stay_as_they_were_checked(tmp_path: Path) -> None:
+    parameters = _with(tmp_path, "force_gwt: float = Field(2.0, le=3)").parameters
+    with pytest.raises(ValidationError) as caught:
+        parameters.force_gwt = 4.0  # type: ignore[attr-defined]
+    assert caught.value.errors()[0]["type"] == "frozen_instance"
+
+
+@pytest.mark.parametrize(
+    ("given", "shown"),
+    [
+        ([1, 2, 3, 4, 5], "[1, 2, 3, ...]"),
+        ([{"a": 1, "b": 2, "c": 3, "d": 4}], "[{'a': 1, 'b': 2, 'c': 3, ...}]"),
+        ("9" * 150 + "x" * 150, f"'{'9' * 97}...{'x' * 98}'"),
+    ],
+    ids=["list", "table", "text"],
+)
+def test_long_values_are_told_in_short(tmp_path: Path, given: object, shown: str) -> None:
+    """Of a list or a table the first three, of a text 200 characters."""
+    with raises(BadInputError, "invalid_value", key="count", value=given, shown=shown) as caught:
+        _with(tmp_path, "count: int = 1", count=given)
+    assert len(shown) <= 200
+    assert f"count = {shown}: " in str(caught.value)
+
+
+# --- the check before anything moves: tests/rig/test_refusals.py for the limits themselves ---
 
 
 READY = "rig.mount('bar:3.0'); rig.home(); rig.zero(); rig.move_to(x_mm=0.0); "
@@ -149,95 +258,84 @@ def _script(folder: Path, body: str) -> Script:
     return load_script(str(_write(folder, f"def run(rig):\n    {body}\n")))
 
 
-def _plan_complaint(folder: Path, finger: Fingertip, body: str, **tables: object) -> str:
+def _not_planned(folder: Path, finger: Fingertip, body: str, config: Config | None = None) -> BadInputError:
     script = _script(folder, body)
     with pytest.raises(BadInputError) as caught:
-        make_plan(script, Config.model_validate(tables), finger)
-    text = str(caught.value)
-    assert "\n" not in text
-    where = f"{script.path}, line 2: "
-    assert text.startswith(where)
-    return text.removeprefix(where)
+        make_plan(script, config or Config(), finger)
+    assert "\n" not in str(caught.value)
+    assert caught.value.fields["place"] == f"{script.path}, line 2"
+    assert str(caught.value).startswith(f"{script.path}, line 2: ")
+    return caught.value
 
 
 @pytest.mark.parametrize(
-    ("body", "complaint"),
+    ("body", "code", "fields"),
     [
-        ("rig.zero()", "zero: home() must come first"),
-        ("rig.move_to(x_mm=0.0)", "move_to: home() must come first"),
-        ("rig.retract()", "retract: home() must come first"),
-        ("rig.home(); rig.indent(doi_mm=0.5)", "indent: mount() must come first"),
-        ("rig.mount('bar:3.0'); rig.home(); rig.indent(doi_mm=0.5)", "indent: zero() must come first"),
-        ("rig.mount('bar:3.0'); rig.home(); rig.zero(); rig.indent(doi_mm=0.5)", "indent: move_to() must come first"),
-        ("rig.home(); rig.move_to(x_mm=6.5)", "move_to: x_mm = 6.5 is outside limits.x_mm = -6 … 6"),
-        ("rig.home(); rig.move_to(x_mm=float('nan'))", "move_to: x_mm = nan is outside limits.x_mm = -6 … 6"),
-        ("rig.mount('tube:3')", "shape 'tube:3'"),
-        ("rig.mount('bar:wide')", "shape 'bar:wide'"),
-        ("rig.note(3)", "note: expected text, got 3"),
-        (READY + "rig.indent(doi_mm=1, force_gwt=1)", "indent: expected either doi_mm or force_gwt"),
-        (READY + "rig.indent()", "indent: expected either doi_mm or force_gwt"),
-        (READY + "rig.indent(doi_mm=-0.1)", "indent: doi_mm = -0.1: expected a positive number"),
-        (READY + "rig.indent(force_gwt=float('nan'))", "indent: force_gwt = nan: expected a positive number"),
-        (READY + "rig.indent(doi_mm=0.5, increments=0)", "indent: increments = 0: expected a whole number, 1 … 100"),
-        (READY + "rig.indent(doi_mm=0.5, increments=2.5)", "indent: increments = 2.5: expected a whole number"),
-        (READY + "rig.indent(doi_mm=0.5, hold_s=-1)", "indent: hold_s = -1: expected 0 … 3600 s"),
-        (READY + "rig.indent(doi_mm=0.5, hold_s=float('nan'))", "indent: hold_s = nan: expected 0 … 3600 s"),
-        (READY + "rig.indent(doi_mm=0.5, speed_mm_s=6)", "indent: speed_mm_s = 6: expected 0.017 … 5 mm/s"),
-        (READY + "rig.indent(doi_mm=0.5, speed_mm_s=0)", "indent: speed_mm_s = 0: expected 0.017 … 5 mm/s"),
-        (
-            READY + "rig.indent(doi_mm=1.6)",
-            "indent: doi_mm = 1.6 is beyond limits.max_doi_mm = 1.5",
-        ),
-        (READY + "rig.indent(force_gwt=1e4)", "indent: force_gwt = 10000 is beyond limits.max_force_gwt = 100"),
-        (READY + "rig.jump()", "AttributeError: 'Rig' object has no attribute 'jump'"),
+        ("rig.zero()", "comes_too_early", {"verb": "zero", "before": "home()"}),
+        ("rig.home(); rig.move_to(x_mm=6.5)", "outside_limits", {"verb": "move_to", "value": 6.5}),
+        ("rig.mount('tube:3')", "no_such", {"shape": "tube:3"}),
+        ("rig.mount('bar:wide')", "no_dimension", {"shape": "bar:wide"}),
+        ("rig.note(3)", "no_text", {"verb": "note", "value": 3}),
+        (READY + "rig.indent()", "not_one_target", {"verb": "indent"}),
+        (READY + "rig.indent(doi_mm=0.5, increments=2.5)", "no_count", {"key": "increments", "value": 2.5}),
+        (READY + "rig.indent(doi_mm=0.5, speed_mm_s=6)", "outside_range", {"key": "speed_mm_s", "high": 5.0}),
+        (READY + "rig.indent(doi_mm=1.6)", "beyond_limit", {"limit": "max_doi_mm", "value": 1.6}),
+        (READY + "rig.jump()", "unknown_verb", {"exception": "AttributeError", "verb": "jump"}),
+        (READY + "rig.rest()", "wrong_arguments", {"exception": "TypeError", "verb": "rest", "arguments": "seconds"}),
+        (READY + "1 / 0", "exception_in_script", {"exception": "ZeroDivisionError"}),
     ],
 )
-def test_a_step_that_cannot_be_done_is_named(tmp_path: Path, finger: Fingertip, body: str, complaint: str) -> None:
-    assert _plan_complaint(tmp_path, finger, body).startswith(complaint)
+def test_a_step_that_cannot_be_done_is_named_with_its_line(
+    tmp_path: Path, finger: Fingertip, body: str, code: str, fields: Fields
+) -> None:
+    has_code(_not_planned(tmp_path, finger, body), code, **fields)
 
 
 def test_past_the_patch(tmp_path: Path, finger: Fingertip) -> None:
     body = READY.replace("x_mm=0.0", "x_mm=5.8") + "rig.indent(doi_mm=0.5)"
-    text = _plan_complaint(tmp_path, finger, body)
-    assert text.startswith("bar:3 at x = 5.8 mm: touches the skin at x = 4.10 mm, outside the patch")
-    assert "patch" in text
-    assert "expected a smaller depth, a position nearer the pad's centre" in text
-
-
-def test_limits_of_force_and_of_travel(tmp_path: Path, finger: Fingertip) -> None:
-    press = READY + "rig.indent(doi_mm=1.0)"
-    text = _plan_complaint(tmp_path, finger, press, limits={"max_force_gwt": 5.0})
-    assert "beyond limits.max_force_gwt = 5" in text
-    text = _plan_complaint(tmp_path, finger, press, frame={"apex_z_mm": -39.5})
-    assert text.startswith("machine z = -40.5")
-    assert text.endswith("is outside the stage's travel, -40 … 0 mm")
-    text = _plan_complaint(tmp_path, finger, press, frame={"pad_centre_x_mm": -70.0})
-    assert text == "machine x = -70.000 mm is outside the stage's travel, -60 … 0 mm"
+    error = _not_planned(tmp_path, finger, body)
+    has_code(error, "touch_beside_patch", axis="x", touch_mm=pytest.approx(4.10, abs=0.005))
 
 
 @pytest.mark.parametrize(
-    ("habit", "body", "complaint"),
+    ("tables", "code", "fields"),
     [
+        ({"limits": {"max_force_gwt": 5.0}}, "means_beyond_limit", {"limit": "max_force_gwt", "high": 5.0}),
         (
-            "press_speed_mm_s",
-            "rig.indent(doi_mm=0.3)",
-            "indent: habits.press_speed_mm_s = 1.5: expected 0.017 … 1 mm/s",
+            {"limits": {"max_pressure_n_cm2": 0.5}},
+            "means_beyond_limit", {"limit": "max_pressure_n_cm2", "high": 0.5},
         ),
-        ("approach_speed_mm_s", "rig.indent(doi_mm=0.3)", "indent: habits.approach_speed_mm_s = 1.5: expected"),
-        ("approach_speed_mm_s", "rig.touch()", "touch: habits.approach_speed_mm_s = 1.5: expected 0.017 … 1 mm/s"),
-        ("press_speed_mm_s", "rig.reference(x_mm=0.0, doi_mm=0.3)", "reference: habits.press_speed_mm_s = 1.5"),
+        (
+            {"frame": {"apex_z_mm": -39.5}},
+            "outside_travel", {"axis": "z", "machine_mm": pytest.approx(-40.5, abs=0.1), "low": -40.0},
+        ),
+        ({"frame": {"pad_centre_x_mm": -70.0}}, "outside_travel", {"axis": "x", "machine_mm": -70.0, "low": -60.0}),
+    ],
+)  # fmt: skip
+def test_limits_of_force_pressure_and_travel(
+    tmp_path: Path, finger: Fingertip, tables: Fields, code: str, fields: Fields
+) -> None:
+    body = READY + "rig.indent(doi_mm=1.0)"
+    has_code(_not_planned(tmp_path, finger, body, Config.model_validate(tables)), code, **fields)
+
+
+@pytest.mark.parametrize(
+    ("habit", "body", "verb"),
+    [
+        ("press_speed_mm_s", "rig.indent(doi_mm=0.3)", "indent"),
+        ("approach_speed_mm_s", "rig.indent(doi_mm=0.3)", "indent"),
+        ("approach_speed_mm_s", "rig.touch()", "touch"),
+        ("press_speed_mm_s", "rig.reference(x_mm=0.0, doi_mm=0.3)", "reference"),
     ],
 )
-def test_every_speed_is_checked(tmp_path: Path, finger: Fingertip, habit: str, body: str, complaint: str) -> None:
+def test_every_speed_is_checked(tmp_path: Path, finger: Fingertip, habit: str, body: str, verb: str) -> None:
     """Of settings that no file gave, since a file with these is refused."""
     config = Config()
     habits = config.habits.model_copy(update={habit: 1.5})
     limits = config.limits.model_copy(update={"max_press_speed_mm_s": 1.0})
     config = config.model_copy(update={"habits": habits, "limits": limits})
-    script = _script(tmp_path, READY + body)
-    with pytest.raises(BadInputError) as caught:
-        make_plan(script, config, finger)
-    assert complaint in str(caught.value)
+    error = _not_planned(tmp_path, finger, READY + body, config)
+    has_code(error, "outside_range", verb=verb, key=f"habits.{habit}", value=1.5, high=1.0)
     make_plan(_script(tmp_path, READY + "rig.indent(doi_mm=0.3, speed_mm_s=0.5)"), Config(), finger)
 
 

@@ -19,6 +19,7 @@ from rig.session.ending import Whereabouts
 from rig.session.resume import ending_on_record, read_stopped
 from rig.session.session import NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
+from tests.raising import raises
 
 SCRIPT = """\
 def run(rig):
@@ -83,9 +84,8 @@ def test_a_run_that_was_stopped_while_it_was_planned_has_a_folder_and_is_aborted
 
 def test_it_holds_nothing_to_go_on_with(script: Script, tmp_path: Path) -> None:
     folder = record_before(script, Config(), NewRun(tmp_path / "runs"), virtual=True)
-    with pytest.raises(BadInputError) as refused:
+    with raises(BadInputError, "never_planned", path=str(folder.path)):
         read_stopped(folder.path)
-    assert str(refused.value) == f"run {folder.path}: it was stopped while it was planned, expected a new run"
 
 
 def _cut(folder: RunFolder, last: Callable[[Mapping[str, Any]], bool]) -> None:

@@ -25,6 +25,7 @@ from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 from tests.program import EMPTY_FIGURES
+from tests.raising import raises
 from tests.waiting import DEADLINE_S, journal_says, until
 
 pytestmark = pytest.mark.usefixtures("empty_figures")
@@ -182,18 +183,18 @@ def test_a_run_whose_copies_were_changed_is_refused(cut: Make, name: str) -> Non
     folder = cut(_at("home"))
     with (folder / name).open("a", encoding="utf-8") as file:
         file.write("# one word more\n")
-    with pytest.raises(BadInputError, match=f"{name}: changed since the run began"):
+    with raises(BadInputError, "changed_since", path=str(folder), files=name):
         read_stopped(folder)
 
 
 def test_what_is_no_run_folder_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(BadInputError, match="expected a run folder"):
+    with raises(BadInputError, "no_run_folder", path=str(tmp_path / "nowhere")):
         read_stopped(tmp_path / "nowhere")
 
 
 def test_two_processes_cannot_write_to_one_run(cut: Make) -> None:
     folder = cut(_at("home"))
-    with RunFolder(folder).owned(), pytest.raises(FolderBusyError, match="another process is at it"):
+    with RunFolder(folder).owned(), raises(FolderBusyError, "folder_busy", run=str(folder)):
         read_stopped(folder)
 
 
@@ -295,7 +296,8 @@ def test_a_full_disk_lifts_and_leaves_whole_lines(spring: Make, monkeypatch: pyt
     bench.on_event = lambda stream, data: (
         monkeypatch.setattr("rig.engine.journal.os.fsync", full) if data.get("phase") == "press" else None
     )
-    with pytest.raises(RecordError, match=r"events\.jsonl: cannot be written: No space left on device"):
+    full_disk = {"path": str(bench.journal_path), "error": "No space left on device"}
+    with raises(RecordError, "cannot_be_written", **full_disk):
         indent(engine, Target("force_gwt", 2.33), hold_s=0.2)
     assert bench.height_mm == pytest.approx(2.0, abs=0.002)
     assert bench.journal_path.read_bytes().endswith(b"\n")

@@ -26,6 +26,7 @@ from rig.session.preflight import preflight
 from rig.session.resume import read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
+from tests.raising import has_code, raises
 
 BODY = """\
 from rig.protocol import ScheduledParameters
@@ -128,7 +129,7 @@ def test_a_step_that_differs_from_the_plan_is_solved_and_checked(
     done = dry_run(Session(script, Config(), finger, plan, NewRun(tmp_path / "runs")))
     assert [target.value for _, _, target in solves] == [0.2, 0.3, 30.0]
     assert done.indentations == 2
-    assert "force_gwt = 30 at x = 0 mm means" in str(done.problem)
+    has_code(done.problem, "means_beyond_limit", key="force_gwt", value=30.0, x_mm=0.0)
 
 
 # --- a run that is taken up ---
@@ -309,7 +310,7 @@ class Nudge(Step[None, str]):
     def check(self, walk: Walk) -> Spot:
         walk.need(walk.homed, self.verb, "home()")
         if not abs(self.by_mm) <= 1.0:
-            raise BadInputError(f"nudge: by_mm = {self.by_mm:g}: expected −1 … 1")
+            raise BadInputError("nudge: by_mm = {by_mm:g}: expected −1 … 1", code="too_far", by_mm=self.by_mm)
         return walk.spot()
 
     def foreseen(self, expected: None) -> str:
@@ -366,5 +367,6 @@ def test_a_new_verb_is_planned_rehearsed_carried_out_and_taken_up(
 
 
 def test_a_new_verb_is_refused_by_its_own_check(finger: Fingertip, tmp_path: Path, nudging: list[str]) -> None:
-    with pytest.raises(BadInputError, match=r"mine.py, line 6: nudge: by_mm = 2: expected −1 … 1"):
-        make_plan(_script(tmp_path, NUDGED.replace("0.5)\n        rig.m", "2)\n        rig.m")), Config(), finger)
+    script = _script(tmp_path, NUDGED.replace("0.5)\n        rig.m", "2)\n        rig.m"))
+    with raises(BadInputError, "too_far", place=f"{script.path}, line 6", by_mm=2.0):
+        make_plan(script, Config(), finger)

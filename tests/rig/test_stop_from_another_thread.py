@@ -12,6 +12,7 @@ from rig.devices.stage.leadshine.leadshine_stage import LeadshineStage
 from rig.transport.clock import WallClock
 from rig.transport.modbus import ModbusMaster
 from sim.devices.clock import VirtualClock
+from tests.raising import raises
 from tests.told_board import Board, at, connected
 from tests.waiting import DEADLINE_S
 
@@ -85,7 +86,7 @@ def test_lines_are_refused_before_the_stop_is_on_the_wire(board: Watched) -> Non
 
     def write(data: bytes) -> None:
         seen.append(stage.homed)
-        with pytest.raises(StageError, match="must be reset"):
+        with raises(StageError, "needs_reset"):
             stage.move_to(z_mm=-1.0, speed_mm_s=1.0)
 
     board.write = write  # type: ignore[method-assign]

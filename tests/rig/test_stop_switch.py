@@ -11,6 +11,7 @@ from rig.engine import LimitError
 from rig.session.control.stop_switch import EndedError, StopSwitch, answer_to_a_stop
 from rig.session.running import stopped_at_once
 from rig.transport import TransportError
+from tests.raising import raises
 from tests.waiting import DEADLINE_S, until
 
 
@@ -63,8 +64,9 @@ def test_a_stage_that_does_not_stand_is_told_of_and_the_run_ends_all_the_same(
         raise problem
 
     stage.act = fails
-    with pytest.raises(type(problem), match=str(problem)):
+    with pytest.raises(type(problem)) as caught:
         switch.stop()
+    assert caught.value is problem
     assert interrupts == ["main"]
     assert switch.stopped
 
@@ -141,7 +143,7 @@ def test_from_its_end_on_nothing_is_interrupted_and_no_stop_is_taken(
     switch: StopSwitch, stage: Any, interrupts: list[str]
 ) -> None:
     switch.over()
-    with pytest.raises(EndedError, match=r"^it has just ended: nothing of it moves any more$"):
+    with raises(EndedError, "ended"):
         switch.stop()
     assert (stage.told, interrupts, switch.stopped) == (0, [], False)
 

@@ -14,6 +14,7 @@ from rig.session.control.announcements import ControlError
 from rig.session.control.lenient_stage import NoStageError, stage_alone
 from rig.session.control.sent_stop import BESIDE_S, SentStop, send_stop
 from rig.transport import PortOwner, open_port
+from tests.raising import raises
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 obstacles = pytest.importorskip("studies.faults.obstacles", reason="needs limits of resources")
@@ -183,20 +184,28 @@ def test_what_is_wrong_elsewhere_is_passed_over(text: str, passed: int, tmp_path
 
 
 @pytest.mark.parametrize(
-    "text",
+    ("text", "code", "fields"),
     [
-        "[stage]\nport = ''\n",
-        "[stage]\nport = 3\n",
-        "[stage]\nkind = 'gbrl'\n",
-        "[stage]\nport = '/dev/a\n",
-        "stage = 3\n",
-        "[habits]\n= 3\n",
-        "[stage]\nkind = 'leadshine'\n[stage.drives.x]\ndevice_id = 'one'\n",
+        ("[stage]\nport = ''\n", "invalid_value", {"key": "stage.port"}),
+        ("[stage]\nport = 3\n", "invalid_value", {"key": "stage.port"}),
+        ("[stage]\nkind = 'gbrl'\n", "invalid_value", {"key": "stage.kind"}),
+        ("[stage]\nport = '/dev/a\n", "no_toml", {}),
+        ("stage = 3\n", "invalid_value", {"key": "stage"}),
+        ("[habits]\n= 3\n", "no_toml", {}),
+        (
+            "[stage]\nkind = 'leadshine'\n[stage.drives.x]\ndevice_id = 'one'\n",
+            "invalid_value", {"key": "stage.drives.x.device_id"},
+        ),
     ],
-)
-def test_a_stage_that_is_not_said_is_not_guessed(text: str, tmp_path: Path) -> None:
-    with pytest.raises(NoStageError, match=f"^config {tmp_path}[^\n]+$"):
-        stage_alone(_file(tmp_path, text))
+)  # fmt: skip
+def test_a_stage_that_is_not_said_is_not_guessed(
+    text: str, code: str, fields: dict[str, str], tmp_path: Path
+) -> None:
+    path = _file(tmp_path, text)
+    with raises(NoStageError, code, path=str(path), **fields) as caught:
+        stage_alone(path)
+    assert str(caught.value).startswith(f"config {path}: ")
+    assert "\n" not in str(caught.value)
 
 
 def test_a_file_of_defaults_is_the_default_stage(tmp_path: Path) -> None:

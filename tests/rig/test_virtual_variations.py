@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from rig.data import Run
 from rig.engine.bench import NO_PAUSE
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
+from rig.protocol.errors import first_problem
 from rig.protocol.script import load_script
 from rig.session.session import NewRun, Session, dry_run
 from rig.session.virtual.virtual_bench import virtual_bench
@@ -204,5 +206,9 @@ def test_a_rig_that_gives_way(finger: Fingertip, tmp_path: Path, measured: float
 
 @pytest.mark.parametrize("relaxation", [[[0.6, 1.0], [0.4, 2.0]], [[-0.1, 1.0]], [[0.1, 0.0]], [[0.5]]])
 def test_what_is_no_relaxation(relaxation: list[list[float]]) -> None:
-    with pytest.raises(ValueError, match="relaxation"):
+    with pytest.raises(ValidationError) as caught:
         Config.model_validate({"virtual": {"relaxation": relaxation}})
+    error = first_problem("", caught.value)
+    whole = len(relaxation[0]) == 2
+    assert error.code == ("no_prony_series" if whole else "missing_key")
+    assert error.fields["key"] == ("virtual" if whole else "virtual.relaxation.0.1")

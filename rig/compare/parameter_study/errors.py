@@ -1,7 +1,9 @@
 """What can be wrong with a parameter study; apart, so that commands may know of it cheaply."""
 
+from rig.errors import RigError
 
-class StudyError(ValueError):
+
+class StudyError(RigError, ValueError):
     """The file of a study is not understood; the message names file and key."""
 
 

@@ -11,7 +11,7 @@ from typing import Any, Self
 import tomlkit
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from rig.protocol.errors import BadInputError, first_problem
+from rig.protocol.errors import BadInputError, RuleError, first_problem
 from rig.transport.port_settings import Settings
 from sim.config.fingertip_config import FingertipConfig, Tissue
 from sim.models.moduli.weights import DERMIS, FAT
@@ -24,9 +24,9 @@ _ASYMMETRY = 1e-6  # of a covariance that was written with fewer digits
 
 
 def checked_relaxation(series: Relaxation) -> Relaxation:
-    """A Prony series of which something lasts. Raises ValueError."""
+    """A Prony series of which something lasts. Raises RuleError."""
     if any(not (share > 0 and tau_s > 0) for share, tau_s in series) or sum(share for share, _ in series) >= 1:
-        raise ValueError("expected shares > 0 that sum to less than 1 and time constants > 0")
+        raise RuleError("expected shares > 0 that sum to less than 1 and time constants > 0", code="no_prony_series")
     return series
 
 
@@ -52,15 +52,16 @@ class Posterior(Settings):
     def _goes_together(self) -> Self:
         n, rows = len(self.names), self.covariance
         if len(self.mean) != n or len(rows) != n or any(len(row) != n for row in rows):
-            raise ValueError(f"expected {n} means and {n} rows of {n} covariances, one for each name")
+            raise RuleError("expected {names} means and {names} rows of {names} covariances, one for each name",
+                            code="not_one_for_each_name", names=n)  # fmt: skip
         for k, row in enumerate(rows):
             if row[k] < 0:
-                raise ValueError(f"covariance of {self.names[k]}: {row[k]:g}, expected a variance of 0 or more")
+                raise RuleError("covariance of {name}: {variance:g}, expected a variance of 0 or more",
+                                code="negative_variance", name=self.names[k], variance=row[k])  # fmt: skip
             for j in range(k):
                 if abs(row[j] - rows[j][k]) > _ASYMMETRY * math.sqrt(row[k] * rows[j][j]):
-                    raise ValueError(
-                        f"covariance of {self.names[k]} and {self.names[j]}: expected the same both ways"
-                    )
+                    raise RuleError("covariance of {name} and {other}: expected the same both ways",
+                                    code="not_symmetric", name=self.names[k], other=self.names[j])  # fmt: skip
         return self
 
 
@@ -78,9 +79,16 @@ class Draw(Settings):
     @model_validator(mode="after")
     def _interpolated(self) -> Self:
         if not (DERMIS.low <= self.e_dermis <= DERMIS.high and FAT.low <= self.e_fat <= FAT.high):
-            raise ValueError(
-                f"e_dermis = {self.e_dermis:g}, e_fat = {self.e_fat:g}: expected e_dermis from {DERMIS.low:g} to "
-                f"{DERMIS.high:g} and e_fat from {FAT.low:g} to {FAT.high:g}"
+            raise RuleError(
+                "e_dermis = {e_dermis:g}, e_fat = {e_fat:g}: expected e_dermis from {e_dermis_low:g} to "
+                "{e_dermis_high:g} and e_fat from {e_fat_low:g} to {e_fat_high:g}",
+                code="beyond_interpolation",
+                e_dermis=self.e_dermis,
+                e_fat=self.e_fat,
+                e_dermis_low=DERMIS.low,
+                e_dermis_high=DERMIS.high,
+                e_fat_low=FAT.low,
+                e_fat_high=FAT.high,
             )
         return self
 
@@ -113,7 +121,8 @@ class Met(Settings):
     @model_validator(mode="after")
     def _one_hash_a_run(self) -> Self:
         if len(self.runs) != len(self.journals_sha256):
-            raise ValueError(f"{len(self.runs)} runs and {len(self.journals_sha256)} hashes, expected one for each")
+            raise RuleError("{runs} runs and {hashes} hashes, expected one for each", code="not_one_hash_a_run",
+                            runs=len(self.runs), hashes=len(self.journals_sha256))  # fmt: skip
         return self
 
 
@@ -138,8 +147,10 @@ def refuse_collapsed(what: str, met: Met) -> None:
     """Raise BadInputError for an identification that collapsed; files of version 0.1 show it by equal draws only."""
     if met.collapsed or all(draw == met.draw[0] for draw in met.draw):
         raise BadInputError(
-            f"{what}: the identification has collapsed onto too few fingers, so its bands mean nothing; "
-            "expected the file of one that ended with exit code 0: repeat `rig meet`"
+            "{where}: the identification has collapsed onto too few fingers, so its bands mean nothing; "
+            "expected the file of one that ended with exit code 0: repeat `rig meet`",
+            code="collapsed",
+            where=what,
         )
 
 
@@ -156,19 +167,26 @@ def _tissue(tissue: Tissue, draw: Draw) -> Tissue:
 def read_finger_file(path: Path) -> FingerFile:
     """What is in a file. Raises BadInputError: one line on what is wrong where."""
     what = f"finger file {path}"
+    return finger_file_of(what, tables_in(what, path), path.parent)
+
+
+def tables_in(what: str, path: Path) -> dict[str, Any]:
+    """The tables of a TOML file. Raises BadInputError, which begins with what it is."""
     try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
-        raise BadInputError(f"{what}: {error.strerror or error}") from None
+        problem = str(error.strerror or error)
+        raise BadInputError("{where}: {problem}", code="unreadable", where=what, problem=problem) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise BadInputError(f"{what}: not valid TOML: {error}") from None
-    return finger_file_of(what, tables, path.parent)
+        raise BadInputError("{where}: not valid TOML: {problem}", code="no_toml", where=what,
+                            problem=str(error)) from None  # fmt: skip
 
 
 def finger_file_of(what: str, tables: dict[str, Any], folder: Path) -> FingerFile:
     """What is in tables. Raises BadInputError, which begins with what they are of."""
     if "met" not in tables:
-        raise BadInputError(f"{what}: no [met] table, expected a file that `rig meet` wrote")
+        raise BadInputError("{where}: no [met] table, expected a file that `rig meet` wrote", code="no_met_table",
+                            where=what)  # fmt: skip
     relaxation = tables.get("virtual", {}).get("relaxation", ())
     rest = {name: table for name, table in tables.items() if name != "virtual"}
     try:

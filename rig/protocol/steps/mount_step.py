@@ -20,7 +20,8 @@ class Mount(Step[None, None]):
 
     def check(self, walk: Walk) -> Spot:
         if not isinstance(self.indentor, str):
-            raise BadInputError(f"mount: expected the name of an indentor, got {self.indentor!r}")
+            raise BadInputError("{verb}: expected the name of an indentor, got {value!r}", code="no_name",
+                                verb=self.verb, value=self.indentor)  # fmt: skip
         walk.model.refuse_shape(self.indentor)
         walk.indentor = self.indentor
         return walk.spot()

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from rig.engine import Engine, verbs
-from rig.protocol.errors import BadInputError
-from rig.protocol.refusals import refuse_along, refuse_no_number, refuse_place
+from rig.protocol.refusals import refuse_along, refuse_no_number, refuse_outside, refuse_place
 from rig.protocol.steps.base import Owed, Step
 from rig.protocol.walk import Spot, Walk
 
@@ -25,9 +24,7 @@ class MoveTo(Step[None, None]):
         walk.need(walk.homed, self.verb, "home()")
         refuse_no_number(self.verb, "x_mm", self.x_mm)
         refuse_along(self.along_mm, settings)
-        low, high = settings.limits.x_mm
-        if not low <= self.x_mm <= high:
-            raise BadInputError(f"move_to: x_mm = {self.x_mm:g} is outside limits.x_mm = {low:g} … {high:g}")
+        refuse_outside(self.verb, "x_mm", self.x_mm, settings.limits.x_mm)
         refuse_place(self.x_mm, self.along_mm, settings)
         walk.x_mm, walk.along_mm = self.x_mm, self.along_mm
         return walk.spot()

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from rig.engine import Engine, Indentation, indent
 from rig.engine.records import PressId, Target
-from rig.protocol.errors import BadInputError
+from rig.protocol.errors import BadInputError, around
 from rig.protocol.planned import Pace, PlannedIndentation
 from rig.protocol.refusals import (
     refuse_count,
@@ -31,7 +31,8 @@ def check_press(
     """Refuse what needs no model to be refused."""
     walk.need_ready(verb)
     if walk.along_mm:
-        raise BadInputError(f"{verb}: along_mm = {walk.along_mm:g}: expected 0, elsewhere only touch()")
+        raise BadInputError("{verb}: along_mm = {along_mm:g}: expected 0, elsewhere only touch()",
+                            code="along_the_finger", verb=verb, along_mm=walk.along_mm)  # fmt: skip
     refuse_count(verb, "increments", increments)
     refuse_seconds(verb, "hold_s", hold_s)
     refuse_target(verb, target, walk.settings.limits)
@@ -55,11 +56,16 @@ def expect_press(
         found = walk.model.press(spot.indentor, spot.x_mm, target, pace)
     except ForceTooDeepError:
         raise BadInputError(
-            f"{verb}: {target.kind} = {target.value:g} at x = {spot.x_mm:g} mm is not reached at a DOI of "
-            f"limits.max_doi_mm = {walk.settings.limits.max_doi_mm:g}"
+            "{verb}: {key} = {value:g} at x = {x_mm:g} mm is not reached at a DOI of limits.max_doi_mm = {high:g}",
+            code="force_out_of_reach",
+            verb=verb,
+            key=target.kind,
+            value=target.value,
+            x_mm=spot.x_mm,
+            high=walk.settings.limits.max_doi_mm,
         ) from None
     except NoPredictionError as error:
-        raise BadInputError(f"{verb}: {error}") from None
+        raise around(BadInputError, "{verb}: {problem}", error, verb=verb) from None
     planned = PlannedIndentation(**vars(found), increments=increments, hold_s=hold_s)
     refuse_reach(verb, planned, walk.settings)
     refuse_pressure(verb, planned, walk.settings.limits)

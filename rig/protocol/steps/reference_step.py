@@ -50,8 +50,14 @@ class Reference(Step[ExpectedReference, None]):
         first = walk.reference_asked = walk.reference_asked or asked
         if asked != first:
             raise BadInputError(
-                f"reference: expected the same press each time, {first[0]} at x = {first[1]:g} mm to "
-                f"{first[2]:g} mm in {first[3]}"
+                "{verb}: expected the same press each time, {indentor} at x = {x_mm:g} mm to {doi_mm:g} mm in "
+                "{increments}",
+                code="another_reference",
+                verb=self.verb,
+                indentor=first[0],
+                x_mm=first[1],
+                doi_mm=first[2],
+                increments=first[3],
             )
 
     def expect(self, spot: Spot, walk: Walk) -> ExpectedReference:

@@ -22,7 +22,8 @@ class Checkpoint(Step[None, None]):
     def check(self, walk: Walk) -> Spot:
         refuse_no_text(self.verb, self.name)
         if self.name in walk.checkpoints:
-            raise BadInputError(f"checkpoint: {self.name!r} has been passed already, expected another name")
+            raise BadInputError("{verb}: {name!r} has been passed already, expected another name",
+                                code="passed_already", verb=self.verb, name=self.name)  # fmt: skip
         walk.checkpoints.add(self.name)
         return walk.spot()
 

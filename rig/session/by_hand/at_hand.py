@@ -15,7 +15,7 @@ from rig.engine.contact import Contact
 from rig.engine.journal import NoJournal
 from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import NoReadingError, Sensing, several_gwt
-from rig.protocol.errors import BadInputError
+from rig.protocol.errors import BadInputError, around
 from rig.session.running import stopped_at_once
 from rig.transport.base import TransportError
 from rig.transport.clock import Clock
@@ -23,7 +23,8 @@ from rig.transport.clock import Clock
 
 def unfelt(error: Exception) -> BadInputError:
     """A sensor that does not answer, where something should be moved."""
-    return BadInputError(f"{error}; nothing was moved: without a force sensor only --without-force moves")
+    sentence = "{problem}; nothing was moved: without a force sensor only --without-force moves"
+    return around(BadInputError, sentence, error, code="not_felt")
 
 
 def feel(sensing: Sensing) -> Sensing:
@@ -92,7 +93,7 @@ def zero(settings: RigSettings, sensing: Sensing, *, anyway: bool) -> str:
         memory.forget_zero()
         memory.zeroed(sensing.take_zero(several_gwt(sensing.raw)))
     except NoReadingError as error:
-        raise LimitError(f"{error}; the sensor must be zeroed again") from error
+        raise around(LimitError, "{problem}; the sensor must be zeroed again", error, code="no_reading") from error
     return name
 
 
@@ -101,6 +102,10 @@ def _refuse_touched(sensing: Sensing, last: LastKnown) -> None:
     if abs(force_gwt := sensing.settled().force_n / GWT_N) > sensing.touch_gwt:
         taken = datetime.fromtimestamp(last.zero_unix_s).isoformat(" ", "minutes")
         raise LimitError(
-            f"{force_gwt:.2f} gwt against the last zero on record, of {taken}, more than {sensing.touch_gwt:.2f}: "
-            "is something touched? Nothing was zeroed; --anyway zeroes all the same"
+            "{force_gwt:.2f} gwt against the last zero on record, of {taken}, more than {high_gwt:.2f}: "
+            "is something touched? Nothing was zeroed; --anyway zeroes all the same",
+            code="maybe_touched",
+            force_gwt=force_gwt,
+            taken=taken,
+            high_gwt=sensing.touch_gwt,
         )

@@ -56,11 +56,13 @@ def _since(request: Request) -> int | None:
     since = request.get("since")
     if since is None or (isinstance(since, int) and since >= 0):
         return since
-    raise LimitError(f"status: since = {since!r}, expected a number of readings")
+    raise LimitError("{do}: {key} = {value!r}, expected a number of readings", code="invalid_request", do="status",
+                     key="since", value=since)  # fmt: skip
 
 
 def _press(request: Request) -> tuple[str, int]:
     tab, press = request.get("tab"), request.get("press")
     if isinstance(tab, str) and isinstance(press, int):
         return tab, press
-    raise LimitError(f"release: tab = {tab!r}, press = {press!r}, expected those of a hold")
+    raise LimitError("{do}: tab = {tab!r}, press = {press!r}, expected those of a hold", code="invalid_request",
+                     do="release", tab=tab, press=press)  # fmt: skip

@@ -36,7 +36,14 @@ class Hold(BaseModel):
             return cls.model_validate(request)
         except ValidationError as error:
             first = error.errors()[0]
-            raise LimitError(f"hold: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+            raise LimitError(
+                "{do}: {key}: {problem}",
+                code="invalid_request",
+                do="hold",
+                key=".".join(map(str, first["loc"])),
+                rule=first["type"],
+                problem=first["msg"],
+            ) from None
 
     @property
     def direction(self) -> Direction:
@@ -68,12 +75,13 @@ class Holds:
         """A button is held. Raises LimitError for one that is too late, NotReadyError where another one is."""
         ago_s = self._clock.unix_s() - hold.unix_s
         if not -AHEAD_S <= ago_s < HOLD_S:
-            raise LimitError(f"a hold of {ago_s:.2f} s ago, expected at most {HOLD_S:g} s: press anew")
+            raise LimitError("a hold of {ago_s:.2f} s ago, expected at most {high_s:g} s: press anew",
+                             code="late_hold", ago_s=ago_s, high_s=HOLD_S)  # fmt: skip
         if self._is_over(hold):
-            raise NotReadyError("that motion is over: press anew")
+            raise NotReadyError("that motion is over: press anew", code="motion_over")
         if self.press is None or not hold.is_of(self.press):
             if self.live:
-                raise NotReadyError("busy: another button is held")
+                raise NotReadyError("busy: {busy}", code="busy", busy="another button is held")
             self.drop()
             self.press = hold
         self._held.say(hold.direction, max(ago_s, 0.0))

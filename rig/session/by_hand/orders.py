@@ -48,7 +48,7 @@ class Orders:
         with self._lock:
             self._refuse_stopped()
             if self.busy not in (None, "jog"):
-                raise NotReadyError(f"busy: {self.busy}")
+                raise NotReadyError("busy: {busy}", code="busy", busy=self.busy)
             self._holds.take(hold)
 
     def release(self, tab: str, press: int) -> None:
@@ -62,7 +62,7 @@ class Orders:
             if verb != "home":
                 self._refuse_stopped()
             if self.busy is not None:
-                raise NotReadyError(f"busy: {self.busy}")
+                raise NotReadyError("busy: {busy}", code="busy", busy=self.busy)
             self._verb = verb
 
     def stop(self) -> None:
@@ -112,4 +112,4 @@ class Orders:
 
     def _refuse_stopped(self) -> None:
         if self.stopped:
-            raise NotReadyError(f"stopped: {HOME_FIRST}")
+            raise NotReadyError("stopped: {next}", code="stopped", next=HOME_FIRST)

@@ -14,6 +14,7 @@ import filelock
 from platformdirs import user_runtime_path
 from pydantic import BaseModel, ValidationError
 
+from rig.errors import RigError
 from rig.session.control.conversation import BROKEN, Wire, connected, encoded
 
 ASK_S = 1.0
@@ -21,12 +22,16 @@ STOP = {"do": "stop"}
 """The one request that is said at once."""
 
 
-class ControlError(Exception):
+class ControlError(RigError):
     """No answer: the process has ended, hangs, or is not the one that announced itself. One line."""
+
+    default_code = "no_answer"
 
 
 class RefusedError(ControlError):
     """The process answered that it will not. One line."""
+
+    default_code = "refused"
 
 
 class Announcement(BaseModel, frozen=True):
@@ -74,21 +79,34 @@ class Announced(Announcement, frozen=True):
     @contextmanager
     def _failing(self, do: str, within_s: float) -> Iterator[None]:
         """What fails inside is told as a ControlError."""
-        who = f"process {self.pid}"
         try:
             yield
         except (TimeoutError, BlockingIOError):
-            raise ControlError(f"{who} does not answer within {within_s:g} s") from None
+            raise ControlError(
+                "process {pid} does not answer within {within_s:g} s",
+                code="no_reply",
+                pid=self.pid,
+                within_s=within_s,
+            ) from None
         except AuthenticationError:
-            raise ControlError(f"{who} is not the one that announced itself: it has another key") from None
+            raise ControlError("process {pid} is not the one that announced itself: it has another key",
+                               code="another_key", pid=self.pid) from None  # fmt: skip
         except (FileNotFoundError, ConnectionRefusedError):
-            raise ControlError(f"{who} has ended") from None
+            raise ControlError("process {pid} has ended", code="ended", pid=self.pid) from None
         except BROKEN as error:
-            raise ControlError(f"{who} ended before it answered {do!r}: {error or type(error).__name__}") from None
+            raise ControlError(
+                "process {pid} ended before it answered {do!r}: {problem}",
+                code="broken_off",
+                pid=self.pid,
+                do=do,
+                problem=str(error) or type(error).__name__,
+            ) from None
 
     def _answered(self, do: str, answer: dict[str, Any]) -> dict[str, Any]:
         if answer.get("ok") is not True:
-            raise RefusedError(str(answer.get("problem", f"process {self.pid} refused {do!r}")))
+            problem = str(answer.get("problem", f"process {self.pid} refused {do!r}"))
+            code = str(answer.get("code", RefusedError.default_code))
+            raise RefusedError("{problem}", code=code, pid=self.pid, do=do, problem=problem)
         return answer
 
     def _answer(self, request: dict[str, Any], within_s: float) -> dict[str, Any]:

@@ -13,7 +13,16 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from rig.session.control.announcements import STOP, Announced, Announcement, lock_of, remove, runtime_folder
+from rig.errors import RigError
+from rig.session.control.announcements import (
+    STOP,
+    Announced,
+    Announcement,
+    RefusedError,
+    lock_of,
+    remove,
+    runtime_folder,
+)
 from rig.session.control.conversation import BROKEN, Wire, connected, encoded
 
 Answers = Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]
@@ -140,15 +149,16 @@ class ControlSocket:
     def _answer(self, request: Mapping[str, Any]) -> bytes:
         do = request.get("do")
         if not isinstance(do, str) or do not in self._answers:
-            return _refused(f"{do!r} cannot be asked here, expected {', '.join(self._answers)}")
+            return _refused(f"{do!r} cannot be asked here, expected {', '.join(self._answers)}", "cannot_be_asked")
         try:
             return encoded({"ok": True, **self._answers[do](request)})
         except Exception as error:
-            return _refused(" ".join(str(error).split()) or type(error).__name__)
+            code = error.code if isinstance(error, RigError) else RefusedError.default_code
+            return _refused(" ".join(str(error).split()) or type(error).__name__, code)
 
 
-def _refused(problem: str) -> bytes:
-    return encoded({"ok": False, "problem": problem})
+def _refused(problem: str, code: str) -> bytes:
+    return encoded({"ok": False, "problem": problem, "code": code})
 
 
 @contextmanager

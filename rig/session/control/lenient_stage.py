@@ -10,14 +10,17 @@ from pydantic import ValidationError
 from rig.devices.bench_settings import BenchSettings, StageSettings
 from rig.devices.catalogue import DEFAULTS, KindError, find
 from rig.devices.kinds import StageKind
+from rig.errors import RigError
 
 _HEADER = re.compile(r"\s*\[+\s*[\"']?([A-Za-z_]\w*)")
 _WHICH = ("kind", "port", "device_id")
 _TRIES = 100  # values that are passed over
 
 
-class NoStageError(Exception):
+class NoStageError(RigError):
     """The file does not say which stage. One line."""
+
+    default_code = "no_stage"
 
 
 def stage_alone(path: Path) -> tuple[BenchSettings, tuple[str, ...]]:
@@ -49,26 +52,29 @@ def stage_alone(path: Path) -> tuple[BenchSettings, tuple[str, ...]]:
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             where = [str(key) for key in first["loc"]]
-            line = f"config {path}: {'.'.join(['stage', *where])}: {first['msg']}"
+            wrong = NoStageError("config {path}: {key}: {problem}", code="invalid_value", path=str(path),
+                                 key=".".join(["stage", *where]), problem=first["msg"])  # fmt: skip
             if not where or where[-1] in _WHICH or not _dropped(stage, where):
-                raise NoStageError(line) from None
-            passed.append(line)
-    raise NoStageError(f"config {path}: [stage] cannot be read")
+                raise wrong from None
+            passed.append(str(wrong))
+    raise NoStageError("config {path}: [stage] cannot be read", path=str(path))
 
 
 def _tables(path: Path) -> tuple[dict[str, Any], list[str]]:
     try:
         text = path.read_bytes().decode("utf-8-sig", "replace")
     except OSError as error:
-        raise NoStageError(f"config {path}: {error.strerror or error}") from None
+        problem = str(error.strerror or error)
+        raise NoStageError("config {path}: {problem}", code="unreadable", path=str(path), problem=problem) from None
     try:
         return tomllib.loads(text), []
     except tomllib.TOMLDecodeError as error:
-        whole = f"config {path}: not valid TOML: {error}"
+        whole = NoStageError("config {path}: not valid TOML: {problem}", code="no_toml", path=str(path),
+                             problem=str(error))  # fmt: skip
     try:
-        return tomllib.loads(_of_the_stage(text)), [whole]
+        return tomllib.loads(_of_the_stage(text)), [str(whole)]
     except tomllib.TOMLDecodeError:
-        raise NoStageError(whole) from None
+        raise whole from None
 
 
 def _of_its_kind(stage: Any) -> Any:

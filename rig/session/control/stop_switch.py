@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rig.devices.stage.base import StageError
+from rig.errors import RigError
 from rig.session.control.stage_in_hand import StageInHand
 from rig.transport import TransportError
 
@@ -18,8 +19,10 @@ def answer_to_a_stop(stop: Callable[[], None]) -> dict[str, Any]:
     return {"stopped": True}
 
 
-class EndedError(Exception):
+class EndedError(RigError):
     """What was to be stopped has ended. One line."""
+
+    default_code = "ended"
 
 
 class StopSwitch:

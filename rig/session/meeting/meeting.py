@@ -99,8 +99,12 @@ class Meeting:
         for goal in self.wanted.goals:
             if goal.doi_mm > self._deepest_mm(goal.indentor):
                 raise ModelRangeError(
-                    f"{goal.indentor} to {goal.doi_mm:.2f} mm: its force can be foreseen down to "
-                    f"{self._deepest_mm(goal.indentor):.2f} mm, expected a smaller depth or a wider patch of the mesh"
+                    "{indentor} to {doi_mm:.2f} mm: its force can be foreseen down to {deepest_mm:.2f} mm, expected "
+                    "a smaller depth or a wider patch of the mesh",
+                    code="goal_too_deep",
+                    indentor=goal.indentor,
+                    doi_mm=goal.doi_mm,
+                    deepest_mm=self._deepest_mm(goal.indentor),
                 )
         self._chance = np.random.default_rng(self.seed)
         self.learned = self.before = nothing_learned(self.foreseen.prior, self._chance)

@@ -89,7 +89,7 @@ class MeetingScript:
             rig.note(f"press cut short: {error}")
         given = given_press(self._events, self._begun()[-1], self.meeting.settings)
         if given is None:
-            raise LimitError("the press was cut short before it told anything")
+            raise LimitError("the press was cut short before it told anything", code="press_cut_short")
         told = self.meeting.take(press, given)
         rig.note(json.dumps(_noted(told)))
         self._say(told)

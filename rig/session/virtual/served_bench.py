@@ -5,7 +5,7 @@ from contextlib import ExitStack
 from typing import TypeVar
 
 from rig.plan.config import Config
-from rig.protocol.errors import BadInputError
+from rig.protocol.errors import BadInputError, around
 from rig.session.virtual.twins import refuse_twinless, virtual_force, virtual_stage, wire_hardware_trip
 from rig.session.virtual.virtual_devices import (
     load_on_sensor,
@@ -62,10 +62,10 @@ class ServedBench:
             self._build(config, stage, force, complain)
         except PortBusyError as error:
             self.close()
-            raise BadInputError(f"{error}, expected another number for --tcp") from None
+            raise around(BadInputError, "{problem}, expected another number for --tcp", error) from None
         except FingerNotLoadedError as error:
             self.close()
-            raise BadInputError(str(error)) from None
+            raise around(BadInputError, "{problem}", error) from None
         except BaseException:
             self.close()
             raise

@@ -9,7 +9,7 @@ from rig.devices.catalogue import DEFAULTS
 from rig.devices.kinds import Kind
 from rig.devices.own_table import DeviceSettings
 from rig.plan.config import Config
-from rig.protocol.errors import BadInputError
+from rig.protocol.errors import BadInputError, around
 from rig.session.virtual.virtual_devices import believed_steps_per_mm, lost_steps, with_kinds
 from sim.devices.cell import Load
 from sim.devices.clock import Scheduler
@@ -76,18 +76,25 @@ def _made(device: DeviceSettings, make: Callable[[Callable[..., Any]], Any]) -> 
     try:
         return make(_twin(device.entry))
     except TwinError as problem:
-        raise BadInputError(f"{device.entry.room}.{problem}") from None
+        raise around(BadInputError, "{room}.{problem}", problem, room=device.entry.room) from None
 
 
 def _twin(entry: Kind) -> Callable[..., Any]:
     what = f"{entry.room}.kind = {entry.name!r}"
     if not entry.twin:
         usual = f"{entry.room}.kind = {DEFAULTS[entry.room]!r}"
-        raise BadInputError(f"{what}: this device has no virtual twin, expected another one here, such as {usual}")
+        raise BadInputError("{what}: this device has no virtual twin, expected another one here, such as {usual}",
+                            code="no_twin", what=what, room=entry.room, kind=entry.name, usual=usual)  # fmt: skip
     module, _, function = entry.twin.partition(":")
     try:
         twin: Callable[..., Any] = getattr(import_module(module), function)
     except (Exception, SystemExit) as error:  # whatever a package does when it is imported
-        told = " ".join(str(error).split())
-        raise BadInputError(f"{what}: its virtual twin {entry.twin}: {type(error).__name__}: {told}") from error
+        raise BadInputError(
+            "{what}: its virtual twin {twin}: {exception}: {problem}",
+            code="twin_not_loaded",
+            what=what,
+            twin=entry.twin,
+            exception=type(error).__name__,
+            problem=" ".join(str(error).split()),
+        ) from error
     return twin

@@ -22,6 +22,7 @@ from sim.models.meeting.learned import least_effective
 from sim.models.meeting.next_press import PressAt
 from tests.made_up_fingers import made_up
 from tests.program import Program
+from tests.raising import raises
 from tests.rig.met.met_file import met_file
 
 FORESEEN = made_up()
@@ -68,7 +69,7 @@ def test_no_command_accepts_its_file(
 def test_a_comparison_does_not_take_it_for_plausible_fingers(file: Any, tmp_path: Path) -> None:
     path = tmp_path / "finger.toml"
     path.write_text(file().as_toml(), encoding="utf-8")
-    with pytest.raises(BadInputError, match="collapsed"):
+    with raises(BadInputError, "collapsed"):
         read_plausible(path)
 
 

@@ -1,12 +1,17 @@
 """The file of a finger that was met: what is written is read, and what is wrong is told in one line."""
 
+import errno
+import os
 from pathlib import Path
+from typing import Any
 
 import pytest
+from pydantic import ValidationError
 
 from rig.plan.config import Config, load_config, with_finger
 from rig.plan.met.finger_file import fingers_of, read_finger_file
-from rig.protocol.errors import BadInputError
+from rig.protocol.errors import BadInputError, first_problem
+from tests.raising import has_code, raises
 from tests.rig.met.met_file import SERIES, met_file
 
 
@@ -50,53 +55,68 @@ def test_likely_fingers_differ_in_their_tissue_alone() -> None:
 
 
 TO_THE_DRAWS = "stiffness = 0.9323938199059483\ne_dermis = "  # of the first of them
-WRONG = {
-    "no file": (None, "No such file or directory"),
-    "no TOML": (("[met]", "[met"), "not valid TOML: "),
-    "another file": (("[met", "[meet"), "no [met] table, expected a file that `rig meet` wrote"),
-    "unknown key": (("presses = 8", "pressed = 8"), "met.presses: field required"),
-    "no number": (("e_dermis = 0.1", "e_dermis = nan"), "finger.tissue.e_dermis = nan: input should be a finite"),
-    "no tissue": (("e_fat = 0.1\n", "e_fat = 11.0\n"), "finger.tissue.e_fat = 11.0: input should be less than"),
+WRONG: dict[str, tuple[Any, str, dict[str, Any]]] = {
+    "no file": (None, "unreadable", {"problem": os.strerror(errno.ENOENT)}),
+    "no TOML": (("[met]", "[met"), "no_toml", {}),
+    "another file": (("[met", "[meet"), "no_met_table", {}),
+    "unknown key": (("presses = 8", "pressed = 8"), "missing_key", {"key": "met.presses"}),
+    "no number": (
+        ("e_dermis = 0.1", "e_dermis = nan"),
+        "invalid_value", {"key": "finger.tissue.e_dermis", "rule": "finite_number"},
+    ),
+    "no tissue": (
+        ("e_fat = 0.1\n", "e_fat = 11.0\n"),
+        "invalid_value", {"key": "finger.tissue.e_fat", "value": 11.0, "rule": "less_than_equal"},
+    ),
     "beyond what is interpolated": (
         (TO_THE_DRAWS + "0.1", TO_THE_DRAWS + "0.01"),
-        "met.draw.0: e_dermis = 0.01, e_fat = 0.107251: expected e_dermis from 0.04 to 0.64 and e_fat from 0.02 to",
+        "beyond_interpolation",
+        {
+            "key": "met.draw.0", "e_dermis": 0.01, "e_fat": pytest.approx(0.107251, rel=1e-5),
+            "e_dermis_low": 0.04, "e_dermis_high": 0.64, "e_fat_low": 0.02,
+        },
     ),
-    "relaxes away": (("[0.2, 1.4]", "[0.9, 1.4]"), "expected shares > 0 that sum to less than 1 and"),
-    "a variance below 0": (("4e-4", "-4e-4"), "met.posterior: covariance of x_mm: -0.0004, expected a variance"),
-    "hashes": (('runs = ["one"]', 'runs = ["one", "two"]'), "met: 2 runs and 1 hashes, expected one for each"),
+    "relaxes away": (("[0.2, 1.4]", "[0.9, 1.4]"), "no_prony_series", {"key": "relaxation"}),
+    "a variance below 0": (
+        ("4e-4", "-4e-4"), "negative_variance", {"key": "met.posterior", "name": "x_mm", "variance": -4e-4},
+    ),
+    "hashes": (
+        ('runs = ["one"]', 'runs = ["one", "two"]'), "not_one_hash_a_run", {"key": "met", "runs": 2, "hashes": 1},
+    ),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("wrong", WRONG)
 def test_what_is_wrong_is_told_in_one_line(path: Path, wrong: str) -> None:
-    change, told = WRONG[wrong]
+    change, code, fields = WRONG[wrong]
     if change is None:
         path.unlink()
     else:
         text = path.read_text(encoding="utf-8").replace("0.0004", "4e-4")
         assert change[0] in text
         path.write_text(text.replace(*change), encoding="utf-8")
-    with pytest.raises(BadInputError) as caught:
+    with raises(BadInputError, code, where=f"finger file {path}", **fields) as caught:
         read_finger_file(path)
-    said = str(caught.value)
-    assert said.startswith(f"finger file {path}: ")
-    assert told in said
-    assert "\n" not in said
+    assert str(caught.value).startswith(f"finger file {path}: ")
+    assert "\n" not in str(caught.value)
 
 
-POSTERIORS = {
-    "a mean too many": ({"mean": (0.0, 0.0, 0.0, 0.0)}, "expected 3 means and 3 rows of 3 covariances"),
-    "a short row": ({"covariance": ((1.0,), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))}, "expected 3 means and 3 rows of 3"),
+POSTERIORS: dict[str, tuple[Any, str, dict[str, Any]]] = {
+    "a mean too many": ({"mean": (0.0, 0.0, 0.0, 0.0)}, "not_one_for_each_name", {"names": 3}),
+    "a short row": (
+        {"covariance": ((1.0,), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))}, "not_one_for_each_name", {"names": 3},
+    ),
     "one way": (
         {"covariance": ((1.0, 0.5, 0.0), (0.4, 1.0, 0.0), (0.0, 0.0, 1.0))},
-        "covariance of ln_e_fat and ln_stiffness: expected the same both ways",
+        "not_symmetric", {"name": "ln_e_fat", "other": "ln_stiffness"},
     ),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("wrong", POSTERIORS)
 def test_a_posterior_is_whole(wrong: str) -> None:
-    change, told = POSTERIORS[wrong]
+    change, code, fields = POSTERIORS[wrong]
     posterior = met_file().met.posterior
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(ValidationError) as caught:
         type(posterior).model_validate(posterior.model_dump() | change)
+    has_code(first_problem("", caught.value), code, **fields)

@@ -1,16 +1,13 @@
-"""What the model says of the holds of a run, and the first thing that is wrong with a user's TOML file."""
+"""What the model says of the holds of a run."""
 
-import tomllib
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from pydantic import BaseModel, Field
 
 from rig.plan.responses import by_group, measured, responses
-from rig.plan.toml_file import told_of
 from sim.contact.indentor import Indentor
 
 
@@ -95,33 +92,3 @@ def test_what_differs_in_position_only_is_one_group_ordered_by_x(model: Any) -> 
     x, values = measured(groups["step:1 at 2.33 gwt"], "ep1")
     assert x.tolist() == [-0.5, 0.5]
     assert values.tolist() == [[4.0, 5.0, 6.0], [1.0, 2.0, 3.0]]
-
-
-# --- a TOML file of the user ---
-
-
-class _StudyFileError(ValueError):
-    """What a reader of such a file raises."""
-
-
-class _Two(BaseModel):
-    a: int = Field(gt=0)
-    b: int = Field(gt=0)
-
-
-@pytest.mark.parametrize(
-    ("content", "expected"),
-    [
-        (None, "study s: No such file or directory"),
-        (b"a = = 1", "study s: Invalid value (at line 1, column 5)"),
-        (b"\xff", "study s: 'utf-8' codec can't decode byte 0xff in position 0: invalid start byte"),
-        (b"a = 0\nb = -1", "study s: a: Input should be greater than 0"),
-    ],
-)
-def test_the_first_thing_that_is_wrong_with_a_toml_file(tmp_path: Path, content: bytes | None, expected: str) -> None:
-    path = tmp_path / "s.toml"
-    if content is not None:
-        path.write_bytes(content)
-    with pytest.raises(_StudyFileError) as caught, told_of("study s", _StudyFileError):
-        _Two.model_validate(tomllib.loads(path.read_bytes().decode()))
-    assert str(caught.value) == expected

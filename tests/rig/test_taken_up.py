@@ -1,5 +1,7 @@
 """A run that is taken up: what its folder tells, what its journal answers, and what is done again."""
 
+import errno
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -19,6 +21,7 @@ from rig.protocol.taken_up import TakenUp
 from rig.protocol.walk import Spot
 from rig.session.resume import first_reference_gwt, read_stopped
 from sim.devices.clock import VirtualClock
+from tests.raising import raises
 
 # --- what is answered, and what is done ---
 
@@ -200,20 +203,17 @@ def test_a_run_of_which_nothing_is_journalled_is_not_complete(stopped: Callable[
 def test_a_file_that_is_missing_is_named(stopped: Callable[..., Path], name: str) -> None:
     path = stopped()
     (path / name).unlink()
-    with pytest.raises(BadInputError) as caught:
+    problem = os.strerror(errno.ENOENT)
+    with raises(BadInputError, "no_run_folder", path=str(path), file=str(path / name), problem=problem):
         read_stopped(path)
-    assert str(caught.value) == f"run {path}: {path / name}: No such file or directory, expected a run folder"
 
 
 def test_all_copies_that_were_changed_are_named(stopped: Callable[..., Path]) -> None:
     path = stopped()
     for name in ("config.toml", "protocol.py"):
         (path / name).write_text("# another\n", encoding="utf-8")
-    with pytest.raises(BadInputError) as caught:
+    with raises(BadInputError, "changed_since", path=str(path), files="protocol.py, config.toml"):
         read_stopped(path)
-    assert str(caught.value) == (
-        f"run {path}: protocol.py, config.toml: changed since the run began, cannot go on with it"
-    )
 
 
 @pytest.mark.parametrize("spoil", ["{no json}\n", '{"doc": "event", "t_s": 1.0}\n'])
@@ -222,7 +222,7 @@ def test_a_journal_with_an_unreadable_line_is_bad_input(stopped: Callable[..., P
     events = RunFolder(path).events
     first, *rest = events.read_text(encoding="ascii").splitlines(keepends=True)
     events.write_text("".join([first, spoil, *rest]), encoding="ascii")
-    with pytest.raises(BadInputError, match="line 2"):
+    with raises(BadInputError, "no_document", path=str(events), line=2):
         read_stopped(path)
 
 
@@ -230,7 +230,7 @@ def test_a_journal_that_does_not_begin_is_bad_input(stopped: Callable[..., Path]
     path = stopped()
     lines = RunFolder(path).events.read_bytes().splitlines(keepends=True)
     RunFolder(path).events.write_bytes(b"".join(lines[1:]))
-    with pytest.raises(BadInputError, match="does not begin with a start document"):
+    with raises(BadInputError, "no_start", run=str(path)):
         read_stopped(path)
 
 
