@@ -1,13 +1,21 @@
 """What can be wrong with what a comparison is given; apart, so that commands may know of it cheaply."""
 
+from rig.errors import RigError
 
-class ComparisonError(ValueError):
+
+class ComparisonError(RigError, ValueError):
     """The runs and recordings do not go together."""
+
+    default_code = "comparison"
 
 
 class FingersError(ComparisonError):
     """The file of plausible fingers cannot be used with these runs; the message names file and key."""
 
+    default_code = "fingers"
 
-class RecordingError(ValueError):
+
+class RecordingError(RigError, ValueError):
     """A recording cannot be used; the message names file, row and column."""
+
+    default_code = "recording"
