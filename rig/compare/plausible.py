@@ -116,9 +116,9 @@ class PlausibleFingers:
             own = depth_mm if name == _DEPTH else _number(config, name, self.source)
             if not low <= own <= high:
                 raise FingersError(
-                    "{source}: {key}: [{low:g}, {high:g}], expected a range that holds the run's own {own:g}",
+                    "{where}: {key}: [{low:g}, {high:g}], expected a range that holds the run's own {own:g}",
                     code="without_the_own",
-                    source=self.source,
+                    where=self.source,
                     key=name,
                     low=low,
                     high=high,
@@ -149,16 +149,16 @@ def read_plausible(path: Path) -> PlausibleFingers:
     found = PlausibleFingers(source, ranges, hashlib.sha256(content).hexdigest())
     if not ranges:
         raise FingersError(
-            "{source}: expected a range in finger.tissue, finger.geometry or {depth}",
+            "{where}: expected a range in finger.tissue, finger.geometry or {depth}",
             code="no_range",
-            source=source,
+            where=source,
             depth=_DEPTH,
         )
     if len(found.free) > MOST_FREE:
         raise FingersError(
-            "{source}: {ranges} ranges, expected {most} or fewer",
+            "{where}: {ranges} ranges, expected {most} or fewer",
             code="many_ranges",
-            source=source,
+            where=source,
             ranges=len(found.free),
             most=MOST_FREE,
         )
@@ -182,9 +182,9 @@ def _number(config: FingertipConfig, name: str, source: str) -> float:
     value = getattr(getattr(config, table), key, None)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise FingersError(
-            "{source}: finger.{key}: expected a number of a configuration's finger.{table}",
+            "{where}: finger.{key}: expected a number of a configuration's finger.{table}",
             code="no_number",
-            source=source,
+            where=source,
             key=name,
             table=table,
         )

@@ -82,8 +82,8 @@ def on_plausible_fingers(
     try:
         found, _ = cached_arrays(key, lambda: _all_answers(work), kind="answers")
     except FingersError as error:
-        fields = {**error.fields, "source": plausible.source, "problem": str(error)}
-        raise FingersError("{source}: {problem}", code=error.code, **fields) from None
+        fields = {**error.fields, "where": plausible.source, "problem": str(error)}
+        raise FingersError("{where}: {problem}", code=error.code, **fields) from None
     between = not all(one.exact for one in work)
     said = [np.asarray(found[f"{n}"], dtype=float) for n in range(len(pressed))]
     return [replace(s, on_fingers=one, interpolated=between) for s, one in zip(pressed, said, strict=True)]

@@ -17,6 +17,7 @@ from rig.compare.parameter_study.errors import StudyError, WorkersError
 from rig.compare.parameter_study.workers import spread
 from sim.config.fingertip_config import FingertipConfig
 from sim.models.fingertip import Fingertip
+from tests.raising import raises
 
 PRESSES = """\
 [[press]]
@@ -160,7 +161,7 @@ def _killed(number: int) -> int:
 
 
 def test_a_killed_process_is_told_of() -> None:
-    with pytest.raises(WorkersError, match="a worker process was killed"):
+    with raises(WorkersError, "process_killed"):
         list(spread(_killed, [0, 1], processes=1))
 
 
