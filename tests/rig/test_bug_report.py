@@ -186,7 +186,7 @@ def test_what_is_no_run_folder_is_refused(tmp_path: Path, program: Program, monk
     for options in ([], ["--json"]):
         ended = program("doctor", "--bundle", "nowhere", *options)
         assert ended.code == 2
-        assert ended.complaint.startswith("run nowhere: ")
+        assert "nowhere" in ended.complaint
     with raises(RunError, "no_run_folder", run="nowhere", events="events.jsonl", provenance="provenance.json"):
         bug_report(Path("nowhere"), tmp_path / "bundle.zip", {}, {})
     assert list(tmp_path.iterdir()) == []

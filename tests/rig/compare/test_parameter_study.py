@@ -141,16 +141,16 @@ def test_processes_give_what_one_gives(command: Command, coarse: Path) -> None:
 
 
 def test_bad_input_is_one_line(command: Command, coarse: Path, tmp_path: Path) -> None:
-    code, _, err = command("study", tmp_path / "none.toml")
-    assert (code, err) == (2, f"rig: study {tmp_path}/none.toml: No such file or directory\n")
-    code, _, err = command("study", coarse, "--out", tmp_path / "no" / "t.csv")
-    assert (code, err.count("\n")) == (2, 1)
-    assert "expected a file in a folder that exists" in err
-    code, _, err = command("study", coarse, "--out", tmp_path)
-    assert (code, err) == (
-        2,
-        f"rig: --out {tmp_path}: expected a file in a folder that exists and may be written to\n",
-    )
+    for words, refusal in (
+        ((tmp_path / "none.toml",), "unreadable"),
+        ((coarse, "--out", tmp_path / "no" / "t.csv"), "not_writable"),
+        ((coarse, "--out", tmp_path), "not_writable"),
+    ):
+        code, out, err = command("study", *words, "--json")
+        told = json.loads(out)
+        assert (code, told["code"]) == (2, refusal)
+        assert err == f"rig: {told['error']}\n"
+        assert str(words[-1]) in err
 
 
 def test_a_folder_without_permission_is_seen_before_the_work(command: Command, coarse: Path, tmp_path: Path) -> None:
@@ -158,9 +158,8 @@ def test_a_folder_without_permission_is_seen_before_the_work(command: Command, c
     locked.mkdir(0o555)
     if os.access(locked, os.W_OK):
         pytest.skip("whoever runs this may write anywhere, as root may")
-    code, _, err = command("study", coarse, "--out", locked / "t.csv")
-    assert code == 2
-    assert "expected a file in a folder that exists and may be written to" in err
+    code, out, _ = command("study", coarse, "--out", locked / "t.csv", "--json")
+    assert (code, json.loads(out)["code"]) == (2, "not_writable")
 
 
 def _killed(number: int) -> int:

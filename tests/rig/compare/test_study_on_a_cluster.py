@@ -166,9 +166,11 @@ def test_a_scheduler_that_dies_midway_leaves_one_line_and_no_file(study: Path, c
     program = start_study(study, "--scheduler", cluster.address)
     cluster.worker_at_a_case()
     cluster.scheduler.kill()
-    _, err = program.communicate(timeout=2 * DEADLINE_S)
-    assert program.returncode == 2
-    assert err.splitlines()[-1] == f"rig: --scheduler {cluster.address}: the scheduler has gone"
+    out, err = program.communicate(timeout=2 * DEADLINE_S)
+    told = json.loads(out)
+    assert (program.returncode, told["code"]) == (2, "scheduler_gone")
+    assert told["error"].startswith(f"--scheduler {cluster.address}: ")
+    assert err.splitlines()[-1] == f"rig: {told['error']}"
     assert not list(study.glob("study.csv*"))
 
 
@@ -179,12 +181,12 @@ def test_a_scheduler_that_dies_midway_leaves_one_line_and_no_file(study: Path, c
 )
 def test_a_worker_with_another_program_is_named(study: Path, cluster: Cluster, code: str, has: str) -> None:
     cluster.add_worker(code)
-    _, err = (program := start_study(study, "--scheduler", cluster.address)).communicate(timeout=2 * DEADLINE_S)
-    assert program.returncode == 2
-    assert err.startswith(f"rig: --scheduler {cluster.address}: worker tcp://127.0.0.1:")
-    assert has in err
-    assert f"expected {cluster_module.program()}" in err
-    assert err.count("\n") == 1
+    out, err = (program := start_study(study, "--scheduler", cluster.address)).communicate(timeout=2 * DEADLINE_S)
+    told = json.loads(out)
+    assert (program.returncode, told["code"]) == (2, "other_program")
+    for named in (f"--scheduler {cluster.address}: ", "tcp://127.0.0.1:", has, cluster_module.program()):
+        assert named in told["error"]
+    assert err == f"rig: {told['error']}\n"
     assert not list(study.glob("study.csv*"))
 
 
