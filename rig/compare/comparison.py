@@ -240,7 +240,13 @@ def compare(
 def _refuse_twins(ordered: Sequence[Stimulus]) -> None:
     for one, other in pairwise(ordered):
         if (_group(one), one.shape) == (_group(other), other.shape):
-            raise ComparisonError(f"runs {one.run} and {other.run}: both hold {one.title}, expected one of them")
+            raise ComparisonError(
+                "runs {run} and {other}: both hold {held}, expected one of them",
+                code="held_twice",
+                run=one.run,
+                other=other.run,
+                held=one.title,
+            )
 
 
 def _refuse_strays(ordered: Sequence[Stimulus], recordings: Mapping[str, Recording]) -> None:
@@ -248,7 +254,12 @@ def _refuse_strays(ordered: Sequence[Stimulus], recordings: Mapping[str, Recordi
     conditions = {f"{stimulus.shape}@{stimulus.condition}" for stimulus in ordered}
     for shape in recordings:
         if shape not in held | conditions:
-            raise ComparisonError(f"--recorded {shape}: no such shape in the runs, expected one of {sorted(held)}")
+            raise ComparisonError(
+                "--recorded {shape}: no such shape in the runs, expected one of {held}",
+                code="never_pressed",
+                shape=shape,
+                held=sorted(held),
+            )
 
 
 def _normalised(recordings: Mapping[str, Recording]) -> dict[str, Recording]:

@@ -116,7 +116,13 @@ class PlausibleFingers:
             own = depth_mm if name == _DEPTH else _number(config, name, self.source)
             if not low <= own <= high:
                 raise FingersError(
-                    f"{self.source}: {name}: [{low:g}, {high:g}], expected a range that holds the run's own {own:g}"
+                    "{where}: {key}: [{low:g}, {high:g}], expected a range that holds the run's own {own:g}",
+                    code="without_the_own",
+                    where=self.source,
+                    key=name,
+                    low=low,
+                    high=high,
+                    own=own,
                 )
 
 
@@ -142,9 +148,20 @@ def read_plausible(path: Path) -> PlausibleFingers:
         ranges = _ranges_of(finger_file_of(source, tables, path.parent))
     found = PlausibleFingers(source, ranges, hashlib.sha256(content).hexdigest())
     if not ranges:
-        raise FingersError(f"{source}: expected a range in finger.tissue, finger.geometry or {_DEPTH}")
+        raise FingersError(
+            "{where}: expected a range in finger.tissue, finger.geometry or {depth}",
+            code="no_range",
+            where=source,
+            depth=_DEPTH,
+        )
     if len(found.free) > MOST_FREE:
-        raise FingersError(f"{source}: {len(found.free)} ranges, expected {MOST_FREE} or fewer")
+        raise FingersError(
+            "{where}: {ranges} ranges, expected {most} or fewer",
+            code="many_ranges",
+            where=source,
+            ranges=len(found.free),
+            most=MOST_FREE,
+        )
     return found
 
 
@@ -164,5 +181,11 @@ def _number(config: FingertipConfig, name: str, source: str) -> float:
     table, _, key = name.partition(".")
     value = getattr(getattr(config, table), key, None)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise FingersError(f"{source}: finger.{name}: expected a number of a configuration's finger.{table}")
+        raise FingersError(
+            "{where}: finger.{key}: expected a number of a configuration's finger.{table}",
+            code="no_number",
+            where=source,
+            key=name,
+            table=table,
+        )
     return float(value)

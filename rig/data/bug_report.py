@@ -36,7 +36,13 @@ def bug_report(run: Path, to: Path, installation: Mapping[str, Any], shipped: Ma
     """
     folder = RunFolder(run)
     if not any(path.is_file() for path in (folder.events, folder.provenance)):
-        raise RunError(f"run {run}: neither {folder.events.name} nor {folder.provenance.name}, expected a run folder")
+        raise RunError(
+            "run {run}: neither {events} nor {provenance}, expected a run folder",
+            code="no_run_folder",
+            run=str(run),
+            events=folder.events.name,
+            provenance=folder.provenance.name,
+        )
     scrubber = _scrubber(folder)
     members = {"installation.json": _json(scrubber.value(dict(installation)))}
     for name, made in _MEMBERS.items():

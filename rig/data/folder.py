@@ -16,6 +16,8 @@ from typing import Any
 
 import filelock
 
+from rig.errors import RigError
+
 _SUMS, _LOCK = "SHA256SUMS", ".lock"
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _COPIES = ("protocol.py", "config.toml", "provenance.json")
@@ -23,20 +25,32 @@ SHAPE_COPY = "shape_"
 """Copies of the files that shapes name begin so."""
 
 
-class FolderBusyError(Exception):
+class FolderBusyError(RigError):
     """Another process writes to this run."""
 
+    default_code = "folder_busy"
 
-class UnwritableError(OSError):
+
+class UnwritableError(RigError, OSError):
     """A file cannot be written, and is what it was before."""
+
+    default_code = "unwritable"
 
     @classmethod
     def of(cls, path: Path, error: OSError) -> "UnwritableError":
         """What kept a file from being written, as an error about that file."""
-        return cls(error.errno, f"cannot be written: {error.strerror or error}, {free_space(path)}", str(path))
+        reason, free = error.strerror or str(error), free_space(path)
+        made = cls("{path}: cannot be written: {reason}, {free}", path=str(path), reason=reason, free=free)
+        made.errno, made.filename = error.errno, str(path)
+        made.strerror = f"cannot be written: {reason}, {free}"
+        return made
 
     def __str__(self) -> str:
-        return f"{self.filename}: {self.strerror}"
+        return str(self.args[0])  # an OSError would put its number before it
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        again, whose, state = super().__reduce__()  # without what an OSError keeps outside of its __dict__
+        return again, whose, {**state, "errno": self.errno, "strerror": self.strerror, "filename": self.filename}
 
 
 @dataclass(frozen=True)
@@ -133,7 +147,7 @@ class RunFolder:
         try:
             lock.acquire()
         except filelock.Timeout:
-            raise FolderBusyError(f"run {self.path}: another process is at it") from None
+            raise FolderBusyError("run {run}: another process is at it", run=str(self.path)) from None
         except OSError as error:
             if error.errno in _FULL:
                 raise UnwritableError.of(self.path / _LOCK, error) from error

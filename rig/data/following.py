@@ -29,7 +29,9 @@ class Following:
         except FileNotFoundError:
             return []
         except OSError as error:
-            raise RunError(f"{self._path}: {error.strerror}") from None
+            raise RunError(
+                "{path}: {reason}", code="unreadable", path=str(self._path), reason=error.strerror
+            ) from None
         self._at += len(whole) + len(end)
         return [self._document(line) for line in whole.split(b"\n") if line]
 
@@ -37,7 +39,12 @@ class Following:
         self._line += 1
         found = document_on(line)
         if found is None:
-            raise RunError(f"{self._path}, line {self._line}: not a journal document")
+            raise RunError(
+                "{path}, line {line}: not a journal document",
+                code="no_document",
+                path=str(self._path),
+                line=self._line,
+            )
         return found
 
 

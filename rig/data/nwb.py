@@ -14,6 +14,7 @@ import numpy as np
 from rig.data.folder import replace_bytes
 from rig.data.reader import Run, provenance_of
 from rig.devices.units import GWT_N
+from rig.errors import RigError
 
 _M_PER_MM = 1e-3
 _MARKS = {
@@ -24,8 +25,10 @@ _MARKS = {
 _OUTSIDE: dict[str, Any] = {"block": 0, "repeat": 0, "condition": ""}
 
 
-class NwbMissingError(Exception):
+class NwbMissingError(RigError):
     """The libraries that write NWB are not installed."""
+
+    default_code = "pynwb_missing"
 
 
 def export_nwb(run: Run) -> Path:

@@ -12,12 +12,15 @@ from rig.data.folder import RunFolder
 from rig.data.listed_journal import listed_documents
 from rig.engine.journal import Document, JournalError, read_journal
 from rig.engine.streams import PRESS_STREAMS
+from rig.errors import RigError
 
 Events = dict[str, list[dict[str, Any]]]
 
 
-class RunError(Exception):
+class RunError(RigError):
     """The folder holds no readable run."""
+
+    default_code = "no_run"
 
 
 @dataclass(frozen=True)
@@ -104,11 +107,22 @@ def read_run(path: Path, *, readings: bool = True, only: Collection[str] | None 
         else:
             documents = listed_documents(folder.events, only)
     except OSError as error:
-        raise RunError(f"run {path}: {folder.events.name}: {error.strerror}") from None
+        raise RunError(
+            "run {run}: {events}: {reason}",
+            code="no_journal",
+            run=str(path),
+            events=folder.events.name,
+            reason=error.strerror,
+        ) from None
     except JournalError as error:
-        raise RunError(f"run {path}: {error}") from None
+        raise RunError("run {run}: {problem}", code="bad_journal", run=str(path), problem=str(error)) from error
     if not documents or documents[0]["doc"] != "start":
-        raise RunError(f"run {path}: {folder.events.name} does not begin with a start document")
+        raise RunError(
+            "run {run}: {events} does not begin with a start document",
+            code="no_start",
+            run=str(path),
+            events=folder.events.name,
+        )
     events, superseded = _by_stream(documents)
     last = documents[-1]
     return Run(

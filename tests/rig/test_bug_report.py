@@ -10,10 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from rig.data.bug_report import LEFT_OUT
+from rig.data import RunError
+from rig.data.bug_report import LEFT_OUT, bug_report
 from rig.data.scrubbed import GONE, Scrubber
 from rig.protocol.script import shipped_protocols
 from tests.program import Program
+from tests.raising import raises
 
 OLD = Path(__file__).parents[1] / "data" / "runs_of_0_1"
 HOLDER = "Ada Byron"
@@ -184,7 +186,9 @@ def test_what_is_no_run_folder_is_refused(tmp_path: Path, program: Program, monk
     for options in ([], ["--json"]):
         ended = program("doctor", "--bundle", "nowhere", *options)
         assert ended.code == 2
-        assert ended.complaint == "run nowhere: neither events.jsonl nor provenance.json, expected a run folder"
+        assert "nowhere" in ended.complaint
+    with raises(RunError, "no_run_folder", run="nowhere", events="events.jsonl", provenance="provenance.json"):
+        bug_report(Path("nowhere"), tmp_path / "bundle.zip", {}, {})
     assert list(tmp_path.iterdir()) == []
 
 

@@ -90,8 +90,9 @@ def test_the_page_ends_with_what_the_command_writes(program: Program) -> None:
 
 @pytest.mark.parametrize("words", [[], ["run", "--columns"]], ids=["nothing", "both"])
 def test_a_run_or_the_columns_are_shown(program: Program, words: list[str]) -> None:
-    ended = program("show", *words)
-    assert (ended.code, ended.complaint) == (2, "show: expected RUN, a run folder, or --columns")
+    ended = program("show", *words, "--json")
+    assert (ended.code, ended.json["code"]) == (2, "exactly_one")
+    assert ended.complaint == ended.json["error"]
 
 
 # --- tables ---

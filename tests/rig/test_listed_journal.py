@@ -11,6 +11,7 @@ from rig.data.listed_journal import listed_documents
 from rig.data.reader import read_run
 from rig.data.summary import LISTED, _holds, summarised, summary_of
 from rig.engine.journal import JournalError, read_journal
+from tests.raising import raises
 
 OLD = Path(__file__).parents[1] / "data" / "runs_of_0_1"
 START = {"doc": "start", "t_s": 0.0}
@@ -94,7 +95,7 @@ def test_a_line_that_is_not_whole_is_told(spoil: Any, number: int, tmp_path: Pat
     found = lines(START, *readings, event("touch", 4.0), RESUME, STOP).split("\n")
     found[number - 1] = spoil(found[number - 1])
     path.write_text("\n".join(found), encoding="utf-8")
-    with pytest.raises(JournalError, match=f"line {number}: not a journal document"):
+    with raises(JournalError, "no_document", path=str(path), line=number):
         listed_documents(path, ["touch"])
 
 
@@ -102,7 +103,7 @@ def test_a_line_that_is_not_whole_is_told(spoil: Any, number: int, tmp_path: Pat
 def test_a_document_is_on_one_line_and_of_bytes_that_are_text(text: str, tmp_path: Path) -> None:
     path = tmp_path / "events.jsonl"
     written = lines(START, event("touch", 1.0), STOP).replace('"index": 0', f'"index": {text}')
-    with pytest.raises(JournalError, match="line 2"):
+    with raises(JournalError, "no_document", path=str(path), line=2):
         read(path, written, "touch")
     with pytest.raises(FileNotFoundError):
         listed_documents(tmp_path / "none.jsonl", ["touch"])

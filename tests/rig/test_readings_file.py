@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 from rig.cli.readings_file import FEWEST, MOST, GivenReadings, pa_per_pseudo, read_readings
 from rig.protocol.errors import BadInputError
 from sim.config.fingertip_config import FingertipConfig
+from tests.raising import raises
 
 FINGER = FingertipConfig()
 PA = pa_per_pseudo(FINGER)
@@ -53,7 +54,7 @@ def test_how_many_readings_make_sense(read: Read) -> None:
     assert len(read("place_mm,depth_mm,sed,sd", *rows[:5]).reading) == 5
     assert len(read("place_mm,depth_mm,sed,sd", *rows[:MOST]).reading) == MOST
     for some in (rows[:4], rows):
-        with pytest.raises(BadInputError, match=f"{len(some)} readings, expected 5 … 400"):
+        with raises(BadInputError, "wrong_count", readings=len(some), fewest=5, most=400):
             read("place_mm,depth_mm,sed,sd", *some)
 
 
@@ -63,7 +64,7 @@ def test_how_deep_a_receptor_may_lie(depth: float, there: bool, read: Read) -> N
     if there:
         read("place_mm,depth_mm,sed,sd", *rows)
     else:
-        with pytest.raises(BadInputError, match="line 2, depth_mm: "):
+        with raises(BadInputError, "outside_range", line=2, column="depth_mm", value=depth):
             read("place_mm,depth_mm,sed,sd", *rows)
 
 
@@ -87,7 +88,7 @@ def test_how_far_below_nothing_noise_may_lie(kind: str, noise: str, value: float
     if there:
         assert read(header, *rows).reading[3] == value
     else:
-        with pytest.raises(BadInputError, match=f"line 5, {kind}: {value:g}, expected "):
+        with raises(BadInputError, "negative", line=5, column=kind, value=float(value)):
             read(header, *rows)
 
 
@@ -95,8 +96,9 @@ def test_two_receptors_may_lie_above_each_other_and_not_in_one_place(read: Read)
     rows = [f"0,{0.7 + 0.01 * k},1,0.1" for k in range(5)]
     assert len(read("place_mm,depth_mm,sed,sd", *rows).reading) == 5
     assert len(read("place_mm,depth_mm,sed,sd", *rows, "0,0.740002,1,0.1").reading) == 6
-    with pytest.raises(BadInputError, match="line 7, place_mm: 0, expected each receptor once: line 6 is the same"):
+    with raises(BadInputError, "same_place", line=7, column="place_mm", value=0.0) as caught:
         read("place_mm,depth_mm,sed,sd", *rows, "0,0.7400005,1,0.1")
+    assert "line 6" in caught.value.fields["expected"]
 
 
 @pytest.mark.parametrize(("rest", "there"), [((0, 1, 2, 0, 1), True), ((0, 1, 0, 1, 0), False), ((0,) * 5, False)])
@@ -105,5 +107,5 @@ def test_noise_at_rest_has_several_values(rest: tuple[int, ...], there: bool, re
     if there:
         assert_allclose(read("place_mm,depth_mm,sed,at_rest", *rows).at_rest, rest)
     else:
-        with pytest.raises(BadInputError, match="at_rest: expected noise, 3 values or more"):
+        with raises(BadInputError, "too_little_noise", fewest=3):
             read("place_mm,depth_mm,sed,at_rest", *rows)

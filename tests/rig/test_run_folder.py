@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import json
+import pickle
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,12 +13,15 @@ import h5py
 import pytest
 
 from rig.data import RunError, RunFolder, export_run, new_run_folder, read_run
+from rig.data.folder import UnwritableError
 from rig.data.run_tables import OF_THE_PRESS
 from rig.engine import Target, indent, verbs
+from rig.engine.journal import JournalError
 from rig.engine.streams import PRESS_STREAMS, STREAMS
 from rig.plan.config import Config
 from rig.report.run.run_report import write_report
 from sim.models.fingertip import Fingertip
+from tests.raising import raises
 
 START = {
     "protocol": "mine",
@@ -141,8 +145,12 @@ def test_an_export_that_fails_leaves_the_old_one(folder: RunFolder, monkeypatch:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("rig.data.folder.os.fsync", full)
-    with pytest.raises(OSError, match="No space left"):
+    with raises(UnwritableError, "unwritable", reason="No space left on device") as caught:
         export_run(read_run(folder.path))
+    assert isinstance(caught.value, OSError)
+    for error in (caught.value, pickle.loads(pickle.dumps(caught.value))):
+        assert (error.errno, error.filename) == (28, error.fields["path"])
+        assert str(error) == f"{error.filename}: {error.strerror}"
     assert {p.name: p.read_bytes() for p in folder.path.iterdir() if p.suffix != ".part"} == before
 
 
@@ -197,21 +205,20 @@ def test_all_done_but_no_stop_is_not_complete(folder: RunFolder) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "complaint"),
+    ("content", "code", "fields"),
     [
-        (None, "events.jsonl: No such file or directory"),
-        (b"", "events.jsonl does not begin with a start document"),
-        (b'{"doc": "st', "events.jsonl does not begin with a start document"),
-        (b'{"doc": "event", "t_s": 0, "stream": "note", "data": {}}\n', "does not begin with a start document"),
-        (
-            b'{"doc": "start", "t_s": 0}\nrubbish\n{"doc": "stop", "t_s": 1, "status": "done"}\n',
-            "line 2: not a journal document",
-        ),
+        (None, "no_journal", {"events": "events.jsonl", "reason": "No such file or directory"}),
+        (b"", "no_start", {"events": "events.jsonl"}),
+        (b'{"doc": "st', "no_start", {}),
+        (b'{"doc": "event", "t_s": 0, "stream": "note", "data": {}}\n', "no_start", {}),
+        (b'{"doc": "start", "t_s": 0}\nrubbish\n{"doc": "stop", "t_s": 1, "status": "done"}\n', "bad_journal", {}),
     ],
 )
-def test_a_folder_without_a_run(tmp_path: Path, content: bytes | None, complaint: str) -> None:
+def test_a_folder_without_a_run(tmp_path: Path, content: bytes | None, code: str, fields: dict[str, str]) -> None:
     if content is not None:
         (tmp_path / "events.jsonl").write_bytes(content)
-    with pytest.raises(RunError, match=r"^run ") as caught:
+    with raises(RunError, code, run=str(tmp_path), **fields) as caught:
         read_run(tmp_path)
-    assert complaint in str(caught.value)
+    if code == "bad_journal":
+        assert isinstance(caught.value.__cause__, JournalError)
+        assert caught.value.fields["problem"].startswith(f"{tmp_path / 'events.jsonl'}, line 2: ")

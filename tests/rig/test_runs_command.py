@@ -24,6 +24,7 @@ from rig.data.run_index import INDEX, Entry, listed
 from rig.data.summary import HOLD_COLUMNS, RUN_COLUMNS, STATES, Row, Summary, summarised
 from rig.engine.journal import JournalError, mend_journal, read_journal
 from tests.program import Program
+from tests.raising import raises
 from tests.waiting import DEADLINE_S
 
 OLD = Path(__file__).parents[1] / "data" / "runs_of_0_1"
@@ -259,7 +260,7 @@ def test_of_readings_in_a_row_the_last_is_read(tmp_path: Path, lines: list[str],
 def test_a_reading_that_is_not_whole_is_no_document_all_the_same(tmp_path: Path, torn: str) -> None:
     path = tmp_path / "events.jsonl"
     path.write_text("\n".join([SAMPLE % 1, torn, SAMPLE % 3, ""]), encoding="utf-8")
-    with pytest.raises(JournalError, match="line 2: not a journal document"):
+    with raises(JournalError, "no_document", path=str(path), line=2):
         list(read_journal(path, readings=False))
 
 
@@ -302,7 +303,7 @@ def test_without_readings_a_journal_says_the_same(tmp_path: Path, text: str) -> 
 def test_what_is_no_document_is_refused_with_its_line(tmp_path: Path, broken: bytes, readings: bool) -> None:
     path = tmp_path / "events.jsonl"
     path.write_bytes(b"\n".join([(EVENT % (0, "0")).encode(), broken, (EVENT % (2, "0")).encode(), b""]))
-    with pytest.raises(JournalError, match=r"line 2: not a journal document$"):
+    with raises(JournalError, "no_document", path=str(path), line=2):
         list(read_journal(path, readings=readings))
 
 

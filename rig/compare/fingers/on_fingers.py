@@ -82,7 +82,8 @@ def on_plausible_fingers(
     try:
         found, _ = cached_arrays(key, lambda: _all_answers(work), kind="answers")
     except FingersError as error:
-        raise FingersError(f"{plausible.source}: {error}") from None
+        fields = {**error.fields, "where": plausible.source, "problem": str(error)}
+        raise FingersError("{where}: {problem}", code=error.code, **fields) from None
     between = not all(one.exact for one in work)
     said = [np.asarray(found[f"{n}"], dtype=float) for n in range(len(pressed))]
     return [replace(s, on_fingers=one, interpolated=between) for s, one in zip(pressed, said, strict=True)]
@@ -115,7 +116,9 @@ def measures_on(work: FingerWork) -> list[Array]:
         finger = Fingertip.load(config, **places, exact=work.exact)  # type: ignore[arg-type]
         return [_measures(finger, row) for row in work.press_rows]
     except (ModelRangeError, MeshError, SurfaceError, ReceptorError) as error:
-        raise FingersError(f"on the finger with {work.name}: {error}") from None
+        raise FingersError(
+            "on the finger with {finger}: {problem}", code="not_pressed", finger=work.name, problem=str(error)
+        ) from None
 
 
 def _measures(finger: Fingertip, row: PressRow) -> Array:

@@ -36,26 +36,36 @@ def _told_of(scheduler: str) -> Iterator[None]:
     try:
         yield
     except WorkersError as error:
-        raise WorkersError(f"--scheduler {scheduler}: {error}") from None
+        fields = {**error.fields, "scheduler": scheduler, "problem": str(error)}
+        raise WorkersError("--scheduler {scheduler}: {problem}", code=error.code, **fields) from None
     except (CancelledError, CommClosedError):
-        raise WorkersError(f"--scheduler {scheduler}: the scheduler has gone") from None
+        raise WorkersError(
+            "--scheduler {scheduler}: the scheduler has gone", code="scheduler_gone", scheduler=scheduler
+        ) from None
     except KilledWorker:
-        lost = f"the same case was lost with {_RETRIES} workers or more; have they the memory for it?"
-        raise WorkersError(f"--scheduler {scheduler}: {lost}") from None
+        raise WorkersError(
+            "--scheduler {scheduler}: the same case was lost with {workers} workers or more; "
+            "have they the memory for it?",
+            code="case_lost",
+            scheduler=scheduler,
+            workers=_RETRIES,
+        ) from None
 
 
 def _connected(scheduler: str) -> Any:
     try:
         return Client(scheduler, timeout=_PATIENCE_S)  # type: ignore[no-untyped-call]
     except (OSError, ValueError):
-        raise WorkersError("nobody answers, expected for example tcp://host:8786") from None
+        raise WorkersError("nobody answers, expected for example tcp://host:8786", code="no_answer") from None
 
 
 def _expect_workers(client: Any) -> None:
     try:
         client.wait_for_workers(1, timeout=_PATIENCE_S)
     except TimeoutError:
-        raise WorkersError("it has no workers, expected some to have joined by dask worker") from None
+        raise WorkersError(
+            "it has no workers, expected some to have joined by dask worker", code="no_workers"
+        ) from None
 
 
 def _expect_same_program(client: Any) -> None:
@@ -63,7 +73,13 @@ def _expect_same_program(client: Any) -> None:
     expected = program()
     for worker, found in client.run(program, on_error="return").items():
         if found != expected:
-            raise WorkersError(f"worker {worker} has {found}, expected {expected}")
+            raise WorkersError(
+                "worker {worker} has {found}, expected {expected}",
+                code="other_program",
+                worker=worker,
+                found=str(found),
+                expected=expected,
+            )
 
 
 def program() -> str:

@@ -33,8 +33,8 @@ def spread(
     try:
         from rig.compare.parameter_study.cluster import over_cluster
     except ImportError:
-        needed = "needs dask.distributed, expected pip install 'indentation-rig[cluster]'"
-        raise WorkersError(f"--scheduler: {needed}") from None
+        needed = "--scheduler: needs dask.distributed, expected pip install 'indentation-rig[cluster]'"
+        raise WorkersError(needed, code="dask_missing") from None
     yield from over_cluster(alone, items, scheduler)
 
 
@@ -44,7 +44,9 @@ def _over_processes(
     try:
         yield from in_processes(function, items, processes)
     except BrokenProcessPool:
-        raise WorkersError("a worker process was killed; is there memory for fewer only (--processes)?") from None
+        raise WorkersError(
+            "a worker process was killed; is there memory for fewer only (--processes)?", code="process_killed"
+        ) from None
 
 
 def _on_one_thread(function: Callable[[Item], Answer], item: Item) -> Answer:

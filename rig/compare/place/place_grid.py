@@ -50,18 +50,30 @@ def place_range(x_mm: Range, depth_mm: Range | None, offset_mm: Range | None, co
     _refuse("--depth-range-mm", depth)
     _refuse("--offset-mm", offset_mm or (0.0, 1.0))
     if not x_mm[0] < x_mm[1]:
-        raise ComparisonError("--place: expected receptors at two or more x, between which it is sought")
+        raise ComparisonError(
+            "--place: expected receptors at two or more x, between which it is sought", code="one_receptor_x"
+        )
     if depth[0] < skin < depth[1]:
         raise ComparisonError(
-            f"--depth-range-mm {depth[0]:g},{depth[1]:g}: the epidermis ends at {skin:g} mm, where strains jump; "
-            "expected a range on one side of it"
+            "--depth-range-mm {low_mm:g},{high_mm:g}: the epidermis ends at {epidermis_mm:g} mm, where strains jump; "
+            "expected a range on one side of it",
+            code="across_epidermis",
+            low_mm=depth[0],
+            high_mm=depth[1],
+            epidermis_mm=skin,
         )
     return PlaceRange(x_mm, depth, offset_mm or (0.0, 0.0))
 
 
 def _refuse(option: str, asked: Range) -> None:
     if not (all(map(math.isfinite, asked)) and asked[0] < asked[1]):
-        raise ComparisonError(f"{option} {asked[0]:g},{asked[1]:g}: expected two numbers, the lower one first")
+        raise ComparisonError(
+            "{option} {low_mm:g},{high_mm:g}: expected two numbers, the lower one first",
+            code="not_ascending",
+            option=option,
+            low_mm=asked[0],
+            high_mm=asked[1],
+        )
 
 
 def nodes(asked: Range, step: float) -> Array:

@@ -84,10 +84,15 @@ def column_map(texts: Sequence[str]) -> ColumnMap:
             role, equals, name = (word.strip() for word in part.partition("="))
             if role not in _ROLES or not (equals and name):
                 raise RecordingError(
-                    f"--columns {part!r}: expected ROLE=COLUMN[:UNIT], ROLE one of {', '.join(_ROLES)}"
+                    "--columns {given!r}: expected ROLE=COLUMN[:UNIT], ROLE one of {roles}",
+                    code="no_role",
+                    given=part,
+                    roles=", ".join(_ROLES),
                 )
             if role in given:
-                raise RecordingError(f"--columns {part!r}: {role} is given twice")
+                raise RecordingError(
+                    "--columns {given!r}: {role} is given twice", code="role_twice", given=part, role=role
+                )
             given[role] = _column(part, name, _ROLES[role].units)
     _refuse_what_cannot_be(given)
     if "sd" in given and "rate" in given and not given["sd"].unit:
@@ -102,7 +107,11 @@ def _stated_window(given: dict[str, Column]) -> float | None:
     except (KeyError, ValueError):
         return None
     if not 0 < seconds < math.inf:
-        raise RecordingError(f"--columns window={given['window'].name}: expected a number of seconds above 0")
+        raise RecordingError(
+            "--columns window={window}: expected a number of seconds above 0",
+            code="window_not_above_0",
+            window=given["window"].name,
+        )
     return seconds
 
 
@@ -110,17 +119,28 @@ def _refuse_what_cannot_be(given: Mapping[str, Column]) -> None:
     names = [column.name for column in given.values()]
     twice = [name for name in names if names.count(name) > 1]
     if twice:
-        raise RecordingError(f"--columns: {twice[0]!r} is named twice, expected a column for each")
+        raise RecordingError(
+            "--columns: {column!r} is named twice, expected a column for each", code="column_twice", column=twice[0]
+        )
     if "count" in given and ("rate" in given or "sd" in given):
-        raise RecordingError("--columns: count beside rate or sd, expected counts (with window) or rates (with sd)")
+        raise RecordingError(
+            "--columns: count beside rate or sd, expected counts (with window) or rates (with sd)",
+            code="counts_and_rates",
+        )
 
 
 def _column(part: str, name: str, units: Mapping[str, float]) -> Column:
     before, colon, unit = name.rpartition(":")
     if colon:
         if not before or _known(unit, units) is None:
-            expected = f"a unit of {', '.join(units)}" if units else "no unit"
-            raise RecordingError(f"--columns {part!r}: unit {unit!r}, expected {expected}")
+            expected = "a unit of {units}" if units else "no unit"
+            raise RecordingError(
+                "--columns {given!r}: unit {unit!r}, expected " + expected,
+                code="unknown_unit",
+                given=part,
+                unit=unit,
+                units=", ".join(units),
+            )
         return Column(before.strip(), unit.strip(), _known(unit, units) or 1.0)
     said = re.search(r"[(\[]([^)\]]+)[)\]]$|_([^_\s]+)$", name)
     unit = next(filter(None, said.groups())) if said else ""

@@ -38,14 +38,20 @@ def read_recordings(
         shape, file = _shape_and_file(text)
         key = shape_key(shape)
         if key in named:
-            raise RecordingError(f"--recorded {text!r}: {shape} is given twice")
+            raise RecordingError(
+                "--recorded {given!r}: {shape} is given twice", code="recorded_twice", given=text, shape=shape
+            )
         named[key] = shape, file
     found = {key: _read(file, shape, runs, reading) for key, (shape, file) in named.items()}
     _refuse_unused([file for _, file in named.values()], reading.columns)
     for shape in mirror:
         meant = [key for key in found if shape_key(shape) in (key, ShapeKey(key.shape, ""))]
         if not meant:
-            raise RecordingError(f"--mirror {shape}: nothing recorded for it, expected --recorded {shape}=CSV")
+            raise RecordingError(
+                "--mirror {shape}: nothing recorded for it, expected --recorded {shape}=CSV",
+                code="nothing_to_mirror",
+                shape=shape,
+            )
         found |= {key: found[key].mirrored() for key in meant}
     return {str(key): one for key, one in found.items()}
 
@@ -55,7 +61,7 @@ def _shape_and_file(text: str) -> tuple[str, str]:
     words = text.split("=")
     parted = [("=".join(words[:n]), "=".join(words[n:])) for n in range(1, len(words))]
     if not parted or not all(parted[-1]):
-        raise RecordingError(f"--recorded {text!r}: expected SHAPE=CSV")
+        raise RecordingError("--recorded {given!r}: expected SHAPE=CSV", code="no_shape_and_file", given=text)
     return next((one for one in parted if _is_shape(one[0])), parted[0])
 
 
@@ -99,7 +105,13 @@ def _run_with(shape: str, path: Path, runs: Sequence[Run]) -> Run:
     name = shape_key(shape).shape
     holding = [run for run in runs if any(shape_name(e["indentor"]) == name for e in run.stream("mount"))]
     if len(holding) != 1:
-        raise RecordingError(f"{path}: spike times belong to one run with {shape}, {len(holding)} are given")
+        raise RecordingError(
+            "{path}: spike times belong to one run with {shape}, {runs} are given",
+            code="not_one_run",
+            path=str(path),
+            shape=shape,
+            runs=len(holding),
+        )
     return holding[0]
 
 
@@ -108,8 +120,14 @@ def _refuse_unused(files: Sequence[str], columns: ColumnMap) -> None:
     used = {role for file in files for roles in _roles(_file_and_unit(file)[0], columns) for role in roles}
     for role, column in columns.given.items():
         if role not in used:
-            expected = f"one of {', '.join(sorted(used))}" if used else "it beside --recorded"
-            raise RecordingError(f"--columns {role}={column.name}: no recording is read by it, expected {expected}")
+            expected = "one of {roles}" if used else "it beside --recorded"
+            raise RecordingError(
+                "--columns {role}={column}: no recording is read by it, expected " + expected,
+                code="unused_column",
+                role=role,
+                column=column.name,
+                roles=", ".join(sorted(used)),
+            )
 
 
 def sha256(path: Path) -> str:

@@ -13,7 +13,7 @@ from pathlib import Path
 from rig.compare.errors import RecordingError
 from rig.compare.recordings.column_map import Column, ColumnMap
 from rig.compare.recordings.recorded import Recording, recording, with_enough_positions
-from rig.compare.recordings.table_file import Row, header_of, read_table
+from rig.compare.recordings.table_file import Row, header_of, no_rows, read_table
 
 Roles = tuple[tuple[str, ...], tuple[str, ...]]
 
@@ -47,10 +47,16 @@ def _placed(rows: list[Row], columns: ColumnMap) -> Iterator[tuple[Row, float]]:
         position = row.number(name)
         place = (position, row.cells.get(repeat, ""))
         if place in seen:
-            first = seen[place].where.rpartition(", ")[2]
             raise RecordingError(
-                f"{row.where}, column {name}: {position:g} again (first in {first}), "
-                f"expected another value in a column {repeat}"
+                "{path}, row {row}, column {column}: {position:g} again (first in row {first_row}), "
+                "expected another value in a column {repeat}",
+                code="place_twice",
+                path=str(row.path),
+                row=row.row,
+                column=name,
+                position=position,
+                first_row=seen[place].row,
+                repeat=repeat,
             )
         seen[place] = row
         yield row, columns["position"].factor * position
@@ -76,7 +82,7 @@ def _counts(path: Path, rows: list[tuple[Row, float]], columns: ColumnMap) -> Re
 def _whole(row: Row, count: str) -> float:
     value = row.number(count, least=0.0)
     if value != round(value):
-        raise row.wrong(count, "a whole number")
+        raise row.wrong(count, "not_whole", "a whole number")
     return value
 
 
@@ -85,9 +91,10 @@ def _one_window(path: Path, rows: list[tuple[Row, float]], window: Column) -> fl
     found = [(row, window.factor * row.number(window.name)) for row, _ in rows]
     for row, seconds in found:
         if seconds <= 0:
-            raise row.wrong(window.name, "a number above 0")
+            raise row.wrong(window.name, "not_above_0", "a number above 0")
         if seconds != found[0][1]:
-            raise row.wrong(window.name, f"the window of every row, {found[0][0].cells[window.name]}")
+            first = found[0][0].cells[window.name]
+            raise row.wrong(window.name, "another_window", "the window of every row, {first}", first=first)
     if not found:
-        raise RecordingError(f"{path}: no rows below the header, expected counts")
+        raise no_rows(path, "counts")
     return found[0][1]

@@ -69,5 +69,11 @@ def recording(name: str, rows: list[tuple[float, float, float]], window_s: float
 def with_enough_positions(path: Path, found: Recording) -> Recording:
     """The recording of a file. Raises RecordingError below three positions, which say nothing of a profile."""
     if len(found.repeats) < _FEWEST_POSITIONS:
-        raise RecordingError(f"{path}: {len(found.repeats)} positions, expected {_FEWEST_POSITIONS} or more")
+        raise RecordingError(
+            "{path}: {positions} positions, expected {fewest} or more",
+            code="few_positions",
+            path=str(path),
+            positions=len(found.repeats),
+            fewest=_FEWEST_POSITIONS,
+        )
     return found

@@ -27,7 +27,12 @@ def shape_key(text: str) -> ShapeKey:
     shape, at, said = text.partition("@")
     condition = _CONDITION.fullmatch(said.strip())
     if at and condition is None:
-        raise RecordingError(f"{text!r}: {said!r}, expected a force or depth after @, like 8gwt or 0.5mm")
+        raise RecordingError(
+            "{given!r}: {condition!r}, expected a force or depth after @, like 8gwt or 0.5mm",
+            code="no_condition",
+            given=text,
+            condition=said,
+        )
     return ShapeKey(shape_name(shape), f"{float(condition[1]):g} {condition[2]}" if condition else "")
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.errors import RecordingError
-from rig.compare.recordings.table_file import read_table, told
+from rig.compare.recordings.table_file import no_rows, read_table, told
 from sim.contact.patch import Z
 from sim.models.results.indentation import IndentationResult
 
@@ -36,10 +36,12 @@ def read_skin_deflection(path: Path) -> SkinDeflection:
     """A measured deflection. Raises RecordingError with row and column."""
     rows = read_table(path, ("deflection_mm",), _COLUMNS)
     if not rows:
-        raise RecordingError(f"{path}: no rows below the header, expected {told(('deflection_mm',), _COLUMNS)}")
+        raise no_rows(path, told(("deflection_mm",), _COLUMNS))
     given = [name for name in _COLUMNS if name in rows[0].cells]
     if not given:
-        raise RecordingError(f"{path}, row 1: neither x_mm nor z_mm, expected one of them or both")
+        raise RecordingError(
+            "{path}, row 1: neither x_mm nor z_mm, expected one of them or both", code="no_place", path=str(path)
+        )
     usual = {"x_mm": _CENTRE_MM, "z_mm": np.nan}
     places = {
         name: np.array([row.number(name) if name in given else usual[name] for row in rows]) for name in _COLUMNS

@@ -33,7 +33,7 @@ def read_spike_times(path: Path, run: Run, unit: str = "", columns: ColumnMap | 
     columns = columns or ColumnMap()
     spikes, pulses = read_nwb(path, unit, columns) if path.suffix == NWB else _read_csv(path, columns)
     if not len(spikes):
-        raise RecordingError(f"{path}: no spikes, expected the times of some")
+        raise RecordingError("{path}: no spikes, expected the times of some", code="no_spikes", path=str(path))
     return _on_the_runs_clock(path, spikes, pulses, run) if len(pulses) else spikes
 
 
@@ -46,7 +46,7 @@ def _read_csv(path: Path, columns: ColumnMap) -> tuple[Array, Array]:
     for row in read_table(path, *columns.split(*SPIKES), others=bool(columns.given)):
         said = row.cells.get(kind) or "spike"
         if said not in times:
-            raise row.wrong(kind, "spike or sync")
+            raise row.wrong(kind, "unknown_kind", "spike or sync")
         times[said].append(time.factor * row.number(time.name))
     spikes, pulses = (np.sort(np.array(times[kind], dtype=float)) for kind in ("spike", "sync"))
     return spikes, pulses
@@ -55,15 +55,24 @@ def _read_csv(path: Path, columns: ColumnMap) -> tuple[Array, Array]:
 def _on_the_runs_clock(path: Path, spike_s: Array, pulse_s: Array, run: Run) -> Array:
     rise_s = np.sort(np.array([event["rise_s"] for event in run.stream("sync")], dtype=float))
     if len(rise_s) != len(pulse_s):
-        raise RecordingError(f"{path}: {len(pulse_s)} sync pulses, the journal of the run has {len(rise_s)}")
+        raise RecordingError(
+            "{path}: {pulses} sync pulses, the journal of the run has {journalled}",
+            code="number_of_pulses",
+            path=str(path),
+            pulses=len(pulse_s),
+            journalled=len(rise_s),
+        )
     if len(rise_s) == 1:
         return spike_s + (rise_s[0] - pulse_s[0])
     line = np.polynomial.Polynomial.fit(pulse_s, rise_s, deg=1)
     worst_s = float(np.abs(line(pulse_s) - rise_s).max())
     if worst_s > _PULSE_TOLERANCE_S:
         raise RecordingError(
-            f"{path}: the sync pulses miss the journal's by up to {1e3 * worst_s:.1f} ms, "
-            f"expected {1e3 * _PULSE_TOLERANCE_S:g} ms or less"
+            "{path}: the sync pulses miss the journal's by up to {worst_ms:.1f} ms, expected {most_ms:g} ms or less",
+            code="pulses_apart",
+            path=str(path),
+            worst_ms=1e3 * worst_s,
+            most_ms=1e3 * _PULSE_TOLERANCE_S,
         )
     return np.asarray(line(spike_s))
 
@@ -84,21 +93,37 @@ def rates_in_run(
     begin, end = window_s
     if not 0 <= begin < end:
         raise RecordingError(
-            f"--window-s {begin:g},{end:g}: expected 0 ≤ begin < end, in s from the start of the hold"
+            "--window-s {begin_s:g},{end_s:g}: expected 0 ≤ begin < end, in s from the start of the hold",
+            code="no_window",
+            begin_s=begin,
+            end_s=end,
         )
     if not np.isfinite(centre_mm):
-        raise RecordingError(f"--field-centre-mm {centre_mm:g}: expected a number")
+        raise RecordingError(
+            "--field-centre-mm {centre_mm:g}: expected a number", code="no_centre", centre_mm=centre_mm
+        )
     rows = []
     for x_mm, start_s, stop_s in _last_holds(run, shape, name):
         if start_s + end > stop_s + _CLOCK_TICK_S:
             raise RecordingError(
-                f"--window-s {begin:g},{end:g}: the hold at x = {x_mm:g} mm lasts {stop_s - start_s:.3f} s, "
-                "expected a window within the holds"
+                "--window-s {begin_s:g},{end_s:g}: the hold at x = {x_mm:g} mm lasts {hold_s:.3f} s, "
+                "expected a window within the holds",
+                code="window_beyond_hold",
+                begin_s=begin,
+                end_s=end,
+                x_mm=x_mm,
+                hold_s=stop_s - start_s,
             )
         first, last = np.searchsorted(spike_s, (start_s + begin, start_s + end))
         rows.append((round(x_mm - centre_mm, _SAME_PLACE_DECIMALS), (last - first) / (end - begin), np.nan))
     if not rows:
-        raise RecordingError(f"{name}: run {run.folder.path.name} has no finished indentation by {shape}")
+        raise RecordingError(
+            "{file}: run {run} has no finished indentation by {shape}",
+            code="never_pressed",
+            file=name,
+            run=run.folder.path.name,
+            shape=shape,
+        )
     return recording(name, rows, end - begin)
 
 
@@ -121,7 +146,11 @@ def _last_holds(run: Run, shape: str, name: str) -> list[tuple[float, float, flo
     told = sorted({condition for condition, *_ in found})
     if not meant.condition and len(told) > 1:
         raise RecordingError(
-            f"{name}: {shape} was pressed to {' and '.join(told)}, expected one of them: "
-            f"--recorded '{shape}@{told[0]}={name}'"
+            "{file}: {shape} was pressed to {conditions}, expected one of them: --recorded '{shape}@{first}={file}'",
+            code="several_conditions",
+            file=name,
+            shape=shape,
+            conditions=" and ".join(told),
+            first=told[0],
         )
     return [(x, start, stop) for condition, x, start, stop in found if meant.condition in ("", condition)]

@@ -12,8 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
-from rig.compare.errors import RecordingError
-from rig.compare.recordings.table_file import read_table
+from rig.compare.recordings.table_file import no_rows, read_table
 from rig.data import Run
 from rig.plan.responses import responses
 from rig.plan.shape_files import from_copy
@@ -54,7 +53,7 @@ def read_deflections(path: Path) -> list[Deflection]:
         doi = row.number("doi_mm", least=0.0) if row.cells.get("doi_mm") else math.nan
         rows.append((doi, row.number("z_mm"), row.number("deflection_mm")))
     if not rows:
-        raise RecordingError(f"{path}: no rows below the header, expected z_mm,deflection_mm[,doi_mm]")
+        raise no_rows(path, "z_mm,deflection_mm[,doi_mm]")
     table = np.array(sorted(rows))
     depths, which = np.unique(table[:, 0], return_inverse=True)  # NaNs count as one
     return [Deflection(float(depth), *table[which == k, 1:].T) for k, depth in enumerate(depths)]

@@ -123,55 +123,43 @@ def test_without_a_recording(command: Command, bar_run: Run) -> None:
     report.with_name("comparison.html.made.json").unlink()
 
 
+RECORDED = ("--recorded", "bar:3.0=good.csv")
+
+
 @pytest.mark.parametrize(
-    ("options", "complaint"),
+    ("options", "refusal"),
     [
-        (("--recorded", "bar:3.0"), "--recorded 'bar:3.0': expected SHAPE=CSV"),
-        (("--recorded", "bar:3.0=none.csv"), "none.csv: No such file or directory"),
-        (("--recorded", "tube=a.csv"), "shape 'tube': no such indentor"),
-        (("--recorded", "bar:3.0=good.csv", "--recorded", "bar:3=good.csv"), "bar:3 is given twice"),
-        (
-            ("--recorded", "step:1=good.csv"),
-            "--recorded step:1: no such shape in the runs, expected one of ['bar:3']",
-        ),
-        (("--recorded", "bar:3.0=bad.csv"), "bad.csv, row 3, column rate: 'x', expected a number of 0 or more"),
-        (("--mirror", "bar:3.0"), "--mirror bar:3.0: nothing recorded for it"),
-        (
-            ("--deflection", "depths.csv"),
-            "--deflection depths.csv: expected a run with a line load across the finger",
-        ),
-        (("--pdf", "no/such.pdf"), "--pdf no/such.pdf: expected a file in a folder that exists"),
-        (("--pdf", "."), "--pdf .: expected a file in a folder that exists and may be written to"),
-        (("--window-s", "1"), "--window-s '1': expected two numbers, begin,end"),
-        (("--offset-mm", "0,1"), "--offset-mm 0,1: expected --place beside it"),
-        (("--depth-range-mm", "0.5,1"), "--depth-range-mm 0.5,1: expected --place beside it"),
-        (("--place",), "--place: nothing recorded, expected --recorded beside it"),
-        (
-            ("--place", "--offset-mm", "1", "--recorded", "bar:3.0=good.csv"),
-            "--offset-mm '1': expected two numbers, LOW,HIGH",
-        ),
-        (
-            ("--place", "--depth-range-mm", "0.3,1", "--recorded", "bar:3.0=good.csv"),
-            "--depth-range-mm 0.3,1: the epidermis ends at 0.4 mm",
-        ),
-        (
-            ("--place", "--receptor-x-mm", "0", "--recorded", "bar:3.0=good.csv"),
-            "--place: expected receptors at two or more x, between which it",
-        ),
-        (("--columns", "speed=v"), "--columns 'speed=v': expected ROLE=COLUMN[:UNIT], ROLE one of position, rate"),
-        (("--receptor-x-mm", "0,left"), "--receptor-x-mm '0,left': expected numbers separated by commas"),
+        (("--recorded", "bar:3.0"), "no_shape_and_file"),
+        (("--recorded", "bar:3.0=none.csv"), "unreadable"),
+        (("--recorded", "tube=a.csv"), "no_such"),
+        ((*RECORDED, "--recorded", "bar:3=good.csv"), "recorded_twice"),
+        (("--recorded", "step:1=good.csv"), "never_pressed"),
+        (("--recorded", "bar:3.0=bad.csv"), "no_number"),
+        (("--mirror", "bar:3.0"), "nothing_to_mirror"),
+        (("--deflection", "depths.csv"), "nothing_across"),
+        (("--pdf", "no/such.pdf"), "not_writable"),
+        (("--pdf", "."), "not_writable"),
+        (("--window-s", "1"), "wrong_count"),
+        (("--offset-mm", "0,1"), "needs_option"),
+        (("--depth-range-mm", "0.5,1"), "needs_option"),
+        (("--place",), "needs_option"),
+        (("--place", "--offset-mm", "1", *RECORDED), "wrong_count"),
+        (("--place", "--depth-range-mm", "0.3,1", *RECORDED), "across_epidermis"),
+        (("--place", "--receptor-x-mm", "0", *RECORDED), "one_receptor_x"),
+        (("--columns", "speed=v"), "no_role"),
+        (("--receptor-x-mm", "0,left"), "not_numbers"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(
-    command: Command, bar_run: Run, options: tuple[str, ...], complaint: str
+    command: Command, bar_run: Run, options: tuple[str, ...], refusal: str
 ) -> None:
     Path("good.csv").write_text("position_mm,rate\n0,1\n0.1,2\n0.2,3\n", encoding="utf-8")
     Path("depths.csv").write_text("z_mm,deflection_mm\n7,0.5\n", encoding="utf-8")
     Path("bad.csv").write_text("position_mm,rate\n0,1\n0.1,x\n", encoding="utf-8")
-    code, out, err = command("compare", bar_run.folder.path, *options, "--out", "a.html")
-    assert (code, out) == (2, "")
-    assert err.replace(f"{THE_FINGER}\n", "").count("\n") == 1  # what it begins with aside
-    assert complaint in err
+    code, out, err = command("compare", bar_run.folder.path, *options, "--out", "a.html", "--json")
+    told = json.loads(out)
+    assert (code, told["code"], told["exit_code"]) == (2, refusal, 2)
+    assert err.replace(f"{THE_FINGER}\n", "") == f"rig: {told['error']}\n"  # what it begins with aside
     assert not Path("a.html").exists()
 
 
@@ -235,9 +223,10 @@ def test_columns_units_and_what_is_left_out(command: Command, bar_run: Run) -> N
 
 
 def test_a_folder_without_a_run(command: Command, tmp_path: Path) -> None:
-    code, _, err = command("compare", tmp_path)
-    assert code == 2
-    assert err == f"rig: run {tmp_path}: events.jsonl: No such file or directory\n"
+    code, out, err = command("compare", tmp_path, "--json")
+    told = json.loads(out)
+    assert (code, told["code"]) == (2, "no_journal")
+    assert err == f"rig: {told['error']}\n"
 
 
 def test_export_writes_the_tables_again(command: Command, bar_run: Run) -> None:

@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from rig.protocol.script import load_script
 from rig.report.comparison.deflection import Deflection, deflection_section, partner, read_deflections, simulated
 from rig.session.session import NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
+from tests.raising import raises
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +48,9 @@ def test_measured_deflections_by_depth(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found[1].deflection_mm, [0.3, 0.9])
 
 
+COLUMNS = "z_mm,deflection_mm[,doi_mm]"
+
+
 def test_semicolons_and_decimal_commas(tmp_path: Path) -> None:
     path = tmp_path / "mine.csv"
     path.write_text("z_mm;deflection_mm;doi_mm\n7;0,25;1\n", encoding="utf-8")
@@ -54,20 +59,25 @@ def test_semicolons_and_decimal_commas(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("text", "code", "fields"),
     [
-        ("z_mm,deflection\n1,2\n", "row 1: no column deflection_mm, expected z_mm,deflection_mm[,doi_mm]"),
-        ("z_mm,deflection_mm\n1,x\n", "row 2, column deflection_mm: 'x', expected a number"),
-        ("z_mm,deflection_mm,doi_mm\n1,2,-1\n", "row 2, column doi_mm: '-1', expected a number of 0 or more"),
-        ("z_mm,deflection_mm\n", "no rows below the header"),
+        ("z_mm,deflection\n1,2\n", "no_column", {"column": "deflection_mm", "columns": COLUMNS}),
+        ("z_mm,deflection_mm\n1,x\n", "no_number", {"row": 2, "column": "deflection_mm", "cell": "x"}),
+        (
+            "z_mm,deflection_mm,doi_mm\n1,2,-1\n",
+            "no_number",
+            {"row": 2, "column": "doi_mm", "cell": "-1", "least": 0.0},
+        ),
+        ("z_mm,deflection_mm\n", "no_rows", {"expected": COLUMNS}),
     ],
 )
-def test_bad_files_are_refused_by_row_and_column(tmp_path: Path, text: str, complaint: str) -> None:
+def test_bad_files_are_refused_by_row_and_column(
+    tmp_path: Path, text: str, code: str, fields: dict[str, Any]
+) -> None:
     path = tmp_path / "mine.csv"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(RecordingError) as caught:
+    with raises(RecordingError, code, path=str(path), **fields):
         read_deflections(path)
-    assert complaint in str(caught.value)
 
 
 def test_the_table_says_how_far_the_points_lie_off() -> None:

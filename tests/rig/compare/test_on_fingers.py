@@ -26,6 +26,7 @@ from sim.contact.indentor import ALONG
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
 from sim.models.moduli.interpolated import make_node
+from tests.raising import raises
 
 Array = NDArray[np.float64]
 
@@ -91,7 +92,8 @@ def test_a_finger_that_cannot_be_pressed_like_that_is_named(run: Run, coarse: Fi
     plausible = PlausibleFingers(
         "--fingers x.toml", {"tissue.epidermis_mm": (0.4, 0.4), "receptor_depth_mm": (0.7, 3)}
     )
-    with pytest.raises(FingersError, match=r"--fingers x\.toml: on the finger with .*receptor_depth_mm = 3: "):
+    finger = "tissue.epidermis_mm = 0.4, receptor_depth_mm = 3"
+    with raises(FingersError, "not_pressed", where="--fingers x.toml", finger=finger):
         on_plausible_fingers(run, stimuli(run, coarse), coarse, plausible)
 
 

@@ -17,6 +17,7 @@ from rig.compare.parameter_study.errors import StudyError, WorkersError
 from rig.compare.parameter_study.workers import spread
 from sim.config.fingertip_config import FingertipConfig
 from sim.models.fingertip import Fingertip
+from tests.raising import raises
 
 PRESSES = """\
 [[press]]
@@ -54,23 +55,32 @@ def test_every_combination_is_a_case(coarse: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "complaint"),
+    ("old", "new", "code", "fields"),
     [
-        ("epidermis_mm", "epidermis", "tissue.epidermis: Extra inputs are not permitted"),
-        ("[0.3, 0.5]", "[0.3, 9]", "tissue.epidermis_mm: Input should be less than 1"),
-        ('"bar:3.0"', '"tube"', "press.1: shape 'tube': no such indentor"),
-        ("force_gwt = [1.0]", "", "press.0: expected either doi_mm or force_gwt"),
-        ("[[press]]", "[[pres]]", "Field required"),
-        ("force_gwt = [1.0]", "force_gwt = [inf]", "press.0.force_gwt.0: Input should be a finite number"),
-        ("force_gwt = [1.0]", "doi_mm = nan", "press.0.doi_mm.0: Input should be a finite number"),
-        ("[finger.mesh]", "[finger.mesh", "coarse.toml: Expected ']'"),
+        ("epidermis_mm", "epidermis", "invalid_value", {"key": "tissue.epidermis", "rule": "extra_forbidden"}),
+        ("[0.3, 0.5]", "[0.3, 9]", "invalid_value", {"key": "tissue.epidermis_mm", "rule": "less_than"}),
+        ('"bar:3.0"', '"tube"', "invalid_value", {"key": "press.1", "rule": "value_error"}),
+        ("force_gwt = [1.0]", "", "invalid_value", {"key": "press.0", "rule": "value_error"}),
+        ("[[press]]", "[[pres]]", "invalid_value", {"rule": "missing"}),
+        (
+            "force_gwt = [1.0]",
+            "force_gwt = [inf]",
+            "invalid_value",
+            {"key": "press.0.force_gwt.0", "rule": "finite_number"},
+        ),
+        (
+            "force_gwt = [1.0]",
+            "doi_mm = nan",
+            "invalid_value",
+            {"key": "press.0.doi_mm.0", "rule": "finite_number"},
+        ),
+        ("[finger.mesh]", "[finger.mesh", "no_toml", {}),
     ],
 )
-def test_a_file_that_is_not_understood(coarse: Path, old: str, new: str, complaint: str) -> None:
+def test_a_file_that_is_not_understood(coarse: Path, old: str, new: str, code: str, fields: dict[str, str]) -> None:
     coarse.write_text(coarse.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
-    with pytest.raises(StudyError) as caught:
+    with raises(StudyError, code, where=f"study {coarse}", **fields) as caught:
         read_study(coarse)
-    assert complaint in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
@@ -131,16 +141,16 @@ def test_processes_give_what_one_gives(command: Command, coarse: Path) -> None:
 
 
 def test_bad_input_is_one_line(command: Command, coarse: Path, tmp_path: Path) -> None:
-    code, _, err = command("study", tmp_path / "none.toml")
-    assert (code, err) == (2, f"rig: study {tmp_path}/none.toml: No such file or directory\n")
-    code, _, err = command("study", coarse, "--out", tmp_path / "no" / "t.csv")
-    assert (code, err.count("\n")) == (2, 1)
-    assert "expected a file in a folder that exists" in err
-    code, _, err = command("study", coarse, "--out", tmp_path)
-    assert (code, err) == (
-        2,
-        f"rig: --out {tmp_path}: expected a file in a folder that exists and may be written to\n",
-    )
+    for words, refusal in (
+        ((tmp_path / "none.toml",), "unreadable"),
+        ((coarse, "--out", tmp_path / "no" / "t.csv"), "not_writable"),
+        ((coarse, "--out", tmp_path), "not_writable"),
+    ):
+        code, out, err = command("study", *words, "--json")
+        told = json.loads(out)
+        assert (code, told["code"]) == (2, refusal)
+        assert err == f"rig: {told['error']}\n"
+        assert str(words[-1]) in err
 
 
 def test_a_folder_without_permission_is_seen_before_the_work(command: Command, coarse: Path, tmp_path: Path) -> None:
@@ -148,9 +158,8 @@ def test_a_folder_without_permission_is_seen_before_the_work(command: Command, c
     locked.mkdir(0o555)
     if os.access(locked, os.W_OK):
         pytest.skip("whoever runs this may write anywhere, as root may")
-    code, _, err = command("study", coarse, "--out", locked / "t.csv")
-    assert code == 2
-    assert "expected a file in a folder that exists and may be written to" in err
+    code, out, _ = command("study", coarse, "--out", locked / "t.csv", "--json")
+    assert (code, json.loads(out)["code"]) == (2, "not_writable")
 
 
 def _killed(number: int) -> int:
@@ -160,7 +169,7 @@ def _killed(number: int) -> int:
 
 
 def test_a_killed_process_is_told_of() -> None:
-    with pytest.raises(WorkersError, match="a worker process was killed"):
+    with raises(WorkersError, "process_killed"):
         list(spread(_killed, [0, 1], processes=1))
 
 

@@ -1,11 +1,14 @@
 """Ranges in which a receptor is sought, nodes, and the splines between them."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from rig.compare.errors import ComparisonError
 from rig.compare.place.place_grid import PlaceRange, nodes, place_range, spline_weights
 from sim.config.fingertip_config import FingertipConfig, Tissue
+from tests.raising import raises
 
 
 def test_nodes_go_from_end_to_end_in_equal_steps_that_are_small_enough() -> None:
@@ -36,32 +39,32 @@ def test_a_range_may_end_where_the_epidermis_ends() -> None:
         assert place_range((-1.0, 1.0), depth, None, FingertipConfig()).depth_mm == depth
 
 
+def descending(option: str, low_mm: float, high_mm: float) -> dict[str, Any]:
+    ends = (pytest.approx(end, nan_ok=True) for end in (low_mm, high_mm))
+    return {"option": option, **dict(zip(("low_mm", "high_mm"), ends, strict=True))}
+
+
 @pytest.mark.parametrize(
-    ("x_mm", "depth_mm", "offset_mm", "complaint"),
+    ("x_mm", "depth_mm", "offset_mm", "code", "fields"),
     [
-        (
-            (-1.0, 1.0),
-            (0.3, 0.9),
-            None,
-            "--depth-range-mm 0.3,0.9: the epidermis ends at 0.4 mm, where strains jump; exp",
-        ),
-        ((-1.0, 1.0), (0.9, 0.5), None, "--depth-range-mm 0.9,0.5: expected two numbers, the lower one first"),
-        ((-1.0, 1.0), (0.5, 0.5), None, "--depth-range-mm 0.5,0.5: expected two numbers, the lower one first"),
-        ((-1.0, 1.0), (0.5, np.inf), None, "--depth-range-mm 0.5,inf: expected two numbers"),
-        ((-1.0, 1.0), None, (0.2, -0.2), "--offset-mm 0.2,-0.2: expected two numbers, the lower one first"),
-        ((-1.0, 1.0), None, (np.nan, 0.2), "--offset-mm nan,0.2: expected two numbers"),
-        ((1.0, 1.0), None, None, "--place: expected receptors at two or more x, between which it is sought"),
+        ((-1.0, 1.0), (0.3, 0.9), None, "across_epidermis", {"low_mm": 0.3, "high_mm": 0.9, "epidermis_mm": 0.4}),
+        ((-1.0, 1.0), (0.9, 0.5), None, "not_ascending", descending("--depth-range-mm", 0.9, 0.5)),
+        ((-1.0, 1.0), (0.5, 0.5), None, "not_ascending", descending("--depth-range-mm", 0.5, 0.5)),
+        ((-1.0, 1.0), (0.5, np.inf), None, "not_ascending", descending("--depth-range-mm", 0.5, np.inf)),
+        ((-1.0, 1.0), None, (0.2, -0.2), "not_ascending", descending("--offset-mm", 0.2, -0.2)),
+        ((-1.0, 1.0), None, (np.nan, 0.2), "not_ascending", descending("--offset-mm", np.nan, 0.2)),
+        ((1.0, 1.0), None, None, "one_receptor_x", {}),
     ],
 )
 def test_ranges_that_are_none(
     x_mm: tuple[float, float],
     depth_mm: tuple[float, float] | None,
     offset_mm: tuple[float, float] | None,
-    complaint: str,
+    code: str,
+    fields: dict[str, Any],
 ) -> None:
-    with pytest.raises(ComparisonError) as caught:
+    with raises(ComparisonError, code, **fields):
         place_range(x_mm, depth_mm, offset_mm, FingertipConfig())
-    assert str(caught.value).startswith(complaint)
 
 
 def test_splines_are_exact_for_cubics_and_at_nodes() -> None:

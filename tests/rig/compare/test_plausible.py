@@ -1,6 +1,7 @@
 """Files of plausible fingers, and the design that comes of them."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from rig.compare.errors import FingersError
 from rig.compare.plausible import PlausibleFingers, design_places, read_plausible
 from sim.config.fingertip_config import FingertipConfig, Tissue
+from tests.raising import raises
 
 FILE = """\
 receptor_depth_mm = [0.7, 0.9]
@@ -66,40 +68,54 @@ def test_a_range_of_one_point_is_one_finger(file: Path) -> None:
     assert one.config == FingertipConfig()
 
 
+def invalid(key: str, rule: str) -> dict[str, Any]:
+    return {"key": key, "rule": rule}
+
+
 @pytest.mark.parametrize(
-    ("old", "new", "complaint"),
+    ("old", "new", "code", "fields"),
     [
-        ("[0.3, 0.5]", "[0.5, 0.3]", "finger.tissue.epidermis_mm: [0.5, 0.3], expected the lowest value first"),
-        ("[0.3, 0.5]", "[nan, 0.5]", "finger.tissue.epidermis_mm.0: Input should be a finite number"),
-        ("[0.3, 0.5]", "[0.3, inf]", "finger.tissue.epidermis_mm.1: Input should be a finite number"),
-        ("[0.3, 0.5]", "[0.3]", "finger.tissue.epidermis_mm.1: Field required"),
-        ("[0.3, 0.5]", "0.3", "finger.tissue.epidermis_mm: Input should be a valid tuple"),
-        ("[0.3, 0.5]", '["thin", 0.5]', "finger.tissue.epidermis_mm.0: Input should be a valid number"),
-        ("[0.3, 0.5]", "[0.3, 9.0]", "tissue.epidermis_mm: Input should be less than 1"),
-        ("[0.3, 0.5]", "[0.41, 0.5]", "epidermis_mm: [0.41, 0.5], expected a range that holds the run's own 0.4"),
-        ("[0.7, 0.9]", "[0.8, 0.9]", "depth_mm: [0.8, 0.9], expected a range that holds the run's own 0.76"),
-        ("epidermis_mm", "epidermis", "finger.tissue.epidermis: expected a number of a configuration's finger"),
-        ("epidermis_mm = [0.3, 0.5]", "bone = [1, 2]", "finger.tissue.bone: expected a number"),
-        ("finger.tissue", "finger.mesh", "finger.mesh: Extra inputs are not permitted"),
-        ("receptor_depth_mm", "receptor_depth", "receptor_depth: Extra inputs are not permitted"),
-        ("[finger.tissue]", "[finger.tissue", "fingers.toml: Expected ']'"),
-        (FILE, "", "expected a range in finger.tissue, finger.geometry or receptor_depth_mm"),
+        ("[0.3, 0.5]", "[0.5, 0.3]", "invalid_value", invalid("finger.tissue.epidermis_mm", "value_error")),
+        ("[0.3, 0.5]", "[nan, 0.5]", "invalid_value", invalid("finger.tissue.epidermis_mm.0", "finite_number")),
+        ("[0.3, 0.5]", "[0.3, inf]", "invalid_value", invalid("finger.tissue.epidermis_mm.1", "finite_number")),
+        ("[0.3, 0.5]", "[0.3]", "invalid_value", invalid("finger.tissue.epidermis_mm.1", "missing")),
+        ("[0.3, 0.5]", "0.3", "invalid_value", invalid("finger.tissue.epidermis_mm", "tuple_type")),
+        ("[0.3, 0.5]", '["thin", 0.5]', "invalid_value", invalid("finger.tissue.epidermis_mm.0", "float_parsing")),
+        ("[0.3, 0.5]", "[0.3, 9.0]", "invalid_value", invalid("tissue.epidermis_mm", "less_than")),
+        (
+            "[0.3, 0.5]",
+            "[0.41, 0.5]",
+            "without_the_own",
+            {"key": "tissue.epidermis_mm", "low": 0.41, "high": 0.5, "own": 0.4},
+        ),
+        (
+            "[0.7, 0.9]",
+            "[0.8, 0.9]",
+            "without_the_own",
+            {"key": "receptor_depth_mm", "low": 0.8, "high": 0.9, "own": 0.76},
+        ),
+        ("epidermis_mm", "epidermis", "no_number", {"key": "tissue.epidermis", "table": "tissue"}),
+        ("epidermis_mm = [0.3, 0.5]", "bone = [1, 2]", "no_number", {"key": "tissue.bone", "table": "tissue"}),
+        ("finger.tissue", "finger.mesh", "invalid_value", invalid("finger.mesh", "extra_forbidden")),
+        ("receptor_depth_mm", "receptor_depth", "invalid_value", invalid("receptor_depth", "extra_forbidden")),
+        ("[finger.tissue]", "[finger.tissue", "no_toml", {}),
+        (FILE, "", "no_range", {}),
         (
             "dermis_mm = [0.8, 0.8]",
             "dermis_mm = [0.7, 0.9]\nbone_fraction = [0.3, 0.4]",
-            "4 ranges, expected 3 or fewer",
+            "many_ranges",
+            {"ranges": 4, "most": 3},
         ),
     ],
-)  # fmt: skip
-def test_a_file_that_cannot_be_used(file: Path, old: str, new: str, complaint: str) -> None:
+)
+def test_a_file_that_cannot_be_used(file: Path, old: str, new: str, code: str, fields: dict[str, Any]) -> None:
     file.write_text(FILE.replace(old, new, 1), encoding="utf-8")
-    with pytest.raises(FingersError) as caught:
+    with raises(FingersError, code, where=f"--fingers {file}", **fields) as caught:
         read_plausible(file).design(FingertipConfig(), 0.76)
-    assert str(caught.value).startswith(f"--fingers {file}: ")
-    assert complaint in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(FingersError, match=r"--fingers .*none\.toml: No such file or directory"):
+    where = f"--fingers {tmp_path / 'none.toml'}"
+    with raises(FingersError, "unreadable", where=where, problem="No such file or directory"):
         read_plausible(tmp_path / "none.toml")

@@ -1,6 +1,7 @@
 """A user's CSV: read as it is, refused by row and column."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from rig.compare.errors import RecordingError
 from rig.compare.recordings.column_map import column_map
 from rig.compare.recordings.position_table import read_srp
 from rig.compare.recordings.recorded import recording
+from tests.raising import raises
 
 
 def written(folder: Path, text: str, encoding: str = "utf-8") -> Path:
@@ -55,43 +57,61 @@ def test_mirrored_and_normalised(tmp_path: Path) -> None:
 
 
 GOOD = "position_mm,rate\n0,1\n1,2\n2,3\n"
+COUNTED = "position_mm,count,window_s\n0,3,0.5\n"
+RATES, COUNTS = "position_mm,rate[,sd][,repeat]", "position_mm,count,window_s[,repeat]"
+
+
+def no_number(row: int, column: str, cell: str, **least: float) -> dict[str, Any]:
+    return {"row": row, "column": column, "cell": cell, "decimal_comma": False, **least}
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("text", "code", "fields"),
     [
-        ("", "row 1: no column position_mm, expected position_mm,rate[,sd][,repeat]"),
-        ("position,rate\n0,1\n", "row 1: no column position_mm, expected"),
-        ("position_mm,rate,colour\n0,1,red\n", "row 1: column 'colour', expected position_mm,rate[,sd][,repeat]"),
-        ("position_mm,rate,rate\n0,1,2\n", "row 1: column 'rate', expected"),
-        (GOOD + "3\n", "row 5: 1 cells, expected 2"),
-        (GOOD + "3,fast\n", "row 5, column rate: 'fast', expected a number of 0 or more"),
-        (GOOD + "3,-1\n", "row 5, column rate: '-1', expected a number of 0 or more"),
-        (GOOD + "3,nan\n", "row 5, column rate: 'nan', expected"),
-        (GOOD + "inf,3\n", "row 5, column position_mm: 'inf', expected a number"),
-        (GOOD + ",3\n", "row 5, column position_mm: '', expected a number"),
-        ("position_mm,rate,sd\n0,1,-2\n", "row 2, column sd: '-2', expected a number of 0 or more"),
+        ("", "no_column", {"column": "position_mm", "columns": RATES}),
+        ("position,rate\n0,1\n", "no_column", {"column": "position_mm", "columns": RATES}),
+        ("position_mm,rate,colour\n0,1,red\n", "extra_column", {"column": "colour", "columns": RATES}),
+        ("position_mm,rate,rate\n0,1,2\n", "extra_column", {"column": "rate", "columns": RATES}),
+        (GOOD + "3\n", "cells_of_row", {"row": 5, "cells": 1, "columns": 2}),
+        (GOOD + "3,fast\n", "no_number", no_number(5, "rate", "fast", least=0.0)),
+        (GOOD + "3,-1\n", "no_number", no_number(5, "rate", "-1", least=0.0)),
+        (GOOD + "3,nan\n", "no_number", no_number(5, "rate", "nan", least=0.0)),
+        (GOOD + "inf,3\n", "no_number", no_number(5, "position_mm", "inf")),
+        (GOOD + ",3\n", "no_number", no_number(5, "position_mm", "")),
+        ("position_mm,rate,sd\n0,1,-2\n", "no_number", no_number(2, "sd", "-2", least=0.0)),
         (
             GOOD + "1,9\n",
-            "row 5, column position_mm: 1 again (first in row 3), expected another value in a column repeat",
+            "place_twice",
+            {"row": 5, "column": "position_mm", "position": 1.0, "first_row": 3, "repeat": "repeat"},
         ),
-        ("position_mm,rate,repeat\n1,9,a\n1,8,a\n", "row 3, column position_mm: 1 again (first in row 2)"),
-        ("position_mm,rate\n0,1\n1,2\n", "2 positions, expected 3 or more"),
+        ("position_mm,rate,repeat\n1,9,a\n1,8,a\n", "place_twice", {"row": 3, "position": 1.0, "first_row": 2}),
+        ("position_mm,rate\n0,1\n1,2\n", "few_positions", {"positions": 2, "fewest": 3}),
+        ("position_mm,count\n0,1\n", "no_column", {"column": "window_s", "columns": COUNTS}),
+        ("position_mm,count,rate,window_s\n0,1,1,1\n", "extra_column", {"column": "rate", "columns": COUNTS}),
+        (COUNTED + "1,2.5,0.5\n", "not_whole", {"row": 3, "column": "count", "cell": "2.5"}),
+        (COUNTED + "1,-1,0.5\n", "no_number", no_number(3, "count", "-1", least=0.0)),
+        (
+            COUNTED + "1,2,0.25\n",
+            "another_window",
+            {"row": 3, "column": "window_s", "cell": "0.25", "first": "0.5"},
+        ),
+        (COUNTED + "1,2,0\n", "not_above_0", {"row": 3, "column": "window_s", "cell": "0"}),
+        (COUNTED + "1,2,\n", "no_number", no_number(3, "window_s", "")),
+        (COUNTED + "0,2,0.5\n", "place_twice", {"row": 3, "position": 0.0, "first_row": 2, "repeat": "repeat"}),
     ],
 )
-def test_what_is_wrong_and_where(tmp_path: Path, text: str, complaint: str) -> None:
+def test_what_is_wrong_and_where(tmp_path: Path, text: str, code: str, fields: dict[str, Any]) -> None:
     path = written(tmp_path, text)
-    with pytest.raises(RecordingError) as caught:
+    with raises(RecordingError, code, path=str(path), **fields) as caught:
         read_srp(path)
-    assert str(caught.value).startswith(str(path))
-    assert complaint in str(caught.value)
+    assert ("least" in caught.value.fields) is ("least" in fields)
 
 
 def test_files_that_are_not_there_or_not_text(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="No such file"):
+    with raises(RecordingError, "unreadable", path=str(tmp_path / "none.csv"), reason="No such file or directory"):
         read_srp(tmp_path / "none.csv")
     (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(RecordingError, match="not a CSV file in UTF-8"):
+    with raises(RecordingError, "no_csv", path=str(tmp_path / "bytes.csv")):
         read_srp(tmp_path / "bytes.csv")
 
 
@@ -110,31 +130,6 @@ def test_counts_in_a_window(tmp_path: Path) -> None:
     assert read_srp(written(tmp_path, GOOD)).window_s is None
 
 
-COUNTED = "position_mm,count,window_s\n0,3,0.5\n"
-
-
-@pytest.mark.parametrize(
-    ("text", "complaint"),
-    [
-        ("position_mm,count\n0,1\n", "row 1: no column window_s, expected position_mm,count,window_s[,repeat]"),
-        ("position_mm,count,rate,window_s\n0,1,1,1\n", "row 1: column 'rate', expected position_mm,count"),
-        (COUNTED + "1,2.5,0.5\n", "row 3, column count: '2.5', expected a whole number"),
-        (COUNTED + "1,-1,0.5\n", "row 3, column count: '-1', expected a number of 0 or more"),
-        (COUNTED + "1,2,0.25\n", "row 3, column window_s: '0.25', expected the window of every row, 0.5"),
-        (COUNTED + "1,2,0\n", "row 3, column window_s: '0', expected a number above 0"),
-        (COUNTED + "1,2,\n", "row 3, column window_s: '', expected a number"),
-        (
-            COUNTED + "0,2,0.5\n",
-            "row 3, column position_mm: 0 again (first in row 2), expected another value in a column",
-        ),
-    ],
-)
-def test_counts_that_are_none(tmp_path: Path, text: str, complaint: str) -> None:
-    with pytest.raises(RecordingError) as caught:
-        read_srp(written(tmp_path, text))
-    assert complaint in str(caught.value)
-
-
 def test_semicolons_tabs_and_commas_in_cells(tmp_path: Path) -> None:
     for text in (
         "position_mm;rate\n-0,5;1,25\n0;2\n1;3e1\n",
@@ -147,9 +142,7 @@ def test_semicolons_tabs_and_commas_in_cells(tmp_path: Path) -> None:
 
 
 def test_commas_and_points_in_one_table_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(
-        RecordingError, match=r"row 3, column rate: '2\.5', expected a number of 0 or more with a decimal"
-    ):
+    with raises(RecordingError, "no_number", row=3, column="rate", cell="2.5", least=0.0, decimal_comma=True):
         read_srp(written(tmp_path, "position_mm;rate\n-0,5;1\n0;2.5\n1;3\n"))
 
 
@@ -161,7 +154,7 @@ def test_columns_by_other_names_and_units(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.rate, [0, 20, 10])
     np.testing.assert_allclose(found.sd, [1, np.nan, 2])
     assert found.changes == ("position from um", "rate from 1/ms", "sd from 1/ms")
-    with pytest.raises(RecordingError, match=r"row 1: no column n, expected x,FR,s,n$"):
+    with raises(RecordingError, "no_column", column="n", columns="x,FR,s,n"):
         read_srp(written(tmp_path, "who,s,x,FR\na,0.002,500,0.01\n"), columns)
-    with pytest.raises(RecordingError, match=r"row 3, column x: 500 again \(first in row 2\), .* in a column n$"):
+    with raises(RecordingError, "place_twice", row=3, column="x", position=500.0, first_row=2, repeat="n"):
         read_srp(written(tmp_path, "n,s,x,FR\n1,1,500,0.01\n1,1,500,0.02\n"), columns)

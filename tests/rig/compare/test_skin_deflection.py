@@ -4,6 +4,7 @@ import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from rig.compare.recordings.skin_deflection import (
 )
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
+from tests.raising import raises
 
 
 def written(folder: Path, text: str) -> Path:
@@ -46,19 +48,19 @@ def test_what_is_not_given_is_the_receptor_plane_or_the_centre_line(tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    ("text", "expected"),
+    ("text", "code", "fields"),
     [
-        ("x_mm\n1\n", "row 1: no column deflection_mm, expected deflection_mm[,x_mm][,z_mm]"),
-        ("deflection_mm\n1\n", "row 1: neither x_mm nor z_mm, expected one of them or both"),
-        ("x_mm,deflection_mm\n", "no rows below the header, expected deflection_mm[,x_mm][,z_mm]"),
-        ("x_mm,deflection_mm\n1,deep\n", "row 2, column deflection_mm: 'deep', expected a number"),
-        ("x_mm,deflection_mm,y_mm\n1,1,1\n", "row 1: column 'y_mm'"),
+        ("x_mm\n1\n", "no_column", {"column": "deflection_mm", "columns": "deflection_mm[,x_mm][,z_mm]"}),
+        ("deflection_mm\n1\n", "no_place", {}),
+        ("x_mm,deflection_mm\n", "no_rows", {"expected": "deflection_mm[,x_mm][,z_mm]"}),
+        ("x_mm,deflection_mm\n1,deep\n", "no_number", {"row": 2, "column": "deflection_mm", "cell": "deep"}),
+        ("x_mm,deflection_mm,y_mm\n1,1,1\n", "extra_column", {"column": "y_mm"}),
     ],
 )
-def test_a_file_that_cannot_be_used(tmp_path: Path, text: str, expected: str) -> None:
-    with pytest.raises(RecordingError) as raised:
-        read_skin_deflection(written(tmp_path, text))
-    assert expected in str(raised.value)
+def test_a_file_that_cannot_be_used(tmp_path: Path, text: str, code: str, fields: dict[str, Any]) -> None:
+    path = written(tmp_path, text)
+    with raises(RecordingError, code, path=str(path), **fields):
+        read_skin_deflection(path)
 
 
 # --- the model's ---
@@ -145,8 +147,9 @@ def test_the_command(rig: Callable[..., tuple[int, str, str]], tmp_path: Path) -
     assert "deflection     measured − model" in said
     code, said, _ = rig(*asked, "--json")
     assert json.loads(said)["deflection"]["measured_mm"] == [0.5, 0.2]
-    code, _, said = rig("indent", "--shape", "point", "--x-mm", "0", "--force-gwt", "1", "--deflection", str(path))
-    assert (code, said.count("\n")) == (2, 1)
-    assert "--deflection: a point load's skin is not kept, expected an indentor" in said
-    code, _, said = rig(*asked[:-1], "nowhere.csv")
-    assert (code, said.count("\n")) == (2, 1)
+    point = ("indent", "--shape", "point", "--x-mm", "0", "--force-gwt", "1", "--deflection", str(path))
+    for words, refusal in ((point, "point_load"), ((*asked[:-1], "nowhere.csv"), "unreadable")):
+        code, out, err = rig(*words, "--json")
+        told = json.loads(out)
+        assert (code, told["code"]) == (2, refusal)
+        assert err == f"rig: {told['error']}\n"

@@ -11,6 +11,7 @@ from rig.compare.errors import RecordingError
 from rig.compare.recordings.column_map import column_map
 from rig.compare.recordings.spikes import rates_in_run, read_spike_times
 from rig.data import Run
+from tests.raising import raises
 
 
 def spikes_at(run: Run, index: int, hold: int, offsets_s: list[float]) -> list[float]:
@@ -36,11 +37,12 @@ def test_rates_are_counted_in_the_window_of_the_last_holds(bar_run: Run) -> None
 
 
 def test_a_window_longer_than_the_holds_is_refused(bar_run: Run) -> None:
-    with pytest.raises(RecordingError, match=r"--window-s 0,2: the hold at x = 0\.8 mm lasts 0\.\d+ s, expected"):
+    with raises(RecordingError, "window_beyond_hold", begin_s=0.0, end_s=2.0, x_mm=0.8) as caught:
         rates_in_run(bar_run, "bar:3.0", np.array([]), "unit7.csv", (0.0, 2.0))
-    with pytest.raises(RecordingError, match=r"--window-s 0\.5,0\.5: expected 0 ≤ begin < end"):
+    assert 0 < caught.value.fields["hold_s"] < 1
+    with raises(RecordingError, "no_window", begin_s=0.5, end_s=0.5):
         rates_in_run(bar_run, "bar:3.0", np.array([]), "unit7.csv", (0.5, 0.5))
-    with pytest.raises(RecordingError, match="has no finished indentation by step:1"):
+    with raises(RecordingError, "never_pressed", file="unit7.csv", run=bar_run.folder.path.name, shape="step:1"):
         rates_in_run(bar_run, "step:1", np.array([]), "unit7.csv", (0.0, 0.4))
 
 
@@ -50,7 +52,7 @@ def with_pulses(run: Run, rise_s: list[float]) -> Run:
 
 @pytest.mark.parametrize("centre_mm", [np.nan, np.inf])
 def test_a_field_that_is_nowhere_is_refused(bar_run: Run, centre_mm: float) -> None:
-    with pytest.raises(RecordingError, match=r"--field-centre-mm (nan|inf): expected a number"):
+    with raises(RecordingError, "no_centre", centre_mm=pytest.approx(centre_mm, nan_ok=True)):
         rates_in_run(bar_run, "bar:3.0", np.array([1.0]), "unit7.csv", (0.1, 0.5), centre_mm)
 
 
@@ -58,7 +60,7 @@ def test_a_field_that_is_nowhere_is_refused(bar_run: Run, centre_mm: float) -> N
 def test_a_recording_without_a_spike_is_refused(tmp_path: Path, bar_run: Run, text: str) -> None:
     path = tmp_path / "silent.csv"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(RecordingError, match=r"silent\.csv: no spikes, expected the times of some"):
+    with raises(RecordingError, "no_spikes", path=str(path)):
         read_spike_times(path, bar_run)
 
 
@@ -67,10 +69,10 @@ def test_spike_times_are_read_and_sorted(tmp_path: Path, bar_run: Run) -> None:
     path.write_text("time_s\n3.5\n1.25\n", encoding="utf-8")
     np.testing.assert_array_equal(read_spike_times(path, bar_run), [1.25, 3.5])
     path.write_text("time_s\n3.5\nlate\n", encoding="utf-8")
-    with pytest.raises(RecordingError, match="row 3, column time_s: 'late', expected a number"):
+    with raises(RecordingError, "no_number", row=3, column="time_s", cell="late"):
         read_spike_times(path, bar_run)
     path.write_text("time_s,kind\n3.5,noise\n", encoding="utf-8")
-    with pytest.raises(RecordingError, match="row 2, column kind: 'noise', expected spike or sync"):
+    with raises(RecordingError, "unknown_kind", row=2, column="kind", cell="noise"):
         read_spike_times(path, bar_run)
 
 
@@ -82,10 +84,11 @@ def test_sync_pulses_align_the_clocks(tmp_path: Path, bar_run: Run) -> None:
     rows = [f"{t:.9f},sync" for t in seen] + [f"{100 + 1.00005 * 25.0:.9f},spike"]
     path.write_text("time_s,kind\n" + "\n".join(rows), encoding="utf-8")
     np.testing.assert_allclose(read_spike_times(path, with_pulses(bar_run, rises)), [25.0], atol=1e-7)
-    with pytest.raises(RecordingError, match="3 sync pulses, the journal of the run has 2"):
+    with raises(RecordingError, "number_of_pulses", path=str(path), pulses=3, journalled=2):
         read_spike_times(path, with_pulses(bar_run, rises[:2]))
-    with pytest.raises(RecordingError, match=r"miss the journal's by up to \d+\.\d ms, expected 5 ms or less"):
+    with raises(RecordingError, "pulses_apart", path=str(path), most_ms=5.0) as caught:
         read_spike_times(path, with_pulses(bar_run, [10.0, 20.1, 40.0]))
+    assert 5 < caught.value.fields["worst_ms"] < 100
 
 
 def test_one_pulse_gives_the_offset(tmp_path: Path, bar_run: Run) -> None:
@@ -102,16 +105,16 @@ def pressed_to(run: Run, values: dict[int, float]) -> Run:
 
 def test_a_shape_that_was_pressed_to_two_depths_needs_one(bar_run: Run) -> None:
     both = pressed_to(bar_run, {0: 0.2, 3: 0.2, 4: 0.2})
-    with pytest.raises(RecordingError) as caught:
+    with raises(
+        RecordingError, "several_conditions", file="u.csv", shape="bar:3.0", conditions="0.2 mm and 0.4 mm",
+        first="0.2 mm",
+    ):  # fmt: skip
         rates_in_run(both, "bar:3.0", np.array([]), "u.csv", (0.0, 0.4))
-    assert str(caught.value) == (
-        "u.csv: bar:3.0 was pressed to 0.2 mm and 0.4 mm, expected one of them: --recorded 'bar:3.0@0.2 mm=u.csv'"
-    )
     low = rates_in_run(both, "bar:3.0@0.2mm", np.array([]), "u.csv", (0.0, 0.4))
     np.testing.assert_allclose(low.position_mm, [-0.6, -0.2, 0.8])
     high = rates_in_run(both, "bar:3@0.4 mm", np.array([]), "u.csv", (0.0, 0.4))
     np.testing.assert_allclose(high.position_mm, [0.1, 0.4])
-    with pytest.raises(RecordingError, match="has no finished indentation by bar:3@8gwt"):
+    with raises(RecordingError, "never_pressed", shape="bar:3@8gwt"):
         rates_in_run(both, "bar:3@8gwt", np.array([]), "u.csv", (0.0, 0.4))
 
 
@@ -129,10 +132,11 @@ def test_pulses_of_an_nwb_file_by_their_name(tmp_path: Path, bar_run: Run) -> No
     series = {"units/spike_times": [112_500.0], "acquisition/ttl/timestamps": [110_000.0]}
     path, columns = nwb_file(tmp_path / "b.nwb", **series), column_map(["sync=ttl,time=spike_times:ms"])
     np.testing.assert_allclose(read_spike_times(path, run, "1", columns), [12.5])
-    with pytest.raises(RecordingError, match=r"no sync pulses other, expected intervals/other/start_time or acquis"):
+    places = "intervals/other/start_time or acquisition/other/timestamps"
+    with raises(RecordingError, "no_pulses", path=str(path), name="other", places=places):
         read_spike_times(path, run, "1", column_map(["sync=other"]))
     bad = nwb_file(tmp_path / "c.nwb", **{**series, "acquisition/ttl/timestamps": [1.0, np.nan]})
-    with pytest.raises(RecordingError, match=r"c\.nwb, acquisition/ttl/timestamps, entry 2: nan, expected a number"):
+    with raises(RecordingError, "not_finite", path=str(bad), dataset="acquisition/ttl/timestamps", entry=2):
         read_spike_times(bad, run, "1", columns)
 
 
@@ -141,7 +145,5 @@ def test_a_table_of_units_without_one_of_its_columns(tmp_path: Path, bar_run: Ru
     path = nwb_file(tmp_path / "a.nwb", **{"units/spike_times": [1.0]})
     with h5py.File(path, "a") as file:
         del file[missing]
-    with pytest.raises(
-        RecordingError, match=r"no spike times, expected a table units with a column spike_times \(and"
-    ):
+    with raises(RecordingError, "no_spike_times", path=str(path), column="spike_times"):
         read_spike_times(path, bar_run)

@@ -15,6 +15,7 @@ import pytest
 from rig.compare.parameter_study import cluster as cluster_module
 from rig.compare.parameter_study.errors import WorkersError
 from rig.compare.parameter_study.workers import spread
+from tests.raising import raises
 from tests.waiting import DEADLINE_S, until
 
 distributed: Any = pytest.importorskip(
@@ -165,9 +166,11 @@ def test_a_scheduler_that_dies_midway_leaves_one_line_and_no_file(study: Path, c
     program = start_study(study, "--scheduler", cluster.address)
     cluster.worker_at_a_case()
     cluster.scheduler.kill()
-    _, err = program.communicate(timeout=2 * DEADLINE_S)
-    assert program.returncode == 2
-    assert err.splitlines()[-1] == f"rig: --scheduler {cluster.address}: the scheduler has gone"
+    out, err = program.communicate(timeout=2 * DEADLINE_S)
+    told = json.loads(out)
+    assert (program.returncode, told["code"]) == (2, "scheduler_gone")
+    assert told["error"].startswith(f"--scheduler {cluster.address}: ")
+    assert err.splitlines()[-1] == f"rig: {told['error']}"
     assert not list(study.glob("study.csv*"))
 
 
@@ -178,12 +181,12 @@ def test_a_scheduler_that_dies_midway_leaves_one_line_and_no_file(study: Path, c
 )
 def test_a_worker_with_another_program_is_named(study: Path, cluster: Cluster, code: str, has: str) -> None:
     cluster.add_worker(code)
-    _, err = (program := start_study(study, "--scheduler", cluster.address)).communicate(timeout=2 * DEADLINE_S)
-    assert program.returncode == 2
-    assert err.startswith(f"rig: --scheduler {cluster.address}: worker tcp://127.0.0.1:")
-    assert has in err
-    assert f"expected {cluster_module.program()}" in err
-    assert err.count("\n") == 1
+    out, err = (program := start_study(study, "--scheduler", cluster.address)).communicate(timeout=2 * DEADLINE_S)
+    told = json.loads(out)
+    assert (program.returncode, told["code"]) == (2, "other_program")
+    for named in (f"--scheduler {cluster.address}: ", "tcp://127.0.0.1:", has, cluster_module.program()):
+        assert named in told["error"]
+    assert err == f"rig: {told['error']}\n"
     assert not list(study.glob("study.csv*"))
 
 
@@ -191,12 +194,12 @@ def test_workers_that_have_all_gone_are_not_waited_for(cluster: Cluster, monkeyp
     monkeypatch.setattr(cluster_module, "_PATIENCE_S", 2)
     cluster.add_worker()
     cluster.client().close()
-    with pytest.raises(WorkersError, match="it has no workers, expected some to have joined by dask worker"):
+    with raises(WorkersError, "no_workers", scheduler=cluster.address):
         list(spread(os._exit, [1], scheduler=cluster.address))  # whoever does it dies of it
 
 
 @pytest.mark.parametrize("address", ["nowhere://", "tcp://127.0.0.1:9"])
 def test_a_cluster_that_is_not_there(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cluster_module, "_PATIENCE_S", 0.5)
-    with pytest.raises(WorkersError, match=f"--scheduler {address}: nobody answers"):
+    with raises(WorkersError, "no_answer", scheduler=address):
         list(spread(abs, [1], scheduler=address))
