@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from sim.contact.indentor import Indentor
 from sim.contact.profiles import Profile
+from sim.errors import ArgumentError, SimError
 from sim.models.fingertip import Fingertip, Reference
 from sim.models.processes.workers import in_processes, keep_freed_memory
 from sim.models.results.indentation import IndentationResult
@@ -35,8 +36,10 @@ class How(TypedDict):
     other_paths: bool
 
 
-class WorkerLostError(RuntimeError):
+class WorkerLostError(SimError, RuntimeError):
     """A process ended before it answered."""
+
+    default_code = "worker_lost"
 
 
 def indent_many(
@@ -60,9 +63,9 @@ def indent_many(
     arguments do not go together and WorkerLostError when a process was killed.
     """
     if doi_mm is None and force_gwt is None:
-        raise ValueError("expected a depth (doi_mm) or a force (force_gwt)")
+        raise ArgumentError("expected a depth (doi_mm) or a force (force_gwt)", code="no_target")
     if cores is not None and cores < 1:
-        raise ValueError(f"cores = {cores}: expected 1 or more, or None for all")
+        raise ArgumentError("cores = {cores}: expected 1 or more, or None for all", code="no_cores", cores=cores)
     asked = _rows(shapes, x_mm, z_mm, doi_mm, force_gwt)
     answers: dict[int, Answer] = {}
     outlines: dict[Hashable, ModelOutline] = {}
