@@ -171,17 +171,18 @@ class PlacedIndentor:
         return float(patch.position_mm[self.model.receptor_row * patch.shape[1], Z])
 
     def _beyond(self, what: str, at_mm: tuple[float, float], others_mm: Array, **told: Any) -> RimError:
-        at = {axis: f"{_AXIS_NAMES[axis]} = {at:g}" for axis, at in zip(self.indentor.axes, self.place, strict=True)}
-        where = ", ".join(at[axis] for axis in self.indentor.placed_by)
+        at = {axis: float(at) for axis, at in zip(self.indentor.axes, self.place, strict=True)}
+        named = {_AXIS_NAMES[axis]: at[axis] for axis in self.indentor.placed_by}
+        where = ", ".join(f"{name} = {{at_{name}_mm:g}}" for name in named)
         where = f" at {where} mm" if where else ""
+        told |= {f"at_{name}_mm": place for name, place in named.items()}
         size = "mesh.round_patch_mm" if len(at) > 1 else "mesh.patch_x_mm / patch_z_mm"
         return RimError(
-            f"{{indentor}}{{where}}: {what}; expected a smaller depth, a position nearer the pad's centre, or a "
+            f"{{indentor}}{where}: {what}; expected a smaller depth, a position nearer the pad's centre, or a "
             "wider {size}",
             (float(at_mm[0]), float(at_mm[1])),
             others_mm,
             indentor=self.indentor.name,
-            where=where,
             size=size,
             **told,
         )

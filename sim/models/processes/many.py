@@ -130,8 +130,10 @@ def _answer(finger: Fingertip, how: How, asked: Asked) -> Answer:
     try:
         result = finger.indent(shape, x_mm, z_mm=z_mm, doi_mm=doi_mm, force_gwt=force_gwt, **how)
     except ValueError as error:  # what models and shapes refuse
-        return Answer(None, str(error))
-    return Answer(result, "" if result.state.converged else f"not converged, residual {result.state.residual:.0e}")
+        return Answer(None, str(error), error.code if isinstance(error, SimError) else ArgumentError.default_code)
+    if not result.state.converged:
+        return Answer(result, f"not converged, residual {result.state.residual:.0e}", "not_converged")
+    return Answer(result)
 
 
 def _with_shared(answer: Answer, outlines: dict[Hashable, Any]) -> Answer:
