@@ -242,7 +242,7 @@ def test_where_there_is_no_finger_there_is_no_sector() -> None:
     assert judged(half).asymmetry == pytest.approx(0.0, abs=1e-9)
 
 
-# --- pinned ---
+# --- meshes, loads and what is kept of them ---
 
 
 @pytest.mark.parametrize(
