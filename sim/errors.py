@@ -28,6 +28,12 @@ class SimError(Exception):
         return _raised_again, (type(self), self.args), self.__dict__
 
 
+class ArgumentError(SimError, ValueError):
+    """An argument that only a caller in Python can get wrong."""
+
+    default_code = "bad_argument"
+
+
 def _raised_again(kind: type[SimError], args: tuple[Any, ...]) -> SimError:
     error = kind.__new__(kind)
     error.args = args

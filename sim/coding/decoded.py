@@ -7,12 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.coding.operators import Operator
+from sim.errors import SimError
 
 Array = NDArray[np.float64]
 
 
-class DecodingError(ValueError):
+class DecodingError(SimError, ValueError):
     """Readings that cannot be decoded; the message says what was expected."""
+
+    default_code = "bad_readings"
 
 
 @dataclass(frozen=True)
@@ -52,12 +55,33 @@ def checked_readings(operator: Operator, reading: Array, fewest: int | None = No
     """
     receptors, unknowns = operator.parts.shape[1:]
     if reading.shape != (receptors,):
-        raise DecodingError(f"{reading.size} readings: expected {receptors}, one for each receptor")
+        raise DecodingError(
+            "{readings} readings: expected {receptors}, one for each receptor",
+            code="not_one_each",
+            readings=reading.size,
+            receptors=receptors,
+        )
     if fewest is None and receptors < unknowns:
-        raise DecodingError(f"{receptors} readings of {unknowns} pressures: expected at least as many")
+        raise DecodingError(
+            "{readings} readings of {pressures} pressures: expected at least as many",
+            code="fewer_than_pressures",
+            readings=receptors,
+            pressures=unknowns,
+        )
     if fewest is not None and receptors < fewest:
-        raise DecodingError(f"{receptors} readings of {unknowns} pressures: expected {fewest} or more")
+        raise DecodingError(
+            "{readings} readings of {pressures} pressures: expected {fewest} or more",
+            code="too_few",
+            readings=receptors,
+            pressures=unknowns,
+            fewest=fewest,
+        )
     bad = np.flatnonzero(~np.isfinite(reading))
     if len(bad):
-        raise DecodingError(f"reading {bad[0] + 1} is {reading[bad[0]]:g}: expected a number")
+        raise DecodingError(
+            "reading {number} is {value:g}: expected a number",
+            code="not_a_number",
+            number=int(bad[0]) + 1,
+            value=float(reading[bad[0]]),
+        )
     return reading

@@ -101,8 +101,12 @@ def _skin(section: FeltSection, ends_mm: Array) -> Skin:
     place, width = place[order], patch.area_mm2[order]
     if not (place[0] <= ends_mm[0] and ends_mm[-1] <= place[-1]):
         raise ModelRangeError(
-            f"samples from {ends_mm[0]:.2f} to {ends_mm[-1]:.2f} mm: "
-            f"expected places within {place[0]:.2f} … {place[-1]:.2f} mm"
+            "samples from {from_mm:.2f} to {to_mm:.2f} mm: expected places within {low_mm:.2f} … {high_mm:.2f} mm",
+            code="samples_beside_patch",
+            from_mm=float(ends_mm[0]),
+            to_mm=float(ends_mm[-1]),
+            low_mm=float(place[0]),
+            high_mm=float(place[-1]),
         )
     low, high = place - width / 2, place + width / 2
     shared = np.minimum(high[:, None], ends_mm[1:]) - np.maximum(low[:, None], ends_mm[:-1])

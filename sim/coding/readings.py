@@ -36,7 +36,12 @@ class Readings:
         low = np.flatnonzero(sed < -LOWEST_SD * _positive(sd))
         if len(low):
             raise DecodingError(
-                f"reading {low[0] + 1} is {sed[low[0]]:g}: expected SED above −{LOWEST_SD:g} sd of noise, {sd:g} each"
+                "reading {number} is {sed:g}: expected SED above −{lowest_sd:g} sd of noise, {sd:g} each",
+                code="below_noise",
+                number=int(low[0]) + 1,
+                sed=float(sed[low[0]]),
+                lowest_sd=LOWEST_SD,
+                sd=sd,
             )
         return cls(sed, sd, np.zeros(len(sed), np.bool_))
 
@@ -44,7 +49,9 @@ class Readings:
     def of_rates(cls, rate: Array, receptor: Receptor, sd: float) -> "Readings":
         """Rates of receptors whose noise, of this sd in SED, entered before them. Raises DecodingError below zero."""
         if (rate < 0).any():
-            raise DecodingError(f"rate {rate.min():g}: expected rates that are not negative")
+            raise DecodingError(
+                "rate {rate:g}: expected rates that are not negative", code="negative_rate", rate=float(rate.min())
+            )
         return cls(rate / receptor.gain + receptor.threshold, _positive(sd), rate == 0)
 
     @classmethod
@@ -74,11 +81,16 @@ class Readings:
 def sd_at_rest(unloaded: Array) -> float:
     """Noise sd from readings of unloaded receptors. Raises DecodingError for too few, or without noise."""
     if len(unloaded) < FEWEST_AT_REST or not np.isfinite(unloaded).all():
-        raise DecodingError(f"{len(unloaded)} readings at rest: expected {FEWEST_AT_REST} numbers or more")
+        raise DecodingError(
+            "{readings} readings at rest: expected {fewest} numbers or more",
+            code="too_few_at_rest",
+            readings=len(unloaded),
+            fewest=FEWEST_AT_REST,
+        )
     return _positive(float(np.std(unloaded, ddof=1)))
 
 
 def _positive(sd: float) -> float:
     if not (np.isfinite(sd) and sd > 0):
-        raise DecodingError(f"noise sd {sd:g}: expected a positive number")
+        raise DecodingError("noise sd {sd:g}: expected a positive number", code="noise_not_positive", sd=sd)
     return sd

@@ -117,7 +117,9 @@ def _material_about(config: FingertipConfig, columns: Columns, deep: str) -> Ela
     """Of the one layer that all receptors lie in. Raises ModelRangeError where it is not one."""
     ratio = columns.young_ratio
     if (ratio != ratio[0]).any():
-        raise ModelRangeError(f"receptors {deep} mm deep: expected a depth inside one layer")
+        raise ModelRangeError(
+            "receptors {depths} mm deep: expected a depth inside one layer", code="several_layers", depths=deep
+        )
     return Elastic(PSEUDO_E_EPIDERMIS * float(ratio[0]), config.tissue.poisson)
 
 

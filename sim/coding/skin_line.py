@@ -54,7 +54,13 @@ class SkinLine:
         place, (low, high) = np.atleast_1d(place_mm), self.reach_mm
         beside = place[~((place >= low) & (place <= high))]
         if len(beside):
-            raise ModelRangeError(f"place {beside[0]:g} mm: expected {low:.2f} … {high:.2f} mm on the pulp's skin")
+            raise ModelRangeError(
+                "place {place_mm:g} mm: expected {low_mm:.2f} … {high_mm:.2f} mm on the pulp's skin",
+                code="place_beside_pulp",
+                place_mm=float(beside[0]),
+                low_mm=low,
+                high_mm=high,
+            )
         return np.asarray(self._angle(place))
 
     def places(self, x_mm: ArrayLike) -> Array:
@@ -79,7 +85,13 @@ class SkinLine:
         reach = np.linspace(*self.reach_mm, len(_TABLE))
         x = self.below(self.angles(reach), depth_mm)[:, X]
         if not x[0] <= x_mm <= x[-1]:
-            raise ModelRangeError(f"x {x_mm:g} mm: expected {x[0]:.2f} … {x[-1]:.2f} mm, below the pulp's skin")
+            raise ModelRangeError(
+                "x {x_mm:g} mm: expected {low_mm:.2f} … {high_mm:.2f} mm, below the pulp's skin",
+                code="x_beside_pulp",
+                x_mm=float(x_mm),
+                low_mm=float(x[0]),
+                high_mm=float(x[-1]),
+            )
         return float(np.interp(x_mm, x, reach))
 
     def in_axes(self, strain: Array, angle: Array) -> Array:

@@ -5,11 +5,15 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+from sim.errors import SimError
+
 Row = tuple[float, ...]
 
 
-class TableError(ValueError):
+class TableError(SimError, ValueError):
     """The file holds no usable table; the message names file, line, column and what was expected."""
+
+    default_code = "bad_table"
 
 
 def read_columns(path: Path, columns: Sequence[str]) -> tuple[Row, ...]:
@@ -31,17 +35,31 @@ def read_numbered(path: Path, columns: Sequence[str]) -> tuple[tuple[int, Row], 
     """As `read_columns`, each row with the number of its line in the file. Raises TableError."""
     lines = _lines(path)
     if not lines:
-        raise TableError(f"{path}: no table, expected the columns {','.join(columns)}")
+        raise TableError(
+            "{path}: no table, expected the columns {columns}",
+            code="no_table",
+            path=str(path),
+            columns=",".join(columns),
+        )
     (first, header), *rows = lines
-    place = _places(f"{path}, line {first}", [cell.strip() for cell in header], columns)
+    place = _places(path, first, [cell.strip() for cell in header], columns)
     if not rows:
-        raise TableError(f"{path}: no rows below line {first}, expected numbers")
+        raise TableError(
+            "{path}: no rows below line {line}, expected numbers", code="no_rows", path=str(path), line=first
+        )
     for n, row in rows:
         if len(row) != len(header):
-            raise TableError(f"{path}, line {n}: {len(row)} cells, expected {len(header)}, as in line {first}")
+            raise TableError(
+                "{path}, line {line}: {cells} cells, expected {expected}, as in line {header_line}",
+                code="row_length",
+                path=str(path),
+                line=n,
+                cells=len(row),
+                expected=len(header),
+                header_line=first,
+            )
     return tuple(
-        (n, tuple(_number(f"{path}, line {n}, {name}", row[k]) for name, k in zip(columns, place, strict=True)))
-        for n, row in rows
+        (n, tuple(_number(path, n, name, row[k]) for name, k in zip(columns, place, strict=True))) for n, row in rows
     )
 
 
@@ -52,23 +70,42 @@ def _lines(path: Path) -> list[tuple[int, list[str]]]:
             reader = csv.reader(stream)
             return [(reader.line_num, row) for row in reader if any(row) and not row[0].startswith("#")]
     except OSError as error:
-        raise TableError(f"{path}: {error.strerror or error}") from None
+        raise TableError(
+            "{path}: {problem}", code="unreadable", path=str(path), problem=error.strerror or str(error)
+        ) from None
     except (UnicodeDecodeError, csv.Error) as error:
-        raise TableError(f"{path}: not a CSV file in UTF-8: {error}") from None
+        raise TableError(
+            "{path}: not a CSV file in UTF-8: {problem}", code="not_csv", path=str(path), problem=str(error)
+        ) from None
 
 
-def _places(where: str, names: list[str], columns: Sequence[str]) -> list[int]:
+def _places(path: Path, line: int, names: list[str], columns: Sequence[str]) -> list[int]:
     for name in columns:
         if names.count(name) != 1:
-            raise TableError(f"{where}: {names.count(name)} columns {name}, expected the columns {','.join(columns)}")
+            raise TableError(
+                "{path}, line {line}: {count} columns {column}, expected the columns {columns}",
+                code="column_count",
+                path=str(path),
+                line=line,
+                count=names.count(name),
+                column=name,
+                columns=",".join(columns),
+            )
     return [names.index(name) for name in columns]
 
 
-def _number(where: str, cell: str) -> float:
+def _number(path: Path, line: int, column: str, cell: str) -> float:
     try:
         value = float(cell)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise TableError(f"{where}: expected a number, got {cell.strip()!r}")
+        raise TableError(
+            "{path}, line {line}, {column}: expected a number, got {cell!r}",
+            code="not_a_number",
+            path=str(path),
+            line=line,
+            column=column,
+            cell=cell.strip(),
+        )
     return value

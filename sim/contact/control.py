@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from sim.contact.solver import ContactState
+from sim.errors import SimError
 
 _TOLERANCE = 1e-11
 _MAX_SOLVES = 40
@@ -11,12 +12,16 @@ _NO_CLOSER_MM = 1e-3
 _EXPONENT = 1.5  # a point contact of a sphere; only the start and the scale of the secant depend on it
 
 
-class ForceNotReachedError(ValueError):
+class ForceNotReachedError(SimError, ValueError):
     """The force lies beyond the deepest indentation allowed."""
 
+    default_code = "force_not_reached"
 
-class TooDeepError(ValueError):
+
+class TooDeepError(SimError, ValueError):
     """There is no answer at this depth; there may be one at a smaller depth."""
+
+    default_code = "too_deep"
 
 
 def solve_for_force(
@@ -52,7 +57,9 @@ def solve_for_force(
         value = max(reached, 0.0) ** (1 / _EXPONENT)
         if reached < force:
             if doi >= deepest_mm:
-                raise ForceNotReachedError(f"the force is not reached at the deepest DOI allowed, {deepest_mm:g} mm")
+                raise ForceNotReachedError(
+                    "the force is not reached at the deepest DOI allowed, {deepest_mm:g} mm", deepest_mm=deepest_mm
+                )
             if refused and high - doi < _NO_CLOSER_MM:
                 raise refused
             low, f_low = doi, value

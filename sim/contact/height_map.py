@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from sim.contact.indentor import BOTH, Indentor, Surface, turn_suffix
 from sim.contact.profiles import STEEPEST_SLOPE, arc_tangent
+from sim.errors import ArgumentError, SimError
 
 Array = NDArray[np.float64]
 
@@ -23,8 +24,10 @@ _PARTS = 4  # of a cell, in which lowest places and curvature are looked for
 _LEAST_STEP_MM = 1e-6
 
 
-class HeightMapError(ValueError):
+class HeightMapError(SimError, ValueError):
     """The heights make no indentor; the message says what was expected."""
+
+    default_code = "bad_height_map"
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +62,13 @@ class HeightMap(Indentor):
         x, z, height = (np.array(given, dtype=np.float64) for given in (x_mm, z_mm, height_mm))
         if height.shape != (z.size, x.size) or x.ndim != 1 or z.ndim != 1:
             raise HeightMapError(
-                f"{name}: heights of shape {height.shape} over {x.size} x and {z.size} z: expected {(z.size, x.size)}"
+                "{name}: heights of shape {shape} over {n_x} x and {n_z} z: expected {expected}",
+                code="heights_unlike_grid",
+                name=name,
+                shape=height.shape,
+                n_x=x.size,
+                n_z=z.size,
+                expected=(z.size, x.size),
             )
         _refuse_size(name, *height.shape)
         for axis, places in (("x", x), ("z", z)):
@@ -68,8 +77,14 @@ class HeightMap(Indentor):
         if len(missing):
             k, i = missing[0]
             raise HeightMapError(
-                f"{name}: no height at x = {x[i]:g}, z = {z[k]:g} mm ({len(missing)} of {height.size}): expected a "
-                "number everywhere"
+                "{name}: no height at x = {x_mm:g}, z = {z_mm:g} mm ({missing} of {points}): expected a number "
+                "everywhere",
+                code="missing_height",
+                name=name,
+                x_mm=float(x[i]),
+                z_mm=float(z[k]),
+                missing=len(missing),
+                points=height.size,
             )
         found = cls(name + turn_suffix(turn_deg), x, z, height, turn_deg)
         found._refuse_walls()
@@ -99,7 +114,7 @@ class HeightMap(Indentor):
     def turned(self, turn_deg: float) -> "HeightMap":
         """The same, turned; raises ValueError where it is turned already."""
         if self.turn_deg:
-            raise ValueError("it is turned already")
+            raise ArgumentError("it is turned already", code="turned_already")
         return replace(self, name=self.name + turn_suffix(turn_deg), turn_deg=turn_deg)
 
     @cached_property
@@ -225,13 +240,22 @@ class HeightMap(Indentor):
         below = float(self.height_mm.min()) - self._lowest_mm
         if steepest > STEEPEST_OF_A_MAP:
             raise HeightMapError(
-                f"{self.name}: a slope of {steepest:.3g}, {np.degrees(np.arctan(steepest)):.1f}° (an overhang, a "
-                f"wall or a wrong spacing): expected at most {STEEPEST_OF_A_MAP:g}; edge_mm rounds edges"
+                "{name}: a slope of {slope:.3g}, {slope_deg:.1f}° (an overhang, a wall or a wrong spacing): expected "
+                "at most {most:g}; edge_mm rounds edges",
+                code="too_steep",
+                name=self.name,
+                slope=steepest,
+                slope_deg=float(np.degrees(np.arctan(steepest))),
+                most=STEEPEST_OF_A_MAP,
             )
         if below > _UNDERSHOOT * relief:
             raise HeightMapError(
-                f"{self.name}: between its points the surface would reach {below:.2g} mm below the lowest, of "
-                f"{relief:.2g} mm in all: expected a finer map, or edges rounded by edge_mm"
+                "{name}: between its points the surface would reach {below_mm:.2g} mm below the lowest, of "
+                "{relief_mm:.2g} mm in all: expected a finer map, or edges rounded by edge_mm",
+                code="swings_below",
+                name=self.name,
+                below_mm=below,
+                relief_mm=relief,
             )
 
 
@@ -257,18 +281,38 @@ def _angle(slope: Array, other: Array) -> Array:
 
 def _refuse_size(name: str, rows: int, columns: int) -> None:
     if min(rows, columns) < LEAST_POINTS:
-        raise HeightMapError(f"{name}: {columns} × {rows} points, expected at least {LEAST_POINTS} × {LEAST_POINTS}")
+        raise HeightMapError(
+            "{name}: {columns} × {rows} points, expected at least {least} × {least}",
+            code="too_small",
+            name=name,
+            columns=columns,
+            rows=rows,
+            least=LEAST_POINTS,
+        )
     if rows * columns > MOST_POINTS:
-        raise HeightMapError(f"{name}: {columns} × {rows} points, expected at most {MOST_POINTS} in all")
+        raise HeightMapError(
+            "{name}: {columns} × {rows} points, expected at most {most} in all",
+            code="too_large",
+            name=name,
+            columns=columns,
+            rows=rows,
+            most=MOST_POINTS,
+        )
 
 
 def _refuse_uneven(name: str, axis: str, places: Array) -> None:
     steps = np.diff(places)
     if not np.isfinite(places).all() or not (steps > 0).all():
-        raise HeightMapError(f"{name}: expected {axis} to rise")
+        raise HeightMapError("{name}: expected {axis} to rise", code="axis_not_rising", name=name, axis=axis)
     worst = int(np.argmax(np.abs(steps - steps.mean())))
     if abs(steps[worst] - steps.mean()) > _UNEVEN * steps.mean():
         raise HeightMapError(
-            f"{name}: {axis} goes from {places[worst]:g} to {places[worst + 1]:g} mm, elsewhere by "
-            f"{steps.mean():.4g} mm: expected even spacing"
+            "{name}: {axis} goes from {from_mm:g} to {to_mm:g} mm, elsewhere by {step_mm:.4g} mm: expected even "
+            "spacing",
+            code="uneven_spacing",
+            name=name,
+            axis=axis,
+            from_mm=float(places[worst]),
+            to_mm=float(places[worst + 1]),
+            step_mm=float(steps.mean()),
         )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from sim.contact.patch import X, Z
 from sim.contact.profiles import Profile, measured_radius_mm
+from sim.errors import ArgumentError, SimError
 
 Array = NDArray[np.float64]
 
@@ -30,8 +31,10 @@ EDGE_RADIUS_MM = 0.02
 _ALONG_ITSELF = np.ones((1, 1))
 
 
-class ShapeWarning(UserWarning):
+class ShapeWarning(SimError, UserWarning):  # noqa: N818
     """Something that a shape says of itself is not so."""
+
+    default_code = "not_so"
 
 
 class Surface(NamedTuple):
@@ -112,9 +115,14 @@ class _OfProfile(Indentor):
         if said == measured or max(said, measured) < EDGE_RADIUS_MM or abs(measured / said - 1) <= RADIUS_TOLERANCE:
             return said < SHARP_RADIUS_MM
         warnings.warn(
-            f"{self.name}: sharpest_radius_mm says {said:g} mm, the profile turns within {measured:.3g} mm: taken as "
-            "measured",
-            ShapeWarning,
+            ShapeWarning(
+                "{name}: sharpest_radius_mm says {said_mm:g} mm, the profile turns within {measured_mm:.3g} mm: "
+                "taken as measured",
+                code="other_radius",
+                name=self.name,
+                said_mm=said,
+                measured_mm=measured,
+            ),
             stacklevel=2,
         )
         return measured < SHARP_RADIUS_MM
@@ -160,9 +168,9 @@ class Prismatic(_OfProfile):
     def turned(self, turn_deg: float) -> "Prismatic":
         """A shape along the finger, turned. Raises ValueError for any other, and for a plane."""
         if not self.placed_by:
-            raise ValueError("it is the same everywhere: turning it makes no difference")
+            raise ArgumentError("it is the same everywhere: turning it makes no difference", code="same_everywhere")
         if self.axes != ALONG or self.direction != (1.0,):
-            raise ValueError("it does not lie along the finger, to be turned from there")
+            raise ArgumentError("it does not lie along the finger, to be turned from there", code="not_along")
         turn = 180.0 - (180.0 - turn_deg) % 360.0  # above −180 to 180
         quarters = {0.0: (ALONG, 1.0), 90.0: (ACROSS, 1.0), 180.0: (ALONG, -1.0), -90.0: (ACROSS, -1.0)}
         if turn in quarters:
@@ -201,7 +209,7 @@ class Revolved(_OfProfile):
 
     def turned(self, turn_deg: float) -> Indentor:
         """Raises ValueError."""
-        raise ValueError("it is round: turning it makes no difference")
+        raise ArgumentError("it is round: turning it makes no difference", code="round")
 
     def _arm(self, offset_mm: Array) -> tuple[Array, Array]:
         s = np.hypot(*offset_mm)

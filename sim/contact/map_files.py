@@ -35,7 +35,7 @@ def read_height_map(file: str, options: Sequence[str]) -> HeightMap:
     readers = {".png": _picture, ".npy": _array, ".csv": _table}
     suffix = Path(file).suffix.lower()
     if suffix not in readers:
-        raise HeightMapError(f"{where}: expected a file named .png, .npy or .csv")
+        raise HeightMapError("{name}: expected a file named .png, .npy or .csv", code="unknown_suffix", name=where)
     x, z, height = readers[suffix](where, file, given)
     if min(height.shape) > 1:
         from scipy.ndimage import gaussian_filter  # few scenes have a map
@@ -47,7 +47,7 @@ def read_height_map(file: str, options: Sequence[str]) -> HeightMap:
     try:
         return HeightMap.from_arrays(x, z, height, name=name)
     except HeightMapError as error:
-        raise HeightMapError(f"{where}{str(error).removeprefix(name)}") from None
+        raise HeightMapError(error.sentence, code=error.code, **error.fields | {"name": where}) from None
 
 
 def _edge_mm(where: str, given: Mapping[str, str], least_mm: float, *, picture: bool) -> float:
@@ -57,7 +57,11 @@ def _edge_mm(where: str, given: Mapping[str, str], least_mm: float, *, picture: 
     edge_mm = _number(where, given, "edge_mm")
     if 0 < edge_mm < (1 - 1e-9) * least_mm:
         raise HeightMapError(
-            f"{where}: edge_mm={edge_mm:g}: expected 0, or at least {least_mm:.3g} for such a spacing"
+            "{name}: edge_mm={edge_mm:g}: expected 0, or at least {least_mm:.3g} for such a spacing",
+            code="edge_too_small",
+            name=where,
+            edge_mm=edge_mm,
+            least_mm=float(least_mm),
         )
     return edge_mm
 
@@ -67,7 +71,13 @@ def _given(where: str, options: Sequence[str]) -> dict[str, str]:
     for option in options:
         key, _, value = option.partition("=")
         if key in given or key not in (*_OPTIONS, "raised"):
-            raise HeightMapError(f"{where}: {option}: expected {', '.join(_OPTIONS)} or raised, each once")
+            raise HeightMapError(
+                "{name}: {option}: expected {options} or raised, each once",
+                code="unknown_option",
+                name=where,
+                option=option,
+                options=", ".join(_OPTIONS),
+            )
         given[key] = value
     return given
 
@@ -86,7 +96,15 @@ def _number(where: str, given: Mapping[str, str], key: str) -> float:
     except ValueError:
         value = float("nan")
     if not low <= value <= high:
-        raise HeightMapError(f"{where}: {key}={given[key]}: expected {low:g} … {high:g} mm")
+        raise HeightMapError(
+            "{name}: {key}={value}: expected {low_mm:g} … {high_mm:g} mm",
+            code="option_out_of_range",
+            name=where,
+            key=key,
+            value=given[key],
+            low_mm=low,
+            high_mm=high,
+        )
     return value
 
 
@@ -94,11 +112,17 @@ def _need(where: str, given: Mapping[str, str], needed: Sequence[str], allowed: 
     """The numbers of options that must be there; others than the allowed ones are refused."""
     for key in needed:
         if key not in given:
-            raise HeightMapError(f"{where}: expected {key}=…")
+            raise HeightMapError("{name}: expected {key}=…", code="option_missing", name=where, key=key)
     for key in given:
         if key not in (*needed, *allowed, "edge_mm"):
             takes = ", ".join([*needed, *allowed, "edge_mm"])
-            raise HeightMapError(f"{where}: {key} says nothing about such a file, expected {takes}")
+            raise HeightMapError(
+                "{name}: {key} says nothing about such a file, expected {options}",
+                code="option_of_no_use",
+                name=where,
+                key=key,
+                options=takes,
+            )
     return [_number(where, given, key) for key in needed]
 
 
@@ -107,7 +131,13 @@ def _picture(where: str, file: str, given: Mapping[str, str]) -> tuple[Array, Ar
     width_mm, height_mm = _need(where, given, ("width_mm", "height_mm"), ("raised",))
     raised = given.get("raised", RAISED[0])
     if raised not in RAISED:
-        raise HeightMapError(f"{where}: raised={raised}: expected {' or '.join(RAISED)}")
+        raise HeightMapError(
+            "{name}: raised={raised}: expected {choices}",
+            code="unknown_raised",
+            name=where,
+            raised=raised,
+            choices=" or ".join(RAISED),
+        )
     light = _grey(where, file)
     away = light if raised == "dark" else 1 - light
     return _placed(height_mm * away, width_mm / light.shape[1])
@@ -120,7 +150,12 @@ def _grey(where: str, file: str) -> Array:
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the size is looked at below
             if image.width * image.height > MOST_POINTS:
                 raise HeightMapError(
-                    f"{where}: {image.width} × {image.height} pixels, expected at most {MOST_POINTS} in all"
+                    "{name}: {columns} × {rows} pixels, expected at most {most} in all",
+                    code="too_many_pixels",
+                    name=where,
+                    columns=image.width,
+                    rows=image.height,
+                    most=MOST_POINTS,
                 )
             if image.mode.startswith("I"):  # 16 bits
                 return np.asarray(image, dtype=np.float64) / 65535
@@ -129,11 +164,15 @@ def _grey(where: str, file: str) -> Array:
             return np.asarray(Image.alpha_composite(white, whole).convert("L"), dtype=np.float64) / 255
     except OSError as error:
         what = "not a picture" if isinstance(error, UnidentifiedImageError) else error.strerror or "damaged"
-        raise HeightMapError(f"{where}: {what}, expected a PNG file") from None
+        raise _no_picture(where, what) from None
     except (SyntaxError, ValueError, Image.DecompressionBombError) as error:
         if isinstance(error, HeightMapError):
             raise
-        raise HeightMapError(f"{where}: {error}, expected a PNG file") from None
+        raise _no_picture(where, str(error)) from None
+
+
+def _no_picture(where: str, problem: str) -> HeightMapError:
+    return HeightMapError("{name}: {problem}, expected a PNG file", code="no_picture", name=where, problem=problem)
 
 
 def _array(where: str, file: str, given: Mapping[str, str]) -> tuple[Array, Array, Array]:
@@ -142,11 +181,21 @@ def _array(where: str, file: str, given: Mapping[str, str]) -> tuple[Array, Arra
         height = np.load(file, mmap_mode="r", allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
         what = getattr(error, "strerror", None) or "not an array"
-        raise HeightMapError(f"{where}: {what}, expected a NumPy file of numbers") from None
+        raise HeightMapError(
+            "{name}: {problem}, expected a NumPy file of numbers", code="no_array", name=where, problem=what
+        ) from None
     if not isinstance(height, np.ndarray) or height.ndim != 2 or height.dtype.kind not in "iuf":
-        raise HeightMapError(f"{where}: expected numbers in rows and columns, heights in mm")
+        raise HeightMapError(
+            "{name}: expected numbers in rows and columns, heights in mm", code="no_heights", name=where
+        )
     if height.size > MOST_POINTS:
-        raise HeightMapError(f"{where}: {height.size} points, expected at most {MOST_POINTS} in all")
+        raise HeightMapError(
+            "{name}: {points} points, expected at most {most} in all",
+            code="too_many_heights",
+            name=where,
+            points=height.size,
+            most=MOST_POINTS,
+        )
     return _placed(np.array(height, dtype=np.float64), spacing_mm)
 
 
@@ -156,17 +205,31 @@ def _table(where: str, file: str, given: Mapping[str, str]) -> tuple[Array, Arra
         lines = [line.strip() for line in Path(file).read_text(encoding="utf-8-sig").splitlines()]
     except (OSError, UnicodeDecodeError) as error:
         what = getattr(error, "strerror", None) or "not text"
-        raise HeightMapError(f"{where}: {what}, expected a CSV file") from None
+        raise HeightMapError(
+            "{name}: {problem}, expected a CSV file", code="no_text", name=where, problem=what
+        ) from None
     points = bool(lines) and lines[0].replace(" ", "") == COLUMNS
     if not points and "spacing_mm" not in given:
-        raise HeightMapError(f"{where}: expected the columns {COLUMNS}, or rows of heights and spacing_mm=…")
+        raise HeightMapError(
+            "{name}: expected the columns {columns}, or rows of heights and spacing_mm=…",
+            code="no_columns",
+            name=where,
+            columns=COLUMNS,
+        )
     rows = [_numbers(where, n, line) for n, line in enumerate(lines, 1) if line and not (points and n == 1)]
     if sum(map(len, rows)) > (3 if points else 1) * MOST_POINTS:
-        raise HeightMapError(f"{where}: more than {MOST_POINTS} points")
+        raise HeightMapError("{name}: more than {most} points", code="too_many_numbers", name=where, most=MOST_POINTS)
     for n, row in enumerate(rows):
         if len(row) != (3 if points else len(rows[0])):
             expected = 3 if points else len(rows[0])
-            raise HeightMapError(f"{where}, row {n + 1} of numbers: {len(row)} numbers, expected {expected}")
+            raise HeightMapError(
+                "{name}, row {row} of numbers: {numbers} numbers, expected {expected}",
+                code="map_row_length",
+                name=where,
+                row=n + 1,
+                numbers=len(row),
+                expected=expected,
+            )
     if points:
         _need(where, given, ())
         return _gridded(where, np.array(rows).reshape(-1, 3))
@@ -180,23 +243,39 @@ def _numbers(where: str, line: int, text: str) -> list[float]:
         try:
             values.append(float(cell))
         except ValueError:
-            raise HeightMapError(f"{where}, line {line}: expected a number, got {cell.strip()!r}") from None
+            raise HeightMapError(
+                "{name}, line {line}: expected a number, got {cell!r}",
+                code="no_number",
+                name=where,
+                line=line,
+                cell=cell.strip(),
+            ) from None
     return values
 
 
 def _gridded(where: str, points: Array) -> tuple[Array, Array, Array]:
     """Points in any order, one at every place of a grid."""
     if not np.isfinite(points[:, :2]).all():
-        raise HeightMapError(f"{where}: expected a number for every x_mm and z_mm")
+        raise HeightMapError("{name}: expected a number for every x_mm and z_mm", code="no_place", name=where)
     (x, i), (z, k) = (np.unique(points[:, axis], return_inverse=True) for axis in (0, 1))
     count = np.zeros((len(z), len(x)), dtype=np.int64)
     np.add.at(count, (k, i), 1)
-    for wrong, what in ((count > 1, "more than one height (an overhang)"), (count == 0, "a hole: no height")):
+    for wrong, code, what in (
+        (count > 1, "overhang", "more than one height (an overhang)"),
+        (count == 0, "hole", "a hole: no height"),
+    ):
         if wrong.any():
             row, column = np.argwhere(wrong)[0]
             raise HeightMapError(
-                f"{where}: {what} at x = {x[column]:g}, z = {z[row]:g} mm ({wrong.sum()} places): expected one at "
-                f"every place of a grid, here of {len(x)} × {len(z)}"
+                f"{{name}}: {what} at x = {{x_mm:g}}, z = {{z_mm:g}} mm ({{places}} places): expected one at every "
+                "place of a grid, here of {n_x} × {n_z}",
+                code=code,
+                name=where,
+                x_mm=float(x[column]),
+                z_mm=float(z[row]),
+                places=int(wrong.sum()),
+                n_x=len(x),
+                n_z=len(z),
             )
     height = np.empty(count.shape)
     height[k, i] = points[:, 2]

@@ -12,6 +12,7 @@ from scipy.interpolate import BSpline, PchipInterpolator, PPoly, make_interp_spl
 
 from sim.contact.compiled import curves
 from sim.contact.profiles import STEEPEST_SLOPE, arc_tangent
+from sim.errors import SimError
 
 Array = NDArray[np.float64]
 
@@ -22,8 +23,10 @@ LINEAR = ",linear"
 _FILLET_MM = 0.02
 
 
-class ProfileError(ValueError):
+class ProfileError(SimError, ValueError):
     """The file holds no usable profile; the message names file, line and what was expected."""
+
+    default_code = "bad_profile"
 
 
 @dataclass(frozen=True, repr=False)
@@ -48,22 +51,43 @@ class MeasuredProfile:
         """
         x, height = np.asarray(x_mm, dtype=float), np.asarray(height_mm, dtype=float)
         if x.ndim != 1 or x.shape != height.shape:
-            raise ProfileError(f"profile {name}: expected as many heights as x_mm, got {height.shape} and {x.shape}")
+            raise ProfileError(
+                "profile {name}: expected as many heights as x_mm, got {heights} and {x}",
+                code="heights_unlike_x",
+                name=name,
+                heights=height.shape,
+                x=x.shape,
+            )
         points = np.stack([x, height], axis=1)
         if not np.isfinite(points).all():
             row = int(np.argmin(np.isfinite(points).all(axis=1)))
-            raise ProfileError(f"profile {name}, point {row}: expected numbers, got {x[row]:g} and {height[row]:g}")
+            raise ProfileError(
+                "profile {name}, point {point}: expected numbers, got {x_mm:g} and {height_mm:g}",
+                code="point_of_no_numbers",
+                name=name,
+                point=row,
+                x_mm=float(x[row]),
+                height_mm=float(height[row]),
+            )
         return cls._checked(name, points, linear)
 
     @classmethod
     def _checked(cls, path: str, points: Array, linear: bool) -> "MeasuredProfile":
         """Of (n, 2) points, the lowest of which becomes zero."""
         if len(points) < 2:
-            raise ProfileError(f"profile {path}: expected at least two points, got {len(points)}")
+            raise ProfileError(
+                "profile {name}: expected at least two points, got {points}",
+                code="too_few_points",
+                name=path,
+                points=len(points),
+            )
         backwards = np.flatnonzero(np.diff(points[:, 0]) <= 0)
         if len(backwards):
             raise ProfileError(
-                f"profile {path}: expected x_mm to rise, it does not after {points[backwards[0], 0]:g} mm"
+                "profile {name}: expected x_mm to rise, it does not after {x_mm:g} mm",
+                code="x_not_rising",
+                name=path,
+                x_mm=float(points[backwards[0], 0]),
             )
         heights = points[:, 1] - points[:, 1].min()
         return cls(path, tuple(points[:, 0].tolist()), tuple(heights.tolist()), linear)
@@ -138,16 +162,31 @@ def read_profile(path: str, *, linear: bool = False) -> MeasuredProfile:
             rows = list(csv.reader(stream))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         what = getattr(error, "strerror", None) or error
-        raise ProfileError(f"profile {path}: {what}, expected a CSV file") from None
+        raise ProfileError(
+            "profile {name}: {problem}, expected a CSV file", code="profile_unreadable", name=path, problem=str(what)
+        ) from None
     if not rows or tuple(cell.strip() for cell in rows[0]) != COLUMNS:
-        raise ProfileError(f"profile {path}, line 1: expected the columns {','.join(COLUMNS)}")
+        raise ProfileError(
+            "profile {name}, line {line}: expected the columns {columns}",
+            code="profile_columns",
+            name=path,
+            line=1,
+            columns=",".join(COLUMNS),
+        )
     points = np.array([_point(path, n, row) for n, row in enumerate(rows[1:], 2) if row]).reshape(-1, 2)
     return MeasuredProfile._checked(path, points, linear)
 
 
 def _point(path: str, line: int, row: list[str]) -> list[float]:
     if len(row) != len(COLUMNS):
-        raise ProfileError(f"profile {path}, line {line}: expected {len(COLUMNS)} numbers, got {len(row)}")
+        raise ProfileError(
+            "profile {name}, line {line}: expected {expected} numbers, got {numbers}",
+            code="profile_row_length",
+            name=path,
+            line=line,
+            expected=len(COLUMNS),
+            numbers=len(row),
+        )
     values = []
     for name, cell in zip(COLUMNS, row, strict=True):
         try:
@@ -155,6 +194,13 @@ def _point(path: str, line: int, row: list[str]) -> list[float]:
         except ValueError:
             value = float("nan")
         if not np.isfinite(value):
-            raise ProfileError(f"profile {path}, line {line}, {name}: expected a number, got {cell.strip()!r}")
+            raise ProfileError(
+                "profile {name}, line {line}, {column}: expected a number, got {cell!r}",
+                code="profile_number",
+                name=path,
+                line=line,
+                column=name,
+                cell=cell.strip(),
+            )
         values.append(value)
     return values

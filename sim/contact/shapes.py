@@ -8,6 +8,7 @@ from sim.contact.indentor import ACROSS, Indentor, Prismatic, Revolved
 from sim.contact.map_files import read_height_map
 from sim.contact.measured_profile import LINEAR, ProfileError, read_profile
 from sim.contact.profiles import STEP_HALF_WAVELENGTH_MM, Bar, Cylinder, Grating, Plane, Step, Wedge
+from sim.errors import ArgumentError, SimError
 
 EXPECTED = (
     "bar:WIDTH, cylinder:DIAMETER, step:1|3|5, grating:RIDGE,PITCH, wedge:ANGLE, profile:FILE.csv[,linear], "
@@ -22,20 +23,29 @@ _TURN = re.compile(rf"(.*?),(?:across|turn_deg=([^,]*))((?:{_OPTION})*)", re.DOT
 _FILE = re.compile(rf"(profile|heightmap):(.*?)((?:,across|,turn_deg=[^,]*|{_OPTION})*)", re.DOTALL)
 
 
-class ShapeError(ValueError):
+class ShapeError(SimError, ValueError):
     """The name of an indentor is not understood, or its dimension is out of range."""
+
+    default_code = "bad_shape"
 
 
 def parse_shape(text: str) -> Indentor:
     """Indentor named as on the command line, e.g. "bar:3.0"; raises ShapeError with what was expected."""
     kind, _, argument = text.partition(":")
     if kind == "point":
-        raise ShapeError(f"shape {text!r}: a point load is no contact, expected {EXPECTED}")
+        raise ShapeError(
+            "shape {shape!r}: a point load is no contact, expected {expected}",
+            code="point_load",
+            shape=text,
+            expected=EXPECTED,
+        )
     turned = _TURN.fullmatch(text)
     if turned is not None:
         return _turned(text, turned[1] + turned[3], turned[2])
     if kind not in _KINDS:
-        raise ShapeError(f"shape {text!r}: no such indentor, expected {EXPECTED}")
+        raise ShapeError(
+            "shape {shape!r}: no such indentor, expected {expected}", code="no_such", shape=text, expected=EXPECTED
+        )
     return _KINDS[kind](text, argument)
 
 
@@ -62,18 +72,28 @@ def _turned(text: str, shape: str, turn: str | None) -> Indentor:
     except ValueError:
         turn_deg = float("nan")
     if not abs(turn_deg) <= 360.0:
-        raise ShapeError(f"shape {text!r}: turn_deg = {turn}: expected an angle within ± 360 degrees")
+        raise ShapeError(
+            "shape {shape!r}: turn_deg = {turn}: expected an angle within ± 360 degrees",
+            code="turn_out_of_range",
+            shape=text,
+            turn=turn,
+        )
     try:
         return parse_shape(shape).turned(turn_deg)
     except ShapeError:
         raise
-    except ValueError as error:
-        raise ShapeError(f"shape {text!r}: {error}; expected no across and no turn_deg") from None
+    except ArgumentError as error:
+        raise ShapeError(
+            "shape {shape!r}: {problem}; expected no across and no turn_deg",
+            code=error.code,
+            shape=text,
+            problem=str(error),
+        ) from None
 
 
 def _step(text: str, argument: str) -> Indentor:
     if argument not in STEP_HALF_WAVELENGTH_MM:
-        raise ShapeError(f"shape {text!r}: expected step:1, step:3 or step:5")
+        raise ShapeError("shape {shape!r}: expected step:1, step:3 or step:5", code="no_such_step", shape=text)
     return Indentor.along(Step(argument))
 
 
@@ -92,7 +112,7 @@ def _wedge(text: str, argument: str) -> Indentor:
 def _grating(text: str, argument: str) -> Indentor:
     ridge, comma, pitch = argument.partition(",")
     if not comma:
-        raise ShapeError(f"shape {text!r}: expected grating:RIDGE,PITCH in mm")
+        raise ShapeError("shape {shape!r}: expected grating:RIDGE,PITCH in mm", code="no_pitch", shape=text)
     ridge_mm = _number(text, ridge, "ridge", "mm", 0.15, 10.0)
     return Indentor.along(Grating(ridge_mm, _number(text, pitch, "pitch", "mm", ridge_mm + 0.05, 20.0)))
 
@@ -101,17 +121,19 @@ def _profile(text: str, argument: str) -> Indentor:
     try:
         return Indentor.along(read_profile(argument.removesuffix(LINEAR), linear=argument.endswith(LINEAR)))
     except ProfileError as error:
-        raise ShapeError(str(error)) from None
+        raise ShapeError(error.sentence, code=error.code, **error.fields) from None
 
 
 def _height_map(text: str, argument: str) -> Indentor:
     found = _FILE.fullmatch(text)
     if found is None or not argument:
-        raise ShapeError(f"shape {text!r}: expected heightmap:FILE.png|npy|csv and its scale")
+        raise ShapeError(
+            "shape {shape!r}: expected heightmap:FILE.png|npy|csv and its scale", code="no_file", shape=text
+        )
     try:
         return read_height_map(found[2], [option for option in found[3].split(",") if option])
     except HeightMapError as error:
-        raise ShapeError(str(error)) from None
+        raise ShapeError(error.sentence, code=error.code, **error.fields) from None
 
 
 def _sphere(text: str, argument: str) -> Indentor:
@@ -133,7 +155,7 @@ def _cone(text: str, argument: str) -> Indentor:
 
 def _line(text: str, argument: str) -> Indentor:
     if argument:
-        raise ShapeError(f"shape {text!r}: expected line, placed by its z")
+        raise ShapeError("shape {shape!r}: expected line, placed by its z", code="line_with_number", shape=text)
     return Prismatic("line", Bar(LINE_THICKNESS_MM, 0.5 * LINE_THICKNESS_MM), ACROSS)
 
 
@@ -156,7 +178,22 @@ def _number(text: str, argument: str, what: str, unit: str, low: float, high: fl
     try:
         value = float(argument)
     except ValueError:
-        raise ShapeError(f"shape {text!r}: expected a {what} in {unit} after the colon") from None
+        raise ShapeError(
+            "shape {shape!r}: expected a {dimension} in {unit} after the colon",
+            code="no_dimension",
+            shape=text,
+            dimension=what,
+            unit=unit,
+        ) from None
     if not low <= value <= high:
-        raise ShapeError(f"shape {text!r}: {what} {value:g} {unit} is outside {low:g} … {high:g} {unit}")
+        raise ShapeError(
+            "shape {shape!r}: {dimension} {value:g} {unit} is outside {low:g} … {high:g} {unit}",
+            code="dimension_out_of_range",
+            shape=text,
+            dimension=what,
+            value=value,
+            unit=unit,
+            low=low,
+            high=high,
+        )
     return value

@@ -5,6 +5,8 @@ import math
 from collections.abc import Callable
 from typing import Protocol
 
+from sim.errors import ArgumentError
+
 _ON_GRID = 1e-6  # of a period: an instant that is a sample's but for round-off
 
 
@@ -47,7 +49,7 @@ class EventQueue:
     def push(self, t_s: float, action: Callable[[], None]) -> Handle:
         """Raises ValueError unless t_s is finite."""
         if not math.isfinite(t_s):
-            raise ValueError(f"an event needs a finite time, got {t_s}")
+            raise ArgumentError("an event needs a finite time, got {t_s}", code="endless_time", t_s=t_s)
         event = _Event(action)
         self._count += 1
         heapq.heappush(self._heap, (t_s, self._count, event))
@@ -98,7 +100,7 @@ class VirtualClock:
         Raises RuntimeError where nothing could ever end the wait.
         """
         if math.isnan(deadline_s):
-            raise ValueError("the deadline of a wait is not a number")
+            raise ArgumentError("the deadline of a wait is not a number", code="no_deadline", deadline_s=deadline_s)
         while not ready():
             if not self._run_next(deadline_s):
                 return self._stand_at(deadline_s, ready)

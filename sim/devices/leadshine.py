@@ -282,7 +282,11 @@ def leadshine_twin(scheduler: Scheduler, line: SerialLine, told: StageTold) -> D
     """Both drives on one line, whichever ports the real ones have. Raises TwinError."""
     x, z = told.own["x"], told.own["z"]
     if x["device_id"] == z["device_id"]:
-        raise TwinError("drives: the virtual drives share one port, expected different device ids")
+        raise TwinError(
+            "drives: the virtual drives share one port, expected different device ids",
+            code="same_device_id",
+            device_id=x["device_id"],
+        )
     pair = DrivePair(_drive(scheduler, told, "x", x), _drive(scheduler, told, "z", z))
     ModbusBus(scheduler, line, {x["device_id"]: pair.x, z["device_id"]: pair.z}, framing=told.framing)
     return pair

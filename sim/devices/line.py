@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from sim.devices.clock import Scheduler
+from sim.errors import ArgumentError
 
 BITS_PER_BYTE = 10
 
@@ -34,7 +35,7 @@ class SerialLine:
 
     def __init__(self, scheduler: Scheduler, baud: float) -> None:
         if not baud > 0:
-            raise ValueError(f"baud must be positive, got {baud}")
+            raise ArgumentError("baud must be positive, got {baud}", code="bad_baud", baud=baud)
         self._to_device = _OneWay(scheduler, baud)
         self._to_host = _OneWay(scheduler, baud)
         self._arrived = bytearray()

@@ -21,6 +21,7 @@ from pymodbus.pdu.register_message import (
 
 from sim.devices.clock import Scheduler
 from sim.devices.line import SerialLine
+from sim.errors import SimError
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, DEVICE_BUSY = 1, 2, 3, 6
 BROADCAST = 0
@@ -32,12 +33,14 @@ FORGET_S = 0.05
 _HEADER, _SHORTEST, _LONGEST = 6, 2, 254  # of a TCP frame: bytes before the length counts, and what it may be
 
 
-class RegisterFault(Exception):  # noqa: N818
-    """A register cannot be read or written; code is the Modbus exception."""
+class RegisterFault(SimError):  # noqa: N818
+    """A register cannot be read or written; number is that of the Modbus exception."""
 
-    def __init__(self, code: int) -> None:
-        super().__init__(f"Modbus exception {code}")
-        self.code = code
+    default_code = "register_fault"
+
+    def __init__(self, number: int) -> None:
+        super().__init__("Modbus exception {number}", number=number)
+        self.number = number
 
 
 class Registers(Protocol):
@@ -172,7 +175,7 @@ def _obey(device: Registers, request: ModbusPDU) -> ModbusPDU:
         device.write(request.address, request.registers)
         return WriteSingleRegisterResponse(address=request.address, registers=request.registers)
     except RegisterFault as fault:
-        return ExceptionResponse(code, fault.code)
+        return ExceptionResponse(code, fault.number)
 
 
 def words(value: int) -> list[int]:

@@ -10,13 +10,16 @@ from typing import Any, Literal, Protocol, runtime_checkable
 from sim.devices.cell import Load
 from sim.devices.clock import Scheduler
 from sim.devices.line import SerialLine
+from sim.errors import SimError
 
 PerAxis = tuple[float, float, float]
 Framing = Literal["rtu", "tcp"]
 
 
-class TwinError(ValueError):
+class TwinError(SimError, ValueError):
     """A twin cannot be as it is told; begins with the key that says so."""
+
+    default_code = "bad_twin"
 
 
 class VirtualStage(Protocol):

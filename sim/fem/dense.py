@@ -4,16 +4,27 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
+from sim.errors import SimError
+
 Array = NDArray[np.float64]
 
 _TILE = 512
+
+
+class IndefiniteError(SimError, ValueError):
+    """A matrix is not positive definite: its leading minor of this order is not positive."""
+
+    default_code = "not_positive_definite"
+
+    def __init__(self, minor: int) -> None:
+        super().__init__("matrix is not positive definite (leading minor {minor})", minor=minor)
 
 
 def inverse_spd(matrix: Array) -> Array:
     """(n, n) inverse of a symmetric positive definite matrix; raises ValueError when it is not definite."""
     factor, info = lapack.dpotrf(matrix.T, lower=1, clean=0)
     if info:
-        raise ValueError(f"matrix is not positive definite (leading minor {info})")
+        raise IndefiniteError(info)
     inverse, info = lapack.dpotri(factor, lower=1, overwrite_c=1)
     return mirror_lower(inverse).T
 

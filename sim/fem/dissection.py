@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.linalg import blas, lapack
 
 from sim.fem.assembly import symmetric
-from sim.fem.dense import inverse_spd
+from sim.fem.dense import IndefiniteError, inverse_spd
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -106,7 +106,7 @@ class DissectionFactor:
         n = len(rows)
         triangle, info = lapack.dpotrf(rows[:, :n].T, lower=1)
         if info:
-            raise ValueError(f"matrix is not positive definite (leading minor {own.start + info})")
+            raise IndefiniteError(own.start + info)
         below = blas.dtrsm(1.0, triangle, np.asfortranarray(rows[:, n:].T), side=1, lower=1, trans_a=1, overwrite_b=1)
         self._fronts.append(_Front(own, after, triangle, below))
         if len(after):

@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from sim.errors import SimError
 from sim.fem.dense import inverse_spd
 
 Array = NDArray[np.float64]
@@ -37,8 +38,10 @@ def available() -> bool:
     return True
 
 
-class PardisoError(RuntimeError):
+class PardisoError(SimError, RuntimeError):
     """PARDISO refused the matrix; the number is its error code."""
+
+    default_code = "pardiso_failed"
 
 
 class PardisoFactor:
@@ -120,7 +123,7 @@ class PardisoFactor:
             ctypes.byref(error),
         )
         if error.value:
-            raise PardisoError(f"PARDISO phase {phase} failed with error {error.value}")
+            raise PardisoError("PARDISO phase {phase} failed with error {number}", phase=phase, number=error.value)
 
 
 def _int(value: int) -> object:

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.config.fingertip_config import FingertipConfig, MeshSpec
+from sim.errors import SimError
 from sim.fem.elements import NODES
 from sim.fem.shape_functions import HEX8
 from sim.finger.surface import FingertipSurface
@@ -11,8 +12,10 @@ from sim.finger.surface import FingertipSurface
 Array = NDArray[np.float64]
 
 
-class MeshError(ValueError):
+class MeshError(SimError, ValueError):
     """The geometry and the mesh settings do not make a valid mesh."""
+
+    default_code = "bad_mesh"
 
 
 def axial_places(config: FingertipConfig) -> tuple[Array, NDArray[np.bool_]]:
@@ -22,7 +25,12 @@ def axial_places(config: FingertipConfig) -> tuple[Array, NDArray[np.bool_]]:
     n = int(np.ceil(mesh.patch_z_mm / spacing - 1e-9))
     fine = middle + np.arange(-n, n + 1) * spacing
     if fine[0] < 0.5 or fine[-1] > length - 0.5:
-        raise MeshError(f"patch_z_mm = {mesh.patch_z_mm}: the patch leaves the finger, z 0 … {length} mm")
+        raise MeshError(
+            "patch_z_mm = {patch_z_mm}: the patch leaves the finger, z 0 … {length_mm} mm",
+            code="patch_leaves_finger",
+            patch_z_mm=mesh.patch_z_mm,
+            length_mm=length,
+        )
     below = fine[0] - _graded(mesh, spacing, fine[0])
     above = fine[-1] + _graded(mesh, spacing, length - fine[-1])
     z = np.concatenate([below[::-1], fine, above])
@@ -46,8 +54,13 @@ def angles_around(config: FingertipConfig, surface: FingertipSurface) -> tuple[A
     angles = surface.angle_at(sides, config.receptor_plane_mm)
     if np.abs(surface.section(angles, config.receptor_plane_mm)[0] - sides).max() > 1e-6:
         raise MeshError(
-            f"patch_x_mm = {mesh.patch_x_mm}: the patch leaves the pulp, which is x {x.min():.2f} … {x.max():.2f} mm "
-            f"in the receptor plane, z = {config.receptor_plane_mm:.2f} mm"
+            "patch_x_mm = {patch_x_mm}: the patch leaves the pulp, which is x {low_mm:.2f} … {high_mm:.2f} mm in the "
+            "receptor plane, z = {z_mm:.2f} mm",
+            code="patch_leaves_pulp",
+            patch_x_mm=mesh.patch_x_mm,
+            low_mm=float(x.min()),
+            high_mm=float(x.max()),
+            z_mm=config.receptor_plane_mm,
         )
     edges = np.interp(angles, table, arc)
     right = int(np.ceil((apex - edges[0]) / mesh.spacing_mm - 1e-9))

@@ -61,8 +61,12 @@ def _radial_fractions(mesh: MeshSpec, tissue: Tissue, depth_mm: float) -> tuple[
     below = depth_mm - top
     if top > _DEEPEST_DERMIS * depth_mm:
         raise MeshError(
-            f"epidermis + dermis = {top:.2f} mm reach the bone, {depth_mm:.2f} mm below the skin, or nearly: "
-            f"expected at most {_DEEPEST_DERMIS * depth_mm:.2f} mm, so that fat is left"
+            "epidermis + dermis = {skin_mm:.2f} mm reach the bone, {bone_mm:.2f} mm below the skin, or nearly: "
+            "expected at most {most_mm:.2f} mm, so that fat is left",
+            code="no_fat",
+            skin_mm=top,
+            bone_mm=float(depth_mm),
+            most_mm=float(_DEEPEST_DERMIS * depth_mm),
         )
     steps, x = [], 0.0
     step = mesh.dermis_spacing_mm

@@ -66,7 +66,10 @@ def build_mesh(config: FingertipConfig, surface: FingertipSurface) -> FingerMesh
     n_patch = int(z_fine.sum() * phi_fine.sum())
     if n_patch > MOST_PATCH_NODES:
         raise MeshError(
-            f"a patch of {n_patch} nodes: expected at most {MOST_PATCH_NODES}; coarser, or a smaller patch"
+            "a patch of {nodes} nodes: expected at most {most}; coarser, or a smaller patch",
+            code="too_many_nodes",
+            nodes=n_patch,
+            most=MOST_PATCH_NODES,
         )
     nodes, layers = nodes_on_rays(config, surface, phi, z_mm)
     order = order_of(config.mesh)
@@ -154,8 +157,14 @@ def _refuse_folded(nodes: Array, hexes: Ints) -> None:
     if jacobian[worst] <= 0:
         x, y, z = nodes[hexes[worst]]
         raise MeshError(
-            f"element {worst[0]} is folded at ({x:.2f}, {y:.2f}, {z:.2f}) mm: "
-            f"corner volume {jacobian[worst]:.3g} mm³, expected > 0"
+            "element {element} is folded at ({x_mm:.2f}, {y_mm:.2f}, {z_mm:.2f}) mm: corner volume {volume_mm3:.3g} "
+            "mm³, expected > 0",
+            code="folded",
+            element=int(worst[0]),
+            x_mm=float(x),
+            y_mm=float(y),
+            z_mm=float(z),
+            volume_mm3=float(jacobian[worst]),
         )
 
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 
 from sim.config.fingertip_config import Geometry
+from sim.errors import SimError
 from sim.finger import section
 from sim.finger.fit import fit_curves
 
@@ -22,8 +23,10 @@ _BESIDE_MM = 1e-6
 _RIDGE_STEP_MM = 0.02
 
 
-class SurfaceError(ValueError):
+class SurfaceError(SimError, ValueError):
     """What was measured does not make the skin of a finger."""
+
+    default_code = "bad_surface"
 
 
 def published_points() -> tuple[NDArray[np.int64], Array, list[str]]:
@@ -192,6 +195,11 @@ def _refuse_unusable(surface: FingertipSurface) -> None:
     if len(bad):
         k = bad[0]
         raise SurfaceError(
-            f"the skin crosses the bone's axis at z = {z_mm[k]:.2f} mm (half-width {a[k]:.2f}, height {b[k]:.2f}, "
-            f"lean {lean[k]:.2f} mm): expected sections around x = y = 0"
+            "the skin crosses the bone's axis at z = {z_mm:.2f} mm (half-width {half_width_mm:.2f}, height "
+            "{height_mm:.2f}, lean {lean_mm:.2f} mm): expected sections around x = y = 0",
+            code="crosses_axis",
+            z_mm=float(z_mm[k]),
+            half_width_mm=float(a[k]),
+            height_mm=float(b[k]),
+            lean_mm=float(lean[k]),
         )

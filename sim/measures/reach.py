@@ -59,7 +59,9 @@ def receptors_at(config: FingertipConfig, surface: FingertipSurface, places: Rec
     z = (config.receptor_plane_mm,) if places.z_mm is None else places.z_mm
     asked = len(z) * len(places.depth_mm) * len(places.x_mm)
     if not 0 < asked <= MOST_RECEPTORS:
-        raise ReceptorError(f"{asked} receptors: expected 1 to {MOST_RECEPTORS}")
+        raise ReceptorError(
+            "{receptors} receptors: expected 1 to {most}", code="how_many", receptors=asked, most=MOST_RECEPTORS
+        )
     z_mm, depth_mm, x_mm = np.meshgrid(z, places.depth_mm, places.x_mm, indexing="ij")
     points = points_below(config, surface, x_mm, depth_mm, z_mm)
     return ReceptorSet(points.reshape(-1, 3), depth_mm.ravel())
@@ -78,7 +80,7 @@ def points_below(
     for place in zip(x.ravel().tolist(), depth.ravel().tolist(), z.ravel().tolist(), strict=True):
         point = _tissue_at(config, surface, *place)
         if point is None:
-            raise ReceptorError(_what_there_is(config, surface, *place))
+            raise _none_there(config, surface, *place)
         points.append(point)
     return np.array(points).reshape(*x.shape, 3)
 
@@ -115,23 +117,39 @@ def _refuse_ends(config: FingertipConfig, z_mm: Array) -> None:
     ends = axial_places(config)[0][[1, -2]]
     outside = z_mm[~((z_mm > ends[0]) & (z_mm < ends[1]))]
     if len(outside):
-        raise ReceptorError(f"no receptor at z = {outside[0]:g} mm: expected z from {_range(*ends)} mm")
+        raise ReceptorError(
+            "no receptor at z = {z_mm:g} mm: expected z from {low_mm:g} to {high_mm:g} mm",
+            code="z_outside",
+            z_mm=float(outside[0]),
+            **_range(*ends),
+        )
 
 
-def _what_there_is(
+def _none_there(
     config: FingertipConfig, surface: FingertipSurface, x_mm: float, depth_mm: float, z_mm: float
-) -> str:
-    what = f"no receptor at x = {x_mm:g} mm, {depth_mm:g} mm below the skin"
+) -> ReceptorError:
+    what = "no receptor at x = {x_mm:g} mm, {depth_mm:g} mm below the skin: expected "
+    at = {"x_mm": x_mm, "depth_mm": depth_mm, "z_mm": z_mm}
     x, _ = surface.section(np.linspace(0.0, np.pi, 721), z_mm)
     if not x.min() < x_mm < x.max():
-        return f"{what}: expected x from {_range(x.min(), x.max())} mm at z = {z_mm:g} mm"
+        return ReceptorError(
+            what + "x from {low_mm:g} to {high_mm:g} mm at z = {z_mm:g} mm",
+            code="x_outside",
+            **at,
+            **_range(x.min(), x.max()),
+        )
     least, most = 0.0, float(np.hypot(*surface.section(np.pi / 2, z_mm)))
     for _ in range(_BISECTIONS):
         middle = 0.5 * (least + most)
         there = _tissue_at(config, surface, x_mm, middle, z_mm)
         least, most = (middle, most) if there is not None else (least, middle)
-    return f"{what}: expected depths from {_range(0.0, least)} mm at x = {x_mm:g}, z = {z_mm:g} mm"
+    return ReceptorError(
+        what + "depths from {low_mm:g} to {high_mm:g} mm at x = {x_mm:g}, z = {z_mm:g} mm",
+        code="depth_outside",
+        **at,
+        **_range(0.0, least),
+    )
 
 
-def _range(low: float, high: float) -> str:
-    return f"{np.ceil(_ROUND * low) / _ROUND:g} to {np.floor(_ROUND * high) / _ROUND:g}"
+def _range(low: float, high: float) -> dict[str, float]:
+    return {"low_mm": float(np.ceil(_ROUND * low) / _ROUND), "high_mm": float(np.floor(_ROUND * high) / _ROUND)}

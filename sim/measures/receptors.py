@@ -9,6 +9,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import root
 
+from sim.errors import SimError
 from sim.fem.shape_functions import local_coordinates, shape_functions
 from sim.fem.strain import strain_matrix
 from sim.finger.mesh import FingerMesh
@@ -29,8 +30,10 @@ _ON_FACE = 1e-9
 _MOST_STEPS = 10  # from the nearest element to the one that holds the point
 
 
-class ReceptorError(ValueError):
+class ReceptorError(SimError, ValueError):
     """A receptor lies outside the part of the finger where strains are recovered."""
+
+    default_code = "no_receptor"
 
 
 @dataclass(frozen=True)
@@ -64,7 +67,12 @@ def point_below(surface: FingertipSurface, x_mm: float, depth_mm: float, z_mm: f
     phi = float(surface.angle_at(x_mm, z_mm))
     found = _solved(lambda v: below(v)[[0, 2]] - [x_mm, z_mm], np.array([phi, z_mm]))
     if found is None:
-        raise ReceptorError(f"no receptor at x = {x_mm:g} mm, {depth_mm:g} mm below the skin")
+        raise ReceptorError(
+            "no receptor at x = {x_mm:g} mm, {depth_mm:g} mm below the skin",
+            code="nowhere",
+            x_mm=float(x_mm),
+            depth_mm=float(depth_mm),
+        )
     return below(found)
 
 
@@ -92,12 +100,14 @@ def _depth_of(surface: FingertipSurface, point: Array) -> float:
     there = np.hypot(*surface.section(phi, point[2])) - np.hypot(*point[:2])
     found = _solved(missed, np.array([phi, point[2], there]))
     if found is None:
-        raise ReceptorError(f"no way up to the skin from {_named(point)}")
+        raise ReceptorError(
+            "no way up to the skin from ({x_mm:.2f}, {y_mm:.2f}, {z_mm:.2f}) mm", code="no_way_up", **_at(point)
+        )
     return float(found[2])
 
 
-def _named(point: Array) -> str:
-    return f"({', '.join(f'{v:.2f}' for v in point)}) mm"
+def _at(point: Array) -> dict[str, float]:
+    return dict(zip(("x_mm", "y_mm", "z_mm"), point.tolist(), strict=True))
 
 
 def strain_operator(mesh: FingerMesh, points_mm: Array) -> tuple[sp.csr_array, Ints]:
@@ -147,8 +157,12 @@ def located(mesh: FingerMesh, point: Array) -> Place:
             break
     low, high = mesh.z_mm[[1, -2]]
     raise ReceptorError(
-        f"the point {_named(point)} lies at an end of the finger or outside of it: expected z from {low:.2f} to "
-        f"{high:.2f} mm, between skin and bone"
+        "the point ({x_mm:.2f}, {y_mm:.2f}, {z_mm:.2f}) mm lies at an end of the finger or outside of it: expected z "
+        "from {low_mm:.2f} to {high_mm:.2f} mm, between skin and bone",
+        code="outside_finger",
+        **_at(point),
+        low_mm=float(low),
+        high_mm=float(high),
     )
 
 

@@ -16,6 +16,7 @@ from filelock import FileLock
 from numpy.typing import NDArray
 
 from sim.contact.compiled.kept import cache_dir as cache_dir
+from sim.errors import SimError
 
 Arrays = dict[str, NDArray[np.generic]]
 Kind = Literal["model", "node", "columns", "skin", "answers", "sites"]
@@ -28,15 +29,17 @@ MOST_BYTES = 5e9
 
 _SEAL_BYTES = hashlib.sha256().digest_size
 _CODE = (
-    *("config", "contact/patch.py", "fem", "finger", "measures"),
+    *("errors.py", "config", "contact/patch.py", "fem", "finger", "measures"),
     *("models/inside/adjoint.py", "models/inside/columns.py"),
     *("models/condensed.py", "models/discretised.py", "models/whole_finger.py"),
 )
 """Folders and modules of `sim` that say what a finger's model comes to."""
 
 
-class CacheError(ValueError):
+class CacheError(SimError, ValueError):
     """Models cannot be stored where they should be."""
+
+    default_code = "bad_cache"
 
 
 class Entry(NamedTuple):
@@ -58,7 +61,9 @@ def most_bytes() -> float:
     except ValueError:
         most = math.nan
     if not 0 <= most < math.inf:
-        raise CacheError(f"RIG_CACHE_GB = {given!r}: expected how much is kept in GB, 0 or more")
+        raise CacheError(
+            "RIG_CACHE_GB = {value!r}: expected how much is kept in GB, 0 or more", code="bad_size", value=given
+        )
     return most
 
 
@@ -152,7 +157,12 @@ def _alone(folder: Path, key: str) -> Iterator[None]:
         folder.mkdir(parents=True, exist_ok=True)
         lock.acquire()
     except OSError as error:
-        raise CacheError(f"cache folder {folder} (RIG_CACHE_DIR): {error.strerror}") from None
+        raise CacheError(
+            "cache folder {folder} (RIG_CACHE_DIR): {problem}",
+            code="bad_folder",
+            folder=str(folder),
+            problem=error.strerror,
+        ) from None
     try:
         yield
     finally:

@@ -59,7 +59,11 @@ def load(
     surface = FingertipSurface.fit(config.geometry)
     if name == "section":
         if places.z_mm:
-            raise ModelRangeError("a section is the receptor plane alone: expected receptors at no other z")
+            raise ModelRangeError(
+                "a section is the receptor plane alone: expected receptors at no other z",
+                code="receptors_beside_section",
+                z_mm=places.z_mm,
+            )
         surface = prismatic(surface, config.receptor_plane_mm)
     receptors = receptors_at(config, surface, places)
 

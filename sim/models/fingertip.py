@@ -25,7 +25,7 @@ from sim.finger.surface import FingertipSurface
 from sim.measures.reach import ReceptorPlaces, receptors_at
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
 from sim.models.condensed import CondensedModel
-from sim.models.errors import ModelRangeError, positive
+from sim.models.errors import ModelRangeError, positive, refuse_unless_one, z_outside
 from sim.models.inside.anywhere import Anywhere, SeenInside
 from sim.models.moduli.interpolated import Interpolated
 from sim.models.patches import HalfWidths, half_widths, larger
@@ -176,14 +176,18 @@ class Fingertip(ByRecipe, SeenInside):
         the model: no larger patch, a place, depth or force out of range.
         """
         shape = _indentor(indentor)
-        if (doi_mm is None) == (force_gwt is None):
-            raise ModelRangeError("expected exactly one of a depth (doi_mm) and a force (force_gwt)")
+        refuse_unless_one(doi_mm, force_gwt)
         refuse_beside_the_finger(self.config, x_mm, z_mm)
         place = self._place(shape, x_mm, z_mm)
         touch = self._first_touch(shape, place)
         height = self.apex_height_mm if reference == "apex" else touch.height_mm
         if doi_mm is not None and not 0 < doi_mm <= self.deepest_doi_mm:
-            raise ModelRangeError(f"DOI {doi_mm:g} mm: expected 0 < DOI ≤ {self.deepest_doi_mm:g} mm")
+            raise ModelRangeError(
+                "DOI {doi_mm:g} mm: expected 0 < DOI ≤ {deepest_mm:g} mm",
+                code="doi_outside",
+                doi_mm=doi_mm,
+                deepest_mm=self.deepest_doi_mm,
+            )
         if force_gwt is not None:
             positive(force_gwt)
         patch = None
@@ -226,15 +230,25 @@ class Fingertip(ByRecipe, SeenInside):
         """
         refuse_stiffening(self.config.tissue, "a point load")
         z = self.config.receptor_plane_mm if z_mm is None else z_mm
-        if not 0 < z < self.config.geometry.length_mm:
-            raise ModelRangeError(f"z = {z} mm: expected 0 … {self.config.geometry.length_mm:g} mm along the finger")
+        length_mm = self.config.geometry.length_mm
+        if not 0 < z < length_mm:
+            raise z_outside(z, length_mm)
         left, right = (float(self.surface.section(phi, z)[0]) for phi in (math.pi - _SIDE_RAD, _SIDE_RAD))
         if not left < x_mm < right:
-            raise ModelRangeError(f"x = {x_mm} mm: expected {left:.2f} … {right:.2f} mm, the pulp at z = {z:g} mm")
+            raise ModelRangeError(
+                "x = {x_mm} mm: expected {low_mm:.2f} … {high_mm:.2f} mm, the pulp at z = {z_mm:g} mm",
+                code="x_beside_pulp",
+                x_mm=x_mm,
+                low_mm=left,
+                high_mm=right,
+                z_mm=z,
+            )
         force_n = positive(force_gwt) * GWT_N
         key, model = next(iter(self._models.items()))
         if model.kind == "section" and z != self.config.receptor_plane_mm:
-            raise ModelRangeError(f"z = {z} mm: a section is the receptor plane alone, expected no z")
+            raise ModelRangeError(
+                "z = {z_mm} mm: a section is the receptor plane alone, expected no z", code="z_of_section", z_mm=z
+            )
         strain = model.point_load(x_mm, z) * (force_n / self.e_epidermis_mpa)
         return PointLoadResult(x_mm, z, force_n, strain.reshape(-1, 6), self._outlines[key])
 

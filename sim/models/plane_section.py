@@ -43,7 +43,9 @@ def build_section(
     Raises ModelRangeError for indentors that slope along the finger.
     """
     if slopes != ALONG:
-        raise ModelRangeError("a section takes shapes prismatic along the finger: expected --model finger")
+        raise ModelRangeError(
+            "a section takes shapes prismatic along the finger: expected --model finger", code="not_prismatic"
+        )
     mesh = section_mesh(config, surface)
     unknown = _unknowns(mesh)
     dof = np.flatnonzero(unknown.ravel() >= 0)

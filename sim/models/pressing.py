@@ -5,6 +5,7 @@ At once, or in steps from first touch where a corner may bear.
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from sim.contact.points import Pose
 from sim.contact.solver import ContactState, solve_contact
 from sim.contact.touch import Touch
 from sim.models.condensed import CondensedModel
-from sim.models.errors import ForceOutOfReachError, ModelRangeError
+from sim.models.errors import ForceOutOfReachError, ModelRangeError, z_outside
 from sim.models.relaxing.held import held_at
 from sim.models.stiffening.stiffened import LINEAR_TISSUE, Stiffened, Under
 
@@ -42,8 +43,12 @@ _AXIS_NAMES = {X: "x", Z: "z"}
 class RimError(ModelRangeError, TooDeepError):
     """The indentor would touch skin that the patch does not hold, at (x, z), and perhaps at others; mm."""
 
-    def __init__(self, message: str, at_mm: tuple[float, float], others_mm: Array) -> None:
-        super().__init__(message)
+    default_code = "at_rim"
+
+    def __init__(
+        self, message: str, at_mm: tuple[float, float], others_mm: Array, *, code: str | None = None, **fields: Any
+    ) -> None:
+        super().__init__(message, code=code, **fields)
         self.at_mm = at_mm
         self.others_mm = others_mm  # (n, 2) places beside the patch that the indentor, were it soft, would lie below
 
@@ -52,9 +57,14 @@ def refuse_beside_the_finger(config: FingertipConfig, x_mm: float, z_mm: float |
     """Refuse a place that is not over a finger."""
     length_mm = config.geometry.length_mm
     if not abs(x_mm) <= FARTHEST_X_MM:
-        raise ModelRangeError(f"x = {x_mm} mm: expected a finite number within ± {FARTHEST_X_MM:g} mm")
+        raise ModelRangeError(
+            "x = {x_mm} mm: expected a finite number within ± {farthest_mm:g} mm",
+            code="x_outside",
+            x_mm=x_mm,
+            farthest_mm=FARTHEST_X_MM,
+        )
     if z_mm is not None and not 0 <= z_mm <= length_mm:
-        raise ModelRangeError(f"z = {z_mm} mm: expected 0 … {length_mm:g} mm along the finger")
+        raise z_outside(z_mm, length_mm)
 
 
 def refuse_meaningless(indentor: Indentor, x_mm: float, z_mm: float | None) -> None:
@@ -62,8 +72,14 @@ def refuse_meaningless(indentor: Indentor, x_mm: float, z_mm: float | None) -> N
     for axis, given in ((X, x_mm or None), (Z, z_mm)):
         if given is not None and axis not in indentor.placed_by:
             by = " and ".join(_AXIS_NAMES[axis] for axis in indentor.placed_by) or "its depth alone"
-            name = f"{_AXIS_NAMES[axis]}_mm = {given:g}"
-            raise ModelRangeError(f"{indentor.name}: {name} means nothing to it: it is placed by {by}")
+            raise ModelRangeError(
+                "{indentor}: {axis}_mm = {place_mm:g} means nothing to it: it is placed by {placed_by}",
+                code="meaningless_place",
+                indentor=indentor.name,
+                axis=_AXIS_NAMES[axis],
+                place_mm=given,
+                placed_by=by,
+            )
 
 
 @dataclass(frozen=True)
@@ -132,8 +148,9 @@ class PlacedIndentor:
         for axis, at, nodes in zip(self.indentor.axes, self.touch.at_mm, self.model.patch.tangential_mm, strict=True):
             if not nodes.min() < at < nodes.max():
                 place = {X: 0.0, Z: self._plane_mm} | dict(zip(self.indentor.axes, self.touch.at_mm, strict=True))
-                what = f"touches the skin at {_AXIS_NAMES[axis]} = {at:.2f} mm, outside the patch"
-                self._refuse(what, (place[X], place[Z]), np.zeros((0, 2)))
+                what = "touches the skin at {axis} = {touch_mm:.2f} mm, outside the patch"
+                told = {"code": "touch_beside_patch", "axis": _AXIS_NAMES[axis], "touch_mm": float(at)}
+                raise self._beyond(what, (place[X], place[Z]), np.zeros((0, 2)), **told)
 
     def refuse_rim(self, pose: Pose, state: ContactState) -> None:
         """Refuse an answer when the indentor touches skin that the patch does not hold."""
@@ -144,9 +161,8 @@ class PlacedIndentor:
         if len(at_rim) or (gap < 0).any():
             below = pose.gap(beside[:, list(self.indentor.axes)].T, beside[:, Y]).height_mm < 0
             x, _, z = patch.position_mm[at_rim[0]] if len(at_rim) else beside[np.argmin(gap)]
-            self._refuse(
-                f"contact reaches the patch's rim at x = {x:.2f}, z = {z:.2f} mm", (x, z), beside[below][:, [X, Z]]
-            )
+            what = "contact reaches the patch's rim at x = {x_mm:.2f}, z = {z_mm:.2f} mm"
+            raise self._beyond(what, (x, z), beside[below][:, [X, Z]], x_mm=float(x), z_mm=float(z))
 
     @property
     def _plane_mm(self) -> float:
@@ -154,16 +170,21 @@ class PlacedIndentor:
         patch = self.model.patch
         return float(patch.position_mm[self.model.receptor_row * patch.shape[1], Z])
 
-    def _refuse(self, what: str, at_mm: tuple[float, float], others_mm: Array) -> None:
-        at = {axis: f"{_AXIS_NAMES[axis]} = {at:g}" for axis, at in zip(self.indentor.axes, self.place, strict=True)}
-        where = ", ".join(at[axis] for axis in self.indentor.placed_by)
+    def _beyond(self, what: str, at_mm: tuple[float, float], others_mm: Array, **told: Any) -> RimError:
+        at = {axis: float(at) for axis, at in zip(self.indentor.axes, self.place, strict=True)}
+        named = {_AXIS_NAMES[axis]: at[axis] for axis in self.indentor.placed_by}
+        where = ", ".join(f"{name} = {{at_{name}_mm:g}}" for name in named)
         where = f" at {where} mm" if where else ""
+        told |= {f"at_{name}_mm": place for name, place in named.items()}
         size = "mesh.round_patch_mm" if len(at) > 1 else "mesh.patch_x_mm / patch_z_mm"
-        raise RimError(
-            f"{self.indentor.name}{where}: {what}; expected a smaller depth, a position nearer the pad's "
-            f"centre, or a wider {size}",
+        return RimError(
+            f"{{indentor}}{where}: {what}; expected a smaller depth, a position nearer the pad's centre, or a "
+            "wider {size}",
             (float(at_mm[0]), float(at_mm[1])),
             others_mm,
+            indentor=self.indentor.name,
+            size=size,
+            **told,
         )
 
 
@@ -232,7 +253,9 @@ class Pressing:
         try:
             return solve_for_force(force, _FORCE_GUESS_MM, deepest_mm, solve, factor)
         except ForceNotReachedError as error:
-            raise ForceOutOfReachError(f"force {force_gwt:g} gwt: {error}") from None
+            raise ForceOutOfReachError(
+                "force {force_gwt:g} gwt: {problem}", force_gwt=force_gwt, problem=str(error), **error.fields
+            ) from None
 
     def by_other_paths(self, doi_mm: float) -> list[ContactState]:
         """The answers at a depth at the end of paths in finer steps from first touch."""

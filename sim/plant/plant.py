@@ -143,7 +143,11 @@ class Press:
         if isinstance(self._indentor, Revolved) and isinstance(self._indentor.profile, Cylinder):
             self._radius_mm = self._indentor.profile.sharpest_radius_mm
         elif truth.turn != STRAIGHT:
-            raise ModelRangeError(f"{indentor} on a finger that is rolled or tilted: expected a sphere")
+            raise ModelRangeError(
+                "{indentor} on a finger that is rolled or tilted: expected a sphere",
+                code="turned_finger",
+                indentor=indentor,
+            )
         self._stiffness = truth.stiffness
         # It is asked at thousands of heights over few places, and each time the finger would hash the shape anew.
         self._touch_mm = lru_cache(_PLACES_KEPT)(partial(finger.touch_height_mm, self._indentor))
@@ -219,8 +223,13 @@ class Press:
         )
         if not result.state.converged:
             raise ModelRangeError(
-                f"the virtual finger has no answer for {self._indentor.name} at x = {pose.x_mm:g} mm, DOI "
-                f"{doi_mm:g} mm: residual {result.state.residual:.0e}"
+                "the virtual finger has no answer for {indentor} at x = {x_mm:g} mm, DOI {doi_mm:g} mm: residual "
+                "{residual:.0e}",
+                code="no_answer",
+                indentor=self._indentor.name,
+                x_mm=pose.x_mm,
+                doi_mm=doi_mm,
+                residual=float(result.state.residual),
             )
         return _Pressed(pose, doi_mm, self._stiffness * result.force_n, result.state, result.strained.force)
 

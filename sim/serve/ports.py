@@ -10,6 +10,7 @@ import socket
 from collections.abc import Iterator
 
 from sim.devices.line import SerialLine
+from sim.errors import SimError
 from sim.serve.wall_clock import WallScheduler
 
 HOST = "127.0.0.1"
@@ -18,8 +19,10 @@ _CHUNK = 4096
 _KEEPALIVE = (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3))
 
 
-class PortBusyError(Exception):
+class PortBusyError(SimError):
     """The port cannot be had; the message is one line."""
+
+    default_code = "port_busy"
 
 
 class PtyPort:
@@ -88,7 +91,9 @@ class TcpPort:
             yield
         except OSError as problem:
             self._server.close()
-            raise PortBusyError(f"TCP port {port}: {os.strerror(problem.errno or 0).lower()}") from None
+            raise PortBusyError(
+                "TCP port {port}: {problem}", port=port, problem=os.strerror(problem.errno or 0).lower()
+            ) from None
 
     def close(self) -> None:
         self._drop()

@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from sim.config.fingertip_config import FingertipConfig
 from sim.contact.shapes import ShapeError
+from sim.errors import SimError
 from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
 from sim.models.processes.workers import give_way, keep_freed_memory, leaving_ctrl_c_to_us
@@ -38,8 +39,16 @@ class PressAnswer:
     problem: str = ""
 
 
-class FingerNotLoadedError(Exception):
+class FingerNotLoadedError(SimError):
     """The process of the finger has no finger; the message is one line."""
+
+    default_code = "not_loaded"
+
+
+def _too_late() -> FingerNotLoadedError:
+    return FingerNotLoadedError(
+        "virtual finger: not loaded within {timeout_s:g} s", code="too_late", timeout_s=_READY_S
+    )
 
 
 class FingerProcess(Generic[Asked, Answer]):
@@ -58,12 +67,12 @@ class FingerProcess(Generic[Asked, Answer]):
             self._process.start()
         far.close()
         try:
-            problem = self._near.recv() if self._near.poll(_READY_S) else f"not loaded within {_READY_S:g} s"
+            problem = self._near.recv() if self._near.poll(_READY_S) else _too_late()
         except EOFError:
-            problem = "its process ended while it was loaded"
-        if problem:
+            problem = FingerNotLoadedError("virtual finger: its process ended while it was loaded", code="ended")
+        if problem is not None:
             self.close()
-            raise FingerNotLoadedError(f"virtual finger: {problem}")
+            raise problem
 
     def fileno(self) -> int:
         return self._near.fileno()
@@ -95,17 +104,20 @@ def told(error: Exception) -> str:
     return str(error) if isinstance(error, (ModelRangeError, ShapeError)) else f"{type(error).__name__}: {error}"
 
 
-def _serve(far: "Connection[str | Answer, Asked]", begin: Callable[[], Answering[Asked, Answer]]) -> None:
+def _serve(
+    far: "Connection[FingerNotLoadedError | Answer | None, Asked]", begin: Callable[[], Answering[Asked, Answer]]
+) -> None:
     give_way(0)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # where it was not held back: this process ends with its pipe
     keep_freed_memory()
     try:
         answer = begin()
     except Exception as error:
-        far.send(told(error))
+        problem = error.code if isinstance(error, SimError) else type(error).__name__
+        far.send(FingerNotLoadedError("virtual finger: {problem}", problem=told(error), problem_code=problem))
         return
     threadpool_limits(1)  # beside other work two threads of a small sum wait for each other's turn at a processor
-    far.send("")
+    far.send(None)
     with contextlib.suppress(EOFError, OSError):  # the pipe is closed, perhaps while an answer is being made
         while True:
             far.send(answer(far.recv()))

@@ -13,7 +13,7 @@ from sim.contact.indentor import BOTH, Indentor
 from sim.contact.shapes import parse_shape
 from sim.measures.reach import NOWHERE, ReceptorPlaces
 from sim.models.catalogue import ModelName, load
-from sim.models.errors import ModelRangeError
+from sim.models.errors import ModelRangeError, refuse_unless_one
 from sim.models.fingertip import Fingertip
 from sim.speed_and_error.candidates import of_level
 from sim.speed_and_error.expected import DEPTHS_MM, PLACES_MM, Cost, Expected, Rung, bundled
@@ -27,6 +27,8 @@ AT_RECEPTORS = frozenset({"sed", "ep1"})
 class NoModelError(ModelRangeError):
     """No model is known to hold the tolerance."""
 
+    default_code = "no_model"
+
 
 @dataclass(frozen=True)
 class Aim:
@@ -38,9 +40,18 @@ class Aim:
 
     def __post_init__(self) -> None:
         if not self.quantities or not set(self.quantities) <= set(QUANTITIES):
-            raise ModelRangeError(f"{', '.join(self.quantities)}: expected some of {', '.join(QUANTITIES)}")
+            raise ModelRangeError(
+                "{quantities}: expected some of {known}",
+                code="unknown_quantity",
+                quantities=", ".join(self.quantities),
+                known=", ".join(QUANTITIES),
+            )
         if not 0 < self.tolerance < 1:
-            raise ModelRangeError(f"tolerance {self.tolerance:g}: expected a part of the whole, between 0 and 1")
+            raise ModelRangeError(
+                "tolerance {tolerance:g}: expected a part of the whole, between 0 and 1",
+                code="bad_tolerance",
+                tolerance=self.tolerance,
+            )
 
     @property
     def receptors(self) -> bool:
@@ -111,7 +122,9 @@ class Choice:
         """
         config = FingertipConfig() if config is None else config
         if config.mesh != MeshSpec():
-            raise ModelRangeError("the mesh is chosen: expected a finger without one of its own ([finger.mesh])")
+            raise ModelRangeError(
+                "the mesh is chosen: expected a finger without one of its own ([finger.mesh])", code="own_mesh"
+            )
         wanted = (places or ReceptorPlaces()) if self.aim.receptors else NOWHERE
         config = config.model_copy(update={"mesh": self.mesh})
         return load(self.model, config, slopes=self.axes, **wanted.as_options())
@@ -151,8 +164,7 @@ def choose(
 
     Errors were measured on the default finger, against the level `fine`. Raises NoModelError with the best there is.
     """
-    if (doi_mm is None) == (force_gwt is None):
-        raise ModelRangeError("expected exactly one of a depth (doi_mm) and a force (force_gwt)")
+    refuse_unless_one(doi_mm, force_gwt)
     shape = parse_shape(indentor) if isinstance(indentor, str) else indentor
     situation = Situation.of(shape, x_mm, z_mm, doi_mm, config or FingertipConfig(), reference)
     return cheapest(situation, aim or Aim(), bundled())
@@ -163,7 +175,7 @@ def cheapest(situation: Situation, aim: Aim, expected: Expected) -> Choice:
     known = expected.errors(situation)
     errors = {rung: of for rung, of in known.items() if _of_use(rung, of, situation, aim)}
     if not errors:
-        raise NoModelError(_unknown(situation))
+        raise _unknown(situation)
     worst = {rung: max(of[quantity] for quantity in aim.quantities) for rung, of in errors.items()}
     ranked = sorted(errors, key=lambda rung: _seconds(expected.cost(rung, situation), aim))
     passed: list[str] = []
@@ -176,8 +188,13 @@ def cheapest(situation: Situation, aim: Aim, expected: Expected) -> Choice:
         passed.append(f"{rung.model} {rung.level} {_percent(worst[rung])}")
     best = min(ranked, key=lambda rung: worst[rung])
     raise NoModelError(
-        f"no model is known to hold {aim.text} for {situation.shape}: the best is {best.model}, level {best.level}, "
-        f"expected {_percent(worst[best])}"
+        "no model is known to hold {aim} for {shape}: the best is {model}, level {level}, expected "
+        "{expected_percent:g} %",
+        aim=aim.text,
+        shape=situation.shape,
+        model=best.model,
+        level=best.level,
+        expected_percent=_two_digits(100 * worst[best]),
     )
 
 
@@ -191,11 +208,17 @@ def _seconds(cost: Cost, aim: Aim) -> float:
     return cost.build_s + cost.press_s + (cost.receptors_s if aim.receptors else 0.0)
 
 
-def _unknown(situation: Situation) -> str:
-    depth = "by force" if situation.depth_mm is None else f"{situation.depth_mm:.2f} mm deep"
-    return (
-        f"no model's error is known for {situation.shape} {depth}, {situation.place_mm:.2f} mm from the pad's "
-        f"centre: measured to {DEPTHS_MM[-1]:g} and {PLACES_MM[-1]:g} mm, expected --model finger"
+def _unknown(situation: Situation) -> NoModelError:
+    depth = "by force" if situation.depth_mm is None else "{depth_mm:.2f} mm deep"
+    return NoModelError(
+        f"no model's error is known for {{shape}} {depth}, {{place_mm:.2f}} mm from the pad's centre: measured to "
+        "{deepest_mm:g} and {farthest_mm:g} mm, expected --model finger",
+        code="not_measured",
+        shape=situation.shape,
+        depth_mm=situation.depth_mm,
+        place_mm=situation.place_mm,
+        deepest_mm=DEPTHS_MM[-1],
+        farthest_mm=PLACES_MM[-1],
     )
 
 
@@ -204,5 +227,9 @@ def _percent(error: float) -> str:
 
 
 def _short(value: float) -> str:
-    """To two digits, without an exponent."""
-    return f"{float(f'{value:.2g}'):g}"
+    return f"{_two_digits(value):g}"
+
+
+def _two_digits(value: float) -> float:
+    """Rounded; below a million it is written without an exponent."""
+    return float(f"{value:.2g}")

@@ -27,6 +27,7 @@ from sim.models.inside import anywhere, interior
 from sim.models.inside.interior import Interior
 from sim.models.uncondensed.strain_map import mesh_of
 from studies.verification.halfspace import boussinesq_strain
+from tests.raising import raises
 
 Array = NDArray[np.float64]
 
@@ -280,7 +281,7 @@ def test_a_press_that_was_read_back(small: Fingertip, results: list[IndentationR
     "points", [[], [1.0, 2.0], 3.0, [[0.0, np.nan, 6.9]], [[0.0, 3.0, np.inf]], np.zeros((0, 3))]
 )
 def test_points_that_are_none(small: Fingertip, results: list[IndentationResult], points: Any) -> None:
-    with pytest.raises(ModelRangeError, match=r"points_mm: expected \(…, 3\) finite numbers: x, y and z of each"):
+    with raises(ModelRangeError, "bad_points"):
         small.fields(results[0], points)
 
 
@@ -289,40 +290,43 @@ def test_points_that_are_none(small: Fingertip, results: list[IndentationResult]
 )
 def test_points_outside_of_the_tissue(small: Fingertip, results: list[IndentationResult], point: Any) -> None:
     x, y, z = point
-    ends = r"z from 1\.\d\d to 1\d\.\d\d mm, between skin and bone"
-    what = (
-        rf"the point \({x:.2f}, {y:.2f}, {z:.2f}\) mm lies at an end of the finger or outside of it: expected {ends}"
-    )
-    with pytest.raises(ReceptorError, match=what):
+    with raises(ReceptorError, "outside_finger", x_mm=x, y_mm=y, z_mm=z) as caught:
         small.fields(results[0], [[0.0, 3.0, 6.9], point])
+    assert 1 <= caught.value.fields["low_mm"] < 2
+    assert 10 <= caught.value.fields["high_mm"] < 20
 
 
 def test_a_press_of_another_finger_is_refused(coarse_finger: Fingertip, results: list[IndentationResult]) -> None:
     other = coarse_finger
-    with pytest.raises(ModelRangeError, match=r"bar:1.5.* deep.*: expected a press of this finger"):
+    with raises(ModelRangeError, "other_finger", press=repr(results[0])):
         other.fields(results[0], [0.0, 3.0, 6.9])
 
 
-AT_PLANE = "mm at z = 6.893 mm"
+IS_NAN = pytest.approx(np.nan, nan_ok=True)
+PULP = {"low_mm": -4.46, "high_mm": 4.39, "z_mm": pytest.approx(6.893, abs=1e-5)}
+MIDDLE = {"x_mm": 0.0, "low_mm": 0.0, "high_mm": 3.23, "z_mm": pytest.approx(6.893, abs=1e-5)}
+LENGTH = {"low_mm": 1.97, "high_mm": 10.26}
 
 
 @pytest.mark.parametrize(
-    ("place", "expected"),
+    ("place", "code", "fields"),
     [
-        ((9.0, 0.7), rf"x = 9 mm, 0.7 mm below the skin: expected x from -4\.46 to 4\.39 {AT_PLANE}"),
-        ((-9.0, 0.7), rf"x = -9 mm, 0.7 mm below the skin: expected x from -4\.46 to 4\.39 {AT_PLANE}"),
-        ((np.nan, 0.7), rf"x = nan mm, 0.7 mm below the skin: expected x from -4\.46 to 4\.39 {AT_PLANE}"),
-        ((0.0, 3.4), r"x = 0 mm, 3.4 mm below the skin: expected depths from 0 to 3\.23 mm at x = 0, z = 6\.893 mm"),
-        ((0.0, 0.0), r"x = 0 mm, 0 mm below the skin: expected depths from 0 to 3\.23 mm at x = 0, z = 6\.893 mm"),
-        ((0.0, -0.1), r"x = 0 mm, -0\.1 mm below the skin: expected depths from 0 to 3\.23 mm at x = 0,"),
-        ((0.0, np.nan), r"x = 0 mm, nan mm below the skin: expected depths from 0 to 3\.23 mm at x = 0,"),
-        ((2.0, 2.5), r"x = 2 mm, 2\.5 mm below the skin: expected depths from 0 to 2\.38 mm at x = 2,"),
-        ((0.0, 0.7, 14.0), r"z = 14 mm: expected z from 1\.97 to 10\.26 mm"),
-        ((0.0, 0.7, np.nan), r"z = nan mm: expected z from 1\.97 to 10\.26 mm"),
+        ((9.0, 0.7), "x_outside", PULP | {"x_mm": 9.0, "depth_mm": 0.7}),
+        ((-9.0, 0.7), "x_outside", PULP | {"x_mm": -9.0, "depth_mm": 0.7}),
+        ((np.nan, 0.7), "x_outside", PULP | {"x_mm": IS_NAN, "depth_mm": 0.7}),
+        ((0.0, 3.4), "depth_outside", MIDDLE | {"depth_mm": 3.4}),
+        ((0.0, 0.0), "depth_outside", MIDDLE | {"depth_mm": 0.0}),
+        ((0.0, -0.1), "depth_outside", MIDDLE | {"depth_mm": -0.1}),
+        ((0.0, np.nan), "depth_outside", MIDDLE | {"depth_mm": IS_NAN}),
+        ((2.0, 2.5), "depth_outside", MIDDLE | {"x_mm": 2.0, "depth_mm": 2.5, "high_mm": 2.38}),
+        ((0.0, 0.7, 14.0), "z_outside", LENGTH | {"z_mm": 14.0}),
+        ((0.0, 0.7, np.nan), "z_outside", LENGTH | {"z_mm": IS_NAN}),
     ],
 )
-def test_places_that_do_not_exist_are_told_what_does(small: Fingertip, place: Any, expected: str) -> None:
-    with pytest.raises(ReceptorError, match=f"^no receptor at {expected}"):
+def test_places_that_do_not_exist_are_told_what_does(
+    small: Fingertip, place: Any, code: str, fields: dict[str, Any]
+) -> None:
+    with raises(ReceptorError, code, **fields):
         small.points_below(*place)
 
 
@@ -331,14 +335,14 @@ def test_what_is_said_to_be_there_is_there(small: Fingertip, depth: float, there
     if there:
         assert small.points_below(0.0, depth).shape == (3,)
     else:
-        with pytest.raises(ReceptorError):
+        with raises(ReceptorError, "depth_outside"):
             small.points_below(0.0, depth)
 
 
 def test_an_elastic_bone_has_strain_half_way_in(coarse_config: FingertipConfig) -> None:
     config = coarse_config.model_copy(update={"tissue": Tissue(bone="elastic")})
     finger = load("finger", config, cached=False)
-    with pytest.raises(ReceptorError, match=r"expected depths from 0 to 3\.61 mm at x = 0"):
+    with raises(ReceptorError, "depth_outside", x_mm=0.0, low_mm=0.0, high_mm=3.61):
         finger.points_below(0.0, 4.0)
     found = finger.fields(finger.indent("bar:1.5", doi_mm=0.2), finger.points_below(0.0, [3.0, 3.5]))
     assert found.young_ratio.tolist() == [0.1, config.tissue.e_bone]
@@ -372,7 +376,7 @@ def test_receptors_at_every_combination(coarse_config: FingertipConfig, folder: 
 def test_too_many_receptors_and_none(coarse_config: FingertipConfig, x: int, depths: int, z: int) -> None:
     places = ReceptorPlaces((0.0,) * x, (0.5,) * depths, (7.0,) * z)
     surface = FingertipSurface.fit(coarse_config.geometry)
-    with pytest.raises(ReceptorError, match=f"^{x * depths * z} receptors: expected 1 to 1000$"):
+    with raises(ReceptorError, "how_many", receptors=x * depths * z, most=1000):
         receptors_at(coarse_config, surface, places)
 
 
@@ -395,9 +399,10 @@ def test_a_section_has_one_plane(coarse_config: FingertipConfig) -> None:
     result = section.indent("bar:1.5", doi_mm=0.2)
     found = section.fields(result, section.model.receptors.position_mm)
     np.testing.assert_allclose(found.strain, result.receptor_strain, rtol=0, atol=1e-13)
-    with pytest.raises(ReceptorError, match=r"outside of it: expected z from 6\.73 to 7\.06 mm"):
+    low_mm, high_mm = (pytest.approx(end, abs=0.005) for end in (6.73, 7.06))
+    with raises(ReceptorError, "outside_finger", low_mm=low_mm, high_mm=high_mm):
         section.fields(result, [0.0, 3.0, 7.5])
-    with pytest.raises(ModelRangeError, match="a section is the receptor plane alone: expected receptors at no oth"):
+    with raises(ModelRangeError, "receptors_beside_section", z_mm=(7.0,)):
         load("section", coarse_config, receptor_z_mm=7.0)
 
 

@@ -5,6 +5,8 @@ import math
 import pytest
 
 from sim.devices.clock import VirtualClock
+from sim.errors import ArgumentError
+from tests.raising import raises
 
 
 def test_time_jumps_to_the_event_that_makes_it_ready() -> None:
@@ -52,11 +54,11 @@ def test_an_event_may_make_another_at_once() -> None:
 
 
 def test_a_wait_that_nothing_can_end_is_an_error() -> None:
-    with pytest.raises(RuntimeError, match="without a deadline"):
+    with pytest.raises(RuntimeError):
         VirtualClock().wait_until(lambda: False, math.inf)
-    with pytest.raises(ValueError, match="not a number"):
+    with raises(ArgumentError, "no_deadline"):
         VirtualClock().wait_until(lambda: False, math.nan)
-    with pytest.raises(ValueError, match="finite"):
+    with raises(ArgumentError, "endless_time", t_s=math.inf):
         VirtualClock().call_at(math.inf, lambda: None)
 
 

@@ -15,6 +15,7 @@ from sim.contact.touch import first_touch
 from sim.finger.surface import FingertipSurface
 from sim.models.fingertip import Fingertip
 from sim.models.results.indentation import IndentationResult
+from tests.raising import raises
 
 Array = NDArray[np.float64]
 
@@ -215,7 +216,7 @@ def test_depth_of_a_prescribed_force(exponent: float, depth: float) -> None:
 
 
 def test_a_force_beyond_the_deepest_is_refused() -> None:
-    with pytest.raises(ForceNotReachedError, match=r"not reached at the deepest DOI allowed, 2 mm"):
+    with raises(ForceNotReachedError, "force_not_reached", deepest_mm=2.0):
         solve_for_force(100.0, 0.3, 2.0, Spring(1.5))
 
 
@@ -228,7 +229,7 @@ class Rim:
     def __call__(self, doi: float, start: ContactState | None) -> ContactState:
         if doi > self.reach and (self.left is None or self.left > 0):
             self.left = None if self.left is None else self.left - 1
-            raise TooDeepError(f"rim beyond {self.reach:g}")
+            raise TooDeepError("rim beyond {reach_mm:g}", reach_mm=self.reach)
         return self.spring(doi, start)
 
 
@@ -242,7 +243,7 @@ def test_a_force_short_of_the_rim(depth: float) -> None:
 @pytest.mark.parametrize("fickle", [None, 1, 2, 5])
 def test_a_force_beyond_the_rim_is_refused(fickle: int | None) -> None:
     # Whether a depth is refused may depend on the start: the search still ends in a refusal, not short of the force.
-    with pytest.raises(TooDeepError, match=r"rim beyond 0.7"):
+    with raises(TooDeepError, "too_deep", reach_mm=0.7):
         solve_for_force(3.0 * 1.2**1.5, 0.3, 2.0, Rim(0.7, fickle))
 
 

@@ -1,6 +1,7 @@
 """Pressures read back from SED: against the truth they were made from, and against scipy on the same cost."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from sim.coding.readings import Readings, sd_at_rest
 from sim.coding.sampled_section import Sampling, sampled_section
 from sim.coding.univariate import Range, converged_search, grid_search, quartic_along
 from sim.config.fingertip_config import FingertipConfig
+from tests.raising import raises
 
 Array = NDArray[np.float64]
 
@@ -55,15 +57,15 @@ def test_misfit_is_the_sum_of_squares(small: Operator) -> None:
 
 
 @pytest.mark.parametrize(
-    ("reading", "message"),
+    ("reading", "code", "fields"),
     [
-        (np.zeros(5), "5 readings: expected 6, one for each receptor"),
-        (np.array([0, 0, np.nan, 0, 0, 0]), "reading 3 is nan: expected a number"),
-        (np.array([0, np.inf, 0, 0, 0, 0]), "reading 2 is inf: expected a number"),
+        (np.zeros(5), "not_one_each", {"readings": 5, "receptors": 6}),
+        (np.array([0, 0, np.nan, 0, 0, 0]), "not_a_number", {"number": 3}),
+        (np.array([0, np.inf, 0, 0, 0, 0]), "not_a_number", {"number": 2, "value": np.inf}),
     ],
 )
 def test_readings_that_cannot_be_meant_are_refused_by_every_decoder(
-    small: Operator, reading: Array, message: str
+    small: Operator, reading: Array, code: str, fields: dict[str, Any]
 ) -> None:
     for decode in (
         lambda: converged_search(small, reading, np.ones(3), WITHIN),
@@ -72,13 +74,13 @@ def test_readings_that_cannot_be_meant_are_refused_by_every_decoder(
         lambda: global_search(small, reading, WITHIN),
         lambda: decode_profile(small, Readings.of_sed(reading, 1.0)),
     ):
-        with pytest.raises(DecodingError, match=message):
+        with raises(DecodingError, code, **fields):
             decode()
 
 
 def test_fewer_readings_than_pressures_are_refused(small: Operator) -> None:
     few = replace(small, parts=small.parts[:, :2])
-    with pytest.raises(DecodingError, match="2 readings of 3 pressures: expected at least as many"):
+    with raises(DecodingError, "fewer_than_pressures", readings=2, pressures=3):
         checked_readings(few, np.zeros(2))
     square = replace(small, parts=small.parts[:, :3])
     assert_allclose(checked_readings(square, np.ones(3)), 1.0)
@@ -172,28 +174,26 @@ def test_a_global_optimiser_finds_the_truth(two: Operator) -> None:
 
 def test_noise_is_measured_from_receptors_at_rest() -> None:
     assert sd_at_rest(np.array([1.0, 2.0, 3.0])) == pytest.approx(1.0)
-    for bad, message in (
-        (np.array([1.0, 2.0]), "2 readings at rest: expected 3 numbers or more"),
-        (np.array([1.0, 2.0, np.nan]), "3 readings at rest: expected 3 numbers or more"),
-        (np.ones(5), "noise sd 0: expected a positive number"),
-    ):
-        with pytest.raises(DecodingError, match=message):
+    for bad in (np.array([1.0, 2.0]), np.array([1.0, 2.0, np.nan])):
+        with raises(DecodingError, "too_few_at_rest", readings=len(bad), fewest=3):
             sd_at_rest(bad)
+    with raises(DecodingError, "noise_not_positive", sd=0.0):
+        sd_at_rest(np.ones(5))
 
 
 @pytest.mark.parametrize("sd", [0.0, -1.0, np.nan, np.inf])
 def test_a_noise_that_is_none_is_refused(sd: float) -> None:
-    with pytest.raises(DecodingError, match="expected a positive number"):
+    with raises(DecodingError, "noise_not_positive"):
         Readings.of_sed(np.ones(3), sd)
-    with pytest.raises(DecodingError, match="expected a positive number"):
+    with raises(DecodingError, "noise_not_positive"):
         Readings.of_rates(np.ones(3), Receptor(), sd)
 
 
 def test_energy_far_below_nothing_is_refused() -> None:
-    with pytest.raises(DecodingError, match=r"reading 2 is -3\.1: expected SED above −6 sd of noise, 0\.5 each"):
+    with raises(DecodingError, "below_noise", number=2, sed=-3.1, lowest_sd=6, sd=0.5):
         Readings.of_sed(np.array([0.0, -3.1]), 0.5)
     assert not Readings.of_sed(np.array([0.0, -3.0]), 0.5).silent.any()
-    with pytest.raises(DecodingError, match="rate -1: expected rates that are not negative"):
+    with raises(DecodingError, "negative_rate", rate=-1.0):
         Readings.of_rates(np.array([0.0, -1.0]), Receptor(), 1.0)
 
 

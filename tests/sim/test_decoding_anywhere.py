@@ -20,6 +20,7 @@ from sim.coding.univariate import error_surface
 from sim.config.fingertip_config import FingertipConfig
 from sim.measures.receptors import ReceptorError
 from sim.models.errors import ModelRangeError
+from tests.raising import raises
 from tests.sim.coarse import coarse_mesh
 
 Array = NDArray[np.float64]
@@ -69,15 +70,15 @@ def test_beside_the_pulp_nothing_is_above() -> None:
     line = skin_of(COARSE)
     low, high = line.below(line.angles(line.reach_mm), 0.7)[:, 0]
     for x in (low - 0.01, high + 0.01, np.nan):
-        with pytest.raises(ModelRangeError, match=rf"expected {low:.2f} … {high:.2f} mm, below the pulp's skin"):
+        with raises(ModelRangeError, "x_beside_pulp", low_mm=float(low), high_mm=float(high)):
             line.above(x, 0.7)
     assert line.above(high - 1e-9, 0.7) == pytest.approx(line.reach_mm[1], abs=1e-3)
 
 
 def test_receptors_in_two_layers_are_refused() -> None:
-    with pytest.raises(ModelRangeError, match=r"receptors 0.2 … 0.76 mm deep: expected a depth inside one layer"):
+    with raises(ModelRangeError, "several_layers", depths="0.2 … 0.76"):
         felt_section(COARSE, np.array([0.0, 1.0]), np.array([0.76, 0.2]))
-    with pytest.raises(ReceptorError, match="5 mm below the skin: expected depths from 0 to"):
+    with raises(ReceptorError, "depth_outside", depth_mm=5.0, low_mm=0.0):
         felt_section(COARSE, np.array([0.0]), np.array([5.0]))
 
 
@@ -143,9 +144,9 @@ def test_noisy_rates_near_nothing_are_taken_together() -> None:
     # the chance of a rate of 3 sd or less, R = 2 (S − 3) + noise, at a SED above the threshold
     cost, _, _ = readings.cost(np.full(4, 3.6))
     assert_allclose(cost[:2], -norm.logcdf((1.5 - 1.2) / 0.5))
-    with pytest.raises(DecodingError, match="rate -1: expected rates that are not negative"):
+    with raises(DecodingError, "negative_rate", rate=-1.0):
         Readings.of_noisy_rates(np.array([0.0, -1.0]), receptor, sd)
-    with pytest.raises(DecodingError, match="noise sd 0: expected a positive number"):
+    with raises(DecodingError, "noise_not_positive", sd=0.0):
         Readings.of_noisy_rates(rate, receptor, 0.0)
 
 

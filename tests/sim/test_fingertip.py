@@ -12,6 +12,8 @@ from sim.config.units import GWT_N
 from sim.contact.shapes import ShapeError
 from sim.models.errors import ModelRangeError
 from sim.models.fingertip import DEEPEST_DOI_MM, Fingertip
+from sim.models.pressing import RimError
+from tests.raising import raises
 
 POSITIONS = [round(float(x), 4) for x in np.linspace(2.0, -3.7, 30)]
 
@@ -91,53 +93,39 @@ def test_a_model_from_disk_answers_as_the_one_just_made(
     assert one.force_n == two.force_n
 
 
+def same(value: float) -> Any:
+    return pytest.approx(value, nan_ok=True)
+
+
 @pytest.mark.parametrize(
-    ("shape", "x", "target", "expected"),
+    ("shape", "x", "target", "code", "fields"),
     [
-        ("bar:3.0", 0.0, {"doi_mm": 0.0}, r"DOI 0 mm: expected 0 < DOI ≤ 2 mm"),
-        ("bar:3.0", 0.0, {"doi_mm": -0.5}, r"DOI -0.5 mm: expected 0 < DOI ≤ 2 mm"),
-        ("bar:3.0", 0.0, {"doi_mm": 2.001}, r"DOI 2.001 mm: expected 0 < DOI ≤ 2 mm"),
-        ("bar:3.0", 0.0, {"doi_mm": math.nan}, r"DOI nan mm: expected 0 < DOI ≤ 2 mm"),
-        ("bar:3.0", 0.0, {"doi_mm": math.inf}, r"DOI inf mm: expected 0 < DOI ≤ 2 mm"),
-        ("bar:3.0", math.nan, {"doi_mm": 0.5}, r"x = nan mm: expected a finite number"),
-        ("bar:3.0", -math.inf, {"doi_mm": 0.5}, r"x = -inf mm: expected a finite number"),
-        ("bar:3.0", 0.0, {}, "expected exactly one of a depth"),
-        ("bar:3.0", 0.0, {"doi_mm": 0.5, "force_gwt": 2.0}, "expected exactly one of a depth"),
-        ("bar:3.0", 0.0, {"force_gwt": 0.0}, r"force 0 gwt: expected a positive number"),
-        ("bar:3.0", 0.0, {"force_gwt": -1.0}, r"force -1 gwt: expected a positive number"),
-        ("bar:3.0", 0.0, {"force_gwt": math.nan}, r"force nan gwt: expected a positive number"),
-        ("bar:3.0", 0.0, {"force_gwt": math.inf}, r"force inf gwt: expected a positive number"),
-        (
-            "bar:3.0",
-            1.5,
-            {"force_gwt": 500.0},
-            r"bar:3 at x = 1.5 mm: contact reaches the patch's rim at x = .*; expected a smaller depth",
+        *(
+            ("bar:3", 0.0, {"doi_mm": doi}, "doi_outside", {"doi_mm": same(doi), "deepest_mm": 2.0})
+            for doi in (0.0, -0.5, 2.001, math.nan, math.inf)
         ),
-        (
-            "sphere:1",
-            0.0,
-            {"force_gwt": 500.0},
-            r"force 500 gwt: the force is not reached at the deepest DOI allowed, 2 mm",
+        ("bar:3", math.nan, {"doi_mm": 0.5}, "x_outside", {"x_mm": same(math.nan)}),
+        ("bar:3", -math.inf, {"doi_mm": 0.5}, "x_outside", {"x_mm": -math.inf}),
+        ("bar:3", 0.0, {}, "not_one_target", {}),
+        ("bar:3", 0.0, {"doi_mm": 0.5, "force_gwt": 2.0}, "not_one_target", {}),
+        *(
+            ("bar:3", 0.0, {"force_gwt": force}, "force_not_positive", {"force_gwt": same(force)})
+            for force in (0.0, -1.0, math.nan, math.inf)
         ),
+        ("bar:3", 1.5, {"force_gwt": 500.0}, "at_rim", {"indentor": "bar:3", "at_x_mm": 1.5}),
+        ("sphere:1", 0.0, {"force_gwt": 500.0}, "force_out_of_reach", {"force_gwt": 500.0, "deepest_mm": 2.0}),
+        ("bar:3", 3.0, {"doi_mm": 2.0}, "at_rim", {"indentor": "bar:3", "at_x_mm": 3.0}),
+        ("cylinder:9", -2.5, {"doi_mm": 2.0}, "at_rim", {"indentor": "cylinder:9", "at_x_mm": -2.5}),
         (
-            "bar:3.0",
-            3.0,
-            {"doi_mm": 2.0},
-            r"bar:3 at x = 3 mm: contact reaches the patch's rim at x = .*; expected a smaller",
-        ),
-        ("cylinder:9", -2.5, {"doi_mm": 2.0}, r"cylinder:9 at x = -2.5 mm: contact reaches the patch's rim"),
-        (
-            "bar:1.5",
-            5.0,
-            {"doi_mm": 0.2},
-            r"bar:1.5 at x = 5 mm: touches the skin at x = .* outside the patch; expected",
+            *("bar:1.5", 5.0, {"doi_mm": 0.2}, "touch_beside_patch"),
+            {"indentor": "bar:1.5", "at_x_mm": 5.0, "axis": "x"},
         ),
     ],
 )
 def test_scenes_outside_the_model_are_refused(
-    unwidened: Fingertip, shape: str, x: float, target: dict[str, float], expected: str
+    unwidened: Fingertip, shape: str, x: float, target: dict[str, Any], code: str, fields: dict[str, Any]
 ) -> None:
-    with pytest.raises(ModelRangeError, match=expected):
+    with raises(ModelRangeError, code, **fields):
         unwidened.indent(shape, x, **target)
 
 
@@ -149,12 +137,12 @@ def test_contact_at_the_ends_of_the_patch_is_refused() -> None:
     )
     finger = Fingertip.load(short)
     finger.indent("bar:3.0", 0.0, doi_mm=0.1)
-    with pytest.raises(ModelRangeError, match=r"contact reaches the patch's rim at x = .*, z = .*patch_z_mm"):
+    with raises(RimError, "at_rim", size="mesh.patch_x_mm / patch_z_mm"):
         finger.indent("bar:3.0", 0.0, doi_mm=1.0)
 
 
 def test_an_unknown_shape_is_refused_before_anything_is_computed(finger: Fingertip) -> None:
-    with pytest.raises(ShapeError, match="no such indentor"):
+    with raises(ShapeError, "no_such", shape="spoon"):
         finger.indent("spoon", 0.0, doi_mm=0.5)
 
 

@@ -13,6 +13,7 @@ from sim.config.units import PSEUDO_E_EPIDERMIS
 from sim.finger.surface import FingertipSurface
 from sim.measures.measures import Elastic, measures_from_strain
 from sim.models.errors import ModelRangeError
+from tests.raising import raises
 from tests.sim.coarse import coarse_mesh
 
 PLANE = FingertipConfig().receptor_plane_mm
@@ -63,7 +64,7 @@ def test_the_line_ends_before_the_sides(line: SkinLine) -> None:
     (left, right), _ = line.surface.section(np.array([np.pi - 0.3, 0.3]), PLANE)
     assert_allclose(line.places([left, right]), [low, high], atol=1e-6)
     for beside in (low - 0.01, high + 0.01, np.nan):
-        with pytest.raises(ModelRangeError, match=rf"expected {low:.2f} … {high:.2f} mm on the pulp's skin"):
+        with raises(ModelRangeError, "place_beside_pulp", low_mm=low, high_mm=high):
             line.angles([0.0, beside])
     assert len(line.angles([low, high])) == 2
 
@@ -153,7 +154,7 @@ def test_a_point_load_on_the_section_is_the_same_line_load(section: SampledSecti
         rtol=1e-6,
         atol=1e-9,
     )
-    with pytest.raises(ModelRangeError, match=r"z = 6\.5 mm: a section is the receptor plane alone, expected no z"):
+    with raises(ModelRangeError, "z_of_section", z_mm=6.5):
         section.finger.point_load(x_mm, 3.0, z_mm=6.5)
 
 
@@ -163,7 +164,7 @@ def test_one_depth_lies_in_one_layer_or_is_refused(monkeypatch: pytest.MonkeyPat
     finger = module.load("section", COARSE)
     finger.model.columns.young_ratio[0] = 1.0
     monkeypatch.setattr(module, "load", lambda *_, **__: finger)
-    with pytest.raises(ModelRangeError, match=r"receptors 0\.76 mm deep: expected a depth inside one layer"):
+    with raises(ModelRangeError, "several_layers", depths="0.76"):
         sampled_section(FingertipConfig(), Sampling())
 
 

@@ -25,6 +25,7 @@ from sim.measures.measures import Elastic, measures_from_strain
 from sim.measures.receptors import depths_of
 from sim.models.condensed import point_force
 from sim.models.errors import ModelRangeError
+from tests.raising import raises
 
 MIDDLE = Site(10, 0.098, 6.893, on_pulp=True)
 
@@ -120,7 +121,7 @@ def test_beside_the_pulp_there_is_no_skin(loaded: LoadedFinger) -> None:
     found = loaded.skin(np.array([0.0, 4.6, -4.6, 4.37, 0.0, 0.0]), np.array([6.9, 6.9, 6.9, 6.9, -0.1, 12.8]))
     assert np.isfinite(found[0]).all()
     assert np.isnan(found[1:]).all()
-    with pytest.raises(ModelRangeError, match=r"a load at x = 5, z = 6\.9 mm: expected a place on the pulp"):
+    with raises(ModelRangeError, "load_beside_pulp", x_mm=5.0, z_mm=6.9):
         loaded.foot_mm(Load(5.0, 6.9))
 
 
@@ -178,7 +179,7 @@ def test_a_neighbourhood_is_a_square_of_skin(loaded: LoadedFinger) -> None:
     assert len(found.sed) == 5 * 5 == len(found.sheet.at_mm)
     assert (np.abs(x).max(), np.abs(z).max()) == (pytest.approx(1.098), pytest.approx(1.0))
     assert_allclose(found.distance_mm, np.linalg.norm(found.sheet.at_mm - found.load_mm, axis=1))
-    with pytest.raises(ModelRangeError, match="site 10: 6 receptors near it, expected 12 or more"):
+    with raises(ModelRangeError, "too_few_receptors", site=10, receptors=6, fewest=12):
         spreads(loaded, sheet, [MIDDLE], half_width_mm=0.5)
     assert len(spreads(loaded, sheet, [MIDDLE], half_width_mm=0.95)[0].sed) == 12
 
@@ -241,7 +242,7 @@ def test_where_there_is_no_finger_there_is_no_sector() -> None:
     assert judged(half).asymmetry == pytest.approx(0.0, abs=1e-9)
 
 
-# --- pinned ---
+# --- meshes, loads and what is kept of them ---
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from sim.serve.ahead import STALE_S
 from sim.serve.press_ahead import PressAhead
 from sim.serve.press_process import FingerNotLoadedError, PressAnswer, PressProcess
 from sim.serve.wall_clock import WallScheduler
+from tests.raising import raises
 from tests.waiting import DEADLINE_S, until
 
 PERIOD_S = 0.05
@@ -237,5 +238,5 @@ def test_a_finger_slower_than_the_samples_gives_late_forces_and_does_not_give_up
 
 
 def test_a_finger_that_cannot_be_loaded_is_an_error_and_not_a_wait() -> None:
-    with pytest.raises(FingerNotLoadedError, match=r"^virtual finger: shape 'spoon'"):
+    with raises(FingerNotLoadedError, "not_loaded", problem_code="no_such"):
         PressProcess(FingertipConfig(), "spoon")

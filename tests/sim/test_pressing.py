@@ -7,9 +7,9 @@ import pytest
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import ContactState
 from sim.contact.touch import first_touch
-from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.models.pressing import PlacedIndentor, Pressing
+from sim.models.pressing import PlacedIndentor, Pressing, RimError
+from tests.raising import raises
 
 SHALLOW_MM, DEEP_MM = 0.2, 3.0
 
@@ -34,7 +34,7 @@ def test_contact_well_within_the_patch_is_an_answer(placed: PlacedIndentor, shal
 def test_skin_beside_the_patch_may_not_be_touched(placed: PlacedIndentor, shallow: ContactState) -> None:
     # No node of the rim bears; a pose that much deeper reaches the skin around the patch, unless that gives way.
     pose = placed.pose(DEEP_MM)
-    with pytest.raises(ModelRangeError, match="contact reaches the patch's rim"):
+    with raises(RimError, "at_rim"):
         placed.refuse_rim(pose, shallow)
     gone = shallow.displacement.copy()
     gone[-1] -= DEEP_MM
@@ -44,7 +44,7 @@ def test_skin_beside_the_patch_may_not_be_touched(placed: PlacedIndentor, shallo
 def test_a_node_of_the_rim_may_not_bear(placed: PlacedIndentor, shallow: ContactState) -> None:
     force = shallow.force.copy()
     force[-1, placed.model.patch.rim.argmax()] = -1e-6
-    with pytest.raises(ModelRangeError, match="contact reaches the patch's rim"):
+    with raises(RimError, "at_rim"):
         placed.refuse_rim(placed.pose(SHALLOW_MM), replace(shallow, force=force))
 
 

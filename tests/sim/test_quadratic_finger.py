@@ -18,6 +18,7 @@ from sim.finger.vtk import write_vtk
 from sim.models.catalogue import load
 from sim.models.discretised import assembled, discretise, factorise
 from sim.models.uncondensed.deck import MeshedFinger
+from tests.raising import raises
 
 COARSE = {
     "spacing_mm": 0.6,
@@ -137,5 +138,5 @@ def test_a_vtk_file_says_what_its_cells_are(mesh: FingerMesh, tmp_path: Path) ->
 
 
 def test_a_deck_is_refused(mesh: FingerMesh) -> None:
-    with pytest.raises(MeshError, match=r'mesh.element = "quadratic": a deck has elements of eight nodes'):
+    with raises(MeshError, "quadratic"):
         MeshedFinger(CONFIG, mesh, 0.2)

@@ -24,6 +24,7 @@ from sim.measures.receptors import (
 )
 from sim.models.fingertip import Fingertip
 from studies.accuracy.strain_recovery import WAYS
+from tests.raising import raises
 
 Array = NDArray[np.float64]
 PLANE_MM = 6.893
@@ -76,7 +77,7 @@ def test_vertical_depth_is_larger_off_the_apex(skin: FingertipSurface, placed: R
 
 
 def test_a_receptor_beside_the_finger_is_refused(skin: FingertipSurface) -> None:
-    with pytest.raises(ReceptorError, match=r"no receptor at x = 9 mm, 0.76 mm below the skin"):
+    with raises(ReceptorError, "nowhere", x_mm=9.0, depth_mm=0.76):
         place_receptors(skin, np.array([9.0]), 0.76, PLANE_MM)
 
 
@@ -195,7 +196,7 @@ def test_strain_of_a_bent_field_converges_to_the_exact_one(default_mesh: FingerM
 
 
 def test_a_receptor_at_an_end_of_the_finger_is_refused(default_mesh: FingerMesh) -> None:
-    with pytest.raises(ReceptorError, match="lies at an end of the finger"):
+    with raises(ReceptorError, "outside_finger", z_mm=0.01):
         strain_operator(default_mesh, np.array([[0.0, 1.5, 0.01]]))
 
 

@@ -9,13 +9,15 @@ import pytest
 from sim.config.fingertip_config import FingertipConfig, MeshSpec
 from sim.contact.patch import Patch
 from sim.devices.clock import VirtualClock
+from sim.errors import ArgumentError
 from sim.models.catalogue import load
-from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
+from sim.models.pressing import RimError
 from sim.models.relaxing.in_time import InTime
 from sim.models.relaxing.prony import Memory, Prony, PronyTerm
 from sim.plant.sampled import SampledForce
 from studies.verification import relaxing_contact
+from tests.raising import raises
 
 TERMS = (PronyTerm(0.3, 0.5), PronyTerm(0.15, 4.0))
 SERIES = Prony(TERMS)
@@ -128,13 +130,13 @@ def test_what_is_remembered_is_of_any_shape_and_of_each_entry_alone() -> None:
 
 @pytest.mark.parametrize("terms", [[(1.0, 1.0)], [(0.6, 1.0), (0.4, 2.0)], [(-0.1, 1.0)], [(0.1, 0.0)], [(0.0, 1.0)]])
 def test_what_is_no_series(terms: list[tuple[float, float]]) -> None:
-    with pytest.raises(ValueError, match="Prony"):
+    with raises(ArgumentError, "bad_series"):
         Prony([PronyTerm(*term) for term in terms])
 
 
 @pytest.mark.parametrize("step_s", [-0.1, math.nan, math.inf])
 def test_time_goes_on(step_s: float) -> None:
-    with pytest.raises(ValueError, match="expected a finite number, 0 or more"):
+    with raises(ArgumentError, "bad_step"):
         Memory.none(SERIES).ahead(step_s)
 
 
@@ -225,7 +227,7 @@ def test_a_dent_larger_than_the_patch_is_refused() -> None:
     small = load("halfspace", FingertipConfig(mesh=MeshSpec(patch_x_mm=2.0, patch_z_mm=2.0)))
     press = InTime(small, "flat", SERIES)
     before = press.to_depth(1.0, 0.1)
-    with pytest.raises(ModelRangeError, match=r"expected a smaller depth, .* or a wider mesh"):
+    with raises(RimError, "at_rim", size="mesh.patch_x_mm / patch_z_mm"):
         press.to_depth(1.0, 1.5)
     assert press.now is before, "what is refused is not remembered"
     assert small.indent("flat", doi_mm=1.5).state.converged, "skin at rest has a larger patch"

@@ -18,6 +18,7 @@ from sim.serve.ahead import STALE_S
 from sim.serve.wall_clock import WallScheduler
 from sim.serve.way_ahead import WayAhead
 from sim.serve.way_process import Going, Leg, Way, WayAnswer, WayProcess
+from tests.raising import raises
 from tests.waiting import until
 
 TERMS = (PronyTerm(0.3, 0.5), PronyTerm(0.15, 4.0))
@@ -77,7 +78,7 @@ def test_a_rig_that_gives_way_shares_the_way_with_the_skin_as_it_is(skin: Finger
 
 
 def test_a_turned_finger_takes_spheres_only() -> None:
-    with pytest.raises(ModelRangeError, match="expected a sphere"):
+    with raises(ModelRangeError, "turned_finger", indentor=SHAPE):
         RelaxingPress(load("halfspace"), SHAPE, TERMS, Truth(turn=Turn(roll_deg=3.0)))
 
 

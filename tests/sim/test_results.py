@@ -6,20 +6,28 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from sim.config.fingertip_config import FingertipConfig, Geometry, Tissue
-from sim.contact.indentor import ACROSS, BOTH
+from sim.contact.indentor import ACROSS, ALONG, BOTH
+from sim.contact.patch import PatchNodes, X, Y, Z
+from sim.contact.points import ContactPoints
+from sim.contact.shapes import parse_shape
+from sim.contact.solver import ContactState
 from sim.measures.measures import MEASURES
+from sim.measures.receptors import ReceptorSet
 from sim.models import sources
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
-from sim.models.processes.recipe import made
-from sim.models.results.indentation import IndentationResult
+from sim.models.processes.recipe import Recipe, made
+from sim.models.results.indentation import IndentationResult, median_of_four
+from sim.models.results.outline import ModelOutline
 from sim.models.results.point_load import PointLoadResult
 
 Result = IndentationResult | PointLoadResult
@@ -205,3 +213,240 @@ def test_a_config_tells_what_differs_from_the_defaults() -> None:
 
 def test_axes_are_kept(finger: Fingertip) -> None:
     assert finger.indent("line", z_mm=7.0, doi_mm=0.1).model.patch.axes[:-1] == ACROSS
+
+
+# --- what is read from an answer made by hand: three rows of six nodes with forces where they are wanted ---
+
+SIDE = np.array([-1.0, -0.5, 0.0, 0.25, 0.75, 1.5])  # x of the columns, from right to left in the patch
+ALONG_MM = np.array([5.0, 6.0, 7.0])
+ROW = 1  # the receptor plane
+
+
+def _outline(axes: tuple[int, ...] = ALONG) -> ModelOutline:
+    z, x = (v.ravel() for v in np.meshgrid(ALONG_MM, SIDE[::-1], indexing="ij"))
+    patch = PatchNodes(np.stack([x, 4.0 - 0.1 * x * x, z], axis=1), np.linspace(0.1, 0.27, 18), (3, 6), (*axes, Y))
+    receptors = ReceptorSet(np.array([[-0.5, 3.2, 6.0], [0.5, 3.2, 6.0]]), np.full(2, 0.8))
+    return ModelOutline(patch, np.arange(18) + 40, ROW, receptors, np.array([0.1, 1.0]), 1234, "finger", 0.48)
+
+
+def _node(x_mm: float, row: int = ROW) -> int:
+    return 6 * row + int(np.flatnonzero(SIDE[::-1] == x_mm)[0])
+
+
+def _by_hand(bearing: dict[int, float], shape: str = "bar:3", axes: tuple[int, ...] = ALONG) -> IndentationResult:
+    """Under a bar at x = 0 and 0.5 mm deep; places are pushed down by 0.01 mm a node and aside by 0.001."""
+    number, force = np.arange(18.0), np.zeros((2, 18))
+    for node, newton in bearing.items():
+        force[:, node] = 0.75 * newton, -newton
+    points = ContactPoints(np.array(sorted(bearing), dtype=np.int64), np.zeros(0, np.int64))
+    multiplier = -force[1, points.nodes]
+    gap = np.where(force[1] != 0, 0.0, 0.2)
+    state = ContactState(points, multiplier, np.stack([0.001 * number, -0.01 * number]), force, gap, 2e-11, 7)
+    strain = partial(np.arange, 12.0)
+    return IndentationResult(
+        parse_shape(shape), 0.125, 6.25, 0.5, 4.25, 0.02, state, _outline(axes), 0.2, 0.003,
+        lambda: 1e-3 * strain().reshape(2, 6),
+    )  # fmt: skip
+
+
+FEW = {_node(-0.5): 0.3, _node(0.25): 0.1, _node(0.75): 0.2, _node(0.0, row=2): 0.4}
+
+
+def test_numbers() -> None:
+    result = _by_hand(FEW)
+    area = result.model.patch.area_mm2
+    assert result.force_gwt == pytest.approx(0.02 / 9.80665e-3)
+    assert result.contact_area_mm2 == pytest.approx(sum(area[node] for node in FEW))
+    pressure = {node: 1e4 * 1.25 * newton / area[node] for node, newton in FEW.items()}  # 0.75 and 1 make 1.25
+    assert result.peak_pressure_pseudo == pytest.approx(max(pressure.values()))
+    assert result.peak_pressure_mpa == pytest.approx(max(pressure.values()) * 0.2 / 1e4)
+    assert result.nodal_pressure_pseudo == pytest.approx(np.array([pressure.get(node, 0.0) for node in range(18)]))
+    assert _by_hand({node: 2 * newton for node, newton in FEW.items()}).contact_area_mm2 == result.contact_area_mm2
+
+
+def test_profiles() -> None:
+    result = _by_hand(FEW)
+    nodes = [_node(x) for x in SIDE]
+    assert result.plane == slice(6, 12)
+    assert result.model.across.tolist() == nodes
+    assert result.model.plane_mm == 6.0
+    x, pressure = result.pressure_profile
+    assert x.tolist() == SIDE.tolist()
+    assert pressure.tolist() == result.nodal_pressure_pseudo[nodes].tolist()
+    x, y = result.skin_profile
+    assert x == pytest.approx(SIDE + 0.001 * np.array(nodes))
+    assert y == pytest.approx(4.0 - 0.1 * SIDE**2 - 0.01 * np.array(nodes))
+    z, down = result.axial_profile
+    assert z.tolist() == ALONG_MM.tolist()
+    assert down == pytest.approx(0.01 * np.array([_node(0.0, row) for row in range(3)]))
+
+
+def test_what_lies_across_moves_nothing_sideways() -> None:
+    result = _by_hand(FEW, "line", ACROSS)
+    x, y = result.skin_profile
+    assert x.tolist() == SIDE.tolist()
+    assert y == pytest.approx(4.0 - 0.1 * SIDE**2 - 0.01 * np.array([_node(x) for x in SIDE]))
+    here, moved = result.touching_mm
+    assert here.tolist() == [-0.5, 0.0, 0.25, 0.75]  # of all rows
+    assert moved.tolist() == here.tolist()
+
+
+def test_places_that_touch() -> None:
+    here, moved = _by_hand(FEW).touching_mm
+    assert here.tolist() == [-0.5, 0.25, 0.75]  # of the receptor plane
+    assert moved == pytest.approx(here + 0.001 * np.array([_node(x) for x in here]))
+
+
+def test_places_between_nodes_that_touch() -> None:
+    """The first of three between two neighbours, a quarter of the way; the third between others; one beside."""
+    result = _by_hand(FEW)
+    segments = result.model.patch.segments
+    first, last = (int(np.flatnonzero((segments == pair).all(axis=1))[0]) for pair in ([6, 7], [9, 10]))
+    points = ContactPoints(np.array([_node(-1.0)]), np.array([0, 3 * first, 3 * last + 2]))
+    state = replace(result.state, points=points, multiplier=np.array([0.1, 0.1, 0.1, 0.1]))
+    here, moved = replace(result, state=state).touching_mm
+    x6, x7, x9, x10 = (SIDE[::-1][node - 6] for node in (6, 7, 9, 10))
+    expected = np.array([x6 + 0.25 * (x7 - x6), x9 + 0.75 * (x10 - x9), -1.0])
+    at_node = np.array([6.25, 9.75, _node(-1.0)])
+    order = np.argsort(expected)
+    assert here == pytest.approx(expected[order])
+    assert moved == pytest.approx((expected + 0.001 * at_node)[order])
+    none = replace(state, multiplier=np.array([0.0, 0.0, 0.1, 0.0]))
+    assert replace(result, state=none).touching_mm[0] == pytest.approx([expected[0]])
+
+
+@pytest.mark.parametrize(
+    ("touching", "regions"),
+    [
+        ([], []),
+        ([-0.5], [(-0.5, -0.5)]),
+        ([-0.5, 0.75], [(-0.5, -0.5), (0.75, 0.75)]),
+        ([0.0, 0.25], [(0.0, 0.25)]),  # 0.25 mm apart is together, 0.5 is not
+        ([-1.0, 0.0, 0.25, 0.75], [(-1.0, -1.0), (0.0, 0.25), (0.75, 0.75)]),
+    ],
+)
+def test_regions_end_at_the_last_place_under_a_corner(
+    touching: list[float], regions: list[tuple[float, float]]
+) -> None:
+    assert _by_hand({_node(x): 0.1 for x in touching}).contact_regions_mm == regions
+
+
+def _opening(gap_mm: dict[float, float]) -> list[tuple[float, float]]:
+    """Regions under a cylinder that bears from x = 0 to 0.25, with gaps in the receptor plane."""
+    result = _by_hand({_node(0.0): 0.1, _node(0.25): 0.1}, "cylinder:9")
+    gap = result.state.gap.copy()
+    for x, height in gap_mm.items():
+        gap[_node(x)] = height
+    return replace(result, state=replace(result.state, gap=gap)).contact_regions_mm
+
+
+def test_regions_open_between_nodes_under_a_smooth_shape() -> None:
+    """gap ∝ (x − end)^1.5, so that gap^(2/3) is a line: from 0.04 at 0.75 to 0.16 at 1.5 it is 0 at 0.5."""
+    ((low, high),) = _opening({-1.0: 0.16**1.5, -0.5: 0.04**1.5, 0.75: 0.04**1.5, 1.5: 0.16**1.5})
+    assert high == pytest.approx(0.75 - 0.75 * 0.04 / 0.12)
+    assert low == pytest.approx(-0.5 + 0.5 * 0.04 / 0.12)
+
+
+def test_regions_open_no_sooner_than_at_the_last_place() -> None:
+    ((_, high),) = _opening({0.75: 0.15**1.5, 1.5: 0.16**1.5})
+    assert high == 0.25
+
+
+@pytest.mark.parametrize("far", [0.04, 0.03])
+def test_a_gap_that_does_not_open_ends_at_the_last_place(far: float) -> None:
+    ((_, high),) = _opening({0.75: 0.04**1.5, 1.5: far**1.5})
+    assert high == 0.25
+
+
+def test_without_two_nodes_beyond_it_ends_at_the_last_place() -> None:
+    result = _by_hand({_node(0.75): 0.1}, "cylinder:9")
+    ((low, high),) = result.contact_regions_mm
+    assert (low, high) == (0.75, 0.75)
+    ((_, high),) = _by_hand({_node(0.25): 0.1}, "cylinder:9").contact_regions_mm
+    assert high == 0.25  # two nodes beyond, equal gaps
+
+
+def test_receptors() -> None:
+    result = _by_hand(FEW)
+    assert result.receptor_strain.tolist() == (1e-3 * np.arange(12.0).reshape(2, 6)).tolist()
+    measures = result.receptor_measures
+    assert measures["e22"] == pytest.approx([1e-3, 7e-3])
+    mu, volume = 1e3 / 2.96, np.array([3e-3, 21e-3])  # of E = 1000 and ten times that
+    s11 = 2 * mu * np.array([0.0, 6e-3]) + 2 * mu * 0.48 / 0.04 * volume
+    assert measures["s11"] == pytest.approx(s11 * [1, 10])
+    assert result.as_json()["receptors"]["x_mm"] == [-0.5, 0.5]
+    assert result.as_json()["receptors"]["s11"] == measures["s11"].tolist()
+
+
+def test_json() -> None:
+    told = _by_hand(FEW).as_json()
+    solver = {"model": "finger", "nodes": 1234, "iterations": 7, "kkt_residual": 2e-11}
+    assert told["solver"] == solver | {"converged": True, "contact_s": 0.003}
+    assert told["contact_regions_mm"] == [[-0.5, -0.5], [0.25, 0.25], [0.75, 0.75]]
+    assert told["pressure"]["x_mm"] == SIDE.tolist()
+    assert told["pressure"]["pseudo"] == _by_hand(FEW).pressure_profile[1].tolist()
+    assert (told["force_n"], told["doi_mm"]) == (0.02, 0.5)
+    assert told["force_gwt"] == _by_hand(FEW).force_gwt
+    assert told["peak_pressure_pseudo"] == _by_hand(FEW).peak_pressure_pseudo
+
+
+def test_what_is_read_back_has_its_gap_from_the_pose() -> None:
+    """Zero of DOI at 4.25 mm and 0.5 mm deep: the bar's flat lies at 3.75 mm."""
+    result = replace(_by_hand(FEW), _strain=partial(np.zeros, (2, 6)))
+    back = pickle.loads(pickle.dumps(result))
+    expected: NDArray[np.float64] = 3.75 - (4.0 - 0.1 * result.model.patch.x**2 - 0.01 * np.arange(18))
+    below = np.abs(result.model.patch.x + 0.001 * np.arange(18) - 0.125) < 1.4
+    assert back.state.gap[below] == pytest.approx(expected[below])
+    assert back.state.force.tolist() == result.state.force.tolist()
+    assert back.model.patch_in_skin.tolist() == (np.arange(18) + 40).tolist()
+    assert len(pickle.loads(pickle.dumps(result)).model.patch) == 18
+    assert result.state.gap.max() == 0.2  # what is pickled stays as it was
+
+
+def test_what_was_looked_at_is_not_pickled() -> None:
+    fresh, seen = _outline(), _outline()
+    assert len(seen.patch.tangential_mm) + len(seen.patch.segments) + len(seen.patch.rim) + len(seen.across) == 40
+    assert pickle.dumps(seen) == pickle.dumps(fresh)
+
+
+def test_a_point_load() -> None:
+    load = PointLoadResult(0.5, 6.25, 0.02, 1e-3 * np.arange(12.0).reshape(2, 6), _outline())
+    assert load.as_json() == {
+        "force_n": 0.02,
+        "force_gwt": 0.02 / 9.80665e-3,
+        "doi_mm": None,
+        "peak_pressure_pseudo": None,
+        "contact_regions_mm": [],
+        "pressure": {"x_mm": [], "pseudo": []},
+        "receptors": _by_hand(FEW).as_json()["receptors"],
+        "solver": {
+            "model": "finger",
+            "nodes": 1234,
+            "iterations": 0,
+            "kkt_residual": 0.0,
+            "converged": True,
+            "contact_s": 0.0,
+        },
+    }
+
+
+def test_two_fingers_are_kept_where_they_are_sent() -> None:
+    begun: list[int] = []
+    recipes = [Recipe.of(begun.append, n) for n in range(3)]
+    for n in (0, 1, 0, 1, 2, 0):
+        made(recipes[n])
+    made.cache_clear()
+    assert begun == [0, 1, 2, 0]
+
+
+def test_the_sources_filter() -> None:
+    """Every 0.17 mm the mean of the middle two of four: a single high value goes, an edge is halved."""
+    x = 0.17 * np.arange(9)
+    assert median_of_four(x, np.array([0, 0, 0, 9.0, 0, 0, 0, 0, 0])) == pytest.approx(np.zeros(5))
+    assert median_of_four(x, np.array([0, 0, 0, 4.0, 4, 4, 4, 4, 4])) == pytest.approx([0, 2, 4, 4, 4])
+    assert median_of_four(x, np.array([9.0, 0, 6, 1, 3, 3, 3, 3, 3])) == pytest.approx([3.5, 2, 3, 3, 3])
+
+
+def test_axes_of_the_three_kinds() -> None:
+    assert (X, Y, Z) == (0, 1, 2)
+    assert repr(_by_hand(FEW)) == "<IndentationResult bar:3 at x = 0.125, z = 6.25 mm: 0.5 mm deep, 2.039 gwt>"

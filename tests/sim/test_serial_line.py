@@ -4,6 +4,8 @@ import pytest
 
 from sim.devices import SerialLine
 from sim.devices.clock import VirtualClock
+from sim.errors import ArgumentError
+from tests.raising import raises
 
 
 def test_a_chunk_arrives_when_its_last_bit_has() -> None:
@@ -42,5 +44,5 @@ def test_a_cable_that_ends_nowhere_swallows_bytes() -> None:
 
 
 def test_baud_must_be_positive() -> None:
-    with pytest.raises(ValueError, match="baud"):
+    with raises(ArgumentError, "bad_baud", baud=0):
         SerialLine(VirtualClock(), 0)

@@ -1,5 +1,6 @@
 """Virtual lines behind pseudo-terminals and TCP ports: clients come, go and vanish."""
 
+import errno
 import os
 import socket
 import struct
@@ -12,6 +13,7 @@ import pytest
 from sim.devices import SerialLine
 from sim.serve.ports import PortBusyError, PtyPort, TcpPort
 from sim.serve.wall_clock import WallScheduler
+from tests.raising import raises
 from tests.waiting import DEADLINE_S, gathered, until
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
@@ -130,7 +132,7 @@ def test_a_busy_tcp_port_is_named(loop: Loop) -> None:
     loop.start()
     with socket.create_server(("127.0.0.1", 0)) as other:
         number = other.getsockname()[1]
-        with pytest.raises(PortBusyError, match=rf"^TCP port {number}: address already in use"):
+        with raises(PortBusyError, "port_busy", port=number, problem=os.strerror(errno.EADDRINUSE).lower()):
             TcpPort(loop.scheduler, loop.line, number)
 
 

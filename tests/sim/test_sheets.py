@@ -24,6 +24,7 @@ from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
 from sim.models.results.indentation import IndentationResult
 from studies.coding import sheets_read_back
+from tests.raising import raises
 from tests.sim.coarse import coarse_mesh
 
 Array = NDArray[np.float64]
@@ -199,7 +200,7 @@ def test_softer_tissue_feels_less_energy_under_the_same_strain(felt: FeltSkin, o
 
 
 def test_a_place_without_skin_about_it_is_refused(felt: FeltSkin) -> None:
-    with pytest.raises(ModelRangeError, match=r"pressure at x = -3.50, z = .* mm: expected a place on the patch"):
+    with raises(ModelRangeError, "pressure_beside_patch", x_mm=-3.5):
         sheet_operator(felt, Grid(np.array([-3.5, -3.2]), GRID.z_mm), "finite")
     assert sheet_operator(felt, Grid(centred(4, 0.3), GRID.z_mm), "incompressible").parts.shape[0] == 6
 
@@ -267,7 +268,7 @@ def test_the_prior_is_of_neighbours_both_ways_and_a_little_of_each() -> None:
 
 def test_too_few_readings_are_refused(operator: SheetOperator) -> None:
     some = np.arange(81) < 8
-    with pytest.raises(DecodingError, match="8 readings of 169 pressures: expected 9 or more"):
+    with raises(DecodingError, "too_few", readings=8, pressures=169, fewest=9):
         decode_sheet(felt_where(operator, some), Readings.of_sed(np.ones(8), 0.1), GRID.shape)  # type: ignore[arg-type]
 
 

@@ -18,6 +18,7 @@ from sim.speed_and_error.candidates import of_level
 from sim.speed_and_error.choice import choose
 from sim.speed_and_error.expected import DEPTHS_MM, Cell, cell_of, cells_of
 from sim.speed_and_error.situation import FAMILIES, Situation, family_of
+from tests.raising import raises
 from tests.sim.coarse import coarse_mesh
 
 SCENE = Situation("bar:3", ALONG, True, 0.2, 0.25, (1.0, 1.0))
@@ -68,12 +69,16 @@ def test_depth_counts_from_first_touch_whatever_the_reference() -> None:
 
 
 def test_places_that_a_shape_cannot_have_are_refused() -> None:
-    for shape, x_mm, z_mm in (("line", 0.5, None), ("bar:3.0", 0.0, 6.0), ("bar:3.0", float("nan"), None)):
-        with pytest.raises(ModelRangeError):
+    for shape, x_mm, z_mm, code in (
+        ("line", 0.5, None, "meaningless_place"),
+        ("bar:3.0", 0.0, 6.0, "meaningless_place"),
+        ("bar:3.0", float("nan"), None, "x_outside"),
+    ):
+        with raises(ModelRangeError, code):
             situation(shape, 0.3, x_mm, z_mm)
-    with pytest.raises(ModelRangeError, match="expected exactly one of a depth"):
+    with raises(ModelRangeError, "not_one_target", doi_mm=None, force_gwt=None):
         choose("bar:3.0")
-    with pytest.raises(ModelRangeError, match="expected exactly one of a depth"):
+    with raises(ModelRangeError, "not_one_target", doi_mm=0.3, force_gwt=2.0):
         choose("bar:3.0", doi_mm=0.3, force_gwt=2.0)
 
 

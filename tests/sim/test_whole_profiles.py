@@ -19,6 +19,7 @@ from sim.coding.readings import Readings
 from sim.coding.sampled_section import SampledSection, Sampling, sampled_section
 from sim.config.fingertip_config import FingertipConfig, MeshSpec
 from sim.models.errors import ModelRangeError
+from tests.raising import raises
 
 Array = NDArray[np.float64]
 
@@ -126,9 +127,8 @@ def test_receptors_are_weighed_and_chosen_with_all_that_they_feel(operator: Fric
 
 
 def test_samples_beside_the_patch_are_refused(section: SampledSection) -> None:
-    with pytest.raises(
-        ModelRangeError, match=r"samples from -4\.25 to 4\.25 mm: expected places within -3\.90 … 4\.09"
-    ):
+    low_mm, high_mm = (pytest.approx(end, abs=0.005) for end in (-3.9, 4.09))
+    with raises(ModelRangeError, "samples_beside_patch", from_mm=-4.25, to_mm=4.25, low_mm=low_mm, high_mm=high_mm):
         frictionless(section, centred(51, 0.17), "finite")
 
 
@@ -206,9 +206,9 @@ def test_fewer_readings_than_pressures_will_do_but_not_any_number(operator: Fric
     assert found.converged
     assert decoding_errors(true, found.pressure).relative_l2 < 0.5
     four = felt_where(operator, slice(20, 24))
-    with pytest.raises(DecodingError, match="4 readings of 39 pressures: expected 5 or more"):
+    with raises(DecodingError, "too_few", readings=4, pressures=39, fewest=5):
         decode_profile(four, _said(four.sed(true), 30.0, 0))
-    with pytest.raises(DecodingError, match="9 readings of 39 pressures: expected at least as many"):
+    with raises(DecodingError, "fewer_than_pressures", readings=9, pressures=39):
         decode_profile(sparse, _said(sparse.sed(true), 30.0, 0), prior="smooth")
 
 

@@ -85,7 +85,12 @@ class LoadedFinger:
         """(3,) where a load is. Raises ModelRangeError beside the pulp."""
         foot = self.skin(np.array(load.x_mm), np.array(load.z_mm))
         if np.isnan(foot).any():
-            raise ModelRangeError(f"a load at x = {load.x_mm:g}, z = {load.z_mm:g} mm: expected a place on the pulp")
+            raise ModelRangeError(
+                "a load at x = {x_mm:g}, z = {z_mm:g} mm: expected a place on the pulp",
+                code="load_beside_pulp",
+                x_mm=load.x_mm,
+                z_mm=load.z_mm,
+            )
         if not load.at_node:
             return foot
         mesh = self.interior.mesh

@@ -109,7 +109,13 @@ def _near(sheet: Sheet, foot: Array, half_width_mm: float, site: Site) -> NDArra
     away = np.abs(sheet.skin_mm - foot)[:, [X, Z]].max(axis=1)
     near = np.asarray(away <= half_width_mm)
     if near.sum() < _FEWEST:
-        raise ModelRangeError(f"site {site.number}: {near.sum()} receptors near it, expected {_FEWEST} or more")
+        raise ModelRangeError(
+            "site {site}: {receptors} receptors near it, expected {fewest} or more",
+            code="too_few_receptors",
+            site=site.number,
+            receptors=int(near.sum()),
+            fewest=_FEWEST,
+        )
     return near
 
 

@@ -124,7 +124,12 @@ def sheet_operator(felt: FeltSkin, grid: Grid, energy: Energy) -> SheetOperator:
     bare = np.flatnonzero(share.sum(axis=0) == 0)
     if len(bare):
         x, z = grid.place_mm[bare[0]]
-        raise ModelRangeError(f"pressure at x = {x:.2f}, z = {z:.2f} mm: expected a place on the patch of the skin")
+        raise ModelRangeError(
+            "pressure at x = {x_mm:.2f}, z = {z_mm:.2f} mm: expected a place on the patch of the skin",
+            code="pressure_beside_patch",
+            x_mm=float(x),
+            z_mm=float(z),
+        )
     seen = share / share.sum(axis=0)
     across, outward, along = felt.frames(nodes[:, X], nodes[:, Z])
     directions = (-outward, across, along)

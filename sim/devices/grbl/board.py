@@ -43,7 +43,7 @@ class VirtualGrbl(GrblSystem):
         try:
             command = parse(line, self._modal, self._offsets, self._parser_mm)
         except GcodeError as problem:
-            return problem.code
+            return problem.number
         if self._state == "Check":
             self._modal, self._offsets = command.modal, command.offsets
             self._parser_mm = command.targets_mm[-1] if command.targets_mm else self._parser_mm
@@ -123,7 +123,7 @@ class VirtualGrbl(GrblSystem):
         try:
             command = parse(line[3:], self._modal, self._offsets, self._parser_mm, jog=True)
         except GcodeError as problem:
-            return problem.code
+            return problem.number
         target = command.targets_mm[0]
         if self._beyond_travel(target):
             return TRAVEL

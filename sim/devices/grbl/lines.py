@@ -6,6 +6,8 @@ Source: the 1.1h firmware, protocol.c, and gcode.c, step 2. Not simulated: arcs 
 import re
 from dataclasses import dataclass, field
 
+from sim.errors import SimError
+
 LONGEST = 79
 NO_LETTER, BAD_NUMBER, NEGATIVE_VALUE, UNSUPPORTED, GROUP_TWICE = 1, 2, 4, 20, 21
 NOT_WHOLE, TWO_AXIS_COMMANDS, REPEATED_WORD, TOOL_NUMBER = 23, 24, 25, 38
@@ -68,12 +70,14 @@ class LineAssembler:
             self._text.append(char.upper())
 
 
-class GcodeError(Exception):
-    """A line the parser refuses; code is GRBL's error number."""
+class GcodeError(SimError):
+    """A line the parser refuses; number is GRBL's."""
 
-    def __init__(self, code: int) -> None:
-        super().__init__(f"error:{code}")
-        self.code = code
+    default_code = "refused_line"
+
+    def __init__(self, number: int) -> None:
+        super().__init__("error:{number}", number=number)
+        self.number = number
 
 
 @dataclass

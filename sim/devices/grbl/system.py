@@ -93,7 +93,7 @@ class GrblSystem(GrblRealtime):
         try:
             parse(line, self._modal, self._offsets, self._parser_mm)
         except GcodeError as problem:
-            return problem.code
+            return problem.number
         chosen = int(float(number[0]))
         self._startup = tuple(line if i == chosen else kept for i, kept in enumerate(self._startup))
         return 0

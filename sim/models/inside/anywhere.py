@@ -127,7 +127,9 @@ class SeenInside:
         refuse_stiffening(self.config.tissue, "what is seen inside a finger")
         points = np.asarray(points_mm, dtype=float)
         if not (points.ndim and points.shape[-1] == 3 and points.size and np.isfinite(points).all()):
-            raise ModelRangeError("points_mm: expected (…, 3) finite numbers: x, y and z of each point")
+            raise ModelRangeError(
+                "points_mm: expected (…, 3) finite numbers: x, y and z of each point", code="bad_points"
+            )
         one = isinstance(results, IndentationResult)
         many = [results] if isinstance(results, IndentationResult) else list(results)
         self._refuse_others(many)
@@ -142,4 +144,6 @@ class SeenInside:
             if not np.array_equal(
                 self.model_for(*mesh_key(result)).patch.position_mm, result.model.patch.position_mm
             ):
-                raise ModelRangeError(f"{result!r}: expected a press of this finger")
+                raise ModelRangeError(
+                    "{press}: expected a press of this finger", code="other_finger", press=repr(result)
+                )

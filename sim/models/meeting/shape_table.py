@@ -183,7 +183,7 @@ def _ways(indentor: str, scope: Scope, made: Made, tissue: Mapping[str, float]) 
     try:
         return np.array([_way(finger, indentor, x, doi_mm) for x in scope.x.nodes.tolist()])
     except ModelRangeError as error:
-        raise ModelRangeError(str(error)) from None
+        raise ModelRangeError(error.sentence, code=error.code, **error.fields) from None
 
 
 def _way(finger: Fingertip, indentor: str, x_mm: float, doi_mm: Array) -> Array:
@@ -192,7 +192,13 @@ def _way(finger: Fingertip, indentor: str, x_mm: float, doi_mm: Array) -> Array:
     for k in np.argsort(doi_mm):
         found = finger.indent(indentor, x_mm, doi_mm=float(doi_mm[k]), start=state)
         if not found.state.converged:
-            raise ModelRangeError(f"{indentor} at x = {x_mm:.2f} mm, DOI {doi_mm[k]:.2f} mm: no answer to learn from")
+            raise ModelRangeError(
+                "{indentor} at x = {x_mm:.2f} mm, DOI {doi_mm:.2f} mm: no answer to learn from",
+                code="nothing_to_learn",
+                indentor=indentor,
+                x_mm=x_mm,
+                doi_mm=float(doi_mm[k]),
+            )
         press, linear_gwt, state = found.strained.press, found.force_gwt / found.strained.force, found.state
         answers[:, k] = np.log(linear_gwt) + FORCE.geometric(press), np.log(FORCE.strained(press))
     return answers

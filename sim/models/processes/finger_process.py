@@ -13,6 +13,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar, Union
 
 from sim.config.fingertip_config import FingertipConfig
+from sim.errors import SimError
 from sim.models.processes.workers import TO_THE_GROUP, give_way, keep_freed_memory, leaving_signals_to_us
 
 if TYPE_CHECKING:
@@ -28,8 +29,10 @@ _GIVES_WAY = 5
 """To the process that began it, and to whoever asks that one for a stop: browser and panel, in other sessions."""
 
 
-class FingerLostError(RuntimeError):
+class FingerLostError(SimError, RuntimeError):
     """The process of the finger ended before it answered; one line."""
+
+    default_code = "finger_lost"
 
 
 class FingerProcess:
@@ -58,7 +61,9 @@ class FingerProcess:
             while (said := self._near.recv())[0] == "told":
                 _MODELS.log(*said[1:])
         except (EOFError, OSError):
-            raise FingerLostError(f"the process of the finger model has ended ({self._how_it_ended()})") from None
+            raise FingerLostError(
+                "the process of the finger model has ended ({how})", how=self._how_it_ended()
+            ) from None
         except BaseException:
             self.close()  # its answer would be taken for that of the next question
             raise

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from sim.contact.indentor import Indentor
 from sim.contact.profiles import Profile
+from sim.errors import ArgumentError, SimError
 from sim.models.fingertip import Fingertip, Reference
 from sim.models.processes.workers import in_processes, keep_freed_memory
 from sim.models.results.indentation import IndentationResult
@@ -35,8 +36,10 @@ class How(TypedDict):
     other_paths: bool
 
 
-class WorkerLostError(RuntimeError):
+class WorkerLostError(SimError, RuntimeError):
     """A process ended before it answered."""
+
+    default_code = "worker_lost"
 
 
 def indent_many(
@@ -60,9 +63,9 @@ def indent_many(
     arguments do not go together and WorkerLostError when a process was killed.
     """
     if doi_mm is None and force_gwt is None:
-        raise ValueError("expected a depth (doi_mm) or a force (force_gwt)")
+        raise ArgumentError("expected a depth (doi_mm) or a force (force_gwt)", code="no_target")
     if cores is not None and cores < 1:
-        raise ValueError(f"cores = {cores}: expected 1 or more, or None for all")
+        raise ArgumentError("cores = {cores}: expected 1 or more, or None for all", code="no_cores", cores=cores)
     asked = _rows(shapes, x_mm, z_mm, doi_mm, force_gwt)
     answers: dict[int, Answer] = {}
     outlines: dict[Hashable, ModelOutline] = {}
@@ -127,8 +130,10 @@ def _answer(finger: Fingertip, how: How, asked: Asked) -> Answer:
     try:
         result = finger.indent(shape, x_mm, z_mm=z_mm, doi_mm=doi_mm, force_gwt=force_gwt, **how)
     except ValueError as error:  # what models and shapes refuse
-        return Answer(None, str(error))
-    return Answer(result, "" if result.state.converged else f"not converged, residual {result.state.residual:.0e}")
+        return Answer(None, str(error), error.code if isinstance(error, SimError) else ArgumentError.default_code)
+    if not result.state.converged:
+        return Answer(result, f"not converged, residual {result.state.residual:.0e}", "not_converged")
+    return Answer(result)
 
 
 def _with_shared(answer: Answer, outlines: dict[Hashable, Any]) -> Answer:

@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
 
+from sim.errors import ArgumentError
+
 Array = NDArray[np.float64]
 
 
@@ -30,7 +32,9 @@ class Prony:
 
     def __init__(self, terms: Sequence[PronyTerm]) -> None:
         if any(not (term.share > 0 and term.tau_s > 0) for term in terms) or sum(t.share for t in terms) >= 1:
-            raise ValueError("a Prony series needs shares > 0 that sum to less than 1 and time constants > 0")
+            raise ArgumentError(
+                "a Prony series needs shares > 0 that sum to less than 1 and time constants > 0", code="bad_series"
+            )
         self.shares = np.array([term.share for term in terms])
         self.tau_s = np.array([term.tau_s for term in terms])
 
@@ -69,7 +73,9 @@ class Memory:
     def ahead(self, step_s: float) -> Ahead:
         """A step of time from here; 0 s is a sudden one. Raises ValueError for a step back."""
         if not step_s >= 0 or math.isinf(step_s):
-            raise ValueError(f"a step of {step_s} s: expected a finite number, 0 or more")
+            raise ArgumentError(
+                "a step of {step_s} s: expected a finite number, 0 or more", code="bad_step", step_s=step_s
+            )
         tau_s, shares = self._prony.tau_s, self._prony.shares
         decays = np.exp(-step_s / tau_s)
         weights = shares * (-np.expm1(-step_s / tau_s) * tau_s / step_s if step_s > 0 else 1.0)

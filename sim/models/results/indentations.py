@@ -35,6 +35,7 @@ class Answer(NamedTuple):
 
     result: IndentationResult | None
     problem: str = ""
+    code: str = ""  # of the problem
 
 
 @dataclass(frozen=True, repr=False)

@@ -9,14 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.errors import SimError
+
 Columns = Mapping[str, NDArray[Any]]
 
 ROW = "row"
 """The one dimension of a data set."""
 
 
-class NotInstalledError(ImportError):
+class NotInstalledError(SimError, ImportError):
     """A package that is no part of the simulator is wanted and not there."""
+
+    default_code = "not_installed"
 
 
 def write_csv(path: str | Path, columns: Columns) -> None:
@@ -43,4 +47,6 @@ def _installed(package: str) -> Any:
     try:
         return import_module(package)
     except ImportError:
-        raise NotInstalledError(f"{package} is not installed: expected pip install {package}") from None
+        raise NotInstalledError(
+            "{package} is not installed: expected pip install {package}", package=package
+        ) from None

@@ -47,7 +47,9 @@ class MeshedFinger:
         if not self.finite_strain:
             refuse_stiffening(self.config.tissue, "a deck")
         if self.mesh.order > 1:
-            raise MeshError('mesh.element = "quadratic": a deck has elements of eight nodes, expected "full"')
+            raise MeshError(
+                'mesh.element = "quadratic": a deck has elements of eight nodes, expected "full"', code="quadratic"
+            )
 
 
 def write_load_deck(path: Path, finger: MeshedFinger, nodes: Ints, force_n: Array) -> None:
