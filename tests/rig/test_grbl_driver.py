@@ -1,13 +1,11 @@
 """The GRBL driver as pairs of bytes."""
 
-import math
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
 from rig.devices.stage import Stage, StageAlarm, StageError, StageRejected, StageReset, StageStatus, StageTimeout
-from rig.devices.stage.base import MoveError
 from rig.devices.stage.grbl.grbl_link import ASK_TIMES
 from rig.devices.stage.grbl.grbl_settings import expected_settings
 from rig.devices.stage.grbl.grbl_stage import GrblStage
@@ -105,19 +103,6 @@ def test_a_second_reset_where_the_first_is_lost(clock: VirtualClock, scripted: C
     assert GrblStage(scripted(script), clock).connect()
 
 
-def test_nobody_there(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
-    stage = GrblStage(scripted([(b"$I\n", b""), (b"\x18", b""), (b"\x18", b"")]), clock)
-    with raises(StageTimeout, "no_banner", port="scripted"):
-        stage.connect()
-    assert clock.monotonic_s() < 15.0
-
-
-def test_a_board_that_reports_inches_is_refused(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
-    stage = GrblStage(scripted([HELLO, *asked(b"$13=1\r\nok\r\n")]), clock)
-    with raises(StageError, "not_as_configured", wanted={13: 0}, found={13: 1.0}):
-        stage.connect()
-
-
 @pytest.mark.parametrize(
     ("board", "wanted"),
     [
@@ -180,12 +165,6 @@ def test_push_messages_never_answer_a_line(stage: Make) -> None:
     stage([(b"$X\n", [pushed, b"os:0,0,0>\r\n", b"ok\r\n"])]).unlock()
 
 
-def test_an_error_names_the_line(stage: Make) -> None:
-    with raises(StageRejected, "line_refused", number=9, line="$X") as caught:
-        stage([(b"$X\n", b"error:9\r\n")]).unlock()
-    assert (caught.value.number, caught.value.line) == (9, "$X")
-
-
 def test_no_answer_is_a_bounded_wait_and_then_only_a_reset_helps(stage: Make, clock: VirtualClock) -> None:
     board = stage([(b"$$\n", b""), (b"\x18", b"ok\r\n" + BANNER), (b"$X\n", b"ok\r\n")])
     with raises(StageTimeout, "no_reply", line="$$", timeout_s=2.0):
@@ -227,18 +206,6 @@ def test_status_split_into_pieces(stage: Make) -> None:
     assert board.status() == StageStatus("Idle", -1.0, -2.0, -3.0)
 
 
-def test_a_garbled_status_is_asked_again(stage: Make) -> None:
-    board = stage([(b"?", b"<Idle|MPos:-1.0\xf3,-2\r\n"), (b"?", IDLE)])
-    assert board.status().z_mm == -3.0
-
-
-def test_no_status_is_a_bounded_wait(stage: Make, clock: VirtualClock) -> None:
-    board = stage([(b"?", b""), (b"?", b"[MSG:hm]\r\n"), (b"?", b"")])
-    with raises(StageTimeout, "no_status"):
-        board.status()
-    assert clock.monotonic_s() < 1.0
-
-
 def test_work_position_waits_for_the_offset_and_keeps_it(stage: Make) -> None:
     work = b"<Idle|WPos:1.000,2.000,3.000|FS:0,0>\r\n"
     with_offset = b"<Idle|WPos:1.000,2.000,3.000|FS:0,0|WCO:-10.000,0.000,0.500>\r\n"
@@ -274,13 +241,6 @@ def test_home_then_move(stage: Make, clock: VirtualClock) -> None:
     assert clock.monotonic_s() - start_s == pytest.approx(10.0 + 1.0 / 50 + 0.02)
 
 
-def test_an_arrival_elsewhere_is_an_error(stage: Make) -> None:
-    going = confirmed("X0Y0Z-0.1", 60, AT, (-1, -2, -2.9), modes=False)
-    board = stage([(b"?", IDLE), *going, (b"G1Z0\n", b"ok\r\n"), *[(b"?", IDLE)] * 2], homed=True)
-    with raises(StageError, "not_there", axis="Z", at_mm=-3.0, target_mm=-2.9):
-        board.move_to(z_mm=-2.9, speed_mm_s=1.0)
-
-
 def test_a_move_that_does_not_end_has_a_bounded_wait(clock: VirtualClock) -> None:
     stuck = Board(clock)
     board = connected(stuck)
@@ -290,42 +250,6 @@ def test_a_move_that_does_not_end_has_a_bounded_wait(clock: VirtualClock) -> Non
     stuck.status = at("Hold:0")
     with raises(StageTimeout, "still_held", timeout_s=1.0):
         board.resume(1.0)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "code"),
-    [
-        ({"x_mm": math.nan, "speed_mm_s": 1.0}, "not_finite"), ({"z_mm": math.inf, "speed_mm_s": 1.0}, "not_finite"),
-        ({"x_mm": 1.0, "speed_mm_s": math.nan}, "not_finite"), ({"x_mm": 1.0, "speed_mm_s": math.inf}, "not_finite"),
-        ({"x_mm": 1.0, "speed_mm_s": 0.0}, "too_slow"), ({"x_mm": 1.0, "speed_mm_s": -1.0}, "too_slow"),
-        ({"x_mm": 1.0, "speed_mm_s": 1e-9}, "too_slow"), ({"speed_mm_s": 1.0}, "no_target"),
-    ],
-)  # fmt: skip
-def test_bad_arguments_are_refused_before_any_byte(stage: Make, arguments: dict[str, float], code: str) -> None:
-    with raises(MoveError, code):
-        stage([]).move_to(**arguments)  # type: ignore[arg-type]
-
-
-def test_an_alarm_in_the_middle_of_a_move_is_heard_at_once(stage: Make, clock: VirtualClock) -> None:
-    going = confirmed("X19Y0Z0", 60, AT, (-20, -2, -3))
-    board = stage([(b"?", IDLE), *going, (b"G1X0\n", [b"ok\r\nALARM:1\r\n"])], homed=True)
-    board.status()
-    with raises(StageAlarm, "alarm", number=1, port="scripted"):
-        board.move_to(x_mm=-20.0, speed_mm_s=1.0)
-    assert clock.monotonic_s() < 1.0
-
-
-def test_an_alarm_state_ends_a_move(stage: Make) -> None:
-    going = confirmed("X19Y0Z0", 60, AT, (-20, -2, -3))
-    alarm = (b"?", b"<Alarm|MPos:0,0,0>\r\n")
-    board = stage([(b"?", IDLE), *going, (b"G1X0\n", b"ok\r\n"), alarm], homed=True)
-    with raises(StageError, "left_move", state="Alarm"):
-        board.move_to(x_mm=-20.0, speed_mm_s=1.0)
-
-
-def test_unknown_alarms_are_alarms_too(stage: Make) -> None:
-    with raises(StageAlarm, "alarm", number=14):
-        stage([(b"?", b"ALARM:14\r\n")]).status()
 
 
 def test_a_banner_at_any_time_is_a_reset(stage: Make) -> None:
@@ -402,11 +326,6 @@ def test_the_output_for_a_recording_amplifier(stage: Make, output: str, words: t
     board.set_output(False)
 
 
-def test_without_an_output_there_is_no_pulse(stage: Make) -> None:
-    with raises(StageError, "no_output"):
-        stage([]).set_output(True)
-
-
 def test_a_look_takes_no_banner_for_an_answer_and_resets_nothing(
     clock: VirtualClock, scripted: Callable[[list[Any]], Any]
 ) -> None:
@@ -416,27 +335,6 @@ def test_a_look_takes_no_banner_for_an_answer_and_resets_nothing(
 
 
 # --- stop, hold, unlock ---
-
-
-def test_stop_is_one_write_and_reads_nothing(stage: Make) -> None:
-    board = stage([(b"!\x18", b"ALARM:3\r\n" + BANNER)])
-    board.stop()
-    assert not board.homed
-    with raises(StageAlarm, "alarm", number=3):
-        board.status()
-
-
-def test_home_after_a_stop_begins_with_a_reset(stage: Make) -> None:
-    board = stage(
-        [
-            (b"!\x18", b"ALARM:3\r\nok\r\n" + BANNER),
-            (b"\x18", BANNER + b"[MSG:'$H'|'$X' to unlock]\r\n"),
-            *HOMING,
-        ]
-    )
-    board.stop()
-    board.home()
-    assert board.homed
 
 
 def test_a_resume_is_sent_again_until_it_is_seen(stage: Make) -> None:
@@ -453,9 +351,3 @@ def test_a_resume_is_sent_again_until_it_is_seen(stage: Make) -> None:
     )
     board.hold()
     board.resume()
-
-
-def test_close_closes_the_wire(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
-    wire = scripted([])
-    GrblStage(wire, clock).close()
-    assert wire.closed

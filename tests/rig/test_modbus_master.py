@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusMaster, ModbusRefused, ModbusTimeout
+from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusMaster, ModbusRefused, ModbusTimeout, silence_s
 from sim.devices.clock import VirtualClock
 from tests.raising import raises
 
@@ -70,10 +70,26 @@ def test_tcp_counts_its_transactions(master: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ("baud", "silence_s"), [(9600, 3.5 * 11 / 9600), (19200, 3.5 * 11 / 19200), (115200, 1.75e-3)]
+    ("baud", "expected_s"),
+    [(9600, 38.5 / 9600), (19200, 38.5 / 19200), (19201, 1.75e-3), (38400, 1.75e-3), (115200, 1.75e-3)],
 )
+def test_silence_is_fixed_above_19200_baud(baud: int, expected_s: float) -> None:
+    """V1.02 of Modbus over serial line, §2.5.1.1: 3.5 characters of 11 bits, or 1.75 ms."""
+    assert silence_s(baud) == pytest.approx(expected_s)
+
+
+def test_a_bus_of_which_nothing_is_said_has_115200_baud(clock: VirtualClock, scripted: Script, rtu: Rtu) -> None:
+    """Eight characters of ten bits, and the silence, from a frame that nobody answers to the next."""
+    question = rtu("01 06 00 07 00 01")
+    bus = ModbusMaster(scripted([(rtu("00 06 60 02 00 40"), b""), (question, question)]), clock)
+    bus.send_now([1, 2], 0x6002, 0x40)
+    bus.write_one(1, 7, 1)
+    assert clock.monotonic_s() == pytest.approx(8 * 10 / 115200 + 1.75e-3)
+
+
+@pytest.mark.parametrize(("baud", "pause_s"), [(9600, 3.5 * 11 / 9600), (19200, 3.5 * 11 / 19200), (115200, 1.75e-3)])
 def test_frames_are_three_and_a_half_characters_apart(
-    clock: VirtualClock, scripted: Script, rtu: Rtu, baud: int, silence_s: float
+    clock: VirtualClock, scripted: Script, rtu: Rtu, baud: int, pause_s: float
 ) -> None:
     wire = scripted([(GOLDEN_SAVE, GOLDEN_SAVE), (GOLDEN_SAVE, GOLDEN_SAVE)])
     sent_s: list[float] = []
@@ -83,7 +99,7 @@ def test_frames_are_three_and_a_half_characters_apart(
     bus.write_one(1, 0x1801, 0x2244)
     answered_s = clock.monotonic_s()
     bus.write_one(1, 0x1801, 0x2244)
-    assert sent_s[1] - answered_s == pytest.approx(silence_s)
+    assert sent_s[1] - answered_s == pytest.approx(pause_s)
 
 
 def test_after_a_frame_that_nobody_answers_the_bus_is_left_until_it_is_over(

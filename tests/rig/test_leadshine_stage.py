@@ -72,7 +72,8 @@ NO_NUMBER = [float("nan"), float("inf"), float("-inf")]
 )
 def test_what_is_no_move_is_refused_before_any_word(bench: Make, code: str, move: dict[str, float]) -> None:
     bus, stage = bench(y_mm=-15.0)
-    with raises(MoveError, code):
+    fields = {"set_by_hand": {"set_mm": -15.0}, "too_slow": {"least_mm_s": 1 / 60}}.get(code, {})
+    with raises(MoveError, code, **fields):
         stage.move_to(**{"speed_mm_s": 1.0, **move})
     assert (bus.asked, bus.told) == ([], [])
     assert stage.homed
