@@ -173,7 +173,7 @@ def test_a_stop_in_motion_is_an_alarm_that_an_unlock_clears(stage: GrblStage, wi
     _wait_until_it_moves(stage, clock)
     stage.stop()
     assert not stage.homed
-    with pytest.raises(StageError):
+    with raises(StageError, "needs_reset"):
         stage.move_to(x_mm=0.0, speed_mm_s=1.0)
     stage.unlock()
     after = stage.status()
