@@ -178,11 +178,6 @@ def test_what_keeps_the_position_keeps_it_trusted(bench: Make, act: Callable[[Le
     assert stage.homed
 
 
-def test_a_new_stage_is_not_homed(bench: Make) -> None:
-    _, stage = bench()
-    assert LeadshineStage(*stage._drives.values()).homed is False
-
-
 def test_a_look_is_the_state_and_the_place(bench: Make) -> None:
     bus, stage = bench(y_mm=-15.0)
     bus.stands(X, -12000)
