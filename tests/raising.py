@@ -11,14 +11,14 @@ from sim.errors import SimError
 
 
 @contextmanager
-def raises(kind: type[RigError] | type[SimError], code: str, **fields: Any) -> Iterator[pytest.ExceptionInfo[Any]]:
+def raises(kind: type[RigError] | type[SimError], code: str, /, **fields: Any) -> Iterator[pytest.ExceptionInfo[Any]]:
     """Expect an error of a class with this code; fields that are named must be equal, floats to 1e-9 or as approx."""
     with pytest.raises(kind) as caught:
         yield caught
     has_code(caught.value, code, **fields)
 
 
-def has_code(error: BaseException, code: str, **fields: Any) -> None:
+def has_code(error: BaseException, code: str, /, **fields: Any) -> None:
     """Assert the code of an error, and those of its fields that are named."""
     assert isinstance(error, (RigError, SimError)), repr(error)
     assert error.code == code, f"{error.code}: {error}"

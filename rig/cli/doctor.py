@@ -53,14 +53,14 @@ def _bundled(run: Path, settings: Config) -> dict[str, Any]:
     told = {name: here[name] for name in ("python", "versions", "devices", "solver", "protocols")}
     to = Path(bundle_name(run))
     shipped = {path.name: path.read_bytes() for path in shipped_protocols().glob("*.py")}
-    members = bug_report(run, to, told | {"problems": list(catalogue.problems())}, shipped)
+    members = bug_report(run, to, told | {"problems": list(map(str, catalogue.problems()))}, shipped)
     return {"bundle": str(to), "holds": members, "left out": list(LEFT_OUT)}
 
 
 def _examine(config: Path | None) -> dict[str, Any]:
     settings = load_config(config)
     found = _installation(settings)
-    broken = list(catalogue.problems())
+    broken = list(map(str, catalogue.problems()))
     if config is not None:
         return found | {"problems": [*broken, *bench_problems(settings)]} | _bench(settings)
     return found | ({"problems": broken} if broken else {})

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from rig.devices.kinds import ForceKind, Kind, Room, StageKind
+from rig.errors import RigError
 
 GROUP = "rig.devices"
 DEFAULTS: dict[Room, str] = {"stage": "grbl", "force": "mtsics"}
@@ -22,8 +23,10 @@ KINDS: tuple[type[Kind], ...] = (StageKind, ForceKind)
 K = TypeVar("K", bound=Kind)
 
 
-class KindError(ValueError):
+class KindError(RigError, ValueError):
     """There is no such kind, or the package that offers it cannot be used; one line."""
+
+    default_code = "no_kind"
 
 
 def find(of: type[K], name: str) -> K:
@@ -33,10 +36,20 @@ def find(of: type[K], name: str) -> K:
         return found
     offers = _offered().get(f"{of.room}.{name}", ())
     if not offers:
-        raise KindError(f"input should be {_either([repr(known) for known in names(of.room)])}")
+        known = names(of.room)
+        raise KindError(
+            "input should be {either}",
+            code="unknown_kind",
+            either=_either([repr(one) for one in known]),
+            kinds=known,
+            kind=name,
+        )
     if len(offers) > 1:
-        both = " and ".join(map(package, offers))
-        raise KindError(f"offered by {both}: expected one of these packages to be uninstalled")
+        raise KindError(
+            "offered by {packages}: expected one of these packages to be uninstalled",
+            code="offered_twice",
+            packages=" and ".join(map(package, offers)),
+        )
     return _loaded(of, name, offers[0])
 
 
@@ -58,20 +71,36 @@ def third_party() -> dict[str, str]:
     return {point: " and ".join(map(package, offers)) for point, offers in _offered().items()}
 
 
-def problems() -> Iterator[str]:
-    """One line for each entry point that cannot be used; this imports them all."""
+def problems() -> Iterator[KindError]:
+    """One for each entry point that cannot be used; this imports them all."""
     for point, who in third_party().items():
         room, _, name = point.partition(".")
         of = next((kind for kind in KINDS if kind.room == room), None)
         if of is None or not name:
-            yield f"{who}: entry point {point!r} of {GROUP}: expected stage.NAME or force.NAME"
+            yield KindError(
+                "{package}: entry point {entry!r} of {group}: expected stage.NAME or force.NAME",
+                code="bad_entry_point",
+                package=who,
+                entry=point,
+                group=GROUP,
+            )
         elif name in built_in(of.room):
-            yield f"{who}: {room}.kind = {name!r} is taken: this program's own is used"
+            yield KindError(
+                "{package}: {room}.kind = {kind!r} is taken: this program's own is used",
+                code="name_taken",
+                package=who,
+                room=room,
+                kind=name,
+            )
         else:
             try:
                 find(of, name)
             except KindError as problem:
-                yield f"{room}.kind = {name!r}: {problem}"
+                yield KindError(
+                    "{room}.kind = {kind!r}: {problem}",
+                    code=problem.code,
+                    **{**problem.fields, "problem": str(problem), "room": room, "kind": name},
+                )
 
 
 @cache
@@ -93,11 +122,29 @@ def _loaded(of: type[K], name: str, point: EntryPoint) -> K:
         found = point.load()
     except (Exception, SystemExit) as error:  # whatever a package does when it is imported
         what = " ".join(str(error).split())
-        raise KindError(f"{package(point)} cannot be used: {type(error).__name__}: {what}") from error
+        raise KindError(
+            "{package} cannot be used: {error}: {what}",
+            code="not_imported",
+            package=package(point),
+            error=type(error).__name__,
+            what=what,
+        ) from error
     if not isinstance(found, of):
-        raise KindError(f"{package(point)} cannot be used: {point.value} is no {of.__name__}")
+        raise KindError(
+            "{package} cannot be used: {entry} is no {expected}",
+            code="wrong_type",
+            package=package(point),
+            entry=point.value,
+            expected=of.__name__,
+        )
     if found.name != name:
-        raise KindError(f"{package(point)} cannot be used: {point.value} is named {found.name!r}")
+        raise KindError(
+            "{package} cannot be used: {entry} is named {found!r}",
+            code="wrong_name",
+            package=package(point),
+            entry=point.value,
+            found=found.name,
+        )
     return found
 
 

@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 from pymodbus.exceptions import ModbusException
 from pymodbus.framer import FramerRTU, FramerSocket
@@ -19,6 +20,7 @@ from pymodbus.pdu.register_message import (
     WriteSingleRegisterRequest,
 )
 
+from rig.errors import RigError
 from rig.transport.base import Transport
 from rig.transport.clock import Clock
 from rig.transport.port_settings import Framing
@@ -45,24 +47,36 @@ _EXCEPTIONS = {
 }  # fmt: skip
 
 
-class ModbusError(Exception):
+_ABOUT = "{port}: device {device}, {function} (function {function_number}) of {count} registers at 0x{address:04X}"
+
+
+class ModbusError(RigError):
     """An exchange failed; the message names port, device, function and register."""
+
+    default_code = "modbus_failed"
 
 
 class ModbusTimeout(ModbusError):  # noqa: N818
     """No whole answer within the time allowed."""
 
+    default_code = "timeout"
+
 
 class ModbusGarbled(ModbusError):  # noqa: N818
     """Bytes came that are no answer to the question: bad CRC, another device, too short."""
 
+    default_code = "garbled"
+
 
 class ModbusRefused(ModbusError):  # noqa: N818
-    """The device answered with an exception; code is Modbus' number."""
+    """The device answered with an exception; number is Modbus'."""
 
-    def __init__(self, message: str, code: int) -> None:
-        super().__init__(message)
-        self.code = code
+    default_code = "refused"
+
+    def __init__(self, message: str, number: int, **fields: Any) -> None:
+        """Take a format string over the fields and `number`, or plain text where there are no fields."""
+        super().__init__(message if fields else "{message}", **(fields or {"message": message}), number=number)
+        self.number = number
 
 
 @dataclass(frozen=True)
@@ -184,7 +198,12 @@ class ModbusMaster:
         if answer.isError():
             raise self._refused(request, answer)
         if answer.function_code != request.function_code or not fits(answer):
-            raise ModbusGarbled(f"{self._about(request)}: the answer does not fit the question ({answer})")
+            raise ModbusGarbled(
+                f"{_ABOUT}: the answer does not fit the question ({{answer}})",
+                code="does_not_fit",
+                answer=str(answer),
+                **self._about(request),
+            )
         return answer
 
     def _frame(self, request: ModbusPDU) -> bytes:
@@ -215,19 +234,37 @@ class ModbusMaster:
                 continue
             self._refuse_two_answers(request, heard)
             if answer.dev_id != request.dev_id:
-                raise ModbusGarbled(f"{self._about(request)}: device {answer.dev_id} answered")
+                raise ModbusGarbled(
+                    f"{_ABOUT}: device {{answering}} answered",
+                    code="another_device",
+                    answering=answer.dev_id,
+                    **self._about(request),
+                )
             return answer
         self._unanswered = _Unanswered(_kind(request), self._clock.monotonic_s())
-        came = (
-            "only its own echo" if self.echoes and not heard else f"only {heard.hex(' ')}" if heard else "no answer"
+        code, came = "no_reply", "no answer"
+        if heard:
+            code, came = "incomplete", "only {heard}"
+        elif self.echoes:
+            code, came = "only_echo", "only its own echo"
+        raise ModbusTimeout(
+            f"{_ABOUT}: {came} in {{timeout_s:g}} s",
+            code=code,
+            heard=heard.hex(" "),
+            timeout_s=self._reply_s,
+            **self._about(request),
         )
-        raise ModbusTimeout(f"{self._about(request)}: {came} in {self._reply_s:g} s")
 
     def _without_echo(self, request: ModbusPDU, heard: bytes, sent: bytes) -> bytes:
         """What was heard after one's own frame, where the adapter hears it; the first read tells whether it does."""
         found = heard.startswith(sent)
         if self.echoes and not found:
-            raise ModbusGarbled(f"{self._about(request)}: the adapter's echo is missing in {heard.hex(' ')}")
+            raise ModbusGarbled(
+                f"{_ABOUT}: the adapter's echo is missing in {{heard}}",
+                code="no_echo",
+                heard=heard.hex(" "),
+                **self._about(request),
+            )
         self.echoes = found
         return heard[len(sent) :] if found else heard
 
@@ -252,16 +289,30 @@ class ModbusMaster:
             heard += self._transport.read(left_s)
         if heard:
             self._unanswered = _Unanswered()
-            raise ModbusGarbled(f"{self._about(request)}: a late answer to an earlier question came, too")
+            raise ModbusGarbled(
+                f"{_ABOUT}: a late answer to an earlier question came, too",
+                code="late_answer",
+                **self._about(request),
+            )
 
     def _decoded(self, request: ModbusPDU, heard: bytes) -> tuple[bytes, ModbusPDU | None]:
         """What is left of `heard`, and the answer in it if it is whole."""
         try:
             used, answer = self._framer.handleFrame(heard, 0, 0)
         except ModbusException:
-            raise ModbusGarbled(f"{self._about(request)}: not a Modbus answer: {heard.hex(' ')}") from None
+            raise ModbusGarbled(
+                f"{_ABOUT}: not a Modbus answer: {{heard}}",
+                code="no_modbus",
+                heard=heard.hex(" "),
+                **self._about(request),
+            ) from None
         if used and answer is None:
-            raise ModbusGarbled(f"{self._about(request)}: bad CRC in {heard.hex(' ')}")
+            raise ModbusGarbled(
+                f"{_ABOUT}: bad CRC in {{heard}}",
+                code="bad_crc",
+                heard=heard.hex(" "),
+                **self._about(request),
+            )
         return heard[used:], answer
 
     def _drain(self) -> None:
@@ -272,16 +323,23 @@ class ModbusMaster:
             pass
 
     def _refused(self, request: ModbusPDU, answer: ModbusPDU) -> ModbusRefused:
-        code = answer.exception_code
-        meaning = _EXCEPTIONS.get(code, "see the device's manual")
-        return ModbusRefused(f"{self._about(request)}: refused with exception {code}, {meaning}", code)
-
-    def _about(self, request: ModbusPDU) -> str:
-        function = _FUNCTIONS[request.function_code]
-        return (
-            f"{self.name}: device {request.dev_id}, {function} (function {request.function_code}) of "
-            f"{request.count} registers at 0x{request.address:04X}"
+        meaning = _EXCEPTIONS.get(answer.exception_code, "see the device's manual")
+        return ModbusRefused(
+            f"{_ABOUT}: refused with exception {{number}}, {{meaning}}",
+            answer.exception_code,
+            meaning=meaning,
+            **self._about(request),
         )
+
+    def _about(self, request: ModbusPDU) -> dict[str, Any]:
+        return {
+            "port": self.name,
+            "device": request.dev_id,
+            "function": _FUNCTIONS[request.function_code],
+            "function_number": request.function_code,
+            "count": request.count,
+            "address": request.address,
+        }
 
 
 def silence_s(baud: int) -> float:

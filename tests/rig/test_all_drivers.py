@@ -19,6 +19,8 @@ from rig.devices.force import ForceError, ForceSensor
 from rig.devices.kinds import ForceKind
 from rig.devices.stage import Stage, StageError
 from rig.devices.stage.base import DeadManStage
+from rig.errors import RigError
+from rig.transport.modbus import ModbusError
 from sim.devices.clock import VirtualClock
 
 UNITS = ("_mm", "_mm_s", "_s", "_n", "_gwt", "_g", "_steps", "_rpm", "_ms")
@@ -126,6 +128,16 @@ def test_every_error_has_a_meaning(root: type[Exception]) -> None:
     kinds = [root, *root.__subclasses__()]
     assert len(kinds) > 4
     assert all(kind.__doc__ and not kind.__doc__.startswith("Common base class") for kind in kinds)
+
+
+@pytest.mark.parametrize("root", [StageError, ModbusError])
+def test_every_error_has_a_code_of_its_own(root: type[RigError]) -> None:
+    """One that a driver raises with plain text is told apart by it."""
+    kinds = [root, *(kind for kind in root.__subclasses__() if kind.__module__.startswith("rig."))]
+    codes = [kind.default_code for kind in kinds]
+    assert RigError.default_code not in codes
+    assert len(set(codes)) == len(codes) > 3
+    assert all(re.fullmatch(r"[a-z_]+", code) for code in codes)
 
 
 @pytest.mark.parametrize("kind", built_in("force"))

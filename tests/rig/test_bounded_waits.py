@@ -15,6 +15,7 @@ from rig.devices.stage.leadshine.leadshine_settings import DriveSettings
 from rig.devices.stage.leadshine.leadshine_stage import LeadshineStage
 from rig.transport.modbus import ModbusMaster
 from sim.devices.clock import VirtualClock
+from tests.raising import raises
 from tests.told_board import Board, connected
 
 
@@ -26,9 +27,9 @@ def _grbl(clock: VirtualClock, status: bytes, **options: Any) -> tuple[Board, Gr
     return board, stage
 
 
-def _lasts_s(clock: VirtualClock, act: Callable[[], object], why: str) -> float:
+def _lasts_s(clock: VirtualClock, act: Callable[[], object], code: str, **fields: Any) -> float:
     begun_s = clock.monotonic_s()
-    with pytest.raises(StageError, match=why):
+    with raises(StageTimeout, code, **fields):
         act()
     return clock.monotonic_s() - begun_s
 
@@ -36,7 +37,7 @@ def _lasts_s(clock: VirtualClock, act: Callable[[], object], why: str) -> float:
 def test_a_board_that_never_homes(clock: VirtualClock) -> None:
     board, stage = _grbl(clock, b"<Home|MPos:0,0,0>\r\n")
     board.answers[b"$H\n"] = b""
-    assert _lasts_s(clock, stage.home, r"no answer to '\$H' in 180 s") == pytest.approx(180.0)
+    assert _lasts_s(clock, stage.home, "no_reply", line="$H", timeout_s=180.0) == pytest.approx(180.0)
     assert not stage.homed
 
 
@@ -44,13 +45,13 @@ def test_a_board_that_never_arrives(clock: VirtualClock) -> None:
     """10 mm at 1 mm/s and 50 mm/s² are 10.02 s: half as much again and five seconds more, seen at the next poll."""
     _, stage = _grbl(clock, b"<Run|MPos:-1.000,-2.000,-3.000>\r\n")
     stage.status()
-    lasted_s = _lasts_s(clock, lambda: stage.move_to(x_mm=-11.0, speed_mm_s=1.0), "not over in time, state Run")
+    lasted_s = _lasts_s(clock, lambda: stage.move_to(x_mm=-11.0, speed_mm_s=1.0), "not_over", state="Run")
     assert lasted_s == pytest.approx(1.5 * 10.02 + 5.0, abs=0.021)
 
 
 def test_a_board_that_never_comes_to_rest(clock: VirtualClock) -> None:
     board, stage = _grbl(clock, b"<Run|MPos:-1.000,-2.000,-3.000>\r\n")
-    assert _lasts_s(clock, stage.halt, "not at rest 2 s after a hold, state Run") == pytest.approx(2.0, abs=0.021)
+    assert _lasts_s(clock, stage.halt, "not_at_rest", timeout_s=2.0, state="Run") == pytest.approx(2.0, abs=0.021)
     assert board.said[0] == b"!"
     assert b"\x18" not in board.said  # a reset in motion would lose the position
 
@@ -62,14 +63,14 @@ def test_an_arrival_is_within_a_step(clock: VirtualClock, printed: str, fine: bo
     if fine:
         stage.move_to(x_mm=-11.0, speed_mm_s=1.0)
     else:
-        with pytest.raises(StageError, match=r"X is at -11\.003 mm, not at -11\.0 mm"):
+        with raises(StageError, "not_there", axis="X", at_mm=-11.003, target_mm=-11.0):
             stage.move_to(x_mm=-11.0, speed_mm_s=1.0)
 
 
 def test_a_work_offset_is_waited_for_in_thirty_six_answers(clock: VirtualClock) -> None:
     """A board tells it in every tenth to thirtieth."""
     board, stage = _grbl(clock, b"<Idle|WPos:0.000,0.000,0.000>\r\n")
-    with pytest.raises(StageError, match="no machine position"):
+    with raises(StageError, "no_position"):
         stage.status()
     assert board.said.count(b"?") == 36
 
@@ -89,7 +90,7 @@ def test_a_look_takes_in_four_pieces_of_news(clock: VirtualClock, pieces: int, f
     if fine:
         assert stage.look().state == "Idle"
     else:
-        with pytest.raises(StageAlarm):
+        with raises(StageAlarm, "alarm"):
             stage.look()
 
 
@@ -104,7 +105,7 @@ def test_without_backlash_a_move_is_one_line(clock: VirtualClock) -> None:
 
 def test_a_held_board_that_does_not_go_on(clock: VirtualClock) -> None:
     _, stage = _grbl(clock, b"<Hold:0|MPos:0.000,0.000,0.000>\r\n")
-    assert _lasts_s(clock, stage.resume, "still held after 5 s") == pytest.approx(5.0, abs=0.021)
+    assert _lasts_s(clock, stage.resume, "still_held", timeout_s=5.0) == pytest.approx(5.0, abs=0.021)
 
 
 @pytest.mark.parametrize("after", ["Idle", "Alarm"])
@@ -122,7 +123,7 @@ def test_a_halt_that_ends_in_an_alarm_has_lost_the_position(clock: VirtualClock,
     if after == "Idle":
         stage.halt()
     else:
-        with pytest.raises(StageError, match="Alarm after a halt, the position is lost"):
+        with raises(StageError, "lost_in_halt", state="Alarm"):
             stage.halt()
     assert stage.homed is (after == "Idle")
     assert board.said == [b"!", b"?", b"\x18", b"?"]
@@ -181,7 +182,7 @@ def test_a_board_that_jogs_on(clock: VirtualClock) -> None:
         write(data)
 
     board.write = creeping  # type: ignore[method-assign]
-    assert _lasts_s(clock, stage.end_jog, "still jogging after 5 s") == pytest.approx(5.0, abs=0.021)
+    assert _lasts_s(clock, stage.end_jog, "still_jogging", timeout_s=5.0) == pytest.approx(5.0, abs=0.021)
     assert board.said.count(b"\x85") == pytest.approx(5.0 / 0.5, rel=0.1)
 
 
@@ -278,14 +279,14 @@ def _drive(clock: VirtualClock, rtu: Callable[[str], bytes], status: int) -> tup
 
 def test_a_drive_that_never_homes(clock: VirtualClock, rtu: Callable[[str], bytes]) -> None:
     _, stage = _drive(clock, rtu, ENABLED)
-    assert _lasts_s(clock, stage.home, r"homing is not over after 180\.0 s") == pytest.approx(180.0, abs=0.1)
+    assert _lasts_s(clock, stage.home, "not_over", what="homing", timeout_s=180.0) == pytest.approx(180.0, abs=0.1)
 
 
 def test_a_drive_that_never_arrives(clock: VirtualClock, rtu: Callable[[str], bytes]) -> None:
     """10 mm at 1 mm/s, 60 rpm with ramps of 20 ms: 10.02 s, half as much again, and five seconds."""
     _, stage = _drive(clock, rtu, RUNNING)
     lasted_s = _lasts_s(
-        clock, lambda: stage.move_to(x_mm=-10.0, speed_mm_s=1.0), r"the move to -10 mm is not over after 20\.0 s"
+        clock, lambda: stage.move_to(x_mm=-10.0, speed_mm_s=1.0), "not_over", what="the move to -10 mm"
     )
     assert lasted_s == pytest.approx(1.5 * 10.02 + 5.0, abs=0.1)
 
@@ -293,7 +294,7 @@ def test_a_drive_that_never_arrives(clock: VirtualClock, rtu: Callable[[str], by
 def test_a_drive_that_never_stops(clock: VirtualClock, rtu: Callable[[str], bytes]) -> None:
     """A second for each, told again every 20 ms and some for the answers."""
     wire, stage = _drive(clock, rtu, RUNNING)
-    lasted_s = _lasts_s(clock, stage.halt, "still runs 1 s after a quick stop")
+    lasted_s = _lasts_s(clock, stage.halt, "still_runs", timeout_s=1.0)
     assert lasted_s == pytest.approx(1.0, abs=0.05)
     assert sum(data[:6] == bytes.fromhex("02 06 60 02 00 40") for _, data in wire.asked) > 20
 
@@ -302,7 +303,7 @@ def test_a_drive_on_its_way_is_asked_for_alarms_every_quarter_of_a_second(
     clock: VirtualClock, rtu: Callable[[str], bytes]
 ) -> None:
     wire, stage = _drive(clock, rtu, RUNNING)
-    with pytest.raises(StageTimeout):
+    with raises(StageTimeout, "not_over"):
         stage.move_to(x_mm=-10.0, speed_mm_s=1.0)
     asked_s = [t_s for t_s, data in wire.asked if data[1:4] == bytes.fromhex("03 10 03") and data[0] == 1]
     under_way = [t_s for t_s in asked_s if asked_s[0] < t_s < asked_s[0] + 9.0]
@@ -318,5 +319,5 @@ def test_a_drives_arrival_is_within_a_step(
     if fine:
         stage.move_to(x_mm=-10.0, speed_mm_s=1.0)
     else:
-        with pytest.raises(StageError, match=r"is at -10\.0050 mm, not at -10 mm"):
+        with raises(StageError, "not_there", at_mm=-10.005, target_mm=-10.0):
             stage.move_to(x_mm=-10.0, speed_mm_s=1.0)

@@ -31,6 +31,7 @@ from sim.devices.clock import VirtualClock
 from sim.devices.line import SerialLine
 from sim.devices.told import ForceTold, StageTold
 from tests.offered import EXAMPLE, forget, offer
+from tests.raising import has_code, raises
 
 ROOT = Path(__file__).parents[2]
 WORDS = {"register_address": 0x157, "on_word": 0x80, "off_word": 0}
@@ -256,39 +257,37 @@ DEVICE = ForceKind(name="odd", device="odd", driver=None, settings=Table, tests=
 
 
 @pytest.mark.parametrize(
-    ("place", "text", "told"),
+    ("place", "text", "code", "fields"),
     [
-        (
-            "odd_there:DEVICE",
-            "import no_such_module",
-            "odd 1.0 cannot be used: ModuleNotFoundError: No module",
-        ),
-        ("odd_nowhere:DEVICE", "", "odd 1.0 cannot be used: ModuleNotFoundError: No module named 'odd_nowhere'"),
-        ("odd_there:DEVICE", "raise RuntimeError('two\\nlines')", "odd 1.0 cannot be used: RuntimeError: two lines"),
-        ("odd_there:DEVICE", "raise SystemExit(3)", "odd 1.0 cannot be used: SystemExit: 3"),
-        ("odd_there:OTHER", ENTRY, "odd 1.0 cannot be used: AttributeError"),
-        ("odd_there:DEVICE", "DEVICE = 3", "odd 1.0 cannot be used: odd_there:DEVICE is no ForceKind"),
-        ("odd_there:DEVICE", ENTRY.replace('"odd", device', '"even", device'), "odd_there:DEVICE is named 'even'"),
+        ("odd_there:DEVICE", "import no_such_module", "not_imported", {"error": "ModuleNotFoundError"}),
+        ("odd_nowhere:DEVICE", "", "not_imported", {"what": "No module named 'odd_nowhere'"}),
+        ("odd_there:DEVICE", "raise RuntimeError('two\\nlines')", "not_imported", {"what": "two lines"}),
+        ("odd_there:DEVICE", "raise SystemExit(3)", "not_imported", {"error": "SystemExit", "what": "3"}),
+        ("odd_there:OTHER", ENTRY, "not_imported", {"error": "AttributeError"}),
+        ("odd_there:DEVICE", "DEVICE = 3", "wrong_type", {"expected": "ForceKind"}),
+        ("odd_there:DEVICE", ENTRY.replace('"odd", device', '"even", device'), "wrong_name", {"found": "even"}),
     ],
 )
-def test_a_broken_package_is_named_and_harms_nobody_else(offered: Offer, place: str, text: str, told: str) -> None:
+def test_a_broken_package_is_named_and_harms_nobody_else(
+    offered: Offer, place: str, text: str, code: str, fields: dict[str, Any]
+) -> None:
     offered("odd", {"force.odd": place}, odd_there=text)
-    with pytest.raises(KindError) as caught:
+    with raises(KindError, code, package="odd 1.0", **fields) as caught:
         find(ForceKind, "odd")
-    assert told in str(caught.value)
     assert "\n" not in str(caught.value)
-    with pytest.raises(ValueError, match=re.escape(told)):
+    with pytest.raises(ValueError, match=re.escape(str(caught.value))):
         _config(ForceKind, "odd")
-    assert [line for line in catalogue.problems() if "force.kind = 'odd': " in line and told in line]
+    (problem,) = catalogue.problems()
+    has_code(problem, code, room="force", kind="odd", problem=str(caught.value), **fields)
     for of, name in BUILT_IN:
         assert getattr(_config(of, name), of.room).kind == name
 
 
 def test_a_sensor_is_no_stage(offered: Offer) -> None:
     offered("odd", {"stage.odd": "odd_there:DEVICE"}, odd_there=ENTRY)
-    with pytest.raises(KindError, match=r"odd 1\.0 cannot be used: odd_there:DEVICE is no StageKind"):
+    with raises(KindError, "wrong_type", package="odd 1.0", entry="odd_there:DEVICE", expected="StageKind"):
         find(StageKind, "odd")
-    with pytest.raises(KindError, match=r"^input should be 'mtsics' or 'laumas'$"):
+    with raises(KindError, "unknown_kind", kind="odd", kinds=["mtsics", "laumas"]):
         find(ForceKind, "odd")
 
 
@@ -298,15 +297,13 @@ def test_a_name_that_is_taken(offered: Offer) -> None:
     assert find(StageKind, "grbl").device.startswith("GRBL")
     assert find(ForceKind, "odd").name == "odd"
     offered("odd-two", {"force.odd": "odd_there:DEVICE", "force": "odd_there:DEVICE", "camera.x": "odd_there:DEVICE"})
-    both = "offered by odd-one 1.0 and odd-two 1.0: expected one of these packages to be uninstalled"
-    with pytest.raises(KindError, match=both):
+    with raises(KindError, "offered_twice", packages="odd-one 1.0 and odd-two 1.0"):
         find(ForceKind, "odd")
-    assert list(catalogue.problems()) == [
-        "odd-two 1.0: entry point 'camera.x' of rig.devices: expected stage.NAME or force.NAME",
-        "odd-two 1.0: entry point 'force' of rig.devices: expected stage.NAME or force.NAME",
-        f"force.kind = 'odd': {both}",
-        "odd-one 1.0: stage.kind = 'grbl' is taken: this program's own is used",
-    ]
+    camera, nameless, twice, taken = catalogue.problems()
+    has_code(camera, "bad_entry_point", package="odd-two 1.0", entry="camera.x")
+    has_code(nameless, "bad_entry_point", package="odd-two 1.0", entry="force")
+    has_code(twice, "offered_twice", room="force", kind="odd", packages="odd-one 1.0 and odd-two 1.0")
+    has_code(taken, "name_taken", package="odd-one 1.0", room="stage", kind="grbl")
     assert names("stage") == ["grbl", "leadshine"]
 
 

@@ -10,12 +10,14 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from rig.devices.stage import StageAlarm, StageError, StageRejected
+from rig.devices.stage.base import StageOverridden
 from rig.devices.stage.grbl.grbl_stage import GrblStage
 from rig.session.virtual.served_bench import ServedBench
 from rig.transport import LineReader, LoopbackTransport, SerialTransport, Transport
 from rig.transport.clock import Clock, WallClock
 from sim.devices import SerialLine, VirtualGrbl
 from sim.devices.clock import VirtualClock
+from tests.raising import raises
 
 PORT = os.environ.get("RIG_GRBL_PORT")
 Wire = tuple[Transport, Clock]
@@ -89,7 +91,7 @@ def test_overrides_are_reported_refused_and_end_at_connecting(wire: Wire, stage:
     transport.write(b"\x91")
     _until_overrides(stage, clock, (110, 100, 100))
     before = stage.status()
-    with pytest.raises(StageError, match="feed override 110 %: somebody changed it at the controller"):
+    with raises(StageOverridden, "overridden", feed_percent=110):
         stage.jog("x", -1.0, 5.0)
     assert stage.status() == before
     stage.connect()
@@ -112,7 +114,7 @@ def test_an_override_during_a_jog_is_named_and_the_jog_can_be_ended(
     stage.jog("x", -20.0, 2.0)
     _until(stage, clock, lambda _state: abs(stage.status().x_mm - start_mm) > after_mm)
     transport.write(b"\x92")
-    with pytest.raises(StageError, match="feed override 90 %"):
+    with raises(StageOverridden, "overridden", feed_percent=90):
         _until(stage, clock, lambda state: state == "Idle")
     stage.end_jog()
     at = stage.status()
@@ -171,7 +173,7 @@ def test_a_stop_in_motion_is_an_alarm_that_an_unlock_clears(stage: GrblStage, wi
     _wait_until_it_moves(stage, clock)
     stage.stop()
     assert not stage.homed
-    with pytest.raises(StageError):
+    with raises(StageError, "needs_reset"):
         stage.move_to(x_mm=0.0, speed_mm_s=1.0)
     stage.unlock()
     after = stage.status()
@@ -184,12 +186,11 @@ def test_out_of_travel_a_jog_is_refused_and_a_move_is_an_alarm_with_a_way_back(s
     if not stage.settings()[20]:
         pytest.skip("the board's soft limits ($20) are off")
     before = stage.status()
-    with pytest.raises(StageRejected, match="outside the travel"):
+    with raises(StageRejected, "line_refused", number=15):
         stage.jog("x", -5000.0, 5.0)
     assert stage.status() == before
-    with pytest.raises(StageAlarm) as caught:  # comes when it comes: a `?` would go past it
+    with raises(StageAlarm, "alarm", number=2):  # comes when it comes: a `?` would go past it
         stage._link.command("G53G1G90G21X-5000F60")
-    assert caught.value.code == 2
     stage.unlock()
     assert stage.status().state == "Idle"
 

@@ -1,6 +1,5 @@
 """The GRBL driver as pairs of bytes."""
 
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -13,6 +12,7 @@ from rig.devices.stage.grbl.grbl_stage import GrblStage
 from rig.devices.stage.grbl.grbl_words import StatusFields, is_banner, parse_status
 from rig.engine.rig_settings import RigSettings
 from sim.devices.clock import VirtualClock
+from tests.raising import raises
 from tests.told_board import Board, at, connected
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
@@ -103,55 +103,41 @@ def test_a_second_reset_where_the_first_is_lost(clock: VirtualClock, scripted: C
     assert GrblStage(scripted(script), clock).connect()
 
 
-def test_nobody_there(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
-    stage = GrblStage(scripted([(b"$I\n", b""), (b"\x18", b""), (b"\x18", b"")]), clock)
-    with pytest.raises(StageTimeout, match="no banner after a reset"):
-        stage.connect()
-    assert clock.monotonic_s() < 15.0
-
-
-def test_a_board_that_reports_inches_is_refused(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
-    stage = GrblStage(scripted([HELLO, *asked(b"$13=1\r\nok\r\n")]), clock)
-    with pytest.raises(StageError, match=r"\$13=0"):
-        stage.connect()
-
-
 @pytest.mark.parametrize(
-    ("board", "complaint"),
+    ("board", "wanted"),
     [
-        (b"$20=1\r\n$22=1\r\n$130=60.000\r\n", r"expected \$131=30 \(it has 0\)$"),
-        (b"$20=0\r\n$22=1\r\n$130=60.000\r\n$131=30.000\r\n$132=40.000\r\n", r"expected \$20=1 \(it has 0\)$"),
+        (b"$20=1\r\n$22=1\r\n$130=60.000\r\n", {131: 30.0}),
+        (b"$20=0\r\n$22=1\r\n$130=60.000\r\n$131=30.000\r\n$132=40.000\r\n", {20: 1}),
     ],
 )
 def test_a_board_that_is_not_set_as_configured_is_refused(
-    clock: VirtualClock, scripted: Callable[[list[Any]], Any], board: bytes, complaint: str
+    clock: VirtualClock, scripted: Callable[[list[Any]], Any], board: bytes, wanted: dict[int, float]
 ) -> None:
     stage = GrblStage(scripted([HELLO, *asked(board + b"ok\r\n")]), clock, expected=expected_settings(RigSettings()))
-    with pytest.raises(StageError, match=complaint):
+    with raises(StageError, "not_as_configured", wanted=wanted, found=dict.fromkeys(wanted, 0.0)):
         stage.connect()
 
 
 @pytest.mark.parametrize(
-    ("setting", "says"),
+    ("setting", "keys", "wanted"),
     [
-        (b"$130=50", "(stage.travel_mm), expected $130=60 (it has 50)"),
-        (b"$131=50", "(stage.travel_mm), expected $131=30 (it has 50)"),
-        (b"$13=1", "configured, expected $13=0 (it has 1)"),
+        (b"$130=50", " (stage.travel_mm)", {130: 60.0}),
+        (b"$131=50", " (stage.travel_mm)", {131: 30.0}),
+        (b"$13=1", "", {13: 0}),
     ],
 )
 def test_a_travel_that_differs_is_told_by_the_key_of_the_configuration(
-    clock: VirtualClock, scripted: Callable[[list[Any]], Any], setting: bytes, says: str
+    clock: VirtualClock, scripted: Callable[[list[Any]], Any], setting: bytes, keys: str, wanted: dict[int, float]
 ) -> None:
     board = b"$20=1\r\n$22=1\r\n$130=60.000\r\n$131=30.000\r\n$132=40.000\r\n" + setting + b"\r\nok\r\n"
     stage = GrblStage(scripted([HELLO, *asked(board)]), clock, expected=expected_settings(RigSettings()))
-    with pytest.raises(StageError, match="not set as configured") as caught:
+    with raises(StageError, "not_as_configured", keys=keys, wanted=wanted):
         stage.connect()
-    assert says in str(caught.value)
 
 
 def test_where_no_travel_is_expected_none_is_named(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
     stage = GrblStage(scripted([HELLO, *asked(b"$13=1\r\n$132=1\r\nok\r\n")]), clock)
-    with pytest.raises(StageError, match=r"configured, expected \$13=0"):
+    with raises(StageError, "not_as_configured", keys="", wanted={13: 0}):
         stage.connect()
 
 
@@ -179,18 +165,12 @@ def test_push_messages_never_answer_a_line(stage: Make) -> None:
     stage([(b"$X\n", [pushed, b"os:0,0,0>\r\n", b"ok\r\n"])]).unlock()
 
 
-def test_an_error_names_the_line(stage: Make) -> None:
-    with pytest.raises(StageRejected, match=r"refused '\$X' with error 9: locked") as caught:
-        stage([(b"$X\n", b"error:9\r\n")]).unlock()
-    assert (caught.value.code, caught.value.line) == (9, "$X")
-
-
 def test_no_answer_is_a_bounded_wait_and_then_only_a_reset_helps(stage: Make, clock: VirtualClock) -> None:
     board = stage([(b"$$\n", b""), (b"\x18", b"ok\r\n" + BANNER), (b"$X\n", b"ok\r\n")])
-    with pytest.raises(StageTimeout, match=r"no answer to '\$\$' in 2 s"):
+    with raises(StageTimeout, "no_reply", line="$$", timeout_s=2.0):
         board.settings()
     assert clock.monotonic_s() == pytest.approx(2.0)
-    with pytest.raises(StageError, match="must be reset"):
+    with raises(StageError, "needs_reset", line="$$"):
         board.settings()
     board.unlock()
 
@@ -226,18 +206,6 @@ def test_status_split_into_pieces(stage: Make) -> None:
     assert board.status() == StageStatus("Idle", -1.0, -2.0, -3.0)
 
 
-def test_a_garbled_status_is_asked_again(stage: Make) -> None:
-    board = stage([(b"?", b"<Idle|MPos:-1.0\xf3,-2\r\n"), (b"?", IDLE)])
-    assert board.status().z_mm == -3.0
-
-
-def test_no_status_is_a_bounded_wait(stage: Make, clock: VirtualClock) -> None:
-    board = stage([(b"?", b""), (b"?", b"[MSG:hm]\r\n"), (b"?", b"")])
-    with pytest.raises(StageTimeout, match=r"no answer to \?"):
-        board.status()
-    assert clock.monotonic_s() < 1.0
-
-
 def test_work_position_waits_for_the_offset_and_keeps_it(stage: Make) -> None:
     work = b"<Idle|WPos:1.000,2.000,3.000|FS:0,0>\r\n"
     with_offset = b"<Idle|WPos:1.000,2.000,3.000|FS:0,0|WCO:-10.000,0.000,0.500>\r\n"
@@ -247,7 +215,7 @@ def test_work_position_waits_for_the_offset_and_keeps_it(stage: Make) -> None:
 
 
 def test_a_status_without_position_is_an_error(stage: Make) -> None:
-    with pytest.raises(StageError, match="no machine position"):
+    with raises(StageError, "no_position"):
         stage([(b"?", b"<Idle|FS:0,0>\r\n")] * (1 + ASK_TIMES)).status()
 
 
@@ -273,78 +241,34 @@ def test_home_then_move(stage: Make, clock: VirtualClock) -> None:
     assert clock.monotonic_s() - start_s == pytest.approx(10.0 + 1.0 / 50 + 0.02)
 
 
-def test_an_arrival_elsewhere_is_an_error(stage: Make) -> None:
-    going = confirmed("X0Y0Z-0.1", 60, AT, (-1, -2, -2.9), modes=False)
-    board = stage([(b"?", IDLE), *going, (b"G1Z0\n", b"ok\r\n"), *[(b"?", IDLE)] * 2], homed=True)
-    with pytest.raises(StageError, match=r"Z is at -3\.0 mm, not at -2\.9 mm"):
-        board.move_to(z_mm=-2.9, speed_mm_s=1.0)
-
-
 def test_a_move_that_does_not_end_has_a_bounded_wait(clock: VirtualClock) -> None:
     stuck = Board(clock)
     board = connected(stuck)
     stuck.status = at("Run")
-    with pytest.raises(StageTimeout, match="not over in time, state Run"):
+    with raises(StageTimeout, "not_over", state="Run"):
         board.move_to(x_mm=1.0, speed_mm_s=1.0)
     stuck.status = at("Hold:0")
-    with pytest.raises(StageTimeout, match="still held after 1 s"):
+    with raises(StageTimeout, "still_held", timeout_s=1.0):
         board.resume(1.0)
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        {"x_mm": math.nan, "speed_mm_s": 1.0}, {"z_mm": math.inf, "speed_mm_s": 1.0},
-        {"x_mm": 1.0, "speed_mm_s": math.nan}, {"x_mm": 1.0, "speed_mm_s": math.inf},
-        {"x_mm": 1.0, "speed_mm_s": 0.0}, {"x_mm": 1.0, "speed_mm_s": -1.0},
-        {"x_mm": 1.0, "speed_mm_s": 1e-9}, {"speed_mm_s": 1.0},
-    ],
-)  # fmt: skip
-def test_bad_arguments_are_refused_before_any_byte(stage: Make, arguments: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match=r"must be|needs at least"):
-        stage([]).move_to(**arguments)  # type: ignore[arg-type]
-
-
-def test_an_alarm_in_the_middle_of_a_move_is_heard_at_once(stage: Make, clock: VirtualClock) -> None:
-    going = confirmed("X19Y0Z0", 60, AT, (-20, -2, -3))
-    board = stage([(b"?", IDLE), *going, (b"G1X0\n", [b"ok\r\nALARM:1\r\n"])], homed=True)
-    board.status()
-    with pytest.raises(StageAlarm, match="alarm 1: hard limit") as caught:
-        board.move_to(x_mm=-20.0, speed_mm_s=1.0)
-    assert caught.value.code == 1
-    assert clock.monotonic_s() < 1.0
-
-
-def test_an_alarm_state_ends_a_move(stage: Make) -> None:
-    going = confirmed("X19Y0Z0", 60, AT, (-20, -2, -3))
-    alarm = (b"?", b"<Alarm|MPos:0,0,0>\r\n")
-    board = stage([(b"?", IDLE), *going, (b"G1X0\n", b"ok\r\n"), alarm], homed=True)
-    with pytest.raises(StageError, match="Alarm during a move"):
-        board.move_to(x_mm=-20.0, speed_mm_s=1.0)
-
-
-def test_unknown_alarms_are_alarms_too(stage: Make) -> None:
-    with pytest.raises(StageAlarm, match="alarm 14"):
-        stage([(b"?", b"ALARM:14\r\n")]).status()
 
 
 def test_a_banner_at_any_time_is_a_reset(stage: Make) -> None:
     board = stage([*HOMING, (b"?", b"<Idle|MPos:-1.0" + BANNER)])
     board.home()
-    with pytest.raises(StageReset, match=r"was reset \(Grbl 1\.1h"):
+    with raises(StageReset, "was_reset", line="Grbl 1.1h ['$' for help]"):
         board.status()
     assert not board.homed
 
 
 def test_a_banner_glued_to_half_a_line_is_a_reset(stage: Make) -> None:
-    with pytest.raises(StageReset):
+    with raises(StageReset, "was_reset", line="$100=40Grbl 1.1h ['$' for help]"):
         stage([(b"$$\n", b"$100=40Grbl 1.1h ['$' for help]\r\n")]).settings()
 
 
 def test_an_alarm_that_came_between_is_raised_before_the_next_line(stage: Make, clock: VirtualClock) -> None:
     board = stage([(b"?", IDLE + b"ALARM:1\r\n[MSG:Reset to continue]\r\n")], homed=True)
     board.status()
-    with pytest.raises(StageAlarm):
+    with raises(StageAlarm, "alarm", number=1):
         board.move_to(x_mm=-2.0, speed_mm_s=1.0)
 
 
@@ -385,7 +309,7 @@ def test_a_jog_beyond_the_travel_is_refused_by_the_board(stage: Make) -> None:
     """After three times: an axis that was garbled is refused by its travel, too."""
     again = [*confirmed("X0Y0Z0", 60, AT, AT), (b"$J=G91Z0X99F60\n", b"error:15\r\n")]
     board = stage([(b"?", IDLE), *again, (b"?", IDLE), *again, (b"?", IDLE), *again])
-    with pytest.raises(StageRejected, match="error 15: the jog target lies outside the travel"):
+    with raises(StageRejected, "line_refused", number=15, line="$J=G91Z0X99F60"):
         board.jog("x", 99.0, 1.0)
 
 
@@ -402,11 +326,6 @@ def test_the_output_for_a_recording_amplifier(stage: Make, output: str, words: t
     board.set_output(False)
 
 
-def test_without_an_output_there_is_no_pulse(stage: Make) -> None:
-    with pytest.raises(StageError, match=r"see sync\.output"):
-        stage([]).set_output(True)
-
-
 def test_a_look_takes_no_banner_for_an_answer_and_resets_nothing(
     clock: VirtualClock, scripted: Callable[[list[Any]], Any]
 ) -> None:
@@ -416,27 +335,6 @@ def test_a_look_takes_no_banner_for_an_answer_and_resets_nothing(
 
 
 # --- stop, hold, unlock ---
-
-
-def test_stop_is_one_write_and_reads_nothing(stage: Make) -> None:
-    board = stage([(b"!\x18", b"ALARM:3\r\n" + BANNER)])
-    board.stop()
-    assert not board.homed
-    with pytest.raises(StageAlarm, match="reset while in motion"):
-        board.status()
-
-
-def test_home_after_a_stop_begins_with_a_reset(stage: Make) -> None:
-    board = stage(
-        [
-            (b"!\x18", b"ALARM:3\r\nok\r\n" + BANNER),
-            (b"\x18", BANNER + b"[MSG:'$H'|'$X' to unlock]\r\n"),
-            *HOMING,
-        ]
-    )
-    board.stop()
-    board.home()
-    assert board.homed
 
 
 def test_a_resume_is_sent_again_until_it_is_seen(stage: Make) -> None:
@@ -453,9 +351,3 @@ def test_a_resume_is_sent_again_until_it_is_seen(stage: Make) -> None:
     )
     board.hold()
     board.resume()
-
-
-def test_close_closes_the_wire(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
-    wire = scripted([])
-    GrblStage(wire, clock).close()
-    assert wire.closed

@@ -4,7 +4,9 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Literal, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, runtime_checkable
+
+from rig.errors import RigError
 
 Axis = Literal["x", "y", "z"]
 
@@ -12,51 +14,77 @@ LOOK_S = 0.1
 """A motion is looked at so often while it lasts; one that is over sooner, when it is over."""
 
 
-class StageError(Exception):
+class StageError(RigError):
     """The stage did not do what it was told; position is to be trusted only if the driver says so."""
+
+    default_code = "stage_failed"
+
+
+class MoveError(RigError, ValueError):
+    """A move that no stage could make, or not this one: nothing was sent."""
+
+    default_code = "bad_move"
 
 
 class StageAlarm(StageError):  # noqa: N818
-    """The controller locked itself; code is the maker's number."""
+    """The controller locked itself; number is the maker's."""
 
-    def __init__(self, code: int, meaning: str) -> None:
-        super().__init__(f"stage alarm {code}: {meaning}")
-        self.code = code
+    default_code = "alarm"
+
+    def __init__(self, number: int, meaning: str, **fields: Any) -> None:
+        super().__init__("stage alarm {number}: {meaning}", number=number, meaning=meaning, **fields)
+        self.number = number
         self.meaning = meaning
 
 
 class StageReset(StageError):  # noqa: N818
     """The controller started anew: its queue is gone and its position is no longer to be trusted."""
 
+    default_code = "was_reset"
+
 
 class StageTimeout(StageError):  # noqa: N818
     """No answer, or no arrival, within the time allowed."""
+
+    default_code = "timeout"
 
 
 class StageNotHomed(StageError):  # noqa: N818
     """Nothing was moved: where the stage is would not be known."""
 
+    default_code = "not_homed"
+
     def __init__(self, who: str) -> None:
-        super().__init__(f"{who} must be homed before a move")
+        super().__init__("{who} must be homed before a move", who=who)
 
 
 class StageHeld(StageError):  # noqa: N818
     """Somebody stopped it at the controller: whatever it was told waits for them, and is not to be waited for."""
 
+    default_code = "held"
+
     def __init__(self, state: str, who: str = "") -> None:
-        super().__init__(f"{who}the stage is held, {state}: somebody stopped it at the controller")
+        super().__init__(
+            "{who}the stage is held, {state}: somebody stopped it at the controller", state=state, who=who
+        )
 
 
 class StageOverridden(StageError):  # noqa: N818
     """Somebody changed how fast it goes; its position is trusted. halt() brings it to rest at full speed again."""
 
+    default_code = "overridden"
+
 
 class StageRejected(StageError):  # noqa: N818
-    """The controller refused one line; code is the maker's number."""
+    """The controller refused one line; number is the maker's."""
 
-    def __init__(self, code: int, line: str, meaning: str) -> None:
-        super().__init__(f"stage refused {line!r} with error {code}: {meaning}")
-        self.code = code
+    default_code = "line_refused"
+
+    def __init__(self, number: int, line: str, meaning: str) -> None:
+        super().__init__(
+            "stage refused {line!r} with error {number}: {meaning}", number=number, line=line, meaning=meaning
+        )
+        self.number = number
         self.line = line
         self.meaning = meaning
 
@@ -119,7 +147,7 @@ class Stage(Protocol):
     ) -> Looks:
         """Move in a straight line, looked at each look_s.
 
-        Raises StageError; ValueError, StageNotHomed before any byte.
+        Raises StageError; MoveError, StageNotHomed before any byte.
         """
         ...
 
@@ -143,7 +171,7 @@ class Stage(Protocol):
         z_mm: float | None = None,
         speed_mm_s: float,
     ) -> None:
-        """Move and return on arrival. Raises StageError; ValueError, StageNotHomed before any byte."""
+        """Move and return on arrival. Raises StageError; MoveError, StageNotHomed before any byte."""
         arrive(self.moving(x_mm=x_mm, y_mm=y_mm, z_mm=z_mm, speed_mm_s=speed_mm_s, look_s=math.inf))
 
     @abstractmethod

@@ -7,6 +7,7 @@ beyond one safe increment.
 import math
 from collections.abc import Generator
 from contextlib import suppress
+from typing import Any
 
 from rig.devices.stage.base import (
     StageAlarm,
@@ -75,15 +76,18 @@ class GrblLink:
     def refuse_interference(self, state: str) -> None:
         """Raises StageHeld where somebody holds the board, StageOverridden where they changed how fast it goes."""
         if is_held(state):
-            raise StageHeld(state, f"{self._transport.name}: ")
+            raise StageHeld(state, f"{self.name}: ")
         if self.overrides != FULL:
-            found = ", ".join(
-                f"{what} override {is_now} %"
+            changed: dict[str, Any] = {
+                f"{what}_percent": is_now
                 for what, is_now in zip(OVERRIDDEN, self.overrides, strict=True)
                 if is_now != 100
-            )
+            }
+            found = ", ".join(f"{name.removesuffix('_percent')} override {{{name}}} %" for name in changed)
             raise StageOverridden(
-                f"{self._transport.name}: {found}: somebody changed it at the controller, expected 100 %"
+                f"{{port}}: {found}: somebody changed it at the controller, expected 100 %",
+                port=self.name,
+                **changed,
             )
 
     def recover(self) -> None:
@@ -134,12 +138,20 @@ class GrblLink:
                 yield printed
             else:
                 self.in_step = self.trusted = False
-                raise StageTimeout(f"{self._transport.name}: no answer to {line!r} in {timeout_s:g} s")
+                raise StageTimeout(
+                    "{port}: no answer to {line!r} in {timeout_s:g} s",
+                    code="no_reply",
+                    port=self.name,
+                    line=line,
+                    timeout_s=timeout_s,
+                )
 
     def require_in_step(self, line: str) -> None:
         """Raises StageError where the board may still owe an answer to another line."""
         if not self.in_step:
-            raise StageError(f"{self.name}: the board must be reset before {line!r}")
+            raise StageError(
+                "{port}: the board must be reset before {line!r}", code="needs_reset", port=self.name, line=line
+            )
 
     def _refuse_error(self, heard: str, line: str) -> None:
         code = number_after(heard, "error:")
@@ -170,7 +182,9 @@ class GrblLink:
                 if heard.startswith("<"):
                     break
         self.trusted = False
-        raise StageTimeout(f"{self._transport.name}: no answer to ?, is it a GRBL board at this baud rate?")
+        raise StageTimeout(
+            "{port}: no answer to ?, is it a GRBL board at this baud rate?", code="no_status", port=self.name
+        )
 
     def listen_until(self, t_s: float) -> None:
         """Let time pass, but hear an alarm or a reset at once. Raises StageAlarm, StageReset."""
@@ -195,7 +209,7 @@ class GrblLink:
                 self.in_step = True
                 self.offset, self.overrides = None, FULL
                 return
-        raise StageTimeout(f"{self._transport.name}: no banner after a reset")
+        raise StageTimeout("{port}: no banner after a reset", code="no_banner", port=self.name)
 
     def _await_banner(self) -> bool:
         deadline_s = self._clock.monotonic_s() + BANNER_S
@@ -216,8 +230,8 @@ class GrblLink:
         if is_banner(line):
             # It may have crossed with a line on the wire: whether that line still gets an answer is unknown.
             self.in_step, self.trusted, self.offset, self.overrides = False, False, None, FULL
-            raise StageReset(f"{self._transport.name}: the board was reset ({line})")
+            raise StageReset("{port}: the board was reset ({line})", port=self.name, line=line)
         code = number_after(line, "ALARM:")
         if code is not None:
             self.in_step = self.trusted = False
-            raise StageAlarm(code, ALARMS.get(code, "see the controller's manual"))
+            raise StageAlarm(code, ALARMS.get(code, "see the controller's manual"), port=self.name)

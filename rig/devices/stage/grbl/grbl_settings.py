@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
 
 from rig.devices.bench_settings import BenchSettings, StageBounds
 from rig.devices.stage.grbl.grbl_words import Xyz, travel_s
@@ -17,6 +18,29 @@ _TOLERANCE = 5e-4
 _PRINTED_MM = 1e-3
 # The board reckons in 24 bits: a target that is just within its soft limits must not come out just beyond them.
 _INSIDE_MM, _ROUND_OFF_MM = 2e-4, 1e-9
+
+
+class Difference(NamedTuple):
+    """A setting that is not as it should be, as the line that would set it; `with_which` ends the words for it."""
+
+    number: int
+    wanted: float
+    found: float
+    with_which: str = ""
+
+    def __str__(self) -> str:
+        return f"${self.number}={self.wanted:g} (it has {self.found:g}{self.with_which})"
+
+
+class Misplaced(NamedTuple):
+    """An axis that is not where it was told to be."""
+
+    axis: str
+    at_mm: float
+    target_mm: float
+
+    def __str__(self) -> str:
+        return f"{self.axis} is at {self.at_mm} mm, not at {self.target_mm} mm"
 
 
 def expected_settings(settings: BenchSettings) -> dict[int, float]:
@@ -45,27 +69,38 @@ def enforced_settings(board: Mapping[int, float], bounds: StageBounds) -> dict[i
     return {**rates, TRAVEL + 2: -bounds.lowest_z_mm}
 
 
-def differences(board: Mapping[int, float], expected: Mapping[int, float]) -> list[str]:
+def differences(board: Mapping[int, float], expected: Mapping[int, float]) -> list[Difference]:
     """What to send to the board so that it is as the configuration says; a setting it lacks counts as 0."""
     return [
-        f"${number}={value:g} (it has {board.get(number, 0.0):g})"
+        Difference(number, value, board.get(number, 0.0))
         for number, value in expected.items()
         if differs(board, number, value)
     ]
 
 
-def unsuited(printed: Iterable[str], board: Mapping[int, float]) -> list[str]:
+def told(wrong: Iterable[Difference]) -> dict[str, Any]:
+    """Return the fields of an error about settings."""
+    all_wrong = list(wrong)
+    return {
+        "settings": ", ".join(map(str, all_wrong)),
+        "wanted": {one.number: one.wanted for one in all_wrong},
+        "found": {one.number: one.found for one in all_wrong},
+    }
+
+
+def unsuited(printed: Iterable[str], board: Mapping[int, float]) -> list[Difference]:
     """What to send to the board so that its moves can be confirmed; GRBL 1.1 always reports what is needed."""
-    found, homes_down = [], int(board.get(HOMING_DIRECTION, 0.0))
+    found, homes_down = list[Difference](), int(board.get(HOMING_DIRECTION, 0.0))
     if homes_down & 4:
-        found.append(f"${HOMING_DIRECTION}={homes_down & ~4} (it has {homes_down}, with which Z homes downwards)")
+        up = homes_down & ~4
+        found.append(Difference(HOMING_DIRECTION, up, homes_down, ", with which Z homes downwards"))
     if "[FIRMWARE:grblHAL]" not in printed:
         return found
     mask = int(board.get(REPORTS, _REPORTED))
     if mask & _REPORTED != _REPORTED:
-        found.append(f"${REPORTS}={mask | _REPORTED} (it has {mask}, which hides its work zero or its overrides)")
+        found.append(Difference(REPORTS, mask | _REPORTED, mask, ", which hides its work zero or its overrides"))
     if board.get(VOLATILE_OFFSET, 1.0) != 1:
-        found.append(f"${VOLATILE_OFFSET}=1 (it has 0, which stores each target in a memory that wears out)")
+        found.append(Difference(VOLATILE_OFFSET, 1, 0, ", which stores each target in a memory that wears out"))
     return found
 
 
@@ -103,12 +138,12 @@ def near(board: Mapping[int, float], axis: int, printed_mm: float, meant_mm: flo
     return abs(printed_mm - meant_mm) <= tolerance_mm
 
 
-def misplaced(board: Mapping[int, float], target: Mapping[str, float], at: Xyz) -> str:
-    """Which axis is not where it was told to be, in words; nothing where all are."""
+def misplaced(board: Mapping[int, float], target: Mapping[str, float], at: Xyz) -> Misplaced | None:
+    """Which axis is not where it was told to be; None where all are."""
     for i, (axis, is_mm) in enumerate(zip("XYZ", at, strict=True)):
         if axis in target and not near(board, i, is_mm, target[axis]):
-            return f"{axis} is at {is_mm} mm, not at {target[axis]} mm"
-    return ""
+            return Misplaced(axis, is_mm, target[axis])
+    return None
 
 
 def on_a_step(board: Mapping[int, float], axis: int, mm: float) -> float:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Literal
+from typing import Literal, NoReturn
 
 from rig.devices.bench_settings import StageBounds
 from rig.devices.stage.base import (
@@ -27,6 +27,7 @@ from rig.devices.stage.grbl.grbl_settings import (
     INCHES,
     STEP_DIRECTION,
     STEPS_PER_MM,
+    Misplaced,
     at_home,
     differences,
     differs,
@@ -36,6 +37,7 @@ from rig.devices.stage.grbl.grbl_settings import (
     misplaced,
     on_a_step,
     overrun,
+    told,
     unsuited,
 )
 from rig.devices.stage.grbl.grbl_words import (
@@ -125,8 +127,13 @@ class GrblStage(Stage):
         board = self._agreed_settings()
         wrong = differences(board, self._expected) + unsuited(printed, board)
         if wrong:
-            place = f"{self._transport.name}: the board is not set as configured{keys_of(board, self._expected)}"
-            raise StageError(f"{place}, expected {', '.join(wrong)}")
+            raise StageError(
+                "{port}: the board is not set as configured{keys}, expected {settings}",
+                code="not_as_configured",
+                port=self._transport.name,
+                keys=keys_of(board, self._expected),
+                **told(wrong),
+            )
         if self._bounds is not None:
             self._enforce({**board, **enforced_settings(board, self._bounds)})
         return " ".join(line for line in printed if line.startswith("[") and not line.startswith("[MSG"))
@@ -144,7 +151,9 @@ class GrblStage(Stage):
             before, board = board, self.settings()
             if board == before:
                 return board
-        raise StageError(f"{self._transport.name}: no two answers to $$ are the same")
+        raise StageError(
+            "{port}: no two answers to $$ are the same", code="answers_differ", port=self._transport.name
+        )
 
     def _enforce(self, wanted: Mapping[int, float]) -> None:
         """Write what differs and read everything back; nothing is written where nothing differs."""
@@ -155,8 +164,12 @@ class GrblStage(Stage):
             for n, value in wrong.items():
                 self._link.command(f"${n}={number(value, 3)}")
             self._agreed_settings()
-        found = ", ".join(differences(self._settings, wanted))
-        raise StageError(f"{self._transport.name}: the board does not keep what is written, expected {found}")
+        raise StageError(
+            "{port}: the board does not keep what is written, expected {settings}",
+            code="not_kept",
+            port=self._transport.name,
+            **told(differences(self._settings, wanted)),
+        )
 
     def homing(self) -> Looks:
         """`$H`; most boards answer nothing while it lasts. The position is given up as it begins.
@@ -174,14 +187,28 @@ class GrblStage(Stage):
             new, heard = states(printed[heard:]), len(printed)
             if self._clock.monotonic_s() - begun_s > REPLY_S and set(new) - {"Home"}:
                 self._link.in_step = False
-                raise StageTimeout(f"{self._transport.name}: no answer to '$H', and it does not home: {new[-1]}")
+                raise StageTimeout(
+                    "{port}: no answer to '$H', and it does not home: {state}",
+                    code="does_not_home",
+                    port=self._transport.name,
+                    state=new[-1],
+                )
             yield None
             self._link.send_now(b"?")
         now = self.status()
         missed = misplaced(self._settings, at_home(self._settings), (now.x_mm, now.y_mm, now.z_mm))
         if "Home" not in states(printed) or missed:
-            raise StageError(f"{self._transport.name}: the board says ok but did not home{missed and f': {missed}'}")
+            self._say_not_homed(missed)
         self._link.trusted = self._link.times_stopped == times
+
+    def _say_not_homed(self, missed: Misplaced | None) -> NoReturn:
+        where = {} if missed is None else {"missed": str(missed), **missed._asdict()}
+        raise StageError(
+            "{port}: the board says ok but did not home" + (": {missed}" if missed else ""),
+            code="did_not_home",
+            port=self._transport.name,
+            **where,
+        )
 
     def unlock(self) -> None:
         self._jogged = None
@@ -202,7 +229,9 @@ class GrblStage(Stage):
             # Work coordinates ($10) mean nothing until the offset has come by; a garbled line has neither.
             asked += 1
             if asked > (ASK_TIMES if fields.work is None else ASK_FOR_OFFSET):
-                raise StageError(f"{self._transport.name}: the status holds no machine position")
+                raise StageError(
+                    "{port}: the status holds no machine position", code="no_position", port=self._transport.name
+                )
             fields = self._link.ask_status()
         self._last = fields.machine or machine_from(fields.work, self._link.offset)
         return StageStatus(fields.state, *self._last)
@@ -219,7 +248,7 @@ class GrblStage(Stage):
         """Straight to machine coordinates (mm) at speed_mm_s; over when the board says it is there.
 
         It is asked each look_s, and after the expected travel time each POLL_S. Where an axis has backlash it always
-        arrives in its negative direction: down, for Z. Raises StageError; ValueError, StageNotHomed before any byte.
+        arrives in its negative direction: down, for Z. Raises StageError; MoveError, StageNotHomed before any byte.
         """
         target = {axis: mm for axis, mm in (("X", x_mm), ("Y", y_mm), ("Z", z_mm)) if mm is not None}
         refuse_move(target, speed_mm_s)
@@ -257,7 +286,7 @@ class GrblStage(Stage):
         Nothing moves without. Raises StageError.
         """
         self._link.require_in_step(trigger)
-        doubt, refused = "", None
+        doubt, refused = None, None
         for attempt in range(ATTEMPTS):
             if attempt or self._last is None:
                 self._status()
@@ -266,14 +295,22 @@ class GrblStage(Stage):
                 doubt = doubt_about_zero(
                     self._link, self._settings, present, coordinates(present), speed_mm_s, confirm_modes=confirm_modes
                 )
-                if not doubt:
+                if doubt is None:
                     self._link.command(trigger, look_s=LOOK_S)
                     return present
             except StageRejected as error:
                 refused = error
-        if refused is not None and not doubt:
+        if doubt is None:
+            assert refused is not None
             raise refused
-        raise StageError(f"{self._transport.name}: the target was not confirmed, {doubt}; nothing was moved")
+        raise StageError(
+            "{port}: the target was not confirmed, {doubt}; nothing was moved",
+            code="not_confirmed",
+            port=self._transport.name,
+            doubt=doubt.words,
+            doubt_code=doubt.code,
+            **doubt.fields,
+        )
 
     def _present(self) -> Xyz:
         """Where the stage stands: on a step, since what the board prints has three decimals only."""
@@ -293,14 +330,25 @@ class GrblStage(Stage):
         self.hold()
         while (state := self._status().state) not in ("Hold:0", "Idle"):
             if self._clock.monotonic_s() >= deadline_s:
-                raise StageTimeout(f"{self._transport.name}: not at rest {HALT_S:g} s after a hold, state {state}")
+                raise StageTimeout(
+                    "{port}: not at rest {timeout_s:g} s after a hold, state {state}",
+                    code="not_at_rest",
+                    port=self._transport.name,
+                    timeout_s=HALT_S,
+                    state=state,
+                )
             if not is_held(state):
                 self.hold()  # the byte before was lost
             self._listen(POLL_S)
         self._link.reset()
         state = self._status().state
         if state != "Idle":
-            raise StageError(f"{self._transport.name}: {state} after a halt, the position is lost")
+            raise StageError(
+                "{port}: {state} after a halt, the position is lost",
+                code="lost_in_halt",
+                port=self._transport.name,
+                state=state,
+            )
         self._link.trusted = trusted and self._link.times_stopped == times
 
     def stop(self) -> None:
@@ -319,7 +367,12 @@ class GrblStage(Stage):
         deadline_s = self._clock.monotonic_s() + timeout_s
         while is_held(self._status().state):
             if self._clock.monotonic_s() >= deadline_s:
-                raise StageTimeout(f"{self._transport.name}: still held after {timeout_s:g} s")
+                raise StageTimeout(
+                    "{port}: still held after {timeout_s:g} s",
+                    code="still_held",
+                    port=self._transport.name,
+                    timeout_s=timeout_s,
+                )
             self._link.send_now(b"~")
             self._listen(POLL_S)
 
@@ -340,7 +393,7 @@ class GrblStage(Stage):
         """`$J=`: needs a board that is idle or jogging; down it waits until the board is at rest.
 
         Down, each jog goes to a work zero of its own. Sideways and up, the first of several puts work zero where it
-        begins, and no one bit makes a line go down: Z stands in each of them. Raises StageError; ValueError before
+        begins, and no one bit makes a line go down: Z stands in each of them. Raises StageError; MoveError before
         any byte.
         """
         refuse_move({axis: by_mm}, speed_mm_s)
@@ -372,12 +425,26 @@ class GrblStage(Stage):
         deadline_s = self._clock.monotonic_s() + LATE_S
         while (now := self.status()).state == "Jog":
             if self._clock.monotonic_s() >= deadline_s:
-                raise StageTimeout(f"{self._transport.name}: still jogging after {LATE_S:g} s")
+                raise self._still_jogging(LATE_S)
             self._listen(POLL_S)
-        told = {} if jog.down_to_mm is None else {"Z": jog.down_to_mm}
-        missed = misplaced(self._settings, told, (now.x_mm, now.y_mm, now.z_mm))
+        target = {} if jog.down_to_mm is None else {"Z": jog.down_to_mm}
+        missed = misplaced(self._settings, target, (now.x_mm, now.y_mm, now.z_mm))
         if missed:
-            raise StageError(f"{self._transport.name}: the jog was stopped at the controller, {missed}")
+            raise StageError(
+                "{port}: the jog was stopped at the controller, {missed}",
+                code="jog_stopped",
+                port=self._transport.name,
+                missed=str(missed),
+                **missed._asdict(),
+            )
+
+    def _still_jogging(self, timeout_s: float) -> StageTimeout:
+        return StageTimeout(
+            "{port}: still jogging after {timeout_s:g} s",
+            code="still_jogging",
+            port=self._transport.name,
+            timeout_s=timeout_s,
+        )
 
     def end_jog(self, timeout_s: float = 5.0) -> None:
         """0x85 until the board is at rest: one that comes before the jog has begun is lost.
@@ -386,7 +453,9 @@ class GrblStage(Stage):
         a line may still wait in the board.
         """
         if not self._link.in_step:
-            raise StageError(f"{self._transport.name}: a line may still wait in the board")
+            raise StageError(
+                "{port}: a line may still wait in the board", code="line_waits", port=self._transport.name
+            )
         deadline_s = self._clock.monotonic_s() + timeout_s
         self._jogged = None
         self._link.send_now(JOG_CANCEL)
@@ -398,7 +467,7 @@ class GrblStage(Stage):
             if now_s - stood_s >= STANDS_S:
                 return
             if now_s >= deadline_s:
-                raise StageTimeout(f"{self._transport.name}: still jogging after {timeout_s:g} s")
+                raise self._still_jogging(timeout_s)
             self._listen(POLL_S)
             if self._clock.monotonic_s() - sent_s >= CANCEL_AGAIN_S:
                 sent_s = self._clock.monotonic_s()
@@ -407,7 +476,11 @@ class GrblStage(Stage):
     def set_output(self, on: bool) -> None:
         """Coolant (M8, M9) or spindle (M3, M5); the board switches when all motion before is over."""
         if self._output == "off":
-            raise StageError(f"{self._transport.name}: no output of the board is configured, see sync.output")
+            raise StageError(
+                "{port}: no output of the board is configured, see sync.output",
+                code="no_output",
+                port=self._transport.name,
+            )
         self._link.command(OUTPUT_WORDS[self._output][on], look_s=LOOK_S)
 
     def active_inputs(self) -> frozenset[str]:
@@ -428,9 +501,19 @@ class GrblStage(Stage):
         while (now := self.status()).state != "Idle":
             self._link.refuse_interference(now.state)
             if now.state.startswith(("Alarm", "Sleep", "Check")):
-                raise StageError(f"{self._transport.name}: {now.state} during a move")
+                raise StageError(
+                    "{port}: {state} during a move",
+                    code="left_move",
+                    port=self._transport.name,
+                    state=now.state,
+                )
             if self._clock.monotonic_s() >= deadline_s:
-                raise StageTimeout(f"{self._transport.name}: move not over in time, state {now.state}")
+                raise StageTimeout(
+                    "{port}: move not over in time, state {state}",
+                    code="not_over",
+                    port=self._transport.name,
+                    state=now.state,
+                )
             if self._clock.monotonic_s() >= due_s:
                 yield now
                 due_s = next_look_s(self._clock.monotonic_s(), over_s, look_s)
@@ -441,4 +524,10 @@ class GrblStage(Stage):
             now = self.status()  # one report may be garbled, two do not agree
             missed = misplaced(self._settings, target, (now.x_mm, now.y_mm, now.z_mm))
         if missed:
-            raise StageError(f"{self._transport.name}: {missed}")
+            raise StageError(
+                "{port}: {missed}",
+                code="not_there",
+                port=self._transport.name,
+                missed=str(missed),
+                **missed._asdict(),
+            )

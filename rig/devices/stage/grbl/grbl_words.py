@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from rig.devices.bench_settings import SLOWEST_MM_S
+from rig.devices.stage.base import MoveError
 
 ALARMS = {
     1: "hard limit",
@@ -105,14 +106,19 @@ def number_after(line: str, prefix: str) -> int | None:
 
 
 def refuse_move(target: Mapping[str, float], speed_mm_s: float) -> None:
-    """Raises ValueError for a move that no line can express."""
+    """Raises MoveError for a move that no line can express."""
     if not target:
-        raise ValueError("a move needs at least one of x_mm, y_mm, z_mm")
+        raise MoveError("a move needs at least one of x_mm, y_mm, z_mm", code="no_target")
     for name, value in (*target.items(), ("speed_mm_s", speed_mm_s)):
         if not math.isfinite(value):
-            raise ValueError(f"{name} must be a finite number, got {value}")
+            raise MoveError("{name} must be a finite number, got {value}", code="not_finite", name=name, value=value)
     if speed_mm_s < SLOWEST_MM_S:
-        raise ValueError(f"speed_mm_s must be at least {SLOWEST_MM_S:.4f}, got {speed_mm_s}")
+        raise MoveError(
+            "speed_mm_s must be at least {least_mm_s:.4f}, got {speed_mm_s}",
+            code="too_slow",
+            least_mm_s=SLOWEST_MM_S,
+            speed_mm_s=speed_mm_s,
+        )
 
 
 def number(value: float, decimals: int = 4) -> str:

@@ -5,6 +5,7 @@ work zero (WCO in the next status). Only a place that was read back is gone to, 
 """
 
 from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 from rig.devices.stage.base import LOOK_S, StageError
 from rig.devices.stage.grbl.grbl_link import GrblLink
@@ -18,6 +19,14 @@ MODES = "G90G21G94"
 _ROUND_OFF_MM = 1e-9
 # `$G` prints the feed without decimals.
 _FEED_SHOWN_MM_MIN = 0.51
+
+
+class Doubt(NamedTuple):
+    """What the board did not confirm: words, a code and fields for the error that it ends in."""
+
+    words: str
+    code: str
+    fields: dict[str, Any]
 
 
 def offset_line(coordinates: Xyz, speed_mm_s: float) -> str:
@@ -38,7 +47,7 @@ def doubt_about_zero(
     speed_mm_s: float,
     *,
     confirm_modes: bool = False,
-) -> str:
+) -> Doubt | None:
     """Place work zero and read it back; nothing moves. Before a long motion modes and feed are read back, too.
 
     Parameters
@@ -58,8 +67,8 @@ def doubt_about_zero(
 
     Returns
     -------
-    str
-        What the board did not confirm; empty where all is as it should be.
+    Doubt, optional
+        What the board did not confirm; None where all is as it should be.
 
     Raises
     ------
@@ -70,28 +79,33 @@ def doubt_about_zero(
     link.command(offset_line(coordinates, speed_mm_s), look_s=LOOK_S)
     if confirm_modes or max(map(abs, coordinates)) > SHORT_MM + _ROUND_OFF_MM:
         printed = link.command("$G", look_s=LOOK_S)
-        if doubt := _doubt_about_modes(printed, 60 * speed_mm_s):
+        if (doubt := _doubt_about_modes(printed, 60 * speed_mm_s)) is not None:
             return doubt
     fields = link.ask_status()
     link.refuse_interference(fields.state)
     if fields.state != "Idle":
-        raise StageError(f"{link.name}: {fields.state} before a move")
+        raise StageError("{port}: {state} before a move", code="not_idle", port=link.name, state=fields.state)
     if fields.offset is None:
-        return "the status after G92 holds no WCO"
+        return Doubt("the status after G92 holds no WCO", "no_offset", {})
     meant = tuple(mm - coordinate for mm, coordinate in zip(present, coordinates, strict=True))
     wrong = [
-        f"work zero {axis} is at {found} mm, not at {mm:.4f} mm"
+        (axis, found, mm)
         for i, (axis, found, mm) in enumerate(zip("XYZ", fields.offset, meant, strict=True))
         if not near(board, i, found, mm)
     ]
-    return ", ".join(wrong)
+    if not wrong:
+        return None
+    said = ", ".join(f"work zero {axis} is at {found} mm, not at {mm:.4f} mm" for axis, found, mm in wrong)
+    zeros = {axis: found for axis, found, _ in wrong}
+    return Doubt(said, "wrong_work_zero", {"found_mm": zeros, "meant_mm": {axis: mm for axis, _, mm in wrong}})
 
 
-def _doubt_about_modes(printed: list[str], feed_mm_min: float) -> str:
+def _doubt_about_modes(printed: list[str], feed_mm_min: float) -> Doubt | None:
     words, feed = parse_modes(printed)
-    missing = {"G90", "G21", "G94"} - words
+    missing = sorted({"G90", "G21", "G94"} - words)
     if missing:
-        return f"$G does not show {', '.join(sorted(missing))}"
+        return Doubt(f"$G does not show {', '.join(missing)}", "modes_missing", {"missing": missing})
     if feed is None or abs(feed - feed_mm_min) > _FEED_SHOWN_MM_MIN:
-        return f"$G shows a feed of {feed} mm/min, not of {feed_mm_min:g} mm/min"
-    return ""
+        said = f"$G shows a feed of {feed} mm/min, not of {feed_mm_min:g} mm/min"
+        return Doubt(said, "wrong_feed", {"found_mm_min": feed, "meant_mm_min": feed_mm_min})
+    return None

@@ -13,8 +13,9 @@ Modbus TCP has no checksum, so one wrong bit on the wire must not move anything 
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
-from rig.devices.stage.base import LOOK_S, StageAlarm, StageError, StageTimeout, next_look_s
+from rig.devices.stage.base import LOOK_S, MoveError, StageAlarm, StageError, StageTimeout, next_look_s
 from rig.devices.stage.leadshine import leadshine_words as reg
 from rig.devices.stage.leadshine.leadshine_settings import DriveSettings
 from rig.devices.stage.leadshine.leadshine_words import Status
@@ -36,6 +37,10 @@ JOG_PERIOD_S = 0.02
 HOMING_BEGINS_S = 1.0
 # Speed at which a drive that nobody told to would home or jog.
 CREEP_RPM = 1
+
+
+_DRIVE = "{port}: {axis} axis, drive {drive}"
+_AXIS = "{axis} axis: {problem}"
 
 
 def _always() -> bool:
@@ -107,15 +112,17 @@ class LeadshineDrive:
     def limit_travel(self, lowest_mm: float) -> None:
         """Move the lower soft limit, within the travel, while the drive stands; it holds until the next homing.
 
-        Raises StageError, also where the drive does not confirm it; ValueError.
+        Raises StageError, also where the drive does not confirm it; MoveError.
         """
         if not math.isfinite(lowest_mm):
-            raise ValueError(f"lowest_mm must be a finite number, got {lowest_mm}")
+            raise MoveError(
+                "{name} must be a finite number, got {value}", code="not_finite", name="lowest_mm", value=lowest_mm
+            )
         status = self.status()
         self._refuse(status)
         self._refuse_unhomed(status)
         if Status.RUNNING in status:
-            raise StageError(f"{self._name} runs; a soft limit is only set at rest")
+            raise StageError(f"{_DRIVE} runs; a soft limit is only set at rest", code="runs", **self._names)
         lowest = self._pulses(min(max(lowest_mm, -self.travel_mm), 0.0))
         if self.pulses_per_mm > 0:
             self._set("negative soft limit", reg.NEGATIVE_LIMIT, reg.words(lowest))
@@ -144,7 +151,7 @@ class LeadshineDrive:
             nonlocal begun
             begun = begun or Status.RUNNING in status or Status.HOMED not in status
             if not begun and self._clock.monotonic_s() >= begins_by_s:
-                raise StageError(f"{self._name} did not begin to home")
+                raise StageError(f"{_DRIVE} did not begin to home", code="did_not_home", **self._names)
             return begun and Status.HOMED in status and self._commanded() == 0
 
         yield from self._until(at_home, HOME_S, START_S, "homing")
@@ -152,7 +159,7 @@ class LeadshineDrive:
     def moving(self, to_mm: float, speed_mm_s: float, keep_on: Callable[[], bool], look_s: float) -> Iterator[Status]:
         """To a position at up to speed_mm_s; gives way each look_s with its status, and is over on arrival.
 
-        keep_on says whether to go on waiting. Raises StageError; ValueError before any byte where the drive cannot
+        keep_on says whether to go on waiting. Raises StageError; MoveError before any byte where the drive cannot
         be so slow.
         """
         target, rpm = self._pulses(to_mm), self.rpm(speed_mm_s)
@@ -166,14 +173,20 @@ class LeadshineDrive:
 
         def there(status: Status) -> bool:
             if not keep_on():
-                raise StageError(f"{self._name}: stopped")
+                raise self._stopped()
             self._refuse_unhomed(status)
             return Status.PATH_DONE in status and self._commanded() == target
 
         yield from self._until(there, late_s, expected_s, f"the move to {to_mm:g} mm", look_s)
         at_mm = self.position_mm()
         if abs(at_mm - target / self.pulses_per_mm) > TOLERANCE_MM:
-            raise StageError(f"{self._name} is at {at_mm:.4f} mm, not at {to_mm:g} mm")
+            raise StageError(
+                f"{_DRIVE} is at {{at_mm:.4f}} mm, not at {{target_mm:g}} mm",
+                code="not_there",
+                at_mm=at_mm,
+                target_mm=to_mm,
+                **self._names,
+            )
         self._loose = False
 
     def go_on(self, by_mm: float, speed_mm_s: float, keep_on: Callable[[], bool] = _always) -> None:
@@ -194,7 +207,7 @@ class LeadshineDrive:
         """Run one way, sign +1 or −1, as long as held() says so, and return at rest.
 
         A dead-man in the drive: the word is rewritten every 20 ms, and 50 ms after the last one, whatever the reason,
-        the drive stops. Raises StageError; ValueError before any byte.
+        the drive stops. Raises StageError; MoveError before any byte.
         """
         rpm = self.rpm(speed_mm_s)
         self.refuse_fault()
@@ -225,7 +238,12 @@ class LeadshineDrive:
             except StageError as error:
                 problem = error
             self._clock.wait_s(POLL_S)
-        raise problem or StageTimeout(f"{self._name} still runs {STOP_S:g} s after a quick stop")
+        raise problem or StageTimeout(
+            f"{_DRIVE} still runs {{timeout_s:g}} s after a quick stop",
+            code="still_runs",
+            timeout_s=STOP_S,
+            **self._names,
+        )
 
     def write_word(self, register: int, value: int) -> None:
         """One register that is none of those above. Raises StageError."""
@@ -255,12 +273,17 @@ class LeadshineDrive:
         self.refuse_fault()
 
     def rpm(self, speed_mm_s: float) -> int:
-        """Whole turns a minute, never faster than asked for. Raises ValueError below one."""
+        """Whole turns a minute, never faster than asked for. Raises MoveError below one."""
         pulses_s = abs(self.pulses_per_mm) * speed_mm_s
         rpm = math.floor(60 * pulses_s / self._settings.pulses_per_rev + 1e-9)
         if rpm < 1:
             slowest = self._settings.pulses_per_rev / 60 / abs(self.pulses_per_mm)
-            raise ValueError(f"speed_mm_s must be at least {slowest:.4f}, got {speed_mm_s}")
+            raise MoveError(
+                "speed_mm_s must be at least {least_mm_s:.4f}, got {speed_mm_s}",
+                code="too_slow",
+                least_mm_s=slowest,
+                speed_mm_s=speed_mm_s,
+            )
         return rpm
 
     # --- words ---
@@ -274,7 +297,7 @@ class LeadshineDrive:
     def _trigger(self, word: int, keep_on: Callable[[], bool]) -> None:
         """Begin what was set, unless somebody has stopped the drive meanwhile."""
         if not keep_on():
-            raise StageError(f"{self._name}: stopped")
+            raise self._stopped()
         self._write(reg.TRIGGER, word)
 
     def _drop_path(self) -> None:
@@ -285,7 +308,13 @@ class LeadshineDrive:
         """Where a drive at rest is told to be; asked twice, since a wrong answer would become a wrong target."""
         once, again = self._commanded(), self._commanded()
         if once != again:
-            raise StageError(f"{self._name} is at {once} and at {again} pulses: does it move?")
+            raise StageError(
+                f"{_DRIVE} is at {{once}} and at {{again}} pulses: does it move?",
+                code="answers_differ",
+                once=once,
+                again=again,
+                **self._names,
+            )
         return again
 
     def _until(
@@ -305,7 +334,14 @@ class LeadshineDrive:
             if done(status) and Status.RUNNING not in status:
                 return
             if self._clock.monotonic_s() >= begun_s + most_s:
-                raise StageTimeout(f"{self._name}: {what} is not over after {most_s:.1f} s, status {status!r}")
+                raise StageTimeout(
+                    f"{_DRIVE}: {{what}} is not over after {{timeout_s:.1f}} s, status {{status!r}}",
+                    code="not_over",
+                    what=what,
+                    timeout_s=most_s,
+                    status=status,
+                    **self._names,
+                )
             if self._clock.monotonic_s() >= due_s:
                 yield status
                 due_s = next_look_s(self._clock.monotonic_s(), over_s, look_s)
@@ -314,14 +350,15 @@ class LeadshineDrive:
         """A drive that was switched off counts from where it stood when it came back, and has its own paths again."""
         if Status.HOMED not in status:
             self.harmless = False
-            raise StageError(f"{self._name} is no longer homed: was it switched off?")
+            raise StageError(f"{_DRIVE} is no longer homed: was it switched off?", code="lost_home", **self._names)
 
     def _refuse(self, status: Status) -> None:
         if Status.FAULT in status:
             code = self._read(reg.ALARM)[0]
-            raise StageAlarm(code, f"{self._name}: {reg.ALARMS.get(code, 'see the manual')} ({code:X} hex)")
+            meaning = f"{_DRIVE.format_map(self._names)}: {reg.ALARMS.get(code, 'see the manual')} ({code:X} hex)"
+            raise StageAlarm(code, meaning, **self._names)
         if Status.ENABLED not in status:
-            raise StageError(f"{self._name}: the drive is not enabled")
+            raise StageError(f"{_DRIVE}: the drive is not enabled", code="not_enabled", **self._names)
 
     def _travel_s(self, pulses: int, rpm: int) -> float:
         pulses_s = rpm * self._settings.pulses_per_rev / 60
@@ -345,7 +382,15 @@ class LeadshineDrive:
         found = self._read(register, len(values))
         if found != values:
             self.harmless = False
-            raise StageError(f"{self._name}: {name} (0x{register:04X}) is {found}, expected {values}")
+            raise StageError(
+                f"{_DRIVE}: {{name}} (0x{{register:04X}}) is {{found}}, expected {{expected}}",
+                code="not_as_configured",
+                name=name,
+                register=register,
+                found=found,
+                expected=values,
+                **self._names,
+            )
 
     def _read(self, register: int, count: int = 1) -> list[int]:
         with self._errors():
@@ -361,11 +406,17 @@ class LeadshineDrive:
             yield
         except ModbusTimeout as error:
             self.harmless = False
-            raise StageTimeout(f"{self.axis} axis: {error}") from error
+            raise StageTimeout(_AXIS, code=error.code, **self._told(error)) from error
         except ModbusError as error:
             self.harmless = False
-            raise StageError(f"{self.axis} axis: {error}") from error
+            raise StageError(_AXIS, code=error.code, **self._told(error)) from error
+
+    def _told(self, error: ModbusError) -> dict[str, Any]:
+        return {**error.fields, "axis": self.axis, "problem": str(error)}
+
+    def _stopped(self) -> StageError:
+        return StageError(f"{_DRIVE}: stopped", code="stopped", **self._names)
 
     @property
-    def _name(self) -> str:
-        return f"{self.bus.name}: {self.axis} axis, drive {self.device_id}"
+    def _names(self) -> dict[str, Any]:
+        return {"port": self.bus.name, "axis": self.axis, "drive": self.device_id}

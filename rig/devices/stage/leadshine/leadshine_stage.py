@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Mapping
 
 from rig.devices.bench_settings import SLOWEST_MM_S, SyncSettings
-from rig.devices.stage.base import LOOK_S, Axis, Looks, Stage, StageError, StageNotHomed, StageStatus
+from rig.devices.stage.base import LOOK_S, Axis, Looks, MoveError, Stage, StageError, StageNotHomed, StageStatus
 from rig.devices.stage.leadshine import leadshine_words as reg
 from rig.devices.stage.leadshine.leadshine_drive import LeadshineDrive
 from rig.devices.stage.leadshine.leadshine_words import Status
@@ -87,7 +87,7 @@ class LeadshineStage(Stage):
     ) -> Looks:
         """Straight to a place (machine mm).
 
-        Raises StageError; ValueError, StageNotHomed before any byte: for two axes at once, another y, or a speed out
+        Raises StageError; MoveError, StageNotHomed before any byte: for two axes at once, another y, or a speed out
         of range.
         """
         axis, target_mm = self._one_axis(x_mm, y_mm, z_mm, speed_mm_s)
@@ -120,19 +120,21 @@ class LeadshineStage(Stage):
     def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
         """Go on by so much from where the axis is going to; the position stays trusted, homed or not.
 
-        Raises StageError; ValueError before any byte.
+        Raises StageError; MoveError before any byte.
         """
         drive, keep_on = self._drive(axis), self._until_stopped()
         drive.rpm(speed_mm_s)
         if not math.isfinite(by_mm):
-            raise ValueError(f"by_mm must be a finite number, got {by_mm}")
+            raise MoveError(
+                "{name} must be a finite number, got {value}", code="not_finite", name="by_mm", value=by_mm
+            )
         self._disarm()
         drive.go_on(by_mm, speed_mm_s, keep_on)
 
     def jog_while(self, axis: Axis, sign: int, held: Callable[[], bool], speed_mm_s: float) -> None:
         """Run an axis as long as held() says so; 50 ms after this program or its wire dies the drive stops.
 
-        Returns at rest. Raises StageError; ValueError before any byte.
+        Returns at rest. Raises StageError; MoveError before any byte.
         """
         drive = self._drive(axis)
         drive.rpm(speed_mm_s)
@@ -153,7 +155,7 @@ class LeadshineStage(Stage):
             If the drive does not stand or does not confirm the limit; the position is then not trusted.
         StageNotHomed
             Before any byte.
-        ValueError
+        MoveError
             If the height is not a finite number.
         """
         if not self._trusted:
@@ -171,7 +173,7 @@ class LeadshineStage(Stage):
     def set_output(self, on: bool) -> None:
         """One word to one register of the drive that has the output; its echo is the end. Raises StageError."""
         if self._output is None or self._output.words is None:
-            raise StageError("no output of a drive is configured, see sync.output")
+            raise StageError("no output of a drive is configured, see sync.output", code="no_output")
         address, on_word, off_word = self._output.words
         self._drives[self._output.drive].write_word(address, on_word if on else off_word)
 
@@ -229,7 +231,7 @@ class LeadshineStage(Stage):
 
     def _drive(self, axis: Axis) -> LeadshineDrive:
         if axis not in self._drives:
-            raise StageError(f"there is no drive for {axis}; it is set by hand")
+            raise StageError("there is no drive for {axis}; it is set by hand", code="no_drive", axis=axis)
         return self._drives[axis]
 
     def _up_first(self) -> tuple[LeadshineDrive, LeadshineDrive]:
@@ -240,14 +242,28 @@ class LeadshineStage(Stage):
     ) -> tuple[str | None, float]:
         for name, value in (("x_mm", x_mm), ("y_mm", y_mm), ("z_mm", z_mm), ("speed_mm_s", speed_mm_s)):
             if value is not None and not math.isfinite(value):
-                raise ValueError(f"{name} must be a finite number, got {value}")
+                raise MoveError(
+                    "{name} must be a finite number, got {value}", code="not_finite", name=name, value=value
+                )
         if speed_mm_s < SLOWEST_MM_S:
-            raise ValueError(f"speed_mm_s must be at least {SLOWEST_MM_S:.4f}, got {speed_mm_s}")
+            raise MoveError(
+                "speed_mm_s must be at least {least_mm_s:.4f}, got {speed_mm_s}",
+                code="too_slow",
+                least_mm_s=SLOWEST_MM_S,
+                speed_mm_s=speed_mm_s,
+            )
         if y_mm is not None and abs(y_mm - self._y_mm) > _SAME_PLACE_MM:
-            raise ValueError(f"y_mm must be {self._y_mm:g}, where it was set by hand, got {y_mm:g}")
+            raise MoveError(
+                "y_mm must be {set_mm:g}, where it was set by hand, got {y_mm:g}",
+                code="set_by_hand",
+                set_mm=self._y_mm,
+                y_mm=y_mm,
+            )
         moves = {axis: mm for axis, mm in (("x", x_mm), ("z", z_mm)) if mm is not None}
         if len(moves) > 1 or not (moves or y_mm is not None):
-            raise ValueError("a move needs one of x_mm and z_mm: two drives cannot keep a straight line")
+            raise MoveError(
+                "a move needs one of x_mm and z_mm: two drives cannot keep a straight line", code="not_one_axis"
+            )
         return next(iter(moves.items()), (None, self._y_mm))
 
     def _stops(self, axis: str, to_mm: float) -> list[float]:

@@ -5,7 +5,9 @@ import math
 import pytest
 
 from rig.devices.stage import StageAlarm, StageError, StageReset, StageStatus
+from rig.devices.stage.base import StageOverridden
 from sim.devices.clock import VirtualClock
+from tests.raising import raises
 from tests.told_board import BANNER, At, Board, at, connected
 
 
@@ -63,7 +65,7 @@ def test_without_looks_the_board_is_left_alone_until_the_move_should_be_over(boa
 def test_a_state_that_cannot_end_in_an_arrival_ends_the_move(board: Board, state: str) -> None:
     stage = connected(board)
     board.status = at(state)
-    with pytest.raises(StageError, match=f"{state} during a move"):
+    with raises(StageError, "left_move", state=state):
         stage.move_to(x_mm=-11.0, speed_mm_s=1.0)
     assert len(_asked_s(board)) == 1
 
@@ -80,7 +82,7 @@ def test_an_override_that_only_the_arrival_tells_of_is_named(board: Board) -> No
     """The move was too short to be looked at on the way: it went at another speed all the same."""
     stage = connected(board)
     board.status = b"<Idle|MPos:-11.000,-2.000,-3.000|FS:0,0|Ov:50,100,100>\r\n"
-    with pytest.raises(StageError, match="feed override 50 %"):
+    with raises(StageOverridden, "overridden", feed_percent=50):
         stage.move_to(x_mm=-11.0, speed_mm_s=1.0)
 
 
@@ -158,7 +160,7 @@ def test_each_axis_must_arrive_within_a_step_of_its_own(board: Board, axis: str,
     if abs(off_mm) < 0.0025:
         stage.move_to(**{f"{axis}_mm": -5.0}, speed_mm_s=1.0)  # type: ignore[arg-type]
     else:
-        with pytest.raises(StageError, match=f"{axis.upper()} is at"):
+        with raises(StageError, "not_there", axis=axis.upper(), target_mm=-5.0):
             stage.move_to(**{f"{axis}_mm": -5.0}, speed_mm_s=1.0)  # type: ignore[arg-type]
 
 
@@ -167,5 +169,5 @@ def test_a_board_that_tells_no_steps_is_not_held_to_them(board: Board) -> None:
     board.answers[b"$$\n"] = b"$13=0\r\nok\r\n"
     stage = connected(board)
     board.status = at("Idle", -5.001)
-    with pytest.raises(StageError, match="X is at"):
+    with raises(StageError, "not_there", axis="X", at_mm=-5.001):
         stage.move_to(x_mm=-5.0, speed_mm_s=1.0)

@@ -4,8 +4,9 @@ from collections.abc import Callable
 
 import pytest
 
-from rig.devices.stage import StageError, StageRejected, StageStatus, StageTimeout
+from rig.devices.stage import StageRejected, StageStatus, StageTimeout
 from sim.devices.clock import VirtualClock
+from tests.raising import raises
 from tests.told_board import BANNER, SETTINGS, Board, at, connected
 
 
@@ -14,9 +15,9 @@ def board(clock: VirtualClock) -> Board:
     return Board(clock)
 
 
-def _lasts_s(clock: VirtualClock, act: Callable[[], object], why: type[StageError]) -> float:
+def _lasts_s(clock: VirtualClock, act: Callable[[], object], code: str) -> float:
     begun_s = clock.monotonic_s()
-    with pytest.raises(why):
+    with raises(StageTimeout, code):
         act()
     return clock.monotonic_s() - begun_s
 
@@ -24,7 +25,7 @@ def _lasts_s(clock: VirtualClock, act: Callable[[], object], why: type[StageErro
 def test_a_silent_board_is_asked_three_times_for_its_status(board: Board, clock: VirtualClock) -> None:
     stage = connected(board)
     board.status = b""
-    assert _lasts_s(clock, stage.status, StageTimeout) == pytest.approx(3 * 0.3)
+    assert _lasts_s(clock, stage.status, "no_status") == pytest.approx(3 * 0.3)
     assert board.said == [b"?"] * 3
 
 
@@ -73,7 +74,7 @@ def test_a_line_is_answered_within_two_seconds(board: Board, clock: VirtualClock
     stage = connected(board)
     board.next[b"$$\n"] = [[(1.99, SETTINGS)], b""]
     assert stage.settings()[100] == 400.0
-    assert _lasts_s(clock, stage.settings, StageTimeout) == pytest.approx(2.0)
+    assert _lasts_s(clock, stage.settings, "no_reply") == pytest.approx(2.0)
 
 
 def test_a_banner_is_waited_for_three_seconds_and_twice(board: Board, clock: VirtualClock) -> None:
@@ -81,7 +82,7 @@ def test_a_banner_is_waited_for_three_seconds_and_twice(board: Board, clock: Vir
     stage.stop()
     board.heard.clear()
     board.answers[b"\x18"] = b""
-    assert _lasts_s(clock, stage.unlock, StageTimeout) == pytest.approx(2 * 3.0)
+    assert _lasts_s(clock, stage.unlock, "no_banner") == pytest.approx(2 * 3.0)
     assert board.said == [b"\x18"] * 2
     board.answers[b"\x18"] = [(2.9, BANNER)]
     stage.unlock()
@@ -105,7 +106,7 @@ def test_a_reset_forgets_what_came_before_it(board: Board) -> None:
     board.says(b"ok\r\nALARM:3\r\n[MSG:Reset to continue]\r\n" + BANNER + b"<Idle|MP")
     board.answers[b"\x18"] = [(0.5, BANNER)]
     board.answers[b"$X\n"] = b"error:9\r\n"
-    with pytest.raises(StageRejected, match=r"refused '\$X' with error 9"):
+    with raises(StageRejected, "line_refused", number=9, line="$X"):
         stage.unlock()
 
 

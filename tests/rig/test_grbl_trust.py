@@ -8,6 +8,7 @@ from rig.devices.stage import StageAlarm, StageError, StageRejected, StageReset,
 from rig.devices.stage.base import StageNotHomed
 from rig.devices.stage.grbl.grbl_stage import GrblStage
 from sim.devices.clock import VirtualClock
+from tests.raising import raises
 from tests.told_board import BANNER, Board, at, connected
 
 
@@ -23,13 +24,13 @@ def _told(board: Board) -> list[bytes]:
 
 def _no_answer_to_a_line(board: Board, stage: GrblStage) -> None:
     board.answers[b"G1X0\n"] = b""
-    with pytest.raises(StageTimeout, match="no answer to 'G1X0'"):
+    with raises(StageTimeout, "no_reply", line="G1X0"):
         stage.move_to(x_mm=-2.0, speed_mm_s=1.0)
 
 
 def _no_answer_to_the_status_question(board: Board, stage: GrblStage) -> None:
     board.next[b"?"] = [b"", b"", b""]
-    with pytest.raises(StageTimeout, match=r"no answer to \?"):
+    with raises(StageTimeout, "no_status"):
         stage.status()
 
 
@@ -39,7 +40,7 @@ def test_after_a_line_without_an_answer_the_position_is_not_trusted(board: Board
     _no_answer_to_a_line(board, stage)
     assert not stage.homed
     board.heard.clear()
-    with pytest.raises(StageError, match="must be reset"):
+    with raises(StageError, "needs_reset"):
         stage.move_to(x_mm=-3.0, speed_mm_s=1.0)
     assert board.said == []
 
@@ -52,38 +53,38 @@ def test_after_a_status_without_an_answer_the_position_is_not_trusted(board: Boa
     assert stage.status().state == "Idle"
     assert not stage.homed
     board.heard.clear()
-    with pytest.raises(StageNotHomed):
+    with raises(StageNotHomed, "not_homed"):
         stage.move_to(x_mm=-3.0, speed_mm_s=1.0)
     assert board.said == []
 
 
 def _alarm(board: Board, stage: GrblStage) -> None:
     board.says(b"ALARM:1\r\n")
-    with pytest.raises(StageAlarm):
+    with raises(StageAlarm, "alarm", number=1):
         stage.status()
 
 
 def _banner(board: Board, stage: GrblStage) -> None:
     board.says(BANNER)
-    with pytest.raises(StageReset):
+    with raises(StageReset, "was_reset"):
         stage.status()
 
 
 def _lost_arrival(board: Board, stage: GrblStage) -> None:
     board.answers[b"$H\n"] = b""
-    with pytest.raises(StageTimeout):
+    with raises(StageTimeout, "does_not_home", state="Idle"):
         stage.home()
 
 
 def _refused_homing(board: Board, stage: GrblStage) -> None:
     board.answers[b"$H\n"] = b"error:5\r\n"
-    with pytest.raises(StageRejected):
+    with raises(StageRejected, "line_refused", number=5, line="$H"):
         stage.home()
 
 
 def _homed_but_deaf(board: Board, stage: GrblStage) -> None:
     board.next[b"?"] = [b"", b"", b""]
-    with pytest.raises(StageTimeout):
+    with raises(StageTimeout, "no_status"):
         stage.home()
 
 
@@ -102,7 +103,7 @@ def _connect(board: Board, stage: GrblStage) -> None:
 def _halt_that_never_rests(board: Board, stage: GrblStage) -> None:
     board.status = at("Hold:0")
     board.answers[b"\x18"] = b""
-    with pytest.raises(StageTimeout):
+    with raises(StageTimeout, "no_banner"):
         stage.halt()
 
 
@@ -123,7 +124,7 @@ def test_what_loses_the_position_and_that_homing_finds_it(
     assert stage.homed
     loss(board, stage)
     assert not stage.homed
-    with pytest.raises(StageError, match=r"must be (reset|homed)"):
+    with raises(StageError, "needs_reset" if loss in NEEDS_A_RESET else "not_homed"):
         stage.move_to(x_mm=-1.0, speed_mm_s=1.0)
     board.answers, board.status, board.next = usual, at("Idle"), {}
     board.heard.clear()
@@ -138,7 +139,7 @@ def test_before_a_connection_nothing_is_trusted_and_no_line_is_sent(board: Board
     stage = GrblStage(board, clock)
     assert not stage.homed
     for act in (lambda: stage.move_to(x_mm=-1.0, speed_mm_s=1.0), lambda: stage.jog("x", -1.0, 1.0), stage.settings):
-        with pytest.raises(StageError, match="must be reset"):
+        with raises(StageError, "needs_reset"):
             act()
     assert board.said == []
     stage.home()
@@ -161,7 +162,7 @@ def test_a_halt_keeps_the_trust_there_was(board: Board, state: str) -> None:
 def test_a_refused_line_loses_nothing(board: Board) -> None:
     stage = connected(board)
     board.answers[b"$J=G91Z0X1F60\n"] = b"error:15\r\n"
-    with pytest.raises(StageRejected):
+    with raises(StageRejected, "line_refused", number=15):
         stage.jog("x", 1.0, 1.0)
     assert stage.homed
     stage.move_to(x_mm=-1.0, speed_mm_s=1.0)

@@ -1,0 +1,80 @@
+"""A GRBL 1.1 board at 115200 baud: 10 mm down from home, and what it says on the way."""
+
+from rig.devices.stage import StageStatus, StageTimeout
+from rig.devices.stage.base import StageHeld
+from tests.contracts.stage import SILENCE, Garbled, StageBytes
+
+BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
+OK = b"ok\r\n"
+WHO, WHERE, RESET, HOLD, FULL_SPEED = b"$I\n", b"?", b"\x18", b"!", b"\x90\x95\x99"
+SETTINGS = (
+    b"$3=0\r\n$13=0\r\n$20=1\r\n$22=1\r\n$23=0\r\n$27=1.000\r\n$32=0\r\n"
+    b"$100=400.000\r\n$101=400.000\r\n$102=400.000\r\n$110=600.000\r\n$111=600.000\r\n$112=600.000\r\n"
+    b"$120=50.000\r\n$121=50.000\r\n$122=50.000\r\n$130=60.000\r\n$131=30.000\r\n$132=40.000\r\nok\r\n"
+)
+# Work zero goes to the target and is read back as WCO; the trigger is the same for every move.
+TARGET, MODES, TRIGGER = b"G92X0Y0Z10G90G21G94F300\n", b"$G\n", b"G1Z0\n"
+SHOWN = b"[GC:G1 G54 G17 G21 G90 G94 M5 M9 T0 F300 S0]\r\nok\r\n"
+AT_HOME = b"<Idle|MPos:-1.000,-1.000,-1.000|FS:0,0|WCO:-1.000,-1.000,-11.000>\r\n"
+GOING = b"<Run|MPos:-1.000,-1.000,-6.000|FS:300,0>\r\n"
+THERE = b"<Idle|MPos:-1.000,-1.000,-11.000|FS:0,0|Ov:100,100,100>\r\n"
+JOG_TARGET = b"G92X0Y0Z0.1G90G21G94F60\n"
+
+DEVICE = StageBytes(
+    name="grbl",
+    kind="grbl",
+    source="GRBL 1.1 interface wiki; recorded from the 1.1h firmware (tests/data/firmware)",
+    identity="[VER:1.1h.20190825:] [OPT:V,15,128]",
+    usual={
+        WHO: b"[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n",
+        FULL_SPEED: SILENCE,
+        b"$$\n": SETTINGS,
+        WHERE: AT_HOME,
+        b"$H\n": (SILENCE, "homing"),
+        b"$X\n": OK,
+        TARGET: OK,
+        JOG_TARGET: OK,
+        MODES: SHOWN,
+        TRIGGER: (OK, "moving"),
+        HOLD: (SILENCE, "slowing"),
+        RESET: (BANNER, "new"),
+        HOLD + RESET: (b"ALARM:3\r\n" + BANNER, "new"),
+    },
+    states={
+        "new": {WHERE: b"<Alarm|MPos:0.000,0.000,0.000|FS:0,0>\r\n"},
+        "homing": {WHERE: (b"<Home|MPos:-1.000,-1.000,-1.000|FS:0,0>\r\nok\r\n", "home")},
+        "home": {},
+        "moving": {WHERE: GOING},
+        "arrived": {WHERE: THERE},
+        "elsewhere": {WHERE: b"<Idle|MPos:-1.000,-1.000,-10.900|FS:0,0>\r\n"},
+        "held": {
+            WHERE: b"<Hold:0|MPos:-1.000,-1.000,-6.000|FS:0,0>\r\n",
+            TARGET: SILENCE,
+            RESET: (BANNER, "rested"),
+        },
+        "alarm": {WHERE: b"ALARM:1\r\n[MSG:Reset to continue]\r\n"},
+        "slowing": {WHERE: (b"<Hold:1|MPos:-1.000,-1.000,-6.000|FS:300,0>\r\n", "held")},
+        "rested": {WHERE: b"<Idle|MPos:-1.000,-1.000,-6.500|FS:0,0>\r\n"},
+    },
+    where=WHERE,
+    move={"z_mm": -11.0, "speed_mm_s": 5.0},
+    home=StageStatus("Idle", -1.0, -1.0, -1.0),
+    under_way=StageStatus("Run", -1.0, -1.0, -6.0),
+    arrived=StageStatus("Idle", -1.0, -1.0, -11.0),
+    trigger=TRIGGER,
+    stop=[HOLD + RESET],
+    halt=HOLD,
+    unlock=(b"$X\n", b"error:9\r\n", "line_refused", 9),
+    alarm=1,
+    held=(StageHeld, "held"),
+    garbled={
+        "a byte that is none of ASCII": Garbled(b"<Idle|MPos:-1.0\xf3,-2\r\n", StageTimeout, "no_status"),
+        "cut short": Garbled(b"<Idle|MPos:-1.000,-1\r\n", StageTimeout, "no_status"),
+        "two in one": Garbled(b"<Idle|MPos:-1.0<Idle|MPos:-1.000,-1.000,-1.000>\r\n", StageTimeout, "no_status"),
+        "no number": Garbled(b"<Idle|MPos:nan,-1.000,-1.000>\r\n", StageTimeout, "no_status"),
+        "infinity": Garbled(b"<Idle|MPos:-1.000,inf,-1.000>\r\n", StageTimeout, "no_status"),
+        "another line": Garbled(b"[MSG:hm]\r\n", StageTimeout, "no_status"),
+        "half a line": Garbled(b"<Idle|MPos:-1.000,-1.000,-1.000|FS:0,0>", StageTimeout, "no_status"),
+    },
+    lacks={"limit": "soft limits are stored in a memory that wears out: they are written once, by connect()"},
+)

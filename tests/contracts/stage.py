@@ -1,0 +1,499 @@
+"""The contract of a stage: what every driver does with what its controller says, whatever the controller is.
+
+A controller is one table of bytes in `tests/contracts/bytes/`, quoted from its documentation, and nothing else.
+"""
+
+import math
+import pickle
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import pairwise
+from typing import Any, ClassVar
+
+import pytest
+
+from rig.devices.bench_settings import BenchSettings
+from rig.devices.catalogue import find
+from rig.devices.kinds import StageKind
+from rig.devices.stage import Stage, StageAlarm, StageError, StageStatus, StageTimeout
+from rig.devices.stage.base import LOOK_S, MoveError, StageNotHomed
+from rig.errors import RigError
+from rig.transport import TransportError
+from sim.devices.clock import VirtualClock
+from tests.raising import raises
+
+PORT, BEGUN_S = "wire", 1000.0
+SILENCE = b""
+GIVES_UP_S = 10.0
+"""After so long without a reply every driver says so; a reset that is waited for twice is the longest."""
+
+Replies = Mapping[bytes, bytes | tuple[bytes, str]]
+"""What is asked or commanded, and the reply; with it the state that the controller is in from then on."""
+
+
+def as_it_is(data: bytes) -> bytes:
+    """The bytes themselves."""
+    return data
+
+
+@dataclass(frozen=True)
+class Garbled:
+    """A reply to the question where the stage is, and the error that it is; mangled: what becomes of its frame."""
+
+    reply: bytes
+    kind: type[StageError]
+    code: str
+    mangled: Callable[[bytes], bytes] = as_it_is
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A lower limit that the controller has been given by these frames, in turn.
+
+    unconfirmed: a question, the reply that shows another limit, and the code of that error.
+    """
+
+    lowest_z_mm: float
+    frames: Sequence[bytes]
+    unconfirmed: tuple[bytes, bytes, str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StageBytes:
+    """What a controller is asked, and what its replies mean.
+
+    name: of the table. kind: as in the catalogue; table: of [stage]. usual: replies in every state but where
+    `states` say otherwise. It begins in the state "new". A motion leads to "moving", and the test from there to
+    "arrived", "elsewhere", "held" or "alarm". where: the question where the stage is.
+
+    move: arguments of move_to(), from home to `arrived`; trigger: the frame before which nothing moves. stop: the
+    frames of a stop, all in one write; halt: the first one of a halt. unlock: how unlock() is refused, with the
+    maker's number. held: the error where somebody stops it at the controller. lacks: what it cannot do, and why.
+    """
+
+    name: str
+    kind: str
+    source: str
+    table: Mapping[str, Any] = field(default_factory=dict)
+    identity: str
+    usual: Replies
+    states: Mapping[str, Replies]
+    where: bytes
+    move: Mapping[str, float]
+    home: StageStatus
+    under_way: StageStatus | None
+    arrived: StageStatus
+    trigger: bytes
+    stop: Sequence[bytes]
+    halt: bytes
+    unlock: tuple[bytes, bytes, str, int]
+    alarm: int
+    held: tuple[type[StageError], str]
+    garbled: Mapping[str, Garbled]
+    limit: Limit | None = None
+    lacks: Mapping[str, str] = field(default_factory=dict)
+    frames: Callable[[bytes], Sequence[bytes]] = lambda data: [data]
+    heard: Callable[[bytes], bytes] = as_it_is
+    said: Callable[[bytes, bytes], bytes] = lambda frame, reply: reply
+
+
+class StageEnd:
+    """The wire, and a controller that replies by its table; a frame that is not in the table fails the test."""
+
+    name = PORT
+
+    def __init__(self, device: StageBytes, clock: VirtualClock) -> None:
+        self.device, self.clock, self.closed = device, clock, False
+        self.state, self.silent, self.cut = "new", False, False
+        self.instead: dict[bytes, bytes] = {}
+        self.mangled: Callable[[bytes], bytes] = as_it_is
+        self.asked: list[bytes] = []
+        self.writes: list[tuple[float, list[bytes]]] = []
+        self._coming: list[bytes] = []
+
+    def write(self, data: bytes) -> None:
+        self._refuse_cut()
+        frames = list(self.device.frames(data))
+        self.writes.append((self.clock.monotonic_s(), [self.device.heard(frame) for frame in frames]))
+        for frame in frames:
+            self._hear(frame)
+
+    def read(self, timeout_s: float) -> bytes:
+        self._refuse_cut()
+        if not self._coming:
+            self.clock.wait_s(timeout_s)
+        return self._coming.pop(0) if self._coming else b""
+
+    def close(self) -> None:
+        self.closed = True
+
+    def forget(self) -> None:
+        """What was asked so far is of no interest."""
+        self.asked.clear()
+        self.writes.clear()
+
+    def _hear(self, frame: bytes) -> None:
+        asked = self.device.heard(frame)
+        said = {**self.device.usual, **self.device.states[self.state], **self.instead}
+        assert asked in said, f"{asked!r} is not in the table of {self.device.name}, state {self.state}"
+        self.asked.append(asked)
+        if self.silent:
+            return
+        found = said[asked]
+        reply, self.state = found if isinstance(found, tuple) else (found, self.state)
+        if reply:
+            self._coming.append(self.mangled(self.device.said(frame, reply)))
+
+    def _refuse_cut(self) -> None:
+        if self.cut:
+            raise TransportError("the wire is cut")
+
+
+class StageBench:
+    """A driver of the catalogue on its controller, at a late hour of the clock."""
+
+    def __init__(self, device: StageBytes, *, connected: bool = True, homed: bool = False) -> None:
+        self.device = device
+        self.clock = VirtualClock(1.7e9, BEGUN_S)
+        self.wire = StageEnd(device, self.clock)
+        settings = BenchSettings.model_validate({"stage": {"kind": device.kind, **device.table}})
+        self.stage: Stage = find(StageKind, device.kind).driver(lambda port: self.wire, self.clock, settings)
+        if connected or homed:
+            self.stage.connect()
+        if homed:
+            self.stage.home()
+            assert self.stage.homed
+        self.wire.forget()
+
+    def move(self) -> None:
+        """To `arrived`, without looks."""
+        self.stage.move_to(**self.device.move)
+
+    def under_way(self) -> Iterator[StageStatus | None]:
+        """A motion that has been looked at once."""
+        looks = self.stage.moving(**self.device.move)
+        next(looks)
+        return looks
+
+    @contextmanager
+    def fails(self, kind: type[RigError], code: str, **fields: Any) -> Iterator[None]:
+        """Expect an error in one line and in bounded time, which is the same behind a process."""
+        begun_s = self.clock.monotonic_s()
+        with raises(kind, code, **fields) as caught:
+            yield
+        assert self.clock.monotonic_s() - begun_s <= GIVES_UP_S
+        as_seen = (type(caught.value), str(caught.value), repr(vars(caught.value)))
+        again = pickle.loads(pickle.dumps(caught.value))
+        assert (type(again), str(again), repr(vars(again))) == as_seen
+        assert str(caught.value)
+        assert "\n" not in str(caught.value)
+
+    def refuses_to_move(self) -> None:
+        """It is not homed, or it must be reset first; in any case nothing is sent."""
+        self.wire.forget()
+        assert not self.stage.homed
+        with pytest.raises(StageError) as caught:
+            self.move()
+        assert caught.value.code in ("not_homed", "needs_reset"), repr(caught.value)
+        assert self.wire.writes == []
+
+
+Verb = Callable[[StageBench], object]
+VERBS: dict[str, Verb] = {
+    "connect": lambda bench: bench.stage.connect(),
+    "home": lambda bench: bench.stage.home(),
+    "status": lambda bench: bench.stage.status(),
+    "look": lambda bench: bench.stage.look(),
+    "move_to": lambda bench: bench.move(),
+    "halt": lambda bench: bench.stage.halt(),
+    "unlock": lambda bench: bench.stage.unlock(),
+    "jog": lambda bench: bench.stage.jog("z", -0.1, 1.0),
+}
+NO_MOVES: list[tuple[str, dict[str, float]]] = [
+    *(("not_finite", {"z_mm": number, "speed_mm_s": 1.0}) for number in (math.nan, math.inf, -math.inf)),
+    *(("not_finite", {"x_mm": -1.0, "speed_mm_s": number}) for number in (math.nan, math.inf)),
+    *(("too_slow", {"x_mm": -1.0, "speed_mm_s": number}) for number in (0.0, -1.0, 1e-9, 0.0166)),
+]
+
+
+class StageContract:
+    """What is asked of every stage; a subclass says of which controllers."""
+
+    devices: ClassVar[Sequence[StageBytes]] = ()
+
+    def pytest_generate_tests(self, metafunc: pytest.Metafunc) -> None:
+        """Every test for every controller, and for every reply that is garbled."""
+        if "garbled" in metafunc.fixturenames:
+            cases = [
+                pytest.param(device, case, id=f"{device.name}-{name}")
+                for device in self.devices
+                for name, case in device.garbled.items()
+            ]
+            metafunc.parametrize(("device", "garbled"), cases)
+        elif "device" in metafunc.fixturenames:
+            metafunc.parametrize("device", self.devices, ids=lambda device: device.name)
+
+    # --- who it is ---
+
+    def test_it_connects_and_names_itself_and_nothing_is_homed_by_that(self, device: StageBytes) -> None:
+        bench = StageBench(device, connected=False)
+        assert not bench.stage.homed
+        assert bench.stage.connect() == device.identity
+        assert not bench.stage.homed
+        assert device.trigger not in bench.wire.asked
+        again = StageBench(device, homed=True)
+        assert again.stage.connect() == device.identity
+        assert not again.stage.homed, "what became of it meanwhile is not known"
+
+    def test_closing_it_closes_the_wire(self, device: StageBytes) -> None:
+        bench = StageBench(device)
+        bench.stage.close()
+        assert bench.wire.closed
+
+    # --- homed or nothing moves ---
+
+    def test_unhomed_nothing_is_sent_for_a_move(self, device: StageBytes) -> None:
+        bench = StageBench(device)
+        with bench.fails(StageNotHomed, "not_homed"):
+            bench.move()
+        assert bench.wire.writes == []
+
+    def test_homing_ends_at_home_and_the_position_is_trusted_only_then(self, device: StageBytes) -> None:
+        bench = StageBench(device)
+        trusted = [bench.stage.homed for _ in bench.stage.homing()]
+        assert not any(trusted)
+        assert bench.stage.homed
+        assert bench.stage.status() == device.home
+
+    @pytest.mark.parametrize(("code", "move"), NO_MOVES, ids=str)
+    def test_what_is_no_move_is_refused_before_any_byte(
+        self, device: StageBytes, code: str, move: dict[str, float]
+    ) -> None:
+        bench = StageBench(device, homed=True)
+        with bench.fails(MoveError, code):
+            bench.stage.move_to(**move)
+        with pytest.raises(MoveError) as caught:
+            bench.stage.move_to(speed_mm_s=1.0)
+        assert caught.value.code in ("no_target", "not_one_axis")
+        assert bench.wire.writes == []
+        assert bench.stage.homed
+
+    # --- a motion ---
+
+    def test_a_motion_can_be_looked_at(self, device: StageBytes) -> None:
+        """Each tenth of a second, from its trigger to its arrival; nothing is asked of it a second time."""
+        bench = StageBench(device, homed=True)
+        looks, seen_s = bench.stage.moving(**device.move), list[float]()
+        for look in looks:
+            assert look is None or look == device.under_way
+            assert bench.stage.homed
+            seen_s.append(bench.clock.monotonic_s())
+            if len(seen_s) == 5:
+                bench.wire.state = "arrived"
+        assert seen_s[0] - BEGUN_S > 0
+        assert [later - before for before, later in pairwise(seen_s)] == pytest.approx([LOOK_S] * 4, abs=0.03)
+        assert bench.wire.asked.count(device.trigger) == 1
+        assert bench.stage.homed
+        assert bench.stage.status() == device.arrived
+
+    def test_an_arrival_elsewhere_is_an_error(self, device: StageBytes) -> None:
+        bench = StageBench(device, homed=True)
+        looks = bench.under_way()
+        bench.wire.state = "elsewhere"
+        (target_mm,) = (mm for name, mm in device.move.items() if name != "speed_mm_s")
+        with bench.fails(StageError, "not_there", target_mm=target_mm):
+            list(looks)
+
+    def test_an_alarm_under_way_has_the_makers_number_and_loses_the_position(self, device: StageBytes) -> None:
+        bench = StageBench(device, homed=True)
+        looks = bench.under_way()
+        bench.wire.state = "alarm"
+        begun_s = bench.clock.monotonic_s()
+        with bench.fails(StageAlarm, "alarm", number=device.alarm, port=PORT):
+            list(looks)
+        assert bench.clock.monotonic_s() - begun_s <= 0.3
+        bench.refuses_to_move()
+
+    def test_a_stage_that_somebody_holds_is_reported(self, device: StageBytes) -> None:
+        """Under way at the next look, and before a motion, which is then not begun."""
+        kind, code = device.held
+        bench = StageBench(device, homed=True)
+        looks = bench.under_way()
+        bench.wire.state = "held"
+        begun_s = bench.clock.monotonic_s()
+        with bench.fails(kind, code):
+            list(looks)
+        assert bench.clock.monotonic_s() - begun_s <= 0.3
+        bench = StageBench(device, homed=True)
+        bench.wire.state = "held"
+        with bench.fails(kind, code):
+            bench.move()
+        assert device.trigger not in bench.wire.asked
+
+    # --- the ends of it ---
+
+    @pytest.mark.parametrize("homed", [True, False])
+    def test_a_halt_ends_at_rest_and_keeps_the_position_as_it_was(self, device: StageBytes, homed: bool) -> None:
+        bench = StageBench(device, homed=homed)
+        if homed:
+            bench.under_way()
+        else:
+            bench.wire.state = "moving"
+        bench.wire.forget()
+        bench.stage.halt()
+        assert bench.wire.asked[0] == device.halt
+        assert bench.wire.state == "rested", "the halt ends when the stage stands"
+        assert bench.stage.homed is homed
+
+    def test_a_stop_goes_out_at_once_past_all_that_is_waited_for(self, device: StageBytes) -> None:
+        """In the middle of a motion that the driver waits for: one write, at that instant, before it reads."""
+        bench = StageBench(device, homed=True)
+        looks = bench.under_way()
+        at_s, heard = bench.clock.monotonic_s() + 0.0312, list[tuple[float, list[bytes]]]()
+
+        def stop() -> None:
+            bench.wire.forget()
+            bench.stage.stop()
+            heard.extend(bench.wire.writes)
+
+        bench.clock.call_at(at_s, stop)
+        with pytest.raises(StageError) as caught:
+            list(looks)
+        assert caught.value.code in ("alarm", "stopped", "was_reset"), repr(caught.value)
+        assert heard[0][0] == pytest.approx(at_s)
+        assert heard[0][1] == list(device.stop)
+        bench.refuses_to_move()
+
+    def test_a_stop_needs_no_connection(self, device: StageBytes) -> None:
+        bench = StageBench(device, connected=False)
+        bench.stage.stop()
+        assert bench.wire.writes[0][1] == list(device.stop)
+        assert not bench.stage.homed
+
+    @pytest.mark.parametrize("verb", VERBS)
+    def test_a_silent_port_is_a_timeout_with_a_code(self, device: StageBytes, verb: str) -> None:
+        bench = StageBench(device, homed=True)
+        bench.wire.silent = True
+        begun_s = bench.clock.monotonic_s()
+        with pytest.raises(StageTimeout) as caught:
+            VERBS[verb](bench)
+        assert 0.1 < bench.clock.monotonic_s() - begun_s < GIVES_UP_S
+        assert caught.value.code in ("no_reply", "no_status", "no_banner"), repr(caught.value)
+        assert caught.value.fields["port"] == PORT
+        assert bench.wire.asked.count(device.trigger) <= 1, "it may have been obeyed"
+
+    @pytest.mark.parametrize("verb", ["connect", "home", "move_to"])
+    def test_after_a_silence_that_may_have_moved_it_the_position_is_lost(self, device: StageBytes, verb: str) -> None:
+        bench = StageBench(device, homed=True)
+        bench.wire.silent = True
+        with pytest.raises(StageTimeout):
+            VERBS[verb](bench)
+        bench.wire.silent = False
+        bench.refuses_to_move()
+
+    def test_a_garbled_reply_is_an_error_with_a_code(self, device: StageBytes, garbled: Garbled) -> None:
+        bench = StageBench(device, homed=True)
+        with bench.fails(garbled.kind, garbled.code, port=PORT):
+            _garbled(bench, garbled)
+        bench.wire.instead.clear()
+        bench.wire.mangled = as_it_is
+        assert bench.stage.status() == device.home, "the next one is believed"
+
+    def test_a_refusal_has_the_makers_number(self, device: StageBytes) -> None:
+        *_, code, number = device.unlock
+        bench = StageBench(device)
+        with bench.fails(StageError, code, number=number):
+            _refused(bench)
+
+    def test_a_cut_wire_is_an_error_of_its_own(self, device: StageBytes) -> None:
+        stop: Verb = lambda bench: bench.stage.stop()  # noqa: E731
+        for act in (*VERBS.values(), stop):
+            bench = StageBench(device, homed=True)
+            bench.wire.cut = True
+            with pytest.raises(TransportError):
+                act(bench)
+        assert not bench.stage.homed
+
+    # --- limits, outputs ---
+
+    def test_a_lower_limit_is_the_controllers_or_none(self, device: StageBytes) -> None:
+        limit, bench = device.limit, StageBench(device, homed=True)
+        if limit is None:
+            assert device.lacks["limit"]
+            bench.stage.limit_depth(-26.5)
+            assert bench.wire.writes == []
+            return
+        bench.stage.limit_depth(limit.lowest_z_mm)
+        assert [frame for frame in bench.wire.asked if frame in limit.frames] == list(limit.frames)
+        assert bench.stage.homed
+        unhomed = StageBench(device)
+        with unhomed.fails(StageNotHomed, "not_homed"):
+            unhomed.stage.limit_depth(limit.lowest_z_mm)
+        with bench.fails(MoveError, "not_finite"):
+            bench.stage.limit_depth(math.nan)
+        assert unhomed.wire.writes == []
+        with bench.fails(StageError, limit.unconfirmed[-1]):
+            _unconfirmed(bench, limit)
+        bench.refuses_to_move()
+
+    def test_an_output_that_is_not_configured_is_none(self, device: StageBytes) -> None:
+        bench = StageBench(device, homed=True)
+        for on in (True, False):
+            with bench.fails(StageError, "no_output"):
+                bench.stage.set_output(on)
+        assert bench.wire.writes == []
+        assert bench.stage.homed
+
+
+def sentences(device: StageBytes) -> Iterator[str]:
+    """What a user reads of each error that the contract is about, a line each: what is done, code, sentence."""
+    yield _told(device, "move unhomed", StageBench.move, homed=False)
+    for to in NO_MOVES[0][1], NO_MOVES[-1][1], {"speed_mm_s": 1.0}:
+        yield _told(device, f"move {to}", partial(_move_to, to=to))
+    for state in ("elsewhere", "held", "alarm"):
+        yield _told(device, f"{state} under way", partial(_under_way, state=state))
+    for verb, act in VERBS.items():
+        yield _told(device, f"silence, {verb}", act, silent=True)
+    for garbled in {garbled.code: garbled for garbled in device.garbled.values()}.values():
+        yield _told(device, "garbled", partial(_garbled, garbled=garbled))
+    yield _told(device, "unlock is refused", _refused, homed=False)
+    if device.limit is not None:
+        yield _told(device, "limit unconfirmed", partial(_unconfirmed, limit=device.limit))
+    yield _told(device, "output", lambda bench: bench.stage.set_output(True))
+
+
+def _told(device: StageBytes, name: str, act: Verb, *, homed: bool = True, silent: bool = False) -> str:
+    bench = StageBench(device, homed=homed)
+    bench.wire.silent = silent
+    with pytest.raises(RigError) as caught:
+        act(bench)
+    return f"{name}: {type(caught.value).__name__} {caught.value.code}: {caught.value}"
+
+
+def _move_to(bench: StageBench, to: dict[str, float]) -> None:
+    bench.stage.move_to(**to)
+
+
+def _under_way(bench: StageBench, state: str) -> None:
+    looks = bench.under_way()
+    bench.wire.state = state
+    list(looks)
+
+
+def _garbled(bench: StageBench, garbled: Garbled) -> None:
+    bench.wire.instead[bench.device.where], bench.wire.mangled = garbled.reply, garbled.mangled
+    bench.stage.status()
+
+
+def _refused(bench: StageBench) -> None:
+    asked, reply, *_ = bench.device.unlock
+    bench.wire.instead[asked] = reply
+    bench.stage.unlock()
+
+
+def _unconfirmed(bench: StageBench, limit: Limit) -> None:
+    asked, reply, _ = limit.unconfirmed
+    bench.wire.instead[asked] = reply
+    bench.stage.limit_depth(limit.lowest_z_mm)
