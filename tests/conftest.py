@@ -73,6 +73,7 @@ REAL_TIME = (
     "sim/test_wall_clock.py",
     "sim/test_workers.py",
     "test_adding_a_part.py::test_a_command",
+    "test_inherited_signals.py",
     "test_wheel.py",
     "test_third_party_device.py::test_nothing_is_imported_but_the_kinds_that_are_used",
 )
@@ -88,6 +89,7 @@ LONG = (
     "sim/test_hard_cases.py",
     "rig/real_time/test_run_on_wires.py",
     "rig/real_time/test_asked_from_elsewhere.py",
+    "rig/test_frozen.py",
     "rig/compare/test_compare_command.py",
     "rig/test_followed_pages.py",
     "rig/test_lost_journal.py",

@@ -213,14 +213,14 @@ ASKED: Mapping[str, Asked] = {
     "rest: seconds": Asked(
         (3600, 3600), lambda limit: {}, lambda rig, seconds: ready(rig).rest(seconds), lambda limit: (0, limit)),
     "indent: increments": Asked(
-        (100, 100), lambda limit: {}, lambda rig, n: ready(rig).indent(doi_mm=0.1, increments=n, hold_s=0),  # type: ignore[arg-type]
+        (100, 100), lambda limit: {}, lambda rig, n: ready(rig).indent(doi_mm=0.1, increments=n, hold_s=0),
         lambda limit: (1, limit), whole=True),
     "precondition: presses": Asked(
-        (100, 100), lambda limit: {}, lambda rig, n: ready(rig).precondition(presses=n, doi_mm=0.1, hold_s=0),  # type: ignore[arg-type]
+        (100, 100), lambda limit: {}, lambda rig, n: ready(rig).precondition(presses=n, doi_mm=0.1, hold_s=0),
         lambda limit: (1, limit), whole=True),
     "reference: increments": Asked(
         (100, 100), lambda limit: {},
-        lambda rig, n: ready(rig).reference(x_mm=0, doi_mm=0.1, increments=n, hold_s=0),  # type: ignore[arg-type]
+        lambda rig, n: ready(rig).reference(x_mm=0, doi_mm=0.1, increments=n, hold_s=0),
         lambda limit: (1, limit), whole=True),
 }  # fmt: skip
 ROUND_OFF = 1e-9
