@@ -26,6 +26,7 @@ from rig.engine.streams import STREAMS
 from rig.plan.config import Config
 from sim.models.fingertip import Fingertip
 from sim.speed_and_error.candidates import Candidate, coarse
+from sim.speed_and_error.scenes import QUICK_SCENES
 from studies.reference_run import BENCHES, carried_out, fingerprint
 from tests.program import Program
 from tests.sim.coarse import as_toml, coarse_mesh
@@ -191,7 +192,7 @@ ASKED = (
     ("resume runs/stopped", ""),
     ("show runs/complete", ""),
     ("show runs/stopped", "of a stopped run"),
-    ("show --columns", ""),
+    ("show --columns", "of columns"),
     ("runs runs", ""),
     ("watch runs/complete", ""),
     ("export runs/complete --csv", ""),
@@ -207,13 +208,14 @@ ASKED = (
     ("encode --pressure 20,14 --half-length 8", ""),
     ("encode --shape cylinder:3 --doi-mm 0.4 --operator influence --half-length 8", "of a press"),
     ("decode --pressure 20,14 --half-length 10", ""),
-    ("decode --shape cylinder:3 --doi-mm 0.4 --half-length 10", "of a press"),
     ("impulse --half-length 8", ""),
     ("shift-invariance --spacing-mm 0.5 --half-width-mm 2", ""),
+    ("find found/*", ""),
     ("finger", ""),
     ("stranger 3", ""),
     ("study study.toml", ""),
 )
+FOUND = "dry-run find_finger across=5 along=1 --out found"
 ON_A_COARSE_FINGER = ("encode", "decode", "impulse", "shift-invariance")
 
 
@@ -243,20 +245,31 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, empty_figures: None)
     }
     for name, text in texts.items():
         (tmp_path / name).write_text(text, encoding="utf-8")
-    monkeypatch.setenv("RIG_CACHE_DIR", os.environ.get("RIG_CACHE_DIR", ""))
     monkeypatch.setattr("rig.cli.compare.stimulus_maps", lambda *_: [])  # the whole finger would be factorised
+    (tmp_path / "kept").mkdir()
+    (tmp_path / "kept" / "one.model").write_bytes(b"kept")
     few = (Candidate("halfspace", "0.28 mm", coarse(0.28)),)
     monkeypatch.setattr("rig.cli.speed.QUICK", few)
+    monkeypatch.setattr("rig.cli.speed.QUICK_SCENES", QUICK_SCENES[:1])
     return tmp_path
 
 
 @pytest.mark.parametrize(("line", "about"), ASKED)
-def test_an_answer_in_json_has_the_keys_that_it_had(program: Program, folder: Path, line: str, about: str) -> None:
+def test_an_answer_in_json_has_the_keys_that_it_had(
+    program: Program, folder: Path, monkeypatch: pytest.MonkeyPatch, line: str, about: str
+) -> None:
     command = line.split()[0]
+    if command == "cache":
+        monkeypatch.setenv("RIG_CACHE_DIR", "kept")
+    if command == "find":
+        assert program(*FOUND.split()).code == 0
+        line = line.replace("*", next(Path("found").iterdir()).name)
     words = [*line.split(), *(COARSE if command in ON_A_COARSE_FINGER else ())]
     told = f"{command} ({about})" if about else command
     answer = program(*words, "--json").json
     _part_as_frozen("json_keys.txt", f"{told}: ", [f"{told}: {key}" for key in dict.fromkeys(_keys(answer))])
+    if told == "dry-run":
+        _as_frozen("run_files.txt", sorted(path.name for path in Path(answer["run"]).iterdir()))
 
 
 # --- what a run leaves behind ---
