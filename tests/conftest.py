@@ -2,6 +2,7 @@
 
 import gc
 import pkgutil
+import signal
 from collections import Counter
 from collections.abc import Callable, Iterator
 from copy import copy
@@ -72,6 +73,7 @@ REAL_TIME = (
     "sim/test_wall_clock.py",
     "sim/test_workers.py",
     "test_adding_a_part.py::test_a_command",
+    "test_inherited_signals.py",
     "test_wheel.py",
     "test_third_party_device.py::test_nothing_is_imported_but_the_kinds_that_are_used",
 )
@@ -87,6 +89,7 @@ LONG = (
     "sim/test_hard_cases.py",
     "rig/real_time/test_run_on_wires.py",
     "rig/real_time/test_asked_from_elsewhere.py",
+    "rig/test_frozen.py",
     "rig/compare/test_compare_command.py",
     "rig/test_followed_pages.py",
     "rig/test_lost_journal.py",
@@ -124,6 +127,8 @@ LONG = (
     "sim/test_facts.py",
     "test_waits.py",
 )
+# What a shell, nohup or a terminal may have had ignored before the tests began.
+INHERITED = ("SIGINT", "SIGQUIT", "SIGHUP", "SIGTERM", "SIGTSTP")
 # Files of the cache, of up to 80 MB each.
 MOST_KEPT = 12
 
@@ -133,9 +138,23 @@ def pytest_configure(config: pytest.Config) -> None:
 
     Garbage is looked for as rarely as the program does it: a third of collecting the tests went into it.
     """
+    _signals_as_in_the_foreground()
     gc.set_threshold(*LOOKED_THROUGH)
     if not hasattr(config, "workerinput"):
         make_ready()
+
+
+def _signals_as_in_the_foreground() -> None:
+    """Programs that tests begin inherit what is ignored or blocked here, and some tests send such a signal.
+
+    In the background of a script and under nohup they would never come.
+    """
+    numbers = [getattr(signal, name) for name in INHERITED if hasattr(signal, name)]
+    for number in numbers:
+        if signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, numbers)
 
 
 def pytest_collection_finish() -> None:

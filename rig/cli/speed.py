@@ -15,6 +15,7 @@ from rig.report.speed_page import page
 from sim.speed_and_error import calculix
 from sim.speed_and_error.measure import QUANTITIES, Measured, measure
 from sim.speed_and_error.reference import stored
+from sim.speed_and_error.reference_computation import reference_s
 from sim.speed_and_error.rows import QUICK, WHOLE, rows
 from sim.speed_and_error.scenes import QUICK_SCENES, SCENES
 
@@ -35,7 +36,7 @@ def command(
         for found in measure(QUICK if quick else WHOLE, QUICK_SCENES if quick else SCENES):
             measured.append(found)
             err.print(f"{_name(found)}: {found.nodes} nodes, {found.build_s:.1f} s, {found.memory_mb:.0f} MB")
-        table = list(rows(measured, reference))
+        table, unit_s = list(rows(measured, reference)), reference_s()
         text = page(
             table,
             machine=f"{platform.machine()}, {os.cpu_count()} processors, Python {platform.python_version()}",
@@ -43,15 +44,17 @@ def command(
             quick=quick,
             quantities=QUANTITIES,
             reference=reference,
+            reference_s=unit_s,
             steps=_STEPS,
             breakdown=[_breakdown(found) for found in measured if found.candidate.model == "finger"],
             **_calculix(quick=quick),
         )
         page_file.write_text(text, encoding="utf-8")
         if as_json:
-            print_json({"rows": table, "page": str(page_file)})
+            print_json({"rows": table, "page": str(page_file), "reference_s": unit_s})
         else:
             out.print(f"{page_file}: {len(measured)} candidates, {time.perf_counter() - start:.0f} s")
+            out.print(f"the reference computation: {unit_s:.3f} processor seconds")
 
 
 def _name(found: Measured) -> str:

@@ -24,6 +24,7 @@ def html() -> str:
         quick=True,
         quantities=QUANTITIES,
         reference=reference,
+        reference_s=0.3,
         steps=("mesh",),
         breakdown=[{"name": "one", "timing": {"mesh": 1.5}, "factor_s": None, "contact_s": 0.01, "limit_s": 0.001}],
         calculix=None,
@@ -40,6 +41,10 @@ def test_it_needs_nothing_else(html: str) -> None:
 def test_its_table_names_every_candidate(html: str) -> None:
     assert re.search(r"<td>halfspace analytic</td><td>0.28 mm</td><td>220</td>", html)
     assert re.search(r"<td>section bbar</td><td>0.28 mm</td>", html)
+
+
+def test_its_table_has_the_unit_of_time(html: str) -> None:
+    assert "<tr><td>the reference computation</td><td>one thread</td><td>–</td><td>0.300</td>" in html
 
 
 def test_a_section_has_no_error_of_force(html: str) -> None:

@@ -16,6 +16,7 @@ from sim.speed_and_error.candidates import Candidate, coarse, nested
 from sim.speed_and_error.expected import bundled
 from sim.speed_and_error.measure import QUANTITIES, Answer, answered, measure
 from sim.speed_and_error.reference import from_levels, stored
+from sim.speed_and_error.reference_computation import ORDER, RIGHT_SIDES, SEED, reference_s
 from sim.speed_and_error.rows import rows
 from sim.speed_and_error.scenes import FAMILIES, QUICK_SCENES, SCENES, Scene
 from sim.speed_and_error.situation import Situation
@@ -148,3 +149,8 @@ def test_a_level_sets_what_is_not_given() -> None:
     assert MeshSpec.model_validate({"level": "default"}) == MeshSpec()
     with pytest.raises(ValueError, match="'default' or 'fine'"):
         MeshSpec.model_validate({"level": "finest"})
+
+
+def test_the_unit_of_time_is__of_a_solution_that_is_right() -> None:
+    assert reference_s() > 0  # or an ArithmeticError
+    assert (ORDER, RIGHT_SIDES, SEED) == (2048, 768, 16), "figures in its units are compared over years"

@@ -1,0 +1,390 @@
+"""One table of limits: what lies in range is accepted, what does not is refused, wherever the limit itself is set."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from rig.devices.bench_settings import SLOWEST_MM_S
+from rig.devices.units import GWT_N
+from rig.engine.errors import LimitError
+from rig.engine.limits import ContactTime, Trips, refuse_height
+from rig.engine.rig_settings import RigSettings
+from rig.plan.config import Config
+from rig.protocol import Rig
+from rig.protocol.errors import BadInputError
+from sim.devices.clock import VirtualClock
+from tests.config_keys import TABLE, Key
+from tests.rig.walked import StandIn, ready, walked
+
+Tables = dict[str, dict[str, Any]]
+Range = tuple[float, float]
+NO_NUMBERS = (math.nan, math.inf, -math.inf)
+NUMBERS = ("number", "integer")
+few = settings(max_examples=20, deadline=None)
+
+
+def _span(low: float, high: float) -> tuple[float, float, float]:
+    """Both ends, or one made up where a side is open, and what lies between."""
+    width = high - low if math.isfinite(high - low) else 10.0
+    return (low if math.isfinite(low) else high - width), (high if math.isfinite(high) else low + width), width
+
+
+def _edges(low: float, high: float) -> list[float]:
+    """The ends, what lies just on either side of them, and what is no number."""
+    near, far, width = _span(low, high)
+    ends = (float(near), float(far))
+    beside = [math.nextafter(end, way) for end in ends for way in (-math.inf, math.inf)]
+    beside += [end + way * by for end in ends for way in (-1, 1) for by in (1e-6 * width, 1e-3 * width, 1.0)]
+    return [*ends, *beside, 0.0, *NO_NUMBERS]
+
+
+def _about(low: float, high: float) -> st.SearchStrategy[float]:
+    """Within and beyond."""
+    near, far, width = _span(low, high)
+    return st.floats(near - width, far + width)
+
+
+# --- the keys of the configuration ---
+
+
+def _bound(key: Key) -> Range:
+    ends = {sign[0]: bound for sign, bound in key.bounds}
+    return ends.get(">", -math.inf), ends.get("<", math.inf)
+
+
+def _within(key: Key, value: float) -> bool:
+    allowed: Mapping[str, Callable[[float], bool]] = {
+        ">": lambda bound: value > bound,
+        ">=": lambda bound: value >= bound,
+        "<": lambda bound: value < bound,
+        "<=": lambda bound: value <= bound,
+    }
+    return math.isfinite(value) and all(allowed[sign](bound) for sign, bound in key.bounds)
+
+
+BOUNDED = {name: key for name, key in TABLE.items() if key.kind in NUMBERS and key.bounds and not key.lists}
+
+
+def test_every_key_with_a_bound_is_walked() -> None:
+    assert len(BOUNDED) > 100
+    assert {"limits.max_doi_mm", "habits.increment_mm", "virtual.stiffness", "stage.travel_mm"} <= set(BOUNDED)
+
+
+def _is_accepted_in_range(key: Key, value: float) -> None:
+    for number in {value, float(round(value))} if math.isfinite(value) else {value}:
+        whole = key.kind == "number" or (math.isfinite(number) and number == int(number))
+        assert key.refuses(number) is not (whole and _within(key, number)), f"{key.name} = {number!r}"
+
+
+every_table = pytest.mark.parametrize("table", dict.fromkeys(name.rpartition(".")[0] for name in BOUNDED))
+
+
+@every_table
+def test_a_key_is_accepted_up_to_its_ends(table: str) -> None:
+    for name, key in BOUNDED.items():
+        if name.rpartition(".")[0] == table:
+            for value in _edges(*_bound(key)):
+                _is_accepted_in_range(key, value)
+
+
+@every_table
+@few
+@given(data=st.data())
+def test_a_key_is_accepted_where_it_is_in_range(table: str, data: st.DataObject) -> None:
+    for name, key in BOUNDED.items():
+        if name.rpartition(".")[0] == table:
+            _is_accepted_in_range(key, data.draw(_about(*_bound(key)), label=name))
+
+
+RELATED: Mapping[str, tuple[Range, Callable[[float, float], Tables], Callable[[float, float], bool]]] = {
+    "limits.x_mm": ((-9, 9), lambda a, b: {"limits": {"x_mm": [a, b]}}, lambda a, b: a < b),
+    "limits.along_mm": ((-9, 9), lambda a, b: {"limits": {"along_mm": [a, b]}}, lambda a, b: a <= 0 <= b),
+    "limits.soft_trip_n, limits.hard_trip_n": (
+        (0.01, 5), lambda a, b: {"limits": {"soft_trip_n": a, "hard_trip_n": b}}, lambda a, b: a <= b),
+    "habits.touch_increment_mm, habits.increment_mm": (
+        (0.001, 0.05), lambda a, b: {"habits": {"touch_increment_mm": a, "increment_mm": b}}, lambda a, b: a <= b),
+    "habits.press_speed_mm_s, limits.max_press_speed_mm_s": (
+        (0.6, 5), lambda a, b: {"habits": {"press_speed_mm_s": a}, "limits": {"max_press_speed_mm_s": b}},
+        lambda a, b: a <= b),
+    "habits.approach_speed_mm_s, limits.max_press_speed_mm_s": (
+        (0.02, 2),
+        lambda a, b: {"habits": {"approach_speed_mm_s": a, "press_speed_mm_s": min(b, 1.0)},
+                      "limits": {"max_press_speed_mm_s": b}},
+        lambda a, b: a <= b),
+}  # fmt: skip
+"""Pairs of keys that are accepted together or not: where they lie, the tables, and when they are accepted."""
+
+
+@pytest.mark.parametrize("name", RELATED)
+@few
+@given(data=st.data())
+def test_two_keys_are_accepted_where_they_agree(name: str, data: st.DataObject) -> None:
+    ends, tables, agree = RELATED[name]
+    first = data.draw(st.floats(*ends))
+    second = data.draw(st.floats(*ends) | st.just(first))
+    try:
+        Config.model_validate(tables(first, second))
+    except ValidationError:
+        assert not agree(first, second)
+    else:
+        assert agree(first, second)
+
+
+# --- what a script asks for ---
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A number of a script and the limit it is held to.
+
+    limit: between what it is set, with the tables of the configuration that set it. ask: the verb with the number.
+    range: from where to where the number is accepted under a limit; open_below: the lower end itself is not.
+    """
+
+    limit: Range
+    tables: Callable[[float], Tables]
+    ask: Callable[[Rig, float], object]
+    range: Callable[[float], Range]
+    finger: Callable[[float], StandIn] = lambda value: StandIn()
+    open_below: bool = False
+    whole: bool = False
+
+
+STIFF = StandIn(gwt_mm=1e3)
+STRONG = {"soft_trip_n": 5.0, "hard_trip_n": 5.0, "max_pressure_n_cm2": 60.0, "max_force_gwt": 500.0}
+FAR = {"x_mm": [-50.0, 50.0], "along_mm": [-50.0, 50.0]}
+
+
+def _limits(**keys: float | list[float]) -> Tables:
+    return {"limits": keys}
+
+
+def _strong(**keys: float) -> Tables:
+    return {"limits": {**STRONG, **keys}}
+
+
+ASKED: Mapping[str, Asked] = {
+    "move_to: x_mm": Asked(
+        (0.1, 12), lambda limit: _limits(x_mm=[-limit, limit / 2]), lambda rig, x_mm: ready(rig).move_to(x_mm=x_mm),
+        lambda limit: (-limit, limit / 2)),
+    "move_to: along_mm": Asked(
+        (0.1, 8), lambda limit: _limits(along_mm=[-limit, limit / 2]),
+        lambda rig, along_mm: ready(rig).move_to(x_mm=0, along_mm=along_mm), lambda limit: (-limit, limit / 2)),
+    "move_to: x_mm within the travel": Asked(
+        (40, 80), lambda limit: {"stage": {"travel_mm": [limit, 30.0, 40.0]}, "limits": FAR},
+        lambda rig, x_mm: ready(rig).move_to(x_mm=x_mm), lambda limit: (30.0 - limit, 30.0)),
+    "move_to: along_mm within the travel": Asked(
+        (20, 40), lambda limit: {"stage": {"travel_mm": [60.0, limit, 40.0]}, "limits": FAR},
+        lambda rig, along_mm: ready(rig).move_to(x_mm=0, along_mm=along_mm), lambda limit: (15.0 - limit, 15.0)),
+    "reference: x_mm": Asked(
+        (0.1, 12), lambda limit: _limits(x_mm=[-limit, limit / 2]),
+        lambda rig, x_mm: ready(rig).reference(x_mm=x_mm, doi_mm=0.1), lambda limit: (-limit, limit / 2)),
+    "indent: doi_mm": Asked(
+        (0.1, 2), lambda limit: _limits(max_doi_mm=limit), lambda rig, doi_mm: ready(rig).indent(doi_mm=doi_mm),
+        lambda limit: (0, limit), open_below=True),
+    "precondition: doi_mm": Asked(
+        (0.1, 2), lambda limit: _limits(max_doi_mm=limit),
+        lambda rig, doi_mm: ready(rig).precondition(presses=2, doi_mm=doi_mm), lambda limit: (0, limit),
+        open_below=True),
+    "reference: doi_mm": Asked(
+        (0.1, 2), lambda limit: _limits(max_doi_mm=limit),
+        lambda rig, doi_mm: ready(rig).reference(x_mm=0, doi_mm=doi_mm), lambda limit: (0, limit), open_below=True),
+    "indent: force_gwt": Asked(
+        (1, 500), lambda limit: _strong(max_force_gwt=limit),
+        lambda rig, force_gwt: ready(rig).indent(force_gwt=force_gwt), lambda limit: (0, limit), lambda value: STIFF,
+        open_below=True),
+    "precondition: force_gwt": Asked(
+        (1, 500), lambda limit: _strong(max_force_gwt=limit),
+        lambda rig, force_gwt: ready(rig).precondition(presses=2, force_gwt=force_gwt), lambda limit: (0, limit),
+        lambda value: STIFF, open_below=True),
+    "indent: the depth that a force means": Asked(
+        (0.1, 2), lambda limit: _limits(max_doi_mm=limit), lambda rig, doi_mm: ready(rig).indent(force_gwt=1.0),
+        lambda limit: (0, limit), lambda doi_mm: StandIn(gwt_mm=1 / doi_mm), open_below=True),
+    "indent: the force that a depth means": Asked(
+        (1, 500), lambda limit: _strong(max_force_gwt=limit), lambda rig, gwt_mm: ready(rig).indent(doi_mm=1.0),
+        lambda limit: (0, limit), lambda gwt_mm: StandIn(gwt_mm), open_below=True),
+    "indent: the newton that a depth means": Asked(
+        (0.5, 4), lambda limit: _limits(max_force_gwt=500.0, soft_trip_n=limit, max_pressure_n_cm2=60.0),
+        lambda rig, force_n: ready(rig).indent(doi_mm=1.0), lambda limit: (0, limit),
+        lambda force_n: StandIn(force_n / GWT_N), open_below=True),
+    "indent: the pressure that a force means": Asked(
+        (1, 60), lambda limit: _limits(max_pressure_n_cm2=limit),
+        lambda rig, n_cm2: ready(rig).indent(force_gwt=10.0), lambda limit: (0, limit),
+        lambda n_cm2: StandIn(area_mm2=10.0 * GWT_N / n_cm2 * 100), open_below=True),
+    "indent: speed_mm_s": Asked(
+        (1, 5), lambda limit: _limits(max_press_speed_mm_s=limit),
+        lambda rig, speed_mm_s: ready(rig).indent(doi_mm=0.1, speed_mm_s=speed_mm_s),
+        lambda limit: (SLOWEST_MM_S, limit)),
+    "indent: hold_s": Asked(
+        (3600, 3600), lambda limit: _limits(max_contact_s=36000.0),
+        lambda rig, hold_s: ready(rig).indent(doi_mm=0.1, hold_s=hold_s), lambda limit: (0, limit)),
+    "indent: hold_s in all": Asked(
+        (10, 3000), lambda limit: _limits(max_contact_s=limit),
+        lambda rig, hold_s: ready(rig).indent(doi_mm=0.1, increments=2, hold_s=hold_s / 2), lambda limit: (0, limit)),
+    "precondition: hold_s in all": Asked(
+        (10, 3000), lambda limit: _limits(max_contact_s=limit),
+        lambda rig, hold_s: ready(rig).precondition(presses=4, doi_mm=0.1, hold_s=hold_s / 4),
+        lambda limit: (0, limit)),
+    "reference: hold_s in all": Asked(
+        (10, 3000), lambda limit: _limits(max_contact_s=limit),
+        lambda rig, hold_s: ready(rig).reference(x_mm=0, doi_mm=0.1, increments=2, hold_s=hold_s / 2),
+        lambda limit: (0, limit)),
+    "rest: seconds": Asked(
+        (3600, 3600), lambda limit: {}, lambda rig, seconds: ready(rig).rest(seconds), lambda limit: (0, limit)),
+    "indent: increments": Asked(
+        (100, 100), lambda limit: {}, lambda rig, n: ready(rig).indent(doi_mm=0.1, increments=n, hold_s=0),
+        lambda limit: (1, limit), whole=True),
+    "precondition: presses": Asked(
+        (100, 100), lambda limit: {}, lambda rig, n: ready(rig).precondition(presses=n, doi_mm=0.1, hold_s=0),
+        lambda limit: (1, limit), whole=True),
+    "reference: increments": Asked(
+        (100, 100), lambda limit: {},
+        lambda rig, n: ready(rig).reference(x_mm=0, doi_mm=0.1, increments=n, hold_s=0),
+        lambda limit: (1, limit), whole=True),
+}  # fmt: skip
+ROUND_OFF = 1e-9
+JUST_BESIDE_MM = (-1e-3, -1e-6, 0.0, 1e-6, 1e-3)
+LEFT_OUT = ("indent: doi_mm", "precondition: doi_mm", "indent: speed_mm_s")
+
+
+@pytest.mark.parametrize("name", ASKED)
+@few
+@given(data=st.data())
+def test_a_number_of_a_script_is_accepted_where_it_is_in_range(name: str, data: st.DataObject) -> None:
+    row = ASKED[name]
+    limit = data.draw(st.floats(*row.limit), label="limit")
+    low, high = row.range(limit)
+    for value in [*_edges(low, high), data.draw(_about(low, high), label="value")]:
+        _is_answered_in_range(name, limit, value)
+        if row.whole and math.isfinite(value):
+            _is_answered_in_range(name, limit, round(value))
+
+
+def _is_answered_in_range(name: str, limit: float, value: float) -> None:
+    row = ASKED[name]
+    low, high = row.range(limit)
+    foreseen = row.finger is not Asked.finger and not name.endswith(": force_gwt")
+    if foreseen and not (0 < value < 1e6 and abs(value - high) > ROUND_OFF * high):
+        return  # what a model foresees is a positive number, reckoned with round-off
+    if ("travel" in name or "in all" in name) and 0 < min(abs(value - low), abs(value - high)) < ROUND_OFF:
+        return
+    accepted = (low < value if row.open_below else low <= value) and value <= high
+    accepted = accepted and (isinstance(value, int) or not row.whole)
+    try:
+        walked(lambda rig: row.ask(rig, value), row.finger(value), **row.tables(limit))
+    except BadInputError:
+        assert not accepted, f"{name} = {value!r}, {low:g} … {high:g}"
+    else:
+        assert accepted, f"{name} = {value!r}, {low:g} … {high:g}"
+
+
+@pytest.mark.parametrize("name", [name for name, row in ASKED.items() if row.finger is Asked.finger])
+@pytest.mark.parametrize("value", ["1", True, None, [1.0]], ids=repr)
+def test_what_is_no_number_is_accepted_nowhere(name: str, value: Any) -> None:
+    row = ASKED[name]
+    if "in all" in name or (value is None and name in LEFT_OUT):
+        return  # divided here; or another number is taken
+    with pytest.raises(BadInputError):
+        walked(lambda rig: row.ask(rig, value), **row.tables(row.limit[1]))
+
+
+@few
+@given(apex_mm=st.floats(-38.0, -5.0), doi_mm=st.none() | st.sampled_from((0.3, 1.0)), data=st.data())
+def test_nothing_is_pressed_or_touched_below_the_floor_or_the_travel(
+    apex_mm: float, doi_mm: float | None, data: st.DataObject
+) -> None:
+    """Down to limits.search_mm below an expected contact, or to the depth; without a depth it is touched only."""
+    rig_settings = RigSettings.model_validate({"frame": {"apex_z_mm": apex_mm}})
+    deepest_mm = max(rig_settings.limits.search_mm, doi_mm or 0.0)
+    floor_mm = max(-rig_settings.stage.travel_mm[2], rig_settings.bounds.lowest_z_mm)
+    script: Callable[[Rig], object] = (
+        (lambda rig: ready(rig).touch()) if doi_mm is None else (lambda rig: ready(rig).indent(doi_mm=doi_mm))
+    )
+    ends_mm = [end + by for end in (floor_mm, 0.0) for by in JUST_BESIDE_MM if by]
+    for lowest_mm in [*ends_mm, data.draw(st.floats(floor_mm - 5, 5))]:
+        if abs(lowest_mm - floor_mm) > 2 * ROUND_OFF < abs(lowest_mm):
+            finger = StandIn(contact_mm=lowest_mm + deepest_mm - apex_mm)
+            try:
+                walked(script, finger, settings=rig_settings)
+            except BadInputError:
+                assert not floor_mm <= lowest_mm <= 0
+            else:
+                assert floor_mm <= lowest_mm <= 0
+
+
+# --- what is felt and moved ---
+
+
+@few
+@given(data=st.data())
+def test_a_reading_trips_where_it_is_beyond_a_layer(data: st.DataObject) -> None:
+    """Soft, lowered by a plan; of the area; hard. Whichever way it points."""
+    hard_n = data.draw(st.floats(0.1, 5.0), label="hard")
+    soft_n = data.draw(st.floats(0.05, 1.0), label="soft") * hard_n
+    planned_n = data.draw(st.none() | st.floats(0.02, 5.0), label="planned")
+    area_mm2 = data.draw(st.just(math.inf) | st.floats(0.5, 100.0), label="area")
+    limits = RigSettings.model_validate({"limits": {"soft_trip_n": soft_n, "hard_trip_n": hard_n}}).limits
+    trips = Trips(limits, planned_n)
+    trips.press_on(area_mm2)
+    soft_gwt = min(soft_n, math.inf if planned_n is None else planned_n) / GWT_N
+    lowest_gwt = min(soft_gwt, limits.max_pressure_n_cm2 * area_mm2 / 100 / GWT_N)
+    assert trips.lowest_gwt == pytest.approx(lowest_gwt, rel=1e-12)
+    for end_gwt, passed in ((trips.lowest_gwt, trips.passed), (hard_n / GWT_N, trips.passed_hard)):
+        for force_gwt in filter(math.isfinite, [*_edges(-end_gwt, end_gwt), data.draw(_about(-end_gwt, end_gwt))]):
+            assert (passed(force_gwt) is None) is (abs(force_gwt) <= end_gwt)
+            either = abs(force_gwt) <= min(trips.lowest_gwt, hard_n / GWT_N)
+            assert (trips.passed_any(force_gwt) is None) is either
+
+
+@few
+@given(longest_s=st.floats(1.0, 36_000.0), data=st.data())
+def test_a_finger_is_touched_no_longer_than_the_limit(longest_s: float, data: st.DataObject) -> None:
+    """All parts of a run together."""
+    before_s, now_s = (data.draw(st.floats(0.0, 0.7)) * longest_s for _ in range(2))
+    clock = VirtualClock()
+    limits = RigSettings.model_validate({"limits": {"max_contact_s": longest_s}}).limits
+    touched = ContactTime(clock, limits, before_s)
+    touched.begin()
+    clock.wait_s(now_s)
+    assert touched.total_s == pytest.approx(before_s + now_s)
+    accepted = touched.total_s <= longest_s
+    try:
+        touched.refuse_more()
+    except LimitError:
+        assert not accepted
+    else:
+        assert accepted
+
+
+@few
+@given(
+    from_mm=st.floats(-3.62, -3.58) | st.floats(-3.55, 6.0), speed_mm_s=st.floats(0.1, 10.0) | st.just(0.1),
+    fastest_mm_s=st.floats(1.0, 5.0),
+    free_mm=st.just(math.inf) | st.floats(-1.0, 3.0), data=st.data(),
+)  # fmt: skip
+def test_a_vertical_move_is_short_slow_and_within_the_travel(
+    from_mm: float, speed_mm_s: float, fastest_mm_s: float, free_mm: float, data: st.DataObject
+) -> None:
+    """Below clearance no longer than an increment beyond what is free, no faster than a finger is pressed."""
+    rig_settings = RigSettings.model_validate({"limits": {"max_press_speed_mm_s": fastest_mm_s}})
+    habits, apex_mm, floor_mm = rig_settings.habits, rig_settings.frame.apex_z_mm, rig_settings.bounds.lowest_z_mm
+    free_from_mm = min(from_mm, free_mm, habits.clearance_mm)
+    ends_mm = (free_from_mm - habits.increment_mm, habits.clearance_mm, from_mm, floor_mm - apex_mm, -apex_mm)
+    for to_mm in [*(end + by for end in ends_mm for by in JUST_BESIDE_MM), data.draw(st.floats(-5.0, 27.0))]:
+        if min(abs(to_mm - end_mm) for end_mm in ends_mm) < 2 * ROUND_OFF:
+            continue
+        short = to_mm >= free_from_mm - habits.increment_mm
+        slow = to_mm >= min(from_mm, habits.clearance_mm) or speed_mm_s <= fastest_mm_s
+        reached = floor_mm <= apex_mm + to_mm <= 0
+        try:
+            refuse_height(rig_settings, from_mm, to_mm, speed_mm_s, free_mm)
+        except LimitError:
+            assert not (short and slow and reached), to_mm
+        else:
+            assert (short, slow, reached) == (True, True, True), to_mm
