@@ -149,7 +149,7 @@ class Motion:
             self._stage.stop()  # at once: a halt slows down first, farther the wrong way
             self.stands_at(strayed.at)
             if not trusted:  # the stage itself says so: it may stand anywhere
-                raise StageError(str(strayed)) from strayed
+                raise recast(StageError, strayed) from strayed
             raise
         except FeltError:
             self._come_to_rest(seen, halt)
