@@ -131,7 +131,7 @@ def test_a_finger_touched_for_too_long_is_left_by_the_next_reading() -> None:
     bench.force.shows_gwt = 1.0
     engine.read_force_gwt(PressId(0), "hold")
     bench.clock.wait_s(1.5)
-    with raises(LimitError, "contact_time", contact_s=pytest.approx(1.6, abs=0.1), limit_s=1.0):
+    with raises(LimitError, "contact_time", contact_s=pytest.approx(1.75, abs=0.25), limit_s=1.0):
         engine.read_force_gwt(PressId(0), "hold")
     assert bench.of("sample")[-1]["contact_s"] > 1.5  # it is on record
 

@@ -95,7 +95,7 @@ def test_an_unplugged_wire_stops_the_stage(spring: Make, which: str) -> None:
     engine = bench.ready()
     device = engine.sensing.sensor if which == "force" else engine.bench.stage
     _at_first(bench, "press", lambda: device._transport.close())
-    closed = {"name": "stage"} if which == "stage" else {"error_code": "closed"}
+    closed = {"port": "stage"} if which == "stage" else {"error_code": "closed"}
     kind, code = (TransportError, "closed") if which == "stage" else (TripError, "no_reading")
     with raises(kind, code, **closed):
         indent(engine, FORCE)
@@ -170,8 +170,9 @@ def test_a_depth_less_than_the_touch_took_is_lifted_to(spring: Make) -> None:
 def test_a_relative_path_has_its_line_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, finger: Any) -> None:
     monkeypatch.chdir(tmp_path)
     Path("mine.py").write_text("def run(rig):\n    rig.zero()\n", encoding="utf-8")
-    with raises(BadInputError, "comes_too_early", verb="zero", before="home()", place="mine.py, line 2"):
+    with raises(BadInputError, "comes_too_early", verb="zero", before="home()") as refused:
         make_plan(load_script("mine.py"), Config(), finger)
+    assert refused.value.fields["place"].endswith("mine.py, line 2")
 
 
 # 13
