@@ -351,7 +351,7 @@ def test_what_an_indentation_does_unless_told_otherwise() -> None:
         assert (done.index, len(done.holds)) == (index, 1)
     start, end = bench.of("indentation_start")[0], bench.of("hold_end")[0]
     assert (start["increments"], end["asked_s"]) == (1, 1.0)
-    assert end["hold_s"] == pytest.approx(1.0)
+    assert 1.0 - 1e-6 < end["hold_s"] < 1.05 + 1e-6  # until the first reading that is not within it
 
 
 def test_an_indentation_is_journalled_with_all_the_time_it_took_to_a_millionth() -> None:
