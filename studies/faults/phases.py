@@ -20,7 +20,7 @@ import numpy as np
 from rig.devices.force.base import ForceError
 from rig.devices.stage.base import StageError
 from rig.devices.units import GWT_N
-from rig.engine import EngineError, indent, verbs
+from rig.engine import EngineError, TripError, indent, verbs
 from rig.engine.by_hand import ByHand, Direction, Guard
 from rig.engine.sensing import Sensing
 from rig.errors import RigError
@@ -159,7 +159,7 @@ def _park(bench: FaultyBench, _phase: str, strike: Callable[[], None]) -> None:
 
     def trip() -> None:
         strike()
-        bench.engine.trip("for the table")
+        bench.engine.trip(TripError("for the table"))
 
     bench.after("hold", trip)
     _indent(bench, 0.0)
