@@ -12,7 +12,7 @@ from rig.devices.units import GWT_N
 from rig.engine.bench import Bench
 from rig.engine.by_hand.dead_man import UP, dead_man_jog
 from rig.engine.contact import Contact, ContactKind, judged
-from rig.engine.errors import NotReadyError, RecordError, TripError
+from rig.engine.errors import NotReadyError, RecordError, TripError, code_of, recast
 from rig.engine.heartbeat import Heartbeat
 from rig.engine.journal import Recorder
 from rig.engine.limits import AT_MM, ContactTime, Trips, longer_than_an_increment, refuse_height, trip_height_mm
@@ -32,10 +32,10 @@ _LATE_FACTOR = 2.0  # a move may take so many times its length over its speed be
 class StopProblem(Protocol):
     """Looks at stop inputs with each reading; returns what trips. It may stop the stage itself, and raise."""
 
-    def __call__(self, *, at_rest: bool) -> str | None: ...
+    def __call__(self, *, at_rest: bool) -> TripError | str | None: ...
 
 
-def _no_stop_inputs(*, at_rest: bool) -> str | None:
+def _no_stop_inputs(*, at_rest: bool) -> TripError | str | None:
     return None
 
 
@@ -81,7 +81,7 @@ class Engine:
         self.may_touch = self._touch_ends_it = False  # below clearance since the last lift or homing; this motion
         self.keep_contact: Callable[[Contact], None] = lambda known: None  # for whoever uses the bench next
         self._known, self._measured = Contact(), False  # what was measured last, and whether nothing has moved since
-        self._unread = ""  # why there was no force then
+        self._unread: NoReadingError | None = None  # why there was no force then
         self._last_gwt: float | None = None  # the last reading that was counted from a zero
         self._strayed = False  # so the stage was stopped
         self._floor_mm = math.nan
@@ -108,7 +108,11 @@ class Engine:
     def require_clear(self, verb: str) -> None:
         """Raises NotReadyError unless at clearance, homed and not tripped."""
         if self.state is not State.READY:
-            raise NotReadyError(f"{verb}: not allowed while {self.state.value}")
+            raise self.not_allowed(verb)
+
+    def not_allowed(self, verb: str) -> NotReadyError:
+        """What a verb that has no place in the present state is refused with."""
+        return NotReadyError("{verb}: not allowed while {state}", verb=verb, state=self.state.value)
 
     def next_index(self) -> int:
         """The number of the indentation that begins now; never given twice in a run."""
@@ -142,7 +146,7 @@ class Engine:
                 self.sensing.begin_motion(away=away)
             self.guarded(motion)
         except NoReadingError as error:
-            self.trip(str(error))
+            self.trip(recast(TripError, error))
         except TouchError:
             pass  # the reading at rest says more
         except FeltError as felt:
@@ -151,28 +155,32 @@ class Engine:
                 raise  # on the way up from the trip, which goes on
             if felt.force_gwt is not None:
                 self._record_sample(NO_PRESS, "moving", felt.force_gwt)
-            self.trip(str(felt), felt.force_gwt)
+            self.trip(recast(TripError, felt), felt.force_gwt)
 
     def _glance(self) -> None:
         """One look at the force while something moves; on the way up from a trip there is nothing to wait for."""
         if self.state is State.TRIPPED:
             return
         self.beat()
-        if problem := self.stop_problem(at_rest=False):
-            raise FeltError(problem)
+        if problem := self._stopped_by_input(at_rest=False):
+            raise recast(FeltError, problem)
         try:
             force_gwt = self.sensing.glance_gwt()
         except NoReadingError as error:
             if self.sensing.away:
                 return  # nothing keeps the indentor on the finger; the reading at rest says that there is none
-            raise FeltError(str(error)) from error
+            raise recast(FeltError, error) from error
         self._last_gwt = force_gwt if self.sensing.zeroed else None
         if force_gwt is None or self.sensing.unloads(force_gwt):
             return
         if passed := self.trips.passed_any(force_gwt):
-            raise FeltError(f"{passed} while moving", force_gwt)
+            raise FeltError(f"{passed.sentence} while {{phase}}", code=passed.code, **passed.fields, phase="moving")
         if self._touch_ends_it and abs(force_gwt) >= self.sensing.touch_gwt:
             raise TouchError("a touch", force_gwt)
+
+    def _stopped_by_input(self, *, at_rest: bool) -> TripError | None:
+        found = self.stop_problem(at_rest=at_rest)
+        return TripError(found, code="stop_input") if isinstance(found, str) and found else found or None
 
     def limit_depth(self, height_mm: float) -> None:
         """Have the stage itself refuse to go below a height, where it can; at rest only. Raises StageError."""
@@ -231,10 +239,15 @@ class Engine:
         self.be_clear()
 
     @property
-    def not_lifted(self) -> str:
+    def not_lifted(self) -> TripError:
         """The last measurement of contact as the reason of a trip."""
-        unread = f": {self._unread}" if self._known.kind == "raised" and self._unread else ""
-        return f"not lifted: {self._known.words}{unread}"
+        known, unread = self._known, self._unread if self._known.kind == "raised" else None
+        where = {"x_mm": known.x_mm, "height_mm": known.height_mm, "force_gwt": known.force_gwt}
+        about = {"contact": known.kind, "words": known.words, **where}
+        if unread is None:
+            return TripError("not lifted: {words}", code="not_lifted", **about)
+        why = {"unread": str(unread), "unread_code": unread.code}
+        return TripError("not lifted: {words}: {unread}", code="not_lifted", **about, **why)
 
     def be_clear(self) -> None:
         """Nothing is touched any more."""
@@ -261,7 +274,7 @@ class Engine:
 
     def force_at_rest_gwt(self) -> float | None:
         """The force from zero when all motion is over; None where there is none."""
-        self._unread = ""
+        self._unread = None
         if not self.sensing.zeroed:
             return None
         until_s = self.clock.monotonic_s() + _CONFIRM_S
@@ -273,7 +286,7 @@ class Engine:
                     self._last_gwt = force_gwt
                     return force_gwt
         except NoReadingError as error:
-            self._unread = str(error)
+            self._unread = error
             return None
 
     # feeling
@@ -326,16 +339,16 @@ class Engine:
 
     def _told(self, read: Callable[[], ForceReading]) -> ForceReading:
         self.beat(self.sensing.wait_s)
-        if problem := self.stop_problem(at_rest=True):
+        if problem := self._stopped_by_input(at_rest=True):
             self.trip(problem)
         try:
             reading = read()
         except NoReadingError as error:
-            self.trip(str(error))
+            self.trip(recast(TripError, error))
         force_gwt = reading.force_n / GWT_N
         if passed := self.trips.passed_hard(force_gwt):
             self.trip(passed, force_gwt)
-        if problem := self.stop_problem(at_rest=True):
+        if problem := self._stopped_by_input(at_rest=True):
             self.trip(problem)
         return reading
 
@@ -345,19 +358,19 @@ class Engine:
 
     # what ends it
 
-    def alarm(self, reason: str) -> None:
+    def alarm(self, reason: TripError) -> None:
         """Something has left its band: journalled, and a trip where limits.on_alarm says so."""
-        self.record("alarm", {"reason": reason})
+        self.record("alarm", {"reason": str(reason)})
         if self.settings.limits.on_alarm == "trip":
             self.trip(reason)
 
-    def trip(self, reason: str, force_gwt: float | None = None) -> NoReturn:
-        """Latch, do what limits.on_trip says, journal, raise TripError.
+    def trip(self, reason: TripError, force_gwt: float | None = None) -> NoReturn:
+        """Latch, do what limits.on_trip says, journal, raise the reason.
 
         The stage is at rest and its position trusted, so that it can be lifted. Where it was stopped, or a lift
         fails, it is held where it is.
         """
-        self.state, self.problem = State.TRIPPED, TripError(reason)
+        self.state, self.problem = State.TRIPPED, reason
         try:
             if self.settings.limits.on_trip == "stop":
                 self.stop()
@@ -365,14 +378,14 @@ class Engine:
                 to_mm = trip_height_mm(self.settings, self.height_mm)
                 insist(lambda: self._leave(to_mm))
         except (FeltError, StageError, TransportError) as error:
-            reason = f"{reason}; and the lift failed: {error}"
+            reason = _not_left(reason, error)
         with contextlib.suppress(RecordError):  # the trip says more
             self.measure_contact()
         self.heartbeat.rest()
-        self.state, self.problem = State.TRIPPED, TripError(reason)
+        self.state, self.problem = State.TRIPPED, reason
         with contextlib.suppress(RecordError):  # the trip says more
-            self.record("trip", {"reason": reason, "force_gwt": force_gwt, "contact_s": self.contact.rounded_s})
-        raise self.problem
+            self.record("trip", {"reason": str(reason), "force_gwt": force_gwt, "contact_s": self.contact.rounded_s})
+        raise reason
 
     def _leave(self, to_mm: float) -> None:
         """Up from a trip: to a height; where a stage that strayed was stopped, by as much, in jogs."""
@@ -426,7 +439,8 @@ class Engine:
         """Tell the heartbeat that all is well, where there is something to watch; too late is lost."""
         self.heartbeat.look()
         if self.heartbeat.lost and self.state is not State.TRIPPED:
-            self.trip("the engine's heartbeat was lost: the stage was stopped and stays where it is")
+            words = "the engine's heartbeat was lost: the stage was stopped and stays where it is"
+            self.trip(TripError(words, code="heartbeat_lost"))
         if self.may_touch:
             self.heartbeat.beat(self.settings.limits.heartbeat_s + longer_s)
 
@@ -438,3 +452,9 @@ class Engine:
             self.problem = self.problem or error
             self.stop()
             raise
+
+
+def _not_left(reason: TripError, error: Exception) -> TripError:
+    """A trip whose lift failed."""
+    told = {**reason.fields, "reason": str(reason), "lift": str(error), "lift_code": code_of(error)}
+    return TripError("{reason}; and the lift failed: {lift}", code=reason.code, **told)

@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol
 
 from rig.engine.errors import LimitError, LostRecordError, RecordError, RunAborted, TripError
+from rig.errors import RigError
 from rig.line_file import LineFile, LostFileError
 
 if TYPE_CHECKING:
@@ -34,8 +35,10 @@ _STATUS = {RunAborted: "aborted", KeyboardInterrupt: "aborted", TripError: "trip
 _AS_IT_IS = "surrogateescape"  # bytes that are no text stay what they are, and make no document
 
 
-class JournalError(Exception):
+class JournalError(RigError):
     """A line that is not the last one cannot be read."""
+
+    default_code = "no_document"
 
 
 class Recorder(Protocol):
@@ -122,9 +125,14 @@ class Journal:
             self.file.append(line, sync=not self._virtual)
             self.file.check()
         except LostFileError as error:
-            raise LostRecordError(f"{self.path}: {error}") from error
+            raise LostRecordError("{path}: {error}", path=str(self.path), error=str(error)) from error
         except OSError as error:
-            raise RecordError(f"{self.path}: cannot be written: {error.strerror or error}") from error
+            raise RecordError(
+                "{path}: cannot be written: {error}",
+                code="cannot_be_written",
+                path=str(self.path),
+                error=error.strerror or str(error),
+            ) from error
 
     def __enter__(self) -> "Journal":
         return self
@@ -167,7 +175,7 @@ def _one_by_one(lines: Mapping[int, str], last: int, path: Path) -> Iterator[Doc
         if document is not None:
             yield document
         elif number < last:
-            raise JournalError(f"{path}, line {number}: not a journal document")
+            raise JournalError("{path}, line {line}: not a journal document", path=str(path), line=number)
 
 
 def mend_journal(path: Path) -> int:

@@ -3,7 +3,7 @@
 import math
 
 from rig.devices.units import GWT_N
-from rig.engine.errors import LimitError
+from rig.engine.errors import LimitError, TripError
 from rig.engine.rig_settings import LimitSettings, RigSettings
 from rig.transport.clock import Clock
 
@@ -39,19 +39,34 @@ class Trips:
         """The name of that."""
         return "soft trip" if self.soft_gwt <= self._area_gwt else "pressure limit"
 
-    def passed(self, force_gwt: float) -> str | None:
+    @property
+    def lowest_code(self) -> str:
+        """The same as a code."""
+        return self.lowest.replace(" ", "_")
+
+    def passed(self, force_gwt: float) -> TripError | None:
         """What a reading of a press has passed, or None."""
         if abs(force_gwt) > self.lowest_gwt:
-            return f"force {force_gwt:.2f} gwt above the {self.lowest} {self.lowest_gwt:.2f} gwt"
+            return TripError(
+                f"force {{force_gwt:.2f}} gwt above the {self.lowest} {{limit_gwt:.2f}} gwt",
+                code=self.lowest_code,
+                force_gwt=force_gwt,
+                limit_gwt=self.lowest_gwt,
+            )
         return None
 
-    def passed_hard(self, force_gwt: float) -> str | None:
+    def passed_hard(self, force_gwt: float) -> TripError | None:
         """Whether a reading, of whatever it is, has passed the hard trip."""
         if abs(force_gwt) > self.hard_gwt:
-            return f"force {force_gwt:.2f} gwt above the hard trip {self.hard_gwt:.2f} gwt"
+            return TripError(
+                "force {force_gwt:.2f} gwt above the hard trip {limit_gwt:.2f} gwt",
+                code="hard_trip",
+                force_gwt=force_gwt,
+                limit_gwt=self.hard_gwt,
+            )
         return None
 
-    def passed_any(self, force_gwt: float) -> str | None:
+    def passed_any(self, force_gwt: float) -> TripError | None:
         """What a force has passed while something moves: every layer counts."""
         return self.passed_hard(force_gwt) or self.passed(force_gwt)
 
@@ -87,8 +102,10 @@ class ContactTime:
         """Raises LimitError where the finger has been touched for longer than limits.max_contact_s."""
         if self.total_s > self._longest_s:
             raise LimitError(
-                f"the finger has been touched for {self.total_s:.1f} s in this run, "
-                f"limits.max_contact_s = {self._longest_s:g}"
+                "the finger has been touched for {contact_s:.1f} s in this run, limits.max_contact_s = {limit_s:g}",
+                code="contact_time",
+                contact_s=self.total_s,
+                limit_s=self._longest_s,
             )
 
 
@@ -114,11 +131,31 @@ def refuse_height(
     """
     habits, fastest = settings.habits, settings.limits.max_press_speed_mm_s
     if longer_than_an_increment(settings, from_mm, to_mm, min(free_mm, habits.clearance_mm)):
-        raise LimitError(f"a move down to {to_mm:.3f} mm is longer than one increment below clearance")
+        raise LimitError(
+            "a move down to {to_mm:.3f} mm is longer than one increment below clearance",
+            code="longer_than_an_increment",
+            to_mm=to_mm,
+        )
     if to_mm < min(from_mm, habits.clearance_mm) and speed_mm_s > fastest:
-        raise LimitError(f"a move down below clearance at {speed_mm_s:g} mm/s is faster than {fastest:g}")
+        raise LimitError(
+            "a move down below clearance at {speed_mm_s:g} mm/s is faster than {limit_mm_s:g}",
+            code="too_fast",
+            speed_mm_s=speed_mm_s,
+            limit_mm_s=fastest,
+        )
     machine_mm, travel_mm = settings.frame.apex_z_mm + to_mm, settings.stage.travel_mm[2]
     if not -travel_mm - 1e-9 <= machine_mm <= 1e-9:
-        raise LimitError(f"machine z = {machine_mm:.3f} mm is outside the stage's travel, {-travel_mm:g} … 0 mm")
+        raise LimitError(
+            "machine z = {z_mm:.3f} mm is outside the stage's travel, {lowest_mm:g} … 0 mm",
+            code="outside_travel",
+            z_mm=machine_mm,
+            lowest_mm=-travel_mm,
+        )
     if machine_mm < settings.bounds.lowest_z_mm - 1e-9:
-        raise LimitError(f"machine z = {machine_mm:.3f} mm is below {settings.floor}")
+        raise LimitError(
+            "machine z = {z_mm:.3f} mm is below {floor}",
+            code="below_floor",
+            z_mm=machine_mm,
+            floor=settings.floor,
+            floor_mm=settings.bounds.lowest_z_mm,
+        )

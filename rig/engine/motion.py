@@ -3,32 +3,43 @@
 import math
 from collections.abc import Callable
 from contextlib import suppress
+from typing import Any
 
 from rig.devices.stage.base import Looks, Stage, StageError, StageHeld, StageOverridden, StageStatus, is_held
 from rig.engine.corridor import PRINTED_MM, Corridor
+from rig.engine.errors import recast
 from rig.engine.rig_settings import RigSettings
+from rig.errors import RigError
 from rig.transport.clock import Clock
 
 _ATTEMPTS = 5
 
 
-class FeltError(Exception):
+class FeltError(RigError):
     """What was felt or changed while something moved must end the motion; the stage is at rest again."""
 
-    def __init__(self, reason: str, force_gwt: float | None = None) -> None:
-        super().__init__(reason)
+    default_code = "felt"
+
+    def __init__(
+        self, reason: str = "", /, force_gwt: float | None = None, *, code: str | None = None, **fields: Any
+    ) -> None:
+        super().__init__(reason, code=code, **({} if force_gwt is None else {"force_gwt": force_gwt}), **fields)
         self.force_gwt = force_gwt
 
 
 class TouchError(FeltError):
     """A touch where it only ends the motion."""
 
+    default_code = "touched"
+
 
 class StrayedError(FeltError):
     """The stage was not where its command had it go, by two reports in a row; it was stopped, and is not trusted."""
 
-    def __init__(self, reason: str, at: StageStatus) -> None:
-        super().__init__(reason)
+    default_code = "strayed"
+
+    def __init__(self, reason: str, at: StageStatus, /, *, code: str | None = None, **fields: Any) -> None:
+        super().__init__(reason, code=code, **fields)
         self.at = at
 
 
@@ -42,7 +53,7 @@ def refuse_strayed(corridor: Corridor, at: StageStatus, stage: Stage, clock: Clo
     again = stage.status()
     strayed = corridor.strayed(again, clock.monotonic_s())
     if strayed is not None:
-        raise StrayedError(strayed, again)
+        raise StrayedError(strayed.sentence, again, code=strayed.code, **strayed.fields)
 
 
 def insist(lift: Callable[[], None]) -> None:
@@ -120,7 +131,7 @@ class Motion:
                 self._looked(at, seen, halt, corridor)
         except StageOverridden as error:
             self._come_to_rest(seen, self._stage.halt)
-            raise FeltError(str(error)) from error
+            raise recast(FeltError, error) from error
 
     def _looked(
         self,
@@ -138,7 +149,7 @@ class Motion:
             self._stage.stop()  # at once: a halt slows down first, farther the wrong way
             self.stands_at(strayed.at)
             if not trusted:  # the stage itself says so: it may stand anywhere
-                raise StageError(str(strayed)) from strayed
+                raise recast(StageError, strayed) from strayed
             raise
         except FeltError:
             self._come_to_rest(seen, halt)

@@ -7,7 +7,9 @@ from dataclasses import dataclass, replace
 
 from rig.devices.force.base import ForceBusy, ForceError, ForceOverload, ForceReading, ForceSensor, ForceUnderload
 from rig.devices.units import GWT_N
+from rig.engine.errors import code_of
 from rig.engine.rig_settings import RigSettings
+from rig.errors import RigError
 from rig.transport.base import TransportError
 from rig.transport.clock import Clock
 
@@ -19,8 +21,10 @@ BUSY_S = 1.0
 _NOISE_WIDTH = 6.0  # standard deviations that a whole step is taken for
 
 
-class NoReadingError(Exception):
+class NoReadingError(RigError):
     """There is no reading, or none to rely on; the message says why."""
+
+    default_code = "no_reading"
 
     @property
     def out_of_range(self) -> bool:
@@ -35,11 +39,17 @@ def read(sensor: ForceSensor, clock: Clock, wait_s: float) -> ForceReading:
     try:
         reading = sensor.read()
     except (ForceError, TransportError) as error:
-        raise NoReadingError(f"no force reading: {error}") from error
+        raise NoReadingError("no force reading: {error}", error=str(error), error_code=code_of(error)) from error
     if not math.isfinite(reading.force_n):
-        raise NoReadingError(f"the force reading is {reading.force_n}, not a number")
+        raise NoReadingError(
+            "the force reading is {force_n}, not a number", code="not_a_number", force_n=reading.force_n
+        )
     if reading.t_s < asked_s:
-        raise NoReadingError(f"the force reading is stale, {asked_s - reading.t_s:.3f} s older than the question")
+        raise NoReadingError(
+            "the force reading is stale, {older_s:.3f} s older than the question",
+            code="stale_reading",
+            older_s=asked_s - reading.t_s,
+        )
     return reading
 
 

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from rig.devices.units import GWT_N
 from rig.engine.by_hand.bench_memory import LastKnown
 from rig.engine.engine import Engine, State
-from rig.engine.errors import LimitError, NotReadyError, PressPaused, RunAborted
+from rig.engine.errors import LimitError, NotReadyError, PressPaused, RunAborted, TripError
 from rig.engine.limits import AT_MM
 from rig.engine.records import NO_PRESS
 from rig.engine.sensing import several_gwt
@@ -20,12 +20,21 @@ _T = TypeVar("_T")
 def mount(engine: Engine, indentor: str) -> None:
     """Have an indentor mounted; the finger must be clear of it."""
     if engine.may_touch or engine.state is State.TRIPPED:
-        raise NotReadyError(f"mount: not allowed while {engine.state.value}, the finger may be touched; lift first")
+        raise NotReadyError(
+            "mount: not allowed while {state}, the finger may be touched; lift first",
+            code="may_touch",
+            state=engine.state.value,
+        )
     engine.indentor = None
     engine.touched.forget()
     mounted = engine.bench.operator.mount(indentor)
     if mounted != indentor:
-        raise NotReadyError(f"mount: {mounted} is on, expected {indentor}; nothing is pressed with the wrong one")
+        raise NotReadyError(
+            "mount: {mounted} is on, expected {indentor}; nothing is pressed with the wrong one",
+            code="wrong_indentor",
+            mounted=mounted,
+            indentor=indentor,
+        )
     engine.indentor = indentor
     engine.record("mount", {"indentor": indentor})
 
@@ -33,7 +42,7 @@ def mount(engine: Engine, indentor: str) -> None:
 def home(engine: Engine) -> None:
     """Find the switches; from then on the position is trusted."""
     if engine.state is State.TRIPPED:
-        raise NotReadyError("home: the rig has tripped, an operator must reset it")
+        raise NotReadyError("home: the rig has tripped, an operator must reset it", code="tripped")
     engine.touched.forget()
     engine.heartbeat.rest()  # homing lifts first, and takes its time
     controller = engine.guarded(engine.bench.stage.connect)
@@ -45,9 +54,13 @@ def home(engine: Engine) -> None:
     engine.limit_depth(-engine.settings.limits.search_mm - engine.settings.limits.max_doi_mm)
     touched, found = engine.may_touch, engine.measure_contact()
     if engine.sensing.absolute and (passed := engine.trips.passed_any(found.force_gwt or 0.0)):
-        engine.trip(f"{passed}; {engine.not_lifted}", found.force_gwt)
+        told = {"reason": str(passed), "contact": found.kind, "not_lifted": str(engine.not_lifted)}
+        both = TripError("{reason}; {not_lifted}", code=passed.code, **passed.fields, **told)
+        engine.trip(both, found.force_gwt)
     if (touched and found.kind == "disagreement") or (engine.sensing.absolute and found.kind == "raised"):
-        engine.trip(f"homed, and {engine.not_lifted}", found.force_gwt)
+        left = engine.not_lifted
+        homed = TripError(f"{{phase}}, and {left.sentence}", code=left.code, **left.fields, phase="homed")
+        engine.trip(homed, found.force_gwt)
     engine.be_clear()
     engine.record("home", {"controller": controller, **_contact(engine)})
 
@@ -101,7 +114,14 @@ def zero(engine: Engine) -> None:
     engine.record("zero", {"sensor": name, **known, "drift_gwt": drift_gwt})
     band_gwt = engine.settings.limits.zero_drift_gwt
     if drift_gwt is not None and abs(drift_gwt) > band_gwt:
-        engine.alarm(f"the zero has drifted by {drift_gwt:+.2f} gwt, limits.zero_drift_gwt = {band_gwt:g}")
+        engine.alarm(
+            TripError(
+                "the zero has drifted by {drift_gwt:+.2f} gwt, limits.zero_drift_gwt = {band_gwt:g}",
+                code="zero_drift",
+                drift_gwt=drift_gwt,
+                band_gwt=band_gwt,
+            )
+        )
 
 
 def move_to(engine: Engine, x_mm: float, along_mm: float = 0.0) -> None:
@@ -110,7 +130,14 @@ def move_to(engine: Engine, x_mm: float, along_mm: float = 0.0) -> None:
     limits = engine.settings.limits
     for name, mm, (low, high) in (("x", x_mm, limits.x_mm), ("along", along_mm, limits.along_mm)):
         if not low <= mm <= high:
-            raise LimitError(f"move_to: {name} = {mm:g} mm is outside the limits {low:g} … {high:g} mm")
+            raise LimitError(
+                "move_to: {axis} = {at_mm:g} mm is outside the limits {low_mm:g} … {high_mm:g} mm",
+                code="outside_limits",
+                axis=name,
+                at_mm=mm,
+                low_mm=low,
+                high_mm=high,
+            )
     safe_point(engine)
     speed = engine.settings.habits.travel_speed_mm_s
     engine.move(lambda: engine.motion.aside(x_mm, along_mm, speed))
@@ -128,7 +155,7 @@ def be_over(engine: Engine, x_mm: float) -> None:
 def retract(engine: Engine) -> None:
     """Lift to clearance, straight up."""
     if engine.state not in (State.READY, State.IN_CONTACT):
-        raise NotReadyError(f"retract: not allowed while {engine.state.value}")
+        raise engine.not_allowed("retract")
     engine.lift()
     engine.confirm_lifted()
     about = {"height_mm": engine.height_mm, "contact_s": engine.contact.rounded_s}
@@ -169,7 +196,9 @@ def safe_point(engine: Engine) -> None:
     engine.touched.forget()  # somebody may see to the finger
     engine.record("paused", {"reason": "operator"})
     if not pause.go_on():
-        raise RunAborted("stopped by the operator at a safe point; the indentor is lifted")
+        raise RunAborted(
+            "stopped by the operator at a safe point; the indentor is lifted", code="stopped_at_a_safe_point"
+        )
     engine.record("resumed", {"by": "operator"})
     if pressing:
         raise PressPaused("paused by the operator")
@@ -204,8 +233,11 @@ def _go_to_clearance(engine: Engine, speed_mm_s: float) -> None:
 
 def _refuse_contact(engine: Engine, force_gwt: float) -> None:
     if abs(force_gwt) >= engine.sensing.touch_gwt:
-        engine.trip(
-            f"{force_gwt:.2f} gwt at clearance, {engine.height_mm:.2f} mm above the nominal apex: "
+        touched = TripError(
+            "{force_gwt:.2f} gwt at clearance, {height_mm:.2f} mm above the nominal apex: "
             "is frame.apex_z_mm right, and the sensor zeroed?",
-            force_gwt,
+            code="touch_at_clearance",
+            force_gwt=force_gwt,
+            height_mm=engine.height_mm,
         )
+        engine.trip(touched, force_gwt)

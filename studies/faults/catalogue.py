@@ -2,7 +2,7 @@
 
 import resource
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from rig.devices.units import GWT_N
@@ -18,9 +18,10 @@ class Fault:
 
     name: str
     outcome: str
-    says: str  # a pattern that the reason must hold
+    code: str  # of the error that ends it
     strike: Callable[[FaultyBench], object]
     tables: Mapping[str, Any]
+    fields: Mapping[str, Any] = field(default_factory=dict)  # of that error, among others
 
 
 def _press(change: Callable[[FaultyBench], object]) -> Callable[[FaultyBench], object]:
@@ -83,84 +84,121 @@ SCREW = {"virtual": {"z_screw_steps_per_mm": 460.0}}
 COARSE_SCREW = {"virtual": {"z_screw_steps_per_mm": 340.0}}
 
 CATALOGUE = (
-    Fault("a lost `ok`", "held", "no answer to 'G", _stage(once(lost(b"ok\r\n"))), GRBL),
+    Fault("a lost `ok`", "held", "no_reply", _stage(once(lost(b"ok\r\n"))), GRBL, {"port": "stage"}),
     Fault("one garbled status", "done", "", _stage(once(lambda d: [d.replace(b"|MPos:", b"|M\xff\x00s:")])), GRBL),
     Fault(
         "every status garbled",
         "held",
-        "holds no machine position|no answer to",
+        "no_status",
         _stage(lambda d: [d.replace(b"MPos:-", b"MP<s:")]),
         GRBL,
+        {"port": "stage"},
     ),
     Fault("a status in two pieces", "done", "", _stage(_split_status), GRBL),
-    Fault("a reset in mid-move", "held", "the board was reset", _press(_reset), GRBL),
+    Fault("a reset in mid-move", "held", "was_reset", _press(_reset), GRBL),
     Fault(
         "ALARM:2, then silence",
         "held",
-        "alarm 2",
+        "alarm",
         _press(lambda b: b.stage_line.host_write(b"G53G0Z-500\n")),
         GRBL,
+        {"number": 2},
     ),
-    Fault("feed at 200 %", "lifted", "feed override 200 %", _press(_bytes(b"\x91" * 10)), GRBL),
-    Fault("feed at 10 %", "lifted", "feed override 10 %", _press(_bytes(b"\x92" * 9)), GRBL),
-    Fault("rapids at 25 %", "lifted", "rapid override 25 %", _press(_bytes(b"\x97")), GRBL),
-    Fault("a hold at the board", "held", "the stage is held, Hold", _press(_bytes(b"!")), GRBL),
-    Fault("the safety door", "held", "the stage is held, Door", _press(_bytes(b"\x84")), GRBL),
-    Fault("the stage's port unplugged", "held", "stage is closed", _press(lambda b: b.stage_wire.close()), GRBL),
-    Fault("the sensor's port unplugged", "lifted", "force is closed", _press(lambda b: b.force_wire.close()), GRBL),
-    Fault("answers 0.4 s late", "done", "", _press(lambda b: delayed(b, b.force_line, 0.4)), GRBL),
-    Fault("answers 0.6 s late", "lifted", "no answer to SI", _press(lambda b: delayed(b, b.force_line, 0.6)), GRBL),
+    Fault("feed at 200 %", "lifted", "overridden", _press(_bytes(b"\x91" * 10)), GRBL, {"feed_percent": 200}),
+    Fault("feed at 10 %", "lifted", "overridden", _press(_bytes(b"\x92" * 9)), GRBL, {"feed_percent": 10}),
+    Fault("rapids at 25 %", "lifted", "overridden", _press(_bytes(b"\x97")), GRBL, {"rapid_percent": 25}),
+    Fault("a hold at the board", "held", "held", _press(_bytes(b"!")), GRBL, {"state": "Hold:0"}),
+    Fault("the safety door", "held", "held", _press(_bytes(b"\x84")), GRBL, {"state": "Door:0"}),
     Fault(
-        "a Modbus exception", "lifted", "exception 4", _force(lambda d: [framed(1, bytes([d[1] | 0x80, 4]))]), MODBUS
+        "the stage's port unplugged",
+        "held",
+        "closed",
+        _press(lambda b: b.stage_wire.close()),
+        GRBL,
+        {"port": "stage"},
+    ),
+    Fault(
+        "the sensor's port unplugged",
+        "lifted",
+        "no_reading",
+        _press(lambda b: b.force_wire.close()),
+        GRBL,
+        {"error_code": "closed"},
+    ),
+    Fault("answers 0.4 s late", "done", "", _press(lambda b: delayed(b, b.force_line, 0.4)), GRBL),
+    Fault(
+        "answers 0.6 s late",
+        "lifted",
+        "no_reading",
+        _press(lambda b: delayed(b, b.force_line, 0.6)),
+        GRBL,
+        {"error_code": "no_reply"},
+    ),
+    Fault(
+        "a Modbus exception",
+        "lifted",
+        "no_reading",
+        _force(lambda d: [framed(1, bytes([d[1] | 0x80, 4]))]),
+        MODBUS,
+        {"error_code": "refused"},
     ),
     Fault("one CRC error", "done", "", _force(once(bad_crc)), MODBUS),
-    Fault("every CRC wrong", "lifted", "bad CRC", _force(bad_crc), MODBUS),
-    Fault("another device answers", "lifted", "device 9 answered", _force(lambda d: [framed(9, d[1:-2])]), MODBUS),
+    Fault("every CRC wrong", "lifted", "no_reading", _force(bad_crc), MODBUS, {"error_code": "garbled"}),
+    Fault(
+        "another device answers",
+        "lifted",
+        "no_reading",
+        _force(lambda d: [framed(9, d[1:-2])]),
+        MODBUS,
+        {"error_code": "garbled"},
+    ),
     Fault(
         "words swapped",
         "lifted",
-        "above the|range|exceeded",
+        "hard_trip",
         lambda b: b.after("clearance", lambda: b.change(b.force_line, swapped)),
         MODBUS,
     ),
-    Fault("a frozen reading", "lifted", "the force stays at", _press(_freeze), GRBL),
-    Fault("a frozen reading, Modbus", "lifted", "the force stays at", _press(_freeze), MODBUS),
+    Fault("a frozen reading", "lifted", "frozen", _press(_freeze), GRBL),
+    Fault("a frozen reading, Modbus", "lifted", "frozen", _press(_freeze), MODBUS),
     Fault(
         "a reading that is no number",
         "lifted",
-        "garbled answer",
+        "no_reading",
         _force(lambda d: [b"S D        nan g\r\n"]),
         GRBL,
+        {"error_code": "garbled"},
     ),
-    Fault("over-range", "lifted", "overloaded", _force(lambda d: [b"S +\r\n"]), GRBL),
+    Fault("over-range", "lifted", "no_reading", _force(lambda d: [b"S +\r\n"]), GRBL, {"error_code": "overload"}),
     Fault(
         "cell error",
         "lifted",
-        "load cell error",
+        "no_reading",
         _press(lambda b: setattr(b, "extra_n", lambda t_s: float("nan"))),
         MODBUS,
+        {"error_code": "cell_error"},
     ),
     Fault(
         "tare drift of +0.05 gwt/s",
         "lifted",
-        "not lifted: the stage reports",
+        "not_lifted",
         _press(lambda b: _drift(b, 0.05)),
         GRBL,
+        {"contact": "disagreement"},
     ),
     Fault(
         "tare drift of −0.05 gwt/s",
         "lifted",
-        "not lifted: the stage reports",
+        "not_lifted",
         _press(lambda b: _drift(b, -0.05)),
         GRBL,
+        {"contact": "disagreement"},
     ),
-    Fault("a motor that stalls", "lifted", "the force stays at", _press(_stall), GRBL),
-    Fault("commanded ≠ feedback", "held", "not at", _press(_feedback_stays), MODBUS),
-    Fault("a finer screw than believed", "lifted", "no contact", lambda b: None, SCREW),
-    Fault("a coarser screw than believed", "lifted", "gwt at clearance", lambda b: None, COARSE_SCREW),
-    Fault("a full disk", "lifted", "cannot be written", _press(_full_disk), GRBL),
+    Fault("a motor that stalls", "lifted", "frozen", _press(_stall), GRBL),
+    Fault("commanded ≠ feedback", "held", "not_there", _press(_feedback_stays), MODBUS, {"axis": "z"}),
+    Fault("a finer screw than believed", "lifted", "no_contact", lambda b: None, SCREW, {"felt_before": False}),
+    Fault("a coarser screw than believed", "lifted", "touch_at_clearance", lambda b: None, COARSE_SCREW),
+    Fault("a full disk", "lifted", "cannot_be_written", _press(_full_disk), GRBL),
     Fault("the wall clock jumps back an hour", "done", "", _press(_wall_clock_jumps), GRBL),
-    Fault(
-        "the machine sleeps for a minute", "held", "heartbeat was lost", _press(lambda b: b.clock.wait_s(60.0)), GRBL
-    ),
+    Fault("the machine sleeps for a minute", "held", "heartbeat_lost", _press(lambda b: b.clock.wait_s(60.0)), GRBL),
 )

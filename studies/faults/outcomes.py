@@ -19,6 +19,7 @@ from rig.devices.stage.base import StageError
 from rig.devices.units import GWT_N
 from rig.engine import EngineError, indent, verbs
 from rig.engine.stopping import Stopping
+from rig.errors import RigError
 from rig.plan.config import Config
 from rig.transport import TransportError
 from studies.faults.catalogue import CATALOGUE, Fault
@@ -30,7 +31,7 @@ class Found:
     """What came of a fault."""
 
     outcome: str
-    reason: str
+    ended_by: RigError | None
     state: str
     worst_gwt: float
     journalled: int  # whole lines
@@ -54,20 +55,20 @@ def _file_sizes_restored() -> Iterator[None]:
 def suffer(fault: Fault, folder: Path) -> Found:
     """Two indentations, the fault in the first."""
     bench = FaultyBench(folder, fault.tables)
-    reason = ""
+    ended_by: RigError | None = None
     with ExitStack() as stack:
         stack.enter_context(_file_sizes_restored())
         stack.callback(lambda: bench.journal.close())
         try:
             _two_presses(bench, fault)
         except (EngineError, StageError, ForceError, TransportError) as error:
-            reason = str(error)
+            ended_by = error
     lifted = bench.height_mm > PREDICTED.contact_mm + 1.0
-    outcome = "done" if not reason else "lifted" if lifted else "held"
+    outcome = "done" if ended_by is None else "lifted" if lifted else "held"
     lines = bench.journal_path.read_bytes().split(b"\n")
     assert lines[-1] == b"", "a torn line"
     documents = [json.loads(line) for line in lines[:-1]]
-    return Found(outcome, reason, bench.engine.state.value, bench.worst_n / GWT_N, len(documents))
+    return Found(outcome, ended_by, bench.engine.state.value, bench.worst_n / GWT_N, len(documents))
 
 
 def _two_presses(bench: FaultyBench, fault: Fault) -> None:
@@ -89,7 +90,8 @@ def main() -> None:
     for fault in CATALOGUE:
         with tempfile.TemporaryDirectory() as folder:
             found = suffer(fault, Path(folder))
-        reason = found.reason.replace(folder, "…").replace("|", "\\|") or "the run goes on"
+        told = "the run goes on" if found.ended_by is None else str(found.ended_by)
+        reason = told.replace(folder, "…").replace("|", "\\|")
         print(f"| {fault.name} | {found.outcome}: {reason} | {found.state} | {found.worst_gwt:.2f} |")
 
 

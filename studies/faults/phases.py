@@ -20,9 +20,10 @@ import numpy as np
 from rig.devices.force.base import ForceError
 from rig.devices.stage.base import StageError
 from rig.devices.units import GWT_N
-from rig.engine import EngineError, indent, verbs
+from rig.engine import EngineError, TripError, indent, verbs
 from rig.engine.by_hand import ByHand, Direction, Guard
 from rig.engine.sensing import Sensing
+from rig.errors import RigError
 from rig.plan.config import Config
 from rig.transport import TransportError
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET, FaultyBench
@@ -74,7 +75,7 @@ class Cell:
     """The worst force on the finger, gwt, and what ended it, if anything did."""
 
     worst_gwt: float
-    reason: str
+    ended_by: RigError | None
 
 
 def deep_gwt() -> float:
@@ -107,15 +108,15 @@ def _suffer(
         if fault != NO_FAULT:
             bench.felt_n = FAULTS[fault](bench, bench.clock.monotonic_s())
 
-    reason = ""
+    ended_by: RigError | None = None
     try:
         _ready(bench)
         act(bench, phase, strike)
     except (EngineError, StageError, ForceError, TransportError) as error:
-        reason = str(error)
+        ended_by = error
     finally:
         bench.journal.close()
-    return Cell(bench.worst_n / GWT_N, reason)
+    return Cell(bench.worst_n / GWT_N, ended_by)
 
 
 def _ready(bench: FaultyBench) -> None:
@@ -158,7 +159,7 @@ def _park(bench: FaultyBench, _phase: str, strike: Callable[[], None]) -> None:
 
     def trip() -> None:
         strike()
-        bench.engine.trip("for the table")
+        bench.engine.trip(TripError("for the table"))
 
     bench.after("hold", trip)
     _indent(bench, 0.0)
@@ -211,7 +212,7 @@ def _print(
         for fault in faults:
             with tempfile.TemporaryDirectory() as folder:
                 cell = found(name, fault, Path(folder))
-            row.append(f"{cell.worst_gwt:.2f}{'' if cell.reason else ' done'}")
+            row.append(f"{cell.worst_gwt:.2f}{' done' if cell.ended_by is None else ''}")
         print(f"| {name} | {' | '.join(row)} |", flush=True)
 
 

@@ -6,12 +6,14 @@ from typing import Any
 
 import pytest
 
+from rig.devices.units import GWT_N
 from rig.engine import Engine, LimitError, RunAborted, Target, TripError, indent, verbs
 from rig.engine.limits import refuse_height
 from rig.engine.pressing.indent import touch_place
 from rig.engine.rig_settings import RigSettings
 from rig.engine.stopping import UNREAD_S, Stopping
 from rig.engine.touched import Touched
+from tests.raising import raises
 from tests.rig.plain_bench import PlainBench
 
 Make = Callable[..., Any]
@@ -70,7 +72,7 @@ def test_no_configuration_lets_one_move_come_nearer_than_the_stopping_distance(
     touched = Touched(settings)
     touched.at(0.0, 0.0, CONTACT_MM)
     nearest_mm = CONTACT_MM + Stopping.in_one_move(settings, speed_mm_s).distance_mm
-    with pytest.raises(LimitError, match="longer than one increment"):
+    with raises(LimitError, "longer_than_an_increment"):
         refuse_height(settings, 20.0, nearest_mm - 1e-6, speed_mm_s, touched.free_mm(0.0, 0.0, speed_mm_s))
 
 
@@ -120,7 +122,7 @@ def test_the_one_move_ends_where_the_search_does() -> None:
     bench = _bench()
     engine = bench.ready()
     indent(engine, TARGET, hold_s=0.0, expected_contact_mm=CONTACT_MM)
-    with pytest.raises(TripError, match=r"no contact at x = 0 mm down to 0\.400 mm"):
+    with raises(TripError, "no_contact", x_mm=0.0, lowest_mm=0.4, felt_before=False):
         indent(engine, TARGET, hold_s=0.0, expected_contact_mm=0.9)
     assert min(_approached(bench)[1]) == pytest.approx(0.4)
 
@@ -188,7 +190,7 @@ def _stopped(engine: Engine) -> None:
 
 
 def _not_reached(engine: Engine) -> None:
-    with pytest.raises(LimitError):
+    with raises(LimitError, "too_deep", limit_mm=1.5):
         indent(engine, Target("doi_mm", 1.8), hold_s=0.0)
 
 
@@ -237,7 +239,7 @@ def test_a_pause_is_taken_before_the_one_move() -> None:
     bench.goes_on, moves = False, bench.stage.moves
     asked = [False, True]  # the first is asked before the press begins
     bench.wants_pause = lambda: asked.pop(0)
-    with pytest.raises(RunAborted):
+    with raises(RunAborted, "stopped_at_a_safe_point"):
         indent(engine, TARGET, hold_s=0.0)
     assert bench.stage.moves == moves
 
@@ -264,7 +266,7 @@ def test_a_finger_that_has_come_nearer_ends_the_move_at_the_touch(
     bench.contact_mm = CONTACT_MM + nearer_mm
     bench.events.clear()
     if trips:
-        with pytest.raises(TripError, match="contact at x = 0 mm already"):
+        with raises(TripError, "contact_too_high", x_mm=0.0):
             indent(engine, TARGET, hold_s=0.1, expected_contact_mm=CONTACT_MM)
         assert bench.height_mm == pytest.approx(2.0, abs=0.003)
     else:
@@ -286,7 +288,7 @@ def test_the_trip_of_the_plan_holds_in_the_move(spring: Make) -> None:
     engine = bench.ready()
     indent(engine, TARGET, hold_s=0.1, expected_contact_mm=CONTACT_MM)
     bench.contact_mm, bench.k_gwt = CONTACT_MM + 1.53, 5000.0
-    with pytest.raises(TripError, match=r"above the soft trip 10\.20 gwt while moving"):
+    with raises(TripError, "soft_trip", limit_gwt=0.1 / GWT_N, phase="moving"):
         indent(engine, TARGET, hold_s=0.1, expected_contact_mm=CONTACT_MM)
     assert bench.height_mm == pytest.approx(2.0, abs=0.003)
 

@@ -6,9 +6,13 @@ from typing import Any
 
 import pytest
 
-from rig.engine import LimitError, Target, TripError, indent
+from rig.devices.units import GWT_N
+from rig.engine import LimitError, RunAborted, Target, TripError, indent
+from rig.engine.engine import State
 from rig.engine.pressing.compliance import measure_compliance
 from rig.engine.rig_settings import RigSettings
+from tests.raising import raises
+from tests.rig.plain_bench import PlainBench
 
 Make = Callable[..., Any]
 BLOCK_MM_PER_N = 2e-5  # 50 kN/mm: a steel block of some cm
@@ -52,14 +56,14 @@ def test_no_step_is_longer_than_the_stages_smallest_near_the_block(spring: Make)
 
 def test_a_rig_too_stiff_to_tell(spring: Make) -> None:
     bench = _block(spring, 0.002)
-    with pytest.raises(LimitError, match=r"steps of 0\.0025 mm within the force, expected 4"):
+    with raises(LimitError, "too_few_steps", step_mm=0.0025, fewest=4):
         measure_compliance(bench.ready(), 100.0)
     assert bench.height_mm == pytest.approx(2.0, abs=0.002)
 
 
 def test_no_block(spring: Make) -> None:
     bench = _block(spring, 0.05, top_mm=-3.0)
-    with pytest.raises(TripError, match="no block down to -0"):
+    with raises(TripError, "no_block", lowest_mm=-0.5):
         measure_compliance(bench.ready(), 100.0)
     assert bench.height_mm == pytest.approx(2.0, abs=0.002)
 
@@ -73,3 +77,90 @@ def test_the_uncertainty_of_a_depth_is_journalled(spring: Make) -> None:
     expected = (0.0025**2 / 12 + (0.1 * end["force_gwt"] * 9.80665e-3) ** 2) ** 0.5
     assert end["doi_sd_mm"] == pytest.approx(expected, abs=2e-6)
     assert end["doi_sd_mm"] > 2e-3
+
+
+# --- to the letter, on a bench without a wire ---
+
+PER_STEP_N = 0.05  # of a rig of 0.05 mm/N under a step of 0.0025 mm
+
+
+def _steps_block(
+    off_n: Callable[[int], float] = lambda step: 0.0,
+    top_mm: float = 0.1,
+    settings: dict[str, Any] | None = None,
+) -> PlainBench:
+    def felt(bench: PlainBench) -> float:
+        steps = round((top_mm - bench.height_mm) / 0.0025)
+        return (steps * PER_STEP_N + off_n(steps)) / GWT_N if steps > 0 else 0.0
+
+    bench = PlainBench(felt, settings or {})
+    bench.ready()
+    return bench
+
+
+@pytest.mark.parametrize(("to_n", "readings"), [(0.94, 16), (0.44, 8), (0.69, 12)])
+def test_the_compliance_is_a_line_through_what_is_at_least_a_fifth_of_the_force(to_n: float, readings: int) -> None:
+    """19 steps of 0.05 N to 0.95 N, the first three below 0.19 N: n equal steps, the last where the force is reached.
+
+    A step of the stage is known to 0.0025 mm / √12, and n of them with 0.05 N between them spread by
+    0.05 N · √(n (n² - 1) / 12).
+    """
+    bench = _steps_block()
+    found = measure_compliance(bench.engine, to_n / GWT_N)
+    n = readings
+    assert found.readings == n
+    assert found.mm_per_n == pytest.approx(0.05, rel=1e-5)
+    assert found.sd_mm_per_n == pytest.approx(0.0025 / (0.05 * (n * (n * n - 1)) ** 0.5), rel=1e-4)
+    assert bench.height_mm == pytest.approx(2.0)
+    assert bench.engine.state is State.READY
+
+
+def test_what_lies_off_the_line_makes_the_compliance_less_certain() -> None:
+    """0.07, 0.08, 0.13 and 0.22 N after four steps.
+
+    Σ (f - mean)² = 0.0141 N², Σ (f - mean) (h - mean) = -0.000625 N mm, Σ (h - mean)² =
+    3.125e-5 mm², of which the line leaves 3.546e-6; √(3.546e-6 / 2) / √0.0141 mm/N.
+    """
+    bench = _steps_block(lambda step: 0.02 * (1, 1, -1, -1)[step % 4])
+    found = measure_compliance(bench.engine, 0.2 / GWT_N)
+    assert found.mm_per_n == pytest.approx(0.000625 / 0.0141, rel=1e-4)
+    assert found.sd_mm_per_n == pytest.approx(0.011214, rel=1e-3)
+
+
+@pytest.mark.parametrize(("to_n", "readings"), [(0.19, 4), (0.14, 3)])
+def test_the_compliance_takes_four_steps_within_the_force(to_n: float, readings: int) -> None:
+    bench = _steps_block()
+    if readings >= 4:
+        assert measure_compliance(bench.engine, to_n / GWT_N).readings == readings
+    else:
+        with raises(LimitError, "too_few_steps", steps=3, step_mm=0.0025, fewest=4):
+            measure_compliance(bench.engine, to_n / GWT_N)
+    assert bench.height_mm == pytest.approx(2.0)
+
+
+def test_a_block_is_come_to_by_increments_and_looked_for_as_far_as_a_finger() -> None:
+    """limits.search_mm above and below where it should be; single steps in between."""
+    bench = _steps_block(top_mm=-3.0, settings={"limits": {"search_mm": 0.481}})
+    with raises(TripError, "no_block", lowest_mm=-0.481):
+        measure_compliance(bench.engine, 5.0)
+    heights = [height for height, _ in bench.readings("compliance")]
+    assert heights[:31] == pytest.approx([2.0 - 0.05 * k for k in range(1, 32)])
+    assert heights[31:] == pytest.approx([0.45 - 0.0025 * k for k in range(1, 373)])
+
+
+def test_a_soft_thing_gives_a_compliance_below_one_gwt_too() -> None:
+    """0.15 gwt a step of 0.0025 mm: six of them to 0.9 gwt."""
+    bench = PlainBench(lambda bench: 0.15 * max(round((0.1 - bench.height_mm) / 0.0025), 0), {})
+    found = measure_compliance(bench.ready(), 0.88)
+    assert found.readings == 5
+    assert found.mm_per_n == pytest.approx(0.0025 / (0.15 * GWT_N), rel=1e-4)
+
+
+def test_an_operator_stops_it_between_two_steps() -> None:
+    bench = _steps_block()
+    bench.goes_on = False
+    bench.wants_pause = lambda: len(bench.readings("compliance")) >= 40
+    with raises(RunAborted, "stopped_at_a_safe_point"):
+        measure_compliance(bench.engine, 50.0)
+    assert len(bench.readings("compliance")) == 40
+    assert bench.height_mm == pytest.approx(2.0)

@@ -14,7 +14,7 @@ from rig.cli.looking import contact as printed_contact
 from rig.data.reader import read_run
 from rig.devices.stage.base import StageError
 from rig.devices.units import GWT_N
-from rig.engine import Engine, RecordError, RunAborted, indent, verbs
+from rig.engine import Engine, RecordError, RunAborted, TripError, indent, verbs
 from rig.engine.by_hand import ByHand, Direction, Guard
 from rig.engine.by_hand.bench_memory import BenchMemory
 from rig.engine.contact import KINDS, Contact, ContactKind, judged
@@ -25,6 +25,7 @@ from rig.session.ending import Ending, Whereabouts
 from rig.session.resume import careful_of, left_on_record
 from sim.devices.clock import VirtualClock
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET, FaultyBench
+from tests.raising import raises
 from tests.rig.test_last_left import run
 
 TOUCH_GWT = 0.05
@@ -185,7 +186,7 @@ def test_a_record_that_cannot_be_written_does_not_go_on_saying_that_the_finger_i
     memory.touched(Contact("lifted"))
     monkeypatch.setattr(Path, "write_text", full)
     monkeypatch.setattr(Path, "unlink", full)
-    with pytest.raises(RecordError, match="says that the finger is not touched"):
+    with raises(RecordError, "says_not_touched"):
         memory.touched(Contact("unknown"))
 
 
@@ -297,7 +298,8 @@ def test_a_zero_that_drifted_is_reported_as_what_it_is(bench: FaultyBench, drift
     if abs(drift_gwt) < TOUCH_GWT:
         verbs.retract(bench.engine)
     else:
-        with pytest.raises(Exception, match=r"not lifted: the stage reports .* but the sensor reads -?0\.06 gwt"):
+        known = {"contact": "disagreement", "force_gwt": pytest.approx(drift_gwt, abs=0.005)}
+        with raises(TripError, "not_lifted", **known):
             verbs.retract(bench.engine)
     assert bench.engine.known_contact.kind == ("lifted" if drift_gwt == 0.04 else "disagreement")
     bench.journal.close()
@@ -331,10 +333,10 @@ def test_a_limit_that_the_stage_does_not_confirm_stops_like_any_failure(
     bench: FaultyBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fails(lowest_z_mm: float) -> None:
-        raise StageError("not confirmed")
+        raise StageError("not confirmed", code="not_confirmed")
 
     monkeypatch.setattr(bench.stage, "limit_depth", fails)
-    with pytest.raises(StageError, match="not confirmed"):
+    with raises(StageError, "not_confirmed"):
         indent(bench.engine, TARGET, hold_s=0.2, expected_contact_mm=PREDICTED.contact_mm)
     assert bench.engine.state is verbs.State.UNHOMED
     bench.journal.close()

@@ -11,6 +11,7 @@ from rig.devices.stage.base import StageStatus
 from rig.engine.corridor import Corridor
 from rig.engine.motion import StrayedError, refuse_strayed
 from sim.devices.clock import VirtualClock
+from tests.raising import has_code, raises
 
 TOLERANCE_MM = 0.005
 places = st.tuples(*[st.floats(-60.0, 0.0)] * 3)
@@ -46,7 +47,9 @@ def test_beyond_either_end_of_any_axis_it_has(
     ends = (start[axis], target[axis])
     beyond = max(ends) + by_mm if up else min(ends) - by_mm
     report = _at((*start[:axis], beyond, *start[axis + 1 :]))
-    assert f"stage reports {'xyz'[axis]} = {beyond:.3f} mm" in str(corridor.strayed(report, 1e6))
+    strayed = corridor.strayed(report, 1e6)
+    assert strayed is not None
+    has_code(strayed, "off_its_way", axis="xyz"[axis], from_mm=start[axis], to_mm=target[axis], at_mm=beyond)
 
 
 @given(places, st.integers(0, 2), st.floats(0.1, 40.0), speeds, st.floats(0.0, 0.9))
@@ -56,7 +59,9 @@ def test_farther_than_its_speed_allows_it_has(
     corridor = Corridor(start, _moved(start, axis, -by_mm), speed, 5.0, TOLERANCE_MM)
     gone_mm = by_mm
     heard_s = 5.0 + share * (gone_mm - 2 * TOLERANCE_MM) / speed
-    assert f"commanded {speed:g} mm/s" in str(corridor.strayed(_at(_moved(start, axis, -gone_mm)), heard_s))
+    strayed = corridor.strayed(_at(_moved(start, axis, -gone_mm)), heard_s)
+    assert strayed is not None
+    has_code(strayed, "ahead_of_its_speed", speed_mm_s=speed, gone_mm=pytest.approx(gone_mm))
 
 
 @pytest.mark.parametrize(("to_mm", "at_mm", "strayed"), [
@@ -92,7 +97,7 @@ def test_one_garbled_report_is_cleared_by_asking_once_more_at_once(
     corridor = Corridor((0.0, 0.0, -4.0), (0.0, 0.0, -3.0), 5.0, 90.0, TOLERANCE_MM)
     act: Callable[[], None] = lambda: refuse_strayed(corridor, first, stage, clock)  # type: ignore[arg-type]  # noqa: E731
     if strays:
-        with pytest.raises(StrayedError) as found:
+        with raises(StrayedError, "off_its_way", axis="z", at_mm=-7.5) as found:
             act()
         assert found.value.at == again
     else:

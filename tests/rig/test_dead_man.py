@@ -10,6 +10,7 @@ from rig.engine.by_hand import Direction
 from rig.engine.by_hand import dead_man as module
 from rig.engine.by_hand.dead_man import dead_man_jog
 from sim.devices.clock import VirtualClock
+from tests.raising import raises
 
 X_UP, X_DOWN = Direction("x", 1), Direction("x", -1)
 
@@ -94,7 +95,7 @@ def test_it_is_looked_at_fifty_times_a_second() -> None:
 @pytest.mark.parametrize("state", ["Hold:0", "Door:1"])
 def test_a_held_board_is_told_nothing(state: str) -> None:
     stage = There(state=state)
-    with pytest.raises(StageHeld):
+    with raises(StageHeld, "held", state=state):
         jog(stage, 0.5)
     assert stage.told == []
     assert stage.ended == 1
@@ -102,7 +103,7 @@ def test_a_held_board_is_told_nothing(state: str) -> None:
 
 def test_one_that_stands_short_at_six_looks_in_a_row_was_stopped() -> None:
     stage = There(goes=lambda mm: 0.0)
-    with pytest.raises(StageError, match=r"stopped at the controller, 0\.200 mm short of what it was told"):
+    with raises(StageError, "jog_cut_short", short_mm=0.2):
         jog(stage, 0.2)
     assert stage.told == [0.2]
     assert len(stage.looked_s) == 1 + 1 + 6
@@ -112,7 +113,7 @@ def test_one_that_stands_short_at_six_looks_in_a_row_was_stopped() -> None:
 def test_a_step_and_what_is_printed_may_be_missing(short_mm: float, stopped: bool) -> None:
     stage = There(goes=lambda mm: mm - short_mm)
     if stopped:
-        with pytest.raises(StageError, match="stopped at the controller"):
+        with raises(StageError, "jog_cut_short", short_mm=pytest.approx(short_mm)):
             jog(stage, 0.2)
     else:
         assert jog(stage, 0.2) == pytest.approx(0.2 - short_mm)
@@ -131,7 +132,7 @@ def test_one_that_stood_is_told_of_where_the_way_has_no_end(
     monkeypatch.setattr(module, "Pace", Stood)
     stage = There()
     if by_mm is None:
-        with pytest.raises(StageError, match="stood still while a key was held"):
+        with raises(StageError, "jog_stood_still"):
             jog(stage, by_mm)
     else:
         assert jog(stage, by_mm) == pytest.approx(by_mm)

@@ -20,6 +20,7 @@ from rig.protocol.planned import Prediction
 from rig.protocol.script import Script, load_script
 from rig.session.rehearsal import rehearsed
 from sim.models.fingertip import Fingertip
+from tests.raising import raises
 
 READY = "rig.mount('cylinder:9'); rig.home(); rig.zero(); "
 PRESS = "rig.indent(doi_mm=0.2, hold_s=0); "
@@ -134,7 +135,8 @@ def test_where_contact_is_searched_for_belongs_to_the_travel(finger: Fingertip, 
     path = tmp_path / "mine.py"
     path.write_text(f"def run(rig):\n    {READY_TO_PRESS}{body}\n", encoding="utf-8")
     near = {"frame": {"apex_z_mm": -39.6}}
-    with pytest.raises(BadInputError, match=r"machine z = -40\.1\d* mm is outside the stage's travel, -40 … 0 mm"):
+    beyond = {"axis": "z", "machine_mm": pytest.approx(-40.15, abs=0.05)}
+    with raises(BadInputError, "outside_travel", **beyond):
         make_plan(load_script(str(path)), Config.model_validate(near), finger)
     make_plan(load_script(str(path)), Config.model_validate({**near, "limits": {"search_mm": 0.3}}), finger)
 
@@ -142,7 +144,7 @@ def test_where_contact_is_searched_for_belongs_to_the_travel(finger: Fingertip, 
 def test_a_touch_below_the_travel_is_refused(finger: Fingertip) -> None:
     """What ended in ALARM:2 with a position that nobody could trust."""
     config = Config.model_validate({"frame": {"apex_z_mm": -39.4}})
-    with pytest.raises(BadInputError, match=r"machine z = -40\.\d* mm is outside the stage's travel"):
+    with raises(BadInputError, "outside_travel", axis="z", machine_mm=pytest.approx(-40.5, abs=0.5)):
         make_plan(load_script("find_finger"), config, finger)
 
 

@@ -8,10 +8,12 @@ from typing import Any
 import pytest
 
 from rig.devices.stage import StageAlarm, StageReset
+from rig.devices.units import GWT_N
 from rig.engine import LimitError, NotReadyError, PressId, RunAborted, Target, TripError, indent, verbs
 from rig.engine.engine import State
 from rig.engine.journal import read_journal
 from rig.engine.rig_settings import RigSettings
+from tests.raising import raises
 
 STOP = b"!\x18"
 Make = Callable[..., Any]
@@ -35,7 +37,7 @@ def test_nothing_moves_unhomed(spring: Make) -> None:
         ("indent", lambda: _press(engine)),
         ("retract", partial(verbs.retract, engine)),
     ):
-        with pytest.raises(NotReadyError, match=f"{verb}: not allowed while unhomed"):
+        with raises(NotReadyError, "not_allowed", verb=verb, state="unhomed"):
             act()
     assert bench.sent("stage") == []
     assert [stream for stream, _ in bench.events] == ["mount"]
@@ -45,10 +47,10 @@ def test_no_indentation_without_zero_or_indentor(spring: Make) -> None:
     engine = spring().engine
     verbs.home(engine)
     verbs.move_to(engine, 0.0)
-    with pytest.raises(NotReadyError, match="no indentor is mounted"):
+    with raises(NotReadyError, "no_indentor"):
         _press(engine)
     verbs.mount(engine, "bar:3.0")
-    with pytest.raises(NotReadyError, match="has not been zeroed"):
+    with raises(NotReadyError, "not_zeroed"):
         _press(engine)
     verbs.zero(engine)
     assert _press(engine).index == 0
@@ -64,9 +66,9 @@ def test_nothing_but_lifting_and_homing_in_contact(spring: Make) -> None:
         ("move_to", lambda: verbs.move_to(engine, 1.0)),
         ("indent", lambda: _press(engine)),
     ):
-        with pytest.raises(NotReadyError, match=f"{verb}: not allowed while in contact"):
+        with raises(NotReadyError, "not_allowed", verb=verb, state="in contact"):
             act()
-    with pytest.raises(NotReadyError, match="mount: not allowed while in contact, the finger may be touched"):
+    with raises(NotReadyError, "may_touch", state="in contact"):
         verbs.mount(engine, "step:1")
     verbs.retract(engine)
     assert engine.state is State.READY
@@ -79,8 +81,9 @@ def test_lateral_limits(spring: Make, x_mm: float) -> None:
     bench = spring()
     engine = bench.ready()
     before = len(bench.moves())
-    with pytest.raises(LimitError, match="outside the limits -6 … 6 mm"):
+    with raises(LimitError, "outside_limits", axis="x", low_mm=-6.0, high_mm=6.0) as refused:
         verbs.move_to(engine, x_mm)
+    assert refused.value.fields["at_mm"] == pytest.approx(x_mm, nan_ok=True)
     assert len(bench.moves()) == before
     assert engine.state is State.READY
 
@@ -90,7 +93,7 @@ def test_a_long_move_down_below_clearance_is_refused_unsent(spring: Make) -> Non
     engine = bench.ready()
     before = len(bench.moves())
     for height in (1.9, 0.0, -1.0):
-        with pytest.raises(LimitError, match="longer than one increment below clearance"):
+        with raises(LimitError, "longer_than_an_increment", to_mm=height):
             engine.go_to_height(height, 0.5)
     assert len(bench.moves()) == before
 
@@ -127,7 +130,7 @@ def test_a_trip_lifts_latches_and_is_journalled(spring: Make) -> None:
     """A finger much stiffer than predicted."""
     bench = spring(k_gwt=4000.0, soft_trip_n=0.02)
     engine = bench.ready()
-    with pytest.raises(TripError, match=r"force \d+\.\d\d gwt above the soft trip 2\.04 gwt"):
+    with raises(TripError, "soft_trip", limit_gwt=0.02 / GWT_N) as tripped:
         _press(engine)
     assert engine.state is State.TRIPPED
     assert bench.height_mm == pytest.approx(2.0, abs=0.002)
@@ -135,16 +138,18 @@ def test_a_trip_lifts_latches_and_is_journalled(spring: Make) -> None:
     last_sample, trip = bench.events[-2:]
     assert (last_sample[0], trip[0]) == ("sample", "trip")
     assert trip[1]["force_gwt"] == pytest.approx(last_sample[1]["force_gwt"], abs=1e-6)
-    assert "soft trip" in trip[1]["reason"]
-    for act in (
-        partial(verbs.zero, engine),
-        partial(verbs.home, engine),
-        partial(verbs.retract, engine),
-        lambda: verbs.move_to(engine, 0.0),
-        lambda: _press(engine),
+    assert trip[1]["reason"] == str(tripped.value)
+    assert trip[1]["force_gwt"] == pytest.approx(tripped.value.fields["force_gwt"], abs=1e-6)
+    for verb, act in (
+        ("zero", partial(verbs.zero, engine)),
+        ("retract", partial(verbs.retract, engine)),
+        ("move_to", lambda: verbs.move_to(engine, 0.0)),
+        ("indent", lambda: _press(engine)),
     ):
-        with pytest.raises(NotReadyError, match="tripped"):
+        with raises(NotReadyError, "not_allowed", verb=verb, state="tripped"):
             act()
+    with raises(NotReadyError, "tripped"):
+        verbs.home(engine)
 
 
 def test_the_soft_trip_is_the_lower_of_limit_and_prediction(spring: Make) -> None:
@@ -162,7 +167,7 @@ def test_a_finger_that_stiffens_in_the_hold_trips(spring: Make) -> None:
             bench.k_gwt = 60.0
 
     bench.on_event = stiffen
-    with pytest.raises(TripError):
+    with raises(TripError, "soft_trip", limit_gwt=0.05 / GWT_N):
         _press(engine, hold_s=1.0)
     assert bench.of("sample")[-1]["phase"] == "hold"
     assert bench.height_mm == pytest.approx(2.0, abs=0.002)
@@ -177,7 +182,7 @@ def test_an_interrupt_lifts_journals_and_ends_the_run(spring: Make, phase: str) 
     bench = spring()
     engine = bench.ready()
     bench.interrupt = lambda: any(e["phase"] == phase for e in bench.of("sample"))
-    with pytest.raises(RunAborted, match="stopped by the operator at a safe point; the indentor is lifted"):
+    with raises(RunAborted, "stopped_at_a_safe_point"):
         _press(engine)
     assert [stream for stream, _ in bench.events[-3:]] == ["sample", "retract", "paused"]
     assert bench.of("sample")[-1]["phase"] == phase
@@ -191,9 +196,9 @@ def test_an_interrupt_between_indentations_moves_nothing(spring: Make) -> None:
     engine = bench.ready()
     before = len(bench.moves())
     bench.interrupt = lambda: True
-    with pytest.raises(RunAborted):
+    with raises(RunAborted, "stopped_at_a_safe_point"):
         verbs.move_to(engine, 1.0)
-    with pytest.raises(RunAborted):
+    with raises(RunAborted, "stopped_at_a_safe_point"):
         _press(engine)
     assert len(bench.moves()) == before
     assert bench.of("indentation_start") == []
@@ -218,14 +223,14 @@ def test_a_silent_balance_stops_the_stage(spring: Make, phase: str) -> None:
     bench = spring()
     engine = bench.ready()
     _at_first(bench, phase, lambda: setattr(bench.balance, "mute", True))
-    with pytest.raises(TripError, match=r"no force reading: force: no answer to SI in 0\.5 s"):
+    with raises(TripError, "no_reading", error_code="no_reply"):
         _press(engine)
     asked_s = [t for t, data in bench.sent("force") if data == b"SI\r\n"][-1]
     lift_s = next(t for t, data in bench.sent("stage") if t > asked_s)
     assert lift_s == pytest.approx(asked_s + 0.5, abs=1e-6)
     assert bench.height_mm == pytest.approx(2.0, abs=0.002)
     assert engine.state is State.TRIPPED
-    with pytest.raises(NotReadyError, match="not allowed while tripped"):
+    with raises(NotReadyError, "not_allowed", verb="indent", state="tripped"):
         _press(engine)
 
 
@@ -233,7 +238,7 @@ def test_an_overloaded_balance_stops_the_stage(spring: Make) -> None:
     bench = spring()
     engine = bench.ready()
     _at_first(bench, "press", lambda: setattr(bench, "k_gwt", 1e5))
-    with pytest.raises(TripError, match="the balance is overloaded"):
+    with raises(TripError, "no_reading", error_code="overload"):
         _press(engine)
     assert bench.height_mm == pytest.approx(2.0, abs=0.002)
     assert engine.state is State.TRIPPED
@@ -244,7 +249,7 @@ def test_an_alarm_stops_the_stage(spring: Make, phase: str) -> None:
     bench = spring()
     engine = bench.ready()
     _at_first(bench, phase, lambda: bench.stage_line.device_write(b"ALARM:1\r\n"))
-    with pytest.raises(StageAlarm, match="alarm 1"):
+    with raises(StageAlarm, "alarm", number=1):
         _press(engine)
     assert bench.sent("stage")[-1][1] == STOP
     assert engine.state is State.UNHOMED
@@ -270,7 +275,7 @@ def test_stop_goes_out_in_one_write_and_trusts_nothing_after(spring: Make) -> No
     engine.stop()
     assert bench.sent("stage")[-1][1] == STOP
     assert engine.state is State.UNHOMED
-    with pytest.raises(NotReadyError):
+    with raises(NotReadyError, "not_allowed", verb="retract", state="unhomed"):
         verbs.retract(engine)
 
 

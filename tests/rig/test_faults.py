@@ -13,6 +13,7 @@ from studies.faults import phases
 from studies.faults.catalogue import CATALOGUE, Fault
 from studies.faults.faulty_bench import SOFT_TRIP_N
 from studies.faults.outcomes import bound_gwt, suffer
+from tests.raising import has_code
 
 DOCS = Path(__file__).parents[2] / "docs" / "faults.md"
 
@@ -21,8 +22,11 @@ DOCS = Path(__file__).parents[2] / "docs" / "faults.md"
 def test_a_fault_ends_as_the_catalogue_says(fault: Fault, tmp_path: Path) -> None:
     """Never beyond the soft trip and the computed overshoot; what was journalled is whole lines."""
     found = suffer(fault, tmp_path)
-    assert found.outcome == fault.outcome, found.reason
-    assert re.search(fault.says, found.reason), found.reason
+    assert found.outcome == fault.outcome, found.ended_by
+    if found.ended_by is None:
+        assert fault.code == ""
+    else:
+        has_code(found.ended_by, fault.code, **fault.fields)
     assert found.worst_gwt <= bound_gwt()
     assert found.journalled > 5
     expected = {"done": {"ready"}, "lifted": {"tripped", "ready"}, "held": {"tripped", "unhomed"}}
@@ -117,14 +121,16 @@ def test_a_nearer_finger_feels_no_more_than_the_stopping_distance_where_anything
 def test_the_worst_cells_of_a_nearer_finger(way: str, fault: str, tmp_path: Path) -> None:
     cell = phases.come_nearer(way, fault, tmp_path)
     assert cell.worst_gwt == pytest.approx(_nearer()[way, fault], abs=0.02)
-    assert "contact at x = 0 mm already" in cell.reason or "no contact at x = 0 mm" in cell.reason
+    assert cell.ended_by is not None
+    assert cell.ended_by.code in ("contact_too_high", "no_contact")
 
 
 def test_another_stage_and_sensor_stop_in_time_too(tmp_path: Path) -> None:
     devices = {"stage": {"kind": "leadshine"}, "force": {"kind": "laumas"}}
     cell = phases.come_nearer("in one move", phases.NO_FAULT, tmp_path, devices)
     assert 0.05 <= cell.worst_gwt <= _felt_gwt(0.0)
-    assert "contact at x = 0 mm already" in cell.reason
+    assert cell.ended_by is not None
+    has_code(cell.ended_by, "contact_too_high", x_mm=0.0)
 
 
 @pytest.mark.parametrize("phase", ["touch", "press"])
@@ -132,6 +138,8 @@ def test_a_sensor_that_dies_at_0_is_noticed_within_an_increment_or_two(phase: st
     """It used to go on to search_mm, 0.5 mm past the contact, and in a press to the deepest that is allowed."""
     cell = phases.suffer(phase, "frozen at 0", tmp_path)
     assert cell.worst_gwt < 10.0 * (0.11 + 0.05) ** 1.5
-    assert {"touch": "where it was felt just before", "press": "mm below the touch: a dead sensor"}[
-        phase
-    ] in cell.reason
+    assert cell.ended_by is not None
+    if phase == "touch":
+        has_code(cell.ended_by, "no_contact", felt_before=True)
+    else:
+        has_code(cell.ended_by, "lost_finger")

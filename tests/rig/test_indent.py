@@ -1,16 +1,38 @@
-"""One indentation on a spring: approach, touch off, press, hold, lift."""
+"""One indentation: approach, touch off, press, hold, lift; its pauses, its pulses, and its reference."""
 
 import itertools
+import math
 from collections.abc import Callable
+from contextlib import nullcontext
 from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from rig.engine import LimitError, Target, TripError, indent, verbs
+from rig.devices.stage.base import StageError
+from rig.devices.units import GWT_N
+from rig.engine import (
+    Engine,
+    Hold,
+    Indentation,
+    LimitError,
+    NotReadyError,
+    PressId,
+    Target,
+    TripError,
+    indent,
+    verbs,
+)
 from rig.engine.engine import State
+from rig.engine.pressing.compliance import measure_compliance
+from rig.engine.pressing.indent import ready_to_indent, touch_place
+from rig.engine.pressing.pulse import pulse
+from rig.engine.pressing.reference import Reference
+from rig.engine.records import Purpose
 from rig.engine.rig_settings import RigSettings
+from tests.raising import raises
+from tests.rig.plain_bench import PlainBench
 
 Make = Callable[..., Any]
 
@@ -139,7 +161,7 @@ def test_speeds_are_the_habits_or_what_was_asked(spring: Make) -> None:
     engine = bench.ready()
     indent(engine, Target("doi_mm", 0.5), hold_s=0.1)
     first = {move["F"] for move in bench.moves() if "Z" in move}
-    assert first == {300.0, 30.0, 60.0}
+    assert first == {300.0, 48.0, 30.0, 60.0}  # 0.8 mm/s down to clearance after homing
     before = len(bench.moves())
     indent(engine, Target("doi_mm", 0.5), hold_s=0.1, speed_mm_s=0.2)
     assert {move["F"] for move in bench.moves()[before:] if "Z" in move} == {300.0, 30.0, 12.0}
@@ -148,7 +170,7 @@ def test_speeds_are_the_habits_or_what_was_asked(spring: Make) -> None:
 def test_no_finger_in_place(spring: Make) -> None:
     bench = spring(contact_mm=-50.0)
     engine = bench.ready(0.25)
-    with pytest.raises(TripError, match=r"no contact at x = 0\.25 mm down to -0\.500 mm .* is the sensor alive"):
+    with raises(TripError, "no_contact", x_mm=0.25, lowest_mm=-0.5, felt_before=False):
         indent(engine, Target("force_gwt", 2.33))
     assert bench.height_mm == pytest.approx(2.0, abs=0.002)
     assert min(e["height_mm"] for e in bench.of("sample")) >= -0.5 - 1e-9
@@ -161,7 +183,7 @@ def test_a_dead_sensor_over_a_finger_trips_before_it_hurts(spring: Make, monkeyp
     bench = spring(contact_mm=-0.1)
     engine = bench.ready()
     monkeypatch.setattr(bench, "k_gwt", 0.0)
-    with pytest.raises(TripError, match="is the sensor alive"):
+    with raises(TripError, "no_contact", lowest_mm=pytest.approx(-0.6)):
         indent(engine, Target("force_gwt", 2.33), expected_contact_mm=-0.1)
     # 0.5 mm below where contact was expected, whatever the limits of depth are
     assert min(e["height_mm"] for e in bench.of("sample")) == pytest.approx(-0.6, abs=1e-9)
@@ -171,7 +193,7 @@ def test_a_sensor_that_reads_backwards_trips(spring: Make, monkeypatch: pytest.M
     bench = spring()
     engine = bench.ready()
     monkeypatch.setattr(bench, "k_gwt", -10.0)
-    with pytest.raises(TripError, match="does the sensor read backwards"):
+    with raises(TripError, "reads_backwards"):
         indent(engine, Target("force_gwt", 2.33))
     assert bench.height_mm == pytest.approx(2.0, abs=0.002)
 
@@ -179,7 +201,7 @@ def test_a_sensor_that_reads_backwards_trips(spring: Make, monkeypatch: pytest.M
 def test_a_finger_too_soft_for_the_force_stops_at_the_deepest_doi(spring: Make) -> None:
     bench = spring(k_gwt=0.5, contact_mm=0.0)
     engine = bench.ready()
-    with pytest.raises(LimitError, match=r"would pass limits\.max_doi_mm = 1\.5"):
+    with raises(LimitError, "too_deep", limit_mm=1.5):
         indent(engine, Target("force_gwt", 2.33))
     assert bench.height_mm == pytest.approx(2.0, abs=0.002)
     assert max(e["doi_mm"] or 0.0 for e in bench.of("sample")) <= 1.5 + 1e-6
@@ -189,7 +211,7 @@ def test_a_finger_too_soft_for_the_force_stops_at_the_deepest_doi(spring: Make) 
 
 def test_a_depth_beyond_the_limit_is_not_pressed(spring: Make) -> None:
     bench = spring(settings=RigSettings.model_validate({"limits": {"max_doi_mm": 0.5}}))
-    with pytest.raises(LimitError, match=r"limits\.max_doi_mm = 0\.5"):
+    with raises(LimitError, "too_deep", limit_mm=0.5):
         indent(bench.ready(), Target("doi_mm", 0.7))
     assert max(e["doi_mm"] or 0.0 for e in bench.of("sample")) <= 0.5 + 1e-6
     assert bench.height_mm == pytest.approx(2.0, abs=0.002)
@@ -242,11 +264,11 @@ def test_sync_pulses_at_contact_hold_start_and_hold_end(spring: Make, output: st
     assert [p["at"] for p in pulses] == ["touch", "hold_start", "hold_end", "hold_start", "hold_end"]
     switched = list(bench.board.outputs)
     assert [word for _, word in switched] == [on, off] * 5
-    for pulse, (rise_s, _), (fall_s, _) in zip(pulses, switched[::2], switched[1::2], strict=True):
-        assert pulse["rise_s"] - pulse["uncertainty_s"] <= rise_s <= pulse["rise_s"]
-        assert pulse["uncertainty_s"] < 0.005
+    for each, (rise_s, _), (fall_s, _) in zip(pulses, switched[::2], switched[1::2], strict=True):
+        assert each["rise_s"] - each["uncertainty_s"] <= rise_s <= each["rise_s"]
+        assert each["uncertainty_s"] < 0.005
         assert fall_s - rise_s == pytest.approx(0.02, abs=0.005)
-        assert pulse["width_s"] == pytest.approx(0.02, abs=0.005)
+        assert each["width_s"] == pytest.approx(0.02, abs=0.005)
 
 
 def test_no_pulses_unless_asked_for(spring: Make) -> None:
@@ -254,6 +276,43 @@ def test_no_pulses_unless_asked_for(spring: Make) -> None:
     indent(bench.ready(), Target("force_gwt", 2.0), hold_s=0.2)
     assert not bench.of("sync")
     assert not bench.board.outputs
+
+
+def test_a_pulse_is_journalled_with_when_it_rose_and_how_well_that_is_known() -> None:
+    """The stage takes 2 ms to switch: known to so much, and so much is added to the width of 10 ms."""
+    bench = _plain(settings={"sync": {"output": "coolant"}})
+    indent(bench.ready(), Target("doi_mm", 0.5), hold_s=0.1)
+    pulses = bench.of("sync")
+    assert [(p["index"], p["at"]) for p in pulses] == [(0, "touch"), (0, "hold_start"), (0, "hold_end")]
+    assert [on for _, on in bench.stage.outputs] == [True, False] * 3
+    assert [p["rise_s"] for p in pulses] == pytest.approx([t_s for t_s, on in bench.stage.outputs if on], abs=1e-6)
+    assert [p["uncertainty_s"] for p in pulses] == pytest.approx([0.002] * 3, abs=1e-6)
+    assert [p["width_s"] for p in pulses] == pytest.approx([0.012] * 3, abs=1e-6)
+
+
+@pytest.mark.parametrize("broken", [True, False])
+def test_an_output_that_fails_stops_the_stage(broken: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whether it is to rise or to fall."""
+
+    def fails(on: bool) -> None:
+        if on is broken:
+            raise StageError("no output")
+
+    bench = _plain(settings={"sync": {"output": "coolant"}})
+    engine = bench.ready()
+    monkeypatch.setattr(bench.stage, "set_output", fails)
+    with pytest.raises(StageError):
+        indent(engine, Target("doi_mm", 0.5), hold_s=0.1)
+    assert engine.state is State.UNHOMED
+    assert isinstance(engine.problem, StageError)
+
+
+@pytest.mark.parametrize("purpose", ["data", "precondition", "reference", "find"])
+@pytest.mark.parametrize("output", ["off", "coolant"])
+def test_a_pulse_is_of_data_only_and_only_where_there_is_an_output(purpose: Purpose, output: str) -> None:
+    bench = _plain(settings={"sync": {"output": output}})
+    pulse(bench.ready(), PressId(0, purpose), "touch")
+    assert bool(bench.of("sync")) == bool(bench.stage.outputs) == ((purpose, output) == ("data", "coolant"))
 
 
 def test_a_rig_that_gives_presses_that_much_farther(spring: Make) -> None:
@@ -267,3 +326,243 @@ def test_a_rig_that_gives_presses_that_much_farther(spring: Make) -> None:
     assert end["doi_mm"] == pytest.approx(0.5, abs=0.00125 + 1e-6)
     assert travel_mm - end["doi_mm"] == pytest.approx(0.5 * end["force_gwt"] * 9.80665e-3, abs=1e-6)
     assert travel_mm - end["doi_mm"] > 0.01
+
+
+# --- as a whole: pauses, and who may press ---
+
+Felt = Callable[[PlainBench], float]
+CONTACT_MM = -0.3
+
+
+def _finger(bench: PlainBench) -> float:
+    return round(bench.hertz(6.0, CONTACT_MM), 2)
+
+
+def _plain(felt: Felt = _finger, settings: dict[str, Any] | None = None, **options: Any) -> PlainBench:
+    return PlainBench(felt, settings or {}, **options)
+
+
+def test_what_an_indentation_does_unless_told_otherwise() -> None:
+    """One hold of 1 s, at habits.press_speed_mm_s, on the next index, within limits.search_mm of the apex."""
+    bench = _plain()
+    engine = bench.ready()
+    for index in (0, 1):
+        done = indent(engine, Target("doi_mm", 0.5))
+        assert (done.index, len(done.holds)) == (index, 1)
+    start, end = bench.of("indentation_start")[0], bench.of("hold_end")[0]
+    assert (start["increments"], end["asked_s"]) == (1, 1.0)
+    assert 1.0 - 1e-6 < end["hold_s"] < 1.05 + 1e-6  # until the first reading that is not within it
+
+
+def test_an_indentation_is_journalled_with_all_the_time_it_took_to_a_millionth() -> None:
+    """On a sensor that is late by an odd time."""
+    bench = _plain(settings={"force": {"latency_s": math.pi / 100}})
+    engine = bench.ready()
+    start_s = bench.clock.monotonic_s()
+    indent(engine, Target("doi_mm", 0.5))
+    took_s = round(bench.clock.monotonic_s() - start_s, 6)
+    assert bench.of("indentation_end") == [{"index": 0, "duration_s": took_s}]
+
+
+@pytest.mark.parametrize("touch", [False, True])
+@pytest.mark.parametrize(
+    ("expected_mm", "contact_mm", "code", "fields"),
+    [
+        (0.25, -3.0, "no_contact", {"lowest_mm": -0.25}),
+        (0.25, 0.85, "contact_too_high", {"highest_mm": 0.75}),
+        (-0.25, -3.0, "no_contact", {"lowest_mm": -0.75}),
+        (-0.25, 0.35, "contact_too_high", {"highest_mm": 0.25}),
+    ],
+)
+def test_contact_is_expected_within_search_mm_of_where_the_model_says(
+    touch: bool, expected_mm: float, contact_mm: float, code: str, fields: dict[str, float]
+) -> None:
+    bench = _plain(lambda bench: bench.hertz(6.0, contact_mm))
+    engine = bench.ready()
+    with raises(TripError, code, **fields):
+        _pressed(engine, touch, expected_mm)
+
+
+def _pressed(engine: Engine, touch: bool, expected_mm: float) -> None:
+    """Touched only, or pressed."""
+    if touch:
+        touch_place(engine, 0, expected_mm)
+    else:
+        indent(engine, Target("doi_mm", 0.5), expected_contact_mm=expected_mm)
+
+
+def _pause_once(bench: PlainBench, phase: str, readings: int = 3) -> list[int]:
+    """The operator wants a pause from so many readings of a phase on, and then goes on; how many there were."""
+    asked: list[int] = []
+
+    def wants() -> bool:
+        if not asked and len(bench.readings(phase)) >= readings:
+            asked.append(len(bench.readings(phase)))
+            return True
+        return False
+
+    bench.wants_pause = wants
+    return asked
+
+
+@pytest.mark.parametrize("phase", ["approach", "touch", "press", "hold"])
+def test_a_paused_indentation_is_done_anew_under_its_number(phase: str) -> None:
+    bench = _plain()
+    engine = bench.ready()
+    asked = _pause_once(bench, phase)
+    done = indent(engine, Target("doi_mm", 0.5), hold_s=0.5, contact_area_mm2=10.0)
+    assert asked == [3]
+    assert done.index == 0
+    assert [event["index"] for event in bench.of("indentation_start")] == [0, 0]
+    assert len(bench.of("indentation_end")) == len(bench.of("paused")) == len(bench.of("resumed")) == 1
+    assert engine.next_index() == 1
+
+
+def test_what_is_done_anew_after_a_pause_has_the_same_limit_of_pressure() -> None:
+    """30 N/cm² over 0.1 mm² are 3.06 gwt."""
+    bench = _plain()
+    engine = bench.ready()
+    _pause_once(bench, "press")
+    with raises(LimitError, "next_move_past_pressure_limit", limit_gwt=pytest.approx(0.03 / GWT_N)):
+        indent(engine, Target("doi_mm", 1.0), contact_area_mm2=0.1)
+    assert len(bench.of("indentation_start")) == 2
+
+
+def test_a_pause_that_is_wanted_before_an_indentation_comes_before_it() -> None:
+    bench = _plain()
+    engine = bench.ready()
+    _pause_once(bench, "clearance", 1)
+    indent(engine, Target("doi_mm", 0.5), hold_s=0.1)
+    streams = [stream for stream, _ in bench.events if stream in ("paused", "resumed", "indentation_start")]
+    assert streams == ["paused", "resumed", "indentation_start"]
+
+
+@pytest.mark.parametrize("phase", ["approach", "touch"])
+def test_a_paused_touch_is_done_anew(phase: str) -> None:
+    bench = _plain(lambda bench: round(bench.hertz(7.3, CONTACT_MM), 2))
+    engine = bench.ready()
+    asked = _pause_once(bench, phase)
+    found_mm = touch_place(engine, 4, 0.0)
+    assert asked == [3]
+    assert found_mm == pytest.approx(CONTACT_MM, abs=0.01)
+    (found,) = bench.of("find")
+    assert found == {
+        "index": 4, "indentor": "bar:3.0", "x_mm": 0.0, "along_mm": 0.0, "contact_height_mm": round(found_mm, 6),
+    }  # fmt: skip
+    assert engine.state is State.READY
+    assert bench.height_mm == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("touch", [False, True])
+def test_a_finger_that_was_touched_for_too_long_is_let_go(touch: bool) -> None:
+    """0.2 s are over in the touch-off; what was counted before this part of the run counts too."""
+    bench = _plain(settings={"limits": {"max_contact_s": 100.0}}, contact_s=99.8)
+    engine = bench.ready()
+    with raises(LimitError, "contact_time", contact_s=pytest.approx(100.5, abs=0.5), limit_s=100.0):
+        _pressed(engine, touch, 0.0)
+    assert engine.state is State.READY
+    assert bench.height_mm == pytest.approx(2.0)
+    assert len(bench.of("retract")) == 1
+    assert bench.of("indentation_end") == bench.of("find") == []
+
+
+def _unmounted(bench: PlainBench) -> None:
+    bench.engine.indentor = None
+
+
+def _in_contact(bench: PlainBench) -> None:
+    bench.engine.go_to_height(1.96, 1.0)
+
+
+def _homed_again(bench: PlainBench) -> None:
+    verbs.home(bench.engine)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "code", "fields"),
+    [
+        (_unmounted, "no_indentor", {}),
+        (_homed_again, "not_placed", {}),
+        (_in_contact, "not_allowed", {"verb": "indent", "state": "in contact"}),
+    ],
+)
+@pytest.mark.parametrize("press", ["indent", "touch", "compliance"])
+def test_nothing_is_pressed_unless_mounted_placed_and_clear(
+    spoil: Callable[[PlainBench], None], code: str, fields: dict[str, str], press: str
+) -> None:
+    bench = _plain()
+    bench.ready()
+    spoil(bench)
+    moves = bench.stage.moves
+    with raises(NotReadyError, code, **fields):
+        _press(bench, press)
+    assert bench.stage.moves == moves
+
+
+def _press(bench: PlainBench, press: str) -> None:
+    if press == "indent":
+        indent(bench.engine, Target("doi_mm", 0.5))
+    elif press == "touch":
+        touch_place(bench.engine, 0, 0.0)
+    else:
+        measure_compliance(bench.engine, 5.0)
+
+
+@pytest.mark.parametrize("press", ["indent", "touch", "compliance"])
+def test_nothing_is_pressed_unless_zeroed_or_once_the_finger_was_touched_for_too_long(press: str) -> None:
+    bench = _plain()
+    verbs.mount(bench.engine, "bar:3.0")
+    verbs.home(bench.engine)
+    verbs.move_to(bench.engine, 0.0)
+    with raises(NotReadyError, "not_zeroed"):
+        _press(bench, press)
+    bench = _plain()
+    bench.ready()
+    bench.engine.contact.begin()
+    bench.clock.wait_s(3600.5)
+    bench.engine.contact.end()
+    moves = bench.stage.moves
+    with raises(LimitError, "contact_time", limit_s=3600.0):
+        _press(bench, press)
+    assert bench.stage.moves == moves
+
+
+def test_whoever_is_ready_is_told_nothing() -> None:
+    ready_to_indent(_plain().ready())
+
+
+# --- the reference ---
+
+
+def _found(*gwt: float) -> Indentation:
+    return Indentation(7, 0.0, tuple(Hold(Target("doi_mm", 0.5), 0.5, force, 0.0) for force in gwt))
+
+
+@pytest.mark.parametrize(
+    ("now_gwt", "deviation"),
+    [((2.0, 4.0), 0.0), ((2.28, 4.0), 0.14), ((2.0, 3.44), -0.14), ((2.32, 3.9), 0.16), ((2.1, 3.36), -0.16)],
+)
+@pytest.mark.parametrize("resumed", [False, True])
+def test_a_reference_is_compared_with_the_first_one(
+    now_gwt: tuple[float, ...], deviation: float, resumed: bool
+) -> None:
+    """The hold that is farthest off counts, limits.reference_band = 0.15 is what it may be off by."""
+    bench = _plain(settings={"limits": {"on_alarm": "trip"}})
+    reference = Reference([2.0, 4.0] if resumed else None)
+    if not resumed:
+        reference.compare(bench.engine, _found(2.0, 4.0))
+        reference.compare(bench.engine, _found(2.2, 4.0))
+    off = {"index": 7, "deviation": pytest.approx(deviation), "band": 0.15}
+    with raises(TripError, "reference_off", **off) if abs(deviation) > 0.15 else nullcontext():
+        reference.compare(bench.engine, _found(*now_gwt))
+    assert bench.of("reference")[-1] == {"index": 7, "deviation": pytest.approx(deviation, abs=1e-6)}
+    assert len(bench.of("alarm")) == (abs(deviation) > 0.15)
+
+
+def test_a_deviation_is_journalled_to_a_millionth_and_may_be_as_wide_as_the_band() -> None:
+    bench = _plain(settings={"limits": {"reference_band": 0.125}})
+    reference = Reference([3.0])
+    reference.compare(bench.engine, _found(3.1))
+    reference.compare(bench.engine, _found(3.375))
+    assert [event["deviation"] for event in bench.of("reference")] == [0.033333, 0.125]
+    assert not bench.of("alarm")

@@ -13,6 +13,7 @@ from rig.engine import LimitError, NotReadyError, RunAborted, TripError
 from rig.engine.journal import Journal, JournalError, read_journal
 from rig.engine.streams import STREAMS
 from sim.devices.clock import VirtualClock
+from tests.raising import raises
 
 SOME = {"note": {"text": ""}, "move": {"x_mm": "mm", "height_mm": "mm"}}
 
@@ -116,7 +117,7 @@ def test_garbage_before_the_end_is_refused_by_file_and_line(path: Path, clock: V
     lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
     lines[3] = "\x00\x00 {\n"
     path.write_text("".join(lines), encoding="utf-8")
-    with pytest.raises(JournalError, match=r"events\.jsonl, line 4: not a journal document"):
+    with raises(JournalError, "no_document", path=str(path), line=4):
         list(read_journal(path))
 
 

@@ -11,6 +11,7 @@ import pytest
 from rig.engine import RecordError
 from rig.engine.journal import Journal, JournalError, mend_journal, read_journal
 from sim.devices.clock import VirtualClock
+from tests.raising import raises
 
 SOME = {"note": {"text": ""}}
 START = b'{"doc": "start", "t_s": 0.0}\n'
@@ -85,16 +86,15 @@ def test_numbers_go_on_where_they_were(path: Path, synced: list[int], clock: Vir
 )  # fmt: skip
 def test_a_line_that_is_no_document_is_named(path: Path, line: bytes) -> None:
     path.write_bytes(START + line + b"\n" + NOTE)
-    with pytest.raises(JournalError) as refused:
+    with raises(JournalError, "no_document", path=str(path), line=2):
         list(read_journal(path))
-    assert str(refused.value) == f"{path}, line 2: not a journal document"
     path.write_bytes(START + line)  # the last one, torn
     assert [d["doc"] for d in read_journal(path)] == ["start"]
 
 
 def test_a_line_that_ends_is_not_torn(path: Path) -> None:
     path.write_bytes(START + b"{\n")
-    with pytest.raises(JournalError, match="line 2: not a journal document"):
+    with raises(JournalError, "no_document", line=2):
         list(read_journal(path))
 
 
@@ -142,9 +142,8 @@ def test_a_full_disk_keeps_whole_lines_and_what_comes_after_it(
         journal.event("note", {"text": "a"})
         before = path.read_bytes()
         for _ in range(2):
-            with pytest.raises(RecordError) as refused:
+            with raises(RecordError, "cannot_be_written", path=str(path), error=os.strerror(errno.ENOSPC)):
                 journal.event("note", {"text": "x" * 100})
-            assert str(refused.value) == f"{path}: cannot be written: No space left on device"
             assert path.read_bytes() == before
         journal.event("note", {"text": "b"})
         journal.stop("done")
@@ -162,7 +161,7 @@ def test_an_error_without_words_from_the_system_is_told_in_its_own(
 
     with Journal(path, clock, SOME) as journal:
         monkeypatch.setattr("rig.engine.journal.os.fsync", broken)
-        with pytest.raises(RecordError, match=r"events\.jsonl: cannot be written: the disk is gone$"):
+        with raises(RecordError, "cannot_be_written", path=str(path), error="the disk is gone"):
             journal.start({})
     assert path.read_bytes() == b""
 

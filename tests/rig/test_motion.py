@@ -4,16 +4,20 @@ The pad's centre is at machine x = -30, y = -15, its apex at z = -25; the told s
 """
 
 import math
+import pickle
 from collections.abc import Callable
 from contextlib import nullcontext
 from typing import Any
 
 import pytest
 
-from rig.devices.stage.base import StageError, StageNotHomed
-from rig.engine.motion import FeltError, Motion
+from rig.devices.stage.base import StageHeld, StageNotHomed, StageStatus
+from rig.engine.errors import TripError, recast
+from rig.engine.motion import FeltError, Motion, StrayedError
 from rig.engine.rig_settings import RigSettings
+from rig.engine.sensing import NoReadingError
 from sim.devices.clock import VirtualClock
+from tests.raising import has_code, raises
 from tests.told import ToldStage
 
 
@@ -45,7 +49,7 @@ def _felt(*, after: int = 0) -> Callable[[], None]:
 
     def feel() -> None:
         if not left:
-            raise FeltError("felt", 3.0)
+            raise FeltError("felt", 3.0, code="for_the_test")
         left.pop()
 
     return feel
@@ -123,7 +127,7 @@ MOVES: dict[str, Callable[[Motion], None]] = {
 def test_what_is_felt_halts_the_stage_where_it_then_is(watched: Watched, move: str, silent: bool) -> None:
     watched.motion.home()
     watched.stage.silent, watched.feel = silent, _felt(after=1)
-    with pytest.raises(FeltError, match=r"^felt$") as felt:
+    with raises(FeltError, "for_the_test", force_gwt=3.0) as felt:
         MOVES[move](watched.motion)
     assert felt.value.force_gwt == 3.0
     assert watched.stage.told[-1] == "halt"
@@ -153,7 +157,7 @@ def test_a_halt_that_lost_the_position_is_not_asked_for_it(watched: Watched, mon
 def test_a_stage_that_somebody_holds_is_named(watched: Watched, state: str) -> None:
     watched.motion.home()
     watched.stage.state = state
-    with pytest.raises(StageError, match=f"^the stage is held, {state}: somebody stopped it at the controller$"):
+    with raises(StageHeld, "held", state=state):
         watched.motion.to_height(2.0, 50.0)
 
 
@@ -167,4 +171,22 @@ def test_any_other_state_is_none_of_its_business(watched: Watched, state: str) -
 
 def test_what_is_felt_says_what_and_how_much() -> None:
     felt: list[Any] = [FeltError("no reading"), FeltError("too much", 7.0)]
-    assert [(str(e), e.force_gwt) for e in felt] == [("no reading", None), ("too much", 7.0)]
+    assert [(str(e), e.force_gwt, e.fields) for e in felt] == [
+        ("no reading", None, {}), ("too much", 7.0, {"force_gwt": 7.0}),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", [TripError, FeltError])
+def test_an_error_of_another_kind_says_the_same(kind: type[TripError | FeltError]) -> None:
+    found = recast(kind, NoReadingError("{older_s:g} s {{old}}", code="stale_reading", older_s=0.5))
+    assert str(found) == "0.5 s {old}"
+    has_code(found, "stale_reading", older_s=0.5)
+    assert str(recast(kind, OSError("{as it is}"))) == "{as it is}"
+
+
+def test_what_is_felt_survives_a_pickle() -> None:
+    at = StageStatus("Run", 1.0, 2.0, 3.0)
+    strayed = pickle.loads(pickle.dumps(StrayedError("at {z_mm:g} mm", at, code="off_its_way", z_mm=3.0)))
+    assert (str(strayed), strayed.at, strayed.force_gwt) == ("at 3 mm", at, None)
+    felt = pickle.loads(pickle.dumps(FeltError("{force_gwt:g} gwt", 7.0)))
+    assert (str(felt), felt.force_gwt) == ("7 gwt", 7.0)

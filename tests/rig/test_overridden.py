@@ -115,7 +115,7 @@ def test_on_the_way_up_from_a_trip_it_is_ended_and_goes_on(watched: Watched, dat
     for after_s in (0.1, 0.5):
         _struck(watched, data, after_s=after_s)
     with pytest.raises(TripError, match=r"^for the test$"):
-        engine.trip("for the test")
+        engine.trip(TripError("for the test"))
     assert watched.pose.above_apex_mm == pytest.approx(CLEARANCE_MM, abs=0.003)
     assert [stream for stream, _ in watched.events].count("trip") == 1
     assert watched.bench.stage.homed
@@ -133,7 +133,7 @@ def test_whoever_changes_it_again_and_again_is_named_in_the_end(watched: Watched
 
     stage.moving = overridden  # type: ignore[method-assign]
     with pytest.raises(TripError, match=r"^for the test; and the lift failed: somebody changed it$"):
-        engine.trip("for the test")
+        engine.trip(TripError("for the test"))
     assert len(went) == 5
 
 

@@ -10,6 +10,7 @@ import pytest
 from rig.devices.stage import StageError
 from rig.engine import EngineError, NotReadyError, Target, TripError, indent, verbs
 from rig.engine.engine import State
+from tests.raising import has_code, raises
 
 Make = Callable[..., Any]
 FORCE = Target("force_gwt", 2.33)
@@ -28,13 +29,13 @@ def _alarm(bench: Any) -> None:
 
 
 def _trip(bench: Any) -> None:
-    with pytest.raises(TripError):
-        bench.engine.trip("for the test")
+    with raises(TripError, "for_the_test"):
+        bench.engine.trip(TripError("for the test", code="for_the_test"))
 
 
 def _press_a_stiff_thing(bench: Any) -> None:
     bench.k_gwt, bench.engine.trips.soft_gwt = 5000.0, 2.0
-    with pytest.raises(TripError):
+    with raises(TripError, "soft_trip", limit_gwt=2.0):
         indent(bench.engine, FORCE)
 
 
@@ -104,8 +105,14 @@ def test_every_verb_in_every_state(spring: Make, state: State, verb: str) -> Non
     bench = _in(state, spring)
     leads_to, sent = MACHINE[state][verb], len(bench.sent("stage"))
     if leads_to is None:
-        with pytest.raises(NotReadyError, match=rf"^{verb}: "):
+        with pytest.raises(NotReadyError) as refused:
             VERBS[verb](bench)
+        if verb == "mount":
+            has_code(refused.value, "may_touch", state=state.value)
+        elif verb == "home":
+            has_code(refused.value, "tripped")
+        else:
+            has_code(refused.value, "not_allowed", verb=verb, state=state.value)
         assert len(bench.sent("stage")) == sent
         leads_to = state
     else:
@@ -132,7 +139,7 @@ def test_a_stage_that_fails_is_unhomed(spring: Make, state: State) -> None:
     bench = _in(state, spring)
     _alarm(bench)
     assert bench.engine.state is State.UNHOMED
-    with pytest.raises(NotReadyError):
+    with raises(NotReadyError, "not_allowed", verb="move_to", state="unhomed"):
         verbs.move_to(bench.engine, 0.0)
 
 

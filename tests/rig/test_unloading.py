@@ -16,14 +16,15 @@ from rig.engine.contact import Contact
 from rig.engine.sensing import Sensing
 from studies.faults.catalogue import GRBL, MODBUS
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, FaultyBench
+from tests.raising import raises
 
 FORCES_GWT = (0.5, 8.0, 28.9)  # the soft trip is at 16
 Act = Callable[[FaultyBench], None]
 
 
 def _trips(bench: FaultyBench) -> None:
-    with pytest.raises(TripError, match=r"^for the test$"):
-        bench.engine.trip("for the test")
+    with raises(TripError, "for_the_test"):
+        bench.engine.trip(TripError("for the test", code="for_the_test"))
 
 
 def _backs_off(bench: FaultyBench) -> None:
@@ -33,7 +34,7 @@ def _backs_off(bench: FaultyBench) -> None:
 
 def _paused(bench: FaultyBench) -> None:
     bench.pause = Pause(lambda: True, lambda: False)
-    with pytest.raises(RunAborted):
+    with raises(RunAborted, "stopped_at_a_safe_point"):
         verbs.safe_point(bench.engine)
 
 
@@ -123,8 +124,11 @@ def test_a_force_that_grows_does(tmp_path: Path, stage: str, sign: int) -> None:
     bench = Pressed(tmp_path, stage).bench(8.0, zeroed=True)
     from_s = bench.clock.monotonic_s() + 0.3
     bench.extra_n = lambda t_s: sign * 25 * GWT_N if from_s < t_s < from_s + 1.0 else 0.0
-    with pytest.raises(TripError, match=r"above the soft trip|underloaded"):
+    with pytest.raises(TripError) as tripped:
         verbs.retract(bench.engine)
+    assert (tripped.value.code, tripped.value.fields.get("error_code")) in (
+        ("soft_trip", None), ("no_reading", "underload"),
+    )  # fmt: skip
     assert bench.true_n(bench.clock.monotonic_s()) == 0.0
     bench.journal.close()
 
@@ -164,7 +168,7 @@ def test_a_finger_that_homing_did_not_free_is_not_taken_for_free(tmp_path: Path)
     bench.felt_n = lambda t_s: pressed_n
     engine = Engine(bench.config, bench, bench.journal, SOFT_TRIP_N)
     known = LastKnown(zero_offset_n=zero.offset_n, contact=Contact("touching", 8.0))
-    with pytest.raises(TripError, match="homed, and not lifted"):
+    with raises(TripError, "not_lifted", phase="homed", contact="disagreement"):
         verbs.leave_finger(engine, known, resumed=False)
     assert engine.known_contact.kind == "disagreement"
     bench.journal.close()

@@ -208,7 +208,7 @@ def test_a_lift_after_a_trip_waits_for_no_sensor(watched: Callable[..., Watched]
     engine.go_to_height(1.96, 0.5)
     asked = len(bench.hand.felt_s)
     with pytest.raises(TripError):
-        engine.trip("for the test")
+        engine.trip(TripError("for the test"))
     assert len(bench.hand.felt_s) - asked <= 3, "one reading, at rest"
     assert bench.pose.above_apex_mm > 1.99
 
@@ -358,7 +358,7 @@ def test_a_trip_lifts_no_higher_than_the_stage_travels(on_trip: str, from_mm: fl
     engine = bench.ready()
     engine.go_to_height(from_mm, 0.5)
     with pytest.raises(TripError, match=r"^for the test$"):
-        engine.trip("for the test")
+        engine.trip(TripError("for the test"))
     assert bench.pose.above_apex_mm == pytest.approx(to_mm, abs=0.003)
 
 

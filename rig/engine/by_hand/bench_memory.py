@@ -92,7 +92,11 @@ class BenchMemory:
             with suppress(OSError):
                 self._path.unlink()  # a full disk lets it go
             if self.read().contact == before:
-                raise RecordError(f"{self._path}: cannot be written, and says that the finger is not touched")
+                raise RecordError(
+                    "{path}: cannot be written, and says that the finger is not touched",
+                    code="says_not_touched",
+                    path=str(self._path),
+                )
 
     def _write(self, **changes: object) -> None:
         known = self.read().model_copy(update=changes)

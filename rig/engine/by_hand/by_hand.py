@@ -9,10 +9,11 @@ from rig.devices.stage.base import Axis, Stage, StageError, StageOverridden, Sta
 from rig.engine.by_hand.dead_man import DOWN, UP, Direction, dead_man_jog
 from rig.engine.by_hand.guard import Guard
 from rig.engine.contact import Contact, ContactKind, judged
-from rig.engine.errors import LimitError
+from rig.engine.errors import LimitError, code_of, recast
 from rig.engine.limits import AT_MM
 from rig.engine.motion import FeltError, StrayedError, insist
 from rig.engine.rig_settings import RigSettings
+from rig.errors import RigError
 from rig.transport.base import TransportError
 from rig.transport.clock import Clock
 
@@ -29,7 +30,12 @@ class Moved:
 
     at: StageStatus
     force_gwt: float | None
-    ended_by: str | None = None
+    problem: RigError | None = None
+
+    @property
+    def ended_by(self) -> str | None:
+        """What ended it, in words."""
+        return None if self.problem is None else str(self.problem)
 
 
 class ByHand:
@@ -83,14 +89,16 @@ class ByHand:
             end = self._down(held, speed_mm_s, by_mm) if direction == DOWN else self._aside(held, speed_mm_s, by_mm)
         except StrayedError as strayed:
             self.stands(placed=False)  # the stage was stopped
-            return Moved(strayed.at, self._force_gwt, str(strayed))
+            return Moved(strayed.at, self._force_gwt, strayed)
         except FeltError as felt:
-            return self._ended(direction, at, str(felt))
+            return self._ended(direction, at, felt)
         except StageOverridden as error:
             self._stage.halt()
-            return self._ended(direction, at, str(error))
+            return self._ended(direction, at, recast(FeltError, error))
         except ValueError as error:
-            raise LimitError(f"{error}; nothing was moved") from error
+            raise LimitError(
+                "{error}; nothing was moved", code="refused_by_the_stage", error=str(error), error_code=code_of(error)
+            ) from error
         return Moved(end, self._force_gwt)
 
     def _below_clearance(self, at: StageStatus, by_mm: float | None) -> None:
@@ -171,10 +179,10 @@ class ByHand:
             if above_mm > _TINY_MM:
                 step_mm = min(habits.descent_step_mm, left_mm, above_mm)
             if height_mm - step_mm < self._lowest_mm - _TINY_MM:
-                raise FeltError(self._too_deep(height_mm - step_mm))
+                raise recast(FeltError, self._too_deep(height_mm - step_mm))
         room_mm = math.inf if self._guard is None else self._guard.room_mm
         if room_mm < self._settings.stage.resolution_mm:
-            raise FeltError("the next step down would pass the soft trip")
+            raise FeltError("the next step down would pass the soft trip", code="next_step_past_soft_trip")
         return min(step_mm, room_mm)
 
     def _up_to(self, z_mm: float) -> StageStatus:
@@ -188,7 +196,7 @@ class ByHand:
             dead_man_jog(self._stage, self._clock, lambda: UP, speed_mm_s, z_mm - self._stage.status().z_mm)
         except StageOverridden as error:
             self._stage.halt()
-            raise FeltError(str(error)) from error
+            raise recast(FeltError, error) from error
 
     def _height_mm(self, at: StageStatus) -> float | None:
         """Above the nominal apex, where that is known."""
@@ -201,27 +209,33 @@ class ByHand:
     def _refuse_depth(self, at: StageStatus, by_mm: float) -> None:
         height_mm = self._height_mm(at)
         if height_mm is not None and height_mm - by_mm < self._lowest_mm - _TINY_MM:
-            raise LimitError(f"{self._too_deep(height_mm - by_mm)}; nothing was moved")
+            deep = self._too_deep(height_mm - by_mm)
+            raise LimitError(f"{deep.sentence}; nothing was moved", code=deep.code, **deep.fields)
 
-    def _too_deep(self, height_mm: float) -> str:
-        limits, frame = self._settings.limits, self._settings.frame
-        return (
-            f"{-height_mm:.2f} mm below the nominal apex is deeper than limits.max_doi_mm = {limits.max_doi_mm:g}: "
-            f"is frame.apex_z_mm = {frame.apex_z_mm:g} right?"
+    def _too_deep(self, height_mm: float) -> LimitError:
+        return LimitError(
+            "{depth_mm:.2f} mm below the nominal apex is deeper than limits.max_doi_mm = {limit_mm:g}: "
+            "is frame.apex_z_mm = {apex_z_mm:g} right?",
+            code="too_deep",
+            depth_mm=-height_mm,
+            limit_mm=self._settings.limits.max_doi_mm,
+            apex_z_mm=self._settings.frame.apex_z_mm,
         )
 
-    def _ended(self, direction: Direction, start: StageStatus, reason: str) -> Moved:
+    def _ended(self, direction: Direction, start: StageStatus, felt: FeltError) -> Moved:
         """At rest; from a force above a trip it goes back the way it came, to clearance from there at most."""
-        at, above = self._stage.status(), None
+        at, above, words, fields = self._stage.status(), None, "{reason}", {**felt.fields, "reason": str(felt)}
         if self._guard is not None and direction != UP:
             self._guard.look()  # it went on a little after what ended it
             above = self._guard.above_trip
-        if above is not None and above not in reason:
-            reason = f"{reason}; then {above}"
+        if above is not None and str(above) not in str(felt):
+            words += "; then {then}"
+            fields |= {"then": str(above), "then_code": above.code}
         back_mm = min(start.z_mm - at.z_mm, self._settings.habits.clearance_mm)
         lifts = above is not None and self._settings.limits.on_trip != "stop"
         if lifts and back_mm > _TINY_MM:
             at = self._up_to(at.z_mm + back_mm)
-            reason = f"{reason}; lifted by {back_mm:.2f} mm"
+            words += "; lifted by {lifted_mm:.2f} mm"
+            fields["lifted_mm"] = back_mm
         self._show(at, self._force_gwt)
-        return Moved(at, self._force_gwt, reason)
+        return Moved(at, self._force_gwt, FeltError(words, code=felt.code, **fields))

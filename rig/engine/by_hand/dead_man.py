@@ -85,10 +85,17 @@ def _jogging(
         ahead_mm = told_mm - gone_mm
         pace.seen(asked_s, heard_s, gone_mm, at_rest=now.state == "Idle")
         if pace.stood and by_mm is None:
-            raise StageError("the jog stood still while a key was held: somebody stopped it at the controller")
+            raise StageError(
+                "the jog stood still while a key was held: somebody stopped it at the controller",
+                code="jog_stood_still",
+            )
         stood = stood + 1 if now.state == "Idle" and ahead_mm > step_mm + _ROUNDING_MM else 0
         if stood > _STANDS:
-            raise StageError(f"the jog was stopped at the controller, {ahead_mm:.3f} mm short of what it was told")
+            raise StageError(
+                "the jog was stopped at the controller, {short_mm:.3f} mm short of what it was told",
+                code="jog_cut_short",
+                short_mm=ahead_mm,
+            )
         # as finely as a controller is told, so that what was told adds up
         left_mm = round(slice_mm if by_mm is None else min(slice_mm, by_mm - told_mm), 4)
         if left_mm <= 0 and now.state == "Idle" and not stood:

@@ -3,7 +3,7 @@
 import math
 
 from rig.devices.units import GWT_N
-from rig.engine.errors import LimitError
+from rig.engine.errors import LimitError, TripError, recast
 from rig.engine.limits import TRIP_MARGIN, Trips
 from rig.engine.motion import FeltError
 from rig.engine.pressing.frozen import Unanswered
@@ -37,7 +37,7 @@ class Guard:
         self._touched_z_mm: float | None = None
 
     @property
-    def above_trip(self) -> str | None:
+    def above_trip(self) -> TripError | None:
         """Which trip the last reading was above, if any."""
         return None if self.force_gwt is None else self._trips.passed_any(self.force_gwt)
 
@@ -51,8 +51,10 @@ class Guard:
         force_gwt = self.from_air_gwt
         if force_gwt is not None and abs(force_gwt) >= self.touch_gwt:
             raise LimitError(
-                f"{force_gwt:.2f} gwt, and the finger was touched before: nothing was moved sideways; up first, or "
-                "rig zero --anyway where nothing touches"
+                "{force_gwt:.2f} gwt, and the finger was touched before: nothing was moved sideways; up first, or "
+                "rig zero --anyway where nothing touches",
+                code="touches_still",
+                force_gwt=force_gwt,
             )
 
     @property
@@ -80,13 +82,15 @@ class Guard:
             self._sensing.begin_motion(away=up)
         except NoReadingError as error:
             if not (up and error.out_of_range):
-                raise LimitError(f"{error}; nothing was moved, --without-force moves all the same") from error
+                words = f"{error.sentence}; nothing was moved, --without-force moves all the same"
+                raise LimitError(words, code=error.code, **error.fields) from error
             self.force_gwt, self._touched_z_mm = None, None
             self._sensing.begin_motion(away=up)
             return
         self.force_gwt = self._rest_gwt
-        if self.above_trip and not up:
-            raise LimitError(f"{self.above_trip}; nothing was moved: up first, or rig zero")
+        if (above := self.above_trip) and not up:
+            words = f"{above.sentence}; nothing was moved: up first, or rig zero"
+            raise LimitError(words, code=above.code, **above.fields)
         if not (down and self._touched_z_mm is not None):
             self._touched_z_mm, self._air_gwt, self._stiffness_gwt_mm = None, self._rest_gwt, 0.0
 
@@ -104,7 +108,7 @@ class Guard:
         except NoReadingError as error:
             self.force_gwt = None
             if not self._up:
-                raise FeltError(str(error)) from error
+                raise recast(FeltError, error) from error
         if self.force_gwt is None or self._sensing.unloads(self.force_gwt):
             return
         self._refuse_trip(self.force_gwt)
@@ -118,11 +122,12 @@ class Guard:
             force_gwt = self._sensing.settled().force_n / GWT_N
         except NoReadingError as error:
             self.force_gwt = None
-            raise FeltError(str(error)) from error
+            raise recast(FeltError, error) from error
         self.force_gwt = self._rest_gwt = force_gwt
         self._refuse_trip(force_gwt)
         if force_gwt <= self._air_gwt - self._sensing.touch_gwt:
-            raise FeltError(f"{force_gwt:.2f} gwt while going down: does the sensor read backwards?", force_gwt)
+            words = "{force_gwt:.2f} gwt while going down: does the sensor read backwards?"
+            raise FeltError(words, force_gwt, code="reads_backwards")
         self._refuse_silence(before_gwt, force_gwt, z_mm, step_mm)
         if step_mm > 0 and force_gwt - before_gwt > 0.5 * self._sensing.resolution_gwt:
             self._stiffness_gwt_mm = (force_gwt - before_gwt) / step_mm
@@ -134,12 +139,16 @@ class Guard:
             return
         if z_mm < self._touched_z_mm - _LOST_INCREMENTS * self._increment_mm and not self._touches(force_gwt):
             raise FeltError(
-                f"{force_gwt:.2f} gwt, {self._touched_z_mm - z_mm:.2f} mm below a touch: a frozen reading?", force_gwt
+                "{force_gwt:.2f} gwt, {below_mm:.2f} mm below a touch: a frozen reading?",
+                force_gwt,
+                code="lost_finger",
+                below_mm=self._touched_z_mm - z_mm,
             )
         # a touch that was felt in motion has told no stiffness yet: it is a touch's force in an increment, or more
         stiffness_gwt_mm = self._stiffness_gwt_mm or self._sensing.touch_gwt / self._increment_mm
         if self._unanswered.too_long(before_gwt, force_gwt, stiffness_gwt_mm * step_mm):
-            raise FeltError(f"the force stays at {force_gwt:.2f} gwt while the stage moves: a frozen reading?")
+            words = "the force stays at {force_gwt:.2f} gwt while the stage moves: a frozen reading?"
+            raise FeltError(words, force_gwt, code="frozen")
 
     def _touches(self, force_gwt: float) -> bool:
         return force_gwt - self._air_gwt >= self._sensing.touch_gwt
@@ -147,12 +156,14 @@ class Guard:
     def _refuse_touch(self, z_mm: float, force_gwt: float) -> None:
         if self._touched_z_mm is None and self._touches(force_gwt):
             self._touched_z_mm = z_mm
-            more_gwt = force_gwt - self._air_gwt
             raise FeltError(
-                f"touched, {more_gwt:.2f} gwt more than before; a new motion goes on from here", force_gwt
+                "touched, {more_gwt:.2f} gwt more than before; a new motion goes on from here",
+                force_gwt,
+                code="touched",
+                more_gwt=force_gwt - self._air_gwt,
             )
 
     def _refuse_trip(self, force_gwt: float) -> None:
         passed = self._trips.passed_any(force_gwt)
         if passed:
-            raise FeltError(passed, force_gwt)
+            raise recast(FeltError, passed)

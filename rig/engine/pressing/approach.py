@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import NoReturn
 
 from rig.engine.engine import Engine
+from rig.engine.errors import TripError
 from rig.engine.pressing.pulse import pulse
 from rig.engine.pressing.touch_fit import fit_contact
 from rig.engine.records import Phase, PressId, Touch
@@ -89,7 +90,8 @@ class Approach:
         force = engine.read_force_gwt(self.press, phase)
         readings.append((engine.height_mm, force))
         if force <= -engine.sensing.touch_gwt:
-            engine.trip(f"{force:.2f} gwt while descending: does the sensor read backwards?", force)
+            words = "{force_gwt:.2f} gwt while descending: does the sensor read backwards?"
+            engine.trip(TripError(words, code="reads_backwards", force_gwt=force), force)
         if force < engine.sensing.touch_gwt:
             return False
         self._refuse_contact_too_high()
@@ -102,17 +104,30 @@ class Approach:
 
     def _miss(self, lowest_mm: float) -> NoReturn:
         """What was felt coarsely must be felt again within one coarse increment: a dead sensor would go on."""
-        place = f"no contact at x = {self.engine.x_mm:g} mm down to {lowest_mm:.3f} mm from the nominal apex"
-        again = ", where it was felt just before" if lowest_mm > self.lowest_mm else ""
-        self.engine.trip(f"{place}{again}: is the sensor alive, the finger in place, frame.apex_z_mm right?")
+        felt_before = lowest_mm > self.lowest_mm
+        place = "no contact at x = {x_mm:g} mm down to {lowest_mm:.3f} mm from the nominal apex"
+        again = ", where it was felt just before" if felt_before else ""
+        missed = TripError(
+            f"{place}{again}: is the sensor alive, the finger in place, frame.apex_z_mm right?",
+            code="no_contact",
+            x_mm=self.engine.x_mm,
+            lowest_mm=lowest_mm,
+            felt_before=felt_before,
+        )
+        self.engine.trip(missed)
 
     def _refuse_contact_too_high(self) -> None:
         engine = self.engine
         if engine.height_mm > self.highest_mm:
-            engine.trip(
-                f"contact at x = {engine.x_mm:g} mm already {engine.height_mm:.3f} mm above the nominal apex: "
-                f"expected below {self.highest_mm:.3f} mm"
+            too_high = TripError(
+                "contact at x = {x_mm:g} mm already {height_mm:.3f} mm above the nominal apex: "
+                "expected below {highest_mm:.3f} mm",
+                code="contact_too_high",
+                x_mm=engine.x_mm,
+                height_mm=engine.height_mm,
+                highest_mm=self.highest_mm,
             )
+            engine.trip(too_high)
 
     def _record(self, touch: Touch) -> None:
         engine = self.engine

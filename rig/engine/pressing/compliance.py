@@ -7,7 +7,7 @@ import numpy as np
 
 from rig.devices.units import GWT_N
 from rig.engine.engine import Engine
-from rig.engine.errors import LimitError
+from rig.engine.errors import LimitError, TripError
 from rig.engine.pressing.indent import ready_to_indent
 from rig.engine.records import NO_PRESS
 from rig.engine.verbs import safe_point, unpaused
@@ -48,7 +48,8 @@ def _pressed(engine: Engine, to_gwt: float) -> list[tuple[float, float]]:
         safe_point(engine)
         step = habits.increment_mm if engine.height_mm > search_mm else settings.stage.resolution_mm
         if engine.height_mm - step < -search_mm:
-            engine.trip(f"no block down to {-search_mm:.3f} mm from the nominal apex: is frame.apex_z_mm its top?")
+            words = "no block down to {lowest_mm:.3f} mm from the nominal apex: is frame.apex_z_mm its top?"
+            engine.trip(TripError(words, code="no_block", lowest_mm=-search_mm))
         engine.go_to_height(engine.height_mm - step, habits.approach_speed_mm_s)
         force = engine.read_force_gwt(NO_PRESS, "compliance")
         if force >= engine.sensing.touch_gwt:
@@ -63,8 +64,12 @@ def _fitted(readings: list[tuple[float, float]], resolution_mm: float) -> Compli
     height, force_n = height[settled], force_n[settled]
     if len(force_n) < _FEWEST:
         raise LimitError(
-            f"{len(force_n)} steps of {resolution_mm:g} mm within the force, expected {_FEWEST}: "
-            "press harder, or take the rig for rigid"
+            "{steps} steps of {step_mm:g} mm within the force, expected {fewest}: "
+            "press harder, or take the rig for rigid",
+            code="too_few_steps",
+            steps=len(force_n),
+            step_mm=resolution_mm,
+            fewest=_FEWEST,
         )
     slope, offset = np.polyfit(force_n, height, 1)
     left_mm = height - (slope * force_n + offset)

@@ -98,9 +98,9 @@ def ready_to_indent(engine: Engine) -> None:
     """Raise NotReadyError unless homed, zeroed, mounted, placed and clear."""
     engine.require_clear("indent")
     if engine.indentor is None:
-        raise NotReadyError("indent: no indentor is mounted")
+        raise NotReadyError("indent: no indentor is mounted", code="no_indentor")
     if not engine.sensing.zeroed:
-        raise NotReadyError("indent: the force sensor has not been zeroed")
+        raise NotReadyError("indent: the force sensor has not been zeroed", code="not_zeroed")
     if not engine.placed:
-        raise NotReadyError("indent: the indentor has not been moved to a position since homing")
+        raise NotReadyError("indent: the indentor has not been moved to a position since homing", code="not_placed")
     engine.contact.refuse_more()

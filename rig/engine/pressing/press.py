@@ -6,7 +6,7 @@ from collections import deque
 from itertools import pairwise
 
 from rig.engine.engine import Engine
-from rig.engine.errors import LimitError
+from rig.engine.errors import LimitError, TripError
 from rig.engine.limits import TRIP_MARGIN
 from rig.engine.pressing.frozen import Unanswered
 from rig.engine.pressing.pulse import pulse
@@ -57,7 +57,12 @@ class Press:
             if abs(doi_mm - self._doi_mm) <= 0.5 * self._smallest_mm:
                 return
             self._press_by(doi_mm - self._doi_mm)
-        raise LimitError(f"DOI {doi_mm:g} mm not reached within {_MAX_SEEK_MOVES} moves")
+        raise LimitError(
+            "DOI {doi_mm:g} mm not reached within {moves} moves",
+            code="doi_not_reached",
+            doi_mm=doi_mm,
+            moves=_MAX_SEEK_MOVES,
+        )
 
     def _seek_force(self, target_gwt: float) -> None:
         """Steps along F ∝ d^1.5 through the present force, until within half the tolerance.
@@ -81,13 +86,22 @@ class Press:
                 self._refuse_to_and_fro(step, smallest_before, target_gwt)
                 smallest_before = step
             self._press_by(step)
-        raise LimitError(f"force {target_gwt:g} gwt not settled within {_MAX_SEEK_MOVES} moves")
+        raise LimitError(
+            "force {target_gwt:g} gwt not settled within {moves} moves",
+            code="force_not_settled",
+            target_gwt=target_gwt,
+            moves=_MAX_SEEK_MOVES,
+        )
 
     def _refuse_to_and_fro(self, step_mm: float, before_mm: float, target_gwt: float) -> None:
         if step_mm * before_mm < 0:
             raise LimitError(
-                f"force {target_gwt:g} gwt: one step of the stage, {self._smallest_mm:g} mm, "
-                f"passes over the tolerance of ± {self._tolerance_gwt(target_gwt):.3g} gwt"
+                "force {target_gwt:g} gwt: one step of the stage, {step_mm:g} mm, "
+                "passes over the tolerance of ± {tolerance_gwt:.3g} gwt",
+                code="step_too_coarse",
+                target_gwt=target_gwt,
+                step_mm=self._smallest_mm,
+                tolerance_gwt=self._tolerance_gwt(target_gwt),
             )
 
     def _tolerance_gwt(self, target_gwt: float) -> float:
@@ -123,11 +137,14 @@ class Press:
         engine, least_gwt = self._engine, _LOST_SHARE * self._touch.threshold_gwt
         below_mm = self._touch.height_at_threshold_mm - engine.height_mm
         if force_gwt < least_gwt and below_mm >= self._habits.increment_mm - 1e-9:
-            engine.trip(
-                f"{force_gwt:.2f} gwt, {below_mm:.2f} mm below the touch: a dead sensor, one that reads backwards, "
+            lost = TripError(
+                "{force_gwt:.2f} gwt, {below_mm:.2f} mm below the touch: a dead sensor, one that reads backwards, "
                 "or the finger has gone",
-                force_gwt,
+                code="lost_finger",
+                force_gwt=force_gwt,
+                below_mm=below_mm,
             )
+            engine.trip(lost, force_gwt)
 
     def _to_force(self, force_gwt: float) -> float:
         """Move in mm that would reach a force on F ∝ d^1.5 through the present reading."""
@@ -141,15 +158,20 @@ class Press:
         room = TRIP_MARGIN * self._to_force(engine.trip_gwt)
         if room < min(step_mm, self._smallest_mm):
             raise LimitError(
-                f"the next move at x = {engine.x_mm:g} mm would pass the {engine.trips.lowest}, "
-                f"{engine.trip_gwt:.2f} gwt"
+                f"the next move at x = {{x_mm:g}} mm would pass the {engine.trips.lowest}, {{limit_gwt:.2f}} gwt",
+                code=f"next_move_past_{engine.trips.lowest_code}",
+                x_mm=engine.x_mm,
+                limit_gwt=engine.trip_gwt,
             )
         step = max(min(step_mm, self._habits.increment_mm, room), -self._habits.increment_mm)
         deepest = engine.settings.limits.max_doi_mm
         if self._doi_mm + step > deepest + 1e-9:
             raise LimitError(
-                f"DOI {self._doi_mm + step:.3f} mm at x = {engine.x_mm:g} mm would pass "
-                f"limits.max_doi_mm = {deepest:g}"
+                "DOI {doi_mm:.3f} mm at x = {x_mm:g} mm would pass limits.max_doi_mm = {limit_mm:g}",
+                code="too_deep",
+                doi_mm=self._doi_mm + step,
+                x_mm=engine.x_mm,
+                limit_mm=deepest,
             )
         expected, before = abs(self._force_after(step) - self._force_gwt), self._force_gwt
         engine.go_to_height(engine.height_mm - step, self._speed)
@@ -157,11 +179,13 @@ class Press:
         if abs(step) >= self._smallest_mm:
             self._stiffness_gwt_mm = (self._force_gwt - before) / step
         if self._unanswered.too_long(before, self._force_gwt, expected):
-            engine.trip(
-                f"the force stays at {self._force_gwt:.2f} gwt while the stage moves: "
+            frozen = TripError(
+                "the force stays at {force_gwt:.2f} gwt while the stage moves: "
                 "a frozen reading, or a motor that does not turn",
-                self._force_gwt,
+                code="frozen",
+                force_gwt=self._force_gwt,
             )
+            engine.trip(frozen, self._force_gwt)
 
     def _force_after(self, step_mm: float) -> float:
         """The force that F ∝ d^1.5 through the present reading expects after a step."""

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 
 from rig.engine.engine import Engine
+from rig.engine.errors import TripError
 from rig.engine.records import Indentation
 
 
@@ -25,10 +26,25 @@ class Reference:
         engine.record("reference", {"index": found.index, "deviation": round(off, 6)})
         band = engine.settings.limits.reference_band
         if abs(off) > band:
-            engine.alarm(f"reference {found.index} is off by {off:+.1%}, limits.reference_band = {band:g}")
+            engine.alarm(
+                TripError(
+                    "reference {index} is off by {deviation:+.1%}, limits.reference_band = {band:g}",
+                    code="reference_off",
+                    index=found.index,
+                    deviation=off,
+                    band=band,
+                )
+            )
         low, high = promised_gwt or (-math.inf, math.inf)
         if not low <= forces_gwt[-1] <= high:
             engine.alarm(
-                f"reference {found.index} is {forces_gwt[-1]:.3g} gwt, the finger that was met should be at "
-                f"{low:.3g} … {high:.3g} gwt"
+                TripError(
+                    "reference {index} is {force_gwt:.3g} gwt, the finger that was met should be at "
+                    "{low_gwt:.3g} … {high_gwt:.3g} gwt",
+                    code="not_as_met",
+                    index=found.index,
+                    force_gwt=forces_gwt[-1],
+                    low_gwt=low,
+                    high_gwt=high,
+                )
             )

@@ -154,8 +154,10 @@ def test_a_press_is_limited_over_the_area_that_the_model_expects(spring: Make) -
     """25 gwt at 0.3 mm are short of every other limit, but 30 N/cm² over 0.1 mm² are 3 gwt."""
     bench = spring(k_gwt=150.0)
     rig, _, _ = _live(bench, StandIn(gwt_mm=1.0, area_mm2=0.1))
-    with pytest.raises(EngineError, match="pressure limit"):
+    with pytest.raises(EngineError) as ended:
         ready(rig).indent(doi_mm=0.3, hold_s=0.0)
+    assert ended.value.code in ("pressure_limit", "next_move_past_pressure_limit")
+    assert ended.value.fields["limit_gwt"] == pytest.approx(0.03 / 9.80665e-3)
     assert not bench.of("hold_end")
 
 
