@@ -12,11 +12,12 @@ from rig.data.folder import RunFolder
 from rig.data.listed_journal import listed_documents
 from rig.engine.journal import Document, JournalError, read_journal
 from rig.engine.streams import PRESS_STREAMS
+from rig.errors import RigError
 
 Events = dict[str, list[dict[str, Any]]]
 
 
-class RunError(Exception):
+class RunError(RigError):
     """The folder holds no readable run."""
 
 

@@ -1,7 +1,9 @@
 """How a run ends before its end."""
 
+from rig.errors import RigError
 
-class EngineError(Exception):
+
+class EngineError(RigError):
     """The engine did not do what it was told."""
 
 

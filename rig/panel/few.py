@@ -30,7 +30,7 @@ class Few:
         Raises ControlError, and then neither is done.
         """
         if not self._idle.acquire(blocking=False):
-            raise ControlError(self._problem)
+            raise ControlError(self._problem, code="busy")
         try:
             begun = self._pool.submit(do, first())
         except BaseException:

@@ -7,6 +7,8 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, JsonValue, ValidationError
 
+from rig.errors import RigError
+
 WRITTEN_BY_COMMANDS: dict[str, JsonValue] = {"written_by_commands": True}
 """Marks the field of a table that no person writes."""
 
@@ -15,7 +17,7 @@ _SHORT.maxlist = _SHORT.maxdict = 3
 _SHORT.maxstring = _SHORT.maxother = 200
 
 
-class BadInputError(Exception):
+class BadInputError(RigError):
     """Something the user gave is not usable; nothing has moved."""
 
 

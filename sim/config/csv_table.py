@@ -5,10 +5,12 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+from sim.errors import SimError
+
 Row = tuple[float, ...]
 
 
-class TableError(ValueError):
+class TableError(SimError, ValueError):
     """The file holds no usable table; the message names file, line, column and what was expected."""
 
 

@@ -14,6 +14,7 @@ import filelock
 from platformdirs import user_runtime_path
 from pydantic import BaseModel, ValidationError
 
+from rig.errors import RigError
 from rig.session.control.conversation import BROKEN, Wire, connected, encoded
 
 ASK_S = 1.0
@@ -21,7 +22,7 @@ STOP = {"do": "stop"}
 """The one request that is said at once."""
 
 
-class ControlError(Exception):
+class ControlError(RigError):
     """No answer: the process has ended, hangs, or is not the one that announced itself. One line."""
 
 
