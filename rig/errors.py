@@ -37,8 +37,8 @@ def code_of(error: BaseException) -> str:
     code = getattr(error, "code", None)
     if isinstance(code, str) and not isinstance(error, SystemExit):
         return code
-    name = type(error).__name__.removesuffix("Exception")
-    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name.removesuffix("Error") or name).lower()
+    name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", type(error).__name__).lower()
+    return name if name == "os_error" else name.removesuffix("_exception").removesuffix("_error")
 
 
 def fields_of(error: BaseException) -> dict[str, Any]:

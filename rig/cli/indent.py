@@ -111,6 +111,8 @@ def command(
         if as_json:
             answer = chosen.described(result.as_json())
             answer["solver"]["build_s"] = finger.build_s
+            if not result.state.converged:
+                answer["code"] = "not_converged"
             print_json(answer if beside is None else answer | {"deflection": beside})
         else:
             _print(result, chosen, finger.build_s)

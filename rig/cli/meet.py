@@ -178,8 +178,8 @@ def _written(done: FinishedRun, meeting: Meeting, settings: Config, to: Path, *,
         write_meeting_page(done.folder.path / MEETING_PAGE, met)
     done.folder.write_checksums()
     if as_json:
-        code = {name: told for name, told in failure(done).items() if name == "code"}
-        print_json(code | said_at_the_end(done, meeting, to))
+        code = failure(done).get("code", "collapsed" if meeting.learned.collapsed else None)
+        print_json(({} if code is None else {"code": code}) | said_at_the_end(done, meeting, to))
         return
     for about, words in said_at_the_end(done, meeting, to).items():
         for line in words if isinstance(words, list) else [words]:

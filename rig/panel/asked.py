@@ -48,8 +48,8 @@ def _no_number(name: str) -> float:
     raise ValueError(name)
 
 
-def _not_understood(key: str, expected: str) -> RequestError:
-    return RequestError("{key}: expected {expected}", code="bad_value", key=key, expected=expected)
+def _not_understood(code: str, key: str, expected: str) -> RequestError:
+    return RequestError("{key}: expected {expected}", code=code, key=key, expected=expected)
 
 
 class HeldButton(NamedTuple):
@@ -66,12 +66,12 @@ class HeldButton(NamedTuple):
         """Raises RequestError."""
         axis, sign = body.get("axis"), body.get("sign")
         if axis not in _AXES:
-            raise _not_understood("axis", "x, y or z")
+            raise _not_understood("unknown_choice", "axis", "x, y or z")
         if type(sign) is not int or sign not in _SIGNS:
-            raise _not_understood("sign", "1 or -1")
+            raise _not_understood("unknown_choice", "sign", "1 or -1")
         speed_mm_s = number("speed_mm_s", body)
         if speed_mm_s <= 0:
-            raise _not_understood("speed_mm_s", "more than 0")
+            raise _not_understood("not_positive", "speed_mm_s", "more than 0")
         return cls(axis, sign, speed_mm_s, whole("press", body), number("unix_s", body))  # type: ignore[arg-type]
 
 
@@ -79,7 +79,7 @@ def number(name: str, body: Mapping[str, Any]) -> float:
     """A finite one. Raises RequestError."""
     found = body.get(name)
     if isinstance(found, bool) or not isinstance(found, int | float) or not abs(found) <= _LARGEST:
-        raise _not_understood(name, "a number")
+        raise _not_understood("not_a_number", name, "a number")
     return float(found)
 
 
@@ -87,7 +87,7 @@ def whole(name: str, body: Mapping[str, Any]) -> int:
     """A whole number from 0. Raises RequestError."""
     found = body.get(name)
     if type(found) is not int or found < 0:
-        raise _not_understood(name, "a whole number")
+        raise _not_understood("not_whole", name, "a whole number")
     return found
 
 
@@ -95,5 +95,5 @@ def flag(name: str, body: Mapping[str, Any]) -> bool:
     """True or false, which it is where nothing is said. Raises RequestError."""
     found = body.get(name, False)
     if type(found) is not bool:
-        raise _not_understood(name, "true or false")
+        raise _not_understood("not_a_flag", name, "true or false")
     return found

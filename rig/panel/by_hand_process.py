@@ -48,8 +48,10 @@ class ByHandProcess:
                 if await asyncio.to_thread(self._announced):
                     return
                 if self._process.poll() is not None:
-                    said = self.last_words or f"it ended with exit code {self._process.returncode}"
-                    raise NotTakenError("{said}", code="ended", said=said, exit_code=self._process.returncode)
+                    if self.last_words:
+                        raise NotTakenError("{said}", code="refused", said=self.last_words)
+                    code = self._process.returncode
+                    raise NotTakenError("it ended with exit code {exit_code}", code="ended", exit_code=code)
                 await asyncio.sleep(_LOOK_S)
             self._process.terminate()
             raise NotTakenError("the bench did not answer within {within_s:g} s", code="no_reply", within_s=READY_S)

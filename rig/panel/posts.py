@@ -33,6 +33,7 @@ _THREADS, _MOST_STOPS = 4, 16
 _MOST_HELD = 3
 """Holds on their way to an owner: with more it is too slow to be moved by hand."""
 _NOT_YET = "told to stop, and not answered yet: use the emergency stop"
+_NOT_YET_CODE = "not_answered_yet"
 
 
 class Posts:
@@ -42,7 +43,7 @@ class Posts:
         self._watcher, self._bench = watcher, bench
         self._asking = Few(_THREADS, "post", "what was asked before has not been answered yet")
         self._holding = Few(_MOST_HELD, "hold", "the bench has not answered yet")
-        self._stopping, self._each = Few(_MOST_STOPS, "stop", _NOT_YET), ThreadPoolExecutor(64, "stopped")
+        self._stopping, self._each = Few(_MOST_STOPS, "stop", _NOT_YET, _NOT_YET_CODE), ThreadPoolExecutor(64, "stopped")
 
     @property
     def routes(self) -> list[Route]:
@@ -101,7 +102,7 @@ class Posts:
         asking = self._stopping.begin_behind(lambda: say_stop(self._watcher.owners), self._stop_all)
         done, _ = await asyncio.wait({asking}, timeout=_STOP_S)
         if not done:
-            raise ControlError(_NOT_YET, code="not_answered_yet")
+            raise ControlError(_NOT_YET, code=_NOT_YET_CODE)
         answer = asking.result()
         if isinstance(answer, Exception):
             raise answer

@@ -36,7 +36,7 @@ class RunFiles:
         asked = request.query_params
         limit = asked.get("limit", str(_MOST_RUNS))
         if not (limit.isascii() and limit.isdecimal()):
-            raise RequestError("limit {value!r}: expected a number", code="bad_value", key="limit", value=limit)
+            raise RequestError("limit {value!r}: expected a number", code="not_a_number", key="limit", value=limit)
         subject, shape, protocol, state = (asked.get(name) or None for name in _FILTERS)
         wanted = Wanted(subject, shape, protocol, state)
         return JSONResponse(await asyncio.to_thread(self._told, wanted, int(limit)))
