@@ -43,7 +43,8 @@ class Posts:
         self._watcher, self._bench = watcher, bench
         self._asking = Few(_THREADS, "post", "what was asked before has not been answered yet")
         self._holding = Few(_MOST_HELD, "hold", "the bench has not answered yet")
-        self._stopping, self._each = Few(_MOST_STOPS, "stop", _NOT_YET, _NOT_YET_CODE), ThreadPoolExecutor(64, "stopped")
+        self._stopping = Few(_MOST_STOPS, "stop", _NOT_YET, _NOT_YET_CODE)
+        self._each = ThreadPoolExecutor(64, "stopped")
 
     @property
     def routes(self) -> list[Route]:

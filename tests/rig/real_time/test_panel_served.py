@@ -270,6 +270,7 @@ about = Announcement(pid=os.getpid(), kind="by hand", virtual=True, ports=(), be
 with ControlSocket(about, {"leave": lambda request: over.set() or {}}):
     over.wait(60)
 """
+LEAVES = "raise SystemExit(3)"
 REFUSES = "import sys; print('rig: warming up\\nrig: the port is in use', file=sys.stderr); sys.exit(1)"
 
 
@@ -298,12 +299,9 @@ def test_the_bench_is_taken_by_one_process_and_left(monkeypatch: pytest.MonkeyPa
 
 def test_a_bench_that_cannot_be_taken_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
     said = "the port is in use"
-    for script, code, fields in (
-        (REFUSES, "refused", {"said": said}),
-        ("raise SystemExit(3)", "ended", {"exit_code": 3}),
-    ):
+    for script, code, name, value in ((REFUSES, "refused", "said", said), (LEAVES, "ended", "exit_code", 3)):
         bench = taking(monkeypatch, script)
-        with raises(NotTakenError, code, **fields):
+        with raises(NotTakenError, code, **{name: value}):
             asyncio.run(bench.take())
         assert bench.last_words == (said if script == REFUSES else "")
         bench.forget()
