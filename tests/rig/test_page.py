@@ -288,5 +288,6 @@ def test_what_fails_after_it_began_does_not_say_that_nothing_was_moved(
     monkeypatch.setattr("rig.cli.carrying_out.make_report", _raising(ModelRangeError("no such force")))
     ended = rig(*RUN, "--yes", "--json")
     assert (ended.code, len(opened)) == (2, 1)
-    assert json.loads(ended.out) == {"error": "no such force", "exit_code": 2}
+    told = json.loads(ended.out)
+    assert (told.pop("code"), told) == (code_of(ModelRangeError()), {"error": "no such force", "exit_code": 2})
     assert "not moved" not in rig(*RUN, "--yes").err
