@@ -15,6 +15,7 @@ import rig.cli.confirming as confirming
 import rig.cli.run_owner as run_owner
 import rig.session.session as sessions
 from rig.devices.units import GWT_N
+from rig.errors import code_of
 from rig.session.control.stage_in_hand import StageInHand
 from rig.session.virtual.virtual_bench import VirtualBench, virtual_bench
 from rig.transport import TransportError
