@@ -85,5 +85,6 @@ def _said(line: str, program: Program, patch: pytest.MonkeyPatch) -> list[str]:
 
 
 def _files() -> set[Path]:
-    """But for locks, which stay."""
-    return {path for path in Path().rglob("*") if path.is_file() and path.name != ".lock"}
+    """But for locks, which stay, and the program's own state, which tests keep here."""
+    found = {path for path in Path().rglob("*") if path.is_file() and path.name != ".lock"}
+    return {path for path in found if path.parts[0] != "state"}
