@@ -1,5 +1,6 @@
 """The base of every error of the rig: one sentence, a code that does not change with it, and its fields."""
 
+import re
 from typing import Any, ClassVar
 
 
@@ -26,6 +27,23 @@ class RigError(Exception):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _raised_again, (type(self), self.args), self.__dict__
+
+
+def code_of(error: BaseException) -> str:
+    """The code of an error: its own, or for one of another library the name of its class (`file_not_found`).
+
+    An error of the simulation has its own too: packages below this one cannot be imported here.
+    """
+    code = getattr(error, "code", None)
+    if isinstance(code, str) and not isinstance(error, SystemExit):
+        return code
+    name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", type(error).__name__).lower()
+    return name if name == "os_error" else name.removesuffix("_exception").removesuffix("_error")
+
+
+def fields_of(error: BaseException) -> dict[str, Any]:
+    """The fields of an error; none of one that has none."""
+    return dict(getattr(error, "fields", {}))
 
 
 def _raised_again(kind: type[RigError], args: tuple[Any, ...]) -> RigError:

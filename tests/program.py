@@ -39,6 +39,13 @@ class Ended:
         assert lines[0].startswith("rig: ")
         return lines[0].removeprefix("rig: ")
 
+    @property
+    def error_code(self) -> str:
+        """The code of what failed with --json, which says the same as the one line on standard error."""
+        told = self.json
+        assert (told["error"], told["exit_code"]) == (self.complaint, self.code)
+        return str(told["code"])
+
 
 Program = Callable[..., Ended]
 

@@ -1,10 +1,11 @@
 """Errors keep their code and fields on their way through processes, and plain text stays as it is."""
 
 import pickle
+from tomllib import TOMLDecodeError
 
 import pytest
 
-from rig.errors import RigError
+from rig.errors import RigError, code_of, fields_of
 from sim.errors import SimError
 
 
@@ -22,3 +23,22 @@ def test_plain_text_is_no_format(kind: type[RigError] | type[SimError]) -> None:
     """A driver that somebody else wrote raises what it likes."""
     error = kind("odd { text } {0}")
     assert (str(error), error.code, error.fields) == ("odd { text } {0}", "error", {})
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "fields"),
+    [
+        (RigError("{a}", code="mine", a=1), "mine", {"a": 1}),
+        (SimError("plain"), "error", {}),
+        (FileNotFoundError(2, "none"), "file_not_found", {}),
+        (OSError("full"), "os_error", {}),
+        (TOMLDecodeError("no table"), "toml_decode", {}),
+        (ZeroDivisionError(), "zero_division", {}),
+        (Exception(), "exception", {}),
+        (SystemExit("words"), "system_exit", {}),
+    ],
+    ids=lambda value: str(value)[:20],
+)
+def test_whatever_fails_has_a_code(error: BaseException, code: str, fields: dict[str, int]) -> None:
+    """One of another library by its class."""
+    assert (code_of(error), fields_of(error)) == (code, fields)

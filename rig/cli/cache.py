@@ -32,7 +32,10 @@ def command(
     """Say what is kept, and with --prune remove what was not read for longest."""
     with told_in_one_line(as_json=as_json):
         if keep_gb and not prune_it:
-            raise BadInputError(f"--keep-gb {keep_gb:g}: says what --prune leaves, expected --prune too")
+            raise BadInputError(
+                "{option} {value:g}: says what {needs} leaves, expected {needs} too",
+                code="needs_option", option="--keep-gb", value=keep_gb, needs="--prune",
+            )  # fmt: skip
         limit_gb = most_bytes() / 1e9
         removed = prune(1e9 * keep_gb) if prune_it else []
         kept = entries()

@@ -52,7 +52,7 @@ def steps(
             now_per_mm, start = hand.steps_per_mm(direction.axis), hand.look()
             end = hand.go(lambda: direction, speed_mm_s, far_mm)
         if end.ended_by is not None:
-            raise BadInputError(f"{end.ended_by}; nothing was measured")
+            raise BadInputError("{ended_by}; nothing was measured", code="not_measured", ended_by=end.ended_by)
         moved_mm = abs(getattr(end.at, f"{axis}_mm") - getattr(start.at, f"{axis}_mm"))
         measured_mm = _asked(f"the board says {moved_mm:.3f} mm; how many did you measure, in mm?")
         value = now_per_mm * _ratio(moved_mm, measured_mm)
@@ -121,8 +121,9 @@ def _mean_n(sensor: ForceSensor, clock: WallClock) -> float:
 def _ratio(expected: float, found: float) -> float:
     if not abs(found) > 0 or abs(expected / found - 1) > _LARGEST_CORRECTION:
         raise BadInputError(
-            f"{found:g} instead of {expected:g}: expected a difference of 20 % at most; nothing changed"
-        )
+            "{found:g} instead of {expected:g}: expected a difference of 20 % at most; nothing changed",
+            code="correction_too_large", found=found, expected=expected,
+        )  # fmt: skip
     return expected / found
 
 
@@ -130,7 +131,7 @@ def _wait_for_enter(question: str) -> str:
     err.print(question)
     answer = typed_line()
     if not answer:
-        raise BadInputError("nobody answered; nothing changed")
+        raise BadInputError("nobody answered; nothing changed", code="nobody_answered")
     return answer.strip()
 
 
@@ -139,7 +140,9 @@ def _asked(question: str) -> float:
     try:
         return float(answer)
     except ValueError:
-        raise BadInputError(f"{answer!r}: expected a number; nothing changed") from None
+        raise BadInputError(
+            "{value!r}: expected a number; nothing changed", code="not_a_number", value=answer
+        ) from None
 
 
 def _tell(name: str, value: float, valid_days: int, *, as_json: bool, sd: float | None = None) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import typer
 
@@ -19,6 +19,7 @@ from rig.cli.reporting import lacks_report, make_missing, make_report
 from rig.cli.run_owner import Owner
 from rig.data import Run, RunFolder, export_run
 from rig.engine import EngineError, RunAborted
+from rig.errors import code_of
 from rig.plan.agenda import Course
 from rig.plan.config import Config
 from rig.plan.finger_model import about_model
@@ -186,7 +187,7 @@ def _print(done: FinishedRun, wall_s: float, *, as_json: bool, resumed: bool) ->
                 "wall_s": wall_s,
                 "report": report,
                 **counts,
-                **({} if ending is None else {"ending": ending.as_json()}),
+                **failure(done),
             }
         )
     else:
@@ -196,6 +197,14 @@ def _print(done: FinishedRun, wall_s: float, *, as_json: bool, resumed: bool) ->
         out.print(f"run     {done.folder.path}\nreport  {report or 'none'}")
         for about, words in {} if ending is None else ending.told.items():
             out.print(f"{about:<8}{words}")
+
+
+def failure(done: FinishedRun) -> dict[str, Any]:
+    """What JSON says of a run that ended before its end: a code, and how it ended."""
+    if done.ending is None:
+        return {}
+    code = "incomplete" if done.problem is None else code_of(done.problem)
+    return {"code": code, "ending": done.ending.as_json()}
 
 
 def _exit_code(done: FinishedRun) -> ExitCode:

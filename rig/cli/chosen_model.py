@@ -49,8 +49,9 @@ class Chosen:
             return force_gwt
         if self.length_mm is None:
             raise BadInputError(
-                "--model section: its force is per millimetre, expected --length-mm beside --force-gwt"
-            )
+                "--model section: its force is per millimetre, expected {needs} beside {option}",
+                code="needs_option", option="--force-gwt", needs="--length-mm",
+            )  # fmt: skip
         return force_gwt / self.length_mm
 
     def force_text(self, force_n: float) -> str:
@@ -85,25 +86,37 @@ class Wanted:
     def parse(cls, model: str, tolerance: str | None, quantity: str | None, length_mm: float | None) -> "Wanted":
         """Raises BadInputError, saying what was expected."""
         if model not in (*MODELS, "auto"):
-            raise BadInputError(f"--model {model!r}: expected one of {', '.join(get_args(ModelName))}, auto")
+            raise BadInputError(
+                "{option} {value!r}: expected one of {expected}, auto",
+                code="unknown_choice", option="--model", value=model, expected=", ".join(get_args(ModelName)),
+            )  # fmt: skip
         quantities = tuple((quantity or QUANTITY).split(","))
         if not set(quantities) <= set(QUANTITIES):
-            raise BadInputError(f"--quantity {quantity!r}: expected one of {', '.join(QUANTITIES)}, or several")
+            raise BadInputError(
+                "{option} {value!r}: expected one of {expected}, or several",
+                code="unknown_choice", option="--quantity", value=quantity, expected=", ".join(QUANTITIES),
+            )  # fmt: skip
         if length_mm is not None and not (model in ("section", "auto") and 0 < length_mm <= _LONGEST_MM):
             raise BadInputError(
-                f"--length-mm {length_mm:g}: expected 0 … {_LONGEST_MM:g}, for --model section or auto"
-            )
+                "{option} {value:g}: expected 0 … {high:g}, for --model section or auto",
+                code="outside_range", option="--length-mm", value=length_mm, high=_LONGEST_MM,
+            )  # fmt: skip
         aim = Aim(quantities, _fraction(tolerance or TOLERANCE), per_length=length_mm is not None)
         for option, given in (("--tol", tolerance), ("--quantity", quantity)):
             if given is not None and model != "auto":
-                raise BadInputError(f"{option} {given}: expected --model auto beside it")
+                raise BadInputError(
+                    "{option} {value}: expected {needs} beside it",
+                    code="needs_option", option=option, value=given, needs="--model auto",
+                )  # fmt: skip
         named = next((name for name in MODELS if name == model), None)
         return cls(named, aim, length_mm)
 
     def for_point(self) -> Chosen:
         """The named model; raises BadInputError where it takes no point load."""
         if self.model not in ("finger", "section"):
-            raise BadInputError("--shape point: expected --model finger or section")
+            raise BadInputError(
+                "--shape point: expected --model finger or section", code="no_point_loads", model=self.model
+            )
         return self._as_asked(self.model)
 
     def refuse(self, config: FingertipConfig, receptors: ReceptorPlaces) -> None:
@@ -111,9 +124,14 @@ class Wanted:
         if self.model is not None:
             return
         if config.mesh != MeshSpec():
-            raise BadInputError("--model auto: chooses the mesh itself, expected no [finger.mesh] in --config")
+            raise BadInputError(
+                "--model auto: chooses the mesh itself, expected no [finger.mesh] in --config", code="mesh_configured"
+            )
         if not self.aim.receptors and receptors != ReceptorPlaces():
-            raise BadInputError("--model auto: no receptors are made for force alone, expected --quantity sed or ep1")
+            raise BadInputError(
+                "--model auto: no receptors are made for force alone, expected --quantity sed or ep1",
+                code="receptors_unmade",
+            )
 
     def choose(
         self,
@@ -151,5 +169,8 @@ def _fraction(text: str) -> float:
     except ValueError:
         value = -1.0
     if not 0 < value < 1:
-        raise BadInputError(f"--tol {text!r}: expected a part of the whole, as 2% or 0.02")
+        raise BadInputError(
+            "{option} {value!r}: expected a part of the whole, as 2% or 0.02",
+            code="bad_value", option="--tol", value=text,
+        )  # fmt: skip
     return value

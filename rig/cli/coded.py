@@ -41,7 +41,9 @@ class Told:
 def pressed(shape: str, x_mm: float, doi_mm: float | None) -> Scene:
     """Raises BadInputError without a depth, ShapeError for no shape."""
     if doi_mm is None:
-        raise BadInputError("--shape: expected --doi-mm beside it")
+        raise BadInputError(
+            "{option}: expected {needs} beside it", code="needs_option", option="--shape", needs="--doi-mm"
+        )
     return Scene(parse_shape(shape), x_mm, doi_mm)
 
 

@@ -108,7 +108,10 @@ def command(
         found = [read_run(path) for path in runs]
         recordings = read_recordings(recorded or [], mirror or [], found, reading)
         if place and not recordings:
-            raise BadInputError("--place: nothing recorded, expected --recorded beside it")
+            raise BadInputError(
+                "{option}: nothing recorded, expected {needs} beside it",
+                code="needs_option", option="--place", needs="--recorded",
+            )  # fmt: skip
         where = _sought(found, receptors, place, depth_range_mm, offset_mm)
         answered = _answered(found, receptors, as_json=as_json)
         beside = _along_the_finger(answered, deflection)
@@ -187,7 +190,9 @@ def _answered(runs: list[Run], receptors: Receptors, *, as_json: bool) -> list[A
     fingers = _fingers(runs, receptors, as_json=as_json)
     found = [Answered(run, finger, stimuli(run, finger)) for run, finger in zip(runs, fingers, strict=True)]
     if not any(one.stimuli for one in found):
-        raise BadInputError(f"run {runs[0].folder.path}: expected a finished indentation")
+        raise BadInputError(
+            "run {run}: expected a finished indentation", code="nothing_finished", run=runs[0].folder.path
+        )
     return found
 
 
@@ -216,8 +221,10 @@ def _along_the_finger(answered: list[Answered], measured: Path | None) -> list[S
     profiles = [profile for one in answered for profile in simulated(one.run, one.finger)]
     if measured is not None and not profiles:
         raise BadInputError(
-            f"--deflection {measured}: expected a run with a line load across the finger, or another shape across it "
-            "(beside one press of any shape: rig indent --deflection)"
+            "--deflection {path}: expected a run with a line load across the finger, or another shape across it "
+            "(beside one press of any shape: rig indent --deflection)",
+            code="nothing_across",
+            path=measured,
         )
     source = "" if measured is None else f"{measured.name} (SHA-256 {sha256(measured)})"
     return [deflection_section(profiles, points, source)] if profiles else []
@@ -245,7 +252,10 @@ def _sought(
     if not place:
         given = next((name for name, text in ranges.items() if text is not None), None)
         if given:
-            raise BadInputError(f"{given} {ranges[given]}: expected --place beside it")
+            raise BadInputError(
+                "{option} {value}: expected {needs} beside it",
+                code="needs_option", option=given, value=ranges[given], needs="--place",
+            )  # fmt: skip
         return None
     depth, offset = (None if text is None else _two(name, text, "LOW,HIGH") for name, text in ranges.items())
     return sought_in(runs, Sought((min(receptors.x_mm), max(receptors.x_mm)), depth, offset))
@@ -258,7 +268,10 @@ def _window(text: str) -> tuple[float, float]:
 def _two(option: str, text: str, named: str) -> tuple[float, float]:
     ends = numbers(option, text)
     if len(ends) != 2:
-        raise BadInputError(f"{option} {text!r}: expected two numbers, {named}")
+        raise BadInputError(
+            "{option} {value!r}: expected two numbers, {expected}",
+            code="wrong_count", option=option, value=text, expected=named,
+        )  # fmt: skip
     return ends[0], ends[1]
 
 

@@ -47,7 +47,9 @@ def _named(every: Sequence[Key], name: str | None) -> list[Key]:
         whole = "." in name
         known = dict.fromkeys(word for one in every for word in (one.place if whole else one.name, one.table))
         near = " or ".join(get_close_matches(name, known, n=2)) or "a key or table that `rig config` lists"
-        raise BadInputError(f"{name}: there is no such key, expected {near}")
+        raise BadInputError(
+            "{key}: there is no such key, expected {expected}", code="unknown_key", key=name, expected=near
+        )
     return found
 
 

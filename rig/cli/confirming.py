@@ -46,7 +46,9 @@ def ready_for_a_real_run(command: str, config: Config, out: Path, *, yes: bool) 
     for port in (*config.stage.ports, config.force.port):
         refuse_missing(port)
     if not (yes or _somebody_there()):
-        raise BadInputError(f"{command}: nobody can be asked here, expected a terminal or --yes")
+        raise BadInputError(
+            "{command}: nobody can be asked here, expected a terminal or --yes", code="no_terminal", command=command
+        )
 
 
 def at_the_page(
@@ -105,7 +107,9 @@ def _button_checked(button: StopButton, *, yes: bool, asking: Callable[[], Abstr
                 _seen(button, "release it", pressed=False)
             button.tested = True
         elif button.pressed():
-            raise BadInputError("stop: the participant's stop button is pressed, nothing has moved: release it")
+            raise BadInputError(
+                "stop: the participant's stop button is pressed, nothing has moved: release it", code="button_pressed"
+            )
         err.print(f"{'stop':<10}{button.state}")
     button.arm()
 
@@ -114,7 +118,10 @@ def _seen(button: StopButton, request: str, *, pressed: bool) -> None:
     err.print(request)
     clock = WallClock()
     if not clock.wait_until(lambda: button.pressed() is pressed, clock.monotonic_s() + _BUTTON_S):
-        raise NotConfirmedError(f"not seen within {_BUTTON_S:g} s: {request}; nothing has moved")
+        raise NotConfirmedError(
+            "not seen within {within_s:g} s: {request}; nothing has moved",
+            code="button_not_seen", within_s=_BUTTON_S, request=request,
+        )  # fmt: skip
 
 
 def careful(before: Ending) -> str:

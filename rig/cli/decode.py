@@ -27,6 +27,7 @@ from rig.cli.sampling import (
     named,
     sampling_of,
 )
+from rig.errors import code_of, fields_of
 from rig.plan.config import load_config
 from rig.protocol.errors import BadInputError
 from sim.coding.decoded import DecodingError
@@ -122,4 +123,4 @@ def _answered(make: Callable[[], Task | list[Task]], decoder: DecoderName, searc
         task = made if isinstance(made, Task) else best_explained(made)
         return task, decode(task, decoder, search)
     except DecodingError as error:
-        raise BadInputError(str(error)) from None
+        raise BadInputError("{problem}", code=code_of(error), **{**fields_of(error), "problem": str(error)}) from None

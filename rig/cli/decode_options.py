@@ -24,12 +24,15 @@ LEAST_MM, MOST_MM = 0.3, 10.0
 def refuse_together(pressure: str | None, shape: str | None, readings: Path | None, **others: object) -> None:
     """Readings have one source, and those of a file their own noise and operator."""
     if [pressure, shape, readings].count(None) != 2:
-        raise BadInputError("expected exactly one of --pressure, --shape and --readings")
+        raise BadInputError(
+            "expected exactly one of {options}", code="exactly_one", options="--pressure, --shape and --readings"
+        )
     for name, value in others.items():
         if readings is not None and value is not None:
             raise BadInputError(
-                f"--{name.replace('_', '-')} beside --readings: expected it with --pressure or --shape"
-            )
+                "{option} beside {beside}: expected it with --pressure or --shape",
+                code="not_together", option=f"--{name.replace('_', '-')}", beside="--readings",
+            )  # fmt: skip
 
 
 def operator_of(operator: str | None, *, pressures: bool) -> OperatorName:
@@ -51,13 +54,18 @@ def receptor_of(gain: str | None, threshold: str | None) -> FittedReceptor | Non
     """R = k (S − S₀) with the standard errors of k and S₀; none without a threshold. Raises BadInputError."""
     if threshold is None:
         if gain is not None:
-            raise BadInputError("--gain: expected --threshold beside it")
+            raise BadInputError(
+                "{option}: expected {needs} beside it", code="needs_option", option="--gain", needs="--threshold"
+            )
         return None
     k, k_se = _with_error("--gain", "1" if gain is None else gain)
     s0, s0_se = _with_error("--threshold", threshold)
     bounded("--gain", k, 1e-9, _LARGEST)
     if k_se >= k:
-        raise BadInputError(f"--gain {gain}: expected a standard error below the gain itself")
+        raise BadInputError(
+            "{option} {value}: expected a standard error below the gain itself",
+            code="error_too_large", option="--gain", value=gain,
+        )  # fmt: skip
     return FittedReceptor(Receptor(k, bounded("--threshold", s0, -_LARGEST, _LARGEST)), k_se, s0_se)
 
 
@@ -68,7 +76,10 @@ def _with_error(option: str, text: str) -> tuple[float, float]:
     except ValueError:
         value = error = math.nan
     if not (math.isfinite(value) and math.isfinite(error) and error >= 0):
-        raise BadInputError(f"{option} {text!r}: expected a number, or one with its standard error as 30±2")
+        raise BadInputError(
+            "{option} {value!r}: expected a number, or one with its standard error as 30±2",
+            code="not_a_number", option=option, value=text,
+        )  # fmt: skip
     return value, error
 
 
@@ -80,7 +91,10 @@ def search_of(decoder: DecoderName, start: str | None, within: str | None, step:
     places = None if start is None else numbers("--start", start)
     ends = None if within is None else numbers("--range", within)
     if ends is not None and not (len(ends) == 2 and 0 <= ends[0] < ends[1] <= _LARGEST):
-        raise BadInputError(f"--range {within}: expected two ascending numbers, as 0,30")
+        raise BadInputError(
+            "{option} {value}: expected two ascending numbers, as 0,30",
+            code="not_ascending", option="--range", value=within,
+        )  # fmt: skip
     if step is not None:
         bounded("--grid-step", step, 1e-6, _LARGEST)
     return Search(places, ends and (ends[0], ends[1]), step, seed)
@@ -91,7 +105,10 @@ def axial_of(axial: str | None, decoder: DecoderName, readings: Path | None) -> 
     if axial is None:
         return ()
     if readings is None:
-        raise BadInputError("--axial without --readings: expected a row of receptors in the whole finger")
+        raise BadInputError(
+            "{option} without {needs}: expected a row of receptors in the whole finger",
+            code="needs_option", option="--axial", needs="--readings",
+        )  # fmt: skip
     _refuse("--axial", axial, decoder, ("ours",))
     word, named, length = axial.partition(":")
     if word == "ellipse" and not named:
@@ -102,11 +119,15 @@ def axial_of(axial: str | None, decoder: DecoderName, readings: Path | None) -> 
         half = math.nan
     if not LEAST_MM <= half <= MOST_MM:
         raise BadInputError(
-            f"--axial {axial}: expected ellipse, or ellipse:HALF-LENGTH of {LEAST_MM:g} … {MOST_MM:g} mm"
-        )
+            "{option} {value}: expected ellipse, or ellipse:HALF-LENGTH of {low_mm:g} … {high_mm:g} mm",
+            code="bad_value", option="--axial", value=axial, low_mm=LEAST_MM, high_mm=MOST_MM,
+        )  # fmt: skip
     return (half,)
 
 
 def _refuse(option: str, value: object, decoder: DecoderName, takers: tuple[DecoderName, ...]) -> None:
     if value is not None and decoder not in takers:
-        raise BadInputError(f"{option} beside --decoder {decoder}: expected {' or '.join(takers)}")
+        raise BadInputError(
+            "{option} beside --decoder {decoder}: expected {expected}",
+            code="not_this_decoder", option=option, decoder=decoder, expected=" or ".join(takers),
+        )  # fmt: skip

@@ -73,8 +73,14 @@ def task_of_press(config: FingertipConfig, sampling: Sampling, by: OperatorName,
     held = float(true.sum() * section.sampling.spacing_mm / (borne.normal * borne.width_mm).sum())
     if held < _HELD:
         raise BadInputError(
-            f"--shape at x = {scene.x_mm:g} mm: {held:.0%} of its force is between {operator.place_mm[0]:.2f} and "
-            f"{operator.place_mm[-1]:.2f} mm, where pressures are sought, expected {_HELD:.0%} or more"
+            "--shape at x = {x_mm:g} mm: {held:.0%} of its force is between {low_mm:.2f} and {high_mm:.2f} mm, where "
+            "pressures are sought, expected {least:.0%} or more",
+            code="beside_the_search",
+            x_mm=scene.x_mm,
+            held=held,
+            low_mm=float(operator.place_mm[0]),
+            high_mm=float(operator.place_mm[-1]),
+            least=_HELD,
         )
     return _task(operator, _encoded(felt, borne.stacked, how), how, true)
 
@@ -88,7 +94,10 @@ def task_of_readings(
     _refuse_kind(given, how)
     if given.z_mm is not None:
         if not contacts:
-            raise BadInputError("--readings with a column z_mm: expected --decoder ours, the only one of sheets")
+            raise BadInputError(
+                "--readings with a column z_mm: expected --decoder ours, the only one of sheets",
+                code="sheet_not_decoded",
+            )
         return Task(
             _over_sheet(config, given, spacing_mm, how.energy), given.reading, how.receptor, _noise(given, how)
         )
@@ -96,7 +105,10 @@ def task_of_readings(
     low, high = _on_patch(given, section.line.places(section.model.patch.x))
     n = round((high - low) / spacing_mm)
     if n < 1:
-        raise BadInputError(f"--readings over {high - low:g} mm of skin: expected more than {spacing_mm:g} mm")
+        raise BadInputError(
+            "{option} over {length_mm:g} mm of skin: expected more than {least_mm:g} mm",
+            code="too_short", option="--readings", length_mm=high - low, least_mm=spacing_mm,
+        )  # fmt: skip
     if contacts and n >= FEWEST_FOR_CONTACTS:
         operator: Operator = frictionless(section, np.linspace(low, high, n + 1), how.energy)
     else:
@@ -111,15 +123,19 @@ def tasks_of_row(
     """Pressures in the receptor plane of the whole finger, one task for each ellipse along it."""
     _refuse_kind(given, how)
     if given.z_mm is not None:
-        raise BadInputError("--axial beside a column z_mm: expected a row of receptors, a sheet needs no axial shape")
+        raise BadInputError(
+            "--axial beside a column z_mm: expected a row of receptors, a sheet needs no axial shape",
+            code="axial_of_sheet",
+        )
     row = felt_row(config, given.place_mm, given.depth_mm)
     low, high = _on_patch(given, row.line.places(row.felt.nodes_mm[:, X]))
     n = round((high - low) / spacing_mm)
     if n < FEWEST_FOR_CONTACTS:
         least_mm = FEWEST_FOR_CONTACTS * spacing_mm
         raise BadInputError(
-            f"--axial with a row over {high - low:.2f} mm of skin: expected {least_mm:.2f} mm or more"
-        )
+            "{option} with a row over {length_mm:.2f} mm of skin: expected {least_mm:.2f} mm or more",
+            code="too_short", option="--axial", length_mm=high - low, least_mm=least_mm,
+        )  # fmt: skip
     centre_mm = row.line.surface.apex.position_mm[Z]
     shapes = [AxialShape(half, centre_mm) for half in half_lengths_mm]
     operators = row.under_each(shapes, np.linspace(low, high, n + 1), how.energy)
@@ -132,7 +148,10 @@ def tasks_of_row(
 def _refuse_kind(given: GivenReadings, how: Encoding) -> None:
     if (given.kind == "rate") != (how.receptor is not None):
         expected = "--gain and --threshold beside rates" if given.kind == "rate" else "no --threshold beside SED"
-        raise BadInputError(f"--readings with a column {given.kind}: expected {expected}")
+        raise BadInputError(
+            "--readings with a column {column}: expected {expected}",
+            code="receptor_mismatch", column=given.kind, expected=expected,
+        )  # fmt: skip
 
 
 def _on_patch(given: GivenReadings, place_mm: Array) -> tuple[float, float]:
@@ -156,8 +175,15 @@ def _places(name: str, receptors_mm: Array, middle_mm: float, apart_mm: float) -
     n = int((high - low) / apart_mm + 1e-9) + 1
     if n < FEWEST_PLACES:
         raise BadInputError(
-            f"--readings, {name}: a sheet over {high - low:.2f} mm, expected {(FEWEST_PLACES - 1) * apart_mm:g} mm "
-            f"or more within ± {GRID_MM:g} mm of {middle_mm:.2f}"
+            "{option}, {column}: a sheet over {length_mm:.2f} mm, expected {least_mm:g} mm or more within "
+            "± {half_mm:g} mm of {middle_mm:.2f}",
+            code="too_short",
+            option="--readings",
+            column=name,
+            length_mm=high - low,
+            least_mm=(FEWEST_PLACES - 1) * apart_mm,
+            half_mm=GRID_MM,
+            middle_mm=middle_mm,
         )
     return np.asarray(0.5 * (low + high) + centred(n, apart_mm))
 
@@ -174,7 +200,9 @@ def _sought(section: SampledSection, by: OperatorName, energy: Energy, half: int
 def _encoded(operator: Operator, pressure: Array, how: Encoding) -> Encoded:
     encoded = encode(operator, pressure, None if how.receptor is None else how.receptor.receptor, how.noise)
     if not encoded.rate.max() > 0:
-        raise BadInputError("no receptor says anything: expected pressure, and a --threshold below its SED")
+        raise BadInputError(
+            "no receptor says anything: expected pressure, and a --threshold below its SED", code="all_silent"
+        )
     return encoded
 
 

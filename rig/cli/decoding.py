@@ -115,7 +115,7 @@ def noise_of(encoded: Encoded, receptor: Receptor | None, at: NoisePlace, seed: 
 def decode(task: Task, decoder: DecoderName, search: Search) -> Answer:
     """Raises BadInputError for a start or a range that cannot be meant, DecodingError for such readings."""
     if not task.heard.any():
-        raise BadInputError("no reading is above its noise: expected some that are")
+        raise BadInputError("no reading is above its noise: expected some that are", code="all_noise")
     if decoder == "ours":
         return _ours(task, search.seed)
     operator = task.operator.leaning(np.zeros(len(task.operator.place_mm)))  # upright: they know no other forces
@@ -147,7 +147,10 @@ def best_explained(tasks: Sequence[Task]) -> Task:
 
 def _noise_of_ours(task: Task) -> Noisy:
     if task.noise is None:
-        raise BadInputError("--readings: expected a column sd or at_rest, decoder ours goes by the readings' noise")
+        raise BadInputError(
+            "--readings: expected a column sd or at_rest, decoder ours goes by the readings' noise",
+            code="noise_unknown",
+        )
     return task.noise
 
 
@@ -200,7 +203,13 @@ def _start(task: Task, search: Search, within: Range) -> Array:
         return np.full(n, float(np.clip(size, *within)))
     given = np.array(search.start)
     if len(given) not in (1, n):
-        raise BadInputError(f"--start: {len(given)} numbers, expected 1 or {n}")
+        raise BadInputError(
+            "{option}: {numbers} numbers, expected 1 or {expected}",
+            code="wrong_count", option="--start", numbers=len(given), expected=n,
+        )  # fmt: skip
     if not ((given >= within.low) & (given <= within.high)).all():
-        raise BadInputError(f"--start: expected numbers within --range {within.low:g} … {within.high:g}")
+        raise BadInputError(
+            "{option}: expected numbers within --range {low:g} … {high:g}",
+            code="outside_range", option="--start", low=within.low, high=within.high,
+        )  # fmt: skip
     return np.full(n, given[0]) if len(given) == 1 else given

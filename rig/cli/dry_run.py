@@ -69,5 +69,7 @@ def _times_real(text: str) -> float | None:
     except ValueError:
         value = 0.0
     if not 0 < value < 1e6:
-        raise BadInputError(f"--speed {text!r}: expected max or a positive number")
+        raise BadInputError(
+            "{option} {value!r}: expected max or a positive number", code="bad_value", option="--speed", value=text
+        )
     return value

@@ -20,7 +20,7 @@ def command(
     """Export again what the journal holds, also of a run that crashed, and renew the checksums."""
     with told_in_one_line(as_json=as_json):
         if not (as_csv or as_nwb):
-            raise BadInputError("export: no format given, expected --csv or --nwb")
+            raise BadInputError("export: no format given, expected --csv or --nwb", code="no_format")
         found = read_run(run)
         written = []
         if as_csv:

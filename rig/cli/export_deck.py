@@ -31,10 +31,15 @@ def command(
     """Solve the scene here, write it for CalculiX, and say what its answer should be compared with."""
     with told_in_one_line(as_json=False):
         if out_file.exists():
-            raise BadInputError(f"--out {out_file}: exists already, expected a new file")
+            raise BadInputError(
+                "{option} {path}: exists already, expected a new file",
+                code="exists_already", option="--out", path=out_file,
+            )  # fmt: skip
         indentor = parse_shape(shape)
         if not (isinstance(indentor, Prismatic) and indentor == Indentor.along(indentor.profile)):
-            raise BadInputError(f"--shape {shape}: a deck has shapes that lie along the finger only")
+            raise BadInputError(
+                "--shape {shape}: a deck has shapes that lie along the finger only", code="not_along", shape=shape
+            )
         settings = load_config(config).finger.model_copy(update={"contact": Contact(between_nodes=False, patch_gb=0)})
         finger = Fingertip.load(settings)
         result = finger.indent(indentor, x_mm, doi_mm=doi_mm)

@@ -29,7 +29,10 @@ def command(
     """Print fit, apex, layers and mesh quality; refuse a finger that makes no valid mesh."""
     with told_in_one_line(as_json=as_json):
         if vtk is not None and vtk.exists():
-            raise BadInputError(f"--vtk {vtk}: exists already, expected a new file")
+            raise BadInputError(
+                "{option} {path}: exists already, expected a new file",
+                code="exists_already", option="--vtk", path=vtk,
+            )  # fmt: skip
         settings = load_config(config).finger
         surface = FingertipSurface.fit(settings.geometry)
         place_receptors(surface, np.array(DEFAULT_X_MM), DEFAULT_DEPTH_MM, settings.receptor_plane_mm)

@@ -111,6 +111,8 @@ def command(
         if as_json:
             answer = chosen.described(result.as_json())
             answer["solver"]["build_s"] = finger.build_s
+            if not result.state.converged:
+                answer["code"] = "not_converged"
             print_json(answer if beside is None else answer | {"deflection": beside})
         else:
             _print(result, chosen, finger.build_s)
@@ -126,25 +128,38 @@ def _receptors(x_mm: str | None, depth_mm: str, z_mm: str | None) -> ReceptorPla
     depths = numbers("--receptor-depth-mm", depth_mm)
     for depth in depths:
         if not 0.1 <= depth <= 3.0:
-            raise BadInputError(f"--receptor-depth-mm {depth:g}: expected 0.1 … 3.0")
+            raise BadInputError(
+                "{option} {value:g}: expected {low:.1f} … {high:.1f}",
+                code="outside_range", option="--receptor-depth-mm", value=depth, low=0.1, high=3.0,
+            )  # fmt: skip
     return ReceptorPlaces(x, depths, None if z_mm is None else numbers("--receptor-z-mm", z_mm))
 
 
 def _refuse_place(shape: str, indentor: Indentor | None, x_mm: float | None, z_mm: float | None) -> None:
     by = BOTH if indentor is None else indentor.placed_by
     if not by and not x_mm is z_mm is None:
-        raise BadInputError(f"--shape {shape}: the same everywhere, expected neither --x-mm nor --z-mm")
+        raise BadInputError(
+            "--shape {shape}: the same everywhere, expected neither --x-mm nor --z-mm", code="no_place", shape=shape
+        )
     if x_mm is None and X in by:
-        raise BadInputError(f"--shape {shape}: expected --x-mm")
+        raise BadInputError("--shape {shape}: expected --x-mm", code="place_missing", shape=shape)
     if x_mm is not None and X not in by:
-        raise BadInputError(f"--shape {shape}: lies across the finger, expected --z-mm instead of --x-mm")
+        raise BadInputError(
+            "--shape {shape}: lies across the finger, expected --z-mm instead of --x-mm",
+            code="placed_by_z", shape=shape,
+        )  # fmt: skip
     if z_mm is not None and Z not in by:
-        raise BadInputError(f"--shape {shape}: lies along the finger, expected --x-mm instead of --z-mm")
+        raise BadInputError(
+            "--shape {shape}: lies along the finger, expected --x-mm instead of --z-mm",
+            code="placed_by_x", shape=shape,
+        )  # fmt: skip
 
 
 def _refuse_picture(picture: Path | None, shape: str) -> None:
     if picture is not None and shape == "point":
-        raise BadInputError("--picture: a point load has no contact to be drawn")
+        raise BadInputError(
+            "{option}: a point load has no contact to be drawn", code="point_load", option="--picture"
+        )
     checked_picture(picture)
 
 
@@ -152,7 +167,10 @@ def _measured(deflection: Path | None, shape: str) -> SkinDeflection | None:
     if deflection is None:
         return None
     if shape == "point":
-        raise BadInputError("--deflection: a point load's skin is not kept, expected an indentor")
+        raise BadInputError(
+            "{option}: a point load's skin is not kept, expected an indentor",
+            code="point_load", option="--deflection",
+        )  # fmt: skip
     return read_skin_deflection(deflection)
 
 
@@ -165,7 +183,9 @@ def _draw(result: IndentationResult, picture: Path) -> None:
 
 def _force_of_point(doi_mm: float | None, force_gwt: float | None) -> float:
     if doi_mm is not None or force_gwt is None:
-        raise BadInputError("--shape point: a point load has no depth, expected --force-gwt")
+        raise BadInputError(
+            "--shape point: a point load has no depth, expected {option}", code="point_load", option="--force-gwt"
+        )
     return force_gwt
 
 
@@ -184,7 +204,10 @@ def _say_point(result: PointLoadResult, chosen: Chosen, build_s: float, *, as_js
 
 def _reference(text: str) -> Literal["contact", "apex"]:
     if text not in ("contact", "apex"):
-        raise BadInputError(f"--reference {text!r}: expected contact or apex")
+        raise BadInputError(
+            "{option} {value!r}: expected {expected}",
+            code="unknown_choice", option="--reference", value=text, expected="contact or apex",
+        )  # fmt: skip
     return "apex" if text == "apex" else "contact"
 
 

@@ -47,7 +47,10 @@ def command(
     with told_in_one_line(as_json=as_json):
         settings = load_config(config)
         if not SLOWEST_MM_S <= speed_mm_s <= FASTEST_MM_S:
-            raise BadInputError(f"--speed-mm-s {speed_mm_s:g}: expected {SLOWEST_MM_S:.2g} … {FASTEST_MM_S:g}")
+            raise BadInputError(
+                "{option} {value:g}: expected {low:.2g} … {high:g}",
+                code="outside_range", option="--speed-mm-s", value=speed_mm_s, low=SLOWEST_MM_S, high=FASTEST_MM_S,
+            )  # fmt: skip
         target = _target(axis, by_mm)
         with live_line(settings) as show, by_hand(settings, show, without_force=without_force) as (hand, clock):
             if target is None:
@@ -73,7 +76,10 @@ def _target(axis: str | None, by_mm: float | None) -> tuple[Direction, float] | 
     if axis is None and by_mm is None:
         return None
     if axis is None or by_mm is None:
-        raise BadInputError("--axis and --by-mm: expected both of them, or neither to jog by keys")
+        raise BadInputError(
+            "{options}: expected both of them, or neither to jog by keys",
+            code="both_or_neither", options="--axis and --by-mm",
+        )  # fmt: skip
     return way(axis, by_mm)
 
 
@@ -82,9 +88,15 @@ def way(axis: str, by_mm: float) -> tuple[Direction, float]:
     axes: tuple[Axis, ...] = get_args(Axis)
     found = next((one for one in axes if one == axis), None)
     if found is None:
-        raise BadInputError(f"--axis {axis}: expected x, y or z")
+        raise BadInputError(
+            "{option} {value}: expected {expected}",
+            code="unknown_choice", option="--axis", value=axis, expected="x, y or z",
+        )  # fmt: skip
     if not 0 < abs(by_mm) <= _FARTHEST_MM:
-        raise BadInputError(f"--by-mm {by_mm:g}: expected up to {_FARTHEST_MM:g} mm either way, not zero")
+        raise BadInputError(
+            "{option} {value:g}: expected up to {most_mm:g} mm either way, not zero",
+            code="outside_range", option="--by-mm", value=by_mm, most_mm=_FARTHEST_MM,
+        )  # fmt: skip
     return Direction(found, 1 if by_mm > 0 else -1), abs(by_mm)
 
 

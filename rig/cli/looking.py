@@ -7,6 +7,7 @@ from rig.devices.drivers import open_force, open_stage
 from rig.devices.force.base import ForceError
 from rig.devices.stage.base import StageError, StageStatus
 from rig.engine.by_hand.bench_memory import BenchMemory
+from rig.errors import code_of
 from rig.plan.config import Config
 from rig.session.control.at_work import at_work
 from rig.transport import PortOwner, TransportError, first_owner, port_owner
@@ -34,9 +35,9 @@ def contact(settings: Config) -> dict[str, Any]:
 
 
 def in_one_line(found: dict[str, Any]) -> str:
-    """Return what was found for a terminal: its sentences where it has any, else its keys and values."""
+    """Return what was found for a terminal: its sentences where it has any, else keys and values but for codes."""
     sentences = [str(found[key]) for key in ("words", "to_do") if found.get(key)]
-    return "; ".join(sentences) or ", ".join(f"{key} {value}" for key, value in found.items())
+    return "; ".join(sentences) or ", ".join(f"{key} {value}" for key, value in found.items() if key != "code")
 
 
 def position(at: StageStatus) -> dict[str, Any]:
@@ -55,7 +56,7 @@ def _look_at_stage(settings: Config, *, closely: bool) -> dict[str, Any]:
             if closely and found["state"] in _AT_REST:
                 found["identity"] = stage.connect()
     except (StageError, TransportError) as error:
-        found["problem"] = str(error)
+        found |= {"problem": str(error), "code": code_of(error)}
     return found
 
 
@@ -69,7 +70,7 @@ def _look_at_force(settings: Config) -> dict[str, Any]:
             reading = force.read()
             return {"identity": name, "force_n": reading.force_n, "stable": reading.stable}
     except (ForceError, TransportError) as error:
-        return {"problem": str(error)}
+        return {"problem": str(error), "code": code_of(error)}
 
 
 def _owned(owner: PortOwner) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import Annotated, NoReturn, TypeVar
 
 import typer
 
-from rig.cli.carrying_out import AtTheTerminal, leave, loaded, new_run
+from rig.cli.carrying_out import AtTheTerminal, failure, leave, loaded, new_run
 from rig.cli.confirming import confirmed_with, ready_for_a_real_run
 from rig.cli.interrupts import at_a_safe_point, at_once
 from rig.cli.meeting_said import (
@@ -121,9 +121,15 @@ def command(
 
 def _refuse(width: float, most_gwt: float, settings: Config) -> None:
     if not 1 <= width <= 50:
-        raise BadInputError(f"--width {width:g}: expected 1 … 50 percent")
+        raise BadInputError(
+            "{option} {value:g}: expected {low} … {high} percent",
+            code="outside_range", option="--width", value=width, low=1, high=50,
+        )  # fmt: skip
     if not 1 <= most_gwt <= settings.limits.max_force_gwt:
-        raise BadInputError(f"--most-gwt {most_gwt:g}: expected 1 … {settings.limits.max_force_gwt:g} gwt")
+        raise BadInputError(
+            "{option} {value:g}: expected {low} … {high:g} gwt",
+            code="outside_range", option="--most-gwt", value=most_gwt, low=1, high=settings.limits.max_force_gwt,
+        )  # fmt: skip
 
 
 def _nothing_yet(rig: Rig) -> None:
@@ -172,7 +178,8 @@ def _written(done: FinishedRun, meeting: Meeting, settings: Config, to: Path, *,
         write_meeting_page(done.folder.path / MEETING_PAGE, met)
     done.folder.write_checksums()
     if as_json:
-        print_json(said_at_the_end(done, meeting, to))
+        code = failure(done).get("code", "collapsed" if meeting.learned.collapsed else None)
+        print_json(({} if code is None else {"code": code}) | said_at_the_end(done, meeting, to))
         return
     for about, words in said_at_the_end(done, meeting, to).items():
         for line in words if isinstance(words, list) else [words]:

@@ -40,7 +40,10 @@ def goals_of(script: Script, config: Config, finger: Finger) -> tuple[PressAt, .
     plan = make_plan(script, config, finger)
     found = [PressAt(p.indentor, p.x_mm, round(p.predicted_doi_mm, 3)) for p in plan.indentations]
     if any("," in press.indentor and "across" in press.indentor for press in found):
-        raise BadInputError(f"protocol {script.name}: presses across the finger cannot be foreseen yet")
+        raise BadInputError(
+            "protocol {protocol}: presses across the finger cannot be foreseen yet",
+            code="not_foreseen", protocol=script.name,
+        )  # fmt: skip
     return tuple(dict.fromkeys(found))
 
 

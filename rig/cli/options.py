@@ -42,7 +42,11 @@ def numbers(option: str, text: str) -> tuple[float, ...]:
             from rig.protocol.errors import BadInputError
 
             raise BadInputError(
-                f"{option} {text!r}: expected numbers separated by commas, or FROM:TO:STEP with up to {_MOST} of them"
+                "{option} {value!r}: expected numbers separated by commas, or FROM:TO:STEP with up to {most} of them",
+                code="not_numbers",
+                option=option,
+                value=text,
+                most=_MOST,
             ) from None
     return tuple(found)
 
@@ -59,7 +63,10 @@ def checked_file(option: str, path: Path) -> Path:
     if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
         from rig.protocol.errors import BadInputError  # a list of runs does without what scripts are made of
 
-        raise BadInputError(f"{option} {path}: expected a file in a folder that exists and may be written to")
+        raise BadInputError(
+            "{option} {path}: expected a file in a folder that exists and may be written to",
+            code="not_writable", option=option, path=path,
+        )  # fmt: skip
     return path
 
 

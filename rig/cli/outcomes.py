@@ -8,6 +8,7 @@ from rig.data.folder import UnwritableError
 from rig.devices.force.base import ForceError
 from rig.devices.stage.base import StageError
 from rig.engine import EngineError
+from rig.errors import code_of
 from rig.protocol.errors import BadInputError
 from rig.transport.base import TransportError
 from sim.contact.shapes import ShapeError
@@ -25,16 +26,17 @@ _BAD_INPUT = (
 )
 
 
-def outcome(error: Exception) -> tuple[str, ExitCode] | None:
-    """The line to say and how the command ended; None for what is no foreseen error."""
+def outcome(error: Exception) -> tuple[str, str, ExitCode] | None:
+    """The line to say, its code and how the command ended; None for what is no foreseen error."""
+    code = code_of(error)
     match error:
         case _ if isinstance(error, _BAD_INPUT):
-            return str(error), ExitCode.BAD_INPUT
+            return str(error), code, ExitCode.BAD_INPUT
         case EngineError() | StageError() | ForceError() | TransportError() | FingerLostError():
-            return f"stopped: {error}", ExitCode.STOPPED
+            return f"stopped: {error}", code, ExitCode.STOPPED
         case UnwritableError():
-            return f"{error}: free space, then the same again", ExitCode.BAD_INPUT
+            return f"{error}: free space, then the same again", code, ExitCode.BAD_INPUT
         case OSError():
             what = error.strerror or str(error)
-            return f"{error.filename}: {what}" if error.filename else what, ExitCode.BAD_INPUT
+            return f"{error.filename}: {what}" if error.filename else what, code, ExitCode.BAD_INPUT
     return None

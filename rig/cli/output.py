@@ -12,6 +12,8 @@ from rich.console import Console, RenderableType
 from rich.live import Live
 from rich.spinner import Spinner
 
+from rig.errors import RigError
+
 err = Console(stderr=True, highlight=False, soft_wrap=True, markup=False)
 out = Console(highlight=False, soft_wrap=True, markup=False)
 
@@ -144,8 +146,10 @@ def complain(message: str) -> str:
     return line
 
 
-class NotConfirmedError(Exception):
+class NotConfirmedError(RigError):
     """Whoever was asked did not say yes."""
+
+    default_code = "not_confirmed"
 
 
 class Beginning:
@@ -162,23 +166,28 @@ class Beginning:
         self.begun = True
 
 
-def fail(message: str, code: ExitCode, *, as_json: bool, beginning: Beginning | None = None) -> NoReturn:
-    """One line on standard error (and as JSON on standard output if that was asked for), and out."""
-    ending = {} if beginning is None or beginning.begun else {"ending": _nothing_moved(message, code)}
+def fail(
+    message: str, code: str, exit_code: ExitCode, *, as_json: bool, beginning: Beginning | None = None
+) -> NoReturn:
+    """One line on standard error (and as JSON on standard output if that was asked for), and out.
+
+    code: what went wrong, for programs: it stays when the line is worded anew.
+    """
+    ending = {} if beginning is None or beginning.begun else {"ending": _nothing_moved(message, exit_code)}
     if beginning is not None and ending and beginning.aloud and not as_json:
         print(f"{'where':<8}{ending['ending']['words']}", file=sys.stderr)
     line = complain(message)
     if as_json:
         with suppress(OSError):  # it may be standard output that failed
-            print_json({"error": line, "exit_code": int(code), **ending})
-    sys.exit(code)
+            print_json({"error": line, "code": code, "exit_code": int(exit_code), **ending})
+    sys.exit(exit_code)
 
 
-def _nothing_moved(message: str, code: ExitCode) -> dict[str, Any]:
+def _nothing_moved(message: str, exit_code: ExitCode) -> dict[str, Any]:
     """How a run ends that has not begun, as JSON."""
     from rig.session.ending import Ending  # there already where something can be moved; a help does without
 
-    return Ending.before_it_began(" ".join(message.split()), refused=code is not ExitCode.ABORTED).as_json()
+    return Ending.before_it_began(" ".join(message.split()), refused=exit_code is not ExitCode.ABORTED).as_json()
 
 
 @contextmanager
@@ -187,9 +196,10 @@ def told_in_one_line(*, as_json: bool, beginning: Beginning | None = None) -> It
     try:
         yield
     except KeyboardInterrupt:
-        fail("stopped at once by the operator", ExitCode.ABORTED, as_json=as_json, beginning=beginning)
+        line = "stopped at once by the operator"
+        fail(line, "interrupted", ExitCode.ABORTED, as_json=as_json, beginning=beginning)
     except NotConfirmedError as error:
-        fail(str(error), ExitCode.ABORTED, as_json=as_json, beginning=beginning)
+        fail(str(error), error.code, ExitCode.ABORTED, as_json=as_json, beginning=beginning)
     except Exception as error:
         from rig.cli.outcomes import outcome  # it imports both packages, and a help is not to wait for them
 

@@ -33,7 +33,10 @@ def command(
     """Print where the page is, and serve it until Ctrl-C; a run goes on without it."""
     with told_in_one_line(as_json=as_json):
         if port != 0 and not _LOWEST_PORT <= port <= 65535:
-            raise BadInputError(f"--port {port}: expected {_LOWEST_PORT} … 65535, or 0")
+            raise BadInputError(
+                "{option} {value}: expected {low} … {high}, or 0",
+                code="outside_range", option="--port", value=port, low=_LOWEST_PORT, high=65535,
+            )  # fmt: skip
         panel = _panel(config, out_dir, port)
         if as_json:
             print_json({"url": panel.url, "port": panel.port, "pid": os.getpid()})
@@ -50,7 +53,11 @@ def _panel(config: Path | None, out_dir: Path, port: int) -> "Panel":
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in ("starlette", "uvicorn"):
             raise
-        raise BadInputError(f"panel: needs {error.name}, expected pip install 'indentation-rig[panel]'") from None
+        raise BadInputError(
+            "panel: needs {package}, expected pip install 'indentation-rig[panel]'",
+            code="not_installed",
+            package=error.name,
+        ) from None
     return Panel(Offered(out_dir, config, port))
 
 

@@ -18,11 +18,19 @@ def checked_picture(picture: Path | None) -> None:
     if picture is None:
         return
     if picture.suffix not in (".svg", ".png"):
-        raise BadInputError(f"--picture {picture}: expected a name that ends in .svg or .png")
+        raise BadInputError(
+            "--picture {path}: expected a name that ends in .svg or .png", code="no_picture_name", path=picture
+        )
     if picture.exists():
-        raise BadInputError(f"--picture {picture}: exists already, expected a new file")
+        raise BadInputError(
+            "{option} {path}: exists already, expected a new file",
+            code="exists_already", option="--picture", path=picture,
+        )  # fmt: skip
     if not picture.parent.is_dir():
-        raise BadInputError(f"--picture {picture}: no such folder {picture.parent}")
+        raise BadInputError(
+            "{option} {path}: no such folder {folder}",
+            code="no_such_folder", option="--picture", path=picture, folder=picture.parent,
+        )  # fmt: skip
 
 
 def write_picture(plot: "Plot", picture: Path) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.errors import code_of, fields_of
 from rig.protocol.errors import BadInputError
 from sim.config.csv_table import TableError, read_columns
 
@@ -21,13 +22,21 @@ def read_pressures(text: str) -> Array:
             values = np.array(read_columns(Path(text), ("pressure",)))[:, 0]
         except TableError as error:
             raise BadInputError(
-                f"--pressure {error}: expected numbers, as 20,14, or a CSV with a column pressure"
+                "--pressure {problem}: expected numbers, as 20,14, or a CSV with a column pressure",
+                code=code_of(error),
+                **{**fields_of(error), "problem": str(error)},
             ) from None
     if not 1 <= len(values) <= MOST_SAMPLES:
-        raise BadInputError(f"--pressure: {len(values)} samples, expected 1 … {MOST_SAMPLES}")
+        raise BadInputError(
+            "{option}: {numbers} samples, expected 1 … {most}",
+            code="wrong_count", option="--pressure", numbers=len(values), most=MOST_SAMPLES,
+        )  # fmt: skip
     wrong = values[~(np.isfinite(values) & (values >= 0))]
     if len(wrong):
-        raise BadInputError(f"--pressure {wrong[0]:g}: expected numbers that are not negative, nothing pulls at skin")
+        raise BadInputError(
+            "{option} {value:g}: expected numbers that are not negative, nothing pulls at skin",
+            code="negative", option="--pressure", value=float(wrong[0]),
+        )  # fmt: skip
     return values
 
 

@@ -89,7 +89,7 @@ def run() -> None:
         message = getattr(error, "format_message", error.__str__)()
         if not message:  # the help was asked for by giving nothing
             sys.exit(ExitCode.BAD_INPUT)
-        fail(message, ExitCode.BAD_INPUT, as_json="--json" in sys.argv)
+        fail(message, "usage", ExitCode.BAD_INPUT, as_json="--json" in sys.argv)
     sys.exit(code if isinstance(code, int) else 0)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.errors import code_of, fields_of
 from rig.protocol.errors import BadInputError
 from sim.coding.readings import FEWEST_AT_REST, LOWEST_SD
 from sim.coding.sampled_section import receptor_points, skin_of
@@ -58,22 +59,36 @@ def read_readings(path: Path, finger: FingertipConfig) -> GivenReadings:
         place, kind = _one_of(where, names, PLACES), _one_of(where, names, KINDS)
         noise = [name for name in NOISE if name in names]
         if len(noise) > 1:
-            raise TableError(f"{where}: columns {' and '.join(noise)}, expected at most one of them")
+            raise TableError(
+                "{where}: columns {columns}, expected at most one of them",
+                code="columns_together", where=where, columns=" and ".join(noise),
+            )  # fmt: skip
         if kind == "rate" and noise == ["at_rest"]:
-            raise TableError(f"{where}: at_rest, expected sd beside rate: a silent receptor hides its noise")
+            raise TableError(
+                "{where}: at_rest, expected sd beside rate: a silent receptor hides its noise",
+                code="at_rest_beside_rate", where=where,
+            )  # fmt: skip
         along = ["z_mm"] if "z_mm" in names else []
         if along and place != "x_mm":
-            raise TableError(f"{where}: z_mm beside {place}, expected x_mm: a sheet has places in space")
+            raise TableError(
+                "{where}: z_mm beside {column}, expected x_mm: a sheet has places in space",
+                code="sheet_without_x", where=where, column=place,
+            )  # fmt: skip
         columns = (place, "depth_mm", kind, *noise, *along)
         return _Rows(path, columns, noise, read_numbered(path, columns)).checked(finger)
     except TableError as error:
-        raise BadInputError(f"--readings {error}") from None
+        raise BadInputError(
+            "--readings {problem}", code=code_of(error), **{**fields_of(error), "problem": str(error)}
+        ) from None
 
 
 def _one_of(where: str, names: Sequence[str], columns: Sequence[str]) -> str:
     found = [name for name in columns if name in names]
     if len(found) != 1:
-        raise TableError(f"{where}: {len(found)} of the columns {', '.join(columns)}, expected one of them")
+        raise TableError(
+            "{where}: {found} of the columns {columns}, expected one of them",
+            code="not_one_column", where=where, found=len(found), columns=", ".join(columns),
+        )  # fmt: skip
     return found[0]
 
 
@@ -104,7 +119,10 @@ class _Rows:
     def checked(self, finger: FingertipConfig) -> GivenReadings:
         fewest = FEWEST_OF_SHEET if self.sheet else FEWEST
         if not fewest <= len(self.numbered) <= MOST:
-            raise TableError(f"{self.path}: {len(self.numbered)} readings, expected {fewest} … {MOST}")
+            raise TableError(
+                "{path}: {readings} readings, expected {fewest} … {most}",
+                code="wrong_count", path=self.path, readings=len(self.numbered), fewest=fewest, most=MOST,
+            )  # fmt: skip
         placed = self._placed_in_space(finger) if self.sheet else self._placed_on_skin(finger)
         places = np.array([placed(n, row) for n, row in self.numbered])
         self._refuse_twice(places)
@@ -118,8 +136,17 @@ class _Rows:
         z_mm = along[0] if along else None
         return GivenReadings(self.kind, place, depth, reading / unit, known.get("sd"), known.get("at_rest"), z_mm)
 
-    def _refused(self, n: int, column: str, value: float, expected: str) -> TableError:
-        return TableError(f"{self.path}, line {n}, {column}: {value:g}, expected {expected}")
+    def _refused(self, code: str, n: int, column: str, value: float, expected: str) -> TableError:
+        return TableError(
+            "{path}, line {line}, {column}: {value:g}, expected {expected}",
+            code=code, path=self.path, line=n, column=column, value=float(value), expected=expected,
+        )  # fmt: skip
+
+    def _misplaced(self, n: int, column: str, error: Exception) -> TableError:
+        found = {"path": self.path, "line": n, "column": column, "problem": str(error)}
+        return TableError(
+            "{path}, line {line}, {column}: {problem}", code=code_of(error), **{**fields_of(error), **found}
+        )
 
     def _column(self, k: int) -> Iterator[tuple[int, float]]:
         return ((n, row[k]) for n, row in self.numbered)
@@ -134,7 +161,7 @@ class _Rows:
                 place = line.above(where, depth) if self.place == "x_mm" else where
                 receptor_points(finger, line, place, depth)
             except (ModelRangeError, ReceptorError) as error:
-                raise TableError(f"{self.path}, line {n}, {self.place}: {error}") from None
+                raise self._misplaced(n, self.place, error) from None
             return place, depth
 
         return of
@@ -148,14 +175,16 @@ class _Rows:
             try:
                 points_below(finger, surface, x, depth, z)
             except ReceptorError as error:
-                raise TableError(f"{self.path}, line {n}, x_mm and z_mm: {error}") from None
+                raise self._misplaced(n, "x_mm and z_mm", error) from None
             return x, depth, z
 
         return of
 
     def _depth(self, n: int, row: tuple[float, ...]) -> float:
         if not DEPTHS_MM[0] <= row[1] <= DEPTHS_MM[1]:
-            raise self._refused(n, "depth_mm", row[1], f"{DEPTHS_MM[0]:g} … {DEPTHS_MM[1]:g} mm below the skin")
+            raise self._refused(
+                "outside_range", n, "depth_mm", row[1], f"{DEPTHS_MM[0]:g} … {DEPTHS_MM[1]:g} mm below the skin"
+            )
         return row[1]
 
     def _refuse_twice(self, places: Array) -> None:
@@ -163,17 +192,19 @@ class _Rows:
             same = np.flatnonzero(np.abs(places[:k] - place).max(axis=1) < _SAME_MM)
             if len(same):
                 first = self.numbered[same[0]][0]
-                raise self._refused(
-                    self.numbered[k][0], self.place, place[0], f"each receptor once: line {first} is the same place"
-                )
+                expected = f"each receptor once: line {first} is the same place"
+                raise self._refused("same_place", self.numbered[k][0], self.place, place[0], expected)
 
     def _refuse_noise(self) -> None:
         if self.noise == ["sd"]:
             for n, sd in self._column(3):
                 if sd <= 0:
-                    raise self._refused(n, "sd", sd, "a positive number")
+                    raise self._refused("not_positive", n, "sd", sd, "a positive number")
         if self.noise == ["at_rest"] and len({value for _, value in self._column(3)}) < FEWEST_AT_REST:
-            raise TableError(f"{self.path}, at_rest: expected noise, {FEWEST_AT_REST} values or more")
+            raise TableError(
+                "{path}, at_rest: expected noise, {fewest} values or more",
+                code="too_little_noise", path=self.path, fewest=FEWEST_AT_REST,
+            )  # fmt: skip
 
     def _refuse_low(self) -> None:
         """Energies and rates below 0 by more than noise, and readings that say nothing."""
@@ -182,8 +213,10 @@ class _Rows:
             noise = [float(np.std(noise, ddof=1))] * len(noise)
         for (n, value), sd in zip(self._column(2), noise, strict=True):
             if value < (0 if self.kind == "rate" else -LOWEST_SD * sd):
-                raise self._refused(
-                    n, self.kind, value, "no less than 0, but for noise" if self.noise else "0 or more"
-                )
+                expected = "no less than 0, but for noise" if self.noise else "0 or more"
+                raise self._refused("negative", n, self.kind, value, expected)
         if not any(value > 0 for _, value in self._column(2)):
-            raise TableError(f"{self.path}, {self.kind}: none is above 0, expected receptors that feel")
+            raise TableError(
+                "{path}, {column}: none is above 0, expected receptors that feel",
+                code="none_above_zero", path=self.path, column=self.kind,
+            )  # fmt: skip

@@ -81,5 +81,5 @@ def ask_at_the_bench(request: str, asking: Callable[[], AbstractContextManager[N
         err.print(f"{request}, then press Enter")
         answer = typed_line()
     if not answer:
-        raise RunAborted(f"nobody answered: {request}")
+        raise RunAborted("nobody answered: {request}", code="nobody_answered", request=request)
     return answer

@@ -39,7 +39,10 @@ def command(
     """List runs, the newest last; what is no readable run gets one line on standard error."""
     with told_in_one_line(as_json=as_json):
         if state not in (None, *STATES):
-            raise RunError(f"--state {state!r}: expected one of {', '.join(STATES)}")
+            raise RunError(
+                "{option} {value!r}: expected one of {expected}",
+                code="unknown_choice", option="--state", value=state, expected=", ".join(STATES),
+            )  # fmt: skip
         wanted = Wanted(subject, shape, protocol, state, _day("--since", since), _day("--until", until))
         if table is not None:
             checked_file("--table", table)
@@ -65,14 +68,21 @@ def _entries(runs: Path) -> list[Entry]:
         try:
             return listed(runs)
         except OSError as error:
-            raise RunError(f"{runs}: {error.strerror}, expected the folder in which runs have theirs") from None
+            raise RunError(
+                "{folder}: {problem}, expected the folder in which runs have theirs",
+                code="no_such_folder",
+                folder=runs,
+                problem=error.strerror,
+            ) from None
 
 
 def _day(option: str, text: str | None) -> date | None:
     try:
         return None if text is None else date.fromisoformat(text)
     except ValueError:
-        raise RunError(f"{option} {text!r}: expected {_DAY}") from None
+        raise RunError(
+            "{option} {value!r}: expected {expected}", code="no_day", option=option, value=text, expected=_DAY
+        ) from None
 
 
 def _list(found: Sequence[Entry]) -> str:

@@ -29,7 +29,10 @@ _Word = TypeVar("_Word", bound=str)
 def bounded(option: str, value: float, low: float, high: float) -> float:
     """The value; raises BadInputError beyond its bounds."""
     if not low <= value <= high:
-        raise BadInputError(f"{option} {value:g}: expected {low:g} … {high:g}")
+        raise BadInputError(
+            "{option} {value:g}: expected {low:g} … {high:g}",
+            code="outside_range", option=option, value=value, low=low, high=high,
+        )  # fmt: skip
     return value
 
 
@@ -38,7 +41,10 @@ def named(option: str, text: str, words: Sequence[_Word]) -> _Word:
     for word in words:
         if text == word:
             return word
-    raise BadInputError(f"{option} {text!r}: expected {' or '.join(words)}")
+    raise BadInputError(
+        "{option} {value!r}: expected {expected}",
+        code="unknown_choice", option=option, value=text, expected=" or ".join(words),
+    )  # fmt: skip
 
 
 def sampling_of(spacing_mm: float, half_length: int, depth_mm: float, axes: Axes = "skin") -> Sampling:

@@ -33,9 +33,12 @@ def command(
     with told_in_one_line(as_json=False):
         settings = _with_indentor(load_config(config), indentor)
         if pty and tcp is not None:
-            raise BadInputError("--pty --tcp: expected one of them")
+            raise BadInputError("{options}: expected one of them", code="not_together", options="--pty --tcp")
         if tcp is not None and not 0 <= tcp <= 65534:
-            raise BadInputError(f"--tcp {tcp}: expected 0 … 65534")
+            raise BadInputError(
+                "{option} {value}: expected {low} … {high}",
+                code="outside_range", option="--tcp", value=tcp, low=0, high=65534,
+            )  # fmt: skip
         if stranger is not None:
             settings = with_stranger(settings, stranger)
         both = stage is None and force is None
@@ -60,7 +63,10 @@ def command(
 
 def _kind(room: Room, given: str | None, otherwise: str | None) -> str | None:
     if given is not None and given not in names(room):
-        raise BadInputError(f"--{room} {given}: no such device, expected {' or '.join(names(room))}")
+        raise BadInputError(
+            "{option} {value}: no such device, expected {expected}",
+            code="unknown_device", option=f"--{room}", value=given, expected=" or ".join(names(room)),
+        )  # fmt: skip
     return given or otherwise
 
 

@@ -29,7 +29,7 @@ def command(
     """What ran, in which state it is, limits, versions, forces, how it ended, and its files."""
     with told_in_one_line(as_json=as_json):
         if columns == (run is not None):
-            raise RunError("show: expected RUN, a run folder, or --columns")
+            raise RunError("show: expected RUN, a run folder, or --columns", code="exactly_one")
         told = _columns() if run is None else _described(run)
         if as_json:
             print_json(told)
@@ -47,7 +47,7 @@ def _described(path: Path) -> dict[str, Any]:
     try:
         return _told(read_run(path, readings=False))
     except FOREIGN as error:
-        raise RunError(f"run {path}: {foreign(error)}") from None
+        raise RunError("run {run}: {problem}", code="foreign_run", run=path, problem=foreign(error)) from None
 
 
 def _told(run: Run) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import typer
 from rig.cli.interrupts import STOP_SIGNAL
 from rig.cli.options import ConfigOption, JsonOption
 from rig.cli.output import ExitCode, complain, out, print_json
+from rig.errors import code_of
 from rig.session.control.lenient_stage import NoStageError, stage_alone
 from rig.session.control.sent_stop import SentStop, send_stop
 
@@ -18,7 +19,8 @@ def command(config: ConfigOption, as_json: JsonOption = False) -> None:
     try:
         settings, passed = stage_alone(config)
     except NoStageError as error:
-        _fail(f"Stop NOT sent: {error}", {"sent": False}, ExitCode.BAD_INPUT, as_json=as_json)
+        words = f"Stop NOT sent: {error}"
+        _fail(words, code_of(error), {"sent": False}, ExitCode.BAD_INPUT, as_json=as_json)
     found = send_stop(settings, signal=_signal if STOP_SIGNAL is not None else None)
     told: dict[str, Any] = {
         "owner": found.owner.pid if found.owner is not None else next(iter(found.told), None),
@@ -26,7 +28,7 @@ def command(config: ConfigOption, as_json: JsonOption = False) -> None:
         "state": found.state,
     }
     if not found.done:
-        _fail(found.words, told, ExitCode.STOPPED, as_json=as_json)
+        _fail(found.words, "not_confirmed" if found.sent else "not_sent", told, ExitCode.STOPPED, as_json=as_json)
     if as_json:
         print_json({"stopped": " and ".join(found.ports), **told})
     else:
@@ -35,11 +37,11 @@ def command(config: ConfigOption, as_json: JsonOption = False) -> None:
         complain(line)
 
 
-def _fail(words: str, told: dict[str, Any], code: ExitCode, *, as_json: bool) -> None:
+def _fail(words: str, code: str, told: dict[str, Any], exit_code: ExitCode, *, as_json: bool) -> None:
     print(words, file=sys.stderr)
     if as_json:
-        print_json({"error": words, "exit_code": int(code), **told})
-    raise typer.Exit(code)
+        print_json({"error": words, "code": code, "exit_code": int(exit_code), **told})
+    raise typer.Exit(exit_code)
 
 
 def _still_there(found: SentStop) -> list[str]:

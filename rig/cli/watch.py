@@ -70,7 +70,7 @@ def command(
             (_on_a_screen if out.is_terminal else _line_by_line)(seen)
             out.print("\n".join(_end(seen)))
         except FOREIGN as error:
-            raise RunError(f"run {run}: {foreign(error)}") from None
+            raise RunError("run {run}: {problem}", code="foreign_run", run=run, problem=foreign(error)) from None
         except KeyboardInterrupt:
             err.print("not watched any more; the run was told nothing")
             raise typer.Exit(ExitCode.ABORTED) from None

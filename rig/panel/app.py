@@ -1,5 +1,6 @@
 """The panel as an application: its routes behind its gate."""
 
+from http import HTTPStatus
 from pathlib import Path
 
 from starlette.applications import Starlette
@@ -10,6 +11,7 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from rig.panel.asked import RequestError
 from rig.panel.by_hand_process import ByHandProcess
 from rig.panel.gate import Gate
 from rig.panel.outlet import MOST_STREAMS, stream
@@ -32,7 +34,7 @@ def application(watcher: Watcher, bench: ByHandProcess, port: int, token: str) -
         *Posts(watcher, bench).routes,
         Mount("/static", StaticFiles(directory=STATIC, check_dir=False)),
     ]
-    app = Starlette(routes=routes, exception_handlers={HTTPException: _refused})
+    app = Starlette(routes=routes, exception_handlers={HTTPException: _refused, RequestError: _refused})
     app.router.redirect_slashes = False
     return Gate(app, port, token)
 
@@ -42,8 +44,11 @@ async def _page(request: Request) -> Response:
 
 
 async def _refused(request: Request, error: Exception) -> Response:
+    if isinstance(error, RequestError):
+        return JSONResponse({"ok": False, "problem": str(error), "code": error.code}, error.status)
     assert isinstance(error, HTTPException)
-    return JSONResponse({"ok": False, "problem": error.detail}, error.status_code, error.headers)
+    told = {"ok": False, "problem": error.detail, "code": HTTPStatus(error.status_code).name.lower()}
+    return JSONResponse(told, error.status_code, error.headers)
 
 
 class _Events:

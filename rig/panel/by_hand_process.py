@@ -8,6 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
+from rig.errors import RigError
 from rig.panel.owners import Find
 from rig.session.control.announcements import ControlError
 
@@ -15,8 +16,10 @@ READY_S = 15.0
 _LOOK_S = 0.05
 
 
-class NotTakenError(Exception):
+class NotTakenError(RigError):
     """The bench could not be taken. One line."""
+
+    default_code = "not_taken"
 
 
 def words(config: Path | None) -> list[str]:
@@ -45,10 +48,13 @@ class ByHandProcess:
                 if await asyncio.to_thread(self._announced):
                     return
                 if self._process.poll() is not None:
-                    raise NotTakenError(self.last_words or f"it ended with exit code {self._process.returncode}")
+                    if self.last_words:
+                        raise NotTakenError("{said}", code="refused", said=self.last_words)
+                    code = self._process.returncode
+                    raise NotTakenError("it ended with exit code {exit_code}", code="ended", exit_code=code)
                 await asyncio.sleep(_LOOK_S)
             self._process.terminate()
-            raise NotTakenError(f"the bench did not answer within {READY_S:g} s")
+            raise NotTakenError("the bench did not answer within {within_s:g} s", code="no_reply", within_s=READY_S)
 
     async def ended(self) -> None:
         """Wait until it is there no more: it has the ports longer than its note says. Raises NotTakenError."""
@@ -56,7 +62,7 @@ class ByHandProcess:
             if self._process is None or self._process.poll() is not None:
                 return
             await asyncio.sleep(_LOOK_S)
-        raise NotTakenError(f"the bench was not left within {READY_S:g} s")
+        raise NotTakenError("the bench was not left within {within_s:g} s", code="not_left", within_s=READY_S)
 
     def leave(self) -> None:
         """Have it leave the bench, where it is there."""

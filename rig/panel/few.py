@@ -15,9 +15,9 @@ Given = TypeVar("Given")
 class Few:
     """So many at once, each in a thread; what comes while all are busy is refused, and waits nowhere."""
 
-    def __init__(self, threads: int, name: str, problem: str) -> None:
-        """problem: what is said where all are busy."""
-        self._pool, self._problem = ThreadPoolExecutor(threads, name), problem
+    def __init__(self, threads: int, name: str, problem: str, code: str = "busy") -> None:
+        """problem, code: what is said where all are busy."""
+        self._pool, self._problem, self._code = ThreadPoolExecutor(threads, name), problem, code
         self._idle = threading.Semaphore(threads)
 
     def begin(self, do: Callable[[], Answer]) -> "asyncio.Future[Answer]":
@@ -30,7 +30,7 @@ class Few:
         Raises ControlError, and then neither is done.
         """
         if not self._idle.acquire(blocking=False):
-            raise ControlError(self._problem)
+            raise ControlError(self._problem, code=self._code)
         try:
             begun = self._pool.submit(do, first())
         except BaseException:

@@ -54,21 +54,23 @@ class Gate:
         if problem is None:
             await self._app(scope, receive, sent)
         else:
-            await JSONResponse({"ok": False, "problem": problem}, 403)(scope, receive, sent)
+            code, words = problem
+            await JSONResponse({"ok": False, "problem": words, "code": code}, 403)(scope, receive, sent)
 
-    def _problem(self, method: str, headers: Headers) -> str | None:
-        """Why it is not let in."""
+    def _problem(self, method: str, headers: Headers) -> tuple[str, str] | None:
+        """Why it is not let in: a code, and a line."""
         hosts, origins = headers.getlist("host"), headers.getlist("origin")
         if len(hosts) != 1 or hosts[0].lower() not in self._hosts:
-            return f"host: expected {' or '.join(self._hosts)}"
+            return "foreign_host", f"host: expected {' or '.join(self._hosts)}"
         own = f"http://{hosts[0].lower()}"
         if method in _SHOWS:
-            return None if origins in ([], [own]) and _from_here(headers) else "asked for by another page"
+            here = origins in ([], [own]) and _from_here(headers)
+            return None if here else ("foreign_page", "asked for by another page")
         if origins != [own]:
-            return f"origin: expected {own}"
+            return "foreign_origin", f"origin: expected {own}"
         tokens = headers.getlist(TOKEN_HEADER)
         if len(tokens) != 1 or not secrets.compare_digest(tokens[0].encode(), self._token.encode()):
-            return "token: expected the one that rig panel printed"
+            return "wrong_token", "token: expected the one that rig panel printed"
         return None
 
 

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
+from rig.errors import RigError
 from rig.session.control.announcements import ControlError, RefusedError
 
 STOP_S = 3.0
@@ -65,14 +66,18 @@ def run_of(owner: Owner) -> Path | None:
     return None if owner.run is None else Path(owner.run)
 
 
-class NobodyError(Exception):
+class NobodyError(RigError):
     """There is nobody who could be asked. One line."""
+
+    default_code = "nobody"
 
 
 def asked(owner: Owner | None, kind: str, do: str, within_s: float, **more: Any) -> dict[str, Any]:
     """An owner's answer. Raises NobodyError where it is none of that kind, RefusedError, ControlError."""
     if owner is None or owner.kind != kind:
-        raise NobodyError("no run is going" if kind == "run" else "nobody has the bench by hand: take it first")
+        if kind == "run":
+            raise NobodyError("no run is going", code="no_run")
+        raise NobodyError("nobody has the bench by hand: take it first", code="bench_not_taken")
     return owner.ask(do, within_s=within_s, **more)
 
 
@@ -96,7 +101,7 @@ def stop_all(owners: Sequence[Owner], said: Said, pool: ThreadPoolExecutor) -> d
     """
     there = _to_be_stopped(owners)
     if not there:
-        raise NobodyError("nothing owns the ports: there is nothing to stop")
+        raise NobodyError("nothing owns the ports: there is nothing to stop", code="nothing_to_stop")
     stopping = partial(_stopped, said)
     others = pool.map(stopping, there[1:])
     answers = [stopping(there[0]), *others]
@@ -105,7 +110,7 @@ def stop_all(owners: Sequence[Owner], said: Said, pool: ThreadPoolExecutor) -> d
             raise problem
     stopped = [one.pid for one, answer in zip(there, answers, strict=True) if not isinstance(answer, ControlError)]
     if not stopped:
-        raise RefusedError("; ".join(map(str, answers)))
+        raise RefusedError("{problems}", code="all_refuse", problems="; ".join(map(str, answers)))
     return {"stopped": stopped, "words": f"told to stop: process {', '.join(map(str, stopped))}"}
 
 
@@ -120,5 +125,8 @@ def _stopped(said: Said, owner: Owner) -> dict[str, Any] | ControlError:
     except ControlError as error:
         return error
     if "unconfirmed" in answer:
-        return ControlError(f"process {owner.pid} was told to stop: {answer['unconfirmed']}")
+        return ControlError(
+            "process {pid} was told to stop: {problem}",
+            code="stop_not_confirmed", pid=owner.pid, problem=answer["unconfirmed"],
+        )  # fmt: skip
     return answer

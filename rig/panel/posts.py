@@ -1,4 +1,4 @@
-"""What a page asks for: stop, pause, go on, the bench by hand; each answer is {"ok": …, "problem": …} and a code."""
+"""What a page asks for: stop, pause, go on, the bench; each answer is {"ok": …, "problem": …} and a status."""
 
 import asyncio
 import threading
@@ -13,7 +13,8 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from rig.devices.bench_settings import BenchSettings
-from rig.panel.asked import HeldButton, body_of, flag, whole
+from rig.errors import RigError
+from rig.panel.asked import HeldButton, RequestError, body_of, flag, whole
 from rig.panel.by_hand_process import ByHandProcess, NotTakenError
 from rig.panel.few import Few
 from rig.panel.gate import TAB_HEADER
@@ -32,6 +33,7 @@ _THREADS, _MOST_STOPS = 4, 16
 _MOST_HELD = 3
 """Holds on their way to an owner: with more it is too slow to be moved by hand."""
 _NOT_YET = "told to stop, and not answered yet: use the emergency stop"
+_NOT_YET_CODE = "not_answered_yet"
 
 
 class Posts:
@@ -41,7 +43,8 @@ class Posts:
         self._watcher, self._bench = watcher, bench
         self._asking = Few(_THREADS, "post", "what was asked before has not been answered yet")
         self._holding = Few(_MOST_HELD, "hold", "the bench has not answered yet")
-        self._stopping, self._each = Few(_MOST_STOPS, "stop", _NOT_YET), ThreadPoolExecutor(64, "stopped")
+        self._stopping = Few(_MOST_STOPS, "stop", _NOT_YET, _NOT_YET_CODE)
+        self._each = ThreadPoolExecutor(64, "stopped")
 
     @property
     def routes(self) -> list[Route]:
@@ -67,7 +70,7 @@ class Posts:
 
         async def guarded(tab: str, body: Body) -> Answer:
             if not self._watcher.tabs.may(tab, self._watcher.clock.monotonic_s()):
-                raise NobodyError("another tab has the controls")
+                raise NobodyError("another tab has the controls", code="another_tab")
             return await do(tab, body)
 
         return self._answered(guarded)
@@ -76,7 +79,7 @@ class Posts:
         async def answered(request: Request) -> Response:
             body, tab = await body_of(request), request.headers.get(TAB_HEADER, "")
             if not (0 < len(tab) <= 64 and tab.isascii() and tab.isprintable()):
-                return _problem(400, f"{TAB_HEADER}: expected the name of the tab")
+                raise RequestError("{header}: expected the name of the tab", code="no_tab", header=TAB_HEADER)
             try:
                 return JSONResponse({"ok": True, "problem": None, **await do(tab, body)})
             except (NobodyError, RefusedError) as error:
@@ -100,7 +103,7 @@ class Posts:
         asking = self._stopping.begin_behind(lambda: say_stop(self._watcher.owners), self._stop_all)
         done, _ = await asyncio.wait({asking}, timeout=_STOP_S)
         if not done:
-            raise ControlError(_NOT_YET)
+            raise ControlError(_NOT_YET, code=_NOT_YET_CODE)
         answer = asking.result()
         if isinstance(answer, Exception):
             raise answer
@@ -125,7 +128,8 @@ class Posts:
             stop = sent.result() or send_stop(settings)
             if stop.done:
                 return {"stopped": list(stop.told), "words": stop.words}
-            return ControlError(stop.words if isinstance(error, NobodyError) else f"{error}. {stop.words}")
+            words = stop.words if isinstance(error, NobodyError) else f"{error}. {stop.words}"
+            return ControlError("{words}", code="not_confirmed" if stop.sent else "not_sent", words=words)
         finally:
             answered.set()
 
@@ -156,19 +160,21 @@ class Posts:
 
     def _refuse_a_busy_bench(self) -> None:
         if not self._watcher.bench.configured:
-            raise NobodyError("rig panel was begun without --config: it knows no bench")
+            raise NobodyError("rig panel was begun without --config: it knows no bench", code="no_bench")
         ports = set(self._watcher.bench.ports)
         for owner in self._watcher.owners:
             if owner.kind == "run" and ports & set(owner.ports):
-                raise NobodyError(f"a run has the ports: process {owner.pid}")
+                raise NobodyError("a run has the ports: process {pid}", code="ports_taken", pid=owner.pid)
 
     async def _hold(self, tab: str, body: Body) -> Answer:
         """Passed on at once and while it is fresh: nothing that waited somewhere moves anything."""
         button = HeldButton.of(body)
         if self._watcher.tabs.is_released(button.press):
-            raise NobodyError("that button was let go: press it anew")
+            raise NobodyError("that button was let go: press it anew", code="let_go")
         if abs(self._watcher.clock.unix_s() - button.unix_s) > HELD_S:
-            raise NobodyError(f"held longer ago than {HELD_S:g} s, or by another clock: press it anew")
+            raise NobodyError(
+                "held longer ago than {most_s:g} s, or by another clock: press it anew", code="too_old", most_s=HELD_S
+            )
         answer = self._asked(self._holding, "by hand", "hold", _HOLD_S, tab=tab, **button._asdict())
         try:
             return await answer
@@ -200,5 +206,5 @@ def _sent_where_nobody_lives(
     return send_stop(settings)
 
 
-def _problem(code: int, problem: object) -> Response:
-    return JSONResponse({"ok": False, "problem": str(problem)}, code)
+def _problem(status: int, problem: RigError) -> Response:
+    return JSONResponse({"ok": False, "problem": str(problem), "code": problem.code}, status)

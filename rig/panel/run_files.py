@@ -9,13 +9,14 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.types import Send
 
 from rig.data.run_index import listed
 from rig.data.wanted import Wanted
+from rig.errors import code_of
+from rig.panel.asked import RequestError
 from rig.panel.gate import FILE_POLICY
 
 _AS_TEXT = (".csv", ".jsonl", ".log", ".md", ".py", ".toml", ".txt", "SHA256SUMS")
@@ -35,7 +36,7 @@ class RunFiles:
         asked = request.query_params
         limit = asked.get("limit", str(_MOST_RUNS))
         if not (limit.isascii() and limit.isdecimal()):
-            raise HTTPException(400, f"limit {limit!r}: expected a number")
+            raise RequestError("limit {value!r}: expected a number", code="not_a_number", key="limit", value=limit)
         subject, shape, protocol, state = (asked.get(name) or None for name in _FILTERS)
         wanted = Wanted(subject, shape, protocol, state)
         return JSONResponse(await asyncio.to_thread(self._told, wanted, int(limit)))
@@ -44,7 +45,8 @@ class RunFiles:
         try:
             entries = [one.summary for one in listed(self._out)]
         except OSError as error:
-            return {"runs": [], "unreadable": [], "problem": f"{self._out}: {error.strerror}"}
+            problem = f"{self._out}: {error.strerror}"
+            return {"runs": [], "unreadable": [], "problem": problem, "code": code_of(error)}
         found = [one for one in entries if not one.problem and wanted.has(one)]
         runs = [{name: value for name, value in asdict(one).items() if name != "problem"} for one in reversed(found)]
         broken = [{"name": one.name, "problem": one.problem} for one in entries if one.problem]
@@ -65,10 +67,10 @@ class RunFiles:
         return _Closing(body, media_type=_type_of(path), headers=headers)
 
     def _folder(self, name: str) -> Path:
-        """Of a run; no link. Raises HTTPException."""
+        """Of a run; no link. Raises RequestError."""
         path = self._out / name
         if not _named(name) or path.is_symlink() or not path.is_dir():
-            raise HTTPException(404, "no such run")
+            raise RequestError("no such run", code="no_such_run")
         return path
 
 
@@ -88,14 +90,14 @@ def _named(name: str) -> bool:
 
 
 def _plain_file(folder: Path, name: str) -> Path:
-    """A file that lies in a folder itself; no link. Raises HTTPException."""
+    """A file that lies in a folder itself; no link. Raises RequestError."""
     path = folder / name
     try:
         there = _named(name) and stat.S_ISREG(path.lstat().st_mode)
     except OSError:
         there = False
     if not there:
-        raise HTTPException(404, "no such file")
+        raise RequestError("no such file", code="no_such_file")
     return path
 
 

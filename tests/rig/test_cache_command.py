@@ -11,7 +11,7 @@ import pytest
 
 from rig.cli import main
 from rig.cli.cache import _ABOUT
-from sim.models.cache import KINDS, entries, most_bytes
+from sim.models.cache import KINDS, CacheError, entries, most_bytes
 
 Said = Callable[..., tuple[int, str, str]]
 
@@ -100,10 +100,11 @@ def test_a_folder_that_is_not_there_holds_nothing(rig: Said, folder: Path, monke
 
 
 @pytest.mark.parametrize("given", ["much", "-1", "nan", "inf", ""])
-def test_a_limit_that_is_none_is_one_line(rig: Said, monkeypatch: pytest.MonkeyPatch, given: str) -> None:
+def test_a_limit_that_is_none_is_refused(rig: Said, monkeypatch: pytest.MonkeyPatch, given: str) -> None:
     monkeypatch.setenv("RIG_CACHE_GB", given)
-    code, _, err = rig()
-    assert (code, err) == (2, f"rig: RIG_CACHE_GB = {given!r}: expected how much is kept in GB, 0 or more\n")
+    with pytest.raises(CacheError):
+        most_bytes()
+    assert rig()[0] == 2
 
 
 @pytest.mark.parametrize(("given", "expected"), [("0", 0.0), ("0.5", 5e8), ("20", 2e10)])
@@ -113,8 +114,8 @@ def test_the_limit_is_in_gigabytes(monkeypatch: pytest.MonkeyPatch, given: str, 
 
 
 def test_what_is_kept_goes_with_pruning_only(rig: Said, folder: Path) -> None:
-    code, _, err = rig("--keep-gb", "1")
-    assert (code, err) == (2, "rig: --keep-gb 1: says what --prune leaves, expected --prune too\n")
+    code, told, _ = rig("--keep-gb", "1", "--json")
+    assert (code, json.loads(told)["code"]) == (2, "needs_option")
     assert len(entries()) == 3
 
 

@@ -3,6 +3,7 @@
 import json
 import signal
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from pydantic import BaseModel, ValidationError
 import rig.plan.patience as patience
 from rig.cli import main
 from rig.plan.config import Config, load_config
+from rig.plan.config_keys import keys
 from rig.plan.plan import make_plan
 from rig.protocol.errors import BadInputError, first_problem
 from rig.protocol.script import load_script
@@ -29,23 +31,25 @@ def _complaint(folder: Path, finger: Fingertip, body: str, **tables: object) -> 
 
 
 @pytest.mark.parametrize(
-    ("body", "words"),
+    ("body", "named"),
     [
+        ("rig.tare()", ["tare", "mount", "move_to"]),
+        ("rig.ident(doi_mm=0.2)", ["ident", "rig.indent"]),
         (
-            "rig.tare()",
-            "there is no rig.tare, expected one of parameters, mark, mount, home, zero, move_to",
+            "rig.indent(depth_mm=0.2)",
+            ["depth_mm", "rig.indent(doi_mm=, force_gwt=, increments=, speed_mm_s=, hold_s=)"],
         ),
-        ("rig.ident(doi_mm=0.2)", "there is no rig.ident, did you mean rig.indent?"),
-        ("rig.indent(depth_mm=0.2)", "expected rig.indent(doi_mm=, force_gwt=, increments=, speed_mm_s=, hold_s=)"),
-        ("rig.move_to(0.5)", "expected rig.move_to(x_mm=, along_mm=)"),
-        ("rig.mount()", "expected rig.mount(indentor)"),
-        ("rig.rest()", "expected rig.rest(seconds)"),
+        ("rig.move_to(0.5)", ["rig.move_to(x_mm=, along_mm=)"]),
+        ("rig.mount()", ["rig.mount(indentor)"]),
+        ("rig.rest()", ["rig.rest(seconds)"]),
     ],
 )
-def test_a_mistake_of_a_script_is_told_in_its_words(tmp_path: Path, finger: Fingertip, body: str, words: str) -> None:
+def test_a_mistake_of_a_script_is_told_with_the_verbs_there_are(
+    tmp_path: Path, finger: Fingertip, body: str, named: list[str]
+) -> None:
     said = _complaint(tmp_path, finger, body)
     assert said.startswith("line 4: ")
-    assert words in said
+    assert [word for word in named if word not in said] == []
 
 
 @pytest.mark.parametrize("name", ["indent", "nothing"])
@@ -58,45 +62,38 @@ def test_a_mistake_with_something_else_is_told_in_pythons_words(tmp_path: Path, 
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "key", "near"),
     [
-        ("[limits]\nmax_dio_mm = 1.0\n", "limits.max_dio_mm: there is no such key, did you mean max_doi_mm"),
-        ("[limit]\nmax_doi_mm = 1.0\n", "limit: there is no such key, did you mean limits?"),
-        (
-            "[stage]\nclearance_mm = 1.0\n",
-            "stage.clearance_mm: there is no such key, did you mean habits.clearance_mm",
-        ),
-        (
-            "[stage.drives.x]\ndevice_id = 1\nprot = 'a'\n",
-            "stage.drives.x.prot: there is no such key, did you mean port?",
-        ),
-        ("[stage]\nqqqqqq = 1\n", "stage.qqqqqq: there is no such key"),
+        ("[limits]\nmax_dio_mm = 1.0\n", "limits.max_dio_mm", ["max_doi_mm"]),
+        ("[limit]\nmax_doi_mm = 1.0\n", "limit", ["limits"]),
+        ("[stage]\nclearance_mm = 1.0\n", "stage.clearance_mm", ["habits.clearance_mm", "limits.search_mm"]),
+        ("[stage.drives.x]\ndevice_id = 1\nprot = 'a'\n", "stage.drives.x.prot", ["port"]),
+        ("[stage]\nqqqqqq = 1\n", "stage.qqqqqq", []),
         # two at most, of its own table and of the others
-        (
-            "[calibration]\ny_steps_permm = 1\n",
-            "calibration.y_steps_permm: there is no such key, did you mean y_steps_per_mm or z_steps_per_mm?",
-        ),
+        ("[calibration]\ny_steps_permm = 1\n", "calibration.y_steps_permm", ["y_steps_per_mm", "z_steps_per_mm"]),
         (
             "[limits]\nspeed_mm = 1\n",
-            "limits.speed_mm: there is no such key, "
-            "did you mean habits.press_speed_mm_s or habits.travel_speed_mm_s?",
+            "limits.speed_mm",
+            ["habits.press_speed_mm_s", "habits.travel_speed_mm_s"],
         ),
     ],
 )
-def test_an_unknown_key_is_told_with_its_neighbours(tmp_path: Path, text: str, said: str) -> None:
+def test_an_unknown_key_is_told_with_its_neighbours(tmp_path: Path, text: str, key: str, near: list[str]) -> None:
     (tmp_path / "rig.toml").write_text(text, encoding="utf-8")
     with pytest.raises(BadInputError) as refused:
         load_config(tmp_path / "rig.toml")
-    line = str(refused.value).removeprefix(f"config {tmp_path / 'rig.toml'}: ")
-    assert line.startswith(said)
-    assert ("did you mean" in line) is ("did you mean" in said)
+    place, _, line = str(refused.value).removeprefix(f"config {tmp_path / 'rig.toml'}: ").partition(": ")
+    assert place == key
+    known = {key.place for key in keys(Config())} | {key.name for key in keys(Config())} | {"limits", "port"}
+    assert [word.strip("?,") for word in line.split() if word.strip("?,") in known] == near
 
 
 def test_the_depth_limit_that_binds_is_named(tmp_path: Path, finger: Fingertip) -> None:
     """The model answers to 2 mm; what the script may not pass is the configuration's limit."""
     tables = {"limits": {"max_force_gwt": 500, "max_doi_mm": 0.5, "soft_trip_n": 5.0}}
     said = _complaint(tmp_path, finger, "rig.indent(force_gwt=500)", **tables)
-    assert said == "line 4: indent: force_gwt = 500 at x = 0 mm is not reached at a DOI of limits.max_doi_mm = 0.5"
+    assert said.startswith("line 4: indent: force_gwt = 500 ")
+    assert said.endswith("limits.max_doi_mm = 0.5")
 
 
 # --- too many steps, or none ---
@@ -107,7 +104,8 @@ def test_too_many_steps_are_refused_at_the_stated_cap(
 ) -> None:
     monkeypatch.setattr(patience, "MOST_STEPS", 50)
     said = _complaint(tmp_path, finger, "while True: rig.note('again')")
-    assert said == "line 4: note: the script makes more than 50 steps, expected no more"
+    assert said.startswith("line 4: note: ")
+    assert " 50 " in said
     assert patience.MOST_STEPS == 50
 
 
@@ -121,8 +119,8 @@ def test_a_script_that_makes_no_step_is_refused(
 ) -> None:
     monkeypatch.setattr(patience, "LONGEST_SILENCE_S", 0.3)
     said = _complaint(tmp_path, finger, body)
-    assert said.endswith("the script makes no step for 0.3 s, expected one")
     assert said.startswith("line ")
+    assert " 0.3 s" in said
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="needs alarms (POSIX)")
@@ -151,17 +149,17 @@ def test_what_the_model_takes_is_no_silence_of_the_script(
 
 BENCHES = {
     "one port": (
-        "[stage]\nport = '/dev/one'\n[force]\nport = '/dev/one'\n", "stage.port and force.port: both are /dev/one"),
+        "[stage]\nport = '/dev/one'\n[force]\nport = '/dev/one'\n", "stage.port and force.port", "/dev/one"),
     "one device under two names": (
-        "[stage]\nport = 'link'\n[force]\nport = 'device'\n", "stage.port and force.port: both are link"),
+        "[stage]\nport = 'link'\n[force]\nport = 'device'\n", "stage.port and force.port", "link"),
     "a drive's port": (
         "[stage]\nkind='leadshine'\n[stage.drives.z]\ndevice_id=2\nport = '/dev/two'\n[force]\nport = '/dev/two'\n",
-        "stage.port and force.port: both are /dev/two",
+        "stage.port and force.port", "/dev/two",
     ),
-    "the apex too low": ("[frame]\napex_z_mm = -45.0\n", "frame.apex_z_mm = -45: outside the stage's travel, -40"),
-    "the apex above the switch": ("[frame]\napex_z_mm = 1.0\n", "frame.apex_z_mm = 1: outside the stage's travel"),
-    "no room for clearance": ("[frame]\napex_z_mm = -1.0\n", "frame: the pad at clearance: machine z = 1.000 mm"),
-    "beside the pad": ("[frame]\npad_centre_x_mm = -70.0\n", "frame: the pad at clearance: machine x = -70.000 mm"),
+    "the apex too low": ("[frame]\napex_z_mm = -45.0\n", "frame.apex_z_mm = -45", "-40 … 0 mm"),
+    "the apex above the switch": ("[frame]\napex_z_mm = 1.0\n", "frame.apex_z_mm = 1", "-40 … 0 mm"),
+    "no room for clearance": ("[frame]\napex_z_mm = -1.0\n", "frame", " z = 1.000 mm "),
+    "beside the pad": ("[frame]\npad_centre_x_mm = -70.0\n", "frame", " x = -70.000 mm "),
 }  # fmt: skip
 
 
@@ -176,9 +174,9 @@ class Whole(BaseModel, extra="forbid"):
 def test_an_unknown_key_in_a_list_of_tables_is_told_with_its_neighbours() -> None:
     with pytest.raises(ValidationError) as found:
         Whole.model_validate({"parts": [{}, {"dept_mm": 2.0}]})
-    assert str(first_problem("mine", found.value, Whole)) == (
-        "mine: parts.1.dept_mm: there is no such key, did you mean depth_mm?"
-    )
+    said = str(first_problem("mine", found.value, Whole))
+    assert said.startswith("mine: parts.1.dept_mm: ")
+    assert " depth_mm" in said
 
 
 @pytest.mark.parametrize("name", BENCHES)
@@ -186,12 +184,16 @@ def test_what_no_bench_can_be_is_told(
     tmp_path: Path, finger: Fingertip, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
     """By doctor, which goes on, and by check and run, which refuse."""
-    text, said = BENCHES[name]
+    text, where, named = BENCHES[name]
     monkeypatch.chdir(tmp_path)
     (tmp_path / "device").touch()
     (tmp_path / "link").symlink_to("device")
     (tmp_path / "rig.toml").write_text(text, encoding="utf-8")
-    assert any(problem.startswith(said) for problem in bench_problems(load_config(Path("rig.toml"))))
+
+    def there(problems: Iterable[str]) -> bool:
+        return any(problem.startswith(f"{where}: ") and named in problem for problem in problems)
+
+    assert there(bench_problems(load_config(Path("rig.toml"))))
 
     def ended(*arguments: str) -> tuple[int, dict[str, object]]:
         monkeypatch.setattr(sys, "argv", ["rig", *arguments, "--config", "rig.toml", "--json"])
@@ -203,7 +205,7 @@ def test_what_no_bench_can_be_is_told(
     problems = doctor["problems"]
     assert code == 0
     assert isinstance(problems, list)
-    assert any(problem.startswith(said) for problem in problems)
+    assert there(problems)
     for command in (["check", "first_press"], ["run", "first_press"]):
         code, refused = ended(*command)
         assert (code, refused["error"]) == (2, problems[0])

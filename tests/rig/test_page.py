@@ -15,6 +15,7 @@ import rig.cli.confirming as confirming
 import rig.cli.run_owner as run_owner
 import rig.session.session as sessions
 from rig.devices.units import GWT_N
+from rig.errors import code_of
 from rig.session.control.stage_in_hand import StageInHand
 from rig.session.virtual.virtual_bench import VirtualBench, virtual_bench
 from rig.transport import TransportError
@@ -288,5 +289,6 @@ def test_what_fails_after_it_began_does_not_say_that_nothing_was_moved(
     monkeypatch.setattr("rig.cli.carrying_out.make_report", _raising(ModelRangeError("no such force")))
     ended = rig(*RUN, "--yes", "--json")
     assert (ended.code, len(opened)) == (2, 1)
-    assert json.loads(ended.out) == {"error": "no such force", "exit_code": 2}
+    told = json.loads(ended.out)
+    assert (told.pop("code"), told) == (code_of(ModelRangeError()), {"error": "no such force", "exit_code": 2})
     assert "not moved" not in rig(*RUN, "--yes").err

@@ -54,6 +54,7 @@ def test_what_lies_outside_is_marked_and_no_file_needs_to_be_there(program: Prog
 
 
 def test_a_file_that_is_none_is_one_line(program: Program, tmp_path: Path) -> None:
-    ended = program("stranger", 3, "--beside", tmp_path / "nowhere.toml")
+    ended = program("stranger", 3, "--beside", tmp_path / "nowhere.toml", "--json")
     assert ended.code == 2
     assert "nowhere.toml" in ended.complaint
+    assert ended.error_code

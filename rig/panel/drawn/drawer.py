@@ -49,7 +49,7 @@ class Drawer:
         try:
             told = await asyncio.get_running_loop().run_in_executor(self._thread, self.process.ask, job)
         except DrawingError as error:
-            told = {"problem": str(error)}
+            told = {"problem": str(error), "code": error.code}
         self._drawn = job
         prediction = told.pop("prediction", NO_CURVE)
         self._outlet.publish("section", {**self._of(job), "skin": [], **told})

@@ -4,6 +4,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from rig.errors import code_of
 from rig.panel.drawn.foreseen import foreseen
 from rig.panel.drawn.job import Job
 from rig.panel.drawn.outlines import finger_outlines, indentor_outline
@@ -26,9 +27,9 @@ def drawn(job: Job) -> Drawing:
         told = _still(config, job)
         return told if job.press is None else _pressed(config, job, told)
     except (BadInputError, ShapeError, OSError) as error:
-        return {"problem": str(error)}
+        return {"problem": str(error), "code": code_of(error)}
     except Exception as error:  # a scene beyond the model must not end this process
-        return {"problem": f"{type(error).__name__}: {error}"}
+        return {"problem": f"{type(error).__name__}: {error}", "code": code_of(error)}
 
 
 def _still(config: FingertipConfig, job: Job) -> Drawing:

@@ -7,6 +7,7 @@ import threading
 from multiprocessing.connection import Connection
 from typing import Any
 
+from rig.errors import RigError
 from rig.panel.drawn.job import Job
 from sim.models.processes.workers import give_way, leaving_ctrl_c_to_us
 
@@ -19,8 +20,10 @@ Drawing = dict[str, Any]
 """Of `section`, with `prediction` where there is a press, or a `problem`."""
 
 
-class DrawingError(Exception):
+class DrawingError(RigError):
     """There is no drawing. One line."""
+
+    default_code = "not_drawn"
 
 
 class DrawingProcess:
@@ -40,9 +43,9 @@ class DrawingProcess:
                 return near.recv()
         except (EOFError, OSError):
             self.close()
-            raise DrawingError("the process that draws has ended") from None
+            raise DrawingError("the process that draws has ended", code="process_ended") from None
         self.close()
-        raise DrawingError(f"not drawn within {PATIENCE_S:g} s")
+        raise DrawingError("not drawn within {within_s:g} s", code="too_slow", within_s=PATIENCE_S)
 
     def close(self) -> None:
         """End it."""

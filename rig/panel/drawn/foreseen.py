@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from rig.errors import code_of
 from rig.panel.drawn.job import Press
 from rig.panel.drawn.outlines import points
 from sim.contact.indentor import Indentor
@@ -23,7 +24,7 @@ def foreseen(finger: Fingertip, shape: Indentor, press: Press) -> tuple[dict[str
         depths = last.doi_mm * np.arange(1, DEPTHS) / DEPTHS
         found = [ways.indent(shape, x_mm, doi_mm=float(doi_mm)) for doi_mm in depths]
     except ModelRangeError as error:
-        return {**NONE, "problem": str(error)}, {}
+        return {**NONE, "problem": str(error), "code": code_of(error)}, {}
     curve = [one for one in [*found, last] if one.state.converged]
     told = {"doi_mm": [0.0, *(one.doi_mm for one in curve)], "force_gwt": [0.0, *(one.force_gwt for one in curve)]}
     return told, _at_target(last, finger.apex_height_mm) if last.state.converged else {}

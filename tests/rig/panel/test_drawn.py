@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 
 import rig.panel.drawn.drawing as drawing
+from rig.errors import code_of
 from rig.panel.drawn.drawer import Drawer
 from rig.panel.drawn.drawing import drawn
 from rig.panel.drawn.drawing_process import DrawingError
@@ -20,8 +21,9 @@ from rig.panel.drawn.outlines import HIGHEST_MM, finger_outlines, indentor_outli
 from rig.panel.outlet import Outlet
 from rig.plan.shape_files import copy_name
 from sim.config.fingertip_config import FingertipConfig, Tissue
-from sim.contact.shapes import parse_shape
+from sim.contact.shapes import ShapeError, parse_shape
 from sim.devices.clock import VirtualClock
+from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
 from tests.rig.panel.test_outlet import events
 
@@ -168,7 +170,8 @@ def test_the_curve_ends_at_the_target_and_is_the_model_s(target: str, value: flo
 def test_beyond_the_model_there_is_no_curve_and_a_reason(finger: Fingertip) -> None:
     curve, at_target = foreseen(finger, parse_shape("bar:3.0"), Press(0, "data", 0.0, "doi_mm", 3.0))
     assert (curve["doi_mm"], curve["force_gwt"], at_target) == (None, None, {})
-    assert "DOI 3 mm" in curve["problem"]
+    assert curve["code"] == code_of(ModelRangeError())
+    assert curve["problem"]
 
 
 def test_what_a_plate_does_is_the_same_everywhere(finger: Fingertip) -> None:
@@ -204,7 +207,7 @@ def test_a_run_s_own_copies_are_what_is_read(config: Path, tmp_path: Path) -> No
     told = drawn(Job(config, tmp_path, "profile:mine.csv"))
     s, height = np.array(told["indentor"]).T
     assert float(np.interp(1.0, s, height)) == pytest.approx(0.5, abs=1e-3)
-    assert "profile mine.csv" in drawn(Job(config, None, "profile:mine.csv"))["problem"]
+    assert list(drawn(Job(config, None, "profile:mine.csv"))) == ["problem", "code"]
 
 
 def test_a_configuration_that_changes_is_read_anew(config: Path) -> None:
@@ -214,22 +217,29 @@ def test_a_configuration_that_changes_is_read_anew(config: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("job", "problem"),
+    ("job", "code"),
     [
-        (Job(Path("none.toml")), "No such file"),
-        (Job(Path("config.toml"), None, "bar:x"), "expected a width"),
-        (Job(Path("config.toml"), None, "bar:3.0", 0.0, PRESS), "RuntimeError: by mistake"),
+        (Job(Path("none.toml")), "file_not_found"),
+        (Job(Path("config.toml"), None, "bar:x"), None),
+        (Job(Path("config.toml"), None, "bar:3.0", 0.0, PRESS), "runtime"),
     ],
 )
-def test_what_cannot_be_drawn_is_told(job: Job, problem: str, config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_drawn_is_told(
+    job: Job, code: str | None, config: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def broken(of: FingertipConfig) -> Fingertip:
         raise RuntimeError("by mistake")
 
     monkeypatch.chdir(config.parent)
     monkeypatch.setattr(drawing, "_finger", broken)
     found = drawn(job)
-    assert list(found) == ["problem"]
-    assert problem in found["problem"]
+    assert list(found) == ["problem", "code"]
+    if code is None:  # the shape's own
+        with pytest.raises(ShapeError) as refused:
+            parse_shape(job.indentor or "")
+        assert found == {"problem": str(refused.value), "code": code_of(refused.value)}
+    else:
+        assert found["code"] == code
 
 
 # --- the newest ---
@@ -320,7 +330,12 @@ def test_a_curve_of_a_press_that_is_over_is_not_told() -> None:
 def test_what_fails_is_told_and_not_tried_again() -> None:
     asking = Asking()
     asking.process.fails = True
-    assert dict(asking.look(STILL))["section"] == {**OF_NONE, "skin": [], "problem": "it has ended"}
+    assert dict(asking.look(STILL))["section"] == {
+        **OF_NONE,
+        "skin": [],
+        "problem": "it has ended",
+        "code": "not_drawn",
+    }
     assert asking.look(STILL) == []
     asking.drawer.close()
     assert asking.process.jobs == []

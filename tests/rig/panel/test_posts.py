@@ -7,12 +7,13 @@ from typing import Any
 import pytest
 
 import rig.panel.posts as posts
-from rig.panel.asked import MOST_BYTES
+from rig.panel.asked import MOST_BYTES, HeldButton, RequestError
 from rig.panel.by_hand_process import READY_S, NotTakenError
 from rig.panel.owners import STOP_S
 from rig.panel.tabs import GONE_S
 from rig.session.control.announcements import ControlError, RefusedError
 from rig.session.control.sent_stop import SentStop
+from tests.raising import raises
 from tests.rig.panel.asgi_client import asked
 from tests.rig.panel.told_panel import OWN, Told, ToldOwner
 from tests.waiting import DEADLINE_S, until
@@ -34,25 +35,20 @@ def by_hand(**more: Any) -> ToldOwner:
 
 @pytest.mark.parametrize("path", ALL)
 @pytest.mark.parametrize(
-    ("body", "code"),
+    ("body", "found"),
     [
-        (b"", 400),
-        (b"{", 400),
-        (b"[]", 400),
-        (b'"a"', 400),
-        (b"null", 400),
-        (b"\xff", 400),
-        (b'{"speed_mm_s": NaN}', 400),
-        (b'{"speed_mm_s": Infinity}', 400),
-        (b"[" * 4000, 400),
-        (b" " * (MOST_BYTES + 1), 413),
+        *((body, (400, "no_json_object")) for body in (b"", b"{", b"[]", b'"a"', b"null", b"\xff", b"[" * 4000)),
+        (b'{"speed_mm_s": NaN}', (400, "no_json_object")),
+        (b'{"speed_mm_s": Infinity}', (400, "no_json_object")),
+        (b" " * (MOST_BYTES + 1), (413, "body_too_large")),
     ],
     ids=lambda value: str(value)[:24],
 )
-def test_what_is_no_object_is_refused_and_does_nothing(path: str, body: bytes, code: int, make: Make) -> None:
+def test_what_is_no_object_is_refused_and_does_nothing(
+    path: str, body: bytes, found: tuple[int, str], make: Make
+) -> None:
     panel = make(ToldOwner(), by_hand())
-    found, answer = panel.post(f"/{path}", body)
-    assert (found, answer["ok"]) == (code, False)
+    assert panel.refused(f"/{path}", body) == found
     assert [one.asked for one in panel.owners] == [[], []]
     assert (panel.bench.taken, panel.watcher.tabs.holder) == (0, None)
 
@@ -60,7 +56,7 @@ def test_what_is_no_object_is_refused_and_does_nothing(path: str, body: bytes, c
 @pytest.mark.parametrize("path", ALL)
 @pytest.mark.parametrize("kind", [None, "text/plain", "application/x-www-form-urlencoded", "application/jsonx"])
 def test_what_a_form_could_send_is_refused(path: str, kind: str | None, panel: Told) -> None:
-    assert panel.post(f"/{path}", content_type=kind)[0] == 415
+    assert panel.refused(f"/{path}", content_type=kind) == (415, "content_type")
 
 
 def test_a_body_in_pieces_is_put_together_and_one_without_end_is_not_waited_for(panel: Told) -> None:
@@ -77,43 +73,43 @@ def test_a_body_in_pieces_is_put_together_and_one_without_end_is_not_waited_for(
 @pytest.mark.parametrize("tab", ["", "a" * 65, "t\u00e4b", "a\tb"])
 @pytest.mark.parametrize("path", ALL)
 def test_a_tab_has_a_name(path: str, tab: str, panel: Told) -> None:
-    code, answer = panel.post(f"/{path}", x_rig_tab=tab.encode("latin-1"))
-    assert code == 400
-    assert "name of the tab" in answer["problem"]
-    assert panel.post(f"/{path}", x_rig_tab=None)[0] == 400
+    assert panel.refused(f"/{path}", x_rig_tab=tab.encode("latin-1")) == (400, "no_tab")
+    assert panel.refused(f"/{path}", x_rig_tab=None) == (400, "no_tab")
     assert panel.owners[0].asked == []
     assert panel.post("/take", tab="a" * 64)[0] == 200
     assert panel.watcher.tabs.holder == "a" * 64
 
 
 @pytest.mark.parametrize(
-    ("wrong", "problem"),
+    ("wrong", "code"),
     [
-        ({"axis": "w"}, "axis: expected x, y or z"),
-        ({"axis": None}, "axis: expected x, y or z"),
-        ({"axis": ["x"]}, "axis: expected x, y or z"),
-        ({"sign": 0}, "sign: expected 1 or -1"),
-        ({"sign": 2}, "sign: expected 1 or -1"),
-        ({"sign": True}, "sign: expected 1 or -1"),
-        ({"sign": 1.0}, "sign: expected 1 or -1"),
-        ({"speed_mm_s": 0}, "speed_mm_s: expected more than 0"),
-        ({"speed_mm_s": -1}, "speed_mm_s: expected more than 0"),
-        ({"speed_mm_s": "1"}, "speed_mm_s: expected a number"),
-        ({"speed_mm_s": True}, "speed_mm_s: expected a number"),
-        ({"speed_mm_s": None}, "speed_mm_s: expected a number"),
-        ({"unix_s": "now"}, "unix_s: expected a number"),
-        ({"unix_s": -1e13}, "unix_s: expected a number"),
-        ({"press": 1.5}, "press: expected a whole number"),
-        ({"press": -1}, "press: expected a whole number"),
-        ({"press": True}, "press: expected a whole number"),
-        ({"press": None}, "press: expected a whole number"),
+        ({"axis": "w"}, "unknown_choice"),
+        ({"axis": None}, "unknown_choice"),
+        ({"axis": ["x"]}, "unknown_choice"),
+        ({"sign": 0}, "unknown_choice"),
+        ({"sign": 2}, "unknown_choice"),
+        ({"sign": True}, "unknown_choice"),
+        ({"sign": 1.0}, "unknown_choice"),
+        ({"speed_mm_s": 0}, "not_positive"),
+        ({"speed_mm_s": -1}, "not_positive"),
+        ({"speed_mm_s": "1"}, "not_a_number"),
+        ({"speed_mm_s": True}, "not_a_number"),
+        ({"speed_mm_s": None}, "not_a_number"),
+        ({"unix_s": "now"}, "not_a_number"),
+        ({"unix_s": -1e13}, "not_a_number"),
+        ({"press": 1.5}, "not_whole"),
+        ({"press": -1}, "not_whole"),
+        ({"press": True}, "not_whole"),
+        ({"press": None}, "not_whole"),
     ],
     ids=str,
 )
-def test_a_button_that_is_not_understood_moves_nothing(wrong: dict[str, Any], problem: str, make: Make) -> None:
+def test_a_button_that_is_not_understood_moves_nothing(wrong: dict[str, Any], code: str, make: Make) -> None:
     panel = make(by_hand())
-    assert panel.post("/hold", {**HOLD, **wrong}) == (400, {"ok": False, "problem": problem})
+    assert panel.refused("/hold", {**HOLD, **wrong}) == (400, code)
     assert panel.owners[0].asked == []
+    with raises(RequestError, code, key=next(iter(wrong))):
+        HeldButton.of({**HOLD, **wrong})
 
 
 @pytest.mark.parametrize("speed_mm_s", [0.001, 1, 1e12])
@@ -127,8 +123,8 @@ def test_numbers_beyond_all_numbers_are_refused(make: Make) -> None:
     panel = make(by_hand())
     for speed in (b"1e999", b"1000000000001", b"-1e999", b"9" * 400):
         body = b'{"axis": "x", "sign": 1, "press": 1, "unix_s": 1000, "speed_mm_s": ' + speed + b"}"
-        assert panel.post("/hold", body)[0] == 400, speed
-    assert panel.post("/zero", {"anyway": 1}) == (400, {"ok": False, "problem": "anyway: expected true or false"})
+        assert panel.refused("/hold", body) == (400, "not_a_number"), speed
+    assert panel.refused("/zero", {"anyway": 1}) == (400, "not_a_flag")
     assert panel.owners[0].asked == []
 
 
@@ -163,19 +159,23 @@ def test_the_bench_is_asked_for_what_is_its_own(path: str, body: Any, more: Any,
 @pytest.mark.parametrize("path", [*OF_THE_RUN, *OF_THE_BENCH])
 def test_nobody_is_asked_for_what_is_another_s(path: str, make: Make) -> None:
     other = by_hand() if path in OF_THE_RUN else ToldOwner()
-    words = "no run is going" if path in OF_THE_RUN else "nobody has the bench by hand: take it first"
+    code = "no_run" if path in OF_THE_RUN else "bench_not_taken"
     for owners in ([other], []):
-        assert make(*owners).post(f"/{path}", BODIES.get(path, {})) == (409, {"ok": False, "problem": words})
+        assert make(*owners).refused(f"/{path}", BODIES.get(path, {})) == (409, code)
     assert other.asked == []
 
 
 @pytest.mark.parametrize("path", [*OF_THE_RUN, *OF_THE_BENCH])
 def test_what_an_owner_says_is_passed_on(path: str, make: Make) -> None:
     owner = ToldOwner() if path in OF_THE_RUN else by_hand()
-    for error, code in ((RefusedError("not now"), 409), (ControlError("process 1 has ended"), 503)):
+    for error, status in (
+        (RefusedError("not now", code="later"), 409),
+        (ControlError("process 1 has ended", code="ended"), 503),
+    ):
         owner.answers[path] = error
-        panel = make(owner)
-        assert panel.post(f"/{path}", BODIES.get(path, {})) == (code, {"ok": False, "problem": str(error)})
+        told = {"ok": False, "problem": str(error), "code": error.code}
+        assert make(owner).post(f"/{path}", BODIES.get(path, {})) == (status, told)
+    panel = make(owner)
     owner.answers[path] = {"ok": True, "words": "well"}
     assert panel.post(f"/{path}", BODIES.get(path, {}) | {"press": 8})[1]["words"] == "well"
 
@@ -209,11 +209,11 @@ def test_only_the_tab_with_the_controls_asks_for_what_moves(path: str, make: Mak
     owner = ToldOwner() if path in OF_THE_RUN else by_hand()
     panel, body = make(owner), BODIES.get(path, {})
     assert panel.post("/take", tab="first")[0] == 200
-    refused = (409, {"ok": False, "problem": "another tab has the controls"})
-    assert panel.post(f"/{path}", body, tab="second") == refused
+    refused = (409, "another_tab")
+    assert panel.refused(f"/{path}", body, tab="second") == refused
     assert (owner.asked, panel.bench.taken) == ([], 0)
     assert panel.post("/take", tab="second")[0] == 200
-    assert panel.post(f"/{path}", body, tab="first") == refused
+    assert panel.refused(f"/{path}", body, tab="first") == refused
     assert panel.post(f"/{path}", body, tab="second")[0] == 200
 
 
@@ -282,14 +282,12 @@ def test_whoever_cannot_be_told_so_is_asked(make: Make) -> None:
 
 
 def test_a_stop_that_did_not_arrive_is_told(make: Make) -> None:
-    nothing = (409, {"ok": False, "problem": "nothing owns the ports: there is nothing to stop"})
-    assert make(configured=False).post("/stop") == nothing
-    ended, well = ToldOwner(answers={"stop": ControlError("process 1 has ended")}), ToldOwner(pid=2)
-    told = (503, {"ok": False, "problem": "process 1 has ended"})
-    assert make(ended, well, configured=False).post("/stop") == told
+    assert make(configured=False).refused("/stop") == (409, "nothing_to_stop")
+    ended, well = ToldOwner(answers={"stop": ControlError("process 1 has ended", code="ended")}), ToldOwner(pid=2)
+    assert make(ended, well, configured=False).refused("/stop") == (503, "ended")
     assert well.asked == [("stop", {})]
     refusing = [ToldOwner(pid, answers={"stop": RefusedError(words)}) for pid, words in ((3, "over"), (4, "done"))]
-    assert make(*refusing).post("/stop") == (409, {"ok": False, "problem": "over; done"})
+    assert make(*refusing).post("/stop") == (409, {"ok": False, "problem": "over; done", "code": "all_refuse"})
     assert make(*refusing, well).post("/stop")[1]["stopped"] == [2]
 
 
@@ -297,28 +295,28 @@ def test_a_stop_that_a_stage_has_not_confirmed_is_told_as_one(make: Make) -> Non
     """Its owner did all it could; whoever stands there must not take it for well."""
     unconfirmed = {"ok": True, "stopped": True, "unconfirmed": "x axis still runs"}
     owner, well = ToldOwner(pid=7, answers={"stop": lambda: unconfirmed}), ToldOwner(pid=8)
-    assert make(owner, well, configured=False).post("/stop") == (
-        503, {"ok": False, "problem": "process 7 was told to stop: x axis still runs"}
-    )  # fmt: skip
+    status, answer = make(owner, well, configured=False).post("/stop")
+    assert (status, answer["code"]) == (503, "stop_not_confirmed")
+    assert "7" in answer["problem"]
+    assert answer["problem"].endswith(unconfirmed["unconfirmed"])
     assert well.asked == [("stop", {})]
 
 
-NOT_SENT = "Stop NOT sent to /dev/ttyUSB0: there is no such port: use the emergency stop."
-
-
 @pytest.mark.parametrize(
-    ("owners", "problem"),
-    [
-        ([], NOT_SENT),
-        ([ToldOwner(answers={"stop": ControlError("process 1 has ended")})], f"process 1 has ended. {NOT_SENT}"),
-    ],
+    ("owners", "before"),
+    [([], ""), ([ToldOwner(answers={"stop": ControlError("process 1 has ended")})], "process 1 has ended. ")],
     ids=["nobody", "gone"],
 )
 def test_where_no_owner_takes_it_the_panel_sends_the_stop_itself(
-    make: Make, sent: list[Any], monkeypatch: pytest.MonkeyPatch, owners: list[ToldOwner], problem: str
+    make: Make, sent: list[Any], monkeypatch: pytest.MonkeyPatch, owners: list[ToldOwner], before: str
 ) -> None:
-    assert make(*owners).post("/stop") == (503, {"ok": False, "problem": problem})
+    status, answer = make(*owners).post("/stop")
+    words = SentStop(("/dev/ttyUSB0",), problems=["there is no such port"]).words
+    assert (status, answer["code"], answer["problem"]) == (503, "not_sent", f"{before}{words}")
     assert len(sent) == 1
+    unheard = SentStop(("a",), sent=True, told=(3,))
+    monkeypatch.setattr(posts, "send_stop", lambda settings: unheard)
+    assert make(*owners).refused("/stop") == (503, "not_confirmed")
     monkeypatch.setattr(posts, "send_stop", lambda settings: SentStop(("a",), sent=True, state="Alarm", told=(3,)))
     code, answer = make(*owners).post("/stop")
     assert (code, answer["stopped"], answer["words"]) == (200, [3], "Stop sent to a: the stage reports Alarm.")
@@ -367,8 +365,7 @@ def test_a_stop_is_not_behind_anything(make: Make, monkeypatch: pytest.MonkeyPat
     for one in hung:
         one.start()
     for _ in range(10):
-        code, answer = panel.post("/stop")
-        assert (code, answer["problem"]) == (503, "told to stop, and not answered yet: use the emergency stop")
+        assert panel.refused("/stop") == (503, "not_answered_yet")
     until(lambda: panel.owners[0].asked.count(("stop", {})) == 10)
     free.set()
     for one in hung:
@@ -389,8 +386,7 @@ def test_no_stop_waits_behind_others_that_are_not_answered(make: Make, monkeypat
 
     panel = make(ToldOwner(answers={"stop": hangs}))
     for _ in range(5):
-        code, answer = panel.post("/stop")
-        assert (code, answer["problem"]) == (503, "told to stop, and not answered yet: use the emergency stop")
+        assert panel.refused("/stop") == (503, "not_answered_yet")
     assert len(panel.owners[0].said) == 2
     until(lambda: len(panel.owners[0].asked) == 2)
     free.set()
@@ -411,9 +407,7 @@ def test_what_is_asked_for_waits_behind_nothing(make: Make) -> None:
     for one in asking:
         one.start()
     until(lambda: len(panel.owners[0].asked) == 4)
-    assert panel.post("/go_on") == (
-        503, {"ok": False, "problem": "what was asked before has not been answered yet"},
-    )  # fmt: skip
+    assert panel.refused("/go_on") == (503, "busy")
     free.set()
     for one in asking:
         one.join(DEADLINE_S)
@@ -427,7 +421,8 @@ def test_what_is_asked_for_waits_behind_nothing(make: Make) -> None:
 @pytest.mark.parametrize(("late_s", "code"), [(0.0, 200), (0.25, 200), (0.26, 409), (-0.25, 200), (-0.26, 409)])
 def test_a_hold_that_waited_somewhere_moves_nothing(late_s: float, code: int, make: Make) -> None:
     panel = make(by_hand())
-    assert panel.post("/hold", HOLD | {"unix_s": 1000.0 - late_s})[0] == code
+    status, answer = panel.post("/hold", HOLD | {"unix_s": 1000.0 - late_s})
+    assert (status, answer.get("code")) == (code, None if code == 200 else "too_old")
     assert bool(panel.owners[0].asked) is (code == 200)
 
 
@@ -435,12 +430,12 @@ def test_a_press_that_was_let_go_moves_nothing_any_more(make: Make) -> None:
     panel = make(by_hand())
     assert panel.post("/hold", HOLD)[0] == 200
     assert panel.post("/release", {"press": 7})[0] == 200
-    over = (409, {"ok": False, "problem": "that button was let go: press it anew"})
-    assert panel.post("/hold", HOLD) == over
-    assert panel.post("/hold", HOLD | {"press": 6}) == over
+    over = (409, "let_go")
+    assert panel.refused("/hold", HOLD) == over
+    assert panel.refused("/hold", HOLD | {"press": 6}) == over
     assert panel.post("/hold", HOLD | {"press": 8})[0] == 200
     assert panel.post("/release", {"press": 0})[0] == 200
-    assert panel.post("/hold", HOLD) == over
+    assert panel.refused("/hold", HOLD) == over
     assert [do for do, _ in panel.owners[0].asked] == ["hold", "release", "hold", "release"]
 
 
@@ -448,7 +443,7 @@ def test_a_press_that_was_refused_is_over(make: Make) -> None:
     for error in (RefusedError("touched"), ControlError("process 1 does not answer within 0.2 s")):
         panel = make(by_hand(answers={"hold": error}))
         assert panel.post("/hold", HOLD)[1]["problem"] == str(error)
-        assert panel.post("/hold", HOLD) == (409, {"ok": False, "problem": "that button was let go: press it anew"})
+        assert panel.refused("/hold", HOLD) == (409, "let_go")
         assert len(panel.owners[0].asked) == 1
 
 
@@ -477,7 +472,7 @@ def test_three_holds_at_most_are_on_their_way(make: Make) -> None:
     for one in waiting:
         one.start()
     begun.wait(DEADLINE_S)
-    assert panel.post("/hold", HOLD) == (503, {"ok": False, "problem": "the bench has not answered yet"})
+    assert panel.refused("/hold", HOLD) == (503, "busy")
     free.set()
     for one in waiting:
         one.join(DEADLINE_S)
@@ -494,8 +489,8 @@ def test_a_leave_is_answered_when_the_bench_is_free_again(make: Make) -> None:
     panel = make(by_hand())
     assert panel.post("/leave")[0] == 200
     assert (panel.owners[0].asked, panel.bench.left) == ([("leave", {})], 1)
-    panel.owners[0].answers["leave"] = RefusedError("busy: home")
-    assert panel.post("/leave") == (409, {"ok": False, "problem": "busy: home"})
+    panel.owners[0].answers["leave"] = RefusedError("busy: home", code="homing")
+    assert panel.refused("/leave") == (409, "homing")
     assert panel.bench.left == 1
 
 
@@ -504,7 +499,8 @@ def test_the_bench_is_taken_where_there_is_one_and_it_is_free(make: Make) -> Non
     assert panel.post("/by_hand") == (200, {"ok": True, "problem": None})
     assert panel.bench.taken == 1
     panel.bench.problem = NotTakenError("/dev/ttyUSB0: no such file")
-    assert panel.post("/by_hand") == (503, {"ok": False, "problem": "/dev/ttyUSB0: no such file"})
+    assert panel.refused("/by_hand") == (503, "not_taken")
+    assert panel.post("/by_hand")[1]["problem"] == "/dev/ttyUSB0: no such file"
 
 
 def test_the_bench_is_not_taken_from_a_run(make: Make) -> None:
@@ -512,7 +508,8 @@ def test_the_bench_is_not_taken_from_a_run(make: Make) -> None:
     assert len(ports) == 2
     for port in ports:
         panel = make(ToldOwner(pid=5, ports=(port, "other")))
-        assert panel.post("/by_hand") == (409, {"ok": False, "problem": "a run has the ports: process 5"})
+        assert panel.refused("/by_hand") == (409, "ports_taken")
+        assert "5" in panel.post("/by_hand")[1]["problem"]
         assert panel.bench.taken == 0
     for owner in (ToldOwner(ports=("others",)), ToldOwner(ports=(), virtual=True), by_hand(ports=ports)):
         assert make(owner).post("/by_hand")[0] == 200
@@ -520,8 +517,7 @@ def test_the_bench_is_not_taken_from_a_run(make: Make) -> None:
 
 def test_without_a_configuration_there_is_no_bench(make: Make) -> None:
     panel = make(configured=False)
-    words = "rig panel was begun without --config: it knows no bench"
-    assert panel.post("/by_hand") == (409, {"ok": False, "problem": words})
+    assert panel.refused("/by_hand") == (409, "no_bench")
     assert panel.watcher.bench.ports == ()
 
 

@@ -75,13 +75,14 @@ def test_each_of_the_filters_is_its_own(runs: Path, panel: Told) -> None:
 def test_a_limit_is_a_number(limit: str, panel: Told) -> None:
     answer = panel.get(f"/runs.json?limit={quote(limit)}")
     assert answer.status_code == 400
-    assert answer.json()["ok"] is False
+    assert (answer.json()["ok"], answer.json()["code"]) == (False, "not_a_number")
 
 
 def test_without_a_folder_there_are_no_runs(panel: Told) -> None:
     told = panel.get("/runs.json").json()
     assert (told["runs"], told["unreadable"]) == ([], [])
     assert str(panel.watcher.out) in told["problem"]
+    assert told["code"] == "file_not_found"
 
 
 def test_the_files_of_a_run(runs: Path, panel: Told) -> None:

@@ -95,6 +95,16 @@ class Told:
         answer = asked(self.app, "POST", path, given, [content])
         return answer.status_code, answer.json()
 
+    def refused(
+        self, path: str, body: object = None, tab: str = "a", **headers: str | bytes | None
+    ) -> tuple[int, str]:
+        """The status and the code of what is not done; its one line is for people."""
+        status, answer = self.post(path, body, tab, **headers)
+        assert (answer["ok"], list(answer)) == (False, ["ok", "problem", "code"])
+        assert answer["problem"]
+        assert "\n" not in answer["problem"]
+        return status, answer["code"]
+
     def get(self, path: str, method: str = "GET", **headers: str) -> Answer:
         """From the line of a browser, but for headers that are given."""
         told = {"host": OWN["host"], **{name.replace("_", "-"): value for name, value in headers.items()}}

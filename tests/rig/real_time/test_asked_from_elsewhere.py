@@ -135,7 +135,7 @@ def test_a_stop_is_on_the_wire_and_on_record_whatever_the_run_is_at(
         assert (last["stopped_while"], last["indentor"]["left"], run.sent) == ("planning", "not moved", [STOP])
         assert "where   not moved" in err
     else:
-        assert "rig: stopped: at once, by the operator" in err
+        assert "\nrig: stopped: " in f"\n{err}"
         assert (run.folder / "report.html").exists(), "what is on disk is worth a report"
     assert first_owner(bench.ports.values()) is None
     with pytest.raises(ControlError, match="has ended"):

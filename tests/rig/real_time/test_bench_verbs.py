@@ -53,8 +53,10 @@ def test_status_of_ports_that_are_not_there_and_of_one_that_is_owned(
         wire.close()
     assert ended.code == 1
     assert ended.json["stage"] == {"kind": "grbl", "port": bench.ports["stage"], "owner": os.getpid()}
-    assert ended.json["force"]["problem"] == "there is no port /dev/ttyNOWHERE7"
-    assert ended.err == "rig: there is no port /dev/ttyNOWHERE7\n"
+    force = ended.json["force"]
+    assert "/dev/ttyNOWHERE7" in force["problem"]
+    assert force["code"]
+    assert ended.complaint == force["problem"]
 
 
 def test_a_stage_is_owned_by_whoever_has_the_port_of_one_of_its_drives(
@@ -105,7 +107,8 @@ def test_doctor_looks_at_the_devices_of_a_configuration(
     )
     found = rig("doctor", "--config", config, "--json").json
     assert found["stage"]["state"] == "Alarm"
-    assert "expected $130=70 (it has 60)" in found["stage"]["problem"]
+    assert "$130=70 (it has 60)" in found["stage"]["problem"]
+    assert found["stage"]["code"]
     assert found["force"]["identity"] == "MT-SICS balance 0123456789"
     assert found["calibrated"] == {"force_scale": "1.02, expired 2020-01-01"}
     assert "calibrated" not in rig("doctor", "--json").json

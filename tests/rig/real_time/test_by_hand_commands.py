@@ -45,19 +45,19 @@ def test_down_to_the_finger_by_hand(rig: Rig, bench: Path) -> None:
     assert rig("zero", "--config", bench, "--json").code == 0
     refused = jog(rig, bench, -20)
     assert refused.code == 1
-    assert "below the nominal apex is deeper than limits.max_doi_mm = 1.5" in refused.err
-    assert "nothing was moved" in refused.err
+    assert "limits.max_doi_mm = 1.5" in refused.json["error"]
+    assert refused.json["code"]
     assert rig("jog", "--config", bench, "--axis", "x", "--by-mm", -2, "--speed-mm-s", 5).code == 0
     touched = down_to_the_finger(rig, bench)
     assert touched.code == 1
-    assert "rig: stopped: touched" in touched.err
     found = touched.json
+    assert found["ended_by"] in touched.err
     assert 0.05 <= found["force_gwt"] < load_config(bench).limits.soft_trip_n / GWT_N
     assert -4.5 < found["z_mm"] < -3.5
-    contact = rig("zero", "--config", bench)
+    contact = rig("zero", "--config", bench, "--json")
     assert contact.code == 1
-    assert "gwt against the last zero on record, of 20" in contact.err
-    assert "Nothing was zeroed; --anyway zeroes all the same" in contact.err
+    assert contact.json["code"]
+    assert "--anyway" in contact.json["error"]
     assert jog(rig, bench, 2).code == 0
     assert rig("zero", "--config", bench).code == 0
 
@@ -66,7 +66,7 @@ def test_zero_anyway(rig: Rig, bench: Path) -> None:
     assert rig("home", "--config", bench).code == 0
     assert rig("zero", "--config", bench).code == 0
     assert rig("jog", "--config", bench, "--axis", "x", "--by-mm", -2, "--speed-mm-s", 5).code == 0
-    assert "touched" in down_to_the_finger(rig, bench).err
+    assert down_to_the_finger(rig, bench).json["force_gwt"] >= 0.05
     assert rig("zero", "--config", bench, "--anyway").code == 0
     memory = BenchMemory(load_config(bench)).read()
     assert memory.zero is not None

@@ -28,25 +28,27 @@ def test_jog_by_a_distance(rig: Rig, free_stage: FreeStage) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "complaint"),
+    ("options", "code"),
     [
-        (("--axis", "q", "--by-mm", "1"), "--axis q: expected x, y or z"),
-        (("--axis", "x"), "--axis and --by-mm: expected both of them, or neither to jog by keys"),
-        (("--axis", "x", "--by-mm", "0"), "--by-mm 0: expected up to 1000 mm either way, not zero"),
-        (("--axis", "x", "--by-mm", "1", "--speed-mm-s", "99"), "--speed-mm-s 99: expected 0.017 … 10"),
+        (("--axis", "q", "--by-mm", "1"), "unknown_choice"),
+        (("--axis", "x"), "both_or_neither"),
+        (("--axis", "x", "--by-mm", "0"), "outside_range"),
+        (("--axis", "x", "--by-mm", "1", "--speed-mm-s", "99"), "outside_range"),
     ],
 )
-def test_what_jog_refuses(rig: Rig, tmp_path: Path, options: tuple[str, ...], complaint: str) -> None:
+def test_what_jog_refuses(rig: Rig, tmp_path: Path, options: tuple[str, ...], code: str) -> None:
     config = tmp_path / "rig.toml"
     config.write_text("", encoding="utf-8")
-    ended = rig("jog", "--config", config, *options)
-    assert (ended.code, ended.err) == (2, f"rig: {complaint}\n")
+    ended = rig("jog", "--config", config, *options, "--json")
+    assert (ended.code, ended.error_code) == (2, code)
 
 
 def test_jog_beyond_the_travel_says_so(rig: Rig, free_stage: FreeStage) -> None:
-    ended = rig("jog", "--config", free_stage.config, "--axis", "x", "--by-mm", "5", "--without-force")
+    ended = rig("jog", "--config", free_stage.config, "--axis", "x", "--by-mm", "5", "--without-force", "--json")
     assert ended.code == 1
-    assert "the jog target lies outside the travel" in ended.err
+    assert ended.json["error"]
+    assert ended.json["code"]
+    assert free_stage.x_mm() == 0.0
 
 
 @contextmanager

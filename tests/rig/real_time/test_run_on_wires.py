@@ -32,7 +32,7 @@ def test_a_protocol_on_a_real_wire(
     began_s = clock.monotonic_s()
     ended = rig("run", "first_press", "presses=2", "hold_s=0.2", "--config", config, "--out", tmp_path / "runs",
                 "--yes", "--json", typed="\n")  # fmt: skip
-    assert "mount bar:3.0, then press Enter" in ended.err
+    assert "bar:3.0" in ended.err
     for _ in range(10):
         if "cannot answer SI now" not in ended.err:
             break
@@ -66,7 +66,8 @@ def test_run_needs_ports_that_are_there_and_leaves_nothing_otherwise(
     config.write_text('[stage]\nport = "/dev/ttyNOWHERE7"\n', encoding="utf-8")
     ended = rig("run", "first_press", "--config", config, "--out", tmp_path / "runs")
     assert (ended.code, ended.out) == (1, "")
-    assert ended.err == f"{NOT_MOVED}rig: stopped: there is no port /dev/ttyNOWHERE7\n"
+    assert ended.err.startswith(f"{NOT_MOVED}rig: ")
+    assert "/dev/ttyNOWHERE7" in ended.err
     assert not list((tmp_path / "runs").iterdir())
 
 
@@ -77,16 +78,15 @@ def test_run_refuses_a_calibration_out_of_date(rig: Rig, finger: Fingertip, tmp_
     )
     ended = rig("run", "first_press", "--config", config, "--out", tmp_path / "runs")
     assert ended.code == 2
-    assert (
-        ended.err == f"{NOT_MOVED}rig: calibration.force_scale: expired on 2020-01-01, expected a newer measurement\n"
-    )
+    assert ended.err.startswith(f"{NOT_MOVED}rig: calibration.force_scale: ")
+    assert "2020-01-01" in ended.err
 
 
 def test_nobody_mounts(rig: Rig, apart: Apart, finger: Fingertip, tmp_path: Path) -> None:
     _, _, config = apart
-    ended = rig("run", "first_press", "--yes", "--config", config, "--out", tmp_path / "runs")
-    assert ended.code == 130
-    assert "nobody answered: mount bar:3.0" in ended.err
+    ended = rig("run", "first_press", "--yes", "--config", config, "--out", tmp_path / "runs", "--json")
+    assert (ended.code, ended.json["code"]) == (130, "nobody_answered")
+    assert "bar:3.0" in ended.json["ending"]["reason"]
 
 
 def test_stop_from_another_process_ends_a_run_at_once(
@@ -120,7 +120,7 @@ def test_stop_from_another_process_ends_a_run_at_once(
         run.kill()
         run.communicate()
     assert run.returncode == 130
-    assert "rig: stopped: at once, by the operator" in err
+    assert "\nrig: stopped: " in f"\n{err}"
     (journal,) = (tmp_path / "runs").glob("*/events.jsonl")
     assert json.loads(journal.read_text().splitlines()[-1])["status"] == "aborted"
     assert {"data.h5", "report.html", "SHA256SUMS"} <= {path.name for path in journal.parent.iterdir()}

@@ -57,29 +57,9 @@ def test_both_devices_behind_two_tcp_ports(serving: Serving, finger: Fingertip) 
     assert "forces asked for, 0 not ready in time" in err
 
 
-@pytest.mark.parametrize(
-    ("options", "complaint"),
-    [
-        (("--stage", "hexapod"), "--stage hexapod: no such device, expected grbl"),
-        (("--force", "spring"), "--force spring: no such device, expected mtsics"),
-        (("--pty", "--tcp", "5000"), "--pty --tcp: expected one of them"),
-        (("--tcp", "70000"), "--tcp 70000: expected 0 … 65534"),
-        (("--indentor", "spoon"), "shape 'spoon': no such indentor"),
-    ],
-)
-def test_what_serve_refuses(rig: Rig, options: tuple[str, ...], complaint: str) -> None:
-    ended = rig("serve", *options)
-    assert (ended.code, ended.out) == (2, "")
-    assert ended.err.startswith(f"rig: {complaint}")
-    assert ended.err.count("\n") == 1
-
-
 def test_a_busy_port_is_one_line(rig: Rig) -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         number = other.getsockname()[1]
         ended = rig("serve", "--force", "mtsics", "--tcp", number)
-    assert (ended.code, ended.out, ended.err) == (
-        2,
-        "",
-        f"rig: TCP port {number}: address already in use, expected another number for --tcp\n",
-    )
+    assert (ended.code, ended.out, ended.err.count("\n")) == (2, "", 1)
+    assert str(number) in ended.err
