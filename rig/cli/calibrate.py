@@ -51,8 +51,8 @@ def steps(
         with live_line(settings) as show, by_hand(settings, show, without_force=without_force) as (hand, _):
             now_per_mm, start = hand.steps_per_mm(direction.axis), hand.look()
             end = hand.go(lambda: direction, speed_mm_s, far_mm)
-        if end.ended_by is not None:
-            raise BadInputError("{ended_by}; nothing was measured", code="not_measured", ended_by=end.ended_by)
+        if end.problem is not None:
+            raise BadInputError("{ended_by}; nothing was measured", code=end.problem.code, ended_by=end.ended_by)
         moved_mm = abs(getattr(end.at, f"{axis}_mm") - getattr(start.at, f"{axis}_mm"))
         measured_mm = _asked(f"the board says {moved_mm:.3f} mm; how many did you measure, in mm?")
         value = now_per_mm * _ratio(moved_mm, measured_mm)

@@ -64,6 +64,7 @@ def command(
                 **contact(settings),
                 "force_gwt": moved.force_gwt,
                 "ended_by": moved.ended_by,
+                **({} if moved.problem is None else {"code": moved.problem.code}),
             },
             as_json=as_json,
         )

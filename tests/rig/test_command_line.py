@@ -239,7 +239,8 @@ def test_a_run_stopped_by_a_trip(rig: Rig, script: Path) -> None:
     assert ended.code == 1
     assert ended.complaint
     answer = ended.json
-    assert set(answer) >= {*DRY_RUN_KEYS, "code", "ending"}
+    assert set(answer) >= {*DRY_RUN_KEYS, "ending"}
+    assert answer["code"] == "no_contact"
     assert (answer["complete"], answer["indentations"]) == (False, 0)
     assert list(read_journal(Path(answer["run"]) / "events.jsonl"))[-1]["status"] == "tripped"
     assert Path(answer["report"]).exists()

@@ -162,4 +162,4 @@ def test_a_folded_element_is_refused_by_name(finger_command: Finger, monkeypatch
     code, out, err = finger_command("--json")
     told = json.loads(out)
     assert (code, told["exit_code"], err) == (2, 2, f"rig: {told['error']}\n")
-    assert told["code"] in ("mesh", "folded", "folded_element")
+    assert told["code"] == "folded"

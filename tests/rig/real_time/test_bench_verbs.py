@@ -55,7 +55,7 @@ def test_status_of_ports_that_are_not_there_and_of_one_that_is_owned(
     assert ended.json["stage"] == {"kind": "grbl", "port": bench.ports["stage"], "owner": os.getpid()}
     force = ended.json["force"]
     assert "/dev/ttyNOWHERE7" in force["problem"]
-    assert force["code"]
+    assert force["code"] == "no_port"
     assert ended.complaint == force["problem"]
 
 

@@ -46,7 +46,7 @@ def test_down_to_the_finger_by_hand(rig: Rig, bench: Path) -> None:
     refused = jog(rig, bench, -20)
     assert refused.code == 1
     assert "limits.max_doi_mm = 1.5" in refused.json["error"]
-    assert refused.json["code"]
+    assert refused.json["code"] == "too_deep"
     assert rig("jog", "--config", bench, "--axis", "x", "--by-mm", -2, "--speed-mm-s", 5).code == 0
     touched = down_to_the_finger(rig, bench)
     assert touched.code == 1

@@ -17,6 +17,7 @@ from rig.session.control.announcements import ControlError, RefusedError, announ
 from rig.session.virtual.served_bench import ServedBench
 from rig.transport import open_port
 from rig.transport.clock import WallClock
+from tests.raising import raises
 from tests.rig.hand_bench import STOPS, is_move
 from tests.waiting import DEADLINE_S, repeated, until
 
@@ -97,7 +98,7 @@ def test_homed_jogged_and_left_it_is_known_to_the_next(
     assert state["readings"]["rows"][-1][2] == pytest.approx(0.0, abs=0.02)
     owner.jog_until(lambda found: found["x_mm"] is not None and found["x_mm"] < -1.5, press=1)
     owner("release", tab="one", press=1)
-    with pytest.raises(RefusedError, match=r"^that motion is over: press anew$"):
+    with raises(RefusedError, "motion_over"):
         owner.hold(1)
     state = owner.done()
     assert state["ended_by"] is None
@@ -122,7 +123,7 @@ def test_a_stop_while_it_jogs_and_home_after_it(homed: tuple[Owner, Path]) -> No
     assert owner("stop")["stopped"]
     state = owner.done()
     assert (state["ended_by"], state["stopped"], state["homed"]) == ("stopped at once by the operator", True, False)
-    with pytest.raises(RefusedError, match=r"^stopped: home first"):
+    with raises(RefusedError, "stopped"):
         owner.hold(2)
     owner("home")
     assert owner.done()["stopped"] is False
