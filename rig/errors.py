@@ -1,7 +1,7 @@
 """The base of every error of the rig: one sentence, a code that does not change with it, and its fields."""
 
 import re
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 
 class RigError(Exception):
@@ -29,6 +29,15 @@ class RigError(Exception):
         return _raised_again, (type(self), self.args), self.__dict__
 
 
+class RuleError(RigError, ValueError):
+    """Values that do not go together, found by a validator; code and fields survive the validation."""
+
+    default_code = "invalid_value"
+
+
+Coded = TypeVar("Coded", bound=RigError)
+
+
 def code_of(error: BaseException) -> str:
     """The code of an error: its own, or for one of another library the name of its class (`file_not_found`).
 
@@ -39,6 +48,25 @@ def code_of(error: BaseException) -> str:
         return code
     name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", type(error).__name__).lower()
     return name if name == "os_error" else name.removesuffix("_exception").removesuffix("_error")
+
+
+def is_coded(error: Any) -> bool:
+    """Whether it is an error with code and fields, of the rig or of the simulation, which is not imported here."""
+    return isinstance(getattr(error, "fields", None), dict) and isinstance(getattr(error, "code", None), str)
+
+
+def around(kind: type[Coded], sentence: str, error: Any, /, *, code: str | None = None, **fields: Any) -> Coded:
+    """Return an error that has the sentence of another one in its own, as {problem}, and its code and fields."""
+    known = error.fields if is_coded(error) else {}
+    kept = error.code if code is None and is_coded(error) else code
+    return kind(sentence, code=kept, **{**known, **fields, "problem": str(error)})
+
+
+def recast(kind: type[Coded], error: Exception) -> Coded:
+    """Return the same words, code and fields as an error of another kind; of one that has words alone, these."""
+    if isinstance(error, RigError):
+        return kind(error.sentence, code=error.code, **error.fields)
+    return kind(str(error))
 
 
 def fields_of(error: BaseException) -> dict[str, Any]:

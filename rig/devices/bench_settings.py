@@ -13,7 +13,8 @@ from rig.devices.kinds import ForceKind, Kind, StageKind
 from rig.devices.own_table import DeviceSettings, known
 from rig.devices.stage.leadshine.leadshine_settings import DrivesSettings
 from rig.devices.stop_settings import StopSettings
-from rig.transport.port_settings import EIGHT_N_ONE, Character, Framing, Port, SettingError, Settings
+from rig.errors import RuleError
+from rig.transport.port_settings import EIGHT_N_ONE, Character, Framing, Port, Settings
 
 SLOWEST_MM_S = 1 / 60  # GRBL moves no slower, whatever F says
 NOMINAL_STEPS_PER_MM = 400.0
@@ -32,14 +33,14 @@ class Calibration(Settings):
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if self.expires < self.date:
-            raise SettingError("expires: expected a day not before date", code="expires_before_date")
+            raise RuleError("expires: expected a day not before date", code="expires_before_date")
         return self
 
 
 def _measured(allowed: Callable[[float], bool], expected: str) -> AfterValidator:
     def check(calibration: Calibration) -> Calibration:
         if not allowed(calibration.value):
-            raise SettingError(
+            raise RuleError(
                 "value = {given:g}: expected {expected}",
                 code="impossible_value",
                 given=calibration.value,
@@ -137,9 +138,7 @@ class StageSettings(DeviceSettings):
     def _told_apart(self) -> Self:
         x, z = self.drives.x, self.drives.z
         if x.device_id == z.device_id and (x.port or self.port) == (z.port or self.port):
-            raise SettingError(
-                "drives.x and drives.z: expected different device ids on one port", code="one_id_for_two"
-            )
+            raise RuleError("drives.x and drives.z: expected different device ids on one port", code="one_id_for_two")
         return self
 
 
@@ -243,14 +242,14 @@ class BenchSettings(Settings):
     def _output_there(self) -> Self:
         allowed = self.stage.entry.outputs
         if self.sync.output not in allowed:
-            raise SettingError(
+            raise RuleError(
                 "sync.output: expected {allowed} with a {stage} stage",
                 code="no_such_output",
                 allowed=" or ".join(allowed),
                 stage=self.stage.kind,
             )
         if self.sync.output == "drive" and self.sync.words is None:
-            raise SettingError(
+            raise RuleError(
                 "sync: expected register_address, on_word and off_word, from the manual of the drive",
                 code="incomplete_sync",
             )
@@ -262,7 +261,7 @@ class BenchSettings(Settings):
         for key, name in self.stop.inputs.items():
             if name not in allowed:
                 either = " or ".join(allowed) or "no input, none is reported"
-                raise SettingError(
+                raise RuleError(
                     "stop.{setting} = {input!r}: expected {allowed} with a {stage} stage",
                     code="no_such_input",
                     setting=key,

@@ -4,12 +4,13 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from rig.transport.port_settings import SettingError, Settings
+from rig.errors import RuleError
+from rig.transport.port_settings import Settings
 
 
 def _said(text: str) -> str:
     if not text.strip():
-        raise SettingError("expected a name", code="no_name")
+        raise RuleError("expected a name", code="no_name")
     return text
 
 
@@ -61,27 +62,27 @@ class StopSettings(Settings):
     def _complete(self) -> Self:
         for kind, key in (("board", "input"), ("key", "device")):
             if self.kind == kind and getattr(self, key) is None:
-                raise SettingError(
+                raise RuleError(
                     "{setting}: expected with kind = {kind!r}", code="expected_with_kind", setting=key, kind=kind
                 )
             if self.kind != kind and getattr(self, key) is not None:
-                raise SettingError(
+                raise RuleError(
                     "{setting}: expected with kind = {kind!r} only",
                     code="expected_with_kind_only",
                     setting=key,
                     kind=kind,
                 )
         if self.key_code is not None and self.kind != "key":
-            raise SettingError(
+            raise RuleError(
                 "{setting}: expected with kind = {kind!r} only",
                 code="expected_with_kind_only",
                 setting="key_code",
                 kind="key",
             )
         if self.trip_gwt is not None and self.trip_input is None:
-            raise SettingError("trip_gwt: expected with trip_input only", code="no_trip_input")
+            raise RuleError("trip_gwt: expected with trip_input only", code="no_trip_input")
         if self.trip_input is not None and self.trip_input == self.input:
-            raise SettingError(
+            raise RuleError(
                 "trip_input: expected another input than the participant's button", code="input_used_twice"
             )
         return self

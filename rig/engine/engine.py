@@ -12,7 +12,7 @@ from rig.devices.units import GWT_N
 from rig.engine.bench import Bench
 from rig.engine.by_hand.dead_man import UP, dead_man_jog
 from rig.engine.contact import Contact, ContactKind, judged
-from rig.engine.errors import NotReadyError, RecordError, TripError, code_of, recast
+from rig.engine.errors import NotReadyError, RecordError, TripError
 from rig.engine.heartbeat import Heartbeat
 from rig.engine.journal import Recorder
 from rig.engine.limits import AT_MM, ContactTime, Trips, longer_than_an_increment, refuse_height, trip_height_mm
@@ -21,6 +21,7 @@ from rig.engine.records import NO_PRESS, Phase, PressId, as_fine
 from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import NoReadingError, Sensing
 from rig.engine.touched import Touched
+from rig.errors import code_of, recast
 from rig.transport.base import TransportError
 
 _T = TypeVar("_T")
@@ -32,10 +33,10 @@ _LATE_FACTOR = 2.0  # a move may take so many times its length over its speed be
 class StopProblem(Protocol):
     """Looks at stop inputs with each reading; returns what trips. It may stop the stage itself, and raise."""
 
-    def __call__(self, *, at_rest: bool) -> TripError | str | None: ...
+    def __call__(self, *, at_rest: bool) -> TripError | None: ...
 
 
-def _no_stop_inputs(*, at_rest: bool) -> TripError | str | None:
+def _no_stop_inputs(*, at_rest: bool) -> TripError | None:
     return None
 
 
@@ -162,7 +163,7 @@ class Engine:
         if self.state is State.TRIPPED:
             return
         self.beat()
-        if problem := self._stopped_by_input(at_rest=False):
+        if problem := self.stop_problem(at_rest=False):
             raise recast(FeltError, problem)
         try:
             force_gwt = self.sensing.glance_gwt()
@@ -177,10 +178,6 @@ class Engine:
             raise FeltError(f"{passed.sentence} while {{phase}}", code=passed.code, **passed.fields, phase="moving")
         if self._touch_ends_it and abs(force_gwt) >= self.sensing.touch_gwt:
             raise TouchError("a touch", force_gwt)
-
-    def _stopped_by_input(self, *, at_rest: bool) -> TripError | None:
-        found = self.stop_problem(at_rest=at_rest)
-        return TripError(found, code="stop_input") if isinstance(found, str) and found else found or None
 
     def limit_depth(self, height_mm: float) -> None:
         """Have the stage itself refuse to go below a height, where it can; at rest only. Raises StageError."""
@@ -339,7 +336,7 @@ class Engine:
 
     def _told(self, read: Callable[[], ForceReading]) -> ForceReading:
         self.beat(self.sensing.wait_s)
-        if problem := self._stopped_by_input(at_rest=True):
+        if problem := self.stop_problem(at_rest=True):
             self.trip(problem)
         try:
             reading = read()
@@ -348,7 +345,7 @@ class Engine:
         force_gwt = reading.force_n / GWT_N
         if passed := self.trips.passed_hard(force_gwt):
             self.trip(passed, force_gwt)
-        if problem := self._stopped_by_input(at_rest=True):
+        if problem := self.stop_problem(at_rest=True):
             self.trip(problem)
         return reading
 

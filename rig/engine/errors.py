@@ -1,10 +1,6 @@
 """How a run ends before its end."""
 
-from typing import TypeVar
-
 from rig.errors import RigError
-
-_E = TypeVar("_E", bound=RigError)
 
 
 class EngineError(RigError):
@@ -59,15 +55,3 @@ class ScriptError(EngineError):
     """The protocol script itself failed while it was carried out."""
 
     default_code = "script_failed"
-
-
-def recast(kind: type[_E], error: Exception) -> _E:
-    """The same words, code and fields as an error of another kind; of one that has words alone, these."""
-    if isinstance(error, RigError):
-        return kind(error.sentence, code=error.code, **error.fields)
-    return kind(str(error))
-
-
-def code_of(error: Exception) -> str:
-    """The code of an error that another one ends with."""
-    return error.code if isinstance(error, RigError) else RigError.default_code

@@ -7,9 +7,8 @@ from typing import Any
 
 from rig.devices.stage.base import Looks, Stage, StageError, StageHeld, StageOverridden, StageStatus, is_held
 from rig.engine.corridor import PRINTED_MM, Corridor
-from rig.engine.errors import recast
 from rig.engine.rig_settings import RigSettings
-from rig.errors import RigError
+from rig.errors import RigError, recast
 from rig.transport.clock import Clock
 
 _ATTEMPTS = 5

@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 
 from rig.devices.force.base import ForceBusy, ForceError, ForceOverload, ForceReading, ForceSensor, ForceUnderload
 from rig.devices.units import GWT_N
-from rig.engine.errors import code_of
 from rig.engine.rig_settings import RigSettings
-from rig.errors import RigError
+from rig.errors import RigError, code_of
 from rig.transport.base import TransportError
 from rig.transport.clock import Clock
 

@@ -8,8 +8,9 @@ from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from rig.devices.own_table import as_asked
 from rig.engine.rig_settings import RigSettings
+from rig.errors import RuleError, around
 from rig.plan.met.finger_file import Met, checked_relaxation, read_finger_file, refuse_collapsed, tables_in
-from rig.protocol.errors import WRITTEN_BY_COMMANDS, RuleError, around, first_problem
+from rig.protocol.errors import WRITTEN_BY_COMMANDS, first_problem
 from rig.transport.port_settings import Settings
 from sim.config.fingertip_config import FingertipConfig
 

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rig.engine.records import Target
+from rig.errors import around
 from rig.plan.met.expected import answers, band_of
 from rig.plan.met.finger_file import Met
-from rig.protocol.errors import around
 from rig.protocol.planned import Pace, Prediction
 from rig.protocol.walk import ForceTooDeepError, NoPredictionError
 from sim.contact.indentor import Indentor

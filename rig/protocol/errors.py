@@ -3,11 +3,11 @@
 from collections.abc import Iterator
 from difflib import get_close_matches
 from reprlib import Repr
-from typing import Any, TypeVar, get_args
+from typing import Any, get_args
 
 from pydantic import BaseModel, JsonValue, ValidationError
 
-from rig.errors import RigError
+from rig.errors import RigError, is_coded
 
 WRITTEN_BY_COMMANDS: dict[str, JsonValue] = {"written_by_commands": True}
 """Marks the field of a table that no person writes."""
@@ -16,19 +16,11 @@ _SHORT = Repr()
 _SHORT.maxlist = _SHORT.maxdict = 3
 _SHORT.maxstring = _SHORT.maxother = 200
 
-Refusal = TypeVar("Refusal", bound=RigError)
-
 
 class BadInputError(RigError):
     """Something the user gave is not usable; nothing has moved."""
 
     default_code = "bad_input"
-
-
-class RuleError(RigError, ValueError):
-    """Values that do not go together, found by a validator; `first_problem` keeps code and fields."""
-
-    default_code = "invalid_value"
 
 
 def first_problem(where: str, error: ValidationError, model: type[BaseModel] | None = None) -> BadInputError:
@@ -51,7 +43,7 @@ def first_problem(where: str, error: ValidationError, model: type[BaseModel] | N
     raised = context.get("error")
     fields = {name: bound for name, bound in context.items() if name != "error"}
     code = {"missing": "missing_key"}.get(rule)
-    if raised is not None and _carries_fields(raised):
+    if raised is not None and is_coded(raised):
         fields, code = dict(raised.fields), raised.code
     what = str(raised) if rule == "value_error" else problem["msg"].lower()
     fields |= {"where": where, "key": place, "rule": rule, "problem": what}
@@ -60,18 +52,6 @@ def first_problem(where: str, error: ValidationError, model: type[BaseModel] | N
         return BadInputError(": ".join(part for part in parts if part), code=code or "invalid_table", **fields)
     fields |= {"value": problem["input"], "shown": _SHORT.repr(problem["input"])}
     return BadInputError("{where}: {key} = {shown}: {problem}", code=code or "invalid_value", **fields)
-
-
-def around(kind: type[Refusal], sentence: str, error: Any, /, *, code: str | None = None, **fields: Any) -> Refusal:
-    """An error whose sentence has that of another one in it, as {problem}; code and fields are the other one's."""
-    known = error.fields if _carries_fields(error) else {}
-    kept = error.code if code is None and _carries_fields(error) else code
-    return kind(sentence, code=kept, **{**known, **fields, "problem": str(error)})
-
-
-def _carries_fields(error: Any) -> bool:
-    """Whether it is an error with code and fields, of the rig or of the simulation, which is not imported here."""
-    return isinstance(getattr(error, "fields", None), dict) and isinstance(getattr(error, "code", None), str)
 
 
 def _neighbours(place: tuple[str | int, ...], model: type[BaseModel]) -> list[str]:

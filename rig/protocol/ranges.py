@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 from pydantic import Field, model_validator
 
+from rig.errors import RuleError
 from rig.protocol.api import ProtocolParameters
-from rig.protocol.errors import RuleError
 
 SPACING_MM = 0.17
 """Of the source's schedules, and of a range where nothing else is asked for."""

@@ -15,8 +15,9 @@ from typing import Any
 from pydantic import ValidationError
 
 import rig
+from rig.errors import Coded, around
 from rig.protocol.api import ProtocolParameters, Rig
-from rig.protocol.errors import BadInputError, Refusal, around, first_problem
+from rig.protocol.errors import BadInputError, first_problem
 
 
 @dataclass(frozen=True)
@@ -108,8 +109,8 @@ def failed_in_script(error: BaseException) -> BadInputError:
 
 
 def said_of_script(
-    kind: type[Refusal], path: Path, error: BaseException, told_as_they_are: tuple[type[BaseException], ...]
-) -> Refusal:
+    kind: type[Coded], path: Path, error: BaseException, told_as_they_are: tuple[type[BaseException], ...]
+) -> Coded:
     """An error of a script with the line that it comes from; other classes than these are told with their names."""
     told = error if isinstance(error, told_as_they_are) else failed_in_script(error)
     return around(kind, "{place}: {problem}", told, place=where_in_script(path, error))

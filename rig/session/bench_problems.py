@@ -3,8 +3,9 @@
 import os
 from collections.abc import Iterator
 
+from rig.errors import around
 from rig.plan.config import Config
-from rig.protocol.errors import BadInputError, around
+from rig.protocol.errors import BadInputError
 from rig.protocol.refusals import refuse_place
 
 

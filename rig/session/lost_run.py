@@ -11,8 +11,8 @@ from rig.data.folder import rescued_folder
 from rig.engine import Journal
 from rig.engine.by_hand.bench_memory import state_folder
 from rig.engine.errors import LostRecordError
+from rig.errors import around
 from rig.line_file import LineFile
-from rig.protocol.errors import around
 from rig.session.ending import Whereabouts
 from rig.transport.byte_log import ByteLog
 

@@ -10,8 +10,9 @@ from rig.data.folder import UnwritableError
 from rig.engine import RunAborted
 from rig.engine.by_hand.bench_memory import BenchMemory
 from rig.engine.journal import JournalError, mend_journal
+from rig.errors import around
 from rig.plan.config import Config, load_config
-from rig.protocol.errors import BadInputError, around
+from rig.protocol.errors import BadInputError
 from rig.protocol.script import Script, script_with
 from rig.session.ending import Ending, Whereabouts
 from rig.session.meeting import MEETING_PAGE, SCRIPT

@@ -11,7 +11,8 @@ from rig.devices.stage.base import Stage, StageAlarm, StageError, StageHeld, is_
 from rig.devices.stop_key import StopKey, StopKeyError
 from rig.devices.stop_settings import StopSettings
 from rig.engine import Engine, RunAborted, TripError, WatchedBench
-from rig.protocol.errors import BadInputError, around
+from rig.errors import around
+from rig.protocol.errors import BadInputError
 from rig.session.control.stage_in_hand import StageInHand
 from rig.transport import TransportError
 
@@ -198,8 +199,7 @@ def stop_inputs_heeded(settings: BenchSettings, engine: Engine, button: StopButt
     except (StageHeld, StageAlarm) as error:  # the controller stopped first, and said so: an alarm, in homing
         held, active = isinstance(error, StageHeld), _active_now(engine.bench.stage)
         if stop.trip_input in active:
-            raise TripError("{reason}", code="hardware_trip", reason=_by_the_relay(stop),
-                            trip_gwt=stop.trip_gwt) from error  # fmt: skip
+            raise _by_the_relay(stop) from error
         if stop.kind == "board" and (held or stop.input in active):
             raise RunAborted(BY_THE_BUTTON, code="stop_button") from error
         raise
@@ -219,10 +219,10 @@ class _Look:
         held = is_held(stage.status().state) if anew and self._with_its_state else False
         return stage.active_inputs(), held
 
-    def __call__(self, *, at_rest: bool) -> str | None:
+    def __call__(self, *, at_rest: bool) -> TripError | None:
         """Return what trips, if anything does. Raises RunAborted where the button was pressed; the stage stands."""
         if self._key is not None and self._key.problem:
-            return f"the stop button is gone: {self._key.problem}"
+            return TripError("the stop button is gone: {problem}", code="button_gone", problem=self._key.problem)
         if not self._stop.inputs:
             return None
         active, held = self._engine.guarded(lambda: self._asked(anew=at_rest))
@@ -248,6 +248,12 @@ def _active_now(stage: Stage) -> frozenset[str]:
     return active
 
 
-def _by_the_relay(stop: StopSettings) -> str:
+def _by_the_relay(stop: StopSettings) -> TripError:
     at = "" if stop.trip_gwt is None else f" at {stop.trip_gwt:g} gwt"
-    return f"the hardware trip{at} has stopped the stage (stop.trip_input = {stop.trip_input!r})"
+    return TripError(
+        "the hardware trip{at} has stopped the stage (stop.trip_input = {trip_input!r})",
+        code="hardware_trip",
+        at=at,
+        trip_gwt=stop.trip_gwt,
+        trip_input=stop.trip_input,
+    )

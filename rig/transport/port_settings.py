@@ -5,16 +5,10 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict
 
-from rig.errors import RigError
+from rig.errors import RuleError
 
 Framing = Literal["rtu", "tcp"]
 EIGHT_N_ONE = "8N1"
-
-
-class SettingError(RigError, ValueError):
-    """A value of the configuration, or how several go together, is refused by a validator."""
-
-    default_code = "invalid_value"
 
 
 class Settings(BaseModel):
@@ -25,13 +19,13 @@ class Settings(BaseModel):
 
 def _addressed(port: str) -> str:
     if not port.strip() or (port.startswith("tcp://") and not re.fullmatch(r"tcp://[^/]+:\d{1,5}", port)):
-        raise SettingError("expected tcp://HOST:PORT or the name of a serial port", code="no_port_name")
+        raise RuleError("expected tcp://HOST:PORT or the name of a serial port", code="no_port_name")
     return port
 
 
 def _spelled(character: str) -> str:
     if not re.fullmatch(r"[78][NEO][12]", character):
-        raise SettingError("expected data bits, parity and stop bits, such as 8N1 or 7E1", code="no_character")
+        raise RuleError("expected data bits, parity and stop bits, such as 8N1 or 7E1", code="no_character")
     return character
 
 

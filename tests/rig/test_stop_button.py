@@ -321,7 +321,7 @@ def test_a_button_that_is_gone_trips_and_lifts(down_mm: float, spring: Callable[
     settings = bench.settings.model_copy(update={"stop": StopSettings(kind="key", device="pedal")})
     clearance_mm = settings.habits.clearance_mm
     engine.go_to_height(clearance_mm - down_mm, 0.5)
-    with pytest.raises(TripError, match=GoneKey.problem):
+    with raises(TripError, "button_gone", problem=GoneKey.problem):
         _read_with(settings, engine, Gone())
     assert bench.height_mm >= clearance_mm - 1e-3
 

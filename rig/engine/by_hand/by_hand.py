@@ -9,11 +9,11 @@ from rig.devices.stage.base import Axis, Stage, StageError, StageOverridden, Sta
 from rig.engine.by_hand.dead_man import DOWN, UP, Direction, dead_man_jog
 from rig.engine.by_hand.guard import Guard
 from rig.engine.contact import Contact, ContactKind, judged
-from rig.engine.errors import LimitError, code_of, recast
+from rig.engine.errors import LimitError
 from rig.engine.limits import AT_MM
 from rig.engine.motion import FeltError, StrayedError, insist
 from rig.engine.rig_settings import RigSettings
-from rig.errors import RigError
+from rig.errors import RigError, code_of, recast
 from rig.transport.base import TransportError
 from rig.transport.clock import Clock
 

@@ -3,12 +3,13 @@
 import math
 
 from rig.devices.units import GWT_N
-from rig.engine.errors import LimitError, TripError, recast
+from rig.engine.errors import LimitError, TripError
 from rig.engine.limits import TRIP_MARGIN, Trips
 from rig.engine.motion import FeltError
 from rig.engine.pressing.frozen import Unanswered
 from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import NoReadingError, Sensing, several_gwt
+from rig.errors import recast
 
 _LOST_INCREMENTS = 2.0
 

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 from rig.engine import Engine, Indentation, indent
 from rig.engine.records import PressId, Target
-from rig.protocol.errors import BadInputError, around
+from rig.errors import around
+from rig.protocol.errors import BadInputError
 from rig.protocol.planned import Pace, PlannedIndentation
 from rig.protocol.refusals import (
     refuse_count,

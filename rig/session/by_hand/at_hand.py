@@ -15,7 +15,8 @@ from rig.engine.contact import Contact
 from rig.engine.journal import NoJournal
 from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import NoReadingError, Sensing, several_gwt
-from rig.protocol.errors import BadInputError, around
+from rig.errors import around
+from rig.protocol.errors import BadInputError
 from rig.session.running import stopped_at_once
 from rig.transport.base import TransportError
 from rig.transport.clock import Clock

@@ -4,8 +4,9 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from typing import TypeVar
 
+from rig.errors import around
 from rig.plan.config import Config
-from rig.protocol.errors import BadInputError, around
+from rig.protocol.errors import BadInputError
 from rig.session.virtual.twins import refuse_twinless, virtual_force, virtual_stage, wire_hardware_trip
 from rig.session.virtual.virtual_devices import (
     load_on_sensor,

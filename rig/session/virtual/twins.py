@@ -8,8 +8,9 @@ from rig.devices.bench_settings import SyncSettings
 from rig.devices.catalogue import DEFAULTS
 from rig.devices.kinds import Kind
 from rig.devices.own_table import DeviceSettings
+from rig.errors import around
 from rig.plan.config import Config
-from rig.protocol.errors import BadInputError, around
+from rig.protocol.errors import BadInputError
 from rig.session.virtual.virtual_devices import believed_steps_per_mm, lost_steps, with_kinds
 from sim.devices.cell import Load
 from sim.devices.clock import Scheduler

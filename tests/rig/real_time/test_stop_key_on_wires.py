@@ -77,5 +77,5 @@ def test_pulled_out_it_is_lifted_and_the_run_ends(held: Callable[..., Any], monk
 
     ended = held(unplugged)
     assert ended.code == 1, ended.err
-    assert "the stop button is gone" in ended.json["ending"]["reason"]
+    assert ended.json["code"] == "button_gone"
     assert ended.json["ending"]["indentor"]["left"] == "lifted"
