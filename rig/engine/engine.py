@@ -243,7 +243,7 @@ class Engine:
         about = {"contact": known.kind, "words": known.words, **where}
         if unread is None:
             return TripError("not lifted: {words}", code="not_lifted", **about)
-        why = {"unread": str(unread), "unread_code": unread.code}
+        why = {"unread": str(unread), "error_code": unread.fields.get("error_code", unread.code)}
         return TripError("not lifted: {words}: {unread}", code="not_lifted", **about, **why)
 
     def be_clear(self) -> None:

@@ -23,7 +23,6 @@ from rig.plan.shape_files import copy_name
 from sim.config.fingertip_config import FingertipConfig, Tissue
 from sim.contact.shapes import ShapeError, parse_shape
 from sim.devices.clock import VirtualClock
-from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
 from tests.rig.panel.test_outlet import events
 
@@ -170,7 +169,7 @@ def test_the_curve_ends_at_the_target_and_is_the_model_s(target: str, value: flo
 def test_beyond_the_model_there_is_no_curve_and_a_reason(finger: Fingertip) -> None:
     curve, at_target = foreseen(finger, parse_shape("bar:3.0"), Press(0, "data", 0.0, "doi_mm", 3.0))
     assert (curve["doi_mm"], curve["force_gwt"], at_target) == (None, None, {})
-    assert curve["code"] == code_of(ModelRangeError())
+    assert curve["code"] == "doi_outside"
     assert curve["problem"]
 
 
