@@ -1,40 +1,47 @@
-"""The base of every error of the simulation: one sentence, a code that does not change with it, and its fields."""
+"""What a model refuses."""
 
-from typing import Any, ClassVar
+import math
 
-
-class SimError(Exception):
-    """An error with a stable code.
-
-    Parameters
-    ----------
-    sentence : str
-        What went wrong, where, and what to do. With `fields` it is a format string over them: "{shape}: {doi_mm:g} mm
-        is deeper than {most_mm:g} mm". Without fields it is printed as it is, so plain text needs no care.
-    code : str, optional
-        What went wrong, for programs: lower case, with underscores. The class's own `default_code` if not given.
-    **fields
-        Numbers in the unit that their name ends with, names, and choices.
-    """
-
-    default_code: ClassVar[str] = "error"
-
-    def __init__(self, sentence: str = "", /, *, code: str | None = None, **fields: Any) -> None:
-        super().__init__(sentence.format_map(fields) if fields else sentence)
-        self.sentence, self.fields = sentence, fields
-        self.code = self.default_code if code is None else code
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _raised_again, (type(self), self.args), self.__dict__
+from sim.errors import SimError
 
 
-class ArgumentError(SimError, ValueError):
-    """An argument that only a caller in Python can get wrong."""
+class ModelRangeError(SimError, ValueError):
+    """What is asked for lies outside what the model can answer."""
 
-    default_code = "bad_argument"
+    default_code = "out_of_range"
 
 
-def _raised_again(kind: type[SimError], args: tuple[Any, ...]) -> SimError:
-    error = kind.__new__(kind)
-    error.args = args
-    return error
+class ForceOutOfReachError(ModelRangeError):
+    """The force is not reached at the deepest indentation that the model answers."""
+
+    default_code = "force_out_of_reach"
+
+
+def refuse_unless_one(doi_mm: float | None, force_gwt: float | None) -> None:
+    """Refuse both a depth and a force, and neither. Raises ModelRangeError."""
+    if (doi_mm is None) == (force_gwt is None):
+        raise ModelRangeError(
+            "expected exactly one of a depth (doi_mm) and a force (force_gwt)",
+            code="not_one_target",
+            doi_mm=doi_mm,
+            force_gwt=force_gwt,
+        )
+
+
+def z_outside(z_mm: float, length_mm: float) -> ModelRangeError:
+    """Of a place beyond an end of the finger."""
+    return ModelRangeError(
+        "z = {z_mm} mm: expected 0 … {length_mm:g} mm along the finger",
+        code="z_outside",
+        z_mm=z_mm,
+        length_mm=length_mm,
+    )
+
+
+def positive(force_gwt: float) -> float:
+    """A force that can be asked for. Raises ModelRangeError."""
+    if not (math.isfinite(force_gwt) and force_gwt > 0):
+        raise ModelRangeError(
+            "force {force_gwt:g} gwt: expected a positive number", code="force_not_positive", force_gwt=force_gwt
+        )
+    return force_gwt

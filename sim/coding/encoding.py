@@ -1,75 +1,96 @@
-"""The block diagram of Raju (1998, Fig. 6-6): pressure, SED, noise, receptor, rate."""
+"""What a decoder is given: one reading a receptor, its noise, and which of them are only known to lie below."""
 
 from dataclasses import dataclass
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import log_ndtr
 
-from sim.coding.operators import Operator
+from sim.coding.decoded import DecodingError
+from sim.coding.encoding import Receptor
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
-NoisePlace = Literal["receptor", "output"]
-NOISE_PLACES: tuple[NoisePlace, ...] = get_args(NoisePlace)
-"""Before the receptor, on SED (Fig. 6-6), or at the output, on what the receptor says (§6.8)."""
+LOWEST_SD = 6.0
+"""A reading of SED so many sd below 0 is no noise."""
 
+QUIET_SD = 3.0
+"""Where noise is added to rates, one of so many sd or less says only that the true one is not far above 0."""
 
-@dataclass(frozen=True)
-class Receptor:
-    """R = k (S − S₀), silent below the threshold: that of all receptors, or (m,) of each."""
-
-    gain: float = 1.0
-    threshold: float | Array = 0.0
-
-    def rate(self, sed: Array) -> Array:
-        """(m,) rates of (m,) SEDs, censored at zero."""
-        return np.maximum(0.0, self.gain * (sed - self.threshold))
+FEWEST_AT_REST = 3
+"""Readings of an unloaded receptor from which its noise is taken."""
 
 
 @dataclass(frozen=True)
-class Noise:
-    """Gaussian noise of a signal-to-noise ratio in decibels, from a seed."""
+class Readings:
+    """Noisy SED in pseudo-units; a silent receptor says only that noisy SED was at most its threshold."""
 
-    snr_db: float
-    at: NoisePlace = "receptor"
-    seed: int = 0
+    sed: Array  # (m,) of a silent one the threshold
+    sd: float
+    silent: Flags  # (m,)
+
+    @classmethod
+    def of_sed(cls, sed: Array, sd: float) -> "Readings":
+        """Noisy SED itself. Raises DecodingError for what lies too far below 0 to be noise."""
+        low = np.flatnonzero(sed < -LOWEST_SD * _positive(sd))
+        if len(low):
+            raise DecodingError(
+                "reading {number} is {sed:g}: expected SED above −{lowest_sd:g} sd of noise, {sd:g} each",
+                code="below_noise",
+                number=int(low[0]) + 1,
+                sed=float(sed[low[0]]),
+                lowest_sd=LOWEST_SD,
+                sd=sd,
+            )
+        return cls(sed, sd, np.zeros(len(sed), np.bool_))
+
+    @classmethod
+    def of_rates(cls, rate: Array, receptor: Receptor, sd: float) -> "Readings":
+        """Rates of receptors whose noise, of this sd in SED, entered before them. Raises DecodingError below zero."""
+        if (rate < 0).any():
+            raise DecodingError(
+                "rate {rate:g}: expected rates that are not negative", code="negative_rate", rate=float(rate.min())
+            )
+        return cls(rate / receptor.gain + receptor.threshold, _positive(sd), rate == 0)
+
+    @classmethod
+    def of_noisy_rates(cls, rate: Array, receptor: Receptor, sd: float) -> "Readings":
+        """Rates to which noise of this sd, in their own unit, was added. Raises DecodingError for rates below zero.
+
+        Those up to `QUIET_SD` are taken together, as censored there: below the threshold all SED gives the same.
+        """
+        quiet = QUIET_SD * _positive(sd)
+        heard, silent = cls.of_rates(rate, receptor, sd / receptor.gain), rate <= quiet
+        return cls(np.where(silent, quiet / receptor.gain + receptor.threshold, heard.sed), heard.sd, silent)
+
+    def cost(self, sed: Array) -> tuple[Array, Array, Array]:
+        """(m,) negative log likelihoods of true SEDs, their first and second derivatives.
+
+        Gaussian; of silent ones the censored −log Φ(−z) with z the SED over the threshold, in sd.
+        """
+        z = (sed - self.sed) / self.sd
+        log_below = log_ndtr(-z)
+        mills = np.exp(-0.5 * z * z - log_below) / np.sqrt(2 * np.pi)
+        cost = np.where(self.silent, -log_below, 0.5 * z * z)
+        first = np.where(self.silent, mills, z)
+        second = np.where(self.silent, mills * (mills - z), 1.0)
+        return cost, first / self.sd, second / self.sd**2
 
 
-@dataclass(frozen=True)
-class Encoded:
-    """What receptors say of a pressure. Without a receptor the rate is the noisy SED itself, not censored."""
-
-    sed: Array  # (m,) without noise, pseudo-units
-    rate: Array  # (m,)
-    noise_sd: float  # in the unit of where the noise is added; 0 without
-    share_of_peak: float  # noise_sd over the highest value there
-
-    @property
-    def samples(self) -> int:
-        """M, over which the signal's variance in the SNR is taken."""
-        return len(self.sed)
+def sd_at_rest(unloaded: Array) -> float:
+    """Noise sd from readings of unloaded receptors. Raises DecodingError for too few, or without noise."""
+    if len(unloaded) < FEWEST_AT_REST or not np.isfinite(unloaded).all():
+        raise DecodingError(
+            "{readings} readings at rest: expected {fewest} numbers or more",
+            code="too_few_at_rest",
+            readings=len(unloaded),
+            fewest=FEWEST_AT_REST,
+        )
+    return _positive(float(np.std(unloaded, ddof=1)))
 
 
-def noise_sd(signal: Array, snr_db: float) -> float:
-    """SNR = 10 log₁₀(variance of the signal over all its samples / variance of the noise)."""
-    return float(np.sqrt(signal.var() / 10 ** (snr_db / 10)))
-
-
-def encode(
-    operator: Operator, pressure: Array, receptor: Receptor | None = None, noise: Noise | None = None
-) -> Encoded:
-    """What receptors say of (n,) pressures; the same bits from the same seed."""
-    sed = operator.sed(pressure)
-    before = noise is None or noise.at == "receptor"
-    signal = sed if before or receptor is None else receptor.rate(sed)
-    sd = 0.0 if noise is None else noise_sd(signal, noise.snr_db)
-    noisy = signal if noise is None else signal + sd * np.random.default_rng(noise.seed).normal(size=len(signal))
-    peak = float(np.abs(signal).max())
-    return Encoded(sed, _said(noisy, receptor, before=before), sd, sd / peak if peak else 0.0)
-
-
-def _said(noisy: Array, receptor: Receptor | None, *, before: bool) -> Array:
-    if receptor is None:
-        return noisy
-    return receptor.rate(noisy) if before else np.maximum(0.0, noisy)
+def _positive(sd: float) -> float:
+    if not (np.isfinite(sd) and sd > 0):
+        raise DecodingError("noise sd {sd:g}: expected a positive number", code="noise_not_positive", sd=sd)
+    return sd
